@@ -9,6 +9,7 @@ from .design import (
     WorkspaceDesign as WorkspaceDesign,
     compare as compare,
     design as design,
+    export_web as export_web,
     load_design as load_design,
 )
 from .errors import (

@@ -44,6 +44,10 @@ class FlexhinfError(Exception):
         What to try.
 
     Each part is cut to a few lines, see `readable`: it may quote a whole file.
+
+    >>> import flexhinf as fh
+    >>> fh.FlexhinfError("It is too long.", "expected at most 2 m, got 3 m", "a shorter one").advice
+    'a shorter one'
     """
 
     def __init__(self, what: str, found: str = "", advice: str = "") -> None:
@@ -57,7 +61,15 @@ class FlexhinfError(Exception):
 
 
 class InvalidInput(FlexhinfError, ValueError):
-    """A value, shape, name or file that cannot be used."""
+    """A value, shape, name or file that cannot be used.
+
+    >>> import flexhinf as fh
+    >>> try:
+    ...     fh.Penalty({"link_position": -1.0})
+    ... except fh.InvalidInput as error:
+    ...     print(error.what)
+    The weight of 'link_position' is negative.
+    """
 
 
 def refuse_if(wrong: object, what: str, found: str, advice: str) -> None:
@@ -79,11 +91,27 @@ def located(where: str) -> Iterator[None]:
 
 
 class NotStabilisable(FlexhinfError):
-    """Some unstable or undamped mode cannot be reached from the input."""
+    """Some unstable or undamped mode cannot be reached from the input.
+
+    >>> import flexhinf as fh
+    >>> try:
+    ...     fh.smallest_gamma(fh.PolynomialPlant({(1,): [1.0]}, [[1.0]], [[0.0]], {(1,): [1.0]}, 1.0))
+    ... except fh.NotStabilisable:
+    ...     print("the input does not reach the state")
+    the input does not reach the state
+    """
 
 
 class NotDetectable(FlexhinfError):
-    """Some unstable or undamped mode cannot be seen (in the penalty, or in the measurement)."""
+    """Some unstable or undamped mode cannot be seen (in the penalty, or in the measurement).
+
+    >>> import flexhinf as fh
+    >>> try:
+    ...     fh.smallest_gamma(fh.PolynomialPlant({(1,): [1.0]}, [[1.0]], [[1.0]], {(1,): [0.0]}, 1.0))
+    ... except fh.NotDetectable:
+    ...     print("the penalty does not see the state")
+    the penalty does not see the state
+    """
 
 
 class NoFeasibleGamma(FlexhinfError):
@@ -97,6 +125,13 @@ class InfeasibleGamma(FlexhinfError):
     ----------
     gamma, gamma_star : float
         The asked level and the smallest feasible one.
+
+    >>> import flexhinf as fh
+    >>> try:
+    ...     fh.linear_law(fh.paper_arm().problem(), gamma=0.1)
+    ... except fh.InfeasibleGamma as error:
+    ...     print(error.gamma < error.gamma_star)
+    True
     """
 
     def __init__(self, gamma: float, gamma_star: float) -> None:
@@ -109,7 +144,12 @@ class InfeasibleGamma(FlexhinfError):
 
 
 class NumericalFailure(FlexhinfError):
-    """A computation left the finite numbers, or did not converge."""
+    """A computation left the finite numbers, or did not converge.
+
+    >>> import flexhinf as fh
+    >>> issubclass(fh.NumericalFailure, fh.FlexhinfError)
+    True
+    """
 
 
 class ControllerInUse(FlexhinfError):

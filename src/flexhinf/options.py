@@ -12,8 +12,9 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+import re
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
@@ -29,7 +30,6 @@ from pydantic import (
 )
 
 from flexhinf.errors import InvalidInput
-from flexhinf.plant import Penalty
 from flexhinf.robot.parameters import SECONDS, SLIDING, TURNING, Stated, lettered, measured, respelled, split
 from flexhinf.validation import checked_path, one_of, real_number, value_text
 
@@ -78,8 +78,10 @@ def quantity(value: Any, units: Units = ()) -> float:
     return parsed
 
 
-def several(value: Any, units: Units = ()) -> tuple[float, ...]:
-    """Numbers as of `quantity`, one or several; as text between commas.
+def several(
+    value: Any, units: Units = (), read: Callable[[Any, Units], float] = quantity
+) -> tuple[float, ...]:
+    """Numbers as of `quantity`, or of another reader, one or several; as text between commas.
 
     Examples
     --------
@@ -92,10 +94,26 @@ def several(value: Any, units: Units = ()) -> tuple[float, ...]:
         parts = _sequence(value) if _is_sequence(value) else [value]
     if not parts:
         raise ValueError(value_text(value))
-    return tuple(quantity(part, units) for part in parts)
+    return tuple(read(part, units) for part in parts)
 
 
-def one_or_several(value: Any, units: Units = ()) -> float | tuple[float, ...]:
+def interval(text: str) -> tuple[float, float]:
+    """Two ends between two dots, in SI units or with units of their own.
+
+    Examples
+    --------
+    >>> interval("-90deg..90deg"), interval("0..inf")
+    ((-1.5707963267948966, 1.5707963267948966), (0.0, inf))
+    """
+    low, dots, high = text.partition("..")
+    if not dots:
+        raise ValueError(value_text(text))
+    return float(quantity(low, _QUANTITIES)), float(quantity(high, _QUANTITIES))
+
+
+def one_or_several(
+    value: Any, units: Units = (), read: Callable[[Any, Units], float] = quantity
+) -> float | tuple[float, ...]:
     """One number for all joints or signals, or one for each.
 
     Examples
@@ -103,8 +121,29 @@ def one_or_several(value: Any, units: Units = ()) -> float | tuple[float, ...]:
     >>> one_or_several("2.5, 0.5m/s", ({"rad/s": 1.0}, {"m/s": 1.0}))
     (2.5, 0.5)
     """
-    read = several(value, units)
-    return read[0] if len(read) == 1 and (isinstance(value, str) or not _is_sequence(value)) else read
+    numbers = several(value, units, read)
+    return (
+        numbers[0] if len(numbers) == 1 and (isinstance(value, str) or not _is_sequence(value)) else numbers
+    )
+
+
+def variances(value: Any, units: Units = ()) -> float | tuple[float, ...]:
+    """Variances, one or several: text with a unit is an rms value, a number without a unit the variance itself.
+
+    Examples
+    --------
+    >>> variances("0.5rad, 1e-8", ({"rad": 1.0},))
+    (0.25, 1e-08)
+    """
+    return one_or_several(value, units, _variance)
+
+
+def _variance(value: Any, units: Units) -> float:
+    """The variance of one signal; negative for a negative rms value, which is refused."""
+    rms = quantity(value, units)
+    if not isinstance(value, str) or not isinstance(rms, Stated):
+        return rms
+    return Stated(rms * abs(rms), rms.number, rms.unit, rms.si)
 
 
 lengths = functools.partial(several, units=(SLIDING,))
@@ -118,7 +157,7 @@ def _poses(value: Any) -> tuple[tuple[float, ...], ...]:
 def angle_unit_of(*values: Any) -> str | None:
     """The unit of angles that texts among the values state, "deg" or "rad"; None for numbers alone."""
     texts = " ".join(part for value in values for part in _texts(value))
-    return "deg" if "deg" in texts or "°" in texts else "rad" if "rad" in texts else None
+    return "deg" if re.search("deg|°|arc", texts) else "rad" if "rad" in texts else None
 
 
 def _integer(value: Any) -> int:
@@ -155,6 +194,8 @@ def choice(value: Any) -> Any:
 
 def _weights(value: Any) -> Any:
     """Weights by name or one per state or in rows; text is read, and what is code or a `Penalty` stays as it is."""
+    from flexhinf.plant import Penalty
+
     if isinstance(value, Penalty) or callable(value):
         return value
     if isinstance(value, str):
@@ -244,6 +285,9 @@ AboveOne = Annotated[float, _finite(gt=1.0), BeforeValidator(quantity), Allowed(
 Ratio = Annotated[
     float, _finite(ge=0.0, lt=1.0), BeforeValidator(quantity), Allowed("a number, a ratio from 0 to 1")
 ]
+Probability = Annotated[
+    float, _finite(gt=0.0, lt=1.0), BeforeValidator(quantity), Allowed("a number > 0 and < 1")
+]
 Seconds = Annotated[float, _NOT_NEGATIVE, _by(quantity, SECONDS), Allowed("a time >= 0, s")]
 Duration = Annotated[float, _POSITIVE, _by(quantity, SECONDS), Allowed("a time > 0, s")]
 Period = Annotated[
@@ -285,8 +329,8 @@ Quanta = Annotated[
     Allowed("a number >= 0, or one per measured signal (or text with deg, mm, Nm)"),
 ]  # fmt: skip
 Variances = Annotated[
-    _Above | tuple[_Above, ...], BeforeValidator(one_or_several),
-    Allowed("a number > 0, or one per measured signal"),
+    _Above | tuple[_Above, ...], _by(variances, *_QUANTITIES),
+    Allowed("an rms value with a unit, or a variance > 0; or one per measured signal"),
 ]  # fmt: skip
 Distances = Annotated[
     _AtLeast | tuple[_AtLeast, ...], _by(one_or_several, *_POSITIONS),
@@ -309,11 +353,16 @@ Weights = Annotated[
 
 
 # Declarations --------------------------------------------------------------------------------------------
-#: Headings of the help, in the order in which they are shown: a question of the user's each. Seldom used options last.
-WAY, LOOP, LIMITS, HARDWARE = "Where it moves", "What the loop must do", "Limits", "Robot, sensors, estimator"
-TRIED, COMPARED, PROVED, SAMPLED = "What is tried", "What is compared", "What is proved", "What is sampled"
-RUN, WRITTEN, ADVANCED = "How it runs", "What is written", "Advanced"
-GROUPS = (WAY, LOOP, LIMITS, HARDWARE, TRIED, COMPARED, PROVED, SAMPLED, RUN, WRITTEN, ADVANCED)
+#: Headings of the help, in the order in which they are shown: a question of the user each, and expert options last.
+ROBOT, WAY = "Which robot?", "Where should it move?"
+LOOP, LIMITS = "What must it achieve?", "What may the motors do?"
+SENSORS, UNCERTAIN = "What does it measure, and when?", "What is uncertain?"
+LOGGED, COMPARED, PROVED = "What is in the log?", "What is compared?", "What is proved?"
+SEARCH = "How hard to search and test?"
+RUN, TARGET, WRITTEN, ADVANCED = "How does it run?", "Where will it run?", "Where do results go?", "Advanced"
+GROUPS = (
+    ROBOT, WAY, LOOP, LIMITS, SENSORS, UNCERTAIN, LOGGED, COMPARED, PROVED, SEARCH, RUN, TARGET, WRITTEN, ADVANCED,
+)  # fmt: skip
 
 #: What 0 stands for at the command line where a limit is stated: infinity, also over a limit of the robot.
 NO_LIMIT = "no limit"
@@ -384,6 +433,7 @@ class FieldInfo:
             unit = self.about.unit
             example = example or self._without_unit(value)
             among = f" ({unit})" if unit and unit not in self.allowed else ""
+            among = " of samples, each one --period long" if unit == "samples" else among
             found = f"expected {self.allowed}{among}, got {value_text(value)}"
             raise InvalidInput(refused(self.name), found, example or self.about.example) from None
 
@@ -453,22 +503,23 @@ class CampaignOptions:
     """Options that a campaign adds to a design; every field but `tolerances` is an option of ``flexhinf campaign``."""
 
     # fmt: off
-    samples: Whole = option(1000, SAMPLED, "How many robots.", "1000")
-    seed: Whole = option(0, ADVANCED, "Sample i depends on it and on i alone.", "0")
-    batch: Whole = option(256, ADVANCED, "Samples of a file of the journal: what SIGKILL may cost.", "256")
-    distribution: Text = option("uniform", SAMPLED,
-        "Within the tolerances: uniform, normal (the tolerance is 3σ), truncated-normal, corners.", "normal")
-    method: Text = option("random", SAMPLED,
+    samples: Whole = option(1000, SEARCH, "Number of robots.", "1000")
+    seed: Whole = option(0, ADVANCED, "Seed of the samples; sample i depends on it and on i alone.", "0")
+    batch: Whole = option(256, ADVANCED, "Samples in one file of the journal. A kill loses at most so many.", "256")
+    distribution: Text = option("uniform", UNCERTAIN,
+        "How parameters vary within their tolerances: uniform, normal (the tolerance is 3σ), truncated-normal, "
+        "corners.", "normal")
+    method: Text = option("random", ADVANCED,
         "How samples are spread: random (independent), latin-hypercube, sobol.", "sobol")
     #: Parameters of the robot and what they are instead: ``("stiffness", "15%")`` or ``("mass", "0.9..1.2")``.
     tolerances: tuple[tuple[str, str], ...] = ()
-    payload: Text | None = option(None, HARDWARE,
-        "What the true robot carries, 0..2kg; the controller stays the design's.", "0..2kg", "kg@link",
+    payload: Text | None = option(None, UNCERTAIN,
+        "What the true robot carries, such as 0..2kg. The controller stays that of the design.", "0..2kg", "kg@link",
         default="that of the design")
-    initial_error: NotNegative = option(0.0, SAMPLED,
-        "The robot starts up to so much beside where the estimator believes it, rad or m.", "0.01", "rad, m")
-    disturbance: NotNegative = option(0.0, SAMPLED,
-        "A constant torque on each link of up to so much, N·m or N, from a tenth of the run on.", "0.1", "N·m or N")
+    initial_error: NotNegative = option(0.0, UNCERTAIN,
+        "Largest error of the estimator's position at the start.", "0.01", "rad, m")
+    disturbance: NotNegative = option(0.0, UNCERTAIN,
+        "Largest constant torque on each link. It begins after a tenth of the run.", "0.1", "N·m or N")
     duration: Duration | None = option(None, RUN, "Length of a run.", "5s", "s", zero="the default",
         default="that of the design")
     # fmt: on

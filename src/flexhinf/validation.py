@@ -185,12 +185,20 @@ def extra_package(package: str, extra: str, what: str) -> Any:
 
     Raises InvalidInput: `what` is its first sentence.
     """
+    return required_package(package, what, install_advice(extra))
+
+
+def install_advice(extra: str) -> str:
+    """How an extra of flexhinf is installed, from a package index or a clone."""
+    return f"pip install 'flexhinf[{extra}]', or in a clone of the repository pip install '.[{extra}]'"
+
+
+def required_package(package: str, what: str, advice: str) -> Any:
+    """A package that may be missing; then an InvalidInput that begins with `what` and ends with how to get it."""
     try:
         return import_module(package)
     except ImportError as error:
-        raise InvalidInput(
-            what, f"expected the package {package!r}: {error}", f"pip install 'flexhinf[{extra}]'"
-        ) from error
+        raise InvalidInput(what, f"expected the package {package!r}: {error}", advice) from error
 
 
 # Names ----------------------------------------------------------------------------------------------

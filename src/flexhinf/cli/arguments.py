@@ -8,7 +8,6 @@ from __future__ import annotations
 import inspect
 import math
 import re
-import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import MISSING, replace
@@ -18,12 +17,22 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.exceptions import TyperException
+from typer.models import OptionInfo
 
-from flexhinf import robot as robots
-from flexhinf.cli.options import PEAKS, PointOptions
+from flexhinf.cli.options import PEAKS, SELDOM, SEVERAL, USUAL_FIELDS, PointOptions
 from flexhinf.design.specification import FIELDS, OF_WORKSPACE, SpecificationError
 from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
-from flexhinf.options import GROUPS, LIMITS, NO_LIMIT, About, FieldInfo, declared, option_name, refused
+from flexhinf.options import (
+    ADVANCED,
+    GROUPS,
+    LIMITS,
+    NO_LIMIT,
+    About,
+    FieldInfo,
+    declared,
+    option_name,
+    refused,
+)
 
 if TYPE_CHECKING:
     from flexhinf.design import DesignRequest
@@ -50,6 +59,9 @@ def with_options(options: type, fields: Collection[str] = ()) -> Callable[[Any],
         for name, (drive, unit) in PEAKS.items() if field.name == "peak_effort" else ():
             about = About(LIMITS, f"--peak-effort of {drive}-driven motors.", unit=unit)
             parameters.append(_parameter(FieldInfo(name, about, str, "", "", option_name(name)), both=True))
+    if len(parameters) > SEVERAL:
+        seldom = {*SELDOM, *(name for name in fields if name not in own and name not in USUAL_FIELDS)}
+        parameters.append(_shortened(parameters, seldom))
 
     def decorated(command: Callable[..., int | None]) -> Any:
         def run(context: typer.Context, **values: Any) -> int | None:
@@ -89,6 +101,35 @@ def _parameter(field: FieldInfo, both: bool) -> inspect.Parameter:
     value = inspect.Parameter.empty if value is MISSING else value
     keyword = inspect.Parameter.KEYWORD_ONLY
     return inspect.Parameter(field.name, keyword, default=value, annotation=Annotated[kind, shape])
+
+
+def _shortened(parameters: Iterable[inspect.Parameter], seldom: Collection[str]) -> inspect.Parameter:
+    """Hide options that are seldom used, and all but the first sentence on the others; returns the option that shows
+    everything."""
+    options = {
+        each.name: option
+        for each in parameters
+        for option in getattr(each.annotation, "__metadata__", ())
+        if isinstance(option, OptionInfo)
+    }
+    texts = {name: option.help for name, option in options.items()}
+    for name, option in options.items():
+        option.hidden = name in seldom
+        option.help = re.split(r"(?<=\.) (?=[A-Z])", str(option.help))[0]
+
+    def show(context: typer.Context, value: bool) -> None:
+        if value:
+            for parameter in context.command.params:
+                if parameter.name in texts:
+                    vars(parameter).update(hidden=False, help=texts[parameter.name])
+            typer.echo(context.get_help())
+            raise typer.Exit()
+
+    count = sum(option.hidden for option in options.values())
+    text = f"Show all of this, and {count} more options."
+    option = typer.Option("--help-all", help=text, is_eager=True, callback=show, rich_help_panel=ADVANCED)
+    keyword = inspect.Parameter.KEYWORD_ONLY
+    return inspect.Parameter("help_all", keyword, default=False, annotation=Annotated[bool, option])
 
 
 def request_of(context: typer.Context, o: PointOptions, source: str, elastic: str = "") -> DesignRequest:
@@ -286,13 +327,12 @@ def read_source(
     Of a report's folder its design file is meant.
     """
     from flexhinf.design.design_file import meant_file, read_request, with_joints
+    from flexhinf.robot.parts import file_warnings
 
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", robots.RobotFileWarning)
+    with file_warnings(note) as texts:
         request = read_request(meant_file(source), elastic or None, fields, payload or None)
         request = with_joints(request, goal, tool)
-    texts = [str(record.message) for record in caught if issubclass(record.category, robots.RobotFileWarning)]
-    for text in (*texts, *request.notes):
+    for text in request.notes:
         note(text)
     return replace(request, warnings=tuple(texts))
 
@@ -325,12 +365,13 @@ def _value(field: FieldInfo, value: Any) -> Any:
 
 
 def reproduce_command(context: typer.Context, without: Collection[str] = ()) -> list[str]:
-    """The command that makes the same report again, as a list of arguments; `without` the parameters of these names."""
+    """The command that makes the same report again, as a list of arguments; `without` the parameters of these names,
+    and without --verbose."""
     parts, options, stated = context.command_path.split(), _command(context).options, stated_options(context)
     for parameter in context.command.params:
         name = str(parameter.name)
         value = stated.get(name)
-        if value is None or name in without:
+        if value is None or name in (*without, "verbose"):
             continue
         values = value if isinstance(value, (list, tuple)) else [value]
         if name in options and options[name].is_path and options[name].about.group:
@@ -468,7 +509,8 @@ def parser_error(error: TyperException, arguments: Sequence[str]) -> str:
     typed = getattr(error, "option_name", "")
     option = RENAMED.get(typed, typed)
     commands = _with_option(context.find_root().command, "flexhinf", option) if context is not None else []
-    expected = f"what `{path} --help` lists"
+    whole = context is not None and any(entry.name == "help_all" for entry in context.command.params)
+    expected = f"what `{path} --help{'-all' * whole}` lists"
     # a number and its unit in two words
     apart = next(
         (pair for pair in pairwise(arguments) if _NUMBERS.match(pair[0]) and _UNIT.fullmatch(pair[1])), ()
@@ -508,10 +550,11 @@ def progress_bar(*columns: str) -> Any:
 
 
 @contextmanager
-def step_progress(total: int | None = None) -> Iterator[Callable[[str], None]]:
+def step_progress(total: int | None = None, lines: bool = False) -> Iterator[Callable[[str], None]]:
     """A progress bar of `total` steps around some work; a spinner where their number is unknown.
 
-    It gives a function that is called with the name of each step before the step begins.
+    It gives a function that is called with the name of each step before the step begins. `lines`: steps take long, so
+    each gets a line where standard error is no terminal.
     """
     bar = progress_bar(*(("Spinner",) if total is None else ("Bar", "MofNComplete")), "TimeElapsed")
     task, begun = bar.add_task("", total=total), 0
@@ -520,6 +563,8 @@ def step_progress(total: int | None = None) -> Iterator[Callable[[str], None]]:
         nonlocal begun
         bar.update(task, advance=min(begun, 1), description=text)
         begun += 1
+        if lines and bar.disable:
+            typer.echo(f"step {begun} of about {total}: {text}", err=True)
 
     with bar:
         yield begin

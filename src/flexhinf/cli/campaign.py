@@ -57,7 +57,7 @@ class _Runs(TyperGroup):
 
 app = typer.Typer(
     cls=_Runs,
-    help="Run a design on thousands of robots within their tolerances, and go on after every interruption.",
+    help="Test a design on thousands of robots within their tolerances.",
 )
 
 
@@ -66,13 +66,13 @@ app = typer.Typer(
 def run(context: typer.Context, o: RunCampaignOptions) -> int:
     """Run a design's step or move on many robots within their tolerances, each with its own noise.
 
-    The folder is a journal: Ctrl-C, SIGKILL and a full disk lose at most the
-    batch in flight, and the same command goes on. Sample i is the same for any
-    batches, workers, shards and interruptions. At the end stand samples.parquet,
-    one row for each robot, and index.html.
+    The folder is a journal. Ctrl-C, SIGKILL and a full disk lose at most the
+    batch that runs, and the same command continues. Sample i is the same for any
+    batches, workers, shards and interruptions. At the end the folder has
+    samples.parquet, with one row for each robot, and index.html.
 
-    Exit code: 0 if every sample is a success, and the worst robot found; 1 if not; 2 for a mistake; 130 if
-    interrupted.
+    Exit code: 0 if every sample is a success, and the worst robot found;
+    1 if not; 2 for a mistake; 130 if interrupted.
     """
     from flexhinf.design.campaign_folder import open_campaign, search_gain, searches_gain
 
@@ -239,29 +239,40 @@ def _finish(table: campaigns.MergedTable, requirements: list[campaigns.Requireme
 
     journal, folder = table.journal, table.journal.folder
 
-    def say_replay(what: str) -> None:
-        typer.echo(f"replay: {pages.replay_command(folder, what)}")
-
     judged = pages.write_campaign(
         table, requirements, lambda case, plant: case.run(stored_campaign(folder)[0], plant)
     )  # fmt: skip
-    typer.echo(pages.campaign_verdict(judged))
-    cases = campaigns.stored_worsts(journal)
-    missed = any(pages.missed_by(case, requirements) for case in cases)
-    for case in cases:
-        typer.echo(pages.worst_text(case))
-        say_replay(f"--worst-case {case.metric}")
-    gains = stored_gains(journal)
-    for row in gains.rows:
-        typer.echo(pages.gain_text(row, journal.about.get("nominal", {})))
+    cases, gains = campaigns.stored_worsts(journal), stored_gains(journal)
+    missed = [case for case in cases if pages.missed_by(case, requirements)]
     if gains.unproved:
         note(f"no γ is proved of this law: {gains.unproved}")
-    if gains.rows:
-        say_replay(f"--worst-case {GAIN}")
+    nominal, worst = journal.about.get("nominal", {}), judged.worst_of_all
+    again = {
+        **({} if worst is None else {"worst sample": f"--sample {worst}"}),
+        **{f"worst {pages.metric_text(case.metric)}": f"--worst-case {case.metric}" for case in cases[:1]},
+        **({"worst disturbance": f"--worst-case {GAIN}"} if gains.rows else {}),
+    }
+    texts = [
+        pages.campaign_verdict(judged),
+        *(pages.worst_text(case) for case in [*missed, *(case for case in cases if case not in missed)]),
+        *(pages.gain_text(row, nominal) for row in gains.rows),
+    ]
+    _say(texts, len(again) + 2)
     typer.echo(f"table:  {folder / 'samples.parquet'}\nreport: {folder / 'index.html'}")
-    if judged.worst_of_all is not None:
-        say_replay(f"--sample {judged.worst_of_all}")
+    for what in again.values():
+        typer.echo(f"replay: {pages.replay_command(folder, what)}")
     return NOT_MET if judged.failures or missed else 0
+
+
+def _say(texts: Sequence[str], after: int) -> None:
+    """Paragraphs, as many as leave a screen room for the lines `after` them; the page has all."""
+    room = pages.SCREEN + 2 - after
+    for k, text in enumerate(map(pages.wrapped, texts)):
+        room -= len(text.splitlines())
+        if k and room < (k + 1 < len(texts)):
+            typer.echo("More is on the page.")
+            return
+        typer.echo(text)
 
 
 @app.command("compare", epilog="Example: flexhinf campaign compare linear.toml cubic.toml --samples 2000")
@@ -269,11 +280,11 @@ def _finish(table: campaigns.MergedTable, requirements: list[campaigns.Requireme
 def compare(context: typer.Context, o: CompareCampaignsOptions) -> None:
     """Run two designs on the same robots, and compare them pair by pair.
 
-    Both get the same numbers, noise, initial errors and disturbances; robot,
-    sensors, motors and step must be the same, and weights, preset, degree, γ and
+    Both get the same robots, noise, initial errors and disturbances. Robot,
+    sensors, motors and step must be the same. Weights, preset, degree, γ and
     estimator may differ. The folders a and b are campaigns with journals of
-    their own: the same command goes on after every interruption. index.html says
-    which design fails where the other does not, and by how much they differ.
+    their own, so the same command continues after an interruption. index.html
+    says which design fails where the other does not, and how they differ.
 
     Exit code: 0 when the report is written, whichever is better; 2 for a
     mistake; 130 if interrupted.

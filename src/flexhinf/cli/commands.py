@@ -28,6 +28,7 @@ from flexhinf.cli.arguments import (
 from flexhinf.cli.campaign import app as campaign
 from flexhinf.cli.design import app as export, certify, compare, compile_design, design, paper, run_design
 from flexhinf.cli.logs import estimate, identify
+from flexhinf.cli.studio import studio
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import recorded
 from flexhinf.validation import value_text
@@ -91,6 +92,7 @@ COMMANDS = {
         "flexhinf identify run.csv --robot arm.toml --parameters stiffness,friction,motor_inertia",
         "flexhinf identify log.csv --robot arm.toml --parameters stiffness --measured motor_position,link_position",
     ),
+    "studio": (studio, "flexhinf studio", "flexhinf studio planar-two-link --no-browser --port 8080"),
     "schema": (schema, "flexhinf schema > design.schema.json"),
 }
 
@@ -137,7 +139,7 @@ def root(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
     ] = False,
 ) -> None:
-    """Robust nonlinear H∞ control of robots with elastic joints.
+    """Design, test and prove controllers for robot arms with elastic joints, and export them as C.
 
     Exit codes: 0 done; 1 done, and the loop does not meet its specification;
     2 a mistake that can be put right, nothing written; 130 interrupted,

@@ -6,13 +6,15 @@
 
 from __future__ import annotations
 
-import os
-import warnings
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from shlex import join
+from shlex import join, quote
+from typing import Any
 
 import typer
 
@@ -31,6 +33,14 @@ from flexhinf.cli.arguments import (
     step_progress,
     with_options,
 )
+from flexhinf.cli.designs import (
+    DesignedController,
+    controller_file,
+    controller_of,
+    file_of,
+    keep,
+    other_robot,
+)
 from flexhinf.cli.options import (
     ALL,
     CERTIFY_FIELDS,
@@ -42,12 +52,12 @@ from flexhinf.cli.options import (
     DesignOptions,
     ExportCOptions,
     ExportFmuOptions,
+    ExportWebOptions,
     PaperOptions,
     RunOptions,
 )
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.options import option_name
-from flexhinf.validation import checked_path, value_text
 
 #: Of verdicts.
 COLOURS = {"holds": "green", "fails": "red", "ties": "yellow", "not judged": "bright_black"}
@@ -55,47 +65,57 @@ COLOURS = {"holds": "green", "fails": "red", "ties": "yellow", "not judged": "br
 
 @with_options(DesignOptions, ALL)
 def design(context: typer.Context, o: DesignOptions) -> int:
-    """From a robot to a judged controller, and its report.
+    """Design a controller for a robot, test it, and write a report.
 
-    By default one controller for the workspace: all poses within the joint
-    limits, or --workspace. It is judged at random poses and in moves between
-    random goals. With an option that only a design of one pose reads, as --pose,
-    --preset or --degrees, it is for that pose (by default the robot's home):
-    weights, γ*, a nonlinear law, region, runs. The report says which it is.
+    By default one controller serves the workspace: all poses within the joint
+    limits, or within --workspace. It is tested at random poses and in moves
+    between random goals. An option that only a design of one pose reads, such
+    as --pose, --preset or --degrees, makes a nonlinear law for that pose (by
+    default the robot's home). The report says which of the two it is.
 
-    The folder also holds design.toml: the specification and its result.
+    The folder also holds design.toml, with the specification and its result.
     `flexhinf design design.toml` makes the same design again; options win
-    over it.
+    over the file.
 
     Exit code: 0 if the loop meets the specification; 1 if it does not
-    (the report is written, and says so); 2 for a mistake, or for what cannot
-    be met (nothing is written); 130 if interrupted.
+    (the report is written, and says so); 2 for a mistake, or for a
+    specification that cannot be met (nothing is written); 130 if interrupted.
     """
     from flexhinf.design import stages
+    from flexhinf.design.design_file import robot_digests
 
     request = request_of(context, o, o.robot, o.elastic)
     refuse_idle(context, request)
     folder = report.check(o.out)
+    other = other_robot(folder, request.robot.name)
+    origins = robot_digests(request.source, request.elastic, folder)
     with step_progress(stages(request.robot, request.specification) + 1) as progress:
         result = fh.design(request.robot, request.specification, progress)
         progress("report")
         files = pages.design_files(result, reproduce_command(context), request.warnings, ("design.toml",))
         files["design.toml"] = pages.design_text(result, request, folder)
-    report.write(folder, files)
-    tables, notes, text = pages.terminal_blocks(result)
-    show(tables, notes)
+    keep(folder, other)
+    report.write(folder, files, origins)
+    if o.verbose:
+        tables, notes, text = pages.details(result)
+        show(tables, notes)
+        typer.echo(f"{text}\n")
+    tables, text = pages.ending(result)
+    show(tables)
     typer.echo(f"{text}\nreport: {folder / 'index.html'}")
+    why = "" if result.met else "  # shows this design as it is"
+    typer.echo(f"next: flexhinf export web {quote(str(o.out))}{why}")
     return 0 if result.met else NOT_MET
 
 
 @with_options(CompareOptions, COMPARE_FIELDS)
 def compare(context: typer.Context, o: CompareOptions) -> None:
-    """Which law is best for this robot: the nonlinear H∞ law, or one that you would use instead?
+    """Compare nonlinear H∞ with other laws on the same robot.
 
-    Laws by name on the same plants, with the same commands, disturbances and
-    seeds, each with its own sensors and tuned over all its parameters for one
-    criterion that is stated first: one table, one figure, one page. The
-    headline names the best rival.
+    All laws have the same plants, commands, disturbances and seeds. Each has its
+    own sensors, and is tuned over all its parameters for one criterion, which is
+    stated first. The result is a table, a figure and a page, whose headline
+    names the best rival.
 
     Exit code: 0 when the report is written, whoever wins; 2 for a mistake
     (nothing is written); 130 if interrupted.
@@ -108,15 +128,20 @@ def compare(context: typer.Context, o: CompareOptions) -> None:
     refuse_idle(context, request)
     chosen = tuple(name.strip() for name in o.laws.split(",") if name.strip()) or None
     folder = report.check(o.out)
+    other = other_robot(folder, request.robot.name)
     count = stages(request.robot, request.specification, law_names(chosen))
-    with step_progress(count + 1) as progress:
+    with step_progress(count + 1, lines=True) as progress:
         result = fh.compare(request.robot, request.specification, chosen, o.tune, progress, o.same_sensors)
         progress("report")
         files = pages.comparison_files(result, reproduce_command(context), request.warnings)
+    keep(folder, other)
     report.write(folder, files)
-    typer.echo(f"Criterion: {result.criterion.text}")
-    show(pages.comparison_tables(result, Console().width), pages.comparison_notes(result))
-    typer.echo(f"{pages.comparison_verdict(result)}\nreport: {folder / 'index.html'}")
+    if o.verbose:
+        typer.echo(f"Criterion: {result.criterion.text}")
+        show(pages.comparison_tables(result, Console().width), pages.comparison_notes(result))
+    tables, text = pages.comparison_ending(result)
+    show(tables)
+    typer.echo(f"{text}\nreport: {folder / 'index.html'}")
 
 
 @with_options(PaperOptions)
@@ -162,21 +187,20 @@ CERTIFICATE = "certificate.json"
 
 @with_options(CertifyOptions, CERTIFY_FIELDS)
 def certify(context: typer.Context, o: CertifyOptions) -> int:
-    """Prove how far the law of a design can be trusted: a folder with a page and certificate.json.
+    """Prove how far the law of a design can be trusted.
 
-    The largest level of V that can be proved about the goal, by arithmetic that
-    cannot round the wrong way: the gain from disturbances, and the largest steps
-    from rest inside. What is proved is stated by --checked-gamma-ratio and
-    --checked-penalty. The true state is fed back, and with --observer also the
-    estimates of an output-injection observer. For robots of one joint; of others
-    `flexhinf design ROBOT --degrees 2 --damping 0.3 --rays 50` samples a region.
+    Writes a folder with a page and certificate.json. For robots of one joint it
+    finds the largest level of V that can be proved about the goal. Inside, the
+    gain from disturbances is bounded, and so are the steps from rest. The gain
+    and the weights are those of --checked-gamma-ratio and --checked-penalty. The
+    true state is fed back; with --observer the proof covers an observer too.
+    With --tolerances it proves the step of the design for every robot within its
+    tolerances. For robots of more joints a region can only be sampled:
+    `flexhinf design ROBOT --degrees 2 --damping 0.3 --rays 50`.
 
-    With --tolerances, the smallest gain that is found to hold for the step of the
-    design on every robot within its tolerances, for the robot's own penalty.
-
-    With --check, another program proves a certificate again and reads nothing but
-    the file; the theorem is printed with its hypotheses and what is not proved.
-    With --every-cell it trusts no rounding in doubles at all.
+    With --check, an independent program checks a certificate and reads nothing
+    but the file. With --every-cell it trusts no rounding in doubles. --verbose
+    prints the theorem with all its hypotheses.
 
     Exit code: 0 if something is proved; 1 if a check refuses a certificate;
     2 for a mistake, or where nothing can be proved; 130 if interrupted.
@@ -236,23 +260,27 @@ def certify(context: typer.Context, o: CertifyOptions) -> int:
         result = evidence(request.robot, request.specification, law)
         page = pages.certificate_page(laws, law, result, request.specification, reproduce_command(context))
         html = page.html()
-    show(pages.certification_tables(laws), pages.certification_notes(laws))
-    report.write(folder, {"index.html": html, CERTIFICATE: result.certificate.text()})
-    file = folder / CERTIFICATE
+    claim, file = result.certificate, folder / CERTIFICATE
+    report.write(folder, {"index.html": html, CERTIFICATE: claim.text()})
+    if o.verbose:
+        show(pages.certification_tables(laws), pages.certification_notes(laws))
+        typer.echo(f"{theorem_text(claim, claim.stated)}\n")
+    tables, text = pages.certification_ending(laws, claim)
+    show(tables)
     typer.echo(
-        f"{theorem_text(result.certificate, result.certificate.stated)}\nreport:      {folder / 'index.html'}\n"
-        f"certificate: {file}\ncheck:       {join(['flexhinf', 'certify', '--check', str(file)])}"
+        f"{text}\nreport:      {folder / 'index.html'}\ncertificate: {file}\n"
+        f"check:       {join(['flexhinf', 'certify', '--check', str(file)])}"
     )
     return 0
 
 
 def _check(context: typer.Context, path: Path, o: CertifyOptions) -> int:
     """Check a certificate; nothing but its file is read, so options that state what is to be proved are a mistake."""
-    from flexhinf.certify.certificate import theorem_text, verification_text
+    from flexhinf.certify.certificate import theorem_text
 
     for name in stated_options(context):
         refuse_if(
-            name not in ("check", "every_cell", "threads", "robot"),
+            name not in ("check", "every_cell", "threads", "robot", "verbose"),
             "A certificate is checked as it is.",
             f"expected --check FILE with --every-cell or --threads alone, got {option_name(name)}",
             f"flexhinf certify --check {path}",
@@ -267,17 +295,21 @@ def _check(context: typer.Context, path: Path, o: CertifyOptions) -> int:
     with ProofProgress() as bar:
         bar.step("check")
         result = certificate.check(threads=o.threads, sample=None if o.every_cell else 10, tick=bar.cells)
-    typer.echo(f"{theorem_text(certificate, result)}\n\n{verification_text(result)}")
+    if o.verbose:
+        typer.echo(f"{theorem_text(certificate, result)}\n")
+    typer.echo(pages.check_text(certificate, result))
     return 0 if result.proved else NOT_MET
 
 
-app = typer.Typer(help="Write the controller of a design as what runs on a robot.")
+app = typer.Typer(
+    help="Export the controller of a design: C source, an FMU, or a page in which the arm moves."
+)
 
 
 @app.command("c")
 @with_options(ExportCOptions)
 def export_c(context: typer.Context, o: ExportCOptions) -> None:
-    """Dependency-free C99: two files, a test vector, and what firmware needs around them.
+    """Export the controller as C99 without dependencies, with a test and what firmware needs around it.
 
     `make test` in the folder compiles them and runs the recorded samples: the
     numbers are those of the simulation. README.md there has signals, units,
@@ -285,48 +317,124 @@ def export_c(context: typer.Context, o: ExportCOptions) -> None:
     """
     if o.name:
         export.checked_identifier(o.name)
+    path = controller_file(o.source)  # the input first: a misspelt name is no matter of the output
     folder = export.checked_folder(o.out, o.force)
-    controller, robot = controller_of(o.source)
+    controller, robot, *_ = designed = controller_of(path)
     name = o.name or _identifier(robot)
+    _note_doubts(designed, limits=o.limits)
+    if o.check_measurements:
+        controller = export.with_measurement_limits(controller, robot)
     if uncounted := export.check_room(controller, o.real, period=o.period, flash=o.flash, ram=o.ram):
         note(uncounted)
-    export.write_files(folder, export.controller_files(controller, name, o.real, robot))
+    stated = {"--check-measurements": o.check_measurements, "--no-limits": not o.limits}
+    chosen = [option for option, there in stated.items() if there]
+    again = join(("flexhinf", "export", "c", o.source, "--name", name, "--real", o.real, *chosen))
+    origin = _origin(path, again, designed.rows)
+    export.write_files(folder, export.controller_files(controller, name, o.real, robot, origin))
     typer.echo(f"{name}.h, {name}.c and what goes with them: {folder}\ntest:  make -C {o.out} test")
 
 
 @app.command("fmu")
 @with_options(ExportFmuOptions)
 def export_fmu(context: typer.Context, o: ExportFmuOptions) -> None:
-    """A co-simulation FMU (FMI 2.0) for Simulink, OpenModelica and others.
+    """Export the controller as an FMU for co-simulation (FMI 2.0 or 3.0), for Simulink, OpenModelica and others.
 
-    Of the controller: one communication step is one sample. With --plant, of
-    the robot: motor inputs and disturbances in, measurements and states out,
-    its parameters to be set. Needs a C compiler.
+    One communication step is one sample. With --plant the FMU is the robot:
+    motor inputs and disturbances in, measurements and states out, its
+    parameters to be set. It needs a C compiler.
     """
+    from flexhinf.robot.parts import file_warnings
+
     if o.plant:
+        refuse_if(
+            not o.limits,
+            "--no-limits has no effect on a plant.",
+            "expected it with a controller, whose inputs have limits; got it with --plant",
+            "leave out --no-limits",
+        )
         path = file_of(o.source, "A plant is that of a design file.", "flexhinf export fmu DIR --plant")
-        robot, s = fh.load_design(path)
+        with file_warnings(note):
+            robot, s = fh.load_design(path)
         equilibrium = robot.operating_point(s.pose if s.start is None else s.start, s.extras)
         name = o.name or export.identifier_of(robot.name)
         written = export.export_plant_fmu(
-            robot.plant(s.measured, extras=s.extras), o.out, name, s.period, *equilibrium
+            robot.plant(s.measured, extras=s.extras), o.out, name, s.period, *equilibrium, fmi=o.fmi
         )
     else:
-        controller, robot = controller_of(o.source)
+        controller, robot, *_ = designed = controller_of(controller_file(o.source))
+        _note_doubts(designed, limits=o.limits)
         name = o.name or _identifier(robot)
-        written = export.export_fmu(controller, o.out, name)
+        written = export.export_fmu(controller, o.out, name, o.fmi, o.limits)
     typer.echo(f"FMU: {written}")
+
+
+@app.command("web")
+@with_options(ExportWebOptions)
+def export_web(context: typer.Context, o: ExportWebOptions) -> None:
+    """One page in which the arm runs in real time in the browser; no server, no network.
+
+    Pull the link with the mouse, move the goal, change the arm by sliders; the
+    same arm with a tuned PD moves beside it. The controller's and the plant's C
+    are compiled to WebAssembly, which needs clang and wasm-ld.
+    """
+    from flexhinf.design.design_file import unmet_text
+    from flexhinf.design.live_page import live_arm
+    from flexhinf.export.web import check_compiler, write_page
+
+    path = file_of(o.source, "A page needs a design, which states the robot.", "flexhinf export web DIR")
+    refuse_if(
+        o.out.exists() and not o.force,
+        "The page is there already.",
+        f"expected a new file, got {o.out.absolute()}",
+        "another name, or --force, which replaces it",
+    )
+    check_compiler()
+    designed = controller, robot, s, rows = controller_of(path)
+    assert robot is not None  # of a design file
+    assert s is not None
+    _note_doubts(designed)
+    arm = live_arm(controller, robot, s, not_met=unmet_text(rows))
+    page = write_page(arm, o.out)
+    typer.echo(f"page: {page} ({page.stat().st_size / 1e3:.0f} kB)")
 
 
 @with_options(CompileOptions)
 def compile_design(context: typer.Context, o: CompileOptions) -> None:
-    """The controller as a shared library that starts in milliseconds.
+    """Compile the controller to a shared library that starts in milliseconds.
 
     fh.load_compiled(FILE) steps it from Python, without LLVM and CasADi; every
     output is the simulation's. For this platform; needs a C compiler.
     """
-    controller, _ = controller_of(o.source)
-    typer.echo(f"library: {export.compile_controller(controller, o.out, o.processor)}")
+    designed = controller_of(controller_file(o.source))
+    _note_doubts(designed)
+    typer.echo(f"library: {export.compile_controller(designed.controller, o.out, o.processor)}")
+
+
+def _note_doubts(designed: DesignedController, limits: bool = False) -> None:
+    """Print what speaks against a controller that leaves for a machine; refuse it without `limits` of its inputs."""
+    from flexhinf.design.design_file import unmet_text
+
+    if limits:
+        export.check_limits(designed.controller)
+    if text := unmet_text(designed.rows):
+        note(f"{text}.")
+    if free := export.unlimited_inputs(designed.controller):
+        note(f"NOTHING LIMITS {', '.join(free)}: the controller may ask for any value.")
+
+
+def _origin(path: Path, command: str, rows: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    """Lines of exported C that say which design it is: its file and SHA-256, the command that exports it again, and
+    whether it met its requirements, by the rows of its result."""
+    from flexhinf.design.design_file import has_controller, unmet_text
+
+    digest, numbers = hashlib.sha256(path.read_bytes()).hexdigest(), {}
+    if has_controller(path) and report.unchanged(path.parent, ("design.json",)):
+        designed = json.loads((path.parent / "design.json").read_text(encoding="utf-8"))
+        numbers = {
+            name: f"{designed[name]:.6g}" for name in ("gamma", "degree") if designed.get(name) is not None
+        }
+    judged = {"requirements": unmet_text(rows) or f"all {len(rows)} met"} if rows else {}
+    return {"design": f"{path.name}, SHA-256 {digest}", "made by": command, **judged, **numbers}
 
 
 def _identifier(robot: fh.Robot | None) -> str:
@@ -334,63 +442,21 @@ def _identifier(robot: fh.Robot | None) -> str:
     return export.identifier_of("controller" if robot is None else robot.name)
 
 
-def controller_of(source: str) -> tuple[fh.Controller, fh.Robot | None]:
-    """The controller of a report, of a file, or of a design that is made now; and its robot, or None of a file."""
-    from flexhinf.design.design_file import is_design_file
-
-    path = file_of(source)
-    if not is_design_file(path):
-        robot_file = path.suffix.lower() in (".toml", ".urdf", ".xml") and path.exists()
-        refuse_if(
-            (source in fh.catalogue() or robot_file) and not Path(source).is_dir(),
-            "A robot has no controller; a design of it has one.",
-            f"expected design.toml, the folder of a report or the file of a controller, got {source!r}",
-            f"flexhinf design {source} --out DIR, then DIR in the place of {source}",
-        )
-        return fh.load_controller(path), None
-    robot, specification = fh.load_design(path)
-    beside = path.parent / "controller"
-    if report.unchanged(path.parent, ("design.toml", "controller")):
-        return fh.load_controller(beside), robot
-    if beside.exists():
-        other = "the controller" if report.unchanged(path.parent, ("design.toml",)) else "design.toml"
-        note(f"{other} was changed since the report: it is designed anew.")
-    from flexhinf.design import stages
-
-    with step_progress(stages(robot, specification)) as progress:
-        result = fh.design(robot, specification, progress)
-    note(pages.terminal_blocks(result)[2])
-    return result.controller(), robot
-
-
-def file_of(source: str, only_design: str = "", then: str = "") -> Path:
-    """The file that a source names: of a report's folder its design file; refused where there is none.
-
-    With `only_design`, the first sentence of the refusal, and the command `then`: also where it is no design file.
-    """
-    from flexhinf.design.design_file import is_design_file
-
-    path = checked_path("The design", source)
-    file = path / "design.toml" if os.path.isdir(path) else path
-    what = "path leads to no file and no" if file == path else f"folder {value_text(source, 120)} holds no"
-    refuse_if(
-        not os.path.exists(file) and source not in fh.catalogue(),
-        f"There is no file or design {value_text(source, 120)}.",
-        f"expected design.toml, the folder of a report or the file of a controller; the {what} design.toml",
-        "flexhinf design ROBOT --out DIR, then DIR in its place",
-    )
-    refuse_if(
-        only_design and not is_design_file(file),
-        only_design,
-        f"expected design.toml or a report's folder, got {source!r}",
-        f"flexhinf design ROBOT --out DIR, then {then}",
-    )
-    return file
+def _run_settings(o: RunOptions) -> dict[str, Any]:
+    """Options of a run that its page names among the settings."""
+    named = {
+        "design": o.source,
+        "library": o.library and str(o.library),
+        "changed numbers": o.perturb or "none",
+    }
+    return named | {
+        name: getattr(o, name) for name in ("load", "load_at", "noise", "realtime", "priority", "core")
+    }
 
 
 @with_options(RunOptions, RUN_FIELDS)
 def run_design(context: typer.Context, o: RunOptions) -> int:
-    """The controller of a design drives the robot in MuJoCo, in real time.
+    """Drive the robot in MuJoCo with the controller of a design, in real time.
 
     By default it makes the step of the design, or its move: what no option states
     is as in the design file. Options change the run and the robot that is driven,
@@ -404,6 +470,7 @@ def run_design(context: typer.Context, o: RunOptions) -> int:
     from flexhinf.design.deployed_run import perturbed, prepare_run
     from flexhinf.design.plans import has_integrals
     from flexhinf.robot.mujoco import MuJoCoView, check_display, check_expressed
+    from flexhinf.robot.parts import file_warnings
 
     path = file_of(
         o.source,
@@ -412,12 +479,13 @@ def run_design(context: typer.Context, o: RunOptions) -> int:
     )
     refuse_if(
         not o.mujoco,
-        "It is not said which robot is driven.",
-        "expected --mujoco, the robot in MuJoCo, got none",
-        "--mujoco",
+        "No robot is named for the controller to drive.",
+        "expected --mujoco, got none",
+        "--mujoco, which simulates it",
     )
     refuse_stated(context, {} if o.load is not None else {"load_at": "--load, which begins then"})
     logs, films = [export.check_log(path) for path in o.log], [pages.check_film(path) for path in o.record]
+    folder = None if o.out is None else report.check(o.out)
     if o.view:
         check_display()
     compiled = None if o.library is None else export.load_compiled(o.library)
@@ -426,9 +494,8 @@ def run_design(context: typer.Context, o: RunOptions) -> int:
     robot = perturbed(request.robot, o.perturb)
     acting = partial(without_effect_on_run, request.specification, robot, o.noise)
     refuse_stated(context, acting(commanded=True))  # before the controller is designed, where it has to be
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # `request_of` has told them
-        designed, (controller, _) = fh.load_design(path), controller_of(o.source)
+    with file_warnings():  # `request_of` has told them
+        designed, (controller, *_) = fh.load_design(path), controller_of(path, tell=False)
     refuse_stated(context, acting(commanded=has_integrals(controller.law), moving=controller.mode.moving))
     prepared = prepare_run(controller, designed, robot, request.specification, o.noise, o.load, o.load_at)
     with MuJoCoView(robot, prepared.box) if o.view else nullcontext() as viewer:
@@ -440,8 +507,11 @@ def run_design(context: typer.Context, o: RunOptions) -> int:
         for path in logs:
             export.write_log(run, path)
     finally:  # a full disk takes the log, and not what the run has shown
-        show(pages.run_tables(prepared, run), pages.run_notes(run))
-        typer.echo(pages.run_verdict(prepared, run))
+        if o.verbose:
+            show(pages.run_tables(prepared, run))
+        tables, text = pages.run_ending(prepared, run)
+        show(tables)
+        typer.echo(text)
     for path in logs:
         typer.echo(f"log: {path}")
     if films:
@@ -451,6 +521,9 @@ def run_design(context: typer.Context, o: RunOptions) -> int:
                 pages.write_film(prepared, run, path)
     for path in films:
         typer.echo(f"film: {path}")
+    if folder is not None:
+        report.write(folder, pages.run_files(prepared, run, reproduce_command(context), _run_settings(o)))
+        typer.echo(f"report: {folder / 'index.html'}")
     if run.stopped is None:
         return 0 if pages.run_met(prepared, run) else NOT_MET
     return 128 + run.stopped if run.stopped else 0  # 0: the view was closed

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -26,12 +27,12 @@ from flexhinf.cli.options import (
     LogOptions,
 )
 from flexhinf.errors import InvalidInput, refuse_if
-from flexhinf.identification.unknowns import model_of
-from flexhinf.robot.saved_file import robot_text
-from flexhinf.validation import extra_package
+from flexhinf.options import interval
+from flexhinf.validation import extra_package, one_of, value_text
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # what computes is loaded by the command that needs it
     from flexhinf.design import DesignRequest
+    from flexhinf.estimation.bounds import Bounds
 
 #: How what an error of `flexhinf.read_log` advises is written at the command line.
 _SYNTAX = (
@@ -45,16 +46,16 @@ _SYNTAX = (
 
 @with_options(EstimateOptions, ESTIMATE_FIELDS)
 def estimate(context: typer.Context, o: EstimateOptions) -> None:
-    """What a filter makes of a log: estimates with bands, and whether the two fit.
+    """Estimate the states of a robot from a log, and judge whether filter and log fit.
 
-    Columns with the names of the robot's signals are taken as they are:
-    drive_torque (or motor_voltage, motor_current), motor_position, …, of
-    several joints with their names: motor_position_elbow. Others are named by
-    --column. Units stand behind names: pos (deg).
+    Columns with the names of the robot's signals are found by themselves:
+    drive_torque (or motor_voltage, motor_current), motor_position and so on. With
+    several joints the name of the joint follows: motor_position_elbow. --column
+    names others. A unit stands behind the name: pos (deg).
 
-    The filter's noise levels come from the log, unless they are stated or --robot
-    is a design. The page says whether innovations are as large as the filter
-    expects, and white; estimate.csv has the estimates, estimate.json the numbers.
+    The noise levels come from the log, unless options state them or --robot is a
+    design. The page says whether innovations are white, and as large as the filter
+    expects. estimate.csv has the estimates, estimate.json the numbers.
 
     Exit code: 0 when the report is written; 2 for a mistake (nothing is written);
     130 if interrupted.
@@ -66,19 +67,22 @@ def estimate(context: typer.Context, o: EstimateOptions) -> None:
         extra_package("pyarrow", "log", "Estimates in Parquet need another package.")
     folder = report.check(o.out)
     plant = request.robot.plant(request.specification.measured, extras=request.specification.extras)
+    bounds = _bounds(o.bounds, plant)
     with step_progress(3) as progress:
         progress(f"read {o.log.name}")
         latency = request.specification.known_latency if request.file is not None else 0
-        log = _read(o, plant, columns, latency if o.latency is None else o.latency)
+        log = _read(o, request.robot, plant, columns, latency if o.latency is None else o.latency)
         progress("filter")
-        filter, sources = _filter(o, request, plant, log, fields)
+        filter, sources = _filter(o, request, plant, log, fields, bounds)
         data = fh.filter_log(filter, log, o.smooth)
         result = pages.FilteredLog(request.robot, log, filter, data, fh.consistency(data), sources)
         progress("report")
-        files = pages.estimate_files(result, reproduce_command(context), request.warnings, o.table)
+        notes = pages.left_out_notes(request.robot, request.specification.extras, "the model")
+        files = pages.estimate_files(result, reproduce_command(context), [*request.warnings, *notes], o.table)
     report.write(folder, files)
-    show([pages.innovation_table(result).terminal()])
-    typer.echo(f"{' '.join(pages.judgement(result)[1])}\nreport: {folder / 'index.html'}")
+    ending = pages.estimate_ending(result, [text.replace("`", "") for text in notes])
+    show(ending.tables)
+    typer.echo(f"{ending.text}\nreport: {folder / 'index.html'}")
 
 
 def _check_robot(o: LogOptions) -> None:
@@ -92,16 +96,18 @@ def _check_robot(o: LogOptions) -> None:
 
 @with_options(IdentifyOptions, IDENTIFY_FIELDS)
 def identify(context: typer.Context, o: IdentifyOptions) -> None:
-    """Numbers of a robot from a log, with intervals, and what the log does not tell.
+    """Identify a robot's stiffness, friction and other numbers from a log.
 
-    The numbers are those under which the log is most likely; levels of noises are
-    sought beside. robot.toml is the robot's file with the identified numbers and
-    their 95 % intervals as tolerances: `flexhinf design` takes it. A number that
-    the log does not tell stays as it was, and motion.csv is a motion, jerk-limited
-    and within the limits, that would tell it, if any does.
+    The result is the numbers under which the log is most likely, with 95 %
+    intervals. robot.toml is the robot's file with these numbers and their
+    intervals as tolerances; `flexhinf design` takes it. A number that the log does
+    not determine stays as it was. motion.csv then is a motion within the limits
+    that would determine it, if there is one. Where the model does not fit the log,
+    numbers may be wrong by more than their intervals.
 
-    Exit code: 0 when the report is written; 1 if the log does not tell some
-    number; 2 for a mistake (nothing is written); 130 if interrupted.
+    Exit code: 0 when the report is written; 1 if the log does not determine some
+    number, or the model does not fit the log; 2 for a mistake (nothing is
+    written); 130 if interrupted.
     """
     _check_robot(o)
     names = [name for name in map(str.strip, o.parameters.split(",")) if name]
@@ -111,16 +117,20 @@ def identify(context: typer.Context, o: IdentifyOptions) -> None:
         "expected --parameters, got none",
         "--parameters stiffness,friction,motor_inertia",
     )
+    from flexhinf.identification.unknowns import extras_of, model_of
+    from flexhinf.robot.saved_file import robot_text
+
     fields, columns = stated_fields(context), _columns(o.column)
     request = read_source(o.robot, o.elastic, fields, o.payload)
     robot, s = request.robot, request.specification
     folder = report.check(o.out)
-    plant, _ = model_of(robot, names, s.measured, s.extras)
+    plant, numbers = model_of(robot, names, s.measured, s.extras)
+    extras = extras_of(robot, numbers, s.extras)
     robot_text(robot, folder)  # refuses a robot that has no file, before any work
     with step_progress(4) as progress:
         progress(f"read {o.log.name}")
         latency = s.known_latency if request.file is not None else 0
-        log = _read(o, plant, columns, latency if o.latency is None else o.latency)
+        log = _read(o, robot, plant, columns, latency if o.latency is None else o.latency)
         progress("identify")
         found = fh.identify(robot, log, names, measured=plant.outputs, extras=s.extras)
         filter = found.filter(log.period)
@@ -134,21 +144,27 @@ def identify(context: typer.Context, o: IdentifyOptions) -> None:
                 robot, names, duration=o.motion, period=min(log.period, 0.01), measured=plant.outputs,
                 extras=s.extras, noise=found.noise, seed=o.seed,
             )  # fmt: skip
-        result = pages.IdentifiedRobot(robot, found, filtered, motion)
+        result = pages.IdentifiedRobot(robot, found, filtered, motion, extras)
         progress("report")
         text = robot_text(found.robot, folder)
-        files = pages.identified_files(result, reproduce_command(context), request.warnings, text)
+        notes = pages.left_out_notes(robot, extras, "the model")
+        files = pages.identified_files(result, reproduce_command(context), [*request.warnings, *notes], text)
     report.write(folder, files)
-    show([pages.identified_table(result).terminal()])
-    typer.echo(f"{' '.join(pages.identified_verdict(result))}\nreport: {folder / 'index.html'}")
-    if motion is not None:
+    ending = pages.identified_ending(result, [text.replace("`", "") for text in notes])
+    show(ending.tables)
+    typer.echo(f"{ending.text}\nreport: {folder / 'index.html'}")
+    if motion is not None or not found.consistent:
         raise typer.Exit(1)
 
 
-def _read(o: LogOptions, plant: fh.Plant, columns: dict[str, str], latency: int) -> fh.Log:
+def _read(o: LogOptions, robot: fh.Robot, plant: fh.Plant, columns: dict[str, str], latency: int) -> fh.Log:
     """The log; a refusal is in the syntax of the command line."""
+    from flexhinf.identification.plausibility import check_plausible
+
     try:
-        return fh.read_log(o.log, plant, columns, o.time or None, None, o.hold_inputs, latency)
+        log = fh.read_log(o.log, plant, columns, o.time or None, None, o.hold_inputs, latency)
+        check_plausible(robot, log)
+        return log
     except InvalidInput as error:
         texts = [error.what, error.found, error.advice]
         for pattern, option in _SYNTAX:
@@ -157,7 +173,12 @@ def _read(o: LogOptions, plant: fh.Plant, columns: dict[str, str], latency: int)
 
 
 def _filter(
-    o: EstimateOptions, request: DesignRequest, plant: fh.Plant, log: fh.Log, fields: Mapping[str, Any]
+    o: EstimateOptions,
+    request: DesignRequest,
+    plant: fh.Plant,
+    log: fh.Log,
+    fields: Mapping[str, Any],
+    bounds: Bounds,
 ) -> tuple[fh.UnscentedKalmanFilter | fh.ExtendedKalmanFilter, dict[str, str]]:
     """The filter, and who states its period and its noises: options, the design, or the log itself."""
     from flexhinf.design.loop_setup import EstimatorNoise, LoopPlants  # not for `flexhinf --help`
@@ -179,7 +200,29 @@ def _filter(
         plant, log.times, log.inputs, log.outputs, kinds[o.filter], o.form,
         None if sources["period"] == "the log" else s.period, process,
         None if from_log else LoopPlants(request.robot, s).noise_variances,
+        gate=o.gate, bounds=bounds,
     ), sources  # fmt: skip
+
+
+def _bounds(stated: Sequence[str], plant: fh.Plant) -> Bounds:
+    """Intervals by state, of ``state=low..high``; a group's name stands for the states of all joints."""
+    bounds: Bounds = {}
+    for text in stated:
+        name, equals, ends = (part.strip() for part in text.partition("="))
+        names = plant.expanded(name) if equals else ()
+        within = None
+        with suppress(ValueError):
+            within = interval(ends)
+        if not names or within is None or not within[0] < within[1] or set(names) & set(bounds):
+            raise InvalidInput(
+                f"--bounds {'names ' + repr(name) + ' twice' if set(names) & set(bounds) else 'cannot be used'}.",
+                f"expected state=low..high with low < high, each state once, got {value_text(text, 60)}",
+                "--bounds link_position=-90deg..90deg",
+            )
+        for one in names:
+            one_of(f"--bounds: there is no state {value_text(one, 60)}.", one, plant.states)
+            bounds[one] = within
+    return bounds
 
 
 def _columns(stated: Sequence[str]) -> dict[str, str]:

@@ -15,11 +15,15 @@ from flexhinf.options import (
     ADVANCED,
     CHOICE,
     COMPARED,
-    HARDWARE,
+    LOGGED,
+    LOOP,
     PROVED,
+    ROBOT,
     RUN,
-    SAMPLED,
-    TRIED,
+    SEARCH,
+    SENSORS,
+    TARGET,
+    UNCERTAIN,
     WAY,
     WRITTEN,
     CampaignOptions,
@@ -28,6 +32,7 @@ from flexhinf.options import (
     Number,
     Period,
     Positive,
+    Probability,
     Real,
     Seconds,
     Text,
@@ -72,12 +77,25 @@ PEAKS = {
     "peak_torque": ("torque", "N·m or N"),
 }
 
+#: Where a command has more than `SEVERAL` options, its help shows these fields and its own options but the seldom used
+#: ones; --help-all shows all.
+USUAL_FIELDS = (
+    "workspace", "pose", "start", "move", "bandwidth", "damping", "overshoot", "preset", "remaining_error",
+    "peak_effort", "measured", "estimator", "period", "latency", "draws",
+)  # fmt: skip
+SELDOM = (
+    "pose_xyz", "tool", "every_cell", "decay", "threads", "cluster", "shard", "starts", "metric", "batch", "core",
+    "form", "table", "load_at", "noise", "method", "workers", "priority", "library", "gate", "bounds",
+    "process_noise", "torque_noise", "measurement_noise", *PEAKS,
+)  # fmt: skip
+SEVERAL = 16
+
 CONTROLLER = (
-    "design.toml, the folder of a report, or the file of a controller. The controller of a report is taken as it was "
-    "judged; a design.toml without one is designed first."
+    "design.toml, the folder of a report, or the file of a controller. The controller of a report is used as it was "
+    "tested. A design.toml without one is designed first."
 )
 DESIGN = "design.toml, the folder of a report, or a robot as for `flexhinf design`."
-FOLDER = "Folder of the report; an earlier report there is replaced whole."
+FOLDER = "Folder of the report. An earlier report there is replaced."
 
 
 # fmt: off
@@ -85,23 +103,34 @@ FOLDER = "Folder of the report; an earlier report there is replaced whole."
 class PointOptions:
     """Options for the payload, and for a goal of a point of the robot."""
 
-    payload: Text = option("", HARDWARE,
-        "What the robot carries: 2kg, 0kg (an empty hand), a range 0..3kg (nominal at its lower end) or 0..1..3kg; "
-        "@LINK where, :x,y,z its centre of mass there (m). Default: the file's own.", "2kg", "kg@link")
+    payload: Text = option("", UNCERTAIN,
+        "What the robot carries: 2kg, or a range 0..3kg. The lower end of a range is the nominal payload; 0..1..3kg "
+        "states another one, and 0kg is an empty hand. @LINK names the link, :x,y,z its centre of mass there (m). "
+        "Default: what the file states.", "2kg", "kg@link")
     pose_xyz: Text = option("", WAY,
-        "Goal of a point of the robot in the world, instead of --pose: 0.4,0,0.3 (m) or 400mm,0,300mm. The joints are "
-        "found for it; out of reach is refused, near a singular pose there is a note.", "0.4,0,0.3", "x,y,z")
+        "Goal of a point of the robot in space, instead of --pose: 0.4,0,0.3 (m) or 400mm,0,300mm. The joint positions "
+        "are computed. A point out of reach is refused; near a singular pose there is a note.",
+        "0.4,0,0.3", "x,y,z")
     tool: Text = option("", WAY,
-        "The point that --pose-xyz, --workspace x=0.2:0.5, and waypoints with columns x, y, z, are for: LINK:x,y,z, by "
-        "the name of the link's joint, in the link's frame (m). Default: the origin of the last link.",
+        "The point that goals in space are for: LINK:x,y,z in the link's frame (m). LINK is the name of the link's "
+        "joint. It serves --pose-xyz, --workspace x=0.2:0.5, and waypoints with columns x, y, z. Default: the origin "
+        "of the last link.",
         "hand:0,0,0.1", "link:x,y,z")
+
+
+@dataclass(frozen=True, kw_only=True)
+class VerboseOptions:
+    """The option of commands that end with one screen."""
+
+    verbose: bool = option(False, WRITTEN,
+        "Print all tables and notes. The page has them anyway.")
 
 
 @dataclass(frozen=True, kw_only=True)
 class ElasticOptions:
     """The option that goes with a robot whose links another file states."""
 
-    elastic: Text = option("", HARDWARE,
+    elastic: Text = option("", ROBOT,
         "With a URDF or MJCF: the robot file with spring and motor of each joint.")
 
 
@@ -109,9 +138,9 @@ class ElasticOptions:
 class RequiredOptions:
     """The option for what every run of a campaign must keep."""
 
-    require: list[Text] = option(list, TRIED,
-        "What a run must keep to count as a success; again for more. Default: it settles and keeps the limits of the "
-        "design.", "overshoot_percent<=5", "metric<=x")
+    require: list[Text] = option(list, LOOP,
+        "What a run must keep to count as a success. Repeat the option for more. Default: the run settles and keeps "
+        "the limits of the design.", "overshoot_percent<=5", "metric<=x")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,69 +149,70 @@ class RobotOptions(ElasticOptions, PointOptions):
 
     robot: Text = argument(
         "A robot file (arm.toml), a URDF, an MJCF file (arm.xml), a name that `flexhinf robots` lists, or a design "
-        "file (design.toml); options win over a design file.")
+        "file (design.toml). Options win over a design file.", "ROBOT")
 
 
 @dataclass(frozen=True, kw_only=True)
-class DesignOptions(RobotOptions):
+class DesignOptions(RobotOptions, VerboseOptions):
     """Options of ``flexhinf design``."""
 
     out: Path = option(Path("flexhinf-design"), WRITTEN, FOLDER)
 
 
 @dataclass(frozen=True, kw_only=True)
-class CompareOptions(RobotOptions):
+class CompareOptions(RobotOptions, VerboseOptions):
     """Options of ``flexhinf compare``."""
 
     out: Path = option(Path("flexhinf-compare"), WRITTEN, FOLDER)
     laws: Text = option("", COMPARED,
-        f"{NL_HINF}, {NL_HINF}-2 … {NL_HINF}-{LARGEST_DEGREE} (degree of V), {', '.join(RIVALS)}; between commas. "
-        "Default: all without a degree.", "pd,pid")
+        "Names of laws between commas: pd,pid. Default: all. They are "
+        f"{NL_HINF}, {', '.join(RIVALS)}; and {NL_HINF}-2 … {NL_HINF}-{LARGEST_DEGREE} for one degree of V.", "pd,pid")
     tune: Text = option("peak", COMPARED,
-        "What the laws share when they are tuned: peak (largest input of the step as deployed: at most the limit asked "
-        "for or the saturation, or that of the design where it is larger), bandwidth (of the linear loop: at most the "
-        "one asked for, or that of the design), or none. Every law keeps the limits of the margins as well, and lets "
-        "no more measurement noise through to the motor than the design.", "bandwidth")
+        "What all laws share when they are tuned: peak (largest input), bandwidth, or none. The peak is that of the "
+        "step as deployed: at most the limit asked for or the saturation, or that of the design where it is larger. "
+        "The bandwidth is that of the linear loop: at most the one asked for, or that of the design. Every law keeps "
+        "the limits of the margins too, and lets no more measurement noise through to the motor than the design.",
+        "bandwidth")
     same_sensors: bool = option(False, COMPARED,
-        "Every law measures what the design measures; without this option each law has the sensors that its proponents "
+        "Every law measures what the design measures. Without this option each law has the sensors that its proponents "
         "would choose, such as an encoder on the motor for a PD.")
 
 
 @dataclass(frozen=True, kw_only=True)
-class CertifyOptions(RobotOptions):
+class CertifyOptions(RobotOptions, VerboseOptions):
     """Options of ``flexhinf certify``."""
 
     robot: Text = argument(
-        "A robot file, a name that `flexhinf robots` lists, or a design file (design.toml); options win over a design "
-        "file.", default="")
+        "A robot file, a name that `flexhinf robots` lists, or a design file (design.toml). Options win over a design "
+        "file.", "ROBOT", default="")
     out: Path = option(Path("flexhinf-certificate"), WRITTEN, FOLDER)
     check: Path | None = option(None, PROVED,
-        "Prove this certificate again, by the independent checker: the file, or the folder of --out.", unit="path")
+        "Check this certificate with the independent checker: the file, or the folder of --out.", unit="path")
     every_cell: bool = option(False, PROVED,
-        "With --check: prove every cell in rationals and balls too, not a sample of them. Degree 2: minutes; degree 6: "
-        "hours.")
+        "With --check: prove every cell in rationals and balls too, not a sample of them. It takes minutes for degree "
+        "2, and hours for degree 6.")
     degree: Whole | None = option(None, PROVED,
         "Degree of V whose certificate is written.", "4", default="the design's")
     decay: Real = option(0.0, PROVED,
-        "Rate of decay that is proved too: for disturbances that persist, 1/s.", "0.1", "1/s")
+        "Rate of decay that is proved too, for disturbances that persist.", "0.1", "1/s")
     observer: Positive | None = option(None, PROVED,
-        "Prove output feedback too, with an output-injection observer of this bandwidth, 1/s.", "10", "1/s",
+        "Prove output feedback too, with an output-injection observer of this bandwidth.", "10", "1/s",
         default="the true state is fed back")
     tolerances: bool = option(False, PROVED,
-        "Prove the step of the design for every robot within the tolerances, instead of a region of the nominal one.")
-    threads: Threads = option(2, ADVANCED, "The certificate does not depend on it.", "2")
+        "Prove the step for every robot within the tolerances, instead of a region of the nominal robot.")
+    threads: Threads = option(2, ADVANCED, "Threads of the proof. The certificate does not depend on them.", "2")
 
 
 @dataclass(frozen=True, kw_only=True)
 class BatchOptions(ElasticOptions, RequiredOptions, CampaignOptions):
     """Options that a campaign and a comparison of two campaigns share."""
 
-    tolerance: list[Text] = option(list, SAMPLED,
-        "Another tolerance of a parameter of the robot: stiffness=15% or mass=0.9..1.2; again for more.",
+    tolerance: list[Text] = option(list, UNCERTAIN,
+        "Another tolerance of a parameter: stiffness=15% or mass=0.9..1.2. Repeat the option for more.",
         "stiffness=15%", "name=x")
-    workers: Whole = option(0, RUN, "Processes beside this one; 0: this one alone, with two threads.", "4")
-    cluster: Text = option("", RUN, "Address of a scheduler of Dask's, whose workers run the batches.", unit="tcp://…")
-    shard: Text = option("", RUN, "Every n-th batch only, for one of n jobs; then `merge`.", "1/4", "i/n")
+    workers: Whole = option(0, RUN, "Worker processes; 0: this process alone, with two threads.", "4")
+    cluster: Text = option("", RUN, "Address of a Dask scheduler, whose workers run the batches.", unit="tcp://…")
+    shard: Text = option("", RUN, "Every n-th batch only, for job i of n. Then `merge`.", "1/4", "i/n")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -190,14 +220,14 @@ class RunCampaignOptions(BatchOptions):
     """Options of ``flexhinf campaign``."""
 
     design: Text = argument(
-        f"{DESIGN} The controller of a report is taken as it was judged; without one it is designed first.", "DESIGN")
-    out: Path = option(Path("flexhinf-campaign"), WRITTEN, "Folder of the campaign; the same command goes on there.")
-    worst_case: bool = option(False, TRIED,
-        "Then search the box of tolerances for the worst robot, and say how much worse than the worst sample it is.")
-    metric: list[Text] = option(list, TRIED,
-        "What --worst-case makes as large as it can, `gain` for the worst disturbance; again for more. Default: all "
-        "that a requirement limits, and gain.", "gain")
-    starts: Whole = option(8, TRIED, "Searches of --worst-case for each metric.", "8")
+        f"{DESIGN} The controller of a report is used as it was tested. Without one it is designed first.", "DESIGN")
+    out: Path = option(Path("flexhinf-campaign"), WRITTEN, "Folder of the campaign. The same command continues there.")
+    worst_case: bool = option(False, SEARCH,
+        "Also search the tolerances for the worst robot, and compare it with the worst sample.")
+    metric: list[Text] = option(list, SEARCH,
+        "Metric that --worst-case makes as bad as it can; gain searches the worst disturbance. Repeat the option for "
+        "more. Default: all that a requirement limits, and gain.", "gain")
+    starts: Whole = option(8, SEARCH, "Searches of --worst-case for each metric.", "8")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -206,7 +236,7 @@ class CompareCampaignsOptions(BatchOptions):
 
     first: Text = argument(DESIGN)
     second: Text = argument(DESIGN)
-    out: Path = option(Path("flexhinf-pair"), WRITTEN, "Folder of the comparison; the same command goes on there.")
+    out: Path = option(Path("flexhinf-pair"), WRITTEN, "Folder of the comparison. The same command continues there.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -222,10 +252,16 @@ class ReplayOptions:
     """Options of ``flexhinf campaign replay``."""
 
     folder: Path = argument("The folder of a campaign.", "DIR")
-    sample: Whole | None = option(None, TRIED, "Its number in the table.", "123")
-    worst_case: Text = option("", TRIED,
+    sample: Whole | None = option(None, RUN, "Number of the sample in the table.", "123")
+    worst_case: Text = option("", RUN,
         "Instead of a sample: the robot that --worst-case found for this metric.", unit="metric")
-    out: Path | None = option(None, WRITTEN, "Write all signals: run.csv or run.nc.", unit="path")
+    out: Path | None = option(None, WRITTEN, "Write all signals to run.csv or run.nc.", unit="path")
+
+
+#: Of what leaves for a machine.
+LIMITED = (
+    "Whether a controller is refused that has an input without limits: no effort_limit in the robot file, and no "
+    "--saturation at the design.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -234,15 +270,19 @@ class ExportCOptions:
 
     source: Text = argument(CONTROLLER, "DESIGN")
     out: Path = option(Path("flexhinf-c"), WRITTEN, "A new or empty folder.")
-    name: Text = option("", WRITTEN, "A C identifier: of the files, and the beginning of all names.", "arm")
-    real: Annotated[Literal["double", "float"], CHOICE] = option("double", HARDWARE,
+    name: Text = option("", WRITTEN, "A C identifier: name of the files, and beginning of all names.", "arm")
+    real: Annotated[Literal["double", "float"], CHOICE] = option("double", TARGET,
         "Type of all numbers: double or float.", "float")
-    period: Text = option("", HARDWARE,
-        "Period of your firmware's loop; refused if it is not the design's.", "1ms", "s")
-    flash: Text = option("", HARDWARE,
-        "Room for code and constants, such as 32kB; refused if they need more. The code is counted for a Cortex-M4F, "
-        "where arm-none-eabi-gcc is installed; elsewhere a note says that only constants were.", "32kB")
-    ram: Text = option("", HARDWARE, "Room for the state, such as 8kB; refused if it needs more.", "8kB")
+    period: Text = option("", TARGET,
+        "Period of your firmware's loop. It has to be that of the design.", "1ms", "s")
+    flash: Text = option("", TARGET,
+        "Room for code and constants, such as 32kB. Code that needs more is refused. It is counted for a Cortex-M4F "
+        "where arm-none-eabi-gcc is installed; without it only constants are, and a note says so.", "32kB")
+    ram: Text = option("", TARGET, "Room for the state, such as 8kB. A state that needs more is refused.", "8kB")
+    limits: bool = option(True, TARGET, LIMITED)
+    check_measurements: bool = option(False, TARGET,
+        "Take a measurement for missing, and count it, that is beyond a joint's range or moves faster than its "
+        "speed_limit in the robot file.")
     force: bool = option(False, WRITTEN, "Write into a folder that is not empty.")
 
 
@@ -253,7 +293,22 @@ class ExportFmuOptions:
     source: Text = argument(CONTROLLER, "DESIGN")
     out: Path = option(Path("flexhinf.fmu"), WRITTEN, "The file that is written.")
     name: Text = option("", WRITTEN, "A C identifier: the model's name.", "arm")
-    plant: bool = option(False, WRITTEN, "The elastic robot instead of the controller, with the design's extras.")
+    fmi: Annotated[Literal["2.0", "3.0"], CHOICE] = option("2.0", TARGET,
+        "Version of FMI: 2.0, which most programs read, or 3.0.", "3.0")
+    limits: bool = option(True, TARGET, LIMITED)
+    plant: bool = option(False, WRITTEN,
+        "Export the elastic robot instead of the controller, with the extras of the design.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportWebOptions:
+    """Options of ``flexhinf export web``."""
+
+    source: Text = argument(
+        "design.toml or the folder of a report, whose controller is taken as it was judged; a design.toml without one "
+        "is designed first.", "DESIGN")
+    out: Path = option(Path("flexhinf.html"), WRITTEN, "The page that is written, a new file.")
+    force: bool = option(False, WRITTEN, "Replace a file that is there.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -262,40 +317,45 @@ class CompileOptions:
 
     source: Text = argument(CONTROLLER, "DESIGN")
     out: Path = option(Path("flexhinf-controller.so"), WRITTEN, "The file that is written.")
-    processor: Annotated[Literal["portable", "any", "native"], CHOICE] = option("portable", HARDWARE,
-        "On which it runs: portable (PCs since about 2015), any (older ones too, ten times slower), or native (those "
-        "that have all that this one has). Others refuse it.", "native")
+    processor: Annotated[Literal["portable", "any", "native"], CHOICE] = option("portable", TARGET,
+        "Processors that can run it: portable (PCs since about 2015), any (older ones too, half as fast), or "
+        "native (like this one). Others refuse it.", "native")
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunOptions(PointOptions):
+class RunOptions(PointOptions, VerboseOptions):
     """Options of ``flexhinf run``."""
 
     source: Text = argument(
-        "design.toml or the folder of a report, whose controller is taken as it was judged; a design.toml without one "
+        "design.toml or the folder of a report, whose controller is used as it was tested. A design.toml without one "
         "is designed first.", "DESIGN")
-    mujoco: bool = option(False, HARDWARE, "Drive the elastic robot in MuJoCo (needs flexhinf[mujoco]).")
-    library: Path | None = option(None, HARDWARE,
+    mujoco: bool = option(False, RUN, "Drive the elastic robot in MuJoCo (needs flexhinf[mujoco]).")
+    library: Path | None = option(None, RUN,
         "Step this shared library of `flexhinf compile` instead of the controller in Python.", unit="path")
-    perturb: list[Text] = option(list, HARDWARE,
-        "Another number in the robot that is driven: stiffness=-20%, friction_elbow=0.4. Several times.",
+    perturb: list[Text] = option(list, UNCERTAIN,
+        "Another number in the robot that is driven: stiffness=-20%, friction_elbow=0.4. Repeat the option for more.",
         "stiffness=-20%", "name=value")
-    load: Number | None = option(None, TRIED, "Torque on every link from --load-at on: 0.5.", "0.5",
+    load: Number | None = option(None, UNCERTAIN, "Torque on every link from --load-at on.", "0.5",
         "N·m or N", default="none")
-    load_at: Seconds | None = option(None, TRIED, "When the load begins.", "1s", "s", default="in the middle")
-    noise: bool = option(True, HARDWARE, "Whether measurements have noise.")
-    duration: Duration | None = option(None, RUN, "Length of the run: 3s.", "3s", "s",
+    load_at: Seconds | None = option(None, UNCERTAIN, "Time at which the load begins.", "1s", "s",
+        default="in the middle")
+    noise: bool = option(True, UNCERTAIN, "Whether measurements have noise.")
+    duration: Duration | None = option(None, RUN, "Length of the run.", "3s", "s",
         zero="the default", default="that of the design file, or 5 s; of a move its time and half of it again")
-    realtime: bool = option(True, RUN, "Whether samples wait for the clock, or follow each other as fast as possible.")
-    priority: Whole | None = option(None, RUN, "Of SCHED_FIFO, 1 to 99, where the system permits it.", "80",
+    realtime: bool = option(True, RUN,
+        "Whether samples wait for the clock. Else they follow each other as fast as possible.")
+    priority: Whole | None = option(None, RUN, "Priority of SCHED_FIFO, 1 to 99, where the system permits it.", "80",
         default="none")
     core: Whole | None = option(None, RUN, "Processor core that the loop is kept on.", "1", default="any")
-    view: bool = option(False, WRITTEN, "Show the robot in MuJoCo's viewer meanwhile.")
+    view: bool = option(False, WRITTEN, "Show the robot in MuJoCo's viewer during the run.")
+    out: Path | None = option(None, WRITTEN,
+        "Write a report into this folder: a page, its numbers, and the log as run.csv.", "flexhinf-run", "path",
+        default="none")
     log: list[Path] = option(list, WRITTEN,
-        "Write everything to a file: .csv or .parquet (PlotJuggler), .mcap (Foxglove). Several times.", "run.csv",
-        "path")
+        "Write all signals to a file: .csv or .parquet (PlotJuggler), .mcap (Foxglove). Repeat the option for more.",
+        "run.csv", "path")
     record: list[Path] = option(list, WRITTEN,
-        "Write a film of links and motors: .mp4 or .gif. Several times.", "arm.gif", "path")
+        "Write a film of links and motors: .mp4 or .gif. Repeat the option for more.", "arm.gif", "path")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -304,22 +364,23 @@ class LogOptions(ElasticOptions):
 
     log: Path = argument(
         "A log: .csv (a header, rows of numbers), .parquet, or .mcap (JSON, ROS 2).", "LOG")
-    robot: Text = option("", HARDWARE,
-        "A robot file (arm.toml), a URDF, an MJCF file, a name that `flexhinf robots` lists, or a design, of which the "
-        "filter has sensors and noise levels then.", "arm.toml", "ROBOT")
-    payload: Text = option("", HARDWARE, "What the robot carries, as for `flexhinf design`: 2kg.", "2kg", "kg@link")
-    column: list[Text] = option(list, HARDWARE,
-        "The column of a signal that has another name in the log: motor_position=pos, with its unit "
-        "\"motor_position=pos [deg]\" or what one is in the SI unit \"motor_position=counts [0.00153]\"; "
-        "state.link_position is a true state, which errors are compared with; again for more.",
+    robot: Text = option("", ROBOT,
+        "A robot file (arm.toml), a URDF, an MJCF file, a name that `flexhinf robots` lists, or a design. A design "
+        "also states the sensors and noise levels of the filter.", "arm.toml", "ROBOT")
+    payload: Text = option("", ROBOT, "What the robot carries, as for `flexhinf design`: 2kg.", "2kg", "kg@link")
+    column: list[Text] = option(list, LOGGED,
+        "The column of a signal that has another name in the log: motor_position=pos. Add its unit, "
+        "\"motor_position=pos [deg]\", or a factor to the SI unit, \"motor_position=counts [0.00153]\". "
+        "state.link_position is a true state, with which errors are compared. Repeat the option for more.",
         "motor_position=pos", "signal=column")
-    time: Text = option("", HARDWARE,
-        "The column of times, where it is called neither time, t, timestamp nor stamp, or has a unit that is not in "
-        "its name: \"stamp [ms]\".", "stamp", "column")
-    hold_inputs: bool = option(False, HARDWARE, "An input acts until the next one: rows without it are no mistake.")
-    latency: Whole | None = option(None, HARDWARE,
-        "Samples from the row of an input to the row from which on it acts: 1 where a controller logs what it sends "
-        "and it acts a sample later, as in logs of `flexhinf run`.", "1", "samples", default="that of the design, or 0")
+    time: Text = option("", LOGGED,
+        "The column of times, if it is not called time, t, timestamp or stamp, or if its name has no unit: "
+        "\"stamp [ms]\".", "stamp", "column")
+    hold_inputs: bool = option(False, LOGGED, "An input acts until the next one, and rows may be without it.")
+    latency: Whole | None = option(None, LOGGED,
+        "Samples from the row of an input to the row from which on it acts. It is 1 where a controller logs what it "
+        "sends and it acts a sample later, as in logs of `flexhinf run`.", "1", "samples",
+        default="that of the design, or 0")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -327,7 +388,7 @@ class EstimateOptions(LogOptions):
     """Options of ``flexhinf estimate``."""
 
     period: Period | None = option(None, ADVANCED,
-        "Longest prediction in one piece, and what --process-noise and --torque-noise are per: 0.001 (s) or 1ms.",
+        "Longest prediction in one piece: 0.001 (s) or 1ms. --process-noise and --torque-noise are per period.",
         "1ms", "s", default="that of the design, or the median time between rows")
     process_noise: NotNegative | None = option(None, ADVANCED,
         "q of R^v = q I, the variance added to every state per period.", "1e-10",
@@ -336,16 +397,23 @@ class EstimateOptions(LogOptions):
         "Variance added to the velocities alone per period, where unknown torques act.", "1e-7",
         default="that of the design, or of torques of 1 % of the input")
     measurement_noise: Variances | None = option(None, ADVANCED,
-        "R^n, the variance of a measured angle, or one per name of --measured, or per measured signal, each in its own "
-        "unit: 1e-8,0.01.", "1e-8", "rad²", default="that of the design, or from differences of neighbouring rows")
-    filter: Annotated[Literal["unscented", "extended"], CHOICE] = option("unscented", HARDWARE,
-        "unscented or extended.", "extended")
+        "Noise of the sensors, rms with a unit: 0.1mrad, or one per name of --measured, or per measured signal: "
+        "0.1mrad,0.5Nm. A number without a unit is the variance of an angle, R^n: 1e-8 for 0.1mrad.", "0.1mrad", "rad²",
+        default="that of the design, or from differences of neighbouring rows")
+    filter: Annotated[Literal["unscented", "extended"], CHOICE] = option("unscented", SENSORS,
+        "The Kalman filter: unscented or extended.", "extended")
     form: Annotated[Literal["square_root", "covariance"], CHOICE] = option("square_root", ADVANCED,
-        "What the filter computes with: square_root or covariance.", "covariance")
+        "Form of the filter: square_root or covariance.", "covariance")
+    gate: Probability | None = option(None, ADVANCED,
+        "Share of good measurements that are used. Less likely ones are skipped as outliers, and counted.", "0.999",
+        default="none: all are used")
+    bounds: list[Text] = option(list, ADVANCED,
+        "Bounds of a state: link_position=-90deg..90deg, link_velocity_elbow=-2..2. Repeat the option for more.",
+        "link_position=-90deg..90deg", "state=low..high")
     smooth: bool = option(False, WRITTEN,
-        "Estimates from all samples too, before and after (Rauch, Tung and Striebel): columns `smoothed`.")
+        "Write estimates from all samples, before and after, too: columns `smoothed` (Rauch, Tung and Striebel).")
     table: Annotated[Literal["csv", "parquet"], CHOICE] = option("csv", WRITTEN,
-        "How estimates are written: csv or parquet.", "parquet")
+        "File format of the estimates: csv or parquet.", "parquet")
     out: Path = option(Path("flexhinf-estimate"), WRITTEN, FOLDER)
 
 
@@ -353,12 +421,24 @@ class EstimateOptions(LogOptions):
 class IdentifyOptions(LogOptions):
     """Options of ``flexhinf identify``."""
 
-    parameters: Text = option("", HARDWARE,
-        "Numbers of the robot's file: stiffness for all joints, stiffness_elbow for one.", "stiffness,friction", "LIST")
+    parameters: Text = option("", ROBOT,
+        "What to identify: stiffness for all joints, stiffness_elbow for one. The names are those of the robot's file.",
+        "stiffness,friction", "LIST")
     motion: Seconds = option(10.0, WRITTEN,
-        "Longest duration of the motion that is proposed where the log does not tell a number.", "5", "s")
-    seed: Whole = option(0, WRITTEN, "Seed of the motions that are tried.", "1")
+        "Longest duration of a motion that is proposed where the log does not determine a parameter.", "5", "s")
+    seed: Whole = option(0, ADVANCED, "Seed of the motions that are tried.", "1")
     out: Path = option(Path("flexhinf-identify"), WRITTEN, FOLDER)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudioOptions(ElasticOptions):
+    """Options of ``flexhinf studio``."""
+
+    robot: Text = argument(
+        "A robot file, a URDF, an MJCF file, a name that `flexhinf robots` lists, or a design file. Default: the arm "
+        "of the paper.", "ROBOT", default="")
+    port: Whole = option(0, RUN, "Port at 127.0.0.1, 1 to 65535; 0: a free one, which is printed.", "8080")
+    browser: bool = option(True, RUN, "Whether the page is opened in the browser.")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -34,7 +34,6 @@ from flexhinf.files import locked, write_file
 from flexhinf.loop import Controller, load_controller
 from flexhinf.options import CampaignOptions
 from flexhinf.plant import GeneralisedPlant, Penalty
-from flexhinf.report import unchanged
 from flexhinf.validation import checked_path, read_toml
 
 #: Folders of the two campaigns, inside the folder of their comparison.
@@ -165,7 +164,7 @@ def designed_controller(
     """
     path, plan, robot, s = request.request.file, request.plan, request.request.robot, request.specification
     report = path if plan is None and path is not None and path.name == design_file.DESIGN_FILE else None
-    if report and unchanged(report.parent, (design_file.DESIGN_FILE, CONTROLLER)):
+    if report and design_file.has_controller(report):
         length = read_toml(report, "design file").get("result", {}).get("duration")
         if isinstance(length, float) and fields_text(design_file.load_design(report)[1]) == fields_text(s):
             return load_controller(report.parent / CONTROLLER), length

@@ -230,7 +230,7 @@ def proved(
         f"Nothing is proved of {what}.",
         f"expected a level that can be proved, got: {reason}",
         f"{others[-1]}, of which a level is proved" if others
-        else "weights on all states, and a smaller `checked_penalty`, so that r < 0 has a margin near the goal",
+        else "--preset damped --degrees 2, or weights on all states and a smaller `checked_penalty`",
     )  # fmt: skip
 
 

@@ -3,7 +3,7 @@
 Impulse: an impulse changes the link velocities by M⁻¹ at the goal, so a run begins at the goal with these velocities,
 unknown to law and estimator. There is no measurement noise, which would hide the end of the decay.
 
-Limit cycle: linear metrics do not show the effect of dry friction at rest, see docs/design.md. The remedy is a dead
+Limit cycle: linear metrics do not show the effect of dry friction at rest, see docs/real_loop.md. The remedy is a dead
 zone of the integrals as wide as the cycle.
 
 Along a move: in error coordinates the law's gain is the same at every pose, but the robot's inertia and the estimator's

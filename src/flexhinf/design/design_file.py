@@ -29,19 +29,23 @@ from pydantic import TypeAdapter
 
 from flexhinf import __version__
 from flexhinf.design.specification import FIELDS, Specification, SpecificationError
-from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
+from flexhinf.loop import load_controller
 from flexhinf.options import Stated, lengths
 from flexhinf.plant import Penalty
+from flexhinf.report import is_report, sources, unchanged
 from flexhinf.robot import Robot, catalogue, kinematics, load_robot
 from flexhinf.robot.signals import SENSORS, expanded, signal_names, units_of
 from flexhinf.robot.waypoints import ORIGIN, Tool, WaypointTable, in_space, reached_waypoints, states_range
-from flexhinf.validation import checked_path, nearest, read_toml, value_text, within_proportion
+from flexhinf.validation import checked_path, file_digest, nearest, read_toml, value_text, within_proportion
 
 #: Fields with one number, or one per joint, and the signal that each is a value of.
 SIGNALS = {
     "pose": "link_position", "start": "link_position", "tracking_error": "link_position",
-    "integral_dead_zone": "link_position", "peak_speed": "link_velocity",
+    "integral_dead_zone": "link_position", "peak_speed": "link_velocity", "remaining_error": "link_position",
+    "path_distance": "link_position",
 }  # fmt: skip
+SMALL_UNITS = {"rad": "mrad", "m": "mm"}  # of `remaining_error` and `path_distance`
 
 #: How people write numbers of an SI unit, for advice.
 CUSTOMARY = {"rad": "deg", "m": "mm", "rad/s": "deg/s", "m/s": "mm/s", "N·m": "Nm", "N": "N"}
@@ -58,27 +62,29 @@ def check_stated_units(robot: Robot, s: Specification) -> None:
         *((field, getattr(s, field), signal_names(signal, joints)) for field, signal in SIGNALS.items()),
         *(("via", pose, signal_names("link_position", joints)) for pose in s.via),
     ]
-    if any(isinstance(value, Stated) for value in _parts(s.quantisation)):
-        stated.append(("quantisation", *per_signal(robot, s.measured, s.quantisation)))
+    for field in ("quantisation", "measurement_noise"):
+        if any(isinstance(value, Stated) for value in _parts(getattr(s, field))):
+            stated.append((field, *per_signal(robot, s.measured, getattr(s, field))))
     for field, values, signals in stated:
         parts, units = _parts(values), [known[name] for name in signals]
         each = parts * len(signals) if len(parts) == 1 else parts
         for part, signal, unit in zip(each, signals, units) if len(each) == len(signals) else ():
             if isinstance(part, Stated) and part.si != unit:
                 written = parts if len(set(units)) == 1 else each  # one for all joints, where one can be
+                usual = SMALL_UNITS if field in ("remaining_error", "path_distance") else CUSTOMARY
                 raise SpecificationError(
                     field,
                     f"The {field.replace('_', ' ')} has a unit that {signal!r} does not have.",
-                    f"expected {unit} (or text with {CUSTOMARY[unit]}), got {value_text(part.number + part.unit, 60)}",
-                    example=",".join(map(_fitted, written, units)),
+                    f"expected {unit} (or text with {usual[unit]}), got {value_text(part.number + part.unit, 60)}",
+                    example=",".join(_fitted(number, unit, usual) for number, unit in zip(written, units)),
                 )
 
 
-def _fitted(value: float, unit: str) -> str:
+def _fitted(value: float, unit: str, usual: Mapping[str, str]) -> str:
     if not isinstance(value, Stated):
         return f"{value:g}"
     # as it was written, its unit exchanged for one of the same size that fits
-    other = unit.replace("·", "") if value.unit.lower() == value.si.lower() else CUSTOMARY[unit]
+    other = unit.replace("·", "") if value.unit.lower() == value.si.lower() else usual[unit]
     return value.number + (value.unit if value.si == unit else other)
 
 
@@ -97,6 +103,9 @@ def _parts(values: Any) -> tuple[Any, ...]:
     return values if isinstance(values, tuple) else (values,)
 
 
+#: Limits of angles and lengths below this one are shown in mrad and mm, rad or m.
+SMALL = 0.02
+
 TABLES = ("design", "result", "found")
 PLACES = ("robot", "elastic", "payload")
 
@@ -104,7 +113,7 @@ PLACES = ("robot", "elastic", "payload")
 SIMILAR = 0.8
 
 #: In the folder of a report.
-DESIGN_FILE = "design.toml"
+DESIGN_FILE, CONTROLLER_FILE = "design.toml", "controller"
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +138,18 @@ def load_design(path: str | Path) -> tuple[Robot, Specification]:
     ------
     InvalidInput
         With the file, the key, the value and what is allowed there.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     text = '[design]\\nrobot = "paper"\\npose = "90deg"\\n'
+    ...     written = Path(folder, "design.toml").write_text(text)
+    ...     robot, specification = fh.load_design(folder)  # of a report too
+    >>> robot.name
+    'paper'
     """
     file = checked_path("The design file", path)
     request = read_request(file / DESIGN_FILE if os.path.isdir(file) else file, is_file=True)
@@ -199,6 +220,102 @@ def meant_file(source: str) -> str:
     folder = checked_path("The robot or design file", source)
     named = source in catalogue() or not (folder / DESIGN_FILE).is_file()
     return source if named else str(folder / DESIGN_FILE)
+
+
+def robot_digests(source: str | Path, elastic: str | Path | None, folder: str | Path = ".") -> dict[str, str]:
+    """SHA-256 of the files that state a robot: its own, that of its joints, and a URDF or MJCF that one of them names.
+
+    By their paths from `folder`, and of a robot of the catalogue by its name.
+    """
+    shipped = catalogue()
+    files = {_place_text(source, folder): shipped.get(str(source), Path(source))}
+    files |= {} if elastic is None else {_place_text(elastic, folder): Path(elastic)}
+    for file in tuple(files.values()):
+        root = read_toml(file) if file.suffix.lower() == ".toml" else {}
+        rigid = [file.parent / root[key] for key in ("urdf", "mjcf") if isinstance(root.get(key), str)]
+        beside = file in shipped.values()
+        files |= {path.name if beside else _place_text(path, folder): path for path in rigid}
+    return {name: file_digest(path) for name, path in files.items()}
+
+
+def why_anew(file: Path, robot: Robot | None = None) -> str:
+    """Why the controller beside a design file is not the one of this design: "" if it is, or if there is none.
+
+    `robot`: of the design file, to say whether the controller is one of another robot.
+    """
+    folder = file.parent
+    if file.name != DESIGN_FILE or not is_report(folder):
+        return ""
+    if not unchanged(folder, (file.name,)):
+        return f"{file.name} was changed since the report" if (folder / CONTROLLER_FILE).exists() else ""
+    places, known = _read(file)[0], sources(folder).values()
+    now = robot_digests(places["robot"], places.get("elastic"), folder) if known else {}
+    changed = [Path(name).name for name, digest in now.items() if digest not in known]
+    if changed:
+        return f"{' and '.join(changed)} {'was' if len(changed) == 1 else 'were'} changed since the report"
+    if unchanged(folder, (CONTROLLER_FILE,)):
+        return ""
+    if not (folder / CONTROLLER_FILE).exists():
+        return f"the folder of this report has lost its file {CONTROLLER_FILE!r}"
+    if robot is not None and _of_another(folder / CONTROLLER_FILE, robot):
+        return f"the {CONTROLLER_FILE} in this folder belongs to a robot other than {robot.name!r}"
+    return f"the {CONTROLLER_FILE} was changed since the report"
+
+
+def _of_another(controller: Path, robot: Robot) -> bool:
+    """Whether the estimator of a stored controller has another model than this robot's; False where none can tell."""
+    try:
+        estimator = load_controller(controller).estimator
+    except FlexhinfError:
+        return False
+    model = getattr(getattr(estimator, "plant", None), "parameters", None)
+    known, own = getattr(model, "values", {}), robot.plant_parameters()
+    return bool(known) and not all(
+        name in own and np.shape(own[name]) == np.shape(value) and np.allclose(own[name], value)
+        for name, value in known.items()
+    )
+
+
+def has_controller(file: Path) -> bool:
+    """Whether a design file lies in a report whose controller was made of it, and of its robot as it is now."""
+    return unchanged(file.parent, (file.name, CONTROLLER_FILE)) and not why_anew(file)
+
+
+def small_unit(unit: str, limit: float) -> tuple[str, float]:
+    """Unit in which a number with this limit is shown, and the factor to it: small angles in mrad, lengths in mm."""
+    return (f"m{unit}", 1e3) if unit in ("rad", "m") and 0.0 < limit < SMALL else (unit, 1.0)
+
+
+def result_row(line: Any) -> dict[str, Any]:
+    """A judged requirement (`flexhinf.design.requirements.Requirement`) as a row of the table [result]."""
+    return {
+        "what": line.what, "limit": "at most" if line.at_most else "at least", "asked": line.limit,
+        "found": line.found, "unit": line.unit, "holds": line.met, "within_tolerance": line.within_tolerance,
+        "where": line.where, "by_default": line.stated_by == "default",
+    }  # fmt: skip
+
+
+def stored_rows(file: Path) -> list[dict[str, Any]]:
+    """The rows of the table [result] of a design file; empty where it has none."""
+    result = read_toml(file, "design file").get("result", {})
+    rows = result.get("specification", []) if isinstance(result, dict) else []
+    return [row for row in rows if isinstance(row, dict) and "holds" in row]
+
+
+def unmet_text(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Which requirements a design does not meet, by the rows of its result; "" if it meets all."""
+    missed = [row for row in rows if not row["holds"]]
+    names, texts = [row["what"] for row in missed], []
+    for row in missed:
+        unit, factor = small_unit(row["unit"], row["asked"])
+        found, limit = (f"{factor * row[key]:.3g}{' ' * bool(unit)}{unit}" for key in ("found", "asked"))
+        which = "at corners of the tolerances" if "corner" in row.get("where", "") else "nominal robot"
+        texts.append(
+            f"{row['what']}{f', {which}' if names.count(row['what']) > 1 else ''}: {found} ({row['limit']} {limit})"
+        )
+    several = len(missed) > 1
+    text = f"{len(missed)} requirement{'s' if several else ''} of this design {'are' if several else 'is'} not met"
+    return f"{text}: {'; '.join(dict.fromkeys(texts))}" if missed else ""
 
 
 #: Other names of fields: those of earlier versions, and of --peak-effort by the kind of drive.
@@ -277,12 +394,18 @@ def _example(name: str, text: str) -> str:
     value = plain(name, getattr(Specification(**fields), name))
     if isinstance(value, dict):
         return f"[design.{name}], below it " + ", ".join(f"{key} = {entry}" for key, entry in value.items())
-    unit = any(part in text for part in ("ms", "deg", "°"))
+    unit = any(part in text for part in ("ms", "deg", "°", "mrad"))
     return f"{name} = {tomlkit.item(text if unit else value).as_string()}"
 
 
 def plain(name: str, value: Any) -> Any:
-    """The value of a field in lists and numbers, for TOML; InvalidInput for a penalty or a move that is code."""
+    """The value of a field in lists, numbers and rms values with units, for TOML.
+
+    Raises InvalidInput: for a penalty or a move that is code."""
+    if name == "measurement_noise" and any(isinstance(part, Stated) for part in _parts(value)):
+        # rms values, which as numbers would be variances
+        parts = [f"{v.number}{v.unit}" if isinstance(v, Stated) else v for v in _parts(value)]
+        return parts if isinstance(value, tuple) else parts[0]
     if value is None or isinstance(value, (str, bool, int, float)):
         return value
     if isinstance(value, WaypointTable):
@@ -353,7 +476,8 @@ def _comment(name: str, value: Any, slides: Sequence[bool]) -> str:
     """Comment on a field: its unit, or positions in the report's degrees and m; `slides`: which joints slide."""
     known, positions = name in ("pose", "start", "via", "tracking_error") and bool(slides), np.ravel(value)
     if not known or (len(positions) == 1 and len(set(slides)) > 1):  # one for joints of both kinds
-        return FIELDS[name].about.unit
+        rms = name == "measurement_noise" and positions.dtype.kind == "U"
+        return "" if rms else FIELDS[name].about.unit
     pairs = zip(positions, itertools.cycle(slides))
     return ", ".join(f"{q:.6g} m" if slide else f"{math.degrees(q):.6g}°" for q, slide in pairs)
 

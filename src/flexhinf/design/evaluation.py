@@ -194,8 +194,7 @@ class LawEvaluation:
     @cached_property
     def open_modes(self) -> tuple[modes.Mode, ...]:
         """Modes of the uncontrolled robot at the goal."""
-        a = self.setup.model.linearise(*self.setup.goal_equilibrium)[0]
-        return modes.modes_of(a, self.setup.joints, *self.energy)
+        return self.setup.robot.modes(self.setup.goal)
 
     @cached_property
     def estimator_modes(self) -> tuple[modes.Mode, ...]:

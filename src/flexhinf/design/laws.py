@@ -13,13 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexhinf.baselines import FeedbackLinearisation, GravityCompensatedLQR, MotorPD, TorqueFeedback, lqr
-from flexhinf.baselines.equilibrium_law import INTEGRAL_RATE
-from flexhinf.plant import GeneralisedPlant, Law, Penalty
 from flexhinf.validation import unknown_name
 
 if TYPE_CHECKING:
     from flexhinf.design.synthesis.steps import Synthesis
+    from flexhinf.plant import GeneralisedPlant, Law
 
 #: The design's own law as `flexhinf design` makes it, the reference of the criterion. It is not tuned for the
 #: criterion, so it is not ranked; the next one is.
@@ -62,7 +60,7 @@ class TuningParameter:
     name: str
     label: str
     unit: str
-    start: float | None  # of the search; None for a number of the design (bandwidth, γ/γ*, degree)
+    start: float | None  # of the search; None where `LawFactory.start` has it
     lower: float
     upper: float
     relative: bool = False  # whether the bounds are factors of the start
@@ -73,7 +71,7 @@ _PARAMETERS = {
     for parameter in (
         TuningParameter("bandwidth", "bandwidth", "rad/s", None, 0.1, 20.0, True),
         TuningParameter("damping", "damping ratio", "", 1.0, 0.3, 5.0),
-        TuningParameter("integral_rate", "integral's pole / bandwidth", "", INTEGRAL_RATE, 0.02, 2.0),
+        TuningParameter("integral_rate", "integral's pole / bandwidth", "", None, 0.02, 2.0),
         TuningParameter("rotor_inertia", "rotor inertia felt / real", "", 0.25, 0.05, 1.0),
         TuningParameter("effort", "weight of the input, R2 ×", "", 1.0, 1e-4, 1e3),
         TuningParameter("integral_weight", "weight of the integrals ×", "", 1.0, 0.02, 20.0),
@@ -106,8 +104,34 @@ def _hji(problem: GeneralisedPlant, degree: float, gamma_ratio: float = INFINITE
     return solve_hji(problem, np.inf if infinite else gamma_ratio * smallest_gamma(problem), round(degree))
 
 
+def _lqr(problem: GeneralisedPlant) -> Law:
+    from flexhinf.baselines import lqr
+
+    return lqr(problem)
+
+
+def _lqr_gravity(problem: GeneralisedPlant) -> Law:
+    from flexhinf.baselines import GravityCompensatedLQR
+
+    return GravityCompensatedLQR.design(problem)
+
+
+def _pd(problem: GeneralisedPlant, **numbers: Any) -> Law:
+    from flexhinf.baselines import MotorPD
+
+    return MotorPD.tuned(problem, **numbers)
+
+
 def _torque(problem: GeneralisedPlant, rotor_inertia: float, **numbers: Any) -> Law:
+    from flexhinf.baselines import TorqueFeedback
+
     return TorqueFeedback.tuned(problem, inertia_ratio=rotor_inertia, **numbers)
+
+
+def _flatness(problem: GeneralisedPlant, **numbers: Any) -> Law:
+    from flexhinf.baselines import FeedbackLinearisation
+
+    return FeedbackLinearisation.tuned(problem, **numbers)
 
 
 @dataclass(frozen=True)
@@ -144,20 +168,20 @@ _KINDS = (
     LawKind("nlqr", "nonlinear LQR: γ = ∞", _ROBUST,
         "Al'brekht 1961", "whole model", _hji, (*_QUADRATIC, DEGREE), degree=0),
     LawKind("lqr", "LQR", _LINEAR_QUADRATIC,
-        "Anderson & Moore 1990", "linear at the goal", lqr, _QUADRATIC),
+        "Anderson & Moore 1990", "linear at the goal", _lqr, _QUADRATIC),
     LawKind("lqr-gravity", "LQR of the weightless robot, weight compensated at every pose", _LINEAR_QUADRATIC,
-        "Anderson & Moore 1990", "linear, and gravity", GravityCompensatedLQR.design, _QUADRATIC),
+        "Anderson & Moore 1990", "linear, and gravity", _lqr_gravity, _QUADRATIC),
     LawKind("lqg", "LQR with a linear Kalman filter instead of the design's estimator", _LINEAR_QUADRATIC,
-        "Anderson & Moore 1990", "linear at the goal", lqr, _QUADRATIC, linear_estimator=True),
+        "Anderson & Moore 1990", "linear at the goal", _lqr, _QUADRATIC, linear_estimator=True),
     LawKind("pd", "PD on the motor side, weight at the goal compensated", _USUAL,
         "Tomei 1991", "inertia, gravity at the goal",
-        MotorPD.tuned, ("bandwidth", "damping", *_ESTIMATOR), (_MOTOR,)),
+        _pd, ("bandwidth", "damping", *_ESTIMATOR), (_MOTOR,)),
     LawKind("pd-gravity", "PD on the motor side, weight compensated from the motor at every pose", _USUAL,
         "De Luca, Siciliano & Zollo 2005", "inertia, stiffness, gravity",
         partial(_torque, rotor_inertia=1.0), ("bandwidth", "damping", *_ESTIMATOR), (_MOTOR,)),
     LawKind("pid", "PD on the motor side with the integral of the link's error", _USUAL,
         "Tomei 1991, with an integral", "inertia, gravity at the goal",
-        partial(MotorPD.tuned, integral="link_position"),
+        partial(_pd, integral="link_position"),
         ("bandwidth", "damping", "integral_rate", *_ESTIMATOR), (_BOTH,)),
     LawKind("torque", "PD with feedback of the spring's torque, weight compensated from the motor", _USUAL,
         "Albu-Schäffer, Ott & Hirzinger 2007", "inertia, stiffness, gravity",
@@ -168,10 +192,10 @@ _KINDS = (
         ("bandwidth", "damping", "rotor_inertia", "integral_rate", *_ESTIMATOR), (_TORQUE_BOTH,)),
     LawKind("flatness", "feedback linearisation with flatness feedforward", _USUAL,
         "Spong 1987; De Luca & Book 2016", "whole model and its derivatives",
-        FeedbackLinearisation.tuned, ("bandwidth", *_ESTIMATOR), (_BOTH,)),
+        _flatness, ("bandwidth", *_ESTIMATOR), (_BOTH,)),
     LawKind("flatness-i", "the same with the integral of the link's error", _USUAL,
         "Spong 1987; De Luca & Book 2016, with an integral", "whole model and its derivatives",
-        partial(FeedbackLinearisation.tuned, integral=True), ("bandwidth", "integral_rate", *_ESTIMATOR), (_BOTH,)),
+        partial(_flatness, integral=True), ("bandwidth", "integral_rate", *_ESTIMATOR), (_BOTH,)),
 )  # fmt: skip
 
 _BY_NAME = {kind.name: kind for kind in _KINDS}
@@ -231,9 +255,13 @@ class LawFactory:
 
     def start(self, kind: LawKind) -> dict[str, float]:
         """Initial values of a law's parameters in a search: for H∞ those of the design."""
+        from flexhinf.baselines.equilibrium_law import INTEGRAL_RATE
+
         limits, degree = _PARAMETERS["gamma_ratio"], float(self.synthesis.chosen.degree)
         ratio = float(np.clip(self.gamma_ratio, limits.lower, limits.upper))
-        own = {"bandwidth": self.bandwidth, "gamma_ratio": ratio, DEGREE: degree}
+        own = {
+            "bandwidth": self.bandwidth, "integral_rate": INTEGRAL_RATE, "gamma_ratio": ratio, DEGREE: degree,
+        }  # fmt: skip
         fixed = {DEGREE: self.largest_degree <= 2, CHANNELS: self.synthesis.design_problem.robustness is None}
         free = (p for p in kind.parameters if not fixed.get(p.name, False))
         return {p.name: own[p.name] if p.start is None else p.start for p in free}
@@ -302,6 +330,8 @@ def weighted(problem: GeneralisedPlant, effort: float, integral: float, velocity
     `effort` and `integral` are factors of R2 and of the columns of h(x) that belong to integrals. `velocity`, s, adds a
     row for each joint, this times the weight of its link position times its link velocity; none up to `NO_VELOCITY`.
     """
+    from flexhinf.plant import Penalty
+
     names = problem.state_names
     factors = [integral if name.endswith("_integral") else 1.0 for name in names]
     rows = np.array(problem.expand(1).h_parts[1], dtype=float) * factors

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis import modes
+from flexhinf.analysis import LinearLoop, Margins, modes
 from flexhinf.design import certification, checks, plans, requirements as required, responses, tuning
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import DESIGN, LawFactory, LawKind, law_kind, law_names
@@ -24,9 +24,9 @@ from flexhinf.design.specification import Specification, is_for_workspace, refus
 from flexhinf.design.status import Status, in_brackets, status_of
 from flexhinf.design.synthesis import by_step, steps
 from flexhinf.design.workspace.design import design_workspace, workspace_stages
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.hinf import HJISolution
-from flexhinf.loop import Controller
+from flexhinf.loop import Controller, Trajectory
 from flexhinf.plant import GeneralisedPlant
 from flexhinf.robot import Robot, mujoco
 from flexhinf.validation import checked_kind, value_text
@@ -42,7 +42,18 @@ STEP, MUJOCO = "the step, nominal robot", "the step on MuJoCo's plant"
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Design(Judged):
-    """A synthesised law for a robot and a specification, its evaluation in the loop, and the judgement of both."""
+    """A synthesised law for a robot and a specification, its evaluation in the loop, and the judgement of both.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> quick = dict(degrees="2", draws=0, rays=0, proof_seconds=0, compare_rigid=False)
+    >>> wanted = fh.Specification(pose="10deg", start="0", estimator="none", **quick)
+    >>> found = fh.design(fh.load_robot("paper"), wanted)
+    >>> found.margins().stable, bool(found.poles().real.max() < 0.0)
+    (True, True)
+    >>> step, figure = found.step(), found.bode()
+    """
 
     robot: Robot
     specification: Specification
@@ -95,6 +106,29 @@ class Design(Judged):
     gamma_star = forwarded("synthesis.design_problem.gamma_star", float, "Smallest; of robust with channels.")
     gamma = forwarded("synthesis.chosen.solution.gamma", float, "Level of the solution.")
 
+    def linear(self, at: Any = None) -> LinearLoop:
+        """The running loop at the goal, linearised; an InvalidInput for another pose."""
+        elsewhere = at is not None and not np.array_equal(np.atleast_1d(at), self.goal)
+        refuse_if(
+            elsewhere,
+            "A design of one pose has one linear loop, at its goal.",
+            f"expected no pose, got {value_text(at, 80)}",
+            "Specification(workspace='limits') for a design of all poses",
+        )
+        return self.evaluation.loop.linear()
+
+    def margins(self, at: Any = None) -> Margins:
+        """Margins of the running loop at the goal, computed once."""
+        return super().margins(at) if at is not None else self.evaluation.margins
+
+    def step(self) -> Trajectory:
+        """The run of the step from start to goal that is judged."""
+        return self.evaluation.step.run
+
+    def move(self) -> Trajectory:
+        """The run of the planned move with feedforward that is judged."""
+        return self.evaluation.move.response.run
+
     def controller(self, at: np.ndarray | None = None) -> Controller:
         """A new controller as it is deployed: it takes over without a jump of the input.
 
@@ -130,7 +164,16 @@ class ComparedLaw:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison(Reported):
-    """Several laws, each tuned for the same criterion and evaluated in the scenario of `flexhinf.design`."""
+    """Several laws, each tuned for the same criterion and evaluated in the scenario of `flexhinf.design`.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> spec = fh.Specification(pose="10deg", start="0", degrees="2", draws=0, rays=0, estimator="none")
+    >>> comparison = fh.compare(fh.load_robot("paper"), spec, laws=("pd",), tune="none")  # doctest: +SKIP
+    >>> comparison.row("pd").evaluation.step.run.status  # doctest: +SKIP
+    'completed'
+    """
 
     robot: Robot
     specification: Specification
@@ -456,8 +499,8 @@ def compare(
     --------
     >>> import flexhinf as fh
     >>> spec = fh.Specification(pose="10deg", start="0", degrees="2", draws=0, rays=0, estimator="none")
-    >>> comparison = fh.compare(fh.load_robot("paper"), spec, laws=("pd",), tune="none")
-    >>> [row.name for row in comparison.rows]
+    >>> comparison = fh.compare(fh.load_robot("paper"), spec, laws=("pd",), tune="none")  # doctest: +SKIP
+    >>> [row.name for row in comparison.rows]  # doctest: +SKIP
     ['design', 'nl-hinf', 'pd']
     """
     s, kinds = checked_specification(robot, specification), [law_kind(name) for name in law_names(laws)]

@@ -1,6 +1,6 @@
 """The proved step as the criterion of a design: a search for the largest proved step, or for the smallest proved gain.
 
-`search_proved_step` tries the candidates of docs/design.md, "The preset `proved`"; for the nominal robot also those of
+`search_proved_step` tries the candidates of docs/weights.md, "The preset `proved`"; for the nominal robot also those of
 the preset damped. `prove_box` proves one law for every robot within its tolerances. The gain is from the disturbances
 to the z of `measured_problem`, which is the same for all laws of a robot. The storage function is a common quadratic V
 (`flexhinf.certify.box`) for a linear law, otherwise a multiple of the law's own V; its level set contains the step of

@@ -8,17 +8,26 @@ linearised.
 
 from __future__ import annotations
 
+import abc
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexhinf.analysis import Margins, ToleranceCorners
+from flexhinf.analysis import (
+    FrequencyResponse,
+    LinearLoop,
+    Margins,
+    ToleranceCorners,
+    frequency_response,
+    margins,
+)
+from flexhinf.design.design_file import small_unit
 from flexhinf.design.monte_carlo import MonteCarlo
 from flexhinf.design.responses import (
     ROBOT,
@@ -42,6 +51,9 @@ from flexhinf.loop import Supervision
 from flexhinf.loop.controller.status import NEAR_LIMIT
 from flexhinf.loop.simulation.metrics import SETTLING_BAND
 from flexhinf.notebook import Summarised
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as MatplotlibFigure
 
 #: The room whose pages show results. It reads designs, so it is loaded when one is saved.
 PAGES = "flexhinf.pages"
@@ -108,7 +120,11 @@ class Requirement:
         return unit if unit in ("", "°") else f" {unit}"
 
     def converted(self, degrees: bool) -> Requirement:
-        """The requirement with angles and speeds of links in `degrees` where the report has them; bandwidths stay."""
+        """The requirement with angles and speeds of links in `degrees` where the report has them; bandwidths stay.
+        Without degrees small angles and lengths are in mrad and mm."""
+        unit, factor = small_unit(self.unit, self.limit)
+        if factor != 1.0 and not (degrees and self.unit == "rad"):
+            return replace(self, limit=factor * self.limit, found=factor * self.found, unit=unit)
         if not degrees or not (self.unit == "rad" or (self.unit == "rad/s" and self.what == SPEED)):
             return self
         limit, found = math.degrees(self.limit), math.degrees(self.found)
@@ -127,15 +143,42 @@ class Reported(Summarised):
     """Base of results that have a report."""
 
     def save(self, folder: str | Path) -> Path:
-        """Write the report and its numbers, of a design also the controller and every run, into a folder, which is
-        returned."""
+        """Write the report and its numbers, of a design also the controller, every run and ``design.toml``, into a
+        folder, which is returned. `flexhinf.load_design` and `flexhinf.load_controller` take this folder."""
         return import_module(PAGES).write_report(self, folder)
 
 
 class Judged(Reported):
-    """Base of designs, which are judged by their requirements."""
+    """Base of designs, which are judged by their requirements.
+
+    `linear`, `margins`, `poles`, `frequency_response` and `bode` are about the running loop at rest: linearised and
+    sampled, with the estimator and the latency. `at` is the pose (n,), rad or m: by default the goal of a design of one
+    pose, which has no other, and the home of a workspace.
+    """
 
     requirements: tuple[Requirement, ...]
+
+    @abc.abstractmethod
+    def linear(self, at: Any = None) -> LinearLoop:
+        """The running loop, linearised; ``closed_loop`` has the matrices of the sampled system."""
+
+    def margins(self, at: Any = None) -> Margins:
+        """Margins of the running loop: of gain, delay and disk, peaks of S and T, bandwidth, damping."""
+        return margins(self.linear(at))
+
+    def poles(self, at: Any = None) -> np.ndarray:
+        """Poles of the running loop as exponents log(z)/T, (K,) complex, 1/s, slowest first; those at z = 0 are left
+        out, and of a loop with latency the echoes of its queue (`DiscreteSystem.modes`)."""
+        return self.linear(at).closed_loop.poles
+
+    def frequency_response(self, frequencies: Any = None, at: Any = None) -> FrequencyResponse:
+        """L, S, T and closed-loop responses at frequencies (F,), rad/s; by default a grid that misses no resonance."""
+        return frequency_response(self.linear(at), frequencies)
+
+    def bode(self, frequencies: Any = None, at: Any = None) -> MatplotlibFigure:
+        """Bode diagram of the running loop, opened at one motor's input with the others closed: magnitude and phase,
+        with the frequencies where the gain margins are."""
+        return import_module(PAGES).bode_figure(self.frequency_response(frequencies, at))
 
     @property
     def missed(self) -> tuple[Requirement, ...]:

@@ -459,7 +459,7 @@ def motion_metrics(limits: JointLimits, run: Response, plan: Plan | None = None)
     travel, slides = np.ptp(path, axis=0), np.array(limits.position_units) == "m"
     largest = metrics.largest_travel(travel, slides, limits.span)
     counted = np.maximum(travel, metrics.MIN_TRAVEL * largest)
-    distances = metrics.path_distance(run.positions, path, np.where(counted > STILL, counted, 1.0))
+    distances = metrics.path_distance(run.positions, path, np.where(largest > STILL, largest, 1.0))
     ripples, rows = metrics.ripple(time, run.inputs, limits.effort), []
     errors = metrics.remaining_error(time, run.positions, planned)
     rests = plan is None or time[-1] - plan.duration >= metrics.WINDOW

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis.modes import Mode, modes_of
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.responses import Response
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.loop import Controller, Loop
 from flexhinf.plant import GeneralisedPlant, Penalty, Plant, ProblemLaw
 from flexhinf.robot.elastic import Layout
+from flexhinf.robot.modes import Mode, modes_of
 
 #: The side whose position and velocity are fed back; on a rigid robot both sides are the same.
 FEEDBACK_SIDES = ("link", "motor")

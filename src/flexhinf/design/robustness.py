@@ -3,6 +3,8 @@ the errors and the stability of pairs."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from typing import NamedTuple
@@ -11,7 +13,9 @@ import numpy as np
 
 from flexhinf.analysis.optimiser import bisected
 from flexhinf.design.evaluation import damped_springs
-from flexhinf.design.workspace.design import WorkspaceDesign
+from flexhinf.design.plans import STILL
+from flexhinf.design.responses import Move
+from flexhinf.design.workspace.design import SAMPLED_SEED, WorkspaceDesign
 from flexhinf.design.workspace.setup import HOLD
 from flexhinf.estimation import ModalFilter
 from flexhinf.modal import ProvedRange, Tolerance, error_tolerance, proved_range
@@ -19,6 +23,10 @@ from flexhinf.modal import ProvedRange, Tolerance, error_tolerance, proved_range
 #: Largest extra delay, samples, and largest factor of the inputs up to which margins are searched for; share of that
 #: range to which they are found.
 LATEST, LOUDEST, ACCURACY = 20.0, 100.0, 3e-4
+
+#: Dry friction by its numbers; a cause is named where this share of the remaining error, or less, is left without it; a
+#: longer rest after a move, s.
+DRY_FRICTION, MOSTLY, LONGER = ("coulomb_friction", "static_friction"), 0.7, 5.0
 
 #: Fastest pairs whose tolerated errors are computed, rad/s.
 FASTEST = 350.0
@@ -74,3 +82,60 @@ def robustness(design: WorkspaceDesign) -> Robustness:
         proved_range(gains, 0.0, np.inf, s.known_latency, filter),
         np.vstack([setup.encoder_offsets(at, None)[0], setup.encoder_offsets(at)]),
     )  # fmt: skip
+
+
+class Cause(NamedTuple):
+    """What the largest remaining error of all moves comes from; errors of the worst joint, rad or m."""
+
+    kind: str  # a quantity whose tolerance it is, "dry friction", "rest" for too short a rest; "" for none of them
+    joint: int
+    error: float
+    without: float  # as much remains without this cause
+    tolerance: bool  # whether it is that of a quantity of the robot at a corner of its tolerances
+
+
+@lru_cache(maxsize=1)
+def remaining_cause(design: WorkspaceDesign) -> Cause:
+    """The cause of the largest remaining error: the worst move is made again without each, by itself.
+
+    The causes are the tolerances of each quantity, of all joints at once, the dry friction of the robot, and the end of
+    the rest.
+    """
+    setup, s, nominal = design.setup, design.specification, len(design.moves)
+    moves = (*design.moves, *design.sampled)
+    found = [remaining_errors(move) for move in moves]
+    worst = int(np.argmax([errors.max() for errors in found]))
+    joint, move = int(np.argmax(found[worst])), moves[worst]
+    error = float(found[worst][joint])
+    ends, seed = np.array([move.response.start, move.response.goal]), worst - nominal * (worst >= nominal)
+    corners = design.robot.random_corners(len(design.sampled), SAMPLED_SEED + 100 * s.seed)
+    own = design.robot.nominal if worst < nominal else corners[seed].numbers
+    tried: dict[str, tuple[dict[str, float], float]] = {"rest": (own, LONGER)}
+    if setup.dry_plant[2] is not None:
+        still = {name: 0.0 for name in own if name.startswith(DRY_FRICTION)}
+        tried["dry friction"] = {**own, **still}, STILL
+    changed = {name for name, value in own.items() if value != design.robot.nominal[name]}
+    kinds = {name: quantity_of(name, setup.joints) for name in sorted(changed)}
+    for kind in dict.fromkeys(kinds.values()):
+        tried[kind] = {**own, **{k: design.robot.nominal[k] for k in kinds if kinds[k] == kind}}, STILL
+    left = {
+        kind: float(remaining_errors(
+            setup.move(ends, setup.robot.plant_parameters(values), seed, dwell))[joint])
+        for kind, (values, dwell) in tried.items()
+    }  # fmt: skip
+    least = min(left, key=lambda kind: left[kind])
+    known = np.isfinite(error) and left[least] <= MOSTLY * error
+    return Cause(least if known else "", joint, error, left[least], least in kinds.values())
+
+
+def remaining_errors(move: Move) -> np.ndarray:
+    """Remaining errors (n,) of the joints at the end of a move, rad or m; infinite where it diverges."""
+    rows = move.motion
+    return np.array([row["remaining_error"] for row in rows] or [np.inf] * len(move.response.goal))
+
+
+def quantity_of(name: str, joints: Sequence[str]) -> str:
+    """The quantity of a robot's parameter in words: of ``stiffness_elbow`` "stiffness", of ``mass_hand`` "mass"."""
+    for joint in joints:
+        name = name.removesuffix(f"_{joint}")
+    return re.sub("_(xx|yy|zz|xy|xz|yz|x|y|z)$", "", name).replace("_", " ")

@@ -1,7 +1,7 @@
 """The specification of a design: every field with its unit, range, default, help and example, declared once.
 
 The options of the command line (`flexhinf.cli.arguments`), the design file (`flexhinf.design.design_file`), its JSON
-schema and the table of options in docs/design.md derive from this class, see `flexhinf.options`.
+schema and the table of options in docs/options.md derive from this class, see `flexhinf.options`.
 """
 
 from __future__ import annotations
@@ -20,11 +20,12 @@ from flexhinf import options
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.options import (
     ADVANCED,
-    HARDWARE,
     LIMITS,
     LOOP,
     NO_LIMIT,
-    TRIED,
+    SEARCH,
+    SENSORS,
+    UNCERTAIN,
     WAY,
     WRITTEN,
     Allowed,
@@ -65,7 +66,7 @@ OF_WORKSPACE = (
 OF_POSE = ("ekf", "observer")
 
 #: Default variance of the velocities per sample. With the default R^n the estimator is so fast that a load deflects the
-#: link little more than with the true state fed back, see docs/design.md.
+#: link little more than with the true state fed back, see docs/real_loop.md.
 TORQUE_NOISE = 1e-7
 
 #: Default limits of the running loop, and of the overshoot, per cent; docs/decisions.md has the cost of the margins if
@@ -125,7 +126,7 @@ class SpecificationError(InvalidInput):
         value = "True"
         if field in FIELDS and example:  # as a value in Python
             value = repr(example)
-            if not any(unit in example for unit in ("ms", "deg", "°")):
+            if not any(unit in example for unit in ("ms", "deg", "°", "mrad")):
                 with contextlib.suppress(ValidationError, WaypointError):
                     value = repr(FIELDS[field].adapter.validate_python(example))
         super().__init__(what, found, advice or f"{field}={value}")
@@ -146,78 +147,87 @@ class Specification:
     ------
     SpecificationError
         For an unknown field and for a value outside its range, with the field, the value and what is allowed.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> wanted = fh.Specification(pose="90deg", bandwidth=3.0, overshoot=5.0, measured="motor_position")
+    >>> wanted.bandwidth
+    3.0
     """
 
     # fmt: off
     pose: options.Pose | None = option(None, WAY,
-        "Goal, one position per joint: 0.3,-0.5 (rad, m), 30deg,-10deg or 30°,-10°.", "0.3,-0.5", "rad, m",
-        default="the robot's home")
+        "Goal of a design at one pose, one position per joint: 30deg,-10deg. A number without a unit is in rad or m.",
+        "0.3,-0.5", "rad, m", default="the robot's home")
     workspace: Range | None = option(None, WAY,
-        "Where one controller is for: limits (the joint ranges), one LOW:HIGH per joint (-90deg:90deg,0:1.2), "
-        "x=0.2:0.5,z=0:0.4 (m, the point of --tool), or a CSV file of poses, with columns as for --move, of which "
+        "Where one controller has to work: limits (the joint ranges), or one LOW:HIGH per joint. In space: "
+        "x=0.2:0.5,z=0:0.4 (m, for the point of --tool). From a CSV file: poses, with columns as for --move, of which "
         "time may be left out.", "limits", "rad, m",
         default="limits; the pose alone with an option that only a design of one pose reads, such as --pose")
     start: options.Pose | None = option(None, WAY, "Position from which the step or the move to the goal starts.",
         "0.2,-0.4", "rad, m", default="0.1 rad (10 mm) from the goal")
-    via: options.Poses = option((), WAY,
+    via: options.Poses = option((), ADVANCED,
         "A pose between start and goal at which a law is designed too; repeat the option for several. The "
         "controller takes the law whose pose is nearest to the command.", "0.1,0.2", "rad, m")
     shaping: ShapingName = option("jump", WAY,
-        "How the command gets to the goal: jump (at once), quintic or jerk-limited (as fast as the bandwidth and the "
-        "limits of effort and speed allow). A move stops at its waypoints with the last two, and passes through them "
-        "with jump. A controller for the workspace always makes a quintic and takes no shaping.", "jerk-limited")
-    feedforward: options.Flag = option(True, WAY,
-        "Whether a move and a shaped command come with the feedforward of the inverse dynamics. Without it a law with "
+        "How the command gets to the goal: jump (at once), quintic or jerk-limited. The last two are as fast as the "
+        "bandwidth and the limits of effort and speed allow, and stop at the waypoints of a move; jump passes through "
+        "them. A controller for the workspace always makes a quintic and takes no shaping.", "jerk-limited")
+    feedforward: options.Flag = option(True, ADVANCED,
+        "Whether a move and a shaped command have the feedforward of the inverse dynamics. Without it a law with "
         "integrals follows the positions alone.")
     move: MoveTable | None = option(None, WAY,
-        "A move that the loop is judged by: a CSV file with columns time and the joints, 'time [s],elbow [deg]'. "
-        "The goal is by default its last waypoint.", "waypoints.csv", "s; rad, m",
+        "A move to follow: a CSV file with columns time and the joints, 'time [s],elbow [deg]'. The loop is judged by "
+        "it. The goal is by default its last waypoint.", "waypoints.csv", "s; rad, m",
         default="the way from start to goal, not judged")
     tracking_error: options.Tolerances | None = option(None, LOOP,
-        "Largest distance of a link from the move: 1deg (0.01 rad, m), or one per joint 1deg,2mm.", "0.5deg", "rad, m",
+        "Largest distance of a link from the move: 1deg, or one per joint 1deg,2mm.", "0.5deg", "rad, m",
         default="5 % of the joint's way along the move")
-    angle_unit: AngleUnit | None = option(None, WRITTEN, "Unit in which the report shows angles: rad or deg.", "deg",
+    angle_unit: AngleUnit | None = option(None, WRITTEN, "Unit of angles in the report: rad or deg.", "deg",
         default="the unit of the poses")
-    preset: PresetName | None = option(None, LOOP,
-        "Where the weights come from: paper (the robot's own), damped (searched for bandwidth and damping), "
-        "robust (searched on the running loop for its tolerances), proved (the first candidate, by "
-        "rising gain, that is proved for all tolerances).",
+    preset: PresetName | None = option(None, SEARCH,
+        "Where the weights come from: paper (the robot's file), damped (searched for bandwidth and damping), "
+        "robust (searched on the running loop for its tolerances too), proved (proved for all tolerances; one joint). "
+        "Proved takes the first candidate, by rising gain, that can be proved.",
         "damped", default="the robot's own weights, or damped where a bandwidth or a damping is required")
     bandwidth: options.Frequencies | None = option(None, LOOP,
-        "Least bandwidth, where |command → link position| falls below 1/√2: 4 (rad/s), one per joint 4,6, or with a "
-        "unit 4rad/s, 0.6Hz. Weights are searched for it at corners of the tolerances, with the true state; it is "
-        "judged on the running loop of the nominal robot.", "4", "rad/s",
+        "Least bandwidth: 4 (rad/s), 0.6Hz, or one per joint 4,6. A design with it is of one pose, and not for a "
+        "workspace. There |command → link position| falls below 1/√2. "
+        "Weights are searched for it at corners of the tolerances, with the true state; it is judged on the running "
+        "loop of the nominal robot.", "4", "rad/s",
         default="0.3 of the lowest vibration with held motors, less where margins of the loop ask for it")
     damping: options.Ratio | None = option(None, LOOP,
-        "Least damping ratio of every oscillation below --damped-below, at least 0.05; searched for and judged as the "
-        "bandwidth is.", "0.3",
+        "Least damping ratio of every oscillation, at least 0.05. Those above --damped-below need only be stable. "
+        "Weights are searched for it, and it is judged, as for the bandwidth.", "0.3",
         default="0.2 for a workspace; where weights are searched, 0.2 down to 0.1 where noise at the motors asks for "
         "it; 0.05 otherwise")
-    damped_below: options.Frequency | None = option(None, LOOP,
-        "Frequency below which every oscillation has to be damped: 350 (rad/s) or 55Hz, at most a third of half the "
-        "sampling frequency. Faster oscillations have to be stable.", "350", "rad/s",
+    damped_below: options.Frequency | None = option(None, ADVANCED,
+        "Frequency below which every oscillation has to be damped: 350 (rad/s) or 55Hz. It is at most a third of half "
+        "the sampling frequency. Faster oscillations have to be stable.", "350", "rad/s",
         default="350 rad/s, or that third")
     peak_effort: options.PerJoint | None = option(None, LIMITS,
-        "Largest input of every motor, which limits the controller too: 60, or one per joint 87,87,12.", "60",
+        "Largest input of every motor: 60, or one per joint 87,87,12. It limits the controller too.", "60",
         "V, A, N·m or N", zero=NO_LIMIT, default="the robot's effort limits, or none")
     peak_speed: options.PerJointSpeed | None = option(None, LIMITS,
-        "Largest speed of every link: 2 (rad/s, m/s), one per joint 2.2,2.6, or with a unit 120deg/s.", "2",
+        "Largest speed of every link: 2 (rad/s, m/s), 120deg/s, or one per joint 2.2,2.6.", "2",
         "rad/s or m/s", zero=NO_LIMIT, default="the robot's speed limits, or none")
     overshoot: options.Positive | None = option(None, LOOP,
         "Largest overshoot of every link position, in per cent of the step.", "5", "%", default=f"{OVERSHOOT:g}")
     undershoot: options.Positive | None = option(None, LOOP,
-        "Largest motion of a link the wrong way, in per cent of its travel in the step or the move, or of 5 % of the "
-        "largest travel.", "2", "%", default=f"{UNDERSHOOT:g}")
+        "Largest motion of a link the wrong way, in per cent of its travel. Where a link travels little, 5 % of the "
+        "largest travel counts instead.", "2", "%", default=f"{UNDERSHOOT:g}")
     path_distance: options.Tolerances | None = option(None, LOOP,
-        "Largest distance of a link from the path of the step or the move, whenever it is there: 1deg (0.01 rad, m), "
-        "or one per joint 1deg,2mm.", "1deg", "rad, m", default="no requirement")
+        "Largest distance of a link from the path, at any time: 1deg, or one per joint 1deg,2mm.", "1deg", "rad, m",
+        default="no requirement")
     remaining_error: options.Tolerances | None = option(None, LOOP,
-        "Largest error of a link in the last 0.3 s, with the dry friction that the robot states and the dead zone of "
-        "the integrals: 0.5e-3 (rad, m), or one per joint 0.05deg,1mm.", "1e-3", "rad, m",
+        "Largest error of a link at the end of a move: 0.5e-3 (rad, m), or one per joint 0.05deg,1mm. It is looked at "
+        "in the last 0.3 s, with the dry friction that the robot states and the dead zone of the integrals.",
+        "1e-3", "rad, m",
         default="1e-3 rad, m, or what the sensors resolve; without dry friction 0.5 % of the travel if that is more")
     ripple: options.Positive | None = option(None, LOOP,
-        "Largest standard deviation of a motor's input in the last 0.3 s, in per cent of its limit, with the stated "
-        "noise and quantisation. Searched noise levels of the estimator keep a stated one.", "1", "%",
+        "Largest ripple of a motor's input by noise: standard deviation in per cent of its limit. It is looked at in "
+        "the last 0.3 s. Searched noise levels of the estimator keep a stated one.", "1", "%",
         default=f"{RIPPLE:g}")
     peak_sensitivity: options.AboveOne | None = option(None, LOOP,
         "Largest peak of |S| of the running loop, with estimator, sampling and delay.", "2",
@@ -226,7 +236,7 @@ class Specification:
         "Least factor by which the gain of the running loop may grow or shrink.", "2",
         default=f"{GAIN_MARGIN:g}; 2 for a workspace")
     delay_margin: options.Positive | None = option(None, LOOP,
-        "Least extra delay, in samples on top of the latency, that the running loop tolerates.", "1", "samples",
+        "Least extra delay that the running loop tolerates, in samples on top of the latency.", "1", "samples",
         default=f"{DELAY_MARGIN:g}, or no requirement where the true state is fed back")
     penalty: options.Weights | None = option(None, ADVANCED,
         "Weights of h(x): link_position=60,link_position_integral=300, or one per state (integrals last).",
@@ -236,7 +246,7 @@ class Specification:
         "limit (--saturation, or the robot's) relative to the largest limit, one without a limit as the strongest.",
         "10", zero="the default", default="the robot's own, or 1")
     gamma_ratio: options.AboveOne = option(1.5, ADVANCED,
-        "γ/γ* of the design, at most 1e6; preset proved takes the best of 1.3, 1.5 and 2 for 1.5.", "1.5")
+        "γ/γ* of the design, at most 1e6. Preset proved takes the best of 1.3, 1.5 and 2 for 1.5.", "1.5")
     checked_gamma_ratio: options.Positive = option(1.6, ADVANCED,
         "γ/γ* of the inequality that is checked, at most 1e6.", "1.6")
     checked_penalty: options.Weights | None = option(None, ADVANCED, "Weights of the inequality that is checked.",
@@ -249,16 +259,16 @@ class Specification:
         default="the command instead, as in the paper")
     command: options.Flag = option(False, ADVANCED, "Whether the command is a disturbance too, beside --disturbances.")
     friction_model: options.Flag = option(False, ADVANCED,
-        "Whether the estimator's model (ukf, ekf) has the dry friction of --extras, smoothed; the feedforward of the "
-        "planned move has it anyway.")
-    measured: options.Names = option(("link_position",), HARDWARE,
-        "link_position, motor_position, joint_torque, link_velocity, motor_velocity; NAME_JOINT for single ones.",
-        "motor_position")
-    estimator: EstimatorName = option("ukf", HARDWARE,
-        "ukf, ekf, observer (output injection), or none (feeds back the true state). For a workspace it is a Kalman "
-        "filter with the gains of the pose, or none.",
+        "Whether the estimator's model (ukf, ekf) has the dry friction of --extras, smoothed. The feedforward of the "
+        "planned move always has it.")
+    measured: options.Names = option(("link_position",), SENSORS,
+        "The sensors: link_position, motor_position, joint_torque, link_velocity, motor_velocity. NAME_JOINT is the "
+        "sensor of a single joint.", "motor_position")
+    estimator: EstimatorName = option("ukf", SENSORS,
+        "What estimates the rest: ukf, ekf, observer (output injection), or none (the true state). For a workspace it "
+        "is a Kalman filter with the gains of the pose, or none.",
         "ukf")
-    period: options.Period = option(1e-3, HARDWARE, "Sampling period of estimator and law: 0.001 (s) or 1ms.", "1ms",
+    period: options.Period = option(1e-3, SENSORS, "Sampling period of the controller: 0.001 (s) or 1ms.", "1ms",
         "s")
     process_noise: options.NotNegative | None = option(None, ADVANCED,
         "q of R^v = q I, the variance added to every state per sample.", "1e-10")
@@ -266,47 +276,48 @@ class Specification:
         "Variance added to the velocities alone per sample, where unknown torques act.", "1e-7",
         default=f"searched on the running loop with a Kalman filter; {TORQUE_NOISE:g} with the observer")
     measurement_noise: options.Variances = option(1e-8, ADVANCED,
-        "R^n, the variance of a measured angle, and of the simulated noise; a length has 0.01 m² of it, a velocity "
-        "1e4 times and a torque stiffness² times that of its position. Or one per name of --measured, or per measured "
-        "signal, each in its own unit: 1e-8,0.01.", "1e-8", "rad²")
+        "Noise of the sensors, rms with a unit: 0.1mrad, or one per name of --measured, or per measured signal: "
+        "0.1mrad,0.5Nm. A number without a unit is the variance of an angle, R^n, 1e-8 for 0.1mrad. A length then has "
+        "0.01 m² of it, a velocity 1e4 times and a torque stiffness² times that of its position.",
+        "0.1mrad", "rad²", default="0.1 mrad rms")
     saturation: options.PerJoint | None = option(None, LIMITS,
         "Limit ± of every input, or one per joint 87,87,12.", "24", "V, A, N·m or N", zero=NO_LIMIT,
         default="the robot's effort limits, or none")
-    extras: options.Names = option((), HARDWARE,
-        "What the true plant has beside the model: inductance, joint_damping, spring_hardening, backlash, "
+    extras: options.Names = option((), UNCERTAIN,
+        "What the true robot has and the model has not: inductance, joint_damping, spring_hardening, backlash, "
         "coulomb_friction, stribeck_friction.", "coulomb_friction")
-    latency: options.Count | None = option(None, HARDWARE,
-        "Samples between a measurement and the effect of the input computed from it, at most 10; the estimator "
-        "predicts over them.", "1", default=f"{LATENCY}, or 0 where the true state is fed back")
-    unknown_delay: options.Seconds = option(0.0, HARDWARE,
-        "Delay of the inputs on top of the latency, a multiple of the period, at most 200 samples with it; the "
-        "estimator does not know of it.", "5ms", "s")
-    quantisation: options.Quanta = option(0.0, HARDWARE,
-        "Step of every measurement, in its unit: 1e-4, or one per name of --measured, or per measured signal, such as "
-        "0.01deg,0.1Nm; the estimator does not know of it.", "1e-4", "rad, m, …")
+    latency: options.Count | None = option(None, SENSORS,
+        "Samples between a measurement and the effect of its input, at most 10. The estimator predicts over them.",
+        "1", "samples", default=f"{LATENCY}, or 0 where the true state is fed back")
+    unknown_delay: options.Seconds = option(0.0, UNCERTAIN,
+        "Delay of the inputs that the estimator does not know, on top of the latency. It is a multiple of the period, "
+        "and at most 200 samples with the latency.", "5ms", "s")
+    quantisation: options.Quanta = option(0.0, SENSORS,
+        "Resolution of every sensor: 1e-4, or one per name of --measured 0.01deg,0.1Nm, or one per measured signal. "
+        "The estimator does not know of it.", "1e-4", "rad, m, …")
     integral_dead_zone: options.Distances | None = option(None, ADVANCED,
         "Errors up to this size are not integrated, against limit cycles: 1e-3 (rad, m), 0.05deg, or one per joint; "
         "0: none.", "1e-3", "rad, m",
         default="none, or the amplitude of the limit cycle that dry friction causes")
-    load: options.Number | None = option(None, TRIED, "Torque on every link in the load response.", "1", "N·m or N",
+    load: options.Number | None = option(None, SEARCH, "Torque on every link in the load response.", "1", "N·m or N",
         default="a tenth of what the motors give at the peak input of the step")
-    draws: options.Count | None = option(None, TRIED,
-        "Robots within their tolerances that make the step, or a move in the workspace each (Monte Carlo samples), at "
-        "most 100,000; 0: none.", "200", default="by the number of states; one for each move in the workspace")
+    draws: options.Count | None = option(None, SEARCH,
+        "Number of robots within their tolerances that are tried, at most 100,000; 0: none. Each makes the step, or a "
+        "move in the workspace.", "200", default="by the number of states; one for each move in the workspace")
     rays: options.Count | None = option(None, ADVANCED,
         "Directions along which the region is sampled, at most 100,000; 0: none.", "1000",
         default="by the number of states")
     proof_seconds: options.NotNegative = option(20.0, ADVANCED,
-        "CPU time that a proof of the region may take, for a robot of one link; what is not proved by then is sampled. "
-        "0: no proof.", "60", "s")
-    duration: options.Duration | None = option(None, TRIED, "Length of the step response.", "5", "s",
+        "CPU time for a proof of the region, for a robot of one link; 0: no proof. What is not proved by then is "
+        "sampled.", "60", "s")
+    duration: options.Duration | None = option(None, SEARCH, "Length of the step response.", "5", "s",
         zero="the default", default="by the slowest mode")
     seed: options.Seed = option(0, ADVANCED,
-        "Seed of directions, noise, sampled robots, and poses and moves in the workspace.", "0")
-    compare_rigid: options.Flag = option(True, TRIED,
-        "Whether the same is designed on the rigid model too, and run on the elastic robot.")
-    mujoco: options.Flag = option(False, TRIED,
-        "Whether the step is run on MuJoCo's plant too (needs flexhinf[mujoco]).")
+        "Seed of noise, sampled robots, directions, and poses and moves in the workspace.", "0")
+    compare_rigid: options.Flag = option(True, SEARCH,
+        "Whether a controller for the rigid model is designed too, and run on the elastic robot.")
+    mujoco: options.Flag = option(False, SEARCH,
+        "Whether the step is run in MuJoCo too (needs flexhinf[mujoco]).")
     # fmt: on
 
     def __post_init__(self) -> None:

@@ -1,5 +1,6 @@
 """The room's public names and the files that they come from; read when a name is first used."""
 
+from .bode import bode_figure as bode_figure
 from .campaign import write_campaign as write_campaign
 from .campaign_parts import (
     campaign_verdict as campaign_verdict,
@@ -17,8 +18,10 @@ from .campaign_parts import (
 )
 from .certificate import (
     certificate_page as certificate_page,
+    certification_ending as certification_ending,
     certification_notes as certification_notes,
     certification_tables as certification_tables,
+    check_text as check_text,
 )
 from .comparison import (
     comparison_notes as comparison_notes,
@@ -26,9 +29,10 @@ from .comparison import (
     comparison_tables as comparison_tables,
     comparison_verdict as comparison_verdict,
 )
+from .drawing import left_out_notes as left_out_notes
 from .estimate import (
+    estimate_ending as estimate_ending,
     estimate_files as estimate_files,
-    innovation_table as innovation_table,
     judgement as judgement,
 )
 from .estimate_figures import FilteredLog as FilteredLog
@@ -36,14 +40,15 @@ from .files import (
     comparison_files as comparison_files,
     design_files as design_files,
     design_text as design_text,
-    terminal_blocks as terminal_blocks,
+    details as details,
+    ending as ending,
     write_report as write_report,
 )
+from .film import check_film as check_film, write_film as write_film
 from .identify import (
     IdentifiedRobot as IdentifiedRobot,
+    identified_ending as identified_ending,
     identified_files as identified_files,
-    identified_table as identified_table,
-    identified_verdict as identified_verdict,
 )
 from .page import (
     design_page as design_page,
@@ -53,11 +58,12 @@ from .page import (
     verdict as verdict,
 )
 from .run import (
-    check_film as check_film,
+    run_ending as run_ending,
+    run_files as run_files,
     run_met as run_met,
     run_notes as run_notes,
     run_tables as run_tables,
     run_verdict as run_verdict,
-    write_film as write_film,
 )
-from .workspace_summary import workspace_tables as workspace_tables, workspace_verdict as workspace_verdict
+from .terminal import SCREEN as SCREEN, comparison_ending as comparison_ending, wrapped as wrapped
+from .workspace_summary import workspace_verdict as workspace_verdict

@@ -49,7 +49,15 @@ from flexhinf.pages.campaign_parts import (
     worst_text,
     write_page,
 )
-from flexhinf.pages.drawing import DASHED, Line, Panel, draw_figure, figure_block, legend_above
+from flexhinf.pages.drawing import (
+    DASHED,
+    Line,
+    Panel,
+    draw_figure,
+    figure_block,
+    first_screen,
+    legend_above,
+)
 from flexhinf.report import (
     INK,
     SERIES,
@@ -106,9 +114,10 @@ def write_campaign(
             Section("What matters", _sensitivities(judged), "sensitivity"),
             Section("Failures", _failures(judged), "failures"),
         )
+    lead, sections = first_screen(parts, ("signals", "metrics"), ("success", "worst-case"))
     spread = f", spread {SPREAD[judged.method]}" if "method" in settings else ""
     case = next((worst for worst in cases if worst.metric == judged.main), next(iter(cases), None))
-    search = "" if case is None else f" Search: {worst_text(case)}"
+    search = "" if case is None else f"Search: {worst_text(case)}"
     groups: dict[str, list[Setting]] = {"Campaign": [], "Numbers that differ": [], "Design": [], "Robot": []}
     heads = {
         "variable ": "Numbers that differ",
@@ -127,11 +136,13 @@ def write_campaign(
             journal.about.get("title", "Campaign"),
             f"{judged.count} loops of {settings['duration']} s with the same controller, each with its own measurement "
             f"noise and with {len(table.names('parameter'))} numbers of its own{spread}.",
-            f"{campaign_verdict(judged)}{search}",
-            tuple(section for section in parts if section.blocks),
+            campaign_verdict(judged),
+            sections,
             Settings({name: group for name, group in groups.items() if group}),
             Provenance(shlex.join(journal.command), int(settings["seed"])), _key_numbers(judged),
             _statuses(judged, cases, gains),
+            [search] if search else [],
+            lead,
         ),
     )  # fmt: skip
     return judged
@@ -472,10 +483,10 @@ def _sensitivities(judged: CampaignJudgement) -> list[Any]:
         places = np.arange(min(bars, len(sobol.names)))[::-1]
         axis.barh(places, sobol.total[: len(places)], color=SERIES[0], alpha=0.35, label="with all others")
         axis.barh(places, sobol.first[: len(places)], color=SERIES[0], height=0.4, label="alone")
-        axis.set_yticks(places, [n.replace("_", " ") for n in sobol.names[: len(places)]], fontsize=8)
+        axis.set_yticks(places, [n.replace("_", " ") for n in sobol.names[: len(places)]])
         axis.set_xlim(0.0, 1.0)
         axis.grid(axis="y", visible=False)
-        axis.set_title(f"{metric_text(name)}, R² {number(sobol.r_squared, 2)}", fontsize=9)
+        axis.set_title(f"{metric_text(name)}, R² {number(sobol.r_squared, 2)}")
     legend_above(figure, axes[0], 2)
     first = next(iter(sensitivities.values()))
     low = [metric_text(name) for name, sobol in sensitivities.items() if sobol.r_squared < 0.5]

@@ -7,6 +7,7 @@ import math
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -282,10 +283,9 @@ def small_panels(count: int, height: float, columns: int = 3, **options: Any) ->
 
 def few_ticks(axis: Any, largest: float, which: str = "both") -> None:
     """Few ticks with short numbers, of size up to `largest`."""
-    axis.locator_params(axis=which, nbins=3 if largest > 5e-3 else 2)
+    axis.locator_params(axis=which, nbins=3 if largest > 5e-3 else 1)
     for ruler in (axis.xaxis,) if which == "x" else (axis.xaxis, axis.yaxis):
         ruler.set_major_formatter(lambda value, _: number(value, 3))
-    axis.tick_params(axis=which, labelsize=8)
 
 
 def histogram(
@@ -302,7 +302,7 @@ def histogram(
     )
     axis.hist(values, bins=bins, color=SERIES[0], alpha=0.55)
     axis.grid(axis="x", visible=False)
-    axis.set_xlabel(metric_text(name, unit), fontsize=8)
+    axis.set_xlabel(fill(metric_text(name, unit), 16))
     label(axis, counted, "")
 
 
@@ -325,7 +325,7 @@ def write_pair(result: DesignPair) -> Path:
             f"Two designs on the same robots “{result.a.request.robot.name}”",
             f"{result.paired.count} robots, each with its own measurement noise, run twice for {settings['duration']} "
             f"s: with the controller A of {result.names[0]} and with the controller B of {result.names[1]}.",
-            pair_verdict(result), (Section("A against B", blocks, "pair"),),
+            pair_verdict(result), (Section("A against B", blocks, "pair", True),),
             Settings({"Samples": stated}), Provenance(shlex.join(result.command), int(settings["seed"])),
             [
                 *(
@@ -486,8 +486,8 @@ def _differences(result: DesignPair, metrics: Sequence[PairedMetric]) -> list[An
         cloud.plot(ends, ends, color=INK, linewidth=1.0, dashes=DASHED)
         cloud.plot(a, b, ".", color=SERIES[0], markersize=3.0, alpha=0.5, markeredgewidth=0.0)
         cloud.set(xlim=ends, ylim=ends)
-        cloud.set_title(metric_text(pair.name, pair.unit), fontsize=9, wrap=True)
-        cloud.set_xlabel("A", fontsize=8)
+        cloud.set_title(metric_text(pair.name, pair.unit), wrap=True)
+        cloud.set_xlabel("A")
         label(cloud, "B" if k % 3 == 0 else "", "")
         for each in (axis, cloud):
             few_ticks(each, max(map(abs, each.get_xlim())))

@@ -11,8 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.certify import Certificate
-from flexhinf.certify.certificate import AUTHOR, NO_LATENCY, common_unit, persistent_bound, theorem_parts
+from flexhinf.certify import Certificate, Verification
+from flexhinf.certify.certificate import (
+    AUTHOR,
+    NO_LATENCY,
+    common_unit,
+    persistent_bound,
+    theorem_parts,
+    verification_text,
+)
 from flexhinf.certify.starts import Slice
 from flexhinf.design.certification import CertifiedDegree, Evidence
 from flexhinf.design.specification import Specification
@@ -23,10 +30,12 @@ from flexhinf.pages.drawing import (
     Panel,
     draw_figure,
     figure_block,
+    first_screen,
     law_name,
     reference_line,
     thin,
 )
+from flexhinf.pages.terminal import Ending, screen, wrapped
 from flexhinf.report import (
     INK,
     MUTED,
@@ -107,16 +116,11 @@ def certificate_page(
                 "check",
             ),
         ]
-    boxed = any(p.low < p.high for p in claim.parameters)
-    who = "all robots of the stated box of parameters" if boxed else "the nominal robot"
-    channels = ", ".join(d.name.replace("_", " ") for d in claim.disturbances)
-    fed = "the true state or the observer's estimates" if claim.observer else "the true state"
-    reach = f", and steps of up to {_steps_text(claim)} stay" if claim.starts else ""
-    beyond = ", beyond the budget" if claim.is_gradient_law else ""
+    # Of the theorem, what is proved is open; the hypotheses and the equations are for those who check it.
+    lead, sections = first_screen(sections, ("starts", "worst"), ("proved", "starts"))
     return Page(
         f"Certificate: {claim.about.split(',')[0]}",
-        f"{claim.about}. For {who}, fed {fed} in continuous time; disturbances: {channels}.",
-        f"Proved: the gain is at most γ = {at_most(claim.gamma)}{reach} in the region.", sections,
+        f"{claim.about}. {_whom_text(claim)}", _proved_text(claim), sections,
         Settings({"Certificate": [
             Setting("degree of V", claim.degree), Setting("feedback", claim.feedback),
             Setting("decay α", claim.decay, "1/s"), Setting("reach in z", claim.reach),
@@ -131,8 +135,26 @@ def certificate_page(
             *(Setting(name, value) for name, value in claim.provenance.items()),
         ]}), Provenance(shlex.join(command), s.seed), _numbers(law, claim),
         [Status("proved", "By arithmetic that cannot round the wrong way."),
-         Status("not proved", f"Estimator, sampling, hold, delay, limits and noise{beyond}. {NO_LATENCY}")],
+         Status("not proved", _missing_text(claim))], (), lead,
     )  # fmt: skip
+
+
+def _whom_text(claim: Certificate) -> str:
+    boxed = any(p.low < p.high for p in claim.parameters)
+    who = "all robots of the stated box of parameters" if boxed else "the nominal robot"
+    channels = ", ".join(d.name.replace("_", " ") for d in claim.disturbances)
+    fed = "the true state or the observer's estimates" if claim.observer else "the true state"
+    return f"For {who}, fed {fed} in continuous time; disturbances: {channels}."
+
+
+def _proved_text(claim: Certificate) -> str:
+    reach = f", and steps of up to {_steps_text(claim)} stay" if claim.starts else ""
+    return f"Proved: the gain is at most γ = {at_most(claim.gamma)}{reach} in the region."
+
+
+def _missing_text(claim: Certificate) -> str:
+    beyond = ", beyond the budget" if claim.is_gradient_law else ""
+    return f"Estimator, sampling, hold, delay, limits and noise{beyond}. {NO_LATENCY}"
 
 
 # Numbers --------------------------------------------------------------------------------------------------
@@ -282,7 +304,7 @@ def _slice(
 
     `place`: anchor and title; `names`: of the horizontal axis, of the vertical one, and its unit.
     """
-    figure, (axis,) = new_figure(1, height=5.0, labels=[names[1:]], across=names[0])
+    figure, (axis,) = new_figure(1, height=6.2, labels=[names[1:]], across=names[0])
     inside = cut.rate[(cut.value <= claim.level) & (cut.rate < 0.0)]
     fast = float(np.quantile(inside, 0.15)) if inside.size else -1.0
     edges = [float(f"{share * fast:.1g}") for share in (1.0, 0.5, 0.2)]  # from the fastest to the slowest
@@ -513,6 +535,19 @@ def certification_tables(laws: Sequence[CertifiedDegree]) -> list[Any]:
     """Tables for a terminal: what is proved of the law of each degree, and runs from the largest proved steps."""
     steps = (_steps_table(law, law.certificate) for law in laws if law.steps and law.certificate)
     return [table.terminal() for table in (_degree_table(laws), *steps)]
+
+
+def certification_ending(laws: Sequence[CertifiedDegree], claim: Certificate) -> Ending:
+    """What a terminal says at the end: what is proved of the law of each degree, for whom, and what is not."""
+    parts = _proved_text(claim), _whom_text(claim), f"Not proved: {_missing_text(claim)}"
+    return screen(lambda _: _degree_table(laws), [1], parts, certification_notes(laws))
+
+
+def check_text(claim: Certificate, verification: Verification) -> str:
+    """What a terminal says of a certificate that was checked."""
+    proved = [_proved_text(claim), _whom_text(claim), f"Not proved: {_missing_text(claim)}"]
+    parts = [*(proved if verification.proved else [claim.about]), verification_text(verification)]
+    return "\n".join(map(wrapped, parts))
 
 
 def certification_notes(laws: Sequence[CertifiedDegree]) -> list[str]:

@@ -15,24 +15,17 @@ from flexhinf.design.tuning import (
     RATIOS,
     TunedLaw,
     best_rival,
-    pareto_front,
     ranked,
     unstable_corners,
 )
+from flexhinf.pages.comparison_figures import ranking_figure, responses_figure, trade_off_figure
 from flexhinf.pages.design.frequency import Loop, frequency_figures
 from flexhinf.pages.drawing import (
     ESTIMATORS,
-    Line,
-    Panel,
     count_text,
-    figure_block,
-    framed,
     joint_count,
     law_name,
-    legend_above,
-    line_style,
     pose_text,
-    thin,
     units_of,
 )
 from flexhinf.pages.page import files_section, limit_text, requirement_text
@@ -40,7 +33,6 @@ from flexhinf.pages.settings import comparison_settings
 from flexhinf.report import (
     Cell,
     Column,
-    Figure,
     KeyNumber,
     Note,
     Page,
@@ -51,10 +43,7 @@ from flexhinf.report import (
     Status,
     Table,
     finite,
-    house_style,
-    label,
     number,
-    panels,
 )
 from flexhinf.report.blocks import WIDTH
 
@@ -63,6 +52,9 @@ SIGNALS = ("link_position", "link_velocity", "motor_position", "motor_velocity")
 
 #: A hyphen at which no line breaks.
 NO_BREAK = "\u2011"
+
+#: Sections that are open at first.
+OPEN = ("criterion", "responses")
 
 #: Differences of the criterion smaller than this fraction say nothing: two searches of one law end so far apart.
 EQUAL = 0.1
@@ -144,8 +136,9 @@ def comparison_page(
     start, goal = (
         pose_text(pose, robot.links.slides, s.in_degrees) for pose in (own.setup.start, own.setup.goal)
     )
-    trade_off = trade_off_figure(comparison, tuned_laws(comparison))
-    sections = [Section(title, tuple(parts), anchor) for (anchor, title), parts in {
+    trade_off, ordered = trade_off_figure(comparison, tuned_laws(comparison)), _ordered(comparison)
+    said = [f"{part.rstrip('.')}." for part in comparison_verdict(comparison).split(". ")]
+    sections = [Section(title, tuple(parts), anchor, anchor in OPEN) for (anchor, title), parts in {
         ("criterion", "Laws by the criterion"): (
             Table(
                 ("limit for every law", "value", "stated by"),
@@ -165,9 +158,9 @@ def comparison_page(
             _ranking(comparison),
             *map(Note, (*comparison_notes(comparison), *(" ".join(text.split()) for text in warnings))),
         ),
-        ("trade-off", "Trade-off"): () if trade_off is None else (trade_off,),
-        ("figures", "Figures of every law"): (metric_table(comparison, comparison.compared),),
+        ("figures", "Every metric of every law"): (metric_table(comparison, comparison.compared),),
         ("responses", "Step, load and move"): (responses_figure(comparison),),
+        ("trade-off", "Trade-off"): () if trade_off is None else (trade_off,),
         ("frequency", "Frequency responses"): _frequency(comparison),
         ("laws", "The laws and how they were tuned"): _laws(comparison),
     }.items() if parts]  # fmt: skip
@@ -180,14 +173,15 @@ def comparison_page(
         f"“{DESIGN}” is the law as flexhinf design makes it (preset {comparison.synthesis.design_problem.preset}, "
         f"{law_name(comparison.synthesis.chosen.degree)}, {ESTIMATORS[s.estimator]}); {_whole(NL_HINF)} is the same "
         f"problem tuned as the other laws are. Criterion: {comparison.criterion.measure}",
-        _whole(comparison_verdict(comparison)),
+        _whole(said[0]),
         (*sections, *([files_section(files)] if files else [])), Settings(comparison_settings(comparison)),
         Provenance(shlex.join(command), s.seed), _key_numbers(comparison),
         [
             Status("not met", f"The design as it is: {'; '.join(map(requirement_text, missed))}.") if missed else
             Status("met", f"The design meets {len(comparison.own.requirements)} requirements."),
-            Status("not proved", "All figures are of simulated runs, of sampled robots and of the linear loop."),
+            Status("not proved", "All numbers are of simulated runs, of sampled robots and of the linear loop."),
         ],
+        list(map(_whole, said[1:])), [ranking_figure(comparison, ordered)],
     )  # fmt: skip
 
 
@@ -212,10 +206,16 @@ def comparison_notes(comparison: Comparison) -> list[str]:
 
 
 # Sections --------------------------------------------------------------------------------------------------
-def _ranking(comparison: Comparison) -> Table:
+def _ordered(comparison: Comparison) -> list[tuple[TunedLaw, bool]]:
+    """The laws by their criterion, those that are not ranked last, and whether each is ranked."""
     laws = tuned_laws(comparison)
     first = {law.name for law in ranked(laws)} | {DESIGN}
     ordered = sorted(laws, key=lambda law: (law.name not in first, law.cost))
+    return [(law, law.name in first) for law in ordered]
+
+
+def _ranking(comparison: Comparison) -> Table:
+    ordered = _ordered(comparison)
     return Table(
         (
             "law", *(Column(name, "", 2) for name in ("criterion", *RATIOS.values())), "unstable corners", "measured",
@@ -227,9 +227,10 @@ def _ranking(comparison: Comparison) -> Table:
                 *finite([law.cost, *(ratios[name] for name in RATIOS)]),
                 "–" if law.evaluation.corners is None else law.evaluation.corners.unstable,
                 ", ".join(law.sensors).replace("_", " ") or "true state",
-                "yes" if law.name in first else "no: more unstable corners than the design",
+                "yes" if is_ranked else "no: more unstable corners than the design",
             )
-            for law, ratios in ((law, comparison.criterion.ratios(law.metrics)) for law in ordered)
+            for law, is_ranked in ordered
+            for ratios in (comparison.criterion.ratios(law.metrics),)
         ],
         "", "table-criterion", stacks=True,
     )  # fmt: skip
@@ -466,113 +467,3 @@ def comparison_tables(comparison: Comparison, width: int = WIDTH) -> list[Any]:
             wider = metric_table(comparison, [first, law], True, title).terminal(wide=True)
         part, table = [*part, law], wider
     return [*parts, table]
-
-
-#: Times (N,) and errors (N, n) of every law, by name.
-Errors = dict[str, tuple[np.ndarray, np.ndarray]]
-
-
-def _joint_and_limits(errors: Errors, span: tuple[float, float]) -> tuple[int, tuple[float, float]]:
-    """Joint where the median law has the largest error, root mean square, and there the limits of the vertical axis:
-    all of what most laws do in a span of time."""
-    squares = (np.where(np.isfinite(error), error, np.nan) ** 2 for _, error in errors.values())
-    joint = int(np.argmax(np.median([np.sqrt(np.nanmean(each, axis=0)) for each in squares], axis=0)))
-    ends = []
-    for time, values in errors.values():
-        error = values[:, joint]
-        visible = error[(time >= span[0]) & (time <= span[1]) & np.isfinite(error)]
-        ends.append((float(visible.min(initial=0.0)), float(visible.max(initial=0.0))))
-    low, high = np.array(ends).T
-    most = 2.5 * float(np.median(high - low))  # lines of the other laws may leave the panel
-    return joint, framed(np.clip([low.min(), high.max()], -most, most))
-
-
-@house_style()
-def responses_figure(comparison: Comparison) -> Figure:
-    """Errors of one joint in step, load and move: one row for each kind of laws, nonlinear H∞ in all."""
-    own, joints, thick = comparison.own.evaluation, comparison.robot.joint_names, comparison.tuned_design
-    assert own is not None
-    duration, angles, small = comparison.scenario.step_duration, units_of(own), comparison.units()["error"]
-    settled = [row.metrics.get("step_settling_s") for row in comparison.compared]
-    last = max((value for value in settled if value is not None and np.isfinite(value)), default=duration)
-    end = min(duration, max(1.3 * last, 0.1 * duration))  # some time after the last law has settled
-    steps, loaded, moves = Errors(), Errors(), Errors()
-    for name, e in ((row.name, row.evaluation) for row in comparison.compared if row.evaluation is not None):
-        at, load = e.load_response.at, e.load_response.response
-        steps[name] = e.step.run.time, angles.scale * (e.step.positions - e.step.goal)
-        loaded[name] = load.run.time - at, 1e3 * (load.positions - load.goal)
-        moves[name] = e.move.response.run.time, 1e3 * e.move.error
-    others = [row for row in comparison.compared if row is not thick]
-    groups = list(dict.fromkeys(row.kind.group for row in others)) or [comparison.own.kind.group]
-    styles = {row.name: line_style(k) for k, row in enumerate(comparison.rows)}
-    figure, grid = panels(len(groups), 3, 0.6 + 2.25 * len(groups), 9.6, sharex="col", sharey="col")
-    columns = (
-        ("step", "position − goal", angles.angle, steps, (0.0, end), "time (s)"),
-        ("load", "position − goal", small, loaded, (-0.05 * end, end), "time after the load (s)"),
-        ("move", "position − plan", small, moves, (0.0, float(own.move.response.run.time[-1])), "time (s)"),
-    )
-    where = []
-    for k, (run, quantity, unit, errors, span, across) in enumerate(columns):
-        joint, limits = _joint_and_limits(errors, span)
-        where.append(f"{run}: {joints[joint]}")
-        for axes, group in zip(grid, groups):
-            lines = []
-            for name in (thick.name, *(row.name for row in others if row.kind.group == group)):
-                time, error = errors[name]
-                width, order = (2.2, 2.5) if name == thick.name else (1.2, 3.0)
-                style, few = {**styles[name], "linewidth": width, "zorder": order}, thin(time, 600)
-                lines.append(Line(time[few], error[few, joint], name, style))
-            Panel(quantity, unit, lines, (0.0,)).draw(axes[k])
-            if not k:
-                axes[0].set_title(group)
-        grid[0][k].set(xlim=span, ylim=limits)
-        grid[-1][k].set_xlabel(across)
-    for axes in grid:
-        axes[2].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), handlelength=1.6)
-    which = f" Joints, where the errors are largest: {', '.join(where)}."
-    return figure_block(
-        "laws", figure,
-        "True link positions in the nonlinear loop with estimator and measurement noise. Left: the step. Middle: the "
-        f"torque on the links at the goal. Right: the planned move. {thick.name} is in every row (thick)."
-        f"{which if len(joints) > 1 else ''}",
-        "Laws in the same runs",
-    )  # fmt: skip
-
-
-@house_style()
-def trade_off_figure(comparison: Comparison, laws: Sequence[TunedLaw]) -> Figure | None:
-    """Peak input against load deviation: a point for each law, and the curve of what its tuning reaches.
-
-    None where fewer than two laws have finite figures.
-    """
-    finite = [law for law in laws if np.isfinite([law.metrics.peak_input, law.metrics.load_deviation]).all()]
-    if len(finite) < 2:
-        return None
-    from matplotlib.ticker import FuncFormatter
-
-    points = np.array([(law.metrics.peak_input, 1e3 * law.metrics.load_deviation) for law in finite])
-    figure, ((axis,),) = panels(1, 1, 5.0)
-    place, units = {row.name: k for k, row in enumerate(comparison.rows)}, comparison.units()
-    for law, point in zip(finite, points):
-        k, own = place[law.name], law.name == NL_HINF
-        style, marker = line_style(k), "*" if own else "os^Dv<>"[k % 7]
-        front = pareto_front((*law.tried, law.metrics), comparison.criterion)
-        curve = np.array([[m.peak_input, 1e3 * m.load_deviation] for m in front]).reshape(-1, 2)
-        axis.plot(*curve.T, **{**style, "linewidth": 1.0, "alpha": 0.7})
-        axis.plot(
-            *point[:, None], marker, label=law.name, color=style["color"], markersize=13.0 if own else 6.5,
-            linestyle="none", zorder=4.0,
-        )  # fmt: skip
-    axis.set(xscale="log", yscale="log", xlabel=f"peak input of the step ({units['input']})")
-    legend_above(figure, axis, 5, columnspacing=1.2)
-    for ruler, limit, values in zip((axis.xaxis, axis.yaxis), (axis.set_xlim, axis.set_ylim), points.T):
-        ruler.set_minor_formatter(FuncFormatter(lambda x, _: f"{x:g}" if f"{x:.0e}"[0] in "2357" else ""))
-        ruler.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-        limit(max(0.7 * values.min(), values.max() / 30.0), 1.4 * values.max())
-    label(axis, "largest deviation under the load", units["error"])
-    return figure_block(
-        "trade-off", figure,
-        "Peak input against load deviation; down and to the left is better. A marker is the law as it was tuned; a "
-        "line joins the best candidates of its tuning that keep the limits of the linear loop.",
-        "Trade-off",
-    )  # fmt: skip

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -21,6 +21,7 @@ from flexhinf.report import (
     Column,
     Figure,
     Note,
+    Section,
     Table,
     figure_to_svg,
     house_style,
@@ -30,7 +31,7 @@ from flexhinf.report import (
     panels,
 )
 from flexhinf.robot import Robot
-from flexhinf.robot.elastic import inactive_parameters
+from flexhinf.robot.elastic import inactive_parameters, left_out
 from flexhinf.robot.parameters import PlantValues
 from flexhinf.robot.signals import signal_names
 
@@ -206,6 +207,19 @@ def with_figures(blocks: Blocks) -> list[Block]:
     return list(filter(None, (block() if callable(block) else block for block in blocks)))
 
 
+def first_screen(
+    sections: Sequence[Section], figures: Sequence[str], unfolded: Sequence[str]
+) -> tuple[list[Figure], list[Section]]:
+    """The named figures, which stand on the first screen, and the sections without them; those named are open."""
+    pictures = {block.id: block for part in sections for block in part.blocks if isinstance(block, Figure)}
+    lead = [pictures[name] for name in (f"figure-{name}" for name in figures) if name in pictures]
+    left = [
+        replace(part, blocks=[block for block in part.blocks if block not in lead], open=part.id in unfolded)
+        for part in sections
+    ]
+    return lead, [part for part in left if part.blocks]
+
+
 ESTIMATORS = {
     "ukf": "the unscented Kalman filter",
     "ekf": "the extended Kalman filter",
@@ -360,6 +374,17 @@ def joint_table(
             value = f"{number(float(value))}{'' if column.unit == '°' else ' '}{column.unit}".strip()
         rows.append((column.name, value or "–"))
     return Table(("", "value"), rows, caption, name, title=title)
+
+
+def left_out_notes(robot: Robot, extras: Collection[str], model: str) -> list[str]:
+    """A sentence on what the robot states and this model leaves out; none where it leaves out nothing."""
+    left = left_out(robot.nominal, extras)
+    if not left:
+        return []
+    names, options = listed(left).replace("_", " "), ",".join(left)
+    return [
+        f"The robot states numbers of {names} that {model} leaves out. `--extras {options}` includes them."
+    ]
 
 
 def note(text: str) -> Note:

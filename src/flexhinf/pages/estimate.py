@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexhinf.identification.consistency import OutputConsistency
-from flexhinf.pages.drawing import Blocks, listed, note, with_figures
+from flexhinf.identification.consistency import SMALL_CORRELATION, OutputConsistency
+from flexhinf.pages.drawing import Blocks, first_screen, listed, note, with_figures
 from flexhinf.pages.estimate_figures import (
     BAND,
     FilteredLog,
@@ -22,8 +22,8 @@ from flexhinf.pages.estimate_figures import (
 )
 from flexhinf.pages.page import files_section
 from flexhinf.pages.settings import robot_rows, settings_in_groups
+from flexhinf.pages.terminal import Ending, table_screen
 from flexhinf.report import (
-    Bullets,
     Cell,
     Column,
     KeyNumber,
@@ -54,7 +54,7 @@ def judgement(result: FilteredLog) -> tuple[bool, list[str]]:
     nis, texts = judged.nis, []
     low, high = (number(end, 3) for end in nis.interval)
     mean = f"(mean NIS {number(nis.mean, 3)} of 1, consistent from {low} to {high})"
-    correlated = [output for output in judged.outputs if output.whiteness and not output.whiteness.white]
+    correlated = judged.correlated
     if nis.judgement == "as expected":
         texts.append(f"Innovations are as large as the filter expects {mean}.")
     else:
@@ -76,14 +76,27 @@ def judgement(result: FilteredLog) -> tuple[bool, list[str]]:
         for output in judged.outputs
         if abs(output.bias) > BIAS * max(1.0, output.factor)
     ]
-    consistent = nis.judgement == "as expected" and not correlated
+    outliers = rejected(result)
+    texts += [
+        f"The gate left out {count} of {count + output.samples} measurements of {signal_label(output.name)}."
+        for output in judged.outputs
+        if (count := outliers.get(output.name, 0))
+    ]
     nees = judged.nees is None or judged.nees.judgement != "larger"
-    return consistent and nees, texts
+    return judged.innovations_fit and nees, texts
+
+
+def rejected(result: FilteredLog) -> dict[str, int]:
+    """How many measurements of each signal the gate took for missing ones; nothing of a filter without one."""
+    if "rejected" not in result.data:
+        return {}
+    counts = result.data["rejected"].sum("time")
+    return dict(zip(counts["output_name"].values.tolist(), counts.values.tolist(), strict=True))
 
 
 def _correlation_texts(correlated: Sequence[OutputConsistency]) -> Iterator[str]:
     """A sentence for the outputs whose innovations follow each other, alternate, or are related over more samples."""
-    first = {output: float(output.whiteness.correlations[0]) for output in correlated if output.whiteness}
+    first = {output: _neighbours(output) for output in correlated}
     bounds = {output: output.whiteness.bound for output in correlated if output.whiteness}
     for outputs, how, cause in (
         (
@@ -106,6 +119,13 @@ def _correlation_texts(correlated: Sequence[OutputConsistency]) -> Iterator[str]
             f"Those of {names} are related over several samples: the log has a motion or a disturbance that repeats "
             "itself, and that the model does not have."
         )
+
+
+def _neighbours(output: OutputConsistency) -> float:
+    """The correlation of neighbours, 0 where only many small ones together are of consequence."""
+    test = output.whiteness
+    large = test is not None and np.abs(test.correlations).max() >= SMALL_CORRELATION
+    return float(test.correlations[0]) if test is not None and large else 0.0
 
 
 def _nees_text(nees: Any) -> str:
@@ -143,9 +163,15 @@ def innovation_table(result: FilteredLog) -> Table:
         ),
         rows,
         "Innovations, measured minus predicted, beside what the filter expects of them. White: no correlation over the "
-        "first lags (Ljung and Box) that is certain and above 0.1",
+        "first lags (Ljung and Box) that is certain and above 0.1, and slow changes with less than twice the power "
+        "of white noise",
         "table-innovations", title="Innovations: measured minus predicted",
     )  # fmt: skip
+
+
+def estimate_ending(result: FilteredLog, notes: Sequence[str] = ()) -> Ending:
+    """What a terminal says at the end: the innovations of the first signals, what they say, and notes."""
+    return table_screen(innovation_table(result), [" ".join(judgement(result)[1]), *notes])
 
 
 def log_table(result: FilteredLog) -> Table:
@@ -172,7 +198,6 @@ def log_table(result: FilteredLog) -> Table:
 
 
 def _innovations(result: FilteredLog) -> Blocks:
-    yield Bullets(tuple(judgement(result)[1]))
     yield innovation_table(result)
     yield from innovation_blocks(result)
 
@@ -197,17 +222,20 @@ def estimate_page(
     sections.append(Section("The log", (*about, log_table(result)), "log"))
     if files:
         sections.append(files_section(files))
+    lead, sections = first_screen(sections, ("measured", "innovations"), ("innovations",))
     states = "fits the log" if fits else "does not fit the log"
     return Page(
         f"The log {log.source} and a filter for “{robot.name}”",
         f"A log of {len(log)} samples in {number(float(log.times[-1] - log.times[0]))} s, through the {result.name} of "
         f"the robot “{robot.name}”. Measured: {listed([signal_label(name) for name in result.filter.plant.outputs])}.",
-        " ".join(texts[:2]),
+        f"The filter {states}. {texts[0]}",
         sections,
         Settings(settings_in_groups({"Filter": _filter_rows(result), "Robot": robot_rows(robot)})),
         Provenance(shlex.join(command), None),
         _key_numbers(result),
         [Status("met" if fits else "risky", f"The filter {states}.")],
+        texts[1:],
+        lead,
     )
 
 
@@ -221,6 +249,11 @@ def _filter_rows(result: FilteredLog) -> list[tuple[Any, ...]]:
         ("period", filter.period, "s", sources["period"]),
         ("Rᵛ, diagonal", np.diag(filter.process_noise).tolist(), "per period", sources["process noise"]),
         ("Rⁿ, diagonal", np.diag(noise).tolist(), "", sources["measurement noise"]),
+        *((("gate", filter.gate, "", "option --gate"),) if filter.gate is not None else ()),
+        *(
+            (f"bounds of {signal_label(name)}", list(ends), filter.plant.unit(name), "option --bounds")
+            for name, ends in filter.bounds.items()
+        ),
         *(
             (f"first {signal_label(name)}", float(value), filter.plant.unit(name), "the first measurement")
             for name, value in start
@@ -266,7 +299,8 @@ def estimate_numbers(result: FilteredLog) -> dict[str, Any]:
         "filter": {
             "kind": result.name, "form": filter.form, "period_s": filter.period,
             "process_noise": filter.process_noise, "measurement_noise": filter.measurement_noise,
-            "sources": dict(result.sources),
+            "sources": dict(result.sources), "gate": filter.gate,
+            "bounds": {name: list(ends) for name, ends in filter.bounds.items()},
         },
         "fits": fits, "says": texts,
         "nis": of(judged.nis), "nees": of(judged.nees), "log_likelihood": data.attrs["log_likelihood"],
@@ -274,6 +308,7 @@ def estimate_numbers(result: FilteredLog) -> dict[str, Any]:
             output.name: {
                 "unit": output.unit, "samples": output.samples, "rms": output.rms, "expected": output.expected,
                 "factor": output.factor, "bias": output.bias, "inside": output.inside,
+                "rejected": rejected(result).get(output.name, 0),
                 "whiteness": output.whiteness and {
                     "white": output.whiteness.white, "p_value": output.whiteness.p_value,
                     "correlations": output.whiteness.correlations,

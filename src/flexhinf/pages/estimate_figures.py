@@ -221,7 +221,7 @@ def _average_panel(name: str, time: np.ndarray, squared: np.ndarray, degrees: np
     from matplotlib.ticker import NullLocator
     from scipy.stats import chi2
 
-    known = np.isfinite(squared)
+    known = np.isfinite(squared) & (degrees > 0)
     parts = np.array_split(np.flatnonzero(known), min(AVERAGES, max(1, int(known.sum()) // 5)))
     middle = np.array([time[part].mean() for part in parts])
     total = np.array([degrees[part].sum() for part in parts])

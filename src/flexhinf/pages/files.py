@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
+from hashlib import sha256
 from operator import attrgetter
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -27,12 +28,18 @@ from flexhinf.pages.design.region import BOX_FILE, budget_of, proof_numbers
 from flexhinf.pages.design.runs import MARGINS as ALONG, long_run_rows, ring_down_rows
 from flexhinf.pages.design.weights import is_used, state_weights, whole_loop_rows
 from flexhinf.pages.page import design_page, design_tables, input_rows, notes, verdict
+from flexhinf.pages.terminal import Ending, design_ending
 from flexhinf.pages.workspace import workspace_numbers, workspace_page
-from flexhinf.pages.workspace_summary import workspace_tables, workspace_text, workspace_verdict
+from flexhinf.pages.workspace_summary import every_requirement, workspace_ending, workspace_verdict
 from flexhinf.report import finite, to_json, write
+from flexhinf.robot import catalogue, load_robot
+from flexhinf.robot.saved_file import robot_text
 
 #: Runs are NetCDF files: a fifth of the size of text, with units.
 ENDING = "nc"
+
+#: In the folder of a report: the robot's file, where its numbers are not those of the file that it was read from.
+ROBOT_FILE = "robot.toml"
 
 
 def design_files(
@@ -93,17 +100,48 @@ def comparison_files(
 
 
 def write_report(result: Design | WorkspaceDesign | Comparison, folder: str | Path) -> Path:
-    """Write the report of a design or a comparison into a folder, which is returned; raises as `report.write`."""
-    return write(
-        folder, comparison_files(result, ()) if isinstance(result, Comparison) else design_files(result, ())
-    )
+    """Write the report of a design or a comparison into a folder, which is returned; raises as `report.write`.
+
+    Beside a design stands its design file, where the robot is of the catalogue or of a file that states its numbers.
+    """
+    if isinstance(result, Comparison):
+        return write(folder, comparison_files(result, ()))
+    own, origins = _design_file(result, folder)
+    return write(folder, {**design_files(result, (), beside=tuple(own)), **own}, origins)
 
 
-def terminal_blocks(design: Design | WorkspaceDesign) -> tuple[list[Any], list[str], str]:
-    """Tables, notes and verdict of a design for a terminal."""
+def _design_file(
+    design: Design | WorkspaceDesign, folder: str | Path
+) -> tuple[dict[str, str | bytes], dict[str, str]]:
+    """The design file of a design that was made in Python, with the robot's file where its numbers were changed, and
+    digests of the robot's files; empty for a robot or a penalty that no file states."""
+    robot, files = design.robot, dict[str, str | bytes]()
+    if robot.file is None:
+        return files, {}
+    with suppress(InvalidInput):
+        names = {path: name for name, path in catalogue().items()}
+        source = names.get(robot.file, str(robot.file))
+        origins = design_file.robot_digests(source, None, folder)
+        if load_robot(source) != robot:
+            text = robot_text(robot, Path(folder))
+            files[ROBOT_FILE] = text
+            origins |= {ROBOT_FILE: sha256(text.encode("utf-8")).hexdigest()}
+            source = str(Path(folder) / ROBOT_FILE)
+        request = design_file.DesignRequest(robot, design.specification, source)
+        return {**files, design_file.DESIGN_FILE: design_text(design, request, folder)}, origins
+    return {}, {}
+
+
+def details(design: Design | WorkspaceDesign) -> tuple[list[Any], list[str], str]:
+    """Every table, note and sentence of a design for a terminal."""
     if isinstance(design, WorkspaceDesign):
-        return workspace_tables(design), [], workspace_text(design)
+        return [every_requirement(design).terminal()], [], workspace_verdict(design)
     return design_tables(design), notes(design), verdict(design)
+
+
+def ending(design: Design | WorkspaceDesign) -> Ending:
+    """What a terminal says of a design at the end."""
+    return workspace_ending(design) if isinstance(design, WorkspaceDesign) else design_ending(design)
 
 
 def _saved(files: Mapping[str, Callable[[Path], object]]) -> dict[str, str | bytes]:
@@ -140,15 +178,7 @@ def design_text(
     document.add(tomlkit.comment("What came of it. This part is not read: changing it changes nothing."))
     own = isinstance(design, WorkspaceDesign)
     table = {"verdict": workspace_verdict(design), "met": design.met} if own else _result(design)
-    table["specification"] = [
-        {
-            **_picked(line, "what"),
-            "limit": "at most" if line.at_most else "at least",
-            **_picked(line, "asked=limit found unit holds=met within_tolerance where"),
-            "by_default": line.stated_by == "default",
-        }
-        for line in design.requirements
-    ]
+    table["specification"] = [design_file.result_row(line) for line in design.requirements]
     document.add("result", design_file.toml_table({k: v for k, v in table.items() if v is not None}))
     return tomlkit.dumps(document)
 

@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 
 from flexhinf.identification import Excitation, Identification
-from flexhinf.pages.drawing import Line, Panel, draw_figure, note, with_figures
-from flexhinf.pages.estimate import FilteredLog, innovation_blocks, judgement, log_table, measured_blocks
+from flexhinf.pages.drawing import Line, Panel, draw_figure, first_screen, listed, note, with_figures
+from flexhinf.pages.estimate import FilteredLog, innovation_blocks, log_table, measured_blocks
+from flexhinf.pages.estimate_figures import signal_label
 from flexhinf.pages.page import files_section
 from flexhinf.pages.settings import robot_rows, settings_in_groups
+from flexhinf.pages.terminal import Ending, table_screen
 from flexhinf.report import (
     SERIES,
     Cell,
@@ -31,6 +33,7 @@ from flexhinf.report import (
     to_json,
 )
 from flexhinf.robot import Robot
+from flexhinf.robot.elastic import left_out
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,46 +41,51 @@ class IdentifiedRobot:
     """What `identify` found in a log, for the page, the files and the terminal.
 
     `stated`: the robot before. `found`: the identification. `filtered`: the log through the filter of what was found.
-    `motion`: what is proposed where the log does not tell a number, or None.
+    `motion`: what is proposed where the log does not tell a number, or None. `extras`: of the model.
     """
 
     stated: Robot
     found: Identification
     filtered: FilteredLog
     motion: Excitation | None
+    extras: tuple[str, ...] = ()
 
     @property
-    def hopeless(self) -> bool:
-        """Whether the motion tells none of the numbers that the log does not."""
+    def telling(self) -> Excitation | None:
+        """The motion, if it tells any of the numbers that the log does not."""
         if self.motion is None:
-            return False
-        hidden = [name for name, error in self.found.standard_errors.items() if not np.isfinite(error)]
-        return not any(np.isfinite(self.motion.standard_errors[name]) for name in hidden)
+            return None
+        errors = self.motion.standard_errors
+        return self.motion if any(np.isfinite(errors[name]) for name in self.found.hidden) else None
 
 
 def identified_verdict(result: IdentifiedRobot) -> list[str]:
     """What the log tells and what not, in sentences."""
     found = result.found
-    hidden = [name for name, error in found.standard_errors.items() if not np.isfinite(error)]
-    clear = [name for name in found.names if name not in hidden]
+    clear = [signal_label(name) for name in found.names if name not in found.hidden]
     texts = []
-    if clear:
-        texts.append(f"The log tells {_listed(clear)}, if the other numbers of the robot are right.")
-    if hidden:
-        texts.append(f"It does not tell {_listed(hidden)}.")
-    texts += [f"{each.text[0].upper()}{each.text[1:]}." for each in found.unidentifiable]
-    if result.hopeless:
-        texts.append("No motion tells them with these sensors: state some of them, or measure more.")
-    if not judgement(result.filtered)[0]:
+    if clear and found.consistent:
+        texts.append(f"The log tells {listed(clear)}, if the other numbers of the robot are right.")
+    if not found.consistent:
         texts.append(
-            "The innovations do not fit the filter: the model lacks something, and intervals may be too short."
+            "The model does not fit the log: innovations are not white, or not as large as the filter expects. Numbers "
+            "may be wrong by more than their intervals."
+        )
+    if found.hidden:
+        texts.append(f"It does not tell {listed([signal_label(name) for name in found.hidden])}.")
+    texts += [f"{each.text[0].upper()}{each.text[1:]}." for each in found.unidentifiable]
+    if result.motion is not None and result.telling is None:
+        texts.append("No motion tells them with these sensors: state some of them, or measure more.")
+    if not found.consistent:
+        left = left_out(result.stated.nominal, result.extras)
+        quick = [name for name in left if name != "inductance"] or left  # stiff: it takes ten times as long
+        extras = (
+            f"`--extras {','.join(quick)}`, which the robot states and the model leaves out; " if left else ""
+        )
+        texts.append(
+            f"To try: {extras}another `--latency`, another sensor in `--measured`, more `--parameters`."
         )
     return texts
-
-
-def _listed(names: Sequence[str]) -> str:
-    labels = [name.replace("_", " ") for name in names]
-    return labels[0] if len(labels) == 1 else f"{', '.join(labels[:-1])} and {labels[-1]}"
 
 
 def identified_table(result: IdentifiedRobot) -> Table:
@@ -85,27 +93,43 @@ def identified_table(result: IdentifiedRobot) -> Table:
     found, rows = result.found, []
     for name, value in found.values.items():
         stated, error = result.stated[name], found.standard_errors[name]
-        clear = bool(np.isfinite(error))
+        clear = name not in found.hidden
         low, high = found.intervals[name]
         share = 100.0 * error / abs(value) if clear and value else np.inf
         rows.append(
             (
-                name.replace("_", " "), f"{number(stated.value, 5)} {stated.unit}".rstrip(),
+                signal_label(name), f"{number(stated.value, 5)} {stated.unit}".rstrip(),
                 f"{number(value, 5)} {stated.unit}".rstrip() if clear else "",
-                f"{number(low, 5)} to {number(high, 5)}" if clear else "",
+                _interval_text(low, high) if clear else "",
                 f"{number(share, 2)} %" if np.isfinite(share) else "",
-                Cell("yes", "green") if clear else Cell("no", "yellow"),
+                Cell("no", "yellow") if not clear
+                else Cell("yes", "green") if found.consistent else Cell("model does not fit", "yellow"),
             )
         )  # fmt: skip
     return Table(
         (
-            "number", Column("stated", right=True), Column("identified", right=True),
-            Column("95 % interval", right=True, brief="95 %"), Column("standard error", right=True, brief="error"),
+            "number", Column("stated", right=True, brief=None), Column("identified", right=True),
+            Column("95 % interval", right=True, brief="95 %"), Column("standard error", right=True, brief=None),
             "told by the log",
         ),
         rows, "Numbers of the robot as its file states them, and as the log tells them", "table-numbers",
         title="Numbers of the robot",
     )  # fmt: skip
+
+
+def _interval_text(low: float, high: float) -> str:
+    """Both ends with as many digits as tell them apart."""
+    size, width = max(abs(low), abs(high)), high - low
+    digits = 4
+    if 0.0 < width < size < np.inf:
+        digits = int(np.clip(2 + np.ceil(np.log10(size / width)), 3, 9))
+    return f"{number(low, digits)} to {number(high, digits)}"
+
+
+def identified_ending(result: IdentifiedRobot, notes: Sequence[str] = ()) -> Ending:
+    """What a terminal says at the end: the numbers, as many as there is room for, the verdict, and notes."""
+    verdict = " ".join(identified_verdict(result)).replace("`", "")
+    return table_screen(identified_table(result), [verdict], notes)
 
 
 def noise_table(result: IdentifiedRobot) -> Table:
@@ -116,7 +140,7 @@ def noise_table(result: IdentifiedRobot) -> Table:
         unit = plant.unit(name) if measured else f"{plant.unit(name)}·√s"
         rows.append(
             (
-                name.replace("_", " "),
+                signal_label(name),
                 "measurement" if measured else "disturbance",
                 f"{number(level, 3)} {unit}",
             )
@@ -130,7 +154,7 @@ def noise_table(result: IdentifiedRobot) -> Table:
 
 def correlation_table(result: IdentifiedRobot) -> Table:
     """Correlations of the errors of the numbers."""
-    names = [name.replace("_", " ") for name in result.found.names]
+    names = [signal_label(name) for name in result.found.names]
     matrix = result.found.correlations
     rows = [
         (name, *("" if not np.isfinite(value) else number(float(value), 2) for value in row))
@@ -143,14 +167,10 @@ def correlation_table(result: IdentifiedRobot) -> Table:
     )  # fmt: skip
 
 
-def _motion_blocks(result: IdentifiedRobot) -> Any:
-    motion = result.motion
-    assert motion is not None
+def _motion_blocks(result: IdentifiedRobot, motion: Excitation) -> Any:
     errors = motion.standard_errors
     clear = [
-        f"{name.replace('_', ' ')} to ± {number(100 * e, 2)} %"
-        for name, e in errors.items()
-        if np.isfinite(e)
+        f"{signal_label(name)} to ± {number(100 * e, 2)} %" for name, e in errors.items() if np.isfinite(e)
     ]
     texts = [f"Driven on the robot, motion.csv would tell {', '.join(clear)}."] if clear else []
     texts += [
@@ -176,16 +196,15 @@ def identified_page(
 ) -> Page:
     """The page; `command` makes it again, `warnings` are of the robot's file, `files` beside it."""
     found, filtered = result.found, result.filtered
-    clear = [bool(np.isfinite(error)) for error in found.standard_errors.values()]
     tables = [
         identified_table(result),
         noise_table(result),
-        *([correlation_table(result)] if len(clear) > 1 else []),
+        *([correlation_table(result)] if len(found.names) > 1 else []),
     ]
     with house_style():
         sections = [Section("What the log tells", tuple(tables), "numbers")]
-        if result.motion is not None and not result.hopeless:
-            blocks = tuple(with_figures(_motion_blocks(result)))
+        if result.telling is not None:
+            blocks = tuple(with_figures(_motion_blocks(result, result.telling)))
             sections.append(Section("A motion that would tell more", blocks, "motion"))
         sections += [
             Section(title, tuple(with_figures(blocks(filtered))), anchor)
@@ -196,31 +215,41 @@ def identified_page(
         ]
     sections.append(Section("The log", (*(note(text) for text in warnings), log_table(filtered)), "log"))
     sections.append(files_section(files))
+    lead, sections = first_screen(sections, ("measured", "innovations"), ("numbers", "motion"))
     log = filtered.log
     keys = [
         KeyNumber(
-            name.replace("_", " "), number(value, 4), result.stated[name].unit, _plus_minus(found, name)
+            signal_label(name), number(result.stated[name].value if name in found.hidden else value, 4),
+            result.stated[name].unit,
+            "as stated; not told by the log" if name in found.hidden
+            else f"95 %: {_interval_text(*found.intervals[name])}",
         )
         for name, value in list(found.values.items())[:4]
+    ]  # fmt: skip
+    count, unclear = len(found.names), len(found.hidden)
+    many = f"{count - unclear} of {count} numbers" if unclear else "all numbers"
+    states = [
+        *([Status("risky", "The model does not fit the log.")] if not found.consistent else []),
+        *(
+            [Status("risky" if unclear else "met", f"The log tells {many}.")]
+            if unclear or found.consistent
+            else []
+        ),
     ]
-    many = "all numbers" if all(clear) else f"{sum(clear)} of {len(clear)} numbers"
+    said = identified_verdict(result)
     return Page(
         f"What the log {log.source} tells of “{result.stated.name}”",
         f"Numbers of the robot “{result.stated.name}” by maximum likelihood, from {len(log)} samples in "
         f"{number(float(log.times[-1] - log.times[0]))} s.",
-        " ".join(identified_verdict(result)),
+        said[0],
         sections,
         Settings(settings_in_groups({"Robot": robot_rows(result.stated)})),
         Provenance(shlex.join(command), None),
         keys,
-        [Status("met" if all(clear) else "risky", f"The log tells {many}.")],
+        states,
+        said[1:],
+        lead,
     )
-
-
-def _plus_minus(found: Identification, name: str) -> str:
-    low, high = found.intervals[name]
-    clear = np.isfinite(found.standard_errors[name])
-    return f"95 %: {number(low, 4)} to {number(high, 4)}" if clear else "not told by the log"
 
 
 def identified_numbers(result: IdentifiedRobot) -> dict[str, Any]:
@@ -229,11 +258,12 @@ def identified_numbers(result: IdentifiedRobot) -> dict[str, Any]:
     return finite({
         "robot": result.stated.name, "log": result.filtered.log.source, "samples": found.samples,
         "log_likelihood": found.log_likelihood, "says": identified_verdict(result),
+        "model_fits": found.consistent,
         "numbers": {
             name: {
                 "stated": result.stated[name].value, "value": value, "standard_error": found.standard_errors[name],
                 "interval": list(found.intervals[name]), "unit": result.stated[name].unit,
-                "identifiable": bool(np.isfinite(found.standard_errors[name])),
+                "identifiable": name not in found.hidden,
             } for name, value in found.values.items()
         },
         "correlations": found.correlations.tolist(),
@@ -255,7 +285,7 @@ def identified_files(
         "robot.toml": robot_file,
         "identify.json": to_json(identified_numbers(result)),
     }
-    if result.motion is not None and not result.hopeless:
-        files["motion.csv"] = result.motion.table()
+    if result.telling is not None:
+        files["motion.csv"] = result.telling.table()
     page = identified_page(result, command, warnings, list(files))
     return {"index.html": page.html(), **files}

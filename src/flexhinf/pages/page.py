@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import takewhile
 from pathlib import PurePath
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
 from flexhinf.design.specification import FIELDS, TOLERANCE
 from flexhinf.loop.simulation.metrics import peak_of
-from flexhinf.pages.design import frequency, law, region, runs, step, weights
+from flexhinf.pages.design import frequency, law, overview, region, runs, step, weights
 from flexhinf.pages.drawing import (
     Blocks,
     effort_text,
@@ -49,6 +49,9 @@ from flexhinf.report import (
     number,
 )
 from flexhinf.robot import catalogue, load_robot
+
+#: Kinds of requirements that a sentence names.
+BRIEF = 6
 
 
 # Requirements: limit, achieved value, place and criterion; then the inputs of the motors ---------------------
@@ -99,9 +102,10 @@ def achieved_text(line: Requirement) -> str:
 
 
 def requirement_text(line: Requirement) -> str:
-    """A requirement in one phrase, for example ``overshoot 9 % (at most 5 %; nominal robot)``."""
+    """A requirement in one phrase, for example ``overshoot: 9 % (at most 5 %; nominal robot)``."""
+    line = line.converted(degrees=False)
     limit = f"{'at most' if line.at_most else 'at least'} {limit_text(line).split(' ', 1)[1]}"
-    return f"{line.what} {achieved_text(line)} ({limit}; {line.where})"
+    return f"{line.what}: {achieved_text(line)} ({limit}; {line.where})"
 
 
 def requirement_table(lines: Iterable[Requirement], degrees: bool = False, title: str = "") -> Table:
@@ -159,35 +163,39 @@ def input_rows(design: Design) -> list[dict[str, Any]]:
     return rows
 
 
-#: Sections in the order of the page: anchor, title, and the function of their blocks, notes first; none where it does
-#: not apply.
-PARTS: tuple[tuple[str, str, Callable[[Design], Blocks]], ...] = (
-    ("specification", "Requirements", requirements),
-    ("step", "Step response", lambda design: step.step(design.evaluation, design.mujoco)),
-    (
-        "draws",
-        "Step response of robots within their tolerances",
-        lambda design: step.samples(design.evaluation),
-    ),
-    ("load", "Load response", runs.load),
-    ("payload", "Payload", runs.payload),
-    ("ring-down", "Ring-down after an impulse", runs.ring_down),
-    ("move", "Planned move", runs.move),
-    ("rest", "Long run at rest with dry friction", runs.long_run),
-    ("along", "Margins along the move", runs.margins_along),
-    ("margins", "Margins of the running loop", lambda design: frequency.margins(design.evaluation)),
-    ("modes", "Poles", law.poles),
-    (
-        "corners",
+class Part(NamedTuple):
+    """A section: its title, the function of its blocks, notes first, which makes none where the section does not
+    apply; whether it is open at first, and the heading that it begins in the contents."""
+
+    title: str
+    blocks: Callable[[Design], Blocks]
+    open: bool = False
+    group: str = ""
+
+
+#: Sections by their anchors, in the order of the page. Runs, margins and what is for experts are folded.
+PARTS = {
+    "specification": Part("Requirements", requirements, True),
+    "step": Part("Step response", lambda design: step.step(design.evaluation, design.mujoco), True),
+    "draws": Part("Robots within their tolerances", lambda design: step.samples(design.evaluation)),
+    "load": Part("Load response", runs.load, group="Other runs"),
+    "payload": Part("Payload", runs.payload),
+    "ring-down": Part("Ring-down after an impulse", runs.ring_down),
+    "move": Part("Planned move", runs.move),
+    "rest": Part("Long run at rest with dry friction", runs.long_run),
+    "along": Part("Margins along the move", runs.margins_along, group="Robustness"),
+    "margins": Part("Margins of the running loop", lambda design: frequency.margins(design.evaluation)),
+    "modes": Part("Poles", law.poles),
+    "corners": Part(
         "Corners of the tolerances",
         lambda design: frequency.corners(design.evaluation, design.design_problem.preset == "robust"),
     ),
-    ("weights", "Weights", weights.weights),
-    ("noise", "Noise levels of the estimator", weights.noise_levels),
-    ("region", "Region: what is proved, what is sampled, and dissipation", region.region),
-    ("rigid", "Rigid design on the same robot", law.rigid),
-    ("law", "The law", law.law),
-)
+    "weights": Part("Weights", weights.weights, group="Law and proof"),
+    "noise": Part("Noise levels of the estimator", weights.noise_levels),
+    "region": Part("Region: proved, sampled, dissipation", region.region),
+    "rigid": Part("Rigid design on the same robot", law.rigid),
+    "law": Part("The law", law.law),
+}
 
 
 def design_page(
@@ -204,13 +212,19 @@ def design_page(
     slides, degrees = robot.links.slides, units_of(design.evaluation).degrees
     start, goal = (pose_text(pose, slides, degrees) for pose in (design.start, design.goal))
     with house_style():  # once for all figures
-        for anchor, title, part in PARTS:
-            blocks = with_figures(part(design))
+        first = overview.lead(design)
+        brief, group = overview.briefs(design), ""
+        for anchor, part in PARTS.items():
+            blocks, group = with_figures(part.blocks(design)), part.group or group
             if anchor == "specification":
                 blocks = [*(note(" ".join(text.split())) for text in warnings), *blocks]
             if not all(isinstance(block, Note) for block in blocks):
-                sections.append(Section(title, tuple(blocks), anchor))
+                sections.append(
+                    Section(part.title, tuple(blocks), anchor, part.open, group, brief.get(anchor, ""))
+                )
+                group = ""
     status, lines = design.status, design.requirements
+    said = [requirements_text(lines), step.step_text(design.evaluation.step, units_of(design.evaluation))]
     defaults = "" if any(line.stated_by != "default" for line in lines) else ", all of them our defaults"
     met = [f"{len(lines)} of {len(lines)} requirements{defaults}"]
     if not any(line.what == "bandwidth" for line in lines):
@@ -226,12 +240,14 @@ def design_page(
         title_of(design),
         f"{about}{joint_count(len(robot.joint_names)).capitalize()}, {robot.drive} driven. Measured: {measured}."
         f"{extras} Step from {start} to {goal}. {reason_text(design)}".rstrip(),
-        _headline(design),
+        " ".join(said if design.evaluation.step.diverged_at is None else reversed(said)),
         (*sections, *([files_section(files)] if files else [])),
         Settings(design_settings(design.synthesis, design.evaluation)),
         Provenance(shlex.join(command), s.seed),
-        _key_numbers(design),
+        key_numbers(design),
         [Status(kind, f"{text[:1].upper()}{text[1:]}.") for kind, text in texts if text],
+        _details(design),
+        first,
     )
 
 
@@ -240,10 +256,10 @@ def remarks(design: Design) -> dict[str, list[str]]:
     return {
         anchor: [
             note.text
-            for note in takewhile(lambda block: isinstance(block, Note), part(design))
+            for note in takewhile(lambda block: isinstance(block, Note), part.blocks(design))
             if isinstance(note, Note)
         ]
-        for anchor, _, part in PARTS
+        for anchor, part in PARTS.items()
     }
 
 
@@ -272,7 +288,10 @@ def reason_text(design: Design) -> str:
     """Why a design is of one pose, and not for the workspace: the first option that says so."""
     fields = design.specification.pose_fields_stated
     names = [FIELDS[name].option.split("/")[getattr(design.specification, name) is False] for name in fields]
-    return f"This is a design of one pose, because {names[0]} is stated." if names else ""
+    text = (
+        "This is a design of one pose, because {} is stated; without it one controller serves the workspace."
+    )
+    return text.format(names[0]) if names else ""
 
 
 def title_of(design: Design) -> str:
@@ -284,8 +303,12 @@ def title_of(design: Design) -> str:
 
 
 def _headline(design: Design) -> str:
-    e, samples, units = design.evaluation, design.evaluation.step_samples, units_of(design.evaluation)
-    parts = [step.step_text(e.step, units)]
+    return " ".join((step.step_text(design.evaluation.step, units_of(design.evaluation)), *_details(design)))
+
+
+def _details(design: Design) -> list[str]:
+    """What the loop does beside the step: vibrations, sampled robots, payloads, what is proved."""
+    e, parts = design.evaluation, list[str]()
     if not e.margins.stable:
         parts.append("The sampled loop is unstable at the goal.")
     before, after = (law.vibration_damping(modes) for modes in (e.open_modes, design.law_modes))
@@ -295,18 +318,34 @@ def _headline(design: Design) -> str:
             f"the law; smallest of the running loop, estimator included: {number(e.margins.damping, 2)}"
             f"{in_joint(e.least_damped_joint, e.setup.joints)}."
         )
-    within = f"{0 if samples is None else len(samples)} robots sampled within their tolerances"
-    if samples is not None and samples.unsettled:
-        gone = f", {samples.diverged} of them diverge" if samples.diverged else ""
-        parts.append(f"Of {within} {samples.unsettled} do not settle{gone}.")
-    elif samples is not None and len(samples):
-        parts.append(
-            f"All of {within} settle, the slowest in {_worst(design, 'settling', 's')}; the largest overshoot is "
-            f"{_worst(design, 'overshoot', '%', 2)}, the largest input {_worst(design, 'peak', units.effort)}."
-        )
+    parts.append(sampled_text(design))
     if design.payloads:
         parts.append(runs.payload_text(design))
-    return " ".join([*parts, region.proof_text(design)])
+    return list(filter(None, [*parts, region.proof_text(design)]))
+
+
+def requirements_text(lines: Sequence[Requirement]) -> str:
+    """Whether the requirements are met, or the kinds of those that are not."""
+    missed = [line for line in lines if not line.met]
+    names = list(dict.fromkeys(line.what for line in missed))
+    named = ", ".join([*names[:BRIEF], *([f"and {len(names) - BRIEF} more"] if names[BRIEF:] else [])])
+    return f"Not met: {named}." if missed else f"All {len(lines)} requirements are met."
+
+
+def sampled_text(design: Design) -> str:
+    """How many robots within their tolerances do not settle, or the worst numbers of those that do; or nothing."""
+    samples = design.evaluation.step_samples
+    if samples is None or not len(samples):
+        return ""
+    within = f"{len(samples)} robots sampled within their tolerances"
+    if samples.unsettled:
+        gone = f", {samples.diverged} of them diverge" if samples.diverged else ""
+        return f"Of {within} {samples.unsettled} do not settle{gone}."
+    effort = units_of(design.evaluation).effort
+    return (
+        f"All of {within} settle, the slowest in {_worst(design, 'settling', 's')}; the largest overshoot is "
+        f"{_worst(design, 'overshoot', '%', 2)}, the largest input {_worst(design, 'peak', effort)}."
+    )
 
 
 def _worst(design: Design, metric: str, unit: str, digits: int = 3) -> str:
@@ -316,7 +355,8 @@ def _worst(design: Design, metric: str, unit: str, digits: int = 3) -> str:
     return f"{number(float(np.max(values)), digits)} {unit}{in_joint(joint, design.robot.joint_names)}"
 
 
-def _key_numbers(design: Design) -> list[KeyNumber]:
+def key_numbers(design: Design) -> list[KeyNumber]:
+    """The numbers that matter most, of the nominal robot, with the worst of the sampled ones beside."""
     e, period, joints = design.evaluation, design.specification.period, design.evaluation.setup.joints
     response, m, samples, numbers = e.step, e.margins, e.step_samples, []
     for name, metric, value, joint, unit in (
@@ -324,14 +364,14 @@ def _key_numbers(design: Design) -> list[KeyNumber]:
         ("overshoot", "overshoot", rounded(response.overshoot.value, 2), response.overshoot.joint, "%"),
         ("peak input", "peak", rounded(response.peak_input), response.peak.joint, units_of(e).effort),
     ):
-        where, never = f"nominal robot{in_joint(joint, joints)}", metric == "settling" and value is None
+        where, never = joint if len(joints) > 1 else "", metric == "settling" and value is None
         if samples is not None and len(samples):
             values = getattr(samples, metric)
-            text = f"worst of {len(values)} sampled robots: {_worst(design, metric, unit)}"
+            text = f"worst of {len(values)} robots: {_worst(design, metric, unit)}"
             if not np.isfinite(values).all():
                 bad = "do not settle" if metric == "settling" else "diverge"
                 text = f"{int(np.isinf(values).sum())} of {len(values)} sampled robots {bad}"
-            where = f"{where}; {text}" if len(joints) > 1 else text
+            where = "; ".join(filter(None, (where, text)))
         numbers.append(KeyNumber(name, "not settled" if never else value, "" if never else unit, where))
     if not m.stable:
         return [*numbers, KeyNumber("margins", "none", note="the sampled loop at the goal is unstable")]
@@ -349,8 +389,8 @@ def _key_numbers(design: Design) -> list[KeyNumber]:
         ),
     ]  # fmt: skip
     if e.corners is not None:
-        which = "corners of the tolerances" if e.corners.complete else "sampled corners"
-        numbers.append(KeyNumber("unstable", e.corners.unstable, f"of {e.corners.count}", which))
+        which = "all of the tolerances" if e.corners.complete else "sampled"
+        numbers.append(KeyNumber("unstable corners", e.corners.unstable, f"of {e.corners.count}", which))
     return numbers
 
 
@@ -359,8 +399,8 @@ def design_tables(design: Design) -> list[Any]:
     """The tables of the page that have a title for a terminal, in its order; of the modes fewer rows."""
     return [
         (law.mode_table(design, brief=True) if table.id == "table-modes" else table).terminal()
-        for _, _, part in PARTS
-        for table in part(design)
+        for part in PARTS.values()
+        for table in part.blocks(design)
         if isinstance(table, Table) and table.title
     ]
 
@@ -409,4 +449,7 @@ def files_section(files: Sequence[str]) -> Section:
         (f"`{folder}{'/' if folder else ''}{'`, `'.join(names)}`", meaning)
         for (folder, meaning), names in grouped.items()
     ]
-    return Section("Files beside this page", (Table(("file", "content"), rows, stacks=True),), "files")
+    brief = f"{len(files)} files"
+    return Section(
+        "Files beside this page", (Table(("file", "content"), rows, stacks=True),), "files", brief=brief
+    )

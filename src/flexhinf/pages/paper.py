@@ -364,8 +364,8 @@ def _page(reproduction: Reproduction, plots: Mapping[str, str]) -> Page:
                     "unstable is by the growth rates of the linear loop, the rest by runs and searches."
                 ),
                 Claims(claims),
-            ), "claims"),
-            Section("Figures 3–12", tuple(figures), "figures"),
+            ), "claims", True),
+            Section("Figures 3–12", tuple(figures), "figures", True),
             Section("Evidence, claim by claim", paper, "evidence"),
             Section("Our own question", (
                 Paragraph(

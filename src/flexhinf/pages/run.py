@@ -1,52 +1,61 @@
-"""Report of a run of a deployed controller: deadlines and requirements; its film as GIF or MP4.
-
-A film shows the arm with links and motors apart, positions, the springs' wind-up and the inputs; what stands still is
-drawn once, a frame draws what moves on top of it.
-"""
+"""Report of a run of a deployed controller: deadlines, requirements, tracking, effort and the controller's status; as a
+page, in files, and for a terminal."""
 
 from __future__ import annotations
 
-import os
-import shutil
-import subprocess
-from collections.abc import Callable, Iterator
-from contextlib import suppress
-from itertools import chain
+import shlex
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, cast
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
 from flexhinf.design.deployed_run import DeployedRun
+from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Move
-from flexhinf.errors import refuse_if
-from flexhinf.export.realtime import PERCENTILES, RealTimeRun, Timing, check_place, percentiles
-from flexhinf.files import write_file
+from flexhinf.export.realtime import PERCENTILES, RealTimeRun, Timing, percentiles, write_log
 from flexhinf.loop import Status
+from flexhinf.loop.controller.status import NEAR_LIMIT
 from flexhinf.loop.simulation.metrics import peak_of
-from flexhinf.pages.design.step import viewing_plane
+from flexhinf.pages.design.overview import HEIGHT, arm_picture
 from flexhinf.pages.drawing import (
-    DOTTED,
+    DASHED,
     Units,
     count_text,
-    framed,
-    line_style,
+    draw_figure,
+    figure_block,
+    joint_panel,
     pose_text,
     rounded,
     settling_text,
 )
-from flexhinf.pages.page import requirement_table
-from flexhinf.report import GRID, INK, MUTED, SERIES, Column, Table, house_style, number
-from flexhinf.robot.kinematics import skeleton
+from flexhinf.pages.page import files_section, requirement_table, requirement_text, requirements_text
+from flexhinf.pages.settings import loop_rows, robot_rows, sensor_rows, settings_in_groups
+from flexhinf.pages.terminal import Ending, requirements_screen
+from flexhinf.report import (
+    MUTED,
+    SERIES,
+    Block,
+    Column,
+    Figure,
+    KeyNumber,
+    Page,
+    Provenance,
+    Section,
+    Settings,
+    Status as PageStatus,
+    Table,
+    finite,
+    house_style,
+    label,
+    legend,
+    new_figure,
+    number,
+    to_json,
+)
 from flexhinf.robot.signals import signal_names
-from flexhinf.validation import checked_path
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-
-#: By ending: frames per second and pixels of an inch, of a picture of 12.8 by 7.2 inches.
-FORMATS = {".mp4": (30, 100), ".gif": (20, 75)}
 
 #: Places of missed deadlines that are listed, the latest first.
 LISTED = 5
@@ -71,40 +80,70 @@ def run_met(prepared: DeployedRun, run: RealTimeRun) -> bool:
 
 def run_tables(prepared: DeployedRun, run: RealTimeRun) -> list[Any]:
     """Tables of the requirements, of the metrics of each joint, and of the times of the samples."""
-    timing, tables = run.timing, list[Table]()
-    if not run.trajectory.message and len(run.trajectory.time):
-        units = Units(
-            prepared.plants.model, prepared.robot.joint_names, prepared.plants.specification.in_degrees
-        )
-        if run.stopped is None:
-            title = f"{prepared.robot.name}: what is required of this run (* our default)"
-            tables.append(requirement_table(prepared.requirements(run), units.degrees, title))
-        (small, factor), response = units.small, prepared.response(run)
-        metrics, title = response.metrics, "Joints"
-        columns = (
-            Column("settled after", key="settled", right=True),
-            Column("overshoot", "%", digits=3, key="overshoot_percent"),
-            Column("end error", small, digits=3, key="steady_state_error", scale=factor),
-        )
-        if prepared.plan is not None:
-            metrics = Move.along(prepared.plan, response, prepared.plants.limits).metrics
-            title = f"Joints: distance from the move, {small}"
-            errors = {"largest": "largest_error", "rms": "rms_error", "at the end": "final_error"}
-            columns = tuple(Column(name, digits=3, key=key, scale=factor) for name, key in errors.items())
-        effort = Column("peak", units.effort, digits=3, key="peak_input")
-        joints = [
-            {**row, "settled": settling_text(row["settling_time_s"]) if "settling_time_s" in row else None}
-            for row in metrics
-        ]
-        tables.append(Table.of((Column("joint", key="joint"), *columns, effort), joints, title))
-    if tables or len(timing.time):
-        rows = [
-            (name, *(1e6 * value for value in percentiles(getattr(timing, field)).values()))
-            for name, field in ROWS[timing.real_time].items()
-        ]
-        columns = ("", *(Column(name, decimals=1) for name in PERCENTILES))
-        tables.append(Table(columns, rows, f"Times in µs; the period has {number(1e6 * timing.period)} µs"))
+    tables = list[Table]()
+    if _tracked(run):
+        title = f"{prepared.robot.name}: what is required of this run (* our default)"
+        lines = judged_requirements(prepared, run)
+        tables += [requirement_table(lines, _units(prepared).degrees, title)] if lines else []
+        tables.append(_joints_table(prepared, run))
+    if tables or len(run.timing.time):
+        tables.append(_times_table(run.timing))
     return [table.terminal() for table in tables]
+
+
+def _units(prepared: DeployedRun) -> Units:
+    s = prepared.plants.specification
+    return Units(prepared.plants.model, prepared.robot.joint_names, s.in_degrees)
+
+
+def _tracked(run: RealTimeRun) -> bool:
+    """Whether the run has samples, all of them finite."""
+    return not run.trajectory.message and len(run.trajectory.time) > 0
+
+
+def judged_requirements(prepared: DeployedRun, run: RealTimeRun) -> list[Requirement]:
+    """The requirements of a run that came to its end; none of one that was stopped or diverged."""
+    return prepared.requirements(run) if run.stopped is None and _tracked(run) else []
+
+
+def _joints_table(prepared: DeployedRun, run: RealTimeRun) -> Table:
+    """Metrics of each joint: of its step, or its distance from the move."""
+    units, response = _units(prepared), prepared.response(run)
+    (small, factor), metrics, title = units.small, response.metrics, "Joints"
+    columns = (
+        Column("settled after", key="settled", right=True),
+        Column("overshoot", "%", digits=3, key="overshoot_percent"),
+        Column("end error", small, digits=3, key="steady_state_error", scale=factor),
+    )
+    if prepared.plan is not None:
+        metrics = Move.along(prepared.plan, response, prepared.plants.limits).metrics
+        title = f"Joints: distance from the move, {small}"
+        errors = {"largest": "largest_error", "rms": "rms_error", "at the end": "final_error"}
+        columns = tuple(Column(name, digits=3, key=key, scale=factor) for name, key in errors.items())
+    effort = Column("peak", units.effort, digits=3, key="peak_input")
+    joints = [
+        {**row, "settled": settling_text(row["settling_time_s"]) if "settling_time_s" in row else None}
+        for row in metrics
+    ]
+    return Table.of((Column("joint", key="joint"), *columns, effort), joints, title, "table-joints")
+
+
+def _times_table(timing: Timing) -> Table:
+    """Percentiles of the times of the samples."""
+    rows = [
+        (name, *(1e6 * value for value in percentiles(getattr(timing, field)).values()))
+        for name, field in ROWS[timing.real_time].items()
+    ]
+    columns = ("", *(Column(name, decimals=1) for name in PERCENTILES))
+    title = f"Times in µs; the period has {number(1e6 * timing.period)} µs"
+    return Table(columns, rows, title, "table-times")
+
+
+def run_ending(prepared: DeployedRun, run: RealTimeRun) -> Ending:
+    """What a terminal says at the end: requirements that are missed or nearly missed, what the robot did, notes."""
+    lines = judged_requirements(prepared, run)
+    parts = [run_verdict(prepared, run), requirements_text(lines) if lines else ""]
+    return requirements_screen(lines, _units(prepared).degrees, parts, run_notes(run))
 
 
 # Sentences ------------------------------------------------------------------------------------------
@@ -116,7 +155,7 @@ def run_verdict(prepared: DeployedRun, run: RealTimeRun) -> str:
     if run.stopped is not None:
         return f"{text} Stopped at {number(run.trajectory.time[-1] if len(run.trajectory.time) else 0.0)} s."
     response, several = prepared.response(run), len(prepared.robot.joint_names) > 1
-    units = Units(prepared.plants.model, prepared.robot.joint_names, prepared.plants.specification.in_degrees)
+    units = _units(prepared)
 
     def named(text: str, joint: str) -> str:
         return f"{text} ({joint})" if several and joint else text
@@ -172,6 +211,7 @@ STATUS_SENTENCES = {
     Status.LIMIT_CYCLE: "An input swung to and fro while the command rested (limit cycle)",
     Status.SATURATION: "An input had been at a limit for long",
     Status.REACTING: "The controller reacted: it replaced the command, or slowed it to rest along its path,",
+    Status.DOUBTFUL_ESTIMATE: "The estimate was in doubt: rounding may have moved it, or a covariance was repaired,",
 }
 
 
@@ -199,342 +239,264 @@ def run_notes(run: RealTimeRun) -> list[str]:
     ]
 
 
-# Film ------------------------------------------------------------------------------------------------
-def check_film(path: str | os.PathLike[str]) -> Path:
-    """Refuse with `InvalidInput`, before any work, a film that could not be written at its end: another ending, an
-    encoder that is missing, a place that cannot be written."""
-    path = checked_path("The film", path)
-    gif = f"--record {path.stem or 'arm'}.gif"
-    refuse_if(
-        path.suffix not in FORMATS,
-        "The format of the film is not known.",
-        f"expected a name that ends with {' or '.join(FORMATS)}, got {str(path)!r}",
-        gif,
-    )
-    refuse_if(
-        path.suffix == ".mp4" and _encoder() is None,
-        "A film in MP4 needs an encoder.",
-        f"expected the program ffmpeg or the package 'imageio-ffmpeg', found neither, for {path.name}",
-        f"pip install 'flexhinf[video]', or {gif}",
-    )
-    return check_place(path, "film")
+# Page -----------------------------------------------------------------------------------------------
+def run_files(
+    prepared: DeployedRun, run: RealTimeRun, command: Sequence[str], stated: Mapping[str, Any]
+) -> dict[str, str | bytes]:
+    """Files of a run's report: index.html, run.json with every number of the page, and run.csv with every signal.
 
-
-def write_film(prepared: DeployedRun, run: RealTimeRun, path: str | os.PathLike[str]) -> Path:
-    """Write the film of a run, whole or not at all; its ending says the format.
-
-    Raises InvalidInput: as `check_film`; for a robot whose links have no length; if the encoder fails.
+    `command` runs it again; `stated` are options of the run by their names, for the settings.
     """
-    path = check_film(path)
-    rate, resolution = FORMATS[path.suffix]
-    film = ArmFilm(prepared, run)
-
-    def write(name: str) -> None:
-        pictures = frames(film, rate, resolution)
-        if path.suffix == ".mp4":
-            return _write_mp4(name, pictures, rate)
-        from PIL import Image
-
-        plain = Image.Dither.NONE  # with the colours of the first frame, so that nothing flickers
-        first = Image.fromarray(next(pictures)).quantize(128, dither=plain)
-        others = (Image.fromarray(frame).quantize(palette=first, dither=plain) for frame in pictures)
-        return first.save(
-            name,
-            "GIF",
-            save_all=True,
-            append_images=others,
-            duration=round(1000 / rate),
-            loop=0,
-            optimize=False,
-        )
-
-    write_file(path, "film", write)
-    return path
+    files: dict[str, str | bytes] = {"run.json": to_json(_numbers(prepared, run))}
+    if len(run.timing.time):
+        with TemporaryDirectory() as folder:
+            files["run.csv"] = write_log(run, Path(folder) / "run.csv").read_bytes()
+    return {"index.html": run_page(prepared, run, command, stated, tuple(files)).html(), **files}
 
 
-def _write_mp4(name: str, pictures: Iterator[np.ndarray], rate: int) -> None:
-    first = next(pictures)
-    height, width, _ = first.shape
-    command = [
-        str(_encoder()), "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}",
-        "-r", str(rate), "-i", "-", "-c:v", "libx264", "-crf", "18", "-pix_fmt", "yuv420p", "-movflags", "+faststart",
-        "-f", "mp4", name,
-    ]  # fmt: skip
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as encoder:
-        pipe, messages = cast(IO[bytes], encoder.stdin), cast(IO[bytes], encoder.stderr)
-        with suppress(BrokenPipeError):
-            for frame in chain((first,), pictures):
-                pipe.write(frame.tobytes())
-            pipe.close()
-        errors = messages.read().decode(errors="replace")
-    if encoder.returncode:
-        raise OSError(f"ffmpeg: {errors.strip()[:200]}")
-
-
-def _encoder() -> str | None:
-    if path := shutil.which("ffmpeg"):
-        return path
-    try:
-        import imageio_ffmpeg
-
-        return imageio_ffmpeg.get_ffmpeg_exe()
-    except (ImportError, RuntimeError):
-        return None
-
-
-#: Wind-ups are drawn larger by one of these factors, so that none is drawn as more than this angle, rad, or as more
-#: than this part of the robot's size where a joint slides.
-FACTORS, WIDEST, FARTHEST = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000), 0.3, 0.15
-
-
-def magnification(windup: np.ndarray, slides: np.ndarray, size: float) -> int:
-    """Factor by which wind-ups (N, n), rad or m, are enlarged: the largest of `FACTORS` with which all stay small
-    enough for a robot of this size, m."""
-    largest = (np.abs(windup).max(axis=0) / np.where(slides, FARTHEST * size, WIDEST)).max()
-    return max(factor for factor in FACTORS if factor == 1 or factor * largest <= 1.0)
-
-
-class ArmFilm:
-    """Data of a run for its film; one without samples, or of links without a length, is refused with `InvalidInput`.
-
-    `time` (N,) in s; positions (N, n) of `links`, `motors` (seen from the link side) and `command` in rad or m, and
-    `windup`, motor minus link, which is drawn `factor` times larger; `inputs` (N, n) in `unit`, and their `limits`
-    (n,), infinite where there are none. `scale` (n,) turns positions into degrees and mm. `extent`: points of the arm
-    (K, 3) at some poses of the run and at its commands; `size` of the space that it takes, m; `plane`: two directions
-    (3, 2) to project on, and their `names`.
-    """
-
-    def __init__(self, prepared: DeployedRun, run: RealTimeRun) -> None:
-        self.robot, n, trajectory = prepared.robot, len(prepared.robot.joint_names), run.trajectory
-        state, inputs = trajectory.signals["state"], trajectory.signals["input"]
-        bad = np.flatnonzero(~np.isfinite(np.hstack([state, inputs])).all(axis=1))
-        kept = slice(0, int(bad[0]) if len(bad) else len(state))  # until the loop diverged
-        refuse_if(not kept.stop, "There is nothing to film.", "expected one sample at least", "a longer run")
-        commanded = trajectory.names.get("reference", ())
-        columns = [
-            trajectory.signal("reference", name) if name in commanded else np.full(len(state), goal)
-            for name, goal in zip(signal_names("link_position", self.robot.joint_names), prepared.goal)
-        ]
-        self.title = f"{self.robot.name}: {'step' if prepared.plan is None else 'move'}"
-        self.time, self.links, self.inputs = trajectory.time[kept], state[kept, :n], inputs[kept]
-        self.command = np.stack(columns, axis=1)[kept]
-        self.motors = self.robot.layout.whole(state.T)[2 * n : 3 * n].T[kept]
-        self.windup, self.limits = self.motors - self.links, np.maximum(*np.abs(run.input_range))
-        self.unit = " or ".join(dict.fromkeys(trajectory.units["input"]))
-        self.slides = np.array(self.robot.links.slides, dtype=bool)
-        kinds = (("°", ~self.slides), ("mm", self.slides))
-        self.position_unit = " or ".join(unit for unit, there in kinds if there.any())
-        rows = np.linspace(0, kept.stop - 1, min(kept.stop, 40)).astype(int)
-        poses = [*self.links[rows], *self.command[rows[[0, -1]]]]
-        self.extent = np.concatenate([line for pose in poses for line in skeleton(self.robot, pose)])
-        self.size = float(np.ptp(self.extent, axis=0).max())
-        refuse_if(
-            self.size < 1e-9,
-            "The arm cannot be drawn: its links have no length.",
-            f"expected a robot with joints or centres of mass apart, got {self.robot.name!r}",
-            "the run without --record",
-        )
-        self.factor = magnification(self.windup, self.slides, self.size)
-        down = np.asarray(self.robot.links.down, dtype=float)
-        self.plane, self.names = viewing_plane(down, self.extent, self.size)
-        self.scale = np.where(self.slides, 1e3, np.degrees(1.0))
-
-    def arm(self, pose: np.ndarray) -> list[np.ndarray]:
-        """The links at a pose (n,), as lines on the picture."""
-        return [line @ self.plane for line in skeleton(self.robot, pose)]
-
-    def hands(self, k: int) -> list[np.ndarray]:
-        """For each joint three points at sample k: on its link, the joint, and on its motor's hand."""
-        hands, own = [], self.arm(self.links[k])
-        for j, turned in enumerate(self.factor * self.windup[k]):
-            pose = self.links[k].copy()
-            pose[j] += turned
-            motor = self.arm(pose)[j]
-            # a motor's hand is a part of its link
-            ends = [line[0] + 0.62 * (line[1] - line[0]) for line in (own[j], motor)]
-            hands.append(np.array([ends[0], motor[0], ends[1]]))
-        return hands
-
-
-#: A film lasts so many seconds; a run that is shorter or longer is played more slowly or faster, and the title says so.
-SHORTEST, LONGEST = 3.0, 60.0
-
-#: With more joints than these, lines show how far the links are from their command, which would else be flat.
-MANY = 3
-
-#: Place of the arm on the picture: left, bottom, width, height, as parts of it; and its width and height, inches.
-PLACE, PICTURE = (0.07, 0.085, 0.435, 0.76), (12.8, 7.2)
-
-#: Where the bar of an input is zero, and its length on either side, as parts of the table's width.
-ZERO, BAR = 0.75, 0.13
-
-#: What moves in a part of the picture, in the order of drawing, and the function that moves it to a sample.
-Moving = tuple[list[Any], Callable[[int], None]]
-
-
-def frames(film: ArmFilm, rate: int, resolution: int) -> Iterator[np.ndarray]:
-    """Pictures (height, width, 3) of bytes, `rate` of them a second, with `resolution` pixels to an inch of `PICTURE`;
-    the last one is the end of the run. What stands still is drawn once."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    length, n = float(film.time[-1]), len(film.slides)
-    played = min(max(length, SHORTEST), LONGEST)
-    slowness, speed = played / length if length else 1.0, "in real time"
-    if abs(slowness - 1.0) >= 1e-6:
-        speed = f"{number(max(slowness, 1.0 / slowness), 2)} times {'slower' if slowness > 1.0 else 'faster'}"
-    larger = f"{film.factor} times larger" if film.factor > 1 else "as it is"
-    rows = (0.055 if n <= MANY else 0.042) * max(n, 2) + 0.05
-    low, high = 0.10 + rows, 0.86
-    middle = low + 0.42 * (high - low)
-    what = f"{'position' if film.slides.any() else 'angle'} of the links"
-    positions = what, film.links, film.command * film.scale
-    if n > MANY:
-        positions = "links minus their command", film.links - film.command, None
+def run_page(
+    prepared: DeployedRun, run: RealTimeRun, command: Sequence[str], stated: Mapping[str, Any],
+    files: Sequence[str] = (),
+) -> Page:  # fmt: skip
+    """The page of a run; parameters as for `run_files`, and the names of the files beside it."""
+    robot, lines, timing = prepared.robot, judged_requirements(prepared, run), run.timing
+    s, kind = prepared.plants.specification, "step" if prepared.plan is None else "move"
+    parts: list[tuple[str, str, list[Block], bool, str]] = []
     with house_style():
-        figure = Figure(figsize=PICTURE, dpi=resolution, facecolor="white")
-        canvas = FigureCanvasAgg(figure)
-        figure.text(0.035, 0.945, film.title, fontsize=17, weight="bold", va="center")
-        figure.text(
-            0.035,
-            0.905,
-            f"wind-up of the springs drawn {larger}; played {speed}",
-            fontsize=10.5,
-            color=MUTED,
-            va="center",
+        if lines:
+            table = requirement_table(lines, _units(prepared).degrees)
+            parts.append(("specification", "Requirements", [table], True,
+                          f"{sum(line.met for line in lines)} of {len(lines)} met"))  # fmt: skip
+        if len(timing.time):
+            late = f"{int(timing.missed.sum())} of {len(timing.time)} deadlines missed"
+            blocks = [_times_figure(timing), _times_table(timing)]
+            parts.append(("timing", "Deadlines and jitter", blocks, True, late if timing.real_time else ""))
+        if _tracked(run):
+            blocks = [_tracking_figure(prepared, run), _joints_table(prepared, run)]
+            parts.append(("tracking", f"Tracking of the {kind}", blocks, False, ""))
+            parts.append(("effort", "Inputs and saturation", _effort(prepared, run), False, ""))
+        parts.append(("status", "What the controller says", _status(run), False, ""))
+    s_rows = [(name.replace("_", " "), value, "", "") for name, value in stated.items()]
+    verdict, more = _sentences(prepared, run)
+    missed = "; ".join(requirement_text(line) for line in lines if not line.met)
+    status = [
+        PageStatus("not met", f"{missed}.") if missed else PageStatus("met", f"{len(lines)} requirements.")
+    ]
+    return Page(
+        f"A run of the {kind} on {robot.name}",
+        f"The deployed controller drives the robot “{robot.name}” in MuJoCo, "
+        f"{'in real time' if timing.real_time else 'as fast as it goes'}, with "
+        f"{'measurement noise' if prepared.arguments['noise'] is not None else 'exact measurements'}.",
+        verdict,
+        (
+            *(Section(title, tuple(blocks), anchor, unfolded, brief=brief)
+              for anchor, title, blocks, unfolded, brief in parts),
+            *([files_section(files)] if files else []),
+        ),
+        Settings(settings_in_groups({
+            "Run": [*s_rows, ("length", float(prepared.arguments["duration"]), "s", "")],
+            "Loop": [*loop_rows(prepared.plants), *([] if s.estimator == "none" else sensor_rows(prepared.plants))],
+            "Robot that is driven": robot_rows(robot),
+        })),
+        Provenance(shlex.join(command), s.seed),
+        _key_numbers(prepared, run),
+        status if lines else [],
+        [*more, *run_notes(run)],
+        _lead(prepared, run) if _tracked(run) else [],
+    )  # fmt: skip
+
+
+def _sentences(prepared: DeployedRun, run: RealTimeRun) -> tuple[str, list[str]]:
+    """The verdict of the page, and what stands below it."""
+    lines = judged_requirements(prepared, run)
+    if not lines:
+        return run_verdict(prepared, run), []
+    deadlines = _real_time(run.timing)
+    moved = run_verdict(prepared, run).removeprefix(deadlines).strip()
+    return f"{requirements_text(lines)} {moved}", [deadlines]
+
+
+def _key_numbers(prepared: DeployedRun, run: RealTimeRun) -> list[KeyNumber]:
+    """Tracking, effort, and deadlines."""
+    timing, numbers, units = run.timing, list[KeyNumber](), _units(prepared)
+    if _tracked(run):
+        response = prepared.response(run)
+        named = len(prepared.robot.joint_names) > 1
+        if prepared.plan is not None:
+            worst = Move.along(prepared.plan, response, prepared.plants.limits).largest
+            value, unit = rounded(units.small[1] * worst.value), units.small[0]
+            numbers.append(KeyNumber("largest error", value, unit, worst.joint if named else ""))
+        else:
+            for name, metric, unit in (
+                ("settling time", response.settling, "s"), ("overshoot", response.overshoot, "%"),
+            ):  # fmt: skip
+                value = rounded(metric.value)
+                numbers.append(KeyNumber(
+                    name, "not settled" if value is None else value, unit if value is not None else "",
+                    metric.joint if named else "",
+                ))  # fmt: skip
+        full = _saturated(prepared, run)
+        numbers += [
+            KeyNumber("peak input", rounded(response.peak_input), units.effort, response.peak.joint if named else ""),
+            KeyNumber("at a limit", rounded(100.0 * float(full.max()), 2), "% of the samples"),
+        ]  # fmt: skip
+    if len(timing.time):
+        step, late = percentiles(timing.computed), percentiles(timing.woken)
+        if timing.real_time:
+            numbers.append(KeyNumber("missed deadlines", int(timing.missed.sum()), f"of {len(timing.time)}"))
+            numbers.append(KeyNumber(
+                "jitter", rounded(1e6 * late["p99.9"]), "µs", f"99.9 % of samples; largest {1e6 * late['max']:.0f} µs"
+            ))  # fmt: skip
+        numbers.append(KeyNumber(
+            "controller's step", rounded(1e6 * step["p50"]), "µs",
+            f"median; period {number(1e6 * timing.period)} µs, largest {1e6 * step['max']:.0f} µs",
+        ))  # fmt: skip
+    return numbers
+
+
+def _saturated(prepared: DeployedRun, run: RealTimeRun) -> np.ndarray:
+    """Share of the samples at which each motor is at a limit (m,)."""
+    low, high = run.input_range
+    inputs = run.trajectory.signals["input"]
+    edge = NEAR_LIMIT * np.where(np.isfinite(high - low), 0.5 * (high - low), 0.0)
+    return np.mean((inputs <= low + edge) | (inputs >= high - edge), axis=0)
+
+
+def _command(prepared: DeployedRun, run: RealTimeRun) -> np.ndarray:
+    """Commanded link positions (N, n), rad or m: the reference where there is one, else the goal."""
+    trajectory, names = run.trajectory, signal_names("link_position", prepared.robot.joint_names)
+    if prepared.plan is not None:
+        return np.reshape(prepared.plan(trajectory.time), (len(trajectory.time), -1))
+    known = trajectory.names.get("reference", ())
+    columns = [
+        trajectory.signal("reference", name) if name in known else np.full(len(trajectory.time), goal)
+        for name, goal in zip(names, prepared.goal)
+    ]
+    return np.stack(columns, axis=1)
+
+
+def _lead(prepared: DeployedRun, run: RealTimeRun) -> list[Figure]:
+    """Links with their command, and inputs; the arm."""
+    response, units, time = prepared.response(run), _units(prepared), run.trajectory.time
+    figure, (upper, lower) = new_figure(2, height=HEIGHT)
+    joint_panel(
+        "link position", units.angle, time, response.joints, units.scale * response.positions,
+        plan=units.scale * _command(prepared, run), plan_name="command",
+    ).draw(upper)  # fmt: skip
+    legend(upper)
+    panel = joint_panel("input", units.effort, time, response.joints, response.inputs, limits=_bounds(run))
+    panel.draw(lower)
+    block = figure_block(
+        "result", figure,
+        f"Links and inputs as simulated by MuJoCo. Dotted: the command.{' Dashed: limits.' * bool(panel.dashed)}",
+        "The run",
+    )  # fmt: skip
+    arm = arm_picture(prepared.robot, response)
+    return [block] if arm is None else [block, arm]
+
+
+def _bounds(run: RealTimeRun) -> np.ndarray:
+    """Limits of the inputs (m,): the nearer of both sides, infinite where there is none."""
+    return np.minimum(*np.abs(run.input_range))
+
+
+def _tracking_figure(prepared: DeployedRun, run: RealTimeRun) -> Figure:
+    response, units, time = prepared.response(run), _units(prepared), run.trajectory.time
+    (small, factor), n = units.small, len(prepared.goal)
+    error = factor * (response.positions - _command(prepared, run))
+    theta = prepared.robot.layout.whole(run.trajectory.signals["state"].T)[2 * n : 3 * n].T
+    return draw_figure(
+        "tracking",
+        (
+            joint_panel("link − command", small, time, response.joints, error, zero=True),
+            joint_panel("wind-up, motor − link", small, time, response.joints, factor * (theta - response.positions)),
+        ),
+        "Distance of the links from their command, and twist of the springs as seen from the link side.",
+        "Tracking",
+    )  # fmt: skip
+
+
+def _effort(prepared: DeployedRun, run: RealTimeRun) -> list[Block]:
+    response, units, time = prepared.response(run), _units(prepared), run.trajectory.time
+    panel = joint_panel("input", units.effort, time, response.joints, response.inputs, limits=_bounds(run))
+    figure = draw_figure(
+        "effort", (panel,), f"Inputs as applied.{' Dashed: limits.' * bool(panel.dashed)}", "Inputs"
+    )
+    low, high = run.input_range
+    rows = [
+        (joint, float(peak_of(u)), float(np.sqrt(np.mean(u**2))), float(a) if np.isfinite(a) else None,
+         float(b) if np.isfinite(b) else None, 100.0 * float(share))
+        for joint, u, a, b, share in zip(
+            response.joints, response.inputs.T, low, high, _saturated(prepared, run), strict=True
         )
-        clock = figure.text(0.965, 0.935, "", ha="right", va="center", family="DejaVu Sans Mono", fontsize=20)
-        arm = _draw_arm(figure.add_axes(PLACE), film)
-        above = figure.add_axes((0.575, middle + 0.045, 0.39, high - middle - 0.045))
-        below = figure.add_axes((0.575, low + 0.035, 0.39, middle - low - 0.04))
-        lines = (
-            _draw_lines(above, film, *positions),
-            _draw_lines(below, film, "wind-up of the springs", film.windup),
-        )
-        above.set_xticklabels([])
-        below.set_xlabel("time (s)")
-        parts = (arm, *lines, _draw_table(figure.add_axes((0.575, 0.035, 0.39, rows)), film))
-        moving = [clock, *(artist for artists, _ in parts for artist in artists)]
-        for artist in moving:
-            artist.set_animated(True)
-        canvas.draw()
-        still, renderer = canvas.copy_from_bbox(figure.bbox), canvas.get_renderer()
-        for k in (
-            np.linspace(0, len(film.time) - 1, max(2, round(played * rate))).round().astype(int).tolist()
-        ):
-            canvas.restore_region(still)
-            clock.set_text(f"{film.time[k]:6.2f} s")
-            for _, move in parts:
-                move(k)
-            for artist in moving:
-                artist.draw(renderer)
-            yield np.asarray(canvas.buffer_rgba())[:, :, :3].copy()
+    ]  # fmt: skip
+    columns = (
+        "joint", Column("peak", units.effort, digits=3), Column("rms", units.effort, digits=3),
+        Column("lower limit", units.effort), Column("upper limit", units.effort), Column("at a limit", "%", digits=3),
+    )  # fmt: skip
+    return [figure, Table(columns, rows, "Inputs, and the share of the samples at a limit", "table-effort")]
 
 
-def _draw_arm(axes: Axes, film: ArmFilm) -> Moving:
-    flat = film.extent @ film.plane
-    middle, reach = 0.5 * (flat.max(axis=0) + flat.min(axis=0)), np.ptp(flat, axis=0)
-    box = np.array(PLACE[2:]) * PICTURE
-    half = 0.5 * max((reach + 0.2 * film.size) / box) * box  # as much to the inch in both directions
-    (left, low), (right, high) = middle - half, middle + half
-    axes.set(facecolor="#fbfcfd", xlim=(left, right), ylim=(low, high))
-    axes.spines[:].set_visible(False)
-    axes.tick_params(length=0, labelsize=8)
-    axes.set_xlabel(f"{film.names[0]} (m)", fontsize=9)
-    axes.set_ylabel(f"{film.names[1]} (m)", fontsize=9)
-    first, dashes = film.arm(film.links[0]), (0, (3.0, 1.6))
-    axes.plot(*first[0][0], "s", color=MUTED, markersize=15, zorder=1, alpha=0.5)
-
-    def line(colour: str, width: float, zorder: int, **style: Any) -> Any:
-        return axes.plot([], [], color=colour, linewidth=width, zorder=zorder, **style)[0]
-
-    goal = [line(SERIES[2], 2.2, 2, alpha=0.55, linestyle=dashes) for _ in first]
-    (aim,) = axes.plot([], [], "o", color=SERIES[2], markersize=17, mfc="none", mew=2.2, zorder=2)
-    trail = line(SERIES[0], 1.4, 2, alpha=0.35)
-    fan = {"color": SERIES[1], "alpha": 0.25, "zorder": 3, "lw": 0}
-    fans = [axes.fill([0, 0, 0], [0, 0, 0], **fan)[0] for _ in first]
-    links = [line(SERIES[0], width, 4, alpha=0.9) for width in np.linspace(9.0, 5.0, len(first)).tolist()]
-    motors = [line(SERIES[1], 2.6, 5) for _ in first]
-    (joints,) = axes.plot([], [], "o", color=INK, markersize=7, mfc="white", mew=1.8, zorder=6)
-    for name, colour, width, style in (
-        ("link", SERIES[0], 5.0, "-"), ("motor, behind its spring", SERIES[1], 2.6, "-"),
-        ("command", SERIES[2], 2.2, dashes),
-    ):  # fmt: skip
-        axes.plot([], [], color=colour, linewidth=width, linestyle=style, label=name)
-    axes.legend(loc="lower left", bbox_to_anchor=(-0.01, 0.995), ncols=3, fontsize=9.5, handlelength=1.8)
-
-    def move(k: int) -> None:
-        own, wanted = film.arm(film.links[k]), film.arm(film.command[k])
-        for artist, points in zip((*links, *goal), (*own, *wanted), strict=True):
-            artist.set_data(*points.T)
-        for fan, motor, points in zip(fans, motors, film.hands(k), strict=True):
-            fan.set_xy(points)
-            motor.set_data(*points[1:].T)
-        joints.set_data(*np.array([points[0] for points in own]).T)
-        aim.set_data(*wanted[-1][-1:].T)
-        # The last second.
-        past = np.linspace(int(np.searchsorted(film.time, film.time[k] - 1.0)), k, 24).astype(int)
-        trail.set_data(*np.array([film.arm(film.links[i])[-1][-1] for i in past]).T)
-
-    return [*goal, aim, trail, *fans, *links, *motors, joints], move
+def _status(run: RealTimeRun) -> list[Block]:
+    """What the controller reported."""
+    count, rows = len(run.status), list[Any]()
+    for bit in Status:
+        samples = int(np.sum(run.status & bit > 0))
+        first = float(run.trajectory.time[int(np.argmax(run.status & bit > 0))]) if samples else None
+        rows.append((STATUS_SENTENCES[bit].rstrip(","), samples, first))
+    table = Table(
+        ("status", Column("samples", f"of {count}"), Column("first at", "s")), rows,
+        "What the controller watches at run time", "table-status", stacks=True,
+    )  # fmt: skip
+    return [table]
 
 
-def _draw_lines(
-    axes: Axes, film: ArmFilm, quantity: str, positions: np.ndarray, command: np.ndarray | None = None
-) -> Moving:
-    values, few = positions * film.scale, max(1, len(film.time) // 800)
-    artists, single = [], values.shape[1] == 1
-    for j, column in enumerate(values.T):
-        style = line_style(j)
-        if single:
-            style["color"] = SERIES[0 if command is not None else 1]
-        axes.plot(film.time[::few], column[::few], **{**style, "alpha": 0.22})
-        artists += axes.plot([], [], **{**style, "linewidth": 2.0})
-        artists += axes.plot([], [], "o", color=style["color"], markersize=4.5)
-        if command is not None:
-            dotted = {"color": SERIES[2] if single else style["color"], "linewidth": 1.2, "linestyle": DOTTED}
-            axes.plot(film.time[::few], command[::few, j], **dotted)
-    axes.set_title(f"{quantity} ({film.position_unit})", fontsize=10.5)
-    axes.set_xlim(0.0, max(float(film.time[-1]), 1e-9))
-    axes.set_ylim(*framed(values if command is None else np.concatenate([values, command]), 0.1))
-    axes.tick_params(labelsize=8.5)
-
-    def move(k: int) -> None:
-        for line, dot, column in zip(artists[::2], artists[1::2], values.T, strict=True):
-            line.set_data(film.time[: k + 1 : few], column[: k + 1 : few])
-            dot.set_data(film.time[k : k + 1], column[k : k + 1])
-
-    return artists, move
+@house_style()
+def _times_figure(timing: Timing) -> Figure:
+    """When the input of each sample was there, and how long the controller's step took."""
+    figure, (upper, lower) = new_figure(2)
+    ready, few = 1e6 * timing.ready, _highest(timing.ready)
+    upper.plot(timing.time[few], ready[few], color=SERIES[0], linewidth=1.0)
+    if timing.real_time and 4.0 * ready.max() > 1e6 * timing.period:
+        upper.axhline(1e6 * timing.period, color=MUTED, linewidth=1.0, dashes=DASHED)
+    label(upper, "input ready after", "µs")
+    few = _highest(timing.computed)
+    lower.plot(timing.time[few], 1e6 * timing.computed[few], color=SERIES[1], linewidth=1.0)
+    label(lower, "controller's step", "µs")
+    for axes in (upper, lower):
+        axes.set_ylim(bottom=0.0)
+    return figure_block(
+        "times", figure,
+        "Above: from the moment a sample is due until its input is there; the deadline is the period, dashed where it "
+        "is near. Below: computing time of the controller. Of neighbouring samples the slowest is drawn.",
+        "Times of the samples",
+    )  # fmt: skip
 
 
-def _draw_table(axes: Axes, film: ArmFilm) -> Moving:
-    n, peaks = len(film.slides), peak_of(film.inputs)
-    full = np.where(np.isfinite(film.limits), film.limits, np.where(peaks > 0.0, peaks, 1.0))
-    axes.set_axis_off()
-    axes.set(xlim=(0.0, 1.0), ylim=(n - 0.4, -1.0))
-    most = "limit" if np.isfinite(film.limits).all() else "peak"
-    heads = ("joint", "link", "motor", "wind-up", f"input ({film.unit}), bar up to its {most}")
-    places, alignments = (0.0, 0.27, 0.42, 0.57, 0.62), ("left", "right", "right", "right", "left")
-    for head, x, side in zip(heads, places, alignments, strict=True):
-        axes.text(x, -0.75, head, ha=side, va="center", fontsize=8.5, color=MUTED)
-    rows: list[tuple[Any, ...]] = []
-    for j, name in enumerate(film.robot.joint_names):
-        colour = SERIES[0] if n == 1 else line_style(j)["color"]
-        short = name if len(name) <= 14 else f"{name[:13]}…"
-        axes.text(0.0, j, short, va="center", fontsize=9.5, weight="bold", color=colour)
-        axes.barh(j, 2.0 * BAR, 0.5, ZERO - BAR, color=GRID, zorder=1)
-        axes.plot([ZERO, ZERO], [j - 0.32, j + 0.32], color=MUTED, linewidth=1.0, zorder=3)
-        (bar,) = axes.barh(j, 0.0, 0.5, ZERO, color=SERIES[3], zorder=2)
-        texts = (axes.text(x, j, "", ha="right", va="center", fontsize=9.5) for x in (*places[1:4], 1.0))
-        rows.append((bar, *texts))
+def _highest(values: np.ndarray, points: int = 800) -> np.ndarray:
+    """Places of the largest values, one out of each of as many neighbourhoods."""
+    edges = np.linspace(0, len(values), min(points, len(values)) + 1).astype(int)
+    return np.array([a + int(np.argmax(values[a:b])) for a, b in pairwise(edges)])
 
-    def move(k: int) -> None:
-        columns = [values[k] * film.scale for values in (film.links, film.motors, film.windup)]
-        for j, (bar, *texts, last) in enumerate(rows):
-            unit, u = " mm" if film.slides[j] else "°", float(film.inputs[k, j])
-            for text, values, decimals in zip(texts, columns, (2, 2, 3), strict=True):
-                text.set_text(f"{number(float(values[j]), decimals=decimals)}{unit}")
-            bar.set_width(BAR * float(np.clip(u / full[j], -1.0, 1.0)))
-            last.set_text(number(u, decimals=2 if full[j] < 100.0 else 1))
 
-    return [artist for row in rows for artist in row], move
+def _numbers(prepared: DeployedRun, run: RealTimeRun) -> dict[str, Any]:
+    """Every number of the page, SI units."""
+    timing, keys = run.timing, ("what", "where", "limit", "found", "unit", "met")
+    lines = judged_requirements(prepared, run)
+    return finite({
+        "version": 1, "robot": prepared.robot.name, "kind": "step" if prepared.plan is None else "move",
+        "verdict": run_verdict(prepared, run), "met": run_met(prepared, run), "stopped_by_signal": run.stopped,
+        "start": prepared.start, "goal": prepared.goal, "notes": run_notes(run),
+        "requirements": [{key: getattr(line, key) for key in keys} for line in lines],
+        "joints": prepared.response(run).metrics if _tracked(run) else [],
+        "at_limit": _saturated(prepared, run) if _tracked(run) else [],
+        "timing": {
+            "real_time": timing.real_time, "period_s": timing.period, "samples": len(timing.time),
+            "elapsed_s": timing.elapsed, "missed": int(timing.missed.sum()), "overrun": int(timing.overrun.sum()),
+            "percentiles_s": {
+                field: percentiles(getattr(timing, field)) for field in ROWS[timing.real_time].values()
+            } if len(timing.time) else {},
+        },
+        "status": {str(bit.name).lower(): int(np.sum(run.status & bit > 0)) for bit in Status},
+        "codes": {run.code_names[int(code)]: int(np.sum(run.codes == code)) for code in np.unique(run.codes)},
+    })  # fmt: skip

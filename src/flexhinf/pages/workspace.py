@@ -27,6 +27,7 @@ from flexhinf.design.workspace.setup import (
 )
 from flexhinf.estimation import ModalFilter
 from flexhinf.loop.simulation.metrics import WINDOW, peak_of
+from flexhinf.pages.design.overview import moves_lead
 from flexhinf.pages.drawing import (
     Line,
     Panel,
@@ -40,7 +41,7 @@ from flexhinf.pages.drawing import (
     listed,
     pose_text,
 )
-from flexhinf.pages.page import files_section, requirement_table
+from flexhinf.pages.page import files_section, requirement_table, requirements_text
 from flexhinf.pages.settings import loop_rows, robot_rows, sensor_rows, settings_in_groups
 from flexhinf.pages.workspace_summary import (
     advice,
@@ -50,7 +51,7 @@ from flexhinf.pages.workspace_summary import (
     missed_text,
     range_of,
     requirements_with_margins,
-    workspace_verdict,
+    scope_text,
     worst_motion,
 )
 from flexhinf.report import (
@@ -83,36 +84,37 @@ def workspace_page(
     setup, loops = design.setup, design.loops
     robot, s, tolerated = setup.robot, setup.specification, robustness(design)
     with house_style():
-        sections = {
-            ("Requirements", "specification"): [
+        lead = moves_lead(
+            robot,
+            (*design.moves, *design.sampled),
+            _worst_move(design),
+            Units(setup.model, setup.joints, s.in_degrees),
+        )
+        sections = (
+            Section("Requirements", (
                 requirement_table(requirements_with_margins(design), s.in_degrees),
                 *(Paragraph(" ".join(text.split())) for text in warnings),
-            ],
-            (f"Loops at {len(loops)} poses", "poses"): [_pose_table(design), _pose_figure(design)],
-            (f"{count_text(len(design.moves), 'move')} between random goals", "moves"): [
-                _move_table(design),
-                _joint_table(design),
-                _goal_table(design, tolerated),
-                _move_figure(design),
+            ), "specification", True,
+                brief=f"{sum(line.met for line in design.requirements)} of {len(design.requirements)} met"),
+            Section(f"Loops at {len(loops)} poses", (_pose_figure(design), _pose_table(design)), "poses", True),
+            Section(f"{count_text(len(design.moves), 'move')} between random goals", (
+                _move_figure(design), _move_table(design), _joint_table(design), _goal_table(design, tolerated),
                 *_power_on(design),
-            ],
-            ("What it tolerates beyond that", "tolerance"): [
+            ), "moves"),
+            Section("Margins, tolerance and proof", (
                 Paragraph(PAIRS),
                 _margin_table(design, tolerated),
                 _pair_table(design, tolerated),
                 *_offsets(design, tolerated),
-            ],
-            ("The law and its estimator", "law"): [_law_table(design), _watched(design)],
-        }
+            ), "tolerance", group="For experts"),
+            Section("The law and its estimator", (_law_table(design), _watched(design)), "law"),
+        )  # fmt: skip
     return Page(
         f"A controller for the workspace of {robot.name}",
         f"{joint_count(len(robot.joint_names)).capitalize()}, {robot.drive} driven. Measured: "
         f"{', '.join(s.measured).replace('_', ' ') if s.estimator != 'none' else 'the true state'}.",
-        workspace_verdict(design),
-        (
-            *(Section(title, tuple(blocks), anchor) for (title, anchor), blocks in sections.items()),
-            *([files_section(files)] if files else []),
-        ),
+        f"{requirements_text(design.requirements)} One controller serves {range_of(design)}.",
+        (*sections, *([files_section(files)] if files else [])),
         Settings(settings_in_groups({
             "Robot": robot_rows(robot),
             "Estimator": [] if s.estimator == "none" else sensor_rows(setup),
@@ -125,6 +127,7 @@ def workspace_page(
             Status("not met", f"{missed_text(design)}. {advice(design)}"),
             Status("not proved", _not_proved(design, tolerated)),
         ],
+        [scope_text(design)], lead,
     )  # fmt: skip
 
 
@@ -194,7 +197,8 @@ def _move_table(design: WorkspaceDesign) -> Table:
         speeds.append(f"{SPEED * UNLIMITED:g} rad/s or m/s where none is stated")
     caption = (
         "The worst joint of each move: median, then largest number of all moves. Moves are quintics with up to "
-        f"{listed(speeds)}, from rest, with feedforward; the remaining error is the largest in the last {WINDOW:g} s."
+        f"{listed(speeds)}, from rest, with feedforward; the remaining error is the largest in the last {WINDOW:g} s. "
+        "The distance from the path is the largest from its nearest point, whether a link is there early or late."
     )
     return Table(("moves of", *_heads(design)), rows, caption, stacks=True)
 
@@ -239,10 +243,15 @@ def _goal_table(design: WorkspaceDesign, tolerated: Robustness) -> Table:
     return Table(("goal", "pose"), rows, caption)
 
 
+def _worst_move(design: WorkspaceDesign) -> int:
+    """The place of the move in which most error remains, first of the nominal robot's, then of the sampled ones."""
+    moves = (*design.moves, *design.sampled)
+    return int(np.argmax([row["remaining_error"] for row in worst_motion(moves)]))
+
+
 def _move_figure(design: WorkspaceDesign) -> Any:
     """The move in which most error remains."""
-    moves = (*design.moves, *design.sampled)
-    worst = int(np.argmax([row["remaining_error"] for row in worst_motion(moves)]))
+    moves, worst = (*design.moves, *design.sampled), _worst_move(design)
     move, joints, units = moves[worst], design.setup.joints, Units(design.setup.model, design.setup.joints)
     run, (small, factor), limited = move.response, units.small, design.setup.limits.limits_effort
     time = run.run.time
@@ -343,14 +352,10 @@ def _not_proved(design: WorkspaceDesign, tolerated: Robustness) -> str:
     proved, high = tolerated.proved, design.setup.law.gains.ends[1]
     latency = count_text(design.specification.known_latency, "sample")
     loop = f"{latency} of latency and {'the' if isinstance(design.setup.filter, ModalFilter) else 'no'} estimator"
-    pairs = (
-        "Stability at rest is proved for all vibrations"
-        if proved.high >= high
-        else f"Stability at rest is proved up to {number(np.sqrt(proved.high), 3)} rad/s of the vibrations"
-    )  # fmt: skip
+    up_to = "" if proved.high >= high else f", its vibrations up to {number(np.sqrt(proved.high), 3)} rad/s"
     return (
-        f"{pairs} of an arm with motors alike and without gravity, with {loop}. Unlike motors, gravity, moves, more "
-        "delay and tolerances were tested on random samples; nothing is proved of them."
+        f"Tested on random samples, not proved. Only this is proved: without gravity and with equal motors, the arm at "
+        f"rest is stable{up_to}, with {loop}."
     )
 
 
@@ -436,7 +441,7 @@ def workspace_numbers(design: WorkspaceDesign) -> dict[str, Any]:
     """What design.json holds of a controller for a workspace."""
     law, t, run = design.setup.law.gains, robustness(design), design.power_on
     return {
-        "version": 1, "kind": "workspace", "met": design.met,
+        "version": 1, "kind": "workspace", "robot": design.robot.name, "met": design.met,
         "pairs": {"ends": list(law.ends), "motor": law.motor, "damping": law.damping},
         "weights": finite(vars(law.weights)), "random_torques": list(design.setup.random),
         "requirements": [

@@ -4,23 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from textwrap import fill
-from typing import Any
 
 import numpy as np
 
 from flexhinf.design.requirements import REQUIREMENTS, Requirement
 from flexhinf.design.responses import Move
-from flexhinf.design.robustness import LATEST, LOUDEST, robustness
-from flexhinf.design.specification import FIELDS
+from flexhinf.design.robustness import LATEST, LONGER, LOUDEST, remaining_cause, robustness
+from flexhinf.design.specification import Specification
 from flexhinf.design.workspace.design import WorkspaceDesign
-from flexhinf.design.workspace.search import BANDWIDTHS
+from flexhinf.design.workspace.search import BANDWIDTHS, motors_alone
 from flexhinf.design.workspace.setup import OFFSET
 from flexhinf.loop.simulation.metrics import peak_of
-from flexhinf.pages.drawing import Units, count_text
-from flexhinf.pages.page import requirement_table, requirement_text
-from flexhinf.report import KeyNumber, number
-from flexhinf.report.blocks import WIDTH
+from flexhinf.pages.drawing import Units, count_text, listed
+from flexhinf.pages.page import requirement_table, requirement_text, requirements_text
+from flexhinf.pages.terminal import (
+    Ending,
+    advice_text,
+    noise_text,
+    numbers_text,
+    requirements_screen,
+    tolerances_text,
+)
+from flexhinf.report import KeyNumber, Table, number
+from flexhinf.robot import Robot
+from flexhinf.robot.elastic import left_out
+from flexhinf.robot.kinematics import heavy_motors
 from flexhinf.robot.waypoints import LIMITS
 
 #: Columns of the table of moves: key of `motion_metrics`, heading, unit, factor of the number that is shown.
@@ -29,12 +37,11 @@ COLUMNS = {
     "path_distance": ("distance from the path", "{small}", 1e3), "ripple_percent": ("ripple of the motors", "%", 1.0),
 }  # fmt: skip
 
-#: A requirement is near its limit where it has at most this share of it to spare; lines of a terminal that say so, and
-#: all its lines, less that of the report.
-NEAR, BRIEF, SCREEN = 0.2, 6, 24
-
 #: Motion at power-on, or by offsets of the encoders, that a terminal names, rad or m.
 FAR = 0.01
+
+#: Samples of a plan by which its speed is found.
+SPEED_SAMPLES = 201
 
 #: Fast vibrations with less damping are named beside the verdict.
 HARDLY = 0.05
@@ -43,21 +50,80 @@ HARDLY = 0.05
 def workspace_verdict(design: WorkspaceDesign) -> str:
     """Whether the requirements are met, and by what."""
     missed = missed_text(design)
-    return f"{f'Not met: {missed}' if missed else 'Every requirement is met'}. {_scope(design)}"
+    return f"{f'Not met: {missed}' if missed else 'Every requirement is met'}. {scope_text(design)}"
 
 
-def _scope(design: WorkspaceDesign) -> str:
+def scope_text(design: WorkspaceDesign) -> str:
+    """What was judged, and what is hardly kept."""
     poses, moves = count_text(len(design.loops), "random pose"), count_text(len(design.moves), "move")
-    again = "both" if design.corner_loops and design.sampled else "the poses" if design.corner_loops else ""
-    again = f", {again} again with robots at corners of their tolerances" if again else ""
-    scope = f"One controller for {range_of(design)}, judged at {poses} and in {moves}{again}."
+    both = ", each with your robot and with robots at the ends of their tolerances"
+    if design.corner_loops and design.sampled:
+        tested = f"{poses} and in {moves}{both}"
+    else:
+        tested = f"{poses}{f'{both},' if design.corner_loops else ''} and in {moves}"
+    if design.moves:
+        tested += f"; the fastest reached {speed_text(design)}: a larger speed_limit or --peak-speed tests faster ones"
+    scope = f"One controller for {range_of(design)}, tested at {tested}. {noise_text(design.setup)}".rstrip()
     if unheld := robustness(design).unheld:
         scope += f" {unheld} of these poses need{'s' * (unheld == 1)} more than the motors have."
     fast = min(loop.fast_damping for loop in (*design.loops, *design.corner_loops))
-    if fast < HARDLY:
-        limit = design.specification.damped_below_limit
-        scope += f" Vibrations above {limit:g} rad/s are hardly damped: {number(fast, 2)} at least."
+    limit = f"{design.specification.damped_below_limit:g} rad/s"
+    if fast < 0.0:
+        scope += f" UNSTABLE above {limit} (damping {number(fast, 2)})."
+    elif fast < HARDLY:
+        scope += f" Vibrations above {limit} are hardly damped (damping {number(fast, 2)})."
     return scope
+
+
+def speed_text(design: WorkspaceDesign) -> str:
+    """The largest planned speed of the moves, of joints that turn and of joints that slide."""
+    largest: dict[str, float] = {}
+    for move in design.moves:
+        time = np.linspace(0.0, move.plan.duration, SPEED_SAMPLES)
+        speeds = np.abs(np.gradient(np.reshape(move.plan(time), (SPEED_SAMPLES, -1)), time, axis=0)).max(
+            axis=0
+        )
+        for speed, slides in zip(speeds.tolist(), design.robot.links.slides):
+            unit = "m/s" if slides else "rad/s"
+            largest[unit] = max(speed, largest.get(unit, 0.0))
+    return " and ".join(f"{number(speed, 2)} {unit}" for unit, speed in largest.items())
+
+
+def cause_text(design: WorkspaceDesign) -> str:
+    """What the largest remaining error comes from, and what lessens it, where more remains than is allowed."""
+    if not any(line.what == REQUIREMENTS["remaining"].what for line in design.missed):
+        return ""
+    cause, setup = remaining_cause(design), design.setup
+    units, joint = Units(setup.model, setup.joints), setup.joints[cause.joint]
+    error, left = (units.small_text(size, 3) for size in (cause.error, cause.without))
+    if not cause.kind:
+        return f"No tolerance, and neither dry friction nor a short rest, is by itself behind the {error} of {joint}."
+    if cause.kind == "rest":
+        return f"The remaining error of {joint}, {error}, falls to {left} in a rest of {LONGER:g} s."
+    name = f"the tolerance of the {cause.kind}" if cause.tolerance else cause.kind
+    return f"The remaining error of {joint}, {error}, comes mostly from {name}: {left} without it."
+
+
+def _cause_advice(design: WorkspaceDesign) -> str:
+    """What lessens the cause of the remaining error; "" where there is none that was found."""
+    cause = remaining_cause(design) if cause_text(design) else None
+    if cause is None or not cause.kind or cause.kind == "rest":
+        return "" if cause is None or not cause.kind else "a longer rest before a goal counts as reached"
+    if cause.tolerance and cause.kind.startswith("payload"):
+        return "a smaller range of the payload"
+    if cause.tolerance:
+        return f"a narrower tolerance of the {cause.kind}: measure it (flexhinf identify)"
+    return "joints with less dry friction (coulomb_friction in the file: is it measured?)"
+
+
+def vibration_text(design: WorkspaceDesign) -> str:
+    """The arm's own vibrations with held motors beside the bandwidth of the law."""
+    gains = design.setup.law.gains
+    low, high = (f"{float(end):.0f}" for end in np.sqrt(gains.ends))
+    return (
+        f"The arm vibrates at {low} rad/s (slowest) to {high} (fastest); the controller follows commands up to "
+        f"{gains.weights.bandwidth:g} rad/s."
+    )
 
 
 def missed_text(design: WorkspaceDesign) -> str:
@@ -68,48 +134,55 @@ def missed_text(design: WorkspaceDesign) -> str:
 def advice(design: WorkspaceDesign) -> str:
     """What to try where a requirement is not met, or the motors cannot hold a pose; nothing otherwise."""
     s, missed, unheld = design.specification, design.missed, robustness(design).unheld
-    both = {"link_position", "motor_position"} <= {*s.measured} or s.estimator == "none"
-    options = dict.fromkeys(FIELDS[line.field].option for line in missed if line.field)
     slow = design.setup.law.gains.weights.bandwidth < max(BANDWIDTHS)
-    loud = slow or any(line.field in ("gain_margin", "delay_margin") for line in missed)
-    noise, stated = s.measurement_noise, s.measurement_noise != FIELDS["measurement_noise"].default
-    rms = f": {number(1e3 * noise**0.5, 3)} mrad rms was {'stated' if stated else 'assumed'}"
-    finer = f"finer sensors (--measurement-noise{rms if isinstance(noise, float) else ''})"
+    alone, margins = motors_alone(design.robot, s), ("gain_margin", "delay_margin", "ripple")
+    loud = slow or any(line.field in margins for line in missed)
+    finer = "finer sensors (--measurement-noise)"
     full = any(line.what == REQUIREMENTS["at_limit"].what for line in missed)
-    tried = {
+    if not missed and not unheld:
+        return ""
+    heavy = heavy_motors(design.robot)
+    cause = _cause_advice(design)
+    first = {
+        cause: bool(cause),
+        f"a smaller inertia of the motor of {listed(heavy)} (is it in kg·m²?)": bool(heavy)
+        and (unheld > 0 or full),
         "larger limits of the motors (is effort_limit as seen from the link?)": unheld > 0 or full,
         "slower moves (--peak-speed)": full,
-        "sensors of links and motors (--measured link_position,motor_position)": bool(missed) and not both,
-        finer: bool(missed) and loud and s.estimator != "none",
-        "narrower tolerances, of a payload too": any("corner" in line.where for line in missed),
-        f"other limits ({', '.join(options)})": bool(options),
-        "a smaller --workspace": True,
     }
-    texts = "; ".join(text for text, applies in tried.items() if applies)
-    return f"To try: {texts}." if missed or unheld else ""
+    last = {
+        finer: bool(missed) and loud and s.estimator != "none",
+        tolerances_text(design.robot): not cause and any("corner" in line.where for line in missed),
+        "a smaller --workspace": unheld > 0 or any("pose" in line.where for line in missed),
+    }
+    simpler = " With motor encoders alone PD + gravity compensation is simpler and may do as well (docs/which_law.md)."
+    return advice_text(missed, s, first, last) + simpler * (alone and bool(missed))
 
 
-def workspace_tables(design: WorkspaceDesign) -> list[Any]:
-    """Requirements that are not met or near their limits, for a terminal: one of each kind that is missed, and as many
-    others as fit on a screen with the text."""
-    from rich.console import Console
+def workspace_ending(design: WorkspaceDesign) -> Ending:
+    """What a terminal says at the end: what is met, the worst numbers, what to try."""
+    worst = f"At worst: {numbers_text(key_numbers(design))}."
+    parts = (
+        f"{requirements_text(design.requirements)} {scope_text(design)}",
+        f"{worst} {vibration_text(design)}",
+        cause_text(design),
+        _starts(design),
+        advice(design),
+    )
+    lines, s = requirements_with_margins(design), design.specification
+    return requirements_screen(lines, s.in_degrees, parts, damping_notes(design.robot, s))
 
-    lines = sorted(filter(_near, requirements_with_margins(design)), key=lambda line: line.met)
-    kinds = {line.what: line for line in reversed(lines) if not line.met}
-    lines.sort(key=lambda line: kinds.get(line.what) is not line)
-    least, title = max(len(kinds), 1), "Requirements that are missed or nearly missed (* our default)"
-    space = SCREEN - len(workspace_text(design).splitlines())
 
-    def table_of(some: Sequence[Requirement]) -> Any:
-        table = requirement_table(some, design.specification.in_degrees, title)
-        left = [f"and {len(lines) - len(some)} more on the page"] if lines[len(some) :] else []
-        return replace(table, rows=[*table.rows, *left]).terminal()
+def damping_notes(robot: Robot, s: Specification) -> list[str]:
+    """A sentence where the robot states damping of its springs and the design leaves it out."""
+    damped = "joint_damping" in left_out(robot.nominal, s.extras)
+    return ["The file states damping of the springs. --extras joint_damping includes it."] * damped
 
-    for count in range(min(max(BRIEF, least), len(lines)), least - 1, -1):
-        table = table_of(lines[:count])
-        if len(Console(width=WIDTH).render_lines(table)) <= space:
-            return [table]
-    return [table_of([replace(line, where="one of each kind") for line in lines[:least]])] if lines else []
+
+def every_requirement(design: WorkspaceDesign) -> Table:
+    """All requirements, met or not, for a terminal."""
+    lines = requirements_with_margins(design)
+    return requirement_table(lines, design.specification.in_degrees, "Requirements (* our default)")
 
 
 def requirements_with_margins(design: WorkspaceDesign) -> list[Requirement]:
@@ -122,20 +195,6 @@ def requirements_with_margins(design: WorkspaceDesign) -> list[Requirement]:
         "delay_margin": f"{margin_text(t.delay, LATEST)} samples tolerated",
     }
     return [replace(line, detail=known.get(line.field, line.detail)) for line in design.requirements]
-
-
-def _near(line: Requirement) -> bool:
-    return not line.met or (line.limit > 0.0 and abs(line.found / line.limit - 1.0) <= NEAR)
-
-
-def workspace_text(design: WorkspaceDesign) -> str:
-    """The verdict for a terminal, under `workspace_tables`: what is met, the worst numbers, what to try."""
-    names = list(dict.fromkeys(line.what for line in design.missed))
-    missed = ", ".join([*names[:BRIEF], *([f"and {len(names) - BRIEF} more"] if names[BRIEF:] else [])])
-    met = f"Not met: {missed}." if missed else f"All {len(design.requirements)} requirements are met."
-    worst = ", ".join(f"{n.name} {n.value} {n.unit}".rstrip() for n in key_numbers(design))
-    parts = f"{met} {_scope(design)}", f"At worst: {worst}.", _starts(design), advice(design)
-    return "\n".join(fill(part, WIDTH, break_on_hyphens=False) for part in parts if part)
 
 
 def _starts(design: WorkspaceDesign) -> str:
@@ -195,13 +254,14 @@ def key_numbers(design: WorkspaceDesign) -> list[KeyNumber]:
     moves = (*design.moves, *design.sampled)
     rows, least = worst_motion(moves), min(l.damping for l in (*design.loops, *design.corner_loops))
     below, worst = f"below {design.specification.damped_below_limit:g} rad/s", f"worst of {len(moves)} moves"
-    return [
-        KeyNumber("least damping", number(least, 3), "", below),
-        *(
-            KeyNumber(title, number(factor * max(row[key] for row in rows), 3), unit, worst)
-            for key, (title, unit, factor) in columns_of(design).items()
-        ),
-    ]
+    numbers = [KeyNumber("least damping", number(least, 3), "", below)]
+    for key, (title, unit, factor) in columns_of(design).items():
+        values, where = [row[key] for row in rows], worst
+        if key == "ripple_percent":  # at rest every pose has one, and its requirement is the same
+            values += [loop.ripple for loop in design.loops]
+            where = f"worst of {len(moves)} moves and {len(design.loops)} poses"
+        numbers.append(KeyNumber(title, number(factor * float(np.fmax.reduce(values)), 3), unit, where))
+    return numbers
 
 
 def margin_text(value: float, most: float, before: str = "") -> str:

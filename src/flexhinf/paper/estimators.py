@@ -15,16 +15,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from flexhinf.codegen import Buffer, Call, Program, Repeat, Slice, compile_program
 from flexhinf.codegen.noise import normal_numbers
+from flexhinf.codegen.shared import share
 from flexhinf.estimation import ExtendedKalmanFilter, RecursiveFilter, UnscentedKalmanFilter
+from flexhinf.estimation.filter import Form
 from flexhinf.loop import Step
-from flexhinf.loop.shared import share
 from flexhinf.loop.simulation.metrics import rms
 from flexhinf.paper.loop_setup import (
     INITIAL_VARIANCE,
@@ -136,35 +137,41 @@ def _reconstructs(setup: PaperSetup) -> Finding:
 # Trials of two filters -----------------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A comparison of two filters: the model that both use, with its sensors; the period, s; q of R^v = q I and the
-    variances R^n (p,), of the truth and of the filters; standard deviations (n,) of the true start about the filters'
-    initial mean, their P0; and parameters of the truth that differ from the model's."""
+    """A comparison of two filters: the model that both use, with its sensors; the period, s; q of R^v = q I, or its
+    diagonal (n,), and the variances R^n (p,), of the truth and of the filters; standard deviations (n,) of the true
+    start about the filters' initial mean (n,), their P0; parameters of the truth that differ from the model's; and the
+    filters' form."""
 
     name: str
     model: Plant
     period: float
-    process_noise: float
+    process_noise: float | tuple[float, ...]
     measurement_noise: tuple[float, ...]
     initial: tuple[float, ...]
     changes: Mapping[str, float]
+    mean: tuple[float, ...] | None = None  # zero
+    form: Form = "covariance"
 
 
 @dataclass(frozen=True)
 class Scores:
     """Errors of one filter in R runs: mean squared error (R, n) of each state over a run (NaN for a filter that
-    failed), mean error (R, n), and the mean (R,) of eᵀ P⁻¹ e, which is n where the filter's covariance is right."""
+    failed), mean error (R, n), and the mean (R,) of eᵀ P⁻¹ e, which is n where the filter's covariance is right; that
+    of every sample after its correction, (R, N)."""
 
     squared: np.ndarray
     mean: np.ndarray
     nees: np.ndarray
+    nees_of_samples: np.ndarray
 
 
 def run_trial(trial: Trial, inputs: np.ndarray, runs: int, seed: int) -> tuple[Scores, Scores]:
     """Run both filters on the same data; returns (UKF's, EKF's) scores. Inputs (steps, m) are held between samples."""
     parameters, n, p, steps = trial.model.parameters, trial.model.n, len(trial.model.outputs), len(inputs)
-    q, r, initial = trial.process_noise, np.array(trial.measurement_noise), np.array(trial.initial)
+    q, r, initial = (np.array(part) for part in (trial.process_noise, trial.measurement_noise, trial.initial))
+    mean = np.zeros(n) if trial.mean is None else np.array(trial.mean)
     filters = [
-        kind(trial.model, trial.period, q, r, np.zeros(n), initial**2)
+        kind(trial.model, trial.period, q, r, mean, initial**2, form=trial.form)
         for kind in (UnscentedKalmanFilter, ExtendedKalmanFilter)
     ]
     kernels = [
@@ -190,19 +197,20 @@ def run_trial(trial: Trial, inputs: np.ndarray, runs: int, seed: int) -> tuple[S
                     "noises": np.concatenate(
                         [v.ravel() for v in (filter.process_noise, filter.measurement_noise)]
                     ),
-                    "x": initial * normal[0, :n],
-                    "belief": np.concatenate([np.ravel(part) for part in filter.initial]),
+                    "x": mean + initial * normal[0, :n],
+                    "belief": np.concatenate([np.ravel(part) for part in filter.initial[:2]]),
                     "recorded": recorded.ravel(),
                 },
                 {"steps": steps},
             )
             errors = recorded[:, :n]
-            summaries.append(np.concatenate([(errors**2).mean(0), errors.mean(0), [recorded[:, n].mean()]]))
+            nees = recorded[:, n]
+            summaries.append(np.concatenate([(errors**2).mean(0), errors.mean(0), [nees.mean()], nees]))
         return summaries
 
     scores = np.array(in_two_threads(run_errors, list(range(runs))))
-    ukf, ekf = (Scores(scores[:, i, :n], scores[:, i, n : 2 * n], scores[:, i, -1]) for i in (0, 1))
-    return ukf, ekf
+    ukf, ekf = (Scores(*np.split(scores[:, i], [n, 2 * n, 2 * n + 1], axis=1)) for i in (0, 1))
+    return replace(ukf, nees=ukf.nees[:, 0]), replace(ekf, nees=ekf.nees[:, 0])
 
 
 def _program(filter: RecursiveFilter) -> Program:
@@ -222,7 +230,7 @@ def _program(filter: RecursiveFilter) -> Program:
         white = solve_lower(cholesky(posterior.covariance), error)
         later = filter.time_update(posterior, u, named(model), q)
         moved = filter.transition(x, u, named(truth)) + move
-        after = np.concatenate([np.asarray(later.mean), np.asarray(later.covariance).ravel()])
+        after = np.concatenate([np.asarray(part).ravel() for part in later[:2]])
         return moved, after, np.concatenate([error, [white @ white]])
 
     sizes = {"x": n, "belief": n + n * n, "inputs": m, "moves": n, "noise": p}
@@ -254,7 +262,8 @@ class Outcome(NamedTuple):
     verdict: str
 
 
-def _outcome(ukf: Scores, ekf: Scores) -> Outcome:
+def outcome_of(ukf: Scores, ekf: Scores) -> Outcome:
+    """What both filters' scores say."""
     kept, nan = np.isfinite(ukf.squared).all(axis=1) & np.isfinite(ekf.squared).all(axis=1), math.nan
     pairs = int(kept.sum())
     if pairs < 2:
@@ -270,22 +279,25 @@ def _outcome(ukf: Scores, ekf: Scores) -> Outcome:
     return Outcome(pairs, difference, half, (bias[0], bias[1]), (nees[0], nees[1]), verdict)
 
 
-def _trials(setup: PaperSetup) -> tuple[list[Trial], list[Trial]]:
-    """Trials with the link position measured, and trials with sensors of which sin x1 is no function."""
-    s, model = setup.settings, setup.model
-    q, r, near = s.process_noise, (s.measurement_noise,), (math.sqrt(INITIAL_VARIANCE),) * model.n
-    motor = setup.arm.plant(measured=("motor_position",))
+def inertial_plant(model: Plant) -> Plant:
+    """The arm with an inertial sensor at the link's end: specific force along and across the link, rate of turn."""
 
     def imu(x: Any, u: Any, p: Any) -> Any:
-        """Output of an inertial sensor at the link's end: specific force along and across the link, rate of turn."""
         torque = -p.mass * p.gravity * p.length * np.sin(x[0]) - p.stiffness * (x[0] - x[2])
         tangential = p.length * torque / p.link_inertia + p.gravity * np.sin(x[0])
         return np.array([tangential, p.length * x[1] ** 2 + p.gravity * np.cos(x[0]), x[1]])
 
-    inertial = Plant(
+    return Plant(
         model.flow, imu, states=model.states, inputs=model.inputs, disturbances=model.disturbances,
         parameters=model.parameters, outputs=("tangential_acceleration", "radial_acceleration", "angular_rate"),
     )  # fmt: skip
+
+
+def _trials(setup: PaperSetup) -> tuple[list[Trial], list[Trial]]:
+    """Trials with the link position measured, and trials with sensors of which sin x1 is no function."""
+    s, model = setup.settings, setup.model
+    q, r, near = s.process_noise, (s.measurement_noise,), (math.sqrt(INITIAL_VARIANCE),) * model.n
+    motor, inertial = setup.arm.plant(measured=("motor_position",)), inertial_plant(setup.model)
     return [
         *(
             Trial(f"{1e3 * period:g} ms", model, period, q, r, near, {})
@@ -309,17 +321,20 @@ def _trials(setup: PaperSetup) -> tuple[list[Trial], list[Trial]]:
     ]
 
 
+def driving(step: Any, period: float) -> np.ndarray:
+    """The voltage (N, 1) of a run, at the samples of another period, s."""
+    times = np.arange(max(2, round(DURATION / period))) * period
+    volts = np.interp(times, step.time, step.signals["input"][:, 0])
+    return np.clip(np.nan_to_num(volts), -100.0, 100.0)[:, None]  # of a step that diverged
+
+
 def _beats_ekf(setup: PaperSetup) -> Finding:
     step = setup.run(setup.nonlinear, Step(math.pi), DURATION, estimator=None)
 
     def outcome(trial: Trial) -> Outcome:
         """Outcome of both filters on the voltage of a step, which drives every plant of the trial."""
-        times = np.arange(max(2, round(DURATION / trial.period))) * trial.period
-        volts = np.interp(times, step.time, step.signals["input"][:, 0])
-        volts = np.clip(np.nan_to_num(volts), -100.0, 100.0)  # of a step that diverged
-        return _outcome(
-            *run_trial(trial, volts[:, None], affordable(RUNS, trial.period, DURATION), setup.settings.seed)
-        )
+        count = affordable(RUNS, trial.period, DURATION)
+        return outcome_of(*run_trial(trial, driving(step, trial.period), count, setup.settings.seed))
 
     own, others = ({trial: outcome(trial) for trial in trials} for trials in _trials(setup))
     verdicts = {result.verdict for result in own.values()}

@@ -123,14 +123,17 @@ class PaperSetup:
     def estimator(
         self, kind: str | None = None, mean: Any = None, covariance: Any = INITIAL_VARIANCE, **options: Any
     ) -> Any:
-        """An estimator of this kind (the settings' by default) from rest or another mean; None for "none"."""
+        """An estimator of this kind (the settings' by default) from rest or another mean; None for "none".
+
+        It has the covariance form, the paper's.
+        """
         s, kind = self.settings, self.settings.estimator if kind is None else kind
         if kind == "none":
             return None
         mean = np.zeros(self.model.n) if mean is None else mean
         return (UnscentedKalmanFilter if kind == "ukf" else ExtendedKalmanFilter)(
-            self.model, s.period, s.process_noise, s.measurement_noise, mean, covariance, **options
-        )
+            self.model, s.period, s.process_noise, s.measurement_noise, mean, covariance, form="covariance", **options
+        )  # fmt: skip
 
     def seed(self, k: int) -> int:
         """Seed of the k-th of several runs (k < 1000): no two settings share one."""

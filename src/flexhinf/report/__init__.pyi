@@ -37,7 +37,13 @@ from .figure import (
     settling_band as settling_band,
     time_response as time_response,
 )
-from .folder import check as check, is_report as is_report, unchanged as unchanged, write as write
+from .folder import (
+    check as check,
+    is_report as is_report,
+    sources as sources,
+    unchanged as unchanged,
+    write as write,
+)
 from .page import (
     Claim as Claim,
     Claims as Claims,

@@ -280,13 +280,19 @@ class Figure(Anchored):
         )
 
 
+#: A drawing with more units of width than these, of which a letter has 12.8, has room for larger texts.
+WIDE = 520.0
+
+
 # Drawings inside a page ------------------------------------------------------------------------------
 def inline(svg: str, prefix: str, described_by: str = "") -> str:
     """The ``svg`` element of a drawing for the inside of an HTML page, named by the element `described_by`.
 
     Declarations, metadata and name spaces go; every id gets `prefix`, since all drawings of a page share one
     set of names; the colours of `LIGHT` become variables of the style sheet, so that a drawing follows
-    light and dark; its size is left to the page. Only markup is looked at: a joint may be called ``url(x)``.
+    light and dark; its size is left to the page, as is that of its texts: a drawing is laid out for a telephone, and
+    the style sheet makes texts smaller, relative to the drawing, where it is wide. Only markup is looked at: a joint
+    may be called ``url(x)``.
 
     Raises InvalidInput: `svg` is no drawing, or it could run a script or fetch something.
     """
@@ -308,10 +314,11 @@ def inline(svg: str, prefix: str, described_by: str = "") -> str:
 
     def own(mark: re.Match[str]) -> str:
         named = re.sub(r'(\bid="|url\(#|href="#)', rf"\1{prefix}-", mark[0])
-        return re.sub("|".join(roles), lambda match: roles[match[0]], named)
+        sized = re.sub(r"font-size: ([\d.]+px)", r"font-size: calc(\1*var(--text))", named)
+        return re.sub("|".join(roles), lambda match: roles[match[0]], sized)
 
     described = f' aria-labelledby="{described_by}"' if described_by else ""
-    wide = f' style="--units: {view.group(1)}"'
+    wide = ' class="wide"' * (float(view.group(1)) > WIDE) + f' style="--units: {view.group(1)}"'
     return f'<svg {view.group()}{wide} role="img"{described}>{_MARKUP.sub(own, body)}'
 
 
@@ -431,6 +438,8 @@ class Table(Anchored):
         css = [' class="number"' if right else "" for right in numeric]
         head = "".join(
             f'<th scope="col"{mark}>{prose(column.name)}{unit_html(column.unit)}</th>'
+            if column.name
+            else "<td></td>"
             for column, mark in zip(self.heads, css)
         )
         labels = [""] * len(css)
@@ -477,9 +486,14 @@ class Table(Anchored):
         indent = " " if any(isinstance(row, str) for row in self.rows) else ""
         there = [k for k, column in enumerate(self.heads) if column.brief is not None]
         numeric, lines = self._written
-        for column, right in ((self.heads[k], numeric[k]) for k in there):
+        for k in there:
+            column, right = self.heads[k], numeric[k]
             heading = column.brief or ", ".join(part for part in (column.name, column.unit) if part)
-            table.add_column(Text(heading), justify="right" if right else "left", no_wrap=wide or right)
+            names = k == there[0] and not any(
+                isinstance(line, str) or len(line[k][0]) > NAME for line in lines
+            )
+            whole = wide or right or names
+            table.add_column(Text(heading), justify="right" if right else "left", no_wrap=whole)
         for line in lines:
             if isinstance(line, str):
                 table.add_row(Text(line, "bold"))
@@ -488,6 +502,10 @@ class Table(Anchored):
                 cells[0] = (indent + cells[0][0], cells[0][1])
                 table.add_row(*(Text(f"{t}*") if m == "best" else Text(t, m) for t, m in cells))
         return table
+
+
+#: Names in the first column of a table without titles stay whole in a terminal if they are no longer than this.
+NAME = 16
 
 
 # Settings and where a page comes from ----------------------------------------------------------------
@@ -504,13 +522,13 @@ class Setting:
 
 @dataclass(frozen=True)
 class Settings(Block):
-    """Settings in named groups, in the order given; folded on the page, open on paper."""
+    """Settings in named groups, in the order given."""
 
     groups: Mapping[str, Sequence[Setting]]
 
     def html(self) -> str:
-        """The settings as HTML: a table for each group, inside one folded part."""
-        count, parts = sum(map(len, self.groups.values())), ""
+        """The settings as HTML: a table for each group."""
+        parts = ""
         for name, group in self.groups.items():
             rows = "".join(
                 f'<tr><th scope="row">{prose(row.name)}</th><td>{prose(scalar(row.value))}{unit_html(row.unit)}</td>'
@@ -522,7 +540,7 @@ class Settings(Block):
                 '<th scope="col">Setting</th><th scope="col">Value</th><th scope="col">From</th></tr></thead>'
                 f"<tbody>{rows}</tbody></table></div>"
             )
-        return f"<details><summary>Every assumption and setting ({count})</summary>{parts}</details>"
+        return parts
 
 
 @dataclass(frozen=True)

@@ -46,15 +46,18 @@ MUTED: str = LIGHT["muted"]
 GRID: str = LIGHT["grid"]
 SERIES: tuple[str, ...] = tuple(colour for role, colour in LIGHT.items() if role.startswith("series-"))
 
-#: Width of a drawing, inches: one that fits a narrow screen (360 px) keeps text of 8 px, on a wide one it has 15 px.
-WIDTH = 6.0
+#: Width of a drawing, inches, and size of its texts, points: they have 11 px on a screen of 390 px. On wider ones the
+#: style sheet makes texts smaller relative to the drawing, so a drawing is laid out for the largest ones.
+WIDTH, TEXT = 6.0, 12.8
 
 _STYLE: dict[str, object] = {
     "font.family": ["DejaVu Sans"],
-    "font.size": 9.5,
-    "axes.titlesize": 10.0,
+    "font.size": TEXT,
+    "axes.titlesize": TEXT,
     "axes.titlelocation": "left",
-    "axes.labelsize": 9.5,
+    "axes.labelsize": TEXT,
+    "xtick.labelsize": TEXT,
+    "ytick.labelsize": TEXT,
     "axes.edgecolor": MUTED,
     "axes.labelcolor": INK,
     "axes.titlecolor": INK,
@@ -73,8 +76,8 @@ _STYLE: dict[str, object] = {
     "xtick.labelcolor": INK,
     "ytick.labelcolor": INK,
     "legend.frameon": False,
-    "legend.fontsize": 9.0,
-    "legend.handlelength": 2.2,
+    "legend.fontsize": TEXT,
+    "legend.handlelength": 1.6,
     "lines.linewidth": 1.7,
     "lines.solid_capstyle": "round",
     "path.simplify": True,
@@ -132,7 +135,7 @@ def panels(
     """
     from matplotlib.figure import Figure
 
-    height = height or 0.7 + (2.6 if rows == 1 else 2.1 * rows)
+    height = height or 0.8 + (2.6 if rows == 1 else 2.1 * rows)
     figure = Figure(figsize=(width, height), layout="constrained")
     return figure, [list(row) for row in figure.subplots(rows, columns, squeeze=False, **options)]
 
@@ -161,8 +164,11 @@ def new_figure(
 
 @house_style()
 def label(axes: Axes, quantity: str, unit: str) -> None:
-    """Name what the vertical axis shows, with its unit."""
-    axes.set_ylabel(f"{quantity} ({unit})" if unit else quantity)
+    """Name what the vertical axis shows, with its unit, on two lines where one is longer than the axis."""
+    grid = axes.get_gridspec()
+    tall = 72.0 * axes.figure.bbox.height / axes.figure.dpi / (1 if grid is None else grid.nrows) - 40.0
+    text = f"{quantity} ({unit})" if unit else quantity
+    axes.set_ylabel("\n".join(textwrap.wrap(text, max(10, int(tall / (0.56 * TEXT))))))
 
 
 @house_style()
@@ -228,15 +234,20 @@ def legend(axes: Axes) -> None:
     handles, names = axes.get_legend_handles_labels()
     if not handles:
         return
-    wrapped = ["\n".join(textwrap.wrap(name, 70)) for name in names]
+    wrapped = ["\n".join(textwrap.wrap(name, 44)) for name in names]
     letters = [max(map(len, name.split("\n"))) for name in wrapped]
-    room = 72.0 * axes.figure.bbox.width / axes.figure.dpi - 70.0  # pt, beside tick and axis labels
+    room = 72.0 * axes.figure.bbox.width / axes.figure.dpi - 75.0  # pt, beside tick and axis labels
     # Matplotlib fills a legend column by column
     layouts = (np.array_split(letters, -(-len(names) // rows)) for rows in range(1, len(names)))
-    fitting = (len(parts) for parts in layouts if sum(5.4 * max(part) + 42.0 for part in parts) <= room)
+    fitting = (
+        len(parts) for parts in layouts if sum(0.6 * TEXT * max(part) + 3.2 * TEXT for part in parts) <= room
+    )
+    tiny = (
+        axes.get_yscale() == "linear" and max(map(abs, axes.get_ylim())) < 1e-4
+    )  # a power of ten stands there
     axes.legend(
-        handles, wrapped, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=next(fitting, 1), borderaxespad=0.2,
-        columnspacing=1.4,
+        handles, wrapped, loc="lower left", bbox_to_anchor=(0.0, 1.14 if tiny else 1.0), ncols=next(fitting, 1),
+        borderaxespad=0.2, columnspacing=1.0, handletextpad=0.5,
     )  # fmt: skip
 
 

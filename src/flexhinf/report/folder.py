@@ -48,6 +48,12 @@ def unchanged(path: str | os.PathLike[str], names: Sequence[str]) -> bool:
     return all(digest and listed.get(name) == digest for name, digest in digests)
 
 
+def sources(path: str | os.PathLike[str]) -> dict[str, str]:
+    """SHA-256 of the files outside a report that it was made of, by name, as `write` got them; empty if unknown."""
+    stated = (_marker(Path(path)) or {}).get("sources")
+    return stated if isinstance(stated, dict) else {}
+
+
 def _digest(path: Path) -> str:
     try:
         return file_digest(path)
@@ -109,11 +115,14 @@ def _refusals(path: str | os.PathLike[str]) -> Iterator[Path]:
         ) from error
 
 
-def write(path: str | os.PathLike[str], files: Mapping[str, str | bytes]) -> Path:
+def write(
+    path: str | os.PathLike[str], files: Mapping[str, str | bytes], origins: Mapping[str, str] | None = None
+) -> Path:
     """Write a report's folder: `files` and the marker, and nothing else; an earlier report is replaced.
 
     Interrupted, it leaves what was there before. `path` as in `check`; `files` are contents by relative paths, with
-    ``/`` between their parts; text is written as UTF-8.
+    ``/`` between their parts; text is written as UTF-8. `origins`: SHA-256 of the files that the report was made of,
+    by name, for `sources`.
     Raises InvalidInput: as `check`; or a file's name leaves the folder; or the system refuses to write (full disk, …).
     """
     contents: dict[str, bytes] = {}
@@ -131,6 +140,7 @@ def write(path: str | os.PathLike[str], files: Mapping[str, str | bytes]) -> Pat
         "version": 2,
         "note": "A new report replaces this folder whole, unless one of these files (SHA-256) was changed.",
         "files": {str(PurePosixPath(n)): hashlib.sha256(contents[n]).hexdigest() for n in sorted(contents)},
+        **({"sources": dict(origins)} if origins else {}),
     }
     contents[MARKER] = to_json(marker).encode("utf-8")
     with _refusals(path) as target:

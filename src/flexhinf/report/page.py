@@ -1,21 +1,28 @@
-"""One self-contained HTML page: no network, no scripts, light and dark, fit to be printed.
+"""One self-contained HTML page: no network, light and dark, fit to be printed, readable without its one script.
 
-From top to bottom: the request, what is not met, not proved or risky, the verdict, the numbers that matter; sections
-with figures and tables; then every assumption and setting, versions, seed and the command that makes the page again.
+The first screen has the verdict in one sentence, the numbers that matter and the figures that show the result. Below
+stand the summary and the sections, which fold; then every assumption and setting, versions, seed and the command that
+makes the page again. The script marks the current section, opens what a link points at, and enlarges figures.
 """
 
 from __future__ import annotations
 
+import base64
+import hashlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
+from itertools import groupby
 from typing import Any, Literal, get_args
 
 from flexhinf.errors import refuse_if
 from flexhinf.report.blocks import (
     Anchored,
     Block,
+    Bullets,
+    Figure,
+    Note,
     Provenance,
     Setting,
     Settings,
@@ -167,11 +174,18 @@ class KeyNumber(Setting):
 
 @dataclass(frozen=True)
 class Section(Anchored):
-    """A heading and the blocks under it; `id` is its anchor."""
+    """A heading and the blocks under it, which fold; `id` is its anchor.
+
+    `open`: whether the page shows the blocks before a reader asks for them. `group`: heading of this section and of
+    those after it in the contents. `brief`: the result in a few words, beside the heading.
+    """
 
     title: str
     blocks: Sequence[Block]
     id: str
+    open: bool = False
+    group: str = ""
+    brief: str = ""
 
     def ids(self) -> tuple[str, ...]:
         """The anchors of the section and of its blocks."""
@@ -179,14 +193,30 @@ class Section(Anchored):
 
     def html(self) -> str:
         """The section as HTML."""
-        body = "\n".join(block.html() for block in self.blocks)
-        return f'<section id="{self.id}">\n<h2>{prose(self.title)}</h2>\n{body}\n</section>'
+        notes = sum(isinstance(block, Note) for block in self.blocks)
+        brief = f'<span class="brief">{prose(self.brief)}</span>' if self.brief else ""
+        if notes:
+            brief += f'<span class="badge ties">{notes} note{"s" * (notes > 1)}</span>'
+        return (
+            f'<section id="{self.id}">\n<details{" open" * self.open}><summary><h2>{prose(self.title)}</h2>{brief}'
+            f"</summary>\n{arranged(self.blocks)}\n</details></section>"
+        )
+
+
+def arranged(blocks: Sequence[Block]) -> str:
+    """Blocks as HTML; figures that follow each other stand side by side where there is room."""
+    parts = []
+    for pictures, run in groupby(blocks, lambda block: isinstance(block, Figure)):
+        texts = [block.html() for block in run]
+        parts += [f'<div class="figures">{"".join(texts)}</div>'] if pictures and len(texts) > 1 else texts
+    return "\n".join(parts)
 
 
 @dataclass(frozen=True)
 class Page:
-    """A report: the request, in one or two sentences; the verdict, in one line; the sections; every setting;
-    command, seed and versions; the numbers that matter; what is not met, not proved or risky.
+    """A report. First screen: the title, the verdict in one sentence, how far it can be relied on, the numbers that
+    matter, and the `lead`, two figures at most. Then the summary with the request, every status in full and `details`
+    of the verdict; the sections; every setting; command, seed and versions.
 
     Raises InvalidInput: two parts of the page have the same anchor, or a claim points at a figure or at evidence that
     is not there.
@@ -200,12 +230,14 @@ class Page:
     provenance: Provenance
     numbers: Sequence[KeyNumber] = field(default=())
     status: Sequence[Status] = field(default=())
+    details: Sequence[str] = field(default=())
+    lead: Sequence[Figure] = field(default=())
 
     def __post_init__(self) -> None:
-        names = [*(name for section in self.sections for name in section.ids()), "settings", "again"]
+        names = [name for part in (*self.lead, *self.sections) for name in part.ids()] + OWN
         refuse_if(
             twice := sorted(name for name, times in Counter(names).items() if times > 1),
-            "Every anchor of a report page is there once ('settings' and 'again' are the page's own).",
+            f"Every anchor of a report page is there once ({', '.join(map(repr, OWN))} are the page's own).",
             f"used more than once: {', '.join(twice)}",
             "another id",
         )
@@ -220,34 +252,85 @@ class Page:
             "a Figure, or a Claim for each",
         )
 
-    def html(self) -> str:
-        """The whole page as text; the same page gives the same text."""
-        light = "".join(f"  --{role}: {colour};\n" for role, colour in LIGHT.items())
-        dark = "".join(f"    --{role}: {colour};\n" for role, colour in DARK.items())
-        sheet = resources.files("flexhinf.report").joinpath("page.css").read_text(encoding="utf-8")
-        # Paper is light: the dark colours are for screens only.
-        screen = f"@media screen and (prefers-color-scheme: dark) {{\n  :root {{\n{dark}  }}\n}}\n"
-        sections = (
-            *self.sections,
-            Section("Settings", (self.settings,), "settings"),
-            Section("How to make this again", (self.provenance,), "again"),
+    def _summary(self) -> str:
+        """The request, every status in full, and the details of the verdict."""
+        status = "".join(
+            f"<li>{badge(line.kind)} {prose(line.text[:1].upper() + line.text[1:])}</li>"
+            for line in self.status
         )
-        contents = "".join(f'<li><a href="#{part.id}">{prose(part.title)}</a></li>' for part in sections)
+        status = f'<ul class="status">{status}</ul>\n' if status else ""
+        details = Bullets(tuple(self.details)).html() if self.details else ""
+        return f'<p class="asked">{prose(self.request)}</p>\n{status}{details}'
+
+    def _header(self) -> str:
+        """The first screen."""
+        kinds = "".join(f'<a href="#summary">{badge(line.kind)}</a>' for line in self.status)
+        kinds = f'<p class="kinds">{kinds}</p>\n' if kinds else ""
         strip = "".join(
             f"<div><dt>{prose(n.name)}</dt><dd>{escape(scalar(n.value))}{unit_html(n.unit)}</dd>"
             + (f'<dd class="small">{prose(n.note)}</dd></div>' if n.note else "</div>")
             for n in self.numbers
         )
         strip = f'<dl class="numbers">{strip}</dl>\n' if strip else ""
-        status = "".join(f"<li>{badge(line.kind)} {prose(line.text)}</li>" for line in self.status)
-        status = f'<ul class="status">{status}</ul>\n' if status else ""
+        return (
+            f'<header id="top">\n<h1>{prose(self.title)}</h1>\n<p class="verdict">{prose(self.verdict)}</p>\n'
+            f"{kinds}{strip}{arranged(self.lead)}\n</header>\n"
+        )
+
+    def html(self) -> str:
+        """The whole page as text; the same page gives the same text."""
+        light = "".join(f"  --{role}: {colour};\n" for role, colour in LIGHT.items())
+        dark = "".join(f"    --{role}: {colour};\n" for role, colour in DARK.items())
+        sheet, script = (
+            resources.files("flexhinf.report").joinpath(f"page.{kind}").read_text(encoding="utf-8")
+            for kind in ("css", "js")
+        )
+        digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+        # Paper is light: the dark colours are for screens only.
+        screen = f"@media screen and (prefers-color-scheme: dark) {{\n  :root {{\n{dark}  }}\n}}\n"
+        count, last = sum(map(len, self.settings.groups.values())), "About this page"
+        sections = (
+            *self.sections,
+            Section(
+                "Settings",
+                (self.settings,),
+                "settings",
+                group=last,
+                brief=f"all {count}, and who states them",
+            ),
+            Section("How to make this again", (self.provenance,), "again"),
+        )
+        contents = '<li><a href="#top">Result</a></li><li><a href="#summary">Summary</a></li>' + "".join(
+            (f'<li class="group">{prose(part.group)}</li>' if part.group else "")
+            + f'<li><a href="#{part.id}">{prose(part.title)}</a></li>'
+            for part in sections
+        )
         body = "\n".join(section.html() for section in sections)
         return (
             '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
             '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
             '<meta name="color-scheme" content="light dark">\n<meta name="generator" content="flexhinf">\n'
+            # Nothing is fetched, and no other script runs.
+            "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'; "
+            f"img-src data:; script-src 'sha256-{digest}'\">\n"
             f"<title>{escape(self.title)}</title>\n<style>\n:root {{\n{light}}}\n{screen}{sheet}</style>\n</head>\n"
-            f'<body>\n<main>\n<header>\n<h1>{prose(self.title)}</h1>\n<p class="asked">{prose(self.request)}</p>\n'
-            f'{status}<p class="verdict">{prose(self.verdict)}</p>\n{strip}</header>\n'
-            f'<nav aria-label="Contents"><ol>{contents}</ol></nav>\n{body}\n</main>\n</body>\n</html>\n'
+            '<body>\n<a class="skip" href="#summary">Skip to the summary</a>\n'
+            f"{_CONTENTS}{contents}</ol></nav>\n<main>\n"
+            f'{self._header()}<section id="summary" class="summary">\n<h2>Summary</h2>\n{self._summary()}\n</section>\n'
+            f"{body}\n</main>\n{_LARGE}<script>{script}</script>\n</body>\n</html>\n"
         )
+
+
+#: Anchors of the page itself.
+OWN = ["top", "summary", "settings", "again", "contents"]
+
+_CONTENTS = (
+    '<nav aria-label="Contents"><p class="bar"><button type="button" class="menu" aria-expanded="false" '
+    'aria-controls="contents">Contents</button><span class="here"></span>'
+    '<button type="button" class="folds">Open all</button></p><ol id="contents">'
+)
+
+_LARGE = (
+    '<dialog class="large" aria-label="Figure, enlarged"><button type="button" class="close">Close (Esc)</button>'
+    '<div class="stage"></div></dialog>\n'
+)

@@ -3,12 +3,12 @@
 A search evaluates many gains, so the linearisations are computed once: ẋ = A x + B u + G d of every member, with the
 integrals of the tracking errors as last states, in deviations from each member's own equilibrium.
 
-Weights for a bandwidth and a damping come from two nested searches over ω and ζ, see docs/design.md. A common ζ damps
+Weights for a bandwidth and a damping come from two nested searches over ω and ζ, see docs/weights.md. A common ζ damps
 most vibrations more than required, above all those of light links, and the motors then amplify the estimator's noise.
 So at the end the ζ of each joint is lowered to the value that its own vibration needs. All members of the family count:
 the nominal robot and corners of its tolerances.
 
-The preset `robust` covers tolerances with constant scalings s_i, by the inequality of docs/design.md [shen1995].
+The preset `robust` covers tolerances with constant scalings s_i, by the inequality of docs/weights.md [shen1995].
 Channel i has the input matrix g_i/s_i and the output s_i z_i. The channels do not scale with γ: in a problem of level γ
 they enter with γ g_i/s_i. The s_i, one for each channel, are found on the linear part: they balance input and output of
 the channel, first in the nominal loop, then a few times in the resulting loop.
@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis.linear_loop import exponential
-from flexhinf.analysis.modes import JointScales, modes_of, sampled_modes, stiffness_and_inertia
+from flexhinf.analysis.modes import JointScales, sampled_modes
 from flexhinf.analysis.optimiser import bisected
 from flexhinf.errors import FlexhinfError, InvalidInput, NoFeasibleGamma, refuse_if
 from flexhinf.hinf import HJISolution, linear_law
@@ -32,6 +32,7 @@ from flexhinf.hinf.linear_part import LinearPart, is_feasible, linear_smallest_g
 from flexhinf.loop.simulation.metrics import LASTING
 from flexhinf.plant import PolynomialPlant
 from flexhinf.robot import Robot
+from flexhinf.robot.modes import modes_of, stiffness_and_inertia
 
 #: Number of tolerance corners in a search, besides the nominal robot; and number of corners from which the worst ones
 #: for the first weights join the second search.
@@ -375,7 +376,8 @@ class DampingOutOfReach(InvalidInput):
     reached = 0.0
 
 
-#: Default bandwidth, relative to the lowest vibration of the links with locked motors.
+#: Bandwidth by default, and advised where a larger one cannot be had, relative to the lowest vibration of the links
+#: with locked motors.
 BANDWIDTH_FRACTION = 0.3
 
 
@@ -388,6 +390,14 @@ def required_bandwidth(stated: Any, scales: JointScales, joints: int) -> np.ndar
         f"expected one number or {joints}, got {bandwidth.tolist()}", "one bandwidth for all joints",
     )  # fmt: skip
     return np.broadcast_to(bandwidth, (joints,)).copy()
+
+
+def vibration_text(lowest: float) -> str:
+    """The slowest vibration of an arm at a pose, rad/s, and the bandwidth that goes with it."""
+    return (
+        f"with held motors the nominal arm vibrates at {lowest:.3g} rad/s or faster at this pose, and "
+        f"{BANDWIDTH_FRACTION:g} of that is the usual bandwidth"
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -518,11 +528,13 @@ class _Search:
         else:
             expected = f"expected a bandwidth of {self.target.text}"
             if best is None:
+                lowest, reached = self.fastest / FASTEST, self.reached * self.target.bandwidth
+                found = f"the best found that is stable within the tolerances is {_text(reached)} rad/s"
+                slower = min(BANDWIDTH_FRACTION * lowest, 0.5 * float(self.target.bandwidth.min()))
                 raise InvalidInput(
-                    "The specification cannot be met: the bandwidth binds.",
-                    f"{expected}; the best found that is stable within the tolerances is "
-                    f"{_text(self.reached * self.target.bandwidth)} rad/s",
-                    "a smaller `bandwidth`; the springs' own frequency is about the most that a joint follows",
+                    f"No controller was found that reaches {self.target.bandwidth_text} at this pose of the arm.",
+                    f"{expected}; {found if self.reached else 'no loop was stable within the tolerances'}",
+                    f"bandwidth={slower:.2g}, which is not tested yet: {vibration_text(lowest)}",
                 )
             best_damping = best.behaviour.damping
             refused = DampingOutOfReach(

@@ -16,7 +16,7 @@ joint's vibration, and the same speed at all joints. Each family is tried with s
 motors' levels. From the best of them the levels of single joints are moved one after the other.
 
 What is searched for is the least noise at the motors (the geometric mean, since motors differ in size) for which every
-limit is kept, see docs/design.md. The default levels are used if they keep every limit. If no levels keep all limits,
+limit is kept, see docs/real_loop.md. The default levels are used if they keep all limits. If no levels keep all limits,
 the search takes the levels with the smallest total excess. A limit may be out of reach, because the law fails it with
 the true state or all levels of the families do. It is then relaxed to nearly the best value of the families, and a
 damping far out of reach to `RINGS`, so that no noise is spent in vain.

@@ -1,7 +1,7 @@
 """From a specification to a law: weights, noise levels of the estimator, V of several degrees, laws at other poses.
 
 The preset `robust` searches the whole loop with its estimator for the largest factor of all tolerances up to which no
-corner of them is unstable: docs/design.md has the five factors that are searched (the scalings of a μ-synthesis, with
+corner of them is unstable: docs/weights.md has the five factors that are searched (the scalings of a μ-synthesis, with
 the fraction of the tolerances that the channels stand for) and the conditions. The search begins with the weights of
 the preset `damped` and with weights whose channels stand for all tolerances. The channels model the law alone; with the
 estimator in the loop they may reduce the robustness. `damped` itself is the first candidate, so by this criterion the

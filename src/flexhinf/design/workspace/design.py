@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.analysis import LinearLoop
 from flexhinf.design.design_file import check_stated_units, tool_of
 from flexhinf.design.loop_setup import sensor_steps
 from flexhinf.design.requirements import Judged, Requirement
@@ -28,8 +29,10 @@ from flexhinf.design.workspace.judgement import (
 from flexhinf.design.workspace.search import BANDWIDTHS, tuned_setup
 from flexhinf.design.workspace.setup import CornerLoop, PoseLoop, WorkspaceSetup
 from flexhinf.estimation.modal import pair_sensors
-from flexhinf.loop import Controller
+from flexhinf.loop import Controller, Trajectory
 from flexhinf.robot import Robot, kinematics
+from flexhinf.robot.elastic import checked_pose
+from flexhinf.robot.signals import SENSORS, expanded
 from flexhinf.robot.waypoints import LIMITS
 from flexhinf.robot.workspace import Workspace, workspace_of
 
@@ -43,6 +46,16 @@ class WorkspaceDesign(Judged):
     """One controller for a workspace, its loops at poses and its moves, and the judgement of both.
 
     Poses, moves and robots are random samples by the seed of the specification: nothing is proved between them.
+
+    Examples
+    --------
+    A box of one degree:
+
+    >>> import flexhinf as fh
+    >>> wanted = fh.Specification(workspace=((0.0, 0.02),), draws=0, estimator="none")
+    >>> found = fh.design(fh.load_robot("paper"), wanted)  # doctest: +SKIP
+    >>> found.margins((0.01,)).stable  # doctest: +SKIP
+    True
     """
 
     setup: WorkspaceSetup  # law, estimator and controller at any pose
@@ -65,6 +78,33 @@ class WorkspaceDesign(Judged):
     robot = property(attrgetter("setup.robot"))
     specification = property(attrgetter("setup.specification"))
 
+    def _pose(self, at: Any) -> np.ndarray:
+        return checked_pose(at, np.asarray(self.setup.workspace.home), self.robot.links, self.robot.name)
+
+    def linear(self, at: Any = None) -> LinearLoop:
+        """The running loop at rest at a pose, linearised."""
+        return self.setup.linear(
+            checked_pose(self._pose(at), self.poses[0], self.robot.links, self.robot.name)
+        )
+
+    def step(self, goal: Any, start: Any = None, duration: float = 2.0) -> Trajectory:
+        """The run of a bare step of the command: from rest at `start` to `goal`, (n,) each, rad or m.
+
+        The robot is the nominal one, with the sensors' noise and the dry friction that it states. A step asks for more
+        than a robot can do at once; `move` is what the design is judged by.
+        """
+        robot, begin, extras = self.robot, self._pose(start), self.setup.dry_plant[0]
+        controller, end = self.controller(begin), np.concatenate(robot.operating_point(goal))
+        return self.setup.loop(controller).run(
+            dict(zip(controller.commanded, end.tolist())), noise=self.setup.noise, duration=duration,
+            initial_state=robot.operating_point(begin, extras)[0], seed=self.specification.seed,
+        )  # fmt: skip
+
+    def move(self, goal: Any, start: Any = None) -> Trajectory:
+        """The run of a quintic move with feedforward, at half the speed limits, from rest at `start` to `goal`, (n,)
+        each, rad or m, and a second of rest."""
+        return self.setup.move(np.array([self._pose(start), self._pose(goal)])).response.run
+
     def controller(self, at: Any = None, **options: Any) -> Controller:
         """A new controller as it is deployed, which begins at rest at a pose (n,), by default the robot's home or,
         where that is not in the workspace, a pose in it.
@@ -73,8 +113,7 @@ class WorkspaceDesign(Judged):
         `options` are those of `flexhinf.Controller`: ``offset_time`` is by default `OFFSET_TIME`, and ``supervision``
         that of the setup, which brakes along the path; ``Supervision(workspace=…)`` without reactions only reports.
         """
-        home = np.atleast_1d(np.asarray(self.setup.workspace.home if at is None else at, dtype=float))
-        return self.setup.controller(home, **{"supervision": self.setup.supervision, **options})
+        return self.setup.controller(self._pose(at), **{"supervision": self.setup.supervision, **options})
 
 
 def design_workspace(
@@ -148,6 +187,7 @@ def check_loop(robot: Robot, s: Specification) -> None:
     check_stated_units(robot, s)
     kinematics.check_fast(robot, s.period)
     kinematics.check_delay(robot, s.unknown_delay)
+    expanded(s.measured, SENSORS, robot.joint_names, robot.rigid, alike=s.estimator != "none")
     plant = robot.plant(s.measured, extras=s.extras)
     sensor_steps(robot, s.measured, s.quantisation, s.estimator)
     joint_limits(robot, s)

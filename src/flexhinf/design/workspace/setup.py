@@ -140,7 +140,9 @@ class WorkspaceSetup(LoopPlants):
         model, mean = self.model, self.robot.operating_point(at)[0]
         process, measurement = self.noise_levels.covariance(model.states), self.noise_variances
         covariance = process + 1e-12 * np.eye(len(mean))
-        kalman = ExtendedKalmanFilter(model, s.period, process, measurement, mean=mean, covariance=covariance)
+        kalman = ExtendedKalmanFilter(
+            model, s.period, process, measurement, mean, covariance, form="covariance"
+        )
         return kalman if self.robot.rigid else ModalFilter(kalman, self.law.equilibrium[0])
 
     @property

@@ -7,13 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis.modes import Mode
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.pipeline import Design
 from flexhinf.design.responses import Response
 from flexhinf.design.rigid import RigidLoop
 from flexhinf.design.specification import RINGS
-from flexhinf.loop.simulation.metrics import damping_ratio
 from flexhinf.pages.design.step import spring_torques, stiffness_of
 from flexhinf.pages.drawing import (
     DOTTED,
@@ -32,6 +30,8 @@ from flexhinf.pages.drawing import (
     units_of,
 )
 from flexhinf.report import MUTED, SERIES, Column, Figure, Listing, Paragraph, Table, finite, number
+from flexhinf.robot.modes import Mode
+from flexhinf.scalars.spectral import damping_ratio
 
 #: Damping ratios whose lines are drawn in the s-plane.
 RAYS = (0.1, 0.3, 0.7)

@@ -55,6 +55,13 @@ def rule_text(start: Any) -> str:
 
 
 # What is proved -----------------------------------------------------------------------------------------
+def brief_proof_text(design: Design) -> str:
+    """`proof_text` for a terminal: without the reasons where nothing is proved."""
+    proof = design.proof
+    anything = design.step_proof.proved or proof.certificate is not None or proof.box is not None
+    return proof_text(design) if anything else "Nothing is proved; the page says why."
+
+
 def proof_text(design: Design) -> str:
     """What is proved of the required step, then of the law for all tolerances and for the nominal robot; why
     nothing is."""

@@ -25,8 +25,8 @@ from flexhinf.pages.drawing import (
     in_joint,
     joint_panel,
     joint_table,
+    left_out_notes,
     legend_above,
-    listed,
     note,
     settling_text,
     units_of,
@@ -51,33 +51,19 @@ from flexhinf.report import (
     settling_band,
 )
 from flexhinf.robot import Robot
-from flexhinf.robot.kinematics import skeleton
+from flexhinf.robot.kinematics import picture_axes, skeleton
 
 #: A peak input within so many samples of the start that is so much larger than all later ones is the estimator's.
 STARTING, MUCH = 20, 1.5
 
 #: Parts of the way at which the arm is drawn.
-PARTS = (0.0, 0.25, 0.5, 0.75, 1.0)
+STAGES = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 
 def step(e: LawEvaluation, mujoco: Response | None) -> Blocks:
     """The step: figure and metrics of each joint; on MuJoCo's plant too."""
     s, units = e.setup.specification, units_of(e)
-    names = [parameter.name for parameter in e.setup.robot.parameters if parameter.value]
-    left = [
-        extra
-        for begins, extra in (
-            ("inductance", "inductance"),
-            ("damping", "joint_damping"),
-            ("coulomb_friction", "coulomb_friction"),
-        )
-        if extra not in s.extras and any(name.startswith(begins) for name in names)
-    ]
-    if left:
-        yield note(
-            f"The robot states numbers of {listed(left).replace('_', ' ')} that the true plant of this report leaves "
-            f"out. `--extras {','.join(left)}` includes them."
-        )
+    yield from map(note, left_out_notes(e.setup.robot, s.extras, "the true plant of this report"))
     if e.step.diverged_at is not None:
         yield note(
             f"The step diverges at {number(e.step.diverged_at, 3)} s. Start nearer to the goal, or change the weights."
@@ -147,8 +133,8 @@ def motion_table(e: LawEvaluation, rows: Sequence[Mapping[str, Any]], id: str) -
         ),
         rows,
         "Wrong way: how far a joint leaves the range of its command on the start's side, per cent of its travel. "
-        "Excursion: of a joint that should rest, per cent of the largest travel. Remaining error and ripple, in per "
-        "cent of the motor's limit: in the last 0.3 s",
+        "Excursion: of a joint that should rest, per cent of the largest travel. From the path: from its nearest "
+        "point, early or late. Remaining error and ripple, in per cent of the motor's limit: in the last 0.3 s",
         id,
     )  # fmt: skip
 
@@ -252,13 +238,13 @@ def arm_of(e: LawEvaluation) -> Figure | None:
 
 
 def instants(positions: np.ndarray, start: np.ndarray, goal: np.ndarray) -> list[int]:
-    """Samples at which a run (N, n) first has done these `PARTS` of its way, the last one at the end of the run."""
+    """Samples at which a run (N, n) first has done these `STAGES` of its way, the last one at the end of the run."""
     way, last = goal - start, len(positions) - 1
     if not way.any():
         return [0]
     done = (positions - start) @ way / float(way @ way)
     return sorted(
-        {*(int(np.argmax(done >= part)) if np.any(done >= part) else last for part in PARTS[:-1]), last}
+        {*(int(np.argmax(done >= part)) if np.any(done >= part) else last for part in STAGES[:-1]), last}
     )
 
 
@@ -269,12 +255,10 @@ def arm_figure(
     """Links and motors (N, n) of a run at some samples, the motors as seen from the link side; None for a robot whose
     links have no length."""
     poses = [(skeleton(robot, links[k]), skeleton(robot, motors[k])) for k in at]
-    points = np.concatenate([line for pair in poses for lines in pair for line in lines])
-    size = float(np.ptp(points, axis=0).max())
-    if size < 1e-9:
+    seen = arm_plane(robot, [lines for pair in poses for lines in pair])
+    if seen is None:
         return None
-    view, names = viewing_plane(np.asarray(robot.links.down, dtype=float), points, size)
-    low, high = (points @ view).min(axis=0) - 0.08 * size, (points @ view).max(axis=0) + 0.08 * size
+    view, names, (low, high) = seen
     tall = float((high - low)[1] / (high - low)[0])  # of each panel, over its width
     # beside the arm, inches: legend, titles and names of the axes in height, numbers in width
     figure, (axes,) = panels(
@@ -290,7 +274,9 @@ def arm_figure(
         axis.plot(*joints.T, "o", color=INK, markersize=3.5, label=None if k else "joints")
         axis.axhline(float(joints[0, 1]), color=MUTED, linewidth=0.6, zorder=0)
         axis.set_title(f"{number(float(time[at[k]]), 3)} s")
-        axis.set_xlabel(f"{names[0]} (m)")
+        axis.locator_params(nbins=2)
+        if k == len(at) // 2:
+            axis.set_xlabel(f"{names[0]} (m)")
         axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
     legend_above(figure, axes[0], 3)
     label(axes[0], names[1], "m")
@@ -302,9 +288,25 @@ def arm_figure(
     )  # fmt: skip
 
 
-def viewing_plane(down: np.ndarray, points: np.ndarray, size: float) -> tuple[np.ndarray, tuple[str, str]]:
-    """Axes of the picture (3, 2), to the right and up, and their names: upright if the robot leaves the horizontal,
-    else from above."""
+def arm_plane(
+    robot: Robot, arms: Sequence[Sequence[np.ndarray]]
+) -> tuple[np.ndarray, tuple[str, str], tuple[np.ndarray, np.ndarray]] | None:
+    """Axes of a picture of some arms (3, 2), their names, and its corners, m; None for links without a length."""
+    points = np.concatenate([line for lines in arms for line in lines])
+    size = float(np.ptp(points, axis=0).max())
+    if size < 1e-9:
+        return None
+    view, names = viewing_plane(robot, points, size)
+    flat = points @ view
+    return view, names, (flat.min(axis=0) - 0.08 * size, flat.max(axis=0) + 0.08 * size)
+
+
+def viewing_plane(robot: Robot, points: np.ndarray, size: float) -> tuple[np.ndarray, tuple[str, str]]:
+    """Axes of the picture (3, 2), to the right and up, and their names: along the axes of the turning joints; of an arm
+    whose axes differ upright if its points leave the horizontal, else from above."""
+    if (seen := picture_axes(robot)) is not None:
+        return seen.axes, seen.names
+    down = np.asarray(robot.links.down, dtype=float)
     up, centred = -down / np.linalg.norm(down), points - points.mean(axis=0)
     spread = np.linalg.svd(centred - np.outer(centred @ up, up), full_matrices=True)[2]
     right = next(row for row in spread if abs(row @ up) < 0.5)

@@ -1,0 +1,121 @@
+"""The design or the controller that a command works on, and where the report of another robot is kept."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from itertools import islice
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import flexhinf as fh
+from flexhinf import export, pages, report
+from flexhinf.cli.arguments import note, step_progress
+from flexhinf.errors import refuse_if
+from flexhinf.validation import checked_path, nearest, value_text
+
+
+class DesignedController(NamedTuple):
+    """A controller; its robot and specification, None of a controller's file; rows of `design_file.result_row`, its
+    judgement."""
+
+    controller: fh.Controller
+    robot: fh.Robot | None = None
+    specification: fh.Specification | None = None
+    rows: Sequence[Mapping[str, Any]] = ()
+
+
+def controller_file(source: str) -> Path:
+    """As `file_of`, of a controller's file or a design file; a robot is refused."""
+    from flexhinf.design.design_file import is_design_file
+
+    path = file_of(source)
+    robot_file = path.suffix.lower() in (".toml", ".urdf", ".xml") and path.exists()
+    refuse_if(
+        (source in fh.catalogue() or robot_file) and not Path(source).is_dir() and not is_design_file(path),
+        "A robot has no controller; a design of it has one.",
+        f"expected design.toml, the folder of a report or the file of a controller, got {source!r}",
+        f"flexhinf design {source} --out DIR, then DIR in the place of {source}",
+    )
+    return path
+
+
+def controller_of(path: Path, tell: bool = True) -> DesignedController:
+    """The controller of a report, of a file, or of a design that is made now, from a `controller_file`; `tell`:
+    whether warnings about the robot's file are printed."""
+    from flexhinf.design.design_file import has_controller, is_design_file, result_row, stored_rows, why_anew
+    from flexhinf.robot.parts import file_warnings
+
+    if not is_design_file(path):
+        return DesignedController(fh.load_controller(path))
+    with file_warnings(note if tell else str):
+        robot, specification = fh.load_design(path)
+    if has_controller(path):
+        stored = fh.load_controller(path.parent / "controller")
+        return DesignedController(stored, robot, specification, stored_rows(path))
+    if why := why_anew(path, robot):
+        note(f"{why}: it is designed anew.")
+    from flexhinf.design import stages
+
+    with step_progress(stages(robot, specification)) as progress:
+        result = fh.design(robot, specification, progress)
+    note(pages.ending(result).text)
+    rows = [result_row(line) for line in result.requirements]
+    return DesignedController(result.controller(), robot, specification, rows)
+
+
+def file_of(source: str, only_design: str = "", then: str = "") -> Path:
+    """The file that a source names: of a report's folder its design file; refused where there is none.
+
+    With `only_design`, the first sentence of the refusal, and the command `then`: also where it is no design file.
+    """
+    from flexhinf.design.design_file import is_design_file
+
+    path = checked_path("The design", source)
+    file = path / "design.toml" if os.path.isdir(path) else path
+    what = "path leads to no file and no" if file == path else f"folder {value_text(source, 120)} holds no"
+    refuse_if(
+        not os.path.exists(file) and source not in fh.catalogue(),
+        f"There is no file or design {value_text(source, 120)}.",
+        f"expected design.toml, the folder of a report or the file of a controller; the {what} design.toml",
+        nearest(
+            path.name, _designs_beside(path), "flexhinf design ROBOT --out DIR, then DIR in its place"
+        ).strip("'"),
+    )
+    refuse_if(
+        only_design and not is_design_file(file),
+        only_design,
+        f"expected design.toml or a report's folder, got {source!r}",
+        f"flexhinf design ROBOT --out DIR, then {then}",
+    )
+    return file
+
+
+def _designs_beside(path: Path) -> list[str]:
+    """Names of folders of designs and of TOML files where a path leads to."""
+    with suppress(OSError):
+        entries = islice(path.parent.iterdir(), 1000)
+        return [e.name for e in entries if e.suffix == ".toml" or (e / "design.toml").is_file()]
+    return []
+
+
+def other_robot(folder: Path, robot: str) -> Path | None:
+    """The folder in which the report of another robot is kept where one is in `folder`; a note says so."""
+    for name in ("design.json", "comparison.json"):
+        if report.unchanged(folder, (name,)):
+            earlier = json.loads((folder / name).read_text(encoding="utf-8")).get("robot", robot)
+            if earlier != robot:
+                base = f"{folder.name}-{export.identifier_of(earlier)}"
+                names = (base, *(f"{base}-{k}" for k in range(2, 1000)))
+                kept = next(path for path in map(folder.with_name, names) if not path.exists())
+                note(f"{folder.name} holds the report of {earlier!r}, which is kept as {kept.name}.")
+                return kept
+    return None
+
+
+def keep(folder: Path, kept: Path | None) -> None:
+    """Give the report of another robot its own name, before a new one is written in its place."""
+    if kept is not None:
+        folder.rename(kept)

@@ -1,0 +1,180 @@
+"""Figures of a comparison: the laws by the criterion, their errors in the same runs, and input against deviation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from flexhinf.design.laws import DESIGN, NL_HINF, is_hinf
+from flexhinf.design.pipeline import Comparison
+from flexhinf.design.tuning import RATIOS, TunedLaw, pareto_front
+from flexhinf.pages.drawing import (
+    DASHED,
+    Line,
+    Panel,
+    figure_block,
+    framed,
+    legend_above,
+    line_style,
+    thin,
+    units_of,
+)
+from flexhinf.report import INK, MUTED, SERIES, Figure, house_style, label, legend, panels
+
+#: Largest ratio that the figure of the criterion shows: a law that diverges has none.
+FARTHEST = 20.0
+
+
+@house_style()
+def ranking_figure(comparison: Comparison, laws: Sequence[tuple[TunedLaw, bool]]) -> Figure:
+    """Laws beside each other: a bar for the criterion of each, marks for the ratios that it is the mean of.
+
+    `laws`: in the order of the bars, from above, each with whether it is ranked.
+    """
+    figure, ((axes,),) = panels(1, 1, 1.4 + 0.36 * len(laws))
+    places = np.arange(len(laws))[::-1]
+    ratios = [comparison.criterion.ratios(law.metrics) for law, _ in laws]
+
+    def clipped(values: Sequence[float]) -> np.ndarray:
+        return np.nan_to_num(np.asarray(values, dtype=float), nan=FARTHEST, posinf=FARTHEST).clip(
+            1.0 / FARTHEST, FARTHEST
+        )
+
+    costs = clipped([law.cost for law, _ in laws])
+    for place, cost, (law, is_ranked) in zip(places, costs, laws):
+        color = SERIES[0] if is_hinf(law.name) or law.name == DESIGN else MUTED
+        axes.barh(place, cost, 0.62, color=color, alpha=0.55 if is_ranked else 0.2, zorder=1)
+    for k, (key, name) in enumerate(RATIOS.items()):
+        style = {"color": line_style(k + 1)["color"], "markersize": 5.5, "zorder": 3.0}
+        axes.plot(clipped([each[key] for each in ratios]), places, "os^D"[k], label=name, **style)
+    axes.axvline(1.0, color=INK, linewidth=1.0, dashes=DASHED, zorder=2)
+    every = clipped([*costs, *(each[key] for each in ratios for key in RATIOS)])
+    axes.set(xscale="log", xlim=(0.7 * min(0.9, every.min()), 1.3 * max(1.2, every.max())))
+    axes.set_yticks(places, [f"{law.name}{'' if is_ranked else ' (not ranked)'}" for law, is_ranked in laws])
+    _plain_log(axes.xaxis)
+    axes.grid(axis="y", visible=False)
+    axes.set_xlabel("relative to the design; less is better")
+    legend(axes)
+    return figure_block(
+        "ranking", figure,
+        "Bars: the criterion, the geometric mean of the four ratios that the marks show. Blue: nonlinear H∞. Dashed: "
+        "the design as it is. A law that is not ranked has more unstable corners of the tolerances than the design.",
+        "Laws side by side",
+    )  # fmt: skip
+
+
+def _plain_log(ruler: Any) -> None:
+    """Marks of a logarithmic axis as plain numbers."""
+    from matplotlib.ticker import FuncFormatter
+
+    ruler.set_minor_formatter(FuncFormatter(lambda x, _: f"{x:g}" if f"{x:.0e}"[0] in "25" else ""))
+    ruler.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+
+
+#: Times (N,) and errors (N, n) of every law, by name.
+Errors = dict[str, tuple[np.ndarray, np.ndarray]]
+
+
+def _joint_and_limits(errors: Errors, span: tuple[float, float]) -> tuple[int, tuple[float, float]]:
+    """Joint where the median law has the largest error, root mean square, and there the limits of the vertical axis:
+    all of what most laws do in a span of time."""
+    squares = (np.where(np.isfinite(error), error, np.nan) ** 2 for _, error in errors.values())
+    joint = int(np.argmax(np.median([np.sqrt(np.nanmean(each, axis=0)) for each in squares], axis=0)))
+    ends = []
+    for time, values in errors.values():
+        error = values[:, joint]
+        visible = error[(time >= span[0]) & (time <= span[1]) & np.isfinite(error)]
+        ends.append((float(visible.min(initial=0.0)), float(visible.max(initial=0.0))))
+    low, high = np.array(ends).T
+    most = 2.5 * float(np.median(high - low))  # lines of the other laws may leave the panel
+    return joint, framed(np.clip([low.min(), high.max()], -most, most))
+
+
+@house_style()
+def responses_figure(comparison: Comparison) -> Figure:
+    """Errors of one joint in step, load and move: one row for each kind of laws, nonlinear H∞ in all."""
+    own, joints, thick = comparison.own.evaluation, comparison.robot.joint_names, comparison.tuned_design
+    assert own is not None
+    duration, angles, small = comparison.scenario.step_duration, units_of(own), comparison.units()["error"]
+    settled = [row.metrics.get("step_settling_s") for row in comparison.compared]
+    last = max((value for value in settled if value is not None and np.isfinite(value)), default=duration)
+    end = min(duration, max(1.3 * last, 0.1 * duration))  # some time after the last law has settled
+    steps, loaded, moves = Errors(), Errors(), Errors()
+    for name, e in ((row.name, row.evaluation) for row in comparison.compared if row.evaluation is not None):
+        at, load = e.load_response.at, e.load_response.response
+        steps[name] = e.step.run.time, angles.scale * (e.step.positions - e.step.goal)
+        loaded[name] = load.run.time - at, 1e3 * (load.positions - load.goal)
+        moves[name] = e.move.response.run.time, 1e3 * e.move.error
+    others = [row for row in comparison.compared if row is not thick]
+    groups = list(dict.fromkeys(row.kind.group for row in others)) or [comparison.own.kind.group]
+    styles = {row.name: line_style(k) for k, row in enumerate(comparison.rows)}
+    figure, grid = panels(len(groups), 3, 0.6 + 2.25 * len(groups), 9.6, sharex="col", sharey="col")
+    columns = (
+        ("step", "position − goal", angles.angle, steps, (0.0, end), "time (s)"),
+        ("load", "position − goal", small, loaded, (-0.05 * end, end), "time after the load (s)"),
+        ("move", "position − plan", small, moves, (0.0, float(own.move.response.run.time[-1])), "time (s)"),
+    )
+    where = []
+    for k, (run, quantity, unit, errors, span, across) in enumerate(columns):
+        joint, limits = _joint_and_limits(errors, span)
+        where.append(f"{run}: {joints[joint]}")
+        for axes, group in zip(grid, groups):
+            lines = []
+            for name in (thick.name, *(row.name for row in others if row.kind.group == group)):
+                time, error = errors[name]
+                width, order = (2.2, 2.5) if name == thick.name else (1.2, 3.0)
+                style, few = {**styles[name], "linewidth": width, "zorder": order}, thin(time, 600)
+                lines.append(Line(time[few], error[few, joint], name, style))
+            Panel(quantity, unit, lines, (0.0,)).draw(axes[k])
+            if not k:
+                axes[0].set_title(group)
+        grid[0][k].set(xlim=span, ylim=limits)
+        grid[-1][k].set_xlabel(across)
+    for axes in grid:
+        axes[2].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), handlelength=1.6)
+    which = f" Joints, where the errors are largest: {', '.join(where)}."
+    return figure_block(
+        "laws", figure,
+        "True link positions in the nonlinear loop with estimator and measurement noise. Left: the step. Middle: the "
+        f"torque on the links at the goal. Right: the planned move. {thick.name} is in every row (thick)."
+        f"{which if len(joints) > 1 else ''}",
+        "Laws in the same runs",
+    )  # fmt: skip
+
+
+@house_style()
+def trade_off_figure(comparison: Comparison, laws: Sequence[TunedLaw]) -> Figure | None:
+    """Peak input against load deviation: a point for each law, and the curve of what its tuning reaches.
+
+    None where fewer than two laws have finite figures.
+    """
+    finite = [law for law in laws if np.isfinite([law.metrics.peak_input, law.metrics.load_deviation]).all()]
+    if len(finite) < 2:
+        return None
+    points = np.array([(law.metrics.peak_input, 1e3 * law.metrics.load_deviation) for law in finite])
+    figure, ((axis,),) = panels(1, 1, 5.0)
+    place, units = {row.name: k for k, row in enumerate(comparison.rows)}, comparison.units()
+    for law, point in zip(finite, points):
+        k, own = place[law.name], law.name == NL_HINF
+        style, marker = line_style(k), "*" if own else "os^Dv<>"[k % 7]
+        front = pareto_front((*law.tried, law.metrics), comparison.criterion)
+        curve = np.array([[m.peak_input, 1e3 * m.load_deviation] for m in front]).reshape(-1, 2)
+        axis.plot(*curve.T, **{**style, "linewidth": 1.0, "alpha": 0.7})
+        axis.plot(
+            *point[:, None], marker, label=law.name, color=style["color"], markersize=13.0 if own else 6.5,
+            linestyle="none", zorder=4.0,
+        )  # fmt: skip
+    axis.set(xscale="log", yscale="log", xlabel=f"peak input of the step ({units['input']})")
+    legend_above(figure, axis, 4, columnspacing=1.0)
+    for ruler, limit, values in zip((axis.xaxis, axis.yaxis), (axis.set_xlim, axis.set_ylim), points.T):
+        _plain_log(ruler)
+        limit(max(0.7 * values.min(), values.max() / 30.0), 1.4 * values.max())
+    label(axis, "largest deviation under the load", units["error"])
+    return figure_block(
+        "trade-off", figure,
+        "Peak input against load deviation; down and to the left is better. A marker is the law as it was tuned; a "
+        "line joins the best candidates of its tuning that keep the limits of the linear loop.",
+        "Trade-off",
+    )  # fmt: skip

@@ -1,0 +1,217 @@
+"""The first screen of a design's page: the step with the band of sampled robots, and the arm while it moves; and the
+result of each section in a few words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.pipeline import Design
+from flexhinf.design.responses import Move, Response
+from flexhinf.pages.design.step import arm_plane, input_panel, instants
+from flexhinf.pages.drawing import (
+    DOTTED,
+    Panel,
+    Units,
+    count_text,
+    figure_block,
+    in_joint,
+    line_style,
+    thin,
+    units_of,
+)
+from flexhinf.report import (
+    INK,
+    MUTED,
+    SERIES,
+    Figure,
+    house_style,
+    label,
+    legend,
+    new_figure,
+    number,
+    panels,
+    settling_band,
+)
+from flexhinf.robot import Robot
+from flexhinf.robot.kinematics import skeleton
+
+#: Height of the figures, inches: two of them side by side leave room for verdict and numbers on a screen.
+HEIGHT = 4.3
+
+#: Width and height of the panel in the picture of the arm, inches, beside names and numbers.
+PANEL = (5.0, 3.1)
+
+#: Joints whose sampled robots are drawn, those that move most; lines of more hide each other.
+BANDS = 3
+
+
+def lead(design: Design) -> list[Figure]:
+    """The step and the arm; the step alone for links without a length, nothing for a robot that does not move."""
+    e = design.evaluation
+    if not len(e.step.run.time) or not np.any(e.setup.goal - e.setup.start):
+        return []
+    return [figure for figure in (_step(e), arm_picture(e.setup.robot, e.step)) if figure is not None]
+
+
+@house_style()
+def _step(e: LawEvaluation) -> Figure:
+    """Link positions and inputs; several joints as a share of their own way, so that they fit one panel."""
+    response, samples, units, joints = e.step, e.step_samples, units_of(e), e.setup.joints
+    time, start, way = response.run.time, e.setup.start, e.setup.goal - e.setup.start
+    several, moving = len(joints) > 1, np.flatnonzero(way)
+    scale = 100.0 / np.where(way == 0.0, 1.0, way) if several else np.full(1, units.scale)
+    origin = start if several else np.zeros(1)
+    figure, (upper, lower) = new_figure(2, height=HEIGHT)
+    ended = None if samples is None or not len(samples) else np.isfinite(samples.positions).all(axis=(1, 2))
+    few = thin(time)
+    for j in moving.tolist():
+        style, name = line_style(j), joints[j] if several else "nominal robot"
+        if samples is not None and ended is not None and ended.any() and j in moving[:BANDS]:
+            runs = (samples.positions[ended, :, j] - origin[j]) * scale[j]
+            low, high = runs.min(axis=0), runs.max(axis=0)
+            band = None if several else f"{count_text(int(ended.sum()), 'sampled robot')}"
+            upper.fill_between(
+                samples.time, low, high, color=style["color"], alpha=0.25, linewidth=0, label=band
+            )
+        upper.plot(time[few], (response.positions[few, j] - origin[j]) * scale[j], **style, label=name)
+    goal, size = (100.0, 100.0) if several else (float(units.scale * e.setup.goal[0]), units.scale * way[0])
+    settling_band(upper, goal, float(size))
+    label(upper, "share of the way" if several else "link position", "%" if several else units.angle)
+    legend(upper)
+    panel, _ = input_panel(e, response)
+    plain: Any = [(value, color, None) for value, color, _ in panel.dashed]
+    Panel(
+        panel.quantity,
+        panel.unit,
+        [line._replace(name=None) for line in panel.lines],
+        (0.0,),
+        plain,
+        y=panel.y,
+    ).draw(lower)
+    robots = "" if ended is None else f" Band: all {int(ended.sum())} sampled robots that end the step."
+    return figure_block(
+        "result", figure,
+        f"Link positions of the nominal robot (lines) and its inputs.{robots}{' Dashed: limit.' * bool(plain)}",
+        "The step",
+    )  # fmt: skip
+
+
+@house_style()
+def arm_picture(robot: Robot, response: Response, what: str = "") -> Figure | None:
+    """The arm of a run at a few instants, in one picture; None for a run that diverges or links without a length."""
+    if response.diverged_at is not None:
+        return None
+    time, n = response.run.time, len(response.goal)
+    at = instants(response.positions, response.start, response.goal)
+    motors = robot.layout.whole(response.run.signals["state"].T)[2 * n : 3 * n].T
+    seen = arm_plane(robot, [skeleton(robot, each[k]) for k in at for each in (response.positions, motors)])
+    if seen is None:
+        return None
+    view, names, (low, high) = seen
+    figure, ((axes,),) = panels(1, 1, HEIGHT)
+    for k, place in enumerate(at):
+        opacity = (k + 1) / len(at)
+        for pose, style in (
+            (
+                motors[place],
+                {"color": SERIES[1], "linewidth": 1.3, "dashes": (4.0, 2.0), "alpha": 0.75 * opacity},
+            ),
+            (response.positions[place], {"color": SERIES[0], "linewidth": 3.2, "alpha": opacity}),
+        ):
+            for line in skeleton(robot, pose):
+                axes.plot(*(line @ view).T, **style)
+    joints = np.array([line[0] for line in skeleton(robot, response.positions[at[-1]])]) @ view
+    axes.plot(*joints.T, "o", color=INK, markersize=4.0)
+    axes.axhline(float(joints[0, 1]), color=MUTED, linewidth=0.8, linestyle=DOTTED, zorder=0)
+    axes.plot([], [], label="links", color=SERIES[0], linewidth=3.2)
+    axes.plot([], [], label="motors", color=SERIES[1], linewidth=1.3, dashes=(4.0, 2.0))
+    # As much to the inch in both directions, and the whole panel used.
+    half = 0.5 * max((high - low) / PANEL) * np.array(PANEL)
+    (left, bottom), (right, top) = 0.5 * (low + high) - half, 0.5 * (low + high) + half
+    axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
+    axes.set_xlabel(f"{names[0]} (m)")
+    label(axes, names[1], "m")
+    legend(axes)
+    times = ", ".join(number(float(time[place]), 3) for place in at)
+    return figure_block(
+        "result-arm", figure,
+        f"{what}Drawn at {times} s, later ones darker. The angle between a link and its motor is the twist of the "
+        "spring.",
+        "The arm",
+    )  # fmt: skip
+
+
+# A controller for a workspace ---------------------------------------------------------------------------
+@house_style()
+def moves_lead(robot: Robot, moves: Sequence[Move], worst: int, units: Units) -> list[Figure]:
+    """The move with the largest remaining error beside the errors of all moves; and the arm during that move."""
+    figure, (upper, lower) = new_figure(2, height=HEIGHT)
+    small, factor = units.small
+    for k, move in enumerate((*moves, moves[worst])):
+        response, time = move.response, move.response.run.time
+        plan = np.reshape(move.plan(time), (len(time), -1))
+        error, few = factor * np.abs(response.positions - plan).max(axis=1), thin(time)
+        last = k == len(moves)
+        style = {
+            "color": SERIES[0] if last else MUTED,
+            "linewidth": 1.6 if last else 0.7,
+            "alpha": 1.0 if last else 0.4,
+        }
+        name = "the worst move" if last else None if k else f"all {count_text(len(moves), 'move')}"
+        lower.plot(time[few], error[few], label=name, **style)
+        if last:
+            for j, joint in enumerate(response.joints):
+                line = {**line_style(j), "label": joint if len(response.joints) > 1 else None}
+                upper.plot(time[few], units.scale * response.positions[few, j], **line)
+                upper.plot(
+                    time[few], units.scale * plan[few, j], color=MUTED, linewidth=1.0, linestyle=DOTTED
+                )
+    label(upper, "link position", units.angle)
+    label(lower, "largest error", small)
+    lower.set_ylim(bottom=0.0)
+    for axes in (upper, lower):
+        legend(axes)
+    block = figure_block(
+        "result", figure,
+        "Above: links in the move with the largest remaining error; dotted: its plan. Below: the largest error of any "
+        "link in that move and in all others.",
+        "The worst move",
+    )  # fmt: skip
+    arm = arm_picture(robot, moves[worst].response, "The arm in that move. ")
+    return [block] if arm is None else [block, arm]
+
+
+# Results in a few words ---------------------------------------------------------------------------------
+def briefs(design: Design) -> dict[str, str]:
+    """The result of some sections, by their anchors."""
+    e, joints = design.evaluation, design.evaluation.setup.joints
+    m, units = e.margins, units_of(design.evaluation)
+    texts = {
+        "specification": f"{sum(line.met for line in design.requirements)} of {len(design.requirements)} met",
+        "weights": f"preset {design.design_problem.preset}",
+        "law": f"degree {design.chosen.degree} of V, γ = {number(design.gamma, 3)}",
+    }
+    if m.stable:
+        texts["margins"] = (
+            f"gain × {number(m.gain_margin, 3)}, delay {number(1e3 * m.delay_margin_s, 3)} ms, "
+            f"sensitivity {number(m.peak_sensitivity, 3)}"
+        )
+        texts["modes"] = (
+            f"smallest damping ratio {number(m.damping, 2)}{in_joint(e.least_damped_joint, joints)}"
+        )
+    if e.corners is not None:
+        texts["corners"] = f"{e.corners.unstable} of {e.corners.count} unstable"
+    samples = e.step_samples
+    if samples is not None and len(samples):
+        texts["draws"] = f"{len(samples) - samples.unsettled} of {len(samples)} settle"
+    if e.step.diverged_at is None:
+        texts["step"] = f"peak input {number(e.step.peak_input, 3)} {units.effort}"
+    return texts | {
+        anchor: "diverges"
+        for anchor, run in (("load", e.load_response.response), ("move", e.move.response), ("step", e.step))
+        if run.diverged_at is not None
+    }

@@ -1,0 +1,303 @@
+"""What a command ends with: what is missed or nearly missed, the verdict, the worst numbers and what to try.
+
+All of it fits on one screen of `SCREEN` lines of 80 columns; the page has everything, and so has a terminal with
+``--verbose``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from textwrap import fill
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from flexhinf.analysis.modes import JointScales
+from flexhinf.design.loop_setup import LoopPlants
+from flexhinf.design.pipeline import Comparison, Design
+from flexhinf.design.problem.weights import vibration_text
+from flexhinf.design.requirements import REQUIREMENTS, STANDSTILL_SHARE, Requirement
+from flexhinf.design.specification import FIELDS, Specification
+from flexhinf.design.tuning import RATIOS
+from flexhinf.pages.comparison import METRICS, cell, comparison_notes, comparison_verdict, unit_of
+from flexhinf.pages.design import region
+from flexhinf.pages.drawing import count_text, listed, range_text, units_of
+from flexhinf.pages.page import (
+    BRIEF,
+    key_numbers,
+    notes,
+    reason_text,
+    requirement_table,
+    requirements_text,
+    sampled_text,
+)
+from flexhinf.report import Column, KeyNumber, Table, number
+from flexhinf.report.blocks import WIDTH
+from flexhinf.robot import Robot
+
+#: A requirement is near its limit where it has at most this share of it to spare.
+NEAR = 0.2
+
+#: Lines of a screen, without those of the report and of the next command.
+SCREEN = 23
+
+
+#: Fields whose limits are of errors, so that more of them makes nothing else worse.
+ERRORS = ("remaining_error", "path_distance", "undershoot")
+
+#: A limit is offered that is at most so many times the present one.
+WITHIN = 3.0
+
+#: Metrics of a law in the table of a comparison, with their headings.
+COLUMNS = {
+    "step_settling_s": "settling", "load_deviation": "load", "step_remaining": "remaining",
+    "step_peak_input": "input", "unstable_corners": "unstable",
+}  # fmt: skip
+
+
+class Ending(NamedTuple):
+    """Tables of a terminal, and the text below them."""
+
+    tables: list[Any]
+    text: str
+
+
+def screen(
+    table: Callable[[int], Table], sizes: Sequence[int], parts: Sequence[str], notes: Sequence[str] = ()
+) -> Ending:
+    """Paragraphs, below a table of as many rows as leave them room: the first of the `sizes` that does, or the last;
+    and as many of the `notes` as there is room for."""
+    text = "\n".join(map(wrapped, filter(None, parts)))
+    room, tables = SCREEN - len(text.splitlines()), []
+    for size in sizes:
+        tables = [table(size).terminal()]
+        if _height(tables[0]) + bool(notes) <= room:
+            break
+    return Ending(tables, "\n".join([text, *_noted(notes, room - sum(map(_height, tables)))]))
+
+
+def table_screen(table: Table, parts: Sequence[str], notes: Sequence[str] = ()) -> Ending:
+    """Paragraphs, below as many rows of a table as leave them room, and the number of the others."""
+    count = len(table.rows)
+
+    def some(size: int) -> Table:
+        left = [f"and {count - size} more on the page"] if size < count else []
+        return replace(table, rows=[*table.rows[:size], *left])
+
+    return screen(some, range(count, 0, -1), parts, notes)
+
+
+def _noted(notes: Sequence[str], room: int) -> list[str]:
+    """Lines of notes, as many as there is room for, and the number of the others."""
+    lines: list[str] = []
+    for k, text in enumerate(notes):
+        more = wrapped(f"Note: {text}").splitlines()
+        if len(lines) + len(more) + (k + 1 < len(notes)) > room:
+            return [*lines, *[f"{count_text(len(notes) - k, 'note')} on the page."][: room - len(lines)]]
+        lines += more
+    return lines
+
+
+def wrapped(text: str) -> str:
+    """A paragraph in lines of a terminal."""
+    return fill(" ".join(text.split()), WIDTH, break_on_hyphens=False)
+
+
+def _height(table: Any) -> int:
+    from rich.console import Console
+
+    return len(Console(width=WIDTH).render_lines(table))
+
+
+def requirements_screen(
+    lines: Sequence[Requirement], degrees: bool, parts: Sequence[str], notes: Sequence[str] = ()
+) -> Ending:
+    """Requirements that are not met or near their limits, the worst of each kind that is missed and as many others as
+    there is room for, above the paragraphs."""
+    near = sorted(filter(_near, lines), key=lambda line: line.met)
+    kinds = {line.what: line for line in sorted(near, key=_missed_by) if not line.met}
+    near.sort(key=lambda line: kinds.get(line.what) is not line)
+    least, title = max(len(kinds), 1), "Requirements that are missed or nearly missed (* our default)"
+
+    def table_of(count: int) -> Table:
+        some = (
+            near[:count]
+            if count
+            else [replace(line, where="the worst of each kind") for line in near[:least]]
+        )
+        left = [f"and {len(near) - len(some)} more on the page"] if near[len(some) :] else []
+        table = requirement_table(some, degrees, title)
+        return replace(table, rows=[*table.rows, *left])
+
+    sizes = [*range(min(max(BRIEF, least), len(near)), least - 1, -1), 0] if near else []
+    return screen(table_of, sizes, parts, notes)
+
+
+def _near(line: Requirement) -> bool:
+    return not line.met or (line.limit > 0.0 and abs(line.found / line.limit - 1.0) <= NEAR)
+
+
+def _missed_by(line: Requirement) -> float:
+    """How far a requirement is missed, found over allowed or the other way round; a limit of 0 counts as one of 1."""
+    found, limit = (line.found, line.limit) if line.at_most else (line.limit, line.found)
+    return found / limit if limit > 0.0 else 1.0 + found if line.at_most else np.inf
+
+
+def numbers_text(numbers: Sequence[KeyNumber]) -> str:
+    """Some numbers with their names and units, between commas."""
+    return ", ".join(f"{n.name} {n.value} {n.unit}".rstrip() for n in numbers)
+
+
+def advice_text(
+    missed: Sequence[Requirement], s: Specification, tried: dict[str, bool], last: dict[str, bool]
+) -> str:
+    """What to try, of what applies: looser limits where they alone are enough, then `tried`, other sensors, the `last`
+    and other limits; or nothing."""
+    both = {"link_position", "motor_position"} <= {*s.measured} or s.estimator == "none"
+    options = dict.fromkeys(_limit_text(line.field, missed) for line in missed if line.field)
+    errors = all(line.field in ERRORS for line in missed if line.field)
+    tried = {
+        enough_text(missed): True,
+        **tried,
+        "sensors of links and motors (--measured link_position,motor_position)": bool(missed) and not both,
+        **last,
+        f"{'allow more error' if errors else 'other limits'}: {', '.join(options)}": bool(options),
+    }
+    texts = [text for text, applies in tried.items() if text and applies]
+    return f"To try: {'; '.join(texts)}." if texts else ""
+
+
+def enough_text(missed: Sequence[Requirement]) -> str:
+    """Limits of errors with which the design, as it is, meets all; "" where other requirements are missed too."""
+    if not missed or not all(line.field in ERRORS for line in missed):
+        return ""
+    least: dict[str, float] = {}
+    for line in missed:
+        cycle = line.what == REQUIREMENTS["limit_cycle"].what
+        found = line.found / STANDSTILL_SHARE if cycle else line.found
+        if not line.found <= WITHIN * line.limit:
+            return ""
+        least[line.field] = max(found, least.get(line.field, 0.0))
+    limits = [f"{FIELDS[field].option} {_two_digits_up(value):g}" for field, value in least.items()]
+    return f"{' '.join(limits)}: with {'this' if len(limits) == 1 else 'these'} the same design meets all"
+
+
+def _two_digits_up(value: float) -> float:
+    """The number with two digits that is not less."""
+    unit = 10.0 ** (np.floor(np.log10(value)) - 1.0)
+    return float(f"{np.ceil(value / unit * (1.0 - 1e-9)) * unit:.2g}")
+
+
+def _limit_text(field: str, missed: Sequence[Requirement]) -> str:
+    """The option of a limit that is missed, with what else it changes, or a value that can be kept."""
+    option, lines = FIELDS[field].option, [line for line in missed if line.field == field]
+    if any(line.what == REQUIREMENTS["limit_cycle"].what for line in lines):
+        return f"{option} (a quarter of it may be vibration at rest)"
+    least = min(line.found for line in lines)
+    if field == "damping" and least >= 0.1 and any(line.stated_by != "default" for line in lines):
+        return f"{option} {np.floor(100.0 * least) / 100.0:g}, the most that was found"
+    return option
+
+
+def tolerances_text(robot: Robot) -> str:
+    """What makes a robot's tolerances narrower, as an advice."""
+    payload = any(number.name.startswith("payload") for number in robot.uncertain)
+    others = any(not number.name.startswith("payload") for number in robot.uncertain)
+    texts = ["narrower tolerances: measure the stiffness better (flexhinf identify)"] * (
+        others or not payload
+    )
+    return "; ".join([*texts, *["a smaller range of the payload"] * payload])
+
+
+def noise_text(setup: LoopPlants) -> str:
+    """Noise of the sensors, rms by unit, and whether it is stated; nothing where the true state is fed back."""
+    s, plant = setup.specification, setup.model
+    if s.estimator == "none":
+        return ""
+    sizes: dict[str, list[float]] = {}
+    for name, variance in zip(plant.outputs, setup.noise_variances):
+        sizes.setdefault(plant.unit(name), []).append(float(np.sqrt(variance)))
+    small = {"rad": ("mrad", 1e3), "m": ("mm", 1e3)}
+    texts = []
+    for unit, values in sizes.items():
+        name, factor = small.get(unit, (unit, 1.0))
+        texts.append(f"{range_text([factor * value for value in values])} {name} rms")
+    stated = s.measurement_noise is not FIELDS["measurement_noise"].default
+    return f"Sensor noise: {listed(texts)} ({'as stated' if stated else 'assumed'})."
+
+
+def design_ending(design: Design) -> Ending:
+    """What a terminal says at the end of a design of one pose."""
+    risks = "; ".join(design.status.risky)
+    parts = (
+        f"{reason_text(design)} {requirements_text(design.requirements)} {_vibration(design)}",
+        f"Nominal robot: {numbers_text(key_numbers(design))}. {sampled_text(design)} {noise_text(design.setup)}",
+        region.brief_proof_text(design),
+        f"Risky: {risks}." if risks else "",
+        _advice(design),
+    )
+    lines = design.requirements
+    return requirements_screen(lines, units_of(design.evaluation).degrees, parts, notes(design))
+
+
+def _vibration(design: Design) -> str:
+    """The arm's own lowest vibration, where a bandwidth is asked for."""
+    if design.specification.bandwidth is None:
+        return ""
+    scales = JointScales.of(design.robot.plant(), design.robot.operating_point(design.goal))
+    text = vibration_text(scales.antiresonance)
+    return f"{text[0].upper()}{text[1:]}." if np.isfinite(scales.antiresonance) else ""
+
+
+def _advice(design: Design) -> str:
+    """What to try where a requirement is not met; nothing otherwise."""
+    missed = [line for line in design.requirements if not line.met]
+    fields = {line.field for line in missed}
+    several = any("corner" in line.where or "sampled" in line.where for line in missed)
+    first = {
+        "a lower --bandwidth": bool(
+            fields & {"peak_effort", "peak_sensitivity", "gain_margin", "delay_margin"}
+        ),
+        "--preset robust": several and design.design_problem.preset != "robust",
+    }
+    return advice_text(missed, design.specification, first, {tolerances_text(design.robot): several})
+
+
+def comparison_ending(comparison: Comparison) -> Ending:
+    """What a terminal says at the end: the laws by the criterion, the verdict, and what was not compared."""
+    count, parts = len(comparison.compared), [comparison_verdict(comparison)]
+    sizes = range(count, min(2, count) - 1, -1)
+    return screen(lambda size: _brief_table(comparison, size), sizes, parts, comparison_notes(comparison))
+
+
+def _brief_table(comparison: Comparison, count: int) -> Table:
+    """The best laws by the criterion, the design among them, with a few numbers of each."""
+    metrics = {metric.key: metric for group in METRICS.values() for metric in group}
+    ordered = sorted(comparison.compared, key=lambda law: law.tuned.cost if law.tuned else np.inf)
+    others = [law for law in ordered if law is not comparison.tuned_design][: count - 1]
+    tables = [law for law in ordered if law is comparison.tuned_design or law in others]
+    rows: list[Any] = [
+        (
+            law.name, number(law.tuned.cost, 3) if law.tuned else "–",
+            *(cell(metrics[key], law.metrics.get(key), comparison) for key in COLUMNS),
+            str(sum(not line.met for line in law.requirements)),
+        )
+        for law in tables
+    ]  # fmt: skip
+    which = f"the best {len(tables)} of {len(ordered)} laws" if ordered[len(tables) :] else "all laws"
+    names = [
+        "\n".join(filter(None, (name, unit_of(metrics[key], comparison)))) for key, name in COLUMNS.items()
+    ]
+    return Table(
+        (
+            "law",
+            *(Column(name, right=True) for name in ("criterion", *names)),
+            Column("not\nmet", right=True),
+        ),
+        rows,
+        title=wrapped(
+            f"{comparison.robot.name}, {which}. Criterion: geometric mean of {listed(list(RATIOS.values()))}, each "
+            "relative to the design; less is better. Every law is tuned for it within the same limits."
+        ),
+    )
