@@ -91,10 +91,11 @@ def _row(field: Any, every: dict[str, dict[str, Any]] | None = None) -> tuple[st
 
     about, default = field.about, field.default
     said = about.default or (
-        "none" if default in (None, (), "", dataclasses.MISSING) else f"`{_text(default)}`"
+        "" if default is False or default in (None, (), "", dataclasses.MISSING) else f"`{_text(default)}`"
     )
-    unit = f" ({about.unit})" if about.unit else ""
-    row = (f"`{field.option.partition('/')[0]}`", about.help, f"{field.allowed}{unit}", said)
+    unit = f" ({about.unit})" if about.unit and about.unit not in field.allowed else ""
+    allowed = "" if field.allowed == "text" else field.allowed
+    row = (f"`{field.option.partition('/')[0]}`", about.help, f"{allowed}{unit}".strip(), said)
     if every is None:
         return row
     without = ["workspace"] if field.name not in OF_WORKSPACE else []
@@ -248,13 +249,18 @@ def _implied(graph: dict[str, set[str]], room: str, other: str) -> bool:
 
 # Designs --------------------------------------------------------------------------------------------
 def readme_figure(name: str) -> Callable[[], str]:
-    """A figure of README.md and its text."""
+    """A figure of a page and its text."""
 
     def made() -> str:
         DRAWN[IMAGES / f"{name}.svg"], text = runpy.run_path(str(ROOT / "docs" / "readme_step.py"))[name]()
         return text
 
     return made
+
+
+def study(name: str) -> Callable[[], str]:
+    """The table of a program of this folder, which has a function of its own name."""
+    return lambda: runpy.run_path(str(ROOT / "docs" / f"{name}.py"))[name]()
 
 
 def refusal() -> str:
@@ -336,7 +342,7 @@ def _finite(value: float, unit: str, digits: int = 1) -> str:
 
 
 def laws() -> str:
-    """The comparison of laws for the paper's arm at 90°: criterion, verdict, and a row for each law, the best first."""
+    """The comparison of laws for the paper's arm at 90°: verdict, limits, and a row for each law, the best first."""
     import flexhinf as fh
     from flexhinf.design import Specification, compare
     from flexhinf.pages import comparison_verdict
@@ -367,7 +373,10 @@ def laws() -> str:
             f"{m['unstable_corners']:.0f}",
         )
         lines.append("| " + " | ".join(cells) + " |")
-    return "\n\n".join([found.criterion.text, f"**{comparison_verdict(found)}**", "\n".join(lines)])
+    limits = "\n".join(f"- {limit.text}" for limit in found.criterion.limits)
+    return "\n\n".join(
+        [f"**{comparison_verdict(found)}**", "Every law keeps these limits:", limits, "\n".join(lines)]
+    )
 
 
 # Promises -------------------------------------------------------------------------------------------
@@ -416,7 +425,7 @@ def arm() -> str:
 # Pages ----------------------------------------------------------------------------------------------
 #: Page and generator of every part; the slow ones are those that design.
 QUICK: dict[str, tuple[str, Callable[[], str]]] = {
-    "options": ("docs/design.md", options),
+    "options": ("docs/options.md", options),
     "rooms": ("docs/architecture.md", rooms),
     "size": ("docs/architecture.md", size),
     "arm": ("docs/hardware.md", arm),
@@ -428,23 +437,25 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
         benchmark("benchmarks.workspace", "--table", "criterion"),
     ),
     "workspace-better": ("docs/workspace.md", benchmark("benchmarks.workspace", "--table", "better")),
-    "workspace-moves": ("docs/workspace.md", benchmark("benchmarks.workspace", "--table", "moves")),
     "workspace-many": ("docs/workspace.md", benchmark("benchmarks.workspace", "--table", "many")),
-    "workspace-loops": ("docs/workspace.md", benchmark("benchmarks.workspace", "--table", "loops")),
-    "workspace-others": ("docs/workspace.md", benchmark("benchmarks.workspace", "--table", "others")),
-    "workspace-plants": ("docs/workspace.md", benchmark("benchmarks.workspace", "--table", "plants")),
     "which-laws": ("docs/which_law.md", benchmark("benchmarks.workspace", "--table", "laws")),
     "which-sensors": ("docs/which_law.md", benchmark("benchmarks.workspace", "--table", "sensors")),
     "which-gamma": ("docs/which_law.md", benchmark("benchmarks.workspace", "--table", "gamma")),
-    "certificates": ("docs/certificate.md", benchmark("benchmarks.certificates", "--table")),
+    "certificates": ("docs/certificate_study.md", benchmark("benchmarks.certificates", "--table")),
     "firmware": ("docs/deployment.md", benchmark("benchmarks.firmware", "--table")),
+    "estimators-speed": ("docs/estimators_speed.md", benchmark("benchmarks.estimator", "--table")),
+    "hard-filters": ("docs/estimators_accuracy.md", benchmark("benchmarks.filters", "--table", "hard")),
+    "nees": ("docs/estimators.md", benchmark("benchmarks.filters", "--table", "nees")),
 }
 SLOW: dict[str, tuple[str, Callable[[], str]]] = {
-    "moves": ("README.md", readme_figure("moves")),
-    "step": ("README.md", readme_figure("step")),
+    "swing": ("README.md", readme_figure("swing")),
+    "moves": ("docs/design.md", readme_figure("moves")),
+    "step": ("docs/design.md", readme_figure("step")),
     "refusal": ("docs/design.md", refusal),
-    "presets": ("docs/design.md", presets),
-    "laws": ("docs/design.md", laws),
+    "presets": ("docs/weights.md", presets),
+    "laws": ("docs/comparison.md", laws),
+    "circle": ("docs/identify.md", study("circle")),
+    "augmentation": ("docs/augmentation.md", study("augmentation")),
     "promises": ("docs/promises.md", promises),
 }
 

@@ -297,7 +297,13 @@ def other_design(setup: PaperSetup) -> GrowthRates:
     law = solve_hji(problem, gamma=1.5 * smallest_gamma(problem), degree=4)
     noise = np.diag(ProcessNoise(VELOCITIES, 1e-7).covariance(setup.model.states))
     filter = ExtendedKalmanFilter(
-        setup.model, 1e-3, noise, 1e-8, law.operating_point[: setup.model.n], INITIAL_VARIANCE
+        setup.model,
+        1e-3,
+        noise,
+        1e-8,
+        law.operating_point[: setup.model.n],
+        INITIAL_VARIANCE,
+        form="covariance",
     )
     coil = setup.arm.plant(inductance=True)
     loop = EquilibriumLoop(law, filter, coil, 1e-3, math.pi / 2, moving=True, latency=0)

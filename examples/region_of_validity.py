@@ -1,4 +1,6 @@
-"""Where can a law be trusted? Rows of weights, goals and degrees: the largest rest-to-rest step of each.
+"""
+Where can a law be trusted? The largest step of each degree
+===========================================================
 
 About each goal pose the arm's law is designed with the weights of a row at γ = 1.5 γ* and R2 = 10. Checked is
 the dissipation inequality for the paper's weights (60, 0, 0, 0, 300) at 1.6 γ*, with the exact sine: the extra
@@ -6,8 +8,7 @@ weights are the margin. The level set on which nothing against it was found give
 whose start lies in it, the integrator's start chosen where V is smallest. Sampled, not proved. The paper's own weights
 leave no margin in some direction, and so no region.
 
-    python examples/region_of_validity.py                 two rows, 90°: seconds
-    python examples/region_of_validity.py --whole FOLDER  the whole table and its figure, as in docs/regions.md
+``python examples/region_of_validity.py --whole FOLDER`` computes the whole table and its figure, as in docs/regions.md.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -81,8 +83,8 @@ def wanted_rows() -> list[tuple[tuple[float, ...], str, int]]:
     return wanted + [(row, "torques", goal) for row in ROWS[2:] for goal in GOALS]
 
 
-def main(folder: str | Path = ".", whole: bool = False) -> list[Case]:
-    """Fill the table, print it, draw it."""
+def main(folder: str | Path | None = None, whole: bool = False) -> list[Case]:
+    """Fill the table and print it; with a folder also write its figure there."""
     wanted = wanted_rows()
     if not whole:
         wanted = [(row, "command", 90) for row in ROWS[1:3]]
@@ -93,17 +95,20 @@ def main(folder: str | Path = ".", whole: bool = False) -> list[Case]:
         case = largest_steps(row, channels, goal)
         cases.append(case)
         print(case.row, flush=True)
-    picture = Path(folder) / "regions.svg"
-    draw(cases, picture)
-    print(f"picture: {picture}")
+    if folder is not None:
+        from flexhinf.report import figure_to_svg
+
+        picture = Path(folder) / "regions.svg"
+        picture.write_text(figure_to_svg(draw(cases)), encoding="utf-8")
+        print(f"picture: {picture}")
     return cases
 
 
-def draw(cases: Sequence[Case], path: Path) -> None:
+def draw(cases: Sequence[Case]) -> Any:
     """A panel per goal: the largest step over the degree of the law, a line per row of weights."""
     from matplotlib.figure import Figure
 
-    from flexhinf.report import SERIES, figure_to_svg, house_style
+    from flexhinf.report import SERIES, house_style
 
     cases = [case for case in cases if not all(np.isnan(step) for step in case.steps.values())]
     by_goal = {
@@ -131,8 +136,9 @@ def draw(cases: Sequence[Case], path: Path) -> None:
         panels[0].set_ylabel("largest step between equilibria (°)")
         figure.legend(*panels[-1].get_legend_handles_labels(), loc="outside lower center", ncols=2)
         figure.set_facecolor("white")
-        path.write_text(figure_to_svg(figure), encoding="utf-8")
+    return figure
 
 
 if __name__ == "__main__":
-    main(*[word for word in sys.argv[1:] if word != "--whole"][:1], whole="--whole" in sys.argv)
+    found = main(*[word for word in sys.argv[1:] if word != "--whole"][:1], whole="--whole" in sys.argv)
+    figure = draw(found)

@@ -1,0 +1,126 @@
+"""Live pages, made by ``flexhinf export web`` while the site is built, where this command and clang exist."""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from sphinx.application import Sphinx
+from sphinx.util import logging
+
+_LOG = logging.getLogger(__name__)
+_PLACE = "<!-- made by the build: live pages -->"
+
+#: The arms: a title, and the design whose page is shown.
+ARMS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "two-links": (
+        "Two links, one controller for the whole workspace",
+        ("planar-two-link", "--measured", "link_position,motor_position"),
+    ),
+    "paper": (
+        "One link, lifted against gravity",
+        ("paper", "--pose", "90deg", "--start", "0", "--preset", "damped", "--degrees", "2", "--draws", "0"),
+    ),
+}
+
+
+def flexhinf(*words: str) -> subprocess.CompletedProcess[str]:
+    """A command of the package of this interpreter."""
+    return subprocess.run(
+        [sys.executable, "-m", "flexhinf", *words], capture_output=True, text=True, check=False
+    )
+
+
+def missing() -> str:
+    """What is missing for live pages; an empty text if nothing is."""
+    programs = [name for name in ("clang", "wasm-ld") if shutil.which(name) is None]
+    if programs:
+        return f"{' and '.join(programs)} not found; clang and lld bring them"
+    return "" if flexhinf("export", "web", "--help").returncode == 0 else "there is no `flexhinf export web`"
+
+
+def digest() -> str:
+    """Of the package and of the designs: pages of another one are made anew."""
+    import flexhinf as package
+
+    found = hashlib.sha256(repr(ARMS).encode())
+    for file in sorted(Path(package.__path__[0]).rglob("*")):
+        if file.is_file() and file.suffix in (".py", ".toml", ".js", ".c", ".h", ".html", ".css"):
+            found.update(file.read_bytes())
+    return found.hexdigest()
+
+
+def make(folder: Path) -> list[str]:
+    """Make the pages that are missing or old; the names of those that are there."""
+    pages, stamp, made = folder / "live", folder / "digest", []
+    now = digest()
+    if not stamp.exists() or stamp.read_text(encoding="utf-8") != now:
+        shutil.rmtree(folder, ignore_errors=True)
+    pages.mkdir(parents=True, exist_ok=True)
+    for name, (_, words) in ARMS.items():
+        page, design = pages / f"{name}.html", folder.parent / "live_designs" / name
+        if not page.exists():
+            shutil.rmtree(design, ignore_errors=True)
+            design.parent.mkdir(parents=True, exist_ok=True)
+            flexhinf("design", *words, "--out", str(design))  # exit code 1 is a design too
+            done = flexhinf("export", "web", str(design), "--out", str(page))
+            if done.returncode:
+                _LOG.warning("live page %s: %s", name, (done.stderr or done.stdout).strip())
+                continue
+        made.append(name)
+    stamp.write_text(now, encoding="utf-8")
+    return made
+
+
+def frame(name: str) -> list[str]:
+    """A live page within a page, and a link to it, as Markdown."""
+    title = ARMS[name][0]
+    return [
+        "```{raw} html",
+        f'<iframe class="live" src="live/{name}.html" title="{title}" loading="lazy"></iframe>',
+        f'<p><a href="live/{name}.html">{title}, on a page of its own</a></p>',
+        "```",
+        "",
+    ]
+
+
+def text(made: list[str], page: str) -> str:
+    """What a page says of them: on the first page one runs; the page of all has all, or why there is none."""
+    if page == "index":
+        said = [
+            "## Try it here",
+            "",
+            "The exported C of a controller and of its arm runs in this page. Pull the link.",
+        ]
+        return "\n".join([*said, "", *frame(made[0]), "More of them: [Live](live.md)."]) if made else ""
+    if not made:
+        return "This build has no live pages, because clang or wasm-ld was not found when it was made."
+    return "\n".join(line for name in made for line in (f"## {ARMS[name][0]}", "", *frame(name)))
+
+
+def begin(app: Sphinx) -> None:
+    """Handler of ``builder-inited``."""
+    app.env.flexhinf_live = []  # type: ignore[attr-defined]
+    if app.builder.format != "html":
+        return
+    if reason := missing():
+        print(f"No live pages: {reason}.")
+        return
+    folder = Path(app.srcdir).parent / "build" / "docs" / "live_pages"
+    app.env.flexhinf_live = make(folder)  # type: ignore[attr-defined]
+    app.config.html_extra_path = [*app.config.html_extra_path, str(folder)]
+
+
+def read_source(app: Sphinx, name: str, source: list[str]) -> None:
+    """Handler of ``source-read``."""
+    if name in ("index", "live"):
+        source[0] = source[0].replace(_PLACE, text(app.env.flexhinf_live, name))  # type: ignore[attr-defined]
+
+
+def setup(app: Sphinx) -> None:
+    """Register all of this file."""
+    app.connect("builder-inited", begin)
+    app.connect("source-read", read_source)
