@@ -1,7 +1,8 @@
 # make demo      set everything up in .venv and reproduce the paper
 # make test      set up what the tests need and run the quick ones, with the import contract (some minutes)
 # make check     everything: lint, format, types, import contract, tests
-# make slow      the long tests, and every command of the docs as printed;  make bench, make bench-hji, make bench-arm, make bench-jitter, make bench-hardware, make bench-workspace, make bench-firmware, make bench-certificates: measure;  make clean;  make locks
+# make slow      the long tests, and every command of the docs as printed; pictures of pages stay in build/screenshots;  make bench, make bench-hji, make bench-arm, make bench-jitter, make bench-hardware, make bench-workspace, make bench-firmware, make bench-estimator, make bench-certificates, make bench-filters, make bench-studio: measure;  make clean;  make locks
+# make docs      the documentation site, in build/docs/html (some minutes at first);  make docs-links also asks whether external addresses answer
 # make pages     the tables, transcripts and figures of the docs, computed anew
 #
 # Needs Python 3.11 or newer, pip and make. A stamp in .venv remembers what was installed from which lock:
@@ -16,6 +17,7 @@ PY      := $(VENV)/bin/python
 RUN     := $(VENV)/.stamp-run
 DEV     := $(VENV)/.stamp-dev
 PROJECT := $(VENV)/.stamp-project
+DOCS    := $(VENV)/.stamp-docs
 # Beside a venv's own pip stands the outer one, for systems whose Python ships without ensurepip.
 PIP     := if $(PY) -m pip --version >/dev/null 2>&1; then pip="$(PY) -m pip"; else pip="$(PYTHON) -m pip --python $(PY)"; fi; \
            $$pip --disable-pip-version-check --no-input install --quiet
@@ -23,7 +25,7 @@ PIP     := if $(PY) -m pip --version >/dev/null 2>&1; then pip="$(PY) -m pip"; e
 # All cores; the tests of a file stay together, so that what they share is made once.
 SHARED  := -n auto --maxprocesses 8 --dist loadfile
 
-.PHONY: demo test check slow bench bench-hji bench-arm bench-jitter bench-campaign bench-hardware bench-workspace bench-firmware bench-certificates peers pages mutants locks clean environment environment-dev
+.PHONY: demo test check slow bench bench-hji bench-arm bench-jitter bench-campaign bench-hardware bench-workspace bench-firmware bench-estimator bench-certificates bench-filters bench-studio peers pages docs docs-links mutants locks clean environment environment-dev environment-docs
 .DELETE_ON_ERROR:
 
 demo: environment
@@ -41,10 +43,20 @@ check: environment-dev
 	$(PY) -m pytest -m "not slow" $(SHARED)
 
 slow: environment-dev
-	$(PY) -m pytest -m slow -n auto --maxprocesses 8 --dist worksteal
+	FLEXHINF_SCREENSHOTS=$(CURDIR)/build/screenshots $(PY) -m pytest -m slow -n auto --maxprocesses 8 --dist worksteal
 
 pages: environment-dev
 	$(PY) docs/make.py
+
+# Warnings are errors, and every program of gallery and notebooks runs; what ran before and has not changed is kept.
+SPHINX := $(PY) -m sphinx -W --keep-going
+docs: environment-docs
+	$(SPHINX) -q docs build/docs/html
+	@echo "The site: build/docs/html/index.html"
+
+# Needs a network.
+docs-links: environment-docs
+	$(SPHINX) -b linkcheck docs build/docs/links
 
 # Changes the checker in one place at a time and runs its tests: hours. Needs cosmic-ray: .venv/bin/python -m pip install cosmic-ray
 mutants: environment-dev
@@ -67,9 +79,13 @@ bench-campaign: environment-dev
 bench-certificates: environment-dev
 	FLEXHINF_PEERS=$(PEERS) $(PY) -m benchmarks.certificates
 
+# Kalman filters beside FilterPy and Dynamax (`make peers`) on hard linear filters, and NEES; about half an hour.
+bench-filters: environment-dev
+	FLEXHINF_PEERS=$(PEERS) $(PY) -m benchmarks.filters
+
 peers: $(PEERS)/.stamp
 
-$(PEERS)/.stamp: benchmarks/campaign/peers.txt benchmarks/certificates/peers.txt
+$(PEERS)/.stamp: benchmarks/campaign/peers.txt benchmarks/certificates/peers.txt benchmarks/filters/peers.txt
 	$(PYTHON) -m venv $(PEERS)
 	$(PEERS)/bin/python -m pip --disable-pip-version-check --no-input install --quiet $(addprefix -r ,$^)
 	touch $@
@@ -94,10 +110,19 @@ bench-workspace: environment-dev
 bench-firmware: environment-dev
 	$(PY) -m benchmarks.firmware
 
+# A step of the filters in both forms, and beside filterpy's; some minutes.
+bench-estimator: environment-dev
+	OMP_NUM_THREADS=1 $(PY) -m benchmarks.estimator
+
+# From a slider of the studio to its new band, in Chromium; a minute, on an idle machine.
+bench-studio: environment-dev
+	$(PY) -m benchmarks.studio
+
 # Set-up -----------------------------------------------------------------------------------------------------
 
 environment: $(PROJECT)
 environment-dev: $(DEV) $(PROJECT)
+environment-docs: $(DOCS) $(PROJECT)
 
 # Either lock makes the venv anew, so that nothing of an older lock stays behind.
 $(RUN): requirements.lock requirements-dev.lock
@@ -113,6 +138,12 @@ $(DEV): $(RUN) requirements-dev.lock
 	@$(PIP) --require-hashes -r requirements-dev.lock
 	@touch $@
 
+# On top of the test tools, which the same lock pins to the same versions.
+$(DOCS): $(RUN) $(DEV) requirements-docs.lock
+	@echo "Adding what builds the documentation ..."
+	@$(PIP) --require-hashes -r requirements-docs.lock
+	@touch $@
+
 $(PROJECT): $(RUN) pyproject.toml
 	@$(PIP) --no-deps --no-build-isolation --editable .
 	@touch $@
@@ -122,7 +153,8 @@ $(PROJECT): $(RUN) pyproject.toml
 LOCK := uv pip compile --universal --python-version 3.11 --generate-hashes --no-header --no-annotate --no-emit-index-url --quiet
 locks:
 	$(LOCK) --group build pyproject.toml --output-file requirements.lock
-	$(LOCK) --group build --extra test --constraint requirements.lock pyproject.toml --output-file requirements-dev.lock
+	$(LOCK) --group build --extra test --extra docs --constraint requirements.lock pyproject.toml --output-file requirements-docs.lock
+	$(LOCK) --group build --extra test --constraint requirements-docs.lock pyproject.toml --output-file requirements-dev.lock
 
 clean:
 	rm -rf $(VENV) $(PEERS) build dist .pytest_cache .ruff_cache .hypothesis .import_linter_cache .benchmarks

@@ -28,7 +28,7 @@ def loops() -> list[dict[str, Any]]:
     robot = fh.paper_arm()
     problem = robot.problem()
     solution = fh.solve_hji(problem, gamma=2 * fh.smallest_gamma(problem), degree=4)
-    ukf = fh.UnscentedKalmanFilter(robot.plant(), PERIOD, Q, R, np.zeros(4), 1e-4)
+    ukf = fh.UnscentedKalmanFilter(robot.plant(), PERIOD, Q, R, np.zeros(4), 1e-4, form="covariance")
     controller = fh.Controller(solution, ukf, PERIOD, latency=0)
     loop = fh.Loop(robot.plant(), controller)
     law = solution.law_polynomial()

@@ -34,7 +34,7 @@ class Arm:
         self.plant = self.robot.plant()
         self.point, _ = self.robot.operating_point()
         self.solution = fh.solve_hji(self.robot.problem(), gamma=GAMMA, degree=4)
-        self.estimator = fh.UnscentedKalmanFilter(self.plant, PERIOD, Q, R, self.point, P0)
+        self.estimator = fh.UnscentedKalmanFilter(self.plant, PERIOD, Q, R, self.point, P0, form="covariance")
         self.controller = fh.Controller(self.solution, self.estimator, PERIOD, latency=0)
 
     def samples(self, count: int) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -27,6 +27,7 @@ from typing import Any
 import flexhinf as fh
 from flexhinf.design.workspace.search import tuned_setup
 from flexhinf.export import export_c
+from flexhinf.export.stack import stack_bytes
 from flexhinf.robot.workspace import workspace_of
 
 KEPT = Path(__file__).resolve().with_suffix(".json")
@@ -85,30 +86,11 @@ __attribute__((destructor)) static void report(void)
 }
 """
 
-#: Paints the stack below a step, and says how much of it the step used and how large a state is.
-STACK = """
-#include <stdint.h>
+#: Says how large a state is.
+STATE = """
 #include <stdio.h>
 #include "arm.h"
-enum { PAINTED = 1 << 20 };
-static unsigned long deepest;
-int __real_arm_step(arm_state *, const arm_param *, const arm_input *, arm_output *);
-int __wrap_arm_step(arm_state *, const arm_param *, const arm_input *, arm_output *);
-int __wrap_arm_step(arm_state *state, const arm_param *param, const arm_input *input, arm_output *output)
-{
-    volatile unsigned char *here, *byte;
-    int code;
-    __asm volatile("mov %%rsp, %0" : "=r"(here));
-    for (byte = here - PAINTED; byte < here; ++byte) *byte = 0xa5;
-    code = __real_arm_step(state, param, input, output);
-    for (byte = here - PAINTED; byte < here && *byte == 0xa5; ++byte) {}
-    if ((unsigned long)(here - byte) > deepest) deepest = (unsigned long)(here - byte);
-    return code;
-}
-__attribute__((destructor)) static void report(void)
-{
-    printf("stack %lu state %lu\\n", deepest, (unsigned long)sizeof(arm_state));
-}
+int main(void) { printf("%lu", (unsigned long)sizeof(arm_state)); return 0; }
 """
 
 
@@ -138,29 +120,35 @@ def run(*words: object, folder: Path) -> str:
 def measure(links: int | str, real: str, machine: str) -> dict[str, Any]:
     """A row: sizes in bytes, instructions of a step, and on a Cortex-M4F its cycles."""
     with tempfile.TemporaryDirectory() as work:
-        folder = export_c(controller(links), Path(work) / "c", "arm", real)
+        folder = export_c(controller(links), Path(work) / "c", "arm", real, limits=False)
         measured = on_pc(folder) if machine == "x86-64" else on_cortex_m4(folder)
     return {"links": links, "real": real, "machine": machine} | measured
 
 
 # A PC ---------------------------------------------------------------------------------------------------
 def on_pc(folder: Path) -> dict[str, Any]:
-    """By gcc, callgrind, and a painted stack."""
-    (folder / "stack.c").write_text(STACK, encoding="utf-8")
-    run("gcc", *PC, "-DARM_WITHOUT_REST", "-c", "arm.c", "-o", "arm.o", folder=folder)
+    """By gcc and callgrind; the stack is computed."""
+    (folder / "state.c").write_text(STATE, encoding="utf-8")
+    run("gcc", *PC, "-DARM_WITHOUT_REST", "-DARM_WITHOUT_CHECK", "-c", "arm.c", "-o", "arm.o", folder=folder)
     run("gcc", *PC, "arm_test.c", "arm.o", "-lm", "-o", "plain", folder=folder)
     flags = ("-Wl,--wrap=arm_step", "-Wl,-z,now")
     (folder / "timed.c").write_text(TIMED, encoding="utf-8")
     run("gcc", *PC, *flags, "arm_test.c", "timed.c", "arm.o", "-lm", "-o", "timed", folder=folder)
     times = [float(run("./timed", folder=folder).split()[-2]) for _ in range(9)]
-    run("gcc", *PC, *flags, "arm_test.c", "stack.c", "arm.o", "-lm", "-o", "painted", folder=folder)
+    run("gcc", "state.c", "-o", "state", folder=folder)
+    stack = stack_bytes(
+        {name: (folder / name).read_text(encoding="utf-8") for name in ("arm.h", "arm.c")},
+        "arm_step",
+        "gcc",
+        PC,
+    )
     counting = ("--tool=callgrind", "--collect-atstart=no", "--toggle-collect=arm_step")
     run("valgrind", *counting, "--callgrind-out-file=counts", "./plain", folder=folder)
     total = re.search(r"^summary: (\d+)", (folder / "counts").read_text(encoding="utf-8"), re.MULTILINE)
-    said = re.search(r"(\d+) samples(?s:.*)stack (\d+) state (\d+)", run("./painted", folder=folder))
+    said = re.search(r"(\d+) samples", run("./plain", folder=folder))
     assert total is not None
     assert said is not None
-    samples, stack, state = map(int, said.groups())
+    samples, state = int(said[1]), int(run("./state", folder=folder))
     return {
         "code": int(run("size", "arm.o", folder=folder).splitlines()[1].split()[0]),
         "state": state, "stack": stack, "instructions": int(total[1]) / samples, "microseconds": min(times),

@@ -63,7 +63,7 @@ class Stream:
         problem = self.robot.problem() if self.robot.penalty else self.robot.problem(weights)
         gamma = GAMMA_RATIO * fh.smallest_gamma(problem)
         solution = fh.solve_hji(problem, gamma=gamma if gamma > 0.0 else math.inf, degree=degree)
-        ukf = fh.UnscentedKalmanFilter(plant, PERIOD, Q, R, point, P0)
+        ukf = fh.UnscentedKalmanFilter(plant, PERIOD, Q, R, point, P0, form="covariance")
         self.controller = fh.Controller(solution, ukf, PERIOD, latency=0)
         n = len(self.robot.joint_names)
         noise = math.sqrt(R) * np.random.default_rng(0).normal(size=(RECORDED, n))

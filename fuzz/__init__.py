@@ -16,6 +16,7 @@ FUZZERS: tuple[str, ...] = (
     "command_line",
     "solution_files",
     "estimators",
+    "hostile_filters",
     "random_plants",
     "kills",
     "report_folders",

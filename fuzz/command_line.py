@@ -1,12 +1,14 @@
 """Random words for the command line: exit codes 0, 1 and 2 only, no traceback, few lines on standard error.
 
-What the options say is checked in full; the design, the comparison and the paper's experiments themselves are replaced
-by a stop, so that an attempt takes milliseconds. A few designs of a small robot run whole.
+What the options say is checked in full; the design, the comparison, the paper's experiments, the filter over a log and
+the search for numbers in it are replaced by a stop, so that an attempt takes milliseconds. A few designs of a small
+robot, and a few short logs, run whole. What is refused leaves nothing behind.
 """
 
 from __future__ import annotations
 
 import contextlib
+import inspect
 import io
 import math
 import os
@@ -17,14 +19,16 @@ from typing import Any
 from unittest import mock
 
 import numpy as np
+from typer.main import get_command
 
 import flexhinf.paper
 from flexhinf.cli import main
+from flexhinf.cli.commands import app
 from flexhinf.design.specification import FIELDS
 from flexhinf.errors import FlexhinfError
 from fuzz.tally import Tally
 
-ATTEMPTS = 1000
+ATTEMPTS = 1500
 WHOLE = 250
 """Every so many attempts a design runs whole."""
 
@@ -41,7 +45,14 @@ VALUES = (
     "--help", "%s", "'", '"', "`id`", "$(id)", "\udcff",
     "30mm", "1deg,2mm", "0.1Nm", "87,87,12", "0.01deg,0.1Nm", "inf,1", "0..3kg", "2kg@elbow", "3..0kg@@", "1e29",
     "0.2,0,0.1", "400mm,0,1e9", "elbow:0,0,0.1", ":1,2", "way.csv", "short.csv", "bytes.toml", "fifo.toml", "folder",
-    "jerk-limited", "jump",
+    "jerk-limited", "jump", "0.999", "0.5", "motor_position=0..1", "link_position=-90deg..90deg", "link_position=1..-1",
+    "link_velocity=-inf..inf", "link_position=..", "motor_position=p [deg]", "motor_voltage=u [", "stiffness,friction",
+    "stiffness,stiffness", "friction_elbow", "unscented", "extended", "covariance", "parquet", "log.csv",
+)  # fmt: skip
+
+LOGS = (
+    "log.csv", "log.csv", "log.csv", "log.csv", "gaps.csv", "way.csv", "short.csv", "empty.toml", "bytes.toml",
+    "folder", "nowhere.csv", "fifo.toml", "log.mcap", "log.parquet", *VALUES,
 )  # fmt: skip
 
 ROBOTS = (
@@ -64,7 +75,9 @@ friction = 0.1
 """
 COMMANDS = (
     "design", "design", "design", "compare", "compare", "certify", "paper", "robots", "schema", "desing", "",
+    "estimate", "estimate", "identify", "identify",
 )  # fmt: skip
+
 QUICK = (
     "--degrees",
     "2",
@@ -79,11 +92,26 @@ QUICK = (
     "1",
 )
 
+#: Options of the commands that read a log, by command.
+READING = {
+    name: list(inspect.unwrap(command.callback).options.values())  # type: ignore[attr-defined]
+    for name, command in get_command(app).commands.items()  # type: ignore[attr-defined]
+    if name in ("estimate", "identify")
+}
+
+#: What runs whole, one after the other.
+WHOLE_WORDS = (
+    ("design", "arm.toml", *QUICK),
+    ("estimate", "log.csv", "--robot", "arm.toml"),
+    ("identify", "log.csv", "--robot", "arm.toml", "--parameters", "friction", "--motion", "0.5s"),
+)
+
 
 #: What is replaced by a stop.
 WORK = (
     (flexhinf, "design"), (flexhinf, "compare"), (flexhinf.paper, "reproduce"),
     (import_module("flexhinf.design.certification"), "certify_design"),
+    (flexhinf, "filter_log"), (flexhinf, "identify"),
 )  # fmt: skip
 
 
@@ -101,9 +129,16 @@ def run(attempts: int, seed: int) -> Tally:
         try:
             for attempt in range(attempts):
                 whole = attempt % WHOLE == WHOLE - 1
-                words = ["design", "arm.toml", *QUICK, *_options(rng, 1)] if whole else _words(rng)
+                words = _words(rng)
+                if whole:
+                    base = WHOLE_WORDS[attempt // WHOLE % len(WHOLE_WORDS)]
+                    words = [*base, *_options(rng, 1, READING.get(base[0]))]
                 how = f"seed {seed}, attempt {attempt}: {ascii(words)[:300]}"
+                known = set(os.listdir())
                 code, error, fault = _outcome(words, whole)
+                left = set(os.listdir()) - known
+                if left and code not in (0, 1):
+                    fault = fault or f"left {sorted(left)}"
                 if fault or code == 0 or "here the work would begin" in error or (whole and code == 1):
                     tally.answered(fault, how)
                 else:
@@ -121,6 +156,9 @@ def _fill(folder: Path) -> None:
         "arm.xml": "<mujoco><worldbody><body><joint name='elbow'/></body></worldbody></mujoco>",
         "arm.urdf": "<robot name='a'><link name='base'/></robot>", "deep.toml": "x = " + "[" * 10_000,
         "large.toml": "x = [" + "1," * 3_000_000 + "]",
+        "log.csv": "time,drive_torque,link_position,motor_position\n"
+        + "".join(f"{0.01 * k:.2f},{k % 5 - 2},{1e-3 * (k % 7)},{1e-3 * (k % 3)}\n" for k in range(40)),
+        "gaps.csv": "time,drive_torque,link_position\n0,1,0\n0.01,,0.1\n0.03,nan,\n",
     }  # fmt: skip
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
@@ -134,14 +172,21 @@ def _words(rng: np.random.Generator) -> list[str]:
     words = [command]
     if command in ("design", "compare", "certify") and rng.random() < 0.97:
         words.append(ROBOTS[rng.integers(7 if rng.random() < 0.7 else len(ROBOTS))])
-    return [*words, *_options(rng, int(rng.integers(0, 5)))]
+    if command in READING:
+        words.append(LOGS[rng.integers(5 if rng.random() < 0.7 else len(LOGS))])
+        if rng.random() < 0.8:
+            words += ["--robot", "arm.toml" if rng.random() < 0.7 else ROBOTS[rng.integers(len(ROBOTS))]]
+        if command == "identify" and rng.random() < 0.8:
+            words += ["--parameters", "stiffness,friction"]
+    return [*words, *_options(rng, int(rng.integers(0, 5)), READING.get(command))]
 
 
-def _options(rng: np.random.Generator, count: int) -> list[str]:
-    """Options with their own example, or with any value."""
+def _options(rng: np.random.Generator, count: int, declared: list[Any] | None = None) -> list[str]:
+    """Options (of a specification, if none are declared) with their own example, or with any value."""
     found: list[str] = []
+    fields = [field for field in declared or FIELDS.values() if field.option.startswith("-")]
     for _ in range(count):
-        field = list(FIELDS.values())[rng.integers(len(FIELDS))]
+        field = fields[rng.integers(len(fields))]
         others = (
             "--out", "--elastic", "--laws", "--tune", "--payload", "--pose-xyz", "--goal", "--tool", "--gamma-ratio",
             "--unknown", "--peak-voltage", "-x", "--decay", "--observer", "--degree", "--threads", "--check",
@@ -181,8 +226,8 @@ def _outcome(words: list[str], whole: bool) -> tuple[int | None, str, str]:
 
 def _stop(*arguments: Any, **others: Any) -> None:
     """Instead of the work: numbers of the specification or the settings are finite."""
-    given = next(one for one in arguments if hasattr(one, "gamma_ratio"))
-    for name, value in vars(given).items():
+    given = next((one for one in arguments if hasattr(one, "gamma_ratio")), None)
+    for name, value in vars(given).items() if given is not None else ():
         if isinstance(value, float) and not math.isfinite(value):
             raise AssertionError(f"{name} = {value}")
     raise _ReachedError("The words are understood.", "here the work would begin", "nothing")

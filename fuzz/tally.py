@@ -21,7 +21,8 @@ class Tally:
     what : str
         What was tried, in a few words: a row of the table.
     right, typed : int
-        Attempts that gave a right answer; attempts refused by a :class:`FlexhinfError` of a readable length.
+        Attempts that gave a right answer; attempts refused by a :class:`FlexhinfError` of a readable length, or
+        answered with a typed diagnosis that the answer is not right.
     wrong : list of str
         One line for every other attempt: how to repeat it, and what came of it.
     """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -21,6 +22,11 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(
         _name, "1"
     )  # small matrices: more threads only cost, and tests already run side by side
+
+# Whoever starts the tests in the background may have signals ignored, which commands keep.
+for _signal, _way in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
+    if signal.getsignal(_signal) == signal.SIG_IGN:
+        signal.signal(_signal, _way)
 
 settings.register_profile(
     "flexhinf",
@@ -162,8 +168,20 @@ def bounded_work() -> Callable[[int], AbstractContextManager[None]]:
     return bounded
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The example of `flexhinf.compare` tunes a law: as slow as such tests are."""
+def _slow_cases(items: list[pytest.Item]) -> Iterator[pytest.Item]:
+    """Of each test that is marked `quick_cases(number)`: the cases beyond that number, the quick ones spread evenly."""
+    cases: dict[str, list[pytest.Item]] = {}
     for item in items:
-        if item.name == "flexhinf.design.pipeline.compare":
-            item.add_marker(pytest.mark.slow)
+        if item.get_closest_marker("quick_cases") is not None and item.get_closest_marker("slow") is None:
+            cases.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    for of_test in cases.values():
+        number = of_test[0].get_closest_marker("quick_cases").args[0]
+        quick = {round(k * len(of_test) / number) for k in range(number)}
+        yield from (item for place, item in enumerate(of_test) if place not in quick)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The example of `flexhinf.compare` tunes a law: as slow as such tests are; and `quick_cases`."""
+    tuned = [item for item in items if item.name == "flexhinf.design.pipeline.compare"]
+    for item in (*tuned, *_slow_cases(items)):
+        item.add_marker(pytest.mark.slow)

@@ -186,7 +186,8 @@ def test_locks_hold_everything_the_project_asks_for(repository: Path) -> None:
 
 def test_every_key_cited_is_in_the_references(repository: Path) -> None:
     bibliography = (repository / "docs" / "references.bib").read_text(encoding="utf-8")
-    known = set(re.findall(r"^@\w+\{(\w+),", bibliography, re.MULTILINE))
+    known = re.findall(r"^@\w+\{(\w+),", bibliography, re.MULTILINE)
+    assert sorted(known) == sorted(set(known))
     cited: dict[str, str] = {}
     for file in (repository / "src").rglob("*.py"):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):

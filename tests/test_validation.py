@@ -146,6 +146,7 @@ TOO_MUCH_TOML = (
 )  # fmt: skip
 
 
+@pytest.mark.quick_cases(4)
 @pytest.mark.parametrize(("text", "what"), TOO_MUCH_TOML)
 def test_what_is_too_deep_or_too_large_is_refused_with_little_work(
     tmp_path: Path, text: str, what: str, bounded_work: Callable[[int], AbstractContextManager[None]]

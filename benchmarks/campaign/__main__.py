@@ -38,7 +38,7 @@ class PaperArm:
         self.steps, robot = steps, fh.paper_arm()
         problem, self.plant = robot.problem(), robot.plant()
         solution = fh.solve_hji(problem, gamma=2 * fh.smallest_gamma(problem), degree=4)
-        ukf = fh.UnscentedKalmanFilter(self.plant, PERIOD, Q, R, np.zeros(4), 1e-4)
+        ukf = fh.UnscentedKalmanFilter(self.plant, PERIOD, Q, R, np.zeros(4), 1e-4, form="covariance")
         self.controller = fh.Controller(solution, ukf, PERIOD, latency=0)
         self.law = solution.law_polynomial()
         rng = np.random.default_rng(0)
@@ -269,7 +269,9 @@ def seven_links(plants: int, steps: int, repetitions: int) -> list[dict[str, Any
     """The catalogue's arm of seven links: 28 states, a cubic law in 35, all joints noisy."""
     arm, rows = Arm(), []
     for period in (1e-3, 2e-4):
-        estimator = fh.UnscentedKalmanFilter(arm.plant, period, 1e-8, 1e-8, arm.point, 1e-6)
+        estimator = fh.UnscentedKalmanFilter(
+            arm.plant, period, 1e-8, 1e-8, arm.point, 1e-6, form="covariance"
+        )
         loop = fh.Loop(arm.plant, fh.Controller(arm.solution, estimator, period, latency=0), 1)
         ensemble = loop.ensemble(noise=1e-5, duration=(steps - 1) * period)
         run = partial(

@@ -1,4 +1,4 @@
-"""``make bench-certificates``: our proofs beside matrix inequalities and sums of squares, for docs/certificate.md.
+"""``make bench-certificates``: our proofs beside matrix inequalities and sums of squares (docs/certificate_study.md).
 
     python -m benchmarks.certificates            measures every row, and keeps them in benchmarks/certificates/rows.json
     python -m benchmarks.certificates --table    prints the tables of the rows that are kept

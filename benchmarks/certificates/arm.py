@@ -1,7 +1,7 @@
 """The paper's arm about 180°: what is proved for its linear and its cubic law, by whom, how far and at what cost.
 
 The same claims for all: gain of (75, 27, 90, 27, 330)'s law at 1.5 γ*, checked for the paper's penalty at 1.6 γ*; and
-the linear laws of docs/certificate.md, section 12, for all tolerances of Tables 1 and 2.
+the linear laws of docs/certificate_study.md, for all tolerances of Tables 1 and 2.
 """
 
 from __future__ import annotations
@@ -219,7 +219,7 @@ def rest(
 # Every robot within its tolerances ----------------------------------------------------------------------------
 @cache
 def tolerant(goal: int) -> tuple[Any, Any, Any, float]:
-    """Law, problem, ranges and γ of docs/certificate.md, section 12: weights of the preset for all tolerances."""
+    """Law, problem, ranges and γ of docs/certificate_study.md: weights of the preset for all tolerances."""
     arm, pose = fh.paper_arm(), np.radians([goal])
     damping, gamma = {180: (0.4, 380.0), 90: (None, 242.0)}[goal]
     specification = Specification(pose=tuple(pose), start=(0.0,), preset="robust", damping=damping)

@@ -87,6 +87,7 @@ def test_a_held_input_spends_with_the_square_of_the_period(arm: Robot, law: HJIS
     assert np.all((ratios > 3.5) & (ratios < 4.6))
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("who", ["torques", "estimator", "all"])
 def test_the_level_never_rises_by_more_than_is_spent(made: SimpleNamespace, arm: Robot, who: str) -> None:
     """V(x_k) ≤ V(x_0) + ½γ²∫|d|² + ½∫vᵀR2v inside the sampled region: with torques, or a wrong estimate, noise, delay

@@ -39,6 +39,7 @@ def both(two_link: Robot) -> GeneralisedPlant:
     return two_link.problem(disturbances=TORQUES)
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", [None, "ekf", "observer"])
 @pytest.mark.parametrize("command", [True, False])

@@ -8,9 +8,9 @@ from tests.refusals import refused_with
 
 from flexhinf.baselines import FeedbackLinearisation
 from flexhinf.baselines.placed_laws import bessel_coefficients
+from flexhinf.codegen.shared import share
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Controller, Loop
-from flexhinf.loop.shared import share
 from flexhinf.plant import Plant
 from flexhinf.robot.elastic import InverseFlow
 

@@ -5,9 +5,9 @@ import pytest
 from tests.refusals import refused_with
 
 from flexhinf.baselines import MotorPD
+from flexhinf.codegen.shared import share
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Controller, Loop
-from flexhinf.loop.shared import share
 from flexhinf.plant.joints import elastic_joints
 
 

@@ -11,7 +11,7 @@ from tests.campaign.conftest import OPTIONS, Feedback, made_campaign, made_loop,
 from tests.refusals import refused_with
 
 import flexhinf as fh
-from flexhinf.campaign import STANDARD, Campaign, Metrics, Sample, run_batch, run_campaign
+from flexhinf.campaign import DOUBTFUL, STANDARD, Campaign, Metrics, Sample, run_batch, run_campaign
 from flexhinf.campaign.batches import ALONE, rows_of
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import BlackBox
@@ -46,7 +46,8 @@ def test_a_sample_has_the_same_bits_alone_in_any_batch_and_in_another_process(lo
 def test_lanes_say_what_the_signals_of_each_run_say(draw):
     """Means of squares and rise times to their rounding, the rest bit by bit."""
     lanes = run_batch(made_campaign(draw=draw), 1)
-    signals = run_batch(made_campaign(draw=draw, metrics=replace(STANDARD, reduced=None)), 1)
+    from_signals = [replace(one, reduced=None) for one in (STANDARD, DOUBTFUL)]
+    signals = run_batch(made_campaign(draw=draw, metrics=from_signals), 1)
     for name, values in lanes.items():
         if name in ("tracking_rmse", "estimation_rmse", "rise_time_s"):
             np.testing.assert_allclose(values, signals[name], rtol=1e-12)

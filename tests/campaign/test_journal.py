@@ -31,9 +31,9 @@ from flexhinf.campaign.batches import Rows
 from flexhinf.campaign.driver import in_processes, in_this_process
 from flexhinf.campaign.journal import MANIFEST, SHARDS, TABLE, read_columns
 from flexhinf.campaign.results import CACHED
+from flexhinf.codegen import shared
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import recorded
-from flexhinf.loop import shared
 
 pytest.importorskip("pyarrow")
 

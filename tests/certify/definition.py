@@ -98,7 +98,7 @@ class Definition:
         return total
 
     def residual(self, slope: list[Any]) -> Any:
-        """r of (3) in docs/certificate.md, for V_x at the same states, without the decay."""
+        """r of (3) in docs/theorem.md, for V_x at the same states, without the decay."""
         u, zero = self.law(), self.number(0.0)
         r = sum((v * f for v, f in zip(slope, self.rates(u), strict=True)), self.squared_output(u) / 2)
         for column in zip(*self.disturbance_matrix(), strict=True):

@@ -1,4 +1,4 @@
-"""Every bound of a cell again, in rationals and by the formulas of docs/certificate.md: none is smaller.
+"""Every bound of a cell again, in rationals and by the formulas of docs/theorem.md: none is smaller.
 
 What is random points' to find is in test_random_cells.py. Here a lost term is found even where it is far smaller than
 what the other terms leave: remainders, odd parts, what parameters differ by, and the allowance for rounding.

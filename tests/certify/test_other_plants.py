@@ -92,6 +92,7 @@ PLANTS: dict[str, Callable[[], Any]] = {
 }
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize("make", PLANTS.values(), ids=PLANTS.keys())
 def test_a_plant_is_proved_just_below_its_sampled_level_and_refused_above(make: Callable[[], Any]) -> None:
     problem = make()

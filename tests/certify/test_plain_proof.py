@@ -1,4 +1,4 @@
-"""The second route's bounds of one cell are those of docs/certificate.md, found again in rationals."""
+"""The second route's bounds of one cell are those of docs/theorem.md, found again in rationals."""
 
 from __future__ import annotations
 

@@ -102,6 +102,7 @@ def table(name: str, order: int) -> QuotientTable:
     return QuotientTable(FUNCTIONS[name], REACH, order)
 
 
+@pytest.mark.quick_cases(20)
 @pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_no_point_leaves_an_enclosure_of_the_search(name: str, order: int) -> None:

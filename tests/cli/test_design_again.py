@@ -8,7 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from tests.refusals import unnamed
 
+import flexhinf as fh
+from flexhinf import report
 from flexhinf.cli import main
 
 QUICK = ["--degrees", "2", "--rays", "0", "--draws", "0", "--no-compare-rigid", "--estimator", "none"]
@@ -123,3 +126,39 @@ def test_what_is_wrong_with_a_design_file_is_told(
 def test_volts_do_not_fit_the_robot_of_a_design_file(folder: Path, refused: Callable[..., str]) -> None:
     (folder / "design.toml").write_text("[design]\nrobot = 'vertical-rig'", encoding="utf-8")
     refused(["design", "design.toml", "--peak-voltage", "60"], "--peak-torque", folder)
+
+
+@pytest.mark.parametrize("command", ["design", "compare"])
+@pytest.mark.parametrize("earlier", ["belt", "paper"])
+def test_the_report_of_another_robot_is_not_replaced_in_silence(
+    command: str,
+    earlier: str,
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def stop(*given: object) -> None:
+        raise fh.InvalidInput("A design begins.")
+
+    monkeypatch.setattr(fh, command, stop)
+    report.write(folder / "made", {"design.json": json.dumps({"robot": earlier})})
+    assert main([command, "paper", "--pose", "10deg", "--out", "made"]) == 2
+    assert ("'belt'" in capsys.readouterr().err) is (earlier == "belt")
+
+
+@pytest.mark.slow
+def test_the_report_knows_the_files_of_its_robot(
+    arm: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Code of a robot that was edited is that of a new design, and says so."""
+    (folder / "arm.toml").write_text(arm := f"gravity = 0.0\n{arm}", encoding="utf-8")
+    main(["design", "arm.toml", "--pose", "10deg", *QUICK])
+    assert main(["export", "c", "flexhinf-design", "--no-limits", "--out", "first"]) == 0
+    assert "anew" not in capsys.readouterr().err
+    (folder / "arm.toml").write_text(arm.replace("100.0", "130.0"), encoding="utf-8")
+    assert main(["export", "c", "flexhinf-design", "--no-limits", "--out", "second"]) == 0
+    assert unnamed(capsys.readouterr().err, "arm.toml", "anew") == []
+    digest = [
+        (folder / name / "README.md").read_text().split("| digest |")[1][:70] for name in ("first", "second")
+    ]
+    assert digest[0] != digest[1]

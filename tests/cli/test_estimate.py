@@ -31,6 +31,7 @@ def run() -> Any:
 WORDS = ["run.csv", "--robot", "paper", "--measured", "motor_position,link_position", "--latency", "1"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [pytest.param("unscented", marks=pytest.mark.slow), "extended"])
 def test_a_run_of_ours_fits_its_filter(
     run: Any, folder: Path, capsys: pytest.CaptureFixture[str], kind: str
@@ -61,7 +62,7 @@ def test_a_run_of_ours_fits_its_filter(
     page = (report / "index.html").read_text(encoding="utf-8")
     assert [anchor for anchor in ("innovations", "nis", "measured", "estimates", "nees", "errors", "correlation")
             if f'id="figure-{anchor}"' not in page] == []  # fmt: skip
-    assert "http" not in page.replace("http://www.w3.org", "")
+    assert "://" not in page.replace("http://www.w3.org", "")
     again = ["flexhinf", "estimate", *WORDS, *(["--filter", kind] if kind == "extended" else [])]
     assert all(word in page for word in again)
 
@@ -110,6 +111,45 @@ def test_columns_and_noises_at_the_command_line(
             float(expected.standard_deviation[-1, k]), rel=1e-6
         )
     assert numbers["log_likelihood"] == pytest.approx(expected.attrs["log_likelihood"], rel=1e-9)
+
+
+def test_outliers_are_left_out_and_states_kept_in_bounds(
+    run: Any, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The estimates of Python's filter with the same gate and bounds; the outliers are in no innovation."""
+    y = np.array(run.signals["output"])
+    y[[300, 700, 1100], 1] += [0.4, -0.5, 0.3]
+    rows = np.column_stack([run.time, run.signals["input"], y])
+    head = "time,motor_voltage,motor_position,link_position"
+    np.savetxt(folder / "run.csv", rows, "%.17g", ",", header=head, comments="")
+    words = ["--filter", "extended", "--gate", "0.99999", "--bounds", "link_velocity=-80 deg/s..1"]
+    assert main(["estimate", *WORDS, *words]) == 0
+    told = capsys.readouterr().out
+    assert unnamed(told, "link position", 3, 1500) == []
+    numbers = json.loads((folder / "flexhinf-estimate" / "estimate.json").read_text(encoding="utf-8"))
+    assert numbers["fits"]
+    assert numbers["filter"]["gate"] == 0.99999
+    assert numbers["outputs"]["link_position"]["rejected"] == 3
+    assert numbers["outputs"]["link_position"]["samples"] == 1497
+    ends = numbers["filter"]["bounds"]["link_velocity"]
+    np.testing.assert_allclose(ends, [math.radians(-80.0), 1.0])
+    plant = fh.paper_arm().plant(("motor_position", "link_position"))
+    log = fh.read_log(folder / "run.csv", plant, latency=1)
+    used = numbers["filter"]
+    filter = fh.ExtendedKalmanFilter(
+        plant, used["period_s"], used["process_noise"], used["measurement_noise"],
+        [log.outputs[0, 1], 0.0, log.outputs[0, 0], 0.0], 1.0, form="square_root", gate=0.99999,
+        bounds={"link_velocity": ends},
+    )  # fmt: skip
+    expected = fh.filter_log(filter, log)
+    assert numbers["last_estimate"]["link_position"]["value"] == pytest.approx(
+        float(expected.estimate[-1, 0]), rel=1e-6
+    )
+    places = np.flatnonzero(expected["rejected"].values[:, 1])
+    assert places.tolist() == [299, 699, 1099]
+    assert np.isnan(expected.innovation.values[places, 1]).all()
+    assert np.isfinite(expected.innovation.values[places, 0]).all()
+    assert float(expected.estimate.max("time")[1]) <= 1.0
 
 
 @pytest.mark.slow
@@ -162,6 +202,15 @@ def test_a_design_states_sensors_noises_and_latency(
         (["run.csv", "--robot", "paper", "--filter", "particle"], ("particle", "unscented")),
         (["run.csv", "--robot", "paper", "--out", "run.csv"], ("run.csv",)),
         (["gaps.csv", "--robot", "paper"], ("gaps.csv", "motor_voltage", "--hold-inputs")),
+        (["run.csv", "--robot", "paper", "--gate", "1"], ("--gate", "1")),
+        (["run.csv", "--robot", "paper", "--gate", "nan"], ("--gate", "nan")),
+        (["run.csv", "--robot", "paper", "--bounds", "link_position"], ("--bounds", "link_position", "low..high")),
+        (["run.csv", "--robot", "paper", "--bounds", "link_position=1..-1"], ("--bounds", "link_position=1..-1")),
+        (["run.csv", "--robot", "paper", "--bounds", "link_position=nan..1"], ("--bounds", "link_position=nan..1")),
+        (["run.csv", "--robot", "paper", "--bounds", "lnk=-1..1"], ("--bounds", "lnk", "link_position")),
+        (["run.csv", "--robot", "paper", "--bounds", "link_position=0..1", "--bounds", "link_position=0..2"],
+         ("--bounds", "link_position", "twice")),
+        (["run.csv", "--robot", "paper", "--bounds", "link_position=1..2"], ("link_position", "mean", "1 to 2")),
     ],
 )  # fmt: skip
 def test_what_is_refused(

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
+from typing import Any
 
 import pytest
 from tests.refusals import unnamed
@@ -13,6 +16,9 @@ from tests.refusals import unnamed
 import flexhinf as fh
 from flexhinf import report
 from flexhinf.cli import main
+from flexhinf.cli.design import DesignedController
+from flexhinf.design.design_file import robot_digests, unmet_text
+from flexhinf.design.responses import joint_limits
 
 
 @pytest.fixture
@@ -20,6 +26,16 @@ def controller(tmp_path: Path) -> Path:
     law = fh.linear_law(fh.paper_arm().problem(), gamma=math.inf)
     fh.Controller(law, None, 1e-3, 48.0).save(tmp_path / "controller")
     return tmp_path / "controller"
+
+
+@pytest.fixture
+def no_design(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A design that is begun is an error."""
+
+    def stop(*given: object) -> None:
+        raise fh.InvalidInput("A design begins.")
+
+    monkeypatch.setattr(fh, "design", stop)
 
 
 def test_the_file_of_a_controller(
@@ -32,7 +48,8 @@ def test_the_file_of_a_controller(
 
 def test_a_controller_that_is_there_needs_neither_a_synthesis_nor_pages(controller: Path) -> None:
     code = (
-        f"import sys; from flexhinf.cli.design import controller_of; controller_of({str(controller)!r});"
+        "import sys; from pathlib import Path; from flexhinf.cli.design import controller_of;"
+        f"controller_of(Path({str(controller)!r}));"
         "print({'flexhinf.design.pipeline', 'flexhinf.pages.page', 'scipy', 'matplotlib'} & set(sys.modules))"
     )
     outcome = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -48,6 +65,11 @@ def test_the_report_of_a_design(controller: Path, tmp_path: Path) -> None:
         out = tmp_path / f"of-{source.name}"
         assert main(["export", "c", str(source), "--out", str(out)]) == 0
         assert (out / "paper.c").exists() or len(list(out.glob("*.c"))) == 3
+        header = next(out.glob("*.h")).read_text()
+        assert (
+            hashlib.sha256(design.encode()).hexdigest() in header
+        )  # which design it is, and what exports it again
+        assert f" * made by: flexhinf export c {source} --name " in header
     (folder / "design.toml").write_text(design + "bandwidth = 2.0\n")
     assert not report.unchanged(folder, ("design.toml", "controller"))
     assert not report.unchanged(folder, ("design.toml", "missing"))
@@ -56,18 +78,9 @@ def test_the_report_of_a_design(controller: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("changed", ["design.toml", "controller"])
 def test_what_was_changed_since_the_report_is_named(
-    changed: str,
-    controller: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    changed: str, controller: Path, tmp_path: Path, no_design: None, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A damaged controller is not told as a design file that was changed."""
-
-    def stop(*given: object) -> None:
-        raise fh.InvalidInput("A design begins.")
-
-    monkeypatch.setattr(fh, "design", stop)
     files = {"design.toml": b'[design]\nrobot = "paper"\n', "controller": controller.read_bytes()}
     folder = report.write(tmp_path / "arm", files)
     (folder / changed).write_bytes(files[changed] + b"\n")
@@ -77,11 +90,52 @@ def test_what_was_changed_since_the_report_is_named(
     assert [name for name in files if f"{name} was changed" in told] == [changed]
 
 
+@pytest.mark.parametrize("changed", ["arm.toml", "controller", ""])
+def test_a_robot_that_was_changed_since_the_report_is_designed_anew(
+    changed: str,
+    controller: Path,
+    folder: Path,
+    arm: str,
+    no_design: None,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """A comment counts as a change. `controller`: the file was deleted. "": the controller of another robot."""
+    (folder / "arm.toml").write_text(arm := f"gravity = 0.0\n{arm}")
+    arms = report.write(
+        folder / "arm",
+        {"design.toml": '[design]\nrobot = "../arm.toml"\n', "controller": controller.read_bytes()},
+        robot_digests("arm.toml", None, folder / "arm"),
+    )
+    assert report.sources(arms) == {
+        "../arm.toml": hashlib.sha256((folder / "arm.toml").read_bytes()).hexdigest()
+    }
+    assert main(["export", "c", "arm", "--out", "before"]) == 0
+    assert "anew" not in capsys.readouterr().err
+    if changed == "arm.toml":
+        (folder / "arm.toml").write_text(arm.replace("100.0", "130.0"))
+    elif changed == "controller":
+        (arms / "controller").unlink()
+    else:
+        paper = fh.paper_arm()
+        kalman = fh.ExtendedKalmanFilter(paper.plant(), 1e-3, 1e-7, 1e-4, paper.operating_point(0.0)[0], 1e-4)
+        law = fh.linear_law(paper.problem(), gamma=math.inf)
+        fh.Controller(law, kalman, 1e-3).save(arms / "controller")
+    assert main(["export", "c", "arm", "--out", "after"]) == 2
+    told = capsys.readouterr().err
+    assert unnamed(told, "A design begins.", "anew", changed or "belongs") == []
+    assert not (folder / "after").exists()
+
+
 @pytest.mark.parametrize("source", ["paper", "arm.toml"])
 def test_a_robot_is_told_from_a_controller(
     source: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """Before a folder that is there."""
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "mine.c").write_text("mine")
+    assert main(["export", "c", source if "." in source else "paper", "--out", "full"]) == 2
+    assert "--force" not in capsys.readouterr().err
     (tmp_path / "arm.toml").write_text('[[joint]]\nname = "shoulder"\n')
     for words in (["export", "c"], ["export", "fmu"], ["compile"]):
         assert main([*words, source, "--out", "made"]) == 2
@@ -89,6 +143,74 @@ def test_a_robot_is_told_from_a_controller(
         assert "controller" in told
         assert f"flexhinf design {source}" in told
     assert not (tmp_path / "made").exists()
+
+
+#: The result of a design that meets one of two requirements.
+RESULT = """
+[[result.specification]]
+what = "ripple"
+limit = "at most"
+asked = 5.0
+found = 7.125
+unit = "%"
+holds = false
+[[result.specification]]
+what = "damping"
+limit = "at least"
+asked = 0.3
+found = 0.4
+unit = ""
+holds = true
+"""
+
+
+@pytest.mark.parametrize("met", [False, True])
+def test_a_design_that_is_not_met_is_exported_with_a_note(
+    met: bool, controller: Path, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """On the terminal, in README.md and in the header; for code, FMU and library."""
+    text = '[design]\nrobot = "paper"\n' + (RESULT.replace("false", "true") if met else RESULT)
+    report.write(folder / "arm", {"design.toml": text, "controller": controller.read_bytes()})
+    missed = "ripple: 7.12 % (at most 5 %)"
+    for words in (["export", "c"], ["export", "fmu"], ["compile"]):
+        assert main([*words, "arm", "--out", f"{words[-1]}.out"]) == 0
+        told = capsys.readouterr().err
+        assert ("ripple" in told, missed in told) == (not met, not met)
+        assert "damping" not in told
+    for file in ("README.md", "paper.h"):
+        assert (missed in (folder / "c.out" / file).read_text()) is not met
+
+
+@pytest.mark.parametrize("kind", ["c", "fmu"])
+@pytest.mark.parametrize("limits", [None, (-48.0, math.inf), 48.0])
+def test_an_input_without_limits_is_exported_on_purpose_only(
+    kind: str, limits: Any, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    law = fh.linear_law(fh.paper_arm().problem(), gamma=math.inf)
+    fh.Controller(law, None, 1e-3, limits).save(folder / "controller")
+    code = 0 if limits == 48.0 else 2
+    assert main(["export", kind, "controller", "--out", "made"]) == code
+    told = capsys.readouterr().err
+    words = ("motor_voltage", "effort_limit", "[[joint]]", "--saturation", "--no-limits")
+    assert not told if code == 0 else unnamed(told, *words) == []
+    assert (folder / "made").exists() is (code == 0)
+    assert main(["export", kind, "controller", "--out", "other", "--no-limits"]) == 0
+    assert ("motor_voltage" in capsys.readouterr().err) is (code != 0)
+    if kind == "c":  # the command that is stated exports it again
+        assert "--no-limits" in (folder / "other" / "README.md").read_text(encoding="utf-8")
+
+
+def test_the_key_that_the_refusal_names_limits_the_controller() -> None:
+    arm = fh.load_robot("scara")
+    limits = joint_limits(arm, fh.Specification()).saturated
+    assert limits is not None
+    assert limits.tolist() == list(arm.effort_limits or ())
+
+
+def test_a_plant_has_no_inputs_to_limit(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "design.toml").write_text('[design]\nrobot = "paper"\n')
+    assert main(["export", "fmu", "design.toml", "--plant", "--no-limits", "--out", "arm.fmu"]) == 2
+    assert "--no-limits" in capsys.readouterr().err
 
 
 def test_a_folder_with_files_needs_force(
@@ -113,10 +235,12 @@ def test_the_gear_ratios_of_the_robot_are_stated(
     controller: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The robot of a report's design file; the file of a controller has none."""
-    found = fh.load_controller(controller), fh.load_robot("quanser-rotflex")
-    for k, (one, text) in enumerate([(found, "(motor angle / 70)"), ((found[0], None), "after the gear")]):
-        monkeypatch.setattr("flexhinf.cli.design.controller_of", lambda source, one=one: one)
-        assert main(["export", "c", "report", "--out", str(tmp_path / str(k))]) == 0
+    found = DesignedController(fh.load_controller(controller), fh.load_robot("quanser-rotflex"))
+    for k, (one, text) in enumerate(
+        [(found, "(motor angle / 70)"), (DesignedController(found[0], None), "after the gear")]
+    ):
+        monkeypatch.setattr("flexhinf.cli.design.controller_of", lambda path, one=one: one)
+        assert main(["export", "c", str(controller), "--out", str(tmp_path / str(k))]) == 0
         assert text in (tmp_path / str(k) / "README.md").read_text()
 
 
@@ -124,17 +248,19 @@ def test_it_says_that_only_constants_were_counted(
     controller: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["export", "c", str(controller), "--out"]
-    monkeypatch.setattr("flexhinf.export.package.cortex_m4_bytes", lambda code: None)
+    monkeypatch.setattr("flexhinf.export.refusals.cortex_m4_bytes", lambda code: None)
     assert main([*words, str(tmp_path / "a"), "--flash", "64kB"]) == 0
     assert unnamed(capsys.readouterr().err, "note", "--flash", "constants", "arm-none-eabi-gcc") == []
-    monkeypatch.setattr("flexhinf.export.package.cortex_m4_bytes", lambda code: 1)
+    monkeypatch.setattr("flexhinf.export.refusals.cortex_m4_bytes", lambda code: 1)
     assert main([*words, str(tmp_path / "b"), "--flash", "64kB"]) == 0
     assert "note" not in capsys.readouterr().err
 
 
 @pytest.mark.slow
 def test_a_design_file_alone_is_designed_first(tmp_path: Path) -> None:
-    (tmp_path / "design.toml").write_text('[design]\nrobot = "paper"\ndegrees = [2]\ndraws = 0\n')
+    (tmp_path / "design.toml").write_text(
+        '[design]\nrobot = "paper"\ndegrees = [2]\ndraws = 0\nsaturation = 48\n'
+    )
     out = tmp_path / "c"
     assert main(["export", "c", str(tmp_path / "design.toml"), "--out", str(out), "--name", "arm"]) == 0
     assert (out / "arm.c").exists()
@@ -158,3 +284,83 @@ def test_a_mistake_writes_nothing(
     assert main(["export", "c", *words, "--out", str(tmp_path / "c")]) == 2
     assert text in capsys.readouterr().err
     assert not (tmp_path / "c").exists()
+
+
+@pytest.mark.parametrize("kind", ["c", "web"])
+def test_a_wrong_name_is_told_before_the_output_and_nothing_is_replaced_in_silence(
+    kind: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = folder / ("c" if kind == "c" else "arm.html")
+    held = out / "mine.c" if kind == "c" else out
+    held.parent.mkdir(exist_ok=True)
+    held.write_text("mine")
+    assert main(["export", kind, "nothere", "--out", out.name]) == 2
+    told = capsys.readouterr().err
+    assert ("'nothere'" in told, "--force" in told) == (True, False)
+    (folder / "design.toml").write_text('[design]\nrobot = "paper"\n')
+    assert main(["export", kind, "design.toml", "--out", out.name]) == 2
+    assert "--force" in capsys.readouterr().err
+    assert held.read_text() == "mine"
+
+
+def test_what_a_robot_file_may_not_mean_is_a_note(
+    controller: Path, folder: Path, arm: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Not Python's own warning with a path of the package; for the arm in a horizontal plane."""
+    (folder / "arm.toml").write_text(f"gravity = 981.0\n{arm}")
+    made = report.write(
+        folder / "arm",
+        {"design.toml": '[design]\nrobot = "../arm.toml"\n', "controller": controller.read_bytes()},
+        robot_digests("arm.toml", None, folder / "arm"),
+    )
+    assert main(["export", "c", made.name, "--out", "c"]) == 0
+    told = capsys.readouterr().err
+    assert unnamed(told, "note", "gravity") == []
+    assert "RobotFileWarning" not in told
+
+
+def test_a_requirement_that_is_missed_twice_says_where() -> None:
+    row = {
+        "what": "remaining error",
+        "limit": "at most",
+        "asked": 1e-3,
+        "found": 2e-3,
+        "unit": "rad",
+        "holds": False,
+    }
+    corner = row | {"found": 3e-3, "where": "20 moves, robots at corners of their tolerances"}
+    text = unmet_text([row, corner])
+    assert unnamed(text, "nominal", "2 mrad", "corners", "3 mrad") == []
+    assert "nominal" not in unmet_text([row])
+
+
+def test_the_version_of_fmi_is_chosen(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    law = fh.linear_law(fh.paper_arm().problem(), gamma=math.inf)
+    fh.Controller(law, None, 1e-3, 48.0).save(folder / "controller")
+    assert main(["export", "fmu", "controller", "--fmi", "3.0", "--out", "arm.fmu"]) == 0
+    with zipfile.ZipFile(folder / "arm.fmu") as archive:
+        assert b'fmiVersion="3.0"' in archive.read("modelDescription.xml")
+    assert main(["export", "fmu", "controller", "--fmi", "1.0", "--out", "other.fmu"]) == 2
+    assert not (folder / "other.fmu").exists()
+
+
+def test_measurements_are_checked_on_request(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With the robot's limits; a robot that states none is refused."""
+    arm = fh.load_robot("planar-two-link")
+    x, _ = arm.operating_point(arm.home)
+    ekf = fh.ExtendedKalmanFilter(arm.plant(), 1e-3, 1e-6, 1e-8, x, 1e-4)
+    law = fh.linear_law(arm.problem(pose=arm.home), gamma=math.inf)
+    one = fh.Controller(law, ekf, 1e-3, 100.0)
+    one.save(folder / "one")
+    text = '[design]\nrobot = "planar-two-link"\n'
+    report.write(folder / "arm", {"design.toml": text, "controller": (folder / "one").read_bytes()})
+    for words in ([], ["--check-measurements"]):
+        out = f"c{len(words)}"
+        assert main(["export", "c", "arm", "--out", out, "--name", "arm", *words]) == 0
+        header = (folder / out / "arm.h").read_text()
+        assert ("ARM_P_MEASUREMENT_RATE" in header) is bool(words)
+        assert ("--check-measurements" in header) is bool(words)
+        assert ("int rejected[" in header) is bool(words)
+    capsys.readouterr()
+    assert main(["export", "c", "one", "--out", "other", "--check-measurements"]) == 2
+    assert unnamed(capsys.readouterr().err, "robot", "speed_limit", "--check-measurements") == []

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
+from rich.console import Console
 from tests.identification.simulated import arm_log
+from tests.identification.test_misfit import dry_log
 from tests.refusals import unnamed
 
 import flexhinf as fh
 from flexhinf.cli import main
+from flexhinf.pages import IdentifiedRobot, identified_ending
+from flexhinf.pages.identify import identified_table
 
 WORDS = ["identify", "log.csv", "--robot", "wrong.toml", "--measured", "link_position,motor_position"]
 
@@ -48,6 +54,22 @@ def test_the_robot_file_has_the_numbers_of_the_log(logged: Path, capsys: pytest.
     ] == []
 
 
+@pytest.mark.slow
+def test_errors_of_the_states_are_no_misfit_of_the_innovations(folder: Path) -> None:
+    """A filter whose model is found without disturbances trusts it more than its numbers deserve."""
+    arm = fh.load_robot("paper")
+    times, u, y = arm_log(arm, count=1500)
+    head = "time,motor_voltage,link_position,motor_position,state.link_position,state.motor_position"
+    true = arm_log(arm, count=1500, noise=0.0)[2] + 1e-4
+    np.savetxt(
+        folder / "log.csv", np.column_stack([times, u, y, true]), delimiter=",", header=head, comments=""
+    )
+    arm.with_values({"stiffness": 70.0}).save(folder / "wrong.toml")
+    assert main([*WORDS, "--parameters", "stiffness"]) == 0
+    numbers = json.loads((folder / "flexhinf-identify" / "identify.json").read_text(encoding="utf-8"))
+    assert len(numbers["says"]) == 1
+
+
 def test_what_the_log_does_not_tell_stays_and_a_motion_is_proposed(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -64,6 +86,96 @@ def test_what_the_log_does_not_tell_stays_and_a_motion_is_proposed(
     assert numbers["motion"]["standard_errors"]["stiffness"] < 0.05
     assert len((report / "motion.csv").read_text(encoding="utf-8").splitlines()) > 100
     assert unnamed(capsys.readouterr().out, "stiffness") == []
+
+
+@pytest.mark.slow
+def test_a_model_that_does_not_fit_is_a_result_of_its_own(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A log with dry friction that the robot's file states and the model leaves out, and the same with it."""
+    arm = fh.load_robot("paper")
+    times, u, y = dry_log(arm)
+    head = "time,motor_voltage,link_position,motor_position"
+    np.savetxt(folder / "log.csv", np.column_stack([times, u, y]), delimiter=",", header=head, comments="")
+    text = arm.file.read_text(encoding="utf-8") if arm.file else ""
+    dry = text.replace("[joint.motor]", "[joint.motor]\ncoulomb_friction = 1.0").replace(
+        "0.1, tolerance = 15", "0.2"
+    )
+    (folder / "wrong.toml").write_text(dry.replace("inductance", "# inductance"), encoding="utf-8")
+    assert main([*WORDS, "--parameters", "friction"]) == 1
+    report = folder / "flexhinf-identify"
+    shown = capsys.readouterr().out
+    assert unnamed(shown, "innovations", "--extras coulomb_friction", "friction") == []
+    assert max(map(len, shown.splitlines()[:-1])) <= 80
+    assert len(shown.splitlines()) <= 26
+    assert "not fit" in fh.load_robot(report / "robot.toml")["friction"].source
+    assert not json.loads((report / "identify.json").read_text(encoding="utf-8"))["model_fits"]
+    page = (report / "index.html").read_text(encoding="utf-8")
+    assert unnamed(page, "--extras coulomb_friction", "risky") == []
+    assert main([*WORDS, "--parameters", "friction", "--extras", "coulomb_friction", "--out", "dry"]) == 0
+    assert "coulomb_friction" not in capsys.readouterr().out
+    found = fh.load_robot(folder / "dry" / "robot.toml")["friction"]
+    assert found.interval[0] < 0.1 < found.interval[1]
+    assert "not fit" not in found.source
+
+
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize("command", ["identify", "estimate"])
+def test_an_ending_fits_a_screen_and_names_what_the_model_leaves_out(
+    folder: Path, command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The paper's file states an inductance; names are whole words, whatever their length."""
+    arm = fh.load_robot("paper")
+    times, u, y = arm_log(arm, count=1000)
+    head = "time,motor_voltage,link_position,motor_position"
+    np.savetxt(folder / "log.csv", np.column_stack([times, u, y]), delimiter=",", header=head, comments="")
+    arm.save(folder / "wrong.toml")
+    names = ["--parameters", "stiffness,motor_inertia,back_emf_constant"] if command == "identify" else []
+    main([command, *WORDS[1:], *names])
+    shown = capsys.readouterr().out
+    assert unnamed(shown, "--extras inductance") == []
+    lines = shown.splitlines()
+    assert max(map(len, lines[:-1])) <= 80
+    assert len(lines) <= 25
+    assert "…" not in shown
+
+
+@pytest.mark.parametrize("share", [0.3, 1e-2, 1e-4, 1e-6])
+def test_both_ends_of_an_interval_are_told_apart(share: float) -> None:
+    robot, names = fh.load_robot("paper"), ("stiffness", "friction")
+    intervals = {
+        name: (robot[name].value * (1.0 - share), robot[name].value * (1.0 + share)) for name in names
+    }
+    found: Any = SimpleNamespace(
+        names=names, hidden=(), consistent=True, values={name: robot[name].value for name in names},
+        standard_errors=dict.fromkeys(names, share), intervals=intervals, unidentifiable=(),
+    )  # fmt: skip
+    for name, row in zip(names, identified_table(IdentifiedRobot(robot, found, cast(Any, None), None)).rows):
+        ends = [float(end) for end in str(row[3]).split(" to ")]
+        assert ends == pytest.approx(intervals[name], abs=0.1 * share * robot[name].value)
+
+
+def test_the_table_of_two_joints_is_read_at_80_columns() -> None:
+    """Numbers of any size and names of two words beside each other: no name is cut."""
+    names = ("stiffness_shoulder", "friction_elbow", "rotor_inertia_shoulder")
+    robot = fh.load_robot("planar-two-link")
+    found: Any = SimpleNamespace(
+        names=names, hidden=(), consistent=False, values={name: robot[name].value for name in names},
+        standard_errors={name: 0.0123456 * robot[name].value for name in names},
+        intervals={name: (0.987654 * robot[name].value, 1.0123456 * robot[name].value) for name in names},
+        unidentifiable=(),
+    )  # fmt: skip
+    result = IdentifiedRobot(robot, found, cast(Any, None), None, ())
+    (table,) = identified_ending(result).tables
+    console = Console(width=80, file=io.StringIO(), record=True)
+    console.print(table)
+    text = console.export_text()
+    words = {word for name in names for word in name.split("_")}
+    assert unnamed(text, *words, "not") == []
+    assert "…" not in text
+    assert max(map(len, text.splitlines())) <= 80
+    verdict = identified_ending(result).text
+    assert unnamed(verdict, "joint_damping", "coulomb_friction") == []
 
 
 @pytest.mark.parametrize(

@@ -67,6 +67,7 @@ def test_what_is_wrong_with_a_robot_is_told(
         (["--peak-torque", "60mNm"], ("(N·m or N)", "'60mNm'", "try:   --peak-torque 0.06")),
         (["--peak-voltage", "60mV"], ("(V)", "'60mV'", "try:   --peak-voltage 0.06")),
         (["--saturation", "24V,500mV"], ("(V, A, N·m or N)", "try:   --saturation 24,0.5")),
+        (["--latency", "1ms"], ("samples", "--period", "'1ms'", "try:   --latency 1")),
         (["--overshoot", "5%"], ("(%)", "try:   --overshoot 5")),
         (["--overshoot", "-5"], "overshoot"),
         (["--overshoot", "0"], "overshoot"),
@@ -107,6 +108,8 @@ def test_what_is_wrong_with_a_robot_is_told(
         (["--effort", "-1"], "effort"),
         (["--measured", "colour"], "colour"),
         (["--measured", "motor_positon"], ("'motor_positon'", "try:   --measured motor_position")),
+        (["--measured", "load_cell"], ("'load_cell'", "load cell", "joint_torque")),
+        (["--measured", "joint_torque_hip"], ("joint_torque_hip", "'elbow'")),
         (["--disturbances", "wind"], "wind"),
         (["--extras", "rust"], "rust"),
         (["--extras", "backlash"], "backlash"),
@@ -207,7 +210,7 @@ def test_a_mistake_in_the_options_names_the_help_of_its_command(
 ) -> None:
     """Old code named the help of all commands where a value was missing."""
     path = " ".join(words[:2] if words[0] in ("campaign", "export") else words[:1])
-    told = refused(words, f"`flexhinf {path} --help`", folder)
+    told = refused(words, f"`flexhinf {path} --help", folder)
     assert f"try:   flexhinf {path} --help" in told
 
 
@@ -253,6 +256,15 @@ def test_what_is_wrong_with_a_urdf_is_told(
 
 def test_a_robot_that_is_nowhere_is_told_with_the_nearest(folder: Path, refused: Callable[..., str]) -> None:
     refused(["design", "seven-links", *QUICK], "'seven-link'", folder)
+
+
+def test_a_design_with_a_misspelt_name_is_told_the_one_beside_it(
+    folder: Path, refused: Callable[..., str]
+) -> None:
+    (folder / "flexhinf-design").mkdir()
+    (folder / "flexhinf-design" / "design.toml").write_text("[design]\nrobot = 'paper'\n", encoding="utf-8")
+    for words in (["export", "c"], ["export", "web"], ["run", "--mujoco"]):
+        refused([*words, "flexhinf-desing"], ("'flexhinf-desing'", "try:   flexhinf-design"), folder)
 
 
 def test_a_folder_that_is_no_report_is_left_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import signal
@@ -42,6 +43,7 @@ def test_a_run_with_its_log(design: str, folder: Path, capsys: pytest.CaptureFix
         "again.csv",
         "--perturb",
         "stiffness=-10%",
+        "--verbose",
     ]
     assert main(words) in (0, 1)
     told = capsys.readouterr()
@@ -70,10 +72,35 @@ def test_options_change_the_run(design: str, folder: Path, capsys: pytest.Captur
     assert unnamed(capsys.readouterr().out, "not", "real time", "51 samples") == []
 
 
+def test_a_page_of_the_run(design: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["run", design, "--mujoco", "--no-realtime", "--perturb", "stiffness=-10%", "--out", "made"]
+    assert main(words) in (0, 1)
+    assert "report: " in capsys.readouterr().out
+    assert {path.name for path in (folder / "made").iterdir()} == {
+        "index.html", "run.json", "run.csv", "flexhinf-report.json",
+    }  # fmt: skip
+    html = (folder / "made" / "index.html").read_text()
+    for part in ("specification", "timing", "tracking", "effort", "status", "figure-result", "figure-times"):
+        assert f'id="{part}"' in html
+    assert unnamed(html, "stiffness=-10%", "limit", "workspace", "overshoot") == []
+    numbers = json.loads((folder / "made" / "run.json").read_text())
+    assert numbers["timing"]["samples"] == 201
+    assert numbers["status"]["saturation"] == 0
+    assert [row["what"] for row in numbers["requirements"]]
+    assert len((folder / "made" / "run.csv").read_text().splitlines()) == 202
+
+
+def test_a_folder_of_others_is_not_overwritten(design: str, folder: Path) -> None:
+    (folder / "mine").mkdir()
+    (folder / "mine" / "thesis.tex").write_text("mine")
+    assert main(["run", design, "--mujoco", "--no-realtime", "--out", "mine"]) == 2
+    assert [path.name for path in (folder / "mine").iterdir()] == ["thesis.tex"]
+
+
 def test_a_film(
     design: str, folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from flexhinf.pages import run as film
+    from flexhinf.pages import film
 
     monkeypatch.setattr(film, "SHORTEST", 0.2)
     assert main(["run", design, "--mujoco", "--no-realtime", "--record", "arm.gif"]) in (0, 1)

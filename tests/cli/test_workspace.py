@@ -59,6 +59,7 @@ def test_by_default_a_controller_for_the_workspace_is_written_and_made_again(
     assert (folder / "again" / "controller").read_bytes() == (first / "controller").read_bytes()
 
 
+@pytest.mark.slow
 def test_a_loop_that_is_unstable_is_not_met_and_written(
     robot: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -71,6 +72,7 @@ def test_a_loop_that_is_unstable_is_not_met_and_written(
     assert unnamed((folder / "flexhinf-design" / "index.html").read_text(encoding="utf-8"), "diverges") == []
 
 
+@pytest.mark.slow
 def test_a_file_of_waypoints_is_read_from_the_folder_of_the_design_file(robot: str, folder: Path) -> None:
     (folder / "below").mkdir()
     (folder / "below" / "way.csv").write_text("time,elbow [deg]\n0,-10\n1,20\n")
@@ -118,6 +120,7 @@ def test_what_is_of_one_pose_is_refused(
     refused([words[0], robot, *words[1:]], what, folder)
 
 
+@pytest.mark.slow
 def test_other_commands_take_its_folder_or_say_why_not(
     robot: str, folder: Path, refused: Callable[..., str], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -138,6 +141,7 @@ def test_other_commands_take_its_folder_or_say_why_not(
         assert unnamed(text, "one pose", "--pose") == []
 
 
+@pytest.mark.slow
 def test_its_controller_goes_from_pose_to_pose_in_mujoco(
     robot: str, folder: Path, capsys: pytest.CaptureFixture[str], refused: Callable[..., str]
 ) -> None:
@@ -145,7 +149,7 @@ def test_its_controller_goes_from_pose_to_pose_in_mujoco(
     main(["design", robot, "--draws", "0", "--out", "made"])
     run = ["run", "made", "--mujoco", "--no-realtime"]
     capsys.readouterr()
-    assert main([*run, "--start", "-0.5", "--pose", "0.4"]) == 0
+    assert main([*run, "--start", "-0.5", "--pose", "0.4", "--verbose"]) == 0
     assert unnamed(capsys.readouterr().out, "remaining error", "wrong way") == []
     for words in (["--shaping", "quintic"], ["--no-feedforward"], ["--overshoot", "3"]):
         refused([*run, *words], words[0].removeprefix("--no-"), folder)

@@ -37,6 +37,26 @@ def longer(run, row, w):
     return run.call(lambda first, w: first * run_free(w), first, w)
 
 
+def beside_it(c, v):
+    return np.exp(v) * 2.0, np.cos(c * v) / v, v[:2] - v[2:]
+
+
+def with_what_stays(run, column, v):
+    first, moved, rest = run.call(beside_it, column, v)
+    more, again, _ = run.call(beside_it, moved, first)
+    return run.call(
+        lambda a, b, c, d: np.concatenate([a * b, c + d]),
+        moved,
+        first,
+        run.call(np.add, more, again),
+        rest[:1],
+    )
+
+
+def widened(column):
+    return np.append(column, column[0] * column[1])
+
+
 def pair(column, w=1.0):
     return column * w, column[::-1]
 
@@ -57,6 +77,7 @@ TEXTS = {
     "a sweep of one column": lambda run, x: run.sweep(again, x["v"].reshape(4, 1), x["v"]),
     "a sweep of a column and two": lambda run, x: run.sweep(again, run.beside(x["v"], pair, x["a"]), x["v"]),
     "a sweep along rows": lambda run, x: run.sweep(longer, x["a"].T, x["w"]),
+    "a sweep with results that stay": lambda run, x: run.sweep(with_what_stays, x["a"], x["v"]),
     "columns beside a vector": lambda run, x: run.beside(x["v"], pair, x["a"]),
     "columns beside a vector, of a factor": lambda run, x: run.beside(x["v"], pair, run.cholesky(x["s"]), x["v"]),
     "a call on columns beside a vector": lambda run, x: run.call(
@@ -68,6 +89,13 @@ TEXTS = {
     "combination": lambda run, x: run.combination(x["a"], x["w"], x["v"]),
     "combination without more": lambda run, x: run.combination(x["b"], np.ones(9)),
     "cholesky": lambda run, x: run.cholesky(x["s"]),
+    "reflections": lambda run, x: run.householder(run.stacked(x["a"].T, run.columns(widened, x["b"]).T), 4),
+    "reflections of rows that end in a triangle": lambda run, x: run.householder(
+        run.stacked(x["a"].T, x["a"].T, run.cholesky(x["s"]).T), 4, triangle=4
+    ),
+    "some reflections above a triangle": lambda run, x: run.householder(
+        run.stacked(x["a"].T, run.cholesky(x["s"]).T), 2, triangle=4
+    ),
     "columns of a factor": lambda run, x: run.columns(turned, run.cholesky(x["s"]), x["v"])[0],
     "gram of a factor": lambda run, x: run.gram(run.cholesky(x["s"]), np.ones(4), x["s"]),
     "parts": lambda run, x: run.call(lambda m, u: m + u[:2, None], x["a"][1:3], x["v"][2:].reshape(2)),
@@ -115,6 +143,18 @@ def test_a_sweep_computes_outside_what_does_not_depend_on_the_column():
     used = {called[0].instruction_id(k) for k in range(called[0].n_instructions())}
     assert casadi.OP_COS in used
     assert not used & {casadi.OP_DIV, casadi.OP_SQ, casadi.OP_INV}
+
+
+def test_a_sweep_has_one_function_whatever_it_holds_and_keeps_what_stays_outside():
+    run = Composer()
+    blocks = {k: Block(Slice(k, 0, v.size), v.shape) for k, v in GIVEN.items() if v.size}
+    run.sweep(with_what_stays, blocks["a"], blocks["v"])
+    *outside, sweep = run.body
+    first, second, *_ = (step for step in sweep.body if isinstance(step, Call))
+    assert first.function is second.function
+    assert [result.size for result in first.outputs] == [4]
+    assert outside[0].function is outside[1].function
+    assert [result.size for result in outside[0].outputs[1:]] == [4, 2]
 
 
 def test_a_function_is_traced_once_for_each_shape():

@@ -22,7 +22,7 @@ import os, sys, threading, time
 sys.path.insert(0, sys.argv[1])
 from test_process import program
 from flexhinf.codegen import compile_program
-from flexhinf.loop.shared import share
+from flexhinf.codegen.shared import share
 
 def work():
     for k in range(1000):

@@ -12,7 +12,6 @@ import pytest
 from tests.refusals import unnamed
 
 import flexhinf as fh
-from flexhinf.codegen.machine import host
 from flexhinf.design import Specification
 from flexhinf.export import compile_controller
 
@@ -44,10 +43,8 @@ def test_the_exported_c_begins_as_the_judged_step(designed: Any, tmp_path: Path)
     steps = controller.fresh()
     for y, r, u in zip(*(run.signals[kind] for kind in ("output", "reference", "input")), strict=True):
         np.testing.assert_array_equal(steps.step(y, r), u)
-        found = compiled.step(y, r)
+        np.testing.assert_array_equal(compiled.step(y, r), u)
         assert compiled.code == "OK"
-        if host().fused:
-            np.testing.assert_array_equal(found, u)
     assert (
         abs(run.signals["input"][0, 0]) < 1e-9
     )  # nothing holds an arm that hangs, whatever holds it at the goal
@@ -74,11 +71,11 @@ def test_a_run_starts_where_its_controller_was_designed_to_start(designed: Any) 
     np.testing.assert_array_equal(run.signals["state"][0], controller.estimator.initial[0])
     assert unnamed(run.settings["start"], "controller", "at rest") == []
     assert run.data.attrs["start"] == run.settings["start"]
-    assert "started at" not in run.summary()
+    assert run.summary()["start"] == run.settings["start"]
     there = fh.Loop(plant, controller).run(duration=0.05, initial_state={"link_position": 0.25})
     assert unnamed(there.settings["start"], "link_position = 0.25", "controller", 0) == []
     assert "link_position = 0.25" in repr(there)
-    assert "started at" in there.summary()
+    assert there.summary()["start"] == there.settings["start"]
     assert "link_position = 0.25" in there.data.attrs["start"]
 
 

@@ -17,6 +17,7 @@ from flexhinf.design.loop_setup import LoopSetup
 Setups = Callable[..., LoopSetup]
 
 
+@pytest.mark.slow
 def test_non_smooth_extras_are_left_out_of_the_linear_loop_in_one_place(setup_of: Setups) -> None:
     """Their slope at standstill would count as damping: 223 ms of delay margin were shown by one report, 92 by the
     other."""
@@ -83,6 +84,7 @@ def test_damping_is_that_of_every_oscillation_of_the_running_loop(setup_of: Setu
     assert found.linear_metrics["damping"] == found.margins.damping
 
 
+@pytest.mark.slow
 def test_the_loop_as_designed_has_the_noise_of_the_specification(setup_of: Setups) -> None:
     setup = setup_of("paper", (np.pi / 2,), (0.0,), torque_noise=1e-5)
     found = LawEvaluation("nl-hinf", setup)

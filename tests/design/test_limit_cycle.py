@@ -144,7 +144,7 @@ def test_every_report_says_which_joint_oscillates(setup):
 
 @pytest.mark.slow
 def test_the_papers_arm_with_its_motor_measured_comes_to_rest_with_a_dead_zone_only(robot_of):
-    """The figures of docs/design.md."""
+    """The figures of docs/real_loop.md."""
     robot = robot_of("paper").with_parameters(Parameter("coulomb_friction", 1.0))
     options = {**MOTORS, "extras": "coulomb_friction"}
     s = Specification(**options)

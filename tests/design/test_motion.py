@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -27,6 +28,7 @@ def run_of(setup: Any, kind: str) -> tuple[Response, Any]:
     return setup.move(plan, 0.5).response, plan
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", ["step", "move"])
 def test_the_motion_of_unlike_joints_is_that_of_the_benchmark(setup_of: Any, kind: str) -> None:
@@ -50,6 +52,20 @@ def test_the_motion_of_unlike_joints_is_that_of_the_benchmark(setup_of: Any, kin
     assert max(row["remaining_error"] for row in rows) == pytest.approx(other.remaining, rel=1e-9)
     if plan is not None:  # the nearest point is not farther than the planned one
         assert max(row["path_distance"] for row in rows) <= other.path * (1.0 + 1e-3)
+
+
+def test_a_link_is_no_further_from_the_path_than_from_its_command(setup_of: Any) -> None:
+    """Also where one joint makes a hundredth of the other's way: one error counts as much of both."""
+    setup = setup_of("planar-two-link", (0.4, 0.6))
+    start, goal = np.zeros(2), np.array([1.0, 0.01])
+    time = np.linspace(0.0, 1.0, 101)
+    command = time[:, None] * goal
+    run = SimpleNamespace(
+        diverged_at=None, run=SimpleNamespace(time=time), start=start, goal=goal, joints=setup.joints,
+        positions=command + np.array([0, 1e-4]), inputs=np.zeros((101, 2)),
+    )  # fmt: skip
+    rows = motion_metrics(setup.limits, cast("Any", run))
+    assert [row["path_distance"] for row in rows] == pytest.approx([0.0, 1e-4], abs=2e-6)
 
 
 def row(**changes: float) -> dict[str, Any]:

@@ -114,8 +114,8 @@ def test_the_report_has_the_numbers_and_their_sources(two: Design) -> None:
         "assumption",
     ):
         assert text in page, text
-    assert "<script" not in page
-    assert "http" not in page.replace("http://www.w3.org", "")
+    assert page.count("<script") == 1  # that of the page, which its policy names
+    assert "://" not in page.replace("http://www.w3.org", "")
     numbers = json.loads(files["design.json"])
     assert numbers["gamma"] == pytest.approx(1.5 * numbers["gamma_star"])
     assert (
@@ -229,6 +229,7 @@ def test_a_loop_that_diverges_is_told_and_not_hidden() -> None:
     assert "diverges" in design_files(result, ["flexhinf"])["index.html"]
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     "options",
     [

@@ -147,6 +147,7 @@ def test_the_advised_time_keeps_the_limits(robot_of: Callable[[str], Any]) -> No
     assert stated_move(robot, Specification(move=slower, peak_speed=0.5)) is not None
 
 
+@pytest.mark.slow
 def test_a_shaped_step_has_its_feedforward_unless_it_is_switched_off(setup_of: Benches) -> None:
     """The step along its command is the planned move of that command, run by run; without, the law lags behind."""
     ends = (0.4, 0.6), (-0.2, 0.2)

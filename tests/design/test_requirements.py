@@ -79,7 +79,10 @@ def test_angles_are_shown_as_the_user_gave_them() -> None:
     error = Requirement("tracking error", math.radians(0.5), math.radians(0.1), "rad", True, "move", "")
     shown = error.converted(True)
     assert (limit_text(shown), achieved_text(shown)) == ("≤ 0.5°", "0.1°")
-    assert error.converted(False) is error
+    small = error.converted(False)
+    assert (limit_text(small), achieved_text(small)) == ("≤ 8.73 mrad", "1.75 mrad")
+    large = Requirement("tracking error", 0.5, 0.1, "rad", True, "move", "")
+    assert large.converted(False) is large
     speed = Requirement("link speed", math.pi, 1.0, "rad/s", True, "step", "").converted(True)
     assert (limit_text(speed), achieved_text(speed)) == ("≤ 180 °/s", "57.3 °/s")
     bandwidth = Requirement("bandwidth", 4.0, 3.0, "rad/s", False, "running loop", "")

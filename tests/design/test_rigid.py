@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.analysis.modes import closed_loop, modes_of, stiffness_and_inertia
+from flexhinf.analysis.modes import closed_loop
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.rigid import FEEDBACK_SIDES, RigidLaw, compare_rigid, rigid_problem
 from flexhinf.hinf import smallest_gamma, solve_hji
 from flexhinf.robot.arm import Arm
+from flexhinf.robot.modes import modes_of, stiffness_and_inertia
 
 
 @pytest.mark.oracle

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.analysis.modes import JointScales, modes_of, stiffness_and_inertia
+from flexhinf.analysis.modes import JointScales
 from flexhinf.design.loop_setup import EstimatorNoise, noise_variances
 from flexhinf.plant import Penalty
 from flexhinf.robot import Robot, load_robot
+from flexhinf.robot.modes import modes_of, stiffness_and_inertia
 
 
 @pytest.fixture

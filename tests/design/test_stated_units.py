@@ -16,10 +16,11 @@ from tests.refusals import refused_with, unnamed
 
 from flexhinf.cli.arguments import error_text
 from flexhinf.design import Specification, compare, design
-from flexhinf.design.design_file import check_stated_units, read_request
-from flexhinf.design.loop_setup import other_quantisation
+from flexhinf.design.design_file import check_stated_units, read_request, request_document
+from flexhinf.design.loop_setup import LoopPlants, other_quantisation
 from flexhinf.design.specification import SpecificationError
 from flexhinf.options import Stated
+from flexhinf.pages.terminal import noise_text
 
 Named = Callable[[str], Any]
 
@@ -34,6 +35,8 @@ Named = Callable[[str], Any]
         ({"via": ["1mm,2deg", "1mm,2mm"]}, ("'2mm'",), "--via 1mm,2deg"),
         ({"tracking_error": "1deg"}, ("m", "mm", "'1deg'"), "--tracking-error 1mm,1deg"),
         ({"integral_dead_zone": "0.5mm"}, ("'0.5mm'",), "--integral-dead-zone 0.5mm,0.5deg"),
+        ({"remaining_error": "1mm"}, ("rad", "mrad", "'1mm'"), "--remaining-error 1mm,1mrad"),
+        ({"path_distance": "2mm,2mm"}, ("rad", "mrad"), "--path-distance 2mm,2mrad"),
         ({"peak_speed": "2,0.5m/s"}, ("rad/s", "deg/s"), "--peak-speed 2,0.5rad/s"),
         ({"peak_speed": "100rpm,100rpm"}, ("m/s", "mm/s"), "--peak-speed 100mm/s,100rpm"),
         ({"quantisation": "0.1mm"}, ("'0.1mm'",), "--quantisation 0.1mm,0.1deg"),
@@ -101,3 +104,33 @@ def test_other_sensors_of_a_rival_law_take_the_number_without_its_unit(robot_of:
     steps = other_quantisation(robot, s.measured, s.quantisation, s.estimator, sensors)
     assert type(steps) is float
     assert replace(s, measured=sensors, quantisation=steps).quantisation == steps
+
+
+def test_noise_with_a_unit_is_an_rms_value_of_every_signal(robot_of: Named) -> None:
+    """Of a number the variance is scaled by the kind of signal; a text holds for each; a design file keeps the text."""
+    robot = robot_of("cart")
+
+    def variances(stated: Any) -> list[float]:
+        s = Specification(measured=("link_position", "joint_torque_arm"), measurement_noise=stated)
+        check_stated_units(robot, s)
+        document = request_document(s, "cart")
+        again = Specification(
+            measured=s.measured, measurement_noise=document["design"].get("measurement_noise", 1e-8)
+        )  # type: ignore[union-attr]
+        found = LoopPlants(robot, s).noise_variances
+        assert LoopPlants(robot, again).noise_variances.tolist() == found.tolist()
+        assert LoopPlants(robot, replace(s, seed=1)).noise_variances.tolist() == found.tolist()
+        return found.tolist()
+
+    assert variances("0.2mm,0.1mrad,0.5Nm") == pytest.approx([4e-8, 1e-8, 0.25], rel=1e-12)
+    assert variances(1e-8)[:2] == pytest.approx([1e-10, 1e-8], rel=1e-12)
+    one = Specification(measured="motor_position", measurement_noise="0.1mrad")  # type: ignore[arg-type]
+    assert LoopPlants(robot_of("planar-two-link"), one).noise_variances == pytest.approx([1e-8, 1e-8])
+    assert unnamed(noise_text(LoopPlants(robot_of("paper"), one)), "0.1 mrad rms", "stated") == []
+    for wrong in ("-0.1mrad", "0.1kg", "0mrad"):
+        with refused_with(SpecificationError, "noise"):
+            Specification(measurement_noise=wrong)  # type: ignore[arg-type]
+    mixed = Specification(measured=("link_position", "joint_torque"), measurement_noise="0.1mrad")  # type: ignore[arg-type]
+    with refused_with(SpecificationError, "unit") as refused:
+        check_stated_units(robot_of("planar-two-link"), mixed)
+    assert unnamed(refused.value.advice, "0.1mrad,0.1mrad,0.1Nm,0.1Nm") == []

@@ -14,6 +14,7 @@ from flexhinf.design.deployed_run import prepare_run
 from flexhinf.design.loop_setup import LoopSetup
 
 
+@pytest.mark.slow
 def test_the_workspace_lies_about_start_goal_and_law(setup_of: Callable[..., LoopSetup]) -> None:
     """A tenth of the largest travel beyond both ends, at least 0.05 rad; runs of a design watch nothing."""
     for goal, start, low, high in (

@@ -117,6 +117,7 @@ def test_all_parameters_are_searched_and_the_result_is_better_than_the_start(rig
     assert pd.candidates == len(pd.search.candidates) >= len(pd.tried) > 10
 
 
+@pytest.mark.slow
 def test_a_pd_acts_on_the_encoder_of_its_motor(rig: Tuner, pd: Any) -> None:
     assert pd.sensors == tuple(pd.setup.model.outputs) == ("motor_position",)
     assert rig.own.setup.specification.measured == ("link_position",)

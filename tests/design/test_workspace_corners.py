@@ -85,6 +85,7 @@ def test_products_of_inertia_grow_with_the_moments() -> None:
 
 
 # Where moves begin, and how they end ---------------------------------------------------------------------
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("measured", [BOTH, ("motor_position",)])
 def test_a_settled_start_stays_where_it_is(measured: tuple[str, ...]) -> None:

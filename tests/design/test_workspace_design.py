@@ -60,6 +60,7 @@ def test_without_such_a_field_a_design_is_for_the_workspace(fields: dict[str, An
     assert is_for_workspace(fh.Specification(**fields))
 
 
+@pytest.mark.slow
 def test_by_default_it_is_for_the_joint_ranges(robot_of: Named) -> None:
     design, told = fh.design(robot_of("planar-two-link")), list[str]()
     assert isinstance(design, fh.WorkspaceDesign)
@@ -94,6 +95,7 @@ def test_a_rigid_joint_is_served_too(robot_of: Named) -> None:
 
 
 # What it reads -------------------------------------------------------------------------------------------
+@pytest.mark.slow
 def test_it_reads_its_own_fields_and_no_other(
     robot_of: Named, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -194,6 +196,7 @@ def test_a_workspace_is_text_pairs_or_waypoints(robot_of: Named, tmp_path: Path)
 
 
 # Files ---------------------------------------------------------------------------------------------------
+@pytest.mark.slow
 def test_its_folder_gives_back_controller_and_specification(robot_of: Named, tmp_path: Path) -> None:
     """The controller of the file makes the same steps."""
     robot, s = robot_of("planar-two-link"), fh.Specification(draws=0, workspace=[(-0.5, 0.5), (0.0, 0.5)])  # type: ignore[arg-type]

@@ -94,7 +94,7 @@ def damping(matrix, period, low, high):
     return (-s.real / np.abs(s)).min(initial=1.0)
 
 
-CASES = [{}, {"measured": ("motor_position",)}, {"name": "scara"}]
+CASES = [{}, pytest.param({"measured": ("motor_position",)}, marks=pytest.mark.slow), {"name": "scara"}]
 
 
 @pytest.mark.oracle
@@ -166,7 +166,9 @@ def test_the_slope_of_the_law_is_that_of_its_columns():
     np.testing.assert_allclose(slope, np.array(columns, dtype=float).T, atol=1e-9 * np.abs(slope).max())
 
 
-@pytest.mark.parametrize("name", ["paper", "planar-two-link", "scara", "seven-link"])
+@pytest.mark.parametrize(
+    "name", ["paper", "planar-two-link", "scara", pytest.param("seven-link", marks=pytest.mark.slow)]
+)
 def test_what_is_found_keeps_what_is_required_at_other_poses(name):
     made = setup(name)
     loops = [made.at_pose(q) for q in made.workspace.sample(30, 21)]

@@ -27,6 +27,7 @@ def numbers_apart(one: str, other: str) -> list[tuple[str, str]]:
     return apart
 
 
+@pytest.mark.quick_cases(8)
 @pytest.mark.parametrize("name", [name for name in MAKE["QUICK"] if name != "size"])
 def test_a_part_is_what_the_code_makes(name: str, repository: Path) -> None:
     page = repository / MAKE["QUICK"][name][0]

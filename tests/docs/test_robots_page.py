@@ -1,4 +1,4 @@
-"""docs/robots.md lists every key of a robot file; its commands are run by test_commands."""
+"""docs/robot_file.md lists every key of a robot file; its commands are run by test_commands."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from flexhinf.robot.parts import TABLES
 
 @pytest.fixture
 def page(repository: Path) -> str:
-    return (repository / "docs" / "robots.md").read_text(encoding="utf-8")
+    return (repository / "docs" / "robot_file.md").read_text(encoding="utf-8")
 
 
 def test_the_page_lists_every_key_with_its_unit(page: str) -> None:

@@ -6,27 +6,27 @@ from flexhinf.codegen import Block, Buffer, Composer, Program, Slice, compile_pr
 
 
 def composed(estimator):
-    """``step(belief, y, u)`` → corrected with y, then predicted with u; a belief is a mean (n,) and a matrix (n, n)."""
+    """``step(belief, y, u)`` → corrected with y, then predicted with u; only a mean (n,) and a matrix (n, n) count."""
     plant, n, kind = estimator.plant, estimator.plant.n, type(estimator.initial)
     run, p, m = Composer(), len(plant.outputs), len(plant.inputs)
+    kept = {name: np.shape(part) for name, part in estimator.initial._asdict().items()}
     shapes = {
-        "mean": (n,), "spread": (n, n), "y": (p,), "u": (m,), "p": (plant.parameters.size,), "q": (n, n), "r": (p, p),
+        **kept, "y": (p,), "u": (m,), "p": (plant.parameters.size,), "q": (n, n), "r": (p, p),
     }  # fmt: skip
     blocks = {name: Block(Slice(name, 0, int(np.prod(shape))), shape) for name, shape in shapes.items()}
-    belief = kind(blocks["mean"], blocks["spread"])
+    belief = kind(*(blocks[name] for name in kept))
     belief = estimator.measurement_update_on(run, belief, blocks["y"], blocks["u"], blocks["p"], blocks["r"])
     belief = estimator.time_update_on(run, belief, blocks["u"], blocks["p"], blocks["q"])
-    for name, part in zip(("mean", "spread"), belief):
+    for name, part in belief._asdict().items():
         run.copy(part, blocks[name])
-    roles = {name: "state" if name in ("mean", "spread") else "in" for name in shapes}
-    buffers = [Buffer(name, blocks[name].size, roles[name]) for name in shapes]
+    buffers = [Buffer(name, blocks[name].size, "state" if name in kept else "in") for name in shapes]
     kernel = compile_program(Program("filter", (*buffers, *run.buffers), tuple(run.body)))
     fixed = {"p": plant.parameters.vector(), "q": estimator.process_noise, "r": estimator.measurement_noise}
 
     def step(belief, y, u):
-        mean, spread = belief
-        arrays = {"mean": np.array(mean), "spread": np.array(spread), "y": y, "u": u, **fixed}
-        assert kernel.run(arrays).fine
-        return kind(arrays["mean"], arrays["spread"])
+        arrays = {name: np.array(part) for name, part in estimator.initial._asdict().items()}
+        arrays |= {name: np.array(part) for name, part in zip(kept, belief)}
+        assert kernel.run({**arrays, "y": y, "u": u, **fixed}).fine
+        return kind(*(arrays[name] for name in kept))
 
     return step

@@ -96,6 +96,7 @@ def assert_alike(first, second, atol=1e-9):
         np.testing.assert_allclose(covariance, expected, rtol=1e-7, atol=1e-10)
 
 
+@pytest.mark.quick_cases(6)
 @pytest.mark.oracle
 @EVERY
 @TURNS
@@ -167,6 +168,7 @@ def controller(kind, turn, wrap=wrapped, **options):
     return fh.Controller(law, kind(pendulum(wrap), 0.02, 1e-6, 1e-5, [turn, 0.0], 1e-3), 0.02, **options)
 
 
+@pytest.mark.quick_cases(4)
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", [*KINDS.values(), constant], ids=[*KINDS, "constant gain"])
 @pytest.mark.parametrize("options", [{}, {"offset_time": 0.1}], ids=["plain", "offset"])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-from functools import partial
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
-from flexhinf.estimation import ConstantGainFilter, ExtendedKalmanFilter, UnscentedKalmanFilter
+from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.estimation.bounds import projected
 
 BOTH = pytest.mark.parametrize("form", ["covariance", "square_root"])
@@ -146,10 +145,3 @@ def test_without_bounds_that_are_met_no_bit_changes(form):
 def test_what_is_no_interval_about_the_mean_is_refused(kind, bounds, named):
     with refused_with(InvalidInput, *named):
         kind(sensors(), 0.05, measurement_noise=NOISE, **GIVEN, bounds=bounds)
-
-
-@pytest.mark.parametrize("kind", [ExtendedKalmanFilter, UnscentedKalmanFilter])
-def test_a_constant_gain_keeps_no_bounds(kind):
-    bounded = partial(kind, sensors(), 0.05, measurement_noise=NOISE, **GIVEN)
-    with refused_with(InvalidInput, "bounds", "x0"):
-        ConstantGainFilter(bounded(bounds={"x0": (-1.0, 1.0)}), np.zeros((3, 3)))

@@ -6,11 +6,14 @@ import mpmath
 import numpy as np
 import pytest
 from fuzz.hostile_filters import filter_of, kept
+from scipy.stats import chi2
 from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
-from flexhinf.estimation.diagnosis import lost_digits
+from flexhinf.estimation.diagnosis import innovation_limit
+from flexhinf.estimation.square_root import reciprocal_condition
+from flexhinf.scalars import cholesky, householder
 
 
 def twin(noise, **options):
@@ -23,15 +26,16 @@ def twin(noise, **options):
 
 
 @pytest.mark.oracle
-def test_lost_digits_are_those_of_the_smallest_pivot():
+def test_the_reciprocal_condition_is_that_of_the_smallest_pivot():
     """[1 1; 1 1 + 1e-6] has the pivots √2 and about 1e-6/√2."""
     slope, noise = np.array([[1.0, 1.0], [1.0, 1.0 + 1e-6]]), 1e-20 * np.eye(2)
     with mpmath.workdps(50):
         factor = mpmath.qr(mpmath.matrix(slope.T.tolist()), mode="skinny")[1]
         pivot, size = abs(factor[1, 1]), 2.0 + 1e-6
         deviations = [float(abs(x)) for x in mpmath.lu_solve(factor.T, mpmath.matrix([1.0, 2.0]))]
-    share = 2.0**-52 / float(pivot / size) * max(deviations)
-    assert lost_digits(np.eye(2), slope, noise, np.array([1.0, 2.0])) == pytest.approx(share, rel=1e-6)
+    gains = householder(np.vstack([slope.T, cholesky(noise).T]), 2)[:2]
+    condition = reciprocal_condition(gains, np.array([1.0, 2.0]), np.eye(2), slope, noise)
+    assert condition == pytest.approx(float(pivot / size) / max(deviations), rel=1e-6)
 
 
 def test_digits_that_are_lost_are_recorded_and_an_ordinary_filter_says_nothing():
@@ -40,7 +44,7 @@ def test_digits_that_are_lost_are_recorded_and_an_ordinary_filter_says_nothing()
         one.correct([1.0, 2.0])
         one.predict([0.0])
         one.correct([1.0, 1.1])
-    assert hostile.diagnosis[0] == fh.Diagnosis("digits", 0, hostile.diagnosis[0].cure)
+    assert hostile.diagnosis[0] == fh.Diagnosis("digits", 0, hostile.diagnosis[0].cure, 2)
     assert "noise" in hostile.diagnosis[0].cure
     assert ordinary.diagnosis == ()
     hostile.reset()
@@ -58,7 +62,9 @@ def test_recorded_samples_name_the_inputs_that_decide():
 
 
 @pytest.mark.oracle
-@pytest.mark.parametrize(("name", "flagged"), [("47", True), ("28", False)])
+@pytest.mark.parametrize(
+    ("name", "flagged"), [("47", True), pytest.param("28", False, marks=pytest.mark.slow)]
+)
 def test_a_kept_filter_is_flagged_where_its_inputs_do_not_determine_it(name, flagged):
     case = next(case for case in kept() if case.name == name)
     assert case.determined is not flagged
@@ -78,3 +84,61 @@ def test_samples_that_do_not_fit_are_refused(arguments, words):
         fh.diagnose(twin(1.0), *arguments)
     with refused_with(InvalidInput, "filter", "diagnose(ukf, y, u)"):
         fh.diagnose(3.0)
+
+
+# Innovations beyond all noise ----------------------------------------------------------------------
+def walk(kind, form, **options):
+    plant = fh.Plant(lambda x, u, d, p: x, lambda x, u, p: x + 0.1 * np.sin(x), ("a",), (), sampled=True)
+    return kind(plant, 1.0, 1e-4, 1e-2, [0.0], 1e-2, form=form, **options)
+
+
+KINDS = pytest.mark.parametrize("kind", [fh.UnscentedKalmanFilter, fh.ExtendedKalmanFilter])
+FORMS = pytest.mark.parametrize("form", ["square_root", "covariance"])
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("size", [1, 2, 7, 40])
+def test_no_noise_gets_near_the_limit_of_innovations(size):
+    """exp(−5000) bounds the probability; SciPy knows its logarithm where it is no float."""
+    log_probability = chi2.logsf(innovation_limit(size), size)
+    assert log_probability <= -5000.0 or log_probability == -np.inf
+    assert innovation_limit(size) < 10_000 + 250 * size
+
+
+@pytest.mark.quick_cases(2)
+@KINDS
+@FORMS
+def test_innovations_that_no_noise_explains_are_one_entry_from_sample_to_sample(kind, form):
+    slow, compiled = walk(kind, form), walk(kind, form)
+    slow._only_numpy = True
+    noises = 0.1 * np.random.default_rng(4).normal(size=300)
+    expected = []
+    for k, noise in enumerate(noises):
+        y = noise + (1e3 if 150 <= k < 153 else 1e4 if k == 250 else 0.0)
+        spread = slow.innovate(slow._belief, np.array([y]), slow._u, slow._parameters, slow.measurement_noise)
+        if spread[1][0] ** 2 / spread[2][0, 0] > innovation_limit(1):
+            expected.append(k)
+        for one in (slow, compiled):
+            one.correct([y])
+            one.predict()
+    np.testing.assert_allclose(compiled.mean, slow.mean, rtol=1e-9)
+    assert compiled.diagnosis == slow.diagnosis
+    entries = [entry for entry in slow.diagnosis if entry.kind == "innovations"]
+    assert [k for entry in entries for k in range(entry.step, entry.step + entry.count)] == expected
+    assert {150, 250} <= set(expected)
+    assert len(entries) < len(expected)
+    assert "gate" in entries[0].cure
+    gated = walk(kind, form, gate=0.9999)
+    for k, noise in enumerate(noises):
+        gated.correct([noise + (1e4 if k == 250 else 0.0)])
+        gated.predict()
+    assert (gated.diagnosis, gated.repairs["rejected"] >= 1) == ((), True)
+
+
+def test_an_outlier_makes_no_hundred_entries_of_lost_digits():
+    filter = walk(fh.ExtendedKalmanFilter, "square_root")
+    for k in range(300):
+        filter.correct([1e15 if k == 5 else 0.0])
+        filter.predict()
+    assert len(filter.diagnosis) < 10
+    assert filter.diagnosis[0].step == 5

@@ -6,6 +6,7 @@ from flexhinf.plant import Plant
 from flexhinf.robot import paper_arm
 
 
+@pytest.mark.quick_cases(4)
 @pytest.mark.oracle
 @pytest.mark.parametrize(("n", "m", "p"), [(1, 1, 1), (3, 2, 1), (6, 1, 4)])
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e3])

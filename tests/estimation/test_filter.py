@@ -8,7 +8,7 @@ import flexhinf as fh
 from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
-from flexhinf.estimation.filter import covariance_matrix
+from flexhinf.estimation.covariances import covariance_matrix
 from flexhinf.plant import Estimator, Plant, eight_stages, rk4_stages
 from flexhinf.robot import paper_arm
 
@@ -106,7 +106,7 @@ def test_small_variances_are_definite():
     "changes",
     [
         {"period": 0.0}, {"period": -1e-3}, {"period": np.nan}, {"plant": "arm"},
-        {"process_noise": -1.0}, {"process_noise": [1.0, 2.0]}, {"measurement_noise": 0.0},
+        {"process_noise": -1.0}, {"process_noise": [1.0, 2.0]}, {"measurement_noise": -1.0},
         {"measurement_noise": [1.0, 1.0]}, {"mean": [0.0]}, {"mean": np.zeros(5)}, {"mean": [0, 0, 0, np.nan]},
         {"mean": "rest"}, {"covariance": -1.0}, {"covariance": np.eye(5)},
     ],
@@ -189,7 +189,7 @@ def test_what_is_accepted_as_a_covariance_can_be_used(kalman, kind):
     """Singular P0 and R^v of any rank, scaled over decades: the filter runs."""
     for n in (2, 6):
         case = kalman.case(n, 1, 1, seed=n)
-        ukf = kind(**case.arguments(mean=np.zeros(n)))
+        ukf = kind(**case.arguments(mean=np.zeros(n), form="covariance"))
         for _ in range(100):
             units = 10.0 ** case.rng.uniform(-4, 4, n)
             roots = [
@@ -205,7 +205,22 @@ def test_what_is_accepted_as_a_covariance_can_be_used(kalman, kind):
 
 
 def test_a_covariance_without_a_factor_is_refused(kalman):
-    """A correlation above one by more than rounding: what is accepted is what every update can begin with."""
+    """A correlation above one by more than printed digits explain; by less it is clipped, see `test_repairs`."""
     case = kalman.case(2, 1, 1)
     with refused_with(InvalidInput, "covariance", "semidefinite"):
-        ExtendedKalmanFilter(**case.arguments(covariance=[[1.0, 1.0 + 9e-14], [1.0 + 9e-14, 1.0]]))
+        ExtendedKalmanFilter(**case.arguments(covariance=[[1.0, 1.0 + 2e-6], [1.0 + 2e-6, 1.0]]))
+
+
+@pytest.mark.parametrize("value", ["text", None, 1j, [1.0, "a"]])
+@pytest.mark.parametrize("name", ["process_noise", "measurement_noise", "covariance"])
+def test_covariances_that_are_no_numbers_say_what_is_expected(name, value):
+    plant = fh.Plant(lambda x, u, d, p: x, lambda x, u, p: x, ("a", "b"), (), sampled=True)
+    given = {
+        "process_noise": 1.0,
+        "measurement_noise": 1.0,
+        "mean": [0.0, 0.0],
+        "covariance": 1.0,
+        name: value,
+    }
+    with refused_with(InvalidInput, "expected a number", "(2, 2)", repr(value)):
+        fh.ExtendedKalmanFilter(plant, 0.1, **given)

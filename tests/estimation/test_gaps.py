@@ -312,6 +312,7 @@ def test_an_offset_is_taken_where_a_sensor_first_speaks(gap):
 
 
 # In the loop -------------------------------------------------------------------------------------------
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
 def test_a_loop_whose_sensors_give_nothing_at_times_is_that_of_its_steps(kind):
     """Sensors that see a part of the states' range only, written with `where`: they go, and come again."""

@@ -7,6 +7,7 @@ from dataclasses import replace
 import mpmath
 import numpy as np
 import pytest
+from fuzz import hostile_filters
 from fuzz.hostile_filters import CLOSE, draw, error, estimates, exact, filter_of, is_determined, kept
 from tests.estimation.composing import composed
 
@@ -59,8 +60,8 @@ def test_the_reference_is_the_textbook_filter_in_many_digits():
 
 @pytest.mark.oracle
 def test_some_of_the_filters_that_break_the_covariance_form():
-    cases = [case for case in kept() if case.determined][::4]
-    assert len(cases) == 26
+    cases = [case for case in kept() if case.determined][::20]
+    assert len(cases) == 6
     assert len(wrong(cases)) <= 1
 
 
@@ -105,6 +106,24 @@ def share(attempts, seed):
 
 
 @pytest.mark.oracle
+def test_modes_that_only_their_last_bits_tell_apart_determine_no_answer():
+    """Two modes are alike, so an output sees their sum alone; with one of them an ulp away it sees both."""
+    rng = np.random.default_rng([1, 167])
+    case = draw(rng)
+    a, apart = np.diag(case.a), np.array([np.spacing(case.a[0, 0]), 0.0])
+    assert a[0] == a[1]
+    assert (np.count_nonzero(case.a), len(case.c)) == (2, 1)
+    estimator = filter_of(case)
+    steps = estimator.sub_steps, estimator.stages
+    answered, moved = exact(case, *steps), exact(replace(case, a=np.diag(a + apart)), *steps)
+    assert error(answered, moved.mean, moved.variance) > CLOSE
+    assert not is_determined(answered, *steps, rng)
+    known = replace(answered, mean=answered.mean[:1], variance=answered.variance[:1], steps=np.array([0]))
+    assert is_determined(known, *steps, rng)  # the first sample tells nothing of the modes
+
+
+@pytest.mark.slow
+@pytest.mark.oracle
 def test_drawn_filters():
     right, known = share(60, seed=0)
     assert known >= 40
@@ -117,3 +136,11 @@ def test_many_drawn_filters():
     right, known = share(720, seed=0)
     assert known >= 550
     assert right >= SHARE * known
+
+
+def test_the_fuzzer_tells_a_silent_error(monkeypatch):
+    assert hostile_filters.run(2, seed=0).wrong == []
+    monkeypatch.setattr(hostile_filters, "error", lambda *_: 1.0)
+    monkeypatch.setattr(hostile_filters, "diagnose", lambda *_: ())
+    silent = hostile_filters.run(2, seed=0)
+    assert 0 < len(silent.wrong) == 2 - silent.typed

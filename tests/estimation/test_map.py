@@ -53,6 +53,7 @@ class Pull(Law):
 
 
 # Filters -------------------------------------------------------------------------------------------------
+@pytest.mark.quick_cases(3)
 @pytest.mark.oracle
 @BOTH
 @FORMS

@@ -10,7 +10,6 @@ from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
-from flexhinf.codegen.machine import host
 from flexhinf.estimation import ExtendedKalmanFilter, ModalFilter
 from flexhinf.estimation.modal import FADING
 from flexhinf.export.package import record
@@ -171,6 +170,7 @@ def test_errors_decay_at_every_pose(robot, measured):
         assert np.abs(np.linalg.eigvals(error)).max() < 1.0
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("robot", ["planar-two-link", "scara"])
 @pytest.mark.parametrize("latency", [0, 2])
 def test_compiled_and_saved_it_is_the_text(tmp_path, robot, latency):
@@ -196,17 +196,18 @@ def test_compiled_and_saved_it_is_the_text(tmp_path, robot, latency):
     )
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="no C compiler")
 @pytest.mark.parametrize("robot", ["planar-two-link", "scara"])
 def test_in_c_it_steps_as_in_python(tmp_path, robot):
-    """Bit by bit where both have a fused multiply-add; with samples missing."""
+    """Bit by bit; with samples missing."""
     one = controller(modal(robot), robot)
     run, compiled = record(one), fh.load_compiled(fh.compile_controller(one, tmp_path / "arm.so"))
     for k, code in enumerate(run.codes):
         u = compiled.step(None if code == "PREDICTED" else run.y[k], run.r[k])
         assert compiled.code == code
-        assert u == pytest.approx(run.u[k], abs=0.0 if host().fused else 1e-9)
+        np.testing.assert_array_equal(u, run.u[k])
 
 
 def test_a_loop_runs_it_in_its_kernel():

@@ -64,6 +64,7 @@ def output(plant, x, u):
     return np.atleast_1d(plant.output(x, u, plant.parameters.named(plant.parameters.vector())))
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     "make", [arm, oscillators, lambda: oscillators(0.4)], ids=["arm", "two", "feedthrough"]

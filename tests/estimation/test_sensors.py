@@ -94,6 +94,7 @@ def conditioned(case, f, g, delays, inputs, seen, noise):
     return mean[-1] + whole[last], (prior - gain @ rows @ prior)[last, last]
 
 
+@pytest.mark.quick_cases(4)
 @pytest.mark.oracle
 @BOTH
 @FORMS
@@ -150,6 +151,7 @@ def test_a_late_angle_may_jump_by_a_turn(kind, form):
     assert found["jumps"][-1][0] > np.pi
 
 
+@pytest.mark.slow
 def test_a_controller_of_a_late_sensor_is_saved_and_compiled(tmp_path, kalman):
     """The law's states are among those of the map; start at a pose and the bound of windup are those of the plant."""
     plant = fh.load_robot("paper").plant(("link_position", "motor_position"))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
+import flexhinf as fh
 from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import SigmaPoints
@@ -71,3 +72,31 @@ def test_a_negative_weight_is_said():
 def test_scalings_without_points_are_refused(alpha, beta, kappa):
     with pytest.raises(InvalidInput):
         SigmaPoints(4, alpha, beta, kappa)
+
+
+def test_a_central_weight_that_is_zero_but_for_rounding_is_zero():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert all(SigmaPoints(n, 1.0, 0.0, 0.0).covariance_weights[0] == 0.0 for n in range(1, 60))
+    with pytest.warns(UserWarning, match="negative"):
+        assert SigmaPoints(3, 1.0, -1e-12, 0.0).covariance_weights[0] == pytest.approx(-1e-12, rel=1e-3)
+
+
+def test_the_cubature_filter_of_three_states_has_rows_and_a_smoother():
+    states = ("a", "b", "c")
+    plant = fh.Plant(lambda x, u, d, p: np.sin(x), lambda x, u, p: x[:1] ** 2, states, (), sampled=True)
+    given = {"alpha": 1.0, "beta": 0.0, "kappa": 0.0}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        cubature = fh.UnscentedKalmanFilter(plant, 0.1, 1e-3, 1e-2, [1.0, 2.0, 3.0], 0.1, **given)
+    assert cubature.form == "square_root"
+    outputs = np.linspace(1.0, 0.5, 12)
+    with_rows = fh.filter_log(cubature, (0.1 * np.arange(12), None, outputs), smooth=True)
+    assert np.isfinite(with_rows["smoothed"].values).all()
+    # The rule of third degree by hand: 2n points at √n times the columns of a root, all weights 1/2n.
+    cubature.predict()
+    offsets = np.sqrt(3.0 * 0.1) * np.hstack([np.eye(3), -np.eye(3)])
+    moved = np.sin(np.array([[1.0], [2.0], [3.0]]) + offsets)
+    np.testing.assert_allclose(cubature.mean, moved.mean(axis=1), rtol=1e-14)
+    about = moved - moved.mean(axis=1)[:, None]
+    np.testing.assert_allclose(cubature.covariance, about @ about.T / 6 + 1e-3 * np.eye(3), atol=1e-15)

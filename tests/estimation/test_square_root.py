@@ -27,6 +27,7 @@ def taken(estimator, y, u):
 
 
 # Linear plants -----------------------------------------------------------------------------------------
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @BOTH
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e3])
@@ -184,6 +185,48 @@ def test_an_arm_is_estimated_as_in_the_covariance_form(kind):
 def test_what_subtracts_covariances_has_no_square_root(setting):
     with refused_with(InvalidInput, "covariance", *setting):
         UnscentedKalmanFilter(bearing(), 0.1, 1e-4, 1e-3, [0.2, 0.1], 1.0, **setting, **ROOT)
+
+
+def given(**settings):
+    return (bearing(), 0.1, 1e-4, 1e-3, [0.2, 0.1], 1.0), settings
+
+
+@pytest.mark.parametrize(
+    ("kind", "settings", "form"),
+    [
+        (UnscentedKalmanFilter, {}, "square_root"), (ExtendedKalmanFilter, {}, "square_root"),
+        (UnscentedKalmanFilter, {"redraw": False}, "covariance"),
+        (UnscentedKalmanFilter, {"form": "covariance"}, "covariance"),
+    ],
+)  # fmt: skip
+def test_rows_are_the_default_where_there_are_any(kind, settings, form):
+    arguments, settings = given(**settings)
+    assert kind(*arguments, **settings).form == form
+
+
+def test_negative_weights_leave_the_covariance_form_and_a_warning():
+    arguments, settings = given(alpha=0.5, beta=0.0)
+    with pytest.warns(UserWarning, match=r"negative \(-2\.25\)"):
+        estimator = UnscentedKalmanFilter(*arguments, **settings)
+    assert estimator.form == "covariance"
+    with pytest.warns(UserWarning, match="negative"):
+        assert type(estimator)(**estimator.settings()).form == "covariance"
+
+
+def test_a_subclass_that_moves_points_itself_has_the_covariance_form():
+    """Rows are moved by differences of the plant's flow, which its `moved` would not change."""
+
+    class Halved(UnscentedKalmanFilter):
+        def moved(self, run, x, u, p):
+            return run.call(lambda x: 0.5 * x, x)
+
+    arguments, _ = given()
+    estimator = Halved(*arguments)
+    assert estimator.form == "covariance"
+    estimator.predict([0.0])
+    np.testing.assert_allclose(estimator.mean, [0.1, 0.05], rtol=1e-12)
+    with refused_with(InvalidInput, "moved", "covariance"):
+        Halved(*arguments, **ROOT)
 
 
 def test_an_unknown_form_is_refused():

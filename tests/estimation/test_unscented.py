@@ -13,6 +13,7 @@ from flexhinf.robot import paper_arm
 SIZES = [(1, 1, 1), (2, 1, 1), (4, 2, 2), (5, 1, 5), (7, 3, 2)]
 
 
+@pytest.mark.quick_cases(6)
 @pytest.mark.oracle
 @pytest.mark.parametrize(("n", "m", "p"), SIZES)
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e3])  # standard deviations: variances 1e-12 to 1e6
@@ -167,9 +168,13 @@ def test_without_redraw_the_points_move_with_the_initial_mean():
     np.testing.assert_allclose(other.points[:, 0], other.mean)
 
 
-def test_bounds_hold_whatever_is_measured():
+@pytest.mark.quick_cases(2)
+@pytest.mark.parametrize("form", ["covariance", "square_root"])
+@pytest.mark.parametrize("kappa", [0.0, 1.0])
+def test_bounds_hold_whatever_is_measured(form, kappa):
+    """The central sigma point too, whose weight is zero where kappa is."""
     bounds = {"link_position": (-0.3, 0.3), "motor_velocity": (-0.5, 0.5)}
-    ukf = arm_ukf(bounds=bounds)
+    ukf = arm_ukf(bounds=bounds, form=form, kappa=kappa)
     for k, (u, y) in enumerate(arm_run(400)):
         ukf.predict(u)
         assert all(low <= ukf.mean[ukf.plant.index(s)] <= high for s, (low, high) in bounds.items())
@@ -219,12 +224,12 @@ def test_bad_bounds_are_refused(bounds, word):
 def test_a_damaged_belief_is_a_failure_that_bounds_do_not_hide(bounds, covariance):
     """Clipped NaN would look like an estimate."""
     plant = Plant(lambda x, u, d, p: -x + u, lambda x, u, p: x**2, ("x",), ("u",))
-    ukf = UnscentedKalmanFilter(plant, 0.1, 1e-3, 1e-3, [0.0], 1.0, bounds=bounds)
+    ukf = UnscentedKalmanFilter(plant, 0.1, 1e-3, 1e-3, [0.0], 1.0, bounds=bounds, form="covariance")
     ukf._belief = Gaussian(np.zeros(1), np.full((1, 1), covariance))
     with pytest.warns(UserWarning, match="not finite"):
         ukf.predict([0.0])
     ukf.correct([2.0])
-    assert [entry[:2] for entry in ukf.diagnosis] == [("not finite", 0), ("not finite", 1)]
+    assert [(entry.kind, entry.step, entry.count) for entry in ukf.diagnosis] == [("not finite", 0, 2)]
     np.testing.assert_array_equal(ukf.covariance, covariance)
 
 
@@ -270,6 +275,7 @@ def test_keys_tell_code_apart():
     assert arm_ukf(measurement_noise=3.0, covariance=1.0).estimator_key == keys[0]
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("period", [1e-3, 1e-2, 5e-2])
 def test_bounds_that_bite_keep_the_covariance_positive(period):
     """Clipped points stand for a narrower prior; what a measurement takes away must not exceed it."""
@@ -294,13 +300,34 @@ def test_a_linear_output_needs_no_sigma_points(scaling, monkeypatch):
     root = rng.normal(size=(4, 4))
     belief = Gaussian(rng.normal(size=4), 0.1 * root @ root.T)
     arguments = (belief, np.array([0.3]), np.zeros(1), plant.parameters.vector(), np.array([[1e-3]]))
-    by_columns = UnscentedKalmanFilter(plant, 1e-3, 1e-6, 1e-3, np.zeros(4), 1e-4, **scaling)
+    by_columns = UnscentedKalmanFilter(
+        plant, 1e-3, 1e-6, 1e-3, np.zeros(4), 1e-4, **scaling, form="covariance"
+    )
     assert by_columns.linear_output
-    by_points = UnscentedKalmanFilter(plant, 1e-3, 1e-6, 1e-3, np.zeros(4), 1e-4, **scaling)
+    by_points = UnscentedKalmanFilter(
+        plant, 1e-3, 1e-6, 1e-3, np.zeros(4), 1e-4, **scaling, form="covariance"
+    )
     monkeypatch.setitem(vars(by_points), "linear_output", False)
     one, other = (f.innovation_stages(DIRECT, *arguments) for f in (by_columns, by_points))
     for a, b in zip((*one[0], *one[1:]), (*other[0], *other[1:]), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-13)
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("form", ["covariance", "square_root"])
+def test_with_a_beta_of_zero_it_is_the_cubature_filter(form):
+    """2n points of equal weight, about the mean that they have."""
+    plant = Plant(lambda x, u, d, p: np.array([x[0] + 0.1 * x[1], x[1] + np.sin(x[0])]), lambda x, u, p: x[:1],
+                  ("a", "b"), ("u",), sampled=True)  # fmt: skip
+    root = np.array([[0.4, 0.0], [0.1, 0.3]])
+    ukf = UnscentedKalmanFilter(plant, 1.0, 1e-3, 1e-3, [1.0, 0.5], root @ root.T, 1.0, 0.0, 0.0, form=form)
+    if form == "square_root":
+        ukf._belief = ukf.initial._replace(root=root.T)
+    x = np.array([1.0, 0.5])[:, None] + np.sqrt(2.0) * np.hstack([root, -root])
+    x = np.array([x[0] + 0.1 * x[1], x[1] + np.sin(x[0])])
+    ukf.predict([0.0])
+    np.testing.assert_allclose(ukf.mean, x.mean(axis=1), rtol=1e-13)
+    np.testing.assert_allclose(ukf.covariance, np.cov(x, bias=True) + 1e-3 * np.eye(2), rtol=1e-12)
 
 
 def test_an_output_that_switches_goes_through_sigma_points():

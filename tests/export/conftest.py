@@ -15,6 +15,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.export import export_c
+from flexhinf.export.compiled import compiler_flags
 
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Werror")
 
@@ -80,13 +81,13 @@ def compiler() -> str:
 
 @pytest.fixture(scope="session")
 def build(compiler: str, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Compiled]:
-    """Export a controller as "arm" and compile it without a warning."""
+    """Export a controller as "arm" and compile it without a warning, with the arithmetic of this processor."""
 
     def made(controller: fh.Controller, real: str = "double", flags: tuple[str, ...] = ("-O1",)) -> Compiled:
-        folder = export_c(controller, tmp_path_factory.mktemp("exported") / "c", "arm", real)
+        folder = export_c(controller, tmp_path_factory.mktemp("exported") / "c", "arm", real, limits=False)
         (folder / "shim.c").write_text(SHIM)
-        command = [compiler, *STRICT, *flags, "-shared", "-fPIC", "arm.c", "shim.c", "-lm", "-o", "arm.so"]
-        subprocess.run(command, cwd=folder, check=True)
+        words = [*STRICT, *compiler_flags("portable"), *flags, "-shared", "-fPIC"]
+        subprocess.run([compiler, *words, "arm.c", "shim.c", "-lm", "-o", "arm.so"], cwd=folder, check=True)
         kind = np.dtype(np.float64 if real == "double" else np.float32)
         return Compiled(ctypes.CDLL(str(folder / "arm.so")), folder, kind)
 

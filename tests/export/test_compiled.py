@@ -23,7 +23,7 @@ from flexhinf.codegen.machine import host
 from flexhinf.errors import ControllerInUse, InvalidInput
 from flexhinf.export import compiled as processor
 from flexhinf.export.compiled import MARK
-from flexhinf.export.package import record
+from flexhinf.export.package import record, with_both_roundings
 
 
 @pytest.fixture(scope="module")
@@ -174,6 +174,7 @@ def test_a_library_for_another_processor_is_refused_before_it_is_loaded(
         fh.load_compiled(library)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("choice", ["portable", "any", "native"])
 def test_the_manifest_says_what_the_code_needs(
     choice: str, controller: fh.Controller, compiler: str, tmp_path: Path
@@ -181,11 +182,12 @@ def test_the_manifest_says_what_the_code_needs(
     path = fh.compile_controller(controller, tmp_path / "arm.so", processor=choice)
     needed = path.read_bytes().partition(MARK)[2].partition(b"\n")[0].decode().split()
     assert set(needed) <= processor.instructions()
-    run, arm = record(controller, 60), fh.load_compiled(path)
+    arm = fh.load_compiled(path)
+    assert arm.fused == (host().fused and (choice != "any" or platform.machine() not in processor.X86))
+    run = with_both_roundings(controller, record(controller, 60))[arm.fused]
     for k, code in enumerate(run.codes):
         u = arm.step(None if code == "PREDICTED" else run.y[k], run.r[k])
-        if host().fused:
-            np.testing.assert_array_equal(u, run.u[k])
+        np.testing.assert_array_equal(u, run.u[k])
     if platform.machine() not in processor.X86:
         return
     assert choice == "native" or not any(name.startswith("avx512") for name in needed)

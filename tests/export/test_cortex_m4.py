@@ -1,4 +1,5 @@
-"""The float export on the Cortex-M4F that QEMU emulates: the test vector, room in flash, instructions and stack."""
+"""The float export on the Cortex-M4F that QEMU emulates: the test vector, room in flash, instructions and stack; called
+by a timer interrupt, and as a task of FreeRTOS with a stand-in for its kernel."""
 
 from __future__ import annotations
 
@@ -62,3 +63,51 @@ def test_an_answer_that_differs_fails_there_too(folder: Path) -> None:
         vector.write_text(text)
     assert done.returncode != 0
     assert "codes 1: FAILED" in done.stdout
+
+
+#: Stubs of FreeRTOS with the signatures of its functions, and a stand-in for its kernel.
+FREERTOS = Path(__file__).parent / "freertos"
+
+BOARD = (
+    "-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16", "-ffunction-sections",
+    "--specs=rdimon.specs", "-nostartfiles", "-T", "cortex_m4/board.ld", "-Wl,--gc-sections",
+)  # fmt: skip
+STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
+EMULATOR = ("qemu-system-arm", "-machine", "mps2-an386", "-icount", "shift=0", "-display", "none", "-monitor", "none",
+            "-serial", "none", "-semihosting-config", "enable=on,target=native", "-kernel")  # fmt: skip
+
+
+@pytest.mark.parametrize("wrong", [False, True])
+def test_a_timer_interrupt_calls_it_once_per_period(wrong: bool, folder: Path) -> None:
+    vector = folder / "arm_test.c"
+    text = vector.read_text()
+    mark = "static const int expected_code[SAMPLES] = {\n    0,"
+    assert mark in text
+    vector.write_text(text.replace(mark, mark.replace("0,", "3,")) if wrong else text)
+    try:
+        command = ["make", "CFLAGS=-O2 -Werror", "cortex-m4-periodic"]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=120)
+    finally:
+        vector.write_text(text)
+    assert (done.returncode != 0, "passed" in done.stdout) == (wrong, not wrong), done.stdout + done.stderr
+
+
+def test_a_task_of_freertos_gives_the_same(folder: Path) -> None:
+    """The kernel is a stand-in of one task: FreeRTOS itself is not part of this repository."""
+    sources = (
+        "arm.c",
+        "templates/arm_freertos.c",
+        "cortex_m4/recorded.c",
+        "cortex_m4/board.c",
+        FREERTOS / "kernel.c",
+    )
+    compiler = ("arm-none-eabi-gcc", "-O2", *STRICT, *BOARD, "-I.", f"-I{FREERTOS}")
+    subprocess.run([*compiler, *sources, "-lm", "-o", "freertos.elf"], cwd=folder, check=True)
+    done = subprocess.run(
+        [*EMULATOR, "freertos.elf"], cwd=folder, capture_output=True, text=True, check=False, timeout=120
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "200 samples" in done.stdout
+    # 1 ms is no whole number of ticks of 300 Hz
+    words = [*compiler, "-DconfigTICK_RATE_HZ=300", "-c", "templates/arm_freertos.c", "-o", "refused.o"]
+    assert subprocess.run(words, cwd=folder, capture_output=True, check=False).returncode != 0

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.codegen.machine import host
 from flexhinf.errors import NumericalFailure
 from flexhinf.export import compile_controller
 
@@ -88,7 +87,6 @@ def steps(
 
 
 @pytest.mark.oracle
-@pytest.mark.skipif(not host().fused, reason="the bits are those of a fused multiply-add")
 @pytest.mark.parametrize("limit", [None, pytest.param(48.0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("samples", [20_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
 def test_every_code_is_reached_with_the_same_bits(
@@ -106,7 +104,6 @@ def test_every_code_is_reached_with_the_same_bits(
 
 
 @pytest.mark.oracle
-@pytest.mark.skipif(not host().fused, reason="the bits are those of a fused multiply-add")
 @pytest.mark.parametrize("limit", [48.0, pytest.param(1e9, marks=pytest.mark.slow)])
 def test_without_a_command_the_last_good_one_holds_whatever_was_refused_before(
     limit: float | None, compiler: str, tmp_path: Path
@@ -199,8 +196,7 @@ def test_before_the_first_good_measurement_the_output_is_that_before_the_first_s
     np.testing.assert_array_equal(u[:25], np.tile(controller.input_before(), (25, 1)))
     found = list(steps(controller.fresh(), y, r, measured))
     np.testing.assert_array_equal([code for _, code in found], codes)
-    if host().fused:
-        np.testing.assert_array_equal(np.array([held for held, _ in found]), u)
+    np.testing.assert_array_equal(np.array([held for held, _ in found]), u)
     # as if the samples without a measurement had not been
     plain = controller.fresh()
     np.testing.assert_allclose([plain.step(0.6, pose) for _ in range(35)], u[25:], rtol=1e-9, atol=1e-9)
@@ -250,7 +246,6 @@ int main(void)
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not host().fused, reason="the bits are those of a fused multiply-add")
 @pytest.mark.parametrize("option", ["hold", pytest.param("zero", marks=pytest.mark.slow)])
 def test_a_start_that_is_told_has_its_own_input_with_the_same_bits(
     option: str, compiler: str, tmp_path: Path

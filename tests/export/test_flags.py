@@ -1,7 +1,8 @@
 """Whatever the flags of the compiler: the simulation's bits come out, or the compiler or `init` refuses.
 
 gcc defines a macro for most flags that change results; clang for few. Every row is compiled, alone; where it compiles
-and `arm_init` returns `ARM_OK`, a recorded loop must come out bit for bit.
+and `arm_init` returns `ARM_OK`, a recorded loop must come out bit for bit: with the fused multiply-adds of the
+processors that the flags name, or without.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ import pytest
 import flexhinf as fh
 from flexhinf.codegen.machine import host
 from flexhinf.export import export_c, export_plant_fmu
-from flexhinf.export.package import record
+from flexhinf.export.package import record, with_both_roundings
 
-#: Reads y and r as doubles, writes u; 77 where `arm_init` refuses.
+#: Writes whether multiply-adds are fused; reads y and r as doubles, writes u; 77 where `arm_init` refuses.
 PROGRAM = """
 #include <stdio.h>
 #include "arm.h"
@@ -30,6 +31,8 @@ int main(void)
     static arm_state state;
     static double given[ARM_MEASUREMENTS + ARM_COMMANDS + 1];
     const int begun = arm_init(&state);
+    const double fused = arm_fused;
+    fwrite(&fused, sizeof fused, 1, stdout);
     while (fread(given, sizeof given, 1, stdin) == 1) {
         arm_input input = {0};
         arm_output output = {0};
@@ -52,7 +55,13 @@ int main(void)
 #: `arm_init`; None for either. Flags behind ``|`` are those of the linker alone.
 FLAGS = {
     "-O0": "same",
+    "-O1": "same",
+    "-O2": "same",
+    "-O3": "same",
     "-O3 -march=native": "same",
+    "-O0 -mfma -fno-builtin": "same",
+    "-O2 -mfma": "same",
+    "-O3 -mfma -DARM_PLAIN": "same",
     "-O2 -mfma -ffp-contract=fast": None,
     "-Ofast": "refused",
     "-O2 -ffast-math": "refused",
@@ -75,6 +84,7 @@ OF_GCC = {
     "-O2 -fsingle-precision-constant": "refused",
     "-O2 -fexcess-precision=standard": "same",
     "-O2 -mfpmath=387": "refused",
+    "-O2 -std=gnu11 -ffp-contract=fast -mfma -DARM_PLAIN": "same",
     "-O2 -std=gnu11 -march=sapphirerapids -mno-avx512f": "same",  # its FLT_EVAL_METHOD is 16
 }
 OF_CLANG = {
@@ -86,6 +96,7 @@ OF_CLANG = {
     "-O2 -fdenormal-fp-math=preserve-sign": None,
 }
 QUICK = {
+    ("gcc", "-O2"), ("gcc", "-O3 -march=native"), ("clang", "-O3"),
     ("gcc", "-O2 -funsafe-math-optimizations"), ("gcc", "-O2 -m32"), ("gcc", "-O2 -fsingle-precision-constant"),
     ("clang", "-O2 -freciprocal-math"), ("clang", "-O2 -mfma -ffp-contract=fast"), ("clang", "-O2 -fno-honor-nans"),
 }  # fmt: skip
@@ -99,8 +110,11 @@ ROWS = [
 
 
 @pytest.fixture(scope="module")
-def exported(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Path], np.ndarray, np.ndarray]:
-    """Folders by type; samples (N, p + k + 1); and the inputs of the controller in Python."""
+def exported(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> tuple[dict[str, Path], np.ndarray, list[np.ndarray]]:
+    """Folders by type; samples (N, p + k + 1); and the inputs of the controller in Python, without and with fused
+    multiply-adds."""
     arm = fh.paper_arm()
     ukf = fh.UnscentedKalmanFilter(arm.plant(), 1e-3, 1e-7, 1e-4, [0.0] * 4, 1e-4)
     controller = fh.Controller(fh.linear_law(arm.problem(), gamma=math.inf), ukf, 1e-3, 48.0)
@@ -109,11 +123,14 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Path],
     for folder in folders.values():
         (folder / "replay.c").write_text(PROGRAM)
     measured = np.array([code != "PREDICTED" for code in run.codes], dtype=float)
-    return folders, np.column_stack([run.y, run.r, measured]), run.u
+    inputs = [one.u for one in with_both_roundings(controller, run)]
+    return folders, np.column_stack([run.y, run.r, measured]), inputs
 
 
-def replayed(folder: Path, samples: np.ndarray, compiler: str, flags: str, to: Path) -> np.ndarray | None:
-    """What the compiled program answers; None where it, or its compiler, refuses."""
+def replayed(
+    folder: Path, samples: np.ndarray, compiler: str, flags: str, to: Path
+) -> tuple[bool, np.ndarray] | None:
+    """Whether the compiled program fuses, and its answers; None where it, or its compiler, refuses."""
     compiled, _, linked = flags.partition("|")
     standard = [] if "-std=" in flags else ["-std=c99"]
     objects = [str(to / "arm.o"), str(to / "replay.o")]
@@ -130,21 +147,26 @@ def replayed(folder: Path, samples: np.ndarray, compiler: str, flags: str, to: P
     subprocess.run(words, cwd=folder, check=True, capture_output=True)
     done = subprocess.run([to / "replay"], input=samples.tobytes(), capture_output=True, check=False)
     assert done.returncode in (0, 77), done.returncode
-    return np.frombuffer(done.stdout).reshape(len(samples), -1) if done.returncode == 0 else None
+    if done.returncode:
+        return None
+    fused, *inputs = np.frombuffer(done.stdout)
+    return bool(fused), np.reshape(inputs, (len(samples), -1))
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize(("compiler", "flags", "real"), ROWS)
 def test_flags_change_no_bit_or_are_refused(
     compiler: str,
     flags: str,
     real: str,
-    exported: tuple[dict[str, Path], np.ndarray, np.ndarray],
+    exported: tuple[dict[str, Path], np.ndarray, list[np.ndarray]],
     needs_compiler: Callable[..., None],
     tmp_path: Path,
 ) -> None:
     needs_compiler(compiler, *flags.replace("|", "").split())
-    if not host().fused and ("-mfma" in flags or "sapphire" in flags):
+    fusing = any(word in flags for word in ("-mfma", "sapphire", "native")) and "PLAIN" not in flags
+    if not host().fused and fusing and "native" not in flags:
         pytest.skip("this processor has no fused multiply-add")
     folders, samples, expected = exported
     outcome = {**FLAGS, **OF_GCC, **OF_CLANG}[flags]
@@ -153,21 +175,23 @@ def test_flags_change_no_bit_or_are_refused(
         assert (found is None) == (outcome == "refused")
     if found is None:
         return
+    fused, inputs = found
+    assert fused == (fusing and host().fused)
     if real == "float":  # its numbers are others than those in Python, and the same whatever the flags
-        plain = replayed(folders[real], samples, "gcc", "-O1", tmp_path)
+        plain = replayed(folders[real], samples, "gcc", "-O1 -mfma" if fused else "-O1", tmp_path)
         assert plain is not None
-        np.testing.assert_array_equal(found, plain)
-    elif host().fused:
-        np.testing.assert_array_equal(found, expected)
+        np.testing.assert_array_equal(inputs, plain[1])
+    else:
+        np.testing.assert_array_equal(inputs, expected[fused])
 
 
 def test_without_flags_nothing_is_refused(
-    exported: tuple[dict[str, Path], np.ndarray, np.ndarray], compiler: str, tmp_path: Path
+    exported: tuple[dict[str, Path], np.ndarray, list[np.ndarray]], compiler: str, tmp_path: Path
 ) -> None:
     folders, samples, expected = exported
     found = replayed(folders["double"], samples, compiler, "-O1", tmp_path)
     assert found is not None
-    assert np.abs(found - expected).max() <= 1e-9 * np.abs(expected).max()
+    np.testing.assert_array_equal(found[1], expected[found[0]])
 
 
 #: Instantiates an FMU: 0 where it is made, 77 where it refuses.
@@ -238,7 +262,7 @@ int main(void)
 
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_a_processor_that_is_set_otherwise_is_noticed(
-    real: str, exported: tuple[dict[str, Path], np.ndarray, np.ndarray], compiler: str, tmp_path: Path
+    real: str, exported: tuple[dict[str, Path], np.ndarray, list[np.ndarray]], compiler: str, tmp_path: Path
 ) -> None:
     """As a program that is linked with -ffast-math sets it, for every library in it."""
     (tmp_path / "settings.c").write_text(SETTINGS)

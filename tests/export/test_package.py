@@ -13,9 +13,11 @@ import pytest
 from tests.refusals import refused_with, unnamed
 
 import flexhinf as fh
+from flexhinf.codegen.c import comment
 from flexhinf.errors import InvalidInput
 from flexhinf.export import check_room, controller_files, export_c, package
-from flexhinf.export.controller_c import comment, constants, identifier_of
+from flexhinf.export.compiled import compiler_flags
+from flexhinf.export.names import constants, identifier_of
 from flexhinf.export.package import record
 
 
@@ -157,7 +159,7 @@ def test_what_float_loses_is_measured_and_the_test_vector_allows_little_more(
     fused, plain, allowed = (float(number) / 100 for number in stated.groups())
     assert 0.0 < fused < 1e-3
     assert allowed == pytest.approx(max(1e-5, 5 * max(fused, plain)), rel=0.05)
-    for flags, expected in (((), fused), (("-DARM_PLAIN",), plain)):
+    for flags, expected in ((compiler_flags("portable"), fused), (("-DARM_PLAIN",), plain)):
         subprocess.run(
             [compiler, "-std=c99", "-O2", *flags, "arm.c", "arm_test.c", "-lm", "-o", "t"],
             cwd=folder,
@@ -183,3 +185,18 @@ def test_a_compiler_for_another_machine_measures_nothing(
     folder = export_c(estimating, tmp_path / "c", "arm", "float")
     assert unnamed((folder / "README.md").read_text(), "not measured", "compiler") == []
     assert "#define TOLERANCE 5e-02f" in (folder / "arm_test.c").read_text()
+
+
+def test_commands_of_the_test_vector_stay_within_the_range_of_a_joint() -> None:
+    """At home the quill of the SCARA stands at the end of its range."""
+    robot = fh.load_robot("scara")
+    plant = robot.plant(("link_position", "motor_position"))
+    start = robot.operating_point(robot.home)[0]
+    noise = [1e-8] * plant.n, [1e-8] * len(plant.outputs)
+    ekf = fh.ExtendedKalmanFilter(plant, 1e-3, *noise, start, noise[0])
+    law = fh.linear_law(robot.problem(pose=robot.home), gamma=math.inf)
+    low, high = plant.limits["link_position_quill"]
+    column = law.tracked.index("link_position_quill")
+    r = record(fh.Controller(law, ekf, 1e-3, 48.0), samples=50).r
+    assert low <= r[:, column].min() <= r[:, column].max() <= high
+    assert np.ptp(np.delete(r, column, axis=1), axis=0).min() > 0.0

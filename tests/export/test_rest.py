@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.export.test_code import ARDUINO, STRICT, STUBS
+from tests.export.test_code import ARDUINO, STRICT
 from tests.refusals import unnamed
 
 import flexhinf as fh
@@ -49,6 +49,7 @@ def controller_of(name: str, moving: bool = True, watch: fh.Supervision | None =
     return fh.Controller(law, ekf, 1e-3, 500.0, moving=moving, supervision=watch)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("real", ["double", "float"])
 @pytest.mark.parametrize(
@@ -117,30 +118,14 @@ def test_the_main_program_rests_at_the_start_until_there_is_a_command(compiler: 
     assert np.loadtxt(said.splitlines()) == pytest.approx(np.tile(u, (50, 1)), rel=1e-6)
 
 
-def test_the_templates_of_a_moving_command_compile(
-    tmp_path: Path, needs_compiler: Callable[..., None]
-) -> None:
+def test_the_sketch_of_a_moving_command_compiles(tmp_path: Path, needs_compiler: Callable[..., None]) -> None:
     needs_compiler("g++")
     folder = fh.export_c(controller_of("planar-two-link"), tmp_path / "c", "arm")
-    for name, text in STUBS.items():
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).write_text(text)
     sketch = (folder / "templates/arm.ino").read_text()
     (folder / "sketch.cpp").write_text(ARDUINO + sketch)
-    for file in (folder / "sketch.cpp", folder / "templates/arm_ros2_controller.cpp"):
-        words = (
-            "g++",
-            "-std=c++17",
-            "-Wall",
-            "-Wextra",
-            "-Werror",
-            f"-I{folder}",
-            f"-I{tmp_path}",
-            "-c",
-            file,
-        )
-        subprocess.run([*words, "-o", tmp_path / "out.o"], check=True)
-        assert "arm_rest(&arm_defaults, home" in file.read_text()
+    words = ("g++", "-std=c++17", "-Wall", "-Wextra", "-Werror", "-c", "sketch.cpp")
+    subprocess.run([*words, "-o", tmp_path / "out.o"], cwd=folder, check=True)
+    assert "arm_rest(&arm_defaults, home" in sketch
 
 
 def test_a_firmware_may_leave_the_rest_out(compiler: str, tmp_path: Path) -> None:
@@ -174,6 +159,22 @@ def test_it_is_said_what_a_command_is(moving: bool) -> None:
     home = re.search(r"home\[\] = \{(.*)\};", files["main.c"])
     assert home is not None
     assert [float(word) for word in home[1].split(",")] == pytest.approx(robot_of("planar-two-link").home)
+
+
+@pytest.mark.parametrize("moving", [True, False])
+def test_the_first_example_compiles_and_the_header_warns_first(
+    moving: bool, compiler: str, tmp_path: Path
+) -> None:
+    folder = fh.export_c(controller_of("planar-two-link", moving), tmp_path / "c", "arm")
+    begin = (folder / "arm.h").read_text().partition("degree of V")[0]
+    assert unnamed(begin, "10 numbers", "arm_rest") == ([] if moving else ["10 numbers", "arm_rest"])
+    block = re.search(r"(?:^ {4}.*\n|^\n)+(?=^`main.c`)", (folder / "README.md").read_text(), re.MULTILINE)
+    assert block is not None
+    assert ("arm_rest(" in block[0]) is moving
+    stubs = "int read_sensors(arm_real *y); void drive_motors(const arm_real *u); void read_command(arm_real *r);\n"
+    loop = f"void loop(const arm_real *q);\nvoid loop(const arm_real *q) {{\n(void)q;\n{block[0]}}}\n"
+    (folder / "example.c").write_text(f'#include "arm.h"\n{stubs}{loop}')
+    subprocess.run([compiler, *STRICT, "-c", "example.c", "-o", "out.o"], cwd=folder, check=True)
 
 
 def test_it_is_said_why_a_test_vector_saturates(controller: fh.Controller) -> None:
@@ -212,6 +213,7 @@ def test_torques_of_motors_are_said_to_be_those_at_the_joint() -> None:
     assert re.search(r"\| drive_torque_elbow \| N m [^|]*\* 100\) \|", said)
 
 
+@pytest.mark.slow
 def test_it_is_said_where_a_braked_robot_rests() -> None:
     watch = fh.Supervision(workspace=(-2.0, 2.0), reactions={"workspace": "brake"}, braking_time=0.4)
     braked, told = (
@@ -220,7 +222,7 @@ def test_it_is_said_where_a_braked_robot_rests() -> None:
     )
     for name in ("README.md", "arm.h"):
         said = braked[name].replace("\n * ", " ")
-        assert unnamed(said, "v * 0.2 s", "mechanical limits", "ARM_P_WORKSPACE", "from outside") == []
+        assert unnamed(said, "v * 0.2 s", "mechanical limits", "ARM_P_WORKSPACE", "already outside") == []
         assert "mechanical limits" not in told[name]
 
 

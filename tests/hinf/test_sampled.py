@@ -198,6 +198,7 @@ def test_the_level_is_the_same_for_any_seed_and_number_of_rays(weights, goal, de
     assert levels == pytest.approx([levels[0]] * len(levels), rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2, 3))])
 def test_random_systems_have_the_same_level_for_any_seed(random_plant, seed):
     plant = random_plant(np.random.default_rng(seed), 4)
@@ -216,6 +217,7 @@ def inequality_at(solution, points, gamma, share):
     return drift + (share**2 * (h * h).sum(1) + (d * d).sum(1)) / 2
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("seed", range(3))
 def test_in_two_states_the_level_is_that_of_a_grid_of_angles(random_plant, seed):

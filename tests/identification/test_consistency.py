@@ -5,8 +5,10 @@ from __future__ import annotations
 import mpmath
 import numpy as np
 import pytest
+from tests.refusals import refused_with
 
 import flexhinf as fh
+from flexhinf.errors import InvalidInput
 from flexhinf.identification.consistency import (
     consistency,
     squared_error,
@@ -159,3 +161,9 @@ def test_wrong_noises_show_as_they_should(q: float, r: float, judgement: str, fi
     else:
         assert not output.whiteness.white
         assert np.sign(output.whiteness.correlations[0]) == first
+
+
+@pytest.mark.parametrize("value", [None, "text", 3.0, {}, {"innovation": 1.0}])
+def test_what_is_no_table_of_innovations_is_refused(value):
+    with refused_with(InvalidInput, "filter_log", repr(value)):
+        fh.consistency(value)

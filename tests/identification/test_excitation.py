@@ -41,6 +41,7 @@ def driven(robot, motion, seed, noise=1e-4):
     return motion.times, motion.inputs, np.array(rows)
 
 
+@pytest.mark.quick_cases(0)
 def test_what_it_promises_is_what_a_log_of_it_gives(proposed):
     robot, names, motion = proposed
     found = fh.identify(robot, driven(robot, motion, 1), names, measured=ENCODERS)
@@ -61,6 +62,7 @@ def test_a_robot_with_wrong_numbers_is_identified_by_the_motion_of_its_wrong_mod
         assert abs(found.values[name] - robot.nominal[name]) < 5.0 * found.standard_errors[name]
 
 
+@pytest.mark.slow
 def test_it_stays_within_the_limits_of_the_joints():
     robot = fh.load_robot("planar-two-link")
     motion = fh.excitation(

@@ -27,6 +27,7 @@ def samples(count, outputs=1, seed=0):
     return rng.normal(size=(count, 1)), 0.1 * rng.normal(size=(count, outputs))
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize("form", ["covariance", "square_root"])
 @pytest.mark.parametrize("kind", [fh.ExtendedKalmanFilter, fh.UnscentedKalmanFilter])
 @pytest.mark.parametrize("measured", [("position",), ("position", "velocity")])

@@ -47,6 +47,7 @@ def test_noise_levels_are_those_of_the_truth_though_numbers_are_sought_beside():
     assert np.mean(levels) == pytest.approx(0.1, rel=0.1)
 
 
+@pytest.mark.quick_cases(1)
 def test_an_arm_s_numbers_are_found_from_wrong_ones(arm):
     robot, wrong, log = arm
     names = ("stiffness", "friction", "motor_inertia", "link_inertia")

@@ -16,7 +16,7 @@ from flexhinf.identification.unknowns import Noises, Unknowns, plant_numbers
 
 def sought(log, names=("stiffness", "damping", "gain"), plant=None):
     plant = plant or oscillator()
-    filter = fh.ExtendedKalmanFilter(plant, PERIOD, 1e-8, 1e-4, [0.0, 0.0], 1.0)
+    filter = fh.ExtendedKalmanFilter(plant, PERIOD, 1e-8, 1e-4, [0.0, 0.0], 1.0, form="covariance")
     unknowns = Unknowns(plant, None, plant_numbers(plant, names), Noises.of(filter, np.array([0.1]), True))
     return Likelihood(filter, rows_of(*log, PERIOD), len(unknowns.names)), unknowns
 
@@ -60,7 +60,7 @@ def test_the_likelihood_is_that_of_the_filtered_log():
     rng = np.random.default_rng(5)
     log = 1e-3 * np.arange(200), rng.normal(size=(200, 1)), 1e-3 * rng.normal(size=(200, 2))
     log[2][::3, 1] = np.nan
-    filter = default_filter(plant, *log)
+    filter = default_filter(plant, *log, form="covariance")
     unknowns = Unknowns(plant, None, plant_numbers(plant, ["stiffness"]), Noises.of(filter, None, False))
     likelihood = Likelihood(filter, rows_of(*log, filter.period), 1)
     value = likelihood.evaluate(*unknowns.model(unknowns.start)).value
@@ -72,7 +72,6 @@ def test_information_is_the_covariance_of_the_scores():
     scores, informations = [], []
     for seed in range(400):
         likelihood, unknowns = sought(linear_log(seed, count=150))
-        likelihood.filter.initial_at([0.0, 0.0])
         found = likelihood.evaluate(*unknowns.model(unknowns.start))
         scores.append(found.gradient)
         informations.append(found.information)

@@ -57,6 +57,16 @@ def test_plain_columns_are_taken_by_their_names(log_of: Callable[..., fh.Log], s
     assert log.period == pytest.approx(np.median(np.diff(TIMES)), rel=1e-12)
 
 
+@pytest.mark.parametrize("separator", [";", "\t"])
+def test_decimal_commas_are_read(log_of: Callable[..., fh.Log], separator: str) -> None:
+    """As spreadsheets of many countries write: 0,5 between semicolons; the same numbers to the last bit."""
+    text = csv_text(PLAIN, separator)
+    assert "." in text
+    log, own = log_of(text.replace(".", ",")), log_of(text)
+    for name in ("times", "inputs", "outputs"):
+        np.testing.assert_array_equal(getattr(log, name), getattr(own, name))
+
+
 def test_columns_units_and_scales(log_of: Callable[..., fh.Log]) -> None:
     """Each unit against a factor written here; a number stands for a unit of the sensor's own."""
     columns = {
@@ -287,6 +297,25 @@ def test_mcap_in_json_with_two_messages_at_one_time(tmp_path: Path) -> None:
         fh.read_log(tmp_path / "log.mcap", PLANT, columns)
 
 
+@pytest.mark.parametrize("more", [(), ("state.link_position",), ("spare", "mode")])
+def test_advice_names_no_column_that_is_taken(log_of: Callable[..., fh.Log], more: tuple[str, ...]) -> None:
+    """An input's column is sought among those that nothing else uses: never the encoder of a link."""
+    columns = {name: values for name, values in PLAIN.items() if name != "motor_voltage"}
+    with pytest.raises(InvalidInput) as raised:
+        log_of(csv_text({**columns, "mv_e": VOLTS, **dict.fromkeys(more, LINK)}))
+    advice = raised.value.advice
+    assert "mv_e" in advice
+    assert "position" not in advice
+    with pytest.raises(InvalidInput) as raised:
+        log_of(csv_text(columns))
+    assert "position" not in raised.value.advice
+    only_motor = fh.load_robot("paper").plant("motor_position")
+    with pytest.raises(InvalidInput) as raised:
+        log_of(csv_text({**columns, "mv_e": VOLTS}), plant=only_motor)
+    assert "mv_e" in raised.value.advice
+    assert "position" not in raised.value.advice
+
+
 HEAD = "time,motor_voltage,motor_position,link_position\n"
 ROWS = "".join(f"{0.01 * k},1,2,3\n" for k in range(10))
 
@@ -310,6 +339,8 @@ ROWS = "".join(f"{0.01 * k},1,2,3\n" for k in range(10))
         (HEAD + ROWS + "0.2,1,3\n", {}, ["line 12", 4, 3]),
         (HEAD + ROWS + '0.2,1,"2,3\n', {}, ["line 12"]),
         (HEAD.replace(",", ";") + ROWS.replace(",", ";") + "0.2;1;2,5;3\n", {}, ["line 12", "2,5", "2.5"]),
+        (HEAD.replace(",", ";") + ROWS.replace(",", ";") + "0,2;1;2;3\n", {}, ["line 12", "0,2", "0.2"]),
+        (HEAD.replace(",", ";") + ROWS.replace(",", ";").replace(".", ",") + "1,2,3;1;2;3\n", {}, ["line 12"]),
         (HEAD + ROWS + "0.2,,2,3\n", {}, ["line 12", "motor_voltage", "every sample", "hold_inputs"]),
         (HEAD.replace("motor_voltage", "volts") + ROWS, {}, ["input", "motor_voltage", "volts", "every sample"]),
         (HEAD.replace("link_", "lnk_") + ROWS, {}, ["output", "link_position", "lnk_position", "measured"]),
@@ -404,7 +435,7 @@ def test_a_log_of_arrays_is_checked_frozen_and_cut() -> None:
         (("times", "nan"), {"times": np.where(np.arange(N) == 3, np.nan, TIMES)}),
         (("sample 4", "repeat"), {"times": np.where(np.arange(N) == 3, TIMES[2], TIMES)}),
         (("samples", 3), {"times": TIMES[:2]}),
-        (("samples", 3), {"times": "text"}),
+        (("times", "text"), {"times": "text"}),
         (("outputs", "a"), {"names": {"output": ("a",)}}),
     ):
         with refused_with(InvalidInput, *anchors):
@@ -432,3 +463,31 @@ def test_a_real_actuator() -> None:
     )
     assert 7.2e-3 < np.diff(log.times).min() < np.diff(log.times).max() < 12e-3
     assert log.truth is None
+
+
+STAMPS = np.datetime64("2026-01-01") + np.arange(20) * np.timedelta64(100, "ms")
+
+
+@pytest.mark.parametrize(
+    ("times", "named"),
+    [
+        (STAMPS, ("datetime64", "(t - t[0]) / np.timedelta64(1, 's')")),
+        (list(STAMPS.astype(object)), ("(t - t[0]) / np.timedelta64(1, 's')",)),
+        (STAMPS - STAMPS[0], ("timedelta64", "times / np.timedelta64(1, 's')")),
+        ([str(0.1 * k) for k in range(20)], ("dtype=float",)),
+        (None, ("None", "times in s")),
+        (0.1 * np.arange(20) + 0j, ("complex128", "columns")),
+    ],
+)
+def test_times_that_are_no_numbers_say_what_to_try(times, named):
+    ones = np.ones((20, 1))
+    with refused_with(InvalidInput, "times", *named):
+        fh.Log(times, ones, ones)
+
+
+def test_the_advice_for_stamps_works_and_complex_outputs_are_named():
+    ones, seconds = np.ones((20, 1)), (STAMPS - STAMPS[0]) / np.timedelta64(1, "s")
+    assert fh.Log(seconds, ones, ones).period == pytest.approx(0.1)
+    for outputs, named in ((ones * 1j, "complex128"), (None, "None"), ([["a"]] * 20, "a")):
+        with refused_with(InvalidInput, "outputs", named):
+            fh.Log(seconds, ones, outputs)

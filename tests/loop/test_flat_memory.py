@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.loop import shared
+from flexhinf.codegen import shared
 from flexhinf.plant import Plant
 
 pytestmark = [

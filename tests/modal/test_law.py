@@ -35,6 +35,7 @@ def eigen(law, table, x, q):
     return -motor / root * kappa * (v @ f) / joints.torque_per_input
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ROBOTS)
 def test_it_is_that_of_eigenvectors(made, name):
@@ -68,6 +69,7 @@ def test_its_gains_are_those_of_the_pairs_laws(made):
     np.testing.assert_allclose(found, eigen(law, table, x, q), atol=0.02 * np.abs(found).max())
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ["planar-two-link", "seven-link"])
 def test_kernel_file_and_c_are_python(made, name, tmp_path):
@@ -90,7 +92,9 @@ def test_kernel_file_and_c_are_python(made, name, tmp_path):
 def test_the_c_is_bounded(made, tmp_path):
     """Operations do not depend on the pose; the text of seven links is that of some 4000."""
     for name, most in (("planar-two-link", 40_000), ("seven-link", 180_000)):
-        folder = fh.export_c(fh.Controller(made.law(name), None, made.period, moving=True), tmp_path / name)
+        folder = fh.export_c(
+            fh.Controller(made.law(name), None, made.period, moving=True), tmp_path / name, limits=False
+        )
         assert (folder / "controller.c").stat().st_size < most
 
 
@@ -116,6 +120,7 @@ def test_modes_are_those_of_links_against_fixed_motors(made):
         np.testing.assert_allclose(np.sort(np.linalg.eigvals(-a[7:14, :7]).real), found, rtol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     ("name", "least"),

@@ -52,6 +52,7 @@ def model(gains, link):
     return whole[:4, :4], whole[:4, 4:]
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("latency", [0, 1])
 def test_all_pairs_are_proved_stable_and_are(gains, filter, latency):
@@ -160,6 +161,7 @@ def tolerance_at(gains, link, scaling):
     return 1.0 / np.linalg.norm(blocks * [[1.0, scaling], [1.0 / scaling, 1.0]], 2, axis=(1, 2)).max()
 
 
+@pytest.mark.slow
 def test_errors_below_the_computed_size_are_proved(gains):
     found = error_tolerance(gains, latency=1)
     proof = proved_range(gains, 0.8 * found.error, 75.0, 1, scaling=found.scaling)

@@ -1,14 +1,20 @@
-"""Designs and a comparison whose reports are read: made once, with few tolerances, so that they are fast."""
+"""Designs, a comparison and a proof whose reports are read: made once, with few tolerances, so that they are fast."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
+import flexhinf as fh
+from flexhinf.certify.starts import limit_slice, proved_steps, start_surface, worst_step
 from flexhinf.design import Comparison, Design, Specification, compare, design, tuning
+from flexhinf.design.certification import CertifiedDegree, Evidence
+from flexhinf.design.synthesis.by_step import DegreeChoice
 
 
 @pytest.fixture(scope="session")
@@ -65,3 +71,28 @@ def report_comparison(robot_of: Callable[[str], Any], only_uncertain: Callable[.
     with pytest.MonkeyPatch.context() as patch:  # how laws are tuned is tested elsewhere
         patch.setattr(tuning, "BUDGET", ((10_000, 0, 0),))
         return compare(robot, s, ["hinf", "lqr", "pd", "pid"])
+
+
+#: Weights of a law about upright, and those of the penalty whose gain is proved.
+WEIGHTS, CHECKED_PENALTY = (75.0, 27.0, 90.0, 27.0, 330.0), np.array([60.0, 0.0, 0.0, 0.0, 300.0])
+
+
+@pytest.fixture(scope="session")
+def proved_degree() -> CertifiedDegree:
+    """A quadratic V about upright, proved."""
+    problem = fh.paper_arm().problem(fh.Penalty(WEIGHTS, effort=10.0), pose=(np.pi,))
+    star = fh.smallest_gamma(problem)
+    solution = fh.solve_hji(problem, gamma=1.5 * star, degree=2)
+    given = solution.certify(1.6 * star, CHECKED_PENALTY, level=1.0e4)
+    choice = DegreeChoice(2, solution, 0.0, 0.0, 0.0, 1.1e4, 1.5, "inequality", True)
+    return CertifiedDegree(choice, True, given, proved_steps(solution, given), "", 0.1)
+
+
+@pytest.fixture(scope="session")
+def evidence(proved_degree: CertifiedDegree) -> Evidence:
+    """Its pictures, without a search for a disturbance."""
+    given, solution = proved_degree.certificate, proved_degree.choice.solution
+    assert given is not None
+    worst = (worst_step(solution, given, given.starts[1]),)
+    slices = start_surface(solution, given, CHECKED_PENALTY), limit_slice(solution, given, CHECKED_PENALTY)
+    return Evidence(replace(given, sampled_level=1.1e4), *slices, worst, None)

@@ -39,14 +39,14 @@ def test_every_question_has_its_section(report_comparison: Comparison) -> None:
     page = comparison_page(report_comparison, ["flexhinf", "compare"])
     assert [s.id for s in page.sections] == [
         "criterion",
-        "trade-off",
         "figures",
         "responses",
+        "trade-off",
         "frequency",
         "laws",
     ]
     html = page.html()
-    assert html.index("workspace") < html.index("Criterion:") < html.index('class="verdict"')
+    assert html.index('class="verdict"') < html.index("Criterion:") < html.index('id="criterion"')
     assert not re.search(r"\bnan\b|\binf\b", re.sub(r"<svg.*?</svg>", "", html, flags=re.DOTALL))
     assert not re.search(r"\bin \d+ of \d+", html)
 

@@ -35,6 +35,14 @@ def test_a_robot_without_lengths_is_not_drawn() -> None:
         assert (figure is not None) is there
 
 
+def test_a_horizontal_arm_with_links_at_several_heights_is_drawn_from_above() -> None:
+    robot, time = fh.load_robot("scara"), np.linspace(0.0, 1.0, 2)
+    links = np.array([robot.home, np.asarray(robot.home) + 0.1])
+    figure = arm_figure(robot, time, links, links, [0, 1])
+    assert figure is not None
+    assert "above" in figure.svg
+
+
 @pytest.mark.slow
 def test_the_figure_is_as_high_as_the_arm_needs() -> None:
     time = np.linspace(0.0, 1.0, 5)
@@ -52,6 +60,7 @@ def test_the_figure_is_as_high_as_the_arm_needs() -> None:
     assert heights["planar-two-link"] > 1.5 * heights["paper"]
 
 
+@pytest.mark.slow
 def test_frequency_figures_draw_a_line_for_each_loop(report_design: Make) -> None:
     response = report_design("met").evaluation.frequency_response
     one = frequency_figures([Loop("a", response)], ["joint"], "N·m", "rad")

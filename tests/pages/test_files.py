@@ -23,7 +23,8 @@ def test_the_folder_has_the_controller_and_every_run(report_design: Make, tmp_pa
     names = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
     runs = {f"runs/{name}.nc" for name in ("step", "load", "move", "ring-down-1")}
     assert names == {
-        "index.html", "design.json", "controller", "certificate.json", "flexhinf-report.json", *runs,
+        "index.html", "design.json", "design.toml", "robot.toml", "controller", "certificate.json",
+        "flexhinf-report.json", *runs,
     }  # fmt: skip
     assert load_certificate(folder / "certificate.json").check().proved
     page = (folder / "index.html").read_text(encoding="utf-8")

@@ -18,9 +18,10 @@ from flexhinf.design import Specification
 from flexhinf.design.deployed_run import DeployedRun, prepare_run
 from flexhinf.errors import InvalidInput
 from flexhinf.export import RealTimeRun
-from flexhinf.pages import run as module
+from flexhinf.pages import film as module
 from flexhinf.pages.design import step as arm_figure
-from flexhinf.pages.run import ArmFilm, check_film, magnification, write_film
+from flexhinf.pages.film import ArmFilm, check_film, write_film
+from flexhinf.robot.kinematics import WIDEST
 
 pytest.importorskip("mujoco")
 
@@ -41,7 +42,7 @@ def made() -> tuple[DeployedRun, RealTimeRun]:
 def test_what_is_drawn(made: tuple[DeployedRun, RealTimeRun]) -> None:
     film = ArmFilm(*made)
     assert film.factor > 1
-    assert np.abs(film.factor * film.windup).max() <= module.WIDEST
+    assert np.abs(film.factor * film.windup).max() <= WIDEST
     np.testing.assert_array_equal(film.limits, [9.0, 9.0])
     np.testing.assert_array_equal(film.command[0], [0.4, 0.3])
     link, joint, motor = film.hands(0)[1]
@@ -49,14 +50,6 @@ def test_what_is_drawn(made: tuple[DeployedRun, RealTimeRun]) -> None:
     sides = [np.arctan2(*(point - joint)) for point in (link, motor)]
     assert abs(sides[1] - sides[0]) == pytest.approx(film.factor * abs(film.windup[0, 1]), abs=1e-9)
     assert film.position_unit == "°"
-
-
-def test_how_much_larger() -> None:
-    turns, slides = np.array([False, False]), np.array([False, True])
-    assert magnification(np.full((3, 2), 0.001), turns, 1.0) == 200
-    assert magnification(np.full((3, 2), 1.0), turns, 1.0) == 1
-    assert magnification(np.array([[0.001, 0.01]]), slides, 0.5) == 5
-    assert magnification(np.zeros((3, 2)), turns, 1.0) == module.FACTORS[-1]
 
 
 @pytest.mark.slow

@@ -39,6 +39,7 @@ def leaves(value: Any) -> list[Any]:
     return [leaf for entry in value for leaf in leaves(entry)] if isinstance(value, list) else [value]
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("name", ["met", "rings", "true state"])
 def test_every_number_is_finite_or_null(report_design: Make, name: str) -> None:
     found = numbers(report_design(name))

@@ -66,10 +66,11 @@ def test_every_question_has_its_section_in_order(report_design: Make) -> None:
     page = design_page(report_design("met"), ["flexhinf", "design", "paper"], files=["design.json"])
     assert [section.id for section in page.sections] == ORDER
     html = page.html()
-    assert "<script" not in html
+    assert html.count("<script") == 1
     assert not re.search(r"\bnan\b|\binf\b", re.sub(r"<svg.*?</svg>", "", html, flags=re.DOTALL))
     figures = re.findall(r'id="(figure-[a-z]+)"', html)
     assert figures == [
+        "figure-result",
         "figure-step", "figure-arm", "figure-draws", "figure-spread", "figure-load", "figure-ringing", "figure-move",
         "figure-bode", "figure-sensitivity", "figure-nyquist", "figure-estimate", "figure-poles", "figure-search",
         "figure-rigid",
@@ -82,7 +83,7 @@ def test_the_status_comes_first_failures_before_the_rest(report_design: Make) ->
     kinds = [entry.kind for entry in design_page(design, ["flexhinf"]).status]
     assert kinds == ["not met", "risky", "not proved"]
     html = design_page(design, ["flexhinf"]).html()
-    assert html.index('class="status"') < html.index('class="verdict"') < html.index('class="numbers"')
+    assert html.index('class="verdict"') < html.index('class="numbers"') < html.index('class="status"')
     fine = dataclasses.replace(design, status=Status())
     (met,) = design_page(fine, ["flexhinf"]).status
     assert met.kind == "met"
@@ -105,6 +106,7 @@ def test_the_page_says_which_step_the_region_allows(report_design: Make) -> None
     assert 'id="table-region"' in text
 
 
+@pytest.mark.slow
 def test_one_joint_is_not_named(report_design: Make) -> None:
     design = report_design("met")
     assert "mainly" not in mode_table(design).html()

@@ -89,6 +89,7 @@ def test_a_start_outside_the_region_is_named_once(report_design: Make) -> None:
     assert verdict(outside) != verdict(inside)
 
 
+@pytest.mark.slow
 def test_a_law_without_a_region_says_why_in_the_verdict(report_design: Make) -> None:
     """Nearly every law about weights of a robot's own has none: old code said so in a note, in the status and here."""
     design = report_design("met")

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from flexhinf.paper.estimators import Trial, run_trial
 from flexhinf.paper.loop_setup import PaperSettings, PaperSetup
@@ -46,3 +47,40 @@ def test_seeds_are_paired_and_matter(trial: Trial) -> None:
     assert np.array_equal(one, again)
     assert not np.allclose(one, other)
     assert not np.allclose(one[0], one[1])
+
+
+@pytest.mark.slow
+@pytest.mark.oracle
+@pytest.mark.parametrize("period", [pytest.param(1e-3, marks=pytest.mark.slow), 1e-2, 5e-2])
+def test_nees_of_200_runs_is_chi_squared(trial: Trial, period: float) -> None:
+    """At the end of 2 s within the 95 % band in 17 of 20 sets at least, and never with a wrong stiffness."""
+    runs, n, steps = 200, 4, round(2.0 / period)
+    volts = 20.0 * np.sin(np.arange(steps)[:, None] * 2.0 * period)
+    low, high = chi2.ppf((0.025, 0.975), runs * n)
+    right = replace(trial, period=period, initial=(0.01,) * n, form="square_root")
+    totals = np.array([
+        [scores.nees_of_samples[:, -1].sum() for scores in run_trial(right, volts, runs, seed)]
+        for seed in range(20)
+    ])  # fmt: skip
+    assert np.all(np.sum((low < totals) & (totals < high), axis=0) >= 17)
+    low, high = chi2.ppf((0.0005, 0.9995), 20 * runs * n)
+    assert np.all((low < totals.sum(axis=0)) & (totals.sum(axis=0) < high))
+    for scores in run_trial(replace(right, changes={"stiffness": 112.0}), volts, runs, seed=0):
+        assert scores.nees_of_samples[:, -1].sum() > 1.1 * totals.max()
+
+
+def test_both_forms_err_alike(trial: Trial) -> None:
+    for one, other in zip(
+        run_trial(trial, VOLTS, 5, 1), run_trial(replace(trial, form="square_root"), VOLTS, 5, 1), strict=True
+    ):
+        np.testing.assert_allclose(other.squared, one.squared, rtol=1e-6)
+        np.testing.assert_allclose(other.nees_of_samples, one.nees_of_samples, rtol=1e-6)
+        np.testing.assert_allclose(one.nees, one.nees_of_samples.mean(axis=1), rtol=1e-12)
+
+
+def test_a_start_elsewhere_is_that_of_truth_and_filters(trial: Trial) -> None:
+    """Without gravity errors depend on no position."""
+    free = replace(trial, model=trial.model.with_parameters(gravity=0.0))
+    ukf, _ = run_trial(free, VOLTS, 3, 4)
+    moved, _ = run_trial(replace(free, mean=(1.0, 0.0, 1.0, 0.0)), VOLTS, 3, 4)
+    np.testing.assert_allclose(moved.squared, ukf.squared, rtol=1e-9)

@@ -1,10 +1,11 @@
+import inspect
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import mpmath
 import numpy as np
 import pytest
-from tests.refusals import refused_with
+from tests.refusals import refused_with, unnamed
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Plant
@@ -110,8 +111,8 @@ def test_piecewise_models_run():
     [
         ({"states": ("angle", "angle")}, r"states.*'angle'[\s\S]*distinct"),
         ({"states": ("angle", 3)}, r"states[\s\S]*distinct.*\('angle', 3\)"),
-        ({"states": ()}, r" 0 states.* 1 inputs"),
-        ({"inputs": ()}, r" 2 states.* 0 inputs"),
+        ({"states": ()}, r"states=\(\.\.\.\)"),
+        ({"inputs": ()}, r"flow.*symbols[\s\S]*IndexError"),
         ({"states": ("a", "b", "c")}, r"flow[\s\S]* 3,.*\['a', 'b', 'c'\], got 2"),
         ({"states": ("a",)}, r"flow.*symbols[\s\S]*IndexError"),
         ({"disturbances": ("one",)}, r"flow.*symbols[\s\S]*IndexError"),
@@ -197,3 +198,8 @@ def test_names_that_do_not_tell_signals_apart_are_refused(names):
 def test_units_are_text_that_can_be_printed(unit: object) -> None:
     with refused_with(InvalidInput, "unit", "'angle'", "printed"):
         pendulum(units={"angle": unit})
+
+
+def test_help_has_all_arguments_of_a_plant():
+    text = inspect.getdoc(Plant) or ""
+    assert unnamed(text, *(entry.name for entry in fields(Plant))) == []

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
+import re
 from collections import Counter
 from collections.abc import Callable
 from html.parser import HTMLParser
@@ -64,13 +67,25 @@ def page_of(*blocks: report.Block, **changes: object) -> report.Page:
 
 def test_the_page_is_well_formed_and_fetches_nothing(page_html: str) -> None:
     reader = read(page_html)
-    assert not {"script", "link", "iframe", "img", "object", "base"} & set(reader.elements)
-    assert "http" not in page_html
+    assert not {"link", "iframe", "img", "object", "base"} & set(reader.elements)
+    assert reader.elements["script"] == 1
+    assert page_html.count("http") == 1  # the name of the policy that forbids it
     assert "@import" not in page_html
     assert all(
         value.startswith("#") for name, value in reader.attributes if name in {"href", "xlink:href", "src"}
     )
     assert not [name for name, _ in reader.attributes if name.startswith("on")]
+
+
+def test_only_the_script_of_the_page_may_run(page_html: str) -> None:
+    """The policy names the digest of that script, and allows no other and no address."""
+    script = page_html[page_html.index("<script>") + len("<script>") : page_html.index("</script>")]
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    policy = next(value for name, value in read(page_html).attributes if value.startswith("default-src"))
+    assert policy.startswith("default-src 'none'")
+    assert f"script-src 'sha256-{digest}'" in policy
+    assert policy.count("'unsafe-inline'") == 1  # styles
+    assert "http" not in policy
 
 
 def test_every_anchor_is_there_once_and_every_reference_arrives(page_html: str) -> None:
@@ -87,13 +102,13 @@ def test_the_same_page_gives_the_same_bytes(make_page: Callable[..., report.Page
     assert make_page().html() == page_html
 
 
-def test_the_top_says_what_was_asked_the_verdict_and_the_numbers(page_html: str) -> None:
+def test_the_top_says_the_verdict_the_numbers_and_what_was_asked(page_html: str) -> None:
     order = [
         page_html.index(text)
         for text in (
-            "Figures 3–12",
             "1 holds, 1 fails, 1 ties",
             "linear law: 31.5 %",
+            "Figures 3–12",
             'id="figure-03"',
             'id="settings"',
             "flexhinf paper --out &#x27;my report&#x27;",
@@ -122,7 +137,8 @@ def test_the_top_says_what_was_asked_the_verdict_and_the_numbers(page_html: str)
 )
 def test_text_from_outside_never_becomes_an_element(page: report.Page) -> None:
     reader = read(page.html())
-    assert not {"script", "img"} & set(reader.elements)
+    assert "img" not in reader.elements
+    assert reader.elements["script"] == 1
     assert any("<script>" in words for words in reader.words)
 
 
@@ -143,13 +159,14 @@ def test_a_claim_that_points_nowhere_is_refused() -> None:
 
 def test_dark_colours_are_for_screens_and_cover_every_role_of_a_drawing(page_html: str) -> None:
     dark = page_html[page_html.index("prefers-color-scheme: dark") :]
-    used = {part.split(")")[0] for part in page_html.split("var(--")[1:]}
+    drawn = "".join(re.findall(r"<svg.*?</svg>", page_html, re.DOTALL))
+    used = {part.split(")")[0] for part in drawn.split("var(--")[1:]} - {"text"}
     assert {"ink", "muted", "grid", "series-1", "series-2"} <= used
     assert all(f"--{role}:" in dark for role in used)
     assert "@media (prefers-color-scheme: dark)" not in page_html
 
 
-def test_the_status_stands_before_the_verdict_with_its_word() -> None:
+def test_the_status_is_a_badge_at_the_top_and_a_sentence_in_the_summary() -> None:
     lines = (
         report.Status("not met", "Overshoot 9 % (at most 5 %)."),
         report.Status("risky", "Rᵛ was not varied."),
@@ -157,7 +174,28 @@ def test_the_status_stands_before_the_verdict_with_its_word() -> None:
     html = report.Page(
         "t", "a", "v", (), report.Settings({}), report.Provenance("x", None, {}), status=lines
     ).html()
-    assert html.index("not met</span>") < html.index("risky</span>") < html.index('class="verdict"')
+    top, summary = html[html.index("<header") :].split('id="summary"')
+    assert top.index('class="verdict"') < top.index("not met</span>") < top.index("risky</span>")
+    assert "Overshoot 9" not in top
+    assert "Overshoot 9" in summary
     assert "R<sup>v</sup>" in html
     with pytest.raises(InvalidInput, match="risky"):
         report.Status("fine", "")
+
+
+def test_sections_fold_under_their_headings_and_say_how_many_notes_they_have() -> None:
+    sections = (
+        report.Section("Open", (report.Paragraph("p"),), "open", True),
+        report.Section("Folded", (report.Note("n"),), "folded", group="Later", brief="3 of 4"),
+    )
+    html = page_of(sections=sections).html()
+    assert '<section id="open">\n<details open>' in html
+    folded = html[html.index('<section id="folded">') :]
+    assert folded.startswith('<section id="folded">\n<details><summary><h2>Folded</h2>')
+    assert folded.index("3 of 4") < folded.index("1 note<") < folded.index("</summary>")
+    assert '<li class="group">Later</li><li><a href="#folded">' in html
+
+
+def test_figures_that_follow_each_other_stand_side_by_side(page_html: str) -> None:
+    pair = page_html[page_html.index('<div class="figures">') :]
+    assert pair.index("figure-09") < pair.index("figure-10") < pair.index("</div>\n<pre>")

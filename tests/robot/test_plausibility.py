@@ -6,12 +6,12 @@ import math
 import re
 
 import pytest
-from tests.refusals import refused_with
+from tests.refusals import refused_with, unnamed
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import RobotFileWarning, load_robot
-from flexhinf.robot.kinematics import check_delay, check_fast
+from flexhinf.robot.kinematics import check_delay, check_fast, heavy_motors
 
 ARM = """
 gravity = {gravity}
@@ -55,7 +55,8 @@ def loaded(tmp_path, **changes):
         ({"inertia": 600.0}, True, r"inertia[\s\S]* 0\.06 .*600 kg·cm²"),
         ({"inertia": 20.0}, False, r"inertia[\s\S]* 0\.002 .*20 kg·cm²"),
         ({"motor": 3.3e6}, True, r"0.33 if 3.3e\+06 g·cm²"),
-        ({"motor": 5000.0}, False, r"motor[\s\S]* 0\.0005 .*5000 g·cm²"),
+        ({"motor": 5000.0}, False, r"motor[\s\S]* 0\.5 .*5000 kg·cm²"),
+        ({"motor": 450.0}, False, r"motor[\s\S]* 0\.045 .*450 kg·cm²"),
         ({"motor": 1e-5}, False, r"rotor_inertia = 1e-05.*gear_ratio"),
         ({"limits": [-170.0, 170.0]}, True, r"degrees(.|\n)*-2\.9671 .* 2\.9671 rad"),
         ({"limits": [-31.4, 31.4]}, False, r"continuous"),
@@ -128,3 +129,55 @@ def test_a_delay_longer_than_the_lowest_vibration_is_asked_for_its_unit() -> Non
     for judged in (fh.design, fh.compare):
         with pytest.raises(InvalidInput, match="--unknown-delay 1ms"):
             judged(robot, fh.Specification(pose=0.0, period=0.01, unknown_delay=1.0))
+
+
+def test_motors_with_a_doubtful_inertia_are_named_but_for_a_light_wrist(tmp_path) -> None:
+    with pytest.warns(RobotFileWarning):
+        assert heavy_motors(loaded(tmp_path, motor=450.0)) == ["shoulder"]
+    assert heavy_motors(fh.load_robot("seven-link")) == []  # 930 times at its last joint
+
+
+@pytest.mark.parametrize(("stiffness", "said"), [(9.0, "9 kN·m/rad"), (9e6, "9 kN·m/rad"), (9e3, "")])
+def test_a_spring_is_weighed_against_its_motor_where_nothing_else_loads_it(tmp_path, stiffness, said):
+    """An arm without gravity; N·m/rad for kN·m/rad, and the other way round."""
+    path = tmp_path / "scara.toml"
+    text = 'gravity = 0\n[[joint]]\nname = "a"\neffort_limit = 60.0\n[joint.link]\nmass = 4.0\n'
+    text += "centre_of_mass = [0.2, 0, 0]\ninertia = {xx = 5e-3, yy = 0.06, zz = 0.06}\n[joint.spring]\n"
+    path.write_text(f"{text}stiffness = {stiffness}\n[joint.motor]\nmotor_inertia = 0.4\nfriction = 8.0\n")
+    if said:
+        with pytest.warns(RobotFileWarning) as caught:
+            load_robot(path)
+        assert unnamed(str(caught[0].message), "'a'", said, "60 N·m") == []
+    else:
+        load_robot(path)
+
+
+def test_a_number_with_another_unit_keeps_its_number(tmp_path):
+    with refused_with(InvalidInput, "stiffness") as refused:
+        loaded(tmp_path, stiffness='"31 kNm"')
+    assert unnamed(refused.value.advice, "31 kNm/rad") == []
+
+
+def test_a_torque_constant_in_another_unit_is_named_and_not_the_spring(tmp_path):
+    path = tmp_path / "arm.toml"
+    text = ARM.format(**USUAL | {"stiffness": 16000.0}).replace(
+        "motor_inertia = 0.3", "rotor_inertia = 3.5e-5\ngear_ratio = 100\ntorque_constant = 90"
+    )
+    path.write_text(text.replace("limits =", "effort_limit = 10\nlimits ="), encoding="utf-8")
+    with pytest.warns(RobotFileWarning) as caught:
+        load_robot(path)
+    assert len(caught) == 1
+    assert unnamed(str(caught[0].message), "torque_constant = 0.09", "gear_ratio 100", 9e4) == []
+
+
+def test_a_stiffness_in_arc_minutes_is_offered(tmp_path):
+    with refused_with(InvalidInput, "N·m/arcmin", 16157, "N·m/deg"):
+        loaded(tmp_path, stiffness=4.7)
+
+
+def test_a_urdf_that_is_not_there_is_named_with_the_file_that_names_it(tmp_path):
+    (tmp_path / "ranger.urdf").write_text("<robot/>", encoding="utf-8")
+    path = tmp_path / "arm.toml"
+    path.write_text('urdf = "rangr.urdf"\n' + ARM.format(**USUAL), encoding="utf-8")
+    with refused_with(InvalidInput, "arm.toml", "'rangr.urdf'", "urdf = 'ranger.urdf'"):
+        load_robot(path)

@@ -10,6 +10,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.plant import Penalty
 from flexhinf.robot import Parameter, Robot, load_robot, paper_arm
 from flexhinf.robot.parameters import parameter_units
+from flexhinf.robot.signals import SENSORS, expanded
 
 
 def test_draws_stay_in_their_intervals_and_fill_them():
@@ -102,3 +103,20 @@ def test_parameters_of_a_plant_have_units() -> None:
     assert parameter_units(values, (False, True)) == {
         "stiffness[1]": "N·m/rad", "stiffness[2]": "N/m", **{f"centre_of_mass[{k}]": "m" for k in range(1, 7)},
     }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("named", "meant"),
+    [
+        (("link_position_elbow",), "measured=('link_position_elbow_pitch',)"),
+        (
+            ("motor_position", "link_velocity_shoulder"),
+            "measured=('motor_position', 'link_velocity_shoulder_pitch')",
+        ),
+        (("link_position_hand",), "measured=('link_position',)"),
+    ],
+)
+def test_a_sensor_of_a_joint_that_is_nearly_named_is_that_joints(named: tuple[str, ...], meant: str) -> None:
+    with pytest.raises(InvalidInput) as caught:
+        expanded(named, SENSORS, ("base_yaw", "shoulder_pitch", "elbow_pitch"))
+    assert caught.value.advice == meant

@@ -207,6 +207,7 @@ def test_a_single_link_by_its_inertia_about_the_axis(write):
 
 
 # Hostile files ------------------------------------------------------------------------------------
+@pytest.mark.quick_cases(4)
 @pytest.mark.parametrize(
     ("replaced", "by", "match"),
     [
@@ -258,3 +259,9 @@ def test_a_name_that_no_file_can_have_is_refused():
     for name in ("a" * 5000, "a\0b.toml"):
         with pytest.raises(InvalidInput, match="catalogue"):
             load_robot(name)
+
+
+def test_a_misspelled_file_is_told_the_one_beside_it(tmp_path):
+    (tmp_path / "belt.toml").write_text("", encoding="utf-8")
+    with refused_with(InvalidInput, "belt.tml", "belt.toml"):
+        load_robot(tmp_path / "belt.tml")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.robot.kinematics import skeleton
+from flexhinf.robot.kinematics import FACTORS, magnification, picture_axes, skeleton
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.7, math.pi])
@@ -35,3 +35,31 @@ def test_links_keep_their_lengths(name: str) -> None:
     for before, after in zip(skeleton(robot, robot.home), skeleton(robot, moved)):
         lengths = [np.linalg.norm(np.diff(line, axis=0), axis=1) for line in (before, after)]
         assert lengths[0] == pytest.approx(lengths[1])
+
+
+@pytest.mark.parametrize(
+    ("name", "axes", "above", "planar"),
+    [
+        ("scara", [[1, 0, 0], [0, 1, 0]], True, False),
+        ("planar-two-link", [[0, 1, 0], [-1, 0, 0]], False, True),
+    ],
+)
+def test_an_arm_is_seen_along_the_axes_of_its_joints(
+    name: str, axes: object, above: bool, planar: bool
+) -> None:
+    """A SCARA from above, at whatever heights its links are; its quill slides out of the picture."""
+    view = picture_axes(fh.load_robot(name))
+    assert view is not None
+    assert (view.axes.T.tolist(), "above" in view.names[1], view.planar) == (axes, above, planar)
+
+
+def test_joints_about_several_directions_have_no_such_view() -> None:
+    assert picture_axes(fh.load_robot("seven-link")) is None
+
+
+def test_how_much_larger() -> None:
+    turns, slides = np.array([False, False]), np.array([False, True])
+    assert magnification(np.full((3, 2), 0.001), turns, 1.0) == 200
+    assert magnification(np.full((3, 2), 1.0), turns, 1.0) == 1
+    assert magnification(np.array([[0.001, 0.01]]), slides, 0.5) == 5
+    assert magnification(np.zeros((3, 2)), turns, 1.0) == FACTORS[-1]

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from tests.refusals import refused_with, unnamed
 
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import load_robot
@@ -103,6 +104,11 @@ def test_a_unit_that_measures_something_else_is_refused(load, number, words, exp
     error = caught.value
     assert all((error.what, error.found, error.advice))
     assert [word for word in expected if word not in str(error)] == []
+
+
+def test_a_belts_stiffness_in_newtons_per_metre_is_explained(load):
+    with refused_with(InvalidInput, "stiffness", "N·m/rad", 900, "r²", "belt", "prismatic"):
+        load(PLAIN.replace("10000.0", "'900 N/m'"))
 
 
 @pytest.mark.parametrize(
@@ -219,3 +225,32 @@ def test_a_table_that_is_not_where_a_joint_has_it_is_told_how_to_write(load, old
     assert "[[joint]]" in caught.value.advice
     assert "[joint.spring]" in caught.value.advice
     assert name in str(caught.value)
+
+
+def test_arc_minutes_and_seconds_are_angles(load):
+    turn = math.pi / 180.0
+    assert measured("4.7 Nm/arcmin", "N·m/rad") == pytest.approx(4.7 * 60.0 / turn, rel=1e-14)
+    assert measured("90 ARCSEC", "rad") == pytest.approx(turn / 40.0, rel=1e-14)
+    robot = load(PLAIN.replace("10000.0", "'2.5 N·m/arcmin'").replace("1e-3", "'3 arcmin'"))
+    assert robot.nominal["stiffness"] == pytest.approx(2.5 * 3437.746770784939)
+    assert robot.nominal["backlash"] == pytest.approx(turn / 20.0)
+
+
+def test_a_number_is_not_repeated_with_a_unit_that_makes_it_another(load):
+    with refused_with(InvalidInput, "stiffness", "N·m/rad") as refused:
+        load(PLAIN.replace("10000.0", "'4.7 Nm/gon'"))
+    assert unnamed(refused.value.advice, 4.7) == [4.7]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "home"),
+    [
+        ("[joint.motor]\n", "[joint.motor]\neffort_limit = 2\n", "[[joint]]"),
+        ("[joint.motor]\n", "[joint.motor]\nstiffness = 2\n", "[joint.spring]"),
+        ("[joint.link]\n", "[joint.link]\ngear_ratio = 2\n", "[joint.motor]"),
+    ],
+)
+def test_a_key_of_another_table_is_told_where_it_belongs(load, old, new, home):
+    with refused_with(InvalidInput, new.split()[1]) as refused:
+        load(PLAIN.replace(old, new))
+    assert home in refused.value.advice

@@ -131,3 +131,20 @@ def test_a_box_out_of_reach_is_refused() -> None:
 def test_units_are_those_of_the_joint_and_ends_are_finite(stated: str) -> None:
     with refused_with(fh.InvalidInput, "LOW:HIGH"):
         workspace_of(ARM, stated)
+
+
+def test_two_numbers_without_a_colon_are_no_file() -> None:
+    with refused_with(fh.InvalidInput, "2 joints", "--workspace -1:1,-1:1"):
+        workspace_of(fh.load_robot("planar-two-link"), "-1:1")
+    with refused_with(fh.InvalidInput, "workspace", "LOW:HIGH", "'-100,100'", "-100:100"):
+        fh.Specification(workspace="-100,100")
+
+
+def test_a_range_in_degrees_without_its_unit_is_recognised() -> None:
+    low, high = np.floor(np.degrees(kinematics.position_ranges(ARM))).astype(int)
+    stated = f"{low[0] + 1}:{high[0]},{low[1] + 1}:{high[1]}"
+    with refused_with(fh.InvalidInput, "shoulder", "degrees") as caught:
+        workspace_of(ARM, stated)
+    advised = caught.value.advice.partition(",if")[0].removeprefix("--workspace ").partition(", if")[0]
+    assert "deg" in advised
+    workspace_of(ARM, advised)

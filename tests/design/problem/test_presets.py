@@ -117,6 +117,7 @@ def test_stated_weights_are_the_robots_problem_at_the_goal(robot_of: Named, prob
     assert game.nominal.operating_input == pytest.approx(problem.operating_input)
 
 
+@pytest.mark.slow
 def test_a_robot_without_a_penalty_gets_the_papers_form(robot_of: Named) -> None:
     """Positions and their integrals alone, each joint's own: a stable loop about its bandwidth."""
     robot = replace(robot_of("planar-two-link"), penalty=None)

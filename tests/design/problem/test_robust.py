@@ -135,6 +135,7 @@ def _drawn(rng: np.random.Generator, count: int, channels: int) -> Iterator[np.n
         yield rng.choice([-1.0, 1.0], channels) if k % 2 else rng.uniform(-1.0, 1.0, channels)
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize("name", CASES)
 def test_every_robot_of_the_channels_is_stable_and_attains_the_level(
     case_of: Callable[[str], Case], name: str

@@ -9,6 +9,7 @@ from typing import Any
 import control
 import numpy as np
 import pytest
+from tests.refusals import refused_with, unnamed
 
 from flexhinf.analysis.modes import JointScales
 from flexhinf.design.problem.weights import (
@@ -21,7 +22,7 @@ from flexhinf.design.problem.weights import (
     behaviour_of,
     search,
 )
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, NoFeasibleGamma
 from flexhinf.hinf import HJISolution
 
 pytestmark = pytest.mark.oracle
@@ -182,3 +183,15 @@ def test_a_family_that_is_more_uncertain_needs_a_larger_damping_weight(
     both = [case.search(0.3, 0.25).chosen for case in (uncertain, certain)]
     assert both[0].damping_weight > 1.1 * both[1].damping_weight
     assert behaviour_of(uncertain.family, both[1].design.gain).damping < 0.25
+
+
+def test_a_bandwidth_that_no_loop_reaches_is_answered_with_a_number_to_try() -> None:
+    """It said that the best found was 0 rad/s, and a smaller bandwidth."""
+
+    def unsolvable(*weights: Any) -> Any:
+        raise NoFeasibleGamma("none", "none", "none")
+
+    family: Any = None
+    with refused_with(InvalidInput, "bandwidth=12", 400, 40, 0.3) as caught:
+        search(TargetBehaviour(np.array([400.0]), 0.2), family, unsolvable, 40.0)
+    assert unnamed(str(caught.value), 0)

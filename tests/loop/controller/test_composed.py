@@ -60,6 +60,7 @@ KINDS = {
 }
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.oracle
 @pytest.mark.filterwarnings("ignore:The central covariance weight")
 @pytest.mark.parametrize("kind", KINDS)

@@ -129,7 +129,7 @@ def test_a_bad_sample_changes_nothing(made, y, r):
 
 def test_a_damaged_memory_is_told_and_reset_helps(controller):
     first = controller.step(0.1, 1.0)
-    controller._history.memory[:] = -1.0
+    controller._history.memory[:] = np.nan
     with refused_with(NumericalFailure, "estimate", "finite", "y=0.1, reference=1.0") as caught:
         controller.step(0.1, 1.0)
     assert "reset()" in caught.value.advice

@@ -97,6 +97,7 @@ def test_perfect_feedforward_needs_no_feedback(made):
     assert run.metrics()["tracking_rmse"] < 1e-9
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize("degree", [2, 4])
 @pytest.mark.parametrize("given", [True, False])

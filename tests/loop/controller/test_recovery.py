@@ -71,7 +71,7 @@ def test_without_a_measurement_the_estimate_is_predicted(made, monkeypatch, kind
         np.testing.assert_allclose(controller.integrals, [integral], rtol=1e-9, atol=1e-15)
         belief = estimator.time_update(belief, u, named, estimator.process_noise)
         after = controller.memory.named(controller._history.memory).belief[1]
-        np.testing.assert_allclose(after, belief.covariance, rtol=1e-8, atol=1e-16)
+        np.testing.assert_allclose(after, belief[1], rtol=1e-8, atol=1e-16)  # P, or W
         before = position
 
 

@@ -56,6 +56,7 @@ def commands(times):
     return np.stack([a, da, b, db, -1.69 * a, -4.41 * b / 2.0], axis=-1)
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.oracle
 @pytest.mark.parametrize("moving", [False, True])
 @pytest.mark.parametrize("start", ["zero", "bumpless"])
@@ -168,6 +169,7 @@ def test_one_law_and_a_law_that_is_never_near_change_nothing(made, linear, start
         np.testing.assert_allclose(two.signals[name], alone.signals[name], atol=1e-11)
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize("moving", [False, True])
 @pytest.mark.parametrize("laws", ["linear", "cubic"])

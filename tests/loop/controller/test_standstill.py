@@ -52,6 +52,7 @@ def step(x: np.ndarray, u: np.ndarray) -> np.ndarray:
     return x + 1e-3 / 6.0 * (a + 2.0 * b + 2.0 * c + PLANT.derivative(x + 1e-3 * c, u))
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("kind", ["zero", "bumpless", "moving"])
 def test_a_law_of_one_pose_holds_the_robot_wherever_it_starts(kind: str) -> None:
     controller = two_links((0.5, -0.7), **({"moving": True} if kind == "moving" else {"start": kind}))
@@ -120,6 +121,7 @@ def test_a_controller_that_cannot_hold_a_pose_says_so() -> None:
         fh.Controller(blunt, arm_ukf(), 1e-3, 48.0).reset(pose=[1.0])
 
 
+@pytest.mark.slow
 def test_half_a_milliradian_between_the_encoders_is_taken_in_slowly() -> None:
     """At rest at (0.3, 0.4), 0.5 mrad on both motor encoders, the same start with and without `offset_time`."""
     pose, offset = np.array([0.3, 0.4]), np.array([0.0, 0.0, 5e-4, 5e-4])

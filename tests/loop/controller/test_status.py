@@ -187,6 +187,7 @@ def swings_at_rest(u: np.ndarray, r: np.ndarray, swing: float, longest: float) -
     return most
 
 
+@pytest.mark.slow
 @pytest.mark.property
 @pytest.mark.parametrize("count", [15, pytest.param(200, marks=pytest.mark.slow)])
 def test_random_moves_with_noise_and_dry_friction_raise_no_alarm(count: int) -> None:
@@ -353,6 +354,7 @@ def test_what_nothing_is_commanded_has_no_workspace() -> None:
 
 
 # Other forms of the step --------------------------------------------------------------------------------
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("pieces", [False, True])
 def test_numbers_traced_functions_and_kernels_step_alike(pieces: bool) -> None:
     """The memory after each sample, by NumPy on numbers, by one CasADi function, and by the compiled kernel."""

@@ -48,7 +48,7 @@ ESTIMATORS: dict[str, Callable[[], Any]] = {
     "bounded": lambda: fh.UnscentedKalmanFilter(
         ARM.plant(), 1e-3, *NOISES, bounds={"link_position": (-3.0, 3.0)}
     ),
-    "ekf": lambda: fh.ExtendedKalmanFilter(ARM.plant(), 1e-3, *NOISES),
+    "ekf": lambda: fh.ExtendedKalmanFilter(ARM.plant(), 1e-3, *NOISES, form="covariance"),
     "root": lambda: fh.UnscentedKalmanFilter(ARM.plant(), 1e-3, *NOISES, form="square_root"),
     "extended root": lambda: fh.ExtendedKalmanFilter(ARM.plant(), 1e-3, *NOISES, form="square_root"),
     "observer": lambda: fh.OutputInjectionObserver(ARM.plant(), 1e-3, *NOISES[:3]),
@@ -105,6 +105,7 @@ def test_a_law_that_is_no_polynomial_keeps_its_degree_and_its_file_stays_the_sam
     assert (tmp_path / "controller.npz").read_bytes() == before
 
 
+@pytest.mark.quick_cases(5)
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ESTIMATORS)
 @pytest.mark.parametrize("one_trace", [controller_module.ONE_TRACE, 0], ids=["one trace", "composed"])
@@ -193,6 +194,22 @@ def test_what_cannot_be_saved_is_refused_by_name_and_leaves_no_file(tmp_path: Pa
     with refused_with(InvalidInput, "written", "c.npz"):
         fh.Controller(law, None).save(tmp_path / "missing" / "c.npz")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("kind", [fh.UnscentedKalmanFilter, fh.ExtendedKalmanFilter])
+def test_a_file_that_states_no_form_means_the_covariance_form(tmp_path: Path, kind: Any) -> None:
+    """Files from before filters had forms."""
+    path = tmp_path / "c.npz"
+    made = fh.Controller(LAWS["linear"](), kind(ARM.plant(), 1e-3, *NOISES, form="covariance"), 1e-3)
+    made.save(path)
+    with np.load(path) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    header = json.loads(str(arrays["header"]))
+    assert header["estimator"]["settings"].pop("form") == {"value": "covariance"}
+    write_arrays(path, "controller", {**arrays, "header": np.array(json.dumps(header))})
+    loaded = load_controller(path)
+    assert loaded.estimator.form == "covariance"
+    assert_same_steps(made, loaded)
 
 
 def test_what_is_no_controller_is_refused(tmp_path: Path) -> None:

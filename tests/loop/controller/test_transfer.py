@@ -9,7 +9,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ExtendedKalmanFilter
 from flexhinf.hinf import smallest_gamma, solve_hji
 from flexhinf.loop import Controller, Loop, Quintic, Step
-from flexhinf.loop.controller import controller, step as law_code, step as transfer
+from flexhinf.loop.controller import controller, options, step as law_code
 from flexhinf.plant import BlackBox, Law, Plant, equilibrium, rk4_step
 from flexhinf.robot import paper_arm
 
@@ -131,6 +131,7 @@ def test_what_no_integral_reaches_is_held_and_never_grows(last, reached):
     np.testing.assert_allclose(second - last, bias * (np.exp(-H) - 1.0), atol=1e-12)
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", ["ukf", "none", "two inputs"])
 @pytest.mark.parametrize("moving", [False, True])
@@ -233,12 +234,14 @@ def test_a_start_from_zero_costs_nothing(made):
         Controller(made.law, made.ukf(), start="zero", latency=0),
     )
     assert plain.traced() is zero.traced()
-    assert set(plain.memory.parts) == {"belief", "u", "integral", "position", "reference", "started"}
+    assert set(plain.memory.parts) == {
+        "belief", "u", "integral", "position", "reference", "started", "doubt",
+    }  # fmt: skip
     assert "inverse_slope" not in plain.data.parts
     bumpless = Controller(made.law, made.ukf(), start="bumpless", latency=0)
     assert bumpless.code_key != plain.code_key
     assert bumpless.fresh().code_key == bumpless.code_key
-    assert bumpless.fresh().blend_time == transfer.BLEND_TIME
+    assert bumpless.fresh().blend_time == options.BLEND_TIME
     faster = Controller(made.law, made.ukf(), start="bumpless", blend_time=0.1, latency=0)
     assert faster.code_key == bumpless.code_key
     assert faster.fresh().blend_time == 0.1

@@ -103,6 +103,7 @@ def test_the_compiled_loop_equals_a_plain_one_over_10_000_steps(made, coil):
     np.testing.assert_allclose(run.signals["estimate"], estimates, atol=1e-10)
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize("coil", [False, True])
 @pytest.mark.parametrize(("period", "duration"), [(1e-3, 0.8), (1e-2, 4.0)])
@@ -126,6 +127,7 @@ def test_the_true_plant_equals_solve_ivp(made, coil, period, duration):
 
 
 # The same in other ways -----------------------------------------------------------------------------
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", ["ukf", "redraw", "bounds", "ekf", None])
 def test_the_controller_by_hand_equals_the_loop_exactly(made, kind):

@@ -60,6 +60,7 @@ def same(one, other):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     "options",
     [{}, {"delay": 2e-3, "quantisation": 1e-4}, {"estimator": False}, {"pieces": True}],

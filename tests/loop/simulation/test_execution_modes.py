@@ -46,6 +46,7 @@ def same(one, other):
         assert np.array_equal(values, other.signals[kind], equal_nan=True), kind
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("options", [{}, {"delay": 2e-3, "quantisation": 1e-4}])
 @pytest.mark.parametrize("worth", [0, 10**9])
 def test_signals_are_those_of_a_loop_alone(made, lanes, options, worth):

@@ -96,6 +96,7 @@ def test_what_is_measured_is_what_the_sensors_say():
     np.testing.assert_allclose(quiet.signals["output"], expected_outputs(quiet, 0.0), atol=1e-12)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("latency", [0, 1])
 def test_the_controller_step_by_step_makes_the_same_run(latency):

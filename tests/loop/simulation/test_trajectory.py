@@ -13,6 +13,8 @@ from flexhinf.loop import Controller, Loop, Step
 from flexhinf.plant import Plant
 from flexhinf.robot import paper_arm
 
+KINDS = "state", "estimate", "output", "input", "reference", "disturbance"
+
 
 @pytest.fixture(scope="module")
 def run(made):
@@ -22,7 +24,7 @@ def run(made):
 
 def test_the_dataset_is_labelled(run):
     data = run.data
-    assert set(data.data_vars) == {"state", "estimate", "output", "input", "reference", "disturbance"}
+    assert set(data.data_vars) == {*KINDS, *run.columns}
     assert data.state.dims == ("time", "state_name")
     assert data.time.attrs["units"] == "s"
     np.testing.assert_allclose(data.time, np.arange(6001) * 1e-3)
@@ -35,6 +37,44 @@ def test_the_dataset_is_labelled(run):
     assert re.fullmatch(r"step .*1\.2 .*0\.5 s", data.attrs["reference"])
     by_name = data.state.sel(state_name="link_position").values
     np.testing.assert_array_equal(by_name, run.signal("state", "link_position"))
+
+
+def test_each_signal_is_a_variable(run):
+    data = run.data
+    for name, kind, own, unit in (
+        ("link_position", "state", "link_position", "rad"), ("coil_current", "state", "coil_current", "A"),
+        ("link_position_estimated", "estimate", "link_position", "rad"),
+        ("link_position_measured", "output", "link_position", "rad"),
+        ("link_position_commanded", "reference", "link_position", "rad"),
+        ("motor_voltage", "input", "motor_voltage", "V"), ("link_torque", "disturbance", "link_torque", "N·m"),
+    ):  # fmt: skip
+        np.testing.assert_array_equal(data[name].values, run.signal(kind, own))
+        assert (data[name].dims, data[name].attrs["units"]) == (("time",), unit)
+        assert run.columns[name] == (kind, run.names[kind].index(own))
+    assert data.link_position.sel(time=1.0).item() == run.signal("state", "link_position")[1000]
+
+
+def test_a_flat_table(run, monkeypatch):
+    table = run.to_dataframe()
+    assert list(table.columns) == list(run.columns)
+    assert table.index.name == "time"
+    np.testing.assert_array_equal(table.index, run.time)
+    np.testing.assert_array_equal(table.link_position_estimated, run.signal("estimate", "link_position"))
+    assert table.attrs["units"]["motor_voltage"] == "V"
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with refused_with(InvalidInput, "pandas", "pip install"):
+        run.to_dataframe()
+
+
+def test_names_that_are_taken_get_their_kind(made):
+    """States that are called like a kind of signal, like the time, or like another's estimate."""
+    names = "state", "time", "state_state"
+    plant = Plant(lambda x, u, d, p: -x + u[0], lambda x, u, p: x, names, ("u",), outputs=names)
+    law = made.LinearLaw(names, ("u",), -np.ones((1, 3)))
+    run = Loop(plant, Controller(law, None, 1e-2)).run(duration=0.1, initial_state=[1.0, 2.0, 3.0])
+    assert list(run.columns)[:4] == ["state_state", "time_state", "state_state_state", "u"]
+    assert run.data.state.dims == ("time", "state_name")
+    np.testing.assert_array_equal(run.data.time_state, run.signal("state", "time"))
 
 
 def test_what_is_recorded(run):
@@ -132,7 +172,7 @@ def test_netcdf_is_what_xarray_reads(run, tmp_path):
         assert data.state_name.values.tolist() == list(run.names["state"])
         assert data.disturbance_unit.values.tolist() == ["N·m", "N·m"]
         assert data.attrs["status"] == "completed"
-        xr.testing.assert_identical(data.load(), run.data)
+        xr.testing.assert_identical(data.load(), run.data[list(KINDS)])
 
 
 def test_a_run_is_saved_without_importing_xarray(tmp_path):

@@ -1,5 +1,5 @@
-from flexhinf.loop import shared
-from flexhinf.loop.shared import share
+from flexhinf.codegen import shared
+from flexhinf.codegen.shared import share
 
 
 def test_made_once_for_each_key():

@@ -1,0 +1,139 @@
+// What a controller manager does with one controller, to be called from Python: parameters, lifecycle, loop, topics.
+#include <cstring>
+#include <string>
+#include <vector>
+
+#include "controller_interface/controller_interface.hpp"
+#include "std_msgs/msg/float64_multi_array.hpp"
+
+extern "C" controller_interface::ControllerInterface * make_plugin();
+
+namespace
+{
+using Report = control_msgs::msg::DynamicJointState;
+using Command = std_msgs::msg::Float64MultiArray;
+
+struct Manager
+{
+  std::unique_ptr<controller_interface::ControllerInterface> controller{make_plugin()};
+  std::vector<std::string> states, commands;
+  std::vector<double> state_values, command_values;
+  std::int64_t now = 0;
+};
+
+int done(controller_interface::CallbackReturn result)
+{
+  return result == controller_interface::CallbackReturn::SUCCESS ? 0 : 1;
+}
+
+const Report & report_of(const Manager & manager)
+{
+  const auto & found = manager.controller->get_node()->publishers.at("~/state");
+  return static_cast<rclcpp::Publisher<Report> *>(
+           static_cast<rclcpp_lifecycle::LifecyclePublisher<Report> *>(found.get()))->last;
+}
+}  // namespace
+
+extern "C" {
+Manager * create() { return new Manager(); }
+void destroy(Manager * manager) { delete manager; }
+
+void set_text(Manager * manager, const char * name, const char * value)
+{
+  manager->controller->get_node()->overrides[name] = std::string(value);
+}
+void set_number(Manager * manager, const char * name, double value)
+{
+  manager->controller->get_node()->overrides[name] = value;
+}
+void set_whole(Manager * manager, const char * name, std::int64_t value)
+{
+  manager->controller->get_node()->overrides[name] = value;
+}
+void set_truth(Manager * manager, const char * name, bool value)
+{
+  manager->controller->get_node()->overrides[name] = value;
+}
+
+int init(Manager * manager) { return done(manager->controller->on_init()); }
+
+int configure(Manager * manager, unsigned int rate)
+{
+  manager->controller->update_rate_ = rate;
+  if (done(manager->controller->on_configure(rclcpp_lifecycle::State(1))) != 0) {
+    return 1;
+  }
+  manager->states = manager->controller->state_interface_configuration().names;
+  manager->commands = manager->controller->command_interface_configuration().names;
+  manager->state_values.assign(manager->states.size(), 0.0);
+  manager->command_values.assign(manager->commands.size(), 0.0);
+  return 0;
+}
+
+const char * interface_name(Manager * manager, int is_command, int place)
+{
+  const auto & names = is_command ? manager->commands : manager->states;
+  return place < static_cast<int>(names.size()) ? names[static_cast<std::size_t>(place)].c_str() : nullptr;
+}
+double * values(Manager * manager, int is_command)
+{
+  return (is_command ? manager->command_values : manager->state_values).data();
+}
+
+// Lends the interfaces in the opposite order, without the first `left_out` state and command interfaces.
+int activate(Manager * manager, int left_out_states, int left_out_commands)
+{
+  std::vector<hardware_interface::LoanedStateInterface> states;
+  std::vector<hardware_interface::LoanedCommandInterface> commands;
+  for (int i = static_cast<int>(manager->states.size()) - 1; i >= left_out_states; --i) {
+    const auto k = static_cast<std::size_t>(i);
+    states.emplace_back(manager->states[k], &manager->state_values[k]);
+  }
+  for (int i = static_cast<int>(manager->commands.size()) - 1; i >= left_out_commands; --i) {
+    const auto k = static_cast<std::size_t>(i);
+    commands.emplace_back(manager->commands[k], &manager->command_values[k]);
+  }
+  manager->controller->assign_interfaces(std::move(commands), std::move(states));
+  const int failed = done(manager->controller->on_activate(rclcpp_lifecycle::State(2)));
+  if (failed) {
+    manager->controller->release_interfaces();
+  }
+  return failed;
+}
+
+int deactivate(Manager * manager)
+{
+  const int failed = done(manager->controller->on_deactivate(rclcpp_lifecycle::State(3)));
+  manager->controller->release_interfaces();
+  return failed;
+}
+
+int update(Manager * manager, std::int64_t nanoseconds)
+{
+  manager->now += nanoseconds;
+  const auto result = manager->controller->update(rclcpp::Time(manager->now), rclcpp::Duration(nanoseconds));
+  return result == controller_interface::return_type::OK ? 0 : 1;
+}
+
+void send(Manager * manager, const double * numbers, int count)
+{
+  const auto message = std::make_shared<Command>();
+  message->data.assign(numbers, numbers + count);
+  const auto & found = manager->controller->get_node()->subscriptions.at("~/command");
+  static_cast<rclcpp::Subscription<Command> *>(found.get())->callback(message);
+}
+
+double published(Manager * manager, const char * group, const char * name)
+{
+  const Report & report = report_of(*manager);
+  for (std::size_t i = 0; i < report.joint_names.size(); ++i) {
+    const auto & values = report.interface_values[i];
+    for (std::size_t k = 0; k < values.values.size(); ++k) {
+      if (report.joint_names[i] == group && values.interface_names[k] == name) {
+        return values.values[k];
+      }
+    }
+  }
+  return std::numeric_limits<double>::quiet_NaN();
+}
+}

@@ -1,0 +1,91 @@
+"""What exported C says of itself: its design, its parameters by name, and what each number of the law multiplies."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+import pytest
+
+import flexhinf as fh
+from flexhinf.export import controller_files
+from flexhinf.export.names import law_terms, named_parameters
+
+
+@pytest.fixture(scope="module")
+def arm() -> fh.Robot:
+    return fh.load_robot("paper")
+
+
+@pytest.fixture(scope="module")
+def cubic(arm: fh.Robot) -> fh.Controller:
+    solution = fh.solve_hji(arm.problem(), gamma=math.inf, degree=4)
+    estimator = fh.UnscentedKalmanFilter(arm.plant(), 1e-3, [0, 0, 1e-4, 1e-4], 1e-7, [0.0] * 4, 1e-4)
+    return fh.Controller(solution, estimator, 1e-3, 48.0)
+
+
+def law_numbers(source: str) -> list[tuple[float, str]]:
+    """Coefficients of the law with what stands behind them."""
+    block = source.split("/* law: ")[1].split("/* operating_point: ")[0]
+    return [
+        (float(number), term) for number, term in re.findall(r"^\s*(\S+), /\* (.*) \*/$", block, re.MULTILINE)
+    ]
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("pieces", [False, True])
+def test_the_terms_in_the_comments_are_the_law(cubic: fh.Controller, pieces: bool) -> None:
+    controller = cubic.in_pieces() if pieces else cubic
+    rows = law_numbers(controller_files(controller, "arm")["arm.c"])
+    assert len(rows) == len(law_terms(controller)) > 20
+    law = controller.law
+    rng = np.random.default_rng(7)
+    for x in rng.uniform(-0.5, 0.5, (5, len(law.state_names))):
+        values = dict(zip(law.state_names, x, strict=True))
+        total = 0.0
+        for coefficient, term in rows:
+            name, monomial = term.split(": ")
+            if name == "unused":
+                assert coefficient == 0.0
+                continue
+            factors = [factor.partition("^") for factor in monomial.split()]
+            total += coefficient * np.prod([values[base] ** int(power or 1) for base, _, power in factors])
+        np.testing.assert_allclose(total, law.evaluate_law(x, law.law_data)[0], rtol=1e-12)
+
+
+def test_parameters_stand_at_their_constants(cubic: fh.Controller, arm: fh.Robot) -> None:
+    files = controller_files(cubic, "arm", robot=arm)
+    units = {parameter.name: parameter.unit for parameter in arm.parameters}
+    for name, place, unit in named_parameters(cubic, units):
+        at = int(re.search(rf"ARM_P_{name.upper()} = (\d+),? /\* ", files["arm.h"]).group(1))  # type: ignore[union-attr]
+        assert cubic.data_vector[at] == arm.nominal[name]
+        assert at == cubic.data.places["parameters"].start + place
+        assert unit == units[name]
+    assert re.search(r"ARM_P_STIFFNESS = \d+, /\* N m/rad \*/", files["arm.h"])
+
+
+def test_header_and_source_have_one_digest_and_another_design_has_another(
+    cubic: fh.Controller, arm: fh.Robot
+) -> None:
+    def digests(controller: fh.Controller, **origin: str) -> set[str]:
+        files = controller_files(controller, "arm", robot=arm, origin=origin)
+        return {
+            re.search(rf'{mark} "?([0-9a-f]{{64}})', files[name].replace('= "', '"')).group(1)  # type: ignore[union-attr]
+            for name, mark in (("arm.h", "ARM_DIGEST"), ("arm.c", r"arm_digest\[\]"))
+        }
+
+    first = digests(cubic)
+    assert len(first) == 1
+    assert first == digests(cubic)
+    assert first != digests(fh.Controller(cubic.law, cubic.estimator, 1e-3, 47.0))
+    assert first != digests(cubic, drawing="A-1234")
+
+
+def test_the_origin_stands_in_header_source_and_readme_and_ends_no_comment(
+    cubic: fh.Controller, arm: fh.Robot
+) -> None:
+    files = controller_files(cubic, "arm", robot=arm, origin={"drawing": "A-12 */ #error"})
+    for name, mark in (("arm.h", " * {}: {}\n"), ("arm.c", " * {}: {}\n"), ("README.md", "| {} | {} |\n")):
+        for line in (("robot", arm.name), ("degree of V", "4"), ("drawing", "A-12 * / #error")):
+            assert mark.format(*line) in files[name]

@@ -1,0 +1,452 @@
+"""The package for ROS 2: compiled against stubs of the real signatures, and run as a controller manager does, with
+MuJoCo as the robot."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from tests.export.test_rest import controller_of, robot_of
+
+import flexhinf as fh
+from flexhinf.export import export_c
+from flexhinf.robot import MuJoCoPlant
+
+yaml = pytest.importorskip("yaml")
+
+HERE = Path(__file__).parent / "ros2"
+PERIOD = 1e-3
+ARM = fh.paper_arm()
+STRICT = ("-std=c++17", "-O0", "-fPIC", "-Wall", "-Wextra", "-Wpedantic", "-Werror", f"-I{HERE / 'stubs'}")
+
+
+@cache
+def arm_controller(latency: int = 0, measured: str = "link_position", **options: Any) -> fh.Controller:
+    ekf = fh.ExtendedKalmanFilter(ARM.plant(measured), PERIOD, 1e-7, 1e-8, [0.0] * 4, 1e-4)
+    law = fh.linear_law(ARM.problem(), gamma=math.inf)
+    return fh.Controller(law, ekf, PERIOD, 48.0, latency=latency, **options)
+
+
+def workspace_controller() -> fh.Controller:
+    box = fh.Supervision(workspace=([-1.0, -1.0], [0.3, 1.0]), reactions={"workspace": "brake"})
+    return controller_of("planar-two-link", watch=box)
+
+
+@dataclass
+class Manager:
+    """One controller in a shared library, with what a controller manager knows of it."""
+
+    library: ctypes.CDLL
+    package: Path
+    address: int = 0
+
+    def __post_init__(self) -> None:
+        for name, kind in (("create", ctypes.c_void_p), ("values", ctypes.POINTER(ctypes.c_double)),
+                           ("interface_name", ctypes.c_char_p), ("plugin_class", ctypes.c_char_p),
+                           ("plugin_base", ctypes.c_char_p), ("published", ctypes.c_double)):  # fmt: skip
+            getattr(self.library, name).restype = kind
+        self.address = self.library.create()
+
+    def __call__(self, name: str, *arguments: Any) -> Any:
+        return getattr(self.library, name)(ctypes.c_void_p(self.address), *arguments)
+
+    def configure(self, rate: int = 1000, **other: Any) -> int:
+        """Parameters of the file, but for `other` ones, whose dots are two underscores; then the first two steps."""
+        whole = yaml.safe_load((self.package / "config/arm_controller.yaml").read_text())
+        assert whole["controller_manager"]["ros__parameters"]["update_rate"] == 1000
+        stated = dict(flat(whole["arm_controller"]["ros__parameters"]))
+        changed = {name.replace("__", "."): value for name, value in other.items()}
+        assert changed.keys() <= stated.keys()
+        for name, value in (stated | changed).items():
+            kinds = {str: ("set_text", lambda text: text.encode()), bool: ("set_truth", ctypes.c_bool),
+                     int: ("set_whole", ctypes.c_int64), float: ("set_number", ctypes.c_double)}  # fmt: skip
+            write, made = kinds[type(value)]
+            self(write, name.encode(), made(value))
+        return self("init") or self("configure", ctypes.c_uint(rate))
+
+    def names(self, commands: bool) -> list[str]:
+        found: list[str] = []
+        while (name := self("interface_name", int(commands), len(found))) is not None:
+            found.append(name.decode())
+        return found
+
+    def measure(self, y: Sequence[float]) -> None:
+        place = self("values", 0)
+        for k, value in enumerate(y):
+            place[k] = value
+
+    def input(self) -> np.ndarray:
+        return np.array([self("values", 1)[k] for k in range(len(self.names(True)))])
+
+    def activate(self, y: Sequence[float], left_out: tuple[int, int] = (0, 0)) -> int:
+        self.measure(y)
+        return self("activate", *left_out)
+
+    def send(self, rows: Any) -> None:
+        numbers = np.ascontiguousarray(np.ravel(rows), dtype=float)
+        self("send", numbers.ctypes.data_as(ctypes.c_void_p), len(numbers))
+
+    def update(self, y: Sequence[float], period: float = PERIOD) -> int:
+        self.measure(y)
+        return self("update", ctypes.c_int64(round(1e9 * period)))
+
+    def published(self, group: str, name: str) -> float:
+        return self("published", group.encode(), name.encode())
+
+
+def flat(parameters: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    for name, value in parameters.items():
+        if isinstance(value, dict):
+            yield from flat(value, f"{before}{name}.")
+        else:
+            yield f"{before}{name}", value
+
+
+@pytest.fixture(scope="session")
+def managed(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Callable[[], Manager]]:
+    """Exports and builds a controller's package; makes new managers of it."""
+    if shutil.which("g++") is None or shutil.which("gcc") is None:
+        pytest.skip("no g++")
+
+    @cache
+    def build(controller: fh.Controller, version: str = "HUMBLE") -> Callable[[], Manager]:
+        folder = tmp_path_factory.mktemp("ros2")
+        package = export_c(controller, folder / "c", "arm") / "ros2"
+        own = (f"-I{package / 'include'}", f"-I{package / 'src'}")
+        objects = []
+        for source in (package / "src/controller.cpp", HERE / "manager.cpp", *(package / "src").glob("*.c")):
+            objects.append(folder / f"{source.stem}.o")
+            c = ("gcc", "-std=c99", "-O0", "-fPIC", "-Wall", "-Wextra", "-Werror")
+            words = c if source.suffix == ".c" else ("g++", *STRICT, f"-D{version}", *own)
+            subprocess.run([*words, "-c", source, "-o", objects[-1]], check=True)
+        subprocess.run(["g++", "-shared", *objects, "-lm", "-o", folder / "controller.so"], check=True)
+        library = ctypes.CDLL(str(folder / "controller.so"))
+        return lambda: Manager(library, package)
+
+    return build
+
+
+@pytest.fixture(scope="session")
+def arm(managed: Callable[..., Callable[[], Manager]]) -> Callable[[], Manager]:
+    return managed(arm_controller(start="bumpless"))
+
+
+def driven(manager: Manager, plant: Any, x: Any, rows: Any, samples: int) -> tuple[np.ndarray, np.ndarray]:
+    """States and inputs of a loop of the controller and a plant that begins at x; the rows are sent at the start."""
+    plant.reset(x)
+    assert manager.activate(plant.output()) == 0
+    manager.send(rows)
+    states, inputs = [], []
+    for _ in range(samples):
+        states.append(plant.state())
+        assert manager.update(plant.output()) == 0
+        inputs.append(manager.input())
+        plant.step(inputs[-1], [], PERIOD)
+    return np.array(states), np.array(inputs)
+
+
+def expected_loop(
+    controller: fh.Controller, plant: Any, x: Any, u: Any, rows: Any, samples: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """The same in Python, sample by sample."""
+    one = controller.fresh()
+    one.reset(x, u)
+    plant.reset(x)
+    states, inputs, before = [], [], np.asarray(one.input_before(u), dtype=float)
+    for k in range(samples):
+        states.append(plant.state())
+        after = one.step(plant.output(), rows[min(k, len(rows) - 1)])
+        inputs.append(before if controller.mode.latency else after)
+        plant.step(inputs[-1], [], PERIOD)
+        before = after
+    return np.array(states), np.array(inputs)
+
+
+def assert_near(found: np.ndarray, expected: np.ndarray, share: float = 1e-9) -> None:
+    np.testing.assert_allclose(found, expected, rtol=0, atol=share * np.abs(expected).max())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["no estimator", "estimator", "workspace"])
+@pytest.mark.parametrize("real", ["double", "float"])
+@pytest.mark.parametrize("compiler", ["g++", "clang++"])
+@pytest.mark.parametrize("version", ["HUMBLE", "JAZZY"])
+def test_no_compiler_warns(version: str, compiler: str, real: str, kind: str, tmp_path: Path) -> None:
+    if shutil.which(compiler) is None:
+        pytest.skip(f"no {compiler}")
+    made = {"estimator": arm_controller, "workspace": workspace_controller}.get(
+        kind, lambda: fh.Controller(fh.linear_law(ARM.problem(), gamma=math.inf), None, PERIOD, 48.0)
+    )
+    package = export_c(made(), tmp_path / "c", "arm", real) / "ros2"
+    own = (f"-I{package / 'include'}", f"-I{package / 'src'}", f"-D{version}")
+    for source in (package / "src/controller.cpp", HERE / "manager.cpp"):
+        subprocess.run([compiler, *STRICT, *own, "-c", source, "-o", tmp_path / "out.o"], check=True)
+
+
+def test_the_package_is_found_under_the_names_of_its_plugin(arm: Callable[[], Manager]) -> None:
+    one = arm()
+    plugin = ElementTree.parse(one.package / "arm_controller.xml").getroot()
+    described = plugin.find("class")
+    assert described is not None
+    assert described.get("type") == one.library.plugin_class().decode()
+    assert described.get("base_class_type") == one.library.plugin_base().decode()
+    parameters = yaml.safe_load((one.package / "config/arm_controller.yaml").read_text())
+    manager = parameters["controller_manager"]["ros__parameters"]
+    assert manager["arm_controller"]["type"] == described.get("name")
+    about = ElementTree.parse(one.package / "package.xml").getroot()
+    assert about.findtext("name") == "arm_controller" == plugin.get("path")
+    listed = (one.package / "CMakeLists.txt").read_text()
+    needed = {depend.text for depend in about.iter("depend")}
+    assert needed <= set(listed.split("set(DEPENDENCIES ")[1].split(")")[0].split())
+    sources = {f"src/{file.name}" for file in (one.package / "src").iterdir() if file.suffix != ".h"}
+    assert sources <= set(listed.split("SHARED\n")[1].split(")")[0].split())
+
+
+@pytest.mark.slow
+@pytest.mark.oracle
+@pytest.mark.parametrize("version", ["HUMBLE", "JAZZY"])
+@pytest.mark.parametrize("latency", [0, 1])
+def test_it_drives_mujoco_as_python_does_and_begins_again_elsewhere(
+    latency: int, version: str, managed: Callable[..., Callable[[], Manager]]
+) -> None:
+    """Also after it was off, with the robot at rest at another pose: no input jumps."""
+    pytest.importorskip("mujoco")
+    robot = fh.load_robot("paper")
+    controller = (
+        arm_controller(start="bumpless") if latency == 0 else arm_controller(latency, start="bumpless")
+    )
+    manager, plant = managed(controller, version)(), MuJoCoPlant(robot)
+    assert manager.configure() == 0
+    assert manager.names(False) == ["joint/position"]
+    assert manager.names(True) == ["joint/voltage"]
+    run = fh.Loop(MuJoCoPlant(robot), controller).run(fh.Step(0.4), noise=0.0, duration=0.3 - PERIOD)
+    states, inputs = driven(manager, plant, np.zeros(4), [0.4], 300)
+    assert_near(states, run.signals["state"])
+    if latency == 0:
+        assert_near(inputs, run.signals["input"])
+    assert manager.published("health", "code") == 0
+    assert manager.published("health", "path_rate") == 1
+    assert manager.published("estimate", "link_position") == pytest.approx(states[-1][0], abs=1e-2)
+    last = manager.input()
+    assert manager("deactivate") == 0
+    assert np.array_equal(manager.input(), last)
+    x, u = robot.operating_point(-0.5)
+    states, inputs = driven(manager, plant, x, [-0.3], 300)
+    found = expected_loop(controller, MuJoCoPlant(robot), x, u, [[-0.3]], 300)
+    assert inputs[0] == pytest.approx(u, rel=0.05)
+    assert_near(states, found[0])
+    assert_near(inputs, found[1], 1e-7)
+
+
+@pytest.mark.oracle
+def test_without_a_command_it_holds_the_pose_at_which_it_was_activated(arm: Callable[[], Manager]) -> None:
+    pytest.importorskip("mujoco")
+    robot = fh.load_robot("paper")
+    one, plant = arm(), MuJoCoPlant(robot)
+    assert one.configure(zero_on_deactivate=True) == 0
+    x, u = robot.operating_point(0.7)
+    plant.reset(x)
+    assert one.activate(plant.output()) == 0
+    for _ in range(200):
+        assert one.update(plant.output()) == 0
+        plant.step(one.input(), [], PERIOD)
+    assert plant.state() == pytest.approx(x, abs=1e-3)
+    assert one.input() == pytest.approx(u, rel=1e-2)
+    assert one("deactivate") == 0
+    assert one.input() == 0.0
+
+
+@pytest.mark.slow
+def test_the_link_is_found_from_the_motor_alone(managed: Callable[..., Callable[[], Manager]]) -> None:
+    """By the spring that the weight twists; the factor is that of a gear."""
+    one = managed(arm_controller(measured="motor_position", start="bumpless"))()
+    assert one.configure(measurements__motor_position__factor=0.01) == 0
+    x, u = fh.load_robot("paper").operating_point(0.7)
+    assert x[2] - x[0] > 0.01
+    assert one.activate([100.0 * x[2]]) == 0
+    assert one.update([100.0 * x[2]]) == 0
+    assert one.input() == pytest.approx(u, rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("rate", "stated"),
+    [
+        (500, {}),
+        (1000, {"period": 2e-3}),
+        (1000, {"publish_every": 0}),
+        (1000, {"measurements__link_position__interface": "position"}),
+        (1000, {"measurements__link_position__factor": 0.0}),
+        (1000, {"measurements__link_position__factor": math.nan}),
+        (1000, {"inputs__motor_voltage__lower": 50.0}),
+        (1000, {"inputs__motor_voltage__upper": math.nan}),
+        (1000, {"inputs__motor_voltage__factor": 7}),  # a whole number is another type
+    ],
+)
+def test_what_does_not_fit_is_refused_at_the_configuration(
+    rate: int, stated: dict[str, Any], arm: Callable[[], Manager], capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert arm().configure(rate, **stated) == 1
+    assert "ERROR" in capfd.readouterr().err
+
+
+def test_an_interface_that_is_missing_or_not_measured_is_refused(
+    arm: Callable[[], Manager], capfd: pytest.CaptureFixture[str]
+) -> None:
+    one = arm()
+    assert one.configure() == 0
+    for left_out, name in (((1, 0), "joint/position"), ((0, 1), "joint/voltage")):
+        assert one.activate([0.0], left_out) == 1
+        assert name in capfd.readouterr().err
+    assert one.activate([math.nan]) == 1
+    assert one.activate([0.0]) == 0
+
+
+@pytest.mark.parametrize(("period", "calls"), [(2e-3, 20), (1.08e-3, 500)])
+def test_a_manager_of_another_rate_is_noticed(period: float, calls: int, arm: Callable[[], Manager]) -> None:
+    """Where the controller states no rate, it is that of the manager; then the last input stays."""
+    one = arm()
+    assert one.configure(rate=0) == 0
+    assert one.activate([0.0]) == 0
+    one.send([0.1])
+    ended = [one.update([0.0], period) for _ in range(calls + 3)]
+    assert ended == [0] * calls + [1] * 3
+    held = one.input()
+    assert one.update([0.2], period) == 1
+    assert np.array_equal(one.input(), held)
+    assert one("deactivate") == 0
+    assert one.activate([0.0]) == 0
+    assert [one.update([0.0]) for _ in range(600)] == [0] * 600
+
+
+def test_limits_and_factors_are_those_of_the_parameters(arm: Callable[[], Manager]) -> None:
+    one = arm()
+    limits = {"inputs__motor_voltage__lower": -2.0, "inputs__motor_voltage__upper": 3.0}
+    assert one.configure(**limits, inputs__motor_voltage__factor=10.0) == 0
+    assert one.activate([0.0]) == 0
+    for goal, limit in ((5.0, 30.0), (-5.0, -20.0)):
+        one.send([goal])
+        for _ in range(30):
+            one.update([0.0])
+        assert one.input() == limit
+
+
+def test_a_command_that_is_none_changes_nothing_and_an_old_one_is_over(
+    arm: Callable[[], Manager], capfd: pytest.CaptureFixture[str]
+) -> None:
+    one, other = arm(), arm()
+    for manager in (one, other):
+        assert manager.configure() == 0
+    one.send([0.3])  # before the activation
+    for manager in (one, other):
+        assert manager.activate([0.1]) == 0
+    for bad in ([], [math.nan], [0.2, math.inf]):
+        one.send(bad)
+    assert capfd.readouterr().err.count("WARN") == 3
+    for _ in range(50):
+        assert one.update([0.1]) == other.update([0.1]) == 0
+        assert np.array_equal(one.input(), other.input())
+    one.send([0.3])
+    for _ in range(5):
+        one.update([0.1])
+        other.update([0.1])
+    assert not np.array_equal(one.input(), other.input())
+
+
+def test_health_is_published(arm: Callable[[], Manager]) -> None:
+    one = arm()
+    assert one.configure(publish_every=1) == 0
+    assert one.activate([0.0]) == 0
+    for _ in range(5):
+        one.update([0.0])
+    assert one.published("health", "code") == 0
+    assert one.published("measured", "link_position") == 0
+    assert one.published("input", "motor_voltage") == one.input()
+    for _ in range(12):
+        one.update([-12345.0])  # which the stub cannot read: predicted over, then held
+    assert one.published("health", "code") == 6
+    assert math.isnan(one.published("measured", "link_position"))
+    assert one.update([0.0], 3 * PERIOD) == 0
+    assert one.published("health", "late_samples") == 1
+    assert one.published("health", "doubtful_estimate") == 0
+
+
+@pytest.mark.slow
+@pytest.mark.oracle
+def test_a_path_of_a_workspace_is_followed_in_mujoco_and_braked_at_its_edge(
+    managed: Callable[..., Callable[[], Manager]],
+) -> None:
+    pytest.importorskip("mujoco")
+    robot, controller = robot_of("planar-two-link"), workspace_controller()
+    sensors = ("link_position", "motor_position")
+    manager = managed(controller)()
+    assert manager.configure(publish_every=1) == 0
+    begin = np.array([-0.4, 0.2])
+    x, u = robot.operating_point(begin)
+
+    def rows(goal: Sequence[float], time: float) -> np.ndarray:
+        move = fh.Moving(
+            [fh.Quintic(a, b, time) for a, b in zip(begin, goal, strict=True)], robot.inverse_dynamics
+        )
+        times = PERIOD * np.arange(round(time / PERIOD) + 1)
+        return np.array([np.concatenate([move.state(t), move.input(t)]) for t in times])
+
+    path = rows([0.1, -0.3], 0.6)
+    states, inputs = driven(manager, MuJoCoPlant(robot, sensors), x, path, 900)
+    expected = expected_loop(controller, MuJoCoPlant(robot, sensors), x, u, path, 900)
+    assert_near(states, expected[0], 1e-7)
+    assert_near(inputs, expected[1], 1e-5)
+    assert states[-1][:2] == pytest.approx([0.1, -0.3], abs=5e-3)
+    assert manager("deactivate") == 0
+
+    states, inputs = driven(manager, MuJoCoPlant(robot, sensors), x, rows([0.9, 0.5], 0.8), 2500)
+    assert manager.published("health", "outside_workspace") == 1
+    assert manager.published("health", "path_rate") == 0
+    assert manager.published("health", "reacting") == 1
+    at = states[-1][:2]
+    assert 0.3 < at[0] < 0.75
+    assert np.abs(states[-1][2:4]).max() < 1e-2
+    assert states[-1] == pytest.approx(robot.operating_point(at)[0], abs=5e-3)
+    assert manager("deactivate") == 0
+    states, _ = driven(
+        manager, MuJoCoPlant(robot, sensors), robot.operating_point(at)[0], rows([0.9, 0.5], 0.8)[:1], 1
+    )
+    assert manager.published("health", "path_rate") == 1
+
+
+@pytest.mark.slow
+def test_cmake_builds_the_package_against_packages_of_these_names(
+    managed: Callable[..., Callable[[], Manager]], tmp_path: Path
+) -> None:
+    if shutil.which("cmake") is None:
+        pytest.skip("no cmake")
+    package = managed(arm_controller(start="bumpless"))().package
+    names = [d.text for d in ElementTree.parse(package / "package.xml").getroot().iter("depend")]
+    for name in ("ament_cmake", *names):
+        folder = tmp_path / "prefix" / str(name)
+        folder.mkdir(parents=True)
+        text = f"include_directories({HERE / 'stubs'})\n"
+        if name == "ament_cmake":
+            text = "macro(ament_package)\nendmacro()\nfunction(ament_target_dependencies)\nendfunction()\n"
+        if name == "pluginlib":
+            text += (
+                "function(pluginlib_export_plugin_description_file base file)\n"
+                "if(NOT EXISTS ${CMAKE_CURRENT_SOURCE_DIR}/${file})\nmessage(FATAL_ERROR ${file})\nendif()\n"
+                "endfunction()\n"
+            )
+        (folder / f"{name}-config.cmake").write_text(text)
+    words = ["cmake", "-S", package, "-B", tmp_path / "build", f"-DCMAKE_PREFIX_PATH={tmp_path / 'prefix'}",
+             f"-DCMAKE_INSTALL_PREFIX={tmp_path / 'installed'}"]  # fmt: skip
+    subprocess.run([*words], check=True)
+    subprocess.run(["cmake", "--build", tmp_path / "build", "--target", "install"], check=True)
+    assert (tmp_path / "installed/lib/libarm_controller.so").exists()
+    assert (tmp_path / "installed/share/arm_controller/config/arm_controller.yaml").exists()

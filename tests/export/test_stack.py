@@ -1,0 +1,79 @@
+"""The stack of a step: computed from the compiler's call graph, and small."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import flexhinf as fh
+from flexhinf.export import export_c
+from flexhinf.export.controller_c import code_of
+from flexhinf.export.stack import MACHINES, deepest, stack_bytes
+
+NODES = {"main": 100, "far": 30, "near": 50, "leaf": 8}
+
+
+def graph(calls: dict[str, list[str]], kind: str = "static") -> str:
+    lines = [
+        f'node: {{ title: "a.c:{name}" label: "{name}\\na.c:1:2\\n{size} bytes ({kind})" }}'
+        for name, size in NODES.items()
+    ]
+    lines += [
+        f'edge: {{ sourcename: "a.c:{caller}" targetname: "a.c:{called}" label: "a.c:3:4" }}'
+        for caller, names in calls.items()
+        for called in names
+    ]
+    return "\n".join(lines)
+
+
+def test_the_deepest_calls_count() -> None:
+    assert deepest(graph({"main": ["far", "near"], "far": ["leaf", "leaf"]}), "main") == 150
+    assert deepest(graph({"main": ["far"], "far": ["near", "leaf"]}, "dynamic,bounded"), "main") == 180
+
+
+@pytest.mark.parametrize(
+    "text", [graph({"main": ["far"], "far": ["leaf"], "leaf": ["far"]}), graph({}, "dynamic")]
+)
+def test_a_stack_without_a_bound_is_refused(text: str) -> None:
+    with pytest.raises(fh.NumericalFailure):
+        deepest(text, "main")
+
+
+def linear(name: str) -> fh.Controller:
+    """A linear law and an unscented filter, whose points go side by side."""
+    robot = fh.load_robot(name)
+    pose, measured = [0.2] * len(robot.joint_names), ("link_position", "motor_position")
+    x, _ = robot.operating_point(pose)
+    noise = np.tile([0.0, 0.0, 1e-7, 1e-7], len(pose))
+    law = fh.linear_law(robot.problem(pose=pose, measured=measured), gamma=np.inf)
+    ukf = fh.UnscentedKalmanFilter(robot.plant(measured), 1e-3, noise, 1e-8, x, 1e-9)
+    return fh.Controller(law, ukf, 1e-3, 24.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "most"), [("planar-two-link", 2048), ("seven-link", 8192)])
+def test_large_estimators_need_little_stack(name: str, most: int) -> None:
+    code = code_of(linear(name), "arm", "double")
+    assert code.translator.room > most / 8  # what lay on the stack is the caller's memory
+    computed = [
+        stack_bytes(code.files, "arm_step", compiler, ("-O2", *flags))
+        for compiler, _, flags in MACHINES["double"]
+    ]
+    if computed == [None, None]:
+        pytest.skip("no gcc")
+    assert all(0 < size <= most for size in computed if size is not None)
+
+
+def test_the_readme_states_it(controller: fh.Controller, tmp_path: Path) -> None:
+    if shutil.which("gcc") is None:
+        pytest.skip("no gcc")
+    folder = export_c(controller, tmp_path / "c", "arm")
+    files = {name: (folder / name).read_text(encoding="utf-8") for name in ("arm.h", "arm.c")}
+    computed = stack_bytes(files, "arm_step", "gcc", ("-O2",))
+    assert computed is not None
+    assert 500 < computed <= 2048
+    assert f"{computed} bytes" in (folder / "README.md").read_text(encoding="utf-8")
+    assert stack_bytes(files, "arm_step", "no-such-gcc", ()) is None

@@ -1,0 +1,126 @@
+"""Pages of every kind in Chromium: screens of a design, the first screen, letters, accessibility, and pictures of them.
+
+With ``FLEXHINF_SCREENSHOTS=folder`` the pictures are kept there: each page at three widths, light and dark.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.browser import WINDOWS, chromium, kept, opened, serious
+from tests.report.test_browser import LEGIBLE, LETTERS, UNFOLD
+
+import flexhinf as fh
+from flexhinf.cli import main
+from flexhinf.design import Comparison, Specification
+from flexhinf.design.certification import CertifiedDegree, Evidence
+from flexhinf.pages import certificate_page, write_report
+
+pytestmark = pytest.mark.slow
+
+#: Screens of 1280 by 800 px that a design's page has at most as it opens, its folds closed.
+SCREENS = 8
+
+#: Designs as `flexhinf design` makes them, of one pose and of a workspace.
+DESIGNS = {
+    "paper": {"pose": [1.5707963267948966]},
+    "paper-workspace": {},
+    "planar-two-link": {"pose": [0.6, 0.4]},
+    "planar-two-link-workspace": {},
+    "quanser-rotflex": {"pose": [1.0]},
+}
+
+#: Pages that the commands write into a folder, by kind.
+COMMANDS = {
+    "design": "design paper --pose 90deg --draws 20 --out design",
+    "run": "run design --mujoco --no-realtime --duration 2s --out run",
+    "estimate": "estimate run/run.csv --robot design --out estimate",
+    "identify": "identify run/run.csv --robot paper --parameters stiffness,friction --out identify",
+    "campaign": "campaign design --samples 40 --out campaign",
+    "pair": "campaign compare design design --samples 20 --out pair",
+    "paper": "paper --out paper",
+}
+KINDS = (*COMMANDS, "comparison", "certificate", "workspace")
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("pages")
+
+
+@pytest.fixture(scope="module")
+def page_of(
+    folder: Path, report_comparison: Comparison, proved_degree: CertifiedDegree, evidence: Evidence
+) -> Any:
+    """The file of a page by its kind, made when it is first asked for."""
+
+    def of(kind: str) -> Path:
+        path = folder / kind / "index.html"
+        if path.exists():
+            return path
+        if kind == "comparison":
+            write_report(report_comparison, folder / kind)
+        elif kind == "workspace":
+            write_report(fh.design(fh.load_robot("planar-two-link"), Specification()), folder / kind)
+        elif kind == "certificate":
+            path.parent.mkdir()
+            page = certificate_page(
+                (proved_degree,),
+                proved_degree,
+                evidence,
+                Specification(pose=(np.pi,)),
+                ["flexhinf", "certify"],
+            )
+            path.write_text(page.html(), encoding="utf-8")
+        else:
+            if kind in ("run", "campaign", "pair"):
+                of("design")
+            if kind in ("estimate", "identify"):
+                of("run")
+            with pytest.MonkeyPatch.context() as patch:
+                patch.chdir(folder)
+                assert main(COMMANDS[kind].split()) in (0, 1)
+        return path
+
+    return of
+
+
+@pytest.mark.parametrize("name", DESIGNS)
+def test_a_page_of_a_design_is_eight_screens_at_most(browser: Any, folder: Path, name: str) -> None:
+    robot = fh.load_robot(name.removesuffix("-workspace"))
+    write_report(fh.design(robot, Specification(**DESIGNS[name])), folder / name)
+    with opened(browser, folder / name / "index.html") as page:
+        height, window = page.evaluate("[document.documentElement.scrollHeight, innerHeight]")
+        print(f"{name}: {height / window:.1f} screens")
+        assert height / window <= SCREENS
+        arm = ["#figure-result-arm svg"] * (name != "quanser-rotflex")  # whose link has no length
+        for part in (".verdict", ".numbers", "#figure-result svg", *arm):
+            box = page.locator(part).bounding_box()
+            assert box["y"] + box["height"] <= window, f"{part} is not on the first screen"
+        folded = page.locator("main details:not([open])").count()
+        assert folded > 2
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_pages_have_no_serious_problem_and_legible_letters(
+    browser: Any, page_of: Any, folder: Path, kind: str
+) -> None:
+    file = page_of(kind)
+    for width in WINDOWS:
+        for scheme in ("light", "dark"):
+            with opened(browser, file, width, color_scheme=scheme) as page:
+                page.screenshot(path=kept(folder / "screenshots", f"{kind}-{width}-{scheme}"))
+                assert page.evaluate("document.documentElement.scrollWidth") <= width
+                page.evaluate(UNFOLD)
+                assert serious(page) == []
+                assert min([LEGIBLE, *page.evaluate(LETTERS)]) >= LEGIBLE

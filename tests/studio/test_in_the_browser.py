@@ -1,0 +1,416 @@
+"""Chromium drives the studio: every slider, text and button is used, and its effect on the page is looked at."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.browser import chromium, kept, serious
+from tests.refusals import unnamed
+
+from flexhinf.studio.controls import CONTROLS
+
+pytestmark = pytest.mark.slow
+pytest.importorskip("nicegui", reason="the studio is not installed")
+
+#: Milliseconds that the page has for anything.
+PATIENCE = 30_000
+
+#: Opens a tab on the paper's arm and waits for its first design.
+Open = Callable[..., Any]
+
+#: The latest revision of which the page has drawn everything.
+LATEST = (
+    """Math.max(0, ...(window.studioDrawn || []).filter((d) => d.part === 'linear').map((d) => d.revision))"""
+)
+
+#: The figures, as they are drawn: each by its title.
+PICTURES = """() => Object.fromEntries([...document.querySelectorAll('.studio-figure')].map((figure) => [
+  figure.querySelector('.studio-figure-title').textContent, figure.querySelector('canvas').toDataURL()]))"""
+
+#: Whether so many runs were replayed, as the notes say.
+REPLAYS = """(count) => {
+  const notes = document.querySelector("[data-testid='notes']").innerText;
+  return (notes.match(/Replayed/g) || []).length === count;
+}"""
+
+#: What a slider changes: figures by their title, tiles by their key.
+CHANGES = {
+    "gamma_ratio": ("Step", "Input", "Poles", "peak"),
+    "penalty.link_position": ("Step", "Input", "Poles", "settling"),
+    "penalty.link_position_integral": ("Step", "Input", "Poles"),
+    "penalty.link_velocity": ("Step", "Input"),
+    "effort": ("Step", "Input", "Poles", "peak"),
+    "bandwidth": ("Step", "Input", "Poles", "peak"),
+    "damping": ("Step", "Input", "Poles"),
+    "torque_noise": ("Estimation error", "Sensitivity at the inputs"),
+    "measurement_noise": ("Estimation error", "Sensitivity at the inputs"),
+    "unknown_delay": ("Step",),
+    "tolerances": ("Step", "overshoot"),
+    "draws": ("Step", "unstable"),
+    "saturation": ("Input",),
+}
+
+
+@contextmanager
+def studio(folder: Path, *arguments: str) -> Iterator[str]:
+    """The address of a studio at a free port, which ends with the test."""
+    command = [sys.executable, "-m", "flexhinf", "studio", *arguments, "--no-browser"]
+    with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            yield process.stdout.readline().split()[1]
+        finally:
+            process.terminate()
+            try:
+                process.wait(20)
+            except subprocess.TimeoutExpired:
+                process.kill()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("studio")
+
+
+@pytest.fixture(scope="module")
+def address(browser: Any, folder: Path) -> Iterator[str]:
+    with studio(folder) as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as running:
+        yield running
+
+
+@pytest.fixture
+def opened(browser: Any, address: str) -> Iterator[Open]:
+    """Tabs whose scripts must not fail."""
+    contexts, troubles = [], []
+
+    def open_tab(where: str = "", **options: Any) -> Any:
+        contexts.append(browser.new_context(**{"viewport": {"width": 1280, "height": 900}, **options}))
+        page = contexts[-1].new_page()
+        page.set_default_timeout(PATIENCE)
+        page.on("pageerror", lambda error: troubles.append(str(error)))
+        page.on("console", lambda line: troubles.append(line.text) if line.type == "error" else None)
+        page.goto(where or address)
+        settled(page, 0)
+        return page
+
+    yield open_tab
+    for context in contexts:
+        context.close()
+    assert troubles == []
+
+
+def settled(page: Any, last: int) -> None:
+    """Wait until a later revision than `last` is drawn whole."""
+    page.wait_for_function(
+        f"(last) => {LATEST} > last && !document.body.innerText.includes('computing')", arg=last
+    )
+
+
+@contextmanager
+def anew(page: Any) -> Iterator[None]:
+    """What is done inside asks for a design, which is awaited."""
+    last = page.evaluate(LATEST)
+    yield
+    settled(page, last)
+
+
+def part(page: Any, key: str) -> Any:
+    return page.locator(f"[data-testid='{key}']")
+
+
+def says(page: Any, key: str, text: str) -> None:
+    """Wait until a part of the page contains a text."""
+    page.wait_for_function(
+        "([key, text]) => document.querySelector(`[data-testid='${key}']`).innerText.includes(text)",
+        arg=[key, text],
+    )
+
+
+def looks(page: Any) -> dict[str, str]:
+    """All figures and tiles."""
+    tiles = page.locator(".studio-tile")
+    texts = {tile.get_attribute("data-testid")[5:]: tile.inner_text() for tile in tiles.all()}
+    return {**page.evaluate(PICTURES), **texts}
+
+
+def write(page: Any, key: str, text: str) -> None:
+    part(page, key).fill(text)
+    part(page, key).press("Enter")
+
+
+def test_every_slider_is_tried() -> None:
+    assert set(CHANGES) == {control.key for control in CONTROLS if control.has_slider}
+
+
+@pytest.mark.parametrize("key", CHANGES)
+def test_a_slider_changes_the_design(opened: Open, key: str) -> None:
+    page = opened()
+    before, text = looks(page), part(page, key).input_value()
+    with anew(page):
+        slider = part(page, f"{key}-slider")
+        if key == "penalty.link_velocity":  # which weighs little at first
+            slider.click(position={"x": 200, "y": 12})
+        else:
+            slider.locator("[tabindex]").first.press("ArrowLeft" if key == "saturation" else "ArrowRight")
+    after = looks(page)
+    assert part(page, key).input_value() not in ("", text)
+    assert [name for name in CHANGES[key] if after[name] == before[name]] == []
+    assert part(page, "errors").inner_text() == ""
+    with anew(page):
+        write(page, key, "")
+    assert part(page, key).input_value() == ("" if key == "torque_noise" else text)  # "" asks for a search
+
+
+TEXTS = {
+    "pose": ("45deg", ("Step", "Input")),
+    "start": ("30deg", ("Step", "Input")),
+    "duration": ("2", ("Step", "Input", "Estimation error")),
+    "measured": ("motor_position", ("Estimation error", "Sensitivity at the inputs")),
+    "seed": ("7", ("Step", "Estimation error")),
+}
+
+
+@pytest.mark.parametrize("key", TEXTS)
+def test_a_text_changes_the_design(opened: Open, key: str) -> None:
+    page, (text, changes) = opened(), TEXTS[key]
+    before = looks(page)
+    with anew(page):
+        write(page, key, text)
+    after = looks(page)
+    assert [name for name in changes if after[name] == before[name]] == []
+    assert part(page, "errors").inner_text() == ""
+
+
+CHOICES = {
+    "degrees-2": ("Step", "Input"),
+    "degrees-6": ("Step", "Input"),
+    "degrees-auto": (),  # which may choose the same
+    "estimator-ekf": (),  # whose error differs by less than a pixel
+    "estimator-observer": ("Estimation error",),
+    "estimator-none": ("Estimation error", "Sensitivity at the inputs"),
+}
+
+
+@pytest.mark.parametrize("key", CHOICES)
+def test_a_choice_changes_the_design(opened: Open, key: str) -> None:
+    page = opened()
+    before = looks(page)
+    with anew(page):
+        part(page, key).click()
+    after = looks(page)
+    assert part(page, key).get_attribute("aria-pressed") == "true"
+    assert [name for name in CHOICES[key] if after[name] == before[name]] == []
+
+
+def test_runs_are_replayed(opened: Open) -> None:
+    """By button, and by a click into the band."""
+    page = opened()
+    before = looks(page)["Step"]
+    part(page, "pick-largest").click()
+    says(page, "notes", "Replayed: robot")
+    assert looks(page)["Step"] != before
+    part(page, "pick-nominal").click()
+    says(page, "notes", "Replayed: nominal")
+    part(page, "pick-slowest").click()
+    page.wait_for_function(REPLAYS, arg=3)
+    page.locator(".studio-step canvas").click(position={"x": 150, "y": 90})
+    page.wait_for_function(REPLAYS, arg=4)
+
+
+def test_the_arm_is_played_turned_and_magnified(opened: Open) -> None:
+    page = opened(reduced_motion="reduce")
+    arm = page.locator(".studio-arm")
+    assert arm.get_by_role("button").inner_text() == "Play"
+    time = arm.get_by_label("Time of the replay")
+    clock = arm.locator(".studio-clock").inner_text()
+    time.focus()
+    for name in ("Home", *["PageUp"] * 2):
+        page.keyboard.press(name)
+    shown = looks(page)["Arm"]
+    assert arm.locator(".studio-clock").inner_text() != clock
+    arm.get_by_label("Magnification of the wind-up").fill("5")
+    magnified = looks(page)["Arm"]
+    assert magnified != shown
+    box = arm.locator("canvas").bounding_box()
+    page.mouse.move(box["x"] + 100, box["y"] + 100)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 180, box["y"] + 130, steps=4)
+    page.mouse.up()
+    assert looks(page)["Arm"] != magnified
+    arm.get_by_role("button").click()
+    stood = arm.locator(".studio-clock").inner_text()
+    page.wait_for_function("(old) => document.querySelector('.studio-clock').innerText !== old", arg=stood)
+    assert arm.get_by_role("button").inner_text() == "Pause"
+
+
+def test_another_state(opened: Open) -> None:
+    page = opened()
+    before = looks(page)["Estimation error"]
+    assert part(page, "state-link_position").get_attribute("aria-pressed") == "true"
+    part(page, "state-motor_velocity").click()
+    page.wait_for_function(f"(old) => ({PICTURES})()['Estimation error'] !== old", arg=before)
+    assert part(page, "state-link_position").get_attribute("aria-pressed") == "false"
+    assert part(page, "state-motor_velocity").get_attribute("aria-pressed") == "true"
+
+
+def test_light_and_dark(opened: Open) -> None:
+    page = opened(color_scheme="light")
+    ground = "getComputedStyle(document.body).backgroundColor"
+    first = page.evaluate(ground)
+    part(page, "light").click()
+    page.wait_for_function(f"(old) => {ground} !== old", arg=first)
+    part(page, "light").click()
+    page.wait_for_function(f"(old) => {ground} === old", arg=first)
+
+
+def test_two_tabs_do_not_disturb_each_other(opened: Open) -> None:
+    page, other = opened(), opened()
+    before = looks(other)
+    with anew(page):
+        write(page, "gamma_ratio", "3")
+    assert part(other, "gamma_ratio").input_value() == "1.5"
+    with anew(other):
+        write(other, "seed", "0.")  # refused, so nothing changes
+        write(other, "duration", "4.0")
+    after = looks(other)
+    assert {
+        name: after[name] == before[name] for name in ("Step", "Input", "Poles", "peak")
+    } == dict.fromkeys(("Step", "Input", "Poles", "peak"), True)
+    assert looks(page)["peak"] != after["peak"]
+
+
+def test_a_refused_text_changes_nothing(opened: Open) -> None:
+    page = opened()
+    before = looks(page)["Step"]
+    write(page, "gamma_ratio", "0.5")
+    says(page, "errors", "try:")
+    assert unnamed(part(page, "errors").inner_text(), "found:", "expected", 0.5) == []
+    assert looks(page)["Step"] == before
+    assert page.locator(".studio-outdated").count() == 2  # tiles and figures of other settings are grey
+    with anew(page):
+        write(page, "gamma_ratio", "1.5")  # what it was
+    assert part(page, "errors").inner_text() == ""
+    assert page.locator(".studio-outdated").count() == 0
+
+
+def test_save_and_load(opened: Open, folder: Path) -> None:
+    page, other = opened(), opened()
+    with anew(page):
+        write(page, "gamma_ratio", "2.25")
+    with anew(page):
+        write(page, "tolerances", "1.5")
+    write(page, "file", "saved.toml")
+    part(page, "save").click()
+    says(page, "said", str(folder))  # at the top, where the button is
+    says(page, "notes", "Saved saved.toml")
+    assert "2.25" in (folder / "saved.toml").read_text(encoding="utf-8")
+    write(other, "file", "saved.toml")
+    with anew(other):
+        part(other, "load").click()
+    assert part(other, "gamma_ratio").input_value() == "2.25"
+    assert looks(other)["overshoot"] == looks(page)["overshoot"]
+
+
+HOSTILE = {
+    "broken": ('[design]\nrobot = "', ("broken.toml",)),
+    "elsewhere": ('[design]\nrobot = "/etc/passwd"\n', ("robot", "/etc/passwd")),
+    "climbing": ('[design]\nrobot = "../../secret.toml"\n', ("robot", "../../secret.toml")),
+    "code": ('[design]\nrobot = "paper"\npenalty = "__import__(\'os\')"\n', ("penalty",)),
+    "script": ('[design]\nrobot = "<img src=x onerror=alert(1)>"\n', ("<img src=x onerror=alert(1)>",)),
+    "unknown": ('[design]\nrobot = "paper"\ngamma = 3\n', ("gamma",)),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_hostile_file_is_refused(opened: Open, folder: Path, name: str) -> None:
+    text, names = HOSTILE[name]
+    (folder / f"{name}.toml").write_text(text, encoding="utf-8")
+    page = opened()
+    before = looks(page)["Step"]
+    write(page, "file", f"{name}.toml")
+    part(page, "load").click()
+    says(page, "errors", "try:")
+    assert unnamed(part(page, "errors").inner_text(), "found:", "expected", *names) == []
+    assert part(page, "errors").locator("img").count() == 0
+    assert looks(page)["Step"] == before
+
+
+@pytest.mark.parametrize(
+    ("act", "name"),
+    [("load", "../secret.toml"), ("load", "/etc/passwd"), ("load", "nothing.toml"), ("save", "../secret.toml"),
+     ("save", "/etc/passwd")],
+)  # fmt: skip
+def test_a_name_outside_of_the_folder_is_refused(opened: Open, folder: Path, act: str, name: str) -> None:
+    page = opened()
+    write(page, "file", name)
+    part(page, act).click()
+    says(page, "errors", "try:")
+    assert unnamed(part(page, "errors").inner_text(), "expected", "got") == []
+    assert not (folder.parent / "secret.toml").exists()
+
+
+def test_exports(opened: Open, folder: Path) -> None:
+    page = opened()
+    part(page, "c").click()
+    says(page, "notes", "C in flexhinf-c")
+    assert (folder / "flexhinf-c" / "paper.c").is_file()
+    part(page, "fmu").click()
+    says(page, "notes", "FMU: paper.fmu")
+    assert (folder / "paper.fmu").is_file()
+    part(page, "report").click()
+    says(page, "notes", "Report: flexhinf-design")
+    assert (folder / "flexhinf-design" / "index.html").is_file()
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [{"Host": "evil.example:80"}, {"Origin": "http://evil.example"}, {"Host": "127.0.0.1.evil.example:80"}],
+)
+def test_another_site_is_turned_away(address: str, headers: dict[str, str]) -> None:
+    request = urllib.request.Request(address, headers=headers)
+    with pytest.raises(urllib.error.HTTPError) as caught:
+        urllib.request.urlopen(request, timeout=20)
+    with caught.value:
+        assert caught.value.code == 403
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_page_is_accessible(opened: Open, scheme: str) -> None:
+    page = opened(color_scheme=scheme)
+    assert serious(page) == []
+    write(page, "gamma_ratio", "0.5")
+    says(page, "errors", "try:")
+    assert serious(page) == []
+
+
+@pytest.mark.parametrize("robot", ["paper", "planar-two-link"])
+def test_it_fits_a_window(opened: Open, tmp_path: Path, robot: str) -> None:
+    """And a robot of two joints shows each of them."""
+    with studio(tmp_path, robot) as where:
+        page = opened(where)
+        if robot != "paper":
+            before = looks(page)["Step"]
+            part(page, "joint-1").click()
+            page.wait_for_function(f"(old) => ({PICTURES})()['Step'] !== old", arg=before)
+        for scheme in ("light", "dark"):
+            page.emulate_media(color_scheme=scheme)
+            for width in (390, 1280, 1920):
+                page.set_viewport_size({"width": width, "height": 900})
+                page.wait_for_timeout(300)
+                page.screenshot(path=kept(tmp_path, f"studio-{robot}-{scheme}-{width}"), full_page=True)
+                assert page.evaluate("document.documentElement.scrollWidth") <= width
+        page.close()  # before its server ends

@@ -1,0 +1,237 @@
+"""A tab without its page: controls, files, and the numbers of `flexhinf design`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.refusals import refused_with
+
+import flexhinf as fh
+from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.studio.controls import (
+    CONTROLS,
+    TOLERANCES,
+    Control,
+    advice_text,
+    changed,
+    current_text,
+    current_value,
+)
+from flexhinf.studio.folder import WorkingFolder
+from flexhinf.studio.preview import Band, LinearParts, Nominal, stages
+from flexhinf.studio.session import Session, opened
+from flexhinf.studio.worker import Ticket
+
+BY_KEY = {control.key: control for control in CONTROLS}
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Session:
+    return Session(WorkingFolder(tmp_path), opened())
+
+
+def computed(session: Session) -> tuple[Nominal, Band, LinearParts]:
+    parts = list(stages(session.robot, replace(session.specification, draws=8)))
+    for part in parts:
+        session.keep(part)
+    nominal, band, linear = parts
+    assert isinstance(nominal, Nominal)
+    assert isinstance(band, Band)
+    assert isinstance(linear, LinearParts)
+    return nominal, band, linear
+
+
+def test_every_control_is_a_field_with_help() -> None:
+    assert len({control.key for control in CONTROLS}) == len(CONTROLS)
+    for control in CONTROLS:
+        assert control.help
+        if control.has_slider:
+            for place in (0, control.steps // 3, control.steps):
+                assert abs(control.position(float(control.text(place))) - place) <= 1
+
+
+@pytest.mark.parametrize("control", [each for each in CONTROLS if each.has_slider], ids=lambda each: each.key)
+def test_a_slider_changes_its_field_and_shows_it(session: Session, control: Control) -> None:
+    before, text = session.specification, control.text(control.steps // 4)
+    session.change(control, text)
+    shown = current_text(control, session.specification, session.tolerances)
+    value = current_value(control, session.specification, session.tolerances, session.robot)
+    assert float(shown) == pytest.approx(float(text), rel=1e-3)
+    assert control.position(value) == pytest.approx(control.steps // 4, abs=1)
+    assert session.tolerances != 1.0 if control.key == TOLERANCES else session.specification != before
+    session.change(control, "")
+    default = 1.0 if control.key == TOLERANCES else fh.Specification().__getattribute__(control.field)
+    now = session.tolerances if control.key == TOLERANCES else getattr(session.specification, control.field)
+    assert now == default
+
+
+def test_weights_and_behaviour_give_way_to_each_other(session: Session) -> None:
+    session.change(BY_KEY["penalty.link_position"], "80")
+    assert session.specification.penalty == {"link_position": 80.0, "link_position_integral": 300.0}
+    session.change(BY_KEY["bandwidth"], "4")
+    assert session.specification.penalty is None
+    assert session.specification.bandwidth == 4.0
+    session.change(BY_KEY["effort"], "2")
+    assert session.specification.bandwidth is None
+
+
+@pytest.mark.parametrize(
+    ("key", "text"),
+    [
+        ("gamma_ratio", "0.5"), ("gamma_ratio", "nan"), ("gamma_ratio", "1e400"), ("gamma_ratio", "five"),
+        ("degrees", "13"), ("damping", "2"), ("measurement_noise", "-1"), ("pose", "5mm"), ("pose", "x" * 5000),
+        ("unknown_delay", "0.3ms"), ("draws", "1e9"), ("draws", "2000000"), (TOLERANCES, "nan"), (TOLERANCES, "-1"),
+        (TOLERANCES, "1e9"), ("penalty.link_position", "nan"), ("estimator", "magic"), ("duration", "1e9"),
+    ],
+)  # fmt: skip
+def test_a_value_that_cannot_be_used_changes_nothing(session: Session, key: str, text: str) -> None:
+    before, tolerances = session.specification, session.tolerances
+    with pytest.raises(FlexhinfError) as caught:
+        session.change(BY_KEY[key], text)
+    assert caught.value.what
+    assert caught.value.found
+    assert caught.value.advice
+    assert (session.specification, session.tolerances) == (before, tolerances)
+
+
+HOSTILE = {
+    "no table": "x = 1\n",
+    "no robot": "[design]\npose = 1.0\n",
+    "not a number": '[design]\nrobot = "paper"\npose = nan\n',
+    "a huge number": '[design]\nrobot = "paper"\ndraws = 999999999999999999999999\n',
+    "a wrong type": "[design]\nrobot = 3\n",
+    "a wrong type of a field": '[design]\nrobot = "paper"\nperiod = [1, 2]\n',
+    "an unknown field": '[design]\nrobot = "paper"\ncommand_line = "rm"\n',
+    "deep nesting": '[design]\nrobot = "paper"\npenalty = ' + "[" * 5000 + "]" * 5000 + "\n",
+    "deep keys": "a" + ".a" * 5000 + " = 1\n",
+    "megabytes": '[design]\nrobot = "paper"\n' + "# padding\n" * 1_000_000,
+    "a long list": '[design]\nrobot = "paper"\npose = [' + "1.0," * 200_000 + "]\n",
+    "bytes": "\ufffd\x00\x01",
+    "half a file": '[design]\nrobot = "pap',
+    "a missing robot": '[design]\nrobot = "arm.toml"\n',
+}
+
+
+@pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE)
+def test_a_hostile_file_is_refused_and_changes_nothing(session: Session, text: str) -> None:
+    (session.folder.root / "design.toml").write_text(text, encoding="utf-8")
+    before = session.request
+    with pytest.raises(InvalidInput) as caught:
+        session.load("design.toml")
+    assert caught.value.what
+    assert caught.value.found
+    assert caught.value.advice
+    assert len(str(caught.value)) < 4000
+    assert session.request is before
+
+
+def test_what_is_saved_gives_the_same_numbers_when_it_is_loaded(session: Session) -> None:
+    for key, text in {"gamma_ratio": "1.8", "penalty.link_position": "90", "torque_noise": "3e-7"}.items():
+        session.change(BY_KEY[key], text)
+    session.change(BY_KEY[TOLERANCES], "1.5")
+    first, band, _ = computed(session)
+    assert session.save("tuned.toml").count("tuned") == 2
+    other = Session(session.folder, opened("planar-two-link"))
+    other.load("tuned.toml")
+    assert other.specification == session.specification
+    assert other.robot.parameters[0].tolerance == session.robot.parameters[0].tolerance
+    second, same, _ = computed(other)
+    assert np.array_equal(first.step.positions, second.step.positions)
+    assert band.samples is not None
+    assert same.samples is not None
+    assert np.array_equal(band.samples.positions, same.samples.positions, equal_nan=True)
+
+
+def test_other_files_are_not_replaced(session: Session) -> None:
+    (session.folder.root / "arm.toml").write_text('name = "mine"\n', encoding="utf-8")
+    with refused_with(InvalidInput, "arm.toml"):
+        session.save("arm.toml")
+    for name in ("design.json", "none/design.toml", "../design.toml"):
+        with pytest.raises(InvalidInput):
+            session.save(name)
+    assert (session.folder.root / "arm.toml").read_text(encoding="utf-8") == 'name = "mine"\n'
+    assert "design.toml" in session.save("design.toml")
+    assert "design.toml" in session.save("design.toml")
+
+
+def test_a_run_of_the_band_is_made_again_bit_by_bit(session: Session) -> None:
+    _, band, _ = computed(session)
+    assert band.samples is not None
+    k = band.samples.worst
+    run = band.run(k)
+    rows = np.rint(band.samples.time / session.specification.period).astype(int)
+    assert np.array_equal(run.positions[rows], band.samples.positions[k])
+    instant = len(rows) // 3
+    at, position = band.samples.time[instant], float(band.samples.positions[5, instant, 0])
+    assert band.nearest(0, at, position) == 5
+
+
+@pytest.mark.slow
+def test_the_numbers_are_those_of_the_design(session: Session) -> None:
+    session.change(BY_KEY["draws"], "8")
+    nominal, band, linear = stages(session.robot, session.specification)
+    session.save("design.toml")
+    robot, s = fh.load_design(session.folder.root / "design.toml")
+    result = fh.design(robot, replace(s, proof_seconds=0.0, compare_rigid=False))
+    assert isinstance(nominal, Nominal)
+    assert isinstance(band, Band)
+    assert isinstance(linear, LinearParts)
+    assert np.array_equal(result.evaluation.step.positions, nominal.step.positions)
+    assert band.samples is not None
+    assert np.array_equal(result.evaluation.step_samples.overshoot, band.samples.overshoot)
+    assert result.evaluation.margins.peak_sensitivity == linear.nominal.evaluation.margins.peak_sensitivity
+    lines = {(line.what, line.where): line for line in result.requirements}
+    for line in (*nominal.requirements, *linear.requirements):
+        if line.what != "damping of oscillations":  # that of the design names its joint
+            assert lines[line.what, line.where].found == line.found
+
+
+@pytest.mark.slow
+def test_exports_are_written_under_free_names(session: Session) -> None:
+    computed(session)
+    for kind, first in (("c", "flexhinf-c"), ("fmu", "paper.fmu")):
+        for _ in range(2):
+            notes = list(session.exported(kind)(Ticket(lambda ticket: iter(()), lambda result: None)))
+            assert notes[-1].done
+        assert (session.folder.root / first).exists()
+    assert (session.folder.root / "flexhinf-c-2" / "paper.c").is_file()
+    assert (session.folder.root / "paper-2.fmu").is_file()
+
+
+def test_a_design_for_a_workspace_becomes_one_of_a_pose() -> None:
+    request = opened("planar-two-link")
+    assert request.specification.pose == request.robot.home
+    assert request.specification.degrees == (2,)
+    assert request.specification.torque_noise
+
+
+def test_a_text_without_a_unit_is_in_radians(session: Session) -> None:
+    s = changed(session.specification, BY_KEY["pose"], "1.2", session.robot)
+    assert s.pose == (1.2,)
+
+
+@pytest.mark.parametrize(
+    ("advice", "text"),
+    [
+        ("bandwidth=1.4e+02. The arm vibrates", "Bandwidth 140. The arm vibrates"),
+        ("start=(0.2, -0.4), or [0, 1]", "Start 0.2,-0.4, or 0,1"),
+        ("45deg in commands and specifications, np.deg2rad(45) elsewhere; or another", "45deg; or another"),
+        ("measured=('link_position', 'motor_position')", "Measured link_position,motor_position"),
+    ],
+)
+def test_an_advice_is_what_the_field_takes(advice: str, text: str) -> None:
+    assert advice_text(InvalidInput("", "", advice)) == text
+
+
+@pytest.mark.parametrize("control", CONTROLS, ids=lambda control: control.key)
+def test_no_advice_is_in_python(session: Session, control: Control) -> None:
+    advice = ""
+    for text in ("abc", "7m/s", "[1"):
+        try:
+            session.change(control, text)
+        except FlexhinfError as error:
+            advice += advice_text(error)
+    assert set("=()[]'") & set(advice) == set()

@@ -1,0 +1,132 @@
+"""Every public name has an example in its docstring that runs; no result fills more than a screen."""
+
+from __future__ import annotations
+
+import doctest
+import inspect
+import shutil
+from typing import Any
+
+import numpy as np
+import pytest
+
+import flexhinf as fh
+
+#: Names whose example takes long, or needs another compiler.
+SKIPPED = {"Comparison", "WorkspaceDesign", "compare", "export_web"}
+
+#: Rows and columns of a terminal.
+ROWS, COLUMNS = 24, 80
+
+
+def examples(name: str) -> list[doctest.Example]:
+    """Those of the docstring itself: not those of a method."""
+    return doctest.DocTestParser().get_examples(own(name))
+
+
+def own(name: str) -> str:
+    return getattr(fh, name).__doc__ or ""
+
+
+@pytest.mark.parametrize("name", sorted(set(fh.__all__) - {"__version__"}))
+def test_every_public_name_has_an_example(name: str) -> None:
+    found = examples(name)
+    assert found
+    assert any(name in example.source for example in found) or inspect.isclass(getattr(fh, name))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(SKIPPED))
+def test_examples_that_take_long_run_too(name: str) -> None:
+    """They are skipped where the others are run."""
+    if name == "export_web" and not (shutil.which("clang") and shutil.which("wasm-ld")):
+        pytest.skip("clang or wasm-ld is not installed")
+    parser, runner = doctest.DocTestParser(), doctest.DocTestRunner()
+    text = own(name)
+    assert "# doctest: +SKIP" in text
+    test = parser.get_doctest(text.replace("# doctest: +SKIP", ""), {}, name, None, 0)
+    assert runner.run(test).failed == 0
+
+
+def test_only_those_are_skipped() -> None:
+    skipped = {name for name in fh.__all__ if "+SKIP" in own(name)}
+    assert skipped == SKIPPED
+
+
+# Reprs ------------------------------------------------------------------------------------------------
+def screen_lines(text: str) -> int:
+    return sum(max(1, -(-len(line) // COLUMNS)) for line in text.splitlines())
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """An object of each public class, of the largest robots where that is quick."""
+    arm, seven = fh.paper_arm(), fh.load_robot("seven-link")
+    problem = arm.problem([70.0, 18.0, 60.0, 18.0, 320.0])
+    solution = fh.solve_hji(problem, 1.5 * fh.smallest_gamma(problem), degree=4)
+    ukf = fh.UnscentedKalmanFilter(arm.plant(), 1e-2, 1e-8, 1e-6, np.zeros(4), 1e-4)
+    ekf = fh.ExtendedKalmanFilter(arm.plant(), 1e-2, 1e-8, 1e-6, np.zeros(4), 1e-4)
+    watch = fh.Supervision((-2.0, 2.0))
+    controller = fh.Controller(solution, ekf, 1e-2, supervision=watch)
+    loop = fh.Loop(arm.plant(), controller)
+    run = loop.run(fh.Sine(0.3, frequency=0.5), noise=1e-3, duration=4.0)
+    data, time = fh.filter_log(ekf, run), np.linspace(0.0, 1.0, 11)
+    polynomial = fh.PolynomialPlant({(1,): [1.0], (3,): [-1.0]}, [[1.0]], [[1.0]], {(1,): [1.0]}, 1.0)
+    whole = seven.plant(("link_position", "motor_position"))
+    noise = np.diag(np.repeat([0.0, 1e-4, 0.0, 1e-2], 7))
+    modal = fh.ExtendedKalmanFilter(whole, 1e-3, noise, 1e-8, np.zeros(28), noise, form="covariance")
+    library = fh.compile_controller(
+        fh.Controller(solution, None, 1e-2), tmp_path_factory.mktemp("c") / "a.so"
+    )
+    large = seven.problem({"link_position": 1.0, "link_position_integral": 1.0})
+    quick: dict[str, Any] = {
+        "degrees": "2",
+        "draws": 0,
+        "rays": 0,
+        "proof_seconds": 0,
+        "compare_rigid": False,
+    }
+    wanted = fh.Specification(pose="10deg", start="0", estimator="none", **quick)
+    return {
+        "Robot": seven, "Plant": whole, "GeneralisedPlant": large,
+        "PolynomialPlant": polynomial, "HJISolution": solution, "UnscentedKalmanFilter": ukf,
+        "ExtendedKalmanFilter": modal, "ModalFilter": fh.ModalFilter(modal), "Controller": controller, "Loop": loop,
+        "Trajectory": run, "Schedule": fh.Schedule([solution]), "Supervision": watch, "Status": controller.status,
+        "Certificate": fh.solve_hji(polynomial, 1.5, 4).certify(gamma=2.0), "Penalty": problem.penalty,
+        "Design": fh.design(arm, wanted), "Specification": wanted, "CompiledController": fh.load_compiled(library),
+        "Identification": fh.identify(arm.with_values({"stiffness": 90.0}), run, "stiffness"),
+        "Excitation": fh.excitation(arm, "stiffness", duration=4.0, period=1e-2, candidates=1),
+        "Log": fh.Log(run.time, run.signals["input"], run.signals["output"]), "Consistency": fh.consistency(data),
+        "OutputInjectionObserver": fh.OutputInjectionObserver(arm.plant(), 1e-2, 1e-6, 1e-6, mean=np.zeros(4)),
+        "Gaussian": ukf.initial, "ModalLaw": fh.ModalLaw.tuned(large),
+        "Moving": fh.Moving(fh.Quintic(0.0, 1.0, 1.0), arm.inverse_dynamics), "Sensor": fh.Sensor("motor_position"),
+        "JerkLimited": fh.JerkLimited(0.0, 1.0, 1.0, 4.0, 40.0), "Spline": fh.Spline(time, np.sin(time)),
+        "Waypoints": fh.Waypoints(time, np.sin(time)), "Samples": fh.Samples(np.arange(1e4), np.arange(1e4)),
+        "Braked": fh.Braked(fh.Sine(1.0, frequency=0.5), at=1.0), "Constant": fh.Constant(1.0), "Step": fh.Step(1.0),
+        "Sine": fh.Sine(1.0, frequency=0.5), "Quintic": fh.Quintic(0.0, 1.0, 1.0), "Parameter": arm.parameters[0],
+        "Diagnosis": fh.Diagnosis("innovations", 3, "a larger noise"), "modes": seven.modes(), "filter_log": data,
+    }  # fmt: skip
+
+
+def test_a_repr_fills_a_screen_at_most(results: dict[str, Any]) -> None:
+    shown = {name: screen_lines(repr(result)) for name, result in results.items() if name != "filter_log"}
+    assert {name: lines for name, lines in shown.items() if lines > ROWS} == {}
+
+
+def test_every_public_class_is_shown(results: dict[str, Any]) -> None:
+    bases = {"BlackBox", "Estimator", "Law"}
+    long = {"Comparison", "WorkspaceDesign"}  # tests/design
+    classes = {
+        name
+        for name in fh.__all__
+        if inspect.isclass(kind := getattr(fh, name)) and not issubclass(kind, Exception)
+    }
+    assert classes - bases - long <= set(results)
+
+
+def test_tables_of_a_notebook_are_as_short(results: dict[str, Any]) -> None:
+    for result in results.values():
+        if hasattr(result, "summary"):
+            facts = result.summary()
+            assert len(facts) <= ROWS
+            assert all(len(text) <= 4 * COLUMNS for text in facts.values()), type(result)
