@@ -12,7 +12,7 @@ import pytest
 
 from flexhinf.hinf import smallest_gamma, solve_hji
 from flexhinf.plant.polynomial_plant import PolynomialPlant
-from flexhinf.polynomial.homological import Coordinates
+from flexhinf.hinf.homological import Coordinates
 
 
 def _jordan_plant(n: int, coupling: float, gap: float) -> PolynomialPlant:

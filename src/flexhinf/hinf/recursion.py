@@ -40,7 +40,7 @@ from flexhinf.hinf.linear_part import Parts, RiccatiSolution, ScaledProblem
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import add_part, gradient, matrix_product, monomials, product
-from flexhinf.polynomial.homological import HomologicalEquation, change_variables
+from flexhinf.hinf.homological import HomologicalEquation, change_variables
 from flexhinf.validation import read_only
 
 

@@ -28,7 +28,7 @@ from flexhinf.plant.polynomial_plant import PolynomialPlant, Problem
 from flexhinf.plant.protocols import Law
 from flexhinf.polynomial.algebra import PolynomialLaw, add_part, product
 from flexhinf.polynomial.basis import count
-from flexhinf.polynomial.homological import HOPELESS
+from flexhinf.hinf.homological import HOPELESS
 from flexhinf.scalars import digest, trace
 from flexhinf.validation import checked_path
 

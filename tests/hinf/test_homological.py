@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flexhinf.polynomial import basis
-from flexhinf.polynomial.homological import Coordinates, HomologicalEquation
+from flexhinf.hinf.homological import Coordinates, HomologicalEquation
 
 
 def _kronecker_operator(matrix: np.ndarray, k: int) -> np.ndarray:

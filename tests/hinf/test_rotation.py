@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flexhinf.polynomial import basis
-from flexhinf.polynomial.homological import change_variables, rotate_pairs
+from flexhinf.hinf.homological import change_variables, rotate_pairs
 
 
 @pytest.mark.parametrize(

@@ -32,12 +32,12 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.hinf.contraction import contract
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import matrix_product, run_all, tile_products
 
 _SMALL = 20_000  # opened tensors up to this size go through one product and one selection
-_TILE_BYTES = 2_000_000
-_LARGE = 2_000_000  # opened tensors from this size on are worth a second thread
+_LARGE = 2_000_000  # opened tensors from this size on are worth machine code and a second thread
 
 
 class Workspace:
@@ -74,7 +74,9 @@ def change_variables(
         else:
             shape = len(opening), basis.count(n, s + 1)
             result = workspace.take(s, *shape, dtype) if workspace else np.empty(shape, dtype)
-            tensor = _contract_one_index(tensor, opening, n, s, matrix, result)
+            large = s > 0 and dtype == float and opening.size * width > _LARGE
+            (contract if large else _contract_one_index)(tensor, opening, n, s, matrix, result)
+            tensor = result
     return tensor.reshape(-1).copy() if workspace else tensor.reshape(-1)
 
 
@@ -87,39 +89,20 @@ def _sorted_pairs(n: int, s: int) -> np.ndarray:
 
 def _contract_one_index(
     tensor: np.ndarray, opening: np.ndarray, n: int, s: int, matrix: np.ndarray, result: np.ndarray
-) -> np.ndarray:
+) -> None:
+    """The contraction of `flexhinf.hinf.contraction` by NumPy, some rows at a time."""
     width = basis.count(n, s)
-    blocks = 1 if s == 0 else min(n, 4)  # of new indices: more skip more of the unsorted tuples
-    products = tile_products(result.dtype)  # stays in cache, too
-    columns = min(width, max(1, products * blocks // n**2))
-    rows = max(1, _TILE_BYTES // (n * columns * tensor.itemsize) if s else products // n**2)
-    edges = [(block * n) // blocks for block in range(blocks + 1)]
-    start, first = basis.offsets(n, s), basis.offsets(n, s + 1)
+    rows = max(1, tile_products(result.dtype) // (n * n * width))
 
-    def contract(top: int, left: int) -> None:
-        opened, kept = tensor[:, left : left + columns][opening[top : top + rows]], result[top : top + rows]
+    def some(top: int) -> None:
+        opened = tensor[opening[top : top + rows]]
         if s == 0:
-            np.matmul(opened[:, :, 0], matrix, out=kept)
-            return
-        right = left + opened.shape[2]
-        for low, high in pairwise(edges):
-            begin = max(start[low], left)
-            if begin >= right:
-                return
-            contracted = np.matmul(matrix[:, low:high].T, opened[:, :, begin - left :])
-            for j in range(low, high):
-                tail = max(start[j], left)
-                if tail < right:
-                    place = first[j] - start[j]
-                    kept[:, place + tail : place + right] = contracted[:, j - low, tail - begin :]
+            np.matmul(opened[:, :, 0], matrix, out=result[top : top + rows])
+        else:
+            contracted = np.matmul(matrix.T, opened).reshape(len(opened), -1)
+            result[top : top + rows] = contracted[:, _sorted_pairs(n, s)]
 
-    run_all(
-        contract,
-        ((top, left) for top in range(0, len(opening), rows) for left in range(0, width, columns)),
-        large=opening.size * width > _LARGE,
-    )
-    return result
-
+    run_all(some, ((top,) for top in range(0, len(opening), rows)), large=opening.size * width > _LARGE)
 
 _NEGLIGIBLE = 5_000  # coefficients up to which one complex change of variables is cheaper than real and pairs
 _PAIR = np.array([[1, 1], [1j, -1j]]) / np.sqrt(2)
