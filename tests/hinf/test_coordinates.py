@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from flexhinf.hinf import homological as coordinates
-from flexhinf.polynomial import algebra, basis
 from flexhinf.hinf.homological import HomologicalEquation
+from flexhinf.polynomial import algebra, basis
 
 
 @pytest.mark.parametrize("apart", [True, False])

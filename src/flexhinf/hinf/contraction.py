@@ -52,8 +52,8 @@ row:
   br label %span
 span:
   %k = phi i64 [ 0, %row ], [ %k.next, %span.next ]
-  %span.words = mul i64 %k, {words}
-  %span.at = getelementptr i64, ptr %spans, i64 %span.words
+  %span.first = mul i64 %k, {length}
+  %span.at = getelementptr i64, ptr %spans, i64 %span.first
   %kind = load i64, ptr %span.at
   %i.at = getelementptr i64, ptr %span.at, i64 1
   %i = load i64, ptr %i.at
@@ -138,7 +138,7 @@ def _kind(rows: int, lanes: int, number: int) -> str:
 
 
 _KINDS = tuple((rows, lanes) for rows in (1, _ROWS) for lanes in (1, 4, _LANES))
-_WORDS = 4 + _ROWS  # of a span: kind, first row, first and last column, where the rows begin
+_SPAN = 4 + _ROWS  # of a span: kind, first row, first and last column, where the rows begin
 
 
 @cache
@@ -153,7 +153,7 @@ def _compiled() -> tuple[Any, Any]:
         for lanes in sorted({lanes for _, lanes in _KINDS})
     )
     kinds = "".join(_kind(*kind, number) for number, kind in enumerate(_KINDS))
-    text = declared + _HEAD.format(entry=_ENTRY, words=_WORDS, cases=cases) + kinds + _TAIL
+    text = declared + _HEAD.format(entry=_ENTRY, length=_SPAN, cases=cases) + kinds + _TAIL
     host = machine.host()
     code = cached(
         ("hinf", text, host.triple, host.cpu, host.features, host.version),
