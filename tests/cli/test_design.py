@@ -78,6 +78,7 @@ def test_the_report_of_another_robot_keeps_a_place(folder: Path, capsys: pytest.
     assert [name for name in names if name not in told] == []
 
 
+@pytest.mark.slow
 def test_the_exit_code_says_whether_the_specification_is_met(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

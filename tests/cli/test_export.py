@@ -344,6 +344,7 @@ def test_the_version_of_fmi_is_chosen(folder: Path, capsys: pytest.CaptureFixtur
     assert not (folder / "other.fmu").exists()
 
 
+@pytest.mark.slow
 def test_measurements_are_checked_on_request(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """With the robot's limits; a robot that states none is refused."""
     arm = fh.load_robot("planar-two-link")

@@ -119,7 +119,7 @@ def test_a_model_that_does_not_fit_is_a_result_of_its_own(
     assert "not fit" not in found.source
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["identify", "estimate"])
 def test_an_ending_fits_a_screen_and_names_what_the_model_leaves_out(
     folder: Path, command: str, capsys: pytest.CaptureFixture[str]

@@ -39,6 +39,7 @@ def stored(folder: Path) -> tuple[dict, dict]:
     )
 
 
+@pytest.mark.slow
 def test_by_default_a_controller_for_the_workspace_is_written_and_made_again(
     robot: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -86,6 +87,7 @@ def test_a_file_of_waypoints_is_read_from_the_folder_of_the_design_file(robot: s
     assert numbers["sampled_moves"] == []
 
 
+@pytest.mark.slow
 def test_an_interrupted_design_leaves_what_was_there(
     robot: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

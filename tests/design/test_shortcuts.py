@@ -46,7 +46,7 @@ def opened(design: Any, i: int = 0) -> Any:
     return control.ss(system.a, system.b, -system.c, -system.d, system.period)
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.oracle
 def test_margins_and_poles_are_those_of_python_control(design: Any) -> None:
     margins, linear = design.margins(), design.linear()

@@ -480,6 +480,7 @@ def test_a_run_rests_for_a_second_and_is_judged_as_the_moves_of_its_design(tmp_p
 
 
 # As C ---------------------------------------------------------------------------------------------------
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["planar-two-link", pytest.param("seven-link", marks=pytest.mark.slow)])
 def test_the_c_of_a_moving_command_is_the_simulation(
     name: str, needs_compiler: Callable[..., None], tmp_path: Path

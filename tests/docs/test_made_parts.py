@@ -37,6 +37,7 @@ def test_a_part_is_what_the_code_makes(name: str, repository: Path) -> None:
         assert figure.read_text(encoding="utf-8") == drawn, f"run: python docs/make.py {name}"
 
 
+@pytest.mark.slow
 def test_the_table_of_sizes_is_near_the_sizes(repository: Path) -> None:
     """A line more or less is no news: the rooms are the same, the numbers agree within `ROUNDING`."""
     page, made = (

@@ -58,6 +58,7 @@ def test_the_reference_is_the_textbook_filter_in_many_digits():
             mean, covariance = f * mean + g * mpmath.mpf(u), f * covariance * f.T + q
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 def test_some_of_the_filters_that_break_the_covariance_form():
     cases = [case for case in kept() if case.determined][::20]

@@ -103,6 +103,7 @@ def test_every_code_is_reached_with_the_same_bits(
     }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 @pytest.mark.parametrize("limit", [48.0, pytest.param(1e9, marks=pytest.mark.slow)])
 def test_without_a_command_the_last_good_one_holds_whatever_was_refused_before(
@@ -178,6 +179,7 @@ def test_the_older_memory_is_32_to_64_good_samples_old(missing: float) -> None:
 
 
 # Boot -----------------------------------------------------------------------------------------------
+@pytest.mark.slow
 @pytest.mark.parametrize("option", ["hold", pytest.param("zero", marks=pytest.mark.slow)])
 def test_before_the_first_good_measurement_the_output_is_that_before_the_first_sample(
     option: str, build: Callable[..., Any]
@@ -203,6 +205,7 @@ def test_before_the_first_good_measurement_the_output_is_that_before_the_first_s
     assert abs(u[25, 0] - u[24, 0]) < 1e-6
 
 
+@pytest.mark.slow
 def test_a_step_without_an_init_says_so_and_gives_the_input_before_the_first_sample(
     build: Callable[..., Any], compiler: str
 ) -> None:

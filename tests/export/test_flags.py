@@ -153,7 +153,7 @@ def replayed(
     return bool(fused), np.reshape(inputs, (len(samples), -1))
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.slow
 @pytest.mark.oracle
 @pytest.mark.parametrize(("compiler", "flags", "real"), ROWS)
 def test_flags_change_no_bit_or_are_refused(

@@ -97,6 +97,7 @@ def instance(files: dict[tuple[str, str], Path], tmp_path: Path) -> Any:
         one.end()
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 def test_a_loop_of_fmus_moves_as_simulated_in_both_versions(
     controller: fh.Controller, instance: Callable[[str, str], Instance]

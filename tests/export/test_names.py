@@ -33,6 +33,7 @@ def law_numbers(source: str) -> list[tuple[float, str]]:
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 @pytest.mark.parametrize("pieces", [False, True])
 def test_the_terms_in_the_comments_are_the_law(cubic: fh.Controller, pieces: bool) -> None:
@@ -65,6 +66,7 @@ def test_parameters_stand_at_their_constants(cubic: fh.Controller, arm: fh.Robot
     assert re.search(r"ARM_P_STIFFNESS = \d+, /\* N m/rad \*/", files["arm.h"])
 
 
+@pytest.mark.slow
 def test_header_and_source_have_one_digest_and_another_design_has_another(
     cubic: fh.Controller, arm: fh.Robot
 ) -> None:
@@ -82,6 +84,7 @@ def test_header_and_source_have_one_digest_and_another_design_has_another(
     assert first != digests(cubic, drawing="A-1234")
 
 
+@pytest.mark.slow
 def test_the_origin_stands_in_header_source_and_readme_and_ends_no_comment(
     cubic: fh.Controller, arm: fh.Robot
 ) -> None:

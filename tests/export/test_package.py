@@ -95,6 +95,7 @@ def test_the_readme_says_where_nothing_limits_the_input(controller: fh.Controlle
     assert re.search(r"\| saturation \| none.*`ARM_P_LOWER`", controller_files(unlimited, "arm")["README.md"])
 
 
+@pytest.mark.slow
 def test_what_is_exported_begins_where_the_step_does() -> None:
     """The estimate of a design begins at the start of its step, not at the goal: a recording from elsewhere is at the
     limits all the time, and any code would answer that."""
@@ -187,6 +188,7 @@ def test_a_compiler_for_another_machine_measures_nothing(
     assert "#define TOLERANCE 5e-02f" in (folder / "arm_test.c").read_text()
 
 
+@pytest.mark.slow
 def test_commands_of_the_test_vector_stay_within_the_range_of_a_joint() -> None:
     """At home the quill of the SCARA stands at the end of its range."""
     robot = fh.load_robot("scara")

@@ -105,7 +105,7 @@ def test_a_recorded_loop_comes_out_the_same(name: str, build: Callable[..., Any]
     ]
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", EVERY)
 def test_hostile_samples_are_answered_as_in_python(name: str, build: Callable[..., Any]) -> None:

@@ -118,6 +118,7 @@ def test_the_main_program_rests_at_the_start_until_there_is_a_command(compiler: 
     assert np.loadtxt(said.splitlines()) == pytest.approx(np.tile(u, (50, 1)), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_sketch_of_a_moving_command_compiles(tmp_path: Path, needs_compiler: Callable[..., None]) -> None:
     needs_compiler("g++")
     folder = fh.export_c(controller_of("planar-two-link"), tmp_path / "c", "arm")
@@ -128,6 +129,7 @@ def test_the_sketch_of_a_moving_command_compiles(tmp_path: Path, needs_compiler:
     assert "arm_rest(&arm_defaults, home" in sketch
 
 
+@pytest.mark.slow
 def test_a_firmware_may_leave_the_rest_out(compiler: str, tmp_path: Path) -> None:
     """Then the object has neither of its functions."""
     folder = fh.export_c(controller_of("planar-two-link"), tmp_path / "c", "arm")
@@ -139,6 +141,7 @@ def test_a_firmware_may_leave_the_rest_out(compiler: str, tmp_path: Path) -> Non
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moving", [True, False])
 def test_it_is_said_what_a_command_is(moving: bool) -> None:
     files = controller_files(controller_of("planar-two-link", moving), "arm")
@@ -161,6 +164,7 @@ def test_it_is_said_what_a_command_is(moving: bool) -> None:
     assert [float(word) for word in home[1].split(",")] == pytest.approx(robot_of("planar-two-link").home)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moving", [True, False])
 def test_the_first_example_compiles_and_the_header_warns_first(
     moving: bool, compiler: str, tmp_path: Path
@@ -177,6 +181,7 @@ def test_the_first_example_compiles_and_the_header_warns_first(
     subprocess.run([compiler, *STRICT, "-c", "example.c", "-o", "out.o"], cwd=folder, check=True)
 
 
+@pytest.mark.slow
 def test_it_is_said_why_a_test_vector_saturates(controller: fh.Controller) -> None:
     weak = fh.Controller(controller.law, controller.estimator, 1e-3, 0.01)
     said = controller_files(weak, "arm")["README.md"]
@@ -184,6 +189,7 @@ def test_it_is_said_why_a_test_vector_saturates(controller: fh.Controller) -> No
     assert "swing" not in controller_files(fh.Controller(controller.law, None, 1e-3), "arm")["README.md"]
 
 
+@pytest.mark.slow
 def test_signals_of_motors_are_said_to_be_those_at_the_joint() -> None:
     """By the gear ratios of the robot's file, of 100 and 7; without them after the gear."""
     robot = robot_of("planar-two-link").with_values({"gear_ratio_elbow": 7.0})
@@ -196,6 +202,7 @@ def test_signals_of_motors_are_said_to_be_those_at_the_joint() -> None:
         assert unnamed(unknown[name], "angle / 100", "speed / 7") == ["angle / 100", "speed / 7"]
 
 
+@pytest.mark.slow
 def test_torques_of_motors_are_said_to_be_those_at_the_joint() -> None:
     plain = robot_of("planar-two-link")
     kept = [

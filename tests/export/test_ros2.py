@@ -193,6 +193,7 @@ def test_no_compiler_warns(version: str, compiler: str, real: str, kind: str, tm
         subprocess.run([compiler, *STRICT, *own, "-c", source, "-o", tmp_path / "out.o"], check=True)
 
 
+@pytest.mark.slow
 def test_the_package_is_found_under_the_names_of_its_plugin(arm: Callable[[], Manager]) -> None:
     one = arm()
     plugin = ElementTree.parse(one.package / "arm_controller.xml").getroot()

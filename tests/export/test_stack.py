@@ -67,6 +67,7 @@ def test_large_estimators_need_little_stack(name: str, most: int) -> None:
     assert all(0 < size <= most for size in computed if size is not None)
 
 
+@pytest.mark.slow
 def test_the_readme_states_it(controller: fh.Controller, tmp_path: Path) -> None:
     if shutil.which("gcc") is None:
         pytest.skip("no gcc")

@@ -82,6 +82,7 @@ def test_the_header_names_the_bits_and_strict_compilers_take_the_source(
     assert unnamed(code.header, "reactions:", "hold", "brake", "0.05 s", "path_rate", "arm_start") == []
 
 
+@pytest.mark.slow
 def test_an_fmu_puts_the_status_out(controller: fh.Controller, compiler: str, tmp_path: Path) -> None:
     pytest.importorskip("fmpy")
     from tests.export.test_fmu import end, instance
@@ -123,6 +124,7 @@ void report(int code) { (void)code; }
 """
 
 
+@pytest.mark.slow
 def test_the_main_program_of_an_export_slows_the_path_of_its_command(
     controller: fh.Controller, compiler: str, tmp_path: Path
 ) -> None:

@@ -94,7 +94,7 @@ def test_the_input_continues_and_the_arm_stays(library: CompiledController, driv
     assert np.abs(positions - positions[0]).max() > 1.5 * left
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 def test_python_told_the_same_gives_the_same_bits(
     control: fh.Controller, library: CompiledController, driven: Driven
 ) -> None:

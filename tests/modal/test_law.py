@@ -89,6 +89,7 @@ def test_kernel_file_and_c_are_python(made, name, tmp_path):
             np.testing.assert_allclose(each.step(x, np.concatenate([x_d, u_d])), expected, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_c_is_bounded(made, tmp_path):
     """Operations do not depend on the pose; the text of seven links is that of some 4000."""
     for name, most in (("planar-two-link", 40_000), ("seven-link", 180_000)):

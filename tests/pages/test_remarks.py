@@ -104,6 +104,7 @@ def test_a_law_without_a_region_says_why_in_the_verdict(report_design: Make) -> 
     assert not any("region" in text for text in found)
 
 
+@pytest.mark.slow
 def test_a_budget_is_noted_only_where_it_could_have_been_kept(report_design: Make) -> None:
     design = report_design("met")
     last = report_design("rings").attenuation.budget[-1]

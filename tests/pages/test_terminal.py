@@ -28,7 +28,7 @@ def printed(end: Ending) -> list[str]:
     return stream.getvalue().splitlines()
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["met", "rings", "true state", pytest.param("robust", marks=pytest.mark.slow)]
 )

@@ -378,6 +378,7 @@ def test_the_speed_that_was_tested_and_the_own_vibrations_are_said(design):
     assert unnamed(summary.vibration_text(design), f"{low:.0f} rad/s", "10 rad/s") == []
 
 
+@pytest.mark.slow
 def test_an_unstable_fast_vibration_is_not_called_hardly_damped(design):
     for damping, said in ((-0.00015, "UNSTABLE above"), (0.001, "hardly"), (0.3, "")):
         loops = tuple(loop._replace(fast_damping=damping) for loop in (*design.loops, *design.corner_loops))
@@ -386,6 +387,7 @@ def test_an_unstable_fast_vibration_is_not_called_hardly_damped(design):
         assert ("UNSTABLE" in text, "hardly" in text) == (damping < 0.0, "hardly" in said)
 
 
+@pytest.mark.slow
 def test_the_table_has_the_worst_of_each_kind_in_small_units(design):
     line = REQUIREMENTS["remaining"]
     lines = [line.judge(None, 1e-3, found, where, unit="rad") for found, where in ((2e-3, "a"), (7e-3, "b"))]

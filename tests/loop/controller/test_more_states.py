@@ -282,6 +282,7 @@ def test_a_soft_spring_is_found_while_the_arm_moves():
     assert run.signal("estimate", "stiffness")[-1] == pytest.approx(88.0, rel=5e-3)
 
 
+@pytest.mark.slow
 def test_an_offset_of_an_encoder_is_found_at_power_on():
     """0.5 mrad on the motor's encoder of the paper's arm, at rest: the link moves 100 times less."""
     plant = fh.load_robot("paper").plant(("link_position", "motor_position"))
