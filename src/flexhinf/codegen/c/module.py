@@ -90,14 +90,6 @@ OPERATIONS: dict[int, str] = {
 CALLS = {*LIBRARY, *SINES, casadi.OP_SQRT}
 
 
-#: Places that nothing else reaches; C++ has no word of its own for them.
-RESTRICT = """#ifdef __cplusplus
-#define RESTRICT __restrict
-#else
-#define RESTRICT restrict
-#endif
-"""
-
 INDENT = "    "
 
 #: The argument of a program with memory for the columns in hand.
@@ -107,7 +99,8 @@ ROOM = "columns"
 ROWS = "rows"
 
 #: Operations of a loop over the lanes after which results that share none begin another: what a compiler loads before
-#: a loop, because it is the same in all lanes, then fits into registers.
+#: a loop, because it is the same in all lanes, then fits into registers. A longer function is not put into its caller,
+#: whose stack would grow by what each of them needs.
 LONG = 48
 
 
@@ -317,7 +310,8 @@ class Translator:
 
     def __str__(self) -> str:
         text = "\n\n".join(self.functions.values()) + "\n"
-        return f"{RESTRICT}\n{text}" if "RESTRICT" in text else text
+        used = [macro for word, macro in algebra.MACROS.items() if word in text]
+        return "\n".join([*used, text])
 
     def add(self, program: Program, name: str) -> str:
         """Add ``static int NAME(buffers…)``, which returns the code of the guard that failed, or 0.
@@ -551,7 +545,8 @@ class Translator:
         used = {op.arguments[0] for op in flow.operations.values() if op.code == casadi.OP_INPUT}
         unused = [f"(void)in{k};" for k in range(count) if k not in used]
         lines = [*(writer.single() if lanes == 1 else writer.several()), *unused]
-        text = "\n".join(block(f"static void {name}({', '.join(arguments)})\n{{", lines))
+        apart = "NOINLINE " if len(lines) > LONG else ""
+        text = "\n".join(block(f"static {apart}void {name}({', '.join(arguments)})\n{{", lines))
         self.functions[name] = _headed(about, text)
         self._names[key] = name
         return name
