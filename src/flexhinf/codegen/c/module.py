@@ -194,8 +194,8 @@ class _Function:
             loops[-1] += members
         for k, members in enumerate(loops):
             here = set(members)
-            rest = k + 1 == len(loops)
-            yield sorted(here), [row for row in results if row[2] in here or (rest and row[2] not in group)]
+            at_end = k + 1 == len(loops)
+            yield sorted(here), [row for row in results if row[2] in here or (at_end and row[2] not in group)]
 
     def _loop(self, values: list[int], kept: Container[int], results: Results) -> Iterator[str]:
         here, lines, loaded = set(values), [], set()
