@@ -153,11 +153,12 @@ int main(void)
     assert run("./limits", folder=tmp_path) == "7 5"
 
 
-def test_the_fragment_of_the_documentation_compiles(
-    controller: fh.Controller, compiler: str, repository: Path, tmp_path: Path
+@pytest.mark.parametrize("place", [1, 2])
+def test_a_fragment_of_the_documentation_compiles(
+    place: int, controller: fh.Controller, compiler: str, repository: Path, tmp_path: Path
 ) -> None:
     page = (repository / "docs/deployment.md").read_text(encoding="utf-8")
-    fragment = page.split("```c\n")[1].split("```")[0]
+    fragment = page.split("```c\n")[place].split("```")[0]
     declared = "extern double encoder(void), command(void);\nextern void drive(double);\n"
     folder = export_c(controller, tmp_path / "c", "my_arm")
     text = f'#include "my_arm.h"\n{declared}int main(void)\n{{\n{fragment}}}\n'

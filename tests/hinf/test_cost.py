@@ -12,10 +12,10 @@ import pytest
 from tests.refusals import refused_with
 
 from flexhinf.errors import InvalidInput
-from flexhinf.hinf import hji as cost, smallest_gamma, solve_hji
+from flexhinf.hinf import hji as cost, homological as transform, smallest_gamma, solve_hji
 from flexhinf.plant import polynomial_plant as expansion
 from flexhinf.plant.polynomial_plant import PolynomialPlant
-from flexhinf.polynomial import basis, homological as transform, truncated
+from flexhinf.polynomial import basis, truncated
 from flexhinf.robot import paper_arm
 from flexhinf.scalars import jet
 

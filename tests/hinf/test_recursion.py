@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from flexhinf.hinf import smallest_gamma, solve_hji
+from flexhinf.hinf.homological import Coordinates
 from flexhinf.plant.polynomial_plant import PolynomialPlant
-from flexhinf.polynomial.homological import Coordinates
 
 
 def _jordan_plant(n: int, coupling: float, gap: float) -> PolynomialPlant:

@@ -319,9 +319,9 @@ def export_c(context: typer.Context, o: ExportCOptions) -> None:
         export.checked_identifier(o.name)
     path = controller_file(o.source)  # the input first: a misspelt name is no matter of the output
     folder = export.checked_folder(o.out, o.force)
-    controller, robot, *_ = designed = controller_of(path)
+    controller, robot, *_ = designed = controller_of(path, limits=o.limits)
     name = o.name or _identifier(robot)
-    _note_doubts(designed, limits=o.limits)
+    _note_doubts(designed)
     if o.check_measurements:
         controller = export.with_measurement_limits(controller, robot)
     if uncounted := export.check_room(controller, o.real, period=o.period, flash=o.flash, ram=o.ram):
@@ -361,10 +361,10 @@ def export_fmu(context: typer.Context, o: ExportFmuOptions) -> None:
             robot.plant(s.measured, extras=s.extras), o.out, name, s.period, *equilibrium, fmi=o.fmi
         )
     else:
-        controller, robot, *_ = designed = controller_of(controller_file(o.source))
-        _note_doubts(designed, limits=o.limits)
+        controller, robot, *_ = designed = controller_of(controller_file(o.source), limits=o.limits)
+        _note_doubts(designed)
         name = o.name or _identifier(robot)
-        written = export.export_fmu(controller, o.out, name, o.fmi, o.limits)
+        written = export.export_fmu(controller, o.out, name, o.fmi, limits=False)
     typer.echo(f"FMU: {written}")
 
 
@@ -410,12 +410,10 @@ def compile_design(context: typer.Context, o: CompileOptions) -> None:
     typer.echo(f"library: {export.compile_controller(designed.controller, o.out, o.processor)}")
 
 
-def _note_doubts(designed: DesignedController, limits: bool = False) -> None:
-    """Print what speaks against a controller that leaves for a machine; refuse it without `limits` of its inputs."""
+def _note_doubts(designed: DesignedController) -> None:
+    """Print what speaks against a controller that leaves for a machine."""
     from flexhinf.design.design_file import unmet_text
 
-    if limits:
-        export.check_limits(designed.controller)
     if text := unmet_text(designed.rows):
         note(f"{text}.")
     if free := export.unlimited_inputs(designed.controller):
@@ -433,6 +431,10 @@ def _origin(path: Path, command: str, rows: Sequence[Mapping[str, Any]]) -> dict
         numbers = {
             name: f"{designed[name]:.6g}" for name in ("gamma", "degree") if designed.get(name) is not None
         }
+        if day := report.written_on(path.parent):
+            numbers = {"designed on": day, **numbers}
+        for name, known in report.sources(path.parent).items():
+            numbers[f"file {name}"] = f"SHA-256 {known}"
     judged = {"requirements": unmet_text(rows) or f"all {len(rows)} met"} if rows else {}
     return {"design": f"{path.name}, SHA-256 {digest}", "made by": command, **judged, **numbers}
 

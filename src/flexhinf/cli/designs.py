@@ -10,6 +10,8 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 import flexhinf as fh
 from flexhinf import export, pages, report
 from flexhinf.cli.arguments import note, step_progress
@@ -42,28 +44,44 @@ def controller_file(source: str) -> Path:
     return path
 
 
-def controller_of(path: Path, tell: bool = True) -> DesignedController:
+def controller_of(path: Path, tell: bool = True, limits: bool = False) -> DesignedController:
     """The controller of a report, of a file, or of a design that is made now, from a `controller_file`; `tell`:
-    whether warnings about the robot's file are printed."""
+    whether warnings about the robot's file are printed; `limits`: whether inputs without limits are refused."""
+    from flexhinf.design import stages
     from flexhinf.design.design_file import has_controller, is_design_file, result_row, stored_rows, why_anew
     from flexhinf.robot.parts import file_warnings
 
     if not is_design_file(path):
-        return DesignedController(fh.load_controller(path))
+        return _checked(DesignedController(fh.load_controller(path)), limits)
     with file_warnings(note if tell else str):
         robot, specification = fh.load_design(path)
     if has_controller(path):
         stored = fh.load_controller(path.parent / "controller")
-        return DesignedController(stored, robot, specification, stored_rows(path))
+        return _checked(DesignedController(stored, robot, specification, stored_rows(path)), limits)
     if why := why_anew(path, robot):
         note(f"{why}: it is designed anew.")
-    from flexhinf.design import stages
-
+    if limits:  # before the work of a design
+        _refuse_unlimited(robot, specification)
     with step_progress(stages(robot, specification)) as progress:
         result = fh.design(robot, specification, progress)
     note(pages.ending(result).text)
     rows = [result_row(line) for line in result.requirements]
     return DesignedController(result.controller(), robot, specification, rows)
+
+
+def _checked(designed: DesignedController, limits: bool) -> DesignedController:
+    if limits:
+        export.check_limits(designed.controller)
+    return designed
+
+
+def _refuse_unlimited(robot: fh.Robot, s: fh.Specification) -> None:
+    from flexhinf.design.responses import joint_limits
+
+    plant, stated = robot.plant(s.measured, extras=s.extras), joint_limits(robot, s).saturated
+    limited = [False] * len(plant.inputs) if stated is None else np.isfinite(stated)
+    free = [name for name, known in zip(plant.inputs, limited, strict=True) if not known]
+    export.refuse_unlimited(free, plant.units)
 
 
 def file_of(source: str, only_design: str = "", then: str = "") -> Path:

@@ -42,6 +42,7 @@ from flexhinf.export.fragments import (
     MOVING,
     MOVING_FIRST,
     NAMED,
+    NEVER,
     PLAUSIBLE,
     PLAUSIBLE_TEXT,
     PREDICTION,
@@ -69,6 +70,7 @@ from flexhinf.loop import Controller, Status
 from flexhinf.loop.controller.measured import plausible
 from flexhinf.loop.controller.memory import SPACING, step_program
 from flexhinf.loop.controller.options import holding_function
+from flexhinf.loop.controller.status import possible_status
 from flexhinf.plant import known, rcond_limit
 from flexhinf.plant.joints import standstill_function
 from flexhinf.scalars import maximum, trace
@@ -281,7 +283,10 @@ class ControllerCode:
             SIGNALS="\n".join(signals), OFFSETS=enumeration(places),
             NAMED="" if not parameters else NAMED + enumeration(parameters),
             CODES=enumeration([(self.upper(name), *row) for name, row in self.codes.items()]),
-            STATUS=enumeration([(self.upper(str(bit.name)), bit.value, text) for bit, text in zip(Status, STATUS)]),
+            STATUS=enumeration([
+                (self.upper(str(bit.name)), bit.value, text if bit in self.able else f"{NEVER}: {text}")
+                for bit, text in zip(Status, STATUS)
+            ]),
             SETS="about another state" if self.starts_anywhere
             else "the estimate begins where that of @NAME@_init does",
             BEGINS=BEGINS if self.predicts else "the state is what is measured",
@@ -352,6 +357,12 @@ class ControllerCode:
         estimator that does not say."""
         place = self.controller.memory.places.get("doubt")
         return None if place is None else place.start
+
+    @property
+    def able(self) -> Status:
+        """Bits of the status that this controller can set."""
+        c = self.controller
+        return possible_status(c.supervision, c.watched, c.limits, self.doubt is not None)
 
     @property
     def defaults(self) -> np.ndarray:

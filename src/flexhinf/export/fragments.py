@@ -94,6 +94,9 @@ REJECTED = """
         output->rejected[i] = (int){};
     }}"""
 
+#: Of a bit that a controller does not watch.
+NEVER = "always 0 here, not watched"
+
 #: What these bits say.
 STATUS = (
     "the command is outside of the positions that the design is for",

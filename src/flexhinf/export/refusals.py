@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
@@ -28,8 +28,12 @@ def unlimited_inputs(controller: Controller) -> list[str]:
 
 def check_limits(controller: Controller) -> None:
     """Refuse a controller with an input that lacks a limit: nothing would stand between an error and the drives."""
-    free, estimator = unlimited_inputs(controller), controller.estimator
-    units = {} if estimator is None else estimator.plant.units
+    estimator = controller.estimator
+    refuse_unlimited(unlimited_inputs(controller), {} if estimator is None else estimator.plant.units)
+
+
+def refuse_unlimited(free: Sequence[str], units: Mapping[str, str]) -> None:
+    """Refuse inputs of these names, if there are any, as ones that nothing limits; `units`: by signal."""
     refuse_if(
         free,
         f"Nothing limits {', '.join(free)}: the controller may ask for any value.",

@@ -40,7 +40,7 @@ The algorithm
 3. *Right-hand sides*: polynomials are stored without repetition, one number per monomial, C(n+k−1, k) where a Kronecker
    vector has n^k (`polynomial/basis.py`). Gradients are gathers by the table "rank of β with j inserted"; products
    are one matrix product and one summation by target; zero columns of f, as in a chain of links, are skipped.
-4. *Homological equation* (`polynomial/homological.py`). With A_cl T = T Λ and x = T z it is a division by
+4. *Homological equation* (`hinf/homological.py`). With A_cl T = T Λ and x = T z it is a division by
    −(λ_{i1} + … + λ_{ik}); the change of variables works on at most C(n+k/2−1, k/2)² real numbers at a time. The error
    grows like cond(T)^k ε. One step of refinement repairs it while that is small; beyond, or when the measured residual
    says so, complex Schur form U with substitution by index sums, backward stable even for a defective A_cl.

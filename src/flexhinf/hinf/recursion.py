@@ -36,11 +36,11 @@ from time import perf_counter
 import numpy as np
 
 from flexhinf.errors import NumericalFailure
+from flexhinf.hinf.homological import HomologicalEquation, change_variables
 from flexhinf.hinf.linear_part import Parts, RiccatiSolution, ScaledProblem
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import add_part, gradient, matrix_product, monomials, product
-from flexhinf.polynomial.homological import HomologicalEquation, change_variables
 from flexhinf.validation import read_only
 
 

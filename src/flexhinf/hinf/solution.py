@@ -19,6 +19,7 @@ import numpy as np
 
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import read_arrays, write_arrays
+from flexhinf.hinf.homological import HOPELESS
 from flexhinf.hinf.recursion import DOUBTFUL, DegreeRecord
 from flexhinf.hinf.sampled import CheckedPenalty, checked_margin, sample_region
 from flexhinf.hinf.value_function import ValueFunction
@@ -28,7 +29,6 @@ from flexhinf.plant.polynomial_plant import PolynomialPlant, Problem
 from flexhinf.plant.protocols import Law
 from flexhinf.polynomial.algebra import PolynomialLaw, add_part, product
 from flexhinf.polynomial.basis import count
-from flexhinf.polynomial.homological import HOPELESS
 from flexhinf.scalars import digest, trace
 from flexhinf.validation import checked_path
 

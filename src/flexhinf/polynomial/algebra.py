@@ -69,17 +69,22 @@ def matrix_product(left: np.ndarray, right: np.ndarray) -> np.ndarray:
 def run_all(task: Callable[..., None], arguments: Iterable[tuple[Any, ...]], large: bool) -> None:
     """Call `task` on each tuple of arguments, in parallel if `large`; the calls must be independent.
 
-    NumPy releases the interpreter while it gathers and multiplies, so plain threads are enough.
+    NumPy releases the interpreter while it gathers and multiplies, so plain threads are enough. Each takes what is next
+    of a common list.
     """
-    threads = thread_count() if large else 1
-    if threads == 1:
-        for argument in arguments:
+    threads, waiting = thread_count() if large else 1, iter(list(arguments))
+
+    def work(_: int = 0) -> None:
+        for argument in waiting:
             task(*argument)
+
+    if threads == 1:
+        work()
         return
     from concurrent.futures import ThreadPoolExecutor
 
     with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(lambda argument: task(*argument), arguments))
+        list(pool.map(work, range(threads)))
 
 
 _CACHED_TABLE = 4_000_000  # entries of a merge table that is worth keeping
@@ -144,7 +149,7 @@ def product(left: np.ndarray, right: np.ndarray, n: int, a: int, b: int) -> np.n
         prefixes = np.flatnonzero(last <= j)
         columns = basis.insertion(n, b)[prefixes, j]
         prefixes, columns = prefixes[active[columns]], columns[active[columns]]
-        appended = np.ascontiguousarray(basis.insertion(n, a + b)[:, j])
+        appended = basis.insertion_columns(n, a + b)[j]
         for begin in range(0, len(columns), _ROWS):
             products = matrix_product(right[:, columns[begin : begin + _ROWS]].T, transposed)
             for prefix, row in zip(prefixes[begin : begin + _ROWS], products, strict=True):

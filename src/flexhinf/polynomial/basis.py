@@ -95,6 +95,12 @@ def insertion(n: int, k: int) -> np.ndarray:
     return read_only(table)
 
 
+@lru_cache(4)
+def insertion_columns(n: int, k: int) -> np.ndarray:
+    """The columns of `insertion`, each contiguous: int32 (n, count(n, k−1))."""
+    return read_only(np.ascontiguousarray(insertion(n, k).T))
+
+
 @lru_cache(_CACHED)
 def removal(n: int, k: int) -> np.ndarray:
     """Rank, among the tuples of degree k−1, of the tuple α of degree `k` without its index at each position.

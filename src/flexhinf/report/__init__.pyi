@@ -43,6 +43,7 @@ from .folder import (
     sources as sources,
     unchanged as unchanged,
     write as write,
+    written_on as written_on,
 )
 from .page import (
     Claim as Claim,

@@ -269,8 +269,8 @@ def figure_to_svg(figure: Figure) -> str:
         FigureCanvasSVG(figure).print_svg(
             stream, metadata={"Date": None, "Creator": "flexhinf", "Format": None, "Type": None}
         )
-    hundredths = re.compile(r"(\d\.\d\d)\d+")  # of a point: finer than any screen
-    rounded = re.sub(r'\bd="[^"]*"', lambda path: hundredths.sub(r"\1", path[0]), stream.getvalue())
+    finer = re.compile(r"(?<=\d\.\d\d)\d+")  # than hundredths of a point, which no screen shows
+    rounded = re.sub(r'\bd="[^"]*"', lambda path: finer.sub("", path[0]), stream.getvalue())
     return "\n".join(line.rstrip() for line in rounded.splitlines()) + "\n"
 
 

@@ -54,6 +54,12 @@ def sources(path: str | os.PathLike[str]) -> dict[str, str]:
     return stated if isinstance(stated, dict) else {}
 
 
+def written_on(path: str | os.PathLike[str]) -> str:
+    """The day on which a report was written, such as 2026-11-24 (UTC); empty if unknown."""
+    stated = (_marker(Path(path)) or {}).get("date")
+    return stated if isinstance(stated, str) else ""
+
+
 def _digest(path: Path) -> str:
     try:
         return file_digest(path)
@@ -138,6 +144,7 @@ def write(
     marker = {
         "what": _WHAT,
         "version": 2,
+        "date": _today(),
         "note": "A new report replaces this folder whole, unless one of these files (SHA-256) was changed.",
         "files": {str(PurePosixPath(n)): hashlib.sha256(contents[n]).hexdigest() for n in sorted(contents)},
         **({"sources": dict(origins)} if origins else {}),
@@ -156,6 +163,12 @@ def write(
             _refuse(target)
             _replace(target, contents)
     return target
+
+
+def _today() -> str:
+    """UTC; SOURCE_DATE_EPOCH, s, is another time, for builds that must give the same bytes."""
+    stated = os.environ.get("SOURCE_DATE_EPOCH", "")
+    return time.strftime("%Y-%m-%d", time.gmtime(int(stated) if stated.isdigit() else None))
 
 
 def _replace(target: Path, contents: Mapping[str, bytes]) -> None:

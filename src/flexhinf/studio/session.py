@@ -221,6 +221,9 @@ class Session:
                     "There is no controller yet.", "expected a design whose step is shown, got none",
                     "settings that can be met",
                 )  # fmt: skip
+            if kind == "report":
+                yield from _report(folder, replace(request, robot=robot, specification=s), ticket)
+                return
             name, unlimited = export.identifier_of(robot.name), export.unlimited_inputs(nominal.controller())
             free = f" Nothing limits {', '.join(unlimited)}: state --saturation." if unlimited else ""
             if kind == "c":
@@ -231,13 +234,11 @@ class Session:
                 yield Note(
                     f"C in {place}: {len(files)} files; make -C {place} test compiles and runs them.{free}"
                 )
-            elif kind == "fmu":
+            else:
                 yield Note("compiling the FMU …", done=False)
                 place = folder.free_name(name, ".fmu")
                 export.export_fmu(nominal.controller(), folder.place("file", place), name, limits=False)
                 yield Note(f"FMU: {place}.{free}")
-            else:
-                yield from _report(folder, replace(request, robot=robot, specification=s), ticket)
 
         return work
 

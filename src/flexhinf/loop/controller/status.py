@@ -202,6 +202,28 @@ class Supervision:
         return {"workspace": box, "swings": np.array([edge, swing, swings]), "watching": samples}
 
 
+def possible_status(
+    supervision: Supervision | None, watched: Mapping[str, Any], limits: Any, doubts: bool
+) -> Status:
+    """The bits that a controller can set; the others are always 0.
+
+    `watched`: as of `watched_numbers`, for inputs within `limits`; `doubts`: whether its estimator knows doubt.
+    """
+    able = Status.DOUBTFUL_ESTIMATE if doubts else Status(0)
+    if supervision is None:
+        return able
+    bits = {
+        "workspace": (Status.OUTSIDE_WORKSPACE, supervision.workspace is not None),
+        "limit_cycle": (Status.LIMIT_CYCLE, np.isfinite(watched["swings"][2]).any()),
+        "saturation": (Status.SATURATION, np.isfinite([limits.lower, limits.upper]).any()),
+    }
+    for event, (bit, possible) in bits.items():
+        if possible:
+            reacts = supervision.reactions.get(event, "none") != "none"
+            able |= bit | (Status.REACTING if reacts else Status(0))
+    return able
+
+
 def watched_numbers(
     supervision: Supervision | None, limits: Any, commanded: int, period: float
 ) -> dict[str, Any]:

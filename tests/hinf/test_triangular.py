@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexhinf.polynomial import algebra, basis, homological
+from flexhinf.hinf import homological
+from flexhinf.polynomial import algebra, basis
 
 
 @pytest.mark.oracle

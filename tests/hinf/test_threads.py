@@ -6,7 +6,8 @@ import os
 
 import numpy as np
 
-from flexhinf.polynomial import algebra as threads, basis, homological as transform
+from flexhinf.hinf import contraction, homological as transform
+from flexhinf.polynomial import algebra as threads, basis
 
 
 def test_two_threads_compute_the_same(monkeypatch):
@@ -14,9 +15,11 @@ def test_two_threads_compute_the_same(monkeypatch):
     rng = np.random.default_rng(0)
     entries, matrix = rng.standard_normal(basis.count(n, k)), rng.standard_normal((n, n))
     monkeypatch.setattr(transform, "_SMALL", 0)
-    monkeypatch.setattr(transform, "_TILE_BYTES", 20_000)
-    alone = transform.change_variables(entries, n, k, matrix)
     monkeypatch.setattr(transform, "_LARGE", 0)
+    monkeypatch.setattr(contraction, "_COLUMNS", 32)
+    monkeypatch.setattr(contraction, "_WHOLE", 32)
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    alone = transform.change_variables(entries, n, k, matrix)
     monkeypatch.setenv("OMP_NUM_THREADS", "2")
     assert np.array_equal(transform.change_variables(entries, n, k, matrix), alone)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from flexhinf.hinf.homological import Coordinates, HomologicalEquation
 from flexhinf.polynomial import basis
-from flexhinf.polynomial.homological import Coordinates, HomologicalEquation
 
 
 def _kronecker_operator(matrix: np.ndarray, k: int) -> np.ndarray:

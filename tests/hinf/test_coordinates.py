@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexhinf.polynomial import algebra, basis, homological as coordinates
-from flexhinf.polynomial.homological import HomologicalEquation
+from flexhinf.hinf import homological as coordinates
+from flexhinf.hinf.homological import HomologicalEquation
+from flexhinf.polynomial import algebra, basis
 
 
 @pytest.mark.parametrize("apart", [True, False])

@@ -32,12 +32,13 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.hinf.contraction import contract
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import matrix_product, run_all, tile_products
 
 _SMALL = 20_000  # opened tensors up to this size go through one product and one selection
-_TILE_BYTES = 2_000_000
-_LARGE = 2_000_000  # opened tensors from this size on are worth a second thread
+_TILES = 32  # of one product of a vector's numbers, in one call
+_LARGE = 2_000_000  # opened tensors from this size on are worth machine code and a second thread
 
 
 class Workspace:
@@ -74,7 +75,9 @@ def change_variables(
         else:
             shape = len(opening), basis.count(n, s + 1)
             result = workspace.take(s, *shape, dtype) if workspace else np.empty(shape, dtype)
-            tensor = _contract_one_index(tensor, opening, n, s, matrix, result)
+            large = s > 0 and dtype.kind == "f" and opening.size * width > _LARGE
+            (contract if large else _contract_one_index)(tensor, opening, n, s, matrix, result)
+            tensor = result
     return tensor.reshape(-1).copy() if workspace else tensor.reshape(-1)
 
 
@@ -87,38 +90,24 @@ def _sorted_pairs(n: int, s: int) -> np.ndarray:
 
 def _contract_one_index(
     tensor: np.ndarray, opening: np.ndarray, n: int, s: int, matrix: np.ndarray, result: np.ndarray
-) -> np.ndarray:
+) -> None:
+    """The contraction of `flexhinf.hinf.contraction` by NumPy, some rows at a time."""
     width = basis.count(n, s)
-    blocks = 1 if s == 0 else min(n, 4)  # of new indices: more skip more of the unsorted tuples
-    products = tile_products(result.dtype)  # stays in cache, too
-    columns = min(width, max(1, products * blocks // n**2))
-    rows = max(1, _TILE_BYTES // (n * columns * tensor.itemsize) if s else products // n**2)
-    edges = [(block * n) // blocks for block in range(blocks + 1)]
-    start, first = basis.offsets(n, s), basis.offsets(n, s + 1)
+    tile = max(1, tile_products(result.dtype) // (n * n * width))
+    rows = tile if s else _TILES * tile
 
-    def contract(top: int, left: int) -> None:
-        opened, kept = tensor[:, left : left + columns][opening[top : top + rows]], result[top : top + rows]
+    def some(top: int) -> None:
+        opened = tensor[opening[top : top + rows]]
         if s == 0:
-            np.matmul(opened[:, :, 0], matrix, out=kept)
-            return
-        right = left + opened.shape[2]
-        for low, high in pairwise(edges):
-            begin = max(start[low], left)
-            if begin >= right:
-                return
-            contracted = np.matmul(matrix[:, low:high].T, opened[:, :, begin - left :])
-            for j in range(low, high):
-                tail = max(start[j], left)
-                if tail < right:
-                    place = first[j] - start[j]
-                    kept[:, place + tail : place + right] = contracted[:, j - low, tail - begin :]
+            whole = len(opened) // tile * tile
+            tiled = result[top : top + whole].reshape(-1, tile, n)
+            np.matmul(opened[:whole].reshape(-1, tile, n), matrix, out=tiled)
+            np.matmul(opened[whole:, :, 0], matrix, out=result[top + whole : top + len(opened)])
+        else:
+            contracted = np.matmul(matrix.T, opened).reshape(len(opened), -1)
+            result[top : top + rows] = contracted[:, _sorted_pairs(n, s)]
 
-    run_all(
-        contract,
-        ((top, left) for top in range(0, len(opening), rows) for left in range(0, width, columns)),
-        large=opening.size * width > _LARGE,
-    )
-    return result
+    run_all(some, ((top,) for top in range(0, len(opening), rows)), large=opening.size * width > _LARGE)
 
 
 _NEGLIGIBLE = 5_000  # coefficients up to which one complex change of variables is cheaper than real and pairs
@@ -180,9 +169,19 @@ def rotate_pairs(entries: np.ndarray, n: int, k: int, rotations: Mapping[int, np
     result = entries.astype(complex)
     for first, rotation in rotations.items():
         for m in range(1, k + 1):
-            group = _pair_tuples(n, k, first, m)
-            result[group] = matrix_product(result[group], _power(rotation.tobytes(), m))
+            _rotate(result, _pair_tuples(n, k, first, m), _power(rotation.tobytes(), m))
     return result
+
+
+def _rotate(entries: np.ndarray, group: np.ndarray, rotation: np.ndarray) -> None:
+    """The entries at each row of `group` times a matrix, in place; no entry is in two rows."""
+    rows = max(1, tile_products(entries.dtype) // rotation.size)
+
+    def some(top: int) -> None:
+        places = group[top : top + rows]
+        entries[places] = entries[places] @ rotation
+
+    run_all(some, ((top,) for top in range(0, len(group), rows)), large=group.size > _LARGE // 16)
 
 
 @lru_cache(4096)

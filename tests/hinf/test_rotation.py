@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from flexhinf.hinf.homological import change_variables, rotate_pairs
 from flexhinf.polynomial import basis
-from flexhinf.polynomial.homological import change_variables, rotate_pairs
 
 
 @pytest.mark.parametrize(
