@@ -59,10 +59,11 @@ def test_large_estimators_need_little_stack(name: str, most: int) -> None:
     code = code_of(linear(name), "arm", "double")
     assert code.translator.room > most / 8  # what lay on the stack is the caller's memory
     computed = [
-        stack_bytes(code.files, "arm_step", compiler, ("-O2", *flags))
+        stack_bytes(code.files, "arm_step", compiler, (level, *flags))
         for compiler, _, flags in MACHINES["double"]
+        for level in ("-O2", "-O3")
     ]
-    if computed == [None, None]:
+    if not any(computed):
         pytest.skip("no gcc")
     assert all(0 < size <= most for size in computed if size is not None)
 

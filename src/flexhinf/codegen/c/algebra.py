@@ -313,6 +313,25 @@ def residual(name: str, real: Real) -> str:
 }}"""
 
 
+#: Definitions by the word that needs them: places that nothing else reaches, for which C++ has no word of its own, and
+#: functions that are not put into their callers.
+MACROS = {
+    "RESTRICT": """#ifdef __cplusplus
+#define RESTRICT __restrict
+#else
+#define RESTRICT restrict
+#endif
+""",
+    "NOINLINE": """#if defined(__GNUC__) || defined(__clang__)
+#define NOINLINE __attribute__((noinline))
+#elif defined(_MSC_VER)
+#define NOINLINE __declspec(noinline)
+#else
+#define NOINLINE
+#endif
+""",
+}
+
 FINITE = """/* Whether all of some numbers are finite. */
 static int {name}(const {R} *numbers, int count)
 {

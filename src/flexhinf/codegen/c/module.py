@@ -8,8 +8,9 @@ ones is kept in rows.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from textwrap import wrap
 from typing import Any
 
@@ -89,18 +90,18 @@ OPERATIONS: dict[int, str] = {
 CALLS = {*LIBRARY, *SINES, casadi.OP_SQRT}
 
 
-#: Places that nothing else reaches; C++ has no word of its own for them.
-RESTRICT = """#ifdef __cplusplus
-#define RESTRICT __restrict
-#else
-#define RESTRICT restrict
-#endif
-"""
-
 INDENT = "    "
 
 #: The argument of a program with memory for the columns in hand.
 ROOM = "columns"
+
+#: The last argument of a function that keeps rows between its loops, in memory of the caller.
+ROWS = "rows"
+
+#: Operations of a loop over the lanes after which results that share none begin another: what a compiler loads before
+#: a loop, because it is the same in all lanes, then fits into registers. A longer function is not put into its caller,
+#: whose stack would grow by what each of them needs.
+LONG = 48
 
 
 def block(head: str, lines: Iterable[str]) -> list[str]:
@@ -111,6 +112,10 @@ def block(head: str, lines: Iterable[str]) -> list[str]:
 def loop(counter: str, end: int | str, lines: Iterable[str]) -> list[str]:
     """Lines of C for every `counter` from 0 to `end`."""
     return block(f"for (int {counter} = 0; {counter} < {end}; ++{counter}) {{", lines)
+
+
+#: Some of a function's outputs, as `Dataflow` has them.
+Results = list[tuple[int, int, int]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,15 +139,18 @@ class _Function:
         """Loops over the lanes, cut where the library is called; one call may be of all lanes at once."""
         operations, levels, needed = self.flow.operations, self._levels(), self._needed()
         last = max(levels.values(), default=0)
-        kept = self._kept(levels, needed)
-        for k in sorted(kept):
-            yield f"{self.real.name} w{k}[{self.lanes}];"
+        kept = self.places
+        for k, place in sorted(kept.items()):
+            yield f"{self.real.name} *const w{k} = {ROWS} + {place * self.lanes};"
         for level in range(last + 1):
             here = [k for k in sorted(needed) if levels.get(k) == level]
             called = [k for k in here if operations[k].code in CALLS]
             rows = [k for k in called if self._is_of_rows(k)]
-            yield from self._loop([k for k in here if k not in set(called)], kept, level == last)
-            yield from self._loop([k for k in called if k not in set(rows)], kept, False)
+            for values, results in self._apart(
+                [k for k in here if k not in set(called)], self.flow.outputs if level == last else []
+            ):
+                yield from self._loop(values, kept, results)
+            yield from self._loop([k for k in called if k not in set(rows)], kept, [])
             # a sine and a cosine of one argument are one call
             of: dict[int, dict[int, int]] = {}  # argument → operation → value
             for k in rows:
@@ -161,7 +169,35 @@ class _Function:
         moves = self.moving[source.arguments[0]] if source.code == casadi.OP_INPUT else True
         return operation.code in self.calls and moves and source.code != casadi.OP_CONST
 
-    def _loop(self, values: list[int], kept: set[int], last: bool) -> Iterator[str]:
+    def _apart(self, values: list[int], results: Results) -> Iterator[tuple[list[int], Results]]:
+        """Values and results of one loop after the other: those that share no value may be in two."""
+        group = {
+            k: k for k in values
+        }  # value → another of its group, and so on to the first, which is itself
+
+        def first(k: int) -> int:
+            while group[k] != k:
+                k = group[k]
+            return k
+
+        for k in values:
+            for argument in self.flow.operations[k].arguments:
+                if argument in group and self.flow.operations[k].code != casadi.OP_INPUT:
+                    group[first(argument)] = first(k)
+        together: dict[int, list[int]] = {}
+        for k in values:
+            together.setdefault(first(k), []).append(k)
+        loops: list[list[int]] = [[]]
+        for members in together.values():
+            if len(loops[-1]) + len(members) > LONG and loops[-1]:
+                loops.append([])
+            loops[-1] += members
+        for k, members in enumerate(loops):
+            here = set(members)
+            at_end = k + 1 == len(loops)
+            yield sorted(here), [row for row in results if row[2] in here or (at_end and row[2] not in group)]
+
+    def _loop(self, values: list[int], kept: Container[int], results: Results) -> Iterator[str]:
         here, lines, loaded = set(values), [], set()
 
         def load(arguments: tuple[int, ...]) -> None:
@@ -175,12 +211,11 @@ class _Function:
             lines.append(f"const {self.real.name} v{k} = {self._expression(k, 'w', here | loaded)};")
             if k in kept:
                 lines.append(f"w{k}[l] = v{k};")
-        if last:
-            load(tuple(value for _, _, value in self.flow.outputs))
-            lines += [
-                f"out{result}[{self._row(element)}] = {self._operand(value, 'w', here | loaded)};"
-                for result, element, value in self.flow.outputs
-            ]
+        load(tuple(value for _, _, value in results))
+        lines += [
+            f"out{result}[{self._row(element)}] = {self._operand(value, 'w', here | loaded)};"
+            for result, element, value in results
+        ]
         if lines:
             yield from loop("l", self.lanes or "count", lines)
 
@@ -204,16 +239,27 @@ class _Function:
             levels[-1] = max(levels.values()) + 1  # a loop for the results alone
         return levels
 
-    def _kept(self, levels: dict[int, int], needed: set[int]) -> set[int]:
-        operations = self.flow.operations
-        uses = [(value, max(levels.values(), default=0), False) for _, _, value in self.flow.outputs]
+    @cached_property
+    def places(self) -> dict[int, int]:
+        """Row of each value that a loop keeps for a later one; a row is free again after the last use."""
+        operations, levels, needed = self.flow.operations, self._levels(), self._needed()
+        end = max(levels.values(), default=0)
+        uses = [(value, end, False) for _, _, value in self.flow.outputs]
         for k in needed & levels.keys():
             uses += [(a, levels[k], operations[k].code in CALLS) for a in operations[k].arguments]
-        return {
-            value
-            for value, level, called in uses
-            if value in levels and (levels[value] != level or (operations[value].code in CALLS) != called)
-        }
+        kept, last = set(), {}
+        for value, level, called in uses:
+            if value in levels:
+                last[value] = max(level, last.get(value, 0))
+                if levels[value] != level or (operations[value].code in CALLS) != called:
+                    kept.add(value)
+        rows: list[int] = []  # the level after which each is free
+        places = {}
+        for k in sorted(kept, key=lambda k: (levels[k], k)):
+            place = next((row for row, level in enumerate(rows) if level < levels[k]), len(rows))
+            rows[place : place + 1] = [last[k]]
+            places[k] = place
+        return places
 
     def _needed(self) -> set[int]:
         operations, needed = self.flow.operations, {value for _, _, value in self.flow.outputs}
@@ -259,11 +305,13 @@ class Translator:
         self.room = 0
         self._taken = 0  # of the room, by what is written now
         self._columns = 0  # of a sweep, side by side; none outside of one
+        self._kept: dict[str, int] = {}  # numbers that a function keeps between its loops
         self._spread: dict[Slice, str] = {}  # names of what all of them share, copied to every lane
 
     def __str__(self) -> str:
         text = "\n\n".join(self.functions.values()) + "\n"
-        return f"{RESTRICT}\n{text}" if "RESTRICT" in text else text
+        used = [macro for word, macro in algebra.MACROS.items() if word in text]
+        return "\n".join([*used, text])
 
     def add(self, program: Program, name: str) -> str:
         """Add ``static int NAME(buffers…)``, which returns the code of the guard that failed, or 0.
@@ -301,7 +349,7 @@ class Translator:
                     moving = tuple(piece.buffer == COLUMN or piece in self._spread for piece in step.inputs)
                 name = self._function(step.function, max(1, self._columns), moving, step.about)
                 places = [self._at(piece, loops) for piece in (*step.inputs, *step.outputs)]
-                yield f"{name}({', '.join(places)});"
+                yield f"{name}({', '.join(places + self._rows_of(name))});"
             elif isinstance(step, Map | Sweep):
                 taken = self._taken
                 yield from self._map(step, loops) if isinstance(step, Map) else self._sweep(step, loops)
@@ -345,6 +393,12 @@ class Translator:
         place, self._taken = self._taken, self._taken + size
         self.room = max(self.room, self._taken)
         return f"{self.real.name} *const {name} = {ROOM}{f' + {place}' if place else ''};"
+
+    def _rows_of(self, name: str) -> list[str]:
+        """The argument of a function for what it keeps, behind what is taken of the room; none without."""
+        size = self._kept.get(name, 0)
+        self.room = max(self.room, self._taken + size)
+        return [f"{ROOM} + {self._taken}"] * (size > 0)
 
     def _at(self, piece: Slice, loops: Sequence[str]) -> str:
         if piece.buffer == COLUMN:
@@ -399,7 +453,7 @@ class Translator:
             places.append(place)
             declared.append(self._take(place, piece.size * lanes))
             (gather if k < read else scatter).append(self._move(piece, start, place, lanes, "left", k < read))
-        lines = [*declared, *gather, f"{name}({', '.join(places)});", *scatter]
+        lines = [*declared, *gather, f"{name}({', '.join(places + self._rows_of(name))});", *scatter]
         yield from block(f"for (int c = 0; c < {step.count}; c += {lanes}) {{", lines)
 
     def _sweep(self, step: Sweep, loops: list[str]) -> Iterator[str]:
@@ -485,10 +539,14 @@ class Translator:
             *(f"{real.name} *{restrict}out{k}" for k in range(function.n_out())),
             *(["int count"] if lanes == 0 else []),
         ]
+        if lanes > 1 and writer.places:
+            self._kept[name] = lanes * (max(writer.places.values()) + 1)
+            arguments.append(f"{real.name} *RESTRICT {ROWS}")
         used = {op.arguments[0] for op in flow.operations.values() if op.code == casadi.OP_INPUT}
         unused = [f"(void)in{k};" for k in range(count) if k not in used]
         lines = [*(writer.single() if lanes == 1 else writer.several()), *unused]
-        text = "\n".join(block(f"static void {name}({', '.join(arguments)})\n{{", lines))
+        apart = "NOINLINE " if len(lines) > LONG else ""
+        text = "\n".join(block(f"static {apart}void {name}({', '.join(arguments)})\n{{", lines))
         self.functions[name] = _headed(about, text)
         self._names[key] = name
         return name
