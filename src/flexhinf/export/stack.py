@@ -10,6 +10,7 @@ from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from flexhinf.codegen.compiler import cached
 from flexhinf.errors import NumericalFailure
 
 #: Compilers of the GNU family, for which machine, and flags of it; a double is one of the M7's own.
@@ -40,11 +41,31 @@ def stack_text(files: Mapping[str, str], name: str, real: str) -> str:
     texts = [
         f"{size} bytes on {machine} ({compiler} -O2)"
         for compiler, machine, flags in MACHINES[real]
-        if (size := stack_bytes(files, f"{name}_step", compiler, ("-O2", *flags))) is not None
+        if (size := _kept_bytes(files, f"{name}_step", compiler, ("-O2", *flags))) is not None
     ]
     if not texts:
         return "not computed: no gcc was found; `gcc -fcallgraph-info=su` tells it of every function"
     return f"{', '.join(texts)}; computed from -fcallgraph-info=su along the deepest calls, {BESIDE}"
+
+
+def _kept_bytes(files: Mapping[str, str], function: str, compiler: str, flags: tuple[str, ...]) -> int | None:
+    """`stack_bytes`, from the cache of compiled code where this source was seen before: it is most of an export."""
+    place = shutil.which(compiler)
+    if place is None:
+        return None
+    source = (text for item in sorted(files.items()) for text in item)
+
+    def size() -> bytes:
+        return str(stack_bytes(files, function, compiler, flags)).encode()
+
+    kept = cached(("stack", place, _version(place), function, *flags, *source), size)
+    return None if kept == b"None" else int(kept)
+
+
+@cache
+def _version(place: str) -> str:
+    """What the compiler at a place says of itself."""
+    return subprocess.run([place, "--version"], capture_output=True, text=True, check=False).stdout
 
 
 def stack_bytes(files: Mapping[str, str], function: str, compiler: str, flags: tuple[str, ...]) -> int | None:
