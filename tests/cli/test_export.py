@@ -76,12 +76,50 @@ def test_the_report_of_a_design(controller: Path, tmp_path: Path) -> None:
     assert not report.unchanged(tmp_path, ("controller",))
 
 
+def test_the_header_says_when_and_of_which_robot_file_and_two_exports_are_the_same(
+    controller: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "86400")
+    files = {
+        "design.toml": '[design]\nrobot = "paper"\n',
+        "design.json": "{}",
+        "controller": controller.read_bytes(),
+    }
+    (digest,) = (digests := robot_digests("paper", None)).values()
+    folder = report.write(tmp_path / "arm", files, digests)
+    monkeypatch.delenv("SOURCE_DATE_EPOCH")
+    written = []
+    for out in (tmp_path / "one", tmp_path / "two"):
+        assert main(["export", "c", str(folder), "--out", str(out), "--name", "arm"]) == 0
+        written.append(
+            {path.relative_to(out): path.read_bytes() for path in out.rglob("*") if path.is_file()}
+        )
+    assert written[0] == written[1]
+    header = written[0][Path("arm.h")].decode()
+    assert unnamed(header, "1970-01-02", digest) == []
+
+
+def test_limits_are_looked_at_before_a_design(
+    no_design: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    design = tmp_path / "design.toml"
+    design.write_text('[design]\nrobot = "paper"\n')
+    assert main(["export", "c", str(design), "--out", str(tmp_path / "c")]) == 2
+    assert unnamed(capsys.readouterr().err, "motor_voltage", "--no-limits", "48.0") == []
+    design.write_text('[design]\nrobot = "paper"\nsaturation = 48.0\n')
+    assert main(["export", "c", str(design), "--out", str(tmp_path / "c")]) == 2
+    assert unnamed(capsys.readouterr().err, "motor_voltage") == ["motor_voltage"]
+
+
 @pytest.mark.parametrize("changed", ["design.toml", "controller"])
 def test_what_was_changed_since_the_report_is_named(
     changed: str, controller: Path, tmp_path: Path, no_design: None, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A damaged controller is not told as a design file that was changed."""
-    files = {"design.toml": b'[design]\nrobot = "paper"\n', "controller": controller.read_bytes()}
+    files = {
+        "design.toml": b'[design]\nrobot = "paper"\nsaturation = 48.0\n',
+        "controller": controller.read_bytes(),
+    }
     folder = report.write(tmp_path / "arm", files)
     (folder / changed).write_bytes(files[changed] + b"\n")
     assert main(["export", "c", str(folder), "--out", str(tmp_path / "c")]) == 2
@@ -103,7 +141,10 @@ def test_a_robot_that_was_changed_since_the_report_is_designed_anew(
     (folder / "arm.toml").write_text(arm := f"gravity = 0.0\n{arm}")
     arms = report.write(
         folder / "arm",
-        {"design.toml": '[design]\nrobot = "../arm.toml"\n', "controller": controller.read_bytes()},
+        {
+            "design.toml": '[design]\nrobot = "../arm.toml"\nsaturation = 48.0\n',
+            "controller": controller.read_bytes(),
+        },
         robot_digests("arm.toml", None, folder / "arm"),
     )
     assert report.sources(arms) == {
@@ -119,7 +160,7 @@ def test_a_robot_that_was_changed_since_the_report_is_designed_anew(
         paper = fh.paper_arm()
         kalman = fh.ExtendedKalmanFilter(paper.plant(), 1e-3, 1e-7, 1e-4, paper.operating_point(0.0)[0], 1e-4)
         law = fh.linear_law(paper.problem(), gamma=math.inf)
-        fh.Controller(law, kalman, 1e-3).save(arms / "controller")
+        fh.Controller(law, kalman, 1e-3, 48.0).save(arms / "controller")
     assert main(["export", "c", "arm", "--out", "after"]) == 2
     told = capsys.readouterr().err
     assert unnamed(told, "A design begins.", "anew", changed or "belongs") == []
@@ -239,7 +280,7 @@ def test_the_gear_ratios_of_the_robot_are_stated(
     for k, (one, text) in enumerate(
         [(found, "(motor angle / 70)"), (DesignedController(found[0], None), "after the gear")]
     ):
-        monkeypatch.setattr("flexhinf.cli.design.controller_of", lambda path, one=one: one)
+        monkeypatch.setattr("flexhinf.cli.design.controller_of", lambda path, limits, one=one: one)
         assert main(["export", "c", str(controller), "--out", str(tmp_path / str(k))]) == 0
         assert text in (tmp_path / str(k) / "README.md").read_text()
 
@@ -310,7 +351,10 @@ def test_what_a_robot_file_may_not_mean_is_a_note(
     (folder / "arm.toml").write_text(f"gravity = 981.0\n{arm}")
     made = report.write(
         folder / "arm",
-        {"design.toml": '[design]\nrobot = "../arm.toml"\n', "controller": controller.read_bytes()},
+        {
+            "design.toml": '[design]\nrobot = "../arm.toml"\nsaturation = 48.0\n',
+            "controller": controller.read_bytes(),
+        },
         robot_digests("arm.toml", None, folder / "arm"),
     )
     assert main(["export", "c", made.name, "--out", "c"]) == 0

@@ -13,6 +13,7 @@ from tests.refusals import unnamed
 import flexhinf as fh
 from flexhinf.export import export_fmu
 from flexhinf.export.controller_c import code_of
+from flexhinf.export.fragments import NEVER
 
 pytestmark = pytest.mark.oracle
 
@@ -54,7 +55,7 @@ def test_the_library_says_and_does_the_same(
 ) -> None:
     one = made(controller, kind)
     library = fh.load_compiled(fh.compile_controller(one, tmp_path / "arm.so"))
-    seen = set()
+    seen, able = set(), code_of(one, "arm", "double").able
     for start in (None, {"state": [0.01, 0.0, 0.01, 0.0], "input": [0.02]}):
         for each in (one, library):
             each.reset(**(start or {}))
@@ -64,9 +65,29 @@ def test_the_library_says_and_does_the_same(
             np.testing.assert_array_equal(library.step(y, r), u)
             assert library.status == int(one.status)
             assert library.path_rate == one.path_rate
+            assert one.status in able
             seen.add(library.status)
     expected = {"nothing": {0}, "watched": {0, 1, 3}, "held": {9, 15}, "limited": {0, 1 + 8}}[kind]
     assert expected <= seen
+    assert able == {"nothing": 0, "watched": 7, "held": 15, "limited": 15}[kind] | fh.Status.DOUBTFUL_ESTIMATE
+
+
+def test_bits_that_nothing_can_set_are_told(controller: fh.Controller) -> None:
+    """Without limits no input is at one; without a workspace there is nothing outside of it."""
+    kinds = {
+        0: {},
+        4 + 16: {"supervision": fh.Supervision(swing=np.inf), "saturation": 48.0},
+        2 + 16: {"supervision": fh.Supervision(swing=1.0)},
+        1 + 16: {"supervision": fh.Supervision((-1.0, 1.0))},
+    }
+    for bits, options in kinds.items():
+        estimator = controller.estimator if bits else None
+        made = fh.Controller(controller.law, estimator, 1e-3, **options)
+        code = code_of(made, "arm", "double")
+        assert code.able == bits
+        for bit in fh.Status:
+            line = next(line for line in code.header.splitlines() if f"ARM_{bit.name} = " in line)
+            assert (NEVER in line) == (bit not in code.able)
 
 
 @pytest.mark.parametrize("real", ["double", "float"])

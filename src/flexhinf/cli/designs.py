@@ -47,7 +47,6 @@ def controller_file(source: str) -> Path:
 def controller_of(path: Path, tell: bool = True, limits: bool = False) -> DesignedController:
     """The controller of a report, of a file, or of a design that is made now, from a `controller_file`; `tell`:
     whether warnings about the robot's file are printed; `limits`: whether inputs without limits are refused."""
-    from flexhinf.design import stages
     from flexhinf.design.design_file import has_controller, is_design_file, result_row, stored_rows, why_anew
     from flexhinf.robot.parts import file_warnings
 
@@ -62,6 +61,8 @@ def controller_of(path: Path, tell: bool = True, limits: bool = False) -> Design
         note(f"{why}: it is designed anew.")
     if limits:  # before the work of a design
         _refuse_unlimited(robot, specification)
+    from flexhinf.design import stages
+
     with step_progress(stages(robot, specification)) as progress:
         result = fh.design(robot, specification, progress)
     note(pages.ending(result).text)

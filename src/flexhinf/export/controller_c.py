@@ -308,6 +308,7 @@ class ControllerCode:
             self._standstill,
             self._plausible,
         )  # which may need functions
+        rows = ranges(self.controller, self.defaults, self.robot)
         functions = str(self.translator).replace(f"{self.real.name} ", "real ")
         return fill(
             template("controller.c"), self.name, self.real,
@@ -319,8 +320,8 @@ class ControllerCode:
             FUNCTIONS=functions + (PREDICTION if self.predicts else ""), MEASURED=self._call("input->y"),
             PREDICTED=f"{self.name}_predict(state, param, input, in_time)" if self.predicts else self.upper("STOPPED"),
             PREDICTED_CALL=self._call("nothing") if self.predicts else "",
-            THERE=f" && {self.name}_some(input->y)" if self.predicts else "",
-            BELIEVED=f" && {self.name}_believed(state, param, input->y)" if believed else "", PLAUSIBLE=believed,
+            THERE=f" && {self.name}_some(input->y) != 0" if self.predicts else "",
+            BELIEVED=f" && {self.name}_believed(state, param, input->y) != 0" if believed else "", PLAUSIBLE=believed,
             OR_PREDICTED=f" || code == {self.upper('PREDICTED')}" if self.predicts else "",
             U=memory["u"].start, REFERENCE=memory["reference"].start,
             COMMANDED=memory["reference"].stop - memory["reference"].start, SPACING=SPACING,
@@ -330,7 +331,7 @@ class ControllerCode:
             NONE_DOUBTFUL="" if self.doubt is None else "\n        output->doubtful = 0;",
             STATUS=STATUS_BITS.format(memory["status"].start) if "status" in memory else "",
             PATH_RATE=f"state->memory[{memory['stop'].stop - 1}]" if "stop" in memory else constant(1.0, self.real),
-            RANGES=range_rows(ranges(self.controller, self.defaults, self.robot), self.real),
+            RANGES=range_rows(rows, self.real), COUNT=len(rows),
             ZERO=constant(0.0, self.real), F=self.real.suffix, SUFFIX=self.real.suffix.upper(), BYTES=self.real.bytes,
         )  # fmt: skip
 
@@ -450,7 +451,10 @@ class ControllerCode:
     def _queued(self) -> str:
         """That the inputs that wait at the start are the one before the first sample too."""
         queue = self.controller.memory.places.get("queue")
-        return "" if queue is None else QUEUED.replace("@QUEUE@", str(queue.start))
+        if queue is None:
+            return ""
+        which = " + i % @BIG@_INPUTS" if self.sizes["u"] > 1 else ""
+        return QUEUED.replace("@QUEUE@", str(queue.start)).replace("@WHICH@", which)
 
     @cached_property
     def starts_anywhere(self) -> bool:

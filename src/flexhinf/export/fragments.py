@@ -11,7 +11,7 @@ BEGINS = """the estimate begins at the state that is stated with the constants
  * may be as large as their limits. Call @NAME@_start where it is elsewhere"""
 
 #: The estimate at the start, where it can be set.
-START = """    if (estimate != 0 && @NAME@_finite(estimate, @BIG@_STATES)) {
+START = """    if (estimate != NULL && @NAME@_finite(estimate, @BIG@_STATES) != 0) {
         @NAME@_copy(estimate, state->start, @BIG@_STATES);
         @NAME@_copy(estimate, state->estimate, @BIG@_STATES);@HOLD@
     }"""
@@ -19,15 +19,15 @@ START = """    if (estimate != 0 && @NAME@_finite(estimate, @BIG@_STATES)) {
 #: Inputs that wait at the start.
 QUEUED = """
     for (int i = 0; i < @BIG@_LATENCY * @BIG@_INPUTS; ++i) {
-        state->start[@QUEUE@ + i] = state->start[@U@ + i % @BIG@_INPUTS];
+        state->start[@QUEUE@ + i] = state->start[@U@@WHICH@];
     }"""
 
 #: The input that holds it there.
 HOLD = """
-        if (!same(estimate, initial_memory, @BIG@_STATES)) {
+        if (same(estimate, initial_memory, @BIG@_STATES) == 0) {
             real held[@BIG@_INPUTS];
             @HOLDING@;
-            if (@NAME@_finite(held, @BIG@_INPUTS)) {
+            if (@NAME@_finite(held, @BIG@_INPUTS) != 0) {
                 limit(param, held, state->start + @U@);
             }
         }"""
@@ -69,21 +69,24 @@ STANDSTILL = """
 int @NAME@_rest(const @NAME@_param *param, const @NAME@_real *q, @NAME@_real *r)
 {
     @CALL@(q, param->value + @BIG@_P_PARAMETERS, r);
-    return @NAME@_finite(r, @BIG@_COMMANDS) ? @BIG@_OK : @BIG@_BAD_COMMAND;
+    return (@NAME@_finite(r, @BIG@_COMMANDS) != 0) ? @BIG@_OK : @BIG@_BAD_COMMAND;
 }
 #endif"""
 
 #: Bits of the status, whose four numbers are a part of the memory.
 STATUS_BITS = """
+    static const int bits[4] = {{
+        @BIG@_OUTSIDE_WORKSPACE, @BIG@_LIMIT_CYCLE, @BIG@_SATURATION, @BIG@_REACTING
+    }};
     for (int i = 0; i < 4; ++i) {{
-        output->status |= (state->memory[{} + i] > 0) << i;
+        output->status += (state->memory[{} + i] > 0) ? bits[i] : 0;
     }}"""
 
 #: Whether the estimate is in doubt, and at how many samples it was, which are a part of the memory.
 DOUBTFUL_DECLARED = """
     int doubtful;                        /* samples since the start with @BIG@_DOUBTFUL_ESTIMATE */"""
 DOUBTFUL = """
-    output->status |= (state->memory[{}] > 0) << 4;
+    output->status += (state->memory[{}] > 0) ? @BIG@_DOUBTFUL_ESTIMATE : 0;
     output->doubtful = (int)state->memory[{}];"""
 
 #: Counts of rejected measurements (by a gate, or by their limits), which are a part of the memory.
@@ -111,7 +114,7 @@ PREDICTION = """
 static int @NAME@_some(const real *y)
 {
     for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
-        if (isfinite(y[i])) {
+        if (isfinite(y[i]) != 0) {
             return 1;
         }
     }
@@ -124,7 +127,7 @@ static int @NAME@_some(const real *y)
     real nothing[@BIG@_MEASUREMENTS]; /* what is there, and not plausible, is counted */
     int code;
     for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
-        nothing[i] = in_time ? input->y[i] : HUGE_VAL@SUFFIX@;
+        nothing[i] = (in_time != 0) ? input->y[i] : HUGE_VAL@SUFFIX@;
     }
     code = @PREDICTED_CALL@;
     return (code == @BIG@_OK) ? @BIG@_PREDICTED : code;
@@ -136,7 +139,7 @@ PLAUSIBLE = """static int @NAME@_believed(const @NAME@_state *state, const @NAME
 {
     real some[1];
     @CALL@(y, state->memory + @SEEN@, @LIMITS@, some);
-    return some[0] > 0;
+    return (some[0] > 0) ? 1 : 0;
 }
 
 """

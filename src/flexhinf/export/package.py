@@ -54,7 +54,7 @@ SPARE, MIN_TOLERANCE = 5.0, 1e-5
 
 #: Files around the controller, of which NAME is its name, and the templates that they are made of.
 AROUND = {
-    "main.c": "main.c", "Makefile": "Makefile", "CMakeLists.txt": "CMakeLists.txt",
+    "main.c": "main.c", "Makefile": "Makefile", "CMakeLists.txt": "CMakeLists.txt", "misra.txt": "misra.txt",
     "cortex_m4/board.c": "cortex_m4/board.c", "cortex_m4/board.ld": "cortex_m4/board.ld",
     "cortex_m4/periodic.c": "cortex_m4/periodic.c", "cortex_m4/recorded.c": "cortex_m4/recorded.c",
     "templates/NAME.ino": "sketch.ino", "templates/NAME_freertos.c": "freertos.c",

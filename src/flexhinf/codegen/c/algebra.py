@@ -98,7 +98,7 @@ def outer_sum(name: str, weighted: bool, added: bool, symmetric: bool, tall: int
         const int j = {_last("block", "columns", wide)};
         for (int band = {"block" if symmetric else "0"}; band < rows; band += {tall}) {{
             const int first = {_last("band", "rows", tall)};
-            {{R}} part[{tall}][{WIDE}] = {{{{{{0}}}}}};
+            {{R}} part[{tall}][{WIDE}] = {{{{ 0 }}}};
             for (int k = 0; k + {TERMS} <= count; k += {TERMS}) {{
 {_terms(TERMS, tall, width, weighted)}
             }}
@@ -115,16 +115,20 @@ def outer_sum(name: str, weighted: bool, added: bool, symmetric: bool, tall: int
 }}"""
 
 
-def _terms(count: int, tall: int, width: str, weighted: bool) -> str:
+def ahead(place: str, count: int) -> str:
+    """A place in C so many elements further."""
+    return f"{place} + {count}" if count else place
 
-    def ahead(text: str, number: int) -> str:
-        return f"({text} + {number})" if number else text
+
+def _terms(count: int, tall: int, width: str, weighted: bool) -> str:
+    def bracketed(text: str, number: int) -> str:
+        return f"({ahead(text, number)})" if number else text
 
     lines = ["const {R} *value = right + k * columns + j;"]
     for k in range(count):
-        weight = f" * weights[{ahead('k', k).strip('()')}]" * weighted
+        weight = f" * weights[{ahead('k', k)}]" * weighted
         lines += [
-            f"const {{R}} factor{a}{k} = left[{ahead('k', k)} * rows + {ahead('first', a).strip('()')}]{weight};"
+            f"const {{R}} factor{a}{k} = left[{bracketed('k', k)} * rows + {ahead('first', a)}]{weight};"
             for a in range(tall)
         ]
     lines.append(f"for (int e = 0; e < {width}; ++e) {{")
@@ -159,14 +163,14 @@ def polynomial(name: str, n: int, values: int, columns: int, degrees: tuple[int,
         space, start = " " * indent, f"row{chosen}[e]" if chosen in degrees else "{0}"
         lines = [f"{space}{{R}} sum{chosen}[{width}];", *each(indent, f"sum{chosen}[e] = {start};")]
         if chosen in degrees:
-            lines.append(f"{space}row{chosen} += {columns};")
+            lines.append(f"{space}row{chosen} = &row{chosen}[{columns}];")
         if chosen == highest:
             return lines
         i, first = f"i{chosen + 1}", f"i{chosen}" if chosen else "0"
         lines.append(f"{space}for (int {i} = {first}; {i} < {n}; ++{i}) {{")
         if chosen + 1 == highest:
             lines += each(indent + 4, f"sum{chosen}[e] = FMA(x[{i}], row{highest}[e], sum{chosen}[e]);")
-            lines.append(f"{space}    row{highest} += {columns};")
+            lines.append(f"{space}    row{highest} = &row{highest}[{columns}];")
         else:
             lines += sums(chosen + 1, indent + 4)
             lines += each(indent + 4, f"sum{chosen}[e] = FMA(x[{i}], sum{chosen + 1}[e], sum{chosen}[e]);")
@@ -205,8 +209,8 @@ def cholesky(name: str, real: Real) -> str:
         {{R}} *row = target + j * n;
         const {{R}} tolerance = {tolerance} * ({{R}})n;
         const {{R}} moved = {{fabs}}(row[0]);
-        const int small = row[j] <= tolerance * {{fabs}}(source[j * n + j]);
-        const {{R}} inverse = (small && row[j] >= -tolerance * moved) ? {{0}} : {{1}} / {{sqrt}}(row[j]);
+        const {{R}} least = tolerance * {{fabs}}(source[j * n + j]);
+        const {{R}} inverse = (row[j] <= least && row[j] >= -tolerance * moved) ? {{0}} : {{1}} / {{sqrt}}(row[j]);
         for (int i = j; i < n; ++i) {{
             row[i] *= inverse;
         }}
@@ -241,7 +245,7 @@ def householder(name: str, real: Real) -> str:
     for (int c = 0; c < count; ++c) {{
         const int rows = (triangle > 0) ? m - triangle + c + 1 : m;
         int top = c;
-        {{R}} best = {{fabs}}(target[c * k + c]), part[4] = {{{{0}}}};
+        {{R}} best = {{fabs}}(target[c * k + c]), part[4] = {{ 0 }};
         best += best;
         for (int i = c + 1; i < rows; ++i) {{
             const {{R}} size = {{fabs}}(target[i * k + c]);
@@ -265,7 +269,7 @@ def householder(name: str, real: Real) -> str:
         const {{R}} inverse = (whole <= {smallest}) ? {{0}} : {{1}} / norm;
         const {{R}} less = -(square * share);
         for (int j = c + 1; j < k; ++j) {{
-            {{R}} sum[4] = {{{{0}}}};
+            {{R}} sum[4] = {{ 0 }};
             for (int i = c + 1; i < rows; ++i) {{
                 sum[i % 4] = FMA(target[i * k + c], target[i * k + j], sum[i % 4]);
             }}
@@ -288,15 +292,16 @@ def residual(name: str, real: Real) -> str:
     split = constant(SPLIT if real.name == "double" else 4097.0, real)
     return f"""static void {name}(const {{R}} *rows, const {{R}} *slope, {{R}} *target, int count, int p, int n)
 {{
-    for (int q = 0; q < count; ++q, rows += n + 2 * p) {{
+    for (int q = 0; q < count; ++q) {{
+        const {{R}} *row = rows + q * (n + 2 * p);
         for (int i = 0; i < p; ++i) {{
-            {{R}} high = rows[i], low = {{0}}, other = -rows[p + n + i];
+            {{R}} high = row[i], low = {{0}}, other = -row[p + n + i];
             for (int j = 0; j <= n; ++j) {{
                 const {{R}} sum = high + other, part = sum - high;
                 low += (high - (sum - part)) + (other - part);
                 high = sum;
                 if (j < n) {{
-                    const {{R}} x = rows[p + j], c = slope[i * n + j];
+                    const {{R}} x = row[p + j], c = slope[i * n + j];
                     other = -(c * x);
 #ifdef FUSED
                     low -= FMA(c, x, other);
@@ -336,7 +341,7 @@ FINITE = """/* Whether all of some numbers are finite. */
 static int {name}(const {R} *numbers, int count)
 {
     for (int i = 0; i < count; ++i) {
-        if (!isfinite(numbers[i])) {
+        if (isfinite(numbers[i]) == 0) {
             return 0;
         }
     }
@@ -423,7 +428,7 @@ def row_function(name: str, ones: dict[bool, str], real: Real, lanes: int) -> st
 {lines}
     }}
     for (int l = 0; l < {lanes}; ++l) {{
-        far += !({{fabs}}(x[l]) <= {REACH[False]!r});
+        far += ({{fabs}}(x[l]) <= {REACH[False]!r}) ? 0 : 1;
     }}
     if (far > 0) {{
         for (int l = 0; l < {lanes}; ++l) {{

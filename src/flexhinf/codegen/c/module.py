@@ -141,7 +141,7 @@ class _Function:
         last = max(levels.values(), default=0)
         kept = self.places
         for k, place in sorted(kept.items()):
-            yield f"{self.real.name} *const w{k} = {ROWS} + {place * self.lanes};"
+            yield f"{self.real.name} *const w{k} = {algebra.ahead(ROWS, place * self.lanes)};"
         for level in range(last + 1):
             here = [k for k in sorted(needed) if levels.get(k) == level]
             called = [k for k in here if operations[k].code in CALLS]
@@ -384,7 +384,7 @@ class Translator:
                     yield f"{self._helper('copy', algebra.COPY)}({source}, {target}, {size});"
             elif isinstance(step, Guard):
                 finite = f"{self._helper('finite', algebra.FINITE)}({self._at(step.source, loops)}, {step.source.size})"
-                yield from block(f"if (!{finite}) {{", [f"return {step.code};"])
+                yield from block(f"if ({finite} == 0) {{", [f"return {step.code};"])
             else:
                 raise _unsupported("random numbers, which belong to a simulation")
 
@@ -392,17 +392,17 @@ class Translator:
         """The declaration of so many numbers of the room, until what took them gives them back."""
         place, self._taken = self._taken, self._taken + size
         self.room = max(self.room, self._taken)
-        return f"{self.real.name} *const {name} = {ROOM}{f' + {place}' if place else ''};"
+        return f"{self.real.name} *const {name} = {algebra.ahead(ROOM, place)};"
 
     def _rows_of(self, name: str) -> list[str]:
         """The argument of a function for what it keeps, behind what is taken of the room; none without."""
         size = self._kept.get(name, 0)
         self.room = max(self.room, self._taken + size)
-        return [f"{ROOM} + {self._taken}"] * (size > 0)
+        return [algebra.ahead(ROOM, self._taken)] * (size > 0)
 
     def _at(self, piece: Slice, loops: Sequence[str]) -> str:
         if piece.buffer == COLUMN:
-            return f"column + {piece.offset * self._columns}"
+            return algebra.ahead("column", piece.offset * self._columns)
         if piece in self._spread:
             return self._spread[piece]
         if piece.shift:
@@ -489,7 +489,8 @@ class Translator:
     ) -> list[str]:
         moves = []
         for columns, place in pairs:
-            start, column = self._at(columns.whole, loops), f"column + {place.offset * lanes}"
+            start = self._at(columns.whole, loops)
+            column = algebra.ahead("column", place.offset * lanes)
             moves.append(self._move(columns, start, column, lanes, left, read))
         return moves
 

@@ -42,12 +42,14 @@ static int @NAME@_exact(void)
     const @REAL@ one = given[0], step = given[1], small = given[2], zero = given[3], nan = given[4], huge = given[5];
     const @REAL@ other = one + given[1];
     const volatile @REAL@ square = other * other, tiny = given[6] * given[8];
-    int right = one + small == one && one - small / 4.0@F@ == one;           /* to nearest, to its own type */
-    right = right && (one + small) - one == 0.0@F@ && (one - step) - one == -step; /* not in another order */
-    right = right && (one + step) * (given[0] + step) - square == 0.0@F@;    /* products rounded before sums */
-    right = right && given[7] / 6.0@F@ == ratio;                             /* no product with a reciprocal */
-    right = right && copysign@F@(one, zero + 0.0@F@) > 0.0@F@;               /* zeros with signs */
-    right = right && tiny > 0.0@F@ && tiny + tiny == given[6];               /* numbers below the normal ones */
-    right = right && !isfinite(nan) && isnan(nan) && !(nan <= one) && !(nan > one);
-    return right && !isfinite(huge) && !isfinite(-huge) && huge > @LARGEST@;
+    int wrong = 0;
+    wrong += (one + small == one && one - small / 4.0@F@ == one) ? 0 : 1;      /* to nearest, to its own type */
+    wrong += ((one + small) - one == 0.0@F@ && (one - step) - one == -step) ? 0 : 1; /* not in another order */
+    wrong += ((one + step) * (given[0] + step) - square == 0.0@F@) ? 0 : 1;    /* products rounded before sums */
+    wrong += (given[7] / 6.0@F@ == ratio) ? 0 : 1;                             /* no product with a reciprocal */
+    wrong += (copysign@F@(one, zero + 0.0@F@) > 0.0@F@) ? 0 : 1;               /* zeros with signs */
+    wrong += (tiny > 0.0@F@ && tiny + tiny == given[6]) ? 0 : 1;               /* numbers below the normal ones */
+    wrong += (isfinite(nan) == 0 && isnan(nan) != 0 && !(nan <= one) && !(nan > one)) ? 0 : 1;
+    wrong += (isfinite(huge) == 0 && isfinite(-huge) == 0 && huge > @LARGEST@) ? 0 : 1;
+    return (wrong == 0) ? 1 : 0;
 }

@@ -6,6 +6,7 @@
 #include "@NAME@.h"
 
 #include <math.h>
+#include <stddef.h>
 
 @ARITHMETIC@
 /* a*b + c, rounded once where the compiler says that the processor has an instruction for it (on a PC with -mfma), and
@@ -17,7 +18,7 @@
 #define FUSED
 #define FMA(a, b, c) __builtin_fma@F@(a, b, c)
 #else
-#define FMA(a, b, c) ((a) * (b) + (c))
+#define FMA(a, b, c) (((a) * (b)) + (c))
 #endif
 
 typedef @NAME@_real real;
@@ -94,16 +95,16 @@ int @NAME@_init(@NAME@_state *state)
         state->estimate[i] = @ZERO@;
     }
     begin(state);
-    state->refused = @NAME@_exact() ? 0 : REFUSED;
+    state->refused = (@NAME@_exact() != 0) ? 0 : REFUSED;
     return state->refused;
 }
 
 int @NAME@_start(@NAME@_state *state, const @NAME@_param *param, const @NAME@_real *estimate,
                  const @NAME@_real *input)
 {
-    @NAME@_init(state);
+    (void)@NAME@_init(state);
 @START@
-    if (input != 0 && @NAME@_finite(input, @BIG@_INPUTS)) {
+    if (input != NULL && @NAME@_finite(input, @BIG@_INPUTS) != 0) {
         limit(param, input, state->start + @U@);
     }@QUEUED@
     begin(state);
@@ -114,25 +115,24 @@ int @NAME@_start(@NAME@_state *state, const @NAME@_param *param, const @NAME@_re
 static int went_back(@NAME@_state *state)
 {
     int start;
-    if (!state->failed) {
+    if (state->failed == 0) {
         state->failed = 1;
         return 0;
     }
-    if (!@NAME@_finite(state->start, @BIG@_MEMORY)) {
+    if (@NAME@_finite(state->start, @BIG@_MEMORY) == 0) {
         @NAME@_copy(initial_memory, state->start, @BIG@_MEMORY);
     }
-    if (!@NAME@_finite(state->older, @BIG@_MEMORY)) {
+    if (@NAME@_finite(state->older, @BIG@_MEMORY) == 0) {
         @NAME@_copy(state->start, state->older, @BIG@_MEMORY);
     }
     start = same(state->older, state->start, @BIG@_MEMORY);
-    if (start && state->began_again) { /* the start itself is bad: as it was told, or its memory was overwritten */
+    if (start != 0 && state->began_again != 0) { /* the start itself is bad: as it was told, or its memory was overwritten */
         @NAME@_copy(initial_memory, state->start, @BIG@_MEMORY);
         @NAME@_copy(initial_memory, state->older, @BIG@_MEMORY);
     }
     for (int i = 0; i < @BIG@_MEMORY; ++i) {
-        const int command = i >= @REFERENCE@ && i < @REFERENCE@ + @COMMANDED@;
-        const int keep = command && start && !state->began_again && isfinite(state->memory[i]);
-        if (!keep) {
+        if (i < @REFERENCE@ || i >= @REFERENCE@ + @COMMANDED@ || start == 0 || state->began_again != 0 ||
+            isfinite(state->memory[i]) == 0) { /* but a good command of the start, once */
             state->memory[i] = state->older[i];
         }
     }
@@ -147,8 +147,8 @@ static void hold(const @NAME@_state *state, const @NAME@_param *param, @NAME@_ou
 {
     for (int i = 0; i < @BIG@_INPUTS; ++i) {
         const real low = param->value[@BIG@_P_LOWER + i], high = param->value[@BIG@_P_UPPER + i];
-        const int good = state->held[i] >= low && state->held[i] <= high && isfinite(state->held[i]);
-        real u = good ? state->held[i] : SAFE[i];
+        real u = (state->held[i] >= low && state->held[i] <= high && isfinite(state->held[i]) != 0) ? state->held[i]
+                                                                                                    : SAFE[i];
         if (u < low) {
             u = low;
         }
@@ -158,7 +158,7 @@ static void hold(const @NAME@_state *state, const @NAME@_param *param, @NAME@_ou
         output->u[i] = u;
     }
     for (int i = 0; i < @BIG@_STATES; ++i) {
-        output->estimate[i] = isfinite(state->estimate[i]) ? state->estimate[i] : @ZERO@;
+        output->estimate[i] = (isfinite(state->estimate[i]) != 0) ? state->estimate[i] : @ZERO@;
     }
     output->status = 0;@STATUS@@DOUBTFUL@@REJECTED@
     output->path_rate = @PATH_RATE@;
@@ -166,8 +166,11 @@ static void hold(const @NAME@_state *state, const @NAME@_param *param, @NAME@_ou
 
 int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_input *input, @NAME@_output *output)
 {
-    const int in_time = input->measured != 0 && input->age <= param->oldest@THERE@;
+    int in_time = 0;
     int code;
+    if (input->measured != 0 && input->age <= param->oldest@THERE@) {
+        in_time = 1;
+    }
     if (state->mark != INITIALISED) {
         limit(param, SAFE, output->u);
         for (int i = 0; i < @BIG@_STATES; ++i) {
@@ -179,12 +182,12 @@ int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_inp
     }
     if (state->refused == REFUSED) {
         code = REFUSED;
-    } else if (in_time@BELIEVED@) {
+    } else if (in_time != 0@BELIEVED@) {
         code = @MEASURED@;
         if (code != @BIG@_BAD_MEASUREMENT) {
             state->missing = 0;
         }
-    } else if (state->waiting) {
+    } else if (state->waiting != 0) {
         code = @BIG@_WAITING;
     } else if (state->missing < param->missing_limit && state->missing >= 0) {
         state->missing += 1;
@@ -203,8 +206,10 @@ int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_inp
             state->began_again = 0;
             state->samples = 0;
         }
-    } else if (code == @BIG@_BAD_RESULT && went_back(state)) {
+    } else if (code == @BIG@_BAD_RESULT && went_back(state) != 0) {
         code = @BIG@_WENT_BACK;
+    } else {
+        /* nothing was computed, and nothing changes */
     }
     hold(state, param, output);
     return code;
@@ -213,10 +218,11 @@ int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_inp
 #ifndef @BIG@_WITHOUT_CHECK
 /* Numbers that may differ from the design's: of which other they are less (-1: of none), what is physical, and what the
  * design was made for. */
+#define RANGES @COUNT@
 static const struct {
     int place, below;
     real least, most, low, high;
-} ranges[] = {
+} ranges[RANGES] = {
 @RANGES@
 };
 
@@ -229,14 +235,19 @@ static real number(const @NAME@_param *param, int place)
 
 int @NAME@_check(const @NAME@_param *param, int *place)
 {
-    const int rows = (int)(sizeof(ranges) / sizeof(ranges[0]));
     int worst = @BIG@_PARAM_OK;
-    for (int i = 0, row = 0; i < @BIG@_PARAMETERS + 2; ++i) {
+    int row = 0;
+    for (int i = 0; i < @BIG@_PARAMETERS + 2; ++i) {
         const real value = number(param, i), design = number(&@NAME@_defaults, i);
-        const int ranged = row < rows && ranges[row].place == i, equal = value >= design && value <= design;
-        int found = (ranged || equal) ? @BIG@_PARAM_OK : @BIG@_PARAM_BEYOND_DESIGN;
-        if (ranged) {
+        int found = @BIG@_PARAM_BEYOND_DESIGN;
+        int equal = 0;
+        if (value >= design && value <= design) {
+            equal = 1;
+            found = @BIG@_PARAM_OK;
+        }
+        if (row < RANGES && ranges[row].place == i) {
             const int below = ranges[row].below;
+            found = @BIG@_PARAM_OK;
             if (value < ranges[row].low || value > ranges[row].high) {
                 found = @BIG@_PARAM_BEYOND_DESIGN;
             }
@@ -246,12 +257,12 @@ int @NAME@_check(const @NAME@_param *param, int *place)
             }
             row += 1;
         }
-        if (!isfinite(value) && !equal) {
+        if (isfinite(value) == 0 && equal == 0) {
             found = @BIG@_PARAM_NOT_FINITE;
         }
         if (found > worst) {
             worst = found;
-            if (place != 0) {
+            if (place != NULL) {
                 *place = i;
             }
         }
