@@ -10,7 +10,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.export import controller_files
-from flexhinf.export.names import law_terms, named_parameters
+from flexhinf.export.names import law_terms, named_parameters, parameter_units
 
 
 @pytest.fixture(scope="module")
@@ -64,6 +64,25 @@ def test_parameters_stand_at_their_constants(cubic: fh.Controller, arm: fh.Robot
         assert at == cubic.data.places["parameters"].start + place
         assert unit == units[name]
     assert re.search(r"ARM_P_STIFFNESS = \d+, /\* N m/rad \*/", files["arm.h"])
+
+
+def test_parameters_of_several_joints_have_units_and_say_whose_they_are() -> None:
+    """Those of the robot file, of which some are one number of several in the model."""
+    robot = fh.load_robot("planar-two-link")
+    kalman = fh.ExtendedKalmanFilter(robot.plant(), 1e-3, 1e-7, 1e-6, robot.operating_point()[0], 1e-8)
+    made = fh.Controller(fh.linear_law(robot.problem(), np.inf), kalman, 1e-3, 48.0)
+    stated = {parameter.name: parameter.unit for parameter in robot.parameters}
+    rows = {name: (place, unit) for name, place, unit in named_parameters(made, parameter_units(made, robot))}
+    assert all(unit for _, unit in rows.values())
+    for name in ("mass", "stiffness", "friction", "torque_constant"):
+        for k, joint in enumerate(robot.joint_names):
+            place, unit = rows[f"{name}_{k}"]
+            assert unit == f"{stated[f'{name}_{joint}']} of {joint}"
+            assert (
+                made.data_vector[made.data.places["parameters"].start + place]
+                == robot.nominal[f"{name}_{joint}"]
+            )
+    assert rows["inertia_6"][1] == f"{stated['inertia_xx_elbow']} of elbow"
 
 
 @pytest.mark.slow

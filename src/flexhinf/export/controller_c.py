@@ -64,6 +64,7 @@ from flexhinf.export.names import (
     named_parameters,
     number_lines,
     origin_facts,
+    parameter_units,
 )
 from flexhinf.export.parameter_check import range_rows, ranges
 from flexhinf.loop import Controller, Status
@@ -148,7 +149,7 @@ class ControllerCode:
     ) -> None:
         self.controller, self.name, self.real, self.origin = controller, name, real, dict(origin)
         self.robot, self.robot_numbers = robot, {} if robot is None else robot.nominal
-        self.parameter_units = {} if robot is None else {p.name: p.unit for p in robot.parameters}
+        self.parameter_units = parameter_units(controller, robot)
         if robot is not None:
             self.origin = {"robot": robot.name, **self.origin}
         c, estimator = controller, controller.estimator

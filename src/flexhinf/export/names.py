@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +16,9 @@ from flexhinf.errors import refuse_if
 from flexhinf.loop import Controller
 from flexhinf.loop.controller.step import LawCode
 from flexhinf.validation import value_text
+
+if TYPE_CHECKING:
+    from flexhinf.robot import Robot
 
 #: Words of C99 and of C++, and names of their headers: NAME.h must not be found in the place of one.
 RESERVED = frozenset({
@@ -103,14 +107,30 @@ PARTS = {
 
 
 def named_parameters(controller: Controller, units: Mapping[str, str]) -> Iterator[tuple[str, int, str]]:
-    """Name, place from the first of them, and unit of each parameter of the estimator's model; arrays are numbered."""
+    """Name, place from the first of them, and unit of each parameter of the estimator's model; elements of arrays are
+    numbered, and have their units under `name[1]`, `name[2]`, …"""
     if controller.estimator is None:
         return
     first = 0
     for name, value in controller.estimator.plant.parameters.values.items():
         for k in range(value.size):
-            yield (name if not value.ndim else f"{name}_{k}"), first + k, units.get(name, "")
+            label, known = (f"{name}_{k}", f"{name}[{k + 1}]") if value.ndim else (name, name)
+            yield label, first + k, units.get(known, "")
         first += value.size
+
+
+def parameter_units(controller: Controller, robot: Robot | None) -> dict[str, str]:
+    """Unit of each parameter of the estimator's model, by the names of `named_parameters`, and whose it is: of several
+    joints their names."""
+    if controller.estimator is None:
+        return {}
+    plant, joints = controller.estimator.plant, () if robot is None else robot.joint_names
+    units = dict(plant.units) | ({} if robot is None else {p.name: p.unit for p in robot.parameters})
+    for name, value in plant.parameters.values.items():
+        for k in range(value.size if value.ndim and len(value) == len(joints) else 0):
+            label, joint = f"{name}[{k + 1}]", joints[k * len(joints) // value.size]
+            units[label] = f"{units.get(label, '')} of {joint}".lstrip()
+    return units
 
 
 def law_terms(controller: Controller) -> list[str]:
