@@ -16,6 +16,7 @@ def test_two_threads_compute_the_same(monkeypatch):
     entries, matrix = rng.standard_normal(basis.count(n, k)), rng.standard_normal((n, n))
     monkeypatch.setattr(transform, "_SMALL", 0)
     monkeypatch.setattr(transform, "_LARGE", 0)
+    monkeypatch.setattr(transform, "_TILE_BYTES", 5_000)
     monkeypatch.setattr(contraction, "_COLUMNS", 32)
     monkeypatch.setattr(contraction, "_WHOLE", 32)
     monkeypatch.setenv("OMP_NUM_THREADS", "1")

@@ -37,6 +37,7 @@ from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import matrix_product, run_all, tile_products
 
 _SMALL = 20_000  # opened tensors up to this size go through one product and one selection
+_TILE_BYTES = 2_000_000
 _TILES = 32  # of one product of a vector's numbers, in one call
 _LARGE = 2_000_000  # opened tensors from this size on are worth machine code and a second thread
 
@@ -91,23 +92,31 @@ def _sorted_pairs(n: int, s: int) -> np.ndarray:
 def _contract_one_index(
     tensor: np.ndarray, opening: np.ndarray, n: int, s: int, matrix: np.ndarray, result: np.ndarray
 ) -> None:
-    """The contraction of `flexhinf.hinf.contraction` by NumPy, some rows at a time."""
-    width = basis.count(n, s)
-    tile = max(1, tile_products(result.dtype) // (n * n * width))
-    rows = tile if s else _TILES * tile
+    """The contraction of `flexhinf.hinf.contraction` by NumPy, in tiles."""
+    width, most = basis.count(n, s), max(1, tile_products(result.dtype) // n**2)
+    columns = min(width, most)
+    rows = max(1, _TILE_BYTES // (n * columns * tensor.itemsize)) if s else _TILES * most
+    start, first = basis.offsets(n, s), basis.offsets(n, s + 1)
 
-    def some(top: int) -> None:
-        opened = tensor[opening[top : top + rows]]
+    def tile(top: int, left: int) -> None:
+        opened, kept = tensor[:, left : left + columns][opening[top : top + rows]], result[top : top + rows]
         if s == 0:
-            whole = len(opened) // tile * tile
-            tiled = result[top : top + whole].reshape(-1, tile, n)
-            np.matmul(opened[:whole].reshape(-1, tile, n), matrix, out=tiled)
-            np.matmul(opened[whole:, :, 0], matrix, out=result[top + whole : top + len(opened)])
-        else:
-            contracted = np.matmul(matrix.T, opened).reshape(len(opened), -1)
-            result[top : top + rows] = contracted[:, _sorted_pairs(n, s)]
+            whole = len(opened) // most * most
+            np.matmul(opened[:whole].reshape(-1, most, n), matrix, out=kept[:whole].reshape(-1, most, n))
+            np.matmul(opened[whole:, :, 0], matrix, out=kept[whole:])
+            return
+        right = left + opened.shape[2]
+        contracted = np.matmul(matrix.T, opened)
+        for j in range(n):
+            tail, place = max(start[j], left), first[j] - start[j]
+            if tail < right:
+                kept[:, place + tail : place + right] = contracted[:, j, tail - left :]
 
-    run_all(some, ((top,) for top in range(0, len(opening), rows)), large=opening.size * width > _LARGE)
+    run_all(
+        tile,
+        ((top, left) for top in range(0, len(opening), rows) for left in range(0, width, columns)),
+        large=opening.size * width > _LARGE,
+    )
 
 
 _NEGLIGIBLE = 5_000  # coefficients up to which one complex change of variables is cheaper than real and pairs
