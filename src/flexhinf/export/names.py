@@ -161,14 +161,12 @@ def _monomial(states: Sequence[str], powers: np.ndarray) -> str:
 LONGEST_LAW = 2000
 
 
-def number_lines(controller: Controller, values: np.ndarray, real: Real, units: Mapping[str, str]) -> str:
+def number_lines(controller: Controller, values: np.ndarray, real: Real) -> str:
     """The numbers of a controller as constants of C, each group under a comment that says what it is."""
     places = {name: place for name, place in controller.data.places.items() if place.stop > place.start}
     meanings = {
         "law": law_terms(controller),
-        "parameters": [
-            f"{name}, {comment(unit)}".rstrip(", ") for name, _, unit in named_parameters(controller, units)
-        ],
+        "parameters": [name for name, *_ in named_parameters(controller, {})],  # with units in the header
     }
     lines = []
     for name, place in places.items():
