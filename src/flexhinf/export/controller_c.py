@@ -252,7 +252,7 @@ class ControllerCode:
         """What design it is, and what the controller says of itself."""
         return {**origin_facts(self.controller, self.origin), **self.controller.summary()}
 
-    def _told(self, facts: Mapping[str, str]) -> str:
+    def _comment(self, facts: Mapping[str, str]) -> str:
         """Facts as lines of a comment."""
         return "\n * ".join(comment(f"{name}: {text}") for name, text in facts.items())
 
@@ -275,7 +275,7 @@ class ControllerCode:
         return fill(
             template("controller.h"), self.name, self.real,
             PERIOD=constant(c.period, self.real), PERIOD_TEXT=f"{c.period:g}", VERSION=__version__,
-            SUMMARY=self._told(self.facts), FIRST_LINES=self.first_lines,
+            SUMMARY=self._comment(self.facts), FIRST_LINES=self.first_lines,
             LATENCY=c.mode.latency, P=sizes["y"], K=len(c.commanded), M=sizes["u"],
             N=sizes["estimate"], DATA=sizes["data"], MEMORY=sizes["memory"], WORK=max(1, self.scratch), R=sizes["r"],
             COLUMNS=max(1, self.translator.room),
@@ -313,7 +313,7 @@ class ControllerCode:
         functions = str(self.translator).replace(f"{self.real.name} ", "real ")
         return fill(
             template("controller.c"), self.name, self.real,
-            SUMMARY=self._told(origin_facts(self.controller, self.origin)),
+            SUMMARY=self._comment(origin_facts(self.controller, self.origin)),
             START=start, STANDSTILL=standstill, QUEUED=self._queued, VERSION=__version__,
             ARITHMETIC=arithmetic(self.name, self.real),
             DEFAULTS=number_lines(self.controller, self.defaults, self.real),
