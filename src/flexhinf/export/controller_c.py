@@ -149,7 +149,6 @@ class ControllerCode:
     ) -> None:
         self.controller, self.name, self.real, self.origin = controller, name, real, dict(origin)
         self.robot, self.robot_numbers = robot, {} if robot is None else robot.nominal
-        self.parameter_units = parameter_units(controller, robot)
         if robot is not None:
             self.origin = {"robot": robot.name, **self.origin}
         c, estimator = controller, controller.estimator
@@ -193,7 +192,8 @@ class ControllerCode:
 
     def _parameter_places(self, taken: set[str]) -> list[tuple[str, int, str]]:
         """Constant, place among the numbers, and unit of each parameter of the estimator's model."""
-        named = list(named_parameters(self.controller, self.parameter_units))
+        units = parameter_units(self.controller, self.robot)
+        named = list(named_parameters(self.controller, units))
         texts = constants(self.upper("P"), [name for name, *_ in named])
         first = self.controller.data.places["parameters"].start if named else 0
         return [
