@@ -1,10 +1,11 @@
-"""What is decided before any text is written: which divisions are made, and which products are fused."""
+"""What is decided before any text is written: divisions, products that are fused, truth values."""
 
 import casadi
 import numpy as np
 import pytest
 
-from flexhinf.codegen.emit.opcodes import OPCODES, read_dataflow
+from flexhinf.codegen.dataflow import read_dataflow
+from flexhinf.codegen.emit.opcodes import OPCODES
 
 X, Y, Z = casadi.SX.sym("x"), casadi.SX.sym("y"), casadi.SX.sym("z")
 
@@ -39,3 +40,54 @@ def test_shared_divisions_follow_casadi(pointwise):
     assert np.array_equal(both, np.isfinite(got))
     scale = (np.abs(x.ravel()) + 3.0)[both] / np.abs(z.ravel()[both])
     assert (np.abs(got[both] - expected[both]) <= 4e-16 * scale).all()
+
+
+def operations(*results):
+    """Opcodes of a function, without its inputs and constants."""
+    flow = read_dataflow(casadi.Function("f", [X, Y, Z], list(results)), OPCODES, fused=True)
+    return [o.code for o in flow.operations.values() if o.code not in (casadi.OP_INPUT, casadi.OP_CONST)]
+
+
+SMALLER = X < Y
+
+
+@pytest.mark.parametrize(
+    ("result", "expected"),
+    [
+        (casadi.if_else(SMALLER, 1, 0), [casadi.OP_LT]),
+        (casadi.if_else(casadi.if_else(SMALLER, 1, 0) > 0.5, 1, 0), [casadi.OP_LT]),
+        (casadi.logic_not(SMALLER > 0.5), [casadi.OP_LT, casadi.OP_NOT]),
+        (casadi.if_else(X, 1, 0), [casadi.OP_IF_ELSE_ZERO]),  # X may be 2, or NaN
+        (X > 0.5, [casadi.OP_LT]),
+        (SMALLER <= Z, [casadi.OP_LT, casadi.OP_LE]),
+    ],
+)
+def test_a_truth_value_is_not_compared_again(result, expected):
+    assert operations(result) == expected
+
+
+@pytest.mark.oracle
+def test_shortened_conditions_are_those_of_casadi(pointwise):
+    """Random expressions of conditions, on numbers with NaN, infinities and both zeros."""
+    random = np.random.default_rng(0)
+    numbers = np.array([0.0, -0.0, 0.5, 1.0, 2.0, -3.0, np.inf, np.nan])
+    x, z = (grid.ravel() for grid in np.meshgrid(numbers, numbers))
+    two = [
+        lambda a, b: a < b, lambda a, b: a <= b, lambda a, b: a == b, lambda a, b: a != b,
+        casadi.logic_and, casadi.logic_or, lambda a, b: casadi.if_else(a, b, 0), casadi.fmin, lambda a, b: a + b,
+    ]  # fmt: skip
+    shorter = 0
+    for _ in range(40):
+        known = [X, Z, *map(casadi.SX, (0.0, 0.5, 1.0))]
+        for _ in range(20):
+            a, b = (known[k] for k in random.integers(len(known), size=2))
+            known.append(
+                casadi.logic_not(a) if random.random() < 0.2 else two[random.integers(len(two))](a, b)
+            )
+        function = casadi.Function("f", [X, Z], [casadi.sum1(casadi.vertcat(*known[-6:]))])
+        expected = np.array(function.map(x.size)(x.reshape(1, -1), z.reshape(1, -1))).ravel()
+        np.testing.assert_array_equal(pointwise(function, x, z), expected)
+        shorter += (
+            len(read_dataflow(function, OPCODES, fused=False).operations) < function.n_instructions() - 1
+        )
+    assert shorter >= 10

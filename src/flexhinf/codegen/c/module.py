@@ -18,7 +18,7 @@ import casadi
 
 from flexhinf.codegen.c import algebra
 from flexhinf.codegen.c.algebra import Real, comment, constant
-from flexhinf.codegen.emit.opcodes import (
+from flexhinf.codegen.dataflow import (
     LIBRARY,
     MULTIPLY_ADD,
     MULTIPLY_SUBTRACT,
@@ -128,22 +128,21 @@ class _Function:
     rows: Callable[[tuple[int, ...]], str]
 
     def single(self) -> Iterator[str]:
-        needed = self._needed()
         for k, operation in self.flow.operations.items():
-            if k in needed and operation.code != casadi.OP_CONST:
+            if operation.code != casadi.OP_CONST:
                 yield f"const {self.real.name} v{k} = {self._expression(k, 'v', set())};"
         for result, element, value in self.flow.outputs:
             yield f"out{result}[{element}] = {self._operand(value, 'v', set())};"
 
     def several(self) -> Iterator[str]:
         """Loops over the lanes, cut where the library is called; one call may be of all lanes at once."""
-        operations, levels, needed = self.flow.operations, self._levels(), self._needed()
+        operations, levels = self.flow.operations, self._levels()
         last = max(levels.values(), default=0)
         kept = self.places
         for k, place in sorted(kept.items()):
             yield f"{self.real.name} *const w{k} = {algebra.ahead(ROWS, place * self.lanes)};"
         for level in range(last + 1):
-            here = [k for k in sorted(needed) if levels.get(k) == level]
+            here = [k for k in operations if levels.get(k) == level]
             called = [k for k in here if operations[k].code in CALLS]
             rows = [k for k in called if self._is_of_rows(k)]
             for values, results in self._apart(
@@ -242,10 +241,10 @@ class _Function:
     @cached_property
     def places(self) -> dict[int, int]:
         """Row of each value that a loop keeps for a later one; a row is free again after the last use."""
-        operations, levels, needed = self.flow.operations, self._levels(), self._needed()
+        operations, levels = self.flow.operations, self._levels()
         end = max(levels.values(), default=0)
         uses = [(value, end, False) for _, _, value in self.flow.outputs]
-        for k in needed & levels.keys():
+        for k in levels.keys() & operations.keys():
             uses += [(a, levels[k], operations[k].code in CALLS) for a in operations[k].arguments]
         kept, last = set(), {}
         for value, level, called in uses:
@@ -260,13 +259,6 @@ class _Function:
             rows[place : place + 1] = [last[k]]
             places[k] = place
         return places
-
-    def _needed(self) -> set[int]:
-        operations, needed = self.flow.operations, {value for _, _, value in self.flow.outputs}
-        for k in reversed(operations):
-            if k in needed and operations[k].code != casadi.OP_INPUT:
-                needed.update(operations[k].arguments)
-        return needed
 
     def _operand(self, value: int, row: str, here: set[int]) -> str:
         operation = self.flow.operations[value]
