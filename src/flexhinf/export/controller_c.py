@@ -34,6 +34,7 @@ from flexhinf.codegen.c import Real, Translator, comment, constant
 from flexhinf.codegen.program import Step
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.fragments import (
+    BEGIN_AGAIN,
     BEGINS,
     DOUBTFUL,
     DOUBTFUL_DECLARED,
@@ -47,8 +48,10 @@ from flexhinf.export.fragments import (
     PLAUSIBLE_TEXT,
     PREDICTION,
     QUEUED,
+    REACTED,
     REJECTED,
     REJECTED_DECLARED,
+    REPORTED,
     RESTING,
     RESTING_FIRST,
     STANDING,
@@ -59,8 +62,10 @@ from flexhinf.export.fragments import (
     STATUS_BITS,
 )
 from flexhinf.export.names import (
+    MEMORY,
     checked_identifier,
     constants,
+    default_lines,
     named_parameters,
     number_lines,
     origin_facts,
@@ -295,7 +300,7 @@ class ControllerCode:
             PLAUSIBLE=PLAUSIBLE_TEXT if c.mode.checks_measurements else "",
             GAPS=", not finite (NAN) where a sensor gave nothing" if self.predicts else "",
             ELEMENTS="\n * ".join(wrap(ELEMENTS + GEARS * self.has_motors, 112)),
-            EDGE="".join(f"{line}\n * " for line in self.edge),
+            SAYS="\n * ".join(wrap(self.status_text, 112)),
             COMMAND="\n * ".join(wrap(self.command_text, 112)), FIRST=c.first_input.text,
             TOLERANCES="" if self.robot is None else " outside the tolerances of the robot file",
             HELD=c.first_input.text if self.starts_anywhere else "that of @NAME@_init",
@@ -316,26 +321,34 @@ class ControllerCode:
             SUMMARY=self._comment(origin_facts(self.controller, self.origin)),
             START=start, STANDSTILL=standstill, QUEUED=self._queued, VERSION=__version__,
             ARITHMETIC=arithmetic(self.name, self.real),
-            DEFAULTS=number_lines(self.controller, self.defaults, self.real),
+            DEFAULTS=default_lines(self.controller, self.defaults, self.real),
             OLDEST=constant(self.oldest, self.real), MISSING=MISSING_LIMIT if self.predicts else 0,
-            INITIAL=self.numbers(self.initial_memory),
+            INITIAL=number_lines(memory, self.initial_memory, self.real, MEMORY), PLACES=self._memory_places,
             FUNCTIONS=functions + (PREDICTION if self.predicts else ""), MEASURED=self._call("input->y"),
             PREDICTED=f"{self.name}_predict(state, param, input, in_time)" if self.predicts else self.upper("STOPPED"),
             PREDICTED_CALL=self._call("nothing") if self.predicts else "",
             THERE=f" && {self.name}_some(input->y) != 0" if self.predicts else "",
             BELIEVED=f" && {self.name}_believed(state, param, input->y) != 0" if believed else "", PLAUSIBLE=believed,
             OR_PREDICTED=f" || code == {self.upper('PREDICTED')}" if self.predicts else "",
-            U=memory["u"].start, REFERENCE=memory["reference"].start,
             COMMANDED=memory["reference"].stop - memory["reference"].start, SPACING=SPACING,
-            REJECTED="" if self.rejected is None else REJECTED.format(f"state->memory[{self.rejected} + i]"),
+            REJECTED="" if self.rejected is None else REJECTED.format("state->memory[AT_REJECTED + i]"),
             NONE_REJECTED="" if self.rejected is None else REJECTED.format("0").replace("\n", "\n    "),
-            DOUBTFUL="" if self.doubt is None else DOUBTFUL.format(self.doubt, self.doubt + 1),
+            DOUBTFUL="" if self.doubt is None else DOUBTFUL,
             NONE_DOUBTFUL="" if self.doubt is None else "\n        output->doubtful = 0;",
-            STATUS=STATUS_BITS.format(memory["status"].start) if "status" in memory else "",
-            PATH_RATE=f"state->memory[{memory['stop'].stop - 1}]" if "stop" in memory else constant(1.0, self.real),
+            STATUS=STATUS_BITS if "status" in memory else "",
+            PATH_RATE="state->memory[AT_STOP + 2]" if "stop" in memory else constant(1.0, self.real),
             RANGES=range_rows(rows, self.real), COUNT=len(rows),
             ZERO=constant(0.0, self.real), F=self.real.suffix, SUFFIX=self.real.suffix.upper(), BYTES=self.real.bytes,
         )  # fmt: skip
+
+    @property
+    def _memory_places(self) -> str:
+        """Where the parts of the memory begin, as constants of C."""
+        places = self.controller.memory.places.items()
+        rows = [(f"AT_{name.upper()}", place.start, comment(MEMORY[name])) for name, place in places]
+        if self.rejected is not None:
+            rows.append(("AT_REJECTED", self.rejected, "how many of each measurement were rejected"))
+        return enumeration(rows)
 
     @property
     def _plausible(self) -> str:
@@ -351,8 +364,7 @@ class ControllerCode:
         call = self.translator.function(trace(some, p, 3 * p, 1, p, p, p, name="plausible"))
         parts = ("PERIOD", "MEASUREMENT_LOWER", "MEASUREMENT_UPPER", "MEASUREMENT_RATE")
         limits = ", ".join(f"param->value + {self.upper(f'P_{part}')}" for part in parts)
-        text = PLAUSIBLE.replace("@CALL@", call).replace("@LIMITS@", limits)
-        return text.replace("@SEEN@", str(c.memory.places["seen"].start))
+        return PLAUSIBLE.replace("@CALL@", call).replace("@LIMITS@", limits)
 
     @property
     def doubt(self) -> int | None:
@@ -433,12 +445,14 @@ class ControllerCode:
         return "".join(f" * {line}\n" for line in [*wrap(text, 112), ""]).replace(" * \n", " *\n")
 
     @property
-    def edge(self) -> list[str]:
-        """Where a controller that brakes at the edge of its workspace comes to rest, in lines; none for another."""
+    def status_text(self) -> str:
+        """What the bits of the status are, and what the controller does about them, for header and README."""
         c = self.controller
-        if c.supervision is None or c.supervision.reactions.get("workspace") != "brake":
-            return []
-        return wrap(EDGE.format(c.supervision.braking_time / 2.0), 112)
+        if Status.REACTING not in self.able:
+            return REPORTED
+        braked = c.supervision is not None and c.supervision.reactions.get("workspace") == "brake"
+        edge = EDGE.format(c.supervision.braking_time / 2.0) if braked else ""
+        return REACTED + edge + BEGIN_AGAIN
 
     @property
     def _standstill(self) -> str:
@@ -452,11 +466,9 @@ class ControllerCode:
     @property
     def _queued(self) -> str:
         """That the inputs that wait at the start are the one before the first sample too."""
-        queue = self.controller.memory.places.get("queue")
-        if queue is None:
+        if "queue" not in self.controller.memory.places:
             return ""
-        which = " + i % @BIG@_INPUTS" if self.sizes["u"] > 1 else ""
-        return QUEUED.replace("@QUEUE@", str(queue.start)).replace("@WHICH@", which)
+        return QUEUED.replace("@WHICH@", " + i % @BIG@_INPUTS" if self.sizes["u"] > 1 else "")
 
     @cached_property
     def starts_anywhere(self) -> bool:

@@ -19,7 +19,7 @@ START = """    if (estimate != NULL && @NAME@_finite(estimate, @BIG@_STATES) != 
 #: Inputs that wait at the start.
 QUEUED = """
     for (int i = 0; i < @BIG@_LATENCY * @BIG@_INPUTS; ++i) {
-        state->start[@QUEUE@ + i] = state->start[@U@@WHICH@];
+        state->start[AT_QUEUE + i] = state->start[AT_U@WHICH@];
     }"""
 
 #: The input that holds it there.
@@ -28,11 +28,11 @@ HOLD = """
             real held[@BIG@_INPUTS];
             @HOLDING@;
             if (@NAME@_finite(held, @BIG@_INPUTS) != 0) {
-                limit(param, held, state->start + @U@);
+                limit(param, held, state->start + AT_U);
             }
         }"""
 
-#: What a command is: positions, or a motion; where the model says what rests; and how a workspace is braked at.
+#: What a command is: positions, or a motion; and where the model says what rests.
 STANDING = "input.r are the positions to go to. A jump is a step, and zeros are positions too."
 MOVING = (
     "input.r is a motion: the state and the input that the robot has on its way when the output acts{latency}. At rest "
@@ -47,13 +47,6 @@ RESTING = (
     " At link positions q these are q, 0, q + g/K (of each joint the weight g and the spring K), 0, and the input that "
     "holds g: @NAME@_rest computes them."
 )
-EDGE = (
-    "It brakes where a command is outside of the workspace, not before, and at a speed v rests up to v * {:g} s "
-    "beyond. Where the workspace ends with the mechanical limits, that is beyond them: keep paths so far inside, or "
-    "narrow the box, param.value + @BIG@_P_WORKSPACE: the least positions, then the largest. If the arm is already "
-    "outside, the controller does not brake, whichever way it moves."
-)
-
 #: The command that rests; as the header declares it, and its definition.
 STANDSTILL_DECLARED = """
 
@@ -73,21 +66,42 @@ int @NAME@_rest(const @NAME@_param *param, const @NAME@_real *q, @NAME@_real *r)
 }
 #endif"""
 
+#: What a controller does about the bits of its status; and how a workspace is braked at.
+REPORTED = (
+    "This controller reports and does not react: it takes every finite command, and output.path_rate stays 1. One that "
+    "reacts is another export: Controller(..., supervision=...) in Python."
+)
+REACTED = (
+    "What it does about it stands above, in the line reactions. Where it brakes, output.path_rate falls from 1 to 0 "
+    "and stays there: the program that makes the command advances its time along the path by path_rate periods a "
+    "sample, and one that does not read it is not braked."
+)
+EDGE = (
+    " It brakes where a command is outside of the workspace, not before, and at a speed v rests up to v * {:g} s "
+    "beyond. Where the workspace ends with the mechanical limits, that is beyond them: keep paths so far inside, or "
+    "narrow the box, param.value + @BIG@_P_WORKSPACE: the least positions, then the largest. If the arm is already "
+    "outside, the controller does not brake, whichever way it moves."
+)
+BEGIN_AGAIN = (
+    " To begin again where the robot then rests: @NAME@_start with output.estimate and output.u. Another reaction is "
+    "another export: Controller(..., supervision=...) in Python."
+)
+
 #: Bits of the status, whose four numbers are a part of the memory.
 STATUS_BITS = """
-    static const int bits[4] = {{
+    static const int bits[4] = {
         @BIG@_OUTSIDE_WORKSPACE, @BIG@_LIMIT_CYCLE, @BIG@_SATURATION, @BIG@_REACTING
-    }};
-    for (int i = 0; i < 4; ++i) {{
-        output->status += (state->memory[{} + i] > 0) ? bits[i] : 0;
-    }}"""
+    };
+    for (int i = 0; i < 4; ++i) {
+        output->status += (state->memory[AT_STATUS + i] > 0) ? bits[i] : 0;
+    }"""
 
 #: Whether the estimate is in doubt, and at how many samples it was, which are a part of the memory.
 DOUBTFUL_DECLARED = """
     int doubtful;                        /* samples since the start with @BIG@_DOUBTFUL_ESTIMATE */"""
 DOUBTFUL = """
-    output->status += (state->memory[{}] > 0) ? @BIG@_DOUBTFUL_ESTIMATE : 0;
-    output->doubtful = (int)state->memory[{}];"""
+    output->status += (state->memory[AT_DOUBT] > 0) ? @BIG@_DOUBTFUL_ESTIMATE : 0;
+    output->doubtful = (int)state->memory[AT_DOUBT + 1];"""
 
 #: Counts of rejected measurements (by a gate, or by their limits), which are a part of the memory.
 REJECTED_DECLARED = """
@@ -138,7 +152,7 @@ static int @NAME@_some(const real *y)
 PLAUSIBLE = """static int @NAME@_believed(const @NAME@_state *state, const @NAME@_param *param, const real *y)
 {
     real some[1];
-    @CALL@(y, state->memory + @SEEN@, @LIMITS@, some);
+    @CALL@(y, state->memory + AT_SEEN, @LIMITS@, some);
     return (some[0] > 0) ? 1 : 0;
 }
 

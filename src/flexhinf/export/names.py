@@ -105,6 +105,28 @@ PARTS = {
     "balance_input": "and its input",
 }
 
+#: What a controller remembers between samples.
+MEMORY = {
+    "belief": "the estimator's mean and covariance, or root of it, and what it counts",
+    "u": "the last input",
+    "integral": "integrals of the errors of the tracked positions",
+    "position": "tracked positions of the last sample",
+    "reference": "the last command, as it was given",
+    "started": "1 from the first sample on",
+    "bias": "what the input still has beside that of the law, after a law took over",
+    "active": "which law acts",
+    "command": "the last command, within its limits",
+    "watch": "of each input: what is counted of its swings and of its saturation",
+    "status": "bits of the status, one by one",
+    "stop": "whether the command is held; the path rate",
+    "offset": "offsets of the first measurement",
+    "offset_known": "whether they are known",
+    "queue": "inputs that wait for their instant",
+    "commands": "commands that wait for theirs",
+    "doubt": "whether the estimate is in doubt, and at how many samples it was",
+    "seen": "of each measurement: when it was last plausible, what it was, how many were rejected",
+}
+
 
 def named_parameters(controller: Controller, units: Mapping[str, str]) -> Iterator[tuple[str, int, str]]:
     """Name, place from the first of them, and unit of each parameter of the estimator's model; elements of arrays are
@@ -161,23 +183,36 @@ def _monomial(states: Sequence[str], powers: np.ndarray) -> str:
 LONGEST_LAW = 2000
 
 
-def number_lines(controller: Controller, values: np.ndarray, real: Real) -> str:
-    """The numbers of a controller as constants of C, each group under a comment that says what it is."""
-    places = {name: place for name, place in controller.data.places.items() if place.stop > place.start}
-    meanings = {
-        "law": law_terms(controller),
-        "parameters": [name for name, *_ in named_parameters(controller, {})],  # with units in the header
-    }
-    lines = []
+def number_lines(
+    places: Mapping[str, slice],
+    values: np.ndarray,
+    real: Real,
+    about: Mapping[str, str],
+    meanings: Mapping[str, Sequence[str]] | None = None,
+    indent: str = "    ",
+) -> str:
+    """Numbers as constants of C, each group under a comment that says what it is; `meanings` of single numbers."""
+    lines, meanings = [], meanings or {}
     for name, place in places.items():
+        if place.start == place.stop:
+            continue
         texts = [constant(float(value), real) for value in values[place]]
         texts = [text + "," * (place.start + k + 1 < len(values)) for k, text in enumerate(texts)]
-        lines.append(f"/* {name}: {comment(PARTS[name])} */")
+        lines.append(f"/* {name}: {comment(about[name])} */")
         if len(meanings.get(name, [])) == len(texts) <= LONGEST_LAW:
             lines += [f"{text} /* {what} */" for text, what in zip(texts, meanings[name], strict=True)]
         else:
             lines += [" ".join(texts[k : k + 4]) for k in range(0, len(texts), 4)]
-    return "\n".join(f"        {line}" for line in lines)
+    return "\n".join(f"{indent}{line}" for line in lines)
+
+
+def default_lines(controller: Controller, values: np.ndarray, real: Real) -> str:
+    """The numbers of a controller as constants of C."""
+    meanings = {
+        "law": law_terms(controller),
+        "parameters": [name for name, *_ in named_parameters(controller, {})],  # with units in the header
+    }
+    return number_lines(controller.data.places, values, real, PARTS, meanings, "        ")
 
 
 def origin_facts(controller: Controller, origin: Mapping[str, str]) -> dict[str, str]:

@@ -336,7 +336,7 @@ def _readme(code: ControllerCode, run: Recording, accuracy: str) -> str:
         GEARS="\n".join(["", *wrap(GEARS, 118), ""]) if code.has_motors else "",
         COMMAND="\n".join(wrap(code.command_text, 118)),
         STANDSTILL_USE="" if code.standstill is None else STANDSTILL_USE,
-        EDGE="".join(f"{line}\n" for line in code.edge),
+        SAYS="\n".join(wrap(code.status_text, 112)),
         TOLERANCES="" if code.robot is None else " outside\nthe tolerances of the robot file",
         AT_LIMIT=AT_LIMIT.format(at_limit) if at_limit else "",
         FACTS=_table(("", ""), [(key, comment(text)) for key, text in facts.items()]),

@@ -39,12 +39,15 @@ const @NAME@_param @NAME@_defaults = {
     @MISSING@
 };
 
+/* Where the parts of the memory begin. */
+@PLACES@
+
 static const real initial_memory[@BIG@_MEMORY] = {
 @INITIAL@
 };
 
 /* The input before the first sample, within its limits. */
-#define SAFE (initial_memory + @U@)
+#define SAFE (initial_memory + AT_U)
 
 /* The mark of a state that was initialised. */
 #define INITIALISED 0x1d1e5e7au
@@ -79,7 +82,7 @@ static void begin(@NAME@_state *state)
     @NAME@_copy(state->start, state->memory, @BIG@_MEMORY);
     @NAME@_copy(state->start, state->newer, @BIG@_MEMORY);
     @NAME@_copy(state->start, state->older, @BIG@_MEMORY);
-    @NAME@_copy(state->start + @U@, state->held, @BIG@_INPUTS);
+    @NAME@_copy(state->start + AT_U, state->held, @BIG@_INPUTS);
     state->missing = 0;
     state->failed = 0;
     state->began_again = 0;
@@ -105,7 +108,7 @@ int @NAME@_start(@NAME@_state *state, const @NAME@_param *param, const @NAME@_re
     (void)@NAME@_init(state);
 @START@
     if (input != NULL && @NAME@_finite(input, @BIG@_INPUTS) != 0) {
-        limit(param, input, state->start + @U@);
+        limit(param, input, state->start + AT_U);
     }@QUEUED@
     begin(state);
     return state->refused;
@@ -131,7 +134,7 @@ static int went_back(@NAME@_state *state)
         @NAME@_copy(initial_memory, state->older, @BIG@_MEMORY);
     }
     for (int i = 0; i < @BIG@_MEMORY; ++i) {
-        if (i < @REFERENCE@ || i >= @REFERENCE@ + @COMMANDED@ || start == 0 || state->began_again != 0 ||
+        if (i < AT_REFERENCE || i >= AT_REFERENCE + @COMMANDED@ || start == 0 || state->began_again != 0 ||
             isfinite(state->memory[i]) == 0) { /* but a good command of the start, once */
             state->memory[i] = state->older[i];
         }

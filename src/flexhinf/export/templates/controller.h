@@ -52,11 +52,8 @@ enum {
 /* What a step returns. */
 @CODES@
 
-/* What it says of itself: bits of output.status. What it does about it stands
- * above as reactions. Where it brakes, output.path_rate falls from 1 to 0 and stays there: the program that makes the
- * command advances its time along the path by path_rate periods a sample, and one that does not read it is not braked.
- * @EDGE@To begin again where the robot then rests: @NAME@_start with output.estimate and output.u. Another reaction is
- * another controller (supervision in Python). */
+/* What it says of itself: bits of output.status.
+ * @SAYS@ */
 @STATUS@
 
 /* Numbers of the controller. Those of @NAME@_defaults are the design's. */
