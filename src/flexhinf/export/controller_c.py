@@ -446,13 +446,12 @@ class ControllerCode:
 
     @property
     def status_text(self) -> str:
-        """What the bits of the status are, and what the controller does about them, for header and README."""
-        c = self.controller
-        if Status.REACTING not in self.able:
+        """What the controller does about the bits of its status, for header and README."""
+        supervision = self.controller.supervision
+        if supervision is None or Status.REACTING not in self.able:
             return REPORTED
-        braked = c.supervision is not None and c.supervision.reactions.get("workspace") == "brake"
-        edge = EDGE.format(c.supervision.braking_time / 2.0) if braked else ""
-        return REACTED + edge + BEGIN_AGAIN
+        brakes = supervision.reactions.get("workspace") == "brake"
+        return REACTED + EDGE.format(supervision.braking_time / 2.0) * brakes + BEGIN_AGAIN
 
     @property
     def _standstill(self) -> str:
