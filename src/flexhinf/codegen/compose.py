@@ -9,6 +9,7 @@ trace, is some thousand operations in loops over its sigma points.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from functools import partial
@@ -336,8 +337,7 @@ class Composer:
             seen.extend(result.shape for result in results)
             return tuple(result for result in results if result.size)
 
-        name = "".join(filter(str.isalpha, getattr(_plain(function), "__name__", ""))) or "piece"
-        self._pieces[key] = (drop_empty(trace(on_symbols, *lying, name=name)), seen, several)
+        self._pieces[key] = (drop_empty(trace(on_symbols, *lying, name=_name(function))), seen, several)
         self._kept.extend((function, *arrays))  # so that no other function or constant gets their place
         return self._pieces[key]
 
@@ -395,6 +395,13 @@ class _ColumnComposer(Composer):
             self._outside.body.append(Call(before, held, (*column, *(block.place for block in still))))
             self._parts[key, held] = column, still
         return self._parts[key, held]
+
+
+def _name(function: Any) -> str:
+    """A name that CasADi takes: letters, without two underscores in a row, and no keyword."""
+    plain = _plain(function)
+    words = re.findall("[a-z]+", getattr(plain, "__name__", type(plain).__name__).lower())
+    return "piece" if words in ([], ["lambda"], ["null"], ["jac"], ["hess"]) else "_".join(words)
 
 
 def _plain(function: Any) -> Any:

@@ -25,17 +25,17 @@ def rk4_step(flow: Callable[[Any, Any], Any], x: Any, inputs: Any, step: Any) ->
     """One Runge–Kutta step of order four for ẋ = flow(x, v), v at the start, the middle and the end of the step, s."""
     start, middle, end = inputs
     k1 = flow(x, start)
-    k2 = flow(_Ahead((step / 2,))(x, k1), middle)
-    k3 = flow(_Ahead((step / 2,))(x, k2), middle)
-    return _Whole(step)(x, k1, k2, k3, flow(_Ahead((step,))(x, k3), end))
+    k2 = flow(_Stage((step / 2,))(x, k1), middle)
+    k3 = flow(_Stage((step / 2,))(x, k2), middle)
+    return _RungeKutta(step)(x, k1, k2, k3, flow(_Stage((step,))(x, k3), end))
 
 
 def rk4_stages(run: Any, flow: Callable[..., Any], x: Any, step: float, *held: Any) -> Any:
     """`rk4_step` of ẋ = flow(x, *held), x (n,), over a step in s, the flow called four times by a run."""
     k1 = run.call(flow, x, *held)
-    k2 = run.call(flow, run.call(_Ahead((step / 2,)), x, k1), *held)
-    k3 = run.call(flow, run.call(_Ahead((step / 2,)), x, k2), *held)
-    return run.call(_Whole(step), x, k1, k2, k3, run.call(flow, run.call(_Ahead((step,)), x, k3), *held))
+    k2 = run.call(flow, run.call(_Stage((step / 2,)), x, k1), *held)
+    k3 = run.call(flow, run.call(_Stage((step / 2,)), x, k2), *held)
+    return run.call(_RungeKutta(step), x, k1, k2, k3, run.call(flow, run.call(_Stage((step,)), x, k3), *held))
 
 
 #: Nodes c₁ … c₈ of `eight_stages`, and weights of its stages 1, 6 and 8.
@@ -58,17 +58,17 @@ def eight_stages(run: Any, flow: Callable[..., Any], x: Any, step: float, *held:
     bᵀAᵏ1 = 1/(k + 1)!, k = 4 … 7. A vibration errs by (h|λ|)⁸/9! of its phase, and does not grow up to h|λ| = 3.39.
     """
     first = run.call(flow, x, *held)
-    stages = [first, run.call(flow, run.call(_Ahead((step * NODES[1],)), x, first), *held)]
+    stages = [first, run.call(flow, run.call(_Stage((step * NODES[1],)), x, first), *held)]
     for before, node in pairwise(NODES[1:]):
         part = node**2 / (2.0 * before)
         stages.append(
-            run.call(flow, run.call(_Ahead((step * (node - part), step * part)), x, first, stages[-1]), *held)
+            run.call(flow, run.call(_Stage((step * (node - part), step * part)), x, first, stages[-1]), *held)
         )
-    return run.call(_Ahead(tuple(step * weight for weight in WEIGHTS)), x, first, stages[5], stages[7])
+    return run.call(_Stage(tuple(step * weight for weight in WEIGHTS)), x, first, stages[5], stages[7])
 
 
 @dataclass(frozen=True)
-class _Ahead:  # equal ones are one function
+class _Stage:  # equal ones are one function
     steps: tuple[float, ...]
 
     def __call__(self, x: Any, *rates: Any) -> Any:
@@ -79,7 +79,7 @@ class _Ahead:  # equal ones are one function
 
 
 @dataclass(frozen=True)
-class _Whole:
+class _RungeKutta:
     step: float
 
     def __call__(self, x: Any, k1: Any, k2: Any, k3: Any, k4: Any) -> Any:
