@@ -4,7 +4,8 @@ import casadi
 import numpy as np
 import pytest
 
-from flexhinf.codegen.emit.opcodes import OPCODES, read_dataflow
+from flexhinf.codegen.emit.dataflow import read_dataflow
+from flexhinf.codegen.emit.opcodes import OPCODES
 
 X, Y, Z = casadi.SX.sym("x"), casadi.SX.sym("y"), casadi.SX.sym("z")
 

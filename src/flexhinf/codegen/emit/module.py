@@ -27,17 +27,8 @@ from typing import Any
 import casadi
 
 from flexhinf.codegen.emit.algebra import Algebra, Operand
-from flexhinf.codegen.emit.opcodes import (
-    NEAR,
-    OPCODES,
-    PURE,
-    Dataflow,
-    Lanes,
-    ModuleText,
-    Writer,
-    is_far,
-    read_dataflow,
-)
+from flexhinf.codegen.emit.dataflow import Dataflow, read_dataflow
+from flexhinf.codegen.emit.opcodes import NEAR, OPCODES, PURE, Lanes, ModuleText, Writer, is_far
 from flexhinf.codegen.emit.reflections import Reflections
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, whole
 from flexhinf.codegen.noise import normal

@@ -1,0 +1,170 @@
+"""A traced function as operations in single-assignment form, products fused into the sums that use them.
+
+Fusing is decided here, once and visibly, and not left to the compiler (LLVM's ``contract`` flag): the same text for any
+number of lanes then gives the same bits, at any optimisation level. So is the other liberty that is taken: several
+quotients by one number are products with its reciprocal, which costs one division instead of many.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Container, Sequence
+from dataclasses import dataclass, replace
+from itertools import accumulate
+
+import casadi
+
+from flexhinf.codegen.program import Unsupported
+from flexhinf.scalars.trace import walk
+
+# Fused operations, numbered beside CasADi's own (which are not negative).
+MULTIPLY_ADD = -1  # a·b + c
+MULTIPLY_SUBTRACT = -2  # a·b - c
+SUBTRACT_PRODUCT = -3  # c - a·b, arguments (a, b, c)
+
+#: Quotients by one number from which they share its reciprocal, whatever it is.
+MANY = 3
+
+
+@dataclass(frozen=True)
+class Operation:
+    """One value: a constant, an input element, or an operation on earlier values.
+
+    `code`: CasADi's opcode, or a fused operation. `arguments`: Earlier values; for OP_INPUT (argument, element).
+    `constant`: Value of an OP_CONST.
+    """
+
+    code: int
+    arguments: tuple[int, ...]
+    constant: float = 0.0
+
+
+@dataclass(frozen=True)
+class Dataflow:
+    """A function as values and outputs.
+
+    `operations`: Value k is the result of operation k; products that were fused away are missing. `outputs`:
+    (result, element, value). `size`: operations before products were fused. `ends`: last value of each stage.
+    """
+
+    operations: dict[int, Operation]
+    outputs: list[tuple[int, int, int]]
+    size: int
+    ends: tuple[int, ...] = ()
+
+
+def read_dataflow(
+    function: casadi.Function, supported: Container[int], fused: bool, stages: int = 0
+) -> Dataflow:
+    """Read the instructions of an SX function.
+
+    `supported`: Opcodes that can be emitted. `fused`: Fuse a product with the one sum that uses it. `stages`: So many
+    results, the first ones, are what stages of the function end with. They are no results of its own: they say in
+    which order values are computed, and nothing is decided by them. Raises Unsupported: naming the first opcode that is
+    not supported.
+    """
+    operations: list[Operation] = []
+
+    def add(code: int, arguments: Sequence[int], constant: float = 0.0) -> int:
+        if code not in supported and code not in (casadi.OP_CONST, casadi.OP_INPUT):
+            names = [name for name in dir(casadi) if name.startswith("OP_") and getattr(casadi, name) == code]
+            raise Unsupported(
+                f"Function '{function.name()}' cannot be compiled.",
+                f"the operation {names[0] if names else code} has no machine code here",
+            )
+        operations.append(Operation(code, tuple(arguments), constant))
+        return len(operations) - 1
+
+    outputs = list(
+        walk(
+            function,
+            lambda *place: add(casadi.OP_INPUT, place),
+            lambda constant: add(casadi.OP_CONST, (), constant),
+            add,
+        )
+    )
+    if stages:
+        operations, outputs = _without_dead(operations, outputs, stages)
+    operations, outputs = _share_reciprocals(operations, outputs)
+    last = [max((v for k, _, v in outputs if k == stage), default=0) for stage in range(stages)]
+    outputs = [(k - stages, element, value) for k, element, value in outputs if k >= stages]
+    kept = dict(enumerate(operations))
+    if fused:
+        _fuse(kept, outputs)
+    return Dataflow(kept, outputs, len(operations), tuple(accumulate(last, max)))
+
+
+def _without_dead(
+    operations: list[Operation], outputs: list[tuple[int, int, int]], stages: int
+) -> tuple[list[Operation], list[tuple[int, int, int]]]:
+    """Only what results depend on, but for those of stages."""
+    live = {value for k, _, value in outputs if k >= stages}
+    for k in reversed(range(len(operations))):
+        if k in live and operations[k].code != casadi.OP_INPUT:
+            live.update(operations[k].arguments)
+    places = {k: place for place, k in enumerate(sorted(live))}
+    kept = [
+        op if op.code == casadi.OP_INPUT else replace(op, arguments=tuple(places[a] for a in op.arguments))
+        for op in (operations[k] for k in sorted(live))
+    ]
+    return kept, [(k, element, places[value]) for k, element, value in outputs if value in live]
+
+
+def _share_reciprocals(
+    operations: list[Operation], outputs: list[tuple[int, int, int]]
+) -> tuple[list[Operation], list[tuple[int, int, int]]]:
+    """The same values with one division for all quotients by one number.
+
+    Only by an argument of the function (a mass, an inertia), by a square root (a pivot of Cholesky's), which may
+    have been replaced by zero, and by what divides `MANY` numbers (an inertia): the reciprocal of a number
+    that is below 6e-309 is infinite, which a square root other than zero never is, and neither an argument nor an
+    inertia should be.
+    """
+    quotients = Counter(op.arguments[1] for op in operations if op.code == casadi.OP_DIV)
+
+    def shared(divisor: int) -> bool:
+        operation = operations[divisor]
+        if operation.code == casadi.OP_IF_ELSE_ZERO:
+            operation = operations[operation.arguments[1]]
+        return quotients[divisor] >= MANY or operation.code in (casadi.OP_INPUT, casadi.OP_SQRT)
+
+    written: list[Operation] = []
+    places: list[int] = []
+    reciprocals: dict[int, int] = {}
+    for operation in operations:
+        if operation.code != casadi.OP_INPUT:
+            divisor = operation.arguments[1] if operation.code == casadi.OP_DIV else -1
+            operation = replace(operation, arguments=tuple(places[a] for a in operation.arguments))
+            if quotients[divisor] > 1 and shared(divisor):
+                if divisor not in reciprocals:
+                    reciprocals[divisor] = len(written)
+                    written.append(Operation(casadi.OP_INV, operation.arguments[1:]))
+                operation = Operation(casadi.OP_MUL, (operation.arguments[0], reciprocals[divisor]))
+        places.append(len(written))
+        written.append(operation)
+    return written, [(result, element, places[value]) for result, element, value in outputs]
+
+
+def _fuse(operations: dict[int, Operation], outputs: list[tuple[int, int, int]]) -> None:
+    uses = Counter(value for _, _, value in outputs)
+    for operation in operations.values():
+        if operation.code != casadi.OP_INPUT:
+            uses.update(operation.arguments)
+
+    def factors(value: int) -> tuple[int, ...] | None:
+        product = operations.get(value)
+        if product is None or uses[value] != 1 or product.code not in (casadi.OP_MUL, casadi.OP_SQ):
+            return None
+        return product.arguments * (2 if product.code == casadi.OP_SQ else 1)
+
+    for k, operation in list(operations.items()):
+        if operation.code not in (casadi.OP_ADD, casadi.OP_SUB):
+            continue
+        left, right = operation.arguments
+        add = operation.code == casadi.OP_ADD
+        if (pair := factors(right)) is not None:
+            operations[k] = Operation(MULTIPLY_ADD if add else SUBTRACT_PRODUCT, (*pair, left))
+            del operations[right]
+        elif (pair := factors(left)) is not None:
+            operations[k] = Operation(MULTIPLY_ADD if add else MULTIPLY_SUBTRACT, (*pair, right))
+            del operations[left]
