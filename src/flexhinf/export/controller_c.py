@@ -33,7 +33,7 @@ from flexhinf.codegen import (
     Sweep,
     When,
 )
-from flexhinf.codegen.c import Real, Translator, comment, constant
+from flexhinf.codegen.c import Real, Translator, comment, constant, folded
 from flexhinf.codegen.program import Step
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.fragments import (
@@ -324,7 +324,7 @@ class ControllerCode:
         )  # which may need functions
         rows = ranges(self.controller, self.defaults, self.robot)
         functions = str(self.translator).replace(f"{self.real.name} ", "real ")
-        return fill(
+        text = fill(
             template("controller.c"), self.name, self.real,
             SUMMARY=self._comment(origin_facts(self.controller, self.origin)),
             START=start, STANDSTILL=standstill, QUEUED=self._queued, VERSION=__version__,
@@ -349,6 +349,7 @@ class ControllerCode:
             RANGES=range_rows(rows, self.real), COUNT=len(rows),
             ZERO=constant(0.0, self.real), F=self.real.suffix, SUFFIX=self.real.suffix.upper(), BYTES=self.real.bytes,
         )  # fmt: skip
+        return folded(text)
 
     @property
     def _plausible(self) -> str:

@@ -101,8 +101,27 @@ def loop(counter: str, end: int | str, lines: Iterable[str]) -> list[str]:
 Results = list[tuple[int, int, int]]
 
 
+#: Characters of a line.
+WIDTH = 120
+
 #: Some of a function's values under what they are of.
 Stage = tuple[str, list[int]]
+
+
+def folded(text: str) -> str:
+    """Lines of code of at most `WIDTH` characters, cut at commas; comments and directives as they are."""
+    lines = []
+    for line in text.split("\n"):
+        more = len(line) - len(line.lstrip()) + 8
+        while (
+            len(line) > WIDTH
+            and not re.match(r"\s*(#|/?\*)", line)
+            and (cut := line.rfind(", ", more, WIDTH)) > 0
+        ):
+            lines.append(line[: cut + 1])
+            line = " " * more + line[cut + 2 :]
+        lines.append(line)
+    return "\n".join(lines)
 
 
 def headed(about: str, indent: str = "") -> list[str]:
@@ -253,7 +272,7 @@ class FunctionText:
     # Several columns ----------------------------------------------------------------------------------
     def _several_parts(self) -> Iterator[tuple[str, list[str]]]:
         parts: list[list[str]] = [[]]
-        for lines in self.several():
+        for lines in filter(None, self.several()):
             if parts[-1] and len(parts[-1]) + len(lines) > LONGEST:
                 parts.append([])
             parts[-1] += lines
@@ -276,15 +295,15 @@ class FunctionText:
 
     def several(self) -> Iterator[list[str]]:
         """Loops over the lanes, cut where the library is called; one call may be of all lanes at once."""
-        operations, levels, needed = self.flow.operations, self._levels(), self._needed()
-        last = max(levels.values(), default=0)
+        operations, levels, needed = self.flow.operations, self._levels, self._needed()
         kept = self.places
-        for level in range(last + 1):
+        for level in range(max(levels.values(), default=0) + 1):
             here = [k for k in sorted(needed) if levels.get(k) == level]
             called = [k for k in here if operations[k].code in CALLS]
             rows = [k for k in called if self._is_of_rows(k)]
             for values, results in self._apart(
-                [k for k in here if k not in set(called)], self.flow.outputs if level == last else []
+                [k for k in here if k not in set(called)],
+                [row for row in self.flow.outputs if self._written(row[2]) == level],
             ):
                 yield list(self._loop(values, kept, results))
             yield list(self._loop([k for k in called if k not in set(rows)], kept, []))
@@ -308,6 +327,18 @@ class FunctionText:
 
     def _apart(self, values: list[int], results: Results) -> Iterator[tuple[list[int], Results]]:
         """Values and results of one loop after the other: those that share no value may be in two."""
+        own, loops = set(values), [list[int]()]
+        for members in self._groups(values):
+            if len(loops[-1]) + len(members) > LONG and loops[-1]:
+                loops.append([])
+            loops[-1] += members
+        for k, members in enumerate(loops):
+            here = set(members)
+            at_end = k + 1 == len(loops)
+            yield sorted(here), [row for row in results if row[2] in here or (at_end and row[2] not in own)]
+
+    def _groups(self, values: list[int]) -> Iterable[list[int]]:
+        """Values that share none with those of another group."""
         group = {
             k: k for k in values
         }  # value → another of its group, and so on to the first, which is itself
@@ -319,20 +350,12 @@ class FunctionText:
 
         for k in values:
             for argument in self.flow.operations[k].arguments:
-                if argument in group and self.flow.operations[k].code != casadi.OP_INPUT:
+                if argument in group:
                     group[first(argument)] = first(k)
         together: dict[int, list[int]] = {}
         for k in values:
             together.setdefault(first(k), []).append(k)
-        loops: list[list[int]] = [[]]
-        for members in together.values():
-            if len(loops[-1]) + len(members) > LONG and loops[-1]:
-                loops.append([])
-            loops[-1] += members
-        for k, members in enumerate(loops):
-            here = set(members)
-            at_end = k + 1 == len(loops)
-            yield sorted(here), [row for row in results if row[2] in here or (at_end and row[2] not in group)]
+        return together.values()
 
     def _loop(self, values: list[int], kept: Container[int], results: Results) -> Iterator[str]:
         here, lines, loaded = set(values), [], set()
@@ -359,29 +382,45 @@ class FunctionText:
     def _row(self, element: int) -> str:
         return f"{element * self.lanes} + l" if element else "l"
 
+    @cached_property
     def _levels(self) -> dict[int, int]:
-        """The loop of each operation: after every library call that it depends on."""
-        operations, levels = self.flow.operations, {}
+        """The loop of each operation: after every library call that it depends on; long ones are several."""
+        operations, levels, needed = self.flow.operations, dict[int, int](), self._needed()
         for k, operation in operations.items():
-            if operation.code not in (casadi.OP_CONST, casadi.OP_INPUT):
+            if k in needed and operation.code not in LEAVES:
                 before = [
                     levels[argument] + (operations[argument].code in CALLS)
                     for argument in operation.arguments
                     if argument in levels
                 ]
                 levels[k] = max(before, default=0)
+        part = dict.fromkeys(levels, 0)
+        for level in set(levels.values()) if self.lanes else ():
+            here = [k for k in levels if levels[k] == level and operations[k].code not in CALLS]
+            for group in self._groups(here):
+                parts = -(-len(group) // LONGEST)
+                part |= {k: place * parts // len(group) for place, k in enumerate(group)}
+            last = max((part[k] for k in here), default=0)
+            part |= {k: last for k in levels if levels[k] == level and operations[k].code in CALLS}
+        order = {pair: place for place, pair in enumerate(sorted({(levels[k], part[k]) for k in levels}))}
+        levels = {k: order[levels[k], part[k]] for k in levels}
         results = [value for _, _, value in self.flow.outputs]
         end = max((levels.get(value, 0) for value in results), default=0)
         if any(levels.get(value) == end and operations[value].code in CALLS for value in results):
             levels[-1] = max(levels.values()) + 1  # a loop for the results alone
         return levels
 
+    def _written(self, value: int) -> int:
+        """The loop that writes a value as a result: that which computes it, or the last one."""
+        levels = self._levels
+        here = value in levels and self.flow.operations[value].code not in CALLS
+        return levels[value] if here else max(levels.values(), default=0)
+
     @cached_property
     def places(self) -> dict[int, int]:
         """Row of each value that a loop keeps for a later one; a row is free again after the last use."""
-        operations, levels, needed = self.flow.operations, self._levels(), self._needed()
-        end = max(levels.values(), default=0)
-        uses = [(value, end, False) for _, _, value in self.flow.outputs]
+        operations, levels, needed = self.flow.operations, self._levels, self._needed()
+        uses = [(value, self._written(value), False) for _, _, value in self.flow.outputs]
         for k in needed & levels.keys():
             uses += [(a, levels[k], operations[k].code in CALLS) for a in operations[k].arguments]
         kept, last = set(), {}
@@ -422,7 +461,10 @@ class FunctionText:
         if operation.code in self.calls:
             return f"{self.calls[operation.code]}({operands[0]})"
         unit, zero = constant(1.0, self.real), constant(0.0, self.real)
-        return OPERATIONS[operation.code].format(*operands, one=unit, zero=zero, f=self.real.suffix)
+        text = OPERATIONS[operation.code]
+        if self.flow.operations[operation.arguments[0]].code == casadi.OP_CONST:
+            text = text.replace(" || isnan({0})", "")  # a constant is a number
+        return text.format(*operands, one=unit, zero=zero, f=self.real.suffix)
 
 
 def _uses(lines: Iterable[str], word: str) -> bool:
