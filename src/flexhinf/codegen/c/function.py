@@ -86,6 +86,9 @@ KEPT = "kept"
 #: Values of one column, or lines for several, that one function of C computes at most.
 LONGEST = 120
 
+#: The same of one that hardly chooses: checkers are quicker there, and compilers make vectors of what lies apart.
+PLAINEST = 600
+
 
 def block(head: str, lines: Iterable[str]) -> list[str]:
     """Lines of C after a head that ends with a brace, and the other brace."""
@@ -174,7 +177,7 @@ class FunctionText:
 
     def _text(self, name: str, arguments: list[str], lines: list[str]) -> str:
         apart = "NOINLINE " if self.lanes != 1 and len(lines) > LONG else ""
-        mark, declared = "RESTRICT " if self.lanes != 1 else "", []
+        mark, declared = "RESTRICT " if self.lanes != 1 or name != self.name else "", []
         for word in arguments:
             changed = word == ROWS or (
                 not word.startswith("in") and (name == self.name or _changes(lines, word))
@@ -198,14 +201,21 @@ class FunctionText:
         needed, operations = self._needed(), self.flow.operations
         values = [k for k, op in operations.items() if k in needed and op.code not in LEAVES]
         ends = [bisect_left(values, end + 1) for end in self.flow.ends]
+        # behind every fourth result, so that compilers make vectors of neighbours
+        fourth = [bisect_left(values, k + 1) for _, element, k in self.flow.outputs if element % 4 == 3]
+        choices = sum("?" in OPERATIONS[operations[k].code] for k in values)
+        longest = LONGEST if self.stages or 20 * choices > len(values) else PLAINEST
         groups: list[Stage] = []
         for about, (first, end) in zip([*self.stages, ""], pairwise([0, *ends, len(values)])):
-            pieces = -(-(end - first) // LONGEST)
+            pieces = -(-(end - first) // longest)
             cuts = [first + (end - first) * k // pieces for k in range(pieces + 1)] if pieces else []
+            for k in range(1, pieces):
+                near = min(fourth, key=lambda place, cut=cuts[k]: abs(place - cut), default=0)
+                cuts[k] = near if abs(near - cuts[k]) <= longest // 4 else cuts[k]
             groups += [(about, values[a:b]) for a, b in pairwise(cuts)]
         parts: list[list[Stage]] = []
         for about, group in groups:
-            if not parts or sum(len(own) for _, own in parts[-1]) + len(group) > LONGEST:
+            if not parts or sum(len(own) for _, own in parts[-1]) + len(group) > longest:
                 parts.append([])
             parts[-1].append((about, group))
         return parts or [[]]
