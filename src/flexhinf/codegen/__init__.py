@@ -8,7 +8,12 @@ from flexhinf.codegen.compiler import (
     Status as Status,
     compile_program as compile_program,
 )
-from flexhinf.codegen.compose import DIRECT as DIRECT, Composer as Composer, Direct as Direct
+from flexhinf.codegen.compose import (
+    DIRECT as DIRECT,
+    Composer as Composer,
+    Direct as Direct,
+    Recorder as Recorder,
+)
 from flexhinf.codegen.memory import (
     Block as Block,
     Buffer as Buffer,
@@ -29,6 +34,7 @@ from flexhinf.codegen.program import (
     Program as Program,
     Repeat as Repeat,
     Residual as Residual,
+    Stages as Stages,
     Sweep as Sweep,
     When as When,
 )

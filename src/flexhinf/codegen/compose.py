@@ -40,6 +40,10 @@ SCRATCH = "scratch"
 class Direct:
     """Plain evaluation, on any elements."""
 
+    def recorded(self) -> list[Any]:
+        """What was computed on the way, (k,) arrays, where the run keeps it."""
+        return []
+
     def call(self, function: Callable[..., Any], *arrays: Any) -> Any:
         """``function(*arrays)``, for small functions."""
         return function(*arrays)
@@ -120,6 +124,64 @@ class Direct:
 
 
 DIRECT = Direct()
+
+
+class Recorder(Direct):
+    """As `Direct`, and keeps what was computed one after the other, with what the functions say of themselves.
+
+    `stages`: (sentence, what was computed); of calls inside of others only the outer ones.
+    """
+
+    def __init__(self) -> None:
+        self.stages: list[tuple[str, Any]] = []
+        self._inside = False
+
+    def recorded(self) -> list[Any]:
+        """As `Direct.recorded`: an array for each stage."""
+        return [np.concatenate([np.zeros(1), *_flat(result)]) for _, result in self.stages]
+
+    def _kept(self, about: str, compute: Callable[..., Any], *arrays: Any, **options: Any) -> Any:
+        if self._inside:
+            return compute(*arrays, **options)
+        self._inside = True
+        try:
+            result = compute(*arrays, **options)
+        finally:
+            self._inside = False
+        self.stages.append((about, result))
+        return result
+
+    def call(self, function: Callable[..., Any], *arrays: Any) -> Any:
+        """As `Direct.call`."""
+        return self._kept(_about(function), function, *arrays)
+
+    def columns(self, function: Callable[..., Any], moving: Any, *held: Any) -> Any:
+        """As `Direct.columns`: a stage for each column."""
+        return super().columns(partial(self.call, function), moving, *held)
+
+    def gram(self, columns: Any, weights: Any, plus: Any = None) -> Any:
+        """As `Direct.gram`."""
+        return self._kept(Direct.gram.__doc__ or "", super().gram, columns, weights, plus)
+
+    def product(self, columns: Any, weights: Any, other: Any) -> Any:
+        """As `Direct.product`."""
+        return self._kept(Direct.product.__doc__ or "", super().product, columns, weights, other)
+
+    def combination(self, columns: Any, weights: Any, plus: Any = None) -> Any:
+        """As `Direct.combination`."""
+        return self._kept(Direct.combination.__doc__ or "", super().combination, columns, weights, plus)
+
+    def cholesky(self, matrix: Any) -> Any:
+        """As `Direct.cholesky`."""
+        return self._kept(Direct.cholesky.__doc__ or "", super().cholesky, matrix)
+
+    def householder(self, rows: Any, count: int, triangle: int = 0) -> Any:
+        """As `Direct.householder`."""
+        return self._kept(Direct.householder.__doc__ or "", super().householder, rows, count, triangle)
+
+    def residual(self, rows: Any, slope: Any) -> Any:
+        """As `Direct.residual`."""
+        return self._kept(Direct.residual.__doc__ or "", super().residual, rows, slope)
 
 
 class Composer:
@@ -402,6 +464,15 @@ def _name(function: Any) -> str:
     plain = _plain(function)
     words = re.findall("[a-z]+", getattr(plain, "__name__", type(plain).__name__).lower())
     return "piece" if words in ([], ["lambda"], ["null"], ["jac"], ["hess"]) else "_".join(words)
+
+
+def _flat(result: Any) -> Iterator[Any]:
+    """The arrays of a result, flat."""
+    if isinstance(result, tuple):
+        for part in result:
+            yield from _flat(part)
+    else:
+        yield np.ravel(result)
 
 
 def _plain(function: Any) -> Any:

@@ -12,6 +12,7 @@ import operator
 from collections import Counter
 from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, replace
+from itertools import accumulate
 
 import casadi
 
@@ -57,19 +58,24 @@ class Dataflow:
     """A function as values and outputs.
 
     `operations`: Value k is the result of operation k; products that were fused away are missing. `outputs`:
-    (result, element, value). `size`: operations before products were fused.
+    (result, element, value). `size`: operations before products were fused. `ends`: last value of each stage.
     """
 
     operations: dict[int, Operation]
     outputs: list[tuple[int, int, int]]
     size: int
+    ends: tuple[int, ...] = ()
 
 
-def read_dataflow(function: casadi.Function, supported: Container[int], fused: bool) -> Dataflow:
+def read_dataflow(
+    function: casadi.Function, supported: Container[int], fused: bool, stages: int = 0
+) -> Dataflow:
     """Read the instructions of an SX function.
 
-    `supported`: Opcodes that can be emitted. `fused`: Fuse a product with the one sum that uses it. Raises Unsupported:
-    naming the first opcode that is not supported.
+    `supported`: Opcodes that can be emitted. `fused`: Fuse a product with the one sum that uses it. `stages`: So many
+    results, the first ones, are what stages of the function end with. They are no results of its own: they say in
+    which order values are computed, and nothing is decided by them. Raises Unsupported: naming the first opcode that is
+    not supported.
     """
     operations: list[Operation] = []
 
@@ -91,11 +97,14 @@ def read_dataflow(function: casadi.Function, supported: Container[int], fused: b
             add,
         )
     )
-    operations, outputs = _share_reciprocals(*_without_truths(operations, outputs))
+    operations, outputs = _without_unused(*_without_truths(operations, outputs), stages)
+    operations, outputs = _share_reciprocals(operations, outputs)
+    last = [max((v for k, _, v in outputs if k == stage), default=0) for stage in range(stages)]
+    outputs = [(k - stages, element, value) for k, element, value in outputs if k >= stages]
     kept = dict(enumerate(operations))
     if fused:
         _fuse(kept, outputs)
-    return Dataflow(kept, outputs, len(operations))
+    return Dataflow(kept, outputs, len(operations), tuple(accumulate(last, max)))
 
 
 #: Comparisons, whose result is 1 or 0.
@@ -109,7 +118,7 @@ def _without_truths(
     operations: list[Operation], outputs: list[tuple[int, int, int]]
 ) -> tuple[list[Operation], list[tuple[int, int, int]]]:
     """The same values where a truth value, 1 or 0, is not made a number and compared again: "1 where the flag is not
-    0" and "0.5 < flag" are the flag itself, "flag == 0" is its opposite. What no value uses any more is left out.
+    0" and "0.5 < flag" are the flag itself, "flag == 0" is its opposite.
     """
     truths: set[int] = set()
     places: list[int] = []
@@ -154,27 +163,23 @@ def _without_truths(
             ):
                 truths.add(k)
         places.append(k)
-    return _without_unused(
-        operations, [(result, element, places[value]) for result, element, value in outputs]
-    )
+    return operations, [(result, element, places[value]) for result, element, value in outputs]
 
 
 def _without_unused(
-    operations: list[Operation], outputs: list[tuple[int, int, int]]
+    operations: list[Operation], outputs: list[tuple[int, int, int]], stages: int
 ) -> tuple[list[Operation], list[tuple[int, int, int]]]:
-    """The operations that outputs are computed from."""
-    needed = {value for _, _, value in outputs}
-    for k in range(len(operations) - 1, -1, -1):
-        if k in needed and operations[k].code != casadi.OP_INPUT:
-            needed.update(operations[k].arguments)
-    places = {k: place for place, k in enumerate(sorted(needed))}
+    """Only what results depend on, but for those of stages."""
+    used = {value for k, _, value in outputs if k >= stages}
+    for k in reversed(range(len(operations))):
+        if k in used and operations[k].code != casadi.OP_INPUT:
+            used.update(operations[k].arguments)
+    places = {k: place for place, k in enumerate(sorted(used))}
     kept = [
-        operation
-        if operation.code == casadi.OP_INPUT
-        else replace(operation, arguments=tuple(places[a] for a in operation.arguments))
-        for operation in (operations[k] for k in sorted(needed))
+        op if op.code == casadi.OP_INPUT else replace(op, arguments=tuple(places[a] for a in op.arguments))
+        for op in (operations[k] for k in sorted(used))
     ]
-    return kept, [(result, element, places[value]) for result, element, value in outputs]
+    return kept, [(k, element, places[value]) for k, element, value in outputs if value in used]
 
 
 def _share_reciprocals(

@@ -36,17 +36,31 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
+class Stages:
+    """A traced function in parts that are computed one after the other.
+
+    `function`: The same function, with what each stage ends with as results before its own. `about`: What each stage
+    computes.
+    """
+
+    function: casadi.Function
+    about: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
 class Call:
     """Evaluate a traced function; all inputs are read before any output is written, so in-place is safe.
 
     `function`: An SX function whose arguments and results are dense. `inputs`, `outputs`: One per argument and per
-    result, of the same number of elements. `about`: What it computes, for a comment in exported C.
+    result, of the same number of elements. `about`: What it computes, for a comment in exported C. `stages`: What it
+    computes one after the other, for exported C, where it is long.
     """
 
     function: casadi.Function
     inputs: tuple[Slice, ...]
     outputs: tuple[Slice, ...]
     about: str = ""
+    stages: Stages | None = None
 
     def __post_init__(self) -> None:
         check_function(self.function, self.inputs, self.outputs)

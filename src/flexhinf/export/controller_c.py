@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from functools import cached_property, reduce
 from importlib.resources import files
 from textwrap import wrap
@@ -25,12 +26,14 @@ from flexhinf.codegen import (
     Map,
     OuterSum,
     Polynomial,
+    Recorder,
     Repeat,
     Residual,
+    Stages,
     Sweep,
     When,
 )
-from flexhinf.codegen.c import Real, Translator, comment, constant
+from flexhinf.codegen.c import Real, Translator, comment, constant, folded
 from flexhinf.codegen.program import Step
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.fragments import (
@@ -79,7 +82,7 @@ from flexhinf.loop.controller.options import holding_function
 from flexhinf.loop.controller.status import possible_status
 from flexhinf.plant import known, rcond_limit
 from flexhinf.plant.joints import standstill_function
-from flexhinf.scalars import maximum, trace
+from flexhinf.scalars import drop_empty, maximum, trace
 from flexhinf.validation import unknown_name
 
 if TYPE_CHECKING:
@@ -162,7 +165,7 @@ class ControllerCode:
             "u": len(c.law.input_names), "estimate": len(c.estimated),
         }  # fmt: skip
         self.predicts = estimator is not None
-        self.program = step_program(self.sizes, bool(c.commanded), c.gaps, c.steps)
+        self.program = step_program(self.sizes, bool(c.commanded), c.gaps, self._steps)
         buffers = self.program.buffers
         work = [b.size or 0 for b in buffers if b.role == "work" and b.name not in ("after", "estimated")]
         self.scratch = max(work, default=0)
@@ -185,6 +188,16 @@ class ControllerCode:
         )
         translator.add(self.program, "sample")
         return translator
+
+    def _steps(self, places: Any) -> Any:
+        """Those of the controller; one that is a single trace is read in its stages."""
+        (*body,), buffers = self.controller.steps(places)
+        if not self.controller.composed:
+            run = Recorder()
+            function = drop_empty(self.controller.traced(run))
+            stages = Stages(function, tuple(about for about, _ in run.stages))
+            body = [replace(step, stages=stages) for step in body]
+        return body, buffers
 
     @property
     def operations(self) -> int:
@@ -316,7 +329,7 @@ class ControllerCode:
         )  # which may need functions
         rows = ranges(self.controller, self.defaults, self.robot)
         functions = str(self.translator).replace(f"{self.real.name} ", "real ")
-        return fill(
+        text = fill(
             template("controller.c"), self.name, self.real,
             SUMMARY=self._comment(origin_facts(self.controller, self.origin)),
             START=start, STANDSTILL=standstill, QUEUED=self._queued, VERSION=__version__,
@@ -340,6 +353,7 @@ class ControllerCode:
             RANGES=range_rows(rows, self.real), COUNT=len(rows),
             ZERO=constant(0.0, self.real), F=self.real.suffix, SUFFIX=self.real.suffix.upper(), BYTES=self.real.bytes,
         )  # fmt: skip
+        return folded(text)
 
     @property
     def _memory_places(self) -> str:
@@ -458,8 +472,11 @@ class ControllerCode:
         """``NAME_rest``, whose traced function stands beside it: a firmware may do without both."""
         if self.standstill is None:
             return ""
+        before = set(self.translator.functions)
         traced = self.translator.function(self.standstill)
-        text = self.translator.functions.pop(traced).replace(f"{self.real.name} ", "real ")
+        added = [name for name in self.translator.functions if name not in before]
+        texts = [self.translator.functions.pop(name) for name in added]
+        text = "\n\n".join(texts).replace(f"{self.real.name} ", "real ")
         return STANDSTILL.replace("@TRACED@", text).replace("@CALL@", traced)
 
     @property

@@ -98,7 +98,7 @@ def outer_sum(name: str, weighted: bool, added: bool, symmetric: bool, tall: int
         const int j = {_last("block", "columns", wide)};
         for (int band = {"block" if symmetric else "0"}; band < rows; band += {tall}) {{
             const int first = {_last("band", "rows", tall)};
-            {{R}} part[{tall}][{WIDE}] = {{{{ 0 }}}};
+            {{R}} part[{tall}][{WIDE}] = {{ 0 }};
             for (int k = 0; k + {TERMS} <= count; k += {TERMS}) {{
 {_terms(TERMS, tall, width, weighted)}
             }}
@@ -447,11 +447,9 @@ def _statements(real: Real, x: str, results: dict[bool, str]) -> list[str]:
     def number(value: float) -> str:
         return constant(value, real)
 
-    def horner(coefficients: tuple[float, ...]) -> str:
-        text = number(coefficients[0])
-        for coefficient in coefficients[1:]:
-            text = f"FMA({text}, z, {number(coefficient)})"
-        return text
+    def horner(name: str, coefficients: tuple[float, ...]) -> list[str]:
+        first, *others = map(number, coefficients)
+        return [f"{{R}} {name} = {first};", *(f"{name} = FMA({name}, z, {other});" for other in others)]
 
     def remainder(parts: tuple[float, ...]) -> str:
         text = "size"
@@ -477,8 +475,10 @@ def _statements(real: Real, x: str, results: dict[bool, str]) -> list[str]:
         f"const {{R}} r = {remainder(HALF_PI[False])};",
         "#endif",
         "const {R} z = r * r;",
-        f"const {{R}} s = FMA({horner(SINE)}, z * r, r);",
-        f"const {{R}} c = FMA({horner(COSINE)}, z * z, FMA(z, {number(-0.5)}, {number(1.0)}));",
+        *horner("odd", SINE),
+        *horner("even", COSINE),
+        "const {R} s = FMA(odd, z * r, r);",
+        f"const {{R}} c = FMA(even, z * z, FMA(z, {number(-0.5)}, {number(1.0)}));",
     ]
     for cosine, said in results.items():
         (value, negative), short = choice(cosine), "cv" if cosine else "sv"

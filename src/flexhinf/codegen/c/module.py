@@ -1,32 +1,25 @@
-"""A program as C functions: one for each traced function, a few for linear algebra, one that runs the steps.
-
-A traced function is a C function for one column of numbers or for several side by side. For several, every number is a
-row of LANES numbers, and the text is a few loops over the lanes which a compiler turns into vector instructions. Where
-the function calls the mathematical library, which has no vectors, the loops are cut: what later loops need of earlier
-ones is kept in rows.
-"""
+"""A program as C functions: those of traced functions, a few for linear algebra, one that runs the steps."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
-from textwrap import wrap
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import casadi
 
 from flexhinf.codegen.c import algebra
-from flexhinf.codegen.c.algebra import Real, comment, constant
-from flexhinf.codegen.dataflow import (
-    LIBRARY,
-    MULTIPLY_ADD,
-    MULTIPLY_SUBTRACT,
-    SINGLE,
-    SUBTRACT_PRODUCT,
-    Dataflow,
-    read_dataflow,
+from flexhinf.codegen.c.algebra import Real, constant
+from flexhinf.codegen.c.function import (
+    CALLS,
+    LONGEST,
+    OPERATIONS,
+    SINES,
+    FunctionText,
+    block,
+    headed,
+    loop,
 )
+from flexhinf.codegen.dataflow import LIBRARY, read_dataflow
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, overlap, whole
 from flexhinf.codegen.program import (
     Call,
@@ -40,6 +33,7 @@ from flexhinf.codegen.program import (
     Program,
     Repeat,
     Residual,
+    Stages,
     Step,
     Sweep,
     Unsupported,
@@ -48,236 +42,8 @@ from flexhinf.codegen.program import (
 from flexhinf.scalars import drop_empty
 from flexhinf.scalars.trace import instructions
 
-#: Functions that are written here instead of called where numbers are double; and functions of two numbers.
-SINES = {casadi.OP_SIN: "sin", casadi.OP_COS: "cos"}
-OF_TWO = (
-    casadi.OP_ATAN2, casadi.OP_POW, casadi.OP_CONSTPOW, casadi.OP_HYPOT, casadi.OP_FMOD, casadi.OP_REMAINDER,
-    casadi.OP_COPYSIGN,
-)  # fmt: skip
-
-#: Expressions of operands {0}, {1}, … and of {one} and {zero}; {f} ends the names of functions of the type.
-OPERATIONS: dict[int, str] = {
-    **{code: f"{name}{{f}}({{0}})" for code, name in {**LIBRARY, **SINGLE, **SINES}.items()},
-    **{code: f"{LIBRARY.get(code, 'copysign')}{{f}}({{0}}, {{1}})" for code in OF_TWO},
-    MULTIPLY_ADD: "FMA({0}, {1}, {2})",
-    MULTIPLY_SUBTRACT: "FMA({0}, {1}, -{2})",
-    SUBTRACT_PRODUCT: "FMA(-{0}, {1}, {2})",
-    casadi.OP_ASSIGN: "{0}",
-    casadi.OP_ADD: "{0} + {1}",
-    casadi.OP_SUB: "{0} - {1}",
-    casadi.OP_MUL: "{0} * {1}",
-    casadi.OP_DIV: "{0} / {1}",
-    casadi.OP_NEG: "-{0}",
-    casadi.OP_SQ: "{0} * {0}",
-    casadi.OP_TWICE: "{0} + {0}",
-    casadi.OP_INV: "{one} / {0}",
-    casadi.OP_SIGN: "({0} < {zero}) ? -{one} : (({0} > {zero}) ? {one} : {0})",
-    # fmin, fmax of C: a NaN loses, the first operand wins a tie
-    casadi.OP_FMIN: "({1} < {0} || isnan({0})) ? {1} : {0}",
-    casadi.OP_FMAX: "({1} > {0} || isnan({0})) ? {1} : {0}",
-    casadi.OP_LT: "({0} < {1}) ? {one} : {zero}",
-    casadi.OP_LE: "({0} <= {1}) ? {one} : {zero}",
-    casadi.OP_EQ: "({0} == {1}) ? {one} : {zero}",
-    casadi.OP_NE: "({0} != {1}) ? {one} : {zero}",
-    casadi.OP_NOT: "({0} == {zero}) ? {one} : {zero}",
-    # NaN stands for "true", as in C
-    casadi.OP_AND: "(({0} != {zero}) && ({1} != {zero})) ? {one} : {zero}",
-    casadi.OP_OR: "(({0} != {zero}) || ({1} != {zero})) ? {one} : {zero}",
-    casadi.OP_IF_ELSE_ZERO: "({0} != {zero}) ? {1} : {zero}",
-}
-
-#: Operations that call the mathematical library; the others are single instructions.
-CALLS = {*LIBRARY, *SINES, casadi.OP_SQRT}
-
-
-INDENT = "    "
-
 #: The argument of a program with memory for the columns in hand.
 ROOM = "columns"
-
-#: The last argument of a function that keeps rows between its loops, in memory of the caller.
-ROWS = "rows"
-
-#: Operations of a loop over the lanes after which results that share none begin another: what a compiler loads before
-#: a loop, because it is the same in all lanes, then fits into registers. A longer function is not put into its caller,
-#: whose stack would grow by what each of them needs.
-LONG = 48
-
-
-def block(head: str, lines: Iterable[str]) -> list[str]:
-    """Lines of C after a head that ends with a brace, and the other brace."""
-    return [head, *(INDENT + line for line in lines), "}"]
-
-
-def loop(counter: str, end: int | str, lines: Iterable[str]) -> list[str]:
-    """Lines of C for every `counter` from 0 to `end`."""
-    return block(f"for (int {counter} = 0; {counter} < {end}; ++{counter}) {{", lines)
-
-
-#: Some of a function's outputs, as `Dataflow` has them.
-Results = list[tuple[int, int, int]]
-
-
-@dataclass(frozen=True, eq=False)
-class _Function:
-    flow: Dataflow
-    real: Real
-    lanes: int
-    moving: tuple[bool, ...]
-    calls: Mapping[int, str]
-    rows: Callable[[tuple[int, ...]], str]
-
-    def single(self) -> Iterator[str]:
-        for k, operation in self.flow.operations.items():
-            if operation.code != casadi.OP_CONST:
-                yield f"const {self.real.name} v{k} = {self._expression(k, 'v', set())};"
-        for result, element, value in self.flow.outputs:
-            yield f"out{result}[{element}] = {self._operand(value, 'v', set())};"
-
-    def several(self) -> Iterator[str]:
-        """Loops over the lanes, cut where the library is called; one call may be of all lanes at once."""
-        operations, levels = self.flow.operations, self._levels()
-        last = max(levels.values(), default=0)
-        kept = self.places
-        for k, place in sorted(kept.items()):
-            yield f"{self.real.name} *const w{k} = {algebra.ahead(ROWS, place * self.lanes)};"
-        for level in range(last + 1):
-            here = [k for k in operations if levels.get(k) == level]
-            called = [k for k in here if operations[k].code in CALLS]
-            rows = [k for k in called if self._is_of_rows(k)]
-            for values, results in self._apart(
-                [k for k in here if k not in set(called)], self.flow.outputs if level == last else []
-            ):
-                yield from self._loop(values, kept, results)
-            yield from self._loop([k for k in called if k not in set(rows)], kept, [])
-            # a sine and a cosine of one argument are one call
-            of: dict[int, dict[int, int]] = {}  # argument → operation → value
-            for k in rows:
-                of.setdefault(operations[k].arguments[0], {})[operations[k].code] = k
-            for argument, values in of.items():
-                source, place = operations[argument], f"w{argument}"
-                if source.code == casadi.OP_INPUT and self.moving[source.arguments[0]]:
-                    k, element = source.arguments
-                    place = f"in{k} + {element * self.lanes}" if element else f"in{k}"
-                places = "".join(f", w{values[code]}" for code in sorted(values))
-                yield f"{self.rows(tuple(sorted(values)))}({place}{places});"
-
-    def _is_of_rows(self, k: int) -> bool:
-        operation = self.flow.operations[k]
-        source = self.flow.operations[operation.arguments[0]]
-        moves = self.moving[source.arguments[0]] if source.code == casadi.OP_INPUT else True
-        return operation.code in self.calls and moves and source.code != casadi.OP_CONST
-
-    def _apart(self, values: list[int], results: Results) -> Iterator[tuple[list[int], Results]]:
-        """Values and results of one loop after the other: those that share no value may be in two."""
-        group = {
-            k: k for k in values
-        }  # value → another of its group, and so on to the first, which is itself
-
-        def first(k: int) -> int:
-            while group[k] != k:
-                k = group[k]
-            return k
-
-        for k in values:
-            for argument in self.flow.operations[k].arguments:
-                if argument in group and self.flow.operations[k].code != casadi.OP_INPUT:
-                    group[first(argument)] = first(k)
-        together: dict[int, list[int]] = {}
-        for k in values:
-            together.setdefault(first(k), []).append(k)
-        loops: list[list[int]] = [[]]
-        for members in together.values():
-            if len(loops[-1]) + len(members) > LONG and loops[-1]:
-                loops.append([])
-            loops[-1] += members
-        for k, members in enumerate(loops):
-            here = set(members)
-            at_end = k + 1 == len(loops)
-            yield sorted(here), [row for row in results if row[2] in here or (at_end and row[2] not in group)]
-
-    def _loop(self, values: list[int], kept: Container[int], results: Results) -> Iterator[str]:
-        here, lines, loaded = set(values), [], set()
-
-        def load(arguments: tuple[int, ...]) -> None:
-            for k in arguments:
-                if self.flow.operations[k].code == casadi.OP_INPUT and k not in loaded:
-                    loaded.add(k)
-                    lines.append(f"const {self.real.name} v{k} = {self._expression(k, 'v', set())};")
-
-        for k in values:
-            load(self.flow.operations[k].arguments)
-            lines.append(f"const {self.real.name} v{k} = {self._expression(k, 'w', here | loaded)};")
-            if k in kept:
-                lines.append(f"w{k}[l] = v{k};")
-        load(tuple(value for _, _, value in results))
-        lines += [
-            f"out{result}[{self._row(element)}] = {self._operand(value, 'w', here | loaded)};"
-            for result, element, value in results
-        ]
-        if lines:
-            yield from loop("l", self.lanes or "count", lines)
-
-    def _row(self, element: int) -> str:
-        return f"{element * self.lanes} + l" if element else "l"
-
-    def _levels(self) -> dict[int, int]:
-        """The loop of each operation: after every library call that it depends on."""
-        operations, levels = self.flow.operations, {}
-        for k, operation in operations.items():
-            if operation.code not in (casadi.OP_CONST, casadi.OP_INPUT):
-                before = [
-                    levels[argument] + (operations[argument].code in CALLS)
-                    for argument in operation.arguments
-                    if argument in levels
-                ]
-                levels[k] = max(before, default=0)
-        results = [value for _, _, value in self.flow.outputs]
-        end = max((levels.get(value, 0) for value in results), default=0)
-        if any(levels.get(value) == end and operations[value].code in CALLS for value in results):
-            levels[-1] = max(levels.values()) + 1  # a loop for the results alone
-        return levels
-
-    @cached_property
-    def places(self) -> dict[int, int]:
-        """Row of each value that a loop keeps for a later one; a row is free again after the last use."""
-        operations, levels = self.flow.operations, self._levels()
-        end = max(levels.values(), default=0)
-        uses = [(value, end, False) for _, _, value in self.flow.outputs]
-        for k in levels.keys() & operations.keys():
-            uses += [(a, levels[k], operations[k].code in CALLS) for a in operations[k].arguments]
-        kept, last = set(), {}
-        for value, level, called in uses:
-            if value in levels:
-                last[value] = max(level, last.get(value, 0))
-                if levels[value] != level or (operations[value].code in CALLS) != called:
-                    kept.add(value)
-        rows: list[int] = []  # the level after which each is free
-        places = {}
-        for k in sorted(kept, key=lambda k: (levels[k], k)):
-            place = next((row for row, level in enumerate(rows) if level < levels[k]), len(rows))
-            rows[place : place + 1] = [last[k]]
-            places[k] = place
-        return places
-
-    def _operand(self, value: int, row: str, here: set[int]) -> str:
-        operation = self.flow.operations[value]
-        if operation.code == casadi.OP_CONST:
-            text = constant(operation.constant, self.real)
-            return f"({text})" if text.startswith("-") else text
-        return f"w{value}[l]" if row == "w" and value not in here else f"v{value}"
-
-    def _expression(self, value: int, row: str, here: set[int]) -> str:
-        operation = self.flow.operations[value]
-        if operation.code == casadi.OP_INPUT:
-            argument, element = operation.arguments
-            several = self.lanes != 1 and self.moving[argument]
-            return f"in{argument}[{self._row(element) if several else element}]"
-        operands = [self._operand(argument, row, here) for argument in operation.arguments]
-        if operation.code in self.calls:
-            return f"{self.calls[operation.code]}({operands[0]})"
-        unit, zero = constant(1.0, self.real), constant(0.0, self.real)
-        return OPERATIONS[operation.code].format(*operands, one=unit, zero=zero, f=self.real.suffix)
 
 
 class Translator:
@@ -335,11 +101,14 @@ class Translator:
                 yield from block(head, self._body(step.body, loops))
             elif isinstance(step, Call):
                 moving: tuple[bool, ...] = ()
+                apart = not any(overlap(read, written) for read in step.inputs for written in step.outputs)
                 if self._columns > 1:
-                    if any(overlap(read, written) for read in step.inputs for written in step.outputs):
+                    if not apart:
                         raise _unsupported("a sweep in which a result takes the place of an argument")
                     moving = tuple(piece.buffer == COLUMN or piece in self._spread for piece in step.inputs)
-                name = self._function(step.function, max(1, self._columns), moving, step.about)
+                name = self._function(
+                    step.function, max(1, self._columns), moving, step.about, apart, step.stages
+                )
                 places = [self._at(piece, loops) for piece in (*step.inputs, *step.outputs)]
                 yield f"{name}({', '.join(places + self._rows_of(name))});"
             elif isinstance(step, Map | Sweep):
@@ -502,22 +271,30 @@ class Translator:
         return self._function(drop_empty(function))
 
     def _function(
-        self, function: casadi.Function, lanes: int = 1, moving: tuple[bool, ...] = (), about: str = ""
+        self,
+        function: casadi.Function,
+        lanes: int = 1,
+        moving: tuple[bool, ...] = (),
+        about: str = "",
+        apart: bool = False,
+        stages: Stages | None = None,
     ) -> str:
         """Name of a ``static void name(in₀, …, out₀, …)``, which is written at its first use.
 
         `lanes`: 0 for any number of them, which is then the last argument ``count``: of a function without library
         calls, and with one element in every moving argument and result. For more than one, element e of a moving
         argument or of a result is the row ``[e * lanes + lane]``, and no result may lie where an argument does. For
-        one, every store comes after every load, so that results may take the place of arguments. `moving`: Which
-        arguments differ from lane to lane. `about`: A comment above it. Raises Unsupported: an operation that is not
-        in the table.
+        one, every store comes after every load, so that results may take the place of arguments, if they are not
+        `apart`. `moving`: Which arguments differ from lane to lane. `about`: A comment above it. Raises Unsupported: an
+        operation that is not in the table.
         """
-        key = (function.serialize(), lanes, moving)
+        apart = apart and function.n_instructions() > LONGEST
+        key = (function.serialize(), lanes, moving, apart)
         if key in self._names:
             return self._names[key]
         name, real, count = f"{self.prefix}_{function.name()}{len(self._names)}", self.real, function.n_in()
-        flow = read_dataflow(function, OPERATIONS, fused=True)
+        said = () if stages is None else stages.about
+        flow = read_dataflow(stages.function if stages else function, OPERATIONS, True, len(said))
         codes = {code for code, *_ in instructions(function)}
         self.calls_library |= not codes.isdisjoint(LIBRARY)
         # A build of floats calls the library's sine and cosine.
@@ -525,22 +302,14 @@ class Translator:
         calls = {
             code: self._helper(SINES[code], algebra.function, code == casadi.OP_COS, real) for code in own
         }
-        writer = _Function(flow, real, lanes, moving or (False,) * count, calls, self._row)
-        restrict = "RESTRICT " if lanes != 1 else ""
-        arguments = [
-            *(f"const {real.name} *{restrict}in{k}" for k in range(count)),
-            *(f"{real.name} *{restrict}out{k}" for k in range(function.n_out())),
-            *(["int count"] if lanes == 0 else []),
-        ]
+        counts = count, function.n_out()
+        writer = FunctionText(
+            name, flow, real, lanes, moving or (False,) * count, calls, self._row, counts, apart, said
+        )
         if lanes > 1 and writer.places:
             self._kept[name] = lanes * (max(writer.places.values()) + 1)
-            arguments.append(f"{real.name} *RESTRICT {ROWS}")
-        used = {op.arguments[0] for op in flow.operations.values() if op.code == casadi.OP_INPUT}
-        unused = [f"(void)in{k};" for k in range(count) if k not in used]
-        lines = [*(writer.single() if lanes == 1 else writer.several()), *unused]
-        apart = "NOINLINE " if len(lines) > LONG else ""
-        text = "\n".join(block(f"static {apart}void {name}({', '.join(arguments)})\n{{", lines))
-        self.functions[name] = _headed(about, text)
+        texts = writer.texts()
+        self.functions |= texts | {name: _headed(about, texts[name])}
         self._names[key] = name
         return name
 
@@ -563,11 +332,7 @@ class Translator:
 
 
 def _headed(about: str, text: str) -> str:
-    """A function of C under a comment: the first sentence of a docstring, without what it refers to."""
-    sentence = " ".join(about.split("\n\n")[0].split()).partition(". ")[0]
-    sentence = sentence.partition("; see ")[0].partition(", see ")[0].rstrip(".")
-    lines = wrap(comment(sentence).replace("`", ""), 114)
-    return f"/* {(chr(10) + ' * ').join(lines)} */\n{text}" if lines else text
+    return "\n".join([*headed(about), text])
 
 
 def _shared(body: Sequence[Step]) -> dict[Slice, str]:

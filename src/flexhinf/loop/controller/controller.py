@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.codegen import DIRECT, Block, Buffer, Call, Composer, Slice, compile_program
+from flexhinf.codegen import DIRECT, Block, Buffer, Call, Composer, Direct, Slice, compile_program
 from flexhinf.codegen.program import Step
 from flexhinf.codegen.shared import share
 from flexhinf.errors import ControllerInUse, InvalidInput
@@ -391,15 +391,16 @@ class Controller(Summarised):
         law, estimator = self.law_code, self.estimator
         return controller_step(law, estimator, self._sources, y, r, memory, data, run, self.mode)
 
-    def traced(self) -> Any:
-        """(y, r, memory, data) → (u, estimate, memory) as one CasADi function, whatever its size."""
+    def traced(self, run: Direct = DIRECT) -> Any:
+        """(y, r, memory, data) → (u, estimate, memory) as one CasADi function, after what the run records."""
 
         def step(y: Any, r: Any, memory: Any, data: Any) -> Any:
-            u, estimate, after = self._stepped(y, r, self.memory.named(memory), self.data.named(data))
-            return u, estimate, self.memory.flat(after)
+            u, estimate, after = self._stepped(y, r, self.memory.named(memory), self.data.named(data), run)
+            return *run.recorded(), u, estimate, self.memory.flat(after)
 
         sizes = (len(self.measured), len(self.commanded), self.memory.size, self.data.size)
-        return share(("traced", self.code_key), lambda: trace(step, *sizes, name="controller", names=READ))
+        build = partial(trace, step, *sizes, name="controller", names=READ)
+        return share(("traced", self.code_key), build) if run is DIRECT else build()
 
     def steps(self, places: dict[str, Slice | None]) -> tuple[tuple[Step, ...], tuple[Buffer, ...]]:
         """One step as a part of a program, and the scratch buffers that the program must have for it.
