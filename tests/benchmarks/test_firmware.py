@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 
 import pytest
-from benchmarks.firmware import CLOCK, KEPT, RATE, ROWS, cost_of, measure, table
+from benchmarks import firmware_peers
+from benchmarks.firmware import CLOCK, RATE, ROWS, cost_of, kept_rows, key, measure, table
 
 ROOM_IN_FLASH = 32_000  # bytes
 
 
-def kept(links: int, real: str, machine: str) -> dict[str, float]:
-    rows = json.loads(KEPT.read_text(encoding="utf-8"))
-    assert [(row["links"], row["real"], row["machine"]) for row in rows] == [(*row,) for row in ROWS]
-    return rows[ROWS.index((links, real, machine))]
+def kept(links: int, real: str, machine: str, program: str = "") -> dict[str, float]:
+    rows = kept_rows()
+    assert [key(row) for row in rows] == ROWS
+    return rows[ROWS.index((links, real, machine, program))]
 
 
 def test_one_link_fits_a_microcontroller() -> None:
@@ -23,7 +23,7 @@ def test_one_link_fits_a_microcontroller() -> None:
     period = CLOCK / RATE  # cycles
     assert row["cycles"] < period / 6
     assert row["cycles"] + 5 * row["most"] < 0.6 * period  # with five cycles of waiting for each instruction
-    assert f"{row['cycles']:,}" in table()
+    assert f"{row['cycles']:,}" in table(kept_rows())
 
 
 @pytest.mark.parametrize(
@@ -49,6 +49,52 @@ def test_cycles_of_an_instruction(text: str, jumps: bool, cycles: int) -> None:
     assert cost_of(text, jumps) == cycles
 
 
+@pytest.mark.parametrize(
+    ("text", "jumps", "cycles"),
+    [
+        ("vdiv.f64\td0, d1, d2", False, 30),
+        ("vsqrt.f32\ts0, s1", False, 16),
+        ("vfma.f64\td0, d1, d2", False, 11),
+        ("vfnms.f32\ts0, s1, s2", False, 6),
+        ("vmul.f64\td0, d1, d2", False, 7),
+        ("vadd.f64\td0, d1, d2", False, 4),
+        ("vldr\td0, [r0]", False, 3),
+        ("bne.n\t1a2", True, 8),
+        ("vldmia\tr3!, {d0, d1}", False, 7),
+        ("add\tr0, r1, r2, lsl #3", False, 2),
+    ],
+)
+def test_latency_of_an_instruction_of_the_cortex_m7(text: str, jumps: bool, cycles: int) -> None:
+    assert cost_of(text, jumps, "Cortex-M7") == cycles
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("row", [row for row in ROWS if row[3]])
+def test_peers_give_the_inputs_of_the_python_that_they_are_made_of(row: tuple[int, str, str, str]) -> None:
+    """In `double` to rounding; so that what is compared is one controller, or is what is said of it."""
+    assert kept(*row)["error"] < (1e-11 if row[1] == "double" else 1e-3)
+
+
+def test_the_best_stands_first_and_losses_are_named() -> None:
+    text = firmware_peers.table(kept_rows())
+    first = {peer: next(line for line in text.splitlines() if peer in line) for peer in ("CasADi", "ADMM")}
+    for peer, line in first.items():
+        lost = line.partition("loses: ")[2].partition(". ")[0]
+        for name, place in firmware_peers.COMPARED.items():
+            pairs = [
+                (kept(*row[:3], "exported")[place], kept(*row)[place])
+                for row in ROWS
+                if row[3] == peer and place in kept(*row) and place != "error"
+            ]
+            assert (name in lost) is any(own > other for own, other in pairs)
+    cells = [cell.strip() for line in text.splitlines() if "CasADi" in line for cell in line.split("|")[3:5]]
+    for cell in cells:
+        sizes = [
+            float(part.split()[1]) * (1000 if part.endswith("kB") else 1) for part in cell.split(", ") if part
+        ]
+        assert sizes == sorted(sizes)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("machine", "tools"),
@@ -58,6 +104,10 @@ def test_a_row_measured_again(machine: str, tools: tuple[str, ...]) -> None:
     for tool in tools:
         if shutil.which(tool) is None:
             pytest.skip(f"no {tool}")
-    row, found = kept(1, "float", machine), measure(1, "float", machine)
+    for program in ("", "CasADi", "ADMM"):
+        check(kept(1, "float", machine, program), measure(1, "float", machine, program))
+
+
+def check(row: dict[str, float], found: dict[str, float]) -> None:
     for name in ("code", "state", "instructions", *(("cycles",) if "cycles" in row else ())):
         assert found[name] == pytest.approx(row[name], rel=0.1), f"{name}: make bench-firmware"

@@ -10,6 +10,7 @@ import zipfile
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from tests.refusals import unnamed
 
@@ -17,8 +18,11 @@ import flexhinf as fh
 from flexhinf import report
 from flexhinf.cli import main
 from flexhinf.cli.design import DesignedController
+from flexhinf.cli.designs import refuse_unlimited
 from flexhinf.design.design_file import robot_digests, unmet_text
 from flexhinf.design.responses import joint_limits
+from flexhinf.errors import InvalidInput
+from flexhinf.export import check_limits, unlimited_inputs
 
 
 @pytest.fixture
@@ -246,6 +250,31 @@ def test_the_key_that_the_refusal_names_limits_the_controller() -> None:
     limits = joint_limits(arm, fh.Specification()).saturated
     assert limits is not None
     assert limits.tolist() == list(arm.effort_limits or ())
+
+
+@pytest.mark.parametrize("saturation", [None, 48.0])
+@pytest.mark.parametrize("name", fh.catalogue())
+def test_a_design_that_is_not_made_yet_is_judged_as_its_controller(
+    name: str, saturation: float | None
+) -> None:
+    robot, s = fh.load_robot(name), fh.Specification(saturation=saturation)
+    law = fh.linear_law(
+        robot.problem(fh.Penalty({"link_position": 60.0, "link_position_integral": 300.0}, effort=1.0)),
+        gamma=math.inf,
+    )
+    controller = fh.Controller(law, None, 1e-3, joint_limits(robot, s).saturated)
+    free = unlimited_inputs(controller)
+    assert bool(free) == (saturation is None and not np.isfinite(robot.effort_limits or np.inf).all())
+    if not free:
+        refuse_unlimited(robot, s)
+        return
+    refusals = []
+    for refused in (lambda: refuse_unlimited(robot, s), lambda: check_limits(controller)):
+        with pytest.raises(InvalidInput) as caught:
+            refused()
+        refusals.append(caught.value.what)
+    assert refusals[0] == refusals[1]
+    assert unnamed(refusals[0], *free) == []
 
 
 def test_a_plant_has_no_inputs_to_limit(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

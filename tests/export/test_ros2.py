@@ -249,6 +249,46 @@ def test_it_drives_mujoco_as_python_does_and_begins_again_elsewhere(
     assert_near(inputs, found[1], 1e-7)
 
 
+@pytest.mark.slow
+@pytest.mark.oracle
+def test_a_session_is_cleaned_up_and_configured_for_another_robot(arm: Callable[[], Manager]) -> None:
+    """As a launch file has it: the file's parameters, a path, an end; then interfaces of other names, an encoder before
+    a gear of 50, and a drive that counts in mV. MuJoCo is the robot, which is moved in between."""
+    pytest.importorskip("mujoco")
+    robot, one = fh.load_robot("paper"), arm()
+    other = {
+        "measurements__link_position__interface": "elbow/encoder",
+        "measurements__link_position__factor": 0.02,
+        "inputs__motor_voltage__interface": "elbow/millivolts",
+        "inputs__motor_voltage__factor": 1000.0,
+        "publish_every": 1,
+    }
+    for goal, pose, gear, scale, named in (
+        (0.4, 0.0, 1.0, 1.0, {}),
+        (-0.3, -0.5, 50.0, 1e-3, other),
+    ):
+        assert one.configure(**named) == 0
+        assert [one.names(False), one.names(True)] == (
+            [["elbow/encoder"], ["elbow/millivolts"]] if named else [["joint/position"], ["joint/voltage"]]
+        )
+        plant, codes = MuJoCoPlant(robot), set()
+        plant.reset(robot.operating_point(pose)[0])
+        assert one.activate(gear * plant.output()) == 0
+        one.send(np.linspace(pose, goal, 500))
+        for _ in range(3000):
+            assert one.update(gear * plant.output()) == 0
+            plant.step(scale * one.input(), [], PERIOD)
+            codes.add(one.published("health", "code"))
+        assert plant.state()[0] == pytest.approx(goal, abs=5e-3)
+        assert scale * one.input() == pytest.approx(robot.operating_point(goal)[1], rel=0.05)
+        assert {code for code in codes if not math.isnan(code)} == {
+            0.0
+        }  # before the first message there is none
+        assert one.published("health", "missed_writes") == one.published("health", "status") == 0
+        assert one("deactivate") == 0
+        assert one("cleanup") == 0
+
+
 @pytest.mark.oracle
 def test_without_a_command_it_holds_the_pose_at_which_it_was_activated(arm: Callable[[], Manager]) -> None:
     pytest.importorskip("mujoco")

@@ -14,8 +14,10 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
+from flexhinf.design.workspace.search import tuned_setup
 from flexhinf.export.compiled import CompiledController
 from flexhinf.plant import rk4_step
+from flexhinf.robot.workspace import workspace_of
 
 pytestmark = pytest.mark.oracle
 
@@ -104,3 +106,86 @@ def test_python_told_the_same_gives_the_same_bits(
         each.reset(**told)
     for mine, other in zip(taken_over(one, driven, 300), taken_over(library, driven, 300), strict=True):
         np.testing.assert_array_equal(mine, other)
+
+
+# A workspace ------------------------------------------------------------------------------------------
+#: On links and motors, N·m, and the plans on which a PD has led the arm so long, s: at rest, and half-way.
+LOADS = np.array([0.5, 0.3, 0.0, 0.0])
+PLANS = {"rests": ((0.8, -0.5), (0.8, -0.5), 3.0), "moves": ((-0.4, 0.2), (0.8, -0.5), 1.0)}
+
+
+class Arm(NamedTuple):
+    """Two links that carry the loads: state (8,) and input (2,), and the plan's states and inputs from now on, (N, 10),
+    one row a sample."""
+
+    plant: fh.Plant
+    state: np.ndarray
+    input: np.ndarray
+    plan: np.ndarray
+
+    def moved(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        return np.asarray(rk4_step(lambda x, u: self.plant.derivative(x, u, LOADS), x, (u, u, u), PERIOD))
+
+    def taken_over(self, control: Any, samples: int = 1500) -> tuple[np.ndarray, np.ndarray]:
+        """Inputs that act (samples, 2), the first being that before, and errors of the links (samples, 2), rad."""
+        x, applied, inputs, errors = self.state, self.input, [], []
+        for now, then in zip(self.plan[:samples], self.plan[1:], strict=False):  # a sample of latency
+            after = np.array(control.step([*x[:2], *x[4:6]], then))
+            inputs.append(applied)
+            errors.append((x - now[:8])[:2])
+            x, applied = self.moved(x, applied), after
+        return np.array(inputs), np.array(errors)
+
+
+@pytest.fixture(scope="module")
+def workspace() -> fh.Controller:
+    """A design for the workspace with encoders on both sides, without its judgement."""
+    robot, sensors = fh.load_robot("planar-two-link"), ("link_position", "motor_position")
+    s = fh.Specification(workspace="limits", measured=sensors, saturation=LIMIT)
+    setup = tuned_setup(robot, s, workspace_of(robot, "limits"))
+    return setup.controller(setup.workspace.home, supervision=setup.supervision)
+
+
+@pytest.fixture(scope="module", params=PLANS)
+def led(request: pytest.FixtureRequest) -> Arm:
+    begin, goal, time = PLANS[request.param]
+    robot = fh.load_robot("planar-two-link")
+    moves = [fh.Quintic(a, b, 2.0) for a, b in zip(begin, goal, strict=True)]
+    motion, times = fh.Moving(moves, robot.inverse_dynamics), PERIOD * np.arange(round(time / PERIOD) + 1501)
+    plan = np.hstack([motion.state(times), motion.input(times)])
+    arm = Arm(robot.plant(("link_position", "motor_position")), *robot.operating_point(begin), plan)
+    x, u = arm.state, arm.input
+    for aim in plan[:-1501]:
+        error = aim[:8] - x
+        pd = np.array([400.0, 200.0]) * error[4:6] + np.array([40.0, 20.0]) * error[6:]
+        u = np.clip(aim[8:] + pd, -LIMIT, LIMIT)
+        x = arm.moved(x, u)
+    return arm._replace(state=x, input=u, plan=plan[-1501:])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("start", "jump"), [("zero", 1e-2), ("bumpless", 1e-9)])
+def test_a_controller_of_a_workspace_takes_over(
+    start: str, jump: float, workspace: fh.Controller, led: Arm, compiler: str, tmp_path: Path
+) -> None:
+    """Told, the first input changes by what the load makes of it, or not at all where the design begins without a jump;
+    untold, it jumps to the limit. Python, told the same, gives the same bits."""
+    controller = workspace.fresh(start=start)
+    one = fh.load_compiled(fh.compile_controller(controller, tmp_path / "arm.so"))
+    one.reset(led.state, led.input)
+    inputs, errors = led.taken_over(one)
+    assert np.abs(inputs[1] - inputs[0]).max() < jump * LIMIT
+    assert (
+        np.abs(np.diff(inputs[:900], axis=0)).max() < 1e-2 * LIMIT
+    )  # a quintic's acceleration jumps at its end
+    assert np.abs(errors).max() < 3e-3
+    same = controller.fresh(fused=one.fused)
+    for each in (one, same):
+        each.reset(led.state, led.input)
+    for mine, other in zip(led.taken_over(one, 300), led.taken_over(same, 300), strict=True):
+        np.testing.assert_array_equal(mine, other)
+    if start == "zero":
+        one.reset()
+        inputs, untold = led.taken_over(one)
+        assert np.abs(np.diff(inputs, axis=0)).max() > 0.9 * LIMIT
+        assert np.abs(untold).max() > 100 * np.abs(errors).max()

@@ -60,7 +60,7 @@ def controller_of(path: Path, tell: bool = True, limits: bool = False) -> Design
     if why := why_anew(path, robot):
         note(f"{why}: it is designed anew.")
     if limits:  # before the work of a design
-        _refuse_unlimited(robot, specification)
+        refuse_unlimited(robot, specification)
     from flexhinf.design import stages
 
     with step_progress(stages(robot, specification)) as progress:
@@ -76,13 +76,13 @@ def _checked(designed: DesignedController, limits: bool) -> DesignedController:
     return designed
 
 
-def _refuse_unlimited(robot: fh.Robot, s: fh.Specification) -> None:
+def refuse_unlimited(robot: fh.Robot, s: fh.Specification) -> None:
+    """Refuse a design, before it is made, whose controller `flexhinf.export.check_limits` would refuse."""
     from flexhinf.design.responses import joint_limits
 
     plant, stated = robot.plant(s.measured, extras=s.extras), joint_limits(robot, s).saturated
-    limited = [False] * len(plant.inputs) if stated is None else np.isfinite(stated)
-    free = [name for name, known in zip(plant.inputs, limited, strict=True) if not known]
-    export.refuse_unlimited(free, plant.units)
+    most = np.full(len(plant.inputs), np.inf) if stated is None else stated
+    export.refuse_unlimited(export.unlimited(plant.inputs, -most, most), plant.units)
 
 
 def file_of(source: str, only_design: str = "", then: str = "") -> Path:

@@ -24,6 +24,7 @@ from .refusals import (
     check_limits as check_limits,
     check_room as check_room,
     refuse_unlimited as refuse_unlimited,
+    unlimited as unlimited,
     unlimited_inputs as unlimited_inputs,
     with_measurement_limits as with_measurement_limits,
 )

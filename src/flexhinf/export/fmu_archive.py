@@ -30,9 +30,16 @@ DATE = (2020, 1, 1, 0, 0, 0)
 
 #: Versions of the standard, and what is called differently in them: templates, and the kinds of variables.
 FORMS = {
-    "2.0": ("fmu.c", "fmi2.h", "modelDescription.xml", {"Real": "Real", "Integer": "Integer"}),
+    "2.0": ("fmu2.c", "fmi2.h", "modelDescription.xml", {"Real": "Real", "Integer": "Integer"}),
     "3.0": ("fmu3.c", "fmi3.h", "modelDescription3.xml", {"Real": "Float64", "Integer": "Int32"}),
 }
+
+#: Marks of what the shells share: names and arguments in each version.
+SHARED = {
+    "2.0": {"V": "2", "INSTANCE": "Component", "STATE": "FMUstate", "TOKEN": "GUID", "VALUES": "", "OTHER_COUNT": ""},
+    "3.0": {"V": "3", "INSTANCE": "Instance", "STATE": "FMUState", "TOKEN": "instantiation token",
+            "VALUES": ", size_t values", "OTHER_COUNT": "values != count || "},
+}  # fmt: skip
 
 #: Names of processors in FMI 3.0, where they are not Python's.
 PROCESSORS = {"amd64": "x86_64", "arm64": "aarch64", "i386": "x86", "i686": "x86", "armv7l": "aarch32"}
@@ -72,7 +79,8 @@ def write_fmu(
     guid = "{" + str(uuid.UUID(hashlib.sha256(repr((model, fmi)).encode()).hexdigest()[:32])) + "}"
     own = {file: code.replace("@GUID@", guid) for file, code in sources.items()}
     own[f"{name}_{functions}"] = fill(template(functions), name, DOUBLE)
-    own[f"{name}_fmu.c"] = fill(template(shell), name, DOUBLE, VERSION=__version__)
+    marks = {"SHARED": template("fmu_shared.c"), "VERSION": __version__, **SHARED[fmi]}
+    own[f"{name}_fmu.c"] = fill(template(shell), name, DOUBLE, **marks)
     folder, ending = _place(fmi)
     compiled = [file for file in own if file.endswith(".c")]
     files: dict[str, bytes] = {

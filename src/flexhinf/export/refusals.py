@@ -19,11 +19,15 @@ if TYPE_CHECKING:
     from flexhinf.robot import Robot
 
 
+def unlimited(names: Sequence[str], lower: np.ndarray, upper: np.ndarray) -> list[str]:
+    """Names of the inputs that lack a lower or an upper limit, (m,) each."""
+    limited = np.isfinite(lower) & np.isfinite(upper)
+    return [name for name, both in zip(names, limited, strict=True) if not both]
+
+
 def unlimited_inputs(controller: Controller) -> list[str]:
-    """Names of the inputs that lack a lower or an upper limit."""
-    limits = controller.limits
-    limited = np.isfinite(limits.lower) & np.isfinite(limits.upper)
-    return [name for name, both in zip(controller.law.input_names, limited, strict=True) if not both]
+    """Names of a controller's inputs that lack a limit."""
+    return unlimited(controller.law.input_names, controller.limits.lower, controller.limits.upper)
 
 
 def check_limits(controller: Controller) -> None:

@@ -40,19 +40,19 @@ void destroy(Manager * manager) { delete manager; }
 
 void set_text(Manager * manager, const char * name, const char * value)
 {
-  manager->controller->get_node()->overrides[name] = std::string(value);
+  manager->controller->get_node()->state(name, std::string(value));
 }
 void set_number(Manager * manager, const char * name, double value)
 {
-  manager->controller->get_node()->overrides[name] = value;
+  manager->controller->get_node()->state(name, value);
 }
 void set_whole(Manager * manager, const char * name, std::int64_t value)
 {
-  manager->controller->get_node()->overrides[name] = value;
+  manager->controller->get_node()->state(name, value);
 }
 void set_truth(Manager * manager, const char * name, bool value)
 {
-  manager->controller->get_node()->overrides[name] = value;
+  manager->controller->get_node()->state(name, value);
 }
 
 int init(Manager * manager) { return done(manager->controller->on_init()); }
@@ -107,6 +107,8 @@ int deactivate(Manager * manager)
   manager->controller->release_interfaces();
   return failed;
 }
+
+int cleanup(Manager * manager) { return done(manager->controller->on_cleanup(rclcpp_lifecycle::State(2))); }
 
 int update(Manager * manager, std::int64_t nanoseconds)
 {

@@ -21,6 +21,9 @@ typedef struct {
     int starting; /* what is set changes outputs at once, until the initialisation ends */
 } instance;
 
+#define ALLOCATE(one) ((void)(one), calloc(1, sizeof(instance)))
+#define RELEASE(one, place) ((void)(one), free(place))
+
 static void report(fmi3LogMessageCallback log, fmi3InstanceEnvironment environment, const char *text)
 {
     if (log != NULL) {
@@ -36,6 +39,7 @@ static fmi3Status refuse(const instance *one, const char *text)
     return fmi3Error;
 }
 
+@SHARED@
 /* Set-up ------------------------------------------------------------------------------------------------- */
 EXPORT const char *fmi3GetVersion(void) { return "3.0"; }
 
@@ -55,6 +59,7 @@ EXPORT fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String toke
                                                 fmi3LogMessageCallback log, fmi3IntermediateUpdateCallback update)
 {
     instance *one;
+    const char *against;
     (void)name;
     (void)resources;
     (void)visible;
@@ -66,17 +71,10 @@ EXPORT fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String toke
         report(log, environment, "there are no events and no intermediate values");
         return NULL;
     }
-    if (token == NULL || strcmp(token, MODEL_GUID) != 0) {
-        report(log, environment, "another instantiation token");
-        return NULL;
-    }
     one = calloc(1, sizeof *one);
-    if (one == NULL) {
-        report(log, environment, "no memory");
-        return NULL;
-    }
-    if (model_refuses(&one->model)) {
-        report(log, environment, "compiled with flags that change results");
+    against = reason_against(one, token);
+    if (against != NULL) {
+        report(log, environment, against);
         free(one);
         return NULL;
     }
@@ -125,115 +123,13 @@ EXPORT fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean tolera
     return fmi3OK;
 }
 
-EXPORT fmi3Status fmi3ExitInitializationMode(fmi3Instance c)
-{
-    ((instance *)c)->starting = 0;
-    model_begin(&((instance *)c)->model);
-    return fmi3OK;
-}
-
-EXPORT fmi3Status fmi3Terminate(fmi3Instance c)
-{
-    (void)c;
-    return fmi3OK;
-}
-
-EXPORT fmi3Status fmi3Reset(fmi3Instance c)
-{
-    ((instance *)c)->time = 0.0;
-    ((instance *)c)->starting = 0;
-    model_reset(&((instance *)c)->model);
-    return fmi3OK;
-}
-
-/* Whether a reference is among the first ones; of a model, there may be none. */
-static int within(fmi3ValueReference which, fmi3ValueReference count) { return which < count; }
-
-/* Variables ---------------------------------------------------------------------------------------------- */
-EXPORT fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference which[], size_t count, fmi3Float64 value[],
-                                 size_t values)
-{
-    instance *one = c;
-    if (one->starting) {
-        model_begin(&one->model);
-    }
-    for (size_t i = 0; i < count; ++i) {
-        if (values != count || (which[i] >= MODEL_REALS && which[i] != TIME)) {
-            return refuse(one, "no such variable of type Float64");
-        }
-        value[i] = which[i] == TIME ? one->time : one->model.real[which[i]];
-    }
-    return fmi3OK;
-}
-
-EXPORT fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference which[], size_t count,
-                                 const fmi3Float64 value[], size_t values)
-{
-    instance *one = c;
-    for (size_t i = 0; i < count; ++i) {
-        if (values != count || which[i] >= MODEL_SETTABLE) {
-            return refuse(one, "no such input or parameter of type Float64");
-        }
-        one->model.real[which[i]] = value[i];
-    }
-    return fmi3OK;
-}
-
-EXPORT fmi3Status fmi3GetInt32(fmi3Instance c, const fmi3ValueReference which[], size_t count, fmi3Int32 value[],
-                               size_t values)
-{
-    const instance *one = c;
-    for (size_t i = 0; i < count; ++i) {
-        const fmi3ValueReference place = which[i] - FIRST_INTEGER; /* of a smaller reference it is a large number */
-        if (values != count || !within(place, MODEL_INTEGERS)) {
-            return refuse(one, "no such variable of type Int32");
-        }
-        value[i] = one->model.integer[place];
-    }
-    return fmi3OK;
-}
-
-EXPORT fmi3Status fmi3SetInt32(fmi3Instance c, const fmi3ValueReference which[], size_t count,
-                               const fmi3Int32 value[], size_t values)
-{
-    instance *one = c;
-    for (size_t i = 0; i < count; ++i) {
-        const fmi3ValueReference place = which[i] - FIRST_INTEGER;
-        if (values != count || !within(place, MODEL_SETTABLE_INTEGERS)) {
-            return refuse(one, "no such input or parameter of type Int32");
-        }
-        one->model.integer[place] = value[i];
-    }
-    return fmi3OK;
-}
-
-EXPORT fmi3Status fmi3GetBoolean(fmi3Instance c, const fmi3ValueReference which[], size_t count, fmi3Boolean value[],
-                                 size_t values)
-{
-    const instance *one = c;
-    for (size_t i = 0; i < count; ++i) {
-        const fmi3ValueReference place = which[i] - FIRST_BOOLEAN;
-        if (values != count || !within(place, MODEL_BOOLEANS)) {
-            return refuse(one, "no such variable of type Boolean");
-        }
-        value[i] = one->model.boolean[place] != 0;
-    }
-    return fmi3OK;
-}
-
-EXPORT fmi3Status fmi3SetBoolean(fmi3Instance c, const fmi3ValueReference which[], size_t count,
-                                 const fmi3Boolean value[], size_t values)
-{
-    instance *one = c;
-    for (size_t i = 0; i < count; ++i) {
-        const fmi3ValueReference place = which[i] - FIRST_BOOLEAN;
-        if (values != count || !within(place, MODEL_BOOLEANS)) {
-            return refuse(one, "no such input of type Boolean");
-        }
-        one->model.boolean[place] = value[i];
-    }
-    return fmi3OK;
-}
+/* Variables: references of the types follow each other -------------------------------------------------------- */
+GETTER(Float64, 0U, within(place, MODEL_REALS) || place == TIME, place == TIME ? one->time : one->model.real[place])
+SETTER(Float64, 0U, within(place, MODEL_SETTABLE), one->model.real[place] = value[i])
+GETTER(Int32, FIRST_INTEGER, within(place, MODEL_INTEGERS), one->model.integer[place])
+SETTER(Int32, FIRST_INTEGER, within(place, MODEL_SETTABLE_INTEGERS), one->model.integer[place] = value[i])
+GETTER(Boolean, FIRST_BOOLEAN, within(place, MODEL_BOOLEANS), one->model.boolean[place] != 0)
+SETTER(Boolean, FIRST_BOOLEAN, within(place, MODEL_BOOLEANS), one->model.boolean[place] = value[i])
 
 /* There are no variables of the other types. */
 #define NO_VARIABLES(type)                                                                                            \
@@ -342,37 +238,6 @@ NOTHING(fmi3GetEventIndicators, (fmi3Instance c, fmi3Float64 value[], size_t n),
 NOTHING(fmi3GetNumberOfContinuousStates, (fmi3Instance c, size_t *count), *count = 0, 0, "")
 NOTHING(fmi3GetNumberOfEventIndicators, (fmi3Instance c, size_t *count), *count = 0, 0, "")
 
-/* States of the whole instance ----------------------------------------------------------------------------- */
-EXPORT fmi3Status fmi3GetFMUState(fmi3Instance c, fmi3FMUState *state)
-{
-    const instance *one = c;
-    if (*state == NULL) {
-        *state = calloc(1, sizeof *one);
-    }
-    if (*state == NULL) {
-        return refuse(one, "no memory");
-    }
-    memcpy(*state, one, sizeof *one);
-    return fmi3OK;
-}
-
-EXPORT fmi3Status fmi3SetFMUState(fmi3Instance c, fmi3FMUState state)
-{
-    if (state == NULL) {
-        return refuse(c, "no state");
-    }
-    memcpy(c, state, sizeof(instance));
-    return fmi3OK;
-}
-
-EXPORT fmi3Status fmi3FreeFMUState(fmi3Instance c, fmi3FMUState *state)
-{
-    (void)c;
-    free(*state);
-    *state = NULL;
-    return fmi3OK;
-}
-
 /* Time ------------------------------------------------------------------------------------------------------ */
 EXPORT fmi3Status fmi3EnterStepMode(fmi3Instance c) { return refuse(c, "there are no events to return from"); }
 
@@ -381,22 +246,11 @@ EXPORT fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 now, fmi3Float64 step, 
                              fmi3Float64 *reached)
 {
     instance *one = c;
-    const double periods = step / MODEL_PERIOD;
-    const double whole = floor(periods + 0.5);
+    const fmi3Status status = advance(one, now, step);
     (void)final;
     *has_event = false;
     *ends = false;
     *returned_early = false;
     *reached = one->time;
-    if (!(whole >= 1.0 && whole <= 1e9 && fabs(periods - whole) <= 1e-6)) {
-        return refuse(one, "the communication step is no whole multiple of " MODEL_PERIOD_TEXT " s");
-    }
-    for (long k = 0; k < (long)whole; ++k) {
-        if (!model_step(&one->model)) {
-            return refuse(one, "a number is no longer finite");
-        }
-    }
-    one->time = now + step;
-    *reached = one->time;
-    return fmi3OK;
+    return status;
 }

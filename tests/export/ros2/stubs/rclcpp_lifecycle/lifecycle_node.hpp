@@ -65,6 +65,14 @@ public:
   std::map<std::string, std::shared_ptr<rclcpp::SubscriptionBase>> subscriptions;
   std::map<std::string, std::shared_ptr<void>> publishers;
 
+  // As a file of parameters does before the declaration, and `ros2 param set` after it.
+  void state(const std::string & name, rclcpp::ParameterValue value)
+  {
+    if (has_parameter(name)) {
+      declared_[name] = value;
+    }
+    overrides[name] = std::move(value);
+  }
   rclcpp::Logger get_logger() const { return {}; }
   bool has_parameter(const std::string & name) const { return declared_.count(name) > 0; }
   rclcpp::Parameter get_parameter(const std::string & name) const

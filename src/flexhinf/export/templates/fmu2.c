@@ -13,6 +13,9 @@ typedef struct {
     int logs, starting; /* starting: what is set changes outputs at once, until the initialisation ends */
 } instance;
 
+#define ALLOCATE(one) (one)->call.allocateMemory(1, sizeof(instance))
+#define RELEASE(one, place) (one)->call.freeMemory(place)
+
 static fmi2Status refuse(const instance *one, const char *text)
 {
     if (one != NULL && one->call.logger != NULL) {
@@ -21,6 +24,7 @@ static fmi2Status refuse(const instance *one, const char *text)
     return fmi2Error;
 }
 
+@SHARED@
 /* Set-up ------------------------------------------------------------------------------------------------- */
 EXPORT const char *fmi2GetTypesPlatform(void) { return "default"; }
 
@@ -38,36 +42,27 @@ EXPORT fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String 
                                      const fmi2CallbackFunctions *call, fmi2Boolean visible, fmi2Boolean logging)
 {
     instance *one;
+    const char *against;
     (void)resources;
     (void)visible;
     if (call == NULL || call->allocateMemory == NULL || call->freeMemory == NULL || type != fmi2CoSimulation) {
         return NULL;
     }
-    if (guid == NULL || strcmp(guid, MODEL_GUID) != 0) {
-        if (call->logger != NULL) {
-            call->logger(call->componentEnvironment, name, fmi2Error, "logStatusError", "another GUID");
-        }
-        return NULL;
-    }
     one = call->allocateMemory(1, sizeof *one);
-    if (one == NULL) {
-        return NULL;
-    }
-    if (model_refuses(&one->model)) {
+    against = reason_against(one, guid);
+    if (against != NULL) {
         if (call->logger != NULL) {
-            call->logger(call->componentEnvironment, name, fmi2Error, "logStatusError",
-                         "compiled with flags that change results");
+            call->logger(call->componentEnvironment, name, fmi2Error, "logStatusError", against);
         }
-        call->freeMemory(one);
+        if (one != NULL) {
+            call->freeMemory(one);
+        }
         return NULL;
     }
     one->call = *call;
     one->logs = logging;
     strncpy(one->name, name != NULL ? name : MODEL_NAME, sizeof one->name - 1);
     one->name[sizeof one->name - 1] = '\0';
-    one->time = 0.0;
-    one->starting = 0;
-    model_reset(&one->model);
     return one;
 }
 
@@ -95,107 +90,13 @@ EXPORT fmi2Status fmi2EnterInitializationMode(fmi2Component c)
     return fmi2OK;
 }
 
-EXPORT fmi2Status fmi2ExitInitializationMode(fmi2Component c)
-{
-    ((instance *)c)->starting = 0;
-    model_begin(&((instance *)c)->model);
-    return fmi2OK;
-}
-
-EXPORT fmi2Status fmi2Terminate(fmi2Component c)
-{
-    (void)c;
-    return fmi2OK;
-}
-
-EXPORT fmi2Status fmi2Reset(fmi2Component c)
-{
-    ((instance *)c)->time = 0.0;
-    ((instance *)c)->starting = 0;
-    model_reset(&((instance *)c)->model);
-    return fmi2OK;
-}
-
-/* Whether a reference is among the first ones; of a model, there may be none. */
-static int within(fmi2ValueReference which, fmi2ValueReference count) { return which < count; }
-
-/* Variables ---------------------------------------------------------------------------------------------- */
-EXPORT fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference which[], size_t count, fmi2Real value[])
-{
-    instance *one = c;
-    if (one->starting) {
-        model_begin(&one->model);
-    }
-    for (size_t i = 0; i < count; ++i) {
-        if (which[i] >= MODEL_REALS) {
-            return refuse(one, "no such real variable");
-        }
-        value[i] = one->model.real[which[i]];
-    }
-    return fmi2OK;
-}
-
-EXPORT fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference which[], size_t count, const fmi2Real value[])
-{
-    instance *one = c;
-    for (size_t i = 0; i < count; ++i) {
-        if (which[i] >= MODEL_SETTABLE) {
-            return refuse(one, "no such real input or parameter");
-        }
-        one->model.real[which[i]] = value[i];
-    }
-    return fmi2OK;
-}
-
-EXPORT fmi2Status fmi2GetInteger(fmi2Component c, const fmi2ValueReference which[], size_t count, fmi2Integer value[])
-{
-    const instance *one = c;
-    for (size_t i = 0; i < count; ++i) {
-        if (!within(which[i], MODEL_INTEGERS)) {
-            return refuse(one, "no such integer variable");
-        }
-        value[i] = one->model.integer[which[i]];
-    }
-    return fmi2OK;
-}
-
-EXPORT fmi2Status fmi2SetInteger(fmi2Component c, const fmi2ValueReference which[], size_t count,
-                                 const fmi2Integer value[])
-{
-    instance *one = c;
-    for (size_t i = 0; i < count; ++i) {
-        if (!within(which[i], MODEL_SETTABLE_INTEGERS)) {
-            return refuse(one, "no such integer input or parameter");
-        }
-        one->model.integer[which[i]] = value[i];
-    }
-    return fmi2OK;
-}
-
-EXPORT fmi2Status fmi2GetBoolean(fmi2Component c, const fmi2ValueReference which[], size_t count, fmi2Boolean value[])
-{
-    const instance *one = c;
-    for (size_t i = 0; i < count; ++i) {
-        if (!within(which[i], MODEL_BOOLEANS)) {
-            return refuse(one, "no such boolean variable");
-        }
-        value[i] = one->model.boolean[which[i]];
-    }
-    return fmi2OK;
-}
-
-EXPORT fmi2Status fmi2SetBoolean(fmi2Component c, const fmi2ValueReference which[], size_t count,
-                                 const fmi2Boolean value[])
-{
-    instance *one = c;
-    for (size_t i = 0; i < count; ++i) {
-        if (!within(which[i], MODEL_BOOLEANS)) {
-            return refuse(one, "no such boolean variable");
-        }
-        one->model.boolean[which[i]] = value[i] != 0;
-    }
-    return fmi2OK;
-}
+/* Variables: references of each type count from zero ----------------------------------------------------------- */
+GETTER(Real, 0U, within(place, MODEL_REALS), one->model.real[place])
+SETTER(Real, 0U, within(place, MODEL_SETTABLE), one->model.real[place] = value[i])
+GETTER(Integer, 0U, within(place, MODEL_INTEGERS), one->model.integer[place])
+SETTER(Integer, 0U, within(place, MODEL_SETTABLE_INTEGERS), one->model.integer[place] = value[i])
+GETTER(Boolean, 0U, within(place, MODEL_BOOLEANS), one->model.boolean[place])
+SETTER(Boolean, 0U, within(place, MODEL_BOOLEANS), one->model.boolean[place] = value[i] != 0)
 
 EXPORT fmi2Status fmi2GetString(fmi2Component c, const fmi2ValueReference which[], size_t count, fmi2String value[])
 {
@@ -210,38 +111,6 @@ EXPORT fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference which[
     (void)which;
     (void)value;
     return count == 0 ? fmi2OK : refuse(c, "there are no strings");
-}
-
-/* States of the whole instance ----------------------------------------------------------------------------- */
-EXPORT fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state)
-{
-    instance *one = c;
-    if (*state == NULL) {
-        *state = one->call.allocateMemory(1, sizeof *one);
-    }
-    if (*state == NULL) {
-        return refuse(one, "no memory");
-    }
-    memcpy(*state, one, sizeof *one);
-    return fmi2OK;
-}
-
-EXPORT fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state)
-{
-    if (state == NULL) {
-        return refuse(c, "no state");
-    }
-    memcpy(c, state, sizeof(instance));
-    return fmi2OK;
-}
-
-EXPORT fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state)
-{
-    if (*state != NULL) {
-        ((instance *)c)->call.freeMemory(*state);
-        *state = NULL;
-    }
-    return fmi2OK;
 }
 
 EXPORT fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size)
@@ -303,20 +172,8 @@ EXPORT fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueR
 /* Time ------------------------------------------------------------------------------------------------------ */
 EXPORT fmi2Status fmi2DoStep(fmi2Component c, fmi2Real now, fmi2Real step, fmi2Boolean final)
 {
-    instance *one = c;
-    const double periods = step / MODEL_PERIOD;
-    const double whole = floor(periods + 0.5);
     (void)final;
-    if (!(whole >= 1.0 && whole <= 1e9 && fabs(periods - whole) <= 1e-6)) {
-        return refuse(one, "the communication step is no whole multiple of " MODEL_PERIOD_TEXT " s");
-    }
-    for (long k = 0; k < (long)whole; ++k) {
-        if (!model_step(&one->model)) {
-            return refuse(one, "a number is no longer finite");
-        }
-    }
-    one->time = now + step;
-    return fmi2OK;
+    return advance(c, now, step);
 }
 
 EXPORT fmi2Status fmi2CancelStep(fmi2Component c)
