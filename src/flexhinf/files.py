@@ -25,12 +25,15 @@ from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, Literal
 
 from flexhinf.errors import InvalidInput
-from flexhinf.validation import array_of, checked_path, read_bytes
+from flexhinf.validation import array_of, checked_path, late_package, read_bytes
+
+if TYPE_CHECKING:
+    import numpy as np
+else:
+    np = late_package("numpy")
 
 try:
     import fcntl

@@ -10,8 +10,6 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
 import flexhinf as fh
 from flexhinf import export, pages, report
 from flexhinf.cli.arguments import note, step_progress
@@ -77,6 +75,8 @@ def _checked(designed: DesignedController, limits: bool) -> DesignedController:
 
 
 def _refuse_unlimited(robot: fh.Robot, s: fh.Specification) -> None:
+    import numpy as np
+
     from flexhinf.design.responses import joint_limits
 
     plant, stated = robot.plant(s.measured, extras=s.extras), joint_limits(robot, s).saturated
