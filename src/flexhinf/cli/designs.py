@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import flexhinf as fh
 from flexhinf import export, pages, report
-from flexhinf.cli.arguments import note, step_progress
+from flexhinf.cli.messages import note, step_progress
 from flexhinf.errors import refuse_if
 from flexhinf.validation import checked_path, nearest, value_text
 
