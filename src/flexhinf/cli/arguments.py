@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer.core import TyperCommand
+from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 from typer.models import OptionInfo
 
@@ -34,6 +34,19 @@ if TYPE_CHECKING:
     from flexhinf.design import DesignRequest
     from flexhinf.design.specification import Specification
     from flexhinf.robot import Robot
+
+
+class Group(TyperGroup):
+    """A group of commands."""
+
+    def get_help_option(self, ctx: typer.Context) -> Any:
+        """Option --help, false where it is not stated: for anything that is no bool typer makes an adapter of pydantic,
+        whose import takes as long as the help of a command."""
+        option = super().get_help_option(ctx)
+        if option is not None:
+            option.default = False
+        return option
+
 
 #: The parameter that every command has.
 CONTEXT = inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)
@@ -98,7 +111,7 @@ class Command(TyperCommand):
 
 
 def _declare(command: Any) -> None:
-    """Give a command of `with_options` its signature, the class of options as `own`, its `fields`, and all `options`."""
+    """Give a command of `with_options` its signature, its class of options as `own`, its `fields`, all `options`."""
     own_class, fields = command.declarations()
     own = declared(own_class)
     known = {name: specification.FIELDS[name] for name in fields} | own

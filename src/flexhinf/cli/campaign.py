@@ -13,10 +13,9 @@ from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 import typer
-from typer.core import TyperGroup
 
 from flexhinf import campaign as campaigns, pages
-from flexhinf.cli.arguments import Command, read_source, refuse_stated, reproduce_command, with_options
+from flexhinf.cli.arguments import Command, Group, read_source, refuse_stated, reproduce_command, with_options
 from flexhinf.cli.messages import NOT_MET, note, options, progress_bar, show, step_progress
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.options import CampaignOptions
@@ -32,7 +31,7 @@ EVERY = 10.0
 GAIN = "gain"
 
 
-class _Runs(TyperGroup):
+class _Runs(Group):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         if args and args[0] not in self.commands and args[0] not in ("--help", "-h"):
             args = ["run", *args]

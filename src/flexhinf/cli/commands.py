@@ -16,7 +16,7 @@ from typer.exceptions import TyperException
 from typer.main import get_command
 
 from flexhinf import __version__, pages
-from flexhinf.cli.arguments import Command
+from flexhinf.cli.arguments import Command, Group
 from flexhinf.cli.campaign import app as campaign
 from flexhinf.cli.design import app as export, certify, compare, compile_design, design, paper, run_design
 from flexhinf.cli.logs import estimate, identify
@@ -125,7 +125,7 @@ def _refine(command: Any) -> None:
     command.parse_args = parsed
 
 
-app = App(name="flexhinf", add_completion=False, pretty_exceptions_enable=False)
+app = App(name="flexhinf", cls=Group, add_completion=False, pretty_exceptions_enable=False)
 
 
 def _version(value: bool) -> None:

@@ -22,6 +22,7 @@ import flexhinf as fh
 from flexhinf import export, pages, report
 from flexhinf.cli.arguments import (
     Command,
+    Group,
     refuse_idle,
     refuse_stated,
     reproduce_command,
@@ -284,7 +285,7 @@ def _check(context: typer.Context, path: Path, o: options.CertifyOptions) -> int
 
 
 app = typer.Typer(
-    help="Export the controller of a design: C source, an FMU, or a page in which the arm moves."
+    cls=Group, help="Export the controller of a design: C source, an FMU, or a page in which the arm moves."
 )
 
 
