@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import difflib
-import hashlib
 import io
 import math
 import os
 import re
 import stat
-import tomllib
 import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -18,7 +16,6 @@ from importlib import import_module
 from io import BufferedReader
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from xml.etree import ElementTree
 
 from flexhinf.errors import InvalidInput, readable, refuse_if
 
@@ -39,9 +36,14 @@ def late_package(name: str) -> Any:
 
 
 if TYPE_CHECKING:
+    import hashlib
+    import tomllib
+    from xml.etree import ElementTree
+
     import numpy as np
 else:
-    np = late_package("numpy")
+    hashlib, tomllib, np = map(late_package, ("hashlib", "tomllib", "numpy"))
+    ElementTree = late_package("xml.etree.ElementTree")
 
 #: Longest name of a joint, a robot or a signal, and longest description or source, in characters.
 LONGEST_NAME, LONGEST_TEXT = 100, 10_000

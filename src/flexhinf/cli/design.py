@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
@@ -41,6 +40,7 @@ from flexhinf.cli.designs import (
 from flexhinf.cli.messages import NOT_MET, ProofProgress, note, options, show, step_progress
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.options import option_name
+from flexhinf.validation import file_digest
 
 #: Of verdicts.
 COLOURS = {"holds": "green", "fails": "red", "ties": "yellow", "not judged": "bright_black"}
@@ -134,6 +134,7 @@ def paper(context: typer.Context, o: options.PaperOptions) -> None:
     from rich.table import Table
 
     from flexhinf.paper import STAGES, PaperSettings, reproduce
+    from flexhinf.polynomial.algebra import thread_count
 
     settings = {name: value for name, value in asdict(o).items() if name != "out"}
     report.check(o.out)
@@ -145,7 +146,9 @@ def paper(context: typer.Context, o: options.PaperOptions) -> None:
     stated = [word for name, value in settings.items() for word in (option_name(name), str(value))]
     out = [] if o.out == options.PaperOptions().out else ["--out", o.out.name]
     with step_progress(STAGES) as progress:
-        result = reproduce(PaperSettings(**settings), ["flexhinf", "paper", *stated, *out], progress)
+        result = reproduce(
+            PaperSettings(**settings), ["flexhinf", "paper", *stated, *out], progress, min(2, thread_count())
+        )
     folder = report.write(o.out, result.files)
     title = (
         f"γ* of the paper's problem = {result.metrics['gamma_star']:.4f}, "
@@ -408,7 +411,7 @@ def _origin(path: Path, command: str, rows: Sequence[Mapping[str, Any]]) -> dict
     whether it met its requirements, by the rows of its result."""
     from flexhinf.design.design_file import has_controller, unmet_text
 
-    digest, numbers = hashlib.sha256(path.read_bytes()).hexdigest(), {}
+    digest, numbers = file_digest(path), {}
     if has_controller(path) and report.unchanged(path.parent, ("design.json",)):
         designed = json.loads((path.parent / "design.json").read_text(encoding="utf-8"))
         numbers = {
