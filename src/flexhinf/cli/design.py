@@ -133,8 +133,8 @@ def paper(context: typer.Context, o: options.PaperOptions) -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    from flexhinf.paper import STAGES, PaperSettings, reproduce
-    from flexhinf.polynomial.algebra import thread_count
+    from flexhinf.paper.apart import judged_apart
+    from flexhinf.paper.settings import PaperSettings
 
     settings = {name: value for name, value in asdict(o).items() if name != "out"}
     report.check(o.out)
@@ -143,12 +143,14 @@ def paper(context: typer.Context, o: options.PaperOptions) -> None:
             f"the paper's arm is odd, so V has no terms of degree {o.degree}: it is degree {o.degree - 1} again."
         )
     # every setting, as defaults change
-    stated = [word for name, value in settings.items() for word in (option_name(name), str(value))]
+    words = [word for name, value in settings.items() for word in (option_name(name), str(value))]
     out = [] if o.out == options.PaperOptions().out else ["--out", o.out.name]
-    with step_progress(STAGES) as progress:
-        result = reproduce(
-            PaperSettings(**settings), ["flexhinf", "paper", *stated, *out], progress, min(2, thread_count())
-        )
+    stated = PaperSettings(**settings)
+    with judged_apart(stated) as apart:
+        from flexhinf.paper import STAGES, reproduce  # while the other process loads it too
+
+        with step_progress(STAGES) as progress:
+            result = reproduce(stated, ["flexhinf", "paper", *words, *out], progress, apart)
     folder = report.write(o.out, result.files)
     title = (
         f"γ* of the paper's problem = {result.metrics['gamma_star']:.4f}, "

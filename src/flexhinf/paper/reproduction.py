@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
 from typing import Any
 
-from flexhinf.paper.apart import judged_apart
 from flexhinf.paper.estimators import BETTER_THAN_EKF, UKF
 from flexhinf.paper.loop_setup import FIGURE_NUMBERS, PaperSetup, StatedClaim, figure_numbers, judge
 from flexhinf.paper.responses import ABOUT_THE_GOAL, GAIN, STEPS_AND_TRACKING, TORQUES
@@ -73,37 +71,26 @@ def reproduce(
     settings: PaperSettings,
     command: Sequence[str] = ("flexhinf", "paper"),
     progress: Callable[[str], None] = lambda stage: None,
-    processes: int = 1,
+    apart: Callable[[], Claim | None] | None = None,
 ) -> Reproduction:
     """Compute everything; nothing is written.
 
-    `command` makes the report again; `progress` is called with the name of each next stage, `STAGES` times in all. With
-    two `processes` another one judges the claims that take longest, and this one draws meanwhile; numbers and drawings
-    are the same. It imports the main module again, as every process of Python's multiprocessing does.
+    `command` makes the report again; `progress` is called with the name of each next stage, `STAGES` times in all. `apart`
+    is that of `flexhinf.paper.apart.judged_apart`: another process judges the claims that take longest, and this one
+    draws meanwhile. Numbers and drawings are the same.
     Raises InfeasibleGamma: if γ is not above γ*.
     """
-    apart = LONG_CLAIMS if processes > 1 else ()
-    with judged_apart(settings, apart) if apart else nullcontext() as judged:
-        return _reproduced(settings, command, progress, apart, judged)
-
-
-def _reproduced(
-    settings: PaperSettings,
-    command: Sequence[str],
-    progress: Callable[[str], None],
-    apart: Sequence[StatedClaim],
-    judged: Callable[[], Claim | None] | None,
-) -> Reproduction:
     progress("synthesis")
     setup, figures = PaperSetup(settings), dict[str, dict[str, Any]]()
     drawings, claims = None, dict[str, Claim]()
     for figure in FIGURE_NUMBERS:
         progress(f"figure {int(figure)}")
         figures[figure] = figure_numbers(setup, figure)
-    for claim in (*(each for each in CLAIMS if each not in apart), *apart):
-        if claim in apart and drawings is None:
+    last = () if apart is None else LONG_CLAIMS
+    for claim in (*(each for each in CLAIMS if each not in last), *last):
+        if claim in last and drawings is None:
             drawings = import_module("flexhinf.pages.paper").draw_figures(setup)
         progress(f"claim: {claim.id.replace('-', ' ')}")
-        claims[claim.id] = (judged() if judged and claim in apart else None) or judge(setup, claim)
+        claims[claim.id] = (apart() if apart and claim in last else None) or judge(setup, claim)
     *paper, own = (claims[claim.id] for claim in CLAIMS)
     return Reproduction(setup, figures, tuple(paper), (own,), tuple(command), drawings)
