@@ -208,7 +208,7 @@ def run_trial(trial: Trial, inputs: np.ndarray, runs: int, seed: int) -> tuple[S
                 recorded = arrays["recorded"].reshape(steps, n + 1)
                 errors, nees = recorded[:, :n], recorded[:, n]
                 scores.append(np.concatenate([(errors**2).mean(0), errors.mean(0), [nees.mean()], nees]))
-        return np.array(scores).reshape(len(samples), 2, -1)
+        return np.array(scores).reshape(len(samples), 2, 2 * n + 1 + steps)
 
     with ThreadPoolExecutor(2) as pool:
         scores = np.concatenate([*pool.map(run_errors, np.array_split(np.arange(runs), 2))])

@@ -75,9 +75,9 @@ def reproduce(
 ) -> Reproduction:
     """Compute everything; nothing is written.
 
-    `command` makes the report again; `progress` is called with the name of each next stage, `STAGES` times in all. `apart`
-    is that of `flexhinf.paper.apart.judged_apart`: another process judges the claims that take longest, and this one
-    draws meanwhile. Numbers and drawings are the same.
+    `command` makes the report again; `progress` is called with the name of each next stage, `STAGES` times in all.
+    With `apart`, that of `flexhinf.paper.apart.judged_apart`, another process judges the claims that take longest, and
+    this one draws meanwhile. Numbers and drawings are the same.
     Raises InfeasibleGamma: if γ is not above γ*.
     """
     progress("synthesis")
