@@ -15,7 +15,6 @@ import math
 import re
 import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
@@ -25,9 +24,9 @@ from flexhinf.validation import checked_path, late_package, one_of, real_number,
 
 if TYPE_CHECKING:
     import numpy as np
-    from pydantic import TypeAdapter
+    import pydantic
 else:
-    np = late_package("numpy")
+    np, pydantic = map(late_package, ("numpy", "pydantic"))
 
 #: Units of each kind of number, and what one is in the SI unit that stands first.
 _FREQUENCIES = {"rad/s": 1.0, "Hz": 2.0 * math.pi}
@@ -269,7 +268,7 @@ class Marker:
         self._name, self._arguments, self._named = name, arguments, named
 
     def __iter__(self) -> Iterator[Any]:
-        made = getattr(import_module("pydantic"), self._name)(*self._arguments, **self._named)
+        made = getattr(pydantic, self._name)(*self._arguments, **self._named)
         yield from made.metadata if self._name == "Field" else (made,)
 
 
@@ -418,25 +417,21 @@ class FieldInfo:
         return list in (get_origin(self.kind), *map(get_origin, get_args(self.kind)))
 
     @functools.cached_property
-    def adapter(self) -> TypeAdapter[Any]:
+    def adapter(self) -> pydantic.TypeAdapter[Any]:
         """Reads a value."""
-        from pydantic import TypeAdapter
-
-        return TypeAdapter(self.kind)
+        return pydantic.TypeAdapter(self.kind)
 
     def read(self, value: Any) -> Any:
         """A value in SI units, checked against its range. Raises `InvalidInput`, its advice an example."""
         if self.is_path:
             for path in value if self.several else [value]:
                 checked_path(self.option if self.about.group else self.about.unit, path)
-        from pydantic import ValidationError
-
         try:
             return self.adapter.validate_python(value)
         except UnicodeEncodeError as error:
             found = f"expected text in UTF-8, got {value_text(error.object)}"
             raise InvalidInput(refused(self.name), found, "text that can be printed") from None
-        except ValidationError as error:
+        except pydantic.ValidationError as error:
             first = error.errors(include_url=False)[0]
             own = first.get("ctx", {}).get("error")
             if isinstance(own, InvalidInput):

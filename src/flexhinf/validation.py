@@ -21,18 +21,19 @@ from flexhinf.errors import InvalidInput, readable, refuse_if
 
 
 class _LatePackage:
-    def __init__(self, name: str) -> None:
-        self._name = name
+    def __init__(self, package: str) -> None:
+        self._package = package
 
     def __getattr__(self, name: str) -> Any:
-        value = getattr(import_module(self._name), name)
+        package = self._package
+        value = getattr(import_module(package), name)
         setattr(self, name, value)
         return value
 
 
-def late_package(name: str) -> Any:
+def late_package(package: str) -> Any:
     """A package that is imported when something of it is first used: help and refusals of options need none."""
-    return _LatePackage(name)
+    return _LatePackage(package)
 
 
 if TYPE_CHECKING:

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from flexhinf.cli import options
     from flexhinf.design import specification
 else:  # the help of all commands takes no declaration of an option
-    options, specification = map(late_package, ("flexhinf.cli.options", "flexhinf.design.specification"))
+    options = late_package("flexhinf.cli.options")
+    specification = late_package("flexhinf.design.specification")
 
 #: Exit codes: the report is written and says that the specification is not met; everything the user can put right;
 #: the shells' code for an interruption.

@@ -37,8 +37,9 @@ from flexhinf.validation import late_package, nearest, value_text
 
 if TYPE_CHECKING:
     import numpy as np
+    import pydantic
 else:
-    np = late_package("numpy")
+    np, pydantic = map(late_package, ("numpy", "pydantic"))
 
 MoveTable = Annotated[
     Any, read_by(waypoints), Allowed("a CSV file with columns time and joints, or such columns by name"),
@@ -130,9 +131,7 @@ class SpecificationError(InvalidInput):
         if field in FIELDS and example:  # as a value in Python
             value = repr(example)
             if not any(unit in example for unit in ("ms", "deg", "°", "mrad")):
-                from pydantic import ValidationError
-
-                with contextlib.suppress(ValidationError, WaypointError):
+                with contextlib.suppress(pydantic.ValidationError, WaypointError):
                     value = repr(FIELDS[field].adapter.validate_python(example))
         super().__init__(what, found, advice or f"{field}={value}")
 
