@@ -77,12 +77,15 @@ LOADED_BY_NAME = {
     ("__init__.py", "flexhinf.design"),
     ("design/requirements.py", "flexhinf.pages"),  # `save` of designs and of a comparison
     ("paper/reproduction.py", "flexhinf.pages.paper"),  # `Reproduction.files`
+    ("cli/messages.py", "flexhinf.cli.options"),  # the help of all commands takes no declaration of an option
+    ("cli/messages.py", "flexhinf.design.specification"),
     ("loop/controller/laws.py", "flexhinf.estimation"),  # the estimators that a file of a controller names
 }
 
 
 def loaded_by_name(tree: ast.Module, package: str) -> set[str]:
-    """The modules that a file gives to `import_module`: as texts, names of constants, or an argument's name."""
+    """The modules that a file gives to `import_module`: as texts, names of constants, or an argument's name; and those
+    of the package that it gives to `late_package`."""
     named = {"__name__": package}
     for node in tree.body:
         if isinstance(node, ast.Assign) and isinstance(node.value, ast.Constant):
@@ -95,12 +98,16 @@ def loaded_by_name(tree: ast.Module, package: str) -> set[str]:
             return text_of(node.value)
         return node.value if isinstance(node, ast.Constant) else named.get(node.id, node.id)
 
-    return {
-        text_of(node.args[0])
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Call)
-        and getattr(node.func, "id", getattr(node.func, "attr", "")) in ("import_module", "__import__")
-    }
+    def given_to(*functions: str) -> set[str]:
+        return {
+            text_of(node.args[0])
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Call)
+            and getattr(node.func, "id", getattr(node.func, "attr", "")) in functions
+        }
+
+    late = {name for name in given_to("late_package") if name.startswith(package)}
+    return given_to("import_module", "__import__") | late
 
 
 def test_modules_loaded_by_name_are_listed(repository: Path) -> None:

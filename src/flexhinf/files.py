@@ -11,26 +11,30 @@ from __future__ import annotations
 
 import ctypes
 import errno
-import hashlib
 import io
 import os
 import re
 import stat
 import sys
-import tempfile
 import time
-import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, Literal
 
 from flexhinf.errors import InvalidInput
-from flexhinf.validation import array_of, checked_path, read_bytes
+from flexhinf.validation import array_of, checked_path, late_package, read_bytes
+
+if TYPE_CHECKING:
+    import hashlib
+    import tempfile
+    import zipfile
+
+    import numpy as np
+else:
+    hashlib, tempfile, zipfile, np = map(late_package, ("hashlib", "tempfile", "zipfile", "numpy"))
 
 try:
     import fcntl

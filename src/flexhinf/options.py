@@ -14,24 +14,19 @@ import functools
 import math
 import re
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
-
-import numpy as np
-from pydantic import (
-    BeforeValidator,
-    Field,
-    TypeAdapter,
-    ValidationError,
-    ValidatorFunctionWrapHandler,
-    WithJsonSchema,
-    WrapValidator,
-)
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from flexhinf.errors import InvalidInput
 from flexhinf.robot.parameters import SECONDS, SLIDING, TURNING, Stated, lettered, measured, respelled, split
-from flexhinf.validation import checked_path, one_of, real_number, value_text
+from flexhinf.validation import checked_path, late_package, one_of, real_number, value_text
+
+if TYPE_CHECKING:
+    import numpy as np
+    import pydantic
+else:
+    np, pydantic = map(late_package, ("numpy", "pydantic"))
 
 #: Units of each kind of number, and what one is in the SI unit that stands first.
 _FREQUENCIES = {"rad/s": 1.0, "Hz": 2.0 * math.pi}
@@ -261,64 +256,78 @@ class Allowed:
     text: str
 
 
-def _as_stated(value: Any, check: ValidatorFunctionWrapHandler) -> float:
+class Marker:
+    """A marker of pydantic in an annotation, by its name and arguments: pydantic is imported where a value is read.
+
+    To pydantic it is `annotated_types.GroupedMetadata`.
+    """
+
+    __is_annotated_types_grouped_metadata__ = True
+
+    def __init__(self, name: str, *arguments: Any, **named: Any) -> None:
+        self._name, self._arguments, self._named = name, arguments, named
+
+    def __iter__(self) -> Iterator[Any]:
+        made = getattr(pydantic, self._name)(*self._arguments, **self._named)
+        yield from made.metadata if self._name == "Field" else (made,)
+
+
+#: A value is read by this function, before it is checked; bounds.
+read_by, _field = functools.partial(Marker, "BeforeValidator"), functools.partial(Marker, "Field")
+
+
+def _as_stated(value: Any, check: Callable[[Any], float]) -> float:
     """The checked number, with the unit in which it was stated: pydantic makes plain floats."""
     checked = check(value)
     return value if isinstance(value, Stated) else checked
 
 
-def _by(reader: Any, *units: Mapping[str, float]) -> BeforeValidator:
+def _by(reader: Any, *units: Mapping[str, float]) -> Marker:
     """What stands without a unit is in the SI unit: rad, m, rad/s, m/s, s, N·m or N."""
-    return BeforeValidator(functools.partial(reader, units=units))
+    return read_by(functools.partial(reader, units=units))
 
 
-_finite = functools.partial(Field, allow_inf_nan=False)
+_finite = functools.partial(_field, allow_inf_nan=False)
 _POSITIVE, _NOT_NEGATIVE = _finite(gt=0.0), _finite(ge=0.0)
-_KEPT = WrapValidator(_as_stated)
+_KEPT = Marker("WrapValidator", _as_stated)
 _Finite = Annotated[float, _finite(), _KEPT]
 _Above = Annotated[float, _POSITIVE, _KEPT]
 _AtLeast = Annotated[float, _NOT_NEGATIVE, _KEPT]
-Number = Annotated[float, _finite(), BeforeValidator(quantity), Allowed("a number")]
-Positive = Annotated[float, _POSITIVE, BeforeValidator(quantity), Allowed("a number > 0")]
-NotNegative = Annotated[float, _NOT_NEGATIVE, BeforeValidator(quantity), Allowed("a number >= 0")]
-AboveOne = Annotated[float, _finite(gt=1.0), BeforeValidator(quantity), Allowed("a number > 1")]
-Ratio = Annotated[
-    float, _finite(ge=0.0, lt=1.0), BeforeValidator(quantity), Allowed("a number, a ratio from 0 to 1")
-]
-Probability = Annotated[
-    float, _finite(gt=0.0, lt=1.0), BeforeValidator(quantity), Allowed("a number > 0 and < 1")
-]
+Number = Annotated[float, _finite(), read_by(quantity), Allowed("a number")]
+Positive = Annotated[float, _POSITIVE, read_by(quantity), Allowed("a number > 0")]
+NotNegative = Annotated[float, _NOT_NEGATIVE, read_by(quantity), Allowed("a number >= 0")]
+AboveOne = Annotated[float, _finite(gt=1.0), read_by(quantity), Allowed("a number > 1")]
+Ratio = Annotated[float, _finite(ge=0.0, lt=1.0), read_by(quantity), Allowed("a number, a ratio from 0 to 1")]
+Probability = Annotated[float, _finite(gt=0.0, lt=1.0), read_by(quantity), Allowed("a number > 0 and < 1")]
 Seconds = Annotated[float, _NOT_NEGATIVE, _by(quantity, SECONDS), Allowed("a time >= 0, s")]
 Duration = Annotated[float, _POSITIVE, _by(quantity, SECONDS), Allowed("a time > 0, s")]
 Period = Annotated[
     float, _finite(ge=1e-5, le=0.1), _by(quantity, SECONDS), Allowed("a time from 1e-5 to 0.1 s")
 ]
-Count = Annotated[int, Field(ge=0), BeforeValidator(_integer), Allowed("an integer >= 0")]
-Seed = Annotated[
-    int, Field(ge=0, lt=2**63), BeforeValidator(_integer), Allowed("an integer >= 0, below 2^63")
-]
-Flag = Annotated[bool, BeforeValidator(_flag), Allowed("true or false")]
+Count = Annotated[int, _field(ge=0), read_by(_integer), Allowed("an integer >= 0")]
+Seed = Annotated[int, _field(ge=0, lt=2**63), read_by(_integer), Allowed("an integer >= 0, below 2^63")]
+Flag = Annotated[bool, read_by(_flag), Allowed("true or false")]
 Pose = Annotated[
     tuple[_Finite, ...], _by(several, *_POSITIONS),
     Allowed("one link position per joint (rad, m; or text with deg, °)"),
 ]  # fmt: skip
 Tolerances = Annotated[
-    Annotated[tuple[_Above, ...], Field(min_length=1)], _by(several, *_POSITIONS),
+    Annotated[tuple[_Above, ...], _field(min_length=1)], _by(several, *_POSITIONS),
     Allowed("a number > 0, or one per joint (rad, m; or text with deg, mm)"),
 ]  # fmt: skip
-Poses = Annotated[tuple[tuple[_Finite, ...], ...], BeforeValidator(_poses), Allowed("a list of poses")]
+Poses = Annotated[tuple[tuple[_Finite, ...], ...], read_by(_poses), Allowed("a list of poses")]
 Frequencies = Annotated[
     _Above | tuple[_Above, ...], _by(one_or_several, _FREQUENCIES),
     Allowed("rad/s > 0: a number, or one per joint (or text with Hz)"),
 ]  # fmt: skip
 Frequency = Annotated[float, _POSITIVE, _by(quantity, _FREQUENCIES), Allowed("rad/s > 0 (or text with Hz)")]
-_Limit = Annotated[float, Field(gt=0.0), _KEPT]
+_Limit = Annotated[float, _field(gt=0.0), _KEPT]
 PerJoint = Annotated[
-    _Limit | tuple[_Limit, ...], BeforeValidator(one_or_several),
+    _Limit | tuple[_Limit, ...], read_by(one_or_several),
     Allowed("a number > 0, or one per joint; inf for none"),
 ]  # fmt: skip
 Efforts = Annotated[
-    _Above | tuple[_Above, ...], BeforeValidator(one_or_several), Allowed("a number > 0, or one per joint")
+    _Above | tuple[_Above, ...], read_by(one_or_several), Allowed("a number > 0, or one per joint")
 ]
 PerJointSpeed = Annotated[
     _Limit | tuple[_Limit, ...], _by(one_or_several, *_SPEEDS),
@@ -337,18 +346,18 @@ Distances = Annotated[
     Allowed("a number >= 0, or one per joint (or text with deg, mm)"),
 ]  # fmt: skip
 Degrees = Annotated[
-    tuple[Annotated[int, Field(ge=2, le=12)], ...], Field(min_length=1), BeforeValidator(_integers),
+    tuple[Annotated[int, _field(ge=2, le=12)], ...], _field(min_length=1), read_by(_integers),
     Allowed("a list of integers from 2 to 12, degrees of V"),
 ]  # fmt: skip
 Text = Annotated[str, Allowed("text")]
-Real = Annotated[float, BeforeValidator(quantity), Allowed("a number")]  # what is used checks its range
-Whole = Annotated[int, BeforeValidator(_integer), Allowed("an integer")]
-Threads = Annotated[int, Field(ge=1, le=64), BeforeValidator(_integer), Allowed("an integer from 1 to 64")]
-CHOICE = BeforeValidator(choice)  # of a `Literal`
-Names = Annotated[tuple[str, ...], BeforeValidator(names), Allowed("a list of names")]
+Real = Annotated[float, read_by(quantity), Allowed("a number")]  # what is used checks its range
+Whole = Annotated[int, read_by(_integer), Allowed("an integer")]
+Threads = Annotated[int, _field(ge=1, le=64), read_by(_integer), Allowed("an integer from 1 to 64")]
+CHOICE = read_by(choice)  # of a `Literal`
+Names = Annotated[tuple[str, ...], read_by(names), Allowed("a list of names")]
 Weights = Annotated[
-    Any, BeforeValidator(_weights), Allowed("weights by name, one per state, or rows of a matrix"),
-    WithJsonSchema({"anyOf": [{"type": "object"}, {"type": "array"}]}),
+    Any, read_by(_weights), Allowed("weights by name, one per state, or rows of a matrix"),
+    Marker("WithJsonSchema", {"anyOf": [{"type": "object"}, {"type": "array"}]}),
 ]  # fmt: skip
 
 
@@ -408,9 +417,9 @@ class FieldInfo:
         return list in (get_origin(self.kind), *map(get_origin, get_args(self.kind)))
 
     @functools.cached_property
-    def adapter(self) -> TypeAdapter:
+    def adapter(self) -> pydantic.TypeAdapter[Any]:
         """Reads a value."""
-        return TypeAdapter(self.kind)
+        return pydantic.TypeAdapter(self.kind)
 
     def read(self, value: Any) -> Any:
         """A value in SI units, checked against its range. Raises `InvalidInput`, its advice an example."""
@@ -422,7 +431,7 @@ class FieldInfo:
         except UnicodeEncodeError as error:
             found = f"expected text in UTF-8, got {value_text(error.object)}"
             raise InvalidInput(refused(self.name), found, "text that can be printed") from None
-        except ValidationError as error:
+        except pydantic.ValidationError as error:
             first = error.errors(include_url=False)[0]
             own = first.get("ctx", {}).get("error")
             if isinstance(own, InvalidInput):

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import difflib
-import hashlib
 import io
+import math
 import os
 import re
 import stat
-import tomllib
 import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -16,12 +15,36 @@ from contextlib import contextmanager
 from importlib import import_module
 from io import BufferedReader
 from pathlib import Path
-from typing import Any
-from xml.etree import ElementTree
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from flexhinf.errors import InvalidInput, readable, refuse_if
+
+
+class _LatePackage:
+    def __init__(self, package: str) -> None:
+        self._package = package
+
+    def __getattr__(self, name: str) -> Any:
+        package = self._package
+        value = getattr(import_module(package), name)
+        setattr(self, name, value)
+        return value
+
+
+def late_package(package: str) -> Any:
+    """A package that is imported when something of it is first used: help and refusals of options need none."""
+    return _LatePackage(package)
+
+
+if TYPE_CHECKING:
+    import hashlib
+    import tomllib
+    from xml.etree import ElementTree
+
+    import numpy as np
+else:
+    hashlib, tomllib, np = map(late_package, ("hashlib", "tomllib", "numpy"))
+    ElementTree = late_package("xml.etree.ElementTree")
 
 #: Longest name of a joint, a robot or a signal, and longest description or source, in characters.
 LONGEST_NAME, LONGEST_TEXT = 100, 10_000
@@ -81,7 +104,7 @@ def real_array(value: Any, strict: bool = False) -> np.ndarray:
 
 
 def checked_array(
-    what: str, value: Any, shape: tuple[int, ...], expected: str, advice: str, most: float = np.inf
+    what: str, value: Any, shape: tuple[int, ...], expected: str, advice: str, most: float = math.inf
 ) -> np.ndarray:
     """Finite numbers of this shape, of a magnitude of at most `most`; the texts are for the message.
 
@@ -100,7 +123,7 @@ def checked_positive(what: str, value: Any, unit: str, advice: str) -> float:
     Raises InvalidInput: for anything else; `what` begins the message: "The sampling period".
     """
     number = real_number(value)
-    if not 0.0 < number < np.inf:
+    if not 0.0 < number < math.inf:
         raise InvalidInput(
             f"{what} is not positive.", f"expected {unit} > 0, got {value_text(value)}", advice
         )

@@ -15,7 +15,7 @@ from rich.console import Console
 import flexhinf as fh
 from flexhinf import report
 from flexhinf.cli import commands, main
-from flexhinf.cli.arguments import INTERRUPTED
+from flexhinf.cli.messages import INTERRUPTED
 
 
 def test_help_lists_the_commands_and_the_exit_codes(capsys: pytest.CaptureFixture[str]) -> None:

@@ -278,7 +278,7 @@ def test_the_help_of_laws_names_them_all_and_loads_no_synthesis() -> None:
     text = declared(CompareOptions)["laws"].about.text
     assert [name for name in DEFAULT_LAWS if name not in re.split(r"[ ,;]+", text)] == [DESIGN]
     code = (
-        "import sys, flexhinf.cli.commands; assert 'flexhinf.design.laws' in sys.modules;"
+        "import sys, flexhinf.cli.options; assert 'flexhinf.design.laws' in sys.modules;"
         "models = {'flexhinf.plant', 'flexhinf.hinf', 'flexhinf.design.pipeline', 'casadi', 'scipy'};"
         "print(models & set(sys.modules))"
     )

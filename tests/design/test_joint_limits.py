@@ -13,7 +13,8 @@ import pytest
 from tests.refusals import refused_with
 
 import flexhinf as fh
-from flexhinf.cli.arguments import _value, error_text
+from flexhinf.cli.arguments import _value
+from flexhinf.cli.messages import error_text
 from flexhinf.design import Specification, design
 from flexhinf.design.design_file import check_stated_units, read_request
 from flexhinf.design.loop_setup import LoopSetup, other_quantisation, sensor_steps

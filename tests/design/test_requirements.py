@@ -13,7 +13,7 @@ import pytest
 from tests.refusals import refused_with
 
 import flexhinf as fh
-from flexhinf.cli.arguments import error_text
+from flexhinf.cli.messages import error_text
 from flexhinf.design import Specification
 from flexhinf.design.monte_carlo import MonteCarlo
 from flexhinf.design.requirements import (

@@ -12,8 +12,8 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.analysis import EquilibriumLoop
-from flexhinf.cli.arguments import error_text, option_syntax
 from flexhinf.cli.commands import app
+from flexhinf.cli.messages import error_text, option_syntax
 from flexhinf.design import Specification
 from flexhinf.design.specification import FIELDS, SpecificationError
 from flexhinf.errors import InvalidInput

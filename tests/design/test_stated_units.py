@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from tests.refusals import refused_with, unnamed
 
-from flexhinf.cli.arguments import error_text
+from flexhinf.cli.messages import error_text
 from flexhinf.design import Specification, compare, design
 from flexhinf.design.design_file import check_stated_units, read_request, request_document
 from flexhinf.design.loop_setup import LoopPlants, other_quantisation

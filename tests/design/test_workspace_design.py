@@ -164,7 +164,7 @@ def test_what_does_not_fit_the_robot_is_refused_before_any_work(
 )  # fmt: skip
 def test_the_advice_for_sensors_works_as_it_is_typed(robot_of: Named, measured: str) -> None:
     """On the command line, before any work."""
-    from flexhinf.cli.arguments import error_text
+    from flexhinf.cli.messages import error_text
 
     robot, told = robot_of("planar-two-link"), list[str]()
     with refused_with(fh.InvalidInput, "link_position") as refusal:

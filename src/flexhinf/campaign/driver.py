@@ -252,7 +252,7 @@ def in_processes(workers: int, note: Callable[[str], None] = lambda text: None) 
 
 def _pooled(campaign: Campaign, batches: Sequence[int], workers: int) -> Iterator[tuple[int, Rows]]:
     context = multiprocessing.get_context("spawn")  # compiled code and threads do not survive a fork
-    pool = ProcessPoolExecutor(workers, context, initializer=_begin_worker)
+    pool = ProcessPoolExecutor(workers, context, initializer=begin_worker)
     content, pending = pickle.dumps(campaign), {}
     try:
         yield from _as_done(
@@ -284,7 +284,7 @@ def _run(
         )
 
 
-def _begin_worker() -> None:
+def begin_worker() -> None:
     """Set up a worker: it ignores Ctrl-C, which the driver handles, and ends when the driver was killed.
 
     Workers keep the pipe open on which they wait for work: without the thread they would wait for ever.

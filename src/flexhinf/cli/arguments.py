@@ -1,27 +1,23 @@
-"""Arguments and options of the commands, made from their declarations; options without effect; what commands say.
-
-Errors in three parts in the command line's own syntax, notes and progress go to standard error; exit codes.
-"""
+"""Arguments and options of the commands, made from their declarations; options without effect."""
 
 from __future__ import annotations
 
 import inspect
 import math
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable, Collection, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import MISSING, replace
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer.exceptions import TyperException
+from typer.core import TyperCommand, TyperGroup
+from typer.main import get_command
 from typer.models import OptionInfo
 
-from flexhinf.cli.options import PEAKS, SELDOM, SEVERAL, USUAL_FIELDS, PointOptions
-from flexhinf.design.specification import FIELDS, OF_WORKSPACE, SpecificationError
-from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
+from flexhinf.cli.messages import note, options, specification
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.options import (
     ADVANCED,
     GROUPS,
@@ -40,42 +36,97 @@ if TYPE_CHECKING:
     from flexhinf.robot import Robot
 
 
-def with_options(options: type, fields: Collection[str] = ()) -> Callable[[Any], Any]:
+class Group(TyperGroup):
+    """A group of commands."""
+
+    def get_help_option(self, ctx: typer.Context) -> Any:
+        """Option --help, false where it is not stated: for anything that is no bool typer makes an adapter of pydantic,
+        whose import takes as long as the help of a command."""
+        option = super().get_help_option(ctx)
+        if option is not None:
+            option.default = False
+        return option
+
+
+#: The parameter that every command has.
+CONTEXT = inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)
+
+
+def with_options(declarations: Callable[[], tuple[type, Collection[str]]]) -> Callable[[Any], Any]:
     """A decorator for ``command(context, o)``: its options are those of a class and of fields of a specification.
 
     All of them are read as text; the command gets the values of the class. An empty text takes back what a design
     file says.
 
-    `options`: A dataclass of `flexhinf.cli.options`. Where it declares a field of a specification again, its help is
+    `declarations`: gives a dataclass of `flexhinf.cli.options`, and the fields of a specification that the command
+        computes with; asked when the options are first needed. Where the class declares a field again, its help is
         shown.
-    `fields`: fields of a specification that the command computes with.
     """
-    own = declared(options)
-    known = {name: FIELDS[name] for name in fields} | own
-    order = {group: k for k, group in enumerate(("", *GROUPS))}
-    parameters = [inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)]
-    for field in sorted(known.values(), key=lambda field: order[field.about.group]):
-        parameters.append(_parameter(field, both=field.name not in own or field.default is True))
-        for name, (drive, unit) in PEAKS.items() if field.name == "peak_effort" else ():
-            about = About(LIMITS, f"--peak-effort of {drive}-driven motors.", unit=unit)
-            parameters.append(_parameter(FieldInfo(name, about, str, "", "", option_name(name)), both=True))
-    if len(parameters) > SEVERAL:
-        seldom = {*SELDOM, *(name for name in fields if name not in own and name not in USUAL_FIELDS)}
-        parameters.append(_shortened(parameters, seldom))
 
     def decorated(command: Callable[..., int | None]) -> Any:
         def run(context: typer.Context, **values: Any) -> int | None:
-            stated = stated_options(context).items()
+            stated, own = stated_options(context).items(), declared(run.own)
             read = {name: _value(own[name], value) for name, value in stated if name in own}
-            return command(context, options(**{k: value for k, value in read.items() if value is not None}))
+            return command(context, run.own(**{k: value for k, value in read.items() if value is not None}))
 
         run.__name__, run.__doc__, run.__module__ = command.__name__, command.__doc__, command.__module__
-        run.__dict__.update(
-            __signature__=inspect.Signature(parameters), options=known, fields=tuple(fields), own=options
-        )
+        known: dict[str, Any] = {"declarations": declarations, "__signature__": inspect.Signature([CONTEXT])}
+        run.__dict__.update(known)
         return run
 
     return decorated
+
+
+class Command(TyperCommand):
+    """A command of `with_options`; its options are made when they are asked for: the help of all commands has none."""
+
+    def __init__(self, name: str | None, **settings: Any) -> None:
+        self._function, self._whole = inspect.unwrap(settings["callback"]), None
+        super().__init__(name, **settings)
+
+    @property
+    def params(self) -> list[Any]:
+        """Arguments and options."""
+        return self._made().params
+
+    @params.setter
+    def params(self, none_yet: list[Any]) -> None: ...
+
+    @property
+    def callback(self) -> Any:
+        """The function of `with_options`, to which `_declare` has given its options."""
+        return self._made().callback
+
+    @callback.setter
+    def callback(self, without_options: Any) -> None: ...
+
+    def _made(self) -> Any:
+        if self._whole is None:
+            if "own" not in vars(self._function):
+                _declare(self._function)
+            alone = typer.Typer(add_completion=False)
+            alone.command()(self._function)
+            self._whole = get_command(alone)
+        return self._whole
+
+
+def _declare(command: Any) -> None:
+    """Give a command of `with_options` its signature, its class of options as `own`, its `fields`, all `options`."""
+    own_class, fields = command.declarations()
+    own = declared(own_class)
+    known = {name: specification.FIELDS[name] for name in fields} | own
+    order = {group: k for k, group in enumerate(("", *GROUPS))}
+    parameters = [CONTEXT]
+    for field in sorted(known.values(), key=lambda field: order[field.about.group]):
+        parameters.append(_parameter(field, both=field.name not in own or field.default is True))
+        for name, (drive, unit) in options.PEAKS.items() if field.name == "peak_effort" else ():
+            about = About(LIMITS, f"--peak-effort of {drive}-driven motors.", unit=unit)
+            parameters.append(_parameter(FieldInfo(name, about, str, "", "", option_name(name)), both=True))
+    if len(parameters) > options.SEVERAL:
+        rare = (name for name in fields if name not in own and name not in options.USUAL_FIELDS)
+        parameters.append(_shortened(parameters, {*options.SELDOM, *rare}))
+    signature = inspect.Signature(parameters)
+    vars(command).update(__signature__=signature, options=known, fields=tuple(fields), own=own_class)
 
 
 # `both`: also ``--no-…`` of a flag
@@ -106,14 +157,14 @@ def _parameter(field: FieldInfo, both: bool) -> inspect.Parameter:
 def _shortened(parameters: Iterable[inspect.Parameter], seldom: Collection[str]) -> inspect.Parameter:
     """Hide options that are seldom used, and all but the first sentence on the others; returns the option that shows
     everything."""
-    options = {
+    shown = {
         each.name: option
         for each in parameters
         for option in getattr(each.annotation, "__metadata__", ())
         if isinstance(option, OptionInfo)
     }
-    texts = {name: option.help for name, option in options.items()}
-    for name, option in options.items():
+    texts = {name: option.help for name, option in shown.items()}
+    for name, option in shown.items():
         option.hidden = name in seldom
         option.help = re.split(r"(?<=\.) (?=[A-Z])", str(option.help))[0]
 
@@ -125,16 +176,18 @@ def _shortened(parameters: Iterable[inspect.Parameter], seldom: Collection[str])
             typer.echo(context.get_help())
             raise typer.Exit()
 
-    count = sum(option.hidden for option in options.values())
+    count = sum(option.hidden for option in shown.values())
     text = f"Show all of this, and {count} more options."
     option = typer.Option("--help-all", help=text, is_eager=True, callback=show, rich_help_panel=ADVANCED)
     keyword = inspect.Parameter.KEYWORD_ONLY
     return inspect.Parameter("help_all", keyword, default=False, annotation=Annotated[bool, option])
 
 
-def request_of(context: typer.Context, o: PointOptions, source: str, elastic: str = "") -> DesignRequest:
+def request_of(
+    context: typer.Context, o: options.PointOptions, source: str, elastic: str = ""
+) -> DesignRequest:
     """Robot and specification of a command, whose options win over a design file; prints notes."""
-    stated, names = stated_options(context), ("peak_effort", *PEAKS)
+    stated, names = stated_options(context), ("peak_effort", *options.PEAKS)
     peaks = [name for name in names if name in stated]
     refuse_if(
         len(peaks) > 1,
@@ -150,7 +203,7 @@ def request_of(context: typer.Context, o: PointOptions, source: str, elastic: st
     robot, right = request.robot, f"--peak-{request.robot.drive}"
     for name in peaks[:1]:  # volts for a robot that is driven by torques, and so on
         refuse_if(
-            name in PEAKS and option_name(name) != right,
+            name in options.PEAKS and option_name(name) != right,
             f"{option_name(name)} does not fit the robot {robot.name!r}, whose motors are driven by {robot.drive}.",
             f"expected {right} or --peak-effort, got {option_name(name)} {context.params[name]}",
             f"{right} …",
@@ -164,7 +217,8 @@ def stated_fields(context: typer.Context) -> dict[str, Any]:
 
 
 def _stated_fields(context: typer.Context, stated: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: _text(FIELDS[name], stated[name]) for name in _command(context).fields if name in stated}
+    known = specification.FIELDS
+    return {name: _text(known[name], stated[name]) for name in _command(context).fields if name in stated}
 
 
 def _of_pose_stated(request: DesignRequest, stated: Collection[str]) -> DesignRequest:
@@ -188,7 +242,7 @@ def refuse_stated(context: typer.Context, idle: Mapping[str, str]) -> None:
     """Refuse options that are stated and have no effect; `idle`: by name, what each would act on."""
     for name in stated_options(context):
         refuse_if(
-            needs := idle.get("peak_effort" if name in PEAKS else name, ""),
+            needs := idle.get("peak_effort" if name in options.PEAKS else name, ""),
             f"{option_name(name)} has no effect on this {context.info_name}.",
             f"expected it with {needs}; got it without",
             f"leave out {option_name(name)}",
@@ -265,7 +319,10 @@ def _active(s: Specification, idle: Mapping[str, str]) -> dict[str, str]:  # a s
 
 def _of_workspace(robot: Robot, s: Specification) -> dict[str, str]:
     kept = {"ripple"} | ({"estimator"} if s.estimator == "none" else set())
-    idle = dict.fromkeys({*FIELDS} - {*OF_WORKSPACE} | {"estimator"}, "a design of one pose (--pose)")
+    idle = dict.fromkeys(
+        {*specification.FIELDS} - {*specification.OF_WORKSPACE} | {"estimator"},
+        "a design of one pose (--pose)",
+    )
     return {k: v for k, v in (_of_loop(robot, s) | idle).items() if k not in kept}
 
 
@@ -394,201 +451,3 @@ def stated_options(context: typer.Context) -> dict[str, Any]:
     return {
         name: context.params[name] for name, source in sources.items() if source and source.name != "DEFAULT"
     }
-
-
-#: Exit codes: the report is written and says that the specification is not met; everything the user can put right;
-#: the shells' code for an interruption.
-NOT_MET, USER_ERROR, INTERRUPTED = 1, 2, 130
-
-#: Options of earlier versions, and what they are called now: an option has the name of its field.
-RENAMED = {
-    "--goal": "--pose", "--goal-xyz": "--pose-xyz", "--from-pose": "--start", "--friction": "--friction-model",
-    "--no-friction": "--no-friction-model", "--dead-zone": "--integral-dead-zone",
-}  # fmt: skip
-
-#: Python's way to write a field: ``name=value``, or its name in backticks. A value is quoted text, a tuple, a list or
-#: one word.
-_OPTIONS = {name: field.option for name, field in FIELDS.items()} | {
-    name: option_name(name)
-    for name in ("laws", "tune", "samples", "batch", "workers", "starts", "elastic", "payload")
-}
-_NAMES = "|".join(_OPTIONS)
-_KEYWORD = re.compile(rf"(?<![\w.])({_NAMES})=('[^']*'|\"[^\"]*\"|\([^()]*\)|\[[^\[\]]*\]|[^\s,;)]+)")
-_NUMBERS = re.compile(r"[-+]?[\d.,]*\d\Z")
-_UNIT = re.compile(r"deg|degrees|°|rad|rad/s|hz|m?s|µs|m?m|v|a|n·?m|n", re.IGNORECASE)
-_FIELD = re.compile(rf"`({_NAMES})`")
-
-
-def option_syntax(text: str) -> str:
-    """A text with fields of a specification as Python writes them, in the syntax of the command line.
-
-    Examples
-    --------
-    >>> option_syntax("`bandwidth` is too large; preset='damped', or via=(0.1, 0.2)")
-    '--bandwidth is too large; --preset damped, or --via 0.1,0.2'
-    """
-
-    def option(match: re.Match[str]) -> str:
-        positive, _, negative = _OPTIONS[match[1]].partition("/")
-        if negative:
-            return negative if match[2] == "False" else positive
-        plain = re.sub(r"\s*,\s*", ",", match[2].strip("()[]'\"").rstrip(", "))
-        return f"{positive} {plain.translate({ord(mark): None for mark in chr(39) + chr(34)})}"
-
-    return _FIELD.sub(lambda match: _OPTIONS[match[1]].partition("/")[0], _KEYWORD.sub(option, text))
-
-
-def error_text(error: FlexhinfError, arguments: Sequence[str] = ()) -> str:
-    """An error in three parts, in the syntax of the command line, and with the option that was typed.
-
-    `arguments`: those of the command; the limit of the input has a name for each drive beside ``--peak-effort``.
-    """
-    stated = [argument.split("=")[0] for argument in arguments]
-    peak = next((name for name in PEAKS if option_name(name) in stated), "")
-    advice = error.advice
-    if isinstance(error, SpecificationError) and error.field in FIELDS and error.example:
-        named = option_name(peak) if peak and error.field == "peak_effort" else _OPTIONS[error.field]
-        advice = f"{named.partition('/')[0]} {error.example}"
-    text = str(FlexhinfError(error.what, error.found, advice))
-    if peak:
-        text = text.replace("`peak_effort`", option_name(peak)).replace(
-            "The peak effort ", f"The {peak.replace('_', ' ')} "
-        )
-        text = text.replace(FIELDS["peak_effort"].about.unit, PEAKS[peak][1])
-    return option_syntax(text)
-
-
-def mistake(text: str, code: int = USER_ERROR) -> int:
-    """Print what is wrong; returns the exit code."""
-    typer.secho("error: ", fg="red", err=True, nl=False)
-    typer.echo(text, err=True)
-    return code
-
-
-def interrupted(written: Sequence[Path]) -> int:
-    """Print that a command was interrupted, and which files and folders were complete by then."""
-    names = ", ".join(map(str, written))
-    whole = f"written and whole: {names}" if names else "nothing was written"
-    return mistake(f"Interrupted; {whole}.", INTERRUPTED)
-
-
-def system_error(error: OSError | MemoryError, written: Sequence[Path]) -> str:
-    """An error of the operating system in three parts, with the files and folders that were complete by then."""
-    whole = ", ".join(map(str, written)) or "nothing"
-    return str(
-        FlexhinfError(
-            "The system refuses what this command needs.",
-            "expected memory, and room for files and output, got: "
-            f"{str(error) or 'a full memory'}; written and whole: {whole}",
-            "more memory; an output, a working folder and a TMPDIR that can be written, with room",
-        )
-    )
-
-
-def note(text: str) -> None:
-    """Print a note on standard error."""
-    typer.secho(f"note: {option_syntax(text)}", fg="yellow", err=True)
-
-
-def show(tables: Iterable[Any], notes: Iterable[str] = ()) -> None:
-    """Print tables, and then notes."""
-    from rich.console import Console
-
-    for table in tables:
-        Console().print(table)
-    for text in notes:
-        note(text)
-
-
-def parser_error(error: TyperException, arguments: Sequence[str]) -> str:
-    """An error of the option parser, in three parts."""
-    context = getattr(error, "ctx", None)
-    path = context.command_path if context is not None else "flexhinf"
-    known = getattr(error, "possibilities", None)
-    what, _, meant = error.format_message().split(" (Possible")[0].partition(" Did you mean ")
-    typed = getattr(error, "option_name", "")
-    option = RENAMED.get(typed, typed)
-    commands = _with_option(context.find_root().command, "flexhinf", option) if context is not None else []
-    whole = context is not None and any(entry.name == "help_all" for entry in context.command.params)
-    expected = f"what `{path} --help{'-all' * whole}` lists"
-    # a number and its unit in two words
-    apart = next(
-        (pair for pair in pairwise(arguments) if _NUMBERS.match(pair[0]) and _UNIT.fullmatch(pair[1])), ()
-    )
-    if path in commands and option != typed:
-        what, expected, advice = f"{typed} is called {option}", option, f"{option} in the place of {typed}"
-    elif commands and path not in commands:
-        why, instead = "change nothing there", "without it"
-        if option == "--workspace":
-            why, instead = "say nothing of one pose", "--pose"
-        what = f"{path} does not take {option}, which would {why}"
-        advice = f"{instead}; {option} is an option of {', '.join(commands)}"
-    elif known or meant:
-        advice = ", ".join(known or ()) or meant.rstrip("?").strip("'")
-    else:
-        advice = f"write {''.join(apart)} or '{' '.join(apart)}', in one word" if apart else f"{path} --help"
-    return str(
-        FlexhinfError(f"{what.rstrip('.')}.", f"expected {expected}, got: {' '.join(arguments)}", advice)
-    )
-
-
-def _with_option(command: Any, path: str, option: str) -> list[str]:
-    own = [path] if any(option in (*entry.opts, *entry.secondary_opts) for entry in command.params) else []
-    inner = getattr(command, "commands", {}).items()
-    return own + [each for name, entry in inner for each in _with_option(entry, f"{path} {name}", option)]
-
-
-def progress_bar(*columns: str) -> Any:
-    """A bar on standard error that vanishes at its end, silent where that is no terminal: its columns of
-    `rich.progress` by name, then what is done."""
-    from rich import progress
-    from rich.console import Console
-
-    own = [getattr(progress, f"{name}Column")() for name in columns]
-    text, console = progress.TextColumn("{task.description}", markup=False), Console(stderr=True)
-    return progress.Progress(*own, text, console=console, transient=True, disable=not console.is_terminal)
-
-
-@contextmanager
-def step_progress(total: int | None = None, lines: bool = False) -> Iterator[Callable[[str], None]]:
-    """A progress bar of `total` steps around some work; a spinner where their number is unknown.
-
-    It gives a function that is called with the name of each step before the step begins. `lines`: steps take long, so
-    each gets a line where standard error is no terminal.
-    """
-    bar = progress_bar(*(("Spinner",) if total is None else ("Bar", "MofNComplete")), "TimeElapsed")
-    task, begun = bar.add_task("", total=total), 0
-
-    def begin(text: str) -> None:
-        nonlocal begun
-        bar.update(task, advance=min(begun, 1), description=text)
-        begun += 1
-        if lines and bar.disable:
-            typer.echo(f"step {begun} of about {total}: {text}", err=True)
-
-    with bar:
-        yield begin
-
-
-class ProofProgress(ExitStack):
-    """A bar of the estimated share of a proof, with the cells done; silent where standard error is not a terminal."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._bar = self.enter_context(progress_bar("Bar", "TaskProgress", "TimeElapsed"))
-        self._task = self._bar.add_task("", total=None)
-        self._text, self._cells = "", 0
-
-    def step(self, text: str) -> None:
-        """Begin another step, whose length is not known."""
-        self._text, self._cells = text, 0
-        self._bar.reset(self._task, total=None, description=text)
-
-    def share(self, cells: int, share: float) -> None:
-        """Report the number of cells of a proof that are done, and their estimated share."""
-        self._bar.update(self._task, total=1.0, completed=share, description=f"{self._text}, {cells} cells")
-
-    def cells(self, more: int) -> None:
-        """Report that more cells of a check are done."""
-        self._cells += more
-        self._bar.update(self._task, description=f"{self._text}, {self._cells} cells")

@@ -13,27 +13,10 @@ from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 import typer
-from typer.core import TyperGroup
 
 from flexhinf import campaign as campaigns, pages
-from flexhinf.cli.arguments import (
-    NOT_MET,
-    note,
-    progress_bar,
-    read_source,
-    refuse_stated,
-    reproduce_command,
-    show,
-    step_progress,
-    with_options,
-)
-from flexhinf.cli.options import (
-    BatchOptions,
-    CompareCampaignsOptions,
-    MergeOptions,
-    ReplayOptions,
-    RunCampaignOptions,
-)
+from flexhinf.cli.arguments import Command, Group, read_source, refuse_stated, reproduce_command, with_options
+from flexhinf.cli.messages import NOT_MET, note, options, progress_bar, show, step_progress
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.options import CampaignOptions
 
@@ -48,7 +31,7 @@ EVERY = 10.0
 GAIN = "gain"
 
 
-class _Runs(TyperGroup):
+class _Runs(Group):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         if args and args[0] not in self.commands and args[0] not in ("--help", "-h"):
             args = ["run", *args]
@@ -61,9 +44,11 @@ app = typer.Typer(
 )
 
 
-@app.command("run", epilog="Example: flexhinf campaign design.toml --samples 10000 --out campaign")
-@with_options(RunCampaignOptions)
-def run(context: typer.Context, o: RunCampaignOptions) -> int:
+@app.command(
+    "run", cls=Command, epilog="Example: flexhinf campaign design.toml --samples 10000 --out campaign"
+)
+@with_options(lambda: (options.RunCampaignOptions, ()))
+def run(context: typer.Context, o: options.RunCampaignOptions) -> int:
     """Run a design's step or move on many robots within their tolerances, each with its own noise.
 
     The folder is a journal. Ctrl-C, SIGKILL and a full disk lose at most the
@@ -115,7 +100,7 @@ def run(context: typer.Context, o: RunCampaignOptions) -> int:
     return _finish(table, checked)
 
 
-def _request(o: BatchOptions, source: str) -> DesignCampaign:
+def _request(o: options.BatchOptions, source: str) -> DesignCampaign:
     from flexhinf.design import DesignCampaign
 
     values: dict[str, Any] = {field.name: getattr(o, field.name) for field in fields(CampaignOptions)}
@@ -132,7 +117,7 @@ def _request(o: BatchOptions, source: str) -> DesignCampaign:
     return DesignCampaign.of(read_source(source, o.elastic, {}), CampaignOptions(**values))
 
 
-def _executor(o: BatchOptions) -> Executor | None:
+def _executor(o: options.BatchOptions) -> Executor | None:
     refuse_if(
         o.workers and o.cluster,
         "Batches run in processes here or on a cluster.",
@@ -145,7 +130,10 @@ def _executor(o: BatchOptions) -> Executor | None:
 
 
 def _searched(
-    o: RunCampaignOptions, requirements: Sequence[campaigns.Requirement], known: Sequence[str], gain: bool
+    o: options.RunCampaignOptions,
+    requirements: Sequence[campaigns.Requirement],
+    known: Sequence[str],
+    gain: bool,
 ) -> dict[str, bool]:
     """Metrics whose worst case is searched, and whether their small values are the bad ones; `GAIN` comes last."""
     if not o.worst_case:
@@ -159,9 +147,9 @@ def _searched(
     }
 
 
-@app.command("merge")
-@with_options(MergeOptions)
-def merge(context: typer.Context, o: MergeOptions) -> int:
+@app.command("merge", cls=Command)
+@with_options(lambda: (options.MergeOptions, ()))
+def merge(context: typer.Context, o: options.MergeOptions) -> int:
     """Write the table and the report of a campaign whose shards are done.
 
     Shards of other folders are copied into the first one. Every file is
@@ -189,9 +177,9 @@ def merge(context: typer.Context, o: MergeOptions) -> int:
     return _finish(table, checked)
 
 
-@app.command("replay", epilog="Example: flexhinf campaign replay campaign --sample 123")
-@with_options(ReplayOptions)
-def replay(context: typer.Context, o: ReplayOptions) -> None:
+@app.command("replay", cls=Command, epilog="Example: flexhinf campaign replay campaign --sample 123")
+@with_options(lambda: (options.ReplayOptions, ()))
+def replay(context: typer.Context, o: options.ReplayOptions) -> None:
     """Run one sample of a campaign again, or the worst robot, alone, and say whether the metrics are the same bits."""
     from flexhinf.design.campaign_folder import GainSearch, stored_campaign, stored_gains, stored_request
 
@@ -275,9 +263,11 @@ def _say(texts: Sequence[str], after: int) -> None:
         typer.echo(text)
 
 
-@app.command("compare", epilog="Example: flexhinf campaign compare linear.toml cubic.toml --samples 2000")
-@with_options(CompareCampaignsOptions)
-def compare(context: typer.Context, o: CompareCampaignsOptions) -> None:
+@app.command(
+    "compare", cls=Command, epilog="Example: flexhinf campaign compare linear.toml cubic.toml --samples 2000"
+)
+@with_options(lambda: (options.CompareCampaignsOptions, ()))
+def compare(context: typer.Context, o: options.CompareCampaignsOptions) -> None:
     """Run two designs on the same robots, and compare them pair by pair.
 
     Both get the same robots, noise, initial errors and disturbances. Robot,

@@ -16,7 +16,11 @@ from typer.exceptions import TyperException
 from typer.main import get_command
 
 from flexhinf import __version__, pages
-from flexhinf.cli.arguments import (
+from flexhinf.cli.arguments import Command, Group
+from flexhinf.cli.campaign import app as campaign
+from flexhinf.cli.design import app as export, certify, compare, compile_design, design, paper, run_design
+from flexhinf.cli.logs import estimate, identify
+from flexhinf.cli.messages import (
     INTERRUPTED,
     error_text,
     interrupted,
@@ -25,9 +29,6 @@ from flexhinf.cli.arguments import (
     show,
     system_error,
 )
-from flexhinf.cli.campaign import app as campaign
-from flexhinf.cli.design import app as export, certify, compare, compile_design, design, paper, run_design
-from flexhinf.cli.logs import estimate, identify
 from flexhinf.cli.studio import studio
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import recorded
@@ -124,7 +125,7 @@ def _refine(command: Any) -> None:
     command.parse_args = parsed
 
 
-app = App(name="flexhinf", add_completion=False, pretty_exceptions_enable=False)
+app = App(name="flexhinf", cls=Group, add_completion=False, pretty_exceptions_enable=False)
 
 
 def _version(value: bool) -> None:
@@ -148,7 +149,10 @@ def root(
 
 
 for name, (command, *examples) in COMMANDS.items():
-    app.command(name, epilog="\n\n".join(["Examples:", *(f"  {line}" for line in examples)]))(command)
+    kind = Command if hasattr(command, "declarations") else None
+    app.command(name, cls=kind, epilog="\n\n".join(["Examples:", *(f"  {line}" for line in examples)]))(
+        command
+    )
 
 
 app.add_typer(campaign, name="campaign")

@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
@@ -21,16 +20,13 @@ import typer
 import flexhinf as fh
 from flexhinf import export, pages, report
 from flexhinf.cli.arguments import (
-    NOT_MET,
-    ProofProgress,
-    note,
+    Command,
+    Group,
     refuse_idle,
     refuse_stated,
     reproduce_command,
     request_of,
-    show,
     stated_options,
-    step_progress,
     with_options,
 )
 from flexhinf.cli.designs import (
@@ -41,30 +37,17 @@ from flexhinf.cli.designs import (
     keep,
     other_robot,
 )
-from flexhinf.cli.options import (
-    ALL,
-    CERTIFY_FIELDS,
-    COMPARE_FIELDS,
-    RUN_FIELDS,
-    CertifyOptions,
-    CompareOptions,
-    CompileOptions,
-    DesignOptions,
-    ExportCOptions,
-    ExportFmuOptions,
-    ExportWebOptions,
-    PaperOptions,
-    RunOptions,
-)
+from flexhinf.cli.messages import NOT_MET, ProofProgress, note, options, show, step_progress
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.options import option_name
+from flexhinf.validation import file_digest
 
 #: Of verdicts.
 COLOURS = {"holds": "green", "fails": "red", "ties": "yellow", "not judged": "bright_black"}
 
 
-@with_options(DesignOptions, ALL)
-def design(context: typer.Context, o: DesignOptions) -> int:
+@with_options(lambda: (options.DesignOptions, options.ALL))
+def design(context: typer.Context, o: options.DesignOptions) -> int:
     """Design a controller for a robot, test it, and write a report.
 
     By default one controller serves the workspace: all poses within the joint
@@ -108,8 +91,8 @@ def design(context: typer.Context, o: DesignOptions) -> int:
     return 0 if result.met else NOT_MET
 
 
-@with_options(CompareOptions, COMPARE_FIELDS)
-def compare(context: typer.Context, o: CompareOptions) -> None:
+@with_options(lambda: (options.CompareOptions, options.COMPARE_FIELDS))
+def compare(context: typer.Context, o: options.CompareOptions) -> None:
     """Compare nonlinear H∞ with other laws on the same robot.
 
     All laws have the same plants, commands, disturbances and seeds. Each has its
@@ -144,13 +127,14 @@ def compare(context: typer.Context, o: CompareOptions) -> None:
     typer.echo(f"{text}\nreport: {folder / 'index.html'}")
 
 
-@with_options(PaperOptions)
-def paper(context: typer.Context, o: PaperOptions) -> None:
+@with_options(lambda: (options.PaperOptions, ()))
+def paper(context: typer.Context, o: options.PaperOptions) -> None:
     """Reproduce every figure and judge every claim of Elsa & Akbari (2014)."""
     from rich.markup import escape
     from rich.table import Table
 
-    from flexhinf.paper import STAGES, PaperSettings, reproduce
+    from flexhinf.paper.apart import judged_apart
+    from flexhinf.paper.settings import PaperSettings
 
     settings = {name: value for name, value in asdict(o).items() if name != "out"}
     report.check(o.out)
@@ -159,10 +143,14 @@ def paper(context: typer.Context, o: PaperOptions) -> None:
             f"the paper's arm is odd, so V has no terms of degree {o.degree}: it is degree {o.degree - 1} again."
         )
     # every setting, as defaults change
-    stated = [word for name, value in settings.items() for word in (option_name(name), str(value))]
-    out = [] if o.out == PaperOptions().out else ["--out", o.out.name]
-    with step_progress(STAGES) as progress:
-        result = reproduce(PaperSettings(**settings), ["flexhinf", "paper", *stated, *out], progress)
+    words = [word for name, value in settings.items() for word in (option_name(name), str(value))]
+    out = [] if o.out == options.PaperOptions().out else ["--out", o.out.name]
+    stated = PaperSettings(**settings)
+    with judged_apart(stated) as apart:
+        from flexhinf.paper import STAGES, reproduce  # while the other process loads it too
+
+        with step_progress(STAGES) as progress:
+            result = reproduce(stated, ["flexhinf", "paper", *words, *out], progress, apart)
     folder = report.write(o.out, result.files)
     title = (
         f"γ* of the paper's problem = {result.metrics['gamma_star']:.4f}, "
@@ -185,8 +173,8 @@ def paper(context: typer.Context, o: PaperOptions) -> None:
 CERTIFICATE = "certificate.json"
 
 
-@with_options(CertifyOptions, CERTIFY_FIELDS)
-def certify(context: typer.Context, o: CertifyOptions) -> int:
+@with_options(lambda: (options.CertifyOptions, options.CERTIFY_FIELDS))
+def certify(context: typer.Context, o: options.CertifyOptions) -> int:
     """Prove how far the law of a design can be trusted.
 
     Writes a folder with a page and certificate.json. For robots of one joint it
@@ -274,7 +262,7 @@ def certify(context: typer.Context, o: CertifyOptions) -> int:
     return 0
 
 
-def _check(context: typer.Context, path: Path, o: CertifyOptions) -> int:
+def _check(context: typer.Context, path: Path, o: options.CertifyOptions) -> int:
     """Check a certificate; nothing but its file is read, so options that state what is to be proved are a mistake."""
     from flexhinf.certify.certificate import theorem_text
 
@@ -302,13 +290,13 @@ def _check(context: typer.Context, path: Path, o: CertifyOptions) -> int:
 
 
 app = typer.Typer(
-    help="Export the controller of a design: C source, an FMU, or a page in which the arm moves."
+    cls=Group, help="Export the controller of a design: C source, an FMU, or a page in which the arm moves."
 )
 
 
-@app.command("c")
-@with_options(ExportCOptions)
-def export_c(context: typer.Context, o: ExportCOptions) -> None:
+@app.command("c", cls=Command)
+@with_options(lambda: (options.ExportCOptions, ()))
+def export_c(context: typer.Context, o: options.ExportCOptions) -> None:
     """Export the controller as C99 without dependencies, with a test and what firmware needs around it.
 
     `make test` in the folder compiles them and runs the recorded samples: the
@@ -334,9 +322,9 @@ def export_c(context: typer.Context, o: ExportCOptions) -> None:
     typer.echo(f"{name}.h, {name}.c and what goes with them: {folder}\ntest:  make -C {o.out} test")
 
 
-@app.command("fmu")
-@with_options(ExportFmuOptions)
-def export_fmu(context: typer.Context, o: ExportFmuOptions) -> None:
+@app.command("fmu", cls=Command)
+@with_options(lambda: (options.ExportFmuOptions, ()))
+def export_fmu(context: typer.Context, o: options.ExportFmuOptions) -> None:
     """Export the controller as an FMU for co-simulation (FMI 2.0 or 3.0), for Simulink, OpenModelica and others.
 
     One communication step is one sample. With --plant the FMU is the robot:
@@ -368,9 +356,9 @@ def export_fmu(context: typer.Context, o: ExportFmuOptions) -> None:
     typer.echo(f"FMU: {written}")
 
 
-@app.command("web")
-@with_options(ExportWebOptions)
-def export_web(context: typer.Context, o: ExportWebOptions) -> None:
+@app.command("web", cls=Command)
+@with_options(lambda: (options.ExportWebOptions, ()))
+def export_web(context: typer.Context, o: options.ExportWebOptions) -> None:
     """One page in which the arm runs in real time in the browser; no server, no network.
 
     Pull the link with the mouse, move the goal, change the arm by sliders; the
@@ -398,8 +386,8 @@ def export_web(context: typer.Context, o: ExportWebOptions) -> None:
     typer.echo(f"page: {page} ({page.stat().st_size / 1e3:.0f} kB)")
 
 
-@with_options(CompileOptions)
-def compile_design(context: typer.Context, o: CompileOptions) -> None:
+@with_options(lambda: (options.CompileOptions, ()))
+def compile_design(context: typer.Context, o: options.CompileOptions) -> None:
     """Compile the controller to a shared library that starts in milliseconds.
 
     fh.load_compiled(FILE) steps it from Python, without LLVM and CasADi; every
@@ -425,7 +413,7 @@ def _origin(path: Path, command: str, rows: Sequence[Mapping[str, Any]]) -> dict
     whether it met its requirements, by the rows of its result."""
     from flexhinf.design.design_file import has_controller, unmet_text
 
-    digest, numbers = hashlib.sha256(path.read_bytes()).hexdigest(), {}
+    digest, numbers = file_digest(path), {}
     if has_controller(path) and report.unchanged(path.parent, ("design.json",)):
         designed = json.loads((path.parent / "design.json").read_text(encoding="utf-8"))
         numbers = {
@@ -444,7 +432,7 @@ def _identifier(robot: fh.Robot | None) -> str:
     return export.identifier_of("controller" if robot is None else robot.name)
 
 
-def _run_settings(o: RunOptions) -> dict[str, Any]:
+def _run_settings(o: options.RunOptions) -> dict[str, Any]:
     """Options of a run that its page names among the settings."""
     named = {
         "design": o.source,
@@ -456,8 +444,8 @@ def _run_settings(o: RunOptions) -> dict[str, Any]:
     }
 
 
-@with_options(RunOptions, RUN_FIELDS)
-def run_design(context: typer.Context, o: RunOptions) -> int:
+@with_options(lambda: (options.RunOptions, options.RUN_FIELDS))
+def run_design(context: typer.Context, o: options.RunOptions) -> int:
     """Drive the robot in MuJoCo with the controller of a design, in real time.
 
     By default it makes the step of the design, or its move: what no option states

@@ -10,11 +10,9 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
 import flexhinf as fh
 from flexhinf import export, pages, report
-from flexhinf.cli.arguments import note, step_progress
+from flexhinf.cli.messages import note, step_progress
 from flexhinf.errors import refuse_if
 from flexhinf.validation import checked_path, nearest, value_text
 
@@ -78,6 +76,8 @@ def _checked(designed: DesignedController, limits: bool) -> DesignedController:
 
 def refuse_unlimited(robot: fh.Robot, s: fh.Specification) -> None:
     """Refuse a design, before it is made, whose controller `flexhinf.export.check_limits` would refuse."""
+    import numpy as np
+
     from flexhinf.design.responses import joint_limits
 
     plant, stated = robot.plant(s.measured, extras=s.extras), joint_limits(robot, s).saturated

@@ -11,21 +11,8 @@ import typer
 
 import flexhinf as fh
 from flexhinf import pages, report
-from flexhinf.cli.arguments import (
-    read_source,
-    reproduce_command,
-    show,
-    stated_fields,
-    step_progress,
-    with_options,
-)
-from flexhinf.cli.options import (
-    ESTIMATE_FIELDS,
-    IDENTIFY_FIELDS,
-    EstimateOptions,
-    IdentifyOptions,
-    LogOptions,
-)
+from flexhinf.cli.arguments import read_source, reproduce_command, stated_fields, with_options
+from flexhinf.cli.messages import options, show, step_progress
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.options import interval
 from flexhinf.validation import extra_package, one_of, value_text
@@ -44,8 +31,8 @@ _SYNTAX = (
 )
 
 
-@with_options(EstimateOptions, ESTIMATE_FIELDS)
-def estimate(context: typer.Context, o: EstimateOptions) -> None:
+@with_options(lambda: (options.EstimateOptions, options.ESTIMATE_FIELDS))
+def estimate(context: typer.Context, o: options.EstimateOptions) -> None:
     """Estimate the states of a robot from a log, and judge whether filter and log fit.
 
     Columns with the names of the robot's signals are found by themselves:
@@ -85,7 +72,7 @@ def estimate(context: typer.Context, o: EstimateOptions) -> None:
     typer.echo(f"{ending.text}\nreport: {folder / 'index.html'}")
 
 
-def _check_robot(o: LogOptions) -> None:
+def _check_robot(o: options.LogOptions) -> None:
     refuse_if(
         not o.robot,
         "The robot of the log is not stated.",
@@ -94,8 +81,8 @@ def _check_robot(o: LogOptions) -> None:
     )
 
 
-@with_options(IdentifyOptions, IDENTIFY_FIELDS)
-def identify(context: typer.Context, o: IdentifyOptions) -> None:
+@with_options(lambda: (options.IdentifyOptions, options.IDENTIFY_FIELDS))
+def identify(context: typer.Context, o: options.IdentifyOptions) -> None:
     """Identify a robot's stiffness, friction and other numbers from a log.
 
     The result is the numbers under which the log is most likely, with 95 %
@@ -157,7 +144,9 @@ def identify(context: typer.Context, o: IdentifyOptions) -> None:
         raise typer.Exit(1)
 
 
-def _read(o: LogOptions, robot: fh.Robot, plant: fh.Plant, columns: dict[str, str], latency: int) -> fh.Log:
+def _read(
+    o: options.LogOptions, robot: fh.Robot, plant: fh.Plant, columns: dict[str, str], latency: int
+) -> fh.Log:
     """The log; a refusal is in the syntax of the command line."""
     from flexhinf.identification.plausibility import check_plausible
 
@@ -173,7 +162,7 @@ def _read(o: LogOptions, robot: fh.Robot, plant: fh.Plant, columns: dict[str, st
 
 
 def _filter(
-    o: EstimateOptions,
+    o: options.EstimateOptions,
     request: DesignRequest,
     plant: fh.Plant,
     log: fh.Log,

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import typer
 
-from flexhinf.cli.arguments import note, with_options
-from flexhinf.cli.options import StudioOptions
+from flexhinf.cli.arguments import with_options
+from flexhinf.cli.messages import note, options
 from flexhinf.validation import extra_package
 
 
-@with_options(StudioOptions)
-def studio(context: typer.Context, o: StudioOptions) -> None:
+@with_options(lambda: (options.StudioOptions, ()))
+def studio(context: typer.Context, o: options.StudioOptions) -> None:
     """Tune a design by hand, in the browser: sliders, and the step of 200 robots beside them.
 
     The arm moves with link and motor apart. Designs are loaded from and saved to

@@ -11,13 +11,15 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from flexhinf.validation import unknown_name
+from flexhinf.validation import late_package, unknown_name
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from flexhinf.design.synthesis.steps import Synthesis
     from flexhinf.plant import GeneralisedPlant, Law
+else:
+    np = late_package("numpy")
 
 #: The design's own law as `flexhinf design` makes it, the reference of the criterion. It is not tuned for the
 #: criterion, so it is not ranked; the next one is.

@@ -11,10 +11,7 @@ import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Literal
-
-import numpy as np
-from pydantic import BeforeValidator, ValidationError, WithJsonSchema
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from flexhinf import options
 from flexhinf.errors import InvalidInput, refuse_if
@@ -31,22 +28,29 @@ from flexhinf.options import (
     Allowed,
     declared,
     option,
+    read_by,
     refused,
     with_parameters,
 )
 from flexhinf.robot.waypoints import WaypointError, stated_workspace, waypoints
-from flexhinf.validation import nearest, value_text
+from flexhinf.validation import late_package, nearest, value_text
+
+if TYPE_CHECKING:
+    import numpy as np
+    import pydantic
+else:
+    np, pydantic = map(late_package, ("numpy", "pydantic"))
 
 MoveTable = Annotated[
-    Any, BeforeValidator(waypoints), Allowed("a CSV file with columns time and joints, or such columns by name"),
-    WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "object"}]}),
+    Any, read_by(waypoints), Allowed("a CSV file with columns time and joints, or such columns by name"),
+    options.Marker("WithJsonSchema", {"anyOf": [{"type": "string"}, {"type": "object"}]}),
 ]  # fmt: skip
 
 
 Range = Annotated[
-    Any, BeforeValidator(stated_workspace),
+    Any, read_by(stated_workspace),
     Allowed("limits, one (low, high) per joint, a box in space, or waypoints"),
-    WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "array"}, {"type": "object"}]}),
+    options.Marker("WithJsonSchema", {"anyOf": [{"type": "string"}, {"type": "array"}, {"type": "object"}]}),
 ]  # fmt: skip
 
 PresetName = Annotated[Literal["paper", "damped", "robust", "proved"], options.CHOICE]
@@ -127,7 +131,7 @@ class SpecificationError(InvalidInput):
         if field in FIELDS and example:  # as a value in Python
             value = repr(example)
             if not any(unit in example for unit in ("ms", "deg", "°", "mrad")):
-                with contextlib.suppress(ValidationError, WaypointError):
+                with contextlib.suppress(pydantic.ValidationError, WaypointError):
                     value = repr(FIELDS[field].adapter.validate_python(example))
         super().__init__(what, found, advice or f"{field}={value}")
 

@@ -318,9 +318,14 @@ def _unstable_figure(setup: PaperSetup, study: ToleranceStudy) -> Figure | None:
 
 
 # Page ------------------------------------------------------------------------------------------------
+def draw_figures(setup: PaperSetup) -> dict[str, str]:
+    """The figures of the paper as SVG, by their numbers there."""
+    return {number: draw(setup) for number, (_, _, draw) in FIGURES.items()}
+
+
 def paper_files(reproduction: Reproduction) -> dict[str, str]:
     """Files of the report: index.html, metrics.json, and every figure of the paper."""
-    plots = {number: draw(reproduction.setup) for number, (_, _, draw) in FIGURES.items()}
+    plots = reproduction.drawings or draw_figures(reproduction.setup)
     return {
         "index.html": _page(reproduction, plots).html(),
         "metrics.json": to_json(reproduction.metrics),

@@ -7,8 +7,7 @@ What the paper leaves open or misprints, and what was taken instead; the report 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
@@ -144,6 +143,12 @@ class PaperSetup:
         """Plants within Tables 1 and 2: sampled ones, all 2048 corners, each tolerance alone, and the nominal one."""
         arm, count = self.arm, len(self.arm.uncertain)
         return corner_population(arm.corner, count, 2**count, self.settings.seed, arm.draw, SAMPLED_PLANTS)
+
+    @cached_property
+    def population_vectors(self) -> np.ndarray:
+        """Parameters (N, q) of the true plants with coil, of the whole population."""
+        table = self.true_plants[True].parameters
+        return table.vectors([table.known(values) for values in self.population.values])
 
     # Runs -------------------------------------------------------------------------------------------------------
     def loop(self, law: Law, inductance: bool = False, estimator: Any = "settings") -> Loop:
@@ -306,12 +311,6 @@ def name_goal(goal: float) -> str:
 def affordable(wanted: int, period: float, duration: float = LONG) -> int:
     """Number of runs to make: `wanted`, or fewer if the period is far below 1 ms."""
     return max(1, min(wanted, int(SAMPLES * period / duration)))
-
-
-def in_two_threads(function: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
-    """Map in two threads, after the first item alone, which compiles what the others share."""
-    with ThreadPoolExecutor(2) as pool:
-        return [*map(function, items[:1]), *pool.map(function, items[1:])]
 
 
 # Claims --------------------------------------------------------------------------------------------------

@@ -72,7 +72,10 @@ def growth_with(
     with ThreadPoolExecutor(2) as pool:  # eigenvalues of many plants at once let the other thread go on
         try:
             rates = pool.map(
-                lambda goal: growth_rates(loops[goal], setup.population, noises, plants, going_on), goals
+                lambda goal: growth_rates(
+                    loops[goal], setup.population, noises, plants, going_on, setup.population_vectors
+                ),
+                goals,
             )
             return dict(zip(goals, rates, strict=True))
         except BaseException:  # Ctrl-C reaches this thread only, and the pool waits for the others
@@ -88,7 +91,7 @@ class ToleranceStudy:
     """
 
     def __init__(self, setup: PaperSetup, law: Law) -> None:
-        self.setup = setup
+        self.population, self.process_noise = setup.population, setup.settings.process_noise
         self.true_state = {g: r[0] for g, r in growth_with(setup, law, estimated=False).items()}
         self.chosen = self.true_state
         self.swept: dict[float, tuple[GrowthRates, ...]] = dict.fromkeys(GOALS, ())
@@ -105,15 +108,14 @@ class ToleranceStudy:
 
     def count(self, kind: str) -> int:
         """Number of plants of a kind: "draw" (sampled), "corner", "single" or "nominal"."""
-        return int((self.setup.population.kinds == kind).sum())
+        return int((self.population.kinds == kind).sum())
 
     def sufficient_alone(self, rates: Sequence[GrowthRates]) -> list[str]:
         """Single tolerances that make the loop unstable by one of these rates, by their changes."""
-        singles = np.flatnonzero(self.setup.population.kinds == "single")
+        singles = np.flatnonzero(self.population.kinds == "single")
         worst = np.max([each.rates[singles] for each in rates], axis=0)
         return [
-            self.setup.population.describe(int(k))
-            for k in singles[np.argsort(-worst)][: int((worst >= 0.0).sum())]
+            self.population.describe(int(k)) for k in singles[np.argsort(-worst)][: int((worst >= 0.0).sum())]
         ]
 
 
@@ -206,7 +208,7 @@ def _tolerance_table(study: ToleranceStudy) -> Table:
     for goal in GOALS:
         groups = {"true state fed back": [study.true_state[goal]]}
         if study.estimated:
-            groups[f"R^v = {number(study.setup.settings.process_noise)} I (settings)"] = [study.chosen[goal]]
+            groups[f"R^v = {number(study.process_noise)} I (settings)"] = [study.chosen[goal]]
             groups |= {f"q on {form}": study.of_form(form, goal) for form in FORMS}
         for which, group in groups.items():
             corners, alone = [unstable_of(rates, "corner") for rates in group], study.sufficient_alone(group)

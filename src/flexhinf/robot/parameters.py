@@ -14,20 +14,24 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.validation import (
     HUGE,
     checked_text,
     is_real,
+    late_package,
     nearest,
     real_array,
     value_text,
     within_proportion,
 )
+
+if TYPE_CHECKING:
+    import numpy as np
+else:
+    np = late_package("numpy")
 
 
 class Quantity(NamedTuple):

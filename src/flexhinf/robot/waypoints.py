@@ -16,16 +16,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-
 from flexhinf.errors import InvalidInput
 from flexhinf.robot.parameters import SECONDS, SLIDING, TURNING, per_joint, split
 from flexhinf.robot.table import name_and_unit, read_table
-from flexhinf.validation import HUGE, nearest, real_array, value_text
+from flexhinf.validation import HUGE, late_package, nearest, real_array, value_text
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from flexhinf.robot.kinematics import Reached
     from flexhinf.robot.robot import Robot
+else:
+    np = late_package("numpy")
 
 #: The workspace that is the default: all poses within the joint ranges.
 LIMITS = "limits"

@@ -10,7 +10,7 @@ import pytest
 from tests.refusals import refused_with
 
 import flexhinf as fh
-from flexhinf.cli.arguments import error_text
+from flexhinf.cli.messages import error_text
 from flexhinf.design.synthesis import by_step
 
 

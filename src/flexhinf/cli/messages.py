@@ -1,0 +1,232 @@
+"""What commands say: errors in three parts in the command line's own syntax, notes, progress; exit codes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+from typer.exceptions import TyperException
+
+from flexhinf.errors import FlexhinfError
+from flexhinf.options import option_name
+from flexhinf.validation import late_package
+
+if TYPE_CHECKING:
+    from flexhinf.cli import options
+    from flexhinf.design import specification
+else:  # the help of all commands takes no declaration of an option
+    options = late_package("flexhinf.cli.options")
+    specification = late_package("flexhinf.design.specification")
+
+#: Exit codes: the report is written and says that the specification is not met; everything the user can put right;
+#: the shells' code for an interruption.
+NOT_MET, USER_ERROR, INTERRUPTED = 1, 2, 130
+
+#: Options of earlier versions, and what they are called now: an option has the name of its field.
+RENAMED = {
+    "--goal": "--pose", "--goal-xyz": "--pose-xyz", "--from-pose": "--start", "--friction": "--friction-model",
+    "--no-friction": "--no-friction-model", "--dead-zone": "--integral-dead-zone",
+}  # fmt: skip
+
+
+#: Python's way to write a field: ``name=value``, or its name in backticks. A value is quoted text, a tuple, a list or
+#: one word.
+@cache
+def _syntax() -> tuple[dict[str, str], re.Pattern[str], re.Pattern[str]]:
+    own = ("laws", "tune", "samples", "batch", "workers", "starts", "elastic", "payload")
+    known = {name: field.option for name, field in specification.FIELDS.items()}
+    known |= {name: option_name(name) for name in own}
+    names = "|".join(known)
+    keyword = rf"(?<![\w.])({names})=('[^']*'|\"[^\"]*\"|\([^()]*\)|\[[^\[\]]*\]|[^\s,;)]+)"
+    return known, re.compile(keyword), re.compile(rf"`({names})`")
+
+
+_NUMBERS = re.compile(r"[-+]?[\d.,]*\d\Z")
+_UNIT = re.compile(r"deg|degrees|°|rad|rad/s|hz|m?s|µs|m?m|v|a|n·?m|n", re.IGNORECASE)
+
+
+def option_syntax(text: str) -> str:
+    """A text with fields of a specification as Python writes them, in the syntax of the command line.
+
+    Examples
+    --------
+    >>> option_syntax("`bandwidth` is too large; preset='damped', or via=(0.1, 0.2)")
+    '--bandwidth is too large; --preset damped, or --via 0.1,0.2'
+    """
+
+    known, keyword, field = _syntax()
+
+    def option(match: re.Match[str]) -> str:
+        positive, _, negative = known[match[1]].partition("/")
+        if negative:
+            return negative if match[2] == "False" else positive
+        plain = re.sub(r"\s*,\s*", ",", match[2].strip("()[]'\"").rstrip(", "))
+        return f"{positive} {plain.translate({ord(mark): None for mark in chr(39) + chr(34)})}"
+
+    return field.sub(lambda match: known[match[1]].partition("/")[0], keyword.sub(option, text))
+
+
+def error_text(error: FlexhinfError, arguments: Sequence[str] = ()) -> str:
+    """An error in three parts, in the syntax of the command line, and with the option that was typed.
+
+    `arguments`: those of the command; the limit of the input has a name for each drive beside ``--peak-effort``.
+    """
+    stated = [argument.split("=")[0] for argument in arguments]
+    peak = next((name for name in options.PEAKS if option_name(name) in stated), "")
+    advice = error.advice
+    if (
+        isinstance(error, specification.SpecificationError)
+        and error.field in specification.FIELDS
+        and error.example
+    ):
+        named = option_name(peak) if peak and error.field == "peak_effort" else _syntax()[0][error.field]
+        advice = f"{named.partition('/')[0]} {error.example}"
+    text = str(FlexhinfError(error.what, error.found, advice))
+    if peak:
+        text = text.replace("`peak_effort`", option_name(peak)).replace(
+            "The peak effort ", f"The {peak.replace('_', ' ')} "
+        )
+        text = text.replace(specification.FIELDS["peak_effort"].about.unit, options.PEAKS[peak][1])
+    return option_syntax(text)
+
+
+def mistake(text: str, code: int = USER_ERROR) -> int:
+    """Print what is wrong; returns the exit code."""
+    typer.secho("error: ", fg="red", err=True, nl=False)
+    typer.echo(text, err=True)
+    return code
+
+
+def interrupted(written: Sequence[Path]) -> int:
+    """Print that a command was interrupted, and which files and folders were complete by then."""
+    names = ", ".join(map(str, written))
+    whole = f"written and whole: {names}" if names else "nothing was written"
+    return mistake(f"Interrupted; {whole}.", INTERRUPTED)
+
+
+def system_error(error: OSError | MemoryError, written: Sequence[Path]) -> str:
+    """An error of the operating system in three parts, with the files and folders that were complete by then."""
+    whole = ", ".join(map(str, written)) or "nothing"
+    return str(
+        FlexhinfError(
+            "The system refuses what this command needs.",
+            "expected memory, and room for files and output, got: "
+            f"{str(error) or 'a full memory'}; written and whole: {whole}",
+            "more memory; an output, a working folder and a TMPDIR that can be written, with room",
+        )
+    )
+
+
+def note(text: str) -> None:
+    """Print a note on standard error."""
+    typer.secho(f"note: {option_syntax(text)}", fg="yellow", err=True)
+
+
+def show(tables: Iterable[Any], notes: Iterable[str] = ()) -> None:
+    """Print tables, and then notes."""
+    from rich.console import Console
+
+    for table in tables:
+        Console().print(table)
+    for text in notes:
+        note(text)
+
+
+def parser_error(error: TyperException, arguments: Sequence[str]) -> str:
+    """An error of the option parser, in three parts."""
+    context = getattr(error, "ctx", None)
+    path = context.command_path if context is not None else "flexhinf"
+    known = getattr(error, "possibilities", None)
+    what, _, meant = error.format_message().split(" (Possible")[0].partition(" Did you mean ")
+    typed = getattr(error, "option_name", "")
+    option = RENAMED.get(typed, typed)
+    commands = _with_option(context.find_root().command, "flexhinf", option) if context is not None else []
+    whole = context is not None and any(entry.name == "help_all" for entry in context.command.params)
+    expected = f"what `{path} --help{'-all' * whole}` lists"
+    # a number and its unit in two words
+    apart = next(
+        (pair for pair in pairwise(arguments) if _NUMBERS.match(pair[0]) and _UNIT.fullmatch(pair[1])), ()
+    )
+    if path in commands and option != typed:
+        what, expected, advice = f"{typed} is called {option}", option, f"{option} in the place of {typed}"
+    elif commands and path not in commands:
+        why, instead = "change nothing there", "without it"
+        if option == "--workspace":
+            why, instead = "say nothing of one pose", "--pose"
+        what = f"{path} does not take {option}, which would {why}"
+        advice = f"{instead}; {option} is an option of {', '.join(commands)}"
+    elif known or meant:
+        advice = ", ".join(known or ()) or meant.rstrip("?").strip("'")
+    else:
+        advice = f"write {''.join(apart)} or '{' '.join(apart)}', in one word" if apart else f"{path} --help"
+    return str(
+        FlexhinfError(f"{what.rstrip('.')}.", f"expected {expected}, got: {' '.join(arguments)}", advice)
+    )
+
+
+def _with_option(command: Any, path: str, option: str) -> list[str]:
+    own = [path] if any(option in (*entry.opts, *entry.secondary_opts) for entry in command.params) else []
+    inner = getattr(command, "commands", {}).items()
+    return own + [each for name, entry in inner for each in _with_option(entry, f"{path} {name}", option)]
+
+
+def progress_bar(*columns: str) -> Any:
+    """A bar on standard error that vanishes at its end, silent where that is no terminal: its columns of
+    `rich.progress` by name, then what is done."""
+    from rich import progress
+    from rich.console import Console
+
+    own = [getattr(progress, f"{name}Column")() for name in columns]
+    text, console = progress.TextColumn("{task.description}", markup=False), Console(stderr=True)
+    return progress.Progress(*own, text, console=console, transient=True, disable=not console.is_terminal)
+
+
+@contextmanager
+def step_progress(total: int | None = None, lines: bool = False) -> Iterator[Callable[[str], None]]:
+    """A progress bar of `total` steps around some work; a spinner where their number is unknown.
+
+    It gives a function that is called with the name of each step before the step begins. `lines`: steps take long, so
+    each gets a line where standard error is no terminal.
+    """
+    bar = progress_bar(*(("Spinner",) if total is None else ("Bar", "MofNComplete")), "TimeElapsed")
+    task, begun = bar.add_task("", total=total), 0
+
+    def begin(text: str) -> None:
+        nonlocal begun
+        bar.update(task, advance=min(begun, 1), description=text)
+        begun += 1
+        if lines and bar.disable:
+            typer.echo(f"step {begun} of about {total}: {text}", err=True)
+
+    with bar:
+        yield begin
+
+
+class ProofProgress(ExitStack):
+    """A bar of the estimated share of a proof, with the cells done; silent where standard error is not a terminal."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._bar = self.enter_context(progress_bar("Bar", "TaskProgress", "TimeElapsed"))
+        self._task = self._bar.add_task("", total=None)
+        self._text, self._cells = "", 0
+
+    def step(self, text: str) -> None:
+        """Begin another step, whose length is not known."""
+        self._text, self._cells = text, 0
+        self._bar.reset(self._task, total=None, description=text)
+
+    def share(self, cells: int, share: float) -> None:
+        """Report the number of cells of a proof that are done, and their estimated share."""
+        self._bar.update(self._task, total=1.0, completed=share, description=f"{self._text}, {cells} cells")
+
+    def cells(self, more: int) -> None:
+        """Report that more cells of a check are done."""
+        self._cells += more
+        self._bar.update(self._task, description=f"{self._text}, {self._cells} cells")

@@ -1,0 +1,50 @@
+"""Claims that another process judges."""
+
+from __future__ import annotations
+
+import multiprocessing
+
+import pytest
+
+from flexhinf.paper import PaperSettings, Reproduction
+from flexhinf.paper.apart import judged_apart
+from flexhinf.paper.reproduction import LONG_CLAIMS
+
+
+@pytest.fixture
+def two_processors(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("os.sched_getaffinity", lambda process: {0, 1}, raising=False)
+
+
+@pytest.mark.slow
+def test_another_process_judges_as_this_one(two_processors: None, reproduction: Reproduction) -> None:
+    here = {claim.id: claim.as_dict() for claim in reproduction.claims}
+    with judged_apart(PaperSettings()) as apart:
+        assert apart is not None
+        for stated in LONG_CLAIMS:
+            there = apart()
+            assert there is not None
+            assert there.as_dict() == here[stated.id]
+
+
+def test_of_a_process_that_died_nothing_is_waited_for(two_processors: None) -> None:
+    with judged_apart(PaperSettings()) as apart:
+        assert apart is not None
+        (worker,) = multiprocessing.active_children()
+        worker.kill()
+        assert apart() is None
+    assert multiprocessing.active_children() == []
+
+
+def test_the_process_ends_with_an_interruption(two_processors: None) -> None:
+    with pytest.raises(KeyboardInterrupt), judged_apart(PaperSettings()):
+        raise KeyboardInterrupt
+    assert multiprocessing.active_children() == []
+
+
+def test_one_processor_has_one_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("os.sched_getaffinity", lambda process: {0}, raising=False)
+    monkeypatch.setattr("os.cpu_count", lambda: 1)
+    with judged_apart(PaperSettings()) as apart:
+        assert apart is None
+        assert multiprocessing.active_children() == []
