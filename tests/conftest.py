@@ -6,6 +6,7 @@ import os
 import shutil
 import signal
 import subprocess
+from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from cProfile import Profile
@@ -166,6 +167,40 @@ def bounded_work() -> Callable[[int], AbstractContextManager[None]]:
             assert calls <= most, f"{calls} calls"
 
     return bounded
+
+
+@pytest.fixture(scope="session", autouse=True)
+def as_shipped(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Callable[[], AbstractContextManager[None]]]:
+    """A context in which machine code is made as in the product, and exports compute their stack.
+
+    Outside of it, `make test` hurries: machine code without optimisation, which changes no bit
+    (`tests/loop/simulation/test_optimisation.py`), and no gcc for a line of a README. `tests/codegen`,
+    `tests/export/test_stack.py` and the slow tests never hurry. A user's machine code is left alone.
+    """
+    from flexhinf.codegen import machine, shared
+    from flexhinf.export import stack
+
+    usual = ((machine, "level", machine.level), (machine, "_PASSES", machine._PASSES),
+             (stack, "MACHINES", stack.MACHINES))  # fmt: skip
+    hurried = lambda operations: 0, ("always_inliner", "sroa"), dict.fromkeys(stack.MACHINES, ())
+
+    @contextmanager
+    def shipped() -> Iterator[None]:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("FLEXHINF_CACHE", str(tmp_path_factory.mktemp("as_shipped")))
+            patch.setattr(shared, "_kept", OrderedDict())
+            for place, name, value in usual:
+                patch.setattr(place, name, value)
+            yield
+
+    with pytest.MonkeyPatch.context() as patch:
+        if request.config.option.markexpr == "not slow":
+            patch.setenv("FLEXHINF_CACHE", str(tmp_path_factory.mktemp("hurried")))
+            for (place, name, _), value in zip(usual, hurried):
+                patch.setattr(place, name, value)
+        yield shipped
 
 
 def _slow_cases(items: list[pytest.Item]) -> Iterator[pytest.Item]:
