@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import shutil
 import signal
@@ -213,6 +214,17 @@ def _slow_cases(items: list[pytest.Item]) -> Iterator[pytest.Item]:
         number = of_test[0].get_closest_marker("quick_cases").args[0]
         quick = {round(k * len(of_test) / number) for k in range(number)}
         yield from (item for place, item in enumerate(of_test) if place not in quick)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """What is collected stays: it is not looked through again and again for garbage."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
