@@ -13,6 +13,9 @@ PEERS  ?= .venv-peers
 PYTHON ?= $(shell for p in python3 python3.13 python3.12 python3.11 python; do \
              $$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1 && { echo $$p; exit; }; done)
 
+# The venv's Python keeps bytecode, whatever the user's shell says: tests start hundreds of processes.
+unexport PYTHONDONTWRITEBYTECODE
+
 PY      := $(VENV)/bin/python
 RUN     := $(VENV)/.stamp-run
 DEV     := $(VENV)/.stamp-dev

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import shutil
 import signal
 import subprocess
+from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from cProfile import Profile
@@ -168,6 +170,40 @@ def bounded_work() -> Callable[[int], AbstractContextManager[None]]:
     return bounded
 
 
+@pytest.fixture(scope="session", autouse=True)
+def as_shipped(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Callable[[], AbstractContextManager[None]]]:
+    """A context in which machine code is made as in the product, and exports compute their stack.
+
+    Outside of it, `make test` hurries: machine code without optimisation, which changes no bit
+    (`tests/loop/simulation/test_optimisation.py`), and no gcc for a line of a README. `tests/codegen`,
+    `tests/export/test_stack.py` and the slow tests never hurry. A user's machine code is left alone.
+    """
+    from flexhinf.codegen import machine, shared
+    from flexhinf.export import stack
+
+    usual = ((machine, "level", machine.level), (machine, "_PASSES", machine._PASSES),
+             (stack, "MACHINES", stack.MACHINES))  # fmt: skip
+    hurried = lambda operations: 0, ("always_inliner", "sroa"), dict.fromkeys(stack.MACHINES, ())
+
+    @contextmanager
+    def shipped() -> Iterator[None]:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("FLEXHINF_CACHE", str(tmp_path_factory.mktemp("as_shipped")))
+            patch.setattr(shared, "_kept", OrderedDict())
+            for place, name, value in usual:
+                patch.setattr(place, name, value)
+            yield
+
+    with pytest.MonkeyPatch.context() as patch:
+        if request.config.option.markexpr == "not slow":
+            patch.setenv("FLEXHINF_CACHE", str(tmp_path_factory.mktemp("hurried")))
+            for (place, name, _), value in zip(usual, hurried):
+                patch.setattr(place, name, value)
+        yield shipped
+
+
 def _slow_cases(items: list[pytest.Item]) -> Iterator[pytest.Item]:
     """Of each test that is marked `quick_cases(number)`: the cases beyond that number, the quick ones spread evenly."""
     cases: dict[str, list[pytest.Item]] = {}
@@ -178,6 +214,17 @@ def _slow_cases(items: list[pytest.Item]) -> Iterator[pytest.Item]:
         number = of_test[0].get_closest_marker("quick_cases").args[0]
         quick = {round(k * len(of_test) / number) for k in range(number)}
         yield from (item for place, item in enumerate(of_test) if place not in quick)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """What is collected stays: it is not looked through again and again for garbage."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -7,11 +7,10 @@ import pytest
 from flexhinf.codegen import Buffer, Call, Program, Repeat, Slice, compile_program
 
 
-@pytest.fixture(scope="session", autouse=True)
-def own_cache(tmp_path_factory):
-    """No test reads or writes the user's cache."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("FLEXHINF_CACHE", str(tmp_path_factory.mktemp("cache")))
+@pytest.fixture(scope="module", autouse=True)
+def own_cache(as_shipped):
+    """The optimisation of the product; no test reads or writes the user's cache."""
+    with as_shipped():
         yield
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,13 @@ import flexhinf as fh
 from flexhinf.export import export_c
 from flexhinf.export.controller_c import code_of
 from flexhinf.export.stack import MACHINES, deepest, stack_bytes
+
+
+@pytest.fixture(scope="module", autouse=True)
+def computed_stacks(as_shipped: Callable[[], AbstractContextManager[None]]) -> Iterator[None]:
+    with as_shipped():
+        yield
+
 
 NODES = {"main": 100, "far": 30, "near": 50, "leaf": 8}
 
@@ -68,14 +77,17 @@ def test_large_estimators_need_little_stack(name: str, most: int) -> None:
     assert all(0 < size <= most for size in computed if size is not None)
 
 
-@pytest.mark.slow
-def test_the_readme_states_it(controller: fh.Controller, tmp_path: Path) -> None:
+@pytest.mark.parametrize("which", ["linear", pytest.param("cubic", marks=pytest.mark.slow)])
+def test_the_readme_states_it(which: str, controller: fh.Controller, tmp_path: Path) -> None:
     if shutil.which("gcc") is None:
         pytest.skip("no gcc")
+    if which == "linear":
+        law = fh.linear_law(fh.paper_arm().problem(), gamma=np.inf)
+        controller = fh.Controller(law, None, controller.period, 48.0)
     folder = export_c(controller, tmp_path / "c", "arm")
     files = {name: (folder / name).read_text(encoding="utf-8") for name in ("arm.h", "arm.c")}
     computed = stack_bytes(files, "arm_step", "gcc", ("-O2",))
     assert computed is not None
-    assert 500 < computed <= 2048
+    assert (500 if which == "cubic" else 0) < computed <= 2048
     assert f"{computed} bytes" in (folder / "README.md").read_text(encoding="utf-8")
     assert stack_bytes(files, "arm_step", "no-such-gcc", ()) is None
