@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import gc
 import os
 import shutil
@@ -121,6 +122,13 @@ def only_uncertain() -> Callable[..., Any]:
 def repository() -> Path:
     """The folder that holds pyproject.toml."""
     return Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(scope="session")
+def sources(repository: Path) -> dict[Path, ast.Module]:
+    """Every Python file of the package, parsed once."""
+    files = sorted((repository / "src" / "flexhinf").rglob("*.py"))
+    return {file: ast.parse(file.read_text(encoding="utf-8")) for file in files}
 
 
 @cache

@@ -93,7 +93,7 @@ def columns(function: ast.FunctionDef) -> Iterator[tuple[str, ast.expr]]:
     """Names and what they stand for, by parametrize and by loops over literals."""
     for node in ast.walk(function):
         names, rows = None, None
-        if isinstance(node, ast.Call) and ast.unparse(node.func) == "pytest.mark.parametrize":
+        if isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "parametrize":
             names, rows = node.args[:2]
         elif isinstance(node, (ast.For, ast.comprehension)):
             names, rows = node.target, node.iter

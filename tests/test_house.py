@@ -110,12 +110,12 @@ def loaded_by_name(tree: ast.Module, package: str) -> set[str]:
     return given_to("import_module", "__import__") | late
 
 
-def test_modules_loaded_by_name_are_listed(repository: Path) -> None:
+def test_modules_loaded_by_name_are_listed(repository: Path, sources: dict[Path, ast.Module]) -> None:
     package = repository / "src" / "flexhinf"
     found = {
         (file.relative_to(package).as_posix(), name)
-        for file in package.rglob("*.py")
-        for name in loaded_by_name(ast.parse(file.read_text(encoding="utf-8")), "flexhinf")
+        for file, tree in sources.items()
+        for name in loaded_by_name(tree, "flexhinf")
     }
     libraries = {
         ("robot/mujoco.py", "mujoco"),
@@ -191,13 +191,13 @@ def test_locks_hold_everything_the_project_asks_for(repository: Path) -> None:
     ] == []
 
 
-def test_every_key_cited_is_in_the_references(repository: Path) -> None:
+def test_every_key_cited_is_in_the_references(repository: Path, sources: dict[Path, ast.Module]) -> None:
     bibliography = (repository / "docs" / "references.bib").read_text(encoding="utf-8")
     known = re.findall(r"^@\w+\{(\w+),", bibliography, re.MULTILINE)
     assert sorted(known) == sorted(set(known))
     cited: dict[str, str] = {}
-    for file in (repository / "src").rglob("*.py"):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+    for file, tree in sources.items():
+        for node in ast.walk(tree):
             if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)):
                 keys = re.findall(r"\[([a-z]+(?:19|20)\d\d[a-z]?)\]", ast.get_docstring(node) or "")
                 cited.update(dict.fromkeys(keys, str(file)))
@@ -295,9 +295,9 @@ def identifiers(tree: ast.AST) -> set[str]:
     """Every name that a file makes or uses: of classes, functions, arguments, variables and fields."""
     found = set()
     for node in ast.walk(tree):
-        for kind, field in NAMED.items():
-            if isinstance(node, kind) and (name := getattr(node, field)):
-                found.add(name)
+        field = NAMED.get(type(node))
+        if field is not None and (name := getattr(node, field)):
+            found.add(name)
     return found
 
 
@@ -307,10 +307,10 @@ NAMED = {
 }  # fmt: skip
 
 
-def test_names_are_terms_of_the_field(repository: Path) -> None:
+def test_names_are_terms_of_the_field(repository: Path, sources: dict[Path, ast.Module]) -> None:
     found = {}
-    for file in (repository / "src").rglob("*.py"):
-        names = {file.stem, *identifiers(ast.parse(file.read_text(encoding="utf-8")))}
+    for file, tree in sources.items():
+        names = {file.stem, *identifiers(tree)}
         for name in names:
             parts = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower().split("_")
             if {form for part in parts for form in (part, part.removesuffix("s"))} & RIDDLES:
@@ -319,11 +319,11 @@ def test_names_are_terms_of_the_field(repository: Path) -> None:
     assert set(found) >= TERMS
 
 
-def test_no_value_is_read_for_a_side_effect(repository: Path) -> None:
+def test_no_value_is_read_for_a_side_effect(repository: Path, sources: dict[Path, ast.Module]) -> None:
     """A property that checks or compiles is a method with a verb; nothing reads a value and drops it."""
     found = []
-    for file in (repository / "src").rglob("*.py"):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+    for file, tree in sources.items():
+        for node in ast.walk(tree):
             bare = isinstance(node, ast.Expr) and isinstance(
                 node.value, (ast.Attribute, ast.Name, ast.Subscript)
             )

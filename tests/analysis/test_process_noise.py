@@ -86,6 +86,7 @@ def test_the_sweep_finds_these_corners_and_names_their_form(
     assert (MOTOR_VELOCITIES in found.retunable) == (not between)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(("preset", "scale"), [("damped", 1.784), ("robust", 1.575)])
 def test_robust_stands_less_of_a_common_factor_of_the_tolerances(
     made: SimpleNamespace, arm: Robot, preset: str, scale: float

@@ -92,7 +92,7 @@ PLANTS: dict[str, Callable[[], Any]] = {
 }
 
 
-@pytest.mark.quick_cases(3)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("make", PLANTS.values(), ids=PLANTS.keys())
 def test_a_plant_is_proved_just_below_its_sampled_level_and_refused_above(make: Callable[[], Any]) -> None:
     problem = make()
@@ -107,6 +107,7 @@ def test_a_plant_is_proved_just_below_its_sampled_level_and_refused_above(make: 
         solution.certify(gamma=2.0 * star, level=1.001 * sampled.level)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("name", ["cubic spring", "tanh"])
 def test_the_worst_disturbance_search_never_exceeds_a_proved_gain(name: str) -> None:
     """From V(x(0)) = 0 with an energy within the level; the loop samples fast, and γ leaves no room to speak of."""

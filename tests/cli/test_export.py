@@ -209,6 +209,7 @@ holds = true
 """
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("met", [False, True])
 def test_a_design_that_is_not_met_is_exported_with_a_note(
     met: bool, controller: Path, folder: Path, capsys: pytest.CaptureFixture[str]
@@ -226,6 +227,7 @@ def test_a_design_that_is_not_met_is_exported_with_a_note(
         assert (missed in (folder / "c.out" / file).read_text()) is not met
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("kind", ["c", "fmu"])
 @pytest.mark.parametrize("limits", [None, (-48.0, math.inf), 48.0])
 def test_an_input_without_limits_is_exported_on_purpose_only(

@@ -76,6 +76,7 @@ def test_another_robot_a_load_no_noise(paper: tuple[fh.Robot, fh.Controller]) ->
     assert run_met(run, made) is all(line.met for line in run.requirements(made))
 
 
+@pytest.mark.slow
 def test_a_move_is_followed_in_error_coordinates() -> None:
     """Also where it begins elsewhere than the step of the design: the estimate begins there."""
     robot = fh.load_robot("planar-two-link")

@@ -36,6 +36,7 @@ def quick(name: str, **options: object) -> Design:
     return design(fh.load_robot(name), Specification(**settings))  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 def test_a_small_step_is_that_of_the_linear_loop() -> None:
     """The integrals begin where the input that held the robot at the start goes on: K (x, e) = u(0) − u*."""

@@ -67,6 +67,7 @@ def test_margins_and_poles_are_those_of_python_control(design: Any) -> None:
             assert margins.peak_sensitivity == pytest.approx(1.0 / min(distances), rel=1e-3)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 def test_frequency_response_and_bode_are_those_of_python_control(design: Any) -> None:
     frequencies = np.geomspace(0.3, 300.0, 25)

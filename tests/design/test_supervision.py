@@ -34,6 +34,7 @@ def test_the_workspace_lies_about_start_goal_and_law(setup_of: Callable[..., Loo
         assert controller.supervision.modes(moving=False) == ("none",) * 3
 
 
+@pytest.mark.slow
 def test_a_schedule_adds_the_poses_of_its_laws(setup_of: Callable[..., LoopSetup]) -> None:
     setup, other = setup_of("paper", (1.5,), (0.0,)), setup_of("paper", (-1.0,), (0.0,))
     box = replace(setup, law=fh.Schedule([setup.law, other.law])).supervision.workspace

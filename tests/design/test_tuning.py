@@ -123,6 +123,7 @@ def test_a_pd_acts_on_the_encoder_of_its_motor(rig: Tuner, pd: Any) -> None:
     assert rig.own.setup.specification.measured == ("link_position",)
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 def test_the_encoder_of_the_motor_spares_a_pd_the_sag_of_a_filter_on_the_link(rig: Tuner) -> None:
     """What a spring and a gain leave, K δq + G' δq − K δθ = d, K (δq − δθ) = K_p δθ; old code compared 1.6 times as

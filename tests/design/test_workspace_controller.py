@@ -217,7 +217,7 @@ def test_a_limit_cycle_and_lasting_saturation_are_said() -> None:
     assert np.any(seen & fh.Status.SATURATION)
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("limit", [None, 24.0])
 def test_swings_at_rest_are_watched_without_limits_too(limit: float | None) -> None:
     """Encoders that swing by 20 mrad at 5 Hz make a limit cycle of the status; their noise makes none in 5 s."""
@@ -412,6 +412,7 @@ def test_what_cannot_be_estimated_is_refused() -> None:
         made(measured=("link_position", "motor_position_elbow")).estimator(np.zeros(2))
 
 
+@pytest.mark.slow
 def test_a_payload_is_carried_from_the_start() -> None:
     """Half a kilogram that no model knows: the arm arrives, and starts with less error than without the ramp."""
     setup, heavy, peaks = made(saturation=24.0), fh.load_robot("planar-two-link", payload="0.5kg"), []
@@ -442,6 +443,7 @@ def test_a_campaign_of_robots_makes_a_move() -> None:
     assert float(found["error"].max()) < 2e-3
 
 
+@pytest.mark.slow
 def test_a_run_on_the_robot_of_mujoco_is_a_move_from_the_stated_start(tmp_path: Path) -> None:
     """Of a controller from a file, which begins at home; bare start and goal are those of a run's options."""
     pytest.importorskip("mujoco")

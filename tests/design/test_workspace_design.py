@@ -78,6 +78,7 @@ def test_laws_are_compared_and_proved_at_one_pose(robot_of: Named) -> None:
         fh.compare(robot_of("paper"), s)
 
 
+@pytest.mark.slow
 def test_a_rigid_joint_is_served_too(robot_of: Named) -> None:
     whole, s = (
         robot_of("planar-two-link"),

@@ -97,6 +97,7 @@ def damping(matrix, period, low, high):
 CASES = [{}, pytest.param({"measured": ("motor_position",)}, marks=pytest.mark.slow), {"name": "scara"}]
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("case", CASES)
 def test_damping_and_margins_are_those_of_a_loop_by_hand(case):

@@ -304,6 +304,7 @@ def write_files(page: str, folder: Path) -> None:
 
 
 # Tests ----------------------------------------------------------------------------------------------
+@pytest.mark.quick_cases(8)
 @pytest.mark.parametrize("block", scripts())
 def test_every_command_runs_as_it_is_printed(block: Block, tmp_path: Path) -> None:
     assert block.commands, block.text
@@ -324,7 +325,7 @@ def test_every_command_runs_as_it_is_printed(block: Block, tmp_path: Path) -> No
     assert mistakes(block, outcome) == [], outcome.output[-2000:]
 
 
-@pytest.mark.quick_cases(8)
+@pytest.mark.quick_cases(4)
 @pytest.mark.parametrize("block", programs())
 def test_every_program_runs_as_it_is_printed(block: Block, tmp_path: Path) -> None:
     write_files(block.page, tmp_path)

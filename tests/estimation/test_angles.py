@@ -96,7 +96,7 @@ def assert_alike(first, second, atol=1e-9):
         np.testing.assert_allclose(covariance, expected, rtol=1e-7, atol=1e-10)
 
 
-@pytest.mark.quick_cases(6)
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @EVERY
 @TURNS
@@ -119,6 +119,7 @@ def test_in_compiled_code_too(kind, sampled):
     assert_alike(estimates(kind, plant, 3.0, composed)[0], estimates(kind, plant, 3.0)[0])
 
 
+@pytest.mark.quick_cases(2)
 @EVERY
 def test_what_is_not_declared_is_no_angle(kind):
     """The estimate is lost where the compass jumps."""
@@ -169,7 +170,7 @@ def controller(kind, turn, wrap=wrapped, **options):
     return fh.Controller(law, kind(pendulum(wrap), 0.02, 1e-6, 1e-5, [turn, 0.0], 1e-3), 0.02, **options)
 
 
-@pytest.mark.quick_cases(4)
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", [*KINDS.values(), constant], ids=[*KINDS, "constant gain"])
 @pytest.mark.parametrize("options", [{}, {"offset_time": 0.1}], ids=["plain", "offset"])

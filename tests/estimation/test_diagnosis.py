@@ -105,7 +105,7 @@ def test_no_noise_gets_near_the_limit_of_innovations(size):
     assert innovation_limit(size) < 10_000 + 250 * size
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @KINDS
 @FORMS
 def test_innovations_that_no_noise_explains_are_one_entry_from_sample_to_sample(kind, form):

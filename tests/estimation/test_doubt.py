@@ -146,6 +146,7 @@ def test_estimators_that_do_not_say_cost_nothing():
         assert (controller.doubtful_samples, controller.status) == (0, fh.Status(0))
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("lanes", [1, 8])
 def test_loops_count_what_their_steps_say(lanes, tmp_path):

@@ -47,6 +47,7 @@ def masks(p):
     return [np.array(mask) for mask in itertools.product([True, False], repeat=p) if 0 < sum(mask) < p]
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.oracle
 @PLAIN
 @pytest.mark.parametrize("scale", [1.0, 1e-4])
@@ -89,6 +90,7 @@ NOISE = np.array([[4e-4, 2e-4, -1e-4], [2e-4, 9e-4, 3e-4], [-1e-4, 3e-4, 2.5e-4]
 GIVEN = {"process_noise": 1e-5, "mean": [0.3, 0.2, -0.1], "covariance": [0.04, 0.09, 0.01]}
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.oracle
 @EVERY
 def test_of_sensors_that_are_not_linear_it_is_the_filter_of_the_others(kalman, kind):

@@ -25,7 +25,7 @@ KINDS = {
 EVERY = pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
 
 
-@pytest.mark.quick_cases(4)
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @EVERY
 @pytest.mark.parametrize("gate", [0.5, 0.99, 0.999999])
@@ -133,6 +133,7 @@ def test_a_covariance_that_is_singular_to_rounding_is_counted():
 
 
 # In controllers ------------------------------------------------------------------------------------------
+@pytest.mark.quick_cases(3)
 @EVERY
 @pytest.mark.parametrize("pieces", [False, True])
 def test_to_a_controller_an_outlier_is_a_missing_element(kind, pieces):
@@ -158,6 +159,7 @@ def test_to_a_controller_an_outlier_is_a_missing_element(kind, pieces):
     assert gated.rejected.tolist() == [0, 0]
 
 
+@pytest.mark.quick_cases(2)
 @EVERY
 def test_a_loop_is_that_of_its_steps_and_files_keep_the_gate(kind, tmp_path):
     controller = fh.Controller(

@@ -70,7 +70,7 @@ def test_it_is_the_filter_of_a_plant_with_an_unused_input(seen, kind, form, samp
         assert restored.mean.shape == (2,)
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @KINDS
 @FORMS
 @SAMPLED

@@ -89,6 +89,7 @@ def test_two_observers_differ_by_powers_of_a_matrix(make, poles, period):
         second.predict(u)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("make", [arm, lambda: oscillators(0.4)], ids=["arm", "two"])
 def test_the_error_is_linear_up_to_the_period_squared(make):

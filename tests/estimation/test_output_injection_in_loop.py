@@ -28,6 +28,7 @@ def rate_measured():
     return fh.load_robot("planar-two-link").plant(["link_position", "link_velocity", "motor_position"])
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize("one_trace", [10**9, 0], ids=["one trace", "composed"])
 @pytest.mark.parametrize("make", [lambda: fh.paper_arm().plant(), rate_measured], ids=["arm", "two links"])

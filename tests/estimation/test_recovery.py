@@ -36,6 +36,7 @@ def peer_run(order, period, r, p0, samples):
     return peer
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize(("order", "r", "p0"), [(2, 1e-12, 1e4), (3, 1e-12, 1e4), (2, 1e-9, 1e6)])

@@ -90,6 +90,7 @@ def test_the_nearest_semidefinite_matrix_is_taken_and_said(kind):
         assert np.array_equal(again, matrix)
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_is_clipped_is_counted_and_stays_said(kind, form):
@@ -170,7 +171,7 @@ EXACT = {
 }
 
 
-@pytest.mark.quick_cases(4)
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize("bent", [0.0, 1e-30])
 @pytest.mark.parametrize("form", FORMS)
@@ -199,6 +200,7 @@ def test_exact_measurements_are_those_of_the_kalman_filter(case, kind, form, ben
         assert sum(entry.count for entry in filter.diagnosis) == (130 if left_out else 0)
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("gate", [None, 0.9999])
@@ -216,6 +218,7 @@ def test_where_nothing_is_uncertain_nothing_moves(kind, form, gate):
     np.testing.assert_allclose(filter.mean, np.linalg.matrix_power(F, 120) @ [0.1, 0.2, 0.3], rtol=1e-12)
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_controller_takes_it_says_it_and_is_saved(kind, form, tmp_path):

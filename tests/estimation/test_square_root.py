@@ -74,6 +74,7 @@ def exact(case, n, p, samples):
     return found
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.oracle
 @BOTH
 @pytest.mark.parametrize(
@@ -101,6 +102,7 @@ def test_where_variances_lie_many_decades_apart_it_is_right(kind, prior, noise, 
         estimator.predict([u])
 
 
+@pytest.mark.quick_cases(2)
 @BOTH
 @pytest.mark.parametrize("rank", [0, 1, 2])
 def test_a_state_that_is_known_exactly_stays_so(kind, rank):

@@ -46,6 +46,7 @@ def test_on_a_linear_plant_they_are_the_kalman_filter(kalman, kind, n, p, period
         assert kalman.relative(mean, covariance, *expected) < 1e-10
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @BOTH
 def test_composed_they_are_their_text_on_floats(kalman, kind):

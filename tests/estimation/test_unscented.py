@@ -168,7 +168,7 @@ def test_without_redraw_the_points_move_with_the_initial_mean():
     np.testing.assert_allclose(other.points[:, 0], other.mean)
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("form", ["covariance", "square_root"])
 @pytest.mark.parametrize("kappa", [0.0, 1.0])
 def test_bounds_hold_whatever_is_measured(form, kappa):

@@ -152,6 +152,7 @@ def test_the_compiler_of_windows_does_not_warn(real: str, exported: dict[str, Pa
     assert run(tool("clang"), *words, "-imsvc", tmp_path, folder=exported[real]) == ""
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 @pytest.mark.parametrize("flag", ["-ffast-math", "-Ofast", "-ffinite-math-only"])
 def test_what_would_remove_the_checks_is_refused(compiler: str, flag: str, exported: dict[str, Path]) -> None:
@@ -249,6 +250,7 @@ def test_no_rule_of_misra_is_broken_but_those_that_are_listed_with_a_reason(chec
     assert found == {line for line in listed if line.startswith("misra")}
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize("flags", ["-O2", "-O0 -fno-builtin", "-O0 -fno-builtin -mfma"])
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_it_has_no_memory_of_its_own_and_needs_the_mathematical_library_alone(

@@ -41,6 +41,7 @@ def test_the_library_says_and_counts_the_same(kind: str, compiler: str, tmp_path
     assert (library.status, library.doubtful_samples) == (0, 0)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("form", ["square_root", "covariance"])
 def test_the_library_takes_measurements_without_noise(form: str, compiler: str, tmp_path: Path) -> None:
     """Of two outputs that are alike the second one is left out, at every sample."""

@@ -207,6 +207,7 @@ int main(void)
 """
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("kind", ["controller", "plant"])
 def test_an_fmu_refuses_such_flags_too(
     kind: str, compiler: str, needs_compiler: Callable[..., None], tmp_path: Path
@@ -260,6 +261,7 @@ int main(void)
 """
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_a_processor_that_is_set_otherwise_is_noticed(
     real: str, exported: tuple[dict[str, Path], np.ndarray, list[np.ndarray]], compiler: str, tmp_path: Path

@@ -76,6 +76,7 @@ def test_in_float_it_does_without_them_too(kind: str, build: Callable[..., Any])
     assert np.abs(u - expected).max() < 1e-2 * np.abs(expected).max()
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", ["ukf", "ukf, rows", "ekf"])
 def test_the_exported_step_counts_the_turns_of_an_angle(kind: str, build: Callable[..., Any]) -> None:

@@ -99,6 +99,7 @@ def test_a_parameter_may_be_anywhere_within_its_tolerance(
             assert check(changed) == (NOT_PHYSICAL, place), name
 
 
+@pytest.mark.quick_cases(1)
 def test_limits_may_be_narrower_and_rates_slower(paper: tuple[fh.Controller, Check, np.ndarray]) -> None:
     made, check, designed = paper
     at = {name: place.start for name, place in made.data.places.items()}

@@ -122,7 +122,7 @@ def test_hostile_samples_are_answered_as_in_python(name: str, build: Callable[..
     np.testing.assert_array_equal(u, expected)
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("real", ["float", "double"])
 def test_the_test_vector_passes(real: str, build: Callable[..., Any], compiler: str) -> None:
     compiled = build(CONTROLLERS["linear, ekf, limits"](), real)

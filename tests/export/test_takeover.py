@@ -44,7 +44,7 @@ def control() -> fh.Controller:
     """A cubic law with an integral, the unscented filter, and a sample of latency."""
     arm = fh.paper_arm()
     specification = fh.Specification(
-        pose=0.8, start=0.0, preset="damped", degrees=(4,), draws=0, saturation=LIMIT
+        pose=0.8, start=0.0, preset="damped", degrees=(4,), draws=0, rays=0, saturation=LIMIT
     )
     return fh.design(arm, specification).controller()
 

@@ -116,6 +116,7 @@ def test_what_cannot_be_filmed_is_refused_first(
     assert len(ArmFilm(prepared, replace(run, trajectory=broken)).time) == 20
 
 
+@pytest.mark.slow
 def test_a_rigid_joint_has_its_motor_at_the_link(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its states have no motor: in the film and in the figure of a report the motors stand where they are."""
     robot = replace(fh.load_robot("planar-two-link"), rigid=("shoulder",))

@@ -46,6 +46,7 @@ def test_a_design_ends_with_a_screen(report_design: Make, name: str) -> None:
     assert ("Not met:" in text) is ("To try:" in text) is bool(missed)
 
 
+@pytest.mark.slow
 def test_every_kind_that_is_missed_is_named(report_design: Make) -> None:
     design = report_design("met")
     lines = [

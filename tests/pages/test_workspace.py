@@ -210,6 +210,7 @@ def test_the_terminal_shows_every_kind_that_is_missed(design, count):
     assert (unnamed(table, "the page") == []) == (cut > 0)
 
 
+@pytest.mark.slow
 def test_requirements_on_gain_and_delay_say_what_is_tolerated(design, tolerated):
     """Of factors up and down the one that is nearer to 1."""
     lines = summary.requirements_with_margins(design)
@@ -346,6 +347,7 @@ def test_damping_that_the_design_leaves_out_is_named():
     assert summary.damping_notes(fh.paper_arm(), Specification()) == []
 
 
+@pytest.mark.slow
 def test_the_cause_of_the_remaining_error_is_found_by_a_move_without_it(design, monkeypatch):
     """By the moves of the design made again; the ending names the cause and what lessens it."""
     cause = remaining_cause(design)
@@ -367,6 +369,7 @@ def test_the_cause_of_the_remaining_error_is_found_by_a_move_without_it(design, 
     assert quantity_of("motor_inertia_elbow", ("shoulder", "elbow")) == "motor inertia"
 
 
+@pytest.mark.slow
 def test_the_speed_that_was_tested_and_the_own_vibrations_are_said(design):
     text = summary.speed_text(design)
     fastest = max(

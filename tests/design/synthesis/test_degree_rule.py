@@ -56,6 +56,7 @@ def test_a_long_step_against_gravity_takes_the_cubic_law(name: str, seed: int) -
     assert quintic.cost > (1.0 - GAIN) * cubic.cost, "one degree more saves nothing"
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("name", ["paper", "vertical-rig"])
 def test_a_short_step_takes_the_linear_law_without_a_run_of_the_others(name: str) -> None:
     used, (linear, *higher), _ = decided(fh.load_robot(name), pose="90deg", start="80deg")
@@ -66,6 +67,7 @@ def test_a_short_step_takes_the_linear_law_without_a_run_of_the_others(name: str
         assert np.isnan(choice.cost)
 
 
+@pytest.mark.slow
 def test_a_robot_without_gravity_takes_the_linear_law_for_any_step() -> None:
     used, choices, _ = decided(fh.load_robot("quanser-rotflex"), pose="90deg", start="-90deg")
     assert used.degree == 2

@@ -163,6 +163,7 @@ def _swing(setup: LoopSetup, estimated: bool, frequency: float) -> float:
     return float(late.max() - late.min()) / 2e-3
 
 
+@pytest.mark.slow
 def test_a_stated_ripple_is_a_limit_of_the_noise(
     robot_of: Callable[[str], Any], only_uncertain: Callable[..., Any], searched: Any
 ) -> None:

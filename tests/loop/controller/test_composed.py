@@ -100,6 +100,7 @@ def stepped(program: Program, composed, make, lanes=1, steps=5):
     return np.array(inputs)
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", ["ukf", "points kept", "ekf", "two outputs"])
 def test_composed_equals_interpreted_and_any_lanes(made, routes, kind):

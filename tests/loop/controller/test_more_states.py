@@ -79,7 +79,7 @@ def samples(count=25):
 
 
 # The law reads its own states --------------------------------------------------------------------------
-@pytest.mark.quick_cases(3)
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @FORMS
 @pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter])
@@ -119,7 +119,7 @@ def test_the_order_of_the_estimated_states_does_not_matter():
     np.testing.assert_allclose(missing[1], missing[0], rtol=1e-9)
 
 
-@pytest.mark.quick_cases(4)
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize("latency", [0, 1, 3])
 @pytest.mark.parametrize(

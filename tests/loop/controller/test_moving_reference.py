@@ -168,6 +168,7 @@ def test_a_law_without_integrals_follows_but_tracks_nothing(made):
         run.metrics("ua")
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("estimated", [True, False])
 def test_composed_equals_one_trace(made, monkeypatch, estimated):

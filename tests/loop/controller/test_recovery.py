@@ -44,6 +44,7 @@ class Numbered(Law):
 
 
 # A measurement that is missing ----------------------------------------------------------------------
+@pytest.mark.quick_cases(3)
 @pytest.mark.oracle
 @pytest.mark.parametrize("composed", [False, True])
 @pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter, OutputInjectionObserver])

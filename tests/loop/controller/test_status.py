@@ -161,6 +161,7 @@ def test_a_goal_outside_the_workspace_is_reported_by_the_step_that_hears_of_it(m
     assert u == pytest.approx(controller.law.operating_input)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize(("damping", "alarm"), [(0.05, False), (0.049, False), (0.04, True), (0.0, True)])
 def test_swings_that_settle_as_stated_are_no_limit_cycle(damping: float, alarm: bool) -> None:
@@ -267,6 +268,7 @@ def test_an_event_freezes_the_command_where_the_joint_is_until_a_reset(event: st
     assert controller.status == fh.Status(0)
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("plant", ["equations", "mujoco"])
 @pytest.mark.parametrize("by_name", [False, True])
 def test_a_loop_brakes_its_command_as_the_signal_that_is_braked(plant: str, by_name: bool) -> None:

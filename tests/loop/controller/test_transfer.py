@@ -61,6 +61,7 @@ def test_a_linear_law_in_closed_form(made, moving, limit):
     assert np.any(np.abs(inputs) == limit) == np.isfinite(limit)
 
 
+@pytest.mark.quick_cases(8)
 @pytest.mark.oracle
 @pytest.mark.parametrize("moving", [False, True])
 @pytest.mark.parametrize("degree", [1, 3, 5])
@@ -131,7 +132,7 @@ def test_what_no_integral_reaches_is_held_and_never_grows(last, reached):
     np.testing.assert_allclose(second - last, bias * (np.exp(-H) - 1.0), atol=1e-12)
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", ["ukf", "none", "two inputs"])
 @pytest.mark.parametrize("moving", [False, True])

@@ -48,7 +48,7 @@ class Stuck(BlackBox):
         return self.x
 
 
-@pytest.mark.quick_cases(4)
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("limit", [None, 1e9, (-np.inf, 300.0)])
 @pytest.mark.parametrize("pose", [None, 0.8])
 @pytest.mark.parametrize("law", [lambda p: fh.linear_law(p, gamma=math.inf), lqr])
@@ -129,6 +129,7 @@ def test_a_limit_in_proportion_is_the_bound_itself():
         assert ("windup_limit" in controller.data.places) is bounded
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("composed", [False, True])
 @pytest.mark.parametrize("laws", [1, 2])
 def test_it_is_saved_and_the_same_in_pieces(laws, composed, tmp_path, monkeypatch):

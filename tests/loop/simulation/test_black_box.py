@@ -81,6 +81,7 @@ def test_the_controller_is_not_touched(loops):
     np.testing.assert_array_equal(loop.controller.step(0.3, 1.0), second)
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(
     ("kind", "value"), [(OpenBox, np.inf), (OpenBox, None), (Box, np.nan), (Box, np.inf)]
 )

@@ -51,6 +51,7 @@ def test_measurements_lie_on_the_grid(made):
     assert run.settings["quantisation"] == [STEP]
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("samples", [1, 3])
 def test_a_delayed_input_acts_later(made, samples):
     late = Loop(paper_arm().plant(), Controller(made.law, made.ukf(), latency=0), delay=samples * 1e-3)

@@ -68,6 +68,7 @@ def test_the_true_state_fed_back_and_a_run_alone_in_its_lanes(made, lanes):
         same(run, alone(loop, k, **given))
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("options", [{}, LOADED])
 def test_few_plants_say_the_same_numbers_as_many(made, lanes, options):
     """On the kernel of a single run, reduced afterwards, and in lanes, reduced on the way."""
