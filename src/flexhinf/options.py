@@ -268,8 +268,8 @@ class Marker:
         self._name, self._arguments, self._named = name, arguments, named
 
     def __iter__(self) -> Iterator[Any]:
-        made = getattr(pydantic, self._name)(*self._arguments, **self._named)
-        yield from made.metadata if self._name == "Field" else (made,)
+        marker = getattr(pydantic, self._name)(*self._arguments, **self._named)
+        yield from marker.metadata if self._name == "Field" else (marker,)
 
 
 #: A value is read by this function, before it is checked; bounds.

@@ -87,7 +87,7 @@ class Command(TyperCommand):
     @property
     def params(self) -> list[Any]:
         """Arguments and options."""
-        return self._made().params
+        return self._built().params
 
     @params.setter
     def params(self, none_yet: list[Any]) -> None: ...
@@ -95,12 +95,12 @@ class Command(TyperCommand):
     @property
     def callback(self) -> Any:
         """The function of `with_options`, to which `_declare` has given its options."""
-        return self._made().callback
+        return self._built().callback
 
     @callback.setter
     def callback(self, without_options: Any) -> None: ...
 
-    def _made(self) -> Any:
+    def _built(self) -> Any:
         if self._whole is None:
             if "own" not in vars(self._function):
                 _declare(self._function)
@@ -157,14 +157,14 @@ def _parameter(field: FieldInfo, both: bool) -> inspect.Parameter:
 def _shortened(parameters: Iterable[inspect.Parameter], seldom: Collection[str]) -> inspect.Parameter:
     """Hide options that are seldom used, and all but the first sentence on the others; returns the option that shows
     everything."""
-    shown = {
+    declared_options = {
         each.name: option
         for each in parameters
         for option in getattr(each.annotation, "__metadata__", ())
         if isinstance(option, OptionInfo)
     }
-    texts = {name: option.help for name, option in shown.items()}
-    for name, option in shown.items():
+    texts = {name: option.help for name, option in declared_options.items()}
+    for name, option in declared_options.items():
         option.hidden = name in seldom
         option.help = re.split(r"(?<=\.) (?=[A-Z])", str(option.help))[0]
 
@@ -176,7 +176,7 @@ def _shortened(parameters: Iterable[inspect.Parameter], seldom: Collection[str])
             typer.echo(context.get_help())
             raise typer.Exit()
 
-    count = sum(option.hidden for option in shown.values())
+    count = sum(option.hidden for option in declared_options.values())
     text = f"Show all of this, and {count} more options."
     option = typer.Option("--help-all", help=text, is_eager=True, callback=show, rich_help_panel=ADVANCED)
     keyword = inspect.Parameter.KEYWORD_ONLY

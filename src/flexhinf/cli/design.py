@@ -143,14 +143,14 @@ def paper(context: typer.Context, o: options.PaperOptions) -> None:
             f"the paper's arm is odd, so V has no terms of degree {o.degree}: it is degree {o.degree - 1} again."
         )
     # every setting, as defaults change
-    words = [word for name, value in settings.items() for word in (option_name(name), str(value))]
+    settings_text = [word for name, value in settings.items() for word in (option_name(name), str(value))]
     out = [] if o.out == options.PaperOptions().out else ["--out", o.out.name]
     stated = PaperSettings(**settings)
     with judged_apart(stated) as apart:
         from flexhinf.paper import STAGES, reproduce  # while the other process loads it too
 
         with step_progress(STAGES) as progress:
-            result = reproduce(stated, ["flexhinf", "paper", *words, *out], progress, apart)
+            result = reproduce(stated, ["flexhinf", "paper", *settings_text, *out], progress, apart)
     folder = report.write(o.out, result.files)
     title = (
         f"γ* of the paper's problem = {result.metrics['gamma_star']:.4f}, "
