@@ -11,14 +11,15 @@ from flexhinf.polynomial import algebra, algebra as threads, basis
 
 @pytest.mark.parametrize("way", ["at once", "in tiles", "machine code"])
 @pytest.mark.parametrize("kind", [float, complex])
-@pytest.mark.parametrize(("n", "k"), [(1, 3), (2, 5), (5, 4), (9, 3), (13, 2), (23, 3)])
+@pytest.mark.parametrize(
+    ("n", "k"), [(1, 3), (2, 5), (5, 4), (8, 5), (9, 3), (11, 6), (13, 2), (23, 3), (26, 4)]
+)
 def test_change_of_variables(monkeypatch, way, kind, n, k):
     monkeypatch.setattr(transform, "_SMALL", 10**9 if way == "at once" else 0)
     monkeypatch.setattr(threads, "_TILE_PRODUCTS", 10**9 if way == "at once" else 700)
     monkeypatch.setattr(transform, "_LARGE", 0 if way == "machine code" else 10**9)
     monkeypatch.setattr(transform, "_TILE_BYTES", 5_000)
-    monkeypatch.setattr(contraction, "_COLUMNS", 40)
-    monkeypatch.setattr(contraction, "_WHOLE", 40)
+    monkeypatch.setattr(contraction, "_ROWS", 5)
     rng = np.random.default_rng(n * 10 + k)
     entries, matrix = rng.standard_normal(basis.count(n, k)), rng.standard_normal((n, n)).astype(kind)
     if kind is complex:

@@ -77,6 +77,7 @@ from time import perf_counter
 import numpy as np
 
 from flexhinf.errors import InfeasibleGamma, InvalidInput, NumericalFailure, refuse_if
+from flexhinf.hinf.homological import rotates_in_machine_code
 from flexhinf.hinf.linear_part import (
     LinearPart,
     Parts,
@@ -118,8 +119,9 @@ def estimate_memory(size: tuple[int, int, int, int], degree: int, expanded: bool
     `size`: States, disturbances, inputs, penalised outputs. `degree`: Degree of V. `expanded`: With the Taylor
     expansion of the plant's code in states, inputs and disturbances together, whose index tuples stay.
 
-    The largest arrays are the two half-transformed tensors count(n, k−s) × count(n, s) of a change of
-    variables, the insertion tables, and the gradients of the lower degrees.
+    The largest arrays are the half-transformed tensors of a change of variables, count(n, k−s) × count(n, s)
+    (two, or the one of s = 2 where it runs in machine code), the insertion tables, and the gradients of
+    the lower degrees.
     """
     n, md, m, _ = size
     highest = count(n, degree)
@@ -128,6 +130,8 @@ def estimate_memory(size: tuple[int, int, int, int], degree: int, expanded: bool
     lower = sum(8 * (n + md + m) * count(n, k - 1) for k in range(2, degree))
     halves = [count(n, degree - s) * count(n, s) for s in range(degree + 1)]
     transform = 8 * max(a + b for a, b in pairwise(halves)) if degree > 2 else 0
+    if rotates_in_machine_code(n, degree):
+        transform = 8 * count(n, degree - 2) * (count(n, 2) + 8) + 2 * 8 * 8 * 12 * count(n, degree - 3)
     values = 8 * 10 * highest
     products = 24 * min(4_000_000, highest * degree) + 4 * sum(
         min(4_000_000, count(n, a) * count(n, k - a)) for k in range(3, degree + 1) for a in range(1, k)

@@ -14,7 +14,8 @@ Linear change of variables in a homogeneous polynomial, in compressed symmetric 
 One index of the symmetric tensor is transformed at a time. In between, the tensor is symmetric in the k−s old
 indices and symmetric in the s new ones: a matrix of count(n, k−s) rows and count(n, s) columns. A step opens
 one old index by the insertion table, contracts it with the matrix and keeps the results whose new index comes
-first in the sorted tuple: dense matrix products on arrays that never exceed count(n, k/2)² numbers.
+first in the sorted tuple: dense matrix products on arrays that never exceed count(n, k/2)² numbers. Large real tensors
+are transformed in machine code, which keeps the tensor of two new indices only (`flexhinf.hinf.contraction`).
 
 Coordinates in which a linear flow is diagonal or triangular: a real matrix times complex pairs.
 
@@ -32,7 +33,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.hinf.contraction import contract
+from flexhinf.hinf.contraction import LANES, Rotation
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import matrix_product, run_all, tile_products
 
@@ -59,6 +60,11 @@ class Workspace:
             self._buffers[turn % 2] = np.empty(size)
         return self._buffers[turn % 2][:size].view(dtype).reshape(rows, columns)
 
+    def aligned(self, size: int) -> np.ndarray:
+        """Doubles, of which the first one begins a line of the cache; as `take` with turn 0."""
+        numbers = self.take(0, 1, size + LANES, np.dtype(float))[0]
+        return numbers[-numbers.ctypes.data // numbers.itemsize % LANES :][:size]
+
 
 def change_variables(
     entries: np.ndarray, n: int, k: int, matrix: np.ndarray, workspace: Workspace | None = None
@@ -68,6 +74,9 @@ def change_variables(
     Entries and M (n, n) are real or complex. A workspace is used again by later calls, one at a time.
     """
     dtype = np.result_type(entries, matrix)
+    if np.issubdtype(dtype, np.float64) and rotates_in_machine_code(n, k):
+        rotation = Rotation(n, k, np.asarray(matrix, float))
+        return rotation.apply(np.asarray(entries, float), (workspace or Workspace()).aligned(rotation.size))
     tensor, matrix = np.ascontiguousarray(entries, dtype).reshape(-1, 1), np.ascontiguousarray(matrix, dtype)
     for s in range(k):
         opening, width = basis.insertion(n, k - s), tensor.shape[1]
@@ -76,10 +85,14 @@ def change_variables(
         else:
             shape = len(opening), basis.count(n, s + 1)
             result = workspace.take(s, *shape, dtype) if workspace else np.empty(shape, dtype)
-            large = s > 0 and dtype.kind == "f" and opening.size * width > _LARGE
-            (contract if large else _contract_one_index)(tensor, opening, n, s, matrix, result)
+            _contract_one_index(tensor, opening, n, s, matrix, result)
             tensor = result
     return tensor.reshape(-1).copy() if workspace else tensor.reshape(-1)
+
+
+def rotates_in_machine_code(n: int, k: int) -> bool:
+    """Whether a change of real variables is large enough to be worth machine code and a second thread."""
+    return k > 2 and n >= LANES and basis.count(n, k - 2) * n * basis.count(n, 2) > _LARGE
 
 
 @lru_cache(64)
@@ -92,7 +105,7 @@ def _sorted_pairs(n: int, s: int) -> np.ndarray:
 def _contract_one_index(
     tensor: np.ndarray, opening: np.ndarray, n: int, s: int, matrix: np.ndarray, result: np.ndarray
 ) -> None:
-    """The contraction of `flexhinf.hinf.contraction` by NumPy, in tiles."""
+    """One step by NumPy, in tiles."""
     width, most = basis.count(n, s), max(1, tile_products(result.dtype) // n**2)
     columns = min(width, most)
     rows = max(1, _TILE_BYTES // (n * columns * tensor.itemsize)) if s else _TILES * most
