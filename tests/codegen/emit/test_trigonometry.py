@@ -104,3 +104,27 @@ def test_what_is_done_again_for_a_far_angle_still_has_its_arguments():
         alone[:, lane] = one
     np.testing.assert_array_equal(found, alone)
     np.testing.assert_allclose(found, [np.sin(start[1]), np.cos(start[0]) + start[1]], rtol=1e-15)
+
+
+@FUSED
+@pytest.mark.parametrize("angles", [1, 2, 3, 7, 8, 11])
+@pytest.mark.parametrize("far", [False, True])
+def test_sines_of_one_run_that_share_a_vector_have_the_bits_of_many_runs(angles, far, fused):
+    """Sines of sines, of some angles cosines too: rounds of several vectors, the last of which is not full."""
+    x = casadi.SX.sym("x", angles)
+    first = [casadi.sin(x[k]) + (casadi.cos(x[k]) if k % 2 else 0.0) for k in range(angles)]
+    second = [casadi.cos(3.0 * turn + x[0]) for turn in first]
+    function = casadi.Function("turns", [x], [casadi.vertcat(*first, *second)])
+    pieces = Slice("x", size=angles), Slice("y", size=2 * angles)
+    buffers = Buffer("x", angles, "in"), Buffer("y", 2 * angles, "out")
+    program = Program("turns", buffers, (Call(function, pieces[:1], pieces[1:]),))
+    start = np.random.default_rng(7).uniform(-9.0, 9.0, (angles, 8))
+    start[-1, ::3] = 1e200 if far else 1.0
+    many, kernel = np.empty((2 * angles, 8)), compile_program(program, fused=fused)
+    compile_program(program, 8, fused).run({"x": start, "y": many})
+    for lane in range(8):
+        one = np.empty(2 * angles)
+        kernel.run({"x": start[:, lane].copy(), "y": one})
+        np.testing.assert_array_equal(one, many[:, lane])
+        expected = np.asarray(function(start[:, lane])).ravel()
+        np.testing.assert_allclose(one, expected, rtol=0.0, atol=1e-14)

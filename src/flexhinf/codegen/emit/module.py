@@ -65,7 +65,7 @@ _PLACES = 2
 _SUMS = 4  # of a guard, as many as the latency of an addition asks for
 _SMALL = 200  # operations of a function that is put where it is called
 
-#: Columns of a `Map` that travel together in the lanes of a kernel for a single run.
+#: Columns of a `Map`, and angles, that travel together in the lanes of a kernel for a single run.
 BLOCK = 8
 
 
@@ -84,13 +84,13 @@ def emit_function(
     Every store comes after every load, so a result may overwrite an argument; the pointers carry no
     ``noalias``.
 
-    With several lanes a function that has sines is written twice. The first is a straight line without the C library's
-    sines, whose calls would cut it in pieces and spill its registers (a fifth of the instructions of the paper's arm).
-    If an angle turns out to be too far for it, all is done again by the second. The bits are the same.
+    A function that has sines is written twice. The first is a straight line without the C library's sines, whose calls
+    would cut it in pieces and spill its registers (a fifth of the instructions of the paper's arm). If an angle turns
+    out to be too far for it, all is done again by the second. The bits are the same.
     """
     flow = read_dataflow(function, OPCODES, module.fused)
     far = ""
-    if lanes.width > 1 and any(operation.code in NEAR for operation in flow.operations.values()):
+    if any(operation.code in NEAR for operation in flow.operations.values()):
         far = f"{name}_far"
         _define(module, far, function, flow, lanes, shared, "noinline optnone cold ")
     _define(module, name, function, flow, lanes, shared, far=far)
@@ -108,27 +108,29 @@ def _define(
     far: str = "",
 ) -> None:
     """Write the function; with `far`, as a straight line that calls the function `far` where an angle is large."""
-    writer, values, angles = Writer(module, lanes), dict[int, str](), list[str]()
-    for k, operation in flow.operations.items():
-        if operation.code == casadi.OP_CONST:
-            values[k] = lanes.constant(operation.constant)
-        elif operation.code == casadi.OP_INPUT:
-            argument, element = operation.arguments
-            values[k] = writer.load_element(f"%in{argument}", element, shared[argument])
-        else:
-            operands = [values[argument] for argument in operation.arguments]
-            near = bool(far) and operation.code in NEAR
-            values[k] = (NEAR if near else OPCODES)[operation.code](writer, *operands)
-            angles += operands if near else []
+    writer, values, beyond = Writer(module, lanes), dict[int, str](), list[str]()
+    rules = OPCODES | NEAR if far else OPCODES
+    for straight, turns in _rounds(flow) if far and lanes.width == 1 else [(list(flow.operations), [])]:
+        for k in straight:
+            operation = flow.operations[k]
+            if operation.code == casadi.OP_CONST:
+                values[k] = lanes.constant(operation.constant)
+            elif operation.code == casadi.OP_INPUT:
+                argument, element = operation.arguments
+                values[k] = writer.load_element(f"%in{argument}", element, shared[argument])
+            else:
+                operands = [values[argument] for argument in operation.arguments]
+                values[k] = rules[operation.code](writer, *operands)
+        beyond += _emit_turns(writer, flow, turns, values)
+    if far and lanes.width > 1:
+        angles = (op.arguments[0] for op in flow.operations.values() if op.code in NEAR)
+        beyond = [is_far(writer, values[angle]) for angle in dict.fromkeys(angles)]
     pointers = [
         *(f"ptr %in{k}" for k in range(function.n_in())),
         *(f"ptr %out{k}" for k in range(function.n_out())),
     ]
     if far:  # before anything is stored: a result may overwrite an argument
-        some = reduce(
-            lambda a, b: writer.let(f"or {lanes.boolean} {a}, {b}"),
-            [is_far(writer, angle) for angle in dict.fromkeys(angles)],
-        )
+        some = reduce(lambda a, b: writer.let(f"or {lanes.boolean} {a}, {b}"), beyond)
         writer.place("far", f"br i1 {writer.any(some)}, label %far, label %near, !prof !0")
         writer.do(f"call void @{far}({', '.join(pointers)})")
         writer.place("near", "ret void")
@@ -138,6 +140,47 @@ def _define(
     module.define(
         name, f"define internal void @{name}({', '.join(pointers)}) {attributes}nounwind {{", writer.lines
     )
+
+
+def _rounds(flow: Dataflow) -> list[tuple[list[int], list[int]]]:
+    """Values by the number of sines and cosines that they wait for, one after the other: first what is neither, then
+    the sines and cosines, which need not wait for each other."""
+    depths, rounds = dict[int, int](), list[tuple[list[int], list[int]]]()
+    for k, operation in flow.operations.items():
+        before = () if operation.code == casadi.OP_INPUT else operation.arguments
+        depths[k] = max((depths[a] + (flow.operations[a].code in NEAR) for a in before), default=0)
+        if depths[k] == len(rounds):
+            rounds.append(([], []))
+        rounds[depths[k]][operation.code in NEAR].append(k)
+    return rounds
+
+
+def _emit_turns(writer: Writer, flow: Dataflow, turns: Sequence[int], values: dict[int, str]) -> list[str]:
+    """Emit sines and cosines that do not wait for each other, `BLOCK` angles in the lanes of one vector: in one run the
+    sigma points of a stage, say. Adds them to the values; returns whether angles are too far for them, of each vector.
+    """
+    beyond, angles = [], list(dict.fromkeys(flow.operations[k].arguments[0] for k in turns))
+    for first in range(0, len(angles), BLOCK):
+        some = angles[first : first + BLOCK]
+        wide = writer.alike(Lanes(1 << (len(some) - 1).bit_length()))
+        width, real, packed = wide.lanes.width, wide.lanes.real, values[some[0]]
+        if width > 1:
+            packed = "poison"
+            for lane in range(width):  # what is left over repeats the last angle
+                angle = values[some[min(lane, len(some) - 1)]]
+                packed = writer.let(f"insertelement {real} {packed}, double {angle}, i64 {lane}")
+        beyond.append(wide.any(is_far(wide, packed)))
+        found = dict[int, str]()
+        for k in turns:
+            code, (angle,) = flow.operations[k].code, flow.operations[k].arguments
+            if angle not in some:
+                continue
+            if code not in found:
+                found[code] = NEAR[code](wide, packed)
+            values[k] = found[code]
+            if width > 1:
+                values[k] = writer.let(f"extractelement {real} {found[code]}, i64 {some.index(angle)}")
+    return beyond
 
 
 def emit_normal(caller: Writer, step: str, channel: int, key: Sequence[str]) -> str:
