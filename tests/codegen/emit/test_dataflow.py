@@ -91,3 +91,14 @@ def test_shortened_conditions_are_those_of_casadi(pointwise):
             len(read_dataflow(function, OPCODES, fused=False).operations) < function.n_instructions() - 1
         )
     assert shorter >= 10
+
+
+def test_stages_decide_nothing() -> None:
+    """What a stage ends with is no use of a product, and what no result needs is left out."""
+    product, unused = X * Y, casadi.exp(Z)
+    plain = read_dataflow(casadi.Function("f", [X, Y, Z], [product + Z]), OPCODES, fused=True)
+    staged = casadi.Function("f", [X, Y, Z], [casadi.vertcat(product, unused), product + Z])
+    flow = read_dataflow(staged, OPCODES, fused=True, stages=1)
+    assert [o.code for o in flow.operations.values()] == [o.code for o in plain.operations.values()]
+    assert (len(flow.outputs), flow.outputs[0][0], len(flow.ends)) == (1, 0, 1)
+    assert flow.ends[0] < flow.outputs[0][2]

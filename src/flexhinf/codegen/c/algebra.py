@@ -92,7 +92,7 @@ def outer_sum(name: str, weighted: bool, added: bool, symmetric: bool, tall: int
             target[j * columns + i] = target[i * columns + j];
         }
     }"""
-    return f"""static void {name}({", ".join(arguments)}, {{R}} *target, int count, int rows, int columns)
+    return f"""static NOINLINE void {name}({", ".join(arguments)}, {{R}} *target, int count, int rows, int columns)
 {{
     for (int block = 0; block < columns; block += {WIDE}) {{
         const int j = {_last("block", "columns", wide)};

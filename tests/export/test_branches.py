@@ -1,0 +1,130 @@
+"""What a step of exported C may decide by data: every branch and every loop of the text is of a listed kind."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+import pytest
+
+import flexhinf as fh
+from flexhinf.export.controller_c import code_of
+
+V, NUMBER = r"\(?-?[vw]\d+(\[l\])?\)?", r"\(?-?\d[\w.+-]*\)?"
+VALUE = rf"({V}|{NUMBER}|-?HUGE_VALF?)"
+SIZE = r"[\w+*% -]+"  # of integers that are constants where the function is called
+
+#: Choices between two numbers that are both computed before: they take as long whatever they choose.
+CHOICES = (
+    rf"const real v\d+ = \({VALUE} (<|<=|==|!=|>) {VALUE}( \|\| isnan\({V}\))?\) \? {VALUE} : {VALUE};",
+    rf"const real v\d+ = \(\({VALUE} != {VALUE}\) (&&|\|\|) \({VALUE} != {VALUE}\)\) \? {VALUE} : {VALUE};",
+    rf"const real v\d+ = \({VALUE} < {VALUE}\) \? {VALUE} : \(\({VALUE} > {VALUE}\) \? {VALUE} : {VALUE}\);",
+    r"const int \w+ = \([\w -]+ < \d+\) \? [\w -]+ : \w+;",  # sizes, not data
+    r"const real inverse = \(row\[j\] <= least && row\[j\] >= -tolerance \* moved\) \? .*;",  # a pivot that is zero
+    r"const real (share|inverse) = \(whole <= .*\) \? .*;",
+    r"const real norm = \(diagonal < 0[.e+0]*f?\) \? -size : size;",
+    r"const real [sc]v = \(m \* .*\) \? [sc] : [sc];", r"(return|sine\[l\] =|cosine\[l\] =) \(.*\) \? -[sc]v : [sc]v;",
+    r"far \+= \(fabs\(x\[l\]\) <= .*\) \? 0 : 1;", r"rows\[.*l < left \? l : left - 1.*;",
+    r"const int rows = \(triangle > 0\) \? m - triangle \+ c \+ 1 : m;",
+    r"target\[.*\] = \(i == c\) \? norm : 0[.e+0]*f?;",
+    r"target\[q \* p \+ i\] = \(low - low == 0[.e+0]*f?\) \? high \+ low : high;",
+)  # fmt: skip
+
+#: Loops, all with bounds that are constants; one is left out for columns that are zero.
+LOOPS = (
+    rf"for \(int \w+ = {SIZE}; \w+( \+ \d+)? (<|<=|>=) {SIZE}; (\+\+|--)?\w+( \+= \d+)?\) {{",
+    r"for \(int e = 0; e < \(\([\w -]+ < \d+\) \? [\w -]+ : \d+\); \+\+e\) {",
+    r"for \(int i = c; i < rows && !\(whole <= .*\); \+\+i\) {",
+)
+
+#: Branches: numbers that are not finite, sine and cosine far away, and steps that are left out where a flag is zero.
+BRANCHES = (
+    r"if \(arm_finite\([\w +]+, \d+\) == 0\) {", r"if \(isfinite\(\w+\[i\]\) (==|!=) 0\) {",
+    r"if \(!\(fabsf?\(x\) <= reach\)\) {", r"if \(far > 0\) {", r"if \(\*\([\w +]+\) != 0[.e+0]*f?\) {",
+    r"if \(source < target\) {", r"if \(size > best\) {", r"if \(j < n\) {", r"}? ?else {",
+)  # fmt: skip
+
+#: What stands in every export: rules of samples, which the header describes, and functions that no step calls.
+RULES = re.compile(
+    r"int arm_(exact|init|start|check|step|predict)\(|int (same|went_back)\(|void (limit|begin|hold)\(|real number\(|"
+    r"arm_type_of_constants|ranges\[RANGES\]"
+)
+
+
+def functions(text: str) -> list[tuple[str, list[str]]]:
+    """Head and lines of each function, without comments and lines that are folded."""
+    code = re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
+    code = re.sub(r",\n +", ", ", code)
+    found = re.findall(r"^(\w[^;#]*?)\n?{\n(.*?)^}", code, flags=re.DOTALL | re.MULTILINE)
+    return [(head, [line.strip() for line in body.splitlines()]) for head, body in found]
+
+
+def decisions(text: str) -> list[str]:
+    """Lines that decide, of functions that belong to this controller alone."""
+    lines = [line for head, body in functions(text) if not RULES.search(head) for line in body]
+    decides = re.compile(r"^[^#]*(\b(if|else|for|while|do|switch|goto)\b|\?)")
+    return [line for line in lines if decides.match(line)]
+
+
+def two_links() -> fh.Controller:
+    arm = fh.load_robot("planar-two-link")
+    ukf = fh.UnscentedKalmanFilter(arm.plant(), 1e-3, 1e-7, 1e-6, arm.operating_point()[0], 1e-8)
+    return fh.Controller(fh.solve_hji(arm.problem(), gamma=math.inf, degree=4), ukf, 1e-3, 200.0)
+
+
+def seven_links() -> fh.Controller:
+    arm = fh.load_robot("seven-link")
+    x, noise = arm.operating_point()[0], np.tile([0.0, 0.0, 1e-7, 1e-7], 7)
+    law = fh.linear_law(arm.problem(measured=("link_position", "motor_position")), gamma=np.inf)
+    ukf = fh.UnscentedKalmanFilter(arm.plant(("link_position", "motor_position")), 1e-3, noise, 1e-8, x, 1e-9)
+    return fh.Controller(law, ukf, 1e-3, 24.0)
+
+
+def check(controller: fh.Controller, real: str) -> None:
+    text = code_of(controller, "arm", real).source
+    kinds = [re.compile(f"{kind}( else {{)?") for kind in (*CHOICES, *LOOPS, *BRANCHES)]
+    found = decisions(text)
+    assert len(found) > 100
+    assert [line for line in found if not any(kind.fullmatch(line) for kind in kinds)] == []
+    assert max(map(len, text.splitlines())) <= 132
+    # sizes are integers, and no number becomes one
+    helpers = re.findall(r"static \w* ?(?:void|int) (arm_\w+)\([^)]*int \w+[^)]*\)", text)
+    for name in {*helpers} - {"arm_predict"}:
+        for call in re.findall(
+            rf"^ +(?:if \()?{name}\((.*)\)", re.sub(r",\n +", ", ", text), flags=re.MULTILINE
+        ):
+            assert re.fullmatch(r"\d+|left|ARM_\w+|count|\w+ \* \d+", call.split(", ")[-1].split(")")[0]), (
+                call
+            )
+
+
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_one_link_decides_nothing_by_data_but_what_is_listed(real: str, controller: fh.Controller) -> None:
+    check(controller, real)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_two_links_decide_nothing_by_data_but_what_is_listed(real: str) -> None:
+    check(two_links(), real)
+
+
+@pytest.mark.slow
+def test_seven_links_decide_nothing_by_data_but_what_is_listed() -> None:
+    check(seven_links(), "double")
+
+
+def test_another_loop_or_branch_is_found() -> None:
+    text = "static void arm_f(const real *in0)\n{\n    while (in0[0] > 0) {\n    }\n    if (in0[1] > 2) {\n    }\n}\n"
+    kinds = [re.compile(kind) for kind in (*CHOICES, *LOOPS, *BRANCHES)]
+    assert len([line for line in decisions(text) if not any(kind.fullmatch(line) for kind in kinds)]) == 2
+
+
+def test_stages_stand_under_what_they_compute(controller: fh.Controller) -> None:
+    """Of a filter and a law that are one trace."""
+    source = code_of(controller, "arm", "double").source
+    said = "Rows with the same T^TT", "The law at one deviation x", "The input within its limits"
+    assert [text for text in said if f"    /* {text}" not in source] == []
+    longest = max(len(body) for head, body in functions(source) if "controller0_" in head)
+    assert 100 < longest < 300
