@@ -405,8 +405,7 @@ class Controller(Summarised):
     def steps(self, places: dict[str, Slice | None]) -> tuple[tuple[Step, ...], tuple[Buffer, ...]]:
         """One step as a part of a program, and the scratch buffers that the program must have for it.
 
-        `places` say where y, r, memory and data are read, and u, estimate and memory written; None without elements.
-        The memory is written in place, or where "after" is.
+        `places`: where y, r, memory, data are read, and u, estimate, memory (or "after") written; None if empty.
         """
         places = {"after": places["memory"], **places}
         if not self.composed:
