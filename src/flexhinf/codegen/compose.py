@@ -462,8 +462,8 @@ class _ColumnComposer(Composer):
 def _name(function: Any) -> str:
     """A name that CasADi takes: letters, without two underscores in a row, and no keyword."""
     plain = _plain(function)
-    words = re.findall("[a-z]+", getattr(plain, "__name__", type(plain).__name__).lower())
-    return "piece" if words in ([], ["lambda"], ["null"], ["jac"], ["hess"]) else "_".join(words)
+    parts = re.findall("[a-z]+", getattr(plain, "__name__", type(plain).__name__).lower())
+    return "piece" if parts in ([], ["lambda"], ["null"], ["jac"], ["hess"]) else "_".join(parts)
 
 
 def _flat(result: Any) -> Iterator[Any]:
