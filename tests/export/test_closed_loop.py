@@ -79,7 +79,7 @@ CASES = [
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(("name", "compiler", "real"), CASES)
 def test_the_compiled_controller_replays_the_loop(
     name: str, compiler: str, real: str, tmp_path: Path, needs_compiler: Callable[..., None]

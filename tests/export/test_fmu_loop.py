@@ -143,7 +143,6 @@ def test_units_and_first_values_are_those_of_the_model(files: dict[str, Path], t
                     assert variable.unit == units[variable.name.partition(".")[2]], f"{kind}: {variable.name}"
 
 
-@pytest.mark.slow
 @pytest.mark.oracle
 def test_parameters_of_the_plant_and_limits_of_the_controller_are_set(
     controller: fh.Controller, files: dict[str, Path], tmp_path: Path
