@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -42,7 +43,6 @@ from flexhinf.paper.loop_setup import (
     TORQUE,
     TRACKING_DURATION,
     PaperSetup,
-    in_two_threads,
     load_numbers,
     name_goal,
     tracking_numbers,
@@ -329,6 +329,12 @@ def repair_costs(setup: PaperSetup, repairs: Sequence[Repair]) -> Iterable[Seque
 
 
 # What H∞ buys --------------------------------------------------------------------------------------------
+def in_two_threads(function: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
+    """Map in two threads, after the first item alone, which compiles what the others share."""
+    with ThreadPoolExecutor(2) as pool:
+        return [*map(function, items[:1]), *pool.map(function, items[1:])]
+
+
 def measure_law(setup: PaperSetup, law: Law) -> dict[str, float]:
     """Peak volts and overshoot (%) of both steps, deviations (rad) of the four cases; infinite where a run diverged."""
     jobs: dict[str, Callable[[], Trajectory]] = {}

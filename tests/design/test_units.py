@@ -15,7 +15,10 @@ from flexhinf.design.specification import Specification, SpecificationError
 
 def reader(annotation: Any) -> Any:
     """What reads the value of a field, before its range is checked."""
-    return next(part.func for part in annotation.__metadata__ if isinstance(part, BeforeValidator))
+    markers = (
+        marker for part in annotation.__metadata__ if isinstance(part, units.Marker) for marker in part
+    )
+    return next(marker.func for marker in markers if isinstance(marker, BeforeValidator))
 
 
 seconds, frequencies, speeds, quanta, angles = map(
