@@ -429,7 +429,7 @@ def notes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     pairs = ", ".join(f"{plain:,.0f} for {fused:,.0f} ({named(links)})" for links, plain, fused in fusing)
     ratios = ", ".join(f"{plain / fused:.1f}" for _, plain, fused in fusing)
     return [
-        f"- The stack in `double` from `{LEVELS[0]}` to `{LEVELS[-1]}`, computed: on x86-64 {stacks['x86-64']}; on a "
+        f"- The stack in `double` from `{LEVELS[0]}` to `{LEVELS[-1]}`, computed on x86-64: {stacks['x86-64']}. On a "
         f"Cortex-M7 {stacks['Cortex-M7']}.",
         "- Without fused multiply-adds (`gcc -O2`) a step in `double` takes more instructions on x86-64 than with "
         f"(`gcc -O2 -mfma`): {pairs}. That is {ratios} times as many.",
