@@ -182,7 +182,7 @@ class FunctionText:
         return texts
 
     def _text(self, name: str, arguments: list[str], lines: list[str]) -> str:
-        apart = "NOINLINE " if self.lanes != 1 and len(lines) > LONG else ""
+        apart = "NOINLINE " if len(lines) > LONG else ""
         mark, declared = "RESTRICT " if self.lanes != 1 or name != self.name else "", []
         for word in arguments:
             changed = word == ROWS or (
