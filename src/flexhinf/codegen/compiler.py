@@ -30,7 +30,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf.codegen.memory import aligned, misfit
-from flexhinf.codegen.program import ENTRY, Call, Map, Program, Repeat, Step, Sweep, Unsupported, When, slices
+from flexhinf.codegen.program import (
+    ENTRY,
+    Call,
+    Joined,
+    Map,
+    Program,
+    Repeat,
+    Step,
+    Sweep,
+    Unsupported,
+    When,
+    slices,
+)
 from flexhinf.errors import InvalidInput
 from flexhinf.files import part_file
 from flexhinf.validation import open_regular, read_bytes
@@ -416,6 +428,8 @@ def fingerprint(program: Program) -> str:
             return f"Repeat({step.count!r}: {'; '.join(map(line, step.body))})"
         if isinstance(step, When):
             return f"When({step.flag!r}: {'; '.join(map(line, step.body))})"
+        if isinstance(step, Joined):
+            return f"Joined({'; '.join(map(line, step.calls))})"
         if isinstance(step, Sweep):
             return f"Sweep({step.inputs!r}, {step.outputs!r}, {step.size}: {'; '.join(map(line, step.body))})"
         if not isinstance(step, Call | Map):

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import operator
 from collections import Counter
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate
 
@@ -105,6 +105,32 @@ def read_dataflow(
     if fused:
         _fuse(kept, outputs)
     return Dataflow(kept, outputs, len(operations), tuple(accumulate(last, max)))
+
+
+def joined(
+    flows: Sequence[Dataflow], functions: Sequence[casadi.Function], links: Mapping[int, int]
+) -> Dataflow:
+    """Functions as one, of whose arguments and results each comes after those of the functions before it.
+
+    `links`: Arguments that are results of earlier functions, and not read.
+    """
+    operations, written = dict[int, Operation](), dict[tuple[int, int], int]()
+    arguments = results = 0
+    for flow, function in zip(flows, functions, strict=True):
+        places = dict[int, int]()
+        for k, operation in flow.operations.items():
+            read = tuple(places[a] for a in operation.arguments) if operation.code != casadi.OP_INPUT else ()
+            if operation.code == casadi.OP_INPUT:
+                argument, element = operation.arguments
+                read = (arguments + argument, element)
+                if read[0] in links:
+                    places[k] = written[links[read[0]], element]
+                    continue
+            places[k] = len(operations)
+            operations[places[k]] = replace(operation, arguments=read)
+        written |= {(results + result, element): places[value] for result, element, value in flow.outputs}
+        arguments, results = arguments + function.n_in(), results + function.n_out()
+    return Dataflow(operations, [(*place, value) for place, value in written.items()], sum(f.size for f in flows))
 
 
 #: Comparisons, whose result is 1 or 0.

@@ -20,13 +20,13 @@ columns are packed into lanes, and unpacked.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import reduce
 from typing import Any
 
 import casadi
 
-from flexhinf.codegen.dataflow import Dataflow, read_dataflow
+from flexhinf.codegen.dataflow import Dataflow, joined, read_dataflow
 from flexhinf.codegen.emit.algebra import Algebra, Operand
 from flexhinf.codegen.emit.opcodes import (
     NEAR,
@@ -48,6 +48,7 @@ from flexhinf.codegen.program import (
     Copy,
     Guard,
     Householder,
+    Joined,
     Map,
     Normal,
     OuterSum,
@@ -72,14 +73,16 @@ BLOCK = 8
 def emit_function(
     module: ModuleText,
     name: str,
-    function: casadi.Function,
+    functions: Sequence[casadi.Function],
     lanes: Lanes,
     shared: tuple[bool, ...],
+    links: Mapping[int, int] | None = None,
 ) -> int:
-    """Add ``void name(in₀, …, out₀, …)`` over pointers to the module.
+    """Add ``void name(in₀, …, out₀, …)`` over pointers to the module: a function, or several as a straight line.
 
     `lanes`: Numbers that travel together in one element. `shared`: Which arguments hold one number for all lanes.
-    Returns number of operations. Raises Unsupported: an operation that is not in the table.
+    `links`: As for `flexhinf.codegen.dataflow.joined`. Returns number of operations. Raises Unsupported: an operation
+    that is not in the table.
 
     Every store comes after every load, so a result may overwrite an argument; the pointers carry no
     ``noalias``.
@@ -88,19 +91,23 @@ def emit_function(
     would cut it in pieces and spill its registers (a fifth of the instructions of the paper's arm). If an angle turns
     out to be too far for it, all is done again by the second. The bits are the same.
     """
-    flow = read_dataflow(function, OPCODES, module.fused)
-    far = ""
+    flows = [read_dataflow(function, OPCODES, module.fused) for function in functions]
+    flow, far = joined(flows, functions, links or {}), ""
+    pointers = ", ".join([
+        *(f"ptr %in{k}" for k in range(sum(function.n_in() for function in functions))),
+        *(f"ptr %out{k}" for k in range(sum(function.n_out() for function in functions))),
+    ])  # fmt: skip
     if any(operation.code in NEAR for operation in flow.operations.values()):
         far = f"{name}_far"
-        _define(module, far, function, flow, lanes, shared, "noinline optnone cold ")
-    _define(module, name, function, flow, lanes, shared, far=far)
+        _define(module, far, pointers, flow, lanes, shared, "noinline optnone cold ")
+    _define(module, name, pointers, flow, lanes, shared, far=far)
     return flow.size
 
 
 def _define(
     module: ModuleText,
     name: str,
-    function: casadi.Function,
+    pointers: str,
     flow: Dataflow,
     lanes: Lanes,
     shared: tuple[bool, ...],
@@ -125,21 +132,15 @@ def _define(
     if far and lanes.width > 1:
         angles = (op.arguments[0] for op in flow.operations.values() if op.code in NEAR)
         beyond = [is_far(writer, values[angle]) for angle in dict.fromkeys(angles)]
-    pointers = [
-        *(f"ptr %in{k}" for k in range(function.n_in())),
-        *(f"ptr %out{k}" for k in range(function.n_out())),
-    ]
     if far:  # before anything is stored: a result may overwrite an argument
         some = reduce(lambda a, b: writer.let(f"or {lanes.boolean} {a}, {b}"), beyond)
         writer.place("far", f"br i1 {writer.any(some)}, label %far, label %near, !prof !0")
-        writer.do(f"call void @{far}({', '.join(pointers)})")
+        writer.do(f"call void @{far}({pointers})")
         writer.place("near", "ret void")
     for result, element, value in flow.outputs:
         writer.store_element(f"%out{result}", element, values[value])
     writer.do("ret void")
-    module.define(
-        name, f"define internal void @{name}({', '.join(pointers)}) {attributes}nounwind {{", writer.lines
-    )
+    module.define(name, f"define internal void @{name}({pointers}) {attributes}nounwind {{", writer.lines)
 
 
 def _rounds(flow: Dataflow) -> list[tuple[list[int], list[int]]]:
@@ -218,13 +219,14 @@ class _Emitter:
         self.module = ModuleText(Lanes(lanes), fused)
         self.lanes = self.module.lanes
         self.single = lanes == 1  # a kernel for a single run
-        self.functions: dict[tuple[int, int, tuple[bool, ...]], str] = {}
+        self.functions: dict[tuple[Any, ...], str] = {}
         self.sizes: dict[str, int] = {}
         self.calls: Counter[str] = Counter()
         self.mapped: set[str] = set()
         self.writer = Writer(self.module)
         self._writers: dict[type, Callable[[Any, tuple[str, ...]], None]] = {
-            Repeat: self._repeat, When: self._when, Call: self._call, Map: self._map, Sweep: self._sweep,
+            Repeat: self._repeat, When: self._when, Call: self._call, Joined: self._joined, Map: self._map,
+            Sweep: self._sweep,
             OuterSum: self._outer_sum, Polynomial: self._polynomial, Cholesky: self._cholesky, Copy: self._copy,
             Householder: self._householder, Residual: self._residual,
             Normal: self._normal, Guard: self._guard,
@@ -309,16 +311,29 @@ class _Emitter:
         columns = COLUMN in self.pointers and self.single  # in a sweep of a single run, the lanes are columns
         return piece.buffer != COLUMN and (columns or self.program.buffer(piece.buffer).shared)
 
-    def _function(self, function: casadi.Function, lanes: Lanes, shared: tuple[bool, ...]) -> str:
-        key = (function.__hash__(), lanes.width, shared)
+    def _function(
+        self,
+        functions: Sequence[casadi.Function],
+        lanes: Lanes,
+        shared: tuple[bool, ...],
+        links: Mapping[int, int] | None = None,
+    ) -> str:
+        links = links or {}
+        key = (*(function.__hash__() for function in functions), lanes.width, shared, *links.items())
         if key not in self.functions:
             self.functions[key] = name = f"{PREFIX}function{len(self.functions)}"
-            self.sizes[name] = emit_function(self.module, name, function, lanes, shared)
+            self.sizes[name] = emit_function(self.module, name, functions, lanes, shared, links)
         return self.functions[key]
 
     def _call(self, step: Call, turns: tuple[str, ...]) -> None:
-        name = self._function(step.function, self.lanes, tuple(self._shared(piece) for piece in step.inputs))
-        pointers = ", ".join(f"ptr {self._address(piece, turns)}" for piece in (*step.inputs, *step.outputs))
+        self._joined(Joined((step,)), turns)
+
+    def _joined(self, step: Joined, turns: tuple[str, ...]) -> None:
+        read = [piece for call in step.calls for piece in call.inputs]
+        shared, functions = tuple(map(self._shared, read)), [call.function for call in step.calls]
+        name = self._function(functions, self.lanes, shared, step.links)
+        pieces = (*read, *(piece for call in step.calls for piece in call.outputs))
+        pointers = ", ".join(f"ptr {self._address(piece, turns)}" for piece in pieces)
         self.writer.do(f"call void @{name}({pointers})")
         self.calls[name] += 1
 
@@ -328,7 +343,7 @@ class _Emitter:
         shared = tuple(
             not isinstance(piece, Columns) and (single or self._shared(piece)) for piece in step.inputs
         )
-        name = self._function(step.function, wide, shared)
+        name = self._function([step.function], wide, shared)
         starts = [self._address(whole(piece), turns) for piece in (*step.inputs, *step.outputs)]
         for first, left, _ in writer.blocks(step.count, block):
             pointers, packed = [], []

@@ -102,7 +102,7 @@ class PreparedRun:
         arrays["inputs"] = np.concatenate([np.tile(own["held"], code.channel.delay), arrays["inputs"]])
         return arrays, {
             "steps": samples,
-            "parts": code.sub_steps,
+            "parts": code.sub_steps - 1,  # beside the first
             "late": code.channel.delay * code.sizes["u"],
         }
 

@@ -16,6 +16,7 @@ from flexhinf.codegen import (
     Call,
     Copy,
     Guard,
+    Joined,
     Kernel,
     Normal,
     Program,
@@ -228,7 +229,7 @@ class LoopCode:
             self.controller.code_key,
             self.controller.fused,
             *self.sizes.values(),
-            (self.channel.quanta, self.channel.late, bool(self.channel.periods)),
+            (self.channel.quanta, self.channel.late, bool(self.channel.periods), self.channel.delay > 0),
         )
 
     @cached_property
@@ -252,7 +253,8 @@ class LoopCode:
 def loop_program(
     code: LoopCode, options: EnsembleOptions | None = None, reductions: Sequence[Reduction] = ()
 ) -> Program:
-    """The program of a run; `steps` samples, `parts` sub-steps each, room for `capacity` of them.
+    """The program of a run; `steps` samples, `parts` sub-steps each (of one run beside the first, which goes together
+    with the controller's step), room for `capacity` of them.
 
     One run, without options, takes its noise as data and records all signals. Of many runs noise is made and numbers
     are reduced on the way, and nothing is recorded but what is kept: command, data of the law and disturbance are the
@@ -263,7 +265,7 @@ def loop_program(
     """
     plant, controller, sizes = code.plant, code.controller, code.sizes
     many, b = options is not None, _Buffers()
-    delayed = options is None or options.delayed
+    delayed = code.channel.delay > 0 if options is None else options.delayed
     x, held = b.whole("x", sizes["x"], "state"), b.whole("held", sizes["u"], "state")
     u = b.whole("u", sizes["u"], "work" if many else "state")
     memory, data = b.whole("memory", sizes["memory"], "state"), b.whole("data", sizes["data"], "in", many)
@@ -301,7 +303,19 @@ def loop_program(
         )
         body.append(Call(arrived, (*y, *waiting, *b.row("gaps", sizes["y"], "in", many)), (*y, *waiting)))
     body += control
-    if options is not None and options.kept:
+    record = b.row("inputs", sizes["u"], "state") if delayed or not many else ()
+    acting = record if delayed else u
+    advance, size, parts = drop_empty(rk4_function(plant)), 3 * sizes["d"], list[Step]()
+    stage: tuple[Slice, ...] = ()
+    if size and (options is None or options.disturbed):
+        stage = (Slice("disturbance", size=size, strides=(size * sizes["capacity"], size)),)
+        b["disturbance"] = Buffer("disturbance", None, "in", shared=many)
+    if options is None:  # the first sub-step does not wait for the controller's prediction, nor that for it
+        first = tuple(replace(piece, strides=piece.strides[:1]) for piece in stage)
+        body.append(Call(advance, (*x, *acting, *first, *truth), x))
+        body[1:] = _in_one_line(body[1:])
+        stage = tuple(replace(piece, offset=size) for piece in stage)
+    elif options.kept:
         places = options.kept
 
         def keep(x: Any, y: Any, estimate: Any, u: Any) -> Any:
@@ -310,10 +324,8 @@ def loop_program(
 
         kept = drop_empty(trace(keep, sizes["x"], sizes["y"], sizes["estimate"], sizes["u"], name="keep"))
         body.append(Call(kept, (*x, *y, *estimate, *u), b.row("kept", len(places), "out")))
-    acting = u
-    if delayed:
-        acting = b.row("inputs", sizes["u"], "state")
-        body.append(Copy(u[0], replace(acting[0], shift="late")))
+    if record:
+        body.append(Copy(u[0], replace(record[0], shift="late")))
     body += [Guard(u[0], CONTROL_FAILED), Guard(memory[0], CONTROL_FAILED)]
     if many:
         reduction_memory = b.whole("reduction_memory", _memory_size(reductions), "state")
@@ -327,22 +339,23 @@ def loop_program(
             )
         )
     body.append(Copy(acting[0], held[0]))
-    size, parts = 3 * sizes["d"], []
-    stage: tuple[Slice, ...] = ()
-    if size and (options is None or options.disturbed):
-        stage = (Slice("disturbance", size=size, strides=(size * sizes["capacity"], size)),)
-        b["disturbance"] = Buffer("disturbance", None, "in", shared=many)
     if many:
         own = b.whole("acting", size, "work")
         if stage:
             load = b.whole("load", sizes["d"], "in")
             parts.append(Call(_product_function(sizes["d"], 3), (*stage, *load), own))
         stage = own
-    parts.append(Call(drop_empty(rk4_function(plant)), (*x, *held, *stage, *truth), x))
+    parts.append(Call(advance, (*x, *held, *stage, *truth), x))
     body += [Repeat("parts", tuple(parts)), Guard(x[0], PLANT_FAILED)]
-    counts = ("steps", "parts", "late") if delayed else ("steps", "parts")
+    counts = ("steps", "parts", "late") if record else ("steps", "parts")
     name = "ensemble" if many else "closed_loop"
     return Program(name, (*b.values(), *scratch), (Repeat("steps", tuple(body)),), counts)
+
+
+def _in_one_line(steps: Sequence[Step]) -> list[Step]:
+    """Calls joined; other steps as they are."""
+    calls = tuple(step for step in steps if isinstance(step, Call))
+    return [Joined(calls)] if len(calls) == len(steps) else list(steps)
 
 
 def _waiting_steps(
