@@ -23,7 +23,6 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, partial
-from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -98,12 +97,22 @@ def check_arrays(program: Program, arrays: Mapping[str, np.ndarray], lanes: int)
                 f"expected a C-contiguous float64 array of {elements} elements{wanted}, got {found}",
                 "numpy.ascontiguousarray(…, dtype=float)",
             )
-    for first, second in combinations(expected.values(), 2):
-        written = first.role != "in" or second.role != "in"
-        if written and np.may_share_memory(arrays[first.name], arrays[second.name]):
-            found = f"'{first.name}' and '{second.name}'"
+    reach = {
+        True: (0, ""),
+        False: (0, ""),
+    }  # of the arrays so far that are written, and of those that are read
+    for start, name in sorted((_address(arrays[name]), name) for name in expected if arrays[name].size):
+        written = expected[name].role != "in"
+        end, other = max(reach.values()) if written else reach[True]
+        if start < end:
+            found = f"'{other}' and '{name}'"
             raise misfit(f"Two buffers of '{program.name}' lie in the same memory.", "arrays apart", found)
+        reach[written] = max(reach[written], (start + arrays[name].nbytes, name))
     return {name: arrays[name] for name in expected}
+
+
+def _address(array: np.ndarray) -> int:
+    return array.__array_interface__["data"][0]
 
 
 def check_counts(program: Program, counts: Mapping[str, int]) -> dict[str, int]:
@@ -176,6 +185,9 @@ class Kernel:
 
     def __init__(self, program: Program, lanes: int, code: Code | None = None) -> None:
         self.program, self.lanes, self.code = program, lanes, code
+        self._fitting: tuple[int, ...] | None = (
+            None  # elements of the buffers, and counts, that were checked last
+        )
         if code is not None:
             self._entry, self._short_entry = _ENTRY(code.address), _SHORT_ENTRY(code.address)
 
@@ -207,18 +219,21 @@ class Kernel:
             else checked[buffer.name].size // (1 if buffer.shared else self.lanes)
             for buffer in self.program.buffers
         }
-        check_reach(self.program, lengths, turns)
+        sizes = (*lengths.values(), *turns.values())
+        if sizes != self._fitting:  # those of the last time fit
+            check_reach(self.program, lengths, turns)
+            self._fitting = sizes
         return self._bind(checked, turns, short)
 
     def _bind(self, arrays: dict[str, np.ndarray], counts: dict[str, int], short: bool) -> BoundKernel:
         work = [buffer for buffer in self.program.buffers if buffer.role == "work"]
         arrays = arrays | {buffer.name: aligned((buffer.size or 0) * self.lanes) for buffer in work}
         slots = [
-            *(arrays[buffer.name].ctypes.data for buffer in self.program.buffers),
+            *(_address(arrays[buffer.name]) for buffer in self.program.buffers),
             *(counts[name] for name in self.program.counts),
         ]
         context = np.array([*slots, *[0] * self.lanes, *[-1] * self.lanes], dtype=np.int64)
-        bound = BoundKernel(self._short_entry if short else self._entry, ctypes.c_void_p(context.ctypes.data))
+        bound = BoundKernel(self._short_entry if short else self._entry, ctypes.c_void_p(_address(context)))
         bound.keep = (self, arrays, context)
         bound.outcome = context[len(slots) :]
         return bound

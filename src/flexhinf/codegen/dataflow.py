@@ -130,7 +130,9 @@ def joined(
             operations[places[k]] = replace(operation, arguments=read)
         written |= {(results + result, element): places[value] for result, element, value in flow.outputs}
         arguments, results = arguments + function.n_in(), results + function.n_out()
-    return Dataflow(operations, [(*place, value) for place, value in written.items()], sum(f.size for f in flows))
+    return Dataflow(
+        operations, [(*place, value) for place, value in written.items()], sum(f.size for f in flows)
+    )
 
 
 #: Comparisons, whose result is 1 or 0.

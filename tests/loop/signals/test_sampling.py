@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from tests.refusals import refused_with
 
+from flexhinf.codegen.noise import normal_numbers
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Constant, Samples, Sine, Step
 from flexhinf.loop.signals.references import signal_name
@@ -104,6 +105,16 @@ def test_noise_is_a_standard_deviation():
     each = sample_noise([0.0, 2.0], 4, 20_000, TWO)
     np.testing.assert_allclose(each, z * [0.0, 20.0], rtol=1e-15)
     np.testing.assert_array_equal(sample_noise(None, 4, 5, TWO), np.zeros((5, 2)))
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("samples", [1, 7, 8, 9, 100])
+@pytest.mark.parametrize("width", [1, 2, 5])
+def test_noise_of_the_kernel_is_that_of_arrays(samples, width):
+    deviation, seed = np.linspace(0.1, 0.3, width), 2**50 + 17
+    expected = deviation * normal_numbers(seed, np.arange(samples)[:, None], np.arange(width), 3)
+    found = sample_noise(deviation, seed, samples, tuple("abcde"[:width]), 3)
+    np.testing.assert_array_equal(found, expected)
 
 
 @pytest.mark.parametrize("noise", [-1.0, np.nan, [1.0], [1.0, 2.0, 3.0], "loud", [[1.0, 2.0]]])

@@ -182,6 +182,32 @@ def test_the_same_seed_gives_the_same_bits(made):
     assert np.any(run(5).signals["output"] != run(6).signals["output"])
 
 
+def test_a_run_like_the_last_one_is_the_same_as_in_a_new_loop(made):
+    ukf = made.ukf()
+    loop = Loop(paper_arm().plant(), Controller(made.law, ukf))
+    arguments = ({"link_position": Step(0.5)}, {"link_torque": 0.1}, 1e-3, 0.2, [0.1, 0.0, 0.1, 0.0])
+    changes = [{}, {"seed": 1}, {"seed": 1}, {"initial_input": [0.2]}, {"multi_turn": True}, {}]
+    for change in changes:
+        run, new = (one.run(*arguments, **change) for one in (loop, Loop(loop.true_plant, loop.controller)))
+        assert run.settings == new.settings
+        for name, values in new.signals.items():
+            np.testing.assert_array_equal(run.signals[name], values)
+    assert "_last" not in loop.__getstate__()
+    ukf.initial = ukf.initial_at([0.05, 0.0, 0.05, 0.0])
+    assert loop.run(*arguments).signals["estimate"][0, 0] != run.signals["estimate"][0, 0]
+
+
+def test_a_function_of_time_is_asked_at_every_run(made):
+    loop, slopes = Loop(paper_arm().plant(), Controller(made.law, None)), [0.1, 0.2]
+    runs = [loop.run(lambda t, slope=slope: slope * t, duration=0.1) for slope in slopes]
+    held = np.array([0.1])
+    values = []
+    for held[0] in slopes:
+        values.append(loop.run(held, duration=0.1).signals["reference"][-1, 0])
+    assert [run.signals["reference"][-1, 0] for run in runs] == pytest.approx([0.01, 0.02])
+    assert values == slopes
+
+
 def test_runs_do_not_touch_the_controller_or_each_other(made):
     controller = Controller(made.law, made.ukf())
     first = controller.step(0.3, 1.0)

@@ -81,7 +81,8 @@ class PreparedRun:
     """A run with all its arrays, ready for the kernel.
 
     `times` (N,) are in s; `arrays` are the inputs of the kernel, by buffer (those that the loop does not have are left
-    out), `recorded` signals that are known before the run, `settings` for the trajectory.
+    out), `recorded` signals that are known before the run, `settings` for the trajectory; `deviation` (p,) is that of
+    the noise, None without it.
     """
 
     code: LoopCode
@@ -89,6 +90,14 @@ class PreparedRun:
     arrays: dict[str, np.ndarray]
     recorded: dict[str, np.ndarray]
     settings: dict[str, Any]
+    deviation: np.ndarray | None
+
+    def with_seed(self, seed: int) -> PreparedRun:
+        """The same run with the noise of another seed."""
+        noise = sample_noise(self.deviation, seed, len(self.times), self.code.controller.measured)
+        return replace(
+            self, arrays=self.arrays | {"noise": noise.ravel()}, settings=self.settings | {"seed": seed}
+        )
 
     def buffers(self) -> tuple[dict[str, np.ndarray], dict[str, int]]:
         """Arrays of the kernel by buffer, of which those that it writes are new, and the turns of its loops."""
@@ -97,14 +106,11 @@ class PreparedRun:
             buffer.name: own[buffer.name].copy() if buffer.role == "state" else own[buffer.name]
             for buffer in code.program.buffers
             if buffer.name in own
-        } | {name: np.zeros(samples * code.sizes[size]) for name, (_, size) in RECORDED.items()}
-        # Before the inputs stand those that wait.
-        arrays["inputs"] = np.concatenate([np.tile(own["held"], code.channel.delay), arrays["inputs"]])
-        return arrays, {
-            "steps": samples,
-            "parts": code.sub_steps - 1,  # beside the first
-            "late": code.channel.delay * code.sizes["u"],
-        }
+        } | {name: np.empty(samples * code.sizes[size]) for name, (_, size) in RECORDED.items()}
+        if waiting := code.channel.delay:  # before the inputs
+            arrays["inputs"] = np.concatenate([np.tile(own["held"], waiting), arrays["inputs"]])
+        # The first sub-step is not in the loop of the others.
+        return arrays, {"steps": samples, "parts": code.sub_steps - 1, "late": waiting * code.sizes["u"]}
 
     def run(self, kernel: Any = None) -> tuple[Trajectory, int, int]:
         """Make this run, on the loop's kernel or one that does the same: its trajectory, up to its end, and the code
@@ -390,7 +396,8 @@ class Ensemble:
             name: array for name, array in (own | dict(self.shared)).items() if name in ("waiting", "gaps")
         }
         recorded = {"reference": self.commands[:samples], "disturbance": acting}
-        return PreparedRun(code, np.arange(samples) * self.command.period, arrays, recorded, settings)
+        times = np.arange(samples) * self.command.period
+        return PreparedRun(code, times, arrays, recorded, settings, self.shared.get("deviation"))
 
     # What the runs have -----------------------------------------------------------------------------
     def _plants(self, parameters: Any, seeds: Any, states: Any, loads: Any, inputs: Any) -> EnsemblePlants:

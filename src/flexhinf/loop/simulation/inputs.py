@@ -11,11 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.codegen.noise import normal_numbers
+from flexhinf.codegen import aligned
+from flexhinf.codegen.noise import seed_key
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.signals.motions import JerkLimited, Spline
 from flexhinf.loop.signals.references import Constant, Moving, Quintic, Samples, Sine, Step
+from flexhinf.loop.simulation.program import BLOCK, noise_kernel
 from flexhinf.loop.simulation.trajectory import STARTED
 from flexhinf.plant import BlackBox, Plant
 from flexhinf.validation import checked_positive, one_of, real_array, real_number, value_text
@@ -126,7 +128,8 @@ def start_text(
         return text
     rates = plant.change(x, before)
     worst = int(np.argmax(np.abs(rates)))
-    if abs(rates[worst]) <= SAME_START * max(1.0, plant.fastest_mode(x, before)):
+    rate = abs(rates[worst])
+    if rate <= SAME_START or rate <= SAME_START * plant.fastest_mode(x, before):
         return f"{text}, at rest"
     return f"{text}; the true plant does not rest there: {plant.change_text(worst)} = {rates[worst]:.3g}"
 
@@ -155,6 +158,19 @@ def check_ranges(
                 f"expected {low:g} to {high:g} {unit}, got {column[first]:.6g} {unit} at t = {times[first]:g} s",
                 "a command within the joint's limits; angles are in rad",
             )
+
+
+def is_written(argument: Any, depth: int = 4) -> bool:
+    """Whether an argument's text says all of it: numbers, signals of `WRITTEN` with plain numbers, also in lists and
+    mappings, at most `depth` in one another. The digits of an array are not all in its text."""
+    kind = type(argument)
+    if kind in (bool, int, float, str, type(None), np.float64):
+        return True
+    parts = {**vars(argument)} if kind in WRITTEN else argument
+    if not depth or type(parts) not in (dict, list, tuple):
+        return False
+    several = [*parts, *parts.values()] if isinstance(parts, dict) else parts
+    return all(is_written(part, depth - 1) for part in several)
 
 
 def check_turns(reference: Any, commands: np.ndarray, names: Sequence[str], units: Mapping[str, str]) -> None:
@@ -293,8 +309,18 @@ def sample_noise(noise: Any, seed: int, samples: int, channels: Sequence[str], s
     check_seed(seed)
     if noise is None:
         return np.zeros((samples, len(channels)))
-    normal = normal_numbers(int(seed), np.arange(samples)[:, None], np.arange(len(channels)), sample)
-    return checked_deviation(noise, channels) * normal
+    deviation, blocks, width = checked_deviation(noise, channels), -(-samples // BLOCK), len(channels)
+    if not width:
+        return np.zeros((samples, 0))
+    made = aligned(blocks * width * BLOCK)
+    arrays = {
+        "step": np.arange(float(BLOCK)).reshape(1, BLOCK),
+        "key": np.array([sample, *seed_key(int(seed))], dtype=float),
+        "deviation": np.ascontiguousarray(deviation),
+        "noise": made.reshape(-1, BLOCK),
+    }
+    noise_kernel(width).run(arrays, {"blocks": blocks})
+    return made.reshape(blocks, width, BLOCK).transpose(0, 2, 1).reshape(-1, width)[:samples]
 
 
 def check_seed(seed: Any) -> None:
@@ -309,11 +335,10 @@ def checked_deviation(noise: Any, channels: Sequence[str]) -> np.ndarray:
     """The standard deviation of each channel's noise, (p,); one that is negative, not finite or of another size is
     refused."""
     deviation = real_array(noise)
-    refuse_if(
-        deviation.shape not in ((), (len(channels),))
-        or not np.all(np.isfinite(deviation) & (deviation >= 0.0)),
-        "The measurement noise does not fit the measurements.",
-        f"expected one standard deviation >= 0 or one for each of {list(channels)}, got {value_text(noise)}",
-        "noise=1e-3, a standard deviation in the unit of the measurement (not a variance)",
-    )
+    if deviation.shape not in ((), (len(channels),)) or not all(0.0 <= d < np.inf for d in deviation.flat):
+        raise InvalidInput(  # the text of an array takes longer than a short run
+            "The measurement noise does not fit the measurements.",
+            f"expected one standard deviation >= 0 or one for each of {list(channels)}, got {value_text(noise)}",
+            "noise=1e-3, a standard deviation in the unit of the measurement (not a variance)",
+        )
     return np.broadcast_to(deviation, len(channels))

@@ -240,14 +240,18 @@ class LoopCode:
         checks = self.controller.mode.checks_measurements
         return self.controller.gaps and (checks or not all(map(np.isfinite, constants)))
 
-    @property
+    @cached_property
     def program(self) -> Program:
         """The program of a whole run."""
         return share((*self.key, "program"), lambda: loop_program(self))
 
+    @cached_property
+    def _kernel(self) -> Kernel:
+        return share((*self.key, "run"), lambda: compile_program(self.program, fused=self.controller.fused))
+
     def kernel(self) -> Kernel:
         """The compiled program of a whole run."""
-        return share((*self.key, "run"), lambda: compile_program(self.program, fused=self.controller.fused))
+        return self._kernel
 
 
 def loop_program(
@@ -396,6 +400,28 @@ def _waiting_steps(
         When(flag, steps),
         Call(taken, read, tuple(place for place in written if place is not None)),
     ), scratch
+
+
+#: Samples whose noise is made side by side, in the lanes of vector registers.
+BLOCK = 8
+
+
+def noise_kernel(channels: int) -> Kernel:
+    """Measurement noise (blocks, channels, `BLOCK`): of each channel, as many samples side by side."""
+
+    def program() -> Program:
+        b = _Buffers()
+        step, key = b.whole("step", 1, "state"), b.whole("key", 3, "in", shared=True)
+        deviation = b.whole("deviation", channels, "in", shared=True)
+        noise = b.row("noise", channels, "out")
+        body = (
+            Normal(step[0], key[0], noise[0]),
+            Call(_product_function(channels, 1), (*noise, *deviation), noise),
+            Call(trace(lambda step: step + float(BLOCK), 1, name="later"), step, step),
+        )
+        return Program("noise", tuple(b.values()), (Repeat("blocks", body),), ("blocks",))
+
+    return share(("noise", channels), lambda: compile_program(program(), BLOCK))
 
 
 def reduction_program(sizes: Mapping[str, int], reductions: Sequence[Reduction]) -> Program:
