@@ -1,10 +1,14 @@
 // The limit of a single run: the closed loop of the paper's arm by hand, eight sigma points in one vector and the ninth
-// beside it. Reads its numbers from standard input, prints the best nanoseconds a step and what the run did.
+// beside it. Reads its numbers from standard input. Prints the least processor time of a step, ns, of the loop alone,
+// with its noise given and no signal kept, and of a whole run, which draws the noise and keeps all signals; and what the
+// run did.
 #include <algorithm>
-#include <chrono>
 #include <cmath>
+#include <cstdint>
 #include <cstdio>
 #include <cstring>
+#include <ctime>
+#include <memory>
 #include <vector>
 
 typedef double Wide __attribute__((vector_size(64)));
@@ -104,40 +108,98 @@ struct Filter {
     }
 };
 
+// A number of N(0, 1): Philox4x32-10 of (step, 0, 0, 0) with a key of zeros, and Box and Muller's transform.
+static inline double normal(uint32_t step) {
+    uint32_t c[4] = {step, 0, 0, 0}, key[2] = {0, 0};
+    for (int round = 0; round < 10; ++round) {
+        const uint64_t low = 0xD2511F53ull * c[0], high = 0xCD9E8D57ull * c[2];
+        const uint32_t next[4] = {(uint32_t)(high >> 32) ^ c[1] ^ key[0], (uint32_t)high,
+                                  (uint32_t)(low >> 32) ^ c[3] ^ key[1], (uint32_t)low};
+        std::memcpy(c, next, sizeof c);
+        key[0] += 0x9E3779B9u, key[1] += 0xBB67AE85u;
+    }
+    const auto uniform = [](uint64_t high, uint64_t low) { return (double)(((high << 21) ^ (low >> 11)) + 1) * 0x1p-53; };
+    return std::sqrt(-2.0 * std::log(uniform(c[0], c[1]))) * std::cos(6.283185307179586 * uniform(c[2], c[3]));
+}
+
+struct Task {
+    int steps, parts;
+    double period, q, r, goal, deviation, model[5], plant[5], first[5], third[35];
+    std::vector<double> noise;
+};
+
+struct Result {
+    double highest = -INFINITY, peak = 0, squares = 0;
+};
+
+// Time, command, disturbances (2), measurement, input, estimate (4) and state (4) of every sample, in fresh memory.
+struct Signals {
+    std::unique_ptr<double[]> memory;
+    double *time, *command, *load, *measured, *input, *estimate, *state;
+
+    explicit Signals(size_t n) : memory(new double[14 * n]) {
+        double *at = memory.get();
+        time = at, command = at + n, load = at + 2 * n, measured = at + 4 * n, input = at + 5 * n;
+        estimate = at + 6 * n, state = at + 10 * n;
+    }
+};
+
+template <bool whole> static Result simulate(const Task &t, Signals *kept) {
+    Filter filter;
+    Result found;
+    double x[4] = {0, 0, 0, 0}, integral = 0, previous = 0;
+    for (int k = 0; k < t.steps; ++k) {
+        const double y = x[0] + (whole ? t.deviation * normal(k) : t.noise[k]);
+        filter.correct(y, t.r);
+        if (k) integral += t.period * (0.5 * (previous + y) - t.goal);
+        previous = y;
+        const double w[5] = {filter.x[0], filter.x[1], filter.x[2], filter.x[3], integral};
+        double u = 0.0;
+        for (int i = 0, n = 0; i < 5; ++i) {
+            u += t.first[i] * w[i];
+            for (int j = i; j < 5; ++j)
+                for (int l = j; l < 5; ++l) u += t.third[n++] * (w[i] * w[j]) * w[l];
+        }
+        found.highest = std::max(found.highest, x[0]), found.peak = std::max(found.peak, std::fabs(u));
+        found.squares += (x[0] - t.goal) * (x[0] - t.goal);
+        if (whole) {
+            kept->time[k] = k * t.period, kept->command[k] = t.goal, kept->measured[k] = y, kept->input[k] = u;
+            kept->load[2 * k] = kept->load[2 * k + 1] = 0.0;
+            std::memcpy(kept->estimate + 4 * k, filter.x, sizeof x);
+            std::memcpy(kept->state + 4 * k, x, sizeof x);
+        }
+        filter.predict(u, t.model, t.period, t.q);
+        for (int s = 0; s < t.parts; ++s) advance(x, u, t.plant, t.period / t.parts);
+    }
+    return found;
+}
+
+static double seconds() {
+    timespec now;
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
+    return now.tv_sec + 1e-9 * now.tv_nsec;
+}
+
 int main() {
     auto number = [] { double value; return std::scanf("%lf", &value) == 1 ? value : NAN; };
-    const int steps = (int)number(), parts = (int)number();
-    const double period = number(), q = number(), r = number(), goal = number();
-    double model[5], plant[5], first[5], third[35];
-    for (double *values : {model, plant, first}) for (int i = 0; i < 5; ++i) values[i] = number();
-    for (double &value : third) value = number();
-    std::vector<double> noise(steps);
-    for (double &value : noise) value = number();
-    double best = INFINITY, highest = 0, peak = 0, squares = 0;
-    for (int repetition = 0; repetition < 60; ++repetition) {
-        const auto start = std::chrono::steady_clock::now();
-        Filter filter;
-        double x[4] = {0, 0, 0, 0}, integral = 0, previous = 0;
-        highest = -INFINITY, peak = squares = 0;
-        for (int k = 0; k < steps; ++k) {
-            const double y = x[0] + noise[k];
-            filter.correct(y, r);
-            if (k) integral += period * (0.5 * (previous + y) - goal);
-            previous = y;
-            const double w[5] = {filter.x[0], filter.x[1], filter.x[2], filter.x[3], integral};
-            double u = 0.0;
-            for (int i = 0, n = 0; i < 5; ++i) {
-                u += first[i] * w[i];
-                for (int j = i; j < 5; ++j)
-                    for (int l = j; l < 5; ++l) u += third[n++] * (w[i] * w[j]) * w[l];
-            }
-            highest = std::max(highest, x[0]), peak = std::max(peak, std::fabs(u));
-            squares += (x[0] - goal) * (x[0] - goal);
-            filter.predict(u, model, period, q);
-            for (int s = 0; s < parts; ++s) advance(x, u, plant, period / parts);
-        }
-        const std::chrono::duration<double> spent = std::chrono::steady_clock::now() - start;
-        best = std::min(best, 1e9 * spent.count() / steps);
+    Task t;
+    t.steps = (int)number(), t.parts = (int)number();
+    for (double *value : {&t.period, &t.q, &t.r, &t.goal, &t.deviation}) *value = number();
+    for (double *values : {t.model, t.plant, t.first}) for (int i = 0; i < 5; ++i) values[i] = number();
+    for (double &value : t.third) value = number();
+    t.noise.resize(t.steps);
+    for (double &value : t.noise) value = number();
+    double alone = INFINITY, whole = INFINITY;
+    Result found, other;
+    for (int repetition = 0; repetition < 20; ++repetition) {
+        double start = seconds();
+        found = simulate<false>(t, nullptr);
+        alone = std::min(alone, seconds() - start);
+        start = seconds();
+        Signals kept(t.steps);
+        other = simulate<true>(t, &kept);
+        whole = std::min(whole, seconds() - start);
     }
-    std::printf("%.3f %.17g %.17g %.17g\n", best, highest, peak, squares);
+    std::printf("%.3f %.3f\n", 1e9 * alone / t.steps, 1e9 * whole / t.steps);
+    for (const Result &r : {found, other}) std::printf("%.17g %.17g %.17g\n", r.highest, r.peak, r.squares);
 }
