@@ -56,6 +56,9 @@ def check_lanes(program: Program, lanes: int) -> None:
         raise misfit(f"Program '{program.name}' cannot run on these lanes.", "an integer ≥ 1", repr(lanes))
 
 
+_FLOAT = np.dtype(float)
+
+
 def check_arrays(program: Program, arrays: Mapping[str, np.ndarray], lanes: int) -> dict[str, np.ndarray]:
     """The arrays of the program's buffers, in its order.
 
@@ -76,9 +79,9 @@ def check_arrays(program: Program, arrays: Mapping[str, np.ndarray], lanes: int)
         array, width = arrays[name], 1 if buffer.shared else lanes
         if not (
             isinstance(array, np.ndarray)
-            and (array.flags.c_contiguous and array.flags.aligned)
-            and (array.dtype == np.float64 and array.dtype.isnative)
-            and (array.flags.writeable or buffer.role == "in")
+            and ((flags := array.flags).c_contiguous and flags.aligned)
+            and (array.dtype is _FLOAT or (array.dtype == np.float64 and array.dtype.isnative))
+            and (flags.writeable or buffer.role == "in")
             and array.size % width == 0
             and buffer.size in (None, array.size // width)
             and (width == 1 or (array.ndim >= 2 and array.shape[-1] == width))
@@ -425,9 +428,10 @@ class BoundKernel(partial):
     @property
     def status(self) -> Status:
         """Status of the last call."""
+        if len(self.outcome) == 2:
+            return Status(*self.outcome.tolist())
         codes, steps = self.outcome.reshape(2, -1)
-        single = len(codes) == 1
-        return Status(int(codes[0]), int(steps[0])) if single else Status(codes.copy(), steps.copy())
+        return Status(codes.copy(), steps.copy())
 
 
 def fingerprint(program: Program) -> str:

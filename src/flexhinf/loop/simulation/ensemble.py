@@ -24,6 +24,7 @@ from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.simulation.inputs import (
     check_seed,
+    drawn_noise,
     operating_state,
     sample_disturbance,
     sample_noise,
@@ -94,10 +95,11 @@ class PreparedRun:
 
     def with_seed(self, seed: int) -> PreparedRun:
         """The same run with the noise of another seed."""
-        noise = sample_noise(self.deviation, seed, len(self.times), self.code.controller.measured)
-        return replace(
-            self, arrays=self.arrays | {"noise": noise.ravel()}, settings=self.settings | {"seed": seed}
-        )
+        check_seed(seed)
+        arrays = dict(self.arrays)
+        if self.deviation is not None:
+            arrays["noise"] = drawn_noise(self.deviation, seed, len(self.times)).ravel()
+        return replace(self, arrays=arrays, settings=self.settings | {"seed": seed})
 
     def buffers(self) -> tuple[dict[str, np.ndarray], dict[str, int]]:
         """Arrays of the kernel by buffer, of which those that it writes are new, and the turns of its loops."""

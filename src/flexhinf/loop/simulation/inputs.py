@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.codegen import aligned
 from flexhinf.codegen.noise import seed_key
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop.controller.controller import Controller
@@ -309,16 +308,17 @@ def sample_noise(noise: Any, seed: int, samples: int, channels: Sequence[str], s
     check_seed(seed)
     if noise is None:
         return np.zeros((samples, len(channels)))
-    deviation, blocks, width = checked_deviation(noise, channels), -(-samples // BLOCK), len(channels)
+    return drawn_noise(np.ascontiguousarray(checked_deviation(noise, channels)), seed, samples, sample)
+
+
+def drawn_noise(deviation: np.ndarray, seed: int, samples: int, sample: int = 0) -> np.ndarray:
+    """As `sample_noise`, of deviations (p,) and a seed that are checked."""
+    blocks, width = -(-samples // BLOCK), len(deviation)
     if not width:
         return np.zeros((samples, 0))
-    made = aligned(blocks * width * BLOCK)
-    arrays = {
-        "step": np.arange(float(BLOCK)).reshape(1, BLOCK),
-        "key": np.array([sample, *seed_key(int(seed))], dtype=float),
-        "deviation": np.ascontiguousarray(deviation),
-        "noise": made.reshape(-1, BLOCK),
-    }
+    made = np.empty((blocks * width, BLOCK))
+    key, step = np.array([sample, *seed_key(int(seed))], dtype=float), np.arange(float(BLOCK))
+    arrays = {"step": step[None, :], "key": key, "deviation": deviation, "noise": made}
     noise_kernel(width).run(arrays, {"blocks": blocks})
     return made.reshape(blocks, width, BLOCK).transpose(0, 2, 1).reshape(-1, width)[:samples]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
+from functools import cache, cached_property, reduce
 from typing import Any, NamedTuple, cast
 
 import casadi as ca
@@ -406,22 +406,20 @@ def _waiting_steps(
 BLOCK = 8
 
 
+@cache
 def noise_kernel(channels: int) -> Kernel:
     """Measurement noise (blocks, channels, `BLOCK`): of each channel, as many samples side by side."""
-
-    def program() -> Program:
-        b = _Buffers()
-        step, key = b.whole("step", 1, "state"), b.whole("key", 3, "in", shared=True)
-        deviation = b.whole("deviation", channels, "in", shared=True)
-        noise = b.row("noise", channels, "out")
-        body = (
-            Normal(step[0], key[0], noise[0]),
-            Call(_product_function(channels, 1), (*noise, *deviation), noise),
-            Call(trace(lambda step: step + float(BLOCK), 1, name="later"), step, step),
-        )
-        return Program("noise", tuple(b.values()), (Repeat("blocks", body),), ("blocks",))
-
-    return share(("noise", channels), lambda: compile_program(program(), BLOCK))
+    b = _Buffers()
+    step, key = b.whole("step", 1, "state"), b.whole("key", 3, "in", shared=True)
+    deviation = b.whole("deviation", channels, "in", shared=True)
+    noise = b.row("noise", channels, "out")
+    body = (
+        Normal(step[0], key[0], noise[0]),
+        Call(_product_function(channels, 1), (*noise, *deviation), noise),
+        Call(trace(lambda step: step + float(BLOCK), 1, name="later"), step, step),
+    )
+    program = Program("noise", tuple(b.values()), (Repeat("blocks", body),), ("blocks",))
+    return compile_program(program, BLOCK)
 
 
 def reduction_program(sizes: Mapping[str, int], reductions: Sequence[Reduction]) -> Program:
