@@ -73,7 +73,9 @@ class Layout:
 
 def shaped(name: str, array: Any, shape: Shape) -> np.ndarray:
     """An array of this shape, of one or of a plain number; another is refused."""
-    if np.shape(array) not in ((), shape):
+    if np.shape(array) == shape:
+        return np.asarray(array)
+    if np.ndim(array):
         raise InvalidInput(
             f"The array {name!r} has the wrong shape.",
             f"expected {shape}, got {np.shape(array)}",
