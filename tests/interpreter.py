@@ -16,7 +16,6 @@ from flexhinf.codegen.program import (
     Copy,
     Guard,
     Householder,
-    Joined,
     Map,
     Normal,
     OuterSum,
@@ -161,14 +160,6 @@ class BoundWalk:
                         walk(turns)
 
             return when
-        if isinstance(step, Joined):
-            calls = [self._walk(call) for call in step.calls]
-
-            def joined(turns: tuple[int, ...]) -> None:
-                for walk in calls:
-                    walk(turns)
-
-            return joined
         inner = [self._walk(step) for step in step.body]
         count = self._counts[step.count] if isinstance(step.count, str) else step.count
 

@@ -6,20 +6,7 @@ import casadi
 import numpy as np
 import pytest
 
-from flexhinf.codegen import (
-    Buffer,
-    Call,
-    Columns,
-    Guard,
-    Joined,
-    Map,
-    OuterSum,
-    Program,
-    Repeat,
-    Slice,
-    Sweep,
-    When,
-)
+from flexhinf.codegen import Buffer, Call, Columns, Guard, Map, OuterSum, Program, Repeat, Slice, Sweep, When
 from flexhinf.codegen.compiler import emitter_digest, fingerprint
 
 X = casadi.SX.sym("x", 2)
@@ -34,19 +21,18 @@ def function(constant: float = 3.0, flip: bool = False) -> casadi.Function:
 
 
 def program(
-    traced=None, count=4, times=1, code=1, weights=WEIGHTS, order="C", turns="n", flag=0, joined=2
+    traced=None, count=4, times=1, code=1, weights=WEIGHTS, order="C", turns="n", flag=0, joins=False
 ) -> Program:
     traced = traced or function()
     pieces, place = Columns(Slice("a", 0, 8), 4, order), Slice("column", 0, 2)
     body = (
-        Call(traced, (Slice("a", 0, 2),), (Slice("a", 2, 2),)),
+        Call(traced, (Slice("a", 0, 2),), (Slice("a", 2, 2),), joins=joins),
         Map(traced, (pieces,), (pieces,)),
         Sweep(
             (Repeat(times, (Call(traced, (place,), (place,)),)),), ((pieces, place),), ((pieces, place),), 2
         ),
         OuterSum(Slice("a", 0, 4), Slice("a", 4, 4), Slice("b", 0, 1), count, weights),
         When(Slice("a", flag, 1), (Call(traced, (Slice("a", 0, 2),), (Slice("a", 2, 2),)),)),
-        Joined((Call(traced, (Slice("a", 0, 2),), (Slice("a", joined, 2),)),)),
         Repeat(turns, (Guard(Slice("b"), code),)),
     )
     return Program("p", (Buffer("a", 8, "state"), Buffer("b", 1, "out")), body, ("n", "m"))
@@ -61,7 +47,7 @@ CHANGES = {
     "the order of a matrix": {"order": "F"},
     "a count": {"turns": "m"},
     "a flag": {"flag": 1},
-    "a place of a joined call": {"joined": 4},
+    "a call that joins": {"joins": True},
 }
 
 

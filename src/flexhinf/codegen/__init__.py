@@ -27,7 +27,6 @@ from flexhinf.codegen.program import (
     Copy as Copy,
     Guard as Guard,
     Householder as Householder,
-    Joined as Joined,
     Map as Map,
     Normal as Normal,
     OuterSum as OuterSum,

@@ -29,19 +29,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf.codegen.memory import aligned, misfit
-from flexhinf.codegen.program import (
-    ENTRY,
-    Call,
-    Joined,
-    Map,
-    Program,
-    Repeat,
-    Step,
-    Sweep,
-    Unsupported,
-    When,
-    slices,
-)
+from flexhinf.codegen.program import ENTRY, Call, Map, Program, Repeat, Step, Sweep, Unsupported, When, slices
 from flexhinf.errors import InvalidInput
 from flexhinf.files import part_file
 from flexhinf.validation import open_regular, read_bytes
@@ -447,8 +435,6 @@ def fingerprint(program: Program) -> str:
             return f"Repeat({step.count!r}: {'; '.join(map(line, step.body))})"
         if isinstance(step, When):
             return f"When({step.flag!r}: {'; '.join(map(line, step.body))})"
-        if isinstance(step, Joined):
-            return f"Joined({'; '.join(map(line, step.calls))})"
         if isinstance(step, Sweep):
             return f"Sweep({step.inputs!r}, {step.outputs!r}, {step.size}: {'; '.join(map(line, step.body))})"
         if not isinstance(step, Call | Map):
@@ -456,7 +442,8 @@ def fingerprint(program: Program) -> str:
         key = step.function.__hash__()
         if key not in functions:
             functions[key] = step.function.serialize()
-        return f"{type(step).__name__}({list(functions).index(key)}, {step.inputs!r}, {step.outputs!r})"
+        kind = "Joins" if isinstance(step, Call) and step.joins else type(step).__name__
+        return f"{kind}({list(functions).index(key)}, {step.inputs!r}, {step.outputs!r})"
 
     lines = [repr(program.buffers), repr(program.counts), *map(line, program.body)]
     return "\n".join([*lines, *(f"{len(text)} {text}" for text in functions.values())])

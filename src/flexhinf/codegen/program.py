@@ -53,7 +53,8 @@ class Call:
 
     `function`: An SX function whose arguments and results are dense. `inputs`, `outputs`: One per argument and per
     result, of the same number of elements. `about`: What it computes, for a comment in exported C. `stages`: What it
-    computes one after the other, for exported C, where it is long.
+    computes one after the other, for exported C, where it is long. `joins`: Machine code may compute it together with
+    the call before it, in one straight line, to the same bits: what waits for a sine there does not keep this waiting.
     """
 
     function: casadi.Function
@@ -61,43 +62,10 @@ class Call:
     outputs: tuple[Slice, ...]
     about: str = ""
     stages: Stages | None = None
+    joins: bool = False
 
     def __post_init__(self) -> None:
         check_function(self.function, self.inputs, self.outputs)
-
-
-@dataclass(frozen=True, eq=False)
-class Joined:
-    """Evaluate calls as if one after the other, but as one straight line: what waits for a sine in one of them does not
-    keep the others waiting. Their results have the same bits as apart.
-
-    `calls`: All that they read is read before anything is written; a slice that an earlier one writes may be read as a
-    whole. Raises InvalidInput: other steps, or a call that reads a part of what an earlier one writes.
-    """
-
-    calls: tuple[Call, ...]
-
-    def __post_init__(self) -> None:
-        if not self.calls or not all(isinstance(call, Call) for call in self.calls):
-            raise misfit("Steps cannot be joined.", "one Call or more", self.calls)
-        written = list[Slice]()
-        for call in self.calls:
-            for piece in call.inputs:
-                last = next((other for other in reversed(written) if overlap(piece, other)), piece)
-                if piece != last:
-                    raise misfit("Calls cannot be joined.", "what an earlier one writes, as a whole", piece)
-            written += call.outputs
-
-    @property
-    def links(self) -> dict[int, int]:
-        """Arguments that are results of earlier calls: the number of each among all arguments, and of its result."""
-        found, results = dict[int, int](), dict[Slice, int]()
-        read = written = 0
-        for call in self.calls:
-            found |= {k: results[piece] for k, piece in enumerate(call.inputs, read) if piece in results}
-            results |= {piece: k for k, piece in enumerate(call.outputs, written)}
-            read, written = read + len(call.inputs), written + len(call.outputs)
-        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,10 +251,10 @@ def leaves(body: Sequence[Any]) -> Iterator[Any]:
 Simple: TypeAlias = (
     Call | Map | Sweep | OuterSum | Polynomial | Cholesky | Householder | Residual | Copy | Normal | Guard
 )
-Step: TypeAlias = Simple | Joined | Repeat | When
+Step: TypeAlias = Simple | Repeat | When
 
 
-def slices(step: Simple | Joined | When) -> tuple[tuple[Slice, ...], tuple[Slice, ...]]:
+def slices(step: Simple | When) -> tuple[tuple[Slice, ...], tuple[Slice, ...]]:
     """The slices that a step reads, and those that it writes."""
     if isinstance(step, Call | Map):
         return tuple(map(whole, step.inputs)), tuple(map(whole, step.outputs))
@@ -312,7 +280,6 @@ _PIECES: dict[type, tuple[tuple[str, ...], tuple[str, ...]]] = {
     Normal: (("step", "key"), ("target",)),
     Guard: (("source",), ()),
     When: (("flag",), ()),
-    Joined: ((), ()),  # its calls have them
 }
 
 
@@ -361,9 +328,8 @@ class Program:
             yield step, loops
             if isinstance(step, Repeat):
                 stack.extend((inner, (*loops, step.count)) for inner in reversed(step.body))
-            elif isinstance(step, When | Joined):
-                body = step.body if isinstance(step, When) else step.calls
-                stack.extend((inner, loops) for inner in reversed(body))
+            elif isinstance(step, When):
+                stack.extend((inner, loops) for inner in reversed(step.body))
 
     def _check_step(self, step: Step, depth: int) -> None:
         name, buffers = f"Program '{self.name}'", {buffer.name: buffer for buffer in self.buffers}
@@ -371,7 +337,7 @@ class Program:
             if isinstance(step.count, str) and step.count not in self.counts:
                 raise unknown_name(f"{name} repeats by an unknown count.", step.count, self.counts)
             return
-        if not isinstance(step, Simple | Joined | When):
+        if not isinstance(step, Simple | When):
             raise misfit(
                 f"{name} holds something that is no step.",
                 ", ".join(kind.__name__ for kind in get_args(Step)),

@@ -514,7 +514,8 @@ class Model(Summarised):
             return np.zeros((0, self.n))
         vector = self.parameters.vector()
         if count == 1:  # every run asks for one
-            result = self.evaluate_flow(*(rows[0] for rows in points), vector)[None]
+            at, held, load = (rows[0] for rows in points)
+            result = self.evaluate_flow(at, held, load, vector)[None]
         else:
             columns = [np.broadcast_to(rows, (count, rows.shape[1])).T for rows in (*points, vector[None])]
             result = np.asarray(self.traced_flow(*columns), dtype=float).T

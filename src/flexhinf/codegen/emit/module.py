@@ -20,8 +20,9 @@ columns are packed into lanes, and unpacked.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import reduce
+from itertools import zip_longest
 from typing import Any
 
 import casadi
@@ -38,7 +39,7 @@ from flexhinf.codegen.emit.opcodes import (
     is_far,
 )
 from flexhinf.codegen.emit.reflections import Reflections
-from flexhinf.codegen.memory import COLUMN, Columns, Slice, whole
+from flexhinf.codegen.memory import COLUMN, Columns, Slice, overlap, whole
 from flexhinf.codegen.noise import normal
 from flexhinf.codegen.program import (
     ENTRY,
@@ -48,7 +49,6 @@ from flexhinf.codegen.program import (
     Copy,
     Guard,
     Householder,
-    Joined,
     Map,
     Normal,
     OuterSum,
@@ -225,8 +225,7 @@ class _Emitter:
         self.mapped: set[str] = set()
         self.writer = Writer(self.module)
         self._writers: dict[type, Callable[[Any, tuple[str, ...]], None]] = {
-            Repeat: self._repeat, When: self._when, Call: self._call, Joined: self._joined, Map: self._map,
-            Sweep: self._sweep,
+            Repeat: self._repeat, When: self._when, Map: self._map, Sweep: self._sweep,
             OuterSum: self._outer_sum, Polynomial: self._polynomial, Cholesky: self._cholesky, Copy: self._copy,
             Householder: self._householder, Residual: self._residual,
             Normal: self._normal, Guard: self._guard,
@@ -278,8 +277,11 @@ class _Emitter:
         return self.writer.let(f"getelementptr i64, ptr %context, i64 {k}")
 
     def _body(self, body: tuple[Step, ...], turns: tuple[str, ...]) -> None:
-        for step in body:
-            self._writers[type(step)](step, turns)
+        for calls, step in _lines(body):
+            if calls:
+                self._calls(calls, turns)
+            else:
+                self._writers[type(step)](step, turns)
 
     def _repeat(self, step: Repeat, turns: tuple[str, ...]) -> None:
         end = self.turns[step.count] if isinstance(step.count, str) else str(step.count)
@@ -318,22 +320,22 @@ class _Emitter:
         shared: tuple[bool, ...],
         links: Mapping[int, int] | None = None,
     ) -> str:
-        links = links or {}
-        key = (*(function.__hash__() for function in functions), lanes.width, shared, *links.items())
+        key = (*(f.__hash__() for f in functions), lanes.width, shared, *(links or {}).items())
         if key not in self.functions:
             self.functions[key] = name = f"{PREFIX}function{len(self.functions)}"
             self.sizes[name] = emit_function(self.module, name, functions, lanes, shared, links)
         return self.functions[key]
 
-    def _call(self, step: Call, turns: tuple[str, ...]) -> None:
-        self._joined(Joined((step,)), turns)
-
-    def _joined(self, step: Joined, turns: tuple[str, ...]) -> None:
-        read = [piece for call in step.calls for piece in call.inputs]
-        shared, functions = tuple(map(self._shared, read)), [call.function for call in step.calls]
-        name = self._function(functions, self.lanes, shared, step.links)
-        pieces = (*read, *(piece for call in step.calls for piece in call.outputs))
-        pointers = ", ".join(f"ptr {self._address(piece, turns)}" for piece in pieces)
+    def _calls(self, calls: Sequence[Call], turns: tuple[str, ...]) -> None:
+        read, written, links = list[Slice](), list[Slice](), dict[int, int]()
+        for call in calls:
+            results = {piece: k for k, piece in enumerate(written)}  # of one that is written twice, the last
+            links |= {k: results[piece] for k, piece in enumerate(call.inputs, len(read)) if piece in results}
+            read += call.inputs
+            written += call.outputs
+        functions = [call.function for call in calls]
+        name = self._function(functions, self.lanes, tuple(map(self._shared, read)), links)
+        pointers = ", ".join(f"ptr {self._address(piece, turns)}" for piece in (*read, *written))
         self.writer.do(f"call void @{name}({pointers})")
         self.calls[name] += 1
 
@@ -524,6 +526,21 @@ class _Emitter:
         writer.do(f"store {integer} {steps}, ptr {self.steps}, align 8")
         left = writer.any(writer.let(f"icmp eq {integer} {codes}, {lanes.whole(0)}"))
         writer.place(go_on, f"br i1 {left}, label %{go_on}, label %finish")
+
+
+def _lines(body: Sequence[Step]) -> Iterator[tuple[list[Call], Step]]:
+    """The steps; calls together with those that join them, unless these read a part of what is written before."""
+    calls, written = list[Call](), list[Slice]()
+    for step, following in zip_longest(body, body[1:]):
+        if isinstance(step, Call):
+            calls.append(step)
+            written += step.outputs
+            if isinstance(following, Call) and following.joins:
+                last = [[p for p in written if overlap(p, piece)][-1:] for piece in following.inputs]
+                if all(before in ([], [piece]) for before, piece in zip(last, following.inputs, strict=True)):
+                    continue
+        yield calls, step
+        calls, written = [], []
 
 
 def _resized(writer: Writer, value: str, width: int, wanted: int) -> str:

@@ -16,7 +16,6 @@ from flexhinf.codegen import (
     Call,
     Copy,
     Guard,
-    Joined,
     Kernel,
     Normal,
     Program,
@@ -307,7 +306,7 @@ def loop_program(
         )
         body.append(Call(arrived, (*y, *waiting, *b.row("gaps", sizes["y"], "in", many)), (*y, *waiting)))
     body += control
-    record = b.row("inputs", sizes["u"], "state") if delayed or not many else ()
+    record: tuple[Slice, ...] = b.row("inputs", sizes["u"], "state") if delayed or not many else ()
     acting = record if delayed else u
     advance, size, parts = drop_empty(rk4_function(plant)), 3 * sizes["d"], list[Step]()
     stage: tuple[Slice, ...] = ()
@@ -317,7 +316,8 @@ def loop_program(
     if options is None:  # the first sub-step does not wait for the controller's prediction, nor that for it
         first = tuple(replace(piece, strides=piece.strides[:1]) for piece in stage)
         body.append(Call(advance, (*x, *acting, *first, *truth), x))
-        body[1:] = _in_one_line(body[1:])
+        if not controller.composed:
+            body = [replace(step, joins=True) if isinstance(step, Call) else step for step in body]
         stage = tuple(replace(piece, offset=size) for piece in stage)
     elif options.kept:
         places = options.kept
@@ -354,12 +354,6 @@ def loop_program(
     counts = ("steps", "parts", "late") if record else ("steps", "parts")
     name = "ensemble" if many else "closed_loop"
     return Program(name, (*b.values(), *scratch), (Repeat("steps", tuple(body)),), counts)
-
-
-def _in_one_line(steps: Sequence[Step]) -> list[Step]:
-    """Calls joined; other steps as they are."""
-    calls = tuple(step for step in steps if isinstance(step, Call))
-    return [Joined(calls)] if len(calls) == len(steps) else list(steps)
 
 
 def _waiting_steps(
