@@ -256,8 +256,8 @@ class LoopCode:
 def loop_program(
     code: LoopCode, options: EnsembleOptions | None = None, reductions: Sequence[Reduction] = ()
 ) -> Program:
-    """The program of a run; `steps` samples, `parts` sub-steps each (of one run beside the first, which goes together
-    with the controller's step), room for `capacity` of them.
+    """The program of a run; `steps` samples, `parts` sub-steps each, room for `capacity` of them. Of one run, `parts`
+    does not count the first sub-step, which is computed together with the controller's step.
 
     One run, without options, takes its noise as data and records all signals. Of many runs noise is made and numbers
     are reduced on the way, and nothing is recorded but what is kept: command, data of the law and disturbance are the
@@ -307,7 +307,7 @@ def loop_program(
         body.append(Call(arrived, (*y, *waiting, *b.row("gaps", sizes["y"], "in", many)), (*y, *waiting)))
     body += control
     record: tuple[Slice, ...] = b.row("inputs", sizes["u"], "state") if delayed or not many else ()
-    acting = record if delayed else u
+    acting: tuple[Slice, ...] = record if delayed else u
     advance, size, parts = drop_empty(rk4_function(plant)), 3 * sizes["d"], list[Step]()
     stage: tuple[Slice, ...] = ()
     if size and (options is None or options.disturbed):
