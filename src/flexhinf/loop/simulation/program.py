@@ -306,8 +306,8 @@ def loop_program(
         )
         body.append(Call(arrived, (*y, *waiting, *b.row("gaps", sizes["y"], "in", many)), (*y, *waiting)))
     body += control
-    record: tuple[Slice, ...] = b.row("inputs", sizes["u"], "state") if delayed or not many else ()
-    acting: tuple[Slice, ...] = record if delayed else u
+    record = b.row("inputs", sizes["u"] if delayed or not many else 0, "state")
+    acting = record if delayed else u
     advance, size, parts = drop_empty(rk4_function(plant)), 3 * sizes["d"], list[Step]()
     stage: tuple[Slice, ...] = ()
     if size and (options is None or options.disturbed):
