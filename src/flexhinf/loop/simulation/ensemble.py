@@ -24,11 +24,11 @@ from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.simulation.inputs import (
     check_seed,
-    drawn_noise,
     operating_state,
     sample_disturbance,
     sample_noise,
     start_text,
+    white_noise,
 )
 from flexhinf.loop.simulation.metrics import Command, EnsembleResult, Place, Reduction
 from flexhinf.loop.simulation.program import (
@@ -98,7 +98,7 @@ class PreparedRun:
         check_seed(seed)
         arrays = dict(self.arrays)
         if self.deviation is not None:
-            arrays["noise"] = drawn_noise(self.deviation, seed, len(self.times)).ravel()
+            arrays["noise"] = white_noise(self.deviation, seed, len(self.times)).ravel()
         return replace(self, arrays=arrays, settings=self.settings | {"seed": seed})
 
     def buffers(self) -> tuple[dict[str, np.ndarray], dict[str, int]]:

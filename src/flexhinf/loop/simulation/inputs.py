@@ -308,19 +308,19 @@ def sample_noise(noise: Any, seed: int, samples: int, channels: Sequence[str], s
     check_seed(seed)
     if noise is None:
         return np.zeros((samples, len(channels)))
-    return drawn_noise(np.ascontiguousarray(checked_deviation(noise, channels)), seed, samples, sample)
+    return white_noise(np.ascontiguousarray(checked_deviation(noise, channels)), seed, samples, sample)
 
 
-def drawn_noise(deviation: np.ndarray, seed: int, samples: int, sample: int = 0) -> np.ndarray:
+def white_noise(deviation: np.ndarray, seed: int, samples: int, sample: int = 0) -> np.ndarray:
     """As `sample_noise`, of deviations (p,) and a seed that are checked."""
     blocks, width = -(-samples // BLOCK), len(deviation)
     if not width:
         return np.zeros((samples, 0))
-    made = np.empty((blocks * width, BLOCK))
+    numbers = np.empty((blocks * width, BLOCK))
     key, step = np.array([sample, *seed_key(int(seed))], dtype=float), np.arange(float(BLOCK))
-    arrays = {"step": step[None, :], "key": key, "deviation": deviation, "noise": made}
+    arrays = {"step": step[None, :], "key": key, "deviation": deviation, "noise": numbers}
     noise_kernel(width).run(arrays, {"blocks": blocks})
-    return made.reshape(blocks, width, BLOCK).transpose(0, 2, 1).reshape(-1, width)[:samples]
+    return numbers.reshape(blocks, width, BLOCK).transpose(0, 2, 1).reshape(-1, width)[:samples]
 
 
 def check_seed(seed: Any) -> None:
