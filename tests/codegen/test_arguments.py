@@ -7,6 +7,7 @@ from tests.interpreter import interpret
 from tests.refusals import refused_with
 
 from flexhinf.codegen import Buffer, Call, Program, Repeat, Slice, compile_program
+from flexhinf.codegen.compiler import check_arrays
 from flexhinf.errors import InvalidInput
 
 X, Y = casadi.SX.sym("x", 2), casadi.SX.sym("y", 2)
@@ -78,6 +79,39 @@ def test_overlapping_arrays_are_refused():
     memory = np.zeros(7)
     with refused_with(InvalidInput, "memory", "'x' and 'y'"):
         compile_program(PROGRAM).run({"x": memory[:2], "y": memory[1:]}, {"n": 3})
+
+
+#: Places of three arrays in one memory, first and end: two that are read, and one that is written.
+PLACES = {
+    "apart": (((0, 2), (2, 4), (4, 6)), True),
+    "the same for both readers": (((0, 2), (0, 2), (2, 4)), True),
+    "an end inside": (((4, 6), (0, 2), (1, 3)), False),
+    "a short one in a long one that is read": (((0, 9), (1, 2), (5, 6)), False),
+    "readers in what is written": (((1, 2), (6, 7), (0, 9)), False),
+    "behind another reader": (((0, 2), (4, 9), (8, 10)), False),
+    "nothing": (((0, 9), (3, 3), (9, 10)), True),
+}
+
+
+@pytest.mark.parametrize("case", PLACES)
+def test_only_readers_may_share_memory(case):
+    names, (places, fits) = "abc", PLACES[case]
+    roles = [Buffer(name, None, "out" if name == "c" else "in") for name in names]
+    program, memory = Program("none", tuple(roles), ()), np.zeros(10)
+    arrays = {name: memory[first:end] for name, (first, end) in zip(names, places, strict=True)}
+    if fits:
+        assert list(check_arrays(program, arrays, 1)) == list(names)
+        return
+    with refused_with(InvalidInput, "memory", "'c'"):
+        check_arrays(program, arrays, 1)
+
+
+def test_counts_that_do_not_fit_are_refused_after_some_that_do():
+    kernel, arrays = compile_program(PROGRAM), good(1)
+    for _ in range(2):
+        assert kernel.run(arrays, {"n": 3}).fine
+        with refused_with(InvalidInput, "'y'", "'sums'"):
+            kernel.run(arrays, {"n": 4})
 
 
 @pytest.mark.parametrize("lanes", [0, -1, 1.5, True])
