@@ -8,6 +8,7 @@ from functools import cached_property
 from importlib import import_module
 from typing import Any
 
+from flexhinf.paper.apart import Apart
 from flexhinf.paper.estimators import BETTER_THAN_EKF, UKF
 from flexhinf.paper.loop_setup import FIGURE_NUMBERS, PaperSetup, StatedClaim, figure_numbers, judge
 from flexhinf.paper.responses import ABOUT_THE_GOAL, GAIN, STEPS_AND_TRACKING, TORQUES
@@ -26,8 +27,10 @@ CLAIMS: tuple[StatedClaim, ...] = (
     ABOUT_THE_GOAL,
 )
 
-#: What takes half of the time of all.
-LONG_CLAIMS = (TOLERANCES, BETTER_THAN_EKF)
+#: The claims with those that take longest first.
+BY_LENGTH = tuple(
+    dict.fromkeys((TOLERANCES, GAIN, BETTER_THAN_EKF, ABOUT_THE_GOAL, *CLAIMS))
+)
 
 #: How many steps of work there are, for a progress bar.
 STAGES = len(FIGURE_NUMBERS) + len(CLAIMS) + 1
@@ -71,26 +74,30 @@ def reproduce(
     settings: PaperSettings,
     command: Sequence[str] = ("flexhinf", "paper"),
     progress: Callable[[str], None] = lambda stage: None,
-    apart: Callable[[], Claim | None] | None = None,
+    apart: Apart | None = None,
 ) -> Reproduction:
     """Compute everything; nothing is written.
 
     `command` makes the report again; `progress` is called with the name of each next stage, `STAGES` times in all.
-    With `apart`, that of `flexhinf.paper.apart.judged_apart`, another process judges the claims that take longest, and
-    this one draws meanwhile. Numbers and drawings are the same.
+    With `apart`, that of `flexhinf.paper.apart.judged_apart`, another process judges claims too, and this one has drawn
+    when it returns. Numbers and drawings are the same.
     Raises InfeasibleGamma: if γ is not above γ*.
     """
     progress("synthesis")
     setup, figures = PaperSetup(settings), dict[str, dict[str, Any]]()
-    drawings, claims = None, dict[str, Claim]()
     for figure in FIGURE_NUMBERS:
         progress(f"figure {int(figure)}")
         figures[figure] = figure_numbers(setup, figure)
-    last = () if apart is None else LONG_CLAIMS
-    for claim in (*(each for each in CLAIMS if each not in last), *last):
-        if claim in last and drawings is None:
-            drawings = import_module("flexhinf.pages.paper").draw_figures(setup)
+    drawings = import_module("flexhinf.pages.paper").draw_figures(setup) if apart else None
+    claims, begun = dict[str, Claim](), apart.begun if apart else [0, 0]
+    for claim in reversed(BY_LENGTH):
+        if begun[0] + begun[1] == len(BY_LENGTH):
+            break
+        begun[1] += 1
         progress(f"claim: {claim.id.replace('-', ' ')}")
-        claims[claim.id] = (apart() if apart and claim in last else None) or judge(setup, claim)
+        claims[claim.id] = judge(setup, claim)
+    for claim in BY_LENGTH[: len(BY_LENGTH) - len(claims)]:  # begun there, and judged here only if it died
+        progress(f"claim: {claim.id.replace('-', ' ')}")
+        claims[claim.id] = (apart and apart.judged()) or judge(setup, claim)
     *paper, own = (claims[claim.id] for claim in CLAIMS)
     return Reproduction(setup, figures, tuple(paper), (own,), tuple(command), drawings)
