@@ -203,13 +203,12 @@ def _scores(
         "deviations": deviations,
         "step": 1.0 + np.arange(steps),  # step 0 is the start
     }
-    run, scores = kernel.bind(arrays, {"steps": steps}), []
+    run, scores, samples = kernel.bind(arrays, {"steps": steps}), [], np.arange(-(-runs // LANES) * LANES)
+    start = mean[:, None] + initial[:, None] * normal_numbers(seed, 0, np.arange(n)[:, None], samples)
     arrays["key"][1:] = np.array(seed_key(seed))[:, None]
     for first in range(0, runs, LANES):
-        samples = first + np.arange(LANES)
-        arrays["key"][0] = samples
-        start = normal_numbers(seed, 0, np.arange(n)[:, None], samples)
-        arrays["x"][:] = mean[:, None] + initial[:, None] * start
+        some = slice(first, first + LANES)
+        arrays["key"][0], arrays["x"][:] = samples[some], start[:, some]
         arrays["belief"][:] = np.concatenate([mean, covariance.ravel()])[:, None]
         run()
         recorded = arrays["recorded"].reshape(steps, n + 1, LANES)
@@ -382,15 +381,18 @@ def _beats_ekf(setup: PaperSetup) -> Finding:
 
 
 def _closed_loops(setup: PaperSetup) -> str:
-    count, gaps, law = affordable(10, setup.settings.period), [], setup.nonlinear
-    for k in range(count):
-        runs = [
-            setup.run(law, Step(math.pi), 8.0, estimator=estimator, seed=setup.seed(k))
-            for estimator in (setup.estimator(kind) for kind in ("ukf", "ekf"))
-        ]
-        if all(run.diverged_at is None for run in runs):
-            ukf, ekf = (run.signal("state", "link_position") for run in runs)
-            gaps.append(float(np.degrees(np.abs(ukf - ekf).max())))
+    count, runs = affordable(10, setup.settings.period), []
+    for kind in ("ukf", "ekf"):
+        loop = setup.loop(setup.nonlinear, estimator=setup.estimator(kind))
+        runs.append([
+            loop.run(Step(math.pi), None, setup.deviation(loop), STEP_DURATION, None, setup.seed(k))
+            for k in range(count)
+        ])  # fmt: skip
+    gaps = [
+        float(np.degrees(np.abs(np.subtract(*(run.signal("state", "link_position") for run in pair))).max()))
+        for pair in zip(*runs)
+        if all(run.diverged_at is None for run in pair)
+    ]
     if not gaps:
         return f"Closed loops: all {count} pairs diverged."
     return (
