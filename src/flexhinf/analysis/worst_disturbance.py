@@ -261,7 +261,8 @@ def gradient(runs: DisturbanceRuns, d: np.ndarray) -> tuple[np.ndarray, float] |
             np.einsum("ki,kij->kj", by_x[part], x_by) + np.einsum("ki,kij->kj", by_u[part], u_by)
             for x_by, u_by in zip(*moved)
         )
-        *adjoints, adjoint = rows = [adjoint, *own[::-1]]  # backwards; `dot` is called in half the time of `@`
+        # Backwards; a call of `dot` takes half the time of `@`.
+        *adjoints, adjoint = rows = [adjoint, *own[::-1]]
         for later, row, slope in zip(rows, rows[1:], by_state[::-1]):
             row += later.dot(slope)
         adjoints = np.array(adjoints[::-1])

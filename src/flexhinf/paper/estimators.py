@@ -170,13 +170,16 @@ def run_trial(trial: Trial, inputs: np.ndarray, runs: int, seed: int) -> tuple[S
     n, p = trial.model.n, len(trial.model.outputs)
     q, r, initial = (np.array(part) for part in (trial.process_noise, trial.measurement_noise, trial.initial))
     mean = np.zeros(n) if trial.mean is None else np.array(trial.mean)
-    ukf, ekf = (
-        kind(trial.model, trial.period, q, r, mean, initial**2, form=trial.form)
-        for kind in (UnscentedKalmanFilter, ExtendedKalmanFilter)
-    )
     deviations = np.sqrt(np.concatenate([np.broadcast_to(q, n), np.broadcast_to(r, p)]))
     truth = trial.model.parameters.replaced(dict(trial.changes)).vector()
-    return tuple(_scores(filter, truth, deviations, initial, inputs, runs, seed) for filter in (ukf, ekf))
+    ukf, ekf = (
+        _scores(
+            kind(trial.model, trial.period, q, r, mean, initial**2, form=trial.form),
+            truth, deviations, initial, inputs, runs, seed,
+        )
+        for kind in (UnscentedKalmanFilter, ExtendedKalmanFilter)
+    )  # fmt: skip
+    return ukf, ekf
 
 
 def _scores(
@@ -242,11 +245,12 @@ def _program(filter: RecursiveFilter) -> Program:
     # rounded before anything is added to the products
     product = trace(np.multiply, n + p, n + p, name="product")
     sizes |= {"deviations": n + p, "key": 3, "step": 1, "recorded": n + 1}
-    rows, roles = ("inputs", "step", "recorded"), {"noise": "work", "recorded": "out", "key": "in"}
-    roles |= {"x": "state", "belief": "state"}
+    rows = ("inputs", "step", "recorded")
+    # of what each lane has for itself
+    own: dict[str, Any] = {"x": "state", "belief": "state", "noise": "work", "key": "in", "recorded": "out"}
     at = {k: Slice(k, size=v, strides=(v if k in rows else 0,)) for k, v in sizes.items()}
     buffers = [
-        Buffer(k, None if k in rows else v, roles.get(k, "in"), shared=k not in roles) for k, v in sizes.items()
+        Buffer(k, None if k in rows else v, own.get(k, "in"), shared=k not in own) for k, v in sizes.items()
     ]
     body = (
         Normal(at["step"], at["key"], at["noise"]),

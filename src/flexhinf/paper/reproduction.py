@@ -28,9 +28,7 @@ CLAIMS: tuple[StatedClaim, ...] = (
 )
 
 #: The claims with those that take longest first.
-BY_LENGTH = tuple(
-    dict.fromkeys((TOLERANCES, GAIN, BETTER_THAN_EKF, ABOUT_THE_GOAL, *CLAIMS))
-)
+BY_LENGTH = tuple(dict.fromkeys((TOLERANCES, GAIN, BETTER_THAN_EKF, ABOUT_THE_GOAL, *CLAIMS)))
 
 #: How many steps of work there are, for a progress bar.
 STAGES = len(FIGURE_NUMBERS) + len(CLAIMS) + 1
@@ -46,7 +44,7 @@ class Reproduction:
     claims: tuple[Claim, ...]
     questions: tuple[Claim, ...]
     command: tuple[str, ...]
-    drawings: Mapping[str, str] | None = None  # of the paper's figures, as SVG, where they are drawn already
+    drawings: Mapping[str, Any]  # of the paper's figures, by number, and of claims' evidence, by their id
 
     @cached_property
     def files(self) -> dict[str, str]:
@@ -79,25 +77,30 @@ def reproduce(
     """Compute everything; nothing is written.
 
     `command` makes the report again; `progress` is called with the name of each next stage, `STAGES` times in all.
-    With `apart`, that of `flexhinf.paper.apart.judged_apart`, another process judges claims too, and this one has drawn
-    when it returns. Numbers and drawings are the same.
+    With `apart`, that of `flexhinf.paper.apart.judged_apart`, another process judges claims too: numbers are the same.
     Raises InfeasibleGamma: if γ is not above γ*.
     """
     progress("synthesis")
-    setup, figures = PaperSetup(settings), dict[str, dict[str, Any]]()
+    setup, figures, claims = PaperSetup(settings), dict[str, dict[str, Any]](), dict[str, Claim]()
     for figure in FIGURE_NUMBERS:
         progress(f"figure {int(figure)}")
         figures[figure] = figure_numbers(setup, figure)
-    drawings = import_module("flexhinf.pages.paper").draw_figures(setup) if apart else None
-    claims, begun = dict[str, Claim](), apart.begun if apart else [0, 0]
+    pages = import_module("flexhinf.pages.paper")
+    drawings = pages.draw_figures(setup)
+
+    def add(stated: StatedClaim, wait: Callable[[], Claim | None] = lambda: None) -> None:
+        progress(f"claim: {stated.id.replace('-', ' ')}")
+        claim = claims[stated.id] = wait() or judge(setup, stated)
+        drawings[claim.id] = pages.draw_evidence(setup, claim)
+
+    begun = apart.begun if apart else [0, 0]
     for claim in reversed(BY_LENGTH):
-        if begun[0] + begun[1] == len(BY_LENGTH):
+        if begun[0] + begun[1] >= len(BY_LENGTH):
             break
         begun[1] += 1
-        progress(f"claim: {claim.id.replace('-', ' ')}")
-        claims[claim.id] = judge(setup, claim)
-    for claim in BY_LENGTH[: len(BY_LENGTH) - len(claims)]:  # begun there, and judged here only if it died
-        progress(f"claim: {claim.id.replace('-', ' ')}")
-        claims[claim.id] = (apart and apart.judged()) or judge(setup, claim)
+        add(claim)
+    if apart:
+        for claim in BY_LENGTH[: -begun[1] or None]:  # begun there, and judged here only if it died
+            add(claim, apart.judged)
     *paper, own = (claims[claim.id] for claim in CLAIMS)
     return Reproduction(setup, figures, tuple(paper), (own,), tuple(command), drawings)

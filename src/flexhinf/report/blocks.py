@@ -299,7 +299,7 @@ def _parts(svg: str) -> tuple[str, str, str]:
     view = re.search(r'\bviewBox="\S+\s+\S+\s+([\d.]+)\s[^"]*"', root.group()) if root else None
     if root is None or view is None or "</svg>" not in drawing:
         raise InvalidInput("A figure is an SVG document.", f"got {svg[:40]!r} …", "figure_to_svg")
-    return *view.group(0, 1), drawing[root.end() : drawing.rindex("</svg>") + len("</svg>")]
+    return view[0], view[1], drawing[root.end() : drawing.rindex("</svg>") + len("</svg>")]
 
 
 #: In markup: what comes before a name, the size of a text, and the colours that have a role.
