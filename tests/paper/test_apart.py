@@ -8,7 +8,7 @@ import pytest
 
 from flexhinf.paper import PaperSettings, Reproduction
 from flexhinf.paper.apart import judged_apart
-from flexhinf.paper.reproduction import LONG_CLAIMS
+from flexhinf.paper.reproduction import BY_LENGTH, CLAIMS
 
 
 @pytest.fixture
@@ -21,10 +21,17 @@ def test_another_process_judges_as_this_one(two_processors: None, reproduction: 
     here = {claim.id: claim.as_dict() for claim in reproduction.claims}
     with judged_apart(PaperSettings()) as apart:
         assert apart is not None
-        for stated in LONG_CLAIMS:
-            there = apart()
+        apart.begun[1] = len(BY_LENGTH) - 2  # this one judges all but the two longest
+        for stated in BY_LENGTH[:2]:
+            there = apart.judged()
             assert there is not None
             assert there.as_dict() == here[stated.id]
+        assert apart.judged() is None
+        assert list(apart.begun) == [2, len(BY_LENGTH) - 2]
+
+
+def test_every_claim_is_judged_once_and_the_longest_come_first() -> None:
+    assert sorted(claim.id for claim in BY_LENGTH) == sorted(claim.id for claim in CLAIMS)
 
 
 def test_of_a_process_that_died_nothing_is_waited_for(two_processors: None) -> None:
@@ -32,7 +39,7 @@ def test_of_a_process_that_died_nothing_is_waited_for(two_processors: None) -> N
         assert apart is not None
         (worker,) = multiprocessing.active_children()
         worker.kill()
-        assert apart() is None
+        assert apart.judged() is None
     assert multiprocessing.active_children() == []
 
 

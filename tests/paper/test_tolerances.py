@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import math
-import signal
-import threading
-import time
 from typing import Any
 
 import numpy as np
@@ -15,7 +12,7 @@ from scipy.optimize import fsolve
 
 from flexhinf.analysis import ALL_STATES, VELOCITIES
 from flexhinf.paper.loop_setup import GOALS, PaperSettings, PaperSetup
-from flexhinf.paper.tolerances import ToleranceStudy, growth_with, unstable_of
+from flexhinf.paper.tolerances import ToleranceStudy, unstable_of
 
 pytestmark = pytest.mark.paper
 
@@ -149,26 +146,3 @@ def test_growth_rates_by_a_loop_made_by_hand(setup: PaperSetup, study: Tolerance
         chosen = [*corners[::256], *near, study.chosen[goal].worst]
         by_hand = [growth_by_hand(setup, dict(setup.population.values[k]), goal) for k in chosen]
         assert by_hand == pytest.approx([rates[k] for k in chosen], abs=1e-4)
-
-
-def test_ctrl_c_ends_the_growth_rates_of_both_goals(
-    setup: PaperSetup, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It reaches one thread only; the others would go on for minutes."""
-    turns: list[int] = []
-    most = 3000
-
-    def endless(*arguments: Any) -> None:
-        for turn in range(most):
-            turns.append(turn)
-            going_on = arguments[4]
-            going_on()
-            if turn == 3 and arguments[0] == GOALS[1]:
-                signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
-            time.sleep(0.01)
-
-    monkeypatch.setattr("flexhinf.paper.tolerances.growth_rates", endless)
-    monkeypatch.setattr("flexhinf.paper.tolerances.EquilibriumLoop", lambda *about, **options: about[-1])
-    with pytest.raises(KeyboardInterrupt):
-        growth_with(setup, setup.nonlinear)
-    assert max(turns) < most - 1

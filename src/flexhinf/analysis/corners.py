@@ -259,22 +259,19 @@ def growth_rates(
     population: Population,
     noises: Sequence[ProcessNoise | None] = (None,),
     plants: np.ndarray | None = None,
-    going_on: Callable[[], None] = lambda: None,
     vectors: np.ndarray | None = None,
 ) -> tuple[GrowthRates, ...]:
     """Growth rates of a loop with every plant, for every R^v; few plants with several R^v at once.
 
     None among the `noises` means the loop with its own R^v; R^v without a Kalman filter in the loop is refused. Only
     the `plants` (N,) of the population are taken, if given, and `vectors` (M, q) are the parameters of the whole
-    population, where they are known. `going_on` is called before each R^v, of which one may take a second; what it
-    raises ends the work.
+    population, where they are known.
     """
     chosen = np.arange(len(population)) if plants is None else plants
     vectors = _vectors(loop, population) if vectors is None else vectors
     rates: list[GrowthRates] = []
     equilibria, count, remaining = None, len(chosen), list(noises)
     while remaining:
-        going_on()
         together = remaining[: max(1, ROWS // max(count, 1))]
         part = list(itertools.takewhile(lambda noise: noise is not None, together)) or remaining[:1]
         del remaining[: len(part)]

@@ -59,10 +59,18 @@ class Attained:
 
     gain: float  # √(∫|z|²/∫|d|²), the largest over all horizons; infinite if the run diverged
     energy: float  # ∫|d|²
-    largest_value: float  # of V on the way; NaN without V, infinite if the run diverged
+    solution: HJISolution | None = field(repr=False)  # whose V is meant
+    deviation: np.ndarray = field(repr=False)  # (N, n + k), x − x* on the way, with the integrals
     times: np.ndarray = field(repr=False)  # (N,), s
     disturbance: np.ndarray = field(repr=False)  # (N, k), each sample held until the next
     trajectory: Trajectory = field(repr=False)  # as far as it went
+
+    @cached_property
+    def largest_value(self) -> float:
+        """The largest V on the way; NaN without V, infinite if the run diverged."""
+        if np.isinf(self.gain) or self.solution is None:
+            return np.inf if np.isinf(self.gain) else np.nan
+        return float(np.max(self.solution.value_and_gradient(self.deviation)[0]))
 
 
 class DisturbanceRuns:
@@ -156,17 +164,16 @@ class DisturbanceRuns:
         d = self.within(d)
         run = self.run(d)
         x, u = self.deviations(run, d)
-        z = self.cost(x, u)[0]
+        z, gain = self.cost(x, u)[0], np.inf
         energy = float((d[:-1] ** 2).sum()) * self.period
-        if run.diverged_at is not None or not np.all(np.isfinite(z)):
-            return Attained(np.inf, energy, np.inf, self.times, d, run)
-        outer = np.cumsum((d[:-1] ** 2).sum(axis=1))
-        begun = outer > BEGUN * outer[-1]
-        ratio = np.cumsum(0.5 * (z[1:] + z[:-1]))[begun] / outer[begun]
-        value, largest = self.law if solution is None else solution, float("nan")
-        if isinstance(value, HJISolution):
-            largest = float(np.max(value.value_and_gradient(x)[0]))
-        return Attained(float(np.sqrt(ratio.max())), energy, largest, self.times, d, run)
+        if run.diverged_at is None and np.all(np.isfinite(z)):
+            outer = np.cumsum((d[:-1] ** 2).sum(axis=1))
+            begun = outer > BEGUN * outer[-1]
+            ratio = np.cumsum(0.5 * (z[1:] + z[:-1]))[begun] / outer[begun]
+            gain = float(np.sqrt(ratio.max()))
+        value = self.law if solution is None else solution
+        value = value if isinstance(value, HJISolution) else None
+        return Attained(gain, energy, value, x, self.times, d, run)
 
     @cached_property
     def equilibrium_loop(self) -> EquilibriumLoop:
@@ -254,10 +261,11 @@ def gradient(runs: DisturbanceRuns, d: np.ndarray) -> tuple[np.ndarray, float] |
             np.einsum("ki,kij->kj", by_x[part], x_by) + np.einsum("ki,kij->kj", by_u[part], u_by)
             for x_by, u_by in zip(*moved)
         )
-        adjoints = np.empty(own.shape)
-        for k in reversed(range(len(own))):
-            adjoints[k] = adjoint
-            adjoint = own[k] + adjoint @ by_state[k]
+        # Backwards; a call of `dot` takes half the time of `@`.
+        *adjoints, adjoint = rows = [adjoint, *own[::-1]]
+        for later, row, slope in zip(rows, rows[1:], by_state[::-1]):
+            row += later.dot(slope)
+        adjoints = np.array(adjoints[::-1])
         by_d[part] += np.einsum("ki,kij->kj", adjoints, by_torque)
         commands = commands + np.einsum("ki,kij->kj", adjoints, by_command)
         # The command of the interval before acts now; sample 0 has none before it.

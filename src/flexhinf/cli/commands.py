@@ -6,6 +6,8 @@ made by `flexhinf.cli.arguments.with_options`.
 
 from __future__ import annotations
 
+import atexit
+import gc
 import json
 import sys
 from collections.abc import Sequence
@@ -33,6 +35,9 @@ from flexhinf.cli.studio import studio
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import recorded
 from flexhinf.validation import value_text
+
+# At its end the interpreter would look for cycles of objects, for a fifth of a second after a page with figures.
+atexit.register(gc.freeze)
 
 
 def robots() -> None:

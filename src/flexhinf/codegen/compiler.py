@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf.codegen.memory import aligned, misfit
-from flexhinf.codegen.program import ENTRY, Call, Map, Program, Repeat, Step, Sweep, Unsupported, When, slices
+from flexhinf.codegen.program import ENTRY, Call, Map, Program, Repeat, Step, Sweep, Unsupported, When
 from flexhinf.errors import InvalidInput
 from flexhinf.files import part_file
 from flexhinf.validation import open_regular, read_bytes
@@ -124,22 +124,20 @@ def check_reach(program: Program, lengths: Mapping[str, int], counts: Mapping[st
     `lengths`: Elements per lane of every buffer, work included. `counts`: As returned by `check_counts`. Raises
     InvalidInput: A slice would leave its buffer; the message says by how much.
     """
-    for step, loops in program.steps():
+    for piece, loops in program.pieces:
         turns = [counts[count] if isinstance(count, str) else count for count in loops]
-        if isinstance(step, Repeat) or 0 in turns:
+        if 0 in turns:
             continue
-        read, written = slices(step)
-        for piece in (*read, *written):
-            moves = [stride * (turn - 1) for stride, turn in zip(piece.strides, turns, strict=False)]
-            start = piece.offset + (counts[piece.shift] if piece.shift else 0)
-            first = start + sum(move for move in moves if move < 0)
-            end = start + piece.size + sum(move for move in moves if move > 0)
-            if first < 0 or end > lengths[piece.buffer]:
-                raise misfit(
-                    f"A slice leaves buffer '{piece.buffer}' of '{program.name}'.",
-                    f"elements 0 to {lengths[piece.buffer]} (per lane)",
-                    f"{first} to {end}: {piece} with counts {dict(counts)}",
-                )
+        moves = [stride * (turn - 1) for stride, turn in zip(piece.strides, turns, strict=False)]
+        start = piece.offset + (counts[piece.shift] if piece.shift else 0)
+        first = start + sum(move for move in moves if move < 0)
+        end = start + piece.size + sum(move for move in moves if move > 0)
+        if first < 0 or end > lengths[piece.buffer]:
+            raise misfit(
+                f"A slice leaves buffer '{piece.buffer}' of '{program.name}'.",
+                f"elements 0 to {lengths[piece.buffer]} (per lane)",
+                f"{first} to {end}: {piece} with counts {dict(counts)}",
+            )
 
 
 @dataclass(frozen=True, eq=False)

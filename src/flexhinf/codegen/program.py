@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeAlias, get_args
 
 from flexhinf.codegen.memory import (
@@ -330,6 +331,13 @@ class Program:
                 stack.extend((inner, (*loops, step.count)) for inner in reversed(step.body))
             elif isinstance(step, When):
                 stack.extend((inner, loops) for inner in reversed(step.body))
+
+    @cached_property
+    def pieces(self) -> tuple[tuple[Slice, tuple[str | int, ...]], ...]:
+        """What the steps read and write, each once, with the counts of its enclosing loops."""
+        steps = ((step, loops) for step, loops in self.steps() if not isinstance(step, Repeat))
+        every = ((piece, loops) for step, loops in steps for some in slices(step) for piece in some)
+        return tuple(dict.fromkeys(every))
 
     def _check_step(self, step: Step, depth: int) -> None:
         name, buffers = f"Program '{self.name}'", {buffer.name: buffer for buffer in self.buffers}

@@ -317,6 +317,12 @@ def _unstable_figure(setup: PaperSetup, study: ToleranceStudy) -> Figure | None:
     )
 
 
+def draw_evidence(setup: PaperSetup, claim: Claim) -> Figure | None:
+    """The figure of a claim's evidence, of the claims that have one."""
+    draw: dict[str, Any] = {"gain-attained": _gain_figure, "withstands-tolerances": _unstable_figure}
+    return draw[claim.id](setup, claim.data) if claim.id in draw else None
+
+
 # Page ------------------------------------------------------------------------------------------------
 def draw_figures(setup: PaperSetup) -> dict[str, str]:
     """The figures of the paper as SVG, by their numbers there."""
@@ -325,31 +331,29 @@ def draw_figures(setup: PaperSetup) -> dict[str, str]:
 
 def paper_files(reproduction: Reproduction) -> dict[str, str]:
     """Files of the report: index.html, metrics.json, and every figure of the paper."""
-    plots = reproduction.drawings or draw_figures(reproduction.setup)
     return {
-        "index.html": _page(reproduction, plots).html(),
+        "index.html": _page(reproduction).html(),
         "metrics.json": to_json(reproduction.metrics),
-        **{f"figure_{number}.svg": svg for number, svg in plots.items()},
+        **{f"figure_{number}.svg": reproduction.drawings[number] for number in FIGURES},
     }
 
 
-def _page(reproduction: Reproduction, plots: Mapping[str, str]) -> Page:
-    setup, claims = reproduction.setup, reproduction.claims
+def _page(reproduction: Reproduction) -> Page:
+    setup, claims, drawings = reproduction.setup, reproduction.claims, reproduction.drawings
     counters = {"table": count(1), "figure": count(13)}  # in the order of the page; the paper has 12 figures
     figures: list[Figure | Table] = []
     for number, (title, caption, _) in FIGURES.items():
         text = caption if isinstance(caption, str) else caption(setup)
-        figures.append(Figure(f"figure-{number}", plots[number], f"{title} {text}", f"Figure {int(number)}"))
+        figures.append(
+            Figure(f"figure-{number}", drawings[number], f"{title} {text}", f"Figure {int(number)}")
+        )
         if number == "09":
             figures.append(_numbered(_worst_table(setup.sampled_plants), counters))
 
     def evidence(claims: Sequence[Claim]) -> list[Claim]:  # those that fail first
         numbered = []
-        draw: Any = {"gain-attained": _gain_figure, "withstands-tolerances": _unstable_figure}
         for claim in by_verdict(claims):
-            blocks: Any = filter(
-                None, (*claim.blocks, draw[claim.id](setup, claim.data) if claim.id in draw else None)
-            )
+            blocks: Any = filter(None, (*claim.blocks, drawings[claim.id]))
             numbered.append(replace(claim, blocks=[_numbered(block, counters) for block in blocks]))
         return numbered
 

@@ -1,7 +1,8 @@
-"""Claims that a process of its own judges, while this one judges the others and draws.
+"""A second process that judges claims, the longest first, while this one draws and judges the others from the shortest
+on, until they meet.
 
-Growth rates and trials of filters take half of the reproduction's time. Importing this file costs nothing, so that the
-process begins before this one loads the rest. If it dies, this process judges its claims too.
+Importing this file costs nothing, so that the process begins before this one loads the rest. If it dies, this process
+judges its claims too.
 """
 
 from __future__ import annotations
@@ -11,17 +12,29 @@ import os
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     from flexhinf.paper.settings import PaperSettings
     from flexhinf.report import Claim
 
 
+class Apart(NamedTuple):
+    """The other process: how many claims it has begun from the first of `reproduction.BY_LENGTH` on, and this one from
+    the last on, in memory that both share; and a function that waits for the next claim that the other has judged, None
+    once it has ended.
+
+    Each process says what it begins before it begins it. If both begin the same claim at once, both judge it, with the
+    same result.
+    """
+
+    begun: Any
+    judged: Callable[[], Claim | None]
+
+
 @contextmanager
-def judged_apart(settings: PaperSettings) -> Iterator[Callable[[], Claim | None] | None]:
-    """Begin to judge `reproduction.LONG_CLAIMS` in another process; gives a function that waits for the next of them
-    and returns None once the process has died. At the end of the block the process is ended.
+def judged_apart(settings: PaperSettings) -> Iterator[Apart | None]:
+    """Begin to judge claims in another process, which is ended with the block.
 
     It gives None where this process may run on one processor only. The process imports the main module again, as every
     process of Python's multiprocessing does.
@@ -32,7 +45,8 @@ def judged_apart(settings: PaperSettings) -> Iterator[Callable[[], Claim | None]
         return
     context = multiprocessing.get_context("spawn")  # compiled code and threads do not survive a fork
     receiving, sending = context.Pipe(duplex=False)
-    worker = context.Process(target=_judge_for_another, args=(settings, sending), daemon=True)
+    begun = context.RawArray("i", 2)
+    worker = context.Process(target=_judge_for_another, args=(settings, begun, sending), daemon=True)
     with _without_ctrl_c():
         worker.start()
     sending.close()
@@ -44,7 +58,7 @@ def judged_apart(settings: PaperSettings) -> Iterator[Callable[[], Claim | None]
             return None
 
     try:
-        yield judged
+        yield Apart(begun, judged)
     finally:
         worker.kill()
         worker.join()
@@ -64,13 +78,16 @@ def _without_ctrl_c() -> Iterator[None]:
             mask(signal.SIG_SETMASK, before)
 
 
-def _judge_for_another(settings: PaperSettings, sending: Any) -> None:
+def _judge_for_another(settings: PaperSettings, begun: Any, sending: Any) -> None:
     from flexhinf.campaign.driver import begin_worker
     from flexhinf.paper.loop_setup import PaperSetup, judge
-    from flexhinf.paper.reproduction import LONG_CLAIMS
+    from flexhinf.paper.reproduction import BY_LENGTH
 
     begin_worker()
     with suppress(Exception):  # it is raised again where the claim is judged instead
         setup = PaperSetup(settings)
-        for claim in LONG_CLAIMS:
+        for k, claim in enumerate(BY_LENGTH):
+            if k + begun[1] >= len(BY_LENGTH):
+                break
+            begun[0] = k + 1
             sending.send(judge(setup, claim))

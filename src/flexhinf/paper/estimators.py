@@ -15,19 +15,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexhinf.codegen import Buffer, Call, Program, Repeat, Slice, compile_program
-from flexhinf.codegen.noise import normal_numbers
+from flexhinf.codegen import Buffer, Call, Normal, Program, Repeat, Slice, compile_program
+from flexhinf.codegen.noise import normal_numbers, seed_key
 from flexhinf.codegen.shared import share
 from flexhinf.estimation import ExtendedKalmanFilter, RecursiveFilter, UnscentedKalmanFilter
 from flexhinf.estimation.filter import Form
 from flexhinf.loop import Step
+from flexhinf.loop.simulation.ensemble import LANES
 from flexhinf.loop.simulation.metrics import rms
 from flexhinf.paper.loop_setup import (
     INITIAL_VARIANCE,
@@ -168,57 +167,58 @@ class Scores:
 
 def run_trial(trial: Trial, inputs: np.ndarray, runs: int, seed: int) -> tuple[Scores, Scores]:
     """Run both filters on the same data; returns (UKF's, EKF's) scores. Inputs (steps, m) are held between samples."""
-    parameters, n, p, steps = trial.model.parameters, trial.model.n, len(trial.model.outputs), len(inputs)
+    n, p = trial.model.n, len(trial.model.outputs)
     q, r, initial = (np.array(part) for part in (trial.process_noise, trial.measurement_noise, trial.initial))
     mean = np.zeros(n) if trial.mean is None else np.array(trial.mean)
-    filters = [
-        kind(trial.model, trial.period, q, r, mean, initial**2, form=trial.form)
+    deviations = np.sqrt(np.concatenate([np.broadcast_to(q, n), np.broadcast_to(r, p)]))
+    truth = trial.model.parameters.replaced(dict(trial.changes)).vector()
+    ukf, ekf = (
+        _scores(
+            kind(trial.model, trial.period, q, r, mean, initial**2, form=trial.form),
+            truth, deviations, initial, inputs, runs, seed,
+        )
         for kind in (UnscentedKalmanFilter, ExtendedKalmanFilter)
-    ]
-    kernels = [
-        share(("filter trial", f.estimator_key, f.plant.code_key), lambda f=f: compile_program(_program(f)))
-        for f in filters
-    ]
-    plants = {"truth": parameters.replaced(dict(trial.changes)).vector(), "model": parameters.vector()}
-
-    def run_errors(samples: np.ndarray) -> np.ndarray:
-        shared = {name: np.zeros((steps, size)).ravel() for name, size in (("moves", n), ("noise", p))}
-        shared |= {**plants, "inputs": inputs.ravel()}
-        own = [
-            {
-                "noises": np.concatenate(
-                    [v.ravel() for v in (filter.process_noise, filter.measurement_noise)]
-                ),
-                "belief": np.concatenate([np.ravel(part) for part in filter.initial[:2]]),
-                "x": np.zeros(n),
-                "recorded": np.zeros(steps * (n + 1)),
-            }
-            for filter in filters
-        ]
-        runs = [kernel.bind({**shared, **arrays}, {"steps": steps}) for kernel, arrays in zip(kernels, own)]
-        beliefs, scores = [arrays["belief"].copy() for arrays in own], []
-        for k in samples.tolist():
-            normal = _normal_numbers(seed, steps + 1, n + p, k)
-            shared["moves"][:] = (np.sqrt(q) * normal[1:, :n]).ravel()
-            shared["noise"][:] = (np.sqrt(r) * normal[1:, n:]).ravel()
-            for run, arrays, belief in zip(runs, own, beliefs):
-                arrays["x"][:], arrays["belief"][:] = mean + initial * normal[0, :n], belief
-                arrays["recorded"][:] = 0.0
-                run()
-                recorded = arrays["recorded"].reshape(steps, n + 1)
-                errors, nees = recorded[:, :n], recorded[:, n]
-                scores.append(np.concatenate([(errors**2).mean(0), errors.mean(0), [nees.mean()], nees]))
-        return np.array(scores).reshape(len(samples), 2, 2 * n + 1 + steps)
-
-    with ThreadPoolExecutor(2) as pool:
-        scores = np.concatenate([*pool.map(run_errors, np.array_split(np.arange(runs), 2))])
-    ukf, ekf = (Scores(*np.split(scores[:, i], [n, 2 * n, 2 * n + 1], axis=1)) for i in (0, 1))
-    return replace(ukf, nees=ukf.nees[:, 0]), replace(ekf, nees=ekf.nees[:, 0])
+    )  # fmt: skip
+    return ukf, ekf
 
 
-@lru_cache(2 * RUNS)  # trials of one period have the same
-def _normal_numbers(seed: int, steps: int, channels: int, sample: int) -> np.ndarray:
-    return normal_numbers(seed, np.arange(steps)[:, None], np.arange(channels), sample)
+def _scores(
+    filter: RecursiveFilter,
+    truth: np.ndarray,
+    deviations: np.ndarray,
+    initial: np.ndarray,
+    inputs: np.ndarray,
+    runs: int,
+    seed: int,
+) -> Scores:
+    """Scores of one filter against truths with these parameters, standard deviations of noises and of the start."""
+    (mean, covariance, *_), steps, n = filter.initial, len(inputs), filter.plant.n
+    kernel = share(
+        ("filter trial", filter.estimator_key, filter.plant.code_key),
+        lambda: compile_program(_program(filter), LANES),
+    )
+    sizes = {"x": n, "belief": n + n * n, "key": 3, "recorded": steps * (n + 1)}
+    arrays = {name: np.zeros((size, LANES)) for name, size in sizes.items()} | {
+        "truth": truth,
+        "model": filter.plant.parameters.vector(),
+        "noises": np.concatenate([v.ravel() for v in (filter.process_noise, filter.measurement_noise)]),
+        "inputs": inputs.ravel(),
+        "deviations": deviations,
+        "step": 1.0 + np.arange(steps),  # step 0 is the start
+    }
+    run, scores, samples = kernel.bind(arrays, {"steps": steps}), [], np.arange(-(-runs // LANES) * LANES)
+    start = mean[:, None] + initial[:, None] * normal_numbers(seed, 0, np.arange(n)[:, None], samples)
+    arrays["key"][1:] = np.array(seed_key(seed))[:, None]
+    for first in range(0, runs, LANES):
+        some = slice(first, first + LANES)
+        arrays["key"][0], arrays["x"][:] = samples[some], start[:, some]
+        arrays["belief"][:] = np.concatenate([mean, covariance.ravel()])[:, None]
+        run()
+        recorded = arrays["recorded"].reshape(steps, n + 1, LANES)
+        errors, nees = recorded[:, :n], recorded[:, n].T.copy()
+        scores.append(np.column_stack([(errors**2).mean(0).T, errors.mean(0).T, nees.mean(1), nees]))
+    squared, error, mean_nees, nees = np.split(np.concatenate(scores)[:runs], [n, 2 * n, 2 * n + 1], axis=1)
+    return Scores(squared, error, mean_nees[:, 0], nees)
 
 
 def _program(filter: RecursiveFilter) -> Program:
@@ -227,34 +227,41 @@ def _program(filter: RecursiveFilter) -> Program:
     n, m, p = plant.n, len(plant.inputs), len(plant.outputs)
     named, size = plant.parameters.named, plant.parameters.size
 
-    def step(
-        x: Any, belief: Any, u: Any, move: Any, noise: Any, truth: Any, model: Any, noises: Any
-    ) -> tuple[Any, ...]:
+    def step(x: Any, belief: Any, u: Any, noise: Any, truth: Any, model: Any, noises: Any) -> tuple[Any, ...]:
         q, r = noises[: n * n].reshape(n, n), noises[n * n :].reshape(p, p)
-        y = plant.evaluate_output(x, u, truth) + noise
+        y = plant.evaluate_output(x, u, truth) + noise[n:]
         prior = type(filter.initial)(belief[:n], belief[n:].reshape(n, n))
         posterior = filter.measurement_update(prior, y, u, named(model), r)
         error = posterior.mean - x
         white = solve_lower(cholesky(posterior.covariance), error)
         later = filter.time_update(posterior, u, named(model), q)
-        moved = filter.transition(x, u, named(truth)) + move
+        moved = filter.transition(x, u, named(truth)) + noise[:n]
         after = np.concatenate([np.asarray(part).ravel() for part in later[:2]])
         return moved, after, np.concatenate([error, [white @ white]])
 
-    sizes = {"x": n, "belief": n + n * n, "inputs": m, "moves": n, "noise": p}
+    sizes = {"x": n, "belief": n + n * n, "inputs": m, "noise": n + p}
     sizes |= {"truth": size, "model": size, "noises": n * n + p * p}
     function = trace(step, *sizes.values(), name="filter_trial", names=list(sizes))
-    rows = ("inputs", "moves", "noise")
-    slices = {k: Slice(k, size=v, strides=(v if k in rows else 0,)) for k, v in sizes.items()}
-    recorded = Slice("recorded", size=n + 1, strides=(n + 1,))
+    # rounded before anything is added to the products
+    product = trace(np.multiply, n + p, n + p, name="product")
+    sizes |= {"deviations": n + p, "key": 3, "step": 1, "recorded": n + 1}
+    rows = ("inputs", "step", "recorded")
+    # of what each lane has for itself
+    own: dict[str, Any] = {"x": "state", "belief": "state", "noise": "work", "key": "in", "recorded": "out"}
+    at = {k: Slice(k, size=v, strides=(v if k in rows else 0,)) for k, v in sizes.items()}
     buffers = [
-        Buffer(k, None if k in rows else v, "state" if k in ("x", "belief") else "in")
-        for k, v in sizes.items()
+        Buffer(k, None if k in rows else v, own.get(k, "in"), shared=k not in own) for k, v in sizes.items()
     ]
-    call = Call(function, tuple(slices.values()), (slices["x"], slices["belief"], recorded))
-    return Program(
-        "filter_trial", (*buffers, Buffer("recorded", None, "out")), (Repeat("steps", (call,)),), ("steps",)
+    body = (
+        Normal(at["step"], at["key"], at["noise"]),
+        Call(product, (at["noise"], at["deviations"]), (at["noise"],)),
+        Call(
+            function,
+            tuple(at[name] for name in function.name_in()),
+            (at["x"], at["belief"], at["recorded"]),
+        ),
     )
+    return Program("filter_trial", tuple(buffers), (Repeat("steps", body),), ("steps",))
 
 
 # Against the EKF -----------------------------------------------------------------------------------------
@@ -378,15 +385,18 @@ def _beats_ekf(setup: PaperSetup) -> Finding:
 
 
 def _closed_loops(setup: PaperSetup) -> str:
-    count, gaps, law = affordable(10, setup.settings.period), [], setup.nonlinear
-    for k in range(count):
-        runs = [
-            setup.run(law, Step(math.pi), 8.0, estimator=estimator, seed=setup.seed(k))
-            for estimator in (setup.estimator(kind) for kind in ("ukf", "ekf"))
-        ]
-        if all(run.diverged_at is None for run in runs):
-            ukf, ekf = (run.signal("state", "link_position") for run in runs)
-            gaps.append(float(np.degrees(np.abs(ukf - ekf).max())))
+    count, runs = affordable(10, setup.settings.period), []
+    for kind in ("ukf", "ekf"):
+        loop = setup.loop(setup.nonlinear, estimator=setup.estimator(kind))
+        runs.append([
+            loop.run(Step(math.pi), None, setup.deviation(loop), STEP_DURATION, None, setup.seed(k))
+            for k in range(count)
+        ])  # fmt: skip
+    gaps = [
+        float(np.degrees(np.abs(np.subtract(*(run.signal("state", "link_position") for run in pair))).max()))
+        for pair in zip(*runs)
+        if all(run.diverged_at is None for run in pair)
+    ]
     if not gaps:
         return f"Closed loops: all {count} pairs diverged."
     return (

@@ -8,6 +8,7 @@ from functools import cached_property
 from importlib import import_module
 from typing import Any
 
+from flexhinf.paper.apart import Apart
 from flexhinf.paper.estimators import BETTER_THAN_EKF, UKF
 from flexhinf.paper.loop_setup import FIGURE_NUMBERS, PaperSetup, StatedClaim, figure_numbers, judge
 from flexhinf.paper.responses import ABOUT_THE_GOAL, GAIN, STEPS_AND_TRACKING, TORQUES
@@ -26,8 +27,8 @@ CLAIMS: tuple[StatedClaim, ...] = (
     ABOUT_THE_GOAL,
 )
 
-#: What takes half of the time of all.
-LONG_CLAIMS = (TOLERANCES, BETTER_THAN_EKF)
+#: The claims with those that take longest first.
+BY_LENGTH = tuple(dict.fromkeys((TOLERANCES, GAIN, BETTER_THAN_EKF, ABOUT_THE_GOAL, *CLAIMS)))
 
 #: How many steps of work there are, for a progress bar.
 STAGES = len(FIGURE_NUMBERS) + len(CLAIMS) + 1
@@ -43,7 +44,7 @@ class Reproduction:
     claims: tuple[Claim, ...]
     questions: tuple[Claim, ...]
     command: tuple[str, ...]
-    drawings: Mapping[str, str] | None = None  # of the paper's figures, as SVG, where they are drawn already
+    drawings: Mapping[str, Any]  # of the paper's figures, by number, and of claims' evidence, by their id
 
     @cached_property
     def files(self) -> dict[str, str]:
@@ -71,26 +72,35 @@ def reproduce(
     settings: PaperSettings,
     command: Sequence[str] = ("flexhinf", "paper"),
     progress: Callable[[str], None] = lambda stage: None,
-    apart: Callable[[], Claim | None] | None = None,
+    apart: Apart | None = None,
 ) -> Reproduction:
     """Compute everything; nothing is written.
 
     `command` makes the report again; `progress` is called with the name of each next stage, `STAGES` times in all.
-    With `apart`, that of `flexhinf.paper.apart.judged_apart`, another process judges the claims that take longest, and
-    this one draws meanwhile. Numbers and drawings are the same.
+    With `apart`, that of `flexhinf.paper.apart.judged_apart`, another process judges claims too: numbers are the same.
     Raises InfeasibleGamma: if γ is not above γ*.
     """
     progress("synthesis")
-    setup, figures = PaperSetup(settings), dict[str, dict[str, Any]]()
-    drawings, claims = None, dict[str, Claim]()
+    setup, figures, claims = PaperSetup(settings), dict[str, dict[str, Any]](), dict[str, Claim]()
     for figure in FIGURE_NUMBERS:
         progress(f"figure {int(figure)}")
         figures[figure] = figure_numbers(setup, figure)
-    last = () if apart is None else LONG_CLAIMS
-    for claim in (*(each for each in CLAIMS if each not in last), *last):
-        if claim in last and drawings is None:
-            drawings = import_module("flexhinf.pages.paper").draw_figures(setup)
-        progress(f"claim: {claim.id.replace('-', ' ')}")
-        claims[claim.id] = (apart() if apart and claim in last else None) or judge(setup, claim)
+    pages = import_module("flexhinf.pages.paper")
+    drawings = pages.draw_figures(setup)
+
+    def add(stated: StatedClaim, wait: Callable[[], Claim | None] = lambda: None) -> None:
+        progress(f"claim: {stated.id.replace('-', ' ')}")
+        claim = claims[stated.id] = wait() or judge(setup, stated)
+        drawings[claim.id] = pages.draw_evidence(setup, claim)
+
+    begun = apart.begun if apart else [0, 0]
+    for claim in reversed(BY_LENGTH):
+        if begun[0] + begun[1] >= len(BY_LENGTH):
+            break
+        begun[1] += 1
+        add(claim)
+    if apart:
+        for claim in BY_LENGTH[: -begun[1] or None]:  # begun there, and judged here only if it died
+            add(claim, apart.judged)
     *paper, own = (claims[claim.id] for claim in CLAIMS)
     return Reproduction(setup, figures, tuple(paper), (own,), tuple(command), drawings)

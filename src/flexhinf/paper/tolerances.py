@@ -12,9 +12,7 @@ The design takes the current as (V − k_b θ̇)/R at once; the true coil of Tab
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Sequence
-from concurrent.futures import CancelledError, ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -61,26 +59,15 @@ def growth_with(
     `plants` (N,) are those of `PaperSetup.population`, all by default; `estimated`: with the estimator of the
     settings in the loop, otherwise the true state is fed back.
     """
-    coil, period, interrupted = setup.arm.plant(inductance=True), setup.settings.period, threading.Event()
-
-    def going_on() -> None:
-        if interrupted.is_set():
-            raise CancelledError
-
+    coil, period = setup.arm.plant(inductance=True), setup.settings.period
     filter = setup.estimator() if estimated else None
-    loops = {goal: EquilibriumLoop(law, filter, coil, period, goal, latency=0) for goal in goals}
-    with ThreadPoolExecutor(2) as pool:  # eigenvalues of many plants at once let the other thread go on
-        try:
-            rates = pool.map(
-                lambda goal: growth_rates(
-                    loops[goal], setup.population, noises, plants, going_on, setup.population_vectors
-                ),
-                goals,
-            )
-            return dict(zip(goals, rates, strict=True))
-        except BaseException:  # Ctrl-C reaches this thread only, and the pool waits for the others
-            interrupted.set()
-            raise
+    return {
+        goal: growth_rates(
+            EquilibriumLoop(law, filter, coil, period, goal, latency=0),
+            setup.population, noises, plants, setup.population_vectors,
+        )
+        for goal in goals
+    }  # fmt: skip
 
 
 class ToleranceStudy:

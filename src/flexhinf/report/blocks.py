@@ -268,12 +268,19 @@ class Figure(Anchored):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        inline(self.svg, self.id)
+        body = _parts(self.svg)[2]
+        active = next(filter(None, map(_ACTIVE.search, _MARKUP.findall(body))), None)
+        refuse_if(
+            active or "<![CDATA[" in body,
+            "A figure of a report may neither run a script nor fetch anything.",
+            f"found {active.group() if active else '<![CDATA['!r} in the drawing for {self.id!r}",
+            "a drawing without it",
+        )
 
     def html(self) -> str:
         """The figure as HTML, the drawing inside it."""
         label = f"<strong>{escape(self.label)}.</strong> " if self.label else ""
-        drawing = inline(self.svg, self.id, described_by=f"{self.id}-caption")
+        drawing = _inline(self.svg, self.id, f"{self.id}-caption")
         return (
             f'<figure id="{self.id}"><div class="drawing">{drawing}</div>'
             f'<figcaption id="{self.id}-caption">{label}{prose(self.caption)}</figcaption></figure>'
@@ -285,7 +292,22 @@ WIDE = 520.0
 
 
 # Drawings inside a page ------------------------------------------------------------------------------
-def inline(svg: str, prefix: str, described_by: str = "") -> str:
+def _parts(svg: str) -> tuple[str, str, str]:
+    """View box, its width, and what follows the start of the ``svg`` element, of a drawing; else an InvalidInput."""
+    drawing = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)  # with addresses in it
+    root = re.search(r"<svg\b[^>]*>", drawing)
+    view = re.search(r'\bviewBox="\S+\s+\S+\s+([\d.]+)\s[^"]*"', root.group()) if root else None
+    if root is None or view is None or "</svg>" not in drawing:
+        raise InvalidInput("A figure is an SVG document.", f"got {svg[:40]!r} …", "figure_to_svg")
+    return view[0], view[1], drawing[root.end() : drawing.rindex("</svg>") + len("</svg>")]
+
+
+#: In markup: what comes before a name, the size of a text, and the colours that have a role.
+_OWN = re.compile(r'id(?<!\wid)="|url\(#|href="#|font-size: ([\d.]+px)|' + "|".join(LIGHT.values()))
+_ROLES = {colour: f"var(--{role})" for role, colour in LIGHT.items()}
+
+
+def _inline(svg: str, prefix: str, described_by: str) -> str:
     """The ``svg`` element of a drawing for the inside of an HTML page, named by the element `described_by`.
 
     Declarations, metadata and name spaces go; every id gets `prefix`, since all drawings of a page share one
@@ -293,33 +315,16 @@ def inline(svg: str, prefix: str, described_by: str = "") -> str:
     light and dark; its size is left to the page, as is that of its texts: a drawing is laid out for a telephone, and
     the style sheet makes texts smaller, relative to the drawing, where it is wide. Only markup is looked at: a joint
     may be called ``url(x)``.
-
-    Raises InvalidInput: `svg` is no drawing, or it could run a script or fetch something.
     """
-    drawing = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)  # with addresses in it
-    root = re.search(r"<svg\b[^>]*>", drawing)
-    view = re.search(r'\bviewBox="\S+\s+\S+\s+([\d.]+)\s[^"]*"', root.group()) if root else None
-    if root is None or view is None or "</svg>" not in drawing:
-        raise InvalidInput("A figure is an SVG document.", f"got {svg[:40]!r} …", "figure_to_svg")
-    body = drawing[root.end() : drawing.rindex("</svg>") + len("</svg>")]
-    active = next(filter(None, map(_ACTIVE.search, _MARKUP.findall(body))), None)
-    refuse_if(
-        active or "<![CDATA[" in body,
-        "A figure of a report may neither run a script nor fetch anything.",
-        f"found {active.group() if active else '<![CDATA['!r} in the drawing for {prefix!r}",
-        "a drawing without it",
-    )
+    view, width, body = _parts(svg)
 
-    roles = {colour: f"var(--{role})" for role, colour in LIGHT.items()}
+    def own(part: re.Match[str]) -> str:
+        sized = f"font-size: calc({part[1]}*var(--text))" if part[1] else f"{part[0]}{prefix}-"
+        return _ROLES.get(part[0], sized)
 
-    def own(mark: re.Match[str]) -> str:
-        named = re.sub(r'(\bid="|url\(#|href="#)', rf"\1{prefix}-", mark[0])
-        sized = re.sub(r"font-size: ([\d.]+px)", r"font-size: calc(\1*var(--text))", named)
-        return re.sub("|".join(roles), lambda match: roles[match[0]], sized)
-
-    described = f' aria-labelledby="{described_by}"' if described_by else ""
-    wide = ' class="wide"' * (float(view.group(1)) > WIDE) + f' style="--units: {view.group(1)}"'
-    return f'<svg {view.group()}{wide} role="img"{described}>{_MARKUP.sub(own, body)}'
+    wide = ' class="wide"' * (float(width) > WIDE) + f' style="--units: {width}"'
+    inside = _MARKUP.sub(lambda mark: _OWN.sub(own, mark[0]), body)
+    return f'<svg {view}{wide} role="img" aria-labelledby="{described_by}">{inside}'
 
 
 # Tables ----------------------------------------------------------------------------------------------

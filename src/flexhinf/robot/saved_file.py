@@ -7,8 +7,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import tomlkit
-
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.files import write_file
 from flexhinf.robot.parameters import QUANTITIES, Parameter, per_joint
@@ -27,6 +25,8 @@ def save_robot(robot: Any, path: str | os.PathLike[str], like: str | os.PathLike
 
 def robot_text(robot: Any, folder: Path, like: str | os.PathLike[str] | None = None) -> str:
     """The text of the robot's file (or of the file `like`) with its numbers, for a place in a folder."""
+    import tomlkit  # here, as it takes long to load
+
     source = robot.file if like is None else checked_path("The robot file", like)
     if source is None or source.suffix.lower() != ".toml":
         raise InvalidInput(
@@ -81,6 +81,8 @@ def _elsewhere(document: Any) -> bool:
 
 
 def _write(document: Any, robot: Any, parameter: Parameter, source: Path) -> None:
+    from tomlkit import inline_table
+
     found = [(table, key) for name, table, key in _places(document, robot) if name == parameter.name]
     value: Any = found[0][0][found[0][1]] if found else None
     refuse_if(
@@ -94,7 +96,7 @@ def _write(document: Any, robot: Any, parameter: Parameter, source: Path) -> Non
     entries = {"value": parameter.value, **({} if ends is None else {"range": list(ends)})}
     if parameter.tolerance or (ends is None and _elsewhere(document)):
         entries["tolerance"] = parameter.tolerance
-    item = tomlkit.inline_table()
+    item = inline_table()
     item.update({**entries, "source": parameter.source})
     if trivia := getattr(value, "trivia", None):
         item.trivia.comment_ws, item.trivia.comment = trivia.comment_ws, trivia.comment
