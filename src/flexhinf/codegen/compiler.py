@@ -375,7 +375,8 @@ def compile_program(program: Program, lanes: int = 1, fused: bool | None = None)
                 return head + machine.assemble(str(module), machine.level(module.operations))
 
             target = (host.triple, host.cpu, host.features, host.version)
-            parts = (fingerprint(program), f"{lanes} {once} {host.choosing}", *target, emitter_digest(), version("flexhinf"))
+            way = f"{lanes} {once} {host.choosing}"
+            parts = (fingerprint(program), way, *target, emitter_digest(), version("flexhinf"))
             return cached(parts, make, load)
     except (ImportError, OSError, RuntimeError) as reason:
         raise Unsupported(
