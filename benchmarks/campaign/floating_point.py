@@ -101,7 +101,7 @@ def _step_work(step: Step) -> Work:
 
 
 def _function_work(function) -> Work:
-    module = ModuleText(Lanes(LANES), host().fused)
+    module = ModuleText(Lanes(LANES), host().fused, host().choosing)
     emit_function(module, "counted", function, Lanes(LANES), (False,) * function.n_in())
     return _text_work(module, "counted")
 

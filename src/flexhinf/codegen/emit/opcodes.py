@@ -372,19 +372,19 @@ def _near(writer: Writer, x: str, name: str, alone: bool) -> str:
     parabola = writer.multiply_add(square, lanes.constant(-0.5), lanes.constant(1.0))
 
     def total(value: str, *others: str) -> str:
-        *coefficients, factor, rest = others
+        *coefficients, factor, summand = others
         for coefficient in coefficients:
             value = writer.multiply_add(value, square, coefficient)
-        return writer.multiply_add(value, writer.real("fmul", square, factor), rest)
+        return writer.multiply_add(value, writer.real("fmul", square, factor), summand)
 
     # Either is a polynomial in r², times r² and a factor, and one number more.
     sin = [*map(lanes.constant, SINE), remainder, remainder]
     cos = [*map(lanes.constant, COSINE), square, parabola]
-    odd_one, even_one = (cos, sin) if name == "sin" else (sin, cos)
+    at_odd, at_even = (cos, sin) if name == "sin" else (sin, cos)
     if alone:
-        result = total(*(writer.select(odd, *pair) for pair in zip(odd_one, even_one)))
+        result = total(*(writer.select(odd, *pair) for pair in zip(at_odd, at_even)))
     else:
-        result = writer.select(odd, total(*odd_one), total(*even_one))
+        result = writer.select(odd, total(*at_odd), total(*at_even))
     if name == "sin":
         flip = writer.whole("xor", writer.whole("shl", quadrant, 62), writer.bits(x))
     else:
