@@ -97,11 +97,11 @@ def _step_work(step: Step) -> Work:
         module = ModuleText(Lanes(LANES))
         emit_normal(Writer(module), "%step", 0, ["%sample", "%low", "%high"])
         return _text_work(module, next(iter(module.definitions))).times(step.target.size)
-    return Work(fma=step.source.size if isinstance(step, Guard) else 0)
+    return Work(fsub=step.source.size if isinstance(step, Guard) else 0)
 
 
 def _function_work(function) -> Work:
-    module = ModuleText(Lanes(LANES), host().fused)
+    module = ModuleText(Lanes(LANES), host().fused, host().choosing)
     emit_function(module, "counted", [function], Lanes(LANES), (False,) * function.n_in())
     return _text_work(module, "counted")
 

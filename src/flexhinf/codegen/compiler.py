@@ -386,12 +386,13 @@ def compile_program(program: Program, lanes: int = 1, fused: bool | None = None)
                 """The C functions that are needed, on a line, and the object code."""
                 from flexhinf.codegen.emit import emit_module
 
-                module = emit_module(program, lanes, once)
+                module = emit_module(program, lanes, once, host.choosing)
                 head = json.dumps(module.library).encode() + b"\n"
                 return head + machine.assemble(str(module), machine.level(module.operations))
 
             target = (host.triple, host.cpu, host.features, host.version)
-            parts = (fingerprint(program), f"{lanes} {once}", *target, emitter_digest(), version("flexhinf"))
+            way = f"{lanes} {once} {host.choosing}"
+            parts = (fingerprint(program), way, *target, emitter_digest(), version("flexhinf"))
             return cached(parts, make, load)
     except (ImportError, OSError, RuntimeError) as reason:
         raise Unsupported(

@@ -48,7 +48,17 @@ class Host:
     @property
     def fused(self) -> bool:
         """Whether the processor has a fused multiply-add."""
-        return not self.triple.startswith(("x86", "i386", "i686")) or "+fma" in self.features.split(",")
+        return not self._x86 or "+fma" in self.features.split(",")
+
+    @property
+    def choosing(self) -> bool:
+        """Whether to choose between two vectors costs less than to compute with both: not by AVX2, two or three
+        instructions of Intel's processors, while AVX-512 has masks."""
+        return not self._x86 or "+avx512f" in self.features.split(",")
+
+    @property
+    def _x86(self) -> bool:
+        return self.triple.startswith(("x86", "i386", "i686"))
 
 
 class Code:

@@ -7,6 +7,7 @@ import pytest
 
 from flexhinf.codegen import Buffer, Call, Program, Slice, compile_program
 from flexhinf.codegen.emit.opcodes import REACH
+from flexhinf.codegen.machine import Host
 
 X = casadi.SX.sym("x")
 FUNCTIONS = {name: casadi.Function(name, [X], [getattr(casadi, name)(X)]) for name in ("sin", "cos")}
@@ -78,6 +79,29 @@ def test_a_far_argument_in_one_lane_does_not_change_its_neighbours(name, fused, 
     kept = mixed == near
     np.testing.assert_array_equal(got[kept], expected[kept])
     assert worst_ulp(name, mixed[:1], got[:1]) < 1.0
+
+
+@FUSED
+@pytest.mark.parametrize("lanes", [1, 8])
+@pytest.mark.parametrize("choosing", [False, True])
+def test_one_of_both_functions_has_the_bits_of_both_together(choosing, lanes, fused, pointwise, monkeypatch):
+    monkeypatch.setattr(Host, "choosing", choosing)
+    points, which = np.random.default_rng(7).normal(0.0, 20.0, 4000), casadi.SX.sym("which")
+    both = casadi.Function("both", [X, which], [casadi.if_else(which, casadi.sin(X), casadi.cos(X))])
+    for name, flags in (("sin", np.ones(4000)), ("cos", np.zeros(4000))):
+        alone = pointwise(FUNCTIONS[name], points, lanes=lanes, fused=fused)
+        np.testing.assert_array_equal(pointwise(both, points, flags, lanes=lanes, fused=fused), alone)
+
+
+@FUSED
+@pytest.mark.parametrize("far", [1e200, np.inf, np.nan])
+def test_a_far_angle_among_several_of_a_function(far, fused, pointwise):
+    y = casadi.SX.sym("y")
+    function = casadi.Function("f", [X, y], [casadi.sin(X) + 2.0 * casadi.sin(y)])
+    x, other = np.random.default_rng(8).uniform(-50.0, 50.0, (2, 64))
+    x[3], other[3], other[40] = 1e200, np.nan, far
+    alone, together = (pointwise(function, x, other, lanes=lanes, fused=fused) for lanes in (1, 8))
+    np.testing.assert_array_equal(together, alone)
 
 
 @pytest.mark.property

@@ -30,9 +30,11 @@ import casadi
 from flexhinf.codegen.dataflow import Dataflow, joined, read_dataflow
 from flexhinf.codegen.emit.algebra import Algebra, Operand
 from flexhinf.codegen.emit.opcodes import (
+    ALONE,
     NEAR,
     OPCODES,
     PURE,
+    REACH,
     Lanes,
     ModuleText,
     Writer,
@@ -63,7 +65,8 @@ from flexhinf.codegen.program import (
 
 #: From which a function may be called and yet be put there: a Map has one for blocks, one for the rest.
 _PLACES = 2
-_SUMS = 4  # of a guard, as many as the latency of an addition asks for
+#: A stack whose vectors lie in one line of the cache each: those of eight lanes took up to twice as long across two.
+FRAME = 'nounwind "stackrealign"'
 _SMALL = 200  # operations of a function that is put where it is called
 
 #: Columns of a `Map`, and angles, that travel together in the lanes of a kernel for a single run.
@@ -116,7 +119,8 @@ def _define(
 ) -> None:
     """Write the function; with `far`, as a straight line that calls the function `far` where an angle is large."""
     writer, values, beyond = Writer(module, lanes), dict[int, str](), list[str]()
-    rules = OPCODES | NEAR if far else OPCODES
+    wanted = Counter(op.arguments[0] for op in flow.operations.values() if op.code in NEAR)
+    rules, largest = OPCODES | NEAR if far else OPCODES, lanes.constant(0.0)
     for straight, turns in _rounds(flow) if far and lanes.width == 1 else [(list(flow.operations), [])]:
         for k in straight:
             operation = flow.operations[k]
@@ -127,11 +131,13 @@ def _define(
                 values[k] = writer.load_element(f"%in{argument}", element, shared[argument])
             else:
                 operands = [values[argument] for argument in operation.arguments]
-                values[k] = rules[operation.code](writer, *operands)
+                lone = module.choosing and operation.code in NEAR and wanted[operation.arguments[0]] == 1
+                values[k] = (ALONE if far and lone else rules)[operation.code](writer, *operands)
+                if far and operation.code in NEAR:  # at once, so that no angle is kept for it
+                    largest = writer.larger(writer.intrinsic("fabs", operands[0]), largest)
         beyond += _emit_turns(writer, flow, turns, values)
     if far and lanes.width > 1:
-        angles = (op.arguments[0] for op in flow.operations.values() if op.code in NEAR)
-        beyond = [is_far(writer, values[angle]) for angle in dict.fromkeys(angles)]
+        beyond = [writer.compare("ogt", largest, lanes.constant(REACH[module.fused]))]
     if far:  # before anything is stored: a result may overwrite an argument
         some = reduce(lambda a, b: writer.let(f"or {lanes.boolean} {a}, {b}"), beyond)
         writer.place("far", f"br i1 {writer.any(some)}, label %far, label %near, !prof !0")
@@ -140,7 +146,7 @@ def _define(
     for result, element, value in flow.outputs:
         writer.store_element(f"%out{result}", element, values[value])
     writer.do("ret void")
-    module.define(name, f"define internal void @{name}({pointers}) {attributes}nounwind {{", writer.lines)
+    module.define(name, f"define internal void @{name}({pointers}) {attributes}{FRAME} {{", writer.lines)
 
 
 def _rounds(flow: Dataflow) -> list[tuple[list[int], list[int]]]:
@@ -161,6 +167,7 @@ def _emit_turns(writer: Writer, flow: Dataflow, turns: Sequence[int], values: di
     sigma points of a stage, say. Adds them to the values; returns whether angles are too far for them, of each vector.
     """
     beyond, angles = [], list(dict.fromkeys(flow.operations[k].arguments[0] for k in turns))
+    both = not writer.module.choosing or len({flow.operations[k].code for k in turns}) > 1
     for first in range(0, len(angles), BLOCK):
         some = angles[first : first + BLOCK]
         wide = writer.alike(Lanes(1 << (len(some) - 1).bit_length()))
@@ -177,7 +184,7 @@ def _emit_turns(writer: Writer, flow: Dataflow, turns: Sequence[int], values: di
             if angle not in some:
                 continue
             if code not in found:
-                found[code] = NEAR[code](wide, packed)
+                found[code] = (NEAR if both else ALONE)[code](wide, packed)
             values[k] = found[code]
             if width > 1:
                 values[k] = writer.let(f"extractelement {real} {found[code]}, i64 {some.index(angle)}")
@@ -204,21 +211,20 @@ def emit_normal(caller: Writer, step: str, channel: int, key: Sequence[str]) -> 
     return caller.let(f"call {real} @{full}({numbers})")
 
 
-def emit_module(program: Program, lanes: int, fused: bool = True) -> ModuleText:
+def emit_module(program: Program, lanes: int, fused: bool = True, choosing: bool = True) -> ModuleText:
     """Write the LLVM module of a program: its text, and the names to link it with.
 
-    `lanes`: W ≥ 1. `fused`: Fuse products into sums. Raises Unsupported: A traced function holds an
-    operation that is not in the table.
+    `lanes`: W ≥ 1. `fused`: Fuse products into sums. `choosing`: As of `ModuleText`; it changes no bit. Raises
+    Unsupported: A traced function holds an operation that is not in the table.
     """
-    return _Emitter(program, lanes, fused).emit()
+    return _Emitter(program, ModuleText(Lanes(lanes), fused, choosing)).emit()
 
 
 class _Emitter:
-    def __init__(self, program: Program, lanes: int, fused: bool) -> None:
-        self.program = program
-        self.module = ModuleText(Lanes(lanes), fused)
+    def __init__(self, program: Program, module: ModuleText) -> None:
+        self.program, self.module = program, module
         self.lanes = self.module.lanes
-        self.single = lanes == 1  # a kernel for a single run
+        self.single = self.lanes.width == 1  # a kernel for a single run
         self.functions: dict[tuple[Any, ...], str] = {}
         self.sizes: dict[str, int] = {}
         self.calls: Counter[str] = Counter()
@@ -260,14 +266,14 @@ class _Emitter:
             self.module.declarations[name] = f"declare i64 @{name}({self.lanes.integer})"
             largest = writer.let(f"call i64 @{name}({self.lanes.integer} {largest})")
         writer.do(f"ret i64 {largest}")
-        head = f"define i64 @{ENTRY}(ptr %context) nounwind {{\nentry:"
+        head = f"define i64 @{ENTRY}(ptr %context) {FRAME} {{\nentry:"
         self.module.define(ENTRY, head, [*writer.first, *writer.lines])
         # Functions of columns and small ones are put where they are called, if that is a place or two: what a `Map` has
         # in hand then stays in registers; a large function of a `Call` is slower inside of a loop.
         for name, places in self.calls.items():
             if places <= _PLACES and (name in self.mapped or self.sizes[name] <= _SMALL):
                 self.module.definitions[name] = self.module.definitions[name].replace(
-                    ") nounwind {", ") nounwind alwaysinline {", 1
+                    f") {FRAME}", f") alwaysinline {FRAME}", 1
                 )
         self.module.definitions["!0"] = '!0 = !{!"branch_weights", i32 1, i32 1000000}'
         self.module.operations = sum(self.sizes.values())
@@ -493,24 +499,21 @@ class _Emitter:
             writer.store_element(target, channel, emit_normal(writer, number, channel, key))
 
     def _guard(self, step: Guard, turns: tuple[str, ...]) -> None:
-        """Emit a guard: Σ 0·x is NaN if some x is not finite; only then leave the straight path.
+        """Emit a guard: x − x is NaN if x is not finite, else 0; only then leave the straight path.
 
         There the lanes that fail for the first time are marked, and the run stops when no lane is left.
         """
         writer, lanes, integer, boolean = self.writer, self.lanes, self.lanes.integer, self.lanes.boolean
-        zero = lanes.constant(0.0)
         source, shared = self._address(step.source, turns), self._shared(step.source)
-        sums = [writer.allocate(lanes.real) for _ in range(min(_SUMS, step.source.size))]
-        for place in sums:
-            writer.do(f"store {lanes.real} {zero}, ptr {place}, align 8")
+        together = writer.allocate(integer)
+        writer.do(f"store {integer} {lanes.whole(0)}, ptr {together}, align 8")
         for element in writer.elements(step.source.size):
-            place = sums[int(element) % len(sums) if element.isdecimal() else 0]
-            so_far = writer.let(f"load {lanes.real}, ptr {place}, align 8")
-            total = writer.multiply_add(writer.load_element(source, element, shared), zero, so_far)
-            writer.do(f"store {lanes.real} {total}, ptr {place}, align 8")
-        parts = [writer.let(f"load {lanes.real}, ptr {place}, align 8") for place in sums]
-        total = reduce(lambda a, b: writer.real("fadd", a, b), parts)
-        bad = writer.compare("uno", total, zero)
+            number = writer.load_element(source, element, shared)
+            bits = writer.bits(writer.real("fsub", number, number))
+            so_far = writer.let(f"load {integer}, ptr {together}, align 8")
+            writer.do(f"store {integer} {writer.whole('or', so_far, bits)}, ptr {together}, align 8")
+        total = writer.float(writer.let(f"load {integer}, ptr {together}, align 8"))
+        bad = writer.compare("uno", total, total)
         failed, go_on = writer.label("failed"), writer.label("on")
         writer.place(failed, f"br i1 {writer.any(bad)}, label %{failed}, label %{go_on}, !prof !0")
         codes = writer.let(f"load {integer}, ptr {self.codes}, align 8")

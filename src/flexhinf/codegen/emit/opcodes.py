@@ -77,10 +77,12 @@ class ModuleText:
     `definitions`: Function name to text, in the order of writing. `declarations`: Intrinsics and foreign functions.
     `library`: Emitted name of a C library function to its own name. `operations`: Operations in the traced functions, a
     measure of the time to compile. `fused`: Products are fused into sums, for which the target has an instruction.
+    `choosing`: To choose between two vectors costs the target less than to compute with both.
     """
 
     lanes: Lanes
     fused: bool = True
+    choosing: bool = True
     definitions: dict[str, str] = field(default_factory=dict)
     declarations: dict[str, str] = field(default_factory=dict)
     library: dict[str, str] = field(default_factory=dict)
@@ -241,6 +243,10 @@ class Writer:
         place = self.let(f"getelementptr {self.lanes.element}, ptr {pointer}, i64 {element}")
         self.do(f"store {self.lanes.real} {value}, ptr {place}, align 8")
 
+    def larger(self, value: str, other: str) -> str:
+        """The value where it is larger than the other, else the other; a NaN is not larger."""
+        return self.select(self.compare("ogt", value, other), value, other)
+
     def any(self, condition: str) -> str:
         """Whether the condition holds in some lane (an i1)."""
         if self.lanes.width == 1:
@@ -324,16 +330,16 @@ def is_far(writer: Writer, value: str) -> str:
     return writer.let(f"and {lanes.boolean} {far}, {finite}")
 
 
-def _turn(name: str, near: bool = False) -> Rule:
-    """sin x or cos x by a function of the module; with `near` a straight line, for what is not `is_far`."""
+def _turn(name: str, kind: str = "reduced") -> Rule:
+    """sin x or cos x by a function of the module; "near" and "alone" are straight lines, for what is not `is_far`."""
 
     def rule(caller: Writer, value: str) -> str:
-        full = f"{PREFIX}{name}_{'near' if near else 'reduced'}{caller.lanes.width}"
+        full = f"{PREFIX}{name}_{kind}{caller.lanes.width}"
         if full not in caller.module.definitions:
             writer = Writer(caller.module, caller.lanes)
             lanes, real = writer.lanes, writer.lanes.real
-            result = within = _near(writer, "%x", name)
-            if not near:  # the C library beyond the reach, behind a branch that is hardly ever taken
+            result = within = _near(writer, "%x", name, kind == "alone")
+            if kind == "reduced":  # the C library beyond the reach, behind a branch that is hardly ever taken
                 far = is_far(writer, "%x")
                 writer.place("beyond", f"br i1 {writer.any(far)}, label %beyond, label %done, !prof !0")
                 exact = writer.select(far, library_call(writer, name, "%x"), within)
@@ -347,10 +353,14 @@ def _turn(name: str, near: bool = False) -> Rule:
     return rule
 
 
-def _near(writer: Writer, value: str, name: str) -> str:
-    """The function for |x| within the reach; NaN for NaN and infinities."""
+def _near(writer: Writer, x: str, name: str, alone: bool) -> str:
+    """The function for |x| within the reach; NaN for NaN and infinities.
+
+    Of the polynomials of the quadrants the right one is computed, if the function is `alone`; or both, which sine and
+    cosine of one angle share. The bits are the same.
+    """
     lanes = writer.lanes
-    size = writer.intrinsic("fabs", value)
+    size = writer.intrinsic("fabs", x)
     shifted = writer.multiply_add(size, lanes.constant(2.0 / math.pi), lanes.constant(ROUNDER))
     quadrant = writer.bits(shifted)
     turns = writer.real("fneg", writer.real("fsub", shifted, lanes.constant(ROUNDER)))
@@ -359,23 +369,25 @@ def _near(writer: Writer, value: str, name: str) -> str:
         remainder = writer.multiply_add(turns, lanes.constant(part), remainder)
     odd = writer.let(f"icmp ne {lanes.integer} {writer.whole('and', quadrant, 1)}, {lanes.whole(0)}")
     square = writer.real("fmul", remainder, remainder)
-
-    def horner(coefficients: tuple[float, ...]) -> str:
-        value = lanes.constant(coefficients[0])
-        for coefficient in coefficients[1:]:
-            value = writer.multiply_add(value, square, lanes.constant(coefficient))
-        return value
-
-    cube = writer.real("fmul", square, remainder)
-    sin = writer.multiply_add(horner(SINE), cube, remainder)
     parabola = writer.multiply_add(square, lanes.constant(-0.5), lanes.constant(1.0))
-    fourth = writer.real("fmul", square, square)
-    cos = writer.multiply_add(horner(COSINE), fourth, parabola)
-    if name == "sin":
-        result = writer.select(odd, cos, sin)
-        flip = writer.whole("xor", writer.whole("shl", quadrant, 62), writer.bits(value))
+
+    def total(value: str, *others: str) -> str:
+        *coefficients, factor, summand = others
+        for coefficient in coefficients:
+            value = writer.multiply_add(value, square, coefficient)
+        return writer.multiply_add(value, writer.real("fmul", square, factor), summand)
+
+    # Either is a polynomial in r², times r² and a factor, and one number more.
+    sin = [*map(lanes.constant, SINE), remainder, remainder]
+    cos = [*map(lanes.constant, COSINE), square, parabola]
+    at_odd, at_even = (cos, sin) if name == "sin" else (sin, cos)
+    if alone:
+        result = total(*(writer.select(odd, *pair) for pair in zip(at_odd, at_even)))
     else:
-        result = writer.select(odd, sin, cos)
+        result = writer.select(odd, total(*at_odd), total(*at_even))
+    if name == "sin":
+        flip = writer.whole("xor", writer.whole("shl", quadrant, 62), writer.bits(x))
+    else:
         flip = writer.whole("shl", writer.whole("add", quadrant, 1), 62)
     sign = writer.whole("and", flip, -(2**63))
     return writer.float(writer.whole("xor", writer.bits(result), sign))
@@ -448,5 +460,8 @@ OPCODES: dict[int, Rule] = {
     casadi.OP_COS: _turn("cos"),
 }
 
-#: Rules for arguments that are not far, see `flexhinf.codegen.emit.opcodes.is_far`.
-NEAR: dict[int, Rule] = {casadi.OP_SIN: _turn("sin", near=True), casadi.OP_COS: _turn("cos", near=True)}
+_TURNS = {casadi.OP_SIN: "sin", casadi.OP_COS: "cos"}
+
+#: Rules for arguments that are not far, see `is_far`; and for those of which only one of both functions is wanted.
+NEAR: dict[int, Rule] = {code: _turn(name, "near") for code, name in _TURNS.items()}
+ALONE: dict[int, Rule] = {code: _turn(name, "alone") for code, name in _TURNS.items()}
