@@ -41,7 +41,7 @@ LOOPS = (
 #: Branches: numbers that are not finite, sine and cosine far away, and steps that are left out where a flag is zero.
 BRANCHES = (
     r"if \(arm_finite\([\w +]+, \d+\) == 0\) {", r"if \(isfinite\(\w+\[i\]\) (==|!=) 0\) {",
-    r"if \(!\(fabsf?\(x\) <= reach\)\) {", r"if \(far > 0\) {", r"if \(\*\([\w +]+\) != 0[.e+0]*f?\) {",
+    r"if \(!\(fabsf?\(x\) <= reach\)\) {", r"if \(far > 0\) {", r"if \(\w+\[0\] != 0[.e+0]*f?\) {",
     r"if \(source < target\) {", r"if \(size > best\) {", r"if \(j < n\) {", r"}? ?else {",
 )  # fmt: skip
 

@@ -19,6 +19,7 @@ from flexhinf.codegen.memory import (
     Columns,
     Householder,
     OuterSum,
+    Part,
     Polynomial,
     Residual,
     Slice,
@@ -205,14 +206,15 @@ class Sweep:
 
     `body`: They write to the buffer `COLUMN`, which is the column's memory, and may read others, the same for all
     columns. `inputs`, `outputs`: tuple of (Columns, Slice), columns of a matrix, and where each is before or after the
-    steps, in a memory of `size` numbers. Raises InvalidInput: other steps, columns of different numbers, sizes that do
-    not fit, or writing elsewhere.
+    steps, in a memory of `size` numbers, whose `parts` have names. Raises InvalidInput: other steps, columns of
+    different numbers, sizes that do not fit, or writing elsewhere.
     """
 
     body: tuple[Step, ...]
     inputs: tuple[tuple[Columns, Slice], ...]
     outputs: tuple[tuple[Columns, Slice], ...]
     size: int
+    parts: tuple[Part, ...] = ()
 
     def __post_init__(self) -> None:
         pairs, steps = (*self.inputs, *self.outputs), list(leaves(self.body))

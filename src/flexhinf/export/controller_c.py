@@ -25,6 +25,7 @@ from flexhinf.codegen import (
     Householder,
     Map,
     OuterSum,
+    Part,
     Polynomial,
     Recorder,
     Repeat,
@@ -165,7 +166,7 @@ class ControllerCode:
             "u": len(c.law.input_names), "estimate": len(c.estimated),
         }  # fmt: skip
         self.predicts = estimator is not None
-        self.program = step_program(self.sizes, bool(c.commanded), c.gaps, self._steps)
+        self.program = step_program(self.sizes, bool(c.commanded), c.gaps, self._steps, self._named)
         buffers = self.program.buffers
         work = [b.size or 0 for b in buffers if b.role == "work" and b.name not in ("after", "estimated")]
         self.scratch = max(work, default=0)
@@ -186,7 +187,8 @@ class ControllerCode:
         translator = Translator(
             self.name, self.real, LANES if self.controller.composed and self.real.name == "double" else 1
         )
-        translator.add(self.program, "sample")
+        names = ("BAD_MEASUREMENT", "BAD_COMMAND", "BAD_RESULT")
+        translator.add(self.program, "sample", {CODES[name][0]: self.upper(name) for name in names})
         return translator
 
     def _steps(self, places: Any) -> Any:
@@ -198,6 +200,17 @@ class ControllerCode:
             stages = Stages(function, tuple(about for about, _ in run.stages))
             body = [replace(step, stages=stages) for step in body]
         return body, buffers
+
+    @property
+    def _named(self) -> dict[str, tuple[Part, ...]]:
+        """The parts of data and memory by their constants in C."""
+        data, memory = self.controller.data.places.items(), self.controller.memory.places.items()
+        kept = [(f"AT_{name.upper()}", place.start) for name, place in memory]
+        kept = [(name, start) for name, start, _ in self._belief_places] + kept[self.predicts :]
+        parts = tuple(Part(name, start) for name, start in kept)
+        numbers = [(self.upper(f"P_{name.upper()}"), place) for name, place in data]
+        numbered = tuple(Part(name, place.start) for name, place in numbers if place.stop > place.start)
+        return {"memory": parts, "after": parts, "data": numbered}
 
     @property
     def operations(self) -> int:
@@ -360,9 +373,21 @@ class ControllerCode:
         """Where the parts of the memory begin, as constants of C."""
         places = self.controller.memory.places.items()
         rows = [(f"AT_{name.upper()}", place.start, comment(MEMORY[name])) for name, place in places]
+        rows[:1] = [*rows[:1], *self._belief_places] if self.predicts else rows[:1]
         if self.rejected is not None:
             rows.append(("AT_REJECTED", self.rejected, "how many of each measurement were rejected"))
         return enumeration(rows)
+
+    @property
+    def _belief_places(self) -> list[tuple[str, int, str]]:
+        """Constant, place and size of each part of the estimator's belief."""
+        belief = () if self.controller.estimator is None else self.controller.estimator.initial
+        places, rows = self.controller.memory.places, list[tuple[str, int, str]]()
+        at = places["belief"].start if belief else 0
+        for name, part in zip(getattr(belief, "_fields", ()), belief):
+            rows.append((f"AT_{name.upper()}_OF_BELIEF", at, " x ".join(map(str, np.shape(part) or (1,)))))
+            at += np.size(part)
+        return rows
 
     @property
     def _plausible(self) -> str:

@@ -120,6 +120,11 @@ def ahead(place: str, count: int) -> str:
     return f"{place} + {count}" if count else place
 
 
+def element(place: str) -> str:
+    """The number at a place in C."""
+    return f"{place}[0]" if place.isidentifier() else f"*({place})"
+
+
 def _terms(count: int, tall: int, width: str, weighted: bool) -> str:
     def bracketed(text: str, number: int) -> str:
         return f"({ahead(text, number)})" if number else text

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import casadi
@@ -19,6 +20,7 @@ from flexhinf.codegen.c.function import (
     headed,
     loop,
 )
+from flexhinf.codegen.c.parts import Parts
 from flexhinf.codegen.dataflow import LIBRARY, read_dataflow
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, overlap, whole
 from flexhinf.codegen.program import (
@@ -33,11 +35,13 @@ from flexhinf.codegen.program import (
     Program,
     Repeat,
     Residual,
+    Simple,
     Stages,
     Step,
     Sweep,
     Unsupported,
     When,
+    slices,
 )
 from flexhinf.scalars import drop_empty
 from flexhinf.scalars.trace import instructions
@@ -64,6 +68,8 @@ class Translator:
         self._taken = 0  # of the room, by what is written now
         self._columns = 0  # of a sweep, side by side; none outside of one
         self._kept: dict[str, int] = {}  # numbers that a function keeps between its loops
+        self._codes: Mapping[int, str] = {}
+        self._parts: dict[str, Parts] = {}  # of buffers whose parts have names
         self._spread: dict[Slice, str] = {}  # names of what all of them share, copied to every lane
 
     def __str__(self) -> str:
@@ -71,16 +77,20 @@ class Translator:
         used = [macro for word, macro in algebra.MACROS.items() if word in text]
         return "\n".join([*used, text])
 
-    def add(self, program: Program, name: str) -> str:
+    def add(self, program: Program, name: str, codes: Mapping[int, str] = MappingProxyType({})) -> str:
         """Add ``static int NAME(buffers…)``, which returns the code of the guard that failed, or 0.
 
         Every buffer is a pointer in the order of the program, work buffers included: the caller gives them, and they
-        are not cleared. Where there is `room`, it is the last of them.
+        are not cleared. Where there is `room`, it is the last of them. `codes`: Constants of C for codes of guards.
 
         Raises Unsupported: A step or an operation for which there is no C here.
         """
-        full = f"{self.prefix}_{name}"
-        body = [*self._body(program.body, []), "return 0;"]
+        full, self._codes = f"{self.prefix}_{name}", codes
+        parts = [Parts(b.name, b.size or 0, b.parts) for b in program.buffers if b.parts]
+        self._parts = {part.buffer: part for part in parts}
+        steps = list(self._body(program.body, []))
+        pointers = [line for part in parts for line in part.declared(steps, self.real.name)]
+        body = [*pointers, *steps, "return 0;"]
         arguments = [
             f"{'const ' if buffer.role == 'in' else ''}{self.real.name} *{buffer.name}"
             for buffer in program.buffers
@@ -91,13 +101,15 @@ class Translator:
     # Steps --------------------------------------------------------------------------------------------
     def _body(self, body: Sequence[Step], loops: list[str]) -> Iterator[str]:
         for step in body:
+            yield from self._headed(step)
             if isinstance(step, Repeat):
                 if isinstance(step.count, str):
                     raise _unsupported(f"a loop of {step.count!r} turns, a number that is given when it runs")
-                counter = f"k{len(loops)}"
-                yield from loop(counter, step.count, self._body(step.body, [*loops, counter]))
+                counter = f"k{len(loops)}" if step.count > 1 else "0"
+                turn = self._body(step.body, [*loops, counter])
+                yield from loop(counter, step.count, turn) if step.count > 1 else turn
             elif isinstance(step, When):
-                head = f"if (*({self._at(step.flag, loops)}) != {constant(0.0, self.real)}) {{"
+                head = f"if ({algebra.element(self._at(step.flag, loops))} != {constant(0.0, self.real)}) {{"
                 yield from block(head, self._body(step.body, loops))
             elif isinstance(step, Call):
                 moving: tuple[bool, ...] = ()
@@ -145,9 +157,16 @@ class Translator:
                     yield f"{self._helper('copy', algebra.COPY)}({source}, {target}, {size});"
             elif isinstance(step, Guard):
                 finite = f"{self._helper('finite', algebra.FINITE)}({self._at(step.source, loops)}, {step.source.size})"
-                yield from block(f"if ({finite} == 0) {{", [f"return {step.code};"])
+                code = self._codes.get(step.code, str(step.code))
+                yield from block(f"if ({finite} == 0) {{", [f"return {code};"])
             else:
                 raise _unsupported("random numbers, which belong to a simulation")
+
+    def _headed(self, step: Step) -> list[str]:
+        """A comment where something new begins."""
+        written = slices(step)[1] if isinstance(step, Simple) else ()
+        about = next(filter(None, (parts.about(written) for parts in self._parts.values())), "")
+        return headed(about) if about else []
 
     def _take(self, name: str, size: int) -> str:
         """The declaration of so many numbers of the room, until what took them gives them back."""
@@ -162,16 +181,15 @@ class Translator:
         return [algebra.ahead(ROOM, self._taken)] * (size > 0)
 
     def _at(self, piece: Slice, loops: Sequence[str]) -> str:
-        if piece.buffer == COLUMN:
-            return algebra.ahead("column", piece.offset * self._columns)
         if piece in self._spread:
             return self._spread[piece]
         if piece.shift:
             raise _unsupported(
                 f"a place that is shifted by {piece.shift!r}, a number that is given when it runs"
             )
-        terms = [piece.buffer] + ([str(piece.offset)] if piece.offset else [])
-        terms += [f"{stride} * {loop}" for stride, loop in zip(piece.strides, loops, strict=False) if stride]
+        parts, moves = self._parts.get(piece.buffer), zip(piece.strides, loops, strict=False)
+        terms = [parts.at(piece) if parts else algebra.ahead(piece.buffer, piece.offset)]
+        terms += [f"{stride} * {loop}" for stride, loop in moves if stride and loop != "0"]
         return " + ".join(terms)
 
     def _outer_sum(self, step: OuterSum, loops: Sequence[str]) -> str:
@@ -231,18 +249,19 @@ class Translator:
             number = str(min(left, lanes))
             spread = _shared(step.body) if lanes > 1 else {}
             copies = [self._take(name, piece.size * lanes) for piece, name in spread.items()]
-            lines = [self._take("column", step.size * lanes)]
-            lines += self._moves(step.inputs, loops, lanes, number, True)
+            memory = self._take(COLUMN, step.size * lanes)
+            parts = self._parts[COLUMN] = Parts(COLUMN, step.size, step.parts, lanes)
+            lines = self._moves(step.inputs, loops, lanes, number, True)
             self._columns, self._spread = lanes, spread
             lines += self._body(step.body, loops)
             self._columns, self._spread = 0, {}
             lines += self._moves(step.outputs, loops, lanes, number, False)
+            lines = [memory, *parts.declared(lines, self.real.name), *lines]
             for piece, name in spread.items():
                 copy = f"{name}[{lanes} * i + l] = ({self._at(piece, loops)})[i];"
                 copies += loop("i", piece.size, loop("l", lanes, [copy]))
-            yield from block(
-                "{", [*copies, *block(f"for (int c = {first}; c < {end}; c += {lanes}) {{", lines)]
-            )
+            turns = block(f"for (int c = {first}; c < {end}; c += {lanes}) {{", lines)
+            yield from block("{", [*copies, *turns]) if copies else turns
             first = end
 
     def _moves(
@@ -251,7 +270,7 @@ class Translator:
         moves = []
         for columns, place in pairs:
             start = self._at(columns.whole, loops)
-            column = algebra.ahead("column", place.offset * lanes)
+            column = self._parts[COLUMN].at(place)
             moves.append(self._move(columns, start, column, lanes, left, read))
         return moves
 
