@@ -27,6 +27,7 @@ from flexhinf.codegen.dataflow import (
     LIBRARY,
     MULTIPLY_ADD,
     MULTIPLY_SUBTRACT,
+    SELECT,
     SINGLE,
     SUBTRACT_PRODUCT,
     Dataflow,
@@ -67,7 +68,7 @@ OPERATIONS: dict[int, str] = {
     # NaN stands for "true", as in C
     casadi.OP_AND: "(({0} != {zero}) && ({1} != {zero})) ? {one} : {zero}",
     casadi.OP_OR: "(({0} != {zero}) || ({1} != {zero})) ? {one} : {zero}",
-    casadi.OP_IF_ELSE_ZERO: "({0} != {zero}) ? {1} : {zero}",
+    SELECT: "({0} != {zero}) ? {1} : {2}",
 }
 
 #: Operations that call the mathematical library; the others are single instructions.
