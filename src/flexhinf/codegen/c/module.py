@@ -9,11 +9,9 @@ import casadi
 
 from flexhinf.codegen.c import algebra
 from flexhinf.codegen.c.algebra import Real, constant
+from flexhinf.codegen.c.expression import CALLS, OPERATIONS, SINES
 from flexhinf.codegen.c.function import (
-    CALLS,
     LONGEST,
-    OPERATIONS,
-    SINES,
     FunctionText,
     block,
     headed,
@@ -302,9 +300,11 @@ class Translator:
         calls = {
             code: self._helper(SINES[code], algebra.function, code == casadi.OP_COS, real) for code in own
         }
-        counts = count, function.n_out()
+        arguments = tuple(f"in{k}" for k in range(count))
+        results = tuple(f"out{k}" for k in range(function.n_out()))
+        stages = tuple((f"stage{k}", about) for k, about in enumerate(said))
         writer = FunctionText(
-            name, flow, real, lanes, moving or (False,) * count, calls, self._row, counts, apart, said
+            name, flow, real, lanes, moving or (False,) * count, calls, self._row, arguments, results, apart, stages
         )
         if lanes > 1 and writer.places:
             self._kept[name] = lanes * (max(writer.places.values()) + 1)
