@@ -178,15 +178,14 @@ class Expressions:
         return found
 
     def loads(self, value: int) -> list[int]:
-        """Elements that need a line before that of a value, where they have some."""
-        return [
-            k
-            for k in self.leaves(value)
-            if self._lines
-            and self.flow.operations[k].code == casadi.OP_INPUT
-            and k not in self.numbers
-            and (k in self._plain or self._as_number[k] + self.results[k] > 1)
-        ]
+        """Values that are read from memory by a line of their own before that of a value."""
+        return [k for k in self.leaves(value) if self._is_loaded(k)]
+
+    def _is_loaded(self, value: int) -> bool:
+        if self.flow.operations[value].code == casadi.OP_INPUT:
+            several = value in self._plain or self._as_number[value] + self.results[value] > 1
+            return self._lines and value not in self.numbers and several
+        return self._as_flag[value] > 1 and value not in self.flags and value in self.numbers
 
     def declared(self, value: int) -> list[str]:
         """Lines that give a value its names."""
@@ -195,7 +194,7 @@ class Expressions:
             condition, name = self.condition(value).bare, self._fresh("c")
             lines.append(f"const bool {name} = {condition};")
             self.flags[value] = name
-        if not truth or self._as_number[value] or not lines:
+        if value not in self.numbers and (not truth or self._as_number[value] or not lines):
             text, name = self.number(value).bare, self._fresh("v")
             lines.append(f"const {self.real.name} {name} = {text};")
             self.numbers[value] = name

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_left
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -43,7 +43,7 @@ KEPT = "kept"
 MANY = 120
 
 #: Lines of one function of C, about, and values above which it is of parts where its memory allows it.
-LONGEST = 100
+LONGEST = 50
 
 
 def block(head: str, lines: Iterable[str]) -> list[str]:
@@ -176,16 +176,16 @@ class FunctionText:
         lines = self._expressions.lines(list(stages))
         if len(stages) <= LONGEST or (not self.apart and len(lines) <= LONGEST):
             return [[(stage, [k for k in lines if stages[k] == stage]) for stage in sorted({*stages.values()})]]
-        # behind every fourth result, so that compilers make vectors of neighbours
-        fourth = [bisect_left(lines, k + 1) for _, element, k in self.flow.outputs if element % 4 == 3]
+        last = {value: place for place, k in enumerate(lines) for value in self._expressions.leaves(k)}
+        ends = sorted((last[k], place) for place, k in enumerate(lines) if last.get(k, -1) > place)
         groups: list[Stage] = []
         for stage in sorted({*stages.values()}):
             first, end = (bisect_left(lines, k, key=stages.__getitem__) for k in (stage, stage + 1))
             pieces = -(-(end - first) // LONGEST)
             cuts = [first + (end - first) * k // pieces for k in range(pieces + 1)] if pieces else []
-            for k in range(1, pieces):
-                near = min(fourth, key=lambda place, cut=cuts[k]: abs(place - cut), default=0)
-                cuts[k] = near if abs(near - cuts[k]) <= LONGEST // 8 else cuts[k]
+            for k in range(1, pieces):  # nearby, where the fewest values are kept
+                near = range(cuts[k] - LONGEST // 5, cuts[k] + LONGEST // 5)
+                cuts[k] = min(near, key=lambda cut, at=cuts[k]: (_alive(ends, cut), abs(cut - at)))
             groups += [(stage, lines[a:b]) for a, b in pairwise(cuts)]
         parts: list[list[Stage]] = []
         for stage, group in groups:
@@ -231,6 +231,8 @@ class FunctionText:
             yield from headed(about) if stage != before else []
             before = stage
             for k in own:
+                for value in text.loads(k):
+                    yield from text.declared(value)
                 if k in used or k not in places:
                     yield from text.declared(k)
                 if k in places:
@@ -444,6 +446,11 @@ def _changes(lines: Iterable[str], word: str) -> bool:
     return any(re.search(rf"^\s*{word}\[[^\]]*\] = |_row\(.*, {word}\b", line) for line in lines)
 
 
+def _alive(ends: Sequence[tuple[int, int]], cut: int) -> int:
+    """How many values, as (line of the last use, line), are used on both sides of a line."""
+    return sum(place < cut for _, place in ends[bisect_left(ends, (cut, -1)) :])
+
+
 def _operations(line: str) -> int:
-    """Operations of a line, about."""
-    return len(re.findall(r" [-+*/<?] |FMA\(| [<>=!]= ", line)) or 1
+    """Operations of a line, about, with what it reads and writes."""
+    return len(re.findall(r" [-+*/<?] |FMA\(| [<>=!]= |\w\[", line)) or 1
