@@ -248,17 +248,23 @@ class _Shortened:
 def _without_unused(
     operations: list[Operation], outputs: list[tuple[int, int, int]], stages: int
 ) -> tuple[list[Operation], list[tuple[int, int, int]]]:
-    """Only what results depend on, but for those of stages."""
+    """Only what results depend on. What a stage ends with is no use: where a result has it in another form, the stage
+    ends with the operands."""
     used = {value for k, _, value in outputs if k >= stages}
     for k in reversed(range(len(operations))):
         if k in used and operations[k].code != casadi.OP_INPUT:
             used.update(operations[k].arguments)
+    last: list[int] = []  # used value that each value is, or is made of at last
+    for k, op in enumerate(operations):
+        before = () if op.code == casadi.OP_INPUT else op.arguments
+        last.append(k if k in used else max((last[a] for a in before), default=-1))
     places = {k: place for place, k in enumerate(sorted(used))}
     kept = [
         op if op.code == casadi.OP_INPUT else replace(op, arguments=tuple(places[a] for a in op.arguments))
         for op in (operations[k] for k in sorted(used))
     ]
-    return kept, [(k, element, places[value]) for k, element, value in outputs if value in used]
+    ends = [(k, element, last[value]) for k, element, value in outputs]
+    return kept, [(k, element, places[value]) for k, element, value in ends if value >= 0]
 
 
 def _share_reciprocals(

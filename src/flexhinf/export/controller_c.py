@@ -114,6 +114,13 @@ CODES = {
 }
 
 
+#: Names of functions, types and numbers of every controller, behind its own.
+OWN = frozenset({
+    "believed", "check", "defaults", "digest", "exact", "fused", "init", "input", "output", "param", "predict", "real",
+    "rest", "sample", "some", "start", "state", "step", "type_of_constants", "version",
+})  # fmt: skip
+
+
 #: Signals of motors, seen from the joint, and what they are at the motor: its signal, divided or multiplied by a ratio.
 AT_MOTOR = {
     "motor_position": "motor angle /",
@@ -183,9 +190,8 @@ class ControllerCode:
     @cached_property
     def translator(self) -> Translator:
         """All functions of the step."""
-        translator = Translator(
-            self.name, self.real, LANES if self.controller.composed and self.real.name == "double" else 1
-        )
+        lanes = LANES if self.controller.composed and self.real.name == "double" else 1
+        translator = Translator(self.name, self.real, lanes, OWN)
         translator.add(self.program, "sample")
         return translator
 
@@ -195,7 +201,8 @@ class ControllerCode:
         if not self.controller.composed:
             run = Recorder()
             function = drop_empty(self.controller.traced(run))
-            stages = Stages(function, tuple(about for about, _ in run.stages))
+            names, about, _ = zip(*run.stages, strict=True)
+            stages = Stages(function, names, about)
             body = [replace(step, stages=stages) for step in body]
         return body, buffers
 

@@ -156,7 +156,7 @@ class FunctionText:
                 short = self.stages[stage][0] if stage < len(self.stages) else "end" if self.stages else "part"
                 name = f"{self.name}_{short}"
                 names[name] = names.get(name, 0) + 1
-                name += f"_{names[name]}" if names[name] > 1 or not self.stages else ""
+                name += f"_{names[name]}" * (names[name] > 1 or not self.stages)
             yield name, list(self._part(part, len(parts) == 1))
 
     @cached_property
@@ -438,7 +438,7 @@ class FunctionText:
 
 
 def _uses(lines: Iterable[str], word: str) -> bool:
-    return any(re.search(rf"\b{word}\b", line) for line in lines)
+    return any(re.search(rf"\b{word}\b", line) for line in lines if not line.startswith(("/*", " *")))
 
 
 def _changes(lines: Iterable[str], word: str) -> bool:
