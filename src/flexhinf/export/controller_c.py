@@ -171,6 +171,7 @@ class ControllerCode:
             "y": len(c.measured), "r": max(1, len(c.commanded)), "data": c.data_vector.size, "memory": c.memory.size,
             "u": len(c.law.input_names), "estimate": len(c.estimated),
         }  # fmt: skip
+        self.signals = {"Y": c.measured, "R": c.commanded, "U": tuple(c.law.input_names), "X": c.estimated}
         self.predicts = estimator is not None
         self.program = step_program(self.sizes, bool(c.commanded), c.gaps, self._steps)
         buffers = self.program.buffers
@@ -182,7 +183,6 @@ class ControllerCode:
         self.initial_memory = c.initial_memory()
         self.safe_input = self.initial_memory[c.memory.places["u"]]
         self.codes = {code: row for code, row in CODES.items() if self.predicts or code != "PREDICTED"}
-        self.signals = {"Y": c.measured, "R": c.commanded, "U": tuple(c.law.input_names), "X": c.estimated}
         self.units = {} if estimator is None else dict(estimator.plant.units)
         self.belief = None if estimator is None else np.asarray(estimator.initial[0], dtype=float)
         self.oldest = 2.0 * c.period
@@ -191,9 +191,37 @@ class ControllerCode:
     def translator(self) -> Translator:
         """All functions of the step."""
         lanes = LANES if self.controller.composed and self.real.name == "double" else 1
-        translator = Translator(self.name, self.real, lanes, OWN)
+        translator = Translator(self.name, self.real, lanes, OWN, self._elements, self._data_parts)
         translator.add(self.program, "sample")
         return translator
+
+    @property
+    def _elements(self) -> dict[str, list[str]]:
+        """What the elements of the step's vectors are called in the source, by vector."""
+        c, x = self.controller, constants(self.upper("X"), self.signals["X"])
+        memory = [
+            f"AT_{name.upper()}" + f" + {k}" * (k > 0)
+            for name, place in c.memory.places.items()
+            for k in range(place.stop - place.start)
+        ]
+        data = [
+            f"{name}[{k}]" if name in self._data_parts else self.upper(f"P_{name.upper()}")
+            for name, place in c.data.places.items()
+            for k in range(place.stop - place.start)
+        ]
+        for name, place, _ in self._parameter_places({*data}):
+            data[place] = name
+        signals = {kind.lower(): constants(self.upper(kind), self.signals[kind]) for kind in "YRU"}
+        known = {**signals, "estimated": x, "memory": memory, "after": memory, "data": data}
+        sizes = self.sizes | {"estimated": self.sizes["estimate"], "after": self.sizes["memory"]}
+        return {name: texts for name, texts in known.items() if len(texts) == sizes[name]}
+
+    @property
+    def _data_parts(self) -> dict[str, str]:
+        """Where those parts of the numbers of the step are that have several."""
+        places = self.controller.data.places.items()
+        several = [name for name, place in places if place.stop - place.start > 1]
+        return {name: f"data + {self.upper(f'P_{name.upper()}')}" for name in several}
 
     def _steps(self, places: Any) -> Any:
         """Those of the controller; one that is a single trace is read in its stages."""

@@ -77,9 +77,7 @@ _NAMED = (casadi.OP_SQ, casadi.OP_TWICE, casadi.OP_SIGN, casadi.OP_FMIN, casadi.
 _LOGIC = (casadi.OP_NOT, casadi.OP_AND, casadi.OP_OR)
 
 #: Operations, and about so many characters, of one expression at most.
-MOST, WIDEST = 4, 80
-#: Characters of a name or an element, about.
-_NAME = 8
+MOST, WIDEST = 4, 90
 
 
 @dataclass(frozen=True)
@@ -149,7 +147,7 @@ class Expressions:
         for k, operation in self.flow.operations.items():
             if operation.code in LEAVES:
                 continue
-            size, width = 1, 8 + _NAME * len(operation.arguments)
+            size, width = 1, 8 + sum(map(self._width, operation.arguments))
             for value in operation.arguments:
                 more = sizes.get(value, MOST)
                 uses = self._as_number[value] + self._as_flag[value] + self.results[value]
@@ -159,12 +157,17 @@ class Expressions:
                     and value in sizes
                     and inside[value] == inside[k]
                     and size + more <= MOST
-                    and width + widths[value] - _NAME <= WIDEST
+                    and width + widths[value] <= WIDEST
                 ):
                     found.add(value)
-                    size, width = size + more, width + widths[value] - _NAME
+                    size, width = size + more, width + widths[value]
             sizes[k], widths[k] = size, width
         return found
+
+    def _width(self, value: int) -> int:
+        """Characters of a leaf, about."""
+        operation = self.flow.operations[value]
+        return len(self._read(*operation.arguments)) if operation.code == casadi.OP_INPUT else 6
 
     def lines(self, values: Sequence[int]) -> list[int]:
         """Those of the values that are no part of another's expression."""

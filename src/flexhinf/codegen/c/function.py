@@ -14,7 +14,7 @@ from __future__ import annotations
 import re
 from bisect import bisect_left
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 from textwrap import wrap
@@ -98,7 +98,8 @@ class FunctionText:
     `lanes`: 0 for any number of them, which is then the last argument ``count``. `moving`: Which arguments differ from
     lane to lane. `calls`: Names of functions by opcode. `rows`: Name of the function of rows for some opcodes.
     `arguments`, `results`: Their names. `apart`: No result is in the memory of an argument. `stages`: Name and comment
-    of each stage.
+    of each stage. `elements`: Indices by name of the elements of arguments and results, where they have
+    some, or elements of `parts`, names of places in an argument.
     """
 
     name: str
@@ -112,12 +113,17 @@ class FunctionText:
     results: tuple[str, ...]
     apart: bool
     stages: tuple[tuple[str, str], ...] = ()
+    elements: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    parts: Mapping[str, str] = field(default_factory=dict)
 
     def texts(self) -> dict[str, str]:
         """Functions by name, in an order in which C can read them; the last is the one that is called."""
         names = [*self.arguments, *self.results]
         last = [*(["count"] if self.lanes == 0 else []), *([ROWS] if self.lanes > 1 and self.places else [])]
-        parts = dict(self._single_parts() if self.lanes == 1 else self._several_parts())
+        parts = {
+            name: self._named_parts(lines)
+            for name, lines in (self._single_parts() if self.lanes == 1 else self._several_parts())
+        }
         if len(parts) == 1:
             texts, lines = dict[str, str](), next(iter(parts.values()))
         else:
@@ -126,7 +132,7 @@ class FunctionText:
                 own = [word for word in [*names, KEPT, *last] if _uses(text, word)]
                 texts[name] = self._text(name, own, text)
                 lines.append(f"{name}({', '.join(own)});")
-            lines = self._joined(lines)
+            lines = self._named_parts(self._joined(lines))
         lines += [f"(void){word};" for word in self.arguments if not _uses(lines, word)]
         texts[self.name] = self._text(self.name, [*names, *last], lines)
         return texts
@@ -144,7 +150,16 @@ class FunctionText:
 
     def _element(self, argument: int, element: int) -> str:
         several = self.lanes != 1 and self.moving[argument]
-        return f"{self.arguments[argument]}[{self._row(element) if several else element}]"
+        return self._place(self.arguments[argument], element, several)
+
+    def _place(self, word: str, element: int, several: bool = False) -> str:
+        name = str(self.elements[word][element] if word in self.elements else element)
+        return name if name.endswith("]") else f"{word}[{self._row(element) if several else name}]"
+
+    def _named_parts(self, lines: list[str]) -> list[str]:
+        """Lines after those that name the parts of arguments that they use."""
+        kind = f"const {self.real.name} *const"
+        return [*(f"{kind} {part} = {place};" for part, place in self.parts.items() if _uses(lines, part)), *lines]
 
     # One column ---------------------------------------------------------------------------------------
     def _single_parts(self) -> Iterator[tuple[str, list[str]]]:
@@ -209,7 +224,7 @@ class FunctionText:
         places: dict[int, str] = {}
         for result, element, value in self.flow.outputs:
             if value in part_of and self.apart:
-                places.setdefault(value, f"{self.results[result]}[{element}]")
+                places.setdefault(value, self._place(self.results[result], element))
             elif value in part_of and len(self._parts) > 1:
                 last[value] = len(self._parts)
         free: list[int] = []  # the part after which each number of the memory is free
@@ -244,7 +259,7 @@ class FunctionText:
         """Results that are not written where they are computed."""
         text, stores = self._expressions, list[str]()
         for result, element, value in self.flow.outputs:
-            place = f"{self.results[result]}[{element}]"
+            place = self._place(self.results[result], element)
             if places.get(value) == place:
                 continue
             if self.flow.operations[value].code == casadi.OP_INPUT and not self.apart:

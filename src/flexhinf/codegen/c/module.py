@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Container, Iterable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from itertools import count
+from types import MappingProxyType
 from typing import Any
 
 import casadi
@@ -44,6 +45,8 @@ from flexhinf.scalars.trace import instructions
 #: The argument of a program with memory for the columns in hand.
 ROOM = "columns"
 
+NOTHING: Mapping[str, Any] = MappingProxyType({})
+
 #: Names that arguments of functions do not have.
 WORDS = KEYWORDS | {"count", "kept", "l", "real", "rows"}
 
@@ -58,13 +61,16 @@ class Translator:
     """Collects the functions of one or more programs; those that two of them share are written once.
 
     `prefix`: An identifier; every function's name begins so. `lanes`: Columns of a matrix that a function is evaluated
-    for at once, side by side, where there are so many. `taken`: Names behind the prefix that others have. `functions`: Name to text, in an order in which C can read it.
+    for at once, side by side, where there are so many. `taken`: Names behind the prefix that others have.
+    `elements`: Indices by name of the elements of whole buffers, for functions that are given them; or elements of
+    `parts`, names of places in a buffer. `functions`: Name to text, in an order in which C can read it.
     `calls_library`: Whether a function calls one of the C library whose bits are not the same everywhere.
     `room`: Numbers of memory for columns in hand that the programs need of the caller, so that none is on the stack.
     """
 
-    def __init__(self, prefix: str, real: Real, lanes: int = 1, taken: Container[str] = ()) -> None:
+    def __init__(self, prefix: str, real: Real, lanes: int = 1, taken: Container[str] = (), elements: Mapping[str, Sequence[str]] = NOTHING, parts: Mapping[str, str] = NOTHING) -> None:
         self.prefix, self.real, self.lanes, self._taken_names = prefix, real, lanes, taken
+        self._elements, self._places_of = elements, parts
         self.functions: dict[str, str] = {}
         self._names: dict[tuple[Any, ...], str] = {}
         self.calls_library = False
@@ -114,8 +120,14 @@ class Translator:
                     if not apart:
                         raise _unsupported("a sweep in which a result takes the place of an argument")
                     moving = tuple(piece.buffer == COLUMN or piece in self._spread for piece in step.inputs)
+                whole = {name: piece.buffer for name, piece in zip(step.names, (*step.inputs, *step.outputs))}
+                elements = {
+                    name: names
+                    for name, buffer in whole.items()
+                    if step.stages is not None and (names := self._elements.get(buffer))
+                }
                 name = self._function(
-                    step.function, max(1, self._columns), moving, step.about, apart, step.stages, step.names
+                    step.function, max(1, self._columns), moving, step.about, apart, step.stages, step.names, elements
                 )
                 places = [self._at(piece, loops) for piece in (*step.inputs, *step.outputs)]
                 yield f"{name}({', '.join(places + self._rows_of(name))});"
@@ -290,6 +302,7 @@ class Translator:
         apart: bool = False,
         stages: Stages | None = None,
         names: tuple[str, ...] = (),
+        elements: Mapping[str, Sequence[str]] = NOTHING,
     ) -> str:
         """Name of a ``static void name(in₀, …, out₀, …)``, which is written at its first use.
 
@@ -298,7 +311,7 @@ class Translator:
         argument or of a result is the row ``[e * lanes + lane]``, and no result may lie where an argument does. For
         one, every store comes after every load, so that results may take the place of arguments, if they are not
         `apart`. `moving`: Which arguments differ from lane to lane. `about`: A comment above it. `names`: Of arguments
-        and results. Raises Unsupported: an operation that is not in the table.
+        and results; `elements`, of their elements. Raises Unsupported: an operation that is not in the table.
         """
         apart = apart and lanes == 1
         key = (function.serialize(), lanes, moving, apart)
@@ -320,7 +333,9 @@ class Translator:
         moving = moving or (False,) * size
 
         for name in self._free(function.name()):
-            writer = FunctionText(name, flow, real, lanes, moving, calls, self._row, *words, apart, said)
+            writer = FunctionText(
+                name, flow, real, lanes, moving, calls, self._row, *words, apart, said, elements, self._places_of
+            )
             texts = writer.texts()
             if not texts.keys() & self.functions.keys():
                 break
