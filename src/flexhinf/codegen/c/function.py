@@ -16,7 +16,7 @@ from bisect import bisect_left
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import pairwise
+from itertools import count, groupby, pairwise
 from textwrap import wrap
 
 import casadi
@@ -35,6 +35,9 @@ ROWS = "rows"
 #: a loop, because it is the same in all lanes, then fits into registers. A longer function is not put into its caller,
 #: whose stack would grow by what each of them needs.
 LONG = 48
+
+#: Equal neighbours among results that are written one by one.
+FEW = 4
 
 #: The array for what later parts of a long text need of earlier ones.
 KEPT = "kept"
@@ -240,11 +243,11 @@ class FunctionText:
         here = {k for _, own in part for k in own}
         text.begin({k: place for k, place in places.items() if k not in here})
         used = {value for k in here for value in text.leaves(k)}
-        before = -1
+        before = ""
         for stage, own in part:
             about = self.stages[stage][1] if stage < len(self.stages) else ""
-            yield from headed(about) if stage != before else []
-            before = stage
+            yield from headed(about) if about != before else []
+            before = about
             for k in own:
                 for value in text.loads(k):
                     yield from text.declared(value)
@@ -256,16 +259,25 @@ class FunctionText:
             yield from self._stored(places)
 
     def _stored(self, places: Mapping[int, str]) -> Iterator[str]:
-        """Results that are not written where they are computed."""
-        text, stores = self._expressions, list[str]()
+        """Results that are not written where they are computed; equal neighbours by a loop."""
+        text, stores = self._expressions, list[tuple[int, int, str]]()
         for result, element, value in self.flow.outputs:
             place = self._place(self.results[result], element)
             if places.get(value) == place:
                 continue
             if self.flow.operations[value].code == casadi.OP_INPUT and not self.apart:
                 yield from text.declared(value) if value not in text.numbers else ()
-            stores.append(f"{place} = {text.number(value).bare};")
-        yield from stores
+            stores.append((result, element, text.number(value).bare))
+        turns = count()
+        for (result, _, written), each in groupby(
+            sorted(stores, key=lambda row: row[:2]), key=lambda row: (row[0], row[1] - next(turns), row[2])
+        ):
+            word, (first, *others) = self.results[result], [element for _, element, _ in each]
+            if len(others) < FEW or word in self.elements:
+                yield from (f"{self._place(word, element)} = {written};" for element in (first, *others))
+            else:
+                place = f"{first} + i" if first else "i"
+                yield from loop("i", 1 + len(others), [f"{word}[{place}] = {written};"])
 
     def _joined(self, lines: list[str]) -> list[str]:
         """Calls of the parts; where results are not written by them, they are at the end."""
@@ -285,12 +297,7 @@ class FunctionText:
                 parts.append([])
             parts[-1] += lines
         for number, lines in enumerate(parts, start=1):
-            declared = []
-            for k, place in sorted(self.places.items()):
-                if _uses(lines, f"w{k}"):
-                    kind = f"{'' if _changes(lines, f'w{k}') else 'const '}{self.real.name} *const"
-                    declared.append(f"{kind} w{k} = {algebra.ahead(ROWS, place * self.lanes)};")
-            yield self.name if len(parts) == 1 else f"{self.name}_part_{number}", [*declared, *lines]
+            yield self.name if len(parts) == 1 else f"{self.name}_part_{number}", lines
 
     @cached_property
     def _loops(self) -> dict[int, list[tuple[list[int], Results]]]:
@@ -329,12 +336,14 @@ class FunctionText:
             for k in rows:
                 of.setdefault(operations[k].arguments[0], {})[operations[k].code] = k
             for argument, values in of.items():
-                source, place = operations[argument], f"w{argument}"
+                source = operations[argument]
                 if source.code == casadi.OP_INPUT and self.moving[source.arguments[0]]:
                     k, element = source.arguments
                     place = algebra.ahead(self.arguments[k], element * self.lanes)
-                places = "".join(f", w{values[code]}" for code in sorted(values))
-                yield [f"{self.rows(tuple(sorted(values)))}({place}{places});"]
+                else:
+                    place = algebra.ahead(ROWS, kept[argument] * self.lanes)
+                places = [algebra.ahead(ROWS, kept[values[code]] * self.lanes) for code in sorted(values)]
+                yield [f"{self.rows(tuple(sorted(values)))}({', '.join([place, *places])});"]
 
     def _is_of_rows(self, k: int) -> bool:
         operation = self.flow.operations[k]
@@ -376,7 +385,8 @@ class FunctionText:
 
     def _loop(self, values: list[int], kept: Container[int], results: Results) -> Iterator[str]:
         text, here, lines = self._lane_expressions, set(values), []
-        text.begin({k: f"w{k}[l]" for k in self.places if k not in here})
+        rows = {k: f"{ROWS}[{self._row(place)}]" for k, place in self.places.items()}
+        text.begin({k: row for k, row in rows.items() if k not in here})
         own = text.lines(values)
         used = {value for k in own for value in text.leaves(k)} | {value for _, _, value in results}
         for k in own:
@@ -385,7 +395,7 @@ class FunctionText:
             if k in used or k not in self.places:
                 lines += text.declared(k)
             if k in kept:
-                lines.append(f"w{k}[l] = {text.number(k).bare};")
+                lines.append(f"{rows[k]} = {text.number(k).bare};")
         lines += [
             f"{self.results[result]}[{self._row(element)}] = {text.number(value).bare};"
             for result, element, value in results

@@ -332,9 +332,10 @@ class Translator:
         said = () if stages is None else tuple(zip(stages.names, stages.about, strict=True))
         moving = moving or (False,) * size
 
+        places = self._places_of if elements else NOTHING
         for name in self._free(function.name()):
             writer = FunctionText(
-                name, flow, real, lanes, moving, calls, self._row, *words, apart, said, elements, self._places_of
+                name, flow, real, lanes, moving, calls, self._row, *words, apart, said, elements, places
             )
             texts = writer.texts()
             if not texts.keys() & self.functions.keys():
