@@ -14,6 +14,7 @@ from collections import Counter
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from functools import partial
+from inspect import Parameter, signature
 from math import prod
 from typing import Any
 
@@ -143,18 +144,20 @@ def gives(*names: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
 class Recorder(Direct):
     """As `Direct`, and keeps what was computed one after the other, with what the functions say of themselves.
 
-    `stages`: (sentence, what was computed); of calls inside of others only the outer ones.
+    `stages`: (name, sentence, what was computed); of calls inside of others only the outer ones.
     """
 
     def __init__(self) -> None:
-        self.stages: list[tuple[str, Any]] = []
+        self.stages: list[tuple[str, str, Any]] = []
         self._inside = False
 
     def recorded(self) -> list[Any]:
         """As `Direct.recorded`: an array for each stage."""
-        return [np.concatenate([np.zeros(1), *_flat(result)]) for _, result in self.stages]
+        return [np.concatenate([np.zeros(1), *_flat(result)]) for _, _, result in self.stages]
 
-    def _kept(self, about: str, compute: Callable[..., Any], *arrays: Any, **options: Any) -> Any:
+    def _kept(
+        self, named: Callable[..., Any], compute: Callable[..., Any], *arrays: Any, **options: Any
+    ) -> Any:
         if self._inside:
             return compute(*arrays, **options)
         self._inside = True
@@ -162,12 +165,12 @@ class Recorder(Direct):
             result = compute(*arrays, **options)
         finally:
             self._inside = False
-        self.stages.append((about, result))
+        self.stages.append((_name(named), _about(named), result))
         return result
 
     def call(self, function: Callable[..., Any], *arrays: Any) -> Any:
         """As `Direct.call`."""
-        return self._kept(_about(function), function, *arrays)
+        return self._kept(function, function, *arrays)
 
     def columns(self, function: Callable[..., Any], moving: Any, *held: Any) -> Any:
         """As `Direct.columns`: a stage for each column."""
@@ -175,27 +178,27 @@ class Recorder(Direct):
 
     def gram(self, columns: Any, weights: Any, plus: Any = None) -> Any:
         """As `Direct.gram`."""
-        return self._kept(Direct.gram.__doc__ or "", super().gram, columns, weights, plus)
+        return self._kept(Direct.gram, super().gram, columns, weights, plus)
 
     def product(self, columns: Any, weights: Any, other: Any) -> Any:
         """As `Direct.product`."""
-        return self._kept(Direct.product.__doc__ or "", super().product, columns, weights, other)
+        return self._kept(Direct.product, super().product, columns, weights, other)
 
     def combination(self, columns: Any, weights: Any, plus: Any = None) -> Any:
         """As `Direct.combination`."""
-        return self._kept(Direct.combination.__doc__ or "", super().combination, columns, weights, plus)
+        return self._kept(Direct.combination, super().combination, columns, weights, plus)
 
     def cholesky(self, matrix: Any) -> Any:
         """As `Direct.cholesky`."""
-        return self._kept(Direct.cholesky.__doc__ or "", super().cholesky, matrix)
+        return self._kept(Direct.cholesky, super().cholesky, matrix)
 
     def householder(self, rows: Any, count: int, triangle: int = 0) -> Any:
         """As `Direct.householder`."""
-        return self._kept(Direct.householder.__doc__ or "", super().householder, rows, count, triangle)
+        return self._kept(Direct.householder, super().householder, rows, count, triangle)
 
     def residual(self, rows: Any, slope: Any) -> Any:
         """As `Direct.residual`."""
-        return self._kept(Direct.residual.__doc__ or "", super().residual, rows, slope)
+        return self._kept(Direct.residual, super().residual, rows, slope)
 
 
 class Composer:
@@ -249,7 +252,8 @@ class Composer:
         filled = [result.place for result in results if result.size]
         inputs = [array.place for array in arrays if isinstance(array, Block) and array.size]
         if filled:
-            self.body.append(Call(traced, tuple(inputs), tuple(filled), _about(function)))
+            words = _words(function, arrays)
+            self.body.append(Call(traced, tuple(inputs), tuple(filled), _about(function), words))
         return tuple(results) if several else results[0]
 
     @contextmanager
@@ -296,7 +300,8 @@ class Composer:
             *(matrix.columns for matrix in matrices),
             *(array.place for array in held if isinstance(array, Block) and array.size),
         )
-        self.body.append(Map(traced, inputs, tuple(result.columns for result in results), _about(function)))
+        outputs, words = tuple(result.columns for result in results), _words(function, (*matrices, *held))
+        self.body.append(Map(traced, inputs, outputs, _about(function), words))
         return results if several else results[0]
 
     def sweep(self, stages: Callable[..., Any], matrix: Block, *held: Any) -> Block:
@@ -487,7 +492,10 @@ class _ColumnComposer(Composer):
         moved = self._results(function, [shape for shape, m in zip(filled, moves) if m])
         if later is not None:
             inputs = (*(block.place for block in blocks), *more)
-            self.body.append(Call(later, inputs, tuple(result.place for result in moved), _about(function)))
+            words = *_words(function, arrays), *["before"] * len(more)
+            self.body.append(
+                Call(later, inputs, tuple(result.place for result in moved), _about(function), words)
+            )
         kinds, places = {True: iter(moved), False: iter(still)}, iter(moves)
         results = [next(kinds[next(places)]) if prod(shape) else self.work(shape) for shape in shapes]
         return tuple(results) if several else results[0]
@@ -540,6 +548,21 @@ def _about(function: Any) -> str:
     written = plain if hasattr(plain, "__name__") else type(plain).__call__
     package = str(getattr(written, "__module__", "")).partition(".")[0]
     return (written.__doc__ or "") if package == __name__.partition(".")[0] else ""
+
+
+def _words(function: Any, arrays: Sequence[Any]) -> tuple[str, ...]:
+    """Names of the parameters of a function that take the blocks among some arrays; none where they are not known."""
+    try:
+        parameters = list(signature(function).parameters.values())
+    except (TypeError, ValueError):
+        return ()
+    names = [each.name for each in parameters]
+    if parameters and parameters[-1].kind is Parameter.VAR_POSITIONAL:
+        names += [f"{names[-1]}{k}" for k in range(2, len(arrays))]
+    whole = len(names) >= len(arrays)
+    return tuple(
+        name for name, array in zip(names, arrays) if whole and isinstance(array, Block) and array.size
+    )
 
 
 def _constants(array: Any) -> Any:

@@ -40,11 +40,12 @@ if TYPE_CHECKING:
 class Stages:
     """A traced function in parts that are computed one after the other.
 
-    `function`: The same function, with what each stage ends with as results before its own. `about`: What each stage
-    computes.
+    `function`: The same function, with what each stage ends with as results before its own. `names`, `about`: Of each
+    stage a name, and what it computes.
     """
 
     function: casadi.Function
+    names: tuple[str, ...]
     about: tuple[str, ...]
 
 
@@ -53,14 +54,15 @@ class Call:
     """Evaluate a traced function; all inputs are read before any output is written, so in-place is safe.
 
     `function`: An SX function whose arguments and results are dense. `inputs`, `outputs`: One per argument and per
-    result, of the same number of elements. `about`: What it computes, for a comment in exported C. `stages`: What it
-    computes one after the other, for exported C, where it is long.
+    result, of the same number of elements. For exported C: `about`, what it computes; `names`, those of arguments, then
+    of results, as far as they have some; `stages`, what it computes one after the other, where it is long.
     """
 
     function: casadi.Function
     inputs: tuple[Slice, ...]
     outputs: tuple[Slice, ...]
     about: str = ""
+    names: tuple[str, ...] = ()
     stages: Stages | None = None
 
     def __post_init__(self) -> None:
@@ -80,6 +82,7 @@ class Map:
     inputs: tuple[Slice | Columns, ...]
     outputs: tuple[Columns, ...]
     about: str = ""
+    names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_function(self.function, self.inputs, self.outputs)

@@ -12,6 +12,7 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property, reduce
 from importlib.resources import files
+from itertools import pairwise
 from textwrap import wrap
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -115,6 +116,13 @@ CODES = {
 }
 
 
+#: Names of functions, types and numbers of every controller, behind its own.
+OWN = frozenset({
+    "believed", "check", "defaults", "digest", "exact", "fused", "init", "input", "output", "param", "predict", "real",
+    "rest", "sample", "some", "start", "state", "step", "type_of_constants", "version",
+})  # fmt: skip
+
+
 #: Signals of motors, seen from the joint, and what they are at the motor: its signal, divided or multiplied by a ratio.
 AT_MOTOR = {
     "motor_position": "motor angle /",
@@ -165,6 +173,7 @@ class ControllerCode:
             "y": len(c.measured), "r": max(1, len(c.commanded)), "data": c.data_vector.size, "memory": c.memory.size,
             "u": len(c.law.input_names), "estimate": len(c.estimated),
         }  # fmt: skip
+        self.signals = {"Y": c.measured, "R": c.commanded, "U": tuple(c.law.input_names), "X": c.estimated}
         self.predicts = estimator is not None
         self.program = step_program(self.sizes, bool(c.commanded), c.gaps, self._steps, self._named)
         buffers = self.program.buffers
@@ -176,7 +185,6 @@ class ControllerCode:
         self.initial_memory = c.initial_memory()
         self.safe_input = self.initial_memory[c.memory.places["u"]]
         self.codes = {code: row for code, row in CODES.items() if self.predicts or code != "PREDICTED"}
-        self.signals = {"Y": c.measured, "R": c.commanded, "U": tuple(c.law.input_names), "X": c.estimated}
         self.units = {} if estimator is None else dict(estimator.plant.units)
         self.belief = None if estimator is None else np.asarray(estimator.initial[0], dtype=float)
         self.oldest = 2.0 * c.period
@@ -184,12 +192,40 @@ class ControllerCode:
     @cached_property
     def translator(self) -> Translator:
         """All functions of the step."""
-        translator = Translator(
-            self.name, self.real, LANES if self.controller.composed and self.real.name == "double" else 1
-        )
+        lanes = LANES if self.controller.composed and self.real.name == "double" else 1
+        translator = Translator(self.name, self.real, lanes, OWN, self._elements, self._data_parts)
         names = ("BAD_MEASUREMENT", "BAD_COMMAND", "BAD_RESULT")
         translator.add(self.program, "sample", {CODES[name][0]: self.upper(name) for name in names})
         return translator
+
+    @property
+    def _elements(self) -> dict[str, list[str]]:
+        """What the elements of the step's vectors are called in the source, by vector."""
+        c, x = self.controller, constants(self.upper("X"), self.signals["X"])
+        parts = [*self._named["memory"], Part("", c.memory.size)]
+        memory = [
+            part.name + f" + {k}" * (k > 0)
+            for part, after in pairwise(parts)
+            for k in range(after.offset - part.offset)
+        ]
+        data = [
+            f"{name}[{k}]" if name in self._data_parts else self.upper(f"P_{name.upper()}")
+            for name, place in c.data.places.items()
+            for k in range(place.stop - place.start)
+        ]
+        for name, place, _ in self._parameter_places({*data}):
+            data[place] = name
+        signals = {kind.lower(): constants(self.upper(kind), self.signals[kind]) for kind in "YRU"}
+        known = {**signals, "estimated": x, "memory": memory, "after": memory, "data": data}
+        sizes = self.sizes | {"estimated": self.sizes["estimate"], "after": self.sizes["memory"]}
+        return {name: texts for name, texts in known.items() if len(texts) == sizes[name]}
+
+    @property
+    def _data_parts(self) -> dict[str, str]:
+        """Where those parts of the numbers of the step are that have several."""
+        places = self.controller.data.places.items()
+        several = [name for name, place in places if place.stop - place.start > 1]
+        return {name: f"data + {self.upper(f'P_{name.upper()}')}" for name in several}
 
     def _steps(self, places: Any) -> Any:
         """Those of the controller; one that is a single trace is read in its stages."""
@@ -197,7 +233,8 @@ class ControllerCode:
         if not self.controller.composed:
             run = Recorder()
             function = drop_empty(self.controller.traced(run))
-            stages = Stages(function, tuple(about for about, _ in run.stages))
+            names, about, _ = zip(*run.stages, strict=True)
+            stages = Stages(function, names, about)
             body = [replace(step, stages=stages) for step in body]
         return body, buffers
 

@@ -51,6 +51,16 @@ def constant(value: float, real: Real) -> str:
     return text + real.suffix
 
 
+#: Words of C99 and of C++.
+KEYWORDS = frozenset({
+    "asm", "auto", "bool", "break", "case", "catch", "char", "class", "const", "continue", "default", "delete", "do",
+    "double", "else", "enum", "explicit", "export", "extern", "false", "float", "for", "friend", "goto", "if",
+    "inline", "int", "long", "main", "mutable", "namespace", "new", "not", "operator", "or", "private", "protected",
+    "public", "register", "restrict", "return", "short", "signed", "sizeof", "static", "struct", "switch", "template",
+    "this", "throw", "true", "try", "typedef", "typename", "union", "unsigned", "using", "virtual", "void", "volatile",
+    "while", "xor",
+})  # fmt: skip
+
 #: How characters of units, names and formulas are written in ASCII.
 ASCII = str.maketrans({
     "·": " ", "²": "^2", "³": "^3", "Ω": "Ohm", "°": "deg", "µ": "u", "−": "-", "±": "+-", "×": "x", "→": "->",

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+import re
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from itertools import count
 from types import MappingProxyType
 from typing import Any
 
 import casadi
 
 from flexhinf.codegen.c import algebra
-from flexhinf.codegen.c.algebra import Real, constant
+from flexhinf.codegen.c.algebra import KEYWORDS, Real, constant
+from flexhinf.codegen.c.expression import CALLS, OPERATIONS, SINES
 from flexhinf.codegen.c.function import (
-    CALLS,
-    LONGEST,
-    OPERATIONS,
-    SINES,
     FunctionText,
     block,
     headed,
@@ -49,18 +48,40 @@ from flexhinf.scalars.trace import instructions
 #: The argument of a program with memory for the columns in hand.
 ROOM = "columns"
 
+NOTHING: Mapping[str, Any] = MappingProxyType({})
+
+#: Names that arguments of functions do not have.
+WORDS = KEYWORDS | {"count", "kept", "l", "real", "rows"}
+
+#: How names of the functions of `flexhinf.codegen.c.algebra` begin.
+HELPERS = (
+    "cholesky", "copy", "cos", "finite", "gather", "pack", "polynomials", "reflect", "residual", "scatter", "sin",
+    "sum", "unpack",
+)  # fmt: skip
+
 
 class Translator:
     """Collects the functions of one or more programs; those that two of them share are written once.
 
     `prefix`: An identifier; every function's name begins so. `lanes`: Columns of a matrix that a function is evaluated
-    for at once, side by side, where there are so many. `functions`: Name to text, in an order in which C can read it.
+    for at once, side by side, where there are so many. `taken`: Names behind the prefix that others have.
+    `elements`: Indices by name of the elements of whole buffers, for functions that are given them; or elements of
+    `parts`, names of places in a buffer. `functions`: Name to text, in an order in which C can read it.
     `calls_library`: Whether a function calls one of the C library whose bits are not the same everywhere.
     `room`: Numbers of memory for columns in hand that the programs need of the caller, so that none is on the stack.
     """
 
-    def __init__(self, prefix: str, real: Real, lanes: int = 1) -> None:
-        self.prefix, self.real, self.lanes = prefix, real, lanes
+    def __init__(
+        self,
+        prefix: str,
+        real: Real,
+        lanes: int = 1,
+        taken: Container[str] = (),
+        elements: Mapping[str, Sequence[str]] = NOTHING,
+        parts: Mapping[str, str] = NOTHING,
+    ) -> None:
+        self.prefix, self.real, self.lanes, self._taken_names = prefix, real, lanes, taken
+        self._elements, self._places_of = elements, parts
         self.functions: dict[str, str] = {}
         self._names: dict[tuple[Any, ...], str] = {}
         self.calls_library = False
@@ -118,8 +139,21 @@ class Translator:
                     if not apart:
                         raise _unsupported("a sweep in which a result takes the place of an argument")
                     moving = tuple(piece.buffer == COLUMN or piece in self._spread for piece in step.inputs)
+                whole = {name: piece.buffer for name, piece in zip(step.names, (*step.inputs, *step.outputs))}
+                elements = {
+                    name: names
+                    for name, buffer in whole.items()
+                    if step.stages is not None and (names := self._elements.get(buffer))
+                }
                 name = self._function(
-                    step.function, max(1, self._columns), moving, step.about, apart, step.stages
+                    step.function,
+                    max(1, self._columns),
+                    moving,
+                    step.about,
+                    apart,
+                    step.stages,
+                    step.names,
+                    elements,
                 )
                 places = [self._at(piece, loops) for piece in (*step.inputs, *step.outputs)]
                 yield f"{name}({', '.join(places + self._rows_of(name))});"
@@ -213,11 +247,14 @@ class Translator:
         )
         starts = [self._at(whole(piece), loops) for piece in (*step.inputs, *step.outputs)]
         if self.lanes > 1 and simple and apart and not codes & CALLS:  # numbers become numbers one by one
-            yield f"{self._function(step.function, 0, moving, step.about)}({', '.join(starts)}, {step.count});"
+            name = self._function(step.function, 0, moving, step.about, names=step.names)
+            yield f"{name}({', '.join(starts)}, {step.count});"
             return
         pieces, read = [*step.inputs, *step.outputs], len(step.inputs)
         lanes = self.lanes if step.count >= self.lanes else 1
-        name = self._function(step.function, lanes, moving if lanes > 1 else (), step.about)
+        name = self._function(
+            step.function, lanes, moving if lanes > 1 else (), step.about, apart, names=step.names
+        )
         left = f"const int left = ({step.count} - c < {lanes}) ? {step.count} - c : {lanes};"
         declared, gather, scatter, places = [left] if lanes > 1 else [], [], [], []
         for k, (piece, start) in enumerate(zip(pieces, starts, strict=True)):
@@ -297,6 +334,8 @@ class Translator:
         about: str = "",
         apart: bool = False,
         stages: Stages | None = None,
+        names: tuple[str, ...] = (),
+        elements: Mapping[str, Sequence[str]] = NOTHING,
     ) -> str:
         """Name of a ``static void name(in₀, …, out₀, …)``, which is written at its first use.
 
@@ -304,16 +343,17 @@ class Translator:
         calls, and with one element in every moving argument and result. For more than one, element e of a moving
         argument or of a result is the row ``[e * lanes + lane]``, and no result may lie where an argument does. For
         one, every store comes after every load, so that results may take the place of arguments, if they are not
-        `apart`. `moving`: Which arguments differ from lane to lane. `about`: A comment above it. Raises Unsupported: an
-        operation that is not in the table.
+        `apart`. `moving`: Which arguments differ from lane to lane. `about`: A comment above it. `names`: Of arguments
+        and results; `elements`, of their elements. Raises Unsupported: an operation that is not in the table.
         """
-        apart = apart and function.n_instructions() > LONGEST
+        apart = apart and lanes == 1
         key = (function.serialize(), lanes, moving, apart)
         if key in self._names:
             return self._names[key]
-        name, real, count = f"{self.prefix}_{function.name()}{len(self._names)}", self.real, function.n_in()
-        said = () if stages is None else stages.about
-        flow = read_dataflow(stages.function if stages else function, OPERATIONS, True, len(said))
+        real, size = self.real, function.n_in()
+        flow = read_dataflow(
+            stages.function if stages else function, OPERATIONS, True, len(stages.names) if stages else 0
+        )
         codes = {code for code, *_ in instructions(function)}
         self.calls_library |= not codes.isdisjoint(LIBRARY)
         # A build of floats calls the library's sine and cosine.
@@ -321,16 +361,32 @@ class Translator:
         calls = {
             code: self._helper(SINES[code], algebra.function, code == casadi.OP_COS, real) for code in own
         }
-        counts = count, function.n_out()
-        writer = FunctionText(
-            name, flow, real, lanes, moving or (False,) * count, calls, self._row, counts, apart, said
-        )
+        words = _words(names, size, function.n_out())
+        said = () if stages is None else tuple(zip(stages.names, stages.about, strict=True))
+        moving = moving or (False,) * size
+
+        places = self._places_of if elements else NOTHING
+        for name in self._free(function.name()):
+            writer = FunctionText(
+                name, flow, real, lanes, moving, calls, self._row, *words, apart, said, elements, places
+            )
+            texts = writer.texts()
+            if not texts.keys() & self.functions.keys():
+                break
         if lanes > 1 and writer.places:
             self._kept[name] = lanes * (max(writer.places.values()) + 1)
-        texts = writer.texts()
         self.functions |= texts | {name: _headed(about, texts[name])}
         self._names[key] = name
         return name
+
+    def _free(self, short: str) -> Iterator[str]:
+        """Names for a traced function that nothing has yet, the best one first."""
+        ours = short in self._taken_names or short.startswith(HELPERS)
+        yield from (
+            name
+            for number in count(1 + ours)
+            if (name := f"{self.prefix}_{short}" + f"_{number}" * (number > 1)) not in self.functions
+        )
 
     def _row(self, codes: tuple[int, ...]) -> str:
         short = "".join(SINES[code] for code in codes) + "_row"
@@ -348,6 +404,18 @@ class Translator:
                 text = text.replace(mark, meant)
             self.functions[name] = text if isinstance(make, str) else _headed(make.__doc__ or "", text)
         return name
+
+
+def _words(names: tuple[str, ...], read: int, written: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names of arguments and of results in C: as they are in Python, where they are known."""
+    results = ["result"] if written == 1 else [f"result{k + 1}" for k in range(written)]
+    given = [*names, *results[max(0, len(names) - read) :]] if len(names) >= read else []
+    chosen: list[str] = []
+    for k, name in enumerate(given or [*(f"in{k}" for k in range(read)), *results]):
+        word = re.sub(r"\W", "_", name, flags=re.ASCII).strip("_") or f"in{k}"
+        word += "_" * (word in WORDS or re.fullmatch(r"[cvw]\d+|[A-Z_]+|[0-9].*", word) is not None)
+        chosen.append(word if word not in chosen else f"{word}_{k}")
+    return tuple(chosen[:read]), tuple(chosen[read:])
 
 
 def _headed(about: str, text: str) -> str:
