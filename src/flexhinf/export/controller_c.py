@@ -33,8 +33,9 @@ from flexhinf.codegen import (
     Sweep,
     When,
 )
-from flexhinf.codegen.c import Real, Translator, comment, constant, folded
+from flexhinf.codegen.c import Real, Translator, comment, constant, folded, pivot_tolerance
 from flexhinf.codegen.program import Step
+from flexhinf.codegen.straight import straightened
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.fragments import (
     BEGIN_AGAIN,
@@ -166,6 +167,8 @@ class ControllerCode:
         }  # fmt: skip
         self.predicts = estimator is not None
         self.program = step_program(self.sizes, bool(c.commanded), c.gaps, self._steps)
+        if self.lanes == 1 and c.composed:
+            self.program = straightened(self.program, pivot_tolerance(real))
         buffers = self.program.buffers
         work = [b.size or 0 for b in buffers if b.role == "work" and b.name not in ("after", "estimated")]
         self.scratch = max(work, default=0)
@@ -180,12 +183,15 @@ class ControllerCode:
         self.belief = None if estimator is None else np.asarray(estimator.initial[0], dtype=float)
         self.oldest = 2.0 * c.period
 
+    @property
+    def lanes(self) -> int:
+        """Columns of a matrix side by side."""
+        return LANES if self.controller.composed and self.real.name == "double" else 1
+
     @cached_property
     def translator(self) -> Translator:
         """All functions of the step."""
-        translator = Translator(
-            self.name, self.real, LANES if self.controller.composed and self.real.name == "double" else 1
-        )
+        translator = Translator(self.name, self.real, self.lanes)
         translator.add(self.program, "sample")
         return translator
 

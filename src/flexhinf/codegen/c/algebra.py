@@ -71,8 +71,16 @@ def comment(text: str) -> str:
 PIVOT_ULPS = 45.0
 
 
+def pivot_tolerance(real: Real) -> float:
+    """What a pivot is compared with, as a part of what it is made of, over n."""
+    return 1e-14 if real.name == "double" else PIVOT_ULPS * real.epsilon
+
+
 #: Rows, columns and terms of a sum that go together: what is loaded serves all of them.
 TALL, WIDE, TERMS = 2, 8, 4
+
+#: Sums that a processor without vectors keeps in its registers.
+FEW = 16
 
 
 def outer_sum(name: str, weighted: bool, added: bool, symmetric: bool, tall: int, wide: int) -> str:
@@ -113,6 +121,33 @@ def outer_sum(name: str, weighted: bool, added: bool, symmetric: bool, tall: int
         }}
     }}{mirror if symmetric else ""}
 }}"""
+
+
+def small_sum(name: str, weighted: bool, added: bool, symmetric: bool, rows: int, columns: int) -> str:
+    """Σ_k w_k l_kᵀ r_k + plus of a few rows and columns, with a variable for each sum."""
+    places = [(i, j) for i in range(rows) for j in range(i if symmetric else 0, columns)]
+    names = ["left"] + ["right"] * (not symmetric) + ["weights"] * weighted + ["plus"] * added
+    arguments = [f"const {{R}} *{name}" for name in names]
+    factor, other = "w" if weighted else "l", "l" if symmetric else "r"
+    inside = [f"const {{R}} l{i} = left[{rows} * k + {i}];" for i in range(rows)]
+    inside += [f"const {{R}} w{i} = l{i} * weights[k];" for i in range(rows) if weighted]
+    inside += [f"const {{R}} r{j} = right[{columns} * k + {j}];" for j in range(columns) if not symmetric]
+    inside += [f"sum{i}{j} = FMA({factor}{i}, {other}{j}, sum{i}{j});" for i, j in places]
+    after = []
+    for i, j in places:
+        plus = f" + plus[{i * columns + j}]" if added else ""
+        after.append(f"target[{i * columns + j}] = sum{i}{j}{plus};")
+        if symmetric and j > i:
+            after.append(f"target[{j * columns + i}] = target[{i * columns + j}];")
+    lines = [
+        *(f"{{R}} sum{i}{j} = {{0}};" for i, j in places),
+        "for (int k = 0; k < count; ++k) {",
+        *(f"    {line}" for line in inside),
+        "}",
+        *after,
+    ]
+    text = "\n".join(f"    {line}" for line in lines)
+    return f"static void {name}({', '.join(arguments)}, {{R}} *target, int count)\n{{\n{text}\n}}"
 
 
 def ahead(place: str, count: int) -> str:
@@ -196,7 +231,7 @@ def cholesky(name: str, real: Real) -> str:
 
     The scale for the rounding of a pivot is kept first in its row, left of the diagonal, until the row is done.
     """
-    tolerance = constant(1e-14 if real.name == "double" else PIVOT_ULPS * real.epsilon, real)
+    tolerance = constant(pivot_tolerance(real), real)
     return f"""static void {name}(const {{R}} *source, {{R}} *target, int n)
 {{
     for (int i = 0; i < n * n; ++i) {{

@@ -175,15 +175,21 @@ class Translator:
         return " + ".join(terms)
 
     def _outer_sum(self, step: OuterSum, loops: Sequence[str]) -> str:
+        (rows, columns), flags = step.shape, (step.weights is not None, step.plus is not None, step.symmetric)
+        if self.lanes == 1 and rows * columns <= algebra.FEW:
+            short = "sum" + "".join(letter for letter, flag in zip("wps", flags) if flag) + f"_{rows}_{columns}"
+            name = self._helper(short, algebra.small_sum, *flags, rows, columns)
+            pieces = [step.left, None if step.symmetric else step.right, step.weights, step.plus, step.target]
+            places = [self._at(piece, loops) for piece in pieces if piece is not None]
+            return f"{name}({', '.join(places)}, {step.count});"
         apart = step.plus is None or not overlap(step.plus, step.target)
         wide = algebra.WIDE if apart and step.shape[1] >= algebra.WIDE else 1
         tall = algebra.TALL if wide > 1 and step.shape[0] >= algebra.TALL else 1
-        flags = step.weights is not None, step.plus is not None, step.symmetric
         short = "sum" + "".join(letter for letter, flag in zip("wpsvt", (*flags, wide > 1, tall > 1)) if flag)
         name = self._helper(short, algebra.outer_sum, *flags, tall, wide)
         pieces = [step.left, step.right, step.weights, step.plus, step.target]
         places = [self._at(piece, loops) for piece in pieces if piece is not None]
-        return f"{name}({', '.join(places)}, {step.count}, {step.shape[0]}, {step.shape[1]});"
+        return f"{name}({', '.join(places)}, {step.count}, {rows}, {columns});"
 
     def _map(self, step: Map, loops: list[str]) -> Iterator[str]:
         """Columns are gathered from where they lie, `lanes` at once, and put back; single numbers stay."""
