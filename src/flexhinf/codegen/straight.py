@@ -41,7 +41,7 @@ SMALL = 48
 SHORT = 64
 
 #: Order of a Cholesky factor that is written out.
-ORDER = 4
+ORDER = 2
 
 #: One number of a buffer.
 Place = tuple[str, int]

@@ -79,8 +79,8 @@ def pivot_tolerance(real: Real) -> float:
 #: Rows, columns and terms of a sum that go together: what is loaded serves all of them.
 TALL, WIDE, TERMS = 2, 8, 4
 
-#: Sums that a processor without vectors keeps in its registers.
-FEW = 16
+#: Sums that a processor without vectors keeps in its registers; and the order of a matrix whose half it keeps.
+FEW, SMALL = 16, 4
 
 
 def outer_sum(name: str, weighted: bool, added: bool, symmetric: bool, tall: int, wide: int) -> str:
@@ -266,6 +266,30 @@ def cholesky(name: str, real: Real) -> str:
 }}"""
 
 
+def small_cholesky(name: str, n: int, real: Real) -> str:
+    """Lᵀ of A = L Lᵀ of a small matrix, with a variable for each number."""
+    tolerance = constant(n * pivot_tolerance(real), real)
+    lines = [f"{{R}} a{i}{j} = source[{i * n + j}];" for i in range(n) for j in range(i, n)]
+    lines += [f"{{R}} moved{i} = {{fabs}}(a{i}{i});" for i in range(n)]
+    lines += [f"const {{R}} least{i} = {tolerance} * moved{i};" for i in range(n)]
+    for j in range(n):
+        pivot, inverse = f"a{j}{j}", f"inverse{j}"
+        lines.append(
+            f"const {{R}} {inverse} = ({pivot} <= least{j} && {pivot} >= -{tolerance} * moved{j}) ? {{0}} : "
+            f"{{1}} / {{sqrt}}({pivot});"
+        )
+        lines += [f"a{j}{i} *= {inverse};" for i in range(j, n)]
+        for i in range(j + 1, n):
+            lines.append(f"const {{R}} ratio{j}{i} = a{j}{i} * {inverse};")
+            lines.append(f"moved{i} = FMA(ratio{j}{i} * ratio{j}{i}, moved{j}, moved{i});")
+        lines += [f"a{k}{i} = FMA(-a{j}{k}, a{j}{i}, a{k}{i});" for k in range(j + 1, n) for i in range(k, n)]
+    lines += [
+        f"target[{i * n + j}] = {f'a{i}{j}' if j >= i else '{0}'};" for i in range(n) for j in range(n)
+    ]
+    text = "\n".join(f"    {line}" for line in lines)
+    return f"static void {name}(const {{R}} *source, {{R}} *target)\n{{\n{text}\n}}"
+
+
 def householder(name: str, real: Real) -> str:
     """Reflections that make the first columns zero below the diagonal; see `flexhinf.codegen.program.Householder`.
 
@@ -372,18 +396,31 @@ MACROS = {
 """,
 }
 
-FINITE = """/* Whether all of some numbers are finite. */
+FINITE = """/* Whether all of some numbers are finite: zero times any other is NaN. */
 static int {name}(const {R} *numbers, int count)
 {
-    for (int i = 0; i < count; ++i) {
-        if (isfinite(numbers[i]) == 0) {
-            return 0;
-        }
+    {R} a = {0}, b = {0}, c = {0}, d = {0};
+    for (int i = 0; i + 4 <= count; i += 4) {
+        a = FMA(numbers[i], {0}, a);
+        b = FMA(numbers[i + 1], {0}, b);
+        c = FMA(numbers[i + 2], {0}, c);
+        d = FMA(numbers[i + 3], {0}, d);
     }
-    return 1;
+    for (int i = count - count % 4; i < count; ++i) {
+        a = FMA(numbers[i], {0}, a);
+    }
+    return ((a + b) + (c + d) == {0}) ? 1 : 0;
 }"""
 
-COPY = """/* Copy numbers from one place to another; the places may overlap. */
+COPY = """/* Copy numbers from one place to another, apart from it. */
+static void {name}(const {R} *RESTRICT source, {R} *RESTRICT target, int count)
+{
+    for (int i = 0; i < count; ++i) {
+        target[i] = source[i];
+    }
+}"""
+
+MOVE = """/* Copy numbers from one place to another; the places may overlap. */
 static void {name}(const {R} *source, {R} *target, int count)
 {
     if (source < target) {

@@ -124,9 +124,14 @@ class Translator:
                 places = [self._at(piece, loops) for piece in (step.point, step.table, step.target)]
                 yield f"{name}({', '.join(places)});"
             elif isinstance(step, Cholesky):
-                name = self._helper("cholesky", algebra.cholesky, self.real)
                 places = self._at(step.source, loops), self._at(step.target, loops)
-                yield f"{name}({', '.join(places)}, {step.order});"
+                if self.lanes == 1 and step.order <= algebra.SMALL:
+                    short = f"cholesky{step.order}"
+                    name = self._helper(short, algebra.small_cholesky, step.order, self.real)
+                    yield f"{name}({', '.join(places)});"
+                else:
+                    name = self._helper("cholesky", algebra.cholesky, self.real)
+                    yield f"{name}({', '.join(places)}, {step.order});"
             elif isinstance(step, Householder):
                 name = self._helper("reflect", algebra.householder, self.real)
                 places = self._at(step.source, loops), self._at(step.target, loops)
@@ -142,7 +147,9 @@ class Translator:
                 if self._columns and step.source.buffer != COLUMN:  # the same for all columns
                     yield from loop("i", size, [f"({target})[i] = ({source})[i / {self._columns}];"])
                 else:
-                    yield f"{self._helper('copy', algebra.COPY)}({source}, {target}, {size});"
+                    near = overlap(step.source, step.target) or step.source.strides or step.target.strides
+                    name = self._helper("move", algebra.MOVE) if near else self._helper("copy", algebra.COPY)
+                    yield f"{name}({source}, {target}, {size});"
             elif isinstance(step, Guard):
                 finite = f"{self._helper('finite', algebra.FINITE)}({self._at(step.source, loops)}, {step.source.size})"
                 yield from block(f"if ({finite} == 0) {{", [f"return {step.code};"])
