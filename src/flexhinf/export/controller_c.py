@@ -38,6 +38,7 @@ from flexhinf.codegen.program import Step
 from flexhinf.codegen.straight import straightened
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.fragments import (
+    ALIGNMENT,
     BEGIN_AGAIN,
     BEGINS,
     DOUBTFUL,
@@ -303,6 +304,7 @@ class ControllerCode:
             LATENCY=c.mode.latency, P=sizes["y"], K=len(c.commanded), M=sizes["u"],
             N=sizes["estimate"], DATA=sizes["data"], MEMORY=sizes["memory"], WORK=max(1, self.scratch), R=sizes["r"],
             COLUMNS=max(1, self.translator.room),
+            ALIGNMENT=ALIGNMENT if self.lanes > 1 and self.translator.room else "",
             REJECTED="" if self.rejected is None else REJECTED_DECLARED,
             DOUBTFUL=DOUBTFUL_DECLARED if self.doubt is not None else "",
             SIGNALS="\n".join(signals), OFFSETS=enumeration(places),

@@ -232,7 +232,20 @@ def cholesky(name: str, real: Real) -> str:
     The scale for the rounding of a pivot is kept first in its row, left of the diagonal, until the row is done.
     """
     tolerance = constant(pivot_tolerance(real), real)
-    return f"""static void {name}(const {{R}} *source, {{R}} *target, int n)
+    return f"""static void {name}_less(const {{R}} *RESTRICT row, {{R}} *RESTRICT other, {{R}} factor, int count)
+{{
+    for (int i = 0; i + 4 <= count; i += 4) {{
+        other[i] = FMA(-factor, row[i], other[i]);
+        other[i + 1] = FMA(-factor, row[i + 1], other[i + 1]);
+        other[i + 2] = FMA(-factor, row[i + 2], other[i + 2]);
+        other[i + 3] = FMA(-factor, row[i + 3], other[i + 3]);
+    }}
+    for (int i = count - count % 4; i < count; ++i) {{
+        other[i] = FMA(-factor, row[i], other[i]);
+    }}
+}}
+
+static void {name}(const {{R}} *source, {{R}} *target, int n)
 {{
     for (int i = 0; i < n * n; ++i) {{
         target[i] = source[i];
@@ -254,10 +267,7 @@ def cholesky(name: str, real: Real) -> str:
             target[i * n] = FMA(ratio * ratio, moved, target[i * n]);
         }}
         for (int k = j + 1; k < n; ++k) {{
-            const {{R}} factor = row[k];
-            for (int i = k; i < n; ++i) {{
-                target[k * n + i] = FMA(-factor, row[i], target[k * n + i]);
-            }}
+            {name}_less(row + k, target + k * n + k, row[k], n - k);
         }}
         for (int i = 0; i < j; ++i) {{
             row[i] = {{0}};
@@ -377,9 +387,18 @@ def residual(name: str, real: Real) -> str:
 }}"""
 
 
-#: Definitions by the word that needs them: places that nothing else reaches, for which C++ has no word of its own, and
-#: functions that are not put into their callers.
+#: Where memory of rows begins at a multiple of 16 bytes, as every allocation does there.
+SIXTEEN = "(defined(__GNUC__) || defined(__clang__)) && defined(__x86_64__)"
+
+#: Definitions by the word that needs them: places that nothing else reaches, for which C++ has no word of its own;
+#: functions that are not put into their callers; and rows of lanes, which vectors of a PC are read from as a whole.
 MACROS = {
+    "ALIGNED": f"""#if {SIXTEEN}
+#define ALIGNED(type, place) ((type)__builtin_assume_aligned((place), 16))
+#else
+#define ALIGNED(type, place) (place)
+#endif
+""",
     "RESTRICT": """#ifdef __cplusplus
 #define RESTRICT __restrict
 #else
@@ -448,20 +467,30 @@ def column(name: str, read: bool) -> str:
 }}"""
 
 
-def columns(name: str, read: bool, lanes: int) -> str:
+def columns(name: str, read: bool, lanes: int, neighbours: bool) -> str:
     """Copy some columns of a matrix to rows of lanes, the last one again where there are too few; or back."""
     types = ("const {R}", "{R}") if read else ("{R}", "const {R}")
-    head = f"static void {name}({types[0]} *matrix, {types[1]} *rows, int count, int along, int across, int left)"
-    if read:
-        last = f"l < {lanes}"
-        line = "rows[i * {W} + l] = matrix[i * along + (l < left ? l : left - 1) * across];"
-    else:
-        last, line = "l < left", "matrix[i * along + l * across] = rows[i * {W} + l];"
+    places = f"{types[0]} *RESTRICT matrix, {types[1]} *RESTRICT rows"
+    head = f"static NOINLINE void {name}({places}, int count, int along, int across, int left)"
+
+    def copy(number: str, further: str) -> str:
+        row = f"rows[i * {lanes} + {number}]"
+        return f"{row} = matrix[i * along{further}];" if read else f"matrix[i * along{further}] = {row};"
+
+    whole = f"""    for (int i = 0; i < count && left >= {lanes}; ++i) {{
+        for (int l = 0; l < {lanes}; ++l) {{
+            {copy("l", " + l")}
+        }}
+    }}
+"""
+    last = f"l < {lanes}" if read else "l < left"
+    further = " + (l < left ? l : left - 1) * across" if read else " + l * across"
+    begin = f"left < {lanes} ? 0 : {lanes}" if neighbours else "0"
     return f"""{head}
 {{
-    for (int i = 0; i < count; ++i) {{
-        for (int l = 0; {last}; ++l) {{
-            {line.replace("{W}", str(lanes))}
+{whole if neighbours else ""}    for (int l = {begin}; {last}; ++l) {{
+        for (int i = 0; i < count; ++i) {{
+            {copy("l", further)}
         }}
     }}
 }}"""

@@ -183,14 +183,19 @@ class FunctionText:
 
     def _text(self, name: str, arguments: list[str], lines: list[str]) -> str:
         apart = "NOINLINE " if len(lines) > LONG else ""
-        mark, declared = "RESTRICT " if self.lanes != 1 or name != self.name else "", []
+        mark, declared = "RESTRICT " if self.lanes != 1 or name != self.name else "", list[str]()
+        begin = list[str]()
         for word in arguments:
             changed = word == ROWS or (
                 not word.startswith("in") and (name == self.name or _changes(lines, word))
             )
             kind = f"{'' if changed else 'const '}{self.real.name} *{mark}"
-            declared.append("int count" if word == "count" else f"{kind}{word}")
-        return "\n".join(block(f"static {apart}void {name}({', '.join(declared)})\n{{", lines))
+            of_rows = self.lanes > 1 and any(re.search(rf"\b{word}(\[[^\]]*\bl\]| \+ \d+;)", line) for line in lines)
+            if of_rows:
+                pointer = f"{'' if changed else 'const '}{self.real.name} *"
+                begin.append(f"{pointer}const {word} = ALIGNED({pointer}, {word}_of_rows);")
+            declared.append("int count" if word == "count" else f"{kind}{word}{'_of_rows' * of_rows}")
+        return "\n".join(block(f"static {apart}void {name}({', '.join(declared)})\n{{", begin + lines))
 
     # One column ---------------------------------------------------------------------------------------
     def _single_parts(self) -> Iterator[tuple[str, list[str]]]:

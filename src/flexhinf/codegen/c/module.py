@@ -275,7 +275,8 @@ class Translator:
         if lanes == 1:
             name = self._helper("gather" if read else "scatter", algebra.column, read)
             return f"{name}({ends}, {columns.size}, {along});"
-        name = self._helper("pack" if read else "unpack", algebra.columns, read, lanes)
+        short = ("pack" if read else "unpack") + "_rows" * (across == 1)
+        name = self._helper(short, algebra.columns, read, lanes, across == 1)
         return f"{name}({ends}, {columns.size}, {along}, {across}, {left});"
 
     # Functions ----------------------------------------------------------------------------------------
