@@ -20,6 +20,7 @@ import numpy as np
 
 from flexhinf import __version__
 from flexhinf.codegen import (
+    Buffer,
     Call,
     Cholesky,
     Householder,
@@ -35,6 +36,7 @@ from flexhinf.codegen import (
 )
 from flexhinf.codegen.c import Real, Translator, comment, constant, folded, pivot_tolerance
 from flexhinf.codegen.program import Step
+from flexhinf.codegen.rare import rare_apart
 from flexhinf.codegen.straight import straightened
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.fragments import (
@@ -203,7 +205,10 @@ class ControllerCode:
             run = Recorder()
             function = drop_empty(self.controller.traced(run))
             stages = Stages(function, tuple(about for about, _ in run.stages))
-            body = [replace(step, stages=stages) for step in body]
+            (call,) = body
+            whole = replace(call, stages=stages)
+            steps, size = rare_apart(whole, "scratch") or ((whole,), 0)
+            return steps, (Buffer("scratch", size, "work", cleared=False),) if size else ()
         return body, buffers
 
     @property
