@@ -22,6 +22,9 @@ from flexhinf.scalars.trace import built, walk
 #: Operations for which a flag is asked.
 LEAST = 100
 
+#: Operations that become one with the only one that reads them: products with sums, and the sides of a choice.
+TOGETHER = (casadi.OP_MUL, casadi.OP_SQ, casadi.OP_IF_ELSE_ZERO)
+
 #: Operations that are no operations.
 LEAVES = (casadi.OP_CONST, casadi.OP_INPUT)
 
@@ -73,7 +76,14 @@ class _Division:
         return cls(call, {k: every[k] for k in sorted(needed)}, own, stages)
 
     def operands(self, k: int) -> tuple[int, ...]:
-        return () if self.operations[k].code in LEAVES else self.operations[k].arguments
+        """What an operation reads; of a flag that is reversed, which every part does by itself, the flag."""
+        operation = self.operations[k]
+        if operation.code in LEAVES:
+            return ()
+        return tuple(a for k in operation.arguments for a in (self.operands(k) if self._is_anywhere(k) else (k,)))
+
+    def _is_anywhere(self, k: int) -> bool:
+        return self.operations[k].code == casadi.OP_NOT
 
     def flags(self) -> dict[int, int]:
         """Operations that count only where another one, a flag, is not zero: every way to a result is a choice by it."""
@@ -84,10 +94,15 @@ class _Division:
         for k in reversed(self.operations):
             if len(asked[k]) == 1 and (one := next(iter(asked[k]))) is not None:
                 flag[k] = one
-            for place, argument in enumerate(self.operands(k)):
-                chosen = self.operations[k].code == casadi.OP_IF_ELSE_ZERO and place == 1
-                asked[argument].add(flag.get(k, self.operands(k)[0] if chosen else None))
-        return {k: one for k, one in flag.items() if self.operations[k].code not in LEAVES}
+            operation = self.operations[k]
+            for place, argument in enumerate(operation.arguments if operation.code not in LEAVES else ()):
+                chosen = operation.code == casadi.OP_IF_ELSE_ZERO and place == 1
+                asked[argument].add(flag.get(k, operation.arguments[0] if chosen else None))
+        anywhere = {k for k in self.operations if self._is_anywhere(k)}
+        return {
+            k: one for k, one in flag.items()
+            if self.operations[k].code not in LEAVES and not {k, one} & anywhere
+        }  # fmt: skip
 
     def parts(self) -> tuple[int, dict[int, int]] | None:
         """The flag, and the part of each operation: before, where the flag is set, and after."""
@@ -98,20 +113,20 @@ class _Division:
         if count < LEAST:
             return None
         rare = {k for k, one in flags.items() if one == flag}
-        users = [k for k in self.operations if k not in rare and rare.intersection(self.operands(k))]
+        others = (k for k in self.operations if k not in rare and not self._is_anywhere(k))
+        users = [k for k in others if rare.intersection(self.operands(k))]
         after = min(users, default=0)
         part = {
             k: 2 if k >= after else 1 if k in rare else 0
             for k, operation in self.operations.items()
-            if operation.code not in LEAVES
+            if operation.code not in LEAVES and not self._is_anywhere(k)
         }
         uses = Counter(argument for k in part for argument in self.operands(k))
         uses.update(k for _, _, k in self.outputs)
         for k in reversed(part):
-            if self.operations[k].code in (casadi.OP_ADD, casadi.OP_SUB):
-                for factor in self.operands(k):
-                    if factor in part and uses[factor] == 1 and self.operations[factor].code in (casadi.OP_MUL, casadi.OP_SQ):
-                        part[factor] = part[k]  # it may be fused with its sum
+            for one in self.operands(k):
+                if one in part and uses[one] == 1 and self.operations[one].code in TOGETHER:
+                    part[one] = part[k]
         shared: dict[int, set[int]] = {}
         for k in part:
             if self.operations[k].code == casadi.OP_DIV:
@@ -130,7 +145,8 @@ class _Division:
             for argument in self.operands(k):
                 if argument in part:
                     last[argument] = max(last[argument], part[k])
-        last |= {k: 2 for _, _, k in self.outputs if k in part}
+        for _, _, k in self.outputs:
+            last |= dict.fromkeys({k, *self.operands(k)} & last.keys() if self._is_anywhere(k) else {k} & last.keys(), 2)
         crossing = [[k for k in part if part[k] == which < last[k] and k != flag] for which in (0, 1)]
         crossing[0].insert(0, flag)
         ends = [0, *accumulate(map(len, crossing))]
@@ -152,11 +168,15 @@ class _Division:
                 values[k] = casadi.SX(operation.constant)
             elif operation.code == casadi.OP_INPUT:
                 values[k] = arguments[operation.arguments[0]][operation.arguments[1]]
+            elif self._is_anywhere(k):
+                (one,) = operation.arguments
+                if one in values:
+                    values[k] = built(operation.code, [values[one]])
             elif part[k] == which:
                 values[k] = built(operation.code, [values[a] for a in operation.arguments])
                 read.update(
                     self.operations[a].arguments[0]
-                    for a in operation.arguments if self.operations[a].code == casadi.OP_INPUT
+                    for a in self.operands(k) if self.operations[a].code == casadi.OP_INPUT
                 )  # fmt: skip
         if which < 2:
             results, written = [casadi.vertcat(*(values[k] for k in crossing[which]))], (places[which],)

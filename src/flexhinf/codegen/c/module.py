@@ -38,6 +38,8 @@ from flexhinf.codegen.program import (
     Sweep,
     Unsupported,
     When,
+    leaves,
+    slices,
 )
 from flexhinf.scalars import drop_empty
 from flexhinf.scalars.trace import instructions
@@ -64,6 +66,7 @@ class Translator:
         self._taken = 0  # of the room, by what is written now
         self._columns = 0  # of a sweep, side by side; none outside of one
         self._kept: dict[str, int] = {}  # numbers that a function keeps between its loops
+        self._in_place: dict[Slice, str] = {}  # columns in hand that are where their matrix is
         self._spread: dict[Slice, str] = {}  # names of what all of them share, copied to every lane
 
     def __str__(self) -> str:
@@ -169,6 +172,9 @@ class Translator:
         return [algebra.ahead(ROOM, self._taken)] * (size > 0)
 
     def _at(self, piece: Slice, loops: Sequence[str]) -> str:
+        for place, text in self._in_place.items():
+            if piece.buffer == COLUMN and overlap(piece, place):
+                return algebra.ahead(text, piece.offset - place.offset)
         if piece.buffer == COLUMN:
             return algebra.ahead("column", piece.offset * self._columns)
         if piece in self._spread:
@@ -183,7 +189,8 @@ class Translator:
 
     def _outer_sum(self, step: OuterSum, loops: Sequence[str]) -> str:
         (rows, columns), flags = step.shape, (step.weights is not None, step.plus is not None, step.symmetric)
-        if self.lanes == 1 and rows * columns <= algebra.FEW:
+        divided = rows % algebra.SMALL == 0 == columns % algebra.SMALL
+        if self.lanes == 1 and (rows * columns <= algebra.FEW or divided):
             short = "sum" + "".join(letter for letter, flag in zip("wps", flags) if flag) + f"_{rows}_{columns}"
             name = self._helper(short, algebra.small_sum, *flags, rows, columns)
             pieces = [step.left, None if step.symmetric else step.right, step.weights, step.plus, step.target]
@@ -245,11 +252,13 @@ class Translator:
             spread = _shared(step.body) if lanes > 1 else {}
             copies = [self._take(name, piece.size * lanes) for piece, name in spread.items()]
             lines = [self._take("column", step.size * lanes)]
+            self._in_place = {} if lanes > 1 else self._columns_in_place(step, loops)
             lines += self._moves(step.inputs, loops, lanes, number, True)
             self._columns, self._spread = lanes, spread
             lines += self._body(step.body, loops)
             self._columns, self._spread = 0, {}
             lines += self._moves(step.outputs, loops, lanes, number, False)
+            self._in_place = {}
             for piece, name in spread.items():
                 copy = f"{name}[{lanes} * i + l] = ({self._at(piece, loops)})[i];"
                 copies += loop("i", piece.size, loop("l", lanes, [copy]))
@@ -258,11 +267,26 @@ class Translator:
             )
             first = end
 
+    def _columns_in_place(self, step: Sweep, loops: list[str]) -> dict[Slice, str]:
+        """Where the columns of a sweep lie that need not be copied: their elements are neighbours, and no step changes
+        one that is read."""
+        steps = list(leaves(step.body))
+        written = [piece for inner in steps for piece in slices(inner)[1]]
+        pairs = [pair for pair in step.inputs if not any(overlap(pair[1], piece) for piece in written)]
+        used = [piece for inner in steps for side in slices(inner) for piece in side]
+        return {
+            place: f"{self._at(columns.whole, loops)} + {_times('c', columns.moves[1])}"
+            for columns, place in (*pairs, *step.outputs)
+            if columns.moves[0] == 1 and all(_inside(piece, place) for piece in used if overlap(piece, place))
+        }
+
     def _moves(
         self, pairs: Iterable[tuple[Columns, Slice]], loops: list[str], lanes: int, left: str, read: bool
     ) -> list[str]:
         moves = []
         for columns, place in pairs:
+            if place in self._in_place:
+                continue
             start = self._at(columns.whole, loops)
             column = algebra.ahead("column", place.offset * lanes)
             moves.append(self._move(columns, start, column, lanes, left, read))
@@ -360,6 +384,10 @@ def _shared(body: Sequence[Step]) -> dict[Slice, str]:
             if piece.buffer != COLUMN and not any(piece.strides):
                 names.setdefault(piece, f"spread{len(names)}")
     return names
+
+
+def _inside(piece: Slice, place: Slice) -> bool:
+    return place.offset <= piece.offset and piece.offset + piece.size <= place.offset + place.size
 
 
 def _times(counter: str, stride: int) -> str:
