@@ -488,31 +488,35 @@ def column(name: str, read: bool) -> str:
 
 
 def columns(name: str, read: bool, lanes: int, neighbours: bool) -> str:
-    """Copy some columns of a matrix to rows of lanes, the last one again where there are too few; or back."""
+    """Copy some columns of a matrix to rows of lanes, the last one again where there are too few; or back.
+
+    Columns that are `neighbours` in memory are copied row by row, unless there are too few.
+    """
     types = ("const {R}", "{R}") if read else ("{R}", "const {R}")
     places = f"{types[0]} *RESTRICT matrix, {types[1]} *RESTRICT rows"
-    head = f"static NOINLINE void {name}({places}, int count, int along, int across, int left)"
 
-    def copy(number: str, further: str) -> str:
-        row = f"rows[i * {lanes} + {number}]"
-        return f"{row} = matrix[i * along{further}];" if read else f"matrix[i * along{further}] = {row};"
+    def copies(across: str, lanes_around: bool, indent: int) -> str:
+        row, place = f"rows[i * {lanes} + l]", f"matrix[i * along + {across}]"
+        loops = [
+            f"for (int l = 0; l < {lanes if read or across == 'l' else 'left'}; ++l) {{",
+            "for (int i = 0; i < count; ++i) {",
+        ]
+        first, second = loops if lanes_around else loops[::-1]
+        line = f"{row} = {place};" if read else f"{place} = {row};"
+        lines = [first, f"    {second}", f"        {line}", "    }", "}"]
+        return "\n".join(" " * indent + line for line in lines)
 
-    whole = f"""    for (int i = 0; i < count && left >= {lanes}; ++i) {{
-        for (int l = 0; l < {lanes}; ++l) {{
-            {copy("l", " + l")}
-        }}
-    }}
-"""
-    last = f"l < {lanes}" if read else "l < left"
-    further = " + (l < left ? l : left - 1) * across" if read else " + l * across"
-    begin = f"left < {lanes} ? 0 : {lanes}" if neighbours else "0"
-    return f"""{head}
+    single = "(l < left ? l : left - 1) * across" if read else "l * across"
+    text = copies(single, True, 4)
+    if neighbours:
+        text = f"""    if (left < {lanes}) {{
+{copies(single, True, 8)}
+    }} else {{
+{copies("l", False, 8)}
+    }}"""
+    return f"""static NOINLINE void {name}({places}, int count, int along, int across, int left)
 {{
-{whole if neighbours else ""}    for (int l = {begin}; {last}; ++l) {{
-        for (int i = 0; i < count; ++i) {{
-            {copy("l", further)}
-        }}
-    }}
+{text}
 }}"""
 
 
