@@ -9,8 +9,8 @@ Counted, not timed: instructions by callgrind on the PC, and on the Cortex-M4F a
 (``make cortex-m4`` of an exported folder, with the flags and the board of either). Cycles are counted too: QEMU tells
 which instructions run, and each costs what Arm's manual of the Cortex-M4 says at the most, with memory that does not
 wait. Arm publishes no such table of the Cortex-M7: there each costs its latency in LLVM's scheduling model, as if it
-waited for the one before. Also timed: a step on the PC, the least of nine medians of the test vector's, of programs that
-run in turns.
+waited for the one before. Also timed: a step on the PC, the least of nine medians of the test vector's, of programs
+that run in turns.
 """
 
 from __future__ import annotations
@@ -240,14 +240,15 @@ def other_flags(folder: Path, machine: str) -> dict[str, Any]:
             found[name] = [counted(folder, ("-std=c99", "-O2", *avx, *fma)) for fma in ((), ("-mfma",))]
         ways = [(name, flags) for flags in TIMED_WITH for name in COMPILERS if shutil.which(name)]
         times = timed(folder, ways)
-        found["times"] = [[name, " ".join(flags), time] for (name, flags), time in zip(ways, times, strict=True)]
+        found["times"] = [[name, " ".join(flags), time] for (name, flags), time in zip(ways, times)]
         found["processor"] = processor()
     return found
 
 
 def processor() -> str:
     """The name of the processor of this PC."""
-    found = re.search(r"^model name\s*: (.*)$", Path("/proc/cpuinfo").read_text(encoding="utf-8"), re.MULTILINE)
+    text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+    found = re.search(r"^model name\s*: (.*)$", text, re.MULTILINE)
     return found[1].strip() if found else "a processor without a name"
 
 

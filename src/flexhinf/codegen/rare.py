@@ -71,7 +71,7 @@ class _Division:
         for k in reversed(range(len(every))):
             if k in needed and every[k].code != casadi.OP_INPUT:
                 needed.update(every[k].arguments)
-        stages = [[k for result, _, k in outputs if result == stage and k in needed] for stage in range(count)]
+        stages = [[k for result, _, k in outputs if result == n and k in needed] for n in range(count)]
         own = [(result - count, element, k) for result, element, k in outputs if result >= count]
         return cls(call, {k: every[k] for k in sorted(needed)}, own, stages)
 
@@ -80,13 +80,17 @@ class _Division:
         operation = self.operations[k]
         if operation.code in LEAVES:
             return ()
-        return tuple(a for k in operation.arguments for a in (self.operands(k) if self._is_anywhere(k) else (k,)))
+        return tuple(known for argument in operation.arguments for known in self.values(argument))
+
+    def values(self, k: int) -> tuple[int, ...]:
+        """The value of an operation, or what every part makes it of."""
+        return self.operands(k) if self._is_anywhere(k) else (k,)
 
     def _is_anywhere(self, k: int) -> bool:
         return self.operations[k].code == casadi.OP_NOT
 
     def flags(self) -> dict[int, int]:
-        """Operations that count only where another one, a flag, is not zero: every way to a result is a choice by it."""
+        """Operations that count only where another one is not zero: every way to a result is a choice by that flag."""
         asked: dict[int, set[int | None]] = {k: set() for k in self.operations}
         for _, _, k in self.outputs:
             asked[k].add(None)
@@ -140,13 +144,13 @@ class _Division:
         if found is None:
             return None
         flag, part = found
-        last = dict.fromkeys(part, 0)  # the last part that reads a number; all results are written by the last one
-        for k in part:
-            for argument in self.operands(k):
-                if argument in part:
-                    last[argument] = max(last[argument], part[k])
-        for _, _, k in self.outputs:
-            last |= dict.fromkeys({k, *self.operands(k)} & last.keys() if self._is_anywhere(k) else {k} & last.keys(), 2)
+        # the last part that reads a number; all results are written by the last part
+        reads = [(argument, part[k]) for k in part for argument in self.operands(k)]
+        reads += [(value, 2) for _, _, k in self.outputs for value in self.values(k)]
+        last = dict.fromkeys(part, 0)
+        for k, which in reads:
+            if k in part:
+                last[k] = max(last[k], which)
         crossing = [[k for k in part if part[k] == which < last[k] and k != flag] for which in (0, 1)]
         crossing[0].insert(0, flag)
         ends = [0, *accumulate(map(len, crossing))]

@@ -1,9 +1,9 @@
 """A program with fewer, longer functions: neighbouring small steps become one traced function.
 
-A composed program calls a function for every small piece and keeps each result in memory: little text, but more loads,
-stores and calls than arithmetic. Here neighbouring calls, copies, short sums and maps of a few columns are traced as one
-function. What only they read stays in registers, and the memory that is left is moved together. Loops, conditions and
-what is large stay steps of their own, and so does a larger function that is called from several places.
+A composed program calls a function for every small piece and keeps each result in memory: little text, but more
+loads, stores and calls than arithmetic. Here neighbouring calls, copies, short sums and maps of a few columns are
+traced as one function. What only they read stays in registers, and the memory that is left is moved together. Loops,
+conditions and what is large stay steps of their own, and so does a larger function that is called from several places.
 """
 
 from __future__ import annotations
@@ -12,11 +12,12 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import accumulate, pairwise
-from typing import Any
+from typing import Any, get_args
 
 import casadi
 
-from flexhinf.codegen.memory import COLUMN, Buffer, Columns, Slice
+from flexhinf.codegen.compose import SCRATCH
+from flexhinf.codegen.memory import COLUMN, Columns, Slice
 from flexhinf.codegen.program import (
     Call,
     Cholesky,
@@ -140,8 +141,8 @@ class _Straight:
         if len(body) == 1 and isinstance(call := body[0], Call):
             ends = {piece: columns for columns, piece in (*step.inputs, *step.outputs)}
             pieces = [[ends.get(piece, piece) for piece in side] for side in (call.inputs, call.outputs)]
-            known = all(isinstance(piece, Columns) or piece.buffer != COLUMN for side in pieces for piece in side)
-            if known and len(call.outputs) == len(step.outputs):
+            inside = [piece for side in pieces for piece in side if isinstance(piece, Slice)]
+            if COLUMN not in {piece.buffer for piece in inside} and len(call.outputs) == len(step.outputs):
                 return Map(call.function, tuple(pieces[0]), tuple(pieces[1]), call.about)  # type: ignore[arg-type]
         return replace(step, body=body)
 
@@ -168,13 +169,14 @@ class _Text:
         """Evaluate one more step."""
         if isinstance(step, Copy):
             self._write(step.target, self._read(step.source))
-        elif isinstance(step, Call):
-            self._evaluate(step.function, map(self._read, step.inputs), map(_places, step.outputs), step.about)
-        elif isinstance(step, Map):
-            for c in range(step.count):
-                read = [_column(piece, c) if isinstance(piece, Columns) else _places(piece) for piece in step.inputs]
-                written = [_column(piece, c) for piece in step.outputs]
-                self._evaluate(step.function, ([*map(self._value, places)] for places in read), written, step.about)
+        elif isinstance(step, Call | Map):
+            for c in range(1 if isinstance(step, Call) else step.count):
+                read, written = (
+                    [_column(piece, c) if isinstance(piece, Columns) else _places(piece) for piece in pieces]
+                    for pieces in (step.inputs, step.outputs)
+                )
+                arguments = [[*map(self._value, places)] for places in read]
+                self._evaluate(step.function, arguments, written, step.about)
         else:
             assert isinstance(step, OuterSum)
             total = _sum(step, self._read)
@@ -292,7 +294,7 @@ def _runs(places: Iterable[Place], gap: int) -> Iterator[Slice]:
 # Memory ---------------------------------------------------------------------------------------------
 def _compact(given: Program, body: tuple[Step, ...]) -> Program:
     """The steps with the memory between them moved together, without what no step uses any more."""
-    free = {buffer.name for buffer in given.buffers if buffer.role == "work" and buffer.name == "scratch"}
+    free = {buffer.name for buffer in given.buffers if buffer.name == SCRATCH}
     used = {
         place for step in _all(body) if not isinstance(step, Repeat)
         for side in slices(step) for piece in side if piece.buffer in free for place in _places(piece)
@@ -318,9 +320,9 @@ def _moved(step: Any, at: Callable[[Slice], Slice]) -> Any:
             return at(value)
         if isinstance(value, Columns):
             return replace(value, whole=at(value.whole))
-        if isinstance(value, tuple) and value and not isinstance(value[0], int | str):
-            return tuple(map(new, value))
-        return _moved(value, at) if hasattr(value, "__dataclass_fields__") and not isinstance(value, Stages | Buffer) else value
+        if isinstance(value, get_args(Step)):
+            return _moved(value, at)
+        return tuple(map(new, value)) if isinstance(value, tuple) else value
 
     fields: Mapping[str, Any] = {name: getattr(step, name) for name in step.__dataclass_fields__}
     return replace(step, **{name: new(value) for name, value in fields.items()})

@@ -35,6 +35,7 @@ from flexhinf.codegen import (
     When,
 )
 from flexhinf.codegen.c import Real, Translator, comment, constant, folded, pivot_tolerance
+from flexhinf.codegen.compose import SCRATCH
 from flexhinf.codegen.program import Step
 from flexhinf.codegen.rare import rare_apart
 from flexhinf.codegen.straight import straightened
@@ -205,10 +206,9 @@ class ControllerCode:
             run = Recorder()
             function = drop_empty(self.controller.traced(run))
             stages = Stages(function, tuple(about for about, _ in run.stages))
-            (call,) = body
-            whole = replace(call, stages=stages)
-            steps, size = rare_apart(whole, "scratch") or ((whole,), 0)
-            return steps, (Buffer("scratch", size, "work", cleared=False),) if size else ()
+            calls = [replace(step, stages=stages) for step in body if isinstance(step, Call)]
+            body, size = rare_apart(calls[0], SCRATCH) or (calls, 0)
+            buffers = (Buffer(SCRATCH, size, "work", cleared=False),) if size else ()
         return body, buffers
 
     @property

@@ -313,9 +313,7 @@ def small_cholesky(name: str, n: int, real: Real) -> str:
             lines.append(f"const {{R}} ratio{j}{i} = a{j}{i} * {inverse};")
             lines.append(f"moved{i} = FMA(ratio{j}{i} * ratio{j}{i}, moved{j}, moved{i});")
         lines += [f"a{k}{i} = FMA(-a{j}{k}, a{j}{i}, a{k}{i});" for k in range(j + 1, n) for i in range(k, n)]
-    lines += [
-        f"target[{i * n + j}] = {f'a{i}{j}' if j >= i else '{0}'};" for i in range(n) for j in range(n)
-    ]
+    lines += [f"target[{i * n + j}] = {f'a{i}{j}' if j >= i else '{0}'};" for i in range(n) for j in range(n)]
     text = "\n".join(f"    {line}" for line in lines)
     return f"static void {name}(const {{R}} *source, {{R}} *target)\n{{\n{text}\n}}"
 

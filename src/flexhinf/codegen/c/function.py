@@ -190,7 +190,8 @@ class FunctionText:
                 not word.startswith("in") and (name == self.name or _changes(lines, word))
             )
             kind = f"{'' if changed else 'const '}{self.real.name} *{mark}"
-            of_rows = self.lanes > 1 and any(re.search(rf"\b{word}(\[[^\]]*\bl\]| \+ \d+;)", line) for line in lines)
+            rows = re.compile(rf"\b{word}(\[[^\]]*\bl\]| \+ \d+;)")  # whose memory is `ALIGNED`
+            of_rows = self.lanes > 1 and any(map(rows.search, lines))
             if of_rows:
                 pointer = f"{'' if changed else 'const '}{self.real.name} *"
                 begin.append(f"{pointer}const {word} = ALIGNED({pointer}, {word}_of_rows);")

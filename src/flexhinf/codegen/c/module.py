@@ -191,7 +191,8 @@ class Translator:
         (rows, columns), flags = step.shape, (step.weights is not None, step.plus is not None, step.symmetric)
         divided = rows % algebra.SMALL == 0 == columns % algebra.SMALL
         if self.lanes == 1 and (rows * columns <= algebra.FEW or divided):
-            short = "sum" + "".join(letter for letter, flag in zip("wps", flags) if flag) + f"_{rows}_{columns}"
+            letters = "".join(letter for letter, flag in zip("wps", flags) if flag)
+            short = f"sum{letters}_{rows}_{columns}"
             name = self._helper(short, algebra.small_sum, *flags, rows, columns)
             pieces = [step.left, None if step.symmetric else step.right, step.weights, step.plus, step.target]
             places = [self._at(piece, loops) for piece in pieces if piece is not None]
