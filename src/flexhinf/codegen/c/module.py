@@ -7,7 +7,7 @@ from typing import Any
 
 import casadi
 
-from flexhinf.codegen.c import algebra
+from flexhinf.codegen.c import algebra, small
 from flexhinf.codegen.c.algebra import Real, constant
 from flexhinf.codegen.c.function import (
     CALLS,
@@ -128,9 +128,9 @@ class Translator:
                 yield f"{name}({', '.join(places)});"
             elif isinstance(step, Cholesky):
                 places = self._at(step.source, loops), self._at(step.target, loops)
-                if self.lanes == 1 and step.order <= algebra.SMALL:
+                if self.lanes == 1 and step.order <= small.TILE:
                     short = f"cholesky{step.order}"
-                    name = self._helper(short, algebra.small_cholesky, step.order, self.real)
+                    name = self._helper(short, small.cholesky, step.order, self.real)
                     yield f"{name}({', '.join(places)});"
                 else:
                     name = self._helper("cholesky", algebra.cholesky, self.real)
@@ -189,11 +189,11 @@ class Translator:
 
     def _outer_sum(self, step: OuterSum, loops: Sequence[str]) -> str:
         (rows, columns), flags = step.shape, (step.weights is not None, step.plus is not None, step.symmetric)
-        divided = rows % algebra.SMALL == 0 == columns % algebra.SMALL
-        if self.lanes == 1 and (rows * columns <= algebra.FEW or divided):
+        divided = rows % small.TILE == 0 == columns % small.TILE
+        if self.lanes == 1 and (rows * columns <= small.FEW or divided):
             letters = "".join(letter for letter, flag in zip("wps", flags) if flag)
             short = f"sum{letters}_{rows}_{columns}"
-            name = self._helper(short, algebra.small_sum, *flags, rows, columns)
+            name = self._helper(short, small.outer_sum, *flags, rows, columns)
             pieces = [step.left, None if step.symmetric else step.right, step.weights, step.plus, step.target]
             places = [self._at(piece, loops) for piece in pieces if piece is not None]
             return f"{name}({', '.join(places)}, {step.count});"
