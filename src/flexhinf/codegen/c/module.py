@@ -128,7 +128,7 @@ class Translator:
                 yield f"{name}({', '.join(places)});"
             elif isinstance(step, Cholesky):
                 places = self._at(step.source, loops), self._at(step.target, loops)
-                if self.lanes == 1 and step.order <= small.TILE:
+                if self.lanes == 1 and step.order <= small.ORDER:
                     short = f"cholesky{step.order}"
                     name = self._helper(short, small.cholesky, step.order, self.real)
                     yield f"{name}({', '.join(places)});"
@@ -189,8 +189,7 @@ class Translator:
 
     def _outer_sum(self, step: OuterSum, loops: Sequence[str]) -> str:
         (rows, columns), flags = step.shape, (step.weights is not None, step.plus is not None, step.symmetric)
-        divided = rows % small.TILE == 0 == columns % small.TILE
-        if self.lanes == 1 and (rows * columns <= small.FEW or divided):
+        if self.lanes == 1 and rows * columns <= small.FEW:
             letters = "".join(letter for letter, flag in zip("wps", flags) if flag)
             short = f"sum{letters}_{rows}_{columns}"
             name = self._helper(short, small.outer_sum, *flags, rows, columns)

@@ -4,32 +4,25 @@ from __future__ import annotations
 
 from flexhinf.codegen.c.algebra import Real, constant, pivot_tolerance
 
-#: Sums that are in registers at once.
-FEW = 16
-
-#: Rows and columns of a larger matrix that go together, and the order of a factor that is written out.
-TILE = 4
+#: Sums that are in registers at once, and the order of a factor that is written out.
+FEW, ORDER = 16, 4
 
 
 def outer_sum(name: str, weighted: bool, added: bool, symmetric: bool, rows: int, columns: int) -> str:
-    """Σ_k w_k l_kᵀ r_k + plus, a few rows and columns at a time, with a variable for each of their sums."""
-    whole = rows * columns <= FEW
-    tall, wide = (rows, columns) if whole else (TILE, TILE)
-    places = [(i, j) for i in range(tall) for j in range(i if symmetric and whole else 0, wide)]
-    shared, first, second = symmetric and whole, "" if whole else " + first", "" if whole else " + second"
+    """Σ_k w_k l_kᵀ r_k + plus of a few rows and columns, with a variable for each sum."""
+    places = [(i, j) for i in range(rows) for j in range(i if symmetric else 0, columns)]
     names = ["left"] + ["right"] * (not symmetric) + ["weights"] * weighted + ["plus"] * added
     arguments = [f"const {{R}} *{name}" for name in names]
-    factor, other = "w" if weighted else "l", "l" if shared else "r"
-    inside = [f"const {{R}} l{i} = left[{rows} * k + {i}{first}];" for i in range(tall)]
-    inside += [f"const {{R}} w{i} = l{i} * weights[k];" for i in range(tall) if weighted]
-    right = "left" if symmetric else "right"
-    inside += [f"const {{R}} r{j} = {right}[{columns} * k + {j}{second}];" for j in range(wide) if not shared]
+    factor, other = "w" if weighted else "l", "l" if symmetric else "r"
+    inside = [f"const {{R}} l{i} = left[{rows} * k + {i}];" for i in range(rows)]
+    inside += [f"const {{R}} w{i} = l{i} * weights[k];" for i in range(rows) if weighted]
+    inside += [f"const {{R}} r{j} = right[{columns} * k + {j}];" for j in range(columns) if not symmetric]
     inside += [f"sum{i}{j} = FMA({factor}{i}, {other}{j}, sum{i}{j});" for i, j in places]
     after = []
     for i, j in places:
-        place = f"{i * columns + j}{'' if whole else f' + {columns} * first + second'}"
-        after.append(f"target[{place}] = sum{i}{j}{f' + plus[{place}]' * added};")
-        if shared and j > i:
+        plus = f" + plus[{i * columns + j}]" if added else ""
+        after.append(f"target[{i * columns + j}] = sum{i}{j}{plus};")
+        if symmetric and j > i:
             after.append(f"target[{j * columns + i}] = target[{i * columns + j}];")
     lines = [
         *(f"{{R}} sum{i}{j} = {{0}};" for i, j in places),
@@ -38,22 +31,6 @@ def outer_sum(name: str, weighted: bool, added: bool, symmetric: bool, rows: int
         "}",
         *after,
     ]
-    if not whole:
-        lines = [
-            f"for (int first = 0; first < {rows}; first += {tall}) {{",
-            f"    for (int second = {'first' if symmetric else '0'}; second < {columns}; second += {wide}) {{",
-            *(f"        {line}" for line in lines),
-            "    }",
-            "}",
-        ]
-        if symmetric:
-            lines += [
-                f"for (int i = 0; i < {rows}; ++i) {{",
-                "    for (int j = 0; j < i; ++j) {",
-                f"        target[i * {columns} + j] = target[j * {columns} + i];",
-                "    }",
-                "}",
-            ]
     text = "\n".join(f"    {line}" for line in lines)
     return f"static void {name}({', '.join(arguments)}, {{R}} *target, int count)\n{{\n{text}\n}}"
 
