@@ -27,6 +27,8 @@ SIGN = rf"\({VALUE} < {VALUE}\) \? {VALUE} : \(\({VALUE} > {VALUE}\) \? {VALUE} 
 CHOICES = (
     r"const int \w+ = \([\w -]+ < \d+\) \? [\w -]+ : \w+;",  # sizes, not data
     r"const real inverse = \(row\[j\] <= least && row\[j\] >= -tolerance \* moved\) \? .*;",  # a pivot that is zero
+    rf"const real inverse(\d) = \(a\1\1 <= least\1 && a\1\1 >= -{NUMBER} \* moved\1\) \? .*;",
+    r"return \(\(a \+ b\) \+ \(c \+ d\) == 0[.e+0]*f?\) \? 1 : 0;",  # whether all numbers are finite
     r"const real (share|inverse) = \(whole <= .*\) \? .*;",
     r"const real norm = \(diagonal < 0[.e+0]*f?\) \? -size : size;",
     r"const real [sc]v = \(m \* .*\) \? [sc] : [sc];", r"(return|sine\[l\] =|cosine\[l\] =) \(.*\) \? -[sc]v : [sc]v;",
@@ -47,7 +49,7 @@ LOOPS = (
 BRANCHES = (
     r"if \(arm_finite\([\w +]+, \d+\) == 0\) {", r"if \(isfinite\(\w+\[i\]\) (==|!=) 0\) {",
     r"if \(!\(fabsf?\(x\) <= reach\)\) {", r"if \(far > 0\) {", r"if \(\w+\[0\] != 0[.e+0]*f?\) {",
-    r"if \(source < target\) {", r"if \(size > best\) {", r"if \(j < n\) {", r"}? ?else {",
+    r"if \(source < target\) {", r"if \(left < \d+\) {", r"if \(size > best\) {", r"if \(j < n\) {", r"}? ?else {",
 )  # fmt: skip
 
 #: What stands in every export: rules of samples, which the header describes, and functions that no step calls.

@@ -270,6 +270,8 @@ class Composer:
         self, times: int, function: Callable[..., tuple[Block, ...]], *arrays: Block
     ) -> tuple[Block, ...]:
         """As `Direct.repeat`: one loop; the function gives new memory, and uses none that moves with outer loops."""
+        if times == 1:
+            return function(*arrays)
         held = tuple(self.work(array.shape, name=self._new_name("repeated")) for array in arrays)
         for array, place in zip(arrays, held, strict=True):
             self.copy(array, place)

@@ -21,6 +21,7 @@ import numpy as np
 
 from flexhinf import __version__
 from flexhinf.codegen import (
+    Buffer,
     Call,
     Cholesky,
     Householder,
@@ -35,10 +36,14 @@ from flexhinf.codegen import (
     Sweep,
     When,
 )
-from flexhinf.codegen.c import Real, Translator, comment, constant, folded
+from flexhinf.codegen.c import Real, Translator, comment, constant, folded, pivot_tolerance
+from flexhinf.codegen.compose import SCRATCH
 from flexhinf.codegen.program import Step
+from flexhinf.codegen.rare import rare_apart
+from flexhinf.codegen.straight import straightened
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.fragments import (
+    ALIGNMENT,
     BEGIN_AGAIN,
     BEGINS,
     DOUBTFUL,
@@ -176,6 +181,8 @@ class ControllerCode:
         self.signals = {"Y": c.measured, "R": c.commanded, "U": tuple(c.law.input_names), "X": c.estimated}
         self.predicts = estimator is not None
         self.program = step_program(self.sizes, bool(c.commanded), c.gaps, self._steps, self._named)
+        if self.lanes == 1 and c.composed:
+            self.program = straightened(self.program, pivot_tolerance(real))
         buffers = self.program.buffers
         work = [b.size or 0 for b in buffers if b.role == "work" and b.name not in ("after", "estimated")]
         self.scratch = max(work, default=0)
@@ -189,11 +196,15 @@ class ControllerCode:
         self.belief = None if estimator is None else np.asarray(estimator.initial[0], dtype=float)
         self.oldest = 2.0 * c.period
 
+    @property
+    def lanes(self) -> int:
+        """Columns of a matrix side by side."""
+        return LANES if self.controller.composed and self.real.name == "double" else 1
+
     @cached_property
     def translator(self) -> Translator:
         """All functions of the step."""
-        lanes = LANES if self.controller.composed and self.real.name == "double" else 1
-        translator = Translator(self.name, self.real, lanes, OWN, self._elements, self._data_parts)
+        translator = Translator(self.name, self.real, self.lanes, OWN, self._elements, self._data_parts)
         names = ("BAD_MEASUREMENT", "BAD_COMMAND", "BAD_RESULT")
         translator.add(self.program, "sample", {CODES[name][0]: self.upper(name) for name in names})
         return translator
@@ -235,7 +246,9 @@ class ControllerCode:
             function = drop_empty(self.controller.traced(run))
             names, about, _ = zip(*run.stages, strict=True)
             stages = Stages(function, names, about)
-            body = [replace(step, stages=stages) for step in body]
+            calls = [replace(step, stages=stages) for step in body if isinstance(step, Call)]
+            body, size = rare_apart(calls[0], SCRATCH) or (calls, 0)
+            buffers = (Buffer(SCRATCH, size, "work", cleared=False),) if size else ()
         return body, buffers
 
     @property
@@ -347,6 +360,7 @@ class ControllerCode:
             LATENCY=c.mode.latency, P=sizes["y"], K=len(c.commanded), M=sizes["u"],
             N=sizes["estimate"], DATA=sizes["data"], MEMORY=sizes["memory"], WORK=max(1, self.scratch), R=sizes["r"],
             COLUMNS=max(1, self.translator.room),
+            ALIGNMENT=ALIGNMENT if self.lanes > 1 and self.translator.room else "",
             REJECTED="" if self.rejected is None else REJECTED_DECLARED,
             DOUBTFUL=DOUBTFUL_DECLARED if self.doubt is not None else "",
             SIGNALS="\n".join(signals), OFFSETS=enumeration(places),

@@ -5,6 +5,7 @@ from flexhinf.codegen.c.algebra import (
     Real as Real,
     comment as comment,
     constant as constant,
+    pivot_tolerance as pivot_tolerance,
 )
 from flexhinf.codegen.c.function import folded as folded
 from flexhinf.codegen.c.module import Translator as Translator

@@ -144,12 +144,17 @@ class FunctionText:
         apart = "NOINLINE " if sum(map(_operations, lines)) > LONG else ""
         whole = name == self.name
         mark = "RESTRICT " if self.lanes != 1 or self.apart or not whole else ""
-        declared = []
+        declared, begin = list[str](), list[str]()
         for word in words:
             changed = word == ROWS or (word not in self.arguments and (whole or _changes(lines, word)))
             kind = f"{'' if changed else 'const '}{self.real.name} *{mark}"
-            declared.append("int count" if word == "count" else f"{kind}{word}")
-        return "\n".join(block(f"static {apart}void {name}({', '.join(declared)})\n{{", lines))
+            rows = re.compile(rf"\b{word}(\[[^\]]*\bl\]| \+ \d+;)")  # whose memory is `ALIGNED`
+            of_rows = self.lanes > 1 and any(map(rows.search, lines))
+            if of_rows:
+                pointer = f"{'' if changed else 'const '}{self.real.name} *"
+                begin.append(f"{pointer}const {word} = ALIGNED({pointer}, {word}_of_rows);")
+            declared.append("int count" if word == "count" else f"{kind}{word}{'_of_rows' * of_rows}")
+        return "\n".join(block(f"static {apart}void {name}({', '.join(declared)})\n{{", begin + lines))
 
     def _element(self, argument: int, element: int) -> str:
         several = self.lanes != 1 and self.moving[argument]

@@ -10,7 +10,7 @@ from typing import Any
 
 import casadi
 
-from flexhinf.codegen.c import algebra
+from flexhinf.codegen.c import algebra, small
 from flexhinf.codegen.c.algebra import KEYWORDS, Real, constant
 from flexhinf.codegen.c.expression import CALLS, OPERATIONS, SINES
 from flexhinf.codegen.c.function import (
@@ -40,6 +40,7 @@ from flexhinf.codegen.program import (
     Sweep,
     Unsupported,
     When,
+    leaves,
     slices,
 )
 from flexhinf.scalars import drop_empty
@@ -91,6 +92,7 @@ class Translator:
         self._kept: dict[str, int] = {}  # numbers that a function keeps between its loops
         self._codes: Mapping[int, str] = {}
         self._parts: dict[str, Parts] = {}  # of buffers whose parts have names
+        self._in_place: dict[Slice, str] = {}  # columns in hand that are where their matrix is
         self._spread: dict[Slice, str] = {}  # names of what all of them share, copied to every lane
 
     def __str__(self) -> str:
@@ -139,11 +141,11 @@ class Translator:
                     if not apart:
                         raise _unsupported("a sweep in which a result takes the place of an argument")
                     moving = tuple(piece.buffer == COLUMN or piece in self._spread for piece in step.inputs)
-                whole = {name: piece.buffer for name, piece in zip(step.names, (*step.inputs, *step.outputs))}
+                pieces = zip(step.names, (*step.inputs, *step.outputs))
                 elements = {
                     name: names
-                    for name, buffer in whole.items()
-                    if step.stages is not None and (names := self._elements.get(buffer))
+                    for name, piece in pieces
+                    if (names := self._elements.get(piece.buffer)) and piece.size == len(names)
                 }
                 name = self._function(
                     step.function,
@@ -170,9 +172,14 @@ class Translator:
                 places = [self._at(piece, loops) for piece in (step.point, step.table, step.target)]
                 yield f"{name}({', '.join(places)});"
             elif isinstance(step, Cholesky):
-                name = self._helper("cholesky", algebra.cholesky, self.real)
                 places = self._at(step.source, loops), self._at(step.target, loops)
-                yield f"{name}({', '.join(places)}, {step.order});"
+                if self.lanes == 1 and step.order <= small.ORDER:
+                    short = f"cholesky{step.order}"
+                    name = self._helper(short, small.cholesky, step.order, self.real)
+                    yield f"{name}({', '.join(places)});"
+                else:
+                    name = self._helper("cholesky", algebra.cholesky, self.real)
+                    yield f"{name}({', '.join(places)}, {step.order});"
             elif isinstance(step, Householder):
                 name = self._helper("reflect", algebra.householder, self.real)
                 places = self._at(step.source, loops), self._at(step.target, loops)
@@ -188,7 +195,9 @@ class Translator:
                 if self._columns and step.source.buffer != COLUMN:  # the same for all columns
                     yield from loop("i", size, [f"({target})[i] = ({source})[i / {self._columns}];"])
                 else:
-                    yield f"{self._helper('copy', algebra.COPY)}({source}, {target}, {size});"
+                    near = overlap(step.source, step.target) or step.source.strides or step.target.strides
+                    name = self._helper("move", algebra.MOVE) if near else self._helper("copy", algebra.COPY)
+                    yield f"{name}({source}, {target}, {size});"
             elif isinstance(step, Guard):
                 finite = f"{self._helper('finite', algebra.FINITE)}({self._at(step.source, loops)}, {step.source.size})"
                 code = self._codes.get(step.code, str(step.code))
@@ -200,7 +209,7 @@ class Translator:
         """A comment where something new begins."""
         written = slices(step)[1] if isinstance(step, Simple) else ()
         about = next(filter(None, (parts.about(written) for parts in self._parts.values())), "")
-        return headed(about) if about else []
+        return [line for text in about.splitlines() for line in headed(text)]
 
     def _take(self, name: str, size: int) -> str:
         """The declaration of so many numbers of the room, until what took them gives them back."""
@@ -215,6 +224,9 @@ class Translator:
         return [algebra.ahead(ROOM, self._taken)] * (size > 0)
 
     def _at(self, piece: Slice, loops: Sequence[str]) -> str:
+        for place, text in self._in_place.items():
+            if piece.buffer == COLUMN and overlap(piece, place):
+                return algebra.ahead(text, piece.offset - place.offset)
         if piece in self._spread:
             return self._spread[piece]
         if piece.shift:
@@ -227,15 +239,22 @@ class Translator:
         return " + ".join(terms)
 
     def _outer_sum(self, step: OuterSum, loops: Sequence[str]) -> str:
+        (rows, columns), flags = step.shape, (step.weights is not None, step.plus is not None, step.symmetric)
+        if self.lanes == 1 and rows * columns <= small.FEW:
+            letters = "".join(letter for letter, flag in zip("wps", flags) if flag)
+            short = f"sum{letters}_{rows}_{columns}"
+            name = self._helper(short, small.outer_sum, *flags, rows, columns)
+            pieces = [step.left, None if step.symmetric else step.right, step.weights, step.plus, step.target]
+            places = [self._at(piece, loops) for piece in pieces if piece is not None]
+            return f"{name}({', '.join(places)}, {step.count});"
         apart = step.plus is None or not overlap(step.plus, step.target)
         wide = algebra.WIDE if apart and step.shape[1] >= algebra.WIDE else 1
         tall = algebra.TALL if wide > 1 and step.shape[0] >= algebra.TALL else 1
-        flags = step.weights is not None, step.plus is not None, step.symmetric
         short = "sum" + "".join(letter for letter, flag in zip("wpsvt", (*flags, wide > 1, tall > 1)) if flag)
         name = self._helper(short, algebra.outer_sum, *flags, tall, wide)
         pieces = [step.left, step.right, step.weights, step.plus, step.target]
         places = [self._at(piece, loops) for piece in pieces if piece is not None]
-        return f"{name}({', '.join(places)}, {step.count}, {step.shape[0]}, {step.shape[1]});"
+        return f"{name}({', '.join(places)}, {step.count}, {rows}, {columns});"
 
     def _map(self, step: Map, loops: list[str]) -> Iterator[str]:
         """Columns are gathered from where they lie, `lanes` at once, and put back; single numbers stay."""
@@ -288,12 +307,14 @@ class Translator:
             copies = [self._take(name, piece.size * lanes) for piece, name in spread.items()]
             memory = self._take(COLUMN, step.size * lanes)
             parts = self._parts[COLUMN] = Parts(COLUMN, step.size, step.parts, lanes)
+            self._in_place = {} if lanes > 1 else self._columns_in_place(step, loops)
             lines = self._moves(step.inputs, loops, lanes, number, True)
             self._columns, self._spread = lanes, spread
             lines += self._body(step.body, loops)
             self._columns, self._spread = 0, {}
             lines += self._moves(step.outputs, loops, lanes, number, False)
             lines = [memory, *parts.declared(lines, self.real.name), *lines]
+            self._in_place = {}
             for piece, name in spread.items():
                 copy = f"{name}[{lanes} * i + l] = ({self._at(piece, loops)})[i];"
                 copies += loop("i", piece.size, loop("l", lanes, [copy]))
@@ -301,11 +322,26 @@ class Translator:
             yield from block("{", [*copies, *turns]) if copies else turns
             first = end
 
+    def _columns_in_place(self, step: Sweep, loops: list[str]) -> dict[Slice, str]:
+        """Where the columns of a sweep lie that need not be copied: their elements are neighbours, and no step changes
+        one that is read."""
+        steps = list(leaves(step.body))
+        written = [piece for inner in steps for piece in slices(inner)[1]]
+        pairs = [pair for pair in step.inputs if not any(overlap(pair[1], piece) for piece in written)]
+        used = [piece for inner in steps for side in slices(inner) for piece in side]
+        return {
+            place: f"{self._at(columns.whole, loops)} + {_times('c', columns.moves[1])}"
+            for columns, place in (*pairs, *step.outputs)
+            if columns.moves[0] == 1 and all(_inside(piece, place) for piece in used if overlap(piece, place))
+        }
+
     def _moves(
         self, pairs: Iterable[tuple[Columns, Slice]], loops: list[str], lanes: int, left: str, read: bool
     ) -> list[str]:
         moves = []
         for columns, place in pairs:
+            if place in self._in_place:
+                continue
             start = self._at(columns.whole, loops)
             column = self._parts[COLUMN].at(place)
             moves.append(self._move(columns, start, column, lanes, left, read))
@@ -318,7 +354,8 @@ class Translator:
         if lanes == 1:
             name = self._helper("gather" if read else "scatter", algebra.column, read)
             return f"{name}({ends}, {columns.size}, {along});"
-        name = self._helper("pack" if read else "unpack", algebra.columns, read, lanes)
+        short = ("pack" if read else "unpack") + "_rows" * (across == 1)
+        name = self._helper(short, algebra.columns, read, lanes, across == 1)
         return f"{name}({ends}, {columns.size}, {along}, {across}, {left});"
 
     # Functions ----------------------------------------------------------------------------------------
@@ -433,6 +470,10 @@ def _shared(body: Sequence[Step]) -> dict[Slice, str]:
             if piece.buffer != COLUMN and not any(piece.strides):
                 names.setdefault(piece, f"spread{len(names)}")
     return names
+
+
+def _inside(piece: Slice, place: Slice) -> bool:
+    return place.offset <= piece.offset and piece.offset + piece.size <= place.offset + place.size
 
 
 def _times(counter: str, stride: int) -> str:

@@ -227,7 +227,7 @@ def step_program(
     places: dict[str, Slice | None] = {**whole, "estimate": whole["estimated"]}
     body, scratch = steps(places if commanded else {**places, "r": None})
     read = [] if gaps else [Guard(whole["y"], BAD_MEASUREMENT)]
-    results = [Guard(whole[name], BAD_RESULT) for name in ("u", "estimated", "after")]
+    results = [Guard(whole[name], BAD_RESULT) for name in ("estimated", "after")]  # u is a part of the memory
     copies = Copy(whole["after"], whole["memory"]), Copy(whole["estimated"], whole["estimate"])
     every = (*read, Guard(whole["r"], BAD_REFERENCE), *body, *results, *copies)
     return Program("controller_step", (*buffers, *scratch), every, ())
