@@ -12,7 +12,6 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property, reduce
 from importlib.resources import files
-from itertools import pairwise
 from textwrap import wrap
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -27,7 +26,6 @@ from flexhinf.codegen import (
     Householder,
     Map,
     OuterSum,
-    Part,
     Polynomial,
     Recorder,
     Repeat,
@@ -76,12 +74,11 @@ from flexhinf.export.names import (
     checked_identifier,
     constants,
     default_lines,
-    named_parameters,
     number_lines,
     origin_facts,
-    parameter_units,
 )
 from flexhinf.export.parameter_check import range_rows, ranges
+from flexhinf.export.places import Places
 from flexhinf.loop import Controller, Status
 from flexhinf.loop.controller.measured import plausible
 from flexhinf.loop.controller.memory import SPACING, step_program
@@ -158,6 +155,7 @@ class ControllerCode:
     state. `units`: Units of signals by name, as far as the model of the estimator has them. `belief`: Where the
     estimate begins, (n,), and the robot must be; None without an estimator. `oldest`: Age beyond which a measurement
     counts as missing, s. `robot`: Its parameters have units, and the units of motors' signals state its gear ratios.
+    `places`: Where numbers of the step lie. `doubt`, `rejected`: As those of the places.
     `origin`: Which design it is, by what each line states, for the header.
     """
 
@@ -180,7 +178,9 @@ class ControllerCode:
         }  # fmt: skip
         self.signals = {"Y": c.measured, "R": c.commanded, "U": tuple(c.law.input_names), "X": c.estimated}
         self.predicts = estimator is not None
-        self.program = step_program(self.sizes, bool(c.commanded), c.gaps, self._steps, self._named)
+        self.places = Places(c, name.upper(), self.signals, self.sizes, robot)
+        self.doubt, self.rejected = self.places.doubt, self.places.rejected
+        self.program = step_program(self.sizes, bool(c.commanded), c.gaps, self._steps, self.places.parts())
         if self.lanes == 1 and c.composed:
             self.program = straightened(self.program, pivot_tolerance(real))
         buffers = self.program.buffers
@@ -204,39 +204,12 @@ class ControllerCode:
     @cached_property
     def translator(self) -> Translator:
         """All functions of the step."""
-        translator = Translator(self.name, self.real, self.lanes, OWN, self._elements, self._data_parts)
+        translator = Translator(
+            self.name, self.real, self.lanes, OWN, self.places.elements(), self.places.long_parts()
+        )
         names = ("BAD_MEASUREMENT", "BAD_COMMAND", "BAD_RESULT")
         translator.add(self.program, "sample", {CODES[name][0]: self.upper(name) for name in names})
         return translator
-
-    @property
-    def _elements(self) -> dict[str, list[str]]:
-        """What the elements of the step's vectors are called in the source, by vector."""
-        c, x = self.controller, constants(self.upper("X"), self.signals["X"])
-        parts = [*self._named["memory"], Part("", c.memory.size)]
-        memory = [
-            part.name + f" + {k}" * (k > 0)
-            for part, after in pairwise(parts)
-            for k in range(after.offset - part.offset)
-        ]
-        data = [
-            f"{name}[{k}]" if name in self._data_parts else self.upper(f"P_{name.upper()}")
-            for name, place in c.data.places.items()
-            for k in range(place.stop - place.start)
-        ]
-        for name, place, _ in self._parameter_places({*data}):
-            data[place] = name
-        signals = {kind.lower(): constants(self.upper(kind), self.signals[kind]) for kind in "YRU"}
-        known = {**signals, "estimated": x, "memory": memory, "after": memory, "data": data}
-        sizes = self.sizes | {"estimated": self.sizes["estimate"], "after": self.sizes["memory"]}
-        return {name: texts for name, texts in known.items() if len(texts) == sizes[name]}
-
-    @property
-    def _data_parts(self) -> dict[str, str]:
-        """Where those parts of the numbers of the step are that have several."""
-        places = self.controller.data.places.items()
-        several = [name for name, place in places if place.stop - place.start > 1]
-        return {name: f"data + {self.upper(f'P_{name.upper()}')}" for name in several}
 
     def _steps(self, places: Any) -> Any:
         """Those of the controller; one that is a single trace is read in its stages."""
@@ -252,17 +225,6 @@ class ControllerCode:
         return body, buffers
 
     @property
-    def _named(self) -> dict[str, tuple[Part, ...]]:
-        """The parts of data and memory by their constants in C."""
-        data, memory = self.controller.data.places.items(), self.controller.memory.places.items()
-        kept = [(f"AT_{name.upper()}", place.start) for name, place in memory]
-        kept = [(name, start) for name, start, _ in self._belief_places] + kept[self.predicts :]
-        parts = tuple(Part(name, start) for name, start in kept)
-        numbers = [(self.upper(f"P_{name.upper()}"), place) for name, place in data]
-        numbered = tuple(Part(name, place.start) for name, place in numbers if place.stop > place.start)
-        return {"memory": parts, "after": parts, "data": numbered}
-
-    @property
     def operations(self) -> int:
         """Operations of the traced functions of a step, each as often as it is called."""
         return sum(_operations(step) for step in self.program.body)
@@ -270,17 +232,6 @@ class ControllerCode:
     def upper(self, what: str) -> str:
         """A constant's name."""
         return f"{self.name.upper()}_{what}"
-
-    def _parameter_places(self, taken: set[str]) -> list[tuple[str, int, str]]:
-        """Constant, place among the numbers, and unit of each parameter of the estimator's model."""
-        units = parameter_units(self.controller, self.robot)
-        named = list(named_parameters(self.controller, units))
-        texts = constants(self.upper("P"), [name for name, *_ in named])
-        first = self.controller.data.places["parameters"].start if named else 0
-        return [
-            (f"{text}_OF_MODEL" if text in taken else text, first + k, comment(unit) or "no unit stated")
-            for text, (_, k, unit) in zip(texts, named, strict=True)
-        ]
 
     def unit_text(self, name: str) -> str:
         """A signal's unit, and of a motor's where it is meant, with the gear ratio if the robot states one."""
@@ -340,12 +291,7 @@ class ControllerCode:
     @cached_property
     def _header(self) -> str:
         c, sizes = self.controller, self.sizes
-        places = [
-            (self.upper(f"P_{name.upper()}"), place.start, str(place.stop - place.start))
-            for name, place in c.data.places.items()
-            if place.stop > place.start
-        ]
-        parameters = self._parameter_places({name for name, *_ in places})
+        parameters = self.places.parameters()
         signals = []
         for kind, names in self.signals.items():
             texts = [f"{comment(name)}, {self.unit_text(name)}".rstrip(", ") for name in names]
@@ -363,7 +309,7 @@ class ControllerCode:
             ALIGNMENT=ALIGNMENT if self.lanes > 1 and self.translator.room else "",
             REJECTED="" if self.rejected is None else REJECTED_DECLARED,
             DOUBTFUL=DOUBTFUL_DECLARED if self.doubt is not None else "",
-            SIGNALS="\n".join(signals), OFFSETS=enumeration(places),
+            SIGNALS="\n".join(signals), OFFSETS=enumeration(self.places.numbers()),
             NAMED="" if not parameters else NAMED + enumeration(parameters),
             CODES=enumeration([(self.upper(name), *row) for name, row in self.codes.items()]),
             STATUS=enumeration([
@@ -400,7 +346,8 @@ class ControllerCode:
             ARITHMETIC=arithmetic(self.name, self.real),
             DEFAULTS=default_lines(self.controller, self.defaults, self.real),
             OLDEST=constant(self.oldest, self.real), MISSING=MISSING_LIMIT if self.predicts else 0,
-            INITIAL=number_lines(memory, self.initial_memory, self.real, MEMORY), PLACES=self._memory_places,
+            INITIAL=number_lines(memory, self.initial_memory, self.real, MEMORY),
+            PLACES=enumeration(self.places.memory()),
             FUNCTIONS=functions + (PREDICTION if self.predicts else ""), MEASURED=self._call("input->y"),
             PREDICTED=f"{self.name}_predict(state, param, input, in_time)" if self.predicts else self.upper("STOPPED"),
             PREDICTED_CALL=self._call("nothing") if self.predicts else "",
@@ -420,27 +367,6 @@ class ControllerCode:
         return folded(text)
 
     @property
-    def _memory_places(self) -> str:
-        """Where the parts of the memory begin, as constants of C."""
-        places = self.controller.memory.places.items()
-        rows = [(f"AT_{name.upper()}", place.start, comment(MEMORY[name])) for name, place in places]
-        rows[:1] = [*rows[:1], *self._belief_places] if self.predicts else rows[:1]
-        if self.rejected is not None:
-            rows.append(("AT_REJECTED", self.rejected, "how many of each measurement were rejected"))
-        return enumeration(rows)
-
-    @property
-    def _belief_places(self) -> list[tuple[str, int, str]]:
-        """Constant, place and size of each part of the estimator's belief."""
-        belief = () if self.controller.estimator is None else self.controller.estimator.initial
-        places, rows = self.controller.memory.places, list[tuple[str, int, str]]()
-        at = places["belief"].start if belief else 0
-        for name, part in zip(getattr(belief, "_fields", ()), belief):
-            rows.append((f"AT_{name.upper()}_OF_BELIEF", at, " x ".join(map(str, np.shape(part) or (1,)))))
-            at += np.size(part)
-        return rows
-
-    @property
     def _plausible(self) -> str:
         """C that says whether something plausible is measured; "" without limits of measurements."""
         c, p = self.controller, self.sizes["y"]
@@ -457,13 +383,6 @@ class ControllerCode:
         return PLAUSIBLE.replace("@CALL@", call).replace("@LIMITS@", limits)
 
     @property
-    def doubt(self) -> int | None:
-        """Where the memory says whether the estimate is in doubt, and at how many samples it was, (2,); None of an
-        estimator that does not say."""
-        place = self.controller.memory.places.get("doubt")
-        return None if place is None else place.start
-
-    @property
     def able(self) -> Status:
         """Bits of the status that this controller can set."""
         c = self.controller
@@ -477,18 +396,6 @@ class ControllerCode:
             eps = np.finfo(np.float64 if self.real.name == "double" else np.float32).eps
             numbers[self.controller.data.places["rcond_limit"]] = rcond_limit(float(eps))
         return numbers
-
-    @property
-    def rejected(self) -> int | None:
-        """Where the memory counts rejected measurements, (p,); None without a gate and limits of measurements."""
-        estimator, checks = self.controller.estimator, self.controller.mode.checks_measurements
-        if checks:
-            return self.controller.memory.places["seen"].start + 2 * self.sizes["y"]
-        if estimator is None or "rejected" not in estimator.initial._fields:
-            return None
-        kept = [np.size(part) for part in estimator.initial]
-        place = estimator.initial._fields.index("rejected")
-        return self.controller.memory.places["belief"].start + sum(kept[:place])
 
     def _call(self, measurement: str) -> str:
         places = {"y": measurement, "r": "input->r", "data": "param->value", "scratch": "state->work"}
