@@ -141,7 +141,9 @@ class Recorder(Direct):
         """As `Direct.recorded`: an array for each stage."""
         return [np.concatenate([np.zeros(1), *_flat(result)]) for _, _, result in self.stages]
 
-    def _kept(self, named: Callable[..., Any], compute: Callable[..., Any], *arrays: Any, **options: Any) -> Any:
+    def _kept(
+        self, named: Callable[..., Any], compute: Callable[..., Any], *arrays: Any, **options: Any
+    ) -> Any:
         if self._inside:
             return compute(*arrays, **options)
         self._inside = True

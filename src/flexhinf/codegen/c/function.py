@@ -162,7 +162,10 @@ class FunctionText:
     def _named_parts(self, lines: list[str]) -> list[str]:
         """Lines after those that name the parts of arguments that they use."""
         kind = f"const {self.real.name} *const"
-        return [*(f"{kind} {part} = {place};" for part, place in self.parts.items() if _uses(lines, part)), *lines]
+        return [
+            *(f"{kind} {part} = {place};" for part, place in self.parts.items() if _uses(lines, part)),
+            *lines,
+        ]
 
     # One column ---------------------------------------------------------------------------------------
     def _single_parts(self) -> Iterator[tuple[str, list[str]]]:
@@ -171,7 +174,9 @@ class FunctionText:
             name = self.name
             if len(parts) > 1:
                 stage = max(part, key=lambda piece: len(piece[1]))[0]
-                short = self.stages[stage][0] if stage < len(self.stages) else "end" if self.stages else "part"
+                short = (
+                    self.stages[stage][0] if stage < len(self.stages) else "end" if self.stages else "part"
+                )
                 name = f"{self.name}_{short}"
                 names[name] = names.get(name, 0) + 1
                 name += f"_{names[name]}" * (names[name] > 1 or not self.stages)
@@ -193,7 +198,9 @@ class FunctionText:
         stages = self._stage_of
         lines = self._expressions.lines(list(stages))
         if len(stages) <= LONGEST or (not self.apart and len(lines) <= LONGEST):
-            return [[(stage, [k for k in lines if stages[k] == stage]) for stage in sorted({*stages.values()})]]
+            return [
+                [(stage, [k for k in lines if stages[k] == stage]) for stage in sorted({*stages.values()})]
+            ]
         last = {value: place for place, k in enumerate(lines) for value in self._expressions.leaves(k)}
         ends = sorted((last[k], place) for place, k in enumerate(lines) if last.get(k, -1) > place)
         groups: list[Stage] = []
@@ -318,7 +325,11 @@ class FunctionText:
         inside: dict[int, tuple[int, int]] = {k: (level, -1) for k, level in self._levels.items()}
         for level, loops in self._loops.items():
             inside |= {k: (level, number) for number, (values, _) in enumerate(loops) for k in values}
-        inside = {k: place if self.flow.operations[k].code not in CALLS else (-1, k) for k, place in inside.items() if k >= 0}
+        inside = {
+            k: place if self.flow.operations[k].code not in CALLS else (-1, k)
+            for k, place in inside.items()
+            if k >= 0
+        }
         return Expressions(self.flow, inside, self.real, self._element, self.calls, True)
 
     def several(self) -> Iterator[list[str]]:

@@ -68,7 +68,15 @@ class Translator:
     `room`: Numbers of memory for columns in hand that the programs need of the caller, so that none is on the stack.
     """
 
-    def __init__(self, prefix: str, real: Real, lanes: int = 1, taken: Container[str] = (), elements: Mapping[str, Sequence[str]] = NOTHING, parts: Mapping[str, str] = NOTHING) -> None:
+    def __init__(
+        self,
+        prefix: str,
+        real: Real,
+        lanes: int = 1,
+        taken: Container[str] = (),
+        elements: Mapping[str, Sequence[str]] = NOTHING,
+        parts: Mapping[str, str] = NOTHING,
+    ) -> None:
         self.prefix, self.real, self.lanes, self._taken_names = prefix, real, lanes, taken
         self._elements, self._places_of = elements, parts
         self.functions: dict[str, str] = {}
@@ -127,7 +135,14 @@ class Translator:
                     if step.stages is not None and (names := self._elements.get(buffer))
                 }
                 name = self._function(
-                    step.function, max(1, self._columns), moving, step.about, apart, step.stages, step.names, elements
+                    step.function,
+                    max(1, self._columns),
+                    moving,
+                    step.about,
+                    apart,
+                    step.stages,
+                    step.names,
+                    elements,
                 )
                 places = [self._at(piece, loops) for piece in (*step.inputs, *step.outputs)]
                 yield f"{name}({', '.join(places + self._rows_of(name))});"
