@@ -132,7 +132,9 @@ def test_seven_links_decide_nothing_by_data_but_what_is_listed() -> None:
 
 
 def test_another_loop_or_branch_is_found() -> None:
-    text = "static void arm_f(const real *x)\n{\n    while (x[0] > 0) {\n    }\n    if (x[1] > 2) {\n    }\n}\n"
+    text = (
+        "static void arm_f(const real *x)\n{\n    while (x[0] > 0) {\n    }\n    if (x[1] > 2) {\n    }\n}\n"
+    )
     kinds = [re.compile(kind) for kind in (*CHOICES, *LOOPS, *BRANCHES)]
     assert len([line for line in decisions(text) if not any(kind.fullmatch(line) for kind in kinds)]) == 2
 

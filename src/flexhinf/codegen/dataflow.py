@@ -140,9 +140,7 @@ class _Shortened:
         if code == casadi.OP_INPUT:
             return self._new(code, arguments)
         if code == casadi.OP_IF_ELSE_ZERO:
-            return self._choice(*arguments, self._constant(0.0))
-        if code == SELECT:
-            return self._choice(*arguments)
+            return self._choice(arguments[0], arguments[1], self._constant(0.0))
         if code == casadi.OP_ADD and (halves := self._halves(*arguments)) is not None:
             return self._choice(*halves)
         if code == casadi.OP_NOT and self._code(arguments[0]) == casadi.OP_NOT:

@@ -153,7 +153,8 @@ class _Straight:
             return
         text, sections = _Text(), list[str]()
         for step in group:
-            begins = [self.parts.get((piece.buffer, piece.offset)) for piece in slices(step)[1]]
+            written = () if isinstance(step, Repeat) else slices(step)[1]
+            begins = [self.parts.get((piece.buffer, piece.offset)) for piece in written]
             about = next((part.about for part in begins if part and part.about), "")
             sections += [about] * bool(about)
             text.add(step, about)

@@ -99,7 +99,6 @@ LANES = 8
 #: Samples without a measurement that are predicted over before the output is held.
 MISSING_LIMIT = 10
 
-
 #: What a step returns, by the end of its constant's name.
 CODES = {
     "OK": (0, "all is well"),
@@ -117,13 +116,11 @@ CODES = {
     "BAD_ARITHMETIC": (9, "the compiler's flags change results: nothing is computed"),
 }
 
-
 #: Names of functions, types and numbers of every controller, behind its own.
 OWN = frozenset({
     "believed", "check", "defaults", "digest", "exact", "fused", "init", "input", "output", "param", "predict", "real",
     "rest", "sample", "some", "start", "state", "step", "type_of_constants", "version",
 })  # fmt: skip
-
 
 #: Signals of motors, seen from the joint, and what they are at the motor: its signal, divided or multiplied by a ratio.
 AT_MOTOR = {
@@ -131,7 +128,6 @@ AT_MOTOR = {
     "motor_velocity": "motor speed /",
     "drive_torque": "motor torque *",
 }
-
 #: What is stated of them all.
 GEARS = (
     "Angles, speeds and torques of motors are those at the joint, after the gear: the angle of an encoder on a motor "
@@ -332,11 +328,7 @@ class ControllerCode:
     @cached_property
     def _source(self) -> str:
         memory = self.controller.memory.places
-        start, standstill, believed = (
-            self._start,
-            self._standstill,
-            self._plausible,
-        )  # which may need functions
+        start, standstill, believed = self._start, self._standstill, self._plausible  # may need functions
         rows = ranges(self.controller, self.defaults, self.robot)
         functions = str(self.translator).replace(f"{self.real.name} ", "real ")
         text = fill(

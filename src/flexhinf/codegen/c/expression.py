@@ -235,7 +235,8 @@ class Expressions:
             text = text.replace("({1} < {0}) || isnan({0})", "{1} < {0}")
             text = text.replace("({1} > {0}) || isnan({0})", "{1} > {0}")
         written = text.format(*operands, one=self._one, zero=self._zero, f=self.real.suffix)
-        return Text(written, operation.code == casadi.OP_ASSIGN or (written[0].isalpha() and text[-1] == ")"))
+        called = written[0].isalpha() and text.endswith(")")
+        return Text(written, called or operation.code == casadi.OP_ASSIGN)
 
     def condition(self, value: int) -> Text:
         """Whether a value is not zero."""
