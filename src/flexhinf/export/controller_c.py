@@ -207,7 +207,7 @@ class ControllerCode:
             function = drop_empty(self.controller.traced(run))
             stages = Stages(function, tuple(about for about, _ in run.stages))
             calls = [replace(step, stages=stages) for step in body if isinstance(step, Call)]
-            body, size = rare_apart(calls[0], SCRATCH) or (calls, 0)
+            body, size = rare_apart(calls[0], SCRATCH, "y") or (calls, 0)
             buffers = (Buffer(SCRATCH, size, "work", cleared=False),) if size else ()
         return body, buffers
 
