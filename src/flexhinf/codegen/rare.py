@@ -19,7 +19,7 @@ from flexhinf.codegen.memory import Slice
 from flexhinf.codegen.program import Call, Stages, Step, When
 from flexhinf.scalars.trace import built, walk
 
-#: Operations for which a flag is asked.
+#: Operations for which a flag is asked; fewer cost less than what two more calls pass on.
 LEAST = 100
 
 #: Operations that become one with the only one that reads them: products with sums, and the sides of a choice.
@@ -29,9 +29,12 @@ TOGETHER = (casadi.OP_MUL, casadi.OP_SQ, casadi.OP_IF_ELSE_ZERO)
 LEAVES = (casadi.OP_CONST, casadi.OP_INPUT)
 
 
-def rare_apart(call: Call, buffer: str) -> tuple[tuple[Step, ...], int] | None:
-    """The steps in the place of a call, and the numbers of the buffer that they need; None without such a flag."""
-    return _Division.of(call).steps(buffer)
+def rare_apart(call: Call, buffer: str, often: str = "") -> tuple[tuple[Step, ...], int] | None:
+    """The steps in the place of a call, and the numbers of a buffer that they need; None without such a flag.
+
+    `often`: A buffer whose flags are nearly always set, such as that of the measurement.
+    """
+    return _Division.of(call).steps(buffer, often)
 
 
 @dataclass(frozen=True)
@@ -89,34 +92,45 @@ class _Division:
     def _is_anywhere(self, k: int) -> bool:
         return self.operations[k].code == casadi.OP_NOT
 
-    def flags(self) -> dict[int, int]:
-        """Operations that count only where another one is not zero: every way to a result is a choice by that flag."""
-        asked: dict[int, set[int | None]] = {k: set() for k in self.operations}
-        for _, _, k in self.outputs:
-            asked[k].add(None)
-        flag: dict[int, int] = {}
+    def flags(self) -> dict[int, frozenset[int]]:
+        """Flags of which an operation needs every one: without one of them, no way leads from it to a result."""
+        found = dict.fromkeys((k for _, _, k in self.outputs), frozenset[int]())
         for k in reversed(self.operations):
-            if len(asked[k]) == 1 and (one := next(iter(asked[k]))) is not None:
-                flag[k] = one
             operation = self.operations[k]
             for place, argument in enumerate(operation.arguments if operation.code not in LEAVES else ()):
                 chosen = operation.code == casadi.OP_IF_ELSE_ZERO and place == 1
-                asked[argument].add(flag.get(k, operation.arguments[0] if chosen else None))
-        anywhere = {k for k in self.operations if self._is_anywhere(k)}
+                flags = found[k] | {operation.arguments[0]} if chosen else found[k]
+                found[argument] = found.get(argument, flags) & flags
         return {
-            k: one for k, one in flag.items()
-            if self.operations[k].code not in LEAVES and not {k, one} & anywhere
-        }  # fmt: skip
+            k: flags
+            for k, flags in found.items()
+            if self.operations[k].code not in LEAVES and not self._is_anywhere(k)
+        }
 
-    def parts(self) -> tuple[int, dict[int, int]] | None:
+    def depends(self, buffer: str) -> set[int]:
+        """Operations that depend on a buffer."""
+        found = set[int]()
+        for k, operation in self.operations.items():
+            read = (
+                operation.code == casadi.OP_INPUT
+                and self.call.inputs[operation.arguments[0]].buffer == buffer
+            )
+            if read or found.intersection(self.operands(k)):
+                found.add(k)
+        return found
+
+    def parts(self, often: str) -> tuple[int, dict[int, int]] | None:
         """The flag, and the part of each operation: before, where the flag is set, and after."""
-        flags = self.flags()
-        if not flags:
+        flags, usual = self.flags(), self.depends(often)
+        counts = Counter(
+            flag for own in flags.values() for flag in own if flag in flags and flag not in usual
+        )
+        if not counts:
             return None
-        ((flag, count),) = Counter(flags.values()).most_common(1)
+        ((flag, count),) = counts.most_common(1)
         if count < LEAST:
             return None
-        rare = {k for k, one in flags.items() if one == flag}
+        rare = {k for k, own in flags.items() if flag in own}
         others = (k for k in self.operations if k not in rare and not self._is_anywhere(k))
         users = [k for k in others if rare.intersection(self.operands(k))]
         after = min(users, default=0)
@@ -138,9 +152,9 @@ class _Division:
         divided = any(len(places) > 1 for places in shared.values())
         return None if divided or part[flag] or sum(p == 1 for p in part.values()) < LEAST else (flag, part)
 
-    def steps(self, buffer: str) -> tuple[tuple[Step, ...], int] | None:
+    def steps(self, buffer: str, often: str) -> tuple[tuple[Step, ...], int] | None:
         """The calls, with what one of them passes to the next in a buffer."""
-        found = self.parts()
+        found = self.parts(often)
         if found is None:
             return None
         flag, part = found

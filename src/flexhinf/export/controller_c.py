@@ -216,7 +216,7 @@ class ControllerCode:
             names, about, _ = zip(*run.stages, strict=True)
             stages = Stages(function, names, about)
             calls = [replace(step, stages=stages) for step in body if isinstance(step, Call)]
-            body, size = rare_apart(calls[0], SCRATCH) or (calls, 0)
+            body, size = rare_apart(calls[0], SCRATCH, "y") or (calls, 0)
             buffers = (Buffer(SCRATCH, size, "work", cleared=False),) if size else ()
         return body, buffers
 
