@@ -13,6 +13,7 @@ from flexhinf.export.controller_c import code_of
 
 #: A name, an element of an array, a number: what is known without computing.
 NAME = r"(?:(?!\d)\w+(?:\[[\w+* -]+\])?)"
+NUMBER = r"\(?-?\d[\w.+-]*\)?"
 VALUE = rf"(?:-?{NAME}|\(-{NAME}\)|\(?-?\d[\w.]*(?:e[+-]\d+f?)?\)?)"
 SIZE = r"[\w+*% -]+"  # of integers that are constants where the function is called
 
