@@ -146,7 +146,7 @@ class FunctionText:
         mark = "RESTRICT " if self.lanes != 1 or self.apart or not whole else ""
         declared = []
         for word in words:
-            changed = word == ROWS or (word not in self.arguments and (whole or _changes(lines, word)))
+            changed = word not in self.arguments and (whole or _changes(lines, word))
             kind = f"{'' if changed else 'const '}{self.real.name} *{mark}"
             declared.append("int count" if word == "count" else f"{kind}{word}")
         return "\n".join(block(f"static {apart}void {name}({', '.join(declared)})\n{{", lines))
