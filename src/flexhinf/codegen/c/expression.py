@@ -121,10 +121,7 @@ class Expressions:
         self._lines = named
         for operation in flow.operations.values():
             for place, value in enumerate(self._operands(operation)):
-                flag = self._is_truth(value) and (
-                    operation.code in _LOGIC or (operation.code, place) == (SELECT, 0)
-                )
-                (self._as_flag if flag else self._as_number)[value] += 1
+                (self._as_flag if self._is_condition(operation, place) else self._as_number)[value] += 1
                 if self._takes_name(operation, place):
                     self._plain.add(value)
         self.results = Counter(value for _, _, value in flow.outputs)
@@ -137,6 +134,11 @@ class Expressions:
         return operation.code in (*_NAMED, casadi.OP_AND, casadi.OP_OR) or (
             operation.code == SELECT and place > 0
         )
+
+    def _is_condition(self, operation: Operation, place: int) -> bool:
+        """Whether an argument of an operation is one, and not a number."""
+        asked = operation.code in _LOGIC or (operation.code, place) == (SELECT, 0)
+        return asked and self._is_truth(operation.arguments[place])
 
     def _is_truth(self, value: int) -> bool:
         return self.flow.operations[value].code in TRUTHS
@@ -175,20 +177,25 @@ class Expressions:
 
     def leaves(self, value: int) -> list[int]:
         """Values and elements that the expression of a value is made of."""
-        found = []
-        for k in self._operands(self.flow.operations[value]):
-            found += self.leaves(k) if k in self._within else [k]
+        return [k for k, _ in self._uses(value)]
+
+    def _uses(self, value: int) -> list[tuple[int, bool]]:
+        """Those, and whether they are used as conditions."""
+        found, operation = [], self.flow.operations[value]
+        for place, k in enumerate(self._operands(operation)):
+            found += self._uses(k) if k in self._within else [(k, self._is_condition(operation, place))]
         return found
 
     def loads(self, value: int) -> list[int]:
         """Values that are read from memory by a line of their own before that of a value."""
-        return [k for k in self.leaves(value) if self._is_loaded(k)]
+        return [k for k, condition in self._uses(value) if self._is_loaded(k, condition)]
 
-    def _is_loaded(self, value: int) -> bool:
+    def _is_loaded(self, value: int, condition: bool) -> bool:
         if self.flow.operations[value].code == casadi.OP_INPUT:
             several = value in self._plain or self._as_number[value] + self.results[value] > 1
             return self._lines and value not in self.numbers and several
-        return self._as_flag[value] > 1 and value not in self.flags and value in self.numbers
+        several = condition and self._as_flag[value] > 1
+        return several and value not in self.flags and value in self.numbers
 
     def declared(self, value: int) -> list[str]:
         """Lines that give a value its names."""

@@ -146,7 +146,7 @@ class FunctionText:
         mark = "RESTRICT " if self.lanes != 1 or self.apart or not whole else ""
         declared, begin = list[str](), list[str]()
         for word in words:
-            changed = word == ROWS or (word not in self.arguments and (whole or _changes(lines, word)))
+            changed = word not in self.arguments and (whole or _changes(lines, word))
             kind = f"{'' if changed else 'const '}{self.real.name} *{mark}"
             rows = re.compile(rf"\b{word}(\[[^\]]*\bl\]| \+ \d+;)")  # whose memory is `ALIGNED`
             of_rows = self.lanes > 1 and any(map(rows.search, lines))
