@@ -111,9 +111,9 @@ def check(controller: fh.Controller, real: str) -> None:
         for call in re.findall(
             rf"^ +(?:if \()?{name}\((.*)\)", re.sub(r",\n +", ", ", text), flags=re.MULTILINE
         ):
-            assert re.fullmatch(r"\d+|left|ARM_\w+|count|\w+ \* \d+|n - k", call.split(", ")[-1].split(")")[0]), (
-                call
-            )
+            assert re.fullmatch(
+                r"\d+|left|ARM_\w+|count|\w+ \* \d+|n - k", call.split(", ")[-1].split(")")[0]
+            ), call
 
 
 @pytest.mark.parametrize("real", ["double", "float"])

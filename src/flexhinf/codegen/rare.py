@@ -20,7 +20,7 @@ from flexhinf.codegen.program import Call, Stages, Step, When
 from flexhinf.scalars.trace import built, walk
 
 #: Operations for which a flag is asked; fewer cost less than what two more calls pass on.
-LEAST = 100
+WORTH = 100
 
 #: Operations that become one with the only one that reads them: products with sums, and the sides of a choice.
 TOGETHER = (casadi.OP_MUL, casadi.OP_SQ, casadi.OP_IF_ELSE_ZERO)
@@ -128,7 +128,7 @@ class _Division:
         if not counts:
             return None
         ((flag, count),) = counts.most_common(1)
-        if count < LEAST:
+        if count < WORTH:
             return None
         rare = {k for k, own in flags.items() if flag in own}
         others = (k for k in self.operations if k not in rare and not self._is_anywhere(k))
@@ -150,7 +150,7 @@ class _Division:
             if self.operations[k].code == casadi.OP_DIV:
                 shared.setdefault(self.operands(k)[1], set()).add(part[k])
         divided = any(len(places) > 1 for places in shared.values())
-        return None if divided or part[flag] or sum(p == 1 for p in part.values()) < LEAST else (flag, part)
+        return None if divided or part[flag] or sum(p == 1 for p in part.values()) < WORTH else (flag, part)
 
     def steps(self, buffer: str, often: str) -> tuple[tuple[Step, ...], int] | None:
         """The calls, with what one of them passes to the next in a buffer."""

@@ -57,17 +57,17 @@ def straightened(program: Program, tolerance: float) -> Program:
 
 
 class _Straight:
-    def __init__(self, given: Program, tolerance: float) -> None:
-        self.given, self.tolerance = given, tolerance
-        self.work = {buffer.name for buffer in given.buffers if buffer.role == "work"} | {COLUMN}
-        self.parts = {(buffer.name, part.offset): part for buffer in given.buffers for part in buffer.parts}
-        self.calls = Counter(hash(step.function) for step in _all(given.body) if isinstance(step, Call))
+    def __init__(self, whole: Program, tolerance: float) -> None:
+        self.whole, self.tolerance = whole, tolerance
+        self.work = {buffer.name for buffer in whole.buffers if buffer.role == "work"} | {COLUMN}
+        self.parts = {(buffer.name, part.offset): part for buffer in whole.buffers for part in buffer.parts}
+        self.calls = Counter(hash(step.function) for step in _all(whole.body) if isinstance(step, Call))
         self.factors: dict[int, Any] = {}
 
     def program(self) -> Program:
         """The program with its memory moved together."""
-        body = self._body(self.given.body, set())
-        return _compact(self.given, body, self.parts)
+        body = self._body(self.whole.body, set())
+        return _compact(self.whole, body, self.parts)
 
     # What a step reads and writes ---------------------------------------------------------------------
     def _reads(self, body: Sequence[Step]) -> set[Place]:
@@ -317,9 +317,9 @@ def _runs(places: Iterable[Place], gap: int) -> Iterator[Slice]:
 
 
 # Memory ---------------------------------------------------------------------------------------------
-def _compact(given: Program, body: tuple[Step, ...], named: Mapping[Place, Part]) -> Program:
+def _compact(whole: Program, body: tuple[Step, ...], named: Mapping[Place, Part]) -> Program:
     """The steps with the memory between them moved together, without what no step uses any more; parts have names."""
-    free = {buffer.name for buffer in given.buffers if buffer.name == SCRATCH}
+    free = {buffer.name for buffer in whole.buffers if buffer.name == SCRATCH}
     used = {
         place for step in _all(body) if not isinstance(step, Repeat)
         for side in slices(step) for piece in side if piece.buffer in free for place in _places(piece)
@@ -345,10 +345,10 @@ def _compact(given: Program, body: tuple[Step, ...], named: Mapping[Place, Part]
 
     buffers = tuple(
         replace(buffer, size=len(moved) if buffer.name in free else buffer.size, parts=parts(buffer))
-        for buffer in given.buffers
+        for buffer in whole.buffers
         if buffer.name not in free or moved
     )
-    return replace(given, buffers=buffers, body=tuple(_moved(step, at) for step in body))
+    return replace(whole, buffers=buffers, body=tuple(_moved(step, at) for step in body))
 
 
 def _moved(step: Any, at: Callable[[Slice], Slice]) -> Any:
