@@ -9,7 +9,8 @@ Counted, not timed: instructions by callgrind on the PC, and on the Cortex-M4F a
 (``make cortex-m4`` of an exported folder, with the flags and the board of either). Cycles are counted too: QEMU tells
 which instructions run, and each costs what Arm's manual of the Cortex-M4 says at the most, with memory that does not
 wait. Arm publishes no such table of the Cortex-M7: there each costs its latency in LLVM's scheduling model, as if it
-waited for the one before. Also timed: a step on the PC, the median of the test vector's.
+waited for the one before. Also timed: a step on the PC, the least of nine medians of the test vector's, of programs
+that run in turns.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import json
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -41,6 +43,10 @@ PC = ("-std=c99", "-O3", "-march=x86-64-v3")
 CORTEX_M = "-O2"
 LEFT_OUT = ("-DARM_WITHOUT_REST", "-DARM_WITHOUT_CHECK")
 LEVELS = ("-Os", "-O1", "-O2", "-O3")
+
+#: With what else a step in `double` is timed on the PC, by every compiler that is there.
+COMPILERS = ("gcc", "clang")
+TIMED_WITH = (("-O3", "-march=native"), PC[1:], ("-O2", "-mfma"), ("-O2",))
 
 #: Board of QEMU and flags by processor.
 BOARDS = {
@@ -168,17 +174,27 @@ def on_pc(folder: Path) -> dict[str, Any]:
     """By gcc and callgrind; the stack is computed."""
     (folder / "state.c").write_text(STATE, encoding="utf-8")
     instructions = counted(folder, PC)
-    flags = ("-Wl,--wrap=arm_step", "-Wl,-z,now")
-    (folder / "timed.c").write_text(TIMED, encoding="utf-8")
-    run("gcc", *PC, *flags, "arm_test.c", "timed.c", "arm.o", "-lm", "-o", "timed", folder=folder)
-    times = [float(run("./timed", folder=folder).split()[-2]) for _ in range(9)]
     run("gcc", "state.c", "-o", "state", folder=folder)
     return {
         "code": int(run("size", "arm.o", folder=folder).splitlines()[1].split()[0]),
         "state": int(run("./state", folder=folder)), "stack": stack(folder, "gcc", PC), "instructions": instructions,
-        "microseconds": min(times), "error": error_in(run("./plain", folder=folder)),
+        "microseconds": timed(folder, [("gcc", PC[1:])])[0], "error": error_in(run("./plain", folder=folder)),
         "compiler": run("gcc", "--version", folder=folder).splitlines()[0], "flags": " ".join(PC),
     }  # fmt: skip
+
+
+def timed(folder: Path, ways: Sequence[tuple[str, Sequence[str]]]) -> list[float]:
+    """Microseconds of a step with each compiler and its flags, the least of nine medians; they take turns."""
+    (folder / "timed.c").write_text(TIMED, encoding="utf-8")
+    wrapped = (PC[0], *LEFT_OUT, "-Wl,--wrap=arm_step", "-Wl,-z,now")
+    for k, (compiler, flags) in enumerate(ways):
+        sources = ("arm_test.c", "timed.c", "arm.o", "-lm", "-o", f"timed{k}")
+        run(compiler, PC[0], *flags, *LEFT_OUT, "-c", "arm.c", "-o", "arm.o", folder=folder)
+        run(compiler, *flags, *wrapped, *sources, folder=folder)
+    medians = [
+        [float(run(f"./timed{k}", folder=folder).split()[-2]) for k in range(len(ways))] for _ in range(9)
+    ]
+    return [min(row) for row in zip(*medians, strict=True)]
 
 
 def counted(folder: Path, flags: Sequence[str]) -> float:
@@ -213,15 +229,27 @@ def error_in(text: str) -> float:
 
 def other_flags(folder: Path, machine: str) -> dict[str, Any]:
     """Smallest and largest stack of the levels of optimisation; on the PC also instructions without and with fused
-    multiply-adds."""
+    multiply-adds, likewise with vectors of one length, and times."""
     compiler, base = (
         ("gcc", PC[2:]) if machine == "x86-64" else ("arm-none-eabi-gcc", BOARDS[machine][1].split())
     )
     stacks = [stack(folder, compiler, (level, *base)) or 0 for level in LEVELS]
     found: dict[str, Any] = {"stacks": [min(stacks), max(stacks)]}
     if machine == "x86-64":
-        found["fusing"] = [counted(folder, ("-std=c99", "-O2", *fma)) for fma in ((), ("-mfma",))]
+        for name, avx in (("fusing", ()), ("vectors", ("-mavx2",))):
+            found[name] = [counted(folder, ("-std=c99", "-O2", *avx, *fma)) for fma in ((), ("-mfma",))]
+        ways = [(name, flags) for flags in TIMED_WITH for name in COMPILERS if shutil.which(name)]
+        times = timed(folder, ways)
+        found["times"] = [[name, " ".join(flags), time] for (name, flags), time in zip(ways, times)]
+        found["processor"] = processor()
     return found
+
+
+def processor() -> str:
+    """The name of the processor of this PC."""
+    text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+    found = re.search(r"^model name\s*: (.*)$", text, re.MULTILINE)
+    return found[1].strip() if found else "a processor without a name"
 
 
 # A Cortex-M ---------------------------------------------------------------------------------------------
@@ -432,15 +460,30 @@ def notes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     fusing = [(row["links"], *row["fusing"]) for row in own if "fusing" in row]
     pairs = ", ".join(f"{plain:,.0f} for {fused:,.0f} ({named(links)})" for links, plain, fused in fusing)
     ratios = ", ".join(f"{plain / fused:.1f}" for _, plain, fused in fusing)
+    equal = [row["vectors"][0] / row["vectors"][1] for row in own if "vectors" in row]
+    lengths = (
+        " With vectors of one length (`gcc -O2 -mavx2` against `-O2 -mavx2 -mfma`) it is "
+        f"{', '.join(f'{ratio:.2f}' for ratio in equal)} times."
+    )
     return [
         f"- The stack in `double` from `{LEVELS[0]}` to `{LEVELS[-1]}`, computed on x86-64: {stacks['x86-64']}. On a "
         f"Cortex-M7 {stacks['Cortex-M7']}.",
         "- Without fused multiply-adds (`gcc -O2`) a step in `double` takes more instructions on x86-64 than with "
-        f"(`gcc -O2 -mfma`): {pairs}. That is {ratios} times as many.",
+        f"(`gcc -O2 -mfma`): {pairs}. That is {ratios} times as many.{lengths * bool(equal)}",
+        *(duration(row) for row in own if row["links"] == 7 and "times" in row),
         f"- In `float` on the Cortex-M4F ({named(small['links'])}) an instruction takes {cycles / most:.1f} cycles on "
         f"average, a step {100 * cycles / period:.0f} % of 1 ms at 168 MHz, and with five cycles of waiting for every "
         f"instruction {100 * (cycles + 5 * most) / period:.0f} %.",
     ]
+
+
+def duration(row: Mapping[str, Any]) -> str:
+    """How long a step takes, by flags and compilers."""
+    times: dict[str, list[str]] = {}
+    for compiler, flags, time in row["times"]:
+        times.setdefault(flags, []).append(f"{time:.0f} ({compiler})")
+    each = "; ".join(f"with `{flags}` {', '.join(found)}" for flags, found in times.items())
+    return f"- A step in `double` ({named(row['links'])}) takes, in µs on {row['processor']}: {each}."
 
 
 def key(row: Mapping[str, Any]) -> tuple[int | str, str, str, str]:

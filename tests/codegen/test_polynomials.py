@@ -82,7 +82,7 @@ def test_c_gives_the_same_bits(tmp_path: Path, fused: bool):
     )
     source, library = tmp_path / "c.c", tmp_path / "c.so"
     multiply_add = "fma(a, b, c)" if fused else "((a) * (b) + (c))"
-    head = f"#include <math.h>\n#define FMA(a, b, c) {multiply_add}\n"
+    head = f"#include <math.h>\n#include <stdbool.h>\n#define FMA(a, b, c) {multiply_add}\n"
     source.write_text(f"{head}{translator}{entries}\n", encoding="utf-8")
     subprocess.run(
         ["gcc", "-O1", "-Wall", "-Werror", "-shared", "-fPIC", str(source), "-lm", "-o", str(library)],

@@ -381,7 +381,9 @@ def in_c(program, folder):
     loaded, kernels = {}, {fused: compile_program(program, fused=fused) for fused in (False, True)}
     for fused, multiply_add in ((False, "((a) * (b) + (c))"), (True, "fma(a, b, c)\n#define FUSED")):
         source, library = folder / "c.c", folder / f"c{fused}.so"
-        source.write_text(f"#include <math.h>\n#define FMA(a, b, c) {multiply_add}\n{translator}{entry}\n")
+        source.write_text(
+            f"#include <math.h>\n#include <stdbool.h>\n#define FMA(a, b, c) {multiply_add}\n{translator}{entry}\n"
+        )
         subprocess.run(["gcc", *flags, str(source), "-lm", "-o", str(library)], check=True)
         loaded[fused] = ctypes.CDLL(str(library))
 

@@ -275,7 +275,7 @@ def test_it_has_no_memory_of_its_own_and_needs_the_mathematical_library_alone(
     known = {"sin", "cos", "sincos", "sqrt", "fabs", "copysign"}
     assert {name.removesuffix("f") for name in needed} <= known, needed
     text = (exported[real] / "arm.c").read_text()
-    assert re.findall(r"#include\s+(\S+)", text) == ['"arm.h"', "<math.h>", "<stddef.h>"]
+    assert re.findall(r"#include\s+(\S+)", text) == ['"arm.h"', "<math.h>", "<stdbool.h>", "<stddef.h>"]
 
 
 def test_a_float_build_computes_nothing_in_double(exported: dict[str, Path]) -> None:

@@ -13,11 +13,13 @@ from flexhinf.codegen.compose import (
     Composer as Composer,
     Direct as Direct,
     Recorder as Recorder,
+    gives as gives,
 )
 from flexhinf.codegen.memory import (
     Block as Block,
     Buffer as Buffer,
     Columns as Columns,
+    Part as Part,
     Slice as Slice,
     aligned as aligned,
 )

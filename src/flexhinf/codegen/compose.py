@@ -10,15 +10,17 @@ trace, is some thousand operations in loops over its sigma points.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from functools import partial
+from inspect import Parameter, signature
 from math import prod
 from typing import Any
 
 import numpy as np
 
-from flexhinf.codegen.memory import COLUMN, Block, Buffer, Order, Slice
+from flexhinf.codegen.memory import COLUMN, Block, Buffer, Order, Part, Slice
 from flexhinf.codegen.program import (
     Call,
     Cholesky,
@@ -43,6 +45,9 @@ class Direct:
     def recorded(self) -> list[Any]:
         """What was computed on the way, (k,) arrays, where the run keeps it."""
         return []
+
+    def section(self, about: str) -> None:
+        """Say what the next steps do, up to the next section: a comment in exported C."""
 
     def call(self, function: Callable[..., Any], *arrays: Any) -> Any:
         """``function(*arrays)``, for small functions."""
@@ -126,21 +131,33 @@ class Direct:
 DIRECT = Direct()
 
 
+def gives(*names: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Names of a function's results, for C."""
+
+    def named(function: Callable[..., Any]) -> Callable[..., Any]:
+        function.results = names  # type: ignore[attr-defined]
+        return function
+
+    return named
+
+
 class Recorder(Direct):
     """As `Direct`, and keeps what was computed one after the other, with what the functions say of themselves.
 
-    `stages`: (sentence, what was computed); of calls inside of others only the outer ones.
+    `stages`: (name, sentence, what was computed); of calls inside of others only the outer ones.
     """
 
     def __init__(self) -> None:
-        self.stages: list[tuple[str, Any]] = []
+        self.stages: list[tuple[str, str, Any]] = []
         self._inside = False
 
     def recorded(self) -> list[Any]:
         """As `Direct.recorded`: an array for each stage."""
-        return [np.concatenate([np.zeros(1), *_flat(result)]) for _, result in self.stages]
+        return [np.concatenate([np.zeros(1), *_flat(result)]) for _, _, result in self.stages]
 
-    def _kept(self, about: str, compute: Callable[..., Any], *arrays: Any, **options: Any) -> Any:
+    def _kept(
+        self, named: Callable[..., Any], compute: Callable[..., Any], *arrays: Any, **options: Any
+    ) -> Any:
         if self._inside:
             return compute(*arrays, **options)
         self._inside = True
@@ -148,12 +165,12 @@ class Recorder(Direct):
             result = compute(*arrays, **options)
         finally:
             self._inside = False
-        self.stages.append((about, result))
+        self.stages.append((_name(named), _about(named), result))
         return result
 
     def call(self, function: Callable[..., Any], *arrays: Any) -> Any:
         """As `Direct.call`."""
-        return self._kept(_about(function), function, *arrays)
+        return self._kept(function, function, *arrays)
 
     def columns(self, function: Callable[..., Any], moving: Any, *held: Any) -> Any:
         """As `Direct.columns`: a stage for each column."""
@@ -161,27 +178,27 @@ class Recorder(Direct):
 
     def gram(self, columns: Any, weights: Any, plus: Any = None) -> Any:
         """As `Direct.gram`."""
-        return self._kept(Direct.gram.__doc__ or "", super().gram, columns, weights, plus)
+        return self._kept(Direct.gram, super().gram, columns, weights, plus)
 
     def product(self, columns: Any, weights: Any, other: Any) -> Any:
         """As `Direct.product`."""
-        return self._kept(Direct.product.__doc__ or "", super().product, columns, weights, other)
+        return self._kept(Direct.product, super().product, columns, weights, other)
 
     def combination(self, columns: Any, weights: Any, plus: Any = None) -> Any:
         """As `Direct.combination`."""
-        return self._kept(Direct.combination.__doc__ or "", super().combination, columns, weights, plus)
+        return self._kept(Direct.combination, super().combination, columns, weights, plus)
 
     def cholesky(self, matrix: Any) -> Any:
         """As `Direct.cholesky`."""
-        return self._kept(Direct.cholesky.__doc__ or "", super().cholesky, matrix)
+        return self._kept(Direct.cholesky, super().cholesky, matrix)
 
     def householder(self, rows: Any, count: int, triangle: int = 0) -> Any:
         """As `Direct.householder`."""
-        return self._kept(Direct.householder.__doc__ or "", super().householder, rows, count, triangle)
+        return self._kept(Direct.householder, super().householder, rows, count, triangle)
 
     def residual(self, rows: Any, slope: Any) -> Any:
         """As `Direct.residual`."""
-        return self._kept(Direct.residual.__doc__ or "", super().residual, rows, slope)
+        return self._kept(Direct.residual, super().residual, rows, slope)
 
 
 class Composer:
@@ -196,19 +213,29 @@ class Composer:
     def __init__(self) -> None:
         self.body: list[Step] = []
         self.size = 0  # numbers of scratch memory so far
+        self.parts: list[Part] = []
+        self._names = Counter[str]()
+        self._about = ""
         self._pieces: dict[Hashable, tuple[Any, list[tuple[int, ...]], bool]] = {}
         self._kept: list[Any] = []
 
     @property
     def buffers(self) -> tuple[Buffer, ...]:
         """The scratch memory that the steps need."""
-        return (Buffer(self.scratch, self.size, "work", cleared=False),) if self.size else ()
+        work = Buffer(self.scratch, self.size or 1, "work", cleared=False, parts=tuple(self.parts))
+        return (work,) if self.size else ()
 
-    def work(self, shape: tuple[int, ...], order: Order = "C") -> Block:
-        """New scratch memory."""
+    def section(self, about: str) -> None:
+        """As `Direct.section`."""
+        self._about = about
+
+    def work(self, shape: tuple[int, ...], order: Order = "C", name: str = "") -> Block:
+        """New scratch memory; `name` says in C what is computed there."""
         size = prod(shape)
         if not size:
             return Block(None, shape, order)
+        self.parts.append(Part(name or self._new_name("part"), self.size, self._about))
+        self._about = ""
         self.size += size
         return Block(Slice(self.scratch, self.size - size, size), shape, order)
 
@@ -221,11 +248,12 @@ class Composer:
     def call(self, function: Callable[..., Any], *arrays: Any) -> Any:
         """As `Direct.call`: one traced piece."""
         traced, shapes, several = self._traced(function, arrays, [None] * len(arrays))
-        results = [self.work(shape) for shape in shapes]
+        results = self._results(function, shapes)
         filled = [result.place for result in results if result.size]
         inputs = [array.place for array in arrays if isinstance(array, Block) and array.size]
         if filled:
-            self.body.append(Call(traced, tuple(inputs), tuple(filled), _about(function)))
+            words = _words(function, arrays)
+            self.body.append(Call(traced, tuple(inputs), tuple(filled), _about(function), words))
         return tuple(results) if several else results[0]
 
     @contextmanager
@@ -242,7 +270,9 @@ class Composer:
         self, times: int, function: Callable[..., tuple[Block, ...]], *arrays: Block
     ) -> tuple[Block, ...]:
         """As `Direct.repeat`: one loop; the function gives new memory, and uses none that moves with outer loops."""
-        held = tuple(self.work(array.shape) for array in arrays)
+        if times == 1:
+            return function(*arrays)
+        held = tuple(self.work(array.shape, name=self._new_name("repeated")) for array in arrays)
         for array, place in zip(arrays, held, strict=True):
             self.copy(array, place)
         outside, self.body = self.body, []
@@ -267,29 +297,30 @@ class Composer:
         traced, shapes, several = self._traced(
             function, (*matrices, *held), [(matrix.shape[0],) for matrix in matrices] + [None] * len(held)
         )
-        results = into or tuple(self.work((prod(shape), count), order) for shape in shapes)
+        results = into or tuple(self._results(function, [(prod(shape), count) for shape in shapes], order))
         inputs = (
             *(matrix.columns for matrix in matrices),
             *(array.place for array in held if isinstance(array, Block) and array.size),
         )
-        self.body.append(Map(traced, inputs, tuple(result.columns for result in results), _about(function)))
+        outputs, words = tuple(result.columns for result in results), _words(function, (*matrices, *held))
+        self.body.append(Map(traced, inputs, outputs, _about(function), words))
         return results if several else results[0]
 
     def sweep(self, stages: Callable[..., Any], matrix: Block, *held: Any) -> Block:
         """As `Direct.sweep`: steps in the memory of a column."""
         inside = _ColumnComposer(self)
-        column = inside.work((matrix.shape[0],))
+        column = inside.work((matrix.shape[0],), name=self._new_name("start"))
         result = stages(inside, column, *held)
-        target = self.work((len(result), matrix.shape[1]), matrix.order)
+        target = self.work((len(result), matrix.shape[1]), matrix.order, self._new_name("moved"))
         read, written = (matrix.columns, column.place), (target.columns, result.place)
-        self.body.append(Sweep(tuple(inside.body), (read,), (written,), inside.size))
+        self.body.append(Sweep(tuple(inside.body), (read,), (written,), inside.size, tuple(inside.parts)))
         return target
 
     def beside(self, first: Block, function: Callable[..., Any], matrix: Block, *held: Any) -> Block:
         """As `Direct.beside`: every result is computed where it belongs."""
         n, count = matrix.shape
         shapes = self._traced(function, (matrix, *held), [(n,), *[None] * len(held)])[1]
-        whole = self.work((len(first), 1 + count * len(shapes)), "F")
+        whole = self.work((len(first), 1 + count * len(shapes)), "F", self._new_name(_name(function)))
         self.copy(first, whole.T[:1].reshape(len(first)))
         places = [whole.T[1 + k * count : 1 + (k + 1) * count].T for k in range(len(shapes))]
         self.columns(function, matrix, *held, into=tuple(places))
@@ -298,27 +329,27 @@ class Composer:
     def gram(self, columns: Block, weights: Any, plus: Block | None = None) -> Block:
         """As `Direct.gram`."""
         points = self._ordered(columns.T, "C")
-        return self._outer_sum(points, points, self._weights(weights), plus, symmetric=True)
+        return self._outer_sum("gram", points, points, self._weights(weights), plus, symmetric=True)
 
     def product(self, columns: Block, weights: Any, other: Block) -> Block:
         """As `Direct.product`."""
-        return self._outer_sum(columns.T, other.T, self._weights(weights), None)
+        return self._outer_sum("product", columns.T, other.T, self._weights(weights), None)
 
     def combination(self, columns: Block, weights: Any, plus: Block | None = None) -> Block:
         """As `Direct.combination`."""
         left = self._block(weights).reshape(len(weights), 1)
-        return self._outer_sum(left, columns.T, None, plus).reshape(columns.shape[0])
+        return self._outer_sum("combination", left, columns.T, None, plus).reshape(columns.shape[0])
 
     def cholesky(self, matrix: Block) -> Block:
         """As `Direct.cholesky`."""
-        factor = self.work(matrix.shape, "F")
+        factor = self.work(matrix.shape, "F", self._new_name("root"))
         self.body.append(Cholesky(matrix.place, factor.place))
         return factor
 
     def householder(self, rows: Block, count: int, triangle: int = 0) -> Block:
         """As `Direct.householder`."""
         rows = self._ordered(rows, "C")
-        target = self.work(rows.shape)
+        target = self.work(rows.shape, name=self._new_name("reflected"))
         shape = (rows.shape[0], rows.shape[1])
         self.body.append(Householder(rows.place, target.place, shape, count, triangle))
         return target
@@ -326,13 +357,14 @@ class Composer:
     def residual(self, rows: Block, slope: Block) -> Block:
         """As `Direct.residual`."""
         rows, slope = self._ordered(rows, "C"), self._ordered(slope, "C")
-        target = self.work((len(rows), len(slope)))
+        target = self.work((len(rows), len(slope)), name=self._new_name("residual"))
         self.body.append(Residual(rows.place, slope.place, target.place, (slope.shape[0], slope.shape[1])))
         return target
 
     def stacked(self, *matrices: Block) -> Block:
         """As `Direct.stacked`."""
-        whole, first = self.work((sum(len(matrix) for matrix in matrices), matrices[0].shape[1])), 0
+        rows, first = sum(len(matrix) for matrix in matrices), 0
+        whole = self.work((rows, matrices[0].shape[1]), name=self._new_name("stacked"))
         for matrix in matrices:
             self.copy(matrix, whole[first : first + len(matrix)])
             first += len(matrix)
@@ -340,16 +372,39 @@ class Composer:
 
     def polynomial(self, point: Block, table: Block, degrees: tuple[int, ...], values: int) -> Block:
         """Values of polynomials at a point (n,), see `flexhinf.codegen.memory.Polynomial`; table is (Nmon, columns)."""
-        target = self.work((values,))
+        target = self.work((values,), name=self._new_name("polynomials"))
         self.body.append(Polynomial(point.place, table.place, target.place, degrees))
         return target
 
     # Inside ----------------------------------------------------------------------------------------
+    def _results(
+        self, function: Callable[..., Any], shapes: Sequence[tuple[int, ...]], order: Order = "C"
+    ) -> list[Block]:
+        """Memory for the results of a function, by its name."""
+        said = getattr(function, "results", getattr(_plain(function), "results", ()))
+        if len(said) == len(shapes):
+            names = [self._new_name(name) for name in said]
+        else:
+            name = self._new_name(_name(function))
+            names = [name] if len(shapes) == 1 else [f"{name}_{k}" for k in range(1, len(shapes) + 1)]
+        return [self.work(shape, order, own) for shape, own in zip(shapes, names)]
+
+    def _new_name(self, name: str) -> str:
+        """This one, or with a number where it is taken."""
+        self._names[name] += 1
+        return name if self._names[name] == 1 else f"{name}{self._names[name]}"
+
     def _outer_sum(
-        self, left: Block, right: Block, weights: Block | None, plus: Block | None, symmetric: bool = False
+        self,
+        name: str,
+        left: Block,
+        right: Block,
+        weights: Block | None,
+        plus: Block | None,
+        symmetric: bool = False,
     ) -> Block:
         left, right = self._ordered(left, "C"), self._ordered(right, "C")
-        target = self.work((left.shape[1], right.shape[1]))
+        target = self.work((left.shape[1], right.shape[1]), name=self._new_name(name))
         factor, added = (None if block is None else block.place for block in (weights, plus))
         self.body.append(OuterSum(left.place, right.place, target.place, len(left), factor, added, symmetric))
         return target
@@ -362,8 +417,10 @@ class Composer:
         return None if ones else self._block(weights)
 
     def _ordered(self, block: Block, order: Order) -> Block:
-        fits = len(block.shape) < 2 or block.order == order or not block.size
-        return block if fits else self.columns(_same, block, into=(self.work(block.shape, order),))
+        if len(block.shape) < 2 or block.order == order or not block.size:
+            return block
+        target = self.work(block.shape, order, self._new_name("ordered"))
+        return self.columns(_same, block, into=(target,))
 
     def _traced(
         self, function: Callable[..., Any], arrays: Sequence[Any], shapes: Sequence[tuple[int, ...] | None]
@@ -411,7 +468,7 @@ class _ColumnComposer(Composer):
 
     def __init__(self, outside: Composer) -> None:
         super().__init__()
-        self._outside = outside
+        self._outside, self._names = outside, outside._names
         self._divisions: dict[Hashable, tuple[Any, Any, tuple[bool, ...]]] = {}
         self._parts: dict[Hashable, tuple[tuple[Slice, ...], list[Block]]] = {}
 
@@ -434,10 +491,13 @@ class _ColumnComposer(Composer):
             tuple(block.place for block, moves in zip(blocks, moving) if not moves),
             [shape for shape, m in zip(filled, moves) if not m],
         )
-        moved = [self.work(shape) for shape, m in zip(filled, moves) if m]
+        moved = self._results(function, [shape for shape, m in zip(filled, moves) if m])
         if later is not None:
             inputs = (*(block.place for block in blocks), *more)
-            self.body.append(Call(later, inputs, tuple(result.place for result in moved), _about(function)))
+            words = *_words(function, arrays), *["before"] * len(more)
+            self.body.append(
+                Call(later, inputs, tuple(result.place for result in moved), _about(function), words)
+            )
         kinds, places = {True: iter(moved), False: iter(still)}, iter(moves)
         results = [next(kinds[next(places)]) if prod(shape) else self.work(shape) for shape in shapes]
         return tuple(results) if several else results[0]
@@ -451,9 +511,11 @@ class _ColumnComposer(Composer):
             return (), []
         if (key, held) not in self._parts:
             column = (
-                (self._outside.work((before.size1_out(0),)).place,) if before.n_out() > len(shapes) else ()
+                (self._outside.work((before.size1_out(0),), name=self._new_name("before")).place,)
+                if before.n_out() > len(shapes)
+                else ()
             )
-            still = [self._outside.work(shape) for shape in shapes]
+            still = [self._outside.work(shape, name=self._new_name("before")) for shape in shapes]
             self._outside.body.append(Call(before, held, (*column, *(block.place for block in still))))
             self._parts[key, held] = column, still
         return self._parts[key, held]
@@ -488,6 +550,21 @@ def _about(function: Any) -> str:
     written = plain if hasattr(plain, "__name__") else type(plain).__call__
     package = str(getattr(written, "__module__", "")).partition(".")[0]
     return (written.__doc__ or "") if package == __name__.partition(".")[0] else ""
+
+
+def _words(function: Any, arrays: Sequence[Any]) -> tuple[str, ...]:
+    """Names of the parameters of a function that take the blocks among some arrays; none where they are not known."""
+    try:
+        parameters = list(signature(function).parameters.values())
+    except (TypeError, ValueError):
+        return ()
+    names = [each.name for each in parameters]
+    if parameters and parameters[-1].kind is Parameter.VAR_POSITIONAL:
+        names += [f"{names[-1]}{k}" for k in range(2, len(arrays))]
+    whole = len(names) >= len(arrays)
+    return tuple(
+        name for name, array in zip(names, arrays) if whole and isinstance(array, Block) and array.size
+    )
 
 
 def _constants(array: Any) -> Any:

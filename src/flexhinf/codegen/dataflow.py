@@ -2,8 +2,9 @@
 
 Products are fused into the sums that use them. That is decided here, once and visibly, and not left to the compiler
 (LLVM's ``contract`` flag): the same text for any number of lanes then gives the same bits, at any optimisation level.
-So are two others: several quotients by one number are products with its reciprocal, which costs one division instead of
-many, and a truth value is not made a number and compared again, which changes no bit.
+So are three others: several quotients by one number are products with its reciprocal, which costs one division instead
+of many; CasADi's two halves of a choice, c·a + (not c)·b, are one operation, as NumPy's `where` (a zero that is chosen
+keeps its sign); and a truth value is not made a number and compared again, which changes no bit.
 """
 
 from __future__ import annotations
@@ -13,16 +14,19 @@ from collections import Counter
 from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate
+from math import copysign
 
 import casadi
 
 from flexhinf.codegen.program import Unsupported
 from flexhinf.scalars.trace import walk
 
-# Fused operations, numbered beside CasADi's own (which are not negative).
+# Operations of several in one, numbered beside CasADi's own (which are not negative).
 MULTIPLY_ADD = -1  # a·b + c
 MULTIPLY_SUBTRACT = -2  # a·b - c
 SUBTRACT_PRODUCT = -3  # c - a·b, arguments (a, b, c)
+#: a where c is not zero, else b, arguments (c, a, b). It stands for OP_IF_ELSE_ZERO too, whose b is zero.
+SELECT = -4
 
 #: Functions of the C library by opcode; and those of them that are single instructions.
 LIBRARY: dict[int, str] = {casadi.OP_CONSTPOW: "pow"} | {
@@ -44,7 +48,7 @@ MANY = 3
 class Operation:
     """One value: a constant, an input element, or an operation on earlier values.
 
-    `code`: CasADi's opcode, or a fused operation. `arguments`: Earlier values; for OP_INPUT (argument, element).
+    `code`: CasADi's opcode, or one of ours. `arguments`: Earlier values; for OP_INPUT (argument, element).
     `constant`: Value of an OP_CONST.
     """
 
@@ -77,27 +81,26 @@ def read_dataflow(
     which order values are computed, and nothing is decided by them. Raises Unsupported: naming the first opcode that is
     not supported.
     """
-    operations: list[Operation] = []
+    shortened = _Shortened()
 
-    def add(code: int, arguments: Sequence[int], constant: float = 0.0) -> int:
-        if code not in supported and code not in (casadi.OP_CONST, casadi.OP_INPUT):
+    def add(code: int, arguments: Sequence[int]) -> int:
+        if code not in supported and code != casadi.OP_IF_ELSE_ZERO:
             names = [name for name in dir(casadi) if name.startswith("OP_") and getattr(casadi, name) == code]
             raise Unsupported(
                 f"Function '{function.name()}' cannot be compiled.",
                 f"the operation {names[0] if names else code} has no machine code here",
             )
-        operations.append(Operation(code, tuple(arguments), constant))
-        return len(operations) - 1
+        return shortened.add(code, tuple(arguments))
 
     outputs = list(
         walk(
             function,
-            lambda *place: add(casadi.OP_INPUT, place),
-            lambda constant: add(casadi.OP_CONST, (), constant),
+            lambda *place: shortened.add(casadi.OP_INPUT, place),
+            lambda constant: shortened.add(casadi.OP_CONST, (), constant),
             add,
         )
     )
-    operations, outputs = _without_unused(*_without_truths(operations, outputs), stages)
+    operations, outputs = _without_unused(shortened.operations, outputs, stages)
     operations, outputs = _share_reciprocals(operations, outputs)
     last = [max((v for k, _, v in outputs if k == stage), default=0) for stage in range(stages)]
     outputs = [(k - stages, element, value) for k, element, value in outputs if k >= stages]
@@ -136,78 +139,158 @@ def joined(
 
 
 #: Comparisons, whose result is 1 or 0.
-_COMPARISONS: dict[int, Callable[[float, float], bool]] = {
+COMPARISONS: dict[int, Callable[[float, float], bool]] = {
     casadi.OP_LT: operator.lt, casadi.OP_LE: operator.le, casadi.OP_EQ: operator.eq, casadi.OP_NE: operator.ne,
 }  # fmt: skip
-_TRUTHS = {*_COMPARISONS, casadi.OP_NOT, casadi.OP_AND, casadi.OP_OR}
+TRUTHS = {*COMPARISONS, casadi.OP_NOT, casadi.OP_AND, casadi.OP_OR}
+
+#: Of two truth values.
+_JOINED = {
+    casadi.OP_FMIN: casadi.OP_AND, casadi.OP_MUL: casadi.OP_AND,
+    casadi.OP_FMAX: casadi.OP_OR,
+}  # fmt: skip
 
 
-def _without_truths(
-    operations: list[Operation], outputs: list[tuple[int, int, int]]
-) -> tuple[list[Operation], list[tuple[int, int, int]]]:
-    """The same values where a truth value, 1 or 0, is not made a number and compared again: "1 where the flag is not
-    0" and "0.5 < flag" are the flag itself, "flag == 0" is its opposite.
+class _Shortened:
+    """Operations, each once, as the shortest of equal ones: a choice is one operation, and a truth value, 1 or 0, is
+    not made a number and compared again.
     """
-    truths: set[int] = set()
-    places: list[int] = []
 
-    def constant(value: int) -> float | None:
-        return operations[value].constant if operations[value].code == casadi.OP_CONST else None
+    def __init__(self) -> None:
+        self.operations: list[Operation] = []
+        self._places: dict[Operation, int] = {}
+        self._zeros: dict[float, int] = {}  # by their sign: they are equal
 
-    def shortened(operation: Operation) -> Operation | int:
-        """An equal operation, or the value that equals it."""
-        code, arguments = operation.code, operation.arguments
-        if code == casadi.OP_IF_ELSE_ZERO and arguments[0] in truths and constant(arguments[1]) == 1.0:
+    def add(self, code: int, arguments: tuple[int, ...], constant: float = 0.0) -> int:
+        """The value of an operation on values."""
+        if code == casadi.OP_CONST:
+            return self._constant(constant)
+        if code == casadi.OP_INPUT:
+            return self._new(code, arguments)
+        if code == casadi.OP_IF_ELSE_ZERO:
+            return self._choice(arguments[0], arguments[1], self._constant(0.0))
+        if code == casadi.OP_ADD and (halves := self._halves(*arguments)) is not None:
+            return self._choice(*halves)
+        if code == casadi.OP_NOT and self._code(arguments[0]) == casadi.OP_NOT:
+            (inner,) = self.operations[arguments[0]].arguments
+            if self.is_truth(inner):
+                return inner
+        flags = [a for a in arguments if self.is_truth(a)]
+        if code in _JOINED and len(flags) == 2:
+            return self.add(_JOINED[code], arguments)
+        if code in (casadi.OP_AND, casadi.OP_OR) and len(flags) == 2 and arguments[0] == arguments[1]:
             return arguments[0]
-        if code in _COMPARISONS and len(flags := [a for a in arguments if a in truths]) == 1:
-            known = [constant(a) for a in arguments if a not in truths]
-            if known[0] is not None:
-                number = known[0]
+        numbers = [self._number(a) for a in arguments if a not in flags]
+        if len(flags) == 1 == len(numbers) and (number := numbers[0]) is not None:
+            if code in COMPARISONS:
                 at = [
-                    _COMPARISONS[code](*(flag if a in truths else number for a in arguments))
+                    COMPARISONS[code](*(flag if a in flags else number for a in arguments))
                     for flag in (0.0, 1.0)
                 ]
                 if at == [False, True]:
                     return flags[0]
                 if at == [True, False]:
-                    code, arguments = casadi.OP_NOT, (flags[0],)
-        if code == casadi.OP_NOT and operations[arguments[0]].code == casadi.OP_NOT:
-            (inner,) = operations[arguments[0]].arguments
-            if inner in truths:
-                return inner
-        return replace(operation, code=code, arguments=arguments)
+                    return self.add(casadi.OP_NOT, (flags[0],))
+            if (code, number) in ((casadi.OP_FMAX, 0.0), (casadi.OP_FMIN, 1.0)):
+                return flags[0]
+        return self._new(code, arguments)
 
-    for k, operation in enumerate(operations):
-        if operation.code != casadi.OP_INPUT:
-            operation = replace(operation, arguments=tuple(places[a] for a in operation.arguments))
-            found = shortened(operation)
-            if isinstance(found, int):
-                places.append(found)
-                continue
-            operation = operations[k] = found
-            second = operation.arguments[1] if operation.code == casadi.OP_IF_ELSE_ZERO else None
-            if operation.code in _TRUTHS or (
-                second is not None and (second in truths or constant(second) == 1.0)
-            ):
-                truths.add(k)
-        places.append(k)
-    return operations, [(result, element, places[value]) for result, element, value in outputs]
+    def is_truth(self, value: int) -> bool:
+        """Whether a value is 1 or 0."""
+        return self._code(value) in TRUTHS
+
+    def _choice(self, flag: int, yes: int, no: int) -> int:
+        """`yes` where the flag is not zero, else `no`."""
+        if self._code(flag) == casadi.OP_NOT:
+            return self._choice(self.operations[flag].arguments[0], no, yes)
+        yes, no = self._where(flag, True, yes), self._where(flag, False, no)
+        if yes == no:
+            return yes
+        if self.is_truth(flag):
+            known = self._number(yes), self._number(no)
+            if known == (1.0, 0.0):
+                return flag
+            if known == (0.0, 1.0):
+                return self.add(casadi.OP_NOT, (flag,))
+            if known[0] == 1.0 and self.is_truth(no):
+                return self.add(casadi.OP_OR, (flag, no))
+            if known[1] == 0.0 and self.is_truth(yes):
+                return self.add(casadi.OP_AND, (flag, yes))
+        return self._new(SELECT, (flag, yes, no))
+
+    def _where(self, flag: int, holds: bool, value: int) -> int:
+        """What a value is where the flag holds, or does not."""
+        operation = self.operations[value]
+        if operation.code != SELECT or operation.arguments[0] != flag:
+            return value
+        return operation.arguments[1 if holds else 2]
+
+    def _halves(self, left: int, right: int) -> tuple[int, int, int] | None:
+        """Condition, a and b of a sum that is a where the condition holds, and b elsewhere; None of another."""
+        for one, other in ((left, right), (right, left)):
+            flag, yes, no = self._parts(one)
+            if self._number(no) == 0.0:
+                opposite = self._parts(other)
+                if flag == opposite[0] and self._number(opposite[1]) == 0.0:
+                    return flag, yes, opposite[2]
+        return None
+
+    def _parts(self, value: int) -> tuple[int, int, int]:
+        """Condition, a and b of a choice; of a truth value 1 and 0."""
+        operation = self.operations[value]
+        if operation.code == SELECT:
+            flag, yes, no = operation.arguments
+            return flag, yes, no
+        if operation.code == casadi.OP_NOT:
+            return operation.arguments[0], self._constant(0.0), self._constant(1.0)
+        if operation.code == casadi.OP_AND and self.is_truth(operation.arguments[1]):
+            return *operation.arguments, self._constant(0.0)  # type: ignore[return-value]
+        return value, self._constant(1.0), self._constant(0.0) if self.is_truth(value) else value
+
+    def _constant(self, value: float) -> int:
+        if value == 0.0:
+            sign = copysign(1.0, value)
+            if sign not in self._zeros:
+                self._zeros[sign] = len(self.operations)
+                self.operations.append(Operation(casadi.OP_CONST, (), value))
+            return self._zeros[sign]
+        return self._new(casadi.OP_CONST, (), value)
+
+    def _new(self, code: int, arguments: tuple[int, ...], constant: float = 0.0) -> int:
+        operation = Operation(code, arguments, constant)
+        if operation not in self._places:
+            self._places[operation] = len(self.operations)
+            self.operations.append(operation)
+        return self._places[operation]
+
+    def _code(self, value: int) -> int:
+        return self.operations[value].code
+
+    def _number(self, value: int) -> float | None:
+        operation = self.operations[value]
+        return operation.constant if operation.code == casadi.OP_CONST else None
 
 
 def _without_unused(
     operations: list[Operation], outputs: list[tuple[int, int, int]], stages: int
 ) -> tuple[list[Operation], list[tuple[int, int, int]]]:
-    """Only what results depend on, but for those of stages."""
+    """Only what results depend on. What a stage ends with is no use: where a result has it in another form, the stage
+    ends with the operands."""
     used = {value for k, _, value in outputs if k >= stages}
     for k in reversed(range(len(operations))):
         if k in used and operations[k].code != casadi.OP_INPUT:
             used.update(operations[k].arguments)
+    last: list[int] = []  # used value that each value is, or is made of at last
+    for k, op in enumerate(operations):
+        before = () if op.code == casadi.OP_INPUT else op.arguments
+        last.append(k if k in used else max((last[a] for a in before), default=-1))
     places = {k: place for place, k in enumerate(sorted(used))}
     kept = [
         op if op.code == casadi.OP_INPUT else replace(op, arguments=tuple(places[a] for a in op.arguments))
         for op in (operations[k] for k in sorted(used))
     ]
-    return kept, [(k, element, places[value]) for k, element, value in outputs if value in used]
+    ends = [(k, element, last[value]) for k, element, value in outputs]
+    return kept, [(k, element, places[value]) for k, element, value in ends if value >= 0]
 
 
 def _share_reciprocals(
@@ -224,8 +307,9 @@ def _share_reciprocals(
 
     def shared(divisor: int) -> bool:
         operation = operations[divisor]
-        if operation.code == casadi.OP_IF_ELSE_ZERO:
-            operation = operations[operation.arguments[1]]
+        if operation.code == SELECT:  # the root of a pivot, or zero
+            _, yes, no = (operations[a] for a in operation.arguments)
+            operation = yes if (no.code, no.constant) == (casadi.OP_CONST, 0.0) else no
         return quotients[divisor] >= MANY or operation.code in (casadi.OP_INPUT, casadi.OP_SQRT)
 
     written: list[Operation] = []

@@ -31,6 +31,19 @@ COLUMN = "column"
 
 
 @dataclass(frozen=True)
+class Part:
+    """A part of a buffer, up to the next one, by its name, for readers of C.
+
+    `name`: In capitals, it is a constant that the C has for the place. `offset`: Where it begins. `about`: What is done
+    from the step on that writes it first; empty for the same as before.
+    """
+
+    name: str
+    offset: int
+    about: str = ""
+
+
+@dataclass(frozen=True)
 class Buffer:
     """A flat float64 array, known by name.
 
@@ -38,8 +51,8 @@ class Buffer:
     given at run time. `role`: {"in", "out", "state", "work"}, "in" is only read; "out" is written; "state" is read and
     written; "work" belongs to the kernel: the caller gives no array for it, and it is zero at the start of every run.
     `shared`: One copy for all lanes (only for "in"). `cleared`: False for a work buffer of which every element is
-    written before it is read: then nothing is spent on zeros. Raises InvalidInput: bad name, size or role; a shared
-    buffer that is not "in"; a work buffer without a size; `cleared` for another.
+    written before it is read: then nothing is spent on zeros. `parts`: What lies in it, in order. Raises InvalidInput:
+    bad name, size or role; a shared buffer that is not "in"; a work buffer without a size; `cleared` for another.
     """
 
     name: str
@@ -47,6 +60,7 @@ class Buffer:
     role: Role
     shared: bool = False
     cleared: bool = True
+    parts: tuple[Part, ...] = ()
 
     def __post_init__(self) -> None:
         check_identifier(self.name, "buffer")

@@ -20,6 +20,7 @@ from flexhinf.codegen.memory import (
     Columns,
     Householder,
     OuterSum,
+    Part,
     Polynomial,
     Residual,
     Slice,
@@ -40,11 +41,12 @@ if TYPE_CHECKING:
 class Stages:
     """A traced function in parts that are computed one after the other.
 
-    `function`: The same function, with what each stage ends with as results before its own. `about`: What each stage
-    computes.
+    `function`: The same function, with what each stage ends with as results before its own. `names`, `about`: Of each
+    stage a name, and what it computes.
     """
 
     function: casadi.Function
+    names: tuple[str, ...]
     about: tuple[str, ...]
 
 
@@ -53,15 +55,17 @@ class Call:
     """Evaluate a traced function; all inputs are read before any output is written, so in-place is safe.
 
     `function`: An SX function whose arguments and results are dense. `inputs`, `outputs`: One per argument and per
-    result, of the same number of elements. `about`: What it computes, for a comment in exported C. `stages`: What it
-    computes one after the other, for exported C, where it is long. `joins`: Machine code may compute it together with
-    the call before it, in one straight line, to the same bits: what waits for a sine there does not keep this waiting.
+    result, of the same number of elements. For exported C: `about`, what it computes; `names`, those of arguments, then
+    of results, as far as they have some; `stages`, what it computes one after the other, where it is long. `joins`:
+    Machine code may compute it together with the call before it, in one straight line, to the same bits: what waits for
+    a sine there does not keep this waiting.
     """
 
     function: casadi.Function
     inputs: tuple[Slice, ...]
     outputs: tuple[Slice, ...]
     about: str = ""
+    names: tuple[str, ...] = ()
     stages: Stages | None = None
     joins: bool = False
 
@@ -82,6 +86,7 @@ class Map:
     inputs: tuple[Slice | Columns, ...]
     outputs: tuple[Columns, ...]
     about: str = ""
+    names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_function(self.function, self.inputs, self.outputs)
@@ -208,14 +213,15 @@ class Sweep:
 
     `body`: They write to the buffer `COLUMN`, which is the column's memory, and may read others, the same for all
     columns. `inputs`, `outputs`: tuple of (Columns, Slice), columns of a matrix, and where each is before or after the
-    steps, in a memory of `size` numbers. Raises InvalidInput: other steps, columns of different numbers, sizes that do
-    not fit, or writing elsewhere.
+    steps, in a memory of `size` numbers, whose `parts` have names. Raises InvalidInput: other steps, columns of
+    different numbers, sizes that do not fit, or writing elsewhere.
     """
 
     body: tuple[Step, ...]
     inputs: tuple[tuple[Columns, Slice], ...]
     outputs: tuple[tuple[Columns, Slice], ...]
     size: int
+    parts: tuple[Part, ...] = ()
 
     def __post_init__(self) -> None:
         pairs, steps = (*self.inputs, *self.outputs), list(leaves(self.body))

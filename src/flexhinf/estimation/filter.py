@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from flexhinf.codegen import DIRECT
+from flexhinf.codegen import DIRECT, gives
 from flexhinf.errors import refuse_if
 from flexhinf.estimation.bounds import check_inside, checked_bounds
 from flexhinf.estimation.conditions import conditioned, covariance_scales, independent, pivots_kept
@@ -149,8 +149,10 @@ def model_steps(plant: Plant, period: float, x: np.ndarray) -> tuple[int, int]:
 def gained(run: Any, prior: Any, outputs: Any, weights: Any, y: Any, noise: Any) -> tuple[Any, ...]:
     """Steps 8 to 11 of Algorithm 1: corrected mean, Kᵀ (p, n), factor of P_yy, innovation, P_yy; see `correction`."""
     (mean, deviations), (expected, spread) = prior, outputs
+    run.section("Steps 8 and 9: P_yy = C P C^T + R^n and P_yx = C P, by deviations of the outputs")
     p_yy = run.gram(spread, weights, noise)  # 8
     p_yx = run.product(spread, weights, deviations)  # 9
+    run.section("Steps 10 and 11: the gain K = P_xy P_yy^-1, and the estimate x + K (y - h)")
     factor, innovation = run.call(_factored, p_yy, y, expected)
     gain = run.columns(_gain, p_yx, factor)  # 10, state by state
     return run.combination(gain.T, innovation, mean), gain, factor, innovation, p_yy  # 11
@@ -172,11 +174,13 @@ def correction(
     deviations sᵢ. `weights`: (s,). `y`, `noise`: (p,) and (p, p), measurement, and R^n.
     """
     mean, gain, _, innovation, p_yy = gained(run, prior, outputs, weights, y, noise)
+    run.section("Step 12: its covariance (I - K C) P (I - K C)^T + K R^n K^T")
     left = run.columns(_left, (prior[1], outputs[1]), gain)
     added = run.gram(run.columns(rooted, gain, run.cholesky(noise)).T, np.ones(len(noise)))
     return Gaussian(mean, run.gram(left, weights, added)), innovation, p_yy  # 12
 
 
+@gives("factor", "innovation_left")
 def _factored(p_yy: Any, y: Any, expected: Any) -> tuple[Any, Any]:
     """L of P_yy = L Lᵀ, and the innovation y - y_expected."""
     return cholesky(p_yy), y - expected
@@ -187,6 +191,7 @@ def _gain(p_yx: Any, factor: Any) -> Any:
     return solve_lower_transposed(factor, solve_lower(factor, p_yx))
 
 
+@gives("deviation_left")
 def _left(deviation: Any, output: Any, gain: Any) -> Any:
     """A state's row of (I - K C) X: the deviations that the correction leaves."""
     return deviation - output @ gain
@@ -408,12 +413,13 @@ class RecursiveFilter(Shell, Estimator):
     def measured(self) -> Any:
         """H and C = ∂H/∂x of (x, u, vector of parameters)."""
         sizes = (self.plant.n, len(self.plant.inputs), self.plant.parameters.size)
-        return jacobian(self.output, *sizes, name="measurement")
+        return gives("expected", "slope")(jacobian(self.output, *sizes, name="measurement"))
 
     def linear_innovation(
         self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any
     ) -> tuple[Any, Any, Any]:
         """`innovation_stages` of an output that is linear about the mean: deviations are the columns of L, P = L Lᵀ."""
+        run.section("Algorithm 1, steps 5 to 7: the expected measurement h(x, u), and C = dh/dx")
         expected, c = run.call(self.measured, belief.mean, u, p)
         still = np.zeros(len(self.plant.outputs))  # where the innovation is measured from
         carries_root, weights = self.form == "square_root", np.ones(self.plant.n)
@@ -470,11 +476,13 @@ class RecursiveFilter(Shell, Estimator):
         follow that are not those of outputs. `expected`, `shift`: (p,), the innovation is y − expected − shift. `gate`:
         see `gated`. At last come other parts of the corrected belief, by name.
         """
+        run.section("The innovation y - h(x, u), of what was measured")
         flags, innovation, noise, *found = run.call(self._present, y, expected, noise, shift, *gate)
         seen = run.columns(seen_of, deviations, flags)
         names = ["rejected"] * (self.gate is not None) + ["rcond"] * self._exact
         return flags, innovation, seen, noise, dict(zip(names, found)) if gate else {}
 
+    @gives("flags", "innovation", "noise")
     def _present(self, y: Any, expected: Any, noise: Any, shift: Any, *gate: Any) -> tuple[Any, ...]:
         """Flags (p,), the innovation (p,) and R^n (p, p) without the elements of y that are missing; then counts (p,)
         of a gate and, where R^n is singular, a reciprocal condition (1,): 0 where an element is left out, else 1."""

@@ -222,11 +222,15 @@ class UnscentedKalmanFilter(RecursiveFilter):
             mean, rows = self.moved_rows(run, belief, u, p)
             root = root_prediction(run, rows, process_noise)
             return belief._replace(mean=mean, root=root, **conditioned(run, belief, np.ones, 1))
+        run.section("Algorithm 1, step 1: sigma points X of the estimate x, P = L L^T")
         root = run.cholesky(belief.covariance)
         points = self.points(run, belief.mean, root)  # 1
+        run.section("Step 2: the model of the robot moves each of them over a period, X <- F(X, u)")
         moved = _about_first(run, self.wrapped, run.sweep(self.moved, points, u, p))  # 2
         moved = self.inside(run, moved)
+        run.section("Step 3: the prediction x <- sum of w X")
         mean = run.combination(moved, self.sigma.mean_weights)  # 3
+        run.section("Step 4: its covariance P <- sum of w (X - x) (X - x)^T + R^v")
         deviations = self.deviations(run, moved, mean)
         covariance = run.gram(deviations, self.sigma.covariance_weights, process_noise)  # 4
         more = conditioned(run, belief, pivots_kept, root, belief.covariance)

@@ -20,6 +20,7 @@ import numpy as np
 
 from flexhinf import __version__
 from flexhinf.codegen import (
+    Buffer,
     Call,
     Cholesky,
     Householder,
@@ -33,10 +34,14 @@ from flexhinf.codegen import (
     Sweep,
     When,
 )
-from flexhinf.codegen.c import Real, Translator, comment, constant, folded
+from flexhinf.codegen.c import Real, Translator, comment, constant, folded, pivot_tolerance
+from flexhinf.codegen.compose import SCRATCH
 from flexhinf.codegen.program import Step
+from flexhinf.codegen.rare import rare_apart
+from flexhinf.codegen.straight import straightened
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.fragments import (
+    ALIGNMENT,
     BEGIN_AGAIN,
     BEGINS,
     DOUBTFUL,
@@ -69,12 +74,11 @@ from flexhinf.export.names import (
     checked_identifier,
     constants,
     default_lines,
-    named_parameters,
     number_lines,
     origin_facts,
-    parameter_units,
 )
 from flexhinf.export.parameter_check import range_rows, ranges
+from flexhinf.export.places import Places
 from flexhinf.loop import Controller, Status
 from flexhinf.loop.controller.measured import plausible
 from flexhinf.loop.controller.memory import SPACING, step_program
@@ -95,7 +99,6 @@ LANES = 8
 #: Samples without a measurement that are predicted over before the output is held.
 MISSING_LIMIT = 10
 
-
 #: What a step returns, by the end of its constant's name.
 CODES = {
     "OK": (0, "all is well"),
@@ -113,6 +116,11 @@ CODES = {
     "BAD_ARITHMETIC": (9, "the compiler's flags change results: nothing is computed"),
 }
 
+#: Names of functions, types and numbers of every controller, behind its own.
+OWN = frozenset({
+    "believed", "check", "defaults", "digest", "exact", "fused", "init", "input", "output", "param", "predict", "real",
+    "rest", "sample", "some", "start", "state", "step", "type_of_constants", "version",
+})  # fmt: skip
 
 #: Signals of motors, seen from the joint, and what they are at the motor: its signal, divided or multiplied by a ratio.
 AT_MOTOR = {
@@ -120,7 +128,6 @@ AT_MOTOR = {
     "motor_velocity": "motor speed /",
     "drive_torque": "motor torque *",
 }
-
 #: What is stated of them all.
 GEARS = (
     "Angles, speeds and torques of motors are those at the joint, after the gear: the angle of an encoder on a motor "
@@ -144,6 +151,7 @@ class ControllerCode:
     state. `units`: Units of signals by name, as far as the model of the estimator has them. `belief`: Where the
     estimate begins, (n,), and the robot must be; None without an estimator. `oldest`: Age beyond which a measurement
     counts as missing, s. `robot`: Its parameters have units, and the units of motors' signals state its gear ratios.
+    `places`: Where numbers of the step lie. `doubt`, `rejected`: As those of the places.
     `origin`: Which design it is, by what each line states, for the header.
     """
 
@@ -164,8 +172,13 @@ class ControllerCode:
             "y": len(c.measured), "r": max(1, len(c.commanded)), "data": c.data_vector.size, "memory": c.memory.size,
             "u": len(c.law.input_names), "estimate": len(c.estimated),
         }  # fmt: skip
+        self.signals = {"Y": c.measured, "R": c.commanded, "U": tuple(c.law.input_names), "X": c.estimated}
         self.predicts = estimator is not None
-        self.program = step_program(self.sizes, bool(c.commanded), c.gaps, self._steps)
+        self.places = Places(c, name.upper(), self.signals, self.sizes, robot)
+        self.doubt, self.rejected = self.places.doubt, self.places.rejected
+        self.program = step_program(self.sizes, bool(c.commanded), c.gaps, self._steps, self.places.parts())
+        if self.lanes == 1 and c.composed:
+            self.program = straightened(self.program, pivot_tolerance(real))
         buffers = self.program.buffers
         work = [b.size or 0 for b in buffers if b.role == "work" and b.name not in ("after", "estimated")]
         self.scratch = max(work, default=0)
@@ -175,18 +188,23 @@ class ControllerCode:
         self.initial_memory = c.initial_memory()
         self.safe_input = self.initial_memory[c.memory.places["u"]]
         self.codes = {code: row for code, row in CODES.items() if self.predicts or code != "PREDICTED"}
-        self.signals = {"Y": c.measured, "R": c.commanded, "U": tuple(c.law.input_names), "X": c.estimated}
         self.units = {} if estimator is None else dict(estimator.plant.units)
         self.belief = None if estimator is None else np.asarray(estimator.initial[0], dtype=float)
         self.oldest = 2.0 * c.period
+
+    @property
+    def lanes(self) -> int:
+        """Columns of a matrix side by side."""
+        return LANES if self.controller.composed and self.real.name == "double" else 1
 
     @cached_property
     def translator(self) -> Translator:
         """All functions of the step."""
         translator = Translator(
-            self.name, self.real, LANES if self.controller.composed and self.real.name == "double" else 1
+            self.name, self.real, self.lanes, OWN, self.places.elements(), self.places.long_parts()
         )
-        translator.add(self.program, "sample")
+        names = ("BAD_MEASUREMENT", "BAD_COMMAND", "BAD_RESULT")
+        translator.add(self.program, "sample", {CODES[name][0]: self.upper(name) for name in names})
         return translator
 
     def _steps(self, places: Any) -> Any:
@@ -195,8 +213,11 @@ class ControllerCode:
         if not self.controller.composed:
             run = Recorder()
             function = drop_empty(self.controller.traced(run))
-            stages = Stages(function, tuple(about for about, _ in run.stages))
-            body = [replace(step, stages=stages) for step in body]
+            names, about, _ = zip(*run.stages, strict=True)
+            stages = Stages(function, names, about)
+            calls = [replace(step, stages=stages) for step in body if isinstance(step, Call)]
+            body, size = rare_apart(calls[0], SCRATCH, "y") or (calls, 0)
+            buffers = (Buffer(SCRATCH, size, "work", cleared=False),) if size else ()
         return body, buffers
 
     @property
@@ -207,17 +228,6 @@ class ControllerCode:
     def upper(self, what: str) -> str:
         """A constant's name."""
         return f"{self.name.upper()}_{what}"
-
-    def _parameter_places(self, taken: set[str]) -> list[tuple[str, int, str]]:
-        """Constant, place among the numbers, and unit of each parameter of the estimator's model."""
-        units = parameter_units(self.controller, self.robot)
-        named = list(named_parameters(self.controller, units))
-        texts = constants(self.upper("P"), [name for name, *_ in named])
-        first = self.controller.data.places["parameters"].start if named else 0
-        return [
-            (f"{text}_OF_MODEL" if text in taken else text, first + k, comment(unit) or "no unit stated")
-            for text, (_, k, unit) in zip(texts, named, strict=True)
-        ]
 
     def unit_text(self, name: str) -> str:
         """A signal's unit, and of a motor's where it is meant, with the gear ratio if the robot states one."""
@@ -277,12 +287,7 @@ class ControllerCode:
     @cached_property
     def _header(self) -> str:
         c, sizes = self.controller, self.sizes
-        places = [
-            (self.upper(f"P_{name.upper()}"), place.start, str(place.stop - place.start))
-            for name, place in c.data.places.items()
-            if place.stop > place.start
-        ]
-        parameters = self._parameter_places({name for name, *_ in places})
+        parameters = self.places.parameters()
         signals = []
         for kind, names in self.signals.items():
             texts = [f"{comment(name)}, {self.unit_text(name)}".rstrip(", ") for name in names]
@@ -297,9 +302,10 @@ class ControllerCode:
             LATENCY=c.mode.latency, P=sizes["y"], K=len(c.commanded), M=sizes["u"],
             N=sizes["estimate"], DATA=sizes["data"], MEMORY=sizes["memory"], WORK=max(1, self.scratch), R=sizes["r"],
             COLUMNS=max(1, self.translator.room),
+            ALIGNMENT=ALIGNMENT if self.lanes > 1 and self.translator.room else "",
             REJECTED="" if self.rejected is None else REJECTED_DECLARED,
             DOUBTFUL=DOUBTFUL_DECLARED if self.doubt is not None else "",
-            SIGNALS="\n".join(signals), OFFSETS=enumeration(places),
+            SIGNALS="\n".join(signals), OFFSETS=enumeration(self.places.numbers()),
             NAMED="" if not parameters else NAMED + enumeration(parameters),
             CODES=enumeration([(self.upper(name), *row) for name, row in self.codes.items()]),
             STATUS=enumeration([
@@ -322,11 +328,7 @@ class ControllerCode:
     @cached_property
     def _source(self) -> str:
         memory = self.controller.memory.places
-        start, standstill, believed = (
-            self._start,
-            self._standstill,
-            self._plausible,
-        )  # which may need functions
+        start, standstill, believed = self._start, self._standstill, self._plausible  # may need functions
         rows = ranges(self.controller, self.defaults, self.robot)
         functions = str(self.translator).replace(f"{self.real.name} ", "real ")
         text = fill(
@@ -336,7 +338,8 @@ class ControllerCode:
             ARITHMETIC=arithmetic(self.name, self.real),
             DEFAULTS=default_lines(self.controller, self.defaults, self.real),
             OLDEST=constant(self.oldest, self.real), MISSING=MISSING_LIMIT if self.predicts else 0,
-            INITIAL=number_lines(memory, self.initial_memory, self.real, MEMORY), PLACES=self._memory_places,
+            INITIAL=number_lines(memory, self.initial_memory, self.real, MEMORY),
+            PLACES=enumeration(self.places.memory()),
             FUNCTIONS=functions + (PREDICTION if self.predicts else ""), MEASURED=self._call("input->y"),
             PREDICTED=f"{self.name}_predict(state, param, input, in_time)" if self.predicts else self.upper("STOPPED"),
             PREDICTED_CALL=self._call("nothing") if self.predicts else "",
@@ -356,15 +359,6 @@ class ControllerCode:
         return folded(text)
 
     @property
-    def _memory_places(self) -> str:
-        """Where the parts of the memory begin, as constants of C."""
-        places = self.controller.memory.places.items()
-        rows = [(f"AT_{name.upper()}", place.start, comment(MEMORY[name])) for name, place in places]
-        if self.rejected is not None:
-            rows.append(("AT_REJECTED", self.rejected, "how many of each measurement were rejected"))
-        return enumeration(rows)
-
-    @property
     def _plausible(self) -> str:
         """C that says whether something plausible is measured; "" without limits of measurements."""
         c, p = self.controller, self.sizes["y"]
@@ -381,13 +375,6 @@ class ControllerCode:
         return PLAUSIBLE.replace("@CALL@", call).replace("@LIMITS@", limits)
 
     @property
-    def doubt(self) -> int | None:
-        """Where the memory says whether the estimate is in doubt, and at how many samples it was, (2,); None of an
-        estimator that does not say."""
-        place = self.controller.memory.places.get("doubt")
-        return None if place is None else place.start
-
-    @property
     def able(self) -> Status:
         """Bits of the status that this controller can set."""
         c = self.controller
@@ -401,18 +388,6 @@ class ControllerCode:
             eps = np.finfo(np.float64 if self.real.name == "double" else np.float32).eps
             numbers[self.controller.data.places["rcond_limit"]] = rcond_limit(float(eps))
         return numbers
-
-    @property
-    def rejected(self) -> int | None:
-        """Where the memory counts rejected measurements, (p,); None without a gate and limits of measurements."""
-        estimator, checks = self.controller.estimator, self.controller.mode.checks_measurements
-        if checks:
-            return self.controller.memory.places["seen"].start + 2 * self.sizes["y"]
-        if estimator is None or "rejected" not in estimator.initial._fields:
-            return None
-        kept = [np.size(part) for part in estimator.initial]
-        place = estimator.initial._fields.index("rejected")
-        return self.controller.memory.places["belief"].start + sum(kept[:place])
 
     def _call(self, measurement: str) -> str:
         places = {"y": measurement, "r": "input->r", "data": "param->value", "scratch": "state->work"}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from flexhinf.codegen.c.algebra import SIXTEEN
+
 #: What the header says before the parameters of the model.
 NAMED = "\n\n/* Parameters of the estimator's model, with their units. */\n"
 
@@ -9,6 +11,12 @@ NAMED = "\n\n/* Parameters of the estimator's model, with their units. */\n"
 BEGINS = """the estimate begins at the state that is stated with the constants
  * @BIG@_X_ above. The robot must be there, at rest: the estimator trusts it, and from another place the first inputs
  * may be as large as their limits. Call @NAME@_start where it is elsewhere"""
+
+#: Before the memory for columns that are computed side by side.
+ALIGNMENT = f"""#if {SIXTEEN}
+    __attribute__((aligned(16))) /* vectors are read from it as a whole */
+#endif
+"""
 
 #: The estimate at the start, where it can be set.
 START = """    if (estimate != NULL && @NAME@_finite(estimate, @BIG@_STATES) != 0) {

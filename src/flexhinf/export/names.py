@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flexhinf.codegen.c import Real, comment, constant
+from flexhinf.codegen.c import KEYWORDS, Real, comment, constant
 from flexhinf.errors import refuse_if
 from flexhinf.loop import Controller
 from flexhinf.loop.controller.step import LawCode
@@ -20,18 +20,12 @@ from flexhinf.validation import value_text
 if TYPE_CHECKING:
     from flexhinf.robot import Robot
 
-#: Words of C99 and of C++, and names of their headers: NAME.h must not be found in the place of one.
-RESERVED = frozenset({
-    "asm", "auto", "bool", "break", "case", "catch", "char", "class", "const", "continue", "default", "delete", "do",
-    "double", "else", "enum", "explicit", "export", "extern", "false", "float", "for", "friend", "goto", "if",
-    "inline", "int", "long", "main", "mutable", "namespace", "new", "not", "operator", "or", "private", "protected",
-    "public", "register", "restrict", "return", "short", "signed", "sizeof", "static", "struct", "switch", "template",
-    "this", "throw", "true", "try", "typedef", "typename", "union", "unsigned", "using", "virtual", "void", "volatile",
-    "while", "xor",
+#: And names of their headers: NAME.h must not be found in the place of one.
+RESERVED = KEYWORDS | {
     "assert", "complex", "ctype", "errno", "fenv", "inttypes", "iso646", "limits", "locale", "math", "memory", "setjmp",
     "signal", "stdarg", "stdbool", "stddef", "stdint", "stdio", "stdlib", "string", "strings", "tgmath", "threads",
     "time", "unistd", "wchar", "wctype",
-})  # fmt: skip
+}  # fmt: skip
 
 LONGEST = 31  # characters that every linker keeps apart
 

@@ -209,7 +209,7 @@ def gram(columns: np.ndarray, weights: Any, other: np.ndarray | None = None) -> 
     return result
 
 
-def cholesky(matrix: np.ndarray) -> np.ndarray:
+def cholesky(matrix: np.ndarray, tolerance: float = PIVOT_TOLERANCE) -> np.ndarray:
     """Lower L with L Lᵀ = matrix, for a positive semidefinite matrix (n, n).
 
     A pivot that is zero to rounding gives a zero column, so exactly known states (P = 0) are allowed; a
@@ -218,15 +218,15 @@ def cholesky(matrix: np.ndarray) -> np.ndarray:
     A pivot is what elimination leaves of a_jj: vᵀ A v with v = (−w, 1), w = A_j⁻¹ a_j. Rounding moves it by some units
     of the last place of Σᵢ vᵢ² aᵢᵢ, which may be many times a_jj where the entries before it are nearly singular. That
     sum is carried along: it grows by (l_ij / l_jj)² of its value at j with each column j. A pivot below zero is
-    compared with it, one above zero with a_jj.
+    compared with it, one above zero with a_jj. Both times `tolerance` n of that is zero.
     """
     n = len(matrix)
     factor = _empty_like(matrix)
     moved = [abs(matrix[j, j]) for j in range(n)]
     for j in range(n):
         pivot = matrix[j, j] - factor[j, :j] @ factor[j, :j]
-        small = pivot <= abs(matrix[j, j]) * (PIVOT_TOLERANCE * n)
-        singular = small & (pivot >= moved[j] * (-PIVOT_TOLERANCE * n))
+        small = pivot <= abs(matrix[j, j]) * (tolerance * n)
+        singular = small & (pivot >= moved[j] * (-tolerance * n))
         with np.errstate(divide="ignore", invalid="ignore"):
             root = np.sqrt(pivot)
             inverse = where(singular, 0.0, 1.0 / root)

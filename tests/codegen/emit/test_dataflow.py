@@ -4,7 +4,7 @@ import casadi
 import numpy as np
 import pytest
 
-from flexhinf.codegen.dataflow import read_dataflow
+from flexhinf.codegen.dataflow import SELECT, read_dataflow
 from flexhinf.codegen.emit.opcodes import OPCODES
 
 X, Y, Z = casadi.SX.sym("x"), casadi.SX.sym("y"), casadi.SX.sym("z")
@@ -57,8 +57,15 @@ SMALLER = X < Y
         (casadi.if_else(SMALLER, 1, 0), [casadi.OP_LT]),
         (casadi.if_else(casadi.if_else(SMALLER, 1, 0) > 0.5, 1, 0), [casadi.OP_LT]),
         (casadi.logic_not(SMALLER > 0.5), [casadi.OP_LT, casadi.OP_NOT]),
-        (casadi.if_else(X, 1, 0), [casadi.OP_IF_ELSE_ZERO]),  # X may be 2, or NaN
+        (casadi.if_else(X, 1, 0), [SELECT]),  # X may be 2, or NaN
         (X > 0.5, [casadi.OP_LT]),
+        (casadi.if_else(SMALLER, X, Y), [casadi.OP_LT, SELECT]),
+        (casadi.if_else(SMALLER, Y, Y * Z), [casadi.OP_LT, casadi.OP_MUL, SELECT]),
+        (casadi.if_else(casadi.logic_not(SMALLER), X, 1), [casadi.OP_LT, SELECT]),
+        (casadi.if_else(SMALLER, casadi.if_else(SMALLER, X, Z), Y), [casadi.OP_LT, SELECT]),
+        (casadi.if_else(SMALLER, 1, Y < Z), [casadi.OP_LT, casadi.OP_LT, casadi.OP_OR]),
+        (casadi.if_else(SMALLER, X, X), []),
+        (casadi.if_else(casadi.fabs(X) < casadi.inf, X, X), []),
         (SMALLER <= Z, [casadi.OP_LT, casadi.OP_LE]),
     ],
 )

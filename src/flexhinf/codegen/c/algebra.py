@@ -51,6 +51,16 @@ def constant(value: float, real: Real) -> str:
     return text + real.suffix
 
 
+#: Words of C99 and of C++.
+KEYWORDS = frozenset({
+    "asm", "auto", "bool", "break", "case", "catch", "char", "class", "const", "continue", "default", "delete", "do",
+    "double", "else", "enum", "explicit", "export", "extern", "false", "float", "for", "friend", "goto", "if",
+    "inline", "int", "long", "main", "mutable", "namespace", "new", "not", "operator", "or", "private", "protected",
+    "public", "register", "restrict", "return", "short", "signed", "sizeof", "static", "struct", "switch", "template",
+    "this", "throw", "true", "try", "typedef", "typename", "union", "unsigned", "using", "virtual", "void", "volatile",
+    "while", "xor",
+})  # fmt: skip
+
 #: How characters of units, names and formulas are written in ASCII.
 ASCII = str.maketrans({
     "·": " ", "²": "^2", "³": "^3", "Ω": "Ohm", "°": "deg", "µ": "u", "−": "-", "±": "+-", "×": "x", "→": "->",
@@ -69,6 +79,11 @@ def comment(text: str) -> str:
 #: A pivot below so many times what it is made of, times n, counts as zero: 45 units of the last place.
 #: As `flexhinf.scalars.cholesky` in double, which says what it means.
 PIVOT_ULPS = 45.0
+
+
+def pivot_tolerance(real: Real) -> float:
+    """What a pivot is compared with, as a part of what it is made of, over n."""
+    return 1e-14 if real.name == "double" else PIVOT_ULPS * real.epsilon
 
 
 #: Rows, columns and terms of a sum that go together: what is loaded serves all of them.
@@ -118,6 +133,11 @@ def outer_sum(name: str, weighted: bool, added: bool, symmetric: bool, tall: int
 def ahead(place: str, count: int) -> str:
     """A place in C so many elements further."""
     return f"{place} + {count}" if count else place
+
+
+def element(place: str) -> str:
+    """The number at a place in C."""
+    return f"{place}[0]" if place.isidentifier() else f"*({place})"
 
 
 def _terms(count: int, tall: int, width: str, weighted: bool) -> str:
@@ -196,8 +216,21 @@ def cholesky(name: str, real: Real) -> str:
 
     The scale for the rounding of a pivot is kept first in its row, left of the diagonal, until the row is done.
     """
-    tolerance = constant(1e-14 if real.name == "double" else PIVOT_ULPS * real.epsilon, real)
-    return f"""static void {name}(const {{R}} *source, {{R}} *target, int n)
+    tolerance = constant(pivot_tolerance(real), real)
+    return f"""static void {name}_less(const {{R}} *RESTRICT row, {{R}} *RESTRICT other, {{R}} factor, int count)
+{{
+    for (int i = 0; i + 4 <= count; i += 4) {{
+        other[i] = FMA(-factor, row[i], other[i]);
+        other[i + 1] = FMA(-factor, row[i + 1], other[i + 1]);
+        other[i + 2] = FMA(-factor, row[i + 2], other[i + 2]);
+        other[i + 3] = FMA(-factor, row[i + 3], other[i + 3]);
+    }}
+    for (int i = count - count % 4; i < count; ++i) {{
+        other[i] = FMA(-factor, row[i], other[i]);
+    }}
+}}
+
+static void {name}(const {{R}} *source, {{R}} *target, int n)
 {{
     for (int i = 0; i < n * n; ++i) {{
         target[i] = source[i];
@@ -219,10 +252,7 @@ def cholesky(name: str, real: Real) -> str:
             target[i * n] = FMA(ratio * ratio, moved, target[i * n]);
         }}
         for (int k = j + 1; k < n; ++k) {{
-            const {{R}} factor = row[k];
-            for (int i = k; i < n; ++i) {{
-                target[k * n + i] = FMA(-factor, row[i], target[k * n + i]);
-            }}
+            {name}_less(row + k, target + k * n + k, row[k], n - k);
         }}
         for (int i = 0; i < j; ++i) {{
             row[i] = {{0}};
@@ -318,9 +348,18 @@ def residual(name: str, real: Real) -> str:
 }}"""
 
 
-#: Definitions by the word that needs them: places that nothing else reaches, for which C++ has no word of its own, and
-#: functions that are not put into their callers.
+#: Where memory of rows begins at a multiple of 16 bytes, as every allocation does there.
+SIXTEEN = "(defined(__GNUC__) || defined(__clang__)) && defined(__x86_64__)"
+
+#: Definitions by the word that needs them: places that nothing else reaches, for which C++ has no word of its own;
+#: functions that are not put into their callers; and rows of lanes, which vectors of a PC are read from as a whole.
 MACROS = {
+    "ALIGNED": f"""#if {SIXTEEN}
+#define ALIGNED(type, place) ((type)__builtin_assume_aligned((place), 16))
+#else
+#define ALIGNED(type, place) (place)
+#endif
+""",
     "RESTRICT": """#ifdef __cplusplus
 #define RESTRICT __restrict
 #else
@@ -337,18 +376,31 @@ MACROS = {
 """,
 }
 
-FINITE = """/* Whether all of some numbers are finite. */
+FINITE = """/* Whether all of some numbers are finite: zero times any other is NaN. */
 static int {name}(const {R} *numbers, int count)
 {
-    for (int i = 0; i < count; ++i) {
-        if (isfinite(numbers[i]) == 0) {
-            return 0;
-        }
+    {R} a = {0}, b = {0}, c = {0}, d = {0};
+    for (int i = 0; i + 4 <= count; i += 4) {
+        a = FMA(numbers[i], {0}, a);
+        b = FMA(numbers[i + 1], {0}, b);
+        c = FMA(numbers[i + 2], {0}, c);
+        d = FMA(numbers[i + 3], {0}, d);
     }
-    return 1;
+    for (int i = count - count % 4; i < count; ++i) {
+        a = FMA(numbers[i], {0}, a);
+    }
+    return ((a + b) + (c + d) == {0}) ? 1 : 0;
 }"""
 
-COPY = """/* Copy numbers from one place to another; the places may overlap. */
+COPY = """/* Copy numbers from one place to another, apart from it. */
+static NOINLINE void {name}(const {R} *RESTRICT source, {R} *RESTRICT target, int count)
+{
+    for (int i = 0; i < count; ++i) {
+        target[i] = source[i];
+    }
+}"""
+
+MOVE = """/* Copy numbers from one place to another; the places may overlap. */
 static void {name}(const {R} *source, {R} *target, int count)
 {
     if (source < target) {
@@ -376,22 +428,36 @@ def column(name: str, read: bool) -> str:
 }}"""
 
 
-def columns(name: str, read: bool, lanes: int) -> str:
-    """Copy some columns of a matrix to rows of lanes, the last one again where there are too few; or back."""
+def columns(name: str, read: bool, lanes: int, neighbours: bool) -> str:
+    """Copy some columns of a matrix to rows of lanes, the last one again where there are too few; or back.
+
+    Columns that are `neighbours` in memory are copied row by row, unless there are too few.
+    """
     types = ("const {R}", "{R}") if read else ("{R}", "const {R}")
-    head = f"static void {name}({types[0]} *matrix, {types[1]} *rows, int count, int along, int across, int left)"
-    if read:
-        last = f"l < {lanes}"
-        line = "rows[i * {W} + l] = matrix[i * along + (l < left ? l : left - 1) * across];"
-    else:
-        last, line = "l < left", "matrix[i * along + l * across] = rows[i * {W} + l];"
-    return f"""{head}
+    places = f"{types[0]} *RESTRICT matrix, {types[1]} *RESTRICT rows"
+
+    def copies(across: str, lanes_around: bool, indent: int) -> str:
+        row, place = f"rows[i * {lanes} + l]", f"matrix[i * along + {across}]"
+        loops = [
+            f"for (int l = 0; l < {lanes if read or across == 'l' else 'left'}; ++l) {{",
+            "for (int i = 0; i < count; ++i) {",
+        ]
+        first, second = loops if lanes_around else loops[::-1]
+        line = f"{row} = {place};" if read else f"{place} = {row};"
+        lines = [first, f"    {second}", f"        {line}", "    }", "}"]
+        return "\n".join(" " * indent + line for line in lines)
+
+    single = "(l < left ? l : left - 1) * across" if read else "l * across"
+    text = copies(single, True, 4)
+    if neighbours:
+        text = f"""    if (left < {lanes}) {{
+{copies(single, True, 8)}
+    }} else {{
+{copies("l", False, 8)}
+    }}"""
+    return f"""static NOINLINE void {name}({places}, int count, int along, int across, int left)
 {{
-    for (int i = 0; i < count; ++i) {{
-        for (int l = 0; {last}; ++l) {{
-            {line.replace("{W}", str(lanes))}
-        }}
-    }}
+{text}
 }}"""
 
 

@@ -4,7 +4,7 @@ For several, every number is a row of LANES numbers, and the text is a few loops
 into vector instructions. Where the function calls the mathematical library, which has no vectors, the loops are cut:
 what later loops need of earlier ones is kept in rows.
 
-A long text is cut into functions of at most `LONGEST` values, at the stages of the function where these are known, for
+A long text is cut into functions of at most `LONGEST` lines, at the stages of the function where these are known, for
 readers, and for checkers, whose time grows with the square of a function's length. What later ones need of earlier ones
 is kept in an array.
 """
@@ -13,65 +13,18 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_left
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import pairwise
+from itertools import count, groupby, pairwise
 from textwrap import wrap
 
 import casadi
 
 from flexhinf.codegen.c import algebra
-from flexhinf.codegen.c.algebra import Real, comment, constant
-from flexhinf.codegen.dataflow import (
-    LIBRARY,
-    MULTIPLY_ADD,
-    MULTIPLY_SUBTRACT,
-    SINGLE,
-    SUBTRACT_PRODUCT,
-    Dataflow,
-)
-
-#: Functions that are written here instead of called where numbers are double; and functions of two numbers.
-SINES = {casadi.OP_SIN: "sin", casadi.OP_COS: "cos"}
-OF_TWO = (
-    casadi.OP_ATAN2, casadi.OP_POW, casadi.OP_CONSTPOW, casadi.OP_HYPOT, casadi.OP_FMOD, casadi.OP_REMAINDER,
-    casadi.OP_COPYSIGN,
-)  # fmt: skip
-
-#: Expressions of operands {0}, {1}, … and of {one} and {zero}; {f} ends the names of functions of the type.
-OPERATIONS: dict[int, str] = {
-    **{code: f"{name}{{f}}({{0}})" for code, name in {**LIBRARY, **SINGLE, **SINES}.items()},
-    **{code: f"{LIBRARY.get(code, 'copysign')}{{f}}({{0}}, {{1}})" for code in OF_TWO},
-    MULTIPLY_ADD: "FMA({0}, {1}, {2})",
-    MULTIPLY_SUBTRACT: "FMA({0}, {1}, -{2})",
-    SUBTRACT_PRODUCT: "FMA(-{0}, {1}, {2})",
-    casadi.OP_ASSIGN: "{0}",
-    casadi.OP_ADD: "{0} + {1}",
-    casadi.OP_SUB: "{0} - {1}",
-    casadi.OP_MUL: "{0} * {1}",
-    casadi.OP_DIV: "{0} / {1}",
-    casadi.OP_NEG: "-{0}",
-    casadi.OP_SQ: "{0} * {0}",
-    casadi.OP_TWICE: "{0} + {0}",
-    casadi.OP_INV: "{one} / {0}",
-    casadi.OP_SIGN: "({0} < {zero}) ? -{one} : (({0} > {zero}) ? {one} : {0})",
-    # fmin, fmax of C: a NaN loses, the first operand wins a tie
-    casadi.OP_FMIN: "({1} < {0} || isnan({0})) ? {1} : {0}",
-    casadi.OP_FMAX: "({1} > {0} || isnan({0})) ? {1} : {0}",
-    casadi.OP_LT: "({0} < {1}) ? {one} : {zero}",
-    casadi.OP_LE: "({0} <= {1}) ? {one} : {zero}",
-    casadi.OP_EQ: "({0} == {1}) ? {one} : {zero}",
-    casadi.OP_NE: "({0} != {1}) ? {one} : {zero}",
-    casadi.OP_NOT: "({0} == {zero}) ? {one} : {zero}",
-    # NaN stands for "true", as in C
-    casadi.OP_AND: "(({0} != {zero}) && ({1} != {zero})) ? {one} : {zero}",
-    casadi.OP_OR: "(({0} != {zero}) || ({1} != {zero})) ? {one} : {zero}",
-    casadi.OP_IF_ELSE_ZERO: "({0} != {zero}) ? {1} : {zero}",
-}
-
-#: Operations that call the mathematical library; the others are single instructions.
-CALLS = {*LIBRARY, *SINES, casadi.OP_SQRT}
+from flexhinf.codegen.c.algebra import Real, comment
+from flexhinf.codegen.c.expression import CALLS, LEAVES, Expressions
+from flexhinf.codegen.dataflow import Dataflow
 
 INDENT = "    "
 
@@ -83,17 +36,17 @@ ROWS = "rows"
 #: whose stack would grow by what each of them needs.
 LONG = 48
 
-#: What is no line of the text: it is read where it is used.
-LEAVES = (casadi.OP_CONST, casadi.OP_INPUT)
+#: Equal neighbours among results that are written one by one.
+FEW = 4
 
 #: The array for what later parts of a long text need of earlier ones.
 KEPT = "kept"
 
-#: Values of one column, or lines for several, that one function of C computes at most.
-LONGEST = 120
+#: Values of one loop over the lanes that share some, at most.
+MANY = 120
 
-#: The same of one that hardly chooses: checkers are quicker there, and compilers make vectors of what lies apart.
-PLAINEST = 600
+#: Lines of one function of C, about, and values above which it is of parts where its memory allows it.
+LONGEST = 50
 
 
 def block(head: str, lines: Iterable[str]) -> list[str]:
@@ -113,8 +66,8 @@ Results = list[tuple[int, int, int]]
 #: Characters of a line.
 WIDTH = 120
 
-#: Some of a function's values under what they are of.
-Stage = tuple[str, list[int]]
+#: Some of a function's lines under the stage that they are of.
+Stage = tuple[int, list[int]]
 
 
 def folded(text: str) -> str:
@@ -143,12 +96,13 @@ def headed(about: str, indent: str = "") -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class FunctionText:
-    """The text of ``static void NAME(in₀, …, out₀, …)``.
+    """The text of ``static void NAME(arguments…, results…)``.
 
     `lanes`: 0 for any number of them, which is then the last argument ``count``. `moving`: Which arguments differ from
     lane to lane. `calls`: Names of functions by opcode. `rows`: Name of the function of rows for some opcodes.
-    `counts`: Arguments and results. `apart`: No result is in the memory of an argument. `stages`: What each stage
-    computes.
+    `arguments`, `results`: Their names. `apart`: No result is in the memory of an argument. `stages`: Name and comment
+    of each stage. `elements`: Indices by name of the elements of arguments and results, where they have
+    some, or elements of `parts`, names of places in an argument.
     """
 
     name: str
@@ -158,16 +112,21 @@ class FunctionText:
     moving: tuple[bool, ...]
     calls: Mapping[int, str]
     rows: Callable[[tuple[int, ...]], str]
-    counts: tuple[int, int]
+    arguments: tuple[str, ...]
+    results: tuple[str, ...]
     apart: bool
-    stages: tuple[str, ...] = ()
+    stages: tuple[tuple[str, str], ...] = ()
+    elements: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    parts: Mapping[str, str] = field(default_factory=dict)
 
     def texts(self) -> dict[str, str]:
         """Functions by name, in an order in which C can read them; the last is the one that is called."""
-        arguments, results = ([f"{kind}{k}" for k in range(n)] for kind, n in zip(("in", "out"), self.counts))
-        names = [*arguments, *results]
+        names = [*self.arguments, *self.results]
         last = [*(["count"] if self.lanes == 0 else []), *([ROWS] if self.lanes > 1 and self.places else [])]
-        parts = dict(self._single_parts() if self.lanes == 1 else self._several_parts())
+        parts = {
+            name: self._named_parts(lines)
+            for name, lines in (self._single_parts() if self.lanes == 1 else self._several_parts())
+        }
         if len(parts) == 1:
             texts, lines = dict[str, str](), next(iter(parts.values()))
         else:
@@ -176,69 +135,112 @@ class FunctionText:
                 own = [word for word in [*names, KEPT, *last] if _uses(text, word)]
                 texts[name] = self._text(name, own, text)
                 lines.append(f"{name}({', '.join(own)});")
-            lines = self._joined(lines)
-        lines += [f"(void){word};" for word in arguments if not _uses(lines, word)]
+            lines = self._named_parts(self._joined(lines))
+        lines += [f"(void){word};" for word in self.arguments if not _uses(lines, word)]
         texts[self.name] = self._text(self.name, [*names, *last], lines)
         return texts
 
-    def _text(self, name: str, arguments: list[str], lines: list[str]) -> str:
-        apart = "NOINLINE " if len(lines) > LONG else ""
-        mark, declared = "RESTRICT " if self.lanes != 1 or name != self.name else "", []
-        for word in arguments:
-            changed = word == ROWS or (
-                not word.startswith("in") and (name == self.name or _changes(lines, word))
-            )
+    def _text(self, name: str, words: list[str], lines: list[str]) -> str:
+        apart = "NOINLINE " if sum(map(_operations, lines)) > LONG else ""
+        whole = name == self.name
+        mark = "RESTRICT " if self.lanes != 1 or self.apart or not whole else ""
+        declared, begin = list[str](), list[str]()
+        for word in words:
+            changed = word not in self.arguments and (whole or _changes(lines, word))
             kind = f"{'' if changed else 'const '}{self.real.name} *{mark}"
-            declared.append("int count" if word == "count" else f"{kind}{word}")
-        return "\n".join(block(f"static {apart}void {name}({', '.join(declared)})\n{{", lines))
+            rows = re.compile(rf"\b{word}(\[[^\]]*\bl\]| \+ \d+;)")  # whose memory is `ALIGNED`
+            of_rows = self.lanes > 1 and any(map(rows.search, lines))
+            if of_rows:
+                pointer = f"{'' if changed else 'const '}{self.real.name} *"
+                begin.append(f"{pointer}const {word} = ALIGNED({pointer}, {word}_of_rows);")
+            declared.append("int count" if word == "count" else f"{kind}{word}{'_of_rows' * of_rows}")
+        return "\n".join(block(f"static {apart}void {name}({', '.join(declared)})\n{{", begin + lines))
+
+    def _element(self, argument: int, element: int) -> str:
+        several = self.lanes != 1 and self.moving[argument]
+        return self._place(self.arguments[argument], element, several)
+
+    def _place(self, word: str, element: int, several: bool = False) -> str:
+        name = str(self.elements[word][element] if word in self.elements else element)
+        return name if name.endswith("]") else f"{word}[{self._row(element) if several else name}]"
+
+    def _named_parts(self, lines: list[str]) -> list[str]:
+        """Lines after those that name the parts of arguments that they use."""
+        kind = f"const {self.real.name} *const"
+        return [
+            *(f"{kind} {part} = {place};" for part, place in self.parts.items() if _uses(lines, part)),
+            *lines,
+        ]
 
     # One column ---------------------------------------------------------------------------------------
     def _single_parts(self) -> Iterator[tuple[str, list[str]]]:
-        parts = self._parts
-        if len(parts) == 1:
-            yield self.name, list(self.single())
-            return
-        for number, part in enumerate(parts, start=1):
-            yield f"{self.name}_{number}", list(self._part(part))
+        parts, names = self._parts, dict[str, int]()
+        for part in parts:
+            name = self.name
+            if len(parts) > 1:
+                stage = max(part, key=lambda piece: len(piece[1]))[0]
+                short = (
+                    self.stages[stage][0] if stage < len(self.stages) else "end" if self.stages else "part"
+                )
+                name = f"{self.name}_{short}"
+                names[name] = names.get(name, 0) + 1
+                name += f"_{names[name]}" * (names[name] > 1 or not self.stages)
+            yield name, list(self._part(part, len(parts) == 1))
+
+    @cached_property
+    def _stage_of(self) -> dict[int, int]:
+        """The stage of each value."""
+        values = [k for k, op in self.flow.operations.items() if op.code not in LEAVES]
+        return {k: bisect_left(self.flow.ends, k) for k in values}
+
+    @cached_property
+    def _expressions(self) -> Expressions:
+        return Expressions(self.flow, self._stage_of, self.real, self._element, self.calls)
 
     @cached_property
     def _parts(self) -> list[list[Stage]]:
-        """Values of each function, stage by stage."""
-        operations = self.flow.operations
-        values = [k for k, op in operations.items() if op.code not in LEAVES]
-        ends = [bisect_left(values, end + 1) for end in self.flow.ends]
-        # behind every fourth result, so that compilers make vectors of neighbours
-        fourth = [bisect_left(values, k + 1) for _, element, k in self.flow.outputs if element % 4 == 3]
-        choices = sum("?" in OPERATIONS[operations[k].code] for k in values)
-        longest = LONGEST if self.stages or 20 * choices > len(values) else PLAINEST
+        """Lines of each function, stage by stage."""
+        stages = self._stage_of
+        lines = self._expressions.lines(list(stages))
+        if len(stages) <= LONGEST or (not self.apart and len(lines) <= LONGEST):
+            return [
+                [(stage, [k for k in lines if stages[k] == stage]) for stage in sorted({*stages.values()})]
+            ]
+        last = {value: place for place, k in enumerate(lines) for value in self._expressions.leaves(k)}
+        ends = sorted((last[k], place) for place, k in enumerate(lines) if last.get(k, -1) > place)
         groups: list[Stage] = []
-        for about, (first, end) in zip([*self.stages, ""], pairwise([0, *ends, len(values)])):
-            pieces = -(-(end - first) // longest)
+        for stage in sorted({*stages.values()}):
+            first, end = (bisect_left(lines, k, key=stages.__getitem__) for k in (stage, stage + 1))
+            pieces = -(-(end - first) // LONGEST)
             cuts = [first + (end - first) * k // pieces for k in range(pieces + 1)] if pieces else []
-            for k in range(1, pieces):
-                near = min(fourth, key=lambda place, cut=cuts[k]: abs(place - cut), default=0)
-                cuts[k] = near if abs(near - cuts[k]) <= longest // 4 else cuts[k]
-            groups += [(about, values[a:b]) for a, b in pairwise(cuts)]
+            for k in range(1, pieces):  # nearby, where the fewest values are kept
+                near = range(cuts[k] - LONGEST // 5, cuts[k] + LONGEST // 5)
+                cuts[k] = min(near, key=lambda cut, at=cuts[k]: (_alive(ends, cut), abs(cut - at)))
+            groups += [(stage, lines[a:b]) for a, b in pairwise(cuts)]
         parts: list[list[Stage]] = []
-        for about, group in groups:
-            if not parts or sum(len(own) for _, own in parts[-1]) + len(group) > longest:
+        for stage, group in groups:
+            if not parts or sum(2 + len(own) for _, own in parts[-1]) + len(group) > LONGEST:
                 parts.append([])
-            parts[-1].append((about, group))
+            parts[-1].append((stage, group))
         return parts or [[]]
+
+    @cached_property
+    def _part_of(self) -> dict[int, int]:
+        return {k: place for place, part in enumerate(self._parts) for _, own in part for k in own}
 
     @cached_property
     def _kept(self) -> tuple[dict[int, str], int]:
         """Where the values are that a part of the text computes for later ones, and the numbers of memory for it."""
-        part_of = {k: place for place, part in enumerate(self._parts) for _, own in part for k in own}
-        last = {k: part_of[k] for k in part_of}
+        part_of = self._part_of
+        last = dict(part_of)
         for k, part in part_of.items():
-            for argument in self.flow.operations[k].arguments:
-                last[argument] = max(part, last.get(argument, 0))
+            for value in self._expressions.leaves(k):
+                last[value] = max(part, last.get(value, 0))
         places: dict[int, str] = {}
         for result, element, value in self.flow.outputs:
             if value in part_of and self.apart:
-                places.setdefault(value, f"out{result}[{element}]")
-            elif value in part_of:
+                places.setdefault(value, self._place(self.results[result], element))
+            elif value in part_of and len(self._parts) > 1:
                 last[value] = len(self._parts)
         free: list[int] = []  # the part after which each number of the memory is free
         for k, part in part_of.items():
@@ -248,42 +250,56 @@ class FunctionText:
                 places[k] = f"{KEPT}[{place}]"
         return places, len(free)
 
-    def _part(self, part: list[Stage]) -> Iterator[str]:
-        here, loaded, places, before = {k for _, own in part for k in own}, set[int](), self._kept[0], ""
-        for about, own in part:
+    def _part(self, part: list[Stage], alone: bool) -> Iterator[str]:
+        text, (places, _) = self._expressions, self._kept
+        here = {k for _, own in part for k in own}
+        text.begin({k: place for k, place in places.items() if k not in here})
+        used = {value for k in here for value in text.leaves(k)}
+        before = ""
+        for stage, own in part:
+            about = self.stages[stage][1] if stage < len(self.stages) else ""
             yield from headed(about) if about != before else []
             before = about
             for k in own:
-                for argument in self.flow.operations[k].arguments:
-                    code = self.flow.operations[argument].code
-                    if argument not in here | loaded and code != casadi.OP_CONST:
-                        loaded.add(argument)
-                        value = (
-                            self._expression(argument, "v", set())
-                            if code == casadi.OP_INPUT
-                            else places[argument]
-                        )
-                        yield f"const {self.real.name} v{argument} = {value};"
-                yield f"const {self.real.name} v{k} = {self._expression(k, 'v', set())};"
+                for value in text.loads(k):
+                    yield from text.declared(value)
+                if k in used or k not in places:
+                    yield from text.declared(k)
                 if k in places:
-                    yield f"{places[k]} = v{k};"
+                    yield f"{places[k]} = {text.number(k).bare};"
+        if alone:
+            yield from self._stored(places)
+
+    def _stored(self, places: Mapping[int, str]) -> Iterator[str]:
+        """Results that are not written where they are computed; equal neighbours by a loop."""
+        text, stores = self._expressions, list[tuple[int, int, str]]()
+        for result, element, value in self.flow.outputs:
+            place = self._place(self.results[result], element)
+            if places.get(value) == place:
+                continue
+            if self.flow.operations[value].code == casadi.OP_INPUT and not self.apart:
+                yield from text.declared(value) if value not in text.numbers else ()
+            stores.append((result, element, text.number(value).bare))
+        turns = count()
+        for (result, _, written), each in groupby(
+            sorted(stores, key=lambda row: row[:2]), key=lambda row: (row[0], row[1] - next(turns), row[2])
+        ):
+            word, (first, *others) = self.results[result], [element for _, element, _ in each]
+            if len(others) < FEW or word in self.elements:
+                yield from (f"{self._place(word, element)} = {written};" for element in (first, *others))
+            else:
+                place = f"{first} + i" if first else "i"
+                yield from loop("i", 1 + len(others), [f"{word}[{place}] = {written};"])
 
     def _joined(self, lines: list[str]) -> list[str]:
         """Calls of the parts; where results are not written by them, they are at the end."""
         if self.lanes != 1:
             return lines
         places, size = self._kept
+        text = self._expressions
+        text.begin(places)
         declared = [f"{self.real.name} {KEPT}[{size}];"] if size else []
-        for result, element, value in self.flow.outputs:
-            code, place = self.flow.operations[value].code, f"out{result}[{element}]"
-            text = (
-                self._operand(value, "v", set()) if code == casadi.OP_CONST
-                else self._expression(value, "v", set()) if code == casadi.OP_INPUT
-                else places[value]
-            )  # fmt: skip
-            if text != place:
-                lines.append(f"{place} = {text};")
-        return declared + lines
+        return [*declared, *lines, *self._stored(places)]
 
     # Several columns ----------------------------------------------------------------------------------
     def _several_parts(self) -> Iterator[tuple[str, list[str]]]:
@@ -293,33 +309,42 @@ class FunctionText:
                 parts.append([])
             parts[-1] += lines
         for number, lines in enumerate(parts, start=1):
-            declared = []
-            for k, place in sorted(self.places.items()):
-                if _uses(lines, f"w{k}"):
-                    kind = f"{'' if _changes(lines, f'w{k}') else 'const '}{self.real.name} *const"
-                    declared.append(f"{kind} w{k} = {algebra.ahead(ROWS, place * self.lanes)};")
-            yield self.name if len(parts) == 1 else f"{self.name}_{number}", [*declared, *lines]
+            yield self.name if len(parts) == 1 else f"{self.name}_part_{number}", lines
 
-    def single(self) -> Iterator[str]:
-        """Lines for one column."""
-        for k, operation in self.flow.operations.items():
-            if operation.code != casadi.OP_CONST:
-                yield f"const {self.real.name} v{k} = {self._expression(k, 'v', set())};"
-        for result, element, value in self.flow.outputs:
-            yield f"out{result}[{element}] = {self._operand(value, 'v', set())};"
+    @cached_property
+    def _loops(self) -> dict[int, list[tuple[list[int], Results]]]:
+        """Values and results of the loops of each level, without the values that are calls."""
+        operations, levels = self.flow.operations, self._levels
+        return {
+            level: list(
+                self._apart(
+                    [k for k in operations if levels.get(k) == level and operations[k].code not in CALLS],
+                    [row for row in self.flow.outputs if self._written(row[2]) == level],
+                )
+            )
+            for level in range(max(levels.values(), default=0) + 1)
+        }
+
+    @cached_property
+    def _lane_expressions(self) -> Expressions:
+        inside: dict[int, tuple[int, int]] = {k: (level, -1) for k, level in self._levels.items()}
+        for level, loops in self._loops.items():
+            inside |= {k: (level, number) for number, (values, _) in enumerate(loops) for k in values}
+        inside = {
+            k: place if self.flow.operations[k].code not in CALLS else (-1, k)
+            for k, place in inside.items()
+            if k >= 0
+        }
+        return Expressions(self.flow, inside, self.real, self._element, self.calls, True)
 
     def several(self) -> Iterator[list[str]]:
         """Loops over the lanes, cut where the library is called; one call may be of all lanes at once."""
         operations, levels = self.flow.operations, self._levels
         kept = self.places
-        for level in range(max(levels.values(), default=0) + 1):
-            here = [k for k in operations if levels.get(k) == level]
-            called = [k for k in here if operations[k].code in CALLS]
+        for level, loops in self._loops.items():
+            called = [k for k in operations if levels.get(k) == level and operations[k].code in CALLS]
             rows = [k for k in called if self._is_of_rows(k)]
-            for values, results in self._apart(
-                [k for k in here if k not in set(called)],
-                [row for row in self.flow.outputs if self._written(row[2]) == level],
-            ):
+            for values, results in loops:
                 yield list(self._loop(values, kept, results))
             yield list(self._loop([k for k in called if k not in set(rows)], kept, []))
             # a sine and a cosine of one argument are one call
@@ -327,12 +352,14 @@ class FunctionText:
             for k in rows:
                 of.setdefault(operations[k].arguments[0], {})[operations[k].code] = k
             for argument, values in of.items():
-                source, place = operations[argument], f"w{argument}"
+                source = operations[argument]
                 if source.code == casadi.OP_INPUT and self.moving[source.arguments[0]]:
                     k, element = source.arguments
-                    place = f"in{k} + {element * self.lanes}" if element else f"in{k}"
-                places = "".join(f", w{values[code]}" for code in sorted(values))
-                yield [f"{self.rows(tuple(sorted(values)))}({place}{places});"]
+                    place = algebra.ahead(self.arguments[k], element * self.lanes)
+                else:
+                    place = algebra.ahead(ROWS, kept[argument] * self.lanes)
+                places = [algebra.ahead(ROWS, kept[values[code]] * self.lanes) for code in sorted(values)]
+                yield [f"{self.rows(tuple(sorted(values)))}({', '.join([place, *places])});"]
 
     def _is_of_rows(self, k: int) -> bool:
         operation = self.flow.operations[k]
@@ -373,22 +400,20 @@ class FunctionText:
         return together.values()
 
     def _loop(self, values: list[int], kept: Container[int], results: Results) -> Iterator[str]:
-        here, lines, loaded = set(values), [], set()
-
-        def load(arguments: tuple[int, ...]) -> None:
-            for k in arguments:
-                if self.flow.operations[k].code == casadi.OP_INPUT and k not in loaded:
-                    loaded.add(k)
-                    lines.append(f"const {self.real.name} v{k} = {self._expression(k, 'v', set())};")
-
-        for k in values:
-            load(self.flow.operations[k].arguments)
-            lines.append(f"const {self.real.name} v{k} = {self._expression(k, 'w', here | loaded)};")
+        text, here, lines = self._lane_expressions, set(values), []
+        rows = {k: f"{ROWS}[{self._row(place)}]" for k, place in self.places.items()}
+        text.begin({k: row for k, row in rows.items() if k not in here})
+        own = text.lines(values)
+        used = {value for k in own for value in text.leaves(k)} | {value for _, _, value in results}
+        for k in own:
+            for element in text.loads(k):
+                lines += text.declared(element)
+            if k in used or k not in self.places:
+                lines += text.declared(k)
             if k in kept:
-                lines.append(f"w{k}[l] = v{k};")
-        load(tuple(value for _, _, value in results))
+                lines.append(f"{rows[k]} = {text.number(k).bare};")
         lines += [
-            f"out{result}[{self._row(element)}] = {self._operand(value, 'w', here | loaded)};"
+            f"{self.results[result]}[{self._row(element)}] = {text.number(value).bare};"
             for result, element, value in results
         ]
         if lines:
@@ -413,7 +438,7 @@ class FunctionText:
         for level in set(levels.values()) if self.lanes else ():
             here = [k for k in levels if levels[k] == level and operations[k].code not in CALLS]
             for group in self._groups(here):
-                parts = -(-len(group) // LONGEST)
+                parts = -(-len(group) // MANY)
                 part |= {k: place * parts // len(group) for place, k in enumerate(group)}
             last = max((part[k] for k in here), default=0)
             part |= {k: last for k in levels if levels[k] == level and operations[k].code in CALLS}
@@ -452,33 +477,21 @@ class FunctionText:
             places[k] = place
         return places
 
-    def _operand(self, value: int, row: str, here: set[int]) -> str:
-        operation = self.flow.operations[value]
-        if operation.code == casadi.OP_CONST:
-            text = constant(operation.constant, self.real)
-            return f"({text})" if text.startswith("-") else text
-        return f"w{value}[l]" if row == "w" and value not in here else f"v{value}"
-
-    def _expression(self, value: int, row: str, here: set[int]) -> str:
-        operation = self.flow.operations[value]
-        if operation.code == casadi.OP_INPUT:
-            argument, element = operation.arguments
-            several = self.lanes != 1 and self.moving[argument]
-            return f"in{argument}[{self._row(element) if several else element}]"
-        operands = [self._operand(argument, row, here) for argument in operation.arguments]
-        if operation.code in self.calls:
-            return f"{self.calls[operation.code]}({operands[0]})"
-        unit, zero = constant(1.0, self.real), constant(0.0, self.real)
-        text = OPERATIONS[operation.code]
-        if self.flow.operations[operation.arguments[0]].code == casadi.OP_CONST:
-            text = text.replace(" || isnan({0})", "")  # a constant is a number
-        return text.format(*operands, one=unit, zero=zero, f=self.real.suffix)
-
 
 def _uses(lines: Iterable[str], word: str) -> bool:
-    return any(re.search(rf"\b{word}\b", line) for line in lines)
+    return any(re.search(rf"\b{word}\b", line) for line in lines if not line.startswith(("/*", " *")))
 
 
 def _changes(lines: Iterable[str], word: str) -> bool:
     """Whether an element of an array is written, by itself or by a function of rows."""
     return any(re.search(rf"^\s*{word}\[[^\]]*\] = |_row\(.*, {word}\b", line) for line in lines)
+
+
+def _alive(ends: Sequence[tuple[int, int]], cut: int) -> int:
+    """How many values, as (line of the last use, line), are used on both sides of a line."""
+    return sum(place < cut for _, place in ends[bisect_left(ends, (cut, -1)) :])
+
+
+def _operations(line: str) -> int:
+    """Operations of a line, about, with what it reads and writes."""
+    return len(re.findall(r" [-+*/<?] |FMA\(| [<>=!]= |\w\[", line)) or 1

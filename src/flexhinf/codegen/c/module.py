@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import re
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from itertools import count
+from types import MappingProxyType
 from typing import Any
 
 import casadi
 
-from flexhinf.codegen.c import algebra
-from flexhinf.codegen.c.algebra import Real, constant
+from flexhinf.codegen.c import algebra, small
+from flexhinf.codegen.c.algebra import KEYWORDS, Real, constant
+from flexhinf.codegen.c.expression import CALLS, OPERATIONS, SINES
 from flexhinf.codegen.c.function import (
-    CALLS,
-    LONGEST,
-    OPERATIONS,
-    SINES,
     FunctionText,
     block,
     headed,
     loop,
 )
+from flexhinf.codegen.c.parts import Parts
 from flexhinf.codegen.dataflow import LIBRARY, read_dataflow
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, overlap, whole
 from flexhinf.codegen.program import (
@@ -33,11 +34,14 @@ from flexhinf.codegen.program import (
     Program,
     Repeat,
     Residual,
+    Simple,
     Stages,
     Step,
     Sweep,
     Unsupported,
     When,
+    leaves,
+    slices,
 )
 from flexhinf.scalars import drop_empty
 from flexhinf.scalars.trace import instructions
@@ -45,18 +49,40 @@ from flexhinf.scalars.trace import instructions
 #: The argument of a program with memory for the columns in hand.
 ROOM = "columns"
 
+NOTHING: Mapping[str, Any] = MappingProxyType({})
+
+#: Names that arguments of functions do not have.
+WORDS = KEYWORDS | {"count", "kept", "l", "real", "rows"}
+
+#: How names of the functions of `flexhinf.codegen.c.algebra` begin.
+HELPERS = (
+    "cholesky", "copy", "cos", "finite", "gather", "pack", "polynomials", "reflect", "residual", "scatter", "sin",
+    "sum", "unpack",
+)  # fmt: skip
+
 
 class Translator:
     """Collects the functions of one or more programs; those that two of them share are written once.
 
     `prefix`: An identifier; every function's name begins so. `lanes`: Columns of a matrix that a function is evaluated
-    for at once, side by side, where there are so many. `functions`: Name to text, in an order in which C can read it.
+    for at once, side by side, where there are so many. `taken`: Names behind the prefix that others have.
+    `elements`: Indices by name of the elements of whole buffers, for functions that are given them; or elements of
+    `parts`, names of places in a buffer. `functions`: Name to text, in an order in which C can read it.
     `calls_library`: Whether a function calls one of the C library whose bits are not the same everywhere.
     `room`: Numbers of memory for columns in hand that the programs need of the caller, so that none is on the stack.
     """
 
-    def __init__(self, prefix: str, real: Real, lanes: int = 1) -> None:
-        self.prefix, self.real, self.lanes = prefix, real, lanes
+    def __init__(
+        self,
+        prefix: str,
+        real: Real,
+        lanes: int = 1,
+        taken: Container[str] = (),
+        elements: Mapping[str, Sequence[str]] = NOTHING,
+        parts: Mapping[str, str] = NOTHING,
+    ) -> None:
+        self.prefix, self.real, self.lanes, self._taken_names = prefix, real, lanes, taken
+        self._elements, self._places_of = elements, parts
         self.functions: dict[str, str] = {}
         self._names: dict[tuple[Any, ...], str] = {}
         self.calls_library = False
@@ -64,6 +90,9 @@ class Translator:
         self._taken = 0  # of the room, by what is written now
         self._columns = 0  # of a sweep, side by side; none outside of one
         self._kept: dict[str, int] = {}  # numbers that a function keeps between its loops
+        self._codes: Mapping[int, str] = {}
+        self._parts: dict[str, Parts] = {}  # of buffers whose parts have names
+        self._in_place: dict[Slice, str] = {}  # columns in hand that are where their matrix is
         self._spread: dict[Slice, str] = {}  # names of what all of them share, copied to every lane
 
     def __str__(self) -> str:
@@ -71,16 +100,20 @@ class Translator:
         used = [macro for word, macro in algebra.MACROS.items() if word in text]
         return "\n".join([*used, text])
 
-    def add(self, program: Program, name: str) -> str:
+    def add(self, program: Program, name: str, codes: Mapping[int, str] = MappingProxyType({})) -> str:
         """Add ``static int NAME(buffers…)``, which returns the code of the guard that failed, or 0.
 
         Every buffer is a pointer in the order of the program, work buffers included: the caller gives them, and they
-        are not cleared. Where there is `room`, it is the last of them.
+        are not cleared. Where there is `room`, it is the last of them. `codes`: Constants of C for codes of guards.
 
         Raises Unsupported: A step or an operation for which there is no C here.
         """
-        full = f"{self.prefix}_{name}"
-        body = [*self._body(program.body, []), "return 0;"]
+        full, self._codes = f"{self.prefix}_{name}", codes
+        parts = [Parts(b.name, b.size or 0, b.parts) for b in program.buffers if b.parts]
+        self._parts = {part.buffer: part for part in parts}
+        steps = list(self._body(program.body, []))
+        pointers = [line for part in parts for line in part.declared(steps, self.real.name)]
+        body = [*pointers, *steps, "return 0;"]
         arguments = [
             f"{'const ' if buffer.role == 'in' else ''}{self.real.name} *{buffer.name}"
             for buffer in program.buffers
@@ -91,13 +124,15 @@ class Translator:
     # Steps --------------------------------------------------------------------------------------------
     def _body(self, body: Sequence[Step], loops: list[str]) -> Iterator[str]:
         for step in body:
+            yield from self._headed(step)
             if isinstance(step, Repeat):
                 if isinstance(step.count, str):
                     raise _unsupported(f"a loop of {step.count!r} turns, a number that is given when it runs")
-                counter = f"k{len(loops)}"
-                yield from loop(counter, step.count, self._body(step.body, [*loops, counter]))
+                counter = f"k{len(loops)}" if step.count > 1 else "0"
+                turn = self._body(step.body, [*loops, counter])
+                yield from loop(counter, step.count, turn) if step.count > 1 else turn
             elif isinstance(step, When):
-                head = f"if (*({self._at(step.flag, loops)}) != {constant(0.0, self.real)}) {{"
+                head = f"if ({algebra.element(self._at(step.flag, loops))} != {constant(0.0, self.real)}) {{"
                 yield from block(head, self._body(step.body, loops))
             elif isinstance(step, Call):
                 moving: tuple[bool, ...] = ()
@@ -106,8 +141,21 @@ class Translator:
                     if not apart:
                         raise _unsupported("a sweep in which a result takes the place of an argument")
                     moving = tuple(piece.buffer == COLUMN or piece in self._spread for piece in step.inputs)
+                pieces = zip(step.names, (*step.inputs, *step.outputs))
+                elements = {
+                    name: names
+                    for name, piece in pieces
+                    if (names := self._elements.get(piece.buffer)) and piece.size == len(names)
+                }
                 name = self._function(
-                    step.function, max(1, self._columns), moving, step.about, apart, step.stages
+                    step.function,
+                    max(1, self._columns),
+                    moving,
+                    step.about,
+                    apart,
+                    step.stages,
+                    step.names,
+                    elements,
                 )
                 places = [self._at(piece, loops) for piece in (*step.inputs, *step.outputs)]
                 yield f"{name}({', '.join(places + self._rows_of(name))});"
@@ -124,9 +172,14 @@ class Translator:
                 places = [self._at(piece, loops) for piece in (step.point, step.table, step.target)]
                 yield f"{name}({', '.join(places)});"
             elif isinstance(step, Cholesky):
-                name = self._helper("cholesky", algebra.cholesky, self.real)
                 places = self._at(step.source, loops), self._at(step.target, loops)
-                yield f"{name}({', '.join(places)}, {step.order});"
+                if self.lanes == 1 and step.order <= small.ORDER:
+                    short = f"cholesky{step.order}"
+                    name = self._helper(short, small.cholesky, step.order, self.real)
+                    yield f"{name}({', '.join(places)});"
+                else:
+                    name = self._helper("cholesky", algebra.cholesky, self.real)
+                    yield f"{name}({', '.join(places)}, {step.order});"
             elif isinstance(step, Householder):
                 name = self._helper("reflect", algebra.householder, self.real)
                 places = self._at(step.source, loops), self._at(step.target, loops)
@@ -142,12 +195,21 @@ class Translator:
                 if self._columns and step.source.buffer != COLUMN:  # the same for all columns
                     yield from loop("i", size, [f"({target})[i] = ({source})[i / {self._columns}];"])
                 else:
-                    yield f"{self._helper('copy', algebra.COPY)}({source}, {target}, {size});"
+                    near = overlap(step.source, step.target) or step.source.strides or step.target.strides
+                    name = self._helper("move", algebra.MOVE) if near else self._helper("copy", algebra.COPY)
+                    yield f"{name}({source}, {target}, {size});"
             elif isinstance(step, Guard):
                 finite = f"{self._helper('finite', algebra.FINITE)}({self._at(step.source, loops)}, {step.source.size})"
-                yield from block(f"if ({finite} == 0) {{", [f"return {step.code};"])
+                code = self._codes.get(step.code, str(step.code))
+                yield from block(f"if ({finite} == 0) {{", [f"return {code};"])
             else:
                 raise _unsupported("random numbers, which belong to a simulation")
+
+    def _headed(self, step: Step) -> list[str]:
+        """A comment where something new begins."""
+        written = slices(step)[1] if isinstance(step, Simple) else ()
+        about = next(filter(None, (parts.about(written) for parts in self._parts.values())), "")
+        return [line for text in about.splitlines() for line in headed(text)]
 
     def _take(self, name: str, size: int) -> str:
         """The declaration of so many numbers of the room, until what took them gives them back."""
@@ -162,28 +224,37 @@ class Translator:
         return [algebra.ahead(ROOM, self._taken)] * (size > 0)
 
     def _at(self, piece: Slice, loops: Sequence[str]) -> str:
-        if piece.buffer == COLUMN:
-            return algebra.ahead("column", piece.offset * self._columns)
+        for place, text in self._in_place.items():
+            if piece.buffer == COLUMN and overlap(piece, place):
+                return algebra.ahead(text, piece.offset - place.offset)
         if piece in self._spread:
             return self._spread[piece]
         if piece.shift:
             raise _unsupported(
                 f"a place that is shifted by {piece.shift!r}, a number that is given when it runs"
             )
-        terms = [piece.buffer] + ([str(piece.offset)] if piece.offset else [])
-        terms += [f"{stride} * {loop}" for stride, loop in zip(piece.strides, loops, strict=False) if stride]
+        parts, moves = self._parts.get(piece.buffer), zip(piece.strides, loops, strict=False)
+        terms = [parts.at(piece) if parts else algebra.ahead(piece.buffer, piece.offset)]
+        terms += [f"{stride} * {loop}" for stride, loop in moves if stride and loop != "0"]
         return " + ".join(terms)
 
     def _outer_sum(self, step: OuterSum, loops: Sequence[str]) -> str:
+        (rows, columns), flags = step.shape, (step.weights is not None, step.plus is not None, step.symmetric)
+        if self.lanes == 1 and rows * columns <= small.FEW:
+            letters = "".join(letter for letter, flag in zip("wps", flags) if flag)
+            short = f"sum{letters}_{rows}_{columns}"
+            name = self._helper(short, small.outer_sum, *flags, rows, columns)
+            pieces = [step.left, None if step.symmetric else step.right, step.weights, step.plus, step.target]
+            places = [self._at(piece, loops) for piece in pieces if piece is not None]
+            return f"{name}({', '.join(places)}, {step.count});"
         apart = step.plus is None or not overlap(step.plus, step.target)
         wide = algebra.WIDE if apart and step.shape[1] >= algebra.WIDE else 1
         tall = algebra.TALL if wide > 1 and step.shape[0] >= algebra.TALL else 1
-        flags = step.weights is not None, step.plus is not None, step.symmetric
         short = "sum" + "".join(letter for letter, flag in zip("wpsvt", (*flags, wide > 1, tall > 1)) if flag)
         name = self._helper(short, algebra.outer_sum, *flags, tall, wide)
         pieces = [step.left, step.right, step.weights, step.plus, step.target]
         places = [self._at(piece, loops) for piece in pieces if piece is not None]
-        return f"{name}({', '.join(places)}, {step.count}, {step.shape[0]}, {step.shape[1]});"
+        return f"{name}({', '.join(places)}, {step.count}, {rows}, {columns});"
 
     def _map(self, step: Map, loops: list[str]) -> Iterator[str]:
         """Columns are gathered from where they lie, `lanes` at once, and put back; single numbers stay."""
@@ -195,11 +266,14 @@ class Translator:
         )
         starts = [self._at(whole(piece), loops) for piece in (*step.inputs, *step.outputs)]
         if self.lanes > 1 and simple and apart and not codes & CALLS:  # numbers become numbers one by one
-            yield f"{self._function(step.function, 0, moving, step.about)}({', '.join(starts)}, {step.count});"
+            name = self._function(step.function, 0, moving, step.about, names=step.names)
+            yield f"{name}({', '.join(starts)}, {step.count});"
             return
         pieces, read = [*step.inputs, *step.outputs], len(step.inputs)
         lanes = self.lanes if step.count >= self.lanes else 1
-        name = self._function(step.function, lanes, moving if lanes > 1 else (), step.about)
+        name = self._function(
+            step.function, lanes, moving if lanes > 1 else (), step.about, apart, names=step.names
+        )
         left = f"const int left = ({step.count} - c < {lanes}) ? {step.count} - c : {lanes};"
         declared, gather, scatter, places = [left] if lanes > 1 else [], [], [], []
         for k, (piece, start) in enumerate(zip(pieces, starts, strict=True)):
@@ -231,27 +305,45 @@ class Translator:
             number = str(min(left, lanes))
             spread = _shared(step.body) if lanes > 1 else {}
             copies = [self._take(name, piece.size * lanes) for piece, name in spread.items()]
-            lines = [self._take("column", step.size * lanes)]
-            lines += self._moves(step.inputs, loops, lanes, number, True)
+            memory = self._take(COLUMN, step.size * lanes)
+            parts = self._parts[COLUMN] = Parts(COLUMN, step.size, step.parts, lanes)
+            self._in_place = {} if lanes > 1 else self._columns_in_place(step, loops)
+            lines = self._moves(step.inputs, loops, lanes, number, True)
             self._columns, self._spread = lanes, spread
             lines += self._body(step.body, loops)
             self._columns, self._spread = 0, {}
             lines += self._moves(step.outputs, loops, lanes, number, False)
+            lines = [memory, *parts.declared(lines, self.real.name), *lines]
+            self._in_place = {}
             for piece, name in spread.items():
                 copy = f"{name}[{lanes} * i + l] = ({self._at(piece, loops)})[i];"
                 copies += loop("i", piece.size, loop("l", lanes, [copy]))
-            yield from block(
-                "{", [*copies, *block(f"for (int c = {first}; c < {end}; c += {lanes}) {{", lines)]
-            )
+            turns = block(f"for (int c = {first}; c < {end}; c += {lanes}) {{", lines)
+            yield from block("{", [*copies, *turns]) if copies else turns
             first = end
+
+    def _columns_in_place(self, step: Sweep, loops: list[str]) -> dict[Slice, str]:
+        """Where the columns of a sweep lie that need not be copied: their elements are neighbours, and no step changes
+        one that is read."""
+        steps = list(leaves(step.body))
+        written = [piece for inner in steps for piece in slices(inner)[1]]
+        pairs = [pair for pair in step.inputs if not any(overlap(pair[1], piece) for piece in written)]
+        used = [piece for inner in steps for side in slices(inner) for piece in side]
+        return {
+            place: f"{self._at(columns.whole, loops)} + {_times('c', columns.moves[1])}"
+            for columns, place in (*pairs, *step.outputs)
+            if columns.moves[0] == 1 and all(_inside(piece, place) for piece in used if overlap(piece, place))
+        }
 
     def _moves(
         self, pairs: Iterable[tuple[Columns, Slice]], loops: list[str], lanes: int, left: str, read: bool
     ) -> list[str]:
         moves = []
         for columns, place in pairs:
+            if place in self._in_place:
+                continue
             start = self._at(columns.whole, loops)
-            column = algebra.ahead("column", place.offset * lanes)
+            column = self._parts[COLUMN].at(place)
             moves.append(self._move(columns, start, column, lanes, left, read))
         return moves
 
@@ -262,7 +354,8 @@ class Translator:
         if lanes == 1:
             name = self._helper("gather" if read else "scatter", algebra.column, read)
             return f"{name}({ends}, {columns.size}, {along});"
-        name = self._helper("pack" if read else "unpack", algebra.columns, read, lanes)
+        short = ("pack" if read else "unpack") + "_rows" * (across == 1)
+        name = self._helper(short, algebra.columns, read, lanes, across == 1)
         return f"{name}({ends}, {columns.size}, {along}, {across}, {left});"
 
     # Functions ----------------------------------------------------------------------------------------
@@ -278,6 +371,8 @@ class Translator:
         about: str = "",
         apart: bool = False,
         stages: Stages | None = None,
+        names: tuple[str, ...] = (),
+        elements: Mapping[str, Sequence[str]] = NOTHING,
     ) -> str:
         """Name of a ``static void name(in₀, …, out₀, …)``, which is written at its first use.
 
@@ -285,16 +380,17 @@ class Translator:
         calls, and with one element in every moving argument and result. For more than one, element e of a moving
         argument or of a result is the row ``[e * lanes + lane]``, and no result may lie where an argument does. For
         one, every store comes after every load, so that results may take the place of arguments, if they are not
-        `apart`. `moving`: Which arguments differ from lane to lane. `about`: A comment above it. Raises Unsupported: an
-        operation that is not in the table.
+        `apart`. `moving`: Which arguments differ from lane to lane. `about`: A comment above it. `names`: Of arguments
+        and results; `elements`, of their elements. Raises Unsupported: an operation that is not in the table.
         """
-        apart = apart and function.n_instructions() > LONGEST
+        apart = apart and lanes == 1
         key = (function.serialize(), lanes, moving, apart)
         if key in self._names:
             return self._names[key]
-        name, real, count = f"{self.prefix}_{function.name()}{len(self._names)}", self.real, function.n_in()
-        said = () if stages is None else stages.about
-        flow = read_dataflow(stages.function if stages else function, OPERATIONS, True, len(said))
+        real, size = self.real, function.n_in()
+        flow = read_dataflow(
+            stages.function if stages else function, OPERATIONS, True, len(stages.names) if stages else 0
+        )
         codes = {code for code, *_ in instructions(function)}
         self.calls_library |= not codes.isdisjoint(LIBRARY)
         # A build of floats calls the library's sine and cosine.
@@ -302,16 +398,32 @@ class Translator:
         calls = {
             code: self._helper(SINES[code], algebra.function, code == casadi.OP_COS, real) for code in own
         }
-        counts = count, function.n_out()
-        writer = FunctionText(
-            name, flow, real, lanes, moving or (False,) * count, calls, self._row, counts, apart, said
-        )
+        words = _words(names, size, function.n_out())
+        said = () if stages is None else tuple(zip(stages.names, stages.about, strict=True))
+        moving = moving or (False,) * size
+
+        places = self._places_of if elements else NOTHING
+        for name in self._free(function.name()):
+            writer = FunctionText(
+                name, flow, real, lanes, moving, calls, self._row, *words, apart, said, elements, places
+            )
+            texts = writer.texts()
+            if not texts.keys() & self.functions.keys():
+                break
         if lanes > 1 and writer.places:
             self._kept[name] = lanes * (max(writer.places.values()) + 1)
-        texts = writer.texts()
         self.functions |= texts | {name: _headed(about, texts[name])}
         self._names[key] = name
         return name
+
+    def _free(self, short: str) -> Iterator[str]:
+        """Names for a traced function that nothing has yet, the best one first."""
+        ours = short in self._taken_names or short.startswith(HELPERS)
+        yield from (
+            name
+            for number in count(1 + ours)
+            if (name := f"{self.prefix}_{short}" + f"_{number}" * (number > 1)) not in self.functions
+        )
 
     def _row(self, codes: tuple[int, ...]) -> str:
         short = "".join(SINES[code] for code in codes) + "_row"
@@ -331,6 +443,18 @@ class Translator:
         return name
 
 
+def _words(names: tuple[str, ...], read: int, written: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names of arguments and of results in C: as they are in Python, where they are known."""
+    results = ["result"] if written == 1 else [f"result{k + 1}" for k in range(written)]
+    given = [*names, *results[max(0, len(names) - read) :]] if len(names) >= read else []
+    chosen: list[str] = []
+    for k, name in enumerate(given or [*(f"in{k}" for k in range(read)), *results]):
+        word = re.sub(r"\W", "_", name, flags=re.ASCII).strip("_") or f"in{k}"
+        word += "_" * (word in WORDS or re.fullmatch(r"[cvw]\d+|[A-Z_]+|[0-9].*", word) is not None)
+        chosen.append(word if word not in chosen else f"{word}_{k}")
+    return tuple(chosen[:read]), tuple(chosen[read:])
+
+
 def _headed(about: str, text: str) -> str:
     return "\n".join([*headed(about), text])
 
@@ -346,6 +470,10 @@ def _shared(body: Sequence[Step]) -> dict[Slice, str]:
             if piece.buffer != COLUMN and not any(piece.strides):
                 names.setdefault(piece, f"spread{len(names)}")
     return names
+
+
+def _inside(piece: Slice, place: Slice) -> bool:
+    return place.offset <= piece.offset and piece.offset + piece.size <= place.offset + place.size
 
 
 def _times(counter: str, stride: int) -> str:

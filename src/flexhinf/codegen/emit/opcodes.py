@@ -27,6 +27,7 @@ from flexhinf.codegen.dataflow import (
     LIBRARY,
     MULTIPLY_ADD,
     MULTIPLY_SUBTRACT,
+    SELECT,
     SINGLE,
     SUBTRACT_PRODUCT,
 )
@@ -436,6 +437,7 @@ OPCODES: dict[int, Rule] = {
     MULTIPLY_ADD: _intrinsic("fma"),
     MULTIPLY_SUBTRACT: lambda w, a, b, c: w.intrinsic("fma", a, b, w.real("fneg", c)),
     SUBTRACT_PRODUCT: lambda w, a, b, c: w.intrinsic("fma", w.real("fneg", a), b, c),
+    SELECT: lambda w, flag, a, b: w.select(_truth(w, flag), a, b),
     casadi.OP_ASSIGN: lambda w, x: x,
     casadi.OP_ADD: lambda w, a, b: w.real("fadd", a, b),
     casadi.OP_SUB: lambda w, a, b: w.real("fsub", a, b),
@@ -455,7 +457,6 @@ OPCODES: dict[int, Rule] = {
     casadi.OP_NOT: lambda w, x: _number(w, w.compare("oeq", x, w.lanes.constant(0.0))),
     casadi.OP_AND: lambda w, a, b: _logical(w, "and", a, b),
     casadi.OP_OR: lambda w, a, b: _logical(w, "or", a, b),
-    casadi.OP_IF_ELSE_ZERO: lambda w, flag, x: w.select(_truth(w, flag), x, w.lanes.constant(0.0)),
     casadi.OP_SIN: _turn("sin"),
     casadi.OP_COS: _turn("cos"),
 }

@@ -6,6 +6,7 @@
 #include "@NAME@.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <stddef.h>
 
 @ARITHMETIC@

@@ -104,7 +104,8 @@ typedef struct {
     @NAME@_real after[@BIG@_MEMORY];
     @NAME@_real estimate[@BIG@_STATES], estimated[@BIG@_STATES];
     @NAME@_real u[@BIG@_INPUTS], held[@BIG@_INPUTS];
-    @NAME@_real work[@BIG@_WORK], columns[@BIG@_COLUMNS];
+    @NAME@_real work[@BIG@_WORK];
+@ALIGNMENT@    @NAME@_real columns[@BIG@_COLUMNS];
     int missing, failed, began_again, samples, waiting, refused;
     unsigned int mark;
 } @NAME@_state;

@@ -4,6 +4,7 @@
 #define @BIG@_MODEL_H
 
 #include <math.h>
+#include <stdbool.h>
 
 @ARITHMETIC@
 #define MODEL_NAME "@NAME@"

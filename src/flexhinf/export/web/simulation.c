@@ -5,6 +5,7 @@
 #include "@NAME@.h"
 
 #include <math.h>
+#include <stdbool.h>
 
 @ARITHMETIC@
 #define FMA(a, b, c) ((a) * (b) + (c))

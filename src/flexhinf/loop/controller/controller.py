@@ -411,9 +411,11 @@ class Controller(Summarised):
         if not self.composed:
             traced = drop_empty(self.traced())
             read, written = (
-                [place for name in names if (place := places[name]) is not None] for names in (READ, WRITTEN)
+                {name: place for name in names if (place := places[name]) is not None}
+                for names in (READ, WRITTEN)
             )
-            return (Call(traced, tuple(read), tuple(written)),), ()
+            call = Call(traced, tuple(read.values()), tuple(written.values()), names=(*read, *written))
+            return (call,), ()
         run = Composer()
         y, r, memory, data, target = (
             Block(place, (place.size if place else 0,))

@@ -6,10 +6,12 @@ An element that is no finite number is missing: its sensor gave nothing.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from flexhinf.codegen import gives
 from flexhinf.plant import Estimator, chosen, known, turned
 from flexhinf.scalars import absolute, maximum, where
 
@@ -27,11 +29,15 @@ class Source(NamedTuple):
 
 def corrected(run: Any, estimator: Estimator, belief: Any, y: Any, u: Any, data: Any) -> tuple[Any, Any]:
     """x(k|k), x(k|k−1) itself where nothing was measured; and y without the elements that a gate has rejected."""
+    run.section("Where something was measured, the estimate is corrected by it")
     some = run.call(_some, y)
     with run.when(some):
         after = estimator.measurement_update_on(run, belief, y, u, data.parameters, data.measurement_noise)
     after = type(belief)(
-        *(old if new is old else _either(run, some, new, old) for new, old in zip(after, belief, strict=True))
+        *(
+            old if new is old else _either(run, name, some, new, old)
+            for name, new, old in zip(belief._fields, after, belief, strict=True)
+        )
     )
     if "rejected" in belief._fields:
         y = run.call(_passed, y, belief.rejected, after.rejected)
@@ -76,11 +82,10 @@ def _some(y: Any) -> Any:
     return np.array([where(sum(known(y)) > 0.5, 1.0, 0.0)])
 
 
-def _either(run: Any, flag: Any, new: Any, old: Any) -> Any:
+def _either(run: Any, name: str, flag: Any, new: Any, old: Any) -> Any:
     """New numbers where the flag (1,) is 1, else the old ones, which are those of a vector or of columns."""
-    if len(new.shape) == 1:
-        return run.call(by_flag, new, old, flag)
-    return run.columns(by_flag, (new, old), flag)
+    either = gives(name)(partial(by_flag))
+    return run.call(either, new, old, flag) if len(new.shape) == 1 else run.columns(either, (new, old), flag)
 
 
 def by_flag(new: Any, old: Any, flag: Any) -> Any:

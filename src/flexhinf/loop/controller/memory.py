@@ -18,12 +18,12 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping
-from types import SimpleNamespace
+from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-from flexhinf.codegen import Buffer, Copy, Guard, Program, Slice
+from flexhinf.codegen import Buffer, Copy, Guard, Part, Program, Slice
 from flexhinf.codegen.program import Step
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.validation import real_array, value_text
@@ -212,23 +212,24 @@ def step_program(
     commanded: bool,
     gaps: bool,
     steps: Callable[[dict[str, Slice | None]], tuple[tuple[Step, ...], tuple[Buffer, ...]]],
+    parts: Mapping[str, tuple[Part, ...]] = MappingProxyType({}),
 ) -> Program:
     """One step as a transaction: `memory` and `estimate` are written where everything is finite.
 
     `sizes` are those of y, r, data, memory, u and estimate. `commanded` says whether a command is read, `gaps` whether
-    elements of y may be missing, and `steps` are those of `Controller.steps`.
+    elements of y may be missing, `steps` are those of `Controller.steps`, and `parts` of buffers have names.
     """
     roles: dict[str, Any] = ROLES
     buffers = [
-        *(Buffer(name, sizes[name], role) for name, role in roles.items()),
-        Buffer("after", sizes["memory"], "work", cleared=False),
+        *(Buffer(name, sizes[name], role, parts=parts.get(name, ())) for name, role in roles.items()),
+        Buffer("after", sizes["memory"], "work", cleared=False, parts=parts.get("after", ())),
         Buffer("estimated", sizes["estimate"], "work", cleared=False),
     ]
     whole = {buffer.name: Slice(buffer.name, size=buffer.size or 0) for buffer in buffers}
     places: dict[str, Slice | None] = {**whole, "estimate": whole["estimated"]}
     body, scratch = steps(places if commanded else {**places, "r": None})
     read = [] if gaps else [Guard(whole["y"], BAD_MEASUREMENT)]
-    results = [Guard(whole[name], BAD_RESULT) for name in ("u", "estimated", "after")]
+    results = [Guard(whole[name], BAD_RESULT) for name in ("estimated", "after")]  # u is a part of the memory
     copies = Copy(whole["after"], whole["memory"]), Copy(whole["estimated"], whole["estimate"])
     every = (*read, Guard(whole["r"], BAD_REFERENCE), *body, *results, *copies)
     return Program("controller_step", (*buffers, *scratch), every, ())

@@ -26,6 +26,7 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.codegen import gives
 from flexhinf.errors import refuse_if
 from flexhinf.loop.shared import BRAKING
 from flexhinf.scalars import absolute, clip, maximum, minimum, where
@@ -291,6 +292,7 @@ def answered(
     return r, np.array([maximum(frozen, freezing), braked, rate])
 
 
+@gives("watch_next", "status_next")
 def observed(
     places: Sequence[int],
     reactions: tuple[str, ...],

@@ -28,7 +28,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.codegen import DIRECT, Block, Composer
+from flexhinf.codegen import DIRECT, Block, Composer, gives
 from flexhinf.codegen.shared import share
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.measured import Source, corrected, faded, plausible, positions, refusals
@@ -215,6 +215,7 @@ def controller_step(
     belief: Any = None
     queue, acted, waiting = None, memory.u, []
     if mode.latency:
+        run.section("Inputs that wait for their instant, and the one that acted until this sample")
         queue, *waiting, acted = run.call(_waiting, memory.u, memory.queue)
     beliefs, ahead, push, doubt, seen = [], estimate, None, None, None
     offset = [memory.offset, memory.offset_known] if mode.has_offset else [None, None]
@@ -234,6 +235,8 @@ def controller_step(
         estimate = belief.mean
         if "rcond" in belief._fields:
             doubt = run.call(doubted, belief.rcond, data.rcond_limit, memory.doubt)
+        if waiting:
+            run.section("Prediction to the instant at which the input acts")
         beliefs = predict_ahead(run, estimator, belief, waiting[::-1], data)
         ahead = [belief, *beliefs][-1].mean
     whole = estimate
@@ -260,6 +263,7 @@ def controller_step(
             data.command_upper, data.command_rate,
         )  # fmt: skip
     active: Any = None
+    run.section("Tracked positions, their integrals, and the law's argument")
     point, operating_input, gain = data.operating_point, data.operating_input, data.integral_gain
     taken, inverse = None, data.inverse_slope if mode.takes_over else None
     lines = [data.windup_line, data.windup_spread] if mode.bounds_windup else []
@@ -287,11 +291,13 @@ def controller_step(
     if mode.moving and law.law.depends_on_reference:
         # In memory of its own: loops inside a sample may read it.
         about = run.call(partial(_state_and_input, len(estimate)), r)
+    run.section("The law u = k(x - x*)" if about is None else "The law about the moving reference")
     law_of = law.on(run, data.law, active, about)
     feedback = law_of(deviation)
     after = {"position": position, "reference": requested, "command": r, "active": active}
     after |= {"queue": queue, "commands": commands, "doubt": doubt, "seen": seen}
     if mode.takes_over:
+        run.section("Where the law takes over, integrals begin at what continues the last input")
         wanted = run.call(np.subtract, memory.u, operating_input)
         feedback, growth, integral, after["bias"] = bumpless_transfer(
             run, law_of, taken, deviation, feedback, wanted, inverse, growth, memory.bias, point, data.decay
@@ -300,6 +306,7 @@ def controller_step(
     if mode.bounds_windup:
         places = None if mode.moving else [source.state for source in tracked]
         bounds = (run.call(partial(_wound, places), integral, point, gain, r, *lines, data.windup_limit),)
+    run.section("The input within its limits; integrals do not wind up")
     after |= {"offset": offset[0], "offset_known": offset[1], "stop": stop[0] if stop else None}
     after["u"], after["integral"], after["started"] = run.call(
         partial(_input, mode.bounds_windup), feedback, growth, integral, memory.integral, operating_input, data.lower,
@@ -307,6 +314,7 @@ def controller_step(
     )  # fmt: skip
     u = after["u"]
     if mode.reactions:
+        run.section("What is watched, and the status")
         after["watch"], after["status"] = run.call(
             partial(observed, boxed, mode.reactions), u, requested, memory.reference, memory.started,
             memory.watch, data.lower, data.upper, data.workspace, data.swings, data.watching, *stop,
@@ -347,6 +355,7 @@ def _passed(started: Any, r: Any, last: Any, queue: Any) -> tuple[Any, Any, Any]
     return np.stack(rows[:-1]), *rows[-2:]
 
 
+@gives("position", "growth", "integral", "deviation")
 def _deviation(
     tracked: Sequence[Source],
     moving: bool,
@@ -414,6 +423,7 @@ def _wound(
     return pushed - clip(pushed, -limit, limit)
 
 
+@gives("u_next", "integral_next", "started_next")
 def _input(
     bounded: bool,
     feedback: Any,
@@ -518,6 +528,7 @@ def _better(
     return where(better, errors + step, errors), where(better, left, misfit), inverse
 
 
+@gives("feedback_now", "growth_now", "integral_now", "bias")
 def _joined(
     n: int,
     taken: Any,

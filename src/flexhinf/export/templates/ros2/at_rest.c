@@ -3,6 +3,7 @@
 #include "@NAME@_at_rest.h"
 
 #include <math.h>
+#include <stdbool.h>
 
 #define FMA(a, b, c) ((a) * (b) + (c))
 typedef @NAME@_real real;

@@ -1,0 +1,268 @@
+"""Values of a traced function as expressions of C.
+
+A value that is used once stands inside the expression that uses it, up to a bounded size; every other has a name. A
+truth value is a condition, or a ``bool``, and a number only where one is needed. What a choice chooses between is
+computed before it, by a line of its own: a step then takes as long whatever it chooses, and compilers make vectors.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass
+
+import casadi
+
+from flexhinf.codegen.c.algebra import Real, constant
+from flexhinf.codegen.dataflow import (
+    LIBRARY,
+    MULTIPLY_ADD,
+    MULTIPLY_SUBTRACT,
+    SELECT,
+    SINGLE,
+    SUBTRACT_PRODUCT,
+    TRUTHS,
+    Dataflow,
+    Operation,
+)
+
+#: Functions that are written here instead of called where numbers are double; and functions of two numbers.
+SINES = {casadi.OP_SIN: "sin", casadi.OP_COS: "cos"}
+OF_TWO = (
+    casadi.OP_ATAN2, casadi.OP_POW, casadi.OP_CONSTPOW, casadi.OP_HYPOT, casadi.OP_FMOD, casadi.OP_REMAINDER,
+    casadi.OP_COPYSIGN,
+)  # fmt: skip
+
+#: Expressions of operands {0}, {1}, … in brackets where they need some, of {0.bare} without, and of {one} and {zero};
+#: {f} ends the names of functions of the type. Those of truth values are conditions.
+OPERATIONS: dict[int, str] = {
+    **{code: f"{name}{{f}}({{0.bare}})" for code, name in {**LIBRARY, **SINGLE, **SINES}.items()},
+    **{code: f"{LIBRARY.get(code, 'copysign')}{{f}}({{0.bare}}, {{1.bare}})" for code in OF_TWO},
+    MULTIPLY_ADD: "FMA({0.bare}, {1.bare}, {2.bare})",
+    MULTIPLY_SUBTRACT: "FMA({0.bare}, {1.bare}, -{2})",
+    SUBTRACT_PRODUCT: "FMA(-{0}, {1.bare}, {2.bare})",
+    casadi.OP_ASSIGN: "{0}",
+    casadi.OP_ADD: "{0} + {1}",
+    casadi.OP_SUB: "{0} - {1}",
+    casadi.OP_MUL: "{0} * {1}",
+    casadi.OP_DIV: "{0} / {1}",
+    casadi.OP_NEG: "-{0}",
+    casadi.OP_SQ: "{0} * {0}",
+    casadi.OP_TWICE: "{0} + {0}",
+    casadi.OP_INV: "{one} / {0}",
+    casadi.OP_SIGN: "({0} < {zero}) ? -{one} : (({0} > {zero}) ? {one} : {0})",
+    # fmin, fmax of C: a NaN loses, the first operand wins a tie
+    casadi.OP_FMIN: "(({1} < {0}) || isnan({0})) ? {1} : {0}",
+    casadi.OP_FMAX: "(({1} > {0}) || isnan({0})) ? {1} : {0}",
+    casadi.OP_LT: "{0} < {1}",
+    casadi.OP_LE: "{0} <= {1}",
+    casadi.OP_EQ: "{0} == {1}",
+    casadi.OP_NE: "{0} != {1}",
+    # NaN stands for "true", as in C
+    casadi.OP_NOT: "!{0}",
+    casadi.OP_AND: "{0} && {1}",
+    casadi.OP_OR: "{0} || {1}",
+    SELECT: "{0.choice} ? {1} : {2}",
+}
+
+#: Operations that call the mathematical library; the others are single instructions.
+CALLS = {*LIBRARY, *SINES, casadi.OP_SQRT}
+
+#: What is no line of the text: it is read where it is used.
+LEAVES = (casadi.OP_CONST, casadi.OP_INPUT)
+
+#: Those whose operands stand twice in the text, or are chosen between: they are values that were computed before.
+_NAMED = (casadi.OP_SQ, casadi.OP_TWICE, casadi.OP_SIGN, casadi.OP_FMIN, casadi.OP_FMAX)
+#: Those of conditions. Of two, the second is not left out: both are computed before.
+_LOGIC = (casadi.OP_NOT, casadi.OP_AND, casadi.OP_OR)
+
+#: Operations, and about so many characters, of one expression at most.
+MOST, WIDEST = 4, 90
+
+
+@dataclass(frozen=True)
+class Text:
+    """An expression; `whole`: it needs no brackets as an operand."""
+
+    bare: str
+    whole: bool = False
+
+    def __str__(self) -> str:
+        return self.bare if self.whole else f"({self.bare})"
+
+    @property
+    def choice(self) -> str:
+        """As the condition of a choice."""
+        return self.bare if self.bare.isidentifier() else f"({self.bare})"
+
+
+class Expressions:
+    """Which values of a function have a line of their own, and what is written for each.
+
+    `inside`: Where each value is computed; only there it may stand in the expression of another. `read`: Text of an
+    element of an argument, (argument, element). `calls`: Names of functions by opcode. `named`: Elements of arguments
+    that are used more than once, or chosen, have a line too. `numbers`, `flags`: Text of values that are known in the
+    function of C that is being written, as numbers and as conditions.
+    """
+
+    def __init__(
+        self,
+        flow: Dataflow,
+        inside: Mapping[int, Hashable],
+        real: Real,
+        read: Callable[[int, int], str],
+        calls: Mapping[int, str],
+        named: bool = False,
+    ) -> None:
+        self.flow, self.real, self._read, self._calls = flow, real, read, calls
+        self.begin({})
+        self._as_number, self._as_flag = Counter[int](), Counter[int]()
+        self._plain = set[int]()  # used by an operation that takes a name
+        self._lines = named
+        for operation in flow.operations.values():
+            for place, value in enumerate(self._operands(operation)):
+                (self._as_flag if self._is_condition(operation, place) else self._as_number)[value] += 1
+                if self._takes_name(operation, place):
+                    self._plain.add(value)
+        self.results = Counter(value for _, _, value in flow.outputs)
+        self._within = self._embedded(inside)
+
+    def _operands(self, operation: Operation) -> tuple[int, ...]:
+        return () if operation.code in LEAVES else operation.arguments
+
+    def _takes_name(self, operation: Operation, place: int) -> bool:
+        return operation.code in (*_NAMED, casadi.OP_AND, casadi.OP_OR) or (
+            operation.code == SELECT and place > 0
+        )
+
+    def _is_condition(self, operation: Operation, place: int) -> bool:
+        """Whether an argument of an operation is one, and not a number."""
+        asked = operation.code in _LOGIC or (operation.code, place) == (SELECT, 0)
+        return asked and self._is_truth(operation.arguments[place])
+
+    def _is_truth(self, value: int) -> bool:
+        return self.flow.operations[value].code in TRUTHS
+
+    def _embedded(self, inside: Mapping[int, Hashable]) -> set[int]:
+        """Values that stand in the expression that uses them."""
+        found, sizes, widths = set[int](), dict[int, int](), dict[int, int]()
+        for k, operation in self.flow.operations.items():
+            if operation.code in LEAVES:
+                continue
+            size, width = 1, 8 + sum(map(self._width, operation.arguments))
+            for value in operation.arguments:
+                more = sizes.get(value, MOST)
+                uses = self._as_number[value] + self._as_flag[value] + self.results[value]
+                if (
+                    uses == 1
+                    and value not in self._plain
+                    and value in sizes
+                    and inside[value] == inside[k]
+                    and size + more <= MOST
+                    and width + widths[value] <= WIDEST
+                ):
+                    found.add(value)
+                    size, width = size + more, width + widths[value]
+            sizes[k], widths[k] = size, width
+        return found
+
+    def _width(self, value: int) -> int:
+        """Characters of a leaf, about."""
+        operation = self.flow.operations[value]
+        return len(self._read(*operation.arguments)) if operation.code == casadi.OP_INPUT else 6
+
+    def lines(self, values: Sequence[int]) -> list[int]:
+        """Those of the values that are no part of another's expression."""
+        return [k for k in values if k not in self._within and self.flow.operations[k].code not in LEAVES]
+
+    def leaves(self, value: int) -> list[int]:
+        """Values and elements that the expression of a value is made of."""
+        return [k for k, _ in self._uses(value)]
+
+    def _uses(self, value: int) -> list[tuple[int, bool]]:
+        """Those, and whether they are used as conditions."""
+        found, operation = [], self.flow.operations[value]
+        for place, k in enumerate(self._operands(operation)):
+            found += self._uses(k) if k in self._within else [(k, self._is_condition(operation, place))]
+        return found
+
+    def loads(self, value: int) -> list[int]:
+        """Values that are read from memory by a line of their own before that of a value."""
+        return [k for k, condition in self._uses(value) if self._is_loaded(k, condition)]
+
+    def _is_loaded(self, value: int, condition: bool) -> bool:
+        if self.flow.operations[value].code == casadi.OP_INPUT:
+            several = value in self._plain or self._as_number[value] + self.results[value] > 1
+            return self._lines and value not in self.numbers and several
+        several = condition and self._as_flag[value] > 1
+        return several and value not in self.flags and value in self.numbers
+
+    def declared(self, value: int) -> list[str]:
+        """Lines that give a value its names."""
+        truth, lines = self._is_truth(value), []
+        if truth and self._as_flag[value]:
+            condition, name = self.condition(value).bare, self._fresh("c")
+            lines.append(f"const bool {name} = {condition};")
+            self.flags[value] = name
+        if value not in self.numbers and (not truth or self._as_number[value] or not lines):
+            text, name = self.number(value).bare, self._fresh("v")
+            lines.append(f"const {self.real.name} {name} = {text};")
+            self.numbers[value] = name
+        return lines
+
+    def begin(self, numbers: Mapping[int, str]) -> None:
+        """Write another function: values that are known in it, as numbers."""
+        self.numbers, self.flags, self._count = dict(numbers), {}, Counter[str]()
+
+    def _fresh(self, letter: str) -> str:
+        self._count[letter] += 1
+        return f"{letter}{self._count[letter]}"
+
+    def number(self, value: int) -> Text:
+        """A value as a number."""
+        operation = self.flow.operations[value]
+        if value in self.numbers:
+            return Text(self.numbers[value], True)
+        if operation.code == casadi.OP_CONST:
+            text = constant(operation.constant, self.real)
+            return Text(text, not text.startswith("-"))
+        if operation.code == casadi.OP_INPUT:
+            return Text(self._read(*operation.arguments), True)
+        if operation.code in TRUTHS:
+            return Text(f"{self.condition(value).choice} ? {self._one} : {self._zero}")
+        operands = [
+            self.condition(k) if (operation.code, place) == (SELECT, 0) else self.number(k)
+            for place, k in enumerate(operation.arguments)
+        ]
+        if operation.code in self._calls:
+            return Text(f"{self._calls[operation.code]}({operands[0].bare})", True)
+        text = OPERATIONS[operation.code]
+        first = self.flow.operations[operation.arguments[0]].code
+        if first == casadi.OP_CONST or first in TRUTHS:  # which is a number
+            text = text.replace("({1} < {0}) || isnan({0})", "{1} < {0}")
+            text = text.replace("({1} > {0}) || isnan({0})", "{1} > {0}")
+        written = text.format(*operands, one=self._one, zero=self._zero, f=self.real.suffix)
+        called = written[0].isalpha() and text.endswith(")")
+        return Text(written, called or operation.code == casadi.OP_ASSIGN)
+
+    def condition(self, value: int) -> Text:
+        """Whether a value is not zero."""
+        operation = self.flow.operations[value]
+        if value in self.flags:
+            return Text(self.flags[value], True)
+        if operation.code not in TRUTHS or value in self.numbers:
+            return Text(f"{self.number(value)} != {self._zero}")
+        if operation.code not in _LOGIC:
+            return Text(OPERATIONS[operation.code].format(*map(self.number, operation.arguments)))
+        if operation.code == casadi.OP_NOT and not self._is_truth(operation.arguments[0]):
+            return Text(f"{self.number(operation.arguments[0])} == {self._zero}")
+        operands = map(self.condition, operation.arguments)
+        return Text(OPERATIONS[operation.code].format(*operands), operation.code == casadi.OP_NOT)
+
+    @property
+    def _one(self) -> str:
+        return constant(1.0, self.real)
+
+    @property
+    def _zero(self) -> str:
+        return constant(0.0, self.real)

@@ -1,0 +1,61 @@
+"""Places in a buffer by the names of its parts, for the text of C."""
+
+from __future__ import annotations
+
+import re
+from bisect import bisect_right
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+from flexhinf.codegen.c import algebra
+from flexhinf.codegen.memory import Part, Slice
+
+#: Names that a function of the steps, or the code around it, has for something else.
+TAKEN = {
+    "y", "r", "data", "memory", "u", "estimate", "after", "estimated", "scratch", "columns", "column", "left",
+    "real", "same", "begin", "limit", "hold", "number", "ranges", "input", "output", "state", "param", "round",
+}  # fmt: skip
+
+
+@dataclass
+class Parts:
+    """The parts of a buffer: pointers by their names, or constants of C, whose names are in capitals.
+
+    `size`: Numbers of the buffer, each `lanes` times.
+    """
+
+    buffer: str
+    size: int
+    parts: Sequence[Part]
+    lanes: int = 1
+    _said: set[str] = field(default_factory=set)
+
+    def at(self, piece: Slice) -> str:
+        """Where a piece begins, but for how it moves in loops."""
+        k = bisect_right(self.parts, piece.offset, key=lambda part: part.offset) - 1
+        if k < 0 or (piece.offset == 0 and piece.size == self.size):
+            return algebra.ahead(self.buffer, piece.offset * self.lanes)
+        part = self.parts[k]
+        begin = f"{self.buffer} + {part.name}" if part.name.isupper() else self._pointer(part)
+        return algebra.ahead(begin, (piece.offset - part.offset) * self.lanes)
+
+    def about(self, pieces: Sequence[Slice]) -> str:
+        """What begins with a step that writes these pieces, said once."""
+        for part in self.parts:
+            begun = any((p.buffer, p.offset) == (self.buffer, part.offset) for p in pieces)
+            if begun and part.about and part.name not in self._said:
+                self._said.add(part.name)
+                return part.about
+        return ""
+
+    def declared(self, lines: Sequence[str], real: str) -> Iterator[str]:
+        """The pointers that lines use."""
+        text = "\n".join(lines)
+        used = set(re.findall(r"\w+", text))
+        for part in self.parts:
+            if (name := self._pointer(part)) in used and not name.isupper():
+                yield f"{real} *const {name} = {algebra.ahead(self.buffer, part.offset * self.lanes)};"
+
+    @staticmethod
+    def _pointer(part: Part) -> str:
+        return f"{part.name}_" if part.name in TAKEN else part.name

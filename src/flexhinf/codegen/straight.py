@@ -1,0 +1,367 @@
+"""A program with fewer, longer functions: neighbouring small steps become one traced function.
+
+A composed program calls a function for every small piece and keeps each result in memory: little text, but more
+loads, stores and calls than arithmetic. Here neighbouring calls, copies, short sums and maps of a few columns are
+traced as one function. What only they read stays in registers, and the memory that is left is moved together. Loops,
+conditions and what is large stay steps of their own, and so does a larger function that is called from several places.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import accumulate, pairwise
+from typing import Any, get_args
+
+import casadi
+
+from flexhinf.codegen.compose import SCRATCH
+from flexhinf.codegen.memory import COLUMN, Buffer, Columns, Part, Slice
+from flexhinf.codegen.program import (
+    Call,
+    Cholesky,
+    Copy,
+    Map,
+    OuterSum,
+    Program,
+    Repeat,
+    Stages,
+    Step,
+    Sweep,
+    When,
+    slices,
+)
+from flexhinf.scalars import cholesky, trace
+from flexhinf.scalars.trace import instructions
+
+#: Operations of a function up to which every call of it is written out; a larger one only where it is called once.
+SMALL = 48
+
+#: Products of a sum, operations of a map, and elements of a copy that are written out.
+SHORT = 64
+
+#: Order of a Cholesky factor that is written out.
+ORDER = 2
+
+#: One number of a buffer.
+Place = tuple[str, int]
+
+
+def straightened(program: Program, tolerance: float) -> Program:
+    """The same program in longer functions; its steps have slices without strides and shifts, and one lane.
+
+    `tolerance`: A pivot below so many times what it is made of, times n, counts as zero.
+    """
+    return _Straight(program, tolerance).program()
+
+
+class _Straight:
+    def __init__(self, whole: Program, tolerance: float) -> None:
+        self.whole, self.tolerance = whole, tolerance
+        self.work = {buffer.name for buffer in whole.buffers if buffer.role == "work"} | {COLUMN}
+        self.parts = {(buffer.name, part.offset): part for buffer in whole.buffers for part in buffer.parts}
+        self.calls = Counter(hash(step.function) for step in _all(whole.body) if isinstance(step, Call))
+        self.factors: dict[int, Any] = {}
+
+    def program(self) -> Program:
+        """The program with its memory moved together."""
+        body = self._body(self.whole.body, set())
+        return _compact(self.whole, body, self.parts)
+
+    # What a step reads and writes ---------------------------------------------------------------------
+    def _reads(self, body: Sequence[Step]) -> set[Place]:
+        """Numbers of work buffers that steps read, of a column in hand too."""
+        found: set[Place] = set()
+        for step in body:
+            if isinstance(step, Repeat | When):
+                found |= self._reads(step.body)
+            if not isinstance(step, Repeat):
+                for piece in slices(step)[0]:
+                    found.update(place for place in _places(piece) if place[0] in self.work)
+        return found
+
+    def _live(self, body: Sequence[Step], end: set[Place]) -> list[set[Place]]:
+        """Numbers of work buffers that are read later, before each step, and at the end."""
+        live = [end]
+        for step in reversed(body):
+            written: set[Place] = set()
+            if not isinstance(step, Repeat | When):
+                written = {place for piece in slices(step)[1] for place in _places(piece)}
+            live.append((live[-1] - written) | self._reads([step]))
+        return live[::-1]
+
+    # Steps --------------------------------------------------------------------------------------------
+    def _body(self, body: Sequence[Step], end: set[Place]) -> tuple[Step, ...]:
+        body = [self._factor(step) if isinstance(step, Cholesky) else step for step in body]
+        live, done, group = self._live(body, end), list[Step](), list[Step]()
+        for k, step in enumerate(body):
+            if self._joins(step):
+                group.append(step)
+                continue
+            done += self._joined(group, live[k])
+            done.append(self._alone(step, live[k + 1]))
+            group = []
+        return (*done, *self._joined(group, live[-1]))
+
+    def _factor(self, step: Cholesky) -> Step:
+        """A factor of a small matrix as the call of a function."""
+        n = step.order
+        if n > ORDER:
+            return step
+        if n not in self.factors:
+
+            def factor(matrix: Any) -> Any:
+                return cholesky(matrix.reshape(n, n), self.tolerance).T.ravel()
+
+            self.factors[n] = trace(factor, n * n, name="factor")
+        function = self.factors[n]
+        self.calls[hash(function)] += 1
+        return Call(function, (step.source,), (step.target,), "L of L L^T, column by column")
+
+    def _joins(self, step: Step) -> bool:
+        if isinstance(step, Call):
+            size = _operations(step.function)
+            return size <= SMALL or self.calls[hash(step.function)] == 1
+        if isinstance(step, Map):
+            return step.count * _operations(step.function) <= SHORT
+        if isinstance(step, OuterSum):
+            return step.count * step.target.size <= SHORT * (1 + step.symmetric)
+        return isinstance(step, Copy) and step.source.size <= SHORT
+
+    def _alone(self, step: Step, live: set[Place]) -> Step:
+        if isinstance(step, Repeat):
+            return replace(step, body=self._body(step.body, live | self._reads([step])))
+        if isinstance(step, When):
+            return replace(step, body=self._body(step.body, live))
+        return self._swept(step) if isinstance(step, Sweep) else step
+
+    def _swept(self, step: Sweep) -> Step:
+        """A sweep; one whose steps became one function is a map."""
+        body = self._body(step.body, {place for _, piece in step.outputs for place in _places(piece)})
+        if len(body) == 1 and isinstance(call := body[0], Call):
+            ends = {piece: columns for columns, piece in (*step.inputs, *step.outputs)}
+            pieces = [[ends.get(piece, piece) for piece in side] for side in (call.inputs, call.outputs)]
+            inside = [piece for side in pieces for piece in side if isinstance(piece, Slice)]
+            if COLUMN not in {piece.buffer for piece in inside} and len(call.outputs) == len(step.outputs):
+                return Map(call.function, tuple(pieces[0]), tuple(pieces[1]), call.about)  # type: ignore[arg-type]
+        return replace(step, body=body)
+
+    def _joined(self, group: Sequence[Step], live: set[Place]) -> Iterator[Step]:
+        if len(group) < 2 or all(isinstance(step, Copy) for step in group):
+            yield from group
+            return
+        text, sections = _Text(), list[str]()
+        for step in group:
+            written = () if isinstance(step, Repeat) else slices(step)[1]
+            begins = [self.parts.get((piece.buffer, piece.offset)) for piece in written]
+            about = next((part.about for part in begins if part and part.about), "")
+            sections += [about] * bool(about)
+            text.add(step, about)
+        if call := text.call(lambda place: place[0] not in self.work or place in live, self._label):
+            for place in ((piece.buffer, piece.offset) for piece in call.outputs):
+                if sections and place in self.parts:
+                    self.parts[place] = replace(self.parts[place], about="\n".join(sections))
+                    break
+            yield call
+
+    def _label(self, piece: Slice) -> str:
+        """What a piece is called: the part of a buffer in which it begins."""
+        before = [
+            p for (buffer, at), p in self.parts.items() if buffer == piece.buffer and at <= piece.offset
+        ]
+        return before[-1].name.lower() if before else piece.buffer
+
+
+class _Text:
+    """Steps in a row as expressions of the numbers that were there before."""
+
+    def __init__(self) -> None:
+        self.before: dict[Place, Any] = {}  # what is read from memory
+        self.now: dict[Place, Any] = {}  # what has changed
+        self.stages: list[tuple[str, str, Any]] = []
+
+    def add(self, step: Step, about: str) -> None:
+        """Evaluate one more step; `about`: what begins with it, or nothing."""
+        if isinstance(step, Copy):
+            self._write(step.target, self._read(step.source))
+        elif isinstance(step, Call | Map):
+            for c in range(1 if isinstance(step, Call) else step.count):
+                read, written = (
+                    [_column(piece, c) if isinstance(piece, Columns) else _places(piece) for piece in pieces]
+                    for pieces in (step.inputs, step.outputs)
+                )
+                arguments = [[*map(self._value, places)] for places in read]
+                self._evaluate(step.function, arguments, written, step.about or about)
+        else:
+            assert isinstance(step, OuterSum)
+            total = _sum(step, self._read)
+            self._write(step.target, total)
+            self.stages.append(("sums", about or "Sums of products", total))
+
+    def call(self, wanted: Callable[[Place], bool], label: Callable[[Slice], str]) -> Call | None:
+        """One function of what is read, with the results that are wanted; None without any. `label` names pieces."""
+        changed = [p for p, value in self.now.items() if wanted(p) and not self._is_before(p, value)]
+        if not changed:
+            return None
+        written, buffers = [*_runs(changed, 0)], {buffer for buffer, _ in changed}
+        near, far = ([p for p in self.before if (p[0] in buffers) == inside] for inside in (True, False))
+        read = [*_runs(near, 0), *_runs(far, 8)]
+        inputs = [casadi.vertcat(*map(self._value_before, _places(piece))) for piece in read]
+        outputs = [[self.now[place] for place in _places(piece)] for piece in written]
+        names, about, values = zip(*self.stages, strict=True)
+        name = max(self.stages, key=lambda stage: len(stage[2]))[0]
+        stages = Stages(_function(name, inputs, [*([0.0, *own] for own in values), *outputs]), names, about)
+        said = about[0] if len(set(about)) == 1 else ""
+        words = _words([*read, *written], label)
+        return Call(_function(name, inputs, outputs), tuple(read), tuple(written), said, words, stages)
+
+    def _evaluate(
+        self, function: Any, arguments: Iterable[list[Any]], written: Iterable[Sequence[Place]], about: str
+    ) -> None:
+        results = function.call([casadi.vertcat(*values) for values in arguments])
+        flat = [[result[k] for k in range(result.numel())] for result in results]
+        for places, values in zip(written, flat, strict=True):
+            self.now |= dict(zip(places, values, strict=True))
+        self.stages.append((function.name(), about, [value for values in flat for value in values]))
+
+    def _value_before(self, place: Place) -> Any:
+        if place not in self.before:
+            self.before[place] = casadi.SX.sym(f"{place[0]}_{place[1]}")
+        return self.before[place]
+
+    def _value(self, place: Place) -> Any:
+        return self.now[place] if place in self.now else self._value_before(place)
+
+    def _read(self, piece: Slice) -> list[Any]:
+        return [self._value(place) for place in _places(piece)]
+
+    def _write(self, piece: Slice, values: Sequence[Any]) -> None:
+        self.now |= dict(zip(_places(piece), values, strict=True))
+
+    def _is_before(self, place: Place, value: Any) -> bool:
+        return place in self.before and casadi.is_equal(value, self.before[place])
+
+
+def _words(pieces: Sequence[Slice], label: Callable[[Slice], str]) -> tuple[str, ...]:
+    """A name for each piece, each another."""
+    words, taken = list[str](), Counter[str]()
+    for piece in pieces:
+        taken[word := label(piece)] += 1
+        words.append(word + f"_{taken[word]}" * (taken[word] > 1))
+    return tuple(words)
+
+
+def _function(name: str, inputs: Sequence[Any], results: Sequence[Sequence[Any]]) -> Any:
+    """A function of CasADi with dense results, in which equal expressions are computed once."""
+    shared = casadi.cse(casadi.vertcat(*(value for values in results for value in values)))
+    ends = [0, *accumulate(map(len, results))]
+    outputs = [casadi.densify(shared[first:end]) for first, end in pairwise(ends)]
+    return casadi.Function(name, inputs, outputs)
+
+
+def _sum(step: OuterSum, read: Callable[[Slice], list[Any]]) -> list[Any]:
+    """The target of a sum of outer products, in the order of its loops."""
+    rows, columns = step.shape
+    left, right = read(step.left), read(step.right)
+    weights = None if step.weights is None else read(step.weights)
+    plus = None if step.plus is None else read(step.plus)
+    total: dict[tuple[int, int], Any] = {}
+    for i in range(rows):
+        for j in range(columns):
+            if step.symmetric and j < i:
+                total[i, j] = total[j, i]
+                continue
+            for k in range(step.count):
+                factor = left[k * rows + i] if weights is None else left[k * rows + i] * weights[k]
+                product = factor * right[k * columns + j]
+                total[i, j] = total[i, j] + product if k else product
+            if plus is not None:
+                total[i, j] = total[i, j] + plus[i * columns + j]
+    return [total[i, j] for i in range(rows) for j in range(columns)]
+
+
+def _operations(function: Any) -> int:
+    others = (casadi.OP_CONST, casadi.OP_INPUT, casadi.OP_OUTPUT)
+    return sum(code not in others for code, *_ in instructions(function))
+
+
+def _all(body: Sequence[Step]) -> Iterator[Step]:
+    for step in body:
+        yield step
+        if isinstance(step, Repeat | When | Sweep):
+            yield from _all(step.body)
+
+
+def _places(piece: Slice) -> list[Place]:
+    return [(piece.buffer, k) for k in range(piece.offset, piece.offset + piece.size)]
+
+
+def _column(piece: Columns, c: int) -> list[Place]:
+    along, across = piece.moves
+    return [(piece.whole.buffer, piece.whole.offset + along * k + across * c) for k in range(piece.size)]
+
+
+def _runs(places: Iterable[Place], gap: int) -> Iterator[Slice]:
+    """Slices of neighbours in memory; of places at most `gap` numbers apart too."""
+    ordered = sorted(places)
+    first = 0
+    for k in range(1, len(ordered) + 1):
+        if k < len(ordered):
+            (buffer, here), (before, last) = ordered[k], ordered[k - 1]
+            if buffer == before and here - last <= gap + 1:
+                continue
+        buffer, start = ordered[first]
+        yield Slice(buffer, start, ordered[k - 1][1] - start + 1)
+        first = k
+
+
+# Memory ---------------------------------------------------------------------------------------------
+def _compact(whole: Program, body: tuple[Step, ...], named: Mapping[Place, Part]) -> Program:
+    """The steps with the memory between them moved together, without what no step uses any more; parts have names."""
+    free = {buffer.name for buffer in whole.buffers if buffer.name == SCRATCH}
+    used = {
+        place for step in _all(body) if not isinstance(step, Repeat)
+        for side in slices(step) for piece in side if piece.buffer in free for place in _places(piece)
+    }  # fmt: skip
+    moved = {place: (place[0], k) for k, place in enumerate(sorted(used))}
+
+    def at(piece: Slice) -> Slice:
+        return replace(piece, offset=moved[piece.buffer, piece.offset][1]) if piece.buffer in free else piece
+
+    def parts(buffer: Buffer) -> tuple[Part, ...]:
+        own = [named[buffer.name, part.offset] for part in buffer.parts]
+        if buffer.name not in free:
+            return tuple(own)
+        ends = [*(part.offset for part in own[1:]), buffer.size or 0]
+        used_of = [
+            next(
+                (moved[place][1] for k in range(part.offset, end) if (place := (buffer.name, k)) in moved),
+                None,
+            )
+            for part, end in zip(own, ends)
+        ]
+        return tuple(replace(part, offset=first) for part, first in zip(own, used_of) if first is not None)
+
+    buffers = tuple(
+        replace(buffer, size=len(moved) if buffer.name in free else buffer.size, parts=parts(buffer))
+        for buffer in whole.buffers
+        if buffer.name not in free or moved
+    )
+    return replace(whole, buffers=buffers, body=tuple(_moved(step, at) for step in body))
+
+
+def _moved(step: Any, at: Callable[[Slice], Slice]) -> Any:
+    """A step with every slice at its new place."""
+
+    def new(value: Any) -> Any:
+        if isinstance(value, Slice):
+            return at(value)
+        if isinstance(value, Columns):
+            return replace(value, whole=at(value.whole))
+        if isinstance(value, get_args(Step)):
+            return _moved(value, at)
+        return tuple(map(new, value)) if isinstance(value, tuple) else value
+
+    fields: Mapping[str, Any] = {name: getattr(step, name) for name in step.__dataclass_fields__}
+    return replace(step, **{name: new(value) for name, value in fields.items()})

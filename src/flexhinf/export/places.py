@@ -1,0 +1,129 @@
+"""Where the numbers of a controller's step lie, by constants of C."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flexhinf.codegen import Part
+from flexhinf.codegen.c import comment
+from flexhinf.export.names import MEMORY, constants, named_parameters, parameter_units
+from flexhinf.loop import Controller
+
+if TYPE_CHECKING:
+    from flexhinf.robot import Robot
+
+#: A constant, its value, and its comment.
+Row = tuple[str, int, str]
+
+
+class Places:
+    """Constants of C for places in the memory and the numbers of a controller's step; their names begin with `prefix`.
+
+    `signals`: Names of the elements of y, r, u and the state, by the letter in their constants. `sizes`: Numbers in
+    each vector of the step, by its name.
+    """
+
+    def __init__(
+        self,
+        controller: Controller,
+        prefix: str,
+        signals: Mapping[str, tuple[str, ...]],
+        sizes: Mapping[str, int],
+        robot: Robot | None,
+    ) -> None:
+        self.controller, self.prefix, self.signals, self.sizes = controller, prefix, signals, sizes
+        self.robot = robot
+
+    @property
+    def doubt(self) -> int | None:
+        """Where the memory says whether the estimate is in doubt, and at how many samples it was, (2,); None of an
+        estimator that does not say."""
+        place = self.controller.memory.places.get("doubt")
+        return None if place is None else place.start
+
+    @property
+    def rejected(self) -> int | None:
+        """Where the memory counts rejected measurements, (p,); None without a gate and limits of measurements."""
+        if self.controller.mode.checks_measurements:
+            return self.controller.memory.places["seen"].start + 2 * self.sizes["y"]
+        return next((place for name, place, _ in self.belief() if name == "AT_REJECTED_OF_BELIEF"), None)
+
+    def memory(self) -> list[Row]:
+        """The parts of the memory."""
+        rows = []
+        for name, place in self.controller.memory.places.items():
+            rows.append((f"AT_{name.upper()}", place.start, comment(MEMORY[name])))
+            rows += self.belief() if name == "belief" else []
+        if self.rejected is not None:
+            rows.append(("AT_REJECTED", self.rejected, "how many of each measurement were rejected"))
+        return rows
+
+    def belief(self) -> list[Row]:
+        """The parts of what the estimator believes, with their sizes."""
+        estimator, rows = self.controller.estimator, list[Row]()
+        if estimator is not None:
+            place = self.controller.memory.places["belief"].start
+            for name, part in zip(estimator.initial._fields, estimator.initial):
+                rows.append(
+                    (f"AT_{name.upper()}_OF_BELIEF", place, " x ".join(map(str, np.shape(part) or (1,))))
+                )
+                place += np.size(part)
+        return rows
+
+    def numbers(self) -> list[Row]:
+        """The parts of the numbers of the step, and how many there are in each."""
+        return [
+            (f"{self.prefix}_P_{name.upper()}", place.start, str(place.stop - place.start))
+            for name, place in self.controller.data.places.items()
+            if place.stop > place.start
+        ]
+
+    def parameters(self) -> list[Row]:
+        """Parameters of the estimator's model with their units, which are a part of the numbers."""
+        taken = {name for name, *_ in self.numbers()}
+        named = list(named_parameters(self.controller, parameter_units(self.controller, self.robot)))
+        texts = constants(f"{self.prefix}_P", [name for name, *_ in named])
+        first = self.controller.data.places["parameters"].start if named else 0
+        return [
+            (f"{text}_OF_MODEL" if text in taken else text, first + k, comment(unit) or "no unit stated")
+            for text, (_, k, unit) in zip(texts, named, strict=True)
+        ]
+
+    def parts(self) -> dict[str, tuple[Part, ...]]:
+        """The parts of the buffers of the step's program."""
+        whole = ("AT_BELIEF", "AT_REJECTED") if self.belief() else ()
+        memory = tuple(Part(name, place) for name, place, _ in self.memory() if name not in whole)
+        return {
+            "memory": memory, "after": memory, "data": tuple(Part(name, place) for name, place, _ in self.numbers())
+        }  # fmt: skip
+
+    def elements(self) -> dict[str, list[str]]:
+        """What the elements of the step's vectors are called in the source, by vector."""
+        parts = [*self.parts()["memory"], Part("", self.sizes["memory"])]
+        memory = [
+            part.name + f" + {k}" * (k > 0)
+            for part, after in pairwise(parts)
+            for k in range(after.offset - part.offset)
+        ]
+        data = [
+            f"{name}[{k}]" if name in self.long_parts() else f"{self.prefix}_P_{name.upper()}"
+            for name, place in self.controller.data.places.items()
+            for k in range(place.stop - place.start)
+        ]
+        for name, place, _ in self.parameters():
+            data[place] = name
+        known = {kind.lower(): constants(f"{self.prefix}_{kind}", self.signals[kind]) for kind in "YRU"}
+        known["estimated"] = constants(f"{self.prefix}_X", self.signals["X"])
+        known |= {"memory": memory, "after": memory, "data": data}
+        sizes = {**self.sizes, "estimated": self.sizes["estimate"], "after": self.sizes["memory"]}
+        return {name: texts for name, texts in known.items() if len(texts) == sizes[name]}
+
+    def long_parts(self) -> dict[str, str]:
+        """Where those parts of the numbers of the step are that have several."""
+        places = self.controller.data.places.items()
+        several = [name for name, place in places if place.stop - place.start > 1]
+        return {name: f"data + {self.prefix}_P_{name.upper()}" for name in several}

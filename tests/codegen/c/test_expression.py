@@ -1,0 +1,76 @@
+"""The text of exported C: what stands in one line, what has a name, what is a condition."""
+
+import re
+
+import casadi
+import pytest
+
+from flexhinf.codegen.c import Real, Translator
+from flexhinf.codegen.c.expression import MOST
+
+X = casadi.SX.sym("x", 4)
+
+
+def text(*results: casadi.SX) -> str:
+    translator = Translator("c", Real("double"))
+    translator.function(casadi.Function("f", [X], [casadi.vertcat(*results)]))
+    return str(translator)
+
+
+def lines(*results: casadi.SX) -> list[str]:
+    return [line.strip() for line in text(*results).splitlines() if line.endswith(";")]
+
+
+@pytest.mark.parametrize(
+    ("result", "expected"),
+    [
+        (
+            casadi.if_else(casadi.fabs(X[0]) < casadi.inf, X[0], X[0]),
+            ["const real v1 = in0[0];", "result[0] = v1;"],
+        ),
+        (
+            (X[0] + X[1]) * X[2] - X[3],
+            ["const real v1 = FMA(in0[0] + in0[1], in0[2], -in0[3]);", "result[0] = v1;"],
+        ),
+        (
+            casadi.if_else(X[0] < X[1], X[2], X[3]),
+            ["const real v1 = (in0[0] < in0[1]) ? in0[2] : in0[3];", "result[0] = v1;"],
+        ),
+        (
+            casadi.if_else(X[0] < X[1], X[2] / X[3], 0.0),
+            [
+                "const real v1 = in0[2] / in0[3];",
+                "const real v2 = (in0[0] < in0[1]) ? v1 : 0.0;",
+                "result[0] = v2;",
+            ],
+        ),
+        (X[0] / (X[1] / X[2]), ["const real v1 = in0[0] / (in0[1] / in0[2]);", "result[0] = v1;"]),
+        (-1.0 - X[0] * -X[1], ["const real v1 = FMA(in0[0], in0[1], -1.0);", "result[0] = v1;"]),
+    ],
+)
+def test_a_value_that_is_used_once_stands_where_it_is_used(result: casadi.SX, expected: list[str]) -> None:
+    assert lines(result) == [line.replace("real", "double") for line in expected]
+
+
+def test_a_condition_that_is_used_twice_is_a_bool() -> None:
+    found = lines(casadi.if_else(X[0] < X[1], X[2], X[3]), casadi.if_else(X[0] < X[1], X[3], X[2]))
+    assert found[0] == "const bool c1 = in0[0] < in0[1];"
+    assert [line for line in found if "!= 0" in line] == []
+    assert sum("c1 ? in0" in line for line in found) == 2
+
+
+def test_expressions_and_functions_are_bounded() -> None:
+    """Of one sum of 4,000 products, whatever is nested inside."""
+    total, factor = X[0], X[1]
+    for k in range(4000):
+        factor = casadi.sin(factor) + 0.001 * k
+        total = total * X[2] + factor
+    translator = Translator("c", Real("double"))
+    function = casadi.Function("f", [X], [total])
+    translator._function(function, apart=True)
+    bodies = list(translator.functions.values())
+    assert len(bodies) > 20
+    assert max(body.count("\n") for body in bodies) <= 120
+    written = [line for body in bodies for line in body.splitlines()]
+    assert max(map(len, written)) <= 132
+    assert max(len(re.findall(r"FMA\(| [-+*/] |c_sin\(", line)) for line in written if " v" in line) <= MOST
