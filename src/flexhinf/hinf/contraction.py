@@ -455,5 +455,7 @@ class _Finish:
         self._lows[self._deep][:] = self._start[:-1] - column
         last = int(self._first[column + lanes - 1])
         x = pairs.ctypes.data + 8 * column * self._rows
-        task = self._context.ctypes.data, self._deep, x, LANES, last, column, 0, lanes
-        self._function(np.array(task, np.int64).ctypes.data)
+        task = np.array(
+            [self._context.ctypes.data, self._deep, x, LANES, last, column, 0, lanes], np.int64
+        )  # is read from without the interpreter, so it must outlive the call
+        self._function(task.ctypes.data)
