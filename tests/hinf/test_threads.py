@@ -15,7 +15,7 @@ def test_two_threads_compute_the_same(monkeypatch):
     rng = np.random.default_rng(0)
     entries, matrix = rng.standard_normal(basis.count(n, k)), rng.standard_normal((n, n))
     monkeypatch.setattr(transform, "_SMALL", 0)
-    monkeypatch.setattr(transform, "_LARGE", 0)
+    monkeypatch.setattr(transform, "_WORTH", 0)
     monkeypatch.setattr(transform, "_TILE_BYTES", 5_000)
     monkeypatch.setattr(contraction, "_ROWS", 4)
     monkeypatch.setenv("OMP_NUM_THREADS", "1")

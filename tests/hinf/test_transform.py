@@ -17,7 +17,7 @@ from flexhinf.polynomial import algebra, algebra as threads, basis
 def test_change_of_variables(monkeypatch, way, kind, n, k):
     monkeypatch.setattr(transform, "_SMALL", 10**9 if way == "at once" else 0)
     monkeypatch.setattr(threads, "_TILE_PRODUCTS", 10**9 if way == "at once" else 700)
-    monkeypatch.setattr(transform, "_LARGE", 0 if way == "machine code" else 10**9)
+    monkeypatch.setattr(transform, "_WORTH", 0 if way == "machine code" else 10**9)
     monkeypatch.setattr(transform, "_TILE_BYTES", 5_000)
     monkeypatch.setattr(contraction, "_ROWS", 5)
     rng = np.random.default_rng(n * 10 + k)

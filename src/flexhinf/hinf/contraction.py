@@ -6,359 +6,164 @@ count(n, s) columns, its new ones. It opens one old index and makes
     result[β, (i, tail)] = Σ_j matrix[j, i] · tensor[β with j, tail]    for i ≤ the first index of tail.
 
 The tensors halfway are a hundred times as large as the polynomial, and to write them costs more than their arithmetic.
-So only the one of two new indices is kept. The first two steps go together, for one β after the other. The others work
-on eight columns at a time: each column is a polynomial in the old variables by itself, and its tensors of three, four,
-… new indices fit into a processor's cache (`descend`).
+So only the one of two new indices is kept. The first two steps go together, for eight β at a time. The others work on
+eight columns at a time: each column is a polynomial in the old variables by itself, and its tensors of three, four, …
+new indices fit into a processor's cache (`descend`).
 
 Every element is one sum over j in order, whatever the threads, so its bits depend on the processor alone.
 """
 
 from __future__ import annotations
 
-import ctypes
 import threading
 from functools import cache
-from typing import Any
 
 import numpy as np
 
+from flexhinf.codegen.loops import DOUBLE, INT, LANES, LONG, VECTOR, Function, Text, Value, fields, wide
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import run_all
 
-LANES = 8  # columns at a time
-_VECTOR = f"<{LANES} x double>"
 _HEIGHTS = 12  # new indices at a time, at most
 _ROWS = 128  # of the tensor of two new indices, one task of a thread
 _SLOTS = 5  # of a level in what `descend` reads: opening, its rows, offsets of results, tensors, first lanes
 
-_EXPAND = """
-define internal void @expand{h}(ptr %x, i64 %stride, ptr %opening, i64 %rows, ptr %m, i64 %n, ptr %out, ptr %off) {{
-entry:
-  br label %many
-many:
-  %r = phi i64 [ 0, %entry ], [ %r.next, %many.w ]
-  %r.next = add i64 %r, {rows}
-  %fits = icmp sle i64 %r.next, %rows
-  br i1 %fits, label %many.b, label %few
-{many}
-many.w:
-{many_stores}
-  br label %many
-few:
-  %f = phi i64 [ %r, %many ], [ %f.next, %few.w ]
-  %f.next = add i64 %f, 1
-  %more = icmp sle i64 %f.next, %rows
-  br i1 %more, label %few.b, label %end
-{few}
-few.w:
-{few_stores}
-  br label %few
-end:
-  ret void
-}}
-"""
 
-_DESCEND = """
-define void @{entry}(ptr %task) {{
-{arguments}
-  call void @descend(ptr %p0, i64 %a1, ptr %p2, i64 %a3, i64 %a4, i64 %a5, i64 %a6, i64 %a7)
-  ret void
-}}
+def _expand(height: int, rows: int) -> str:
+    """`height` new indices of eight columns, for some rows at a time; each result begins at an offset of its own."""
+    text = Text(f"expand{height}", "X stride Opening rows M n Out Offsets", part=True)
+    x, stride, opening, all_rows, m, n, out, offsets = text.fields()
 
-define internal void @descend(ptr %c, i64 %d, ptr %x, i64 %stride, i64 %f, i64 %base, i64 %lo, i64 %hi) {{
-entry:
-  %n = load i64, ptr %c
-  %matrix.at = getelementptr i64, ptr %c, i64 1
-  %matrix = load ptr, ptr %matrix.at
-  %result.at = getelementptr i64, ptr %c, i64 2
-  %result = load ptr, ptr %result.at
-  %level = mul i64 %d, {slots}
-  %opening.at = getelementptr i64, ptr %c, i64 %level
-  %opening = load ptr, ptr %opening.at
-  %rows.at = getelementptr i64, ptr %opening.at, i64 1
-  %rows = load i64, ptr %rows.at
-  %places.at = getelementptr i64, ptr %opening.at, i64 2
-  %places = load ptr, ptr %places.at
-  %tensors.at = getelementptr i64, ptr %opening.at, i64 3
-  %tensors = load ptr, ptr %tensors.at
-  %lows.at = getelementptr i64, ptr %opening.at, i64 4
-  %lows = load ptr, ptr %lows.at
-  %offsets = getelementptr i64, ptr %places, i64 %n
-  %below = sub i64 %d, 1
-  %all = add i64 %f, 1
-  %rounded = add i64 %f, {most}
-  %parts = sdiv i64 %rounded, {most}
-  %size = mul i64 %rows, {lanes}
-  br label %part
-part:
-  %g = phi i64 [ 0, %entry ], [ %g.next, %part.next ]
-  %g.next = add i64 %g, 1
-  %from.all = mul i64 %g, %all
-  %from = sdiv i64 %from.all, %parts
-  %to.all = mul i64 %g.next, %all
-  %to = sdiv i64 %to.all, %parts
-  %high = sub i64 %to, %from
-  %m = getelementptr double, ptr %matrix, i64 %from
-  call void @expand(i64 %high, ptr %x, i64 %stride, ptr %opening, i64 %rows, ptr %m, i64 %n,
-      ptr %tensors, ptr %offsets)
-  br label %index
-index:
-  %i = phi i64 [ %from, %part ], [ %i.next, %index.next ]
-  %i.next = add i64 %i, 1
-  %q = sub i64 %i, %from
-  %at = mul i64 %q, %size
-  %tensor = getelementptr double, ptr %tensors, i64 %at
-  %place.at = getelementptr i64, ptr %places, i64 %i
-  %place = load i64, ptr %place.at
-  %where = add i64 %base, %place
-  %low.at = getelementptr i64, ptr %lows, i64 %i
-  %low = load i64, ptr %low.at
-  %later = icmp sgt i64 %low, %lo
-  %first = select i1 %later, i64 %low, i64 %lo
-  %nothing = icmp sge i64 %first, %hi
-  br i1 %nothing, label %index.next, label %some
-some:
-  %last = icmp eq i64 %below, 0
-  br i1 %last, label %lane, label %deeper
-deeper:
-  call void @descend(ptr %c, i64 %below, ptr %tensor, i64 {lanes}, i64 %i, i64 %where, i64 %first, i64 %hi)
-  br label %index.next
-lane:
-  %l = phi i64 [ %first, %some ], [ %l.next, %lane ]
-  %from.at = getelementptr double, ptr %tensor, i64 %l
-  %value = load double, ptr %from.at
-  %rank = add i64 %where, %l
-  %to.at = getelementptr double, ptr %result, i64 %rank
-  store double %value, ptr %to.at
-  %l.next = add i64 %l, 1
-  %more.lanes = icmp slt i64 %l.next, %hi
-  br i1 %more.lanes, label %lane, label %index.next
-index.next:
-  %more.indices = icmp slt i64 %i.next, %to
-  br i1 %more.indices, label %index, label %part.next
-part.next:
-  %more.parts = icmp slt i64 %g.next, %parts
-  br i1 %more.parts, label %part, label %end
-end:
-  ret void
-}}
-"""
+    def some(row: Value, rows: int) -> None:
+        opened = [opening.at(INT, (row + r) * n) for r in range(rows)]
+        sums = [[text.variable(text.number(0, VECTOR)) for _ in range(height)] for _ in opened]
+        with text.loop(0, n) as j:
+            vectors = [x.load(VECTOR, places.load(INT, j) * stride) for places in opened]
+            numbers = m.at(DOUBLE, j * n)
+            for i in range(height):
+                number = numbers.load(DOUBLE, i).all_lanes()
+                for vector, part in zip(vectors, sums, strict=True):
+                    part[i].set(text.fused(number, vector, part[i].get()))
+        for i in range(height):
+            result = out.at(DOUBLE, offsets.load(LONG, i))
+            for r, part in enumerate(sums):
+                result.store(part[i].get(), (row + r) * LANES)
 
-_BEGIN = """
-define void @{entry}(ptr %task) {{
-entry:
-{arguments}
-  %wide = mul i64 %a9, {lanes}
-  %shared = sub i64 %a9, 1
-  %last.column = sub i64 %a1, {lanes}
-  br label %row
-row:
-  %b = phi i64 [ %a11, %entry ], [ %b.next, %row.next ]
-  %b.n = mul i64 %b, %a1
-  %inner = getelementptr i32, ptr %p3, i64 %b.n
-  br label %gather
-gather:
-  %j = phi i64 [ 0, %row ], [ %j.next, %gather.next ]
-  %j.at = getelementptr i32, ptr %inner, i64 %j
-  %j.rank = load i32, ptr %j.at
-  %j.long = sext i32 %j.rank to i64
-  %j.n = mul i64 %j.long, %a1
-  %outer = getelementptr i32, ptr %p2, i64 %j.n
-  %x.at = mul i64 %j, %a1
-  %x.row = getelementptr double, ptr %p5, i64 %x.at
-  br label %element
-element:
-  %l = phi i64 [ 0, %gather ], [ %l.next, %element ]
-  %l.at = getelementptr i32, ptr %outer, i64 %l
-  %l.rank = load i32, ptr %l.at
-  %l.long = sext i32 %l.rank to i64
-  %entry.at = getelementptr double, ptr %p0, i64 %l.long
-  %value = load double, ptr %entry.at
-  %to.at = getelementptr double, ptr %x.row, i64 %l
-  store double %value, ptr %to.at
-  %l.next = add i64 %l, 1
-  %more.l = icmp slt i64 %l.next, %a1
-  br i1 %more.l, label %element, label %gather.next
-gather.next:
-  %j.next = add i64 %j, 1
-  %more.j = icmp slt i64 %j.next, %a1
-  br i1 %more.j, label %gather, label %block
-block:
-  %k = phi i64 [ 0, %gather.next ], [ %k.next, %block.next ]
-  %k.column = mul i64 %k, {lanes}
-  %is.last = icmp eq i64 %k, %shared
-  %column = select i1 %is.last, i64 %last.column, i64 %k.column
-  %m.block = getelementptr double, ptr %p4, i64 %column
-  %y.block = getelementptr double, ptr %p6, i64 %column
-  %highest = add i64 %column, {lanes}
-  br label %down
-down:
-  %top = phi i64 [ %a1, %block ], [ %bottom, %down ]
-  %lowest = sub i64 %top, {most}
-  %under = icmp slt i64 %lowest, 0
-  %bottom = select i1 %under, i64 0, i64 %lowest
-  %high = sub i64 %top, %bottom
-  %x.part = getelementptr double, ptr %p5, i64 %bottom
-  %y.offsets = getelementptr i64, ptr %p13, i64 %bottom
-  call void @expand(i64 %high, ptr %m.block, i64 %wide, ptr %p14, i64 1, ptr %x.part, i64 %a1, ptr %y.block,
-      ptr %y.offsets)
-  %more.down = icmp sgt i64 %bottom, 0
-  br i1 %more.down, label %down, label %second
-second:
-  %top2 = phi i64 [ %highest, %down ], [ %bottom2, %second ]
-  %lowest2 = sub i64 %top2, {most}
-  %under2 = icmp slt i64 %lowest2, 0
-  %bottom2 = select i1 %under2, i64 0, i64 %lowest2
-  %high2 = sub i64 %top2, %bottom2
-  %m.part = getelementptr double, ptr %p15, i64 %bottom2
-  %offsets = getelementptr i64, ptr %p8, i64 %bottom2
-  %out.block = getelementptr double, ptr %p16, i64 %column
-  call void @expand(i64 %high2, ptr %y.block, i64 %wide, ptr %p14, i64 1, ptr %m.part, i64 %a1, ptr %out.block,
-      ptr %offsets)
-  %more.second = icmp sgt i64 %bottom2, 0
-  br i1 %more.second, label %second, label %block.next
-block.next:
-  %k.next = add i64 %k, 1
-  %more.blocks = icmp slt i64 %k.next, %a9
-  br i1 %more.blocks, label %block, label %copy
-copy:
-  %q = phi i64 [ 0, %block.next ], [ %q.next, %copy ]
-  %q.column = mul i64 %q, {lanes}
-  %q.from = getelementptr double, ptr %p16, i64 %q.column
-  %q.value = load {vector}, ptr %q.from, align 8
-  %q.rows = mul i64 %q, %a17
-  %q.row = add i64 %q.rows, %b
-  %q.place = mul i64 %q.row, {lanes}
-  %q.to = getelementptr double, ptr %p7, i64 %q.place
-  store {vector} %q.value, ptr %q.to, align 64, !nontemporal !0
-  %q.next = add i64 %q, 1
-  %more.q = icmp slt i64 %q.next, %a10
-  br i1 %more.q, label %copy, label %row.next
-row.next:
-  %b.next = add i64 %b, 1
-  %more.rows = icmp slt i64 %b.next, %a12
-  br i1 %more.rows, label %row, label %end
-end:
-  ret void
-}}
-!0 = !{{ i32 1 }}
-"""
-
-_SHAPE = "ptr %x, i64 %stride, ptr %opening, i64 %rows, ptr %m, i64 %n, ptr %out, ptr %off"
+    whole = all_rows / rows * rows
+    with text.loop(0, whole, rows) as row:
+        some(row, rows)
+    with text.loop(whole, all_rows) as row:
+        some(row, 1)
+    return text.finish()
 
 
-def _loop(p: str, row: str, rows: int, height: int) -> tuple[str, str]:
-    """The sums over j for `rows` rows from `row` on and `height` new indices, and the stores, the last index first."""
-    each = [(r, i) for r in range(rows) for i in range(height)]
-    lines = [f"{p}.b:"]
-    for r in range(rows):
-        lines += [
-            f"  %{p}.row{r} = add i64 {row}, {r}",
-            f"  %{p}.first{r} = mul i64 %{p}.row{r}, %n",
-            f"  %{p}.opened{r} = getelementptr i32, ptr %opening, i64 %{p}.first{r}",
-        ]
-    lines += [f"  br label %{p}.j", f"{p}.j:", f"  %{p}.jj = phi i64 [ 0, %{p}.b ], [ %{p}.jn, %{p}.j ]"]
-    lines += [
-        f"  %{p}.s{r}.{i} = phi {_VECTOR} [ zeroinitializer, %{p}.b ], [ %{p}.t{r}.{i}, %{p}.j ]"
-        for r, i in each
-    ]
-    for r in range(rows):
-        lines += [
-            f"  %{p}.oa{r} = getelementptr i32, ptr %{p}.opened{r}, i64 %{p}.jj",
-            f"  %{p}.o{r} = load i32, ptr %{p}.oa{r}",
-            f"  %{p}.ol{r} = sext i32 %{p}.o{r} to i64",
-            f"  %{p}.os{r} = mul i64 %{p}.ol{r}, %stride",
-            f"  %{p}.xa{r} = getelementptr double, ptr %x, i64 %{p}.os{r}",
-            f"  %{p}.x{r} = load {_VECTOR}, ptr %{p}.xa{r}, align 8",
-        ]
-    lines += [f"  %{p}.jr = mul i64 %{p}.jj, %n", f"  %{p}.mj = getelementptr double, ptr %m, i64 %{p}.jr"]
-    for i in range(height):
-        lines += [
-            f"  %{p}.ma{i} = getelementptr double, ptr %{p}.mj, i64 {i}",
-            f"  %{p}.m{i} = load double, ptr %{p}.ma{i}",
-            f"  %{p}.e{i} = insertelement {_VECTOR} poison, double %{p}.m{i}, i64 0",
-            f"  %{p}.f{i} = shufflevector {_VECTOR} %{p}.e{i}, {_VECTOR} poison, <{LANES} x i32> zeroinitializer",
-        ]
-        lines += [
-            f"  %{p}.t{r}.{i} = call {_VECTOR} @llvm.fmuladd.v{LANES}f64({_VECTOR} %{p}.f{i}, {_VECTOR} %{p}.x{r}, "
-            f"{_VECTOR} %{p}.s{r}.{i})"
-            for r in range(rows)
-        ]
-    lines += [
-        f"  %{p}.jn = add i64 %{p}.jj, 1",
-        f"  %{p}.more = icmp slt i64 %{p}.jn, %n",
-        f"  br i1 %{p}.more, label %{p}.j, label %{p}.w",
-    ]
-    stores = []
-    for i in reversed(range(height)):
-        stores += [
-            f"  %{p}.pa{i} = getelementptr i64, ptr %off, i64 {i}",
-            f"  %{p}.p{i} = load i64, ptr %{p}.pa{i}",
-            f"  %{p}.out{i} = getelementptr double, ptr %out, i64 %{p}.p{i}",
-        ]
-        for r in range(rows):
-            stores += [
-                f"  %{p}.at{r}.{i} = mul i64 %{p}.row{r}, {LANES}",
-                f"  %{p}.to{r}.{i} = getelementptr double, ptr %{p}.out{i}, i64 %{p}.at{r}.{i}",
-                f"  store {_VECTOR} %{p}.t{r}.{i}, ptr %{p}.to{r}.{i}, align 8",
-            ]
-    return "\n".join(lines), "\n".join(stores)
+def _expansion(most: int, sums: int) -> str:
+    """`expand` for any number of new indices up to `most`."""
+    text = Text("expand", "height X stride Opening rows M n Out Offsets", part=True)
+    height, *others = text.fields()
+    for h in range(1, most + 1):
+        with text.when(height.compare("eq", h)):
+            text.call(f"expand{h}", *others)
+    return "".join(_expand(h, max(1, min(8, sums // h))) for h in range(1, most + 1)) + text.finish()
 
 
-def _expand(height: int, sums: int) -> str:
-    rows = max(1, min(8, sums // height))
-    many, few = _loop("many", "%r", rows, height), _loop("few", "%f", 1, height)
-    return _EXPAND.format(
-        h=height, rows=rows, many=many[0], many_stores=many[1], few=few[0], few_stores=few[1]
+def _descent(most: int, parts: str) -> str:
+    """All new indices up to `highest` of eight columns, each with the columns from the first it may have on."""
+    text = Text("descend", "Context level X stride highest base low high", part=True, parts=parts)
+    context, level, x, stride, highest, base, low, high = text.fields()
+    n, matrix, result = context.load(LONG), context.load("ptr", 1), context.load("ptr", 2)
+    slots = context.at(LONG, level * _SLOTS)
+    opening, places, tensors, lows = (slots.load("ptr", slot) for slot in (0, 2, 3, 4))
+    rows, offsets, below = slots.load(LONG, 1), places.at(LONG, n), level - 1
+    size, number = rows * LANES, (highest + most) / most
+    with text.loop(0, number) as part:
+        begin, end = part * (highest + 1) / number, (part + 1) * (highest + 1) / number
+        text.call(
+            "expand", end - begin, x, stride, opening, rows, matrix.at(DOUBLE, begin), n, tensors, offsets
+        )
+        with text.loop(begin, end) as i:
+            tensor, where = tensors.at(DOUBLE, (i - begin) * size), base + places.load(LONG, i)
+            first = lows.load(LONG, i).most(low)
+            with text.when(first.compare("slt", high)):
+                with text.when(below.compare("eq", 0)), text.loop(first, high) as lane:
+                    result.store(tensor.load(DOUBLE, lane), where + lane)
+                with text.when(below.compare("ne", 0)):
+                    text.call("descend", context, below, tensor, LANES, i, where, first, high)
+    return text.finish()
+
+
+def _begin(most: int, parts: str) -> Text:
+    """Two new indices of the rows from `top` to `bottom`, eight rows at a time."""
+    text = Text(
+        "begin",
+        "Entries Outer Inner n rows Matrix Two One Offsets Places X Y Pair Pairs packs top bottom",
+        parts=parts,
     )
-
-
-def _arguments(kinds: str) -> str:
-    """Loads of what a task holds, one letter each: an address (p) or an integer (a)."""
-    return "\n".join(
-        f"  %at{i} = getelementptr i64, ptr %task, i64 {i}\n"
-        f"  %{kind}{i} = load {'ptr' if kind == 'p' else 'i64'}, ptr %at{i}"
-        for i, kind in enumerate(kinds)
+    entries, outer, inner, n, rows, matrix, two, one, offsets, places, x, y, pair, pairs, *others = (
+        text.fields()
     )
+    packs, top, bottom = others
+    with text.loop(top, bottom, LANES) as some:
+        row = some.least(rows - LANES)  # what two threads may write both is the same
+        opened = [inner.at(INT, (row + lane) * n) for lane in range(LANES)]
+        with text.loop(0, n) as j:
+            ranks = [outer.at(INT, places_of.load(INT, j) * n) for places_of in opened]
+            to = x.at(DOUBLE, places.load(LONG, j))
+            with text.loop(j, n) as l:
+                for lane, places_of in enumerate(ranks):
+                    to.store(entries.load(DOUBLE, places_of.load(INT, l)), l * LANES + lane)
+        number = (n + (most - 1)) / most
+        with text.loop(0, number) as part:
+            begin, end = part * n / number, (part + 1) * n / number
+            text.call("expand", end - begin, x, LANES, two, n, matrix.at(DOUBLE, begin), n, y, offsets)
+            with text.loop(begin, end) as i:
+                opened, to, pieces = (
+                    y.at(DOUBLE, (i - begin) * n * LANES),
+                    pair.at(DOUBLE, i * LANES),
+                    (i + most) / most,
+                )
+                with text.loop(0, pieces) as piece:
+                    low, high = piece * (i + 1) / pieces, (piece + 1) * (i + 1) / pieces
+                    place = places.at(LONG, low)
+                    text.call(
+                        "expand", high - low, opened, LANES, one, 1, matrix.at(DOUBLE, low), n, to, place
+                    )
+        with text.loop(0, packs) as pack:
+            columns = [pair.load(VECTOR, (pack * LANES + c) * LANES) for c in range(LANES)]
+            to = pairs.at(VECTOR, pack * rows + row)
+            for r, vector in enumerate(_transposed(columns)):
+                to.stream(vector, r)
+    return text
+
+
+def _transposed(vectors: list[Value]) -> list[Value]:
+    """Eight vectors of eight as rows, from columns: blocks of 1, 2 and 4 off the diagonal change places."""
+    lanes, rows = range(LANES), list(vectors)
+    for size in (1, 2, 4):
+        for i in (i for i in lanes if not i & size):
+            a, b = rows[i], rows[i + size]
+            rows[i] = a.shuffled(b, [LANES + lane - size if lane & size else lane for lane in lanes])
+            rows[i + size] = a.shuffled(b, [LANES + lane if lane & size else lane + size for lane in lanes])
+    return rows
 
 
 @cache
-def _compiled(entry: str) -> tuple[Any, Any]:
-    """The code, which must live on, and its function: `entry` is "begin" or "finish"."""
-    from flexhinf.codegen import machine
-    from flexhinf.codegen.compiler import cached
-
-    host = machine.host()
-    most, sums = (_HEIGHTS, 16) if "+avx512f" in host.features.split(",") else (6, 6)  # as registers hold
-    heights = range(1, most + 1)
-    values = ", ".join(part.split()[0] + " " + part.split()[1] for part in _SHAPE.split(", "))
-    calls = "".join(f"h{h}:\n  call void @expand{h}({values})\n  ret void\n" for h in heights)
-    cases = " ".join(f"i64 {h}, label %h{h}" for h in heights)
-    body = _BEGIN if entry == "begin" else _DESCEND
-    text = (
-        f"declare {_VECTOR} @llvm.fmuladd.v{LANES}f64({', '.join(3 * [_VECTOR])})\n"
-        + "".join(_expand(h, sums) for h in heights)
-        + f"define internal void @expand(i64 %h, {_SHAPE}) {{\n  switch i64 %h, label %end [ {cases} ]\n{calls}"
-        + "end:\n  ret void\n}\n"
-        + body.format(
-            entry=entry,
-            lanes=LANES,
-            vector=_VECTOR,
-            most=most,
-            slots=_SLOTS,
-            arguments=_arguments("papaaaaa" if entry == "finish" else "papppppppaaaappppa"),
-        )
-    )
-    code = cached(
-        ("hinf", text, host.triple, host.cpu, host.features, host.version),
-        lambda: machine.assemble(text, 3),
-        lambda image: machine.Code(image, entry, {}),
-    )
-    return code, ctypes.CFUNCTYPE(None, ctypes.c_void_p)(code.address)
+def _compiled(entry: str) -> Function:
+    """The function "begin" or "finish"."""
+    most, sums = (_HEIGHTS, 16) if wide() else (6, 6)  # as registers hold
+    expansion = _expansion(most, sums)
+    if entry == "begin":
+        return Function(_begin(most, expansion))
+    text = Text("finish", "Context level X stride highest base low high", parts=_descent(most, expansion))
+    text.call("descend", *text.fields())
+    return Function(text)
 
 
 class Rotation:
-    """The change of variables of tensor entries (count(n, k),), k ≥ 3, with a matrix (n, n), n ≥ 8, both of doubles."""
+    """The change of variables of tensor entries (count(n, k),), k ≥ 3, with a matrix (n, n), both of doubles.
+
+    There are eight tuples of k − 2 indices or more.
+    """
 
     def __init__(self, n: int, k: int, matrix: np.ndarray) -> None:
         self.n, self.k, self.matrix = n, k, np.ascontiguousarray(matrix)
@@ -384,9 +189,8 @@ class Rotation:
             local.finish(workspace, column)
 
         run_all(begin, ((top,) for top in range(0, rows, _ROWS)), large=True)
-        run_all(
-            finish, ((column,) for column in reversed(range(0, basis.count(self.n, 2), LANES))), large=True
-        )
+        columns = reversed(range(0, basis.count(self.n, 2), LANES))
+        run_all(finish, ((column,) for column in columns), large=True)
         return result
 
 
@@ -403,25 +207,20 @@ class _Begin:
     """Two new indices of rows of tuples of k − 2 old ones; what one thread needs."""
 
     def __init__(self, rotation: Rotation, entries: np.ndarray, pairs: np.ndarray) -> None:
-        n, k, wide = rotation.n, rotation.k, _padded(rotation.n)
-        rows = basis.count(n, k - 2)
-        padded = np.zeros((n, wide))
-        padded[:, :n] = rotation.matrix
-        arrays = [
-            entries, basis.insertion(n, k), basis.insertion(n, k - 1), padded, np.empty((n, n)), np.empty((n, wide)),
-            pairs, _places(n, 2), np.arange(n) * wide, np.arange(n, dtype=np.int32), rotation.matrix,
-            np.zeros(rotation.width),
-        ]  # fmt: skip
-        first, *middle = (array.ctypes.data for array in arrays[:8])
-        sizes = wide // LANES, rotation.width // LANES, 0, 0
-        self._kept, (self._code, self._function) = arrays, _compiled("begin")
-        self._task = np.array(
-            [first, n, *middle, *sizes, *(array.ctypes.data for array in arrays[8:]), rows], np.int64
+        n, k, matrix = rotation.n, rotation.k, rotation.matrix
+        tables = basis.insertion(n, k), basis.insertion(n, k - 1), n, basis.count(n, k - 2), matrix
+        openings = (
+            basis.insertion(n, 2),
+            basis.insertion(n, 1),
+            np.arange(n) * n * LANES,
+            _places(n, 2) * LANES,
         )
+        rooms = (np.zeros(size * LANES) for size in (basis.count(n, 2), min(n, _HEIGHTS) * n, rotation.width))
+        self._kept = entries, *tables, *openings, *rooms, pairs, rotation.width // LANES
+        self._function, self._fields = _compiled("begin"), fields(*self._kept)
 
     def __call__(self, top: int, bottom: int) -> None:
-        self._task[11:13] = top, bottom
-        self._function(self._task.ctypes.data)
+        self._function.run(self._fields, fields(top, bottom))
 
 
 class _Finish:
@@ -433,27 +232,22 @@ class _Finish:
         self._lows = [np.zeros(n, np.int64) for _ in range(k - 1)]
         self._kept, self._context = [result, rotation.matrix], np.zeros(_SLOTS * (k - 1), np.int64)
         self._context[:3] = n, rotation.matrix.ctypes.data, result.ctypes.data
-        for d in range(1, k - 1):
-            opening = basis.insertion(n, d)
+        for level in range(1, k - 1):
+            opening = basis.insertion(n, level)
             rows = len(opening)
-            places = np.concatenate([_places(n, k - d + 1), np.arange(n) * rows * LANES])
+            places = np.concatenate([_places(n, k - level + 1), np.arange(n) * rows * LANES])
             tensors = np.empty(min(n, _HEIGHTS) * rows * LANES)
-            self._kept += [places, tensors]
-            parts = (
-                opening.ctypes.data,
-                rows,
-                places.ctypes.data,
-                tensors.ctypes.data,
-                self._lows[d].ctypes.data,
-            )
-            self._context[_SLOTS * d : _SLOTS * (d + 1)] = parts
+            self._kept += [opening, places, tensors]
+            self._context[_SLOTS * level : _SLOTS * (level + 1)] = [
+                rows if slot is None else slot.ctypes.data
+                for slot in (opening, None, places, tensors, self._lows[level])
+            ]
         self._start, self._first = basis.offsets(n, 2), basis.factors(n, 2)[0]
-        self._code, self._function = _compiled("finish")
+        self._function = _compiled("finish")
 
     def __call__(self, pairs: np.ndarray, column: int) -> None:
         lanes = min(LANES, int(self._start[-1]) - column)
         self._lows[self._deep][:] = self._start[:-1] - column
         last = int(self._first[column + lanes - 1])
-        x = pairs.ctypes.data + 8 * column * self._rows
-        task = self._context.ctypes.data, self._deep, x, LANES, last, column, 0, lanes
-        self._function(np.array(task, np.int64).ctypes.data)
+        x = pairs[column * self._rows :]
+        self._function(self._context, self._deep, x, LANES, last, column, 0, lanes)

@@ -39,11 +39,13 @@ The algorithm
    eigenvalue on the imaginary axis.
 3. *Right-hand sides*: polynomials are stored without repetition, one number per monomial, C(n+k−1, k) where a Kronecker
    vector has n^k (`polynomial/basis.py`). Gradients are gathers by the table "rank of β with j inserted"; products
-   are one matrix product and one summation by target; zero columns of f, as in a chain of links, are skipped.
+   are one matrix product and one summation by target, together where they are large (`hinf/products.py`); zero columns
+   of f, as in a chain of links, are skipped.
 4. *Homological equation* (`hinf/homological.py`). With A_cl T = T Λ and x = T z it is a division by
-   −(λ_{i1} + … + λ_{ik}); the change of variables works on at most C(n+k/2−1, k/2)² real numbers at a time. The error
-   grows like cond(T)^k ε. One step of refinement repairs it while that is small; beyond, or when the measured residual
-   says so, complex Schur form U with substitution by index sums, backward stable even for a defective A_cl.
+   −(λ_{i1} + … + λ_{ik}), for large n and k in one pass (`hinf/pairs.py`); the change of variables works on at most
+   C(n+k/2−1, k/2)² real numbers at a time. The error grows like cond(T)^k ε. One step of refinement repairs it while
+   that is small; beyond, or when the measured residual says so, complex Schur form U with substitution by index sums,
+   backward stable even for a defective A_cl.
 5. *States in which V is bounded* (`BoundedStates`). Close to γ*, or where P is large for other reasons, the
    recursion runs in states in which P is of ordinary size; in others it would lose all digits there.
 6. *Accuracy* (`recursion.py`). The V that is returned is inserted into (8) at random points; at every degree the
@@ -89,6 +91,7 @@ from flexhinf.hinf.linear_part import (
     polish,
     sensitivity,
 )
+from flexhinf.hinf.products import table_memory
 from flexhinf.hinf.recursion import (
     BoundedStates,
     DegreeRecord,
@@ -131,11 +134,10 @@ def estimate_memory(size: tuple[int, int, int, int], degree: int, expanded: bool
     halves = [count(n, degree - s) * count(n, s) for s in range(degree + 1)]
     transform = 8 * max(a + b for a, b in pairwise(halves)) if degree > 2 else 0
     if rotates_in_machine_code(n, degree):
-        transform = 8 * count(n, degree - 2) * (count(n, 2) + 8) + 2 * 8 * 8 * 12 * count(n, degree - 3)
+        levels = count(n + 1, degree - 3)  # tuples of all degrees below: what a thread has for eight columns
+        transform = 8 * count(n, degree - 2) * (count(n, 2) + 8) + 2 * 8 * 8 * min(n, 12) * levels
     values = 8 * 10 * highest
-    products = 24 * min(4_000_000, highest * degree) + 4 * sum(
-        min(4_000_000, count(n, a) * count(n, k - a)) for k in range(3, degree + 1) for a in range(1, k)
-    )
+    products = 24 * min(300_000, highest * degree) + table_memory(n, degree)
     plant = 2 * 8 * n * sum(count(n, k) for k in range(1, degree))  # f, and f scaled, full to degree − 1
     solve = plant + tables + pairs + lower + transform + values + products
     if not expanded:

@@ -25,22 +25,27 @@ mixing each pair afterwards keeps the expensive, dense part of the change of var
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
-from flexhinf.hinf.contraction import LANES, Rotation
+from flexhinf.codegen.loops import LANES
+from flexhinf.hinf.contraction import Rotation
+from flexhinf.hinf.pairs import divide_by_sums
+from flexhinf.hinf.products import derivative
 from flexhinf.polynomial import basis
-from flexhinf.polynomial.algebra import matrix_product, run_all, tile_products
+from flexhinf.polynomial.algebra import run_all, tile_products
 
 _SMALL = 20_000  # opened tensors up to this size go through one product and one selection
 _TILE_BYTES = 2_000_000
 _TILES = 32  # of one product of a vector's numbers, in one call
-_LARGE = 2_000_000  # opened tensors from this size on are worth machine code and a second thread
+_LARGE = 2_000_000  # opened tensors from this size on are worth a second thread
+_WORTH = (
+    10_000_000  # multiplications from which machine code, and a second thread in it, are worth their start
+)
 
 
 class Workspace:
@@ -91,8 +96,13 @@ def change_variables(
 
 
 def rotates_in_machine_code(n: int, k: int) -> bool:
-    """Whether a change of real variables is large enough to be worth machine code and a second thread."""
-    return k > 2 and n >= LANES and basis.count(n, k - 2) * n * basis.count(n, 2) > _LARGE
+    """Whether a change of real variables is large enough to be worth machine code."""
+    return _operations(n, k) > _WORTH and k > 2 and basis.count(n, k - 2) >= LANES
+
+
+@lru_cache(256)
+def _operations(n: int, k: int) -> int:
+    return sum(basis.count(n, k - s - 1) * n * basis.count(n, s + 1) for s in range(k))
 
 
 @lru_cache(64)
@@ -163,20 +173,27 @@ class Coordinates:
         """Tensor entries in z of a polynomial given in x."""
         n = len(self.real)
         if len(entries) <= _NEGLIGIBLE:
-            return change_variables(entries, n, k, self.real @ self._pairs())
+            return change_variables(entries, n, k, self._mixed[0])
         return rotate_pairs(change_variables(entries, n, k, self.real, self.workspace), n, k, self.rotations)
 
     def leave(self, entries: np.ndarray, k: int) -> np.ndarray:
         """Tensor entries in x of a polynomial given in z, real in x."""
         n = len(self.real)
         if len(entries) <= _NEGLIGIBLE:
-            return np.real(change_variables(entries, n, k, self._pairs().conj().T @ self.inverse))
+            return np.real(change_variables(entries, n, k, self._mixed[1]))
         back = {first: np.ascontiguousarray(block.conj().T) for first, block in self.rotations.items()}
         return change_variables(
             np.real(rotate_pairs(entries, n, k, back)), n, k, self.inverse, self.workspace
         )
 
+    @cached_property
+    def _mixed(self) -> tuple[np.ndarray, np.ndarray]:
+        """M G and its inverse."""
+        pairs = self._pairs()
+        return self.real @ pairs, pairs.conj().T @ self.inverse
+
     def _pairs(self) -> np.ndarray:
+        """G."""
         pairs = np.eye(len(self.real), dtype=complex)
         for first, block in self.rotations.items():
             pairs[first : first + 2, first : first + 2] = block
@@ -227,9 +244,18 @@ def _power(rotation: bytes, m: int) -> np.ndarray:
     return np.stack([change_variables(unit, 2, m, matrix) for unit in np.eye(m + 1)])
 
 
+@lru_cache(64)
+def _powers(k: int) -> list[list[np.ndarray]]:
+    """Of a pair of conjugate eigenvectors and of the way back: `_power` from m = 0 to k."""
+    there_and_back = _PAIR, np.ascontiguousarray(_PAIR.conj().T)
+    return [
+        [np.ones((1, 1), complex), *(_power(way.tobytes(), m) for m in range(1, k + 1))]
+        for way in there_and_back
+    ]
+
+
 HOPELESS = 1e-1  # cond(T)^k ε beyond which the eigenvector route is not tried
 _EASY = 2_000  # coefficients up to which a refinement step costs nothing to speak of
-_ROWS = 8_192  # gradients formed at a time for a residual
 _REFINE, _ACCEPT = 1e-14, 3e-14  # residuals above which a large solution is refined, and the basis given up
 
 
@@ -288,51 +314,65 @@ class HomologicalEquation:
     def solve(self, known: np.ndarray, k: int) -> HomologicalSolution:
         """V of degree `k`, from the tensor entries (count(n, k),) of r."""
         if self.eigenbasis.condition**k * np.finfo(float).eps < HOPELESS:
-            pivots = -diagonal_sums(self.eigenbasis.flow, k)
-            solution = self._refined(
-                self.eigenbasis,
-                lambda right: np.divide(right, pivots, out=right),
-                known,
-                k,
-                ("eigenbasis", "eigenbasis, refined"),
-                _REFINE,
-            )
+            methods = "eigenbasis", "eigenbasis, refined"
+            solution = self._refined(self._division(k), known, k, methods, _REFINE)
             if solution.residual <= _ACCEPT:
                 return solution
-        flow = self.schur_basis.flow
-        return self._refined(
-            self.schur_basis, lambda right: substitute(flow, -right, k), known, k, ("Schur", "Schur"), np.inf
+        return self._refined(self._substitution(k), known, k, ("Schur", "Schur"), np.inf)
+
+    def _division(self, k: int) -> Callable[[np.ndarray], np.ndarray]:
+        """Known part → V of degree `k`, by division in the eigenbasis."""
+        n, coordinates = len(self.matrix), self.eigenbasis
+        if not rotates_in_machine_code(n, k):
+            pivots = -diagonal_sums(coordinates.flow, k)
+            return lambda known: coordinates.leave(coordinates.enter(known, k) / pivots, k)
+
+        def divide(known: np.ndarray) -> np.ndarray:
+            entries = change_variables(known, n, k, coordinates.real, coordinates.workspace)
+            divide_by_sums(entries, np.diag(coordinates.flow), _powers(k), k)
+            return change_variables(entries, n, k, coordinates.inverse, coordinates.workspace)
+
+        return divide
+
+    def _substitution(self, k: int) -> Callable[[np.ndarray], np.ndarray]:
+        """The same by substitution in the Schur basis."""
+        coordinates = self.schur_basis
+        return lambda known: coordinates.leave(
+            substitute(coordinates.flow, -coordinates.enter(known, k), k), k
         )
 
     def residual(self, entries: np.ndarray, known: np.ndarray, k: int) -> np.ndarray:
         """Tensor entries of V_x A x + r."""
         n = len(self.matrix)
-        table, weights = basis.insertion(n, k), k * basis.multiplicity(n, k - 1)
-        total = np.zeros(basis.count(n, k))
-        for begin in range(0, len(table), _ROWS):
-            rows = table[begin : begin + _ROWS]
-            slopes = entries[rows] * weights[begin : begin + _ROWS, None]
-            np.add.at(total, rows.ravel(), matrix_product(slopes, self.matrix).ravel())
-        return total / basis.multiplicity(n, k) + known
+        result = derivative(entries, self.matrix, n, k)
+        result /= basis.multiplicity(n, k)
+        result += known
+        return result
+
+    @cached_property
+    def _size(self) -> float:
+        return float(np.linalg.norm(self.matrix, 2))
 
     def _relative(self, residual: np.ndarray, entries: np.ndarray, known: np.ndarray) -> float:
-        scale = np.linalg.norm(self.matrix, 2) * np.linalg.norm(entries) + np.linalg.norm(known)
+        scale = self._size * np.linalg.norm(entries) + np.linalg.norm(known)
         return float(np.linalg.norm(residual) / scale) if scale > 0 else 0.0
 
     def _refined(
-        self, coordinates: Coordinates, inverse: Any, known: np.ndarray, k: int, methods: Any, enough: float
+        self,
+        solve: Callable[[np.ndarray], np.ndarray],
+        known: np.ndarray,
+        k: int,
+        methods: tuple[str, str],
+        enough: float,
     ) -> HomologicalSolution:
-        """The better one of a solution and the same refined once; a large one with a residual of `enough` as it is.
-
-        `inverse` solves the equation in these coordinates.
-        """
-        entries = coordinates.leave(inverse(coordinates.enter(known, k)), k)
+        """The better one of a solution and the same refined once; a large one with a residual of `enough` as it is."""
+        entries = solve(known)
         residual = self.residual(entries, known, k)
         relative = self._relative(residual, entries, known)
         first = HomologicalSolution(entries, methods[0], relative)
         if (relative <= enough and len(known) > _EASY) or not np.isfinite(relative):
             return first
-        entries = entries + coordinates.leave(inverse(coordinates.enter(residual, k)), k)
+        entries = entries + solve(residual)
         after = self._relative(self.residual(entries, known, k), entries, known)
         return HomologicalSolution(entries, methods[1], after) if after < relative else first
 

@@ -38,9 +38,10 @@ import numpy as np
 from flexhinf.errors import NumericalFailure
 from flexhinf.hinf.homological import HomologicalEquation, change_variables
 from flexhinf.hinf.linear_part import Parts, RiccatiSolution, ScaledProblem
+from flexhinf.hinf.products import LARGE, product, square
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.polynomial import basis
-from flexhinf.polynomial.algebra import add_part, gradient, matrix_product, monomials, product
+from flexhinf.polynomial.algebra import add_part, gradient, matrix_product, monomials
 from flexhinf.validation import read_only
 
 
@@ -154,16 +155,29 @@ def solve_degrees(
 
 
 def _known_part(problem: ScaledProblem, gradients: Parts, rows: Parts, k: int) -> np.ndarray | None:
-    n = problem.n
-    terms = [problem.q[k]] if k in problem.q else []
+    n, terms = problem.n, [problem.q[k]] if k in problem.q else []
+    joined: dict[tuple[int, int], list[tuple[np.ndarray, np.ndarray]]] = {}  # by their degrees
+
+    def add(left: np.ndarray, right: np.ndarray, a: int, b: int) -> None:
+        if len(left) * right.shape[1] > LARGE:  # to add up takes longer than to multiply, so they go together
+            joined.setdefault((a, b), []).append((left, right))
+        else:
+            terms.append(product(left, right, n, a, b))
+
     for i, slope in gradients.items():
         if k + 1 - i >= 2 and k + 1 - i in problem.f:
-            terms.append(product(slope, problem.f[k + 1 - i], n, i - 1, k + 1 - i))
+            add(slope, problem.f[k + 1 - i], i - 1, k + 1 - i)
     for a, left in rows.items():
         b = k - a
-        if b <= a and b in rows:
-            right = rows[b] * (problem.signs * (0.5 if a == b else 1.0))
-            terms.append(product(left, right.T, n, a, b))
+        if a == b:
+            terms.append(square(left, problem.signs, n, a))
+        elif b < a and b in rows:
+            add(left, (rows[b] * problem.signs).T, a, b)
+    for (a, b), parts in joined.items():
+        left, right = parts[0]
+        if len(parts) > 1:
+            left, right = np.hstack([part[0] for part in parts]), np.vstack([part[1] for part in parts])
+        terms.append(product(left, right, n, a, b))
     return sum(terms[1:], start=terms[0]) if terms else None
 
 

@@ -1,0 +1,72 @@
+"""Functions over arrays written as loops."""
+
+from __future__ import annotations
+
+import ctypes
+
+import numpy as np
+
+from flexhinf.codegen.loops import DOUBLE, INT, LANES, LONG, VECTOR, Function, Text, fields
+
+
+def _scaled() -> Function:
+    """x[i] = scale · x[places[i]], of which no place is asked for below `low`."""
+    text = Text("scale", "X Places n low =scale Result")
+    x, places, n, low, scale, result = text.fields()
+    with text.loop(0, n) as i:
+        place = places.load(INT, i)
+        result.store(text.number(0.0, DOUBLE), i)
+        with text.when(place.compare("sge", low)):
+            result.store(x.load(DOUBLE, place) * scale, i)
+    return Function(text)
+
+
+def test_reads_through_a_table_of_places():
+    x, places = np.arange(5.0), np.array([4, 0, 2, 1], np.int32)
+    result = np.full(4, np.nan)
+    _scaled()(x, places, 4, 1, 0.5, result)
+    assert result.tolist() == [2.0, 0.0, 1.0, 0.5]
+
+
+def test_a_task_is_there_until_the_function_ends(monkeypatch):
+    """What a call allocates beside it, as another thread may, lies elsewhere."""
+    function, seen = _scaled(), []
+
+    def looked_at(address: int) -> None:
+        beside = [np.full(size, -1, np.int64) for size in range(1, 20) for _ in range(20)]
+        seen.append(list((ctypes.c_int64 * 3).from_address(address)))
+        assert len(beside) == 380
+
+    monkeypatch.setattr(function, "_call", looked_at)
+    function(7, 8, 9)
+    function.run(fields(7), fields(8, 9))
+    assert seen == [[7, 8, 9], [7, 8, 9]]
+
+
+def test_integers_vectors_and_a_part():
+    part = Text("double_all", "X Y", part=True)
+    x, y = part.fields()
+    vector = x.load(VECTOR)
+    y.store(vector + vector.shuffled(vector, [*range(1, LANES), 0]))
+    text = Text("whole", "N X Y", parts=part.finish())
+    n, x, y = text.fields()
+    number = n.load(LONG)
+    n.store((number * 7 - 1) / 2)
+    n.store(number.least(3).most(2), 1)
+    text.call("double_all", x, y)
+    numbers, given, result = np.array([5, 0]), np.arange(float(LANES)), np.empty(LANES)
+    Function(text)(numbers, given, result)
+    assert numbers.tolist() == [17, 3]
+    assert result.tolist() == (given + np.roll(given, -1)).tolist()
+
+
+def test_sums_in_one_variable():
+    text = Text("sum", "X n Result")
+    x, n, result = text.fields()
+    total = text.variable(text.number(0.0, DOUBLE))
+    with text.loop(0, n) as i:
+        total.set(text.fused(x.load(DOUBLE, i), i.real(), total.get()))
+    result.store(total.get())
+    numbers, result = np.array([3.0, 5.0, 7.0]), np.zeros(1)
+    Function(text)(numbers, 3, result)
+    assert result[0] == 19.0
