@@ -413,8 +413,7 @@ class Controller(Summarised):
             read, written = (
                 {name: place for name in names if (place := places[name])} for names in (READ, WRITTEN)
             )
-            names = (*read, *written)
-            return (Call(traced, tuple(read.values()), tuple(written.values()), names=names),), ()
+            return (Call(traced, tuple(read.values()), tuple(written.values()), "", (*read, *written)),), ()
         run = Composer()
         y, r, memory, data, target = (
             Block(place, (place.size if place else 0,))
