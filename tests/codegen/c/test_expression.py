@@ -24,15 +24,25 @@ def lines(*results: casadi.SX) -> list[str]:
 @pytest.mark.parametrize(
     ("result", "expected"),
     [
-        (casadi.if_else(casadi.fabs(X[0]) < casadi.inf, X[0], X[0]), ["const real v1 = in0[0];", "result[0] = v1;"]),
-        ((X[0] + X[1]) * X[2] - X[3], ["const real v1 = FMA(in0[0] + in0[1], in0[2], -in0[3]);", "result[0] = v1;"]),
+        (
+            casadi.if_else(casadi.fabs(X[0]) < casadi.inf, X[0], X[0]),
+            ["const real v1 = in0[0];", "result[0] = v1;"],
+        ),
+        (
+            (X[0] + X[1]) * X[2] - X[3],
+            ["const real v1 = FMA(in0[0] + in0[1], in0[2], -in0[3]);", "result[0] = v1;"],
+        ),
         (
             casadi.if_else(X[0] < X[1], X[2], X[3]),
             ["const real v1 = (in0[0] < in0[1]) ? in0[2] : in0[3];", "result[0] = v1;"],
         ),
         (
             casadi.if_else(X[0] < X[1], X[2] / X[3], 0.0),
-            ["const real v1 = in0[2] / in0[3];", "const real v2 = (in0[0] < in0[1]) ? v1 : 0.0;", "result[0] = v2;"],
+            [
+                "const real v1 = in0[2] / in0[3];",
+                "const real v2 = (in0[0] < in0[1]) ? v1 : 0.0;",
+                "result[0] = v2;",
+            ],
         ),
         (X[0] / (X[1] / X[2]), ["const real v1 = in0[0] / (in0[1] / in0[2]);", "result[0] = v1;"]),
         (-1.0 - X[0] * -X[1], ["const real v1 = FMA(in0[0], in0[1], -1.0);", "result[0] = v1;"]),
