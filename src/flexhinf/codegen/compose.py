@@ -252,8 +252,8 @@ class Composer:
         filled = [result.place for result in results if result.size]
         inputs = [array.place for array in arrays if isinstance(array, Block) and array.size]
         if filled:
-            words = _words(function, arrays)
-            self.body.append(Call(traced, tuple(inputs), tuple(filled), _about(function), words))
+            names = _argument_names(function, arrays)
+            self.body.append(Call(traced, tuple(inputs), tuple(filled), _about(function), names))
         return tuple(results) if several else results[0]
 
     @contextmanager
@@ -302,8 +302,11 @@ class Composer:
             *(matrix.columns for matrix in matrices),
             *(array.place for array in held if isinstance(array, Block) and array.size),
         )
-        outputs, words = tuple(result.columns for result in results), _words(function, (*matrices, *held))
-        self.body.append(Map(traced, inputs, outputs, _about(function), words))
+        outputs, names = (
+            tuple(result.columns for result in results),
+            _argument_names(function, (*matrices, *held)),
+        )
+        self.body.append(Map(traced, inputs, outputs, _about(function), names))
         return results if several else results[0]
 
     def sweep(self, stages: Callable[..., Any], matrix: Block, *held: Any) -> Block:
@@ -494,9 +497,9 @@ class _ColumnComposer(Composer):
         moved = self._results(function, [shape for shape, m in zip(filled, moves) if m])
         if later is not None:
             inputs = (*(block.place for block in blocks), *more)
-            words = *_words(function, arrays), *["before"] * len(more)
+            names = *_argument_names(function, arrays), *["before"] * len(more)
             self.body.append(
-                Call(later, inputs, tuple(result.place for result in moved), _about(function), words)
+                Call(later, inputs, tuple(result.place for result in moved), _about(function), names)
             )
         kinds, places = {True: iter(moved), False: iter(still)}, iter(moves)
         results = [next(kinds[next(places)]) if prod(shape) else self.work(shape) for shape in shapes]
@@ -552,7 +555,7 @@ def _about(function: Any) -> str:
     return (written.__doc__ or "") if package == __name__.partition(".")[0] else ""
 
 
-def _words(function: Any, arrays: Sequence[Any]) -> tuple[str, ...]:
+def _argument_names(function: Any, arrays: Sequence[Any]) -> tuple[str, ...]:
     """Names of the parameters of a function that take the blocks among some arrays; none where they are not known."""
     try:
         parameters = list(signature(function).parameters.values())

@@ -218,12 +218,12 @@ class _Shortened:
                 return self.add(casadi.OP_AND, (flag, yes))
         return self._new(SELECT, (flag, yes, no))
 
-    def _where(self, flag: int, holds: bool, value: int) -> int:
+    def _where(self, flag: int, truth: bool, value: int) -> int:
         """What a value is where the flag holds, or does not."""
         operation = self.operations[value]
         if operation.code != SELECT or operation.arguments[0] != flag:
             return value
-        return operation.arguments[1 if holds else 2]
+        return operation.arguments[1 if truth else 2]
 
     def _halves(self, left: int, right: int) -> tuple[int, int, int] | None:
         """Condition, a and b of a sum that is a where the condition holds, and b elsewhere; None of another."""

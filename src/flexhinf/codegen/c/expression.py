@@ -229,7 +229,7 @@ class Expressions:
         if operation.code == casadi.OP_INPUT:
             return Text(self._read(*operation.arguments), True)
         if operation.code in TRUTHS:
-            return Text(f"{self.condition(value).choice} ? {self._one} : {self._zero}")
+            return Text(f"{self.condition(value).choice} ? {self._unit} : {self._zero}")
         operands = [
             self.condition(k) if (operation.code, place) == (SELECT, 0) else self.number(k)
             for place, k in enumerate(operation.arguments)
@@ -241,7 +241,7 @@ class Expressions:
         if first == casadi.OP_CONST or first in TRUTHS:  # which is a number
             text = text.replace("({1} < {0}) || isnan({0})", "{1} < {0}")
             text = text.replace("({1} > {0}) || isnan({0})", "{1} > {0}")
-        written = text.format(*operands, one=self._one, zero=self._zero, f=self.real.suffix)
+        written = text.format(*operands, one=self._unit, zero=self._zero, f=self.real.suffix)
         called = written[0].isalpha() and text.endswith(")")
         return Text(written, called or operation.code == casadi.OP_ASSIGN)
 
@@ -260,7 +260,7 @@ class Expressions:
         return Text(OPERATIONS[operation.code].format(*operands), operation.code == casadi.OP_NOT)
 
     @property
-    def _one(self) -> str:
+    def _unit(self) -> str:
         return constant(1.0, self.real)
 
     @property

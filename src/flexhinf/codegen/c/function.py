@@ -140,12 +140,12 @@ class FunctionText:
         texts[self.name] = self._text(self.name, [*names, *last], lines)
         return texts
 
-    def _text(self, name: str, words: list[str], lines: list[str]) -> str:
+    def _text(self, name: str, arguments: list[str], lines: list[str]) -> str:
         apart = "NOINLINE " if sum(map(_operations, lines)) > LONG else ""
         whole = name == self.name
         mark = "RESTRICT " if self.lanes != 1 or self.apart or not whole else ""
         declared, begin = list[str](), list[str]()
-        for word in words:
+        for word in arguments:
             changed = word not in self.arguments and (whole or _changes(lines, word))
             kind = f"{'' if changed else 'const '}{self.real.name} *{mark}"
             rows = re.compile(rf"\b{word}(\[[^\]]*\bl\]| \+ \d+;)")  # whose memory is `ALIGNED`

@@ -52,7 +52,7 @@ ROOM = "columns"
 NOTHING: Mapping[str, Any] = MappingProxyType({})
 
 #: Names that arguments of functions do not have.
-WORDS = KEYWORDS | {"count", "kept", "l", "real", "rows"}
+UNUSABLE = KEYWORDS | {"count", "kept", "l", "real", "rows"}
 
 #: How names of the functions of `flexhinf.codegen.c.algebra` begin.
 HELPERS = (
@@ -398,14 +398,14 @@ class Translator:
         calls = {
             code: self._helper(SINES[code], algebra.function, code == casadi.OP_COS, real) for code in own
         }
-        words = _words(names, size, function.n_out())
+        identifiers = _identifiers(names, size, function.n_out())
         said = () if stages is None else tuple(zip(stages.names, stages.about, strict=True))
         moving = moving or (False,) * size
 
         places = self._places_of if elements else NOTHING
         for name in self._free(function.name()):
             writer = FunctionText(
-                name, flow, real, lanes, moving, calls, self._row, *words, apart, said, elements, places
+                name, flow, real, lanes, moving, calls, self._row, *identifiers, apart, said, elements, places
             )
             texts = writer.texts()
             if not texts.keys() & self.functions.keys():
@@ -418,10 +418,10 @@ class Translator:
 
     def _free(self, short: str) -> Iterator[str]:
         """Names for a traced function that nothing has yet, the best one first."""
-        ours = short in self._taken_names or short.startswith(HELPERS)
+        taken = short in self._taken_names or short.startswith(HELPERS)
         yield from (
             name
-            for number in count(1 + ours)
+            for number in count(1 + taken)
             if (name := f"{self.prefix}_{short}" + f"_{number}" * (number > 1)) not in self.functions
         )
 
@@ -443,14 +443,14 @@ class Translator:
         return name
 
 
-def _words(names: tuple[str, ...], read: int, written: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _identifiers(names: tuple[str, ...], read: int, written: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Names of arguments and of results in C: as they are in Python, where they are known."""
     results = ["result"] if written == 1 else [f"result{k + 1}" for k in range(written)]
-    given = [*names, *results[max(0, len(names) - read) :]] if len(names) >= read else []
+    known = [*names, *results[max(0, len(names) - read) :]] if len(names) >= read else []
     chosen: list[str] = []
-    for k, name in enumerate(given or [*(f"in{k}" for k in range(read)), *results]):
+    for k, name in enumerate(known or [*(f"in{k}" for k in range(read)), *results]):
         word = re.sub(r"\W", "_", name, flags=re.ASCII).strip("_") or f"in{k}"
-        word += "_" * (word in WORDS or re.fullmatch(r"[cvw]\d+|[A-Z_]+|[0-9].*", word) is not None)
+        word += "_" * (word in UNUSABLE or re.fullmatch(r"[cvw]\d+|[A-Z_]+|[0-9].*", word) is not None)
         chosen.append(word if word not in chosen else f"{word}_{k}")
     return tuple(chosen[:read]), tuple(chosen[read:])
 

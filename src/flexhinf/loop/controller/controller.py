@@ -411,11 +411,9 @@ class Controller(Summarised):
         if not self.composed:
             traced = drop_empty(self.traced())
             read, written = (
-                {name: place for name in names if (place := places[name]) is not None}
-                for names in (READ, WRITTEN)
+                {name: place for name in names if (place := places[name])} for names in (READ, WRITTEN)
             )
-            call = Call(traced, tuple(read.values()), tuple(written.values()), names=(*read, *written))
-            return (call,), ()
+            return (Call(traced, tuple(read.values()), tuple(written.values()), "", (*read, *written)),), ()
         run = Composer()
         y, r, memory, data, target = (
             Block(place, (place.size if place else 0,))
