@@ -512,10 +512,13 @@ class Model(Summarised):
             )
         if not count:  # to CasADi, a matrix without columns is a zero
             return np.zeros((0, self.n))
-        columns = [np.broadcast_to(rows, (count, rows.shape[1])).T for rows in points]
-        vector = np.broadcast_to(self.parameters.vector(), (count, self.parameters.size))
-        result = np.asarray(self.traced_flow(*columns, vector.T), dtype=float).T
-        result = result - columns[0].T if self.sampled else result
+        numbers = [*points, self.parameters.vector()[None]]
+        if count == 1:
+            result = cast(np.ndarray, self._codes[0].evaluate(*numbers))[None]
+        else:
+            columns = [np.broadcast_to(rows, (count, rows.shape[1])).T for rows in numbers]
+            result = np.asarray(self.traced_flow(*columns), dtype=float).T
+        result = result - points[0] if self.sampled else result
         return result if any(np.ndim(value) == 2 for value in (x, u, d)) else result[0]
 
     def linearise(
