@@ -11,8 +11,9 @@ from __future__ import annotations
 import operator
 from collections import Counter
 from collections.abc import Callable, Container, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import accumulate
+from typing import NamedTuple
 
 import casadi
 
@@ -40,8 +41,7 @@ SINGLE: dict[int, str] = {
 MANY = 3
 
 
-@dataclass(frozen=True)
-class Operation:
+class Operation(NamedTuple):
     """One value: a constant, an input element, or an operation on earlier values.
 
     `code`: CasADi's opcode, or a fused operation. `arguments`: Earlier values; for OP_INPUT (argument, element).
@@ -51,6 +51,10 @@ class Operation:
     code: int
     arguments: tuple[int, ...]
     constant: float = 0.0
+
+    def on(self, arguments: tuple[int, ...]) -> Operation:
+        """The same of other values."""
+        return Operation(self.code, arguments, self.constant)
 
 
 @dataclass(frozen=True)
@@ -147,11 +151,11 @@ def _without_truths(
             (inner,) = operations[arguments[0]].arguments
             if inner in truths:
                 return inner
-        return replace(operation, code=code, arguments=arguments)
+        return Operation(code, arguments, operation.constant)
 
     for k, operation in enumerate(operations):
         if operation.code != casadi.OP_INPUT:
-            operation = replace(operation, arguments=tuple(places[a] for a in operation.arguments))
+            operation = operation.on(tuple([places[a] for a in operation.arguments]))
             found = shortened(operation)
             if isinstance(found, int):
                 places.append(found)
@@ -176,7 +180,7 @@ def _without_unused(
             used.update(operations[k].arguments)
     places = {k: place for place, k in enumerate(sorted(used))}
     kept = [
-        op if op.code == casadi.OP_INPUT else replace(op, arguments=tuple(places[a] for a in op.arguments))
+        op if op.code == casadi.OP_INPUT else op.on(tuple([places[a] for a in op.arguments]))
         for op in (operations[k] for k in sorted(used))
     ]
     return kept, [(k, element, places[value]) for k, element, value in outputs if value in used]
@@ -206,7 +210,7 @@ def _share_reciprocals(
     for operation in operations:
         if operation.code != casadi.OP_INPUT:
             divisor = operation.arguments[1] if operation.code == casadi.OP_DIV else -1
-            operation = replace(operation, arguments=tuple(places[a] for a in operation.arguments))
+            operation = operation.on(tuple([places[a] for a in operation.arguments]))
             if quotients[divisor] > 1 and shared(divisor):
                 if divisor not in reciprocals:
                     reciprocals[divisor] = len(written)
