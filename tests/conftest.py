@@ -226,7 +226,9 @@ def as_shipped(
     with pytest.MonkeyPatch.context() as patch:
         if request.config.option.markexpr == "not slow":
             run = tmp_path_factory.getbasetemp()
-            run = run.parent if "PYTEST_XDIST_WORKER" in os.environ else run  # all workers of a run share their code
+            run = (
+                run.parent if "PYTEST_XDIST_WORKER" in os.environ else run
+            )  # all workers of a run share their code
             patch.setenv("FLEXHINF_CACHE", str(run / "hurried"))
             for (place, name, _), value in zip(usual, hurried):
                 patch.setattr(place, name, value)
