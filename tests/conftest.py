@@ -192,9 +192,15 @@ def bounded_work() -> Callable[[int], AbstractContextManager[None]]:
     return bounded
 
 
+@pytest.fixture(scope="session")
+def in_a_hurry(request: pytest.FixtureRequest) -> bool:
+    """Whether this is `make test`."""
+    return request.config.option.markexpr == "not slow"
+
+
 @pytest.fixture(scope="session", autouse=True)
 def as_shipped(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+    in_a_hurry: bool, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Callable[[], AbstractContextManager[None]]]:
     """A context in which machine code is made as in the product, and exports compute their stack.
 
@@ -211,7 +217,7 @@ def as_shipped(
     build = compiled.build
     usual = ((machine, "level", machine.level), (machine, "_PASSES", machine._PASSES),
              (stack, "MACHINES", stack.MACHINES), (compiled, "build", build), (package, "build", build))  # fmt: skip
-    hurried = (lambda operations: 0, ("always_inliner", "sroa"), dict.fromkeys(stack.MACHINES, ()),
+    hurried = (lambda operations: 0, (), dict.fromkeys(stack.MACHINES, ()),
                quickly, quickly)  # fmt: skip
 
     @contextmanager
@@ -224,7 +230,7 @@ def as_shipped(
             yield
 
     with pytest.MonkeyPatch.context() as patch:
-        if request.config.option.markexpr == "not slow":
+        if in_a_hurry:
             run = tmp_path_factory.getbasetemp()
             run = (
                 run.parent if "PYTEST_XDIST_WORKER" in os.environ else run
