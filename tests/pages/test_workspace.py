@@ -40,14 +40,30 @@ def tolerated(design):
     return robustness(design)
 
 
-@pytest.fixture
-def made(design, tolerated, monkeypatch):
-    """The page, with the margins computed once."""
+@pytest.fixture(autouse=True)
+def margins_once(design, tolerated, monkeypatch):
+    """Pages and screens of this law take the margins that are computed once."""
     for room in (page, summary):
-        monkeypatch.setattr(room, "robustness", lambda of: tolerated)
+        monkeypatch.setattr(
+            room, "robustness",
+            lambda of: tolerated if of.setup.law is design.setup.law else robustness(of),
+        )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def pages():
+    return {}
+
+
+@pytest.fixture
+def made(design, pages):
+    """The page of a design, made once."""
 
     def of(changed=design):
-        return page.workspace_page(changed, ["flexhinf", "design", "paper"], files=["design.json"])
+        if id(changed) not in pages:
+            words = ["flexhinf", "design", "paper"]
+            pages[id(changed)] = changed, page.workspace_page(changed, words, files=["design.json"])
+        return pages[id(changed)][1]
 
     return of
 
