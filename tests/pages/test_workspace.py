@@ -42,12 +42,11 @@ def tolerated(design):
 
 @pytest.fixture(autouse=True)
 def margins_once(design, tolerated, monkeypatch):
-    """Pages and screens of this law take the margins that are computed once."""
+    """Pages and screens of this loop take the margins that are computed once."""
     for room in (page, summary):
         monkeypatch.setattr(
-            room, "robustness",
-            lambda of: tolerated if of.setup.law is design.setup.law else robustness(of),
-        )  # fmt: skip
+            room, "robustness", lambda of: tolerated if of.setup is design.setup else robustness(of)
+        )
 
 
 @pytest.fixture(scope="module")
@@ -56,8 +55,10 @@ def pages():
 
 
 @pytest.fixture
-def made(design, pages):
-    """The page of a design, made once."""
+def made(design, tolerated, pages, margins_once, monkeypatch):
+    """The page of a design, made once; with these margins, whatever its loop."""
+    for room in (page, summary):
+        monkeypatch.setattr(room, "robustness", lambda of: tolerated)
 
     def of(changed=design):
         if id(changed) not in pages:
