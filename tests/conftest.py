@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import gc
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -19,6 +20,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
+from _pytest.doctest import DoctestModule
 from hypothesis import HealthCheck, settings
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -81,6 +83,13 @@ friction = { value = 0.4, tolerance = 15 }
 """
 
 
+#: What files share, and which ones they are.
+TOGETHER = {
+    "designs of reports": r"tests/pages/",
+    "sources, parsed": r"tests/test_(house|circles)\.py",
+}
+
+
 @pytest.fixture(scope="session")
 def robot_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Any]:
     """A robot by name: of the catalogue, or ours. "paper stiffness*0.3" is the arm with a softer spring."""
@@ -125,10 +134,15 @@ def repository() -> Path:
 
 
 @pytest.fixture(scope="session")
-def sources(repository: Path) -> dict[Path, ast.Module]:
-    """Every Python file of the package, parsed once."""
+def sources(repository: Path) -> dict[Path, list[ast.AST]]:
+    """Every Python file of the package as the nodes of its tree, of which the first is the module; walked once."""
     files = sorted((repository / "src" / "flexhinf").rglob("*.py"))
-    return {file: ast.parse(file.read_text(encoding="utf-8")) for file in files}
+    gc.disable()
+    try:
+        return {file: list(ast.walk(ast.parse(file.read_text(encoding="utf-8")))) for file in files}
+    finally:
+        gc.freeze()  # they stay, and are not looked through for garbage
+        gc.enable()
 
 
 @cache
@@ -178,22 +192,33 @@ def bounded_work() -> Callable[[int], AbstractContextManager[None]]:
     return bounded
 
 
+@pytest.fixture(scope="session")
+def in_a_hurry(request: pytest.FixtureRequest) -> bool:
+    """Whether this is `make test`."""
+    return request.config.option.markexpr == "not slow"
+
+
 @pytest.fixture(scope="session", autouse=True)
 def as_shipped(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+    in_a_hurry: bool, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Callable[[], AbstractContextManager[None]]]:
     """A context in which machine code is made as in the product, and exports compute their stack.
 
-    Outside of it, `make test` hurries: machine code without optimisation, which changes no bit
-    (`tests/loop/simulation/test_optimisation.py`), and no gcc for a line of a README. `tests/codegen`,
-    `tests/export/test_stack.py` and the slow tests never hurry. A user's machine code is left alone.
+    Outside of it, `make test` hurries: machine code and exported C without optimisation, which changes no bit
+    (`tests/loop/simulation/test_optimisation.py`, `tests/export/test_flags.py`), and no gcc for a line of a README.
+    `tests/codegen`, `tests/export/test_stack.py` and the slow tests never hurry. A user's machine code is left alone.
     """
     from flexhinf.codegen import machine, shared
-    from flexhinf.export import stack
+    from flexhinf.export import compiled, package, stack
 
+    def quickly(sources: Any, folder: Path, flags: tuple[str, ...]) -> Path:
+        return build(sources, folder, tuple(re.sub(r"^-O\d$", "-O0", flag) for flag in flags))
+
+    build = compiled.build
     usual = ((machine, "level", machine.level), (machine, "_PASSES", machine._PASSES),
-             (stack, "MACHINES", stack.MACHINES))  # fmt: skip
-    hurried = lambda operations: 0, ("always_inliner", "sroa"), dict.fromkeys(stack.MACHINES, ())
+             (stack, "MACHINES", stack.MACHINES), (compiled, "build", build), (package, "build", build))  # fmt: skip
+    hurried = (lambda operations: 0, (), dict.fromkeys(stack.MACHINES, ()),
+               quickly, quickly)  # fmt: skip
 
     @contextmanager
     def shipped() -> Iterator[None]:
@@ -205,8 +230,12 @@ def as_shipped(
             yield
 
     with pytest.MonkeyPatch.context() as patch:
-        if request.config.option.markexpr == "not slow":
-            patch.setenv("FLEXHINF_CACHE", str(tmp_path_factory.mktemp("hurried")))
+        if in_a_hurry:
+            run = tmp_path_factory.getbasetemp()
+            run = (
+                run.parent if "PYTEST_XDIST_WORKER" in os.environ else run
+            )  # all workers of a run share their code
+            patch.setenv("FLEXHINF_CACHE", str(run / "hurried"))
             for (place, name, _), value in zip(usual, hurried):
                 patch.setattr(place, name, value)
         yield shipped
@@ -233,6 +262,28 @@ def pytest_collection() -> Iterator[None]:
     finally:
         gc.freeze()
         gc.enable()
+        gc.set_threshold(20_000, *gc.get_threshold()[1:])  # tests make many objects and few circles of them
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collect_file() -> Iterator[Any]:
+    """Tests have no examples in their docstrings: they are not searched for them."""
+    return [found for found in (yield) if not isinstance(found, DoctestModule)]
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Files that share what takes long to make run in one worker, one after the other."""
+    if config.getvalue("dist") != "loadfile":
+        return None
+    from xdist.scheduler import LoadFileScheduling
+
+    class Sharing(LoadFileScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            file = super()._split_scope(nodeid)
+            return next((shared for shared, files in TOGETHER.items() if re.match(files, file)), file)
+
+    return Sharing(config, log)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -64,9 +64,9 @@ def texts_in(node: ast.AST) -> Iterator[str]:
                     yield from texts_in(child)
 
 
-def compared(function: ast.AST) -> Iterator[ast.expr]:
-    """Expressions whose texts are compared with those of the program."""
-    for node in ast.walk(function):
+def compared(nodes: list[ast.AST]) -> Iterator[ast.expr]:
+    """Expressions of a function whose texts are compared with those of the program."""
+    for node in nodes:
         if isinstance(node, ast.Assert):
             yield node.test
         elif isinstance(node, ast.Call):
@@ -75,10 +75,10 @@ def compared(function: ast.AST) -> Iterator[ast.expr]:
                 yield from node.args[1:]
 
 
-def sought(function: ast.AST) -> set[str]:
-    """Names of what is looked for in a text."""
+def sought(expressions: list[ast.expr]) -> set[str]:
+    """Names of what such expressions look for in a text."""
     found: set[str] = set()
-    for expression in compared(function):
+    for expression in expressions:
         for node in [expression, *ast.walk(expression)]:
             parts = [node.left] if isinstance(node, ast.Compare) and isinstance(node.ops[0], ast.In) else []
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "unnamed":
@@ -89,9 +89,9 @@ def sought(function: ast.AST) -> set[str]:
     return found
 
 
-def columns(function: ast.FunctionDef) -> Iterator[tuple[str, ast.expr]]:
+def columns(nodes: list[ast.AST]) -> Iterator[tuple[str, ast.expr]]:
     """Names and what they stand for, by parametrize and by loops over literals."""
-    for node in ast.walk(function):
+    for node in nodes:
         names, rows = None, None
         if isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "parametrize":
             names, rows = node.args[:2]
@@ -115,14 +115,15 @@ def sentences(module: ast.Module) -> set[str]:
     inside: set[str] = set()
     for function in ast.walk(module):
         if isinstance(function, ast.FunctionDef):
-            expressions = list(compared(function))
-            names = sought(function)
-            expressions += [cell for name, cell in columns(function) if name in names]
+            nodes = list(ast.walk(function))
+            expressions = list(compared(nodes))
+            names = sought(expressions)
+            expressions += [cell for name, cell in columns(nodes) if name in names]
             found |= {text for one in expressions for text in texts_in(one) if len(words(text)) >= 3}
             held = {id(node) for one in expressions for node in ast.walk(one)}
             inside |= {
                 node.value
-                for node in ast.walk(function)
+                for node in nodes
                 if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in held
             }
     return {text for text in found if not any(text in own for own in inside)}

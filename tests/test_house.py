@@ -83,11 +83,11 @@ LOADED_BY_NAME = {
 }
 
 
-def loaded_by_name(tree: ast.Module, package: str) -> set[str]:
+def loaded_by_name(nodes: list[ast.AST], package: str) -> set[str]:
     """The modules that a file gives to `import_module`: as texts, names of constants, or an argument's name; and those
     of the package that it gives to `late_package`."""
     named = {"__name__": package}
-    for node in tree.body:
+    for node in nodes[0].body:
         if isinstance(node, ast.Assign) and isinstance(node.value, ast.Constant):
             named |= {target.id: node.value.value for target in node.targets if isinstance(target, ast.Name)}
 
@@ -101,7 +101,7 @@ def loaded_by_name(tree: ast.Module, package: str) -> set[str]:
     def given_to(*functions: str) -> set[str]:
         return {
             text_of(node.args[0])
-            for node in ast.walk(tree)
+            for node in nodes
             if isinstance(node, ast.Call)
             and getattr(node.func, "id", getattr(node.func, "attr", "")) in functions
         }
@@ -110,12 +110,12 @@ def loaded_by_name(tree: ast.Module, package: str) -> set[str]:
     return given_to("import_module", "__import__") | late
 
 
-def test_modules_loaded_by_name_are_listed(repository: Path, sources: dict[Path, ast.Module]) -> None:
+def test_modules_loaded_by_name_are_listed(repository: Path, sources: dict[Path, list[ast.AST]]) -> None:
     package = repository / "src" / "flexhinf"
     found = {
         (file.relative_to(package).as_posix(), name)
-        for file, tree in sources.items()
-        for name in loaded_by_name(tree, "flexhinf")
+        for file, nodes in sources.items()
+        for name in loaded_by_name(nodes, "flexhinf")
     }
     libraries = {
         ("robot/mujoco.py", "mujoco"),
@@ -191,13 +191,13 @@ def test_locks_hold_everything_the_project_asks_for(repository: Path) -> None:
     ] == []
 
 
-def test_every_key_cited_is_in_the_references(repository: Path, sources: dict[Path, ast.Module]) -> None:
+def test_every_key_cited_is_in_the_references(repository: Path, sources: dict[Path, list[ast.AST]]) -> None:
     bibliography = (repository / "docs" / "references.bib").read_text(encoding="utf-8")
     known = re.findall(r"^@\w+\{(\w+),", bibliography, re.MULTILINE)
     assert sorted(known) == sorted(set(known))
     cited: dict[str, str] = {}
-    for file, tree in sources.items():
-        for node in ast.walk(tree):
+    for file, nodes in sources.items():
+        for node in nodes:
             if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)):
                 keys = re.findall(r"\[([a-z]+(?:19|20)\d\d[a-z]?)\]", ast.get_docstring(node) or "")
                 cited.update(dict.fromkeys(keys, str(file)))
@@ -291,10 +291,10 @@ TERMS = {
 }  # fmt: skip
 
 
-def identifiers(tree: ast.AST) -> set[str]:
+def identifiers(nodes: list[ast.AST]) -> set[str]:
     """Every name that a file makes or uses: of classes, functions, arguments, variables and fields."""
     found = set()
-    for node in ast.walk(tree):
+    for node in nodes:
         field = NAMED.get(type(node))
         if field is not None and (name := getattr(node, field)):
             found.add(name)
@@ -307,10 +307,10 @@ NAMED = {
 }  # fmt: skip
 
 
-def test_names_are_terms_of_the_field(repository: Path, sources: dict[Path, ast.Module]) -> None:
+def test_names_are_terms_of_the_field(repository: Path, sources: dict[Path, list[ast.AST]]) -> None:
     found = {}
-    for file, tree in sources.items():
-        names = {file.stem, *identifiers(tree)}
+    for file, nodes in sources.items():
+        names = {file.stem, *identifiers(nodes)}
         for name in names:
             parts = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower().split("_")
             if {form for part in parts for form in (part, part.removesuffix("s"))} & RIDDLES:
@@ -319,11 +319,11 @@ def test_names_are_terms_of_the_field(repository: Path, sources: dict[Path, ast.
     assert set(found) >= TERMS
 
 
-def test_no_value_is_read_for_a_side_effect(repository: Path, sources: dict[Path, ast.Module]) -> None:
+def test_no_value_is_read_for_a_side_effect(repository: Path, sources: dict[Path, list[ast.AST]]) -> None:
     """A property that checks or compiles is a method with a verb; nothing reads a value and drops it."""
     found = []
-    for file, tree in sources.items():
-        for node in ast.walk(tree):
+    for file, nodes in sources.items():
+        for node in nodes:
             bare = isinstance(node, ast.Expr) and isinstance(
                 node.value, (ast.Attribute, ast.Name, ast.Subscript)
             )

@@ -157,7 +157,7 @@ def _locked_part(folder: Path, prefix: str) -> tuple[int, str]:
 def _clear_parts(folder: Path, prefix: str) -> None:
     """Remove the files that killed processes had begun: nobody holds their lock, or there are none and they are old."""
     begun = re.compile(re.escape(prefix) + r"\w{8}" + re.escape(_PART))
-    for path in [path for path in folder.iterdir() if begun.fullmatch(path.name)]:
+    for path in [folder / name for name in os.listdir(folder) if begun.fullmatch(name)]:
         with suppress(OSError):
             if not stat.S_ISREG(os.lstat(path).st_mode):
                 continue

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import shutil
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -23,13 +24,20 @@ from flexhinf.pages.identify import identified_table
 WORDS = ["identify", "log.csv", "--robot", "wrong.toml", "--measured", "link_position,motor_position"]
 
 
+@pytest.fixture(scope="module")
+def log_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A log of the paper's arm."""
+    times, u, y = arm_log(fh.load_robot("paper"), count=2000)
+    head, file = "time,motor_voltage,link_position,motor_position", tmp_path_factory.mktemp("log") / "log.csv"
+    np.savetxt(file, np.column_stack([times, u, y]), delimiter=",", header=head, comments="")
+    return file
+
+
 @pytest.fixture
-def logged(folder: Path) -> Path:
-    """A log of the paper's arm, and a file of it with a wrong spring."""
+def logged(folder: Path, log_file: Path) -> Path:
+    """The log, and a file of the arm with a wrong spring."""
+    shutil.copy(log_file, folder)
     arm = fh.load_robot("paper")
-    times, u, y = arm_log(arm, count=2000)
-    head = "time,motor_voltage,link_position,motor_position"
-    np.savetxt(folder / "log.csv", np.column_stack([times, u, y]), delimiter=",", header=head, comments="")
     arm.with_values({"stiffness": 70.0, "friction": 0.2}).save(folder / "wrong.toml")
     return folder
 

@@ -398,10 +398,11 @@ def test_commands_in_a_sentence_have_options_that_exist() -> None:
 
     from flexhinf.cli.commands import app
 
+    whole = get_command(app)
     for page in (*PAGES, REPOSITORY / "CHANGELOG.md"):
         prose = _FENCE.sub("", page.read_text(encoding="utf-8"))
         for text in re.findall(r"`flexhinf ([^`]*)`", prose):
-            command, words = get_command(app), text.split()
+            command, words = whole, text.split()
             while words and words[0] in getattr(command, "commands", ()):
                 command = command.commands[words.pop(0)]  # pyright: ignore[reportAttributeAccessIssue]
             command = getattr(command, "commands", {}).get("run", command)  # `flexhinf campaign DESIGN`

@@ -80,10 +80,13 @@ def compiler() -> str:
 
 
 @pytest.fixture(scope="session")
-def build(compiler: str, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Compiled]:
+def build(
+    compiler: str, in_a_hurry: bool, tmp_path_factory: pytest.TempPathFactory
+) -> Callable[..., Compiled]:
     """Export a controller as "arm" and compile it without a warning, with the arithmetic of this processor."""
+    usual = ("-O0",) if in_a_hurry else ("-O1",)
 
-    def made(controller: fh.Controller, real: str = "double", flags: tuple[str, ...] = ("-O1",)) -> Compiled:
+    def made(controller: fh.Controller, real: str = "double", flags: tuple[str, ...] = usual) -> Compiled:
         folder = export_c(controller, tmp_path_factory.mktemp("exported") / "c", "arm", real, limits=False)
         (folder / "shim.c").write_text(SHIM)
         words = [*STRICT, *compiler_flags("portable"), *flags, "-shared", "-fPIC"]

@@ -71,7 +71,7 @@ def test_the_rest_in_c_is_the_operating_point_of_the_robot(
     (folder / "shim.c").write_text(SHIM)
     for file in ("arm.c", "main.c"):
         subprocess.run([compiler, *STRICT, "-c", file, "-o", "out.o"], cwd=folder, check=True)
-    words = ("-std=c99", "-O1", "-shared", "-fPIC", "arm.c", "shim.c", "-lm", "-o", "arm.so")
+    words = ("-std=c99", "-O0", "-shared", "-fPIC", "arm.c", "shim.c", "-lm", "-o", "arm.so")
     subprocess.run([compiler, *words], cwd=folder, check=True)
     library, rng = ctypes.CDLL(str(folder / "arm.so")), np.random.default_rng(1)
     ranges = np.array([(-np.pi, np.pi) if pair is None else pair for pair in robot.links.limits])
@@ -112,7 +112,7 @@ def test_the_main_program_rests_at_the_start_until_there_is_a_command(compiler: 
     x, u = robot_of("planar-two-link").operating_point()
     at = ", ".join(repr(float(value)) for value in x[[0, 1, 4, 5]])
     (folder / "board.c").write_text(BOARD.replace("AT", at))
-    words = ("-std=c99", "-O1", "main.c", "arm.c", "board.c", "-lm", "-o", "firmware")
+    words = ("-std=c99", "-O0", "main.c", "arm.c", "board.c", "-lm", "-o", "firmware")
     subprocess.run([compiler, *words], cwd=folder, check=True)
     said = subprocess.run([folder / "firmware"], capture_output=True, text=True, check=True).stdout
     assert np.loadtxt(said.splitlines()) == pytest.approx(np.tile(u, (50, 1)), rel=1e-6)

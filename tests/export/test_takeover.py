@@ -44,8 +44,9 @@ def control() -> fh.Controller:
     """A cubic law with an integral, the unscented filter, and a sample of latency."""
     arm = fh.paper_arm()
     specification = fh.Specification(
-        pose=0.8, start=0.0, preset="damped", degrees=(4,), draws=0, rays=0, saturation=LIMIT
-    )
+        pose=0.8, start=0.0, preset="damped", degrees=(4,), draws=0, rays=0, proof_seconds=0.0,
+        compare_rigid=False, saturation=LIMIT,
+    )  # fmt: skip
     return fh.design(arm, specification).controller()
 
 

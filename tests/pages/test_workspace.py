@@ -40,14 +40,31 @@ def tolerated(design):
     return robustness(design)
 
 
+@pytest.fixture(autouse=True)
+def margins_once(design, tolerated, monkeypatch):
+    """Pages and screens of this loop take the margins that are computed once."""
+    for room in (page, summary):
+        monkeypatch.setattr(
+            room, "robustness", lambda of: tolerated if of.setup is design.setup else robustness(of)
+        )
+
+
+@pytest.fixture(scope="module")
+def pages():
+    return {}
+
+
 @pytest.fixture
-def made(design, tolerated, monkeypatch):
-    """The page, with the margins computed once."""
+def made(design, tolerated, pages, margins_once, monkeypatch):
+    """The page of a design, made once; with these margins, whatever its loop."""
     for room in (page, summary):
         monkeypatch.setattr(room, "robustness", lambda of: tolerated)
 
     def of(changed=design):
-        return page.workspace_page(changed, ["flexhinf", "design", "paper"], files=["design.json"])
+        if id(changed) not in pages:
+            words = ["flexhinf", "design", "paper"]
+            pages[id(changed)] = changed, page.workspace_page(changed, words, files=["design.json"])
+        return pages[id(changed)][1]
 
     return of
 

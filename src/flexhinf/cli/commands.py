@@ -11,6 +11,7 @@ import gc
 import json
 import sys
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Annotated, Any
 
 import typer
@@ -108,9 +109,13 @@ class App(typer.Typer):
 
     def __call__(self, *arguments: Any, **options: Any) -> Any:
         """Parse the arguments and run their command."""
+        return self._command(*arguments, **options)
+
+    @cached_property
+    def _command(self) -> Any:
         command = get_command(self)
         _refine(command)
-        return command(*arguments, **options)
+        return command
 
 
 # Some errors of the parser, such as that of a missing value, lack their command.

@@ -320,10 +320,11 @@ def _write(path: Path, key: bytes, image: bytes) -> None:
             with open(temporary, "wb") as file:
                 file.write(_MAGIC + key + hashlib.sha256(image).digest() + image)
             os.replace(temporary, path)
-        files = {other: os.lstat(other) for other in path.parent.iterdir()}
-        cached_files = [
-            other for other, info in files.items() if _NAME.fullmatch(other.name) and _is_private(info)
-        ]
+        names = [name for name in os.listdir(path.parent) if _NAME.fullmatch(name)]
+        if len(names) <= _MOST_FILES:
+            return
+        files = {path.parent / name: os.lstat(path.parent / name) for name in names}
+        cached_files = [other for other, info in files.items() if _is_private(info)]
         cached_files.sort(key=lambda other: files[other].st_mtime)
         for other in cached_files[: max(0, len(cached_files) - _MOST_FILES)]:
             if read_bytes(other, len(_MAGIC)) == _MAGIC:
@@ -368,8 +369,6 @@ def compile_program(program: Program, lanes: int = 1, fused: bool | None = None)
     The bits of a result depend neither on W nor on the optimisation: products are fused into sums by our own
     rule, no operation may be reordered, and sin and cos are the same sequence of operations for any W.
     """
-    from importlib.metadata import version
-
     check_lanes(program, lanes)
     try:
         with _LOCK:
@@ -392,7 +391,7 @@ def compile_program(program: Program, lanes: int = 1, fused: bool | None = None)
 
             target = (host.triple, host.cpu, host.features, host.version)
             way = f"{lanes} {once} {host.choosing}"
-            parts = (fingerprint(program), way, *target, emitter_digest(), version("flexhinf"))
+            parts = (fingerprint(program), way, *target, emitter_digest(), _version())
             return cached(parts, make, load)
     except (ImportError, OSError, RuntimeError) as reason:
         raise Unsupported(
@@ -446,6 +445,13 @@ def fingerprint(program: Program) -> str:
 
     lines = [repr(program.buffers), repr(program.counts), *map(line, program.body)]
     return "\n".join([*lines, *(f"{len(text)} {text}" for text in functions.values())])
+
+
+@cache
+def _version() -> str:
+    from importlib.metadata import version
+
+    return version("flexhinf")
 
 
 @cache

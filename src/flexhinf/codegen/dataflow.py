@@ -12,9 +12,10 @@ from __future__ import annotations
 import operator
 from collections import Counter
 from collections.abc import Callable, Container, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import accumulate
 from math import copysign
+from typing import NamedTuple
 
 import casadi
 
@@ -44,8 +45,7 @@ SINGLE: dict[int, str] = {
 MANY = 3
 
 
-@dataclass(frozen=True)
-class Operation:
+class Operation(NamedTuple):
     """One value: a constant, an input element, or an operation on earlier values.
 
     `code`: CasADi's opcode, or one of ours. `arguments`: Earlier values; for OP_INPUT (argument, element).
@@ -55,6 +55,10 @@ class Operation:
     code: int
     arguments: tuple[int, ...]
     constant: float = 0.0
+
+    def on(self, arguments: tuple[int, ...]) -> Operation:
+        """The same of other values."""
+        return Operation(self.code, arguments, self.constant)
 
 
 @dataclass(frozen=True)
@@ -130,7 +134,7 @@ def joined(
                     places[k] = written[links[read[0]], element]
                     continue
             places[k] = len(operations)
-            operations[places[k]] = replace(operation, arguments=read)
+            operations[places[k]] = operation.on(read)
         written |= {(results + result, element): places[value] for result, element, value in flow.outputs}
         arguments, results = arguments + function.n_in(), results + function.n_out()
     return Dataflow(
@@ -286,7 +290,7 @@ def _without_unused(
         last.append(k if k in used else max((last[a] for a in before), default=-1))
     places = {k: place for place, k in enumerate(sorted(used))}
     kept = [
-        op if op.code == casadi.OP_INPUT else replace(op, arguments=tuple(places[a] for a in op.arguments))
+        op if op.code == casadi.OP_INPUT else op.on(tuple([places[a] for a in op.arguments]))
         for op in (operations[k] for k in sorted(used))
     ]
     ends = [(k, element, last[value]) for k, element, value in outputs]
@@ -318,7 +322,7 @@ def _share_reciprocals(
     for operation in operations:
         if operation.code != casadi.OP_INPUT:
             divisor = operation.arguments[1] if operation.code == casadi.OP_DIV else -1
-            operation = replace(operation, arguments=tuple(places[a] for a in operation.arguments))
+            operation = operation.on(tuple([places[a] for a in operation.arguments]))
             if quotients[divisor] > 1 and shared(divisor):
                 if divisor not in reciprocals:
                     reciprocals[divisor] = len(written)

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import accumulate, pairwise
-from typing import Any
+from typing import Any, cast
 
 import casadi as ca
 import numpy as np
@@ -214,8 +214,22 @@ def apply(function: ca.Function, *arrays: Any) -> tuple[np.ndarray, ...]:
         )
     if any(np.asarray(a).dtype == object for a in arrays):
         return tuple(unpack(r, (r.numel(),)) for r in function.call([pack(a) for a in arrays]))
-    numbers = function.call([ca.DM(np.asarray(a, dtype=float).ravel()) for a in arrays])
-    return tuple(np.asarray(r, dtype=float).ravel() for r in numbers)
+    numbers: list[Any] = [np.array(a, dtype=float, order="C").ravel() for a in arrays]
+    sizes = [function.size1_out(k) for k in range(function.n_out())]
+    if [a.size for a in numbers] + 2 * sizes != [
+        *(function.nnz_in(k) for k in range(function.n_in())),
+        *(function.nnz_out(k) for k in range(function.n_out())),
+        *(function.numel_out(k) for k in range(function.n_out())),
+    ]:  # a number for a vector, or no dense columns
+        return tuple(np.asarray(r, dtype=float).ravel() for r in function.call([ca.DM(a) for a in numbers]))
+    results: list[Any] = [np.zeros(size) for size in sizes]
+    buffer, run = cast(Any, function).buffer()  # a third of the time of a call with matrices of CasADi's
+    for place, column in enumerate(numbers):
+        buffer.set_arg(place, memoryview(column))
+    for place, column in enumerate(results):
+        buffer.set_res(place, memoryview(column))
+    run()
+    return tuple(results)
 
 
 def serial(columns: Sequence[ca.SX], result: Any) -> str:
