@@ -402,7 +402,7 @@ class Translator:
         said = () if stages is None else tuple(zip(stages.names, stages.about, strict=True))
         moving = moving or (False,) * size
 
-        places = self._places_of if elements else NOTHING
+        places = self._places_of if "data" in elements else NOTHING
         for name in self._free(function.name()):
             writer = FunctionText(
                 name, flow, real, lanes, moving, calls, self._row, *identifiers, apart, said, elements, places
