@@ -182,13 +182,24 @@ class Expressions:
 
     def loads(self, value: int) -> list[int]:
         """Values that are read from memory by a line of their own before that of a value."""
-        return [k for k in self.leaves(value) if self._is_loaded(k)]
+        conditions = self._conditions(value)
+        return [k for k in self.leaves(value) if self._is_loaded(k, k in conditions)]
 
-    def _is_loaded(self, value: int) -> bool:
+    def _is_loaded(self, value: int, flag: bool) -> bool:
         if self.flow.operations[value].code == casadi.OP_INPUT:
             several = value in self._plain or self._as_number[value] + self.results[value] > 1
             return self._lines and value not in self.numbers and several
-        return self._as_flag[value] > 1 and value not in self.flags and value in self.numbers
+        return flag and self._as_flag[value] > 1 and value not in self.flags and value in self.numbers
+
+    def _conditions(self, value: int) -> set[int]:
+        """Leaves of the expression of a value that are conditions there."""
+        operation, found = self.flow.operations[value], set[int]()
+        for place, k in enumerate(self._operands(operation)):
+            if k in self._within:
+                found |= self._conditions(k)
+            elif operation.code in _LOGIC or (operation.code, place) == (SELECT, 0):
+                found.add(k)
+        return found
 
     def declared(self, value: int) -> list[str]:
         """Lines that give a value its names."""
