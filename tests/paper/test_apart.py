@@ -8,7 +8,7 @@ import pytest
 
 from flexhinf.paper import PaperSettings, Reproduction
 from flexhinf.paper.apart import judged_apart
-from flexhinf.paper.reproduction import BY_LENGTH, CLAIMS
+from flexhinf.paper.claims import BY_LENGTH, CLAIMS
 
 
 @pytest.fixture

@@ -150,6 +150,7 @@ class Recorder(Direct):
     def __init__(self) -> None:
         self.stages: list[tuple[str, str, Any]] = []
         self._inside = False
+        self._section = ""
 
     def recorded(self) -> list[Any]:
         """As `Direct.recorded`: an array for each stage."""
@@ -165,8 +166,13 @@ class Recorder(Direct):
             result = compute(*arrays, **options)
         finally:
             self._inside = False
-        self.stages.append((_name(named), _about(named), result))
+        self.stages.append((_name(named), self._section or _about(named), result))
+        self._section = ""
         return result
+
+    def section(self, about: str) -> None:
+        """As `Direct.section`: the sentence of the next stage."""
+        self._section = "" if self._inside else about
 
     def call(self, function: Callable[..., Any], *arrays: Any) -> Any:
         """As `Direct.call`."""

@@ -15,7 +15,7 @@ from itertools import accumulate, pairwise
 
 import casadi
 
-from flexhinf.codegen.memory import Slice
+from flexhinf.codegen.memory import Buffer, Part, Slice
 from flexhinf.codegen.program import Call, Stages, Step, When
 from flexhinf.scalars.trace import built, walk
 
@@ -25,12 +25,15 @@ WORTH = 100
 #: Operations that become one with the only one that reads them: products with sums, and the sides of a choice.
 TOGETHER = (casadi.OP_MUL, casadi.OP_SQ, casadi.OP_IF_ELSE_ZERO)
 
+#: What the parts are called, and what each passes on.
+PARTS = ("before", "rarely", "after")
+
 #: Operations that are no operations.
 LEAVES = (casadi.OP_CONST, casadi.OP_INPUT)
 
 
-def rare_apart(call: Call, buffer: str, often: str = "") -> tuple[tuple[Step, ...], int] | None:
-    """The steps in the place of a call, and the numbers of a buffer that they need; None without such a flag.
+def rare_apart(call: Call, buffer: str, often: str = "") -> tuple[tuple[Step, ...], Buffer] | None:
+    """The steps in the place of a call, and the buffer of this name that they need; None without such a flag.
 
     `often`: A buffer whose flags are nearly always set, such as that of the measurement.
     """
@@ -152,7 +155,7 @@ class _Division:
         divided = any(len(places) > 1 for places in shared.values())
         return None if divided or part[flag] or sum(p == 1 for p in part.values()) < WORTH else (flag, part)
 
-    def steps(self, buffer: str, often: str) -> tuple[tuple[Step, ...], int] | None:
+    def steps(self, buffer: str, often: str) -> tuple[tuple[Step, ...], Buffer] | None:
         """The calls, with what one of them passes to the next in a buffer."""
         found = self.parts(often)
         if found is None:
@@ -170,7 +173,11 @@ class _Division:
         ends = [0, *accumulate(map(len, crossing))]
         places = [Slice(buffer, first, end - first) for first, end in pairwise(ends)]
         calls = [self._call(part, which, crossing, places) for which in (0, 1, 2)]
-        return (calls[0], When(replace(places[0], size=1), (calls[1],)), calls[2]), ends[-1]
+        rare = calls[1].stages
+        about = next(iter(rare.about), "") if rare else ""
+        parts = Part(PARTS[0], ends[0]), Part(PARTS[1], ends[1], about)
+        scratch = Buffer(buffer, ends[-1], "work", cleared=False, parts=parts)
+        return (calls[0], When(replace(places[0], size=1), (calls[1],)), calls[2]), scratch
 
     def _call(
         self, part: dict[int, int], which: int, crossing: Sequence[list[int]], places: Sequence[Slice]
@@ -216,9 +223,12 @@ class _Division:
             tuple(t for t, stage in zip(texts, own) if stage)
             for texts in ((of.names, of.about) if of else ((), ()))
         )
-        stages = Stages(casadi.Function(function.name(), inputs, [*ends, *results]), names, about)
-        called = casadi.Function(function.name(), inputs, results)
-        given = self.call.names[: function.n_in()] if self.call.names else ()
-        words = (*(given[k] for k in kept), *("rare", "passed")[:which]) if given else ()
-        results_of = self.call.names[function.n_in() :] if which == 2 else (("rare", "passed")[which],)
-        return Call(called, pieces, written, self.call.about, (*words, *results_of) if words else (), stages)
+        own_name = f"{function.name()}_{PARTS[which]}"
+        stages = Stages(casadi.Function(own_name, inputs, [*ends, *results]), names, about)
+        called = casadi.Function(own_name, inputs, results)
+        known = self.call.names[: function.n_in()] if self.call.names else ()
+        names_of = (*(known[k] for k in kept), *PARTS[:which]) if known else ()
+        results_of = self.call.names[function.n_in() :] if which == 2 else (PARTS[which],)
+        return Call(
+            called, pieces, written, self.call.about, (*names_of, *results_of) if names_of else (), stages
+        )

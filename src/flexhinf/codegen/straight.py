@@ -213,8 +213,8 @@ class _Text:
         name = max(self.stages, key=lambda stage: len(stage[2]))[0]
         stages = Stages(_function(name, inputs, [*([0.0, *own] for own in values), *outputs]), names, about)
         said = about[0] if len(set(about)) == 1 else ""
-        words = _words([*read, *written], label)
-        return Call(_function(name, inputs, outputs), tuple(read), tuple(written), said, words, stages)
+        labels = _labels([*read, *written], label)
+        return Call(_function(name, inputs, outputs), tuple(read), tuple(written), said, labels, stages)
 
     def _evaluate(
         self, function: Any, arguments: Iterable[list[Any]], written: Iterable[Sequence[Place]], about: str
@@ -243,13 +243,13 @@ class _Text:
         return place in self.before and casadi.is_equal(value, self.before[place])
 
 
-def _words(pieces: Sequence[Slice], label: Callable[[Slice], str]) -> tuple[str, ...]:
+def _labels(pieces: Sequence[Slice], label: Callable[[Slice], str]) -> tuple[str, ...]:
     """A name for each piece, each another."""
-    words, taken = list[str](), Counter[str]()
+    labels, taken = list[str](), Counter[str]()
     for piece in pieces:
         taken[word := label(piece)] += 1
-        words.append(word + f"_{taken[word]}" * (taken[word] > 1))
-    return tuple(words)
+        labels.append(word + f"_{taken[word]}" * (taken[word] > 1))
+    return tuple(labels)
 
 
 def _function(name: str, inputs: Sequence[Any], results: Sequence[Sequence[Any]]) -> Any:

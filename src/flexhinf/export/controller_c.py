@@ -20,7 +20,6 @@ import numpy as np
 
 from flexhinf import __version__
 from flexhinf.codegen import (
-    Buffer,
     Call,
     Cholesky,
     Householder,
@@ -216,8 +215,7 @@ class ControllerCode:
             names, about, _ = zip(*run.stages, strict=True)
             stages = Stages(function, names, about)
             calls = [replace(step, stages=stages) for step in body if isinstance(step, Call)]
-            body, size = rare_apart(calls[0], SCRATCH, "y") or (calls, 0)
-            buffers = (Buffer(SCRATCH, size, "work", cleared=False),) if size else ()
+            body, *buffers = rare_apart(calls[0], SCRATCH, "y") or (calls,)
         return body, buffers
 
     @property

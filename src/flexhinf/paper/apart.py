@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class Apart(NamedTuple):
-    """The other process: how many claims it has begun from the first of `reproduction.BY_LENGTH` on, and this one from
+    """The other process: how many claims it has begun from the first of `claims.BY_LENGTH` on, and this one from
     the last on, in memory that both share; and a function that waits for the next claim that the other has judged, None
     once it has ended.
 
@@ -80,8 +80,8 @@ def _without_ctrl_c() -> Iterator[None]:
 
 def _judge_for_another(settings: PaperSettings, begun: Any, sending: Any) -> None:
     from flexhinf.campaign.driver import begin_worker
+    from flexhinf.paper.claims import BY_LENGTH
     from flexhinf.paper.loop_setup import PaperSetup, judge
-    from flexhinf.paper.reproduction import BY_LENGTH
 
     begin_worker()
     with suppress(Exception):  # it is raised again where the claim is judged instead

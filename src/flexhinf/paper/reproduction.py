@@ -9,26 +9,10 @@ from importlib import import_module
 from typing import Any
 
 from flexhinf.paper.apart import Apart
-from flexhinf.paper.estimators import BETTER_THAN_EKF, UKF
+from flexhinf.paper.claims import BY_LENGTH, CLAIMS
 from flexhinf.paper.loop_setup import FIGURE_NUMBERS, PaperSetup, StatedClaim, figure_numbers, judge
-from flexhinf.paper.responses import ABOUT_THE_GOAL, GAIN, STEPS_AND_TRACKING, TORQUES
 from flexhinf.paper.settings import PaperSettings
-from flexhinf.paper.tolerances import COIL, TOLERANCES
 from flexhinf.report import Claim
-
-#: The claims in the order of the report; the last one is a question of ours.
-CLAIMS: tuple[StatedClaim, ...] = (
-    *STEPS_AND_TRACKING,
-    COIL,
-    GAIN,
-    TOLERANCES,
-    *TORQUES,
-    *UKF,
-    ABOUT_THE_GOAL,
-)
-
-#: The claims with those that take longest first.
-BY_LENGTH = tuple(dict.fromkeys((TOLERANCES, GAIN, BETTER_THAN_EKF, ABOUT_THE_GOAL, *CLAIMS)))
 
 #: How many steps of work there are, for a progress bar.
 STAGES = len(FIGURE_NUMBERS) + len(CLAIMS) + 1

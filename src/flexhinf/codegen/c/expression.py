@@ -137,8 +137,8 @@ class Expressions:
 
     def _is_condition(self, operation: Operation, place: int) -> bool:
         """Whether an argument of an operation is one, and not a number."""
-        asked = operation.code in _LOGIC or (operation.code, place) == (SELECT, 0)
-        return asked and self._is_truth(operation.arguments[place])
+        selecting = operation.code in _LOGIC or (operation.code, place) == (SELECT, 0)
+        return selecting and self._is_truth(operation.arguments[place])
 
     def _is_truth(self, value: int) -> bool:
         return self.flow.operations[value].code in TRUTHS

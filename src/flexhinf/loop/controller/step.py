@@ -297,7 +297,9 @@ def controller_step(
     after = {"position": position, "reference": requested, "command": r, "active": active}
     after |= {"queue": queue, "commands": commands, "doubt": doubt, "seen": seen}
     if mode.takes_over:
-        run.section("Where the law takes over, integrals begin at what continues the last input")
+        run.section(
+            "Where a law takes over: integrals that continue the last input, by Broyden's method, and a bias that fades"
+        )
         wanted = run.call(np.subtract, memory.u, operating_input)
         feedback, growth, integral, after["bias"] = bumpless_transfer(
             run, law_of, taken, deviation, feedback, wanted, inverse, growth, memory.bias, point, data.decay
