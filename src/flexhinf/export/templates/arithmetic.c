@@ -14,11 +14,12 @@
 /* Constants and numbers have the size of this type: no -fsingle-precision-constant. */
 typedef char @NAME@_type_of_constants[(sizeof(1.0@F@) == @BYTES@ && sizeof(@REAL@) == @BYTES@) ? 1 : -1];
 
-/* Sums and products as they are written: compilers fuse some of them unless they are told not to. */
+/* Sums and products as they are written: compilers fuse some of them unless they are told not to. GCC's vectors of
+ * straight lines do even so (alternate sums and differences of products, vfmaddsub), so it makes none. */
 #if defined(__clang__)
 #pragma STDC FP_CONTRACT OFF
 #elif defined(__GNUC__)
-#pragma GCC optimize("fp-contract=off")
+#pragma GCC optimize("fp-contract=off", "no-tree-slp-vectorize")
 #elif defined(_MSC_VER)
 #pragma fp_contract(off)
 #endif
