@@ -18,8 +18,10 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
+from flexhinf.codegen.c import Real
 from flexhinf.codegen.machine import host
 from flexhinf.export import export_c, export_plant_fmu
+from flexhinf.export.controller_c import arithmetic
 from flexhinf.export.package import record, with_both_roundings
 
 #: Writes whether multiply-adds are fused; reads y and r as doubles, writes u; 77 where `arm_init` refuses.
@@ -282,3 +284,27 @@ def test_a_processor_that_is_set_otherwise_is_noticed(
     ]
     subprocess.run(words, cwd=tmp_path, check=True)
     assert subprocess.run(["./settings"], cwd=tmp_path, check=False).returncode == 0
+
+
+#: Neighbouring results of which one adds to a product and the other subtracts: GCC 12 makes vectors of both, and of
+#: these fused operations (vfmaddsub), whatever -ffp-contract says.
+NEIGHBOURS = """
+void f(const double *restrict a, const double *restrict b, const double *restrict c, double *restrict out)
+{
+    const double p = a[0] * b[0];
+    const double q = a[1] * b[1];
+    out[0] = p - c[0];
+    out[1] = q + c[1];
+}
+"""
+
+
+def test_neighbouring_products_are_not_fused(tmp_path: Path, compiler: str) -> None:
+    guards = arithmetic("arm", Real("double"))
+    source, flags = tmp_path / "f.c", ("-std=c99", "-O3", "-mfma", "-S", "-o", "-")
+    source.write_text("#include <math.h>\n" + guards + NEIGHBOURS)
+    made = subprocess.run([compiler, *flags, str(source)], capture_output=True, text=True, check=False)
+    if made.returncode:
+        pytest.skip(f"{compiler} {' '.join(flags)} does not work here")
+    assert "vmulpd" in made.stdout or "vmulsd" in made.stdout
+    assert "addsub" not in made.stdout and "vfm" not in made.stdout.partition("\nf:")[2]
