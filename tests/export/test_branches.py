@@ -159,7 +159,7 @@ def test_what_is_computed_only_sometimes_is_found(line: str, plain: bool) -> Non
 def test_stages_stand_under_what_they_compute(controller: fh.Controller) -> None:
     """Of a filter and a law that are one trace."""
     source = code_of(controller, "arm", "double").source
-    said = "Rows with the same T^TT", "The law at one deviation x", "The input within its limits"
+    said = "Rows with the same T^TT", "The law u = k(x - x*)", "The input within its limits"
     assert [text for text in said if f"    /* {text}" not in source] == []
     heads = [head for head, _ in functions(source)]
     stages = "cholesky", "householder", "evaluate_law"
