@@ -107,7 +107,7 @@ CODES = {
     ),
     "BAD_COMMAND": (2, "a command is not finite: nothing changed, the last output is held"),
     "BAD_RESULT": (3, "a result is not finite: nothing changed, the last output is held"),
-    "WENT_BACK": (4, "as BAD_RESULT, again: the memory went back to an earlier one"),
+    "WENT_BACK": (4, "as BAD_RESULT, again: the memory went back to one of 32 to 64 good samples ago"),
     "PREDICTED": (5, "no measurement in time: the estimate is predicted, the law acts on it"),
     "STOPPED": (6, "too many samples without a measurement: the last output is held"),
     "WAITING": (7, "no measurement yet: nothing changed, the output is that before the first"),

@@ -146,7 +146,7 @@ static int @NAME@_some(const real *y)
 @PLAUSIBLE@static int @NAME@_predict(@NAME@_state *state, const @NAME@_param *param, const @NAME@_input *input,
                           int in_time)
 {
-    real nothing[@BIG@_MEASUREMENTS]; /* what is there, and not plausible, is counted */
+    real nothing[@BIG@_MEASUREMENTS]; /* only what is there, and not plausible, so that it is counted */
     int code;
     for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
         nothing[i] = (in_time != 0) ? input->y[i] : HUGE_VAL@SUFFIX@;

@@ -295,6 +295,13 @@ def _lines(numbers: Sequence[str]) -> str:
     return ",\n".join("    " + ", ".join(numbers[k : k + 20]) for k in range(0, len(numbers), 20))
 
 
+#: What the time of a sine depends on, of each type.
+ANGLES = {
+    "double": "whether an angle is beyond 1e6 rad",
+    "float": "how long the C library's sine and cosine take, longer for large angles, of a wild estimate too",
+}
+
+
 def _readme(code: ControllerCode, run: Recording, accuracy: str) -> str:
     c = code.controller
     begins = "Without an estimator the state is what is measured, so the robot may be anywhere."
@@ -336,7 +343,7 @@ def _readme(code: ControllerCode, run: Recording, accuracy: str) -> str:
         GEARS="\n".join(["", *wrap(GEARS, 118), ""]) if code.has_motors else "",
         COMMAND="\n".join(wrap(code.command_text, 118)),
         STANDSTILL_USE="" if code.standstill is None else STANDSTILL_USE,
-        SAYS="\n".join(wrap(code.status_text, 112)),
+        SAYS="\n".join(wrap(code.status_text, 112)), ANGLES=ANGLES[code.real.name],
         TOLERANCES="" if code.robot is None else " outside\nthe tolerances of the robot file",
         AT_LIMIT=AT_LIMIT.format(at_limit) if at_limit else "",
         FACTS=_table(("", ""), [(key, comment(text)) for key, text in facts.items()]),

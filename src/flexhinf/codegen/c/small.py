@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flexhinf.codegen.c.algebra import Real, constant, pivot_tolerance
+from flexhinf.codegen.c.algebra import Real, ahead, constant, pivot_tolerance
 
 #: Sums that are in registers at once, and the order of a factor that is written out.
 FEW, ORDER = 16, 4
@@ -14,9 +14,11 @@ def outer_sum(name: str, weighted: bool, added: bool, symmetric: bool, rows: int
     names = ["left"] + ["right"] * (not symmetric) + ["weights"] * weighted + ["plus"] * added
     arguments = [f"const {{R}} *{name}" for name in names]
     factor, other = "w" if weighted else "l", "l" if symmetric else "r"
-    inside = [f"const {{R}} l{i} = left[{rows} * k + {i}];" for i in range(rows)]
+    inside = [f"const {{R}} l{i} = left[{ahead(f'{rows} * k', i)}];" for i in range(rows)]
     inside += [f"const {{R}} w{i} = l{i} * weights[k];" for i in range(rows) if weighted]
-    inside += [f"const {{R}} r{j} = right[{columns} * k + {j}];" for j in range(columns) if not symmetric]
+    inside += [
+        f"const {{R}} r{j} = right[{ahead(f'{columns} * k', j)}];" for j in range(columns) if not symmetric
+    ]
     inside += [f"sum{i}{j} = FMA({factor}{i}, {other}{j}, sum{i}{j});" for i, j in places]
     after = []
     for i, j in places:

@@ -116,13 +116,15 @@ typedef struct {
  * makes other numbers of what is written: then every step returns that too, and holds the output of the start. */
 int @NAME@_init(@NAME@_state *state);
 
-/* As @NAME@_init: @SETS@, and from another input; either may be a null pointer. The first
+/* As @NAME@_init: @SETS@, and from another input; either may be a null pointer, and counts as one where
+ * a number of it is not finite. The first
  * output then continues from that input as far as the design says (rate limit, bumpless start). Without an input it is
  * @HELD@. */
 int @NAME@_start(@NAME@_state *state, const @NAME@_param *param, const @NAME@_real *estimate,
                  const @NAME@_real *input);
 
-/* One sample. Returns one of the codes above; the output is safe to apply whatever the code. */
+/* One sample. Returns one of the codes above; whatever the code, the output is finite and within the limits. It is no
+ * safe state: where samples fail, it is the last one. What to do then stands in README.md. */
 int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_input *input, @NAME@_output *output);@STANDSTILL@
 
 #ifdef __cplusplus
