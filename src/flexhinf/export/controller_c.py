@@ -293,7 +293,7 @@ class ControllerCode:
                 texts = [f"{text}; begins at {x:.6g}" for text, x in zip(texts, self.belief, strict=True)]
             rows = zip(constants(self.upper(kind), names), range(len(names)), texts, strict=True)
             signals += [enumeration(list(rows))] if names else []
-        return fill(
+        text = fill(
             template("controller.h"), self.name, self.real,
             PERIOD=constant(c.period, self.real), PERIOD_TEXT=f"{c.period:g}", VERSION=__version__,
             SUMMARY=self._comment(self.facts), FIRST_LINES=self.first_lines,
@@ -322,6 +322,7 @@ class ControllerCode:
             TOLERANCES="" if self.robot is None else " outside the tolerances of the robot file",
             HELD=c.first_input.text if self.starts_anywhere else "that of @NAME@_init",
         )  # fmt: skip
+        return folded(text)
 
     @cached_property
     def _source(self) -> str:

@@ -3,9 +3,10 @@
 import re
 
 import casadi
+import numpy as np
 import pytest
 
-from flexhinf.codegen.c import Real, Translator
+from flexhinf.codegen.c import Real, Translator, constant, folded
 from flexhinf.codegen.c.expression import MOST
 
 X = casadi.SX.sym("x", 4)
@@ -74,3 +75,37 @@ def test_expressions_and_functions_are_bounded() -> None:
     written = [line for body in bodies for line in body.splitlines()]
     assert max(map(len, written)) <= 132
     assert max(len(re.findall(r"FMA\(| [-+*/] |c_sin\(", line)) for line in written if " v" in line) <= MOST
+
+
+def test_lines_are_folded() -> None:
+    words = " ".join(f"word{k}" for k in range(40))
+    given = [
+        f"    A_CONSTANT = 1, /* {words} */",
+        f" * {words}",
+        f"    /* {words}",
+        f"    const real v1 = {' + '.join(f'some[A_PLACE_{k}]' for k in range(12))};",
+        f"    const real v2 = (first[A_PLACE] < second[A_PLACE]) ? first[A_PLACE{'_OF_IT' * 10}] : none;",
+    ]
+    found = folded("\n".join(given))
+    assert max(map(len, found.splitlines())) <= 120
+    assert re.sub(r"[\s*]+", "", "".join(sorted(found))) == re.sub(
+        r"[\s*]+", "", "".join(sorted("\n".join(given)))
+    )
+    assert found.index("word39") < found.index("A_CONSTANT")
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        (1.0, "1.0f"),
+        (0.0, "0.0f"),
+        (-0.5, "-0.5f"),
+        (0.001, "0.001f"),
+        (1e-9, "1e-09f"),
+        (3e7, "3e+07f"),
+        (0.1, "0.1f"),
+    ],
+)
+def test_constants_in_float_are_written_as_people_do(value: float, expected: str) -> None:
+    assert constant(value, Real("float")) == expected
+    assert np.float32(expected[:-1]) == np.float32(value)

@@ -45,7 +45,12 @@ def constant(value: float, real: Real) -> str:
             f"expected magnitudes from 1e-45 to 3e38, or 0, got {value:g}",
             "the type double, or other units",
         )
-    text = repr(float(number)) if real.name == "double" else np.format_float_scientific(number, trim="-")
+    if real.name == "double":
+        text = repr(float(number))
+    elif number == 0.0 or 1e-4 <= abs(number) < 1e7:
+        text = np.format_float_positional(number, trim="0")
+    else:
+        text = np.format_float_scientific(number, trim="-")
     if "." not in text and "e" not in text:
         text += ".0"
     return text + real.suffix

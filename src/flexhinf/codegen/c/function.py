@@ -70,20 +70,32 @@ WIDTH = 120
 Stage = tuple[int, list[int]]
 
 
+#: Where a line of code may be cut, the best first.
+CUTS = (", ", " ? ", " || ", " && ", " = ", " + ", " - ")
+
+
 def folded(text: str) -> str:
-    """Lines of code of at most `WIDTH` characters, cut at commas; comments and directives as they are."""
-    lines = []
-    for line in text.split("\n"):
-        more = len(line) - len(line.lstrip()) + 8
-        while (
-            len(line) > WIDTH
-            and not re.match(r"\s*(#|/?\*)", line)
-            and (cut := line.rfind(", ", more, WIDTH)) > 0
-        ):
-            lines.append(line[: cut + 1])
-            line = " " * more + line[cut + 2 :]
-        lines.append(line)
-    return "\n".join(lines)
+    """Lines of at most `WIDTH` characters: code cut at commas and operators, comments at blanks, directives as they
+    are. A long comment behind code goes before it."""
+    return "\n".join(short for line in text.split("\n") for short in _folded(line))
+
+
+def _folded(line: str) -> list[str]:
+    if len(line) <= WIDTH or line.lstrip().startswith("#"):
+        return [line]
+    indent = line[: len(line) - len(line.lstrip())]
+    code, mark, about = line.partition("/* ")
+    if mark and code.strip() and about.endswith("*/"):
+        return [*_folded(f"{indent}/* {about}"), *_folded(code.rstrip())]
+    if mark or line.lstrip().startswith("* "):
+        cut = line.rfind(" ", 0, WIDTH + 1)
+        return [line[:cut], *_folded(indent + " " * bool(mark) + "* " + line[cut + 1 :])]
+    more = len(indent) + 8
+    for sign in CUTS:
+        if (cut := line.rfind(sign, more, WIDTH)) > 0:
+            end = cut + 1 if sign == ", " else cut
+            return [line[:end], *_folded(" " * more + line[end:].lstrip())]
+    return [line]
 
 
 def headed(about: str, indent: str = "") -> list[str]:
