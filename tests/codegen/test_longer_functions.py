@@ -25,7 +25,7 @@ from flexhinf.codegen import (
     compile_program,
 )
 from flexhinf.codegen.program import Step
-from flexhinf.codegen.rare import rare_apart
+from flexhinf.codegen.stages import staged
 from flexhinf.codegen.straight import straightened
 from flexhinf.export.controller_c import code_of
 from flexhinf.loop.controller.memory import step_program
@@ -113,7 +113,7 @@ def test_what_a_loop_or_a_condition_leaves_as_it_is_stays_readable() -> None:
 
 
 @pytest.mark.parametrize("fused", [True, False])
-def test_a_function_in_three_gives_the_same_bits(controller: fh.Controller, fused: bool) -> None:
+def test_a_function_in_its_stages_gives_the_same_bits(controller: fh.Controller, fused: bool) -> None:
     """Where its rare part counts, at the first sample, and elsewhere; products are fused with the same sums."""
     given, parted = whole(controller), code_of(controller, "arm", "double").program
     assert any(isinstance(step, When) for step in parted.body)
@@ -124,4 +124,5 @@ def test_a_function_in_three_gives_the_same_bits(controller: fh.Controller, fuse
 def test_a_function_that_hardly_chooses_stays_whole() -> None:
     x = casadi.SX.sym("x", 3)
     function = casadi.Function("f", [x], [casadi.if_else(x[0] > 0, x[1] * x[2], x[2] + 1)])
-    assert rare_apart(Call(function, (Slice("x", 0, 3),), (Slice("y", 0, 1),)), "scratch") is None
+    call = Call(function, (Slice("x", 0, 3),), (Slice("y", 0, 1),))
+    assert [type(step) for step in staged(call, "scratch")[0]] == [Call]

@@ -161,7 +161,8 @@ def test_stages_stand_under_what_they_compute(controller: fh.Controller) -> None
     source = code_of(controller, "arm", "double").source
     said = "Rows with the same T^TT", "The law u = k(x - x*)", "The input within its limits"
     assert [text for text in said if f"    /* {text}" not in source] == []
-    heads = [head for head, _ in functions(source)]
-    stages = "cholesky", "householder", "evaluate_law"
-    assert [name for name in stages if not any(f" arm_controller_{name}(" in head for head in heads)] == []
-    assert 40 < max(len(body) for head, body in functions(source) if "controller_" in head) <= 120
+    bodies = {
+        found[0]: body for head, body in functions(source) if (found := re.findall(r"void arm_(\w+)\(", head))
+    }
+    assert {"deviation", "evaluate_law", "limited_input"} <= bodies.keys()
+    assert 40 < max(map(len, bodies.values())) <= 120

@@ -12,7 +12,6 @@ from flexhinf.codegen.compose import (
     DIRECT as DIRECT,
     Composer as Composer,
     Direct as Direct,
-    Recorder as Recorder,
     gives as gives,
 )
 from flexhinf.codegen.memory import (
@@ -40,3 +39,4 @@ from flexhinf.codegen.program import (
     Sweep as Sweep,
     When as When,
 )
+from flexhinf.codegen.recorder import Recorder as Recorder

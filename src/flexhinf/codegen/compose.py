@@ -39,6 +39,16 @@ from flexhinf.codegen.program import (
 SCRATCH = "scratch"
 
 
+def gives(*names: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Names of a function's results, for C."""
+
+    def named(function: Callable[..., Any]) -> Callable[..., Any]:
+        function.results = names  # type: ignore[attr-defined]
+        return function
+
+    return named
+
+
 class Direct:
     """Plain evaluation, on any elements."""
 
@@ -102,6 +112,7 @@ class Direct:
         """Σ wᵢ aᵢ over columns aᵢ, plus a vector."""
         return columns @ weights if plus is None else plus + columns @ weights
 
+    @gives("root")
     def cholesky(self, matrix: Any) -> Any:
         """L of L Lᵀ, see `flexhinf.scalars.cholesky`."""
         from flexhinf.scalars import cholesky
@@ -129,82 +140,6 @@ class Direct:
 
 
 DIRECT = Direct()
-
-
-def gives(*names: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Names of a function's results, for C."""
-
-    def named(function: Callable[..., Any]) -> Callable[..., Any]:
-        function.results = names  # type: ignore[attr-defined]
-        return function
-
-    return named
-
-
-class Recorder(Direct):
-    """As `Direct`, and keeps what was computed one after the other, with what the functions say of themselves.
-
-    `stages`: (name, sentence, what was computed); of calls inside of others only the outer ones.
-    """
-
-    def __init__(self) -> None:
-        self.stages: list[tuple[str, str, Any]] = []
-        self._inside = False
-        self._section = ""
-
-    def recorded(self) -> list[Any]:
-        """As `Direct.recorded`: an array for each stage."""
-        return [np.concatenate([np.zeros(1), *_flat(result)]) for _, _, result in self.stages]
-
-    def _kept(
-        self, named: Callable[..., Any], compute: Callable[..., Any], *arrays: Any, **options: Any
-    ) -> Any:
-        if self._inside:
-            return compute(*arrays, **options)
-        self._inside = True
-        try:
-            result = compute(*arrays, **options)
-        finally:
-            self._inside = False
-        self.stages.append((_name(named), self._section or _about(named), result))
-        self._section = ""
-        return result
-
-    def section(self, about: str) -> None:
-        """As `Direct.section`: the sentence of the next stage."""
-        self._section = "" if self._inside else about
-
-    def call(self, function: Callable[..., Any], *arrays: Any) -> Any:
-        """As `Direct.call`."""
-        return self._kept(function, function, *arrays)
-
-    def columns(self, function: Callable[..., Any], moving: Any, *held: Any) -> Any:
-        """As `Direct.columns`: a stage for each column."""
-        return super().columns(partial(self.call, function), moving, *held)
-
-    def gram(self, columns: Any, weights: Any, plus: Any = None) -> Any:
-        """As `Direct.gram`."""
-        return self._kept(Direct.gram, super().gram, columns, weights, plus)
-
-    def product(self, columns: Any, weights: Any, other: Any) -> Any:
-        """As `Direct.product`."""
-        return self._kept(Direct.product, super().product, columns, weights, other)
-
-    def combination(self, columns: Any, weights: Any, plus: Any = None) -> Any:
-        """As `Direct.combination`."""
-        return self._kept(Direct.combination, super().combination, columns, weights, plus)
-
-    def cholesky(self, matrix: Any) -> Any:
-        """As `Direct.cholesky`."""
-        return self._kept(Direct.cholesky, super().cholesky, matrix)
-
-    def householder(self, rows: Any, count: int, triangle: int = 0) -> Any:
-        """As `Direct.householder`."""
-        return self._kept(Direct.householder, super().householder, rows, count, triangle)
-
-    def residual(self, rows: Any, slope: Any) -> Any:
-        """As `Direct.residual`."""
-        return self._kept(Direct.residual, super().residual, rows, slope)
 
 
 class Composer:
@@ -259,7 +194,7 @@ class Composer:
         inputs = [array.place for array in arrays if isinstance(array, Block) and array.size]
         if filled:
             names = _argument_names(function, arrays)
-            self.body.append(Call(traced, tuple(inputs), tuple(filled), _about(function), names))
+            self.body.append(Call(traced, tuple(inputs), tuple(filled), documentation(function), names))
         return tuple(results) if several else results[0]
 
     @contextmanager
@@ -312,7 +247,7 @@ class Composer:
             tuple(result.columns for result in results),
             _argument_names(function, (*matrices, *held)),
         )
-        self.body.append(Map(traced, inputs, outputs, _about(function), names))
+        self.body.append(Map(traced, inputs, outputs, documentation(function), names))
         return results if several else results[0]
 
     def sweep(self, stages: Callable[..., Any], matrix: Block, *held: Any) -> Block:
@@ -329,7 +264,7 @@ class Composer:
         """As `Direct.beside`: every result is computed where it belongs."""
         n, count = matrix.shape
         shapes = self._traced(function, (matrix, *held), [(n,), *[None] * len(held)])[1]
-        whole = self.work((len(first), 1 + count * len(shapes)), "F", self._new_name(_name(function)))
+        whole = self.work((len(first), 1 + count * len(shapes)), "F", self._new_name(function_name(function)))
         self.copy(first, whole.T[:1].reshape(len(first)))
         places = [whole.T[1 + k * count : 1 + (k + 1) * count].T for k in range(len(shapes))]
         self.columns(function, matrix, *held, into=tuple(places))
@@ -390,12 +325,7 @@ class Composer:
         self, function: Callable[..., Any], shapes: Sequence[tuple[int, ...]], order: Order = "C"
     ) -> list[Block]:
         """Memory for the results of a function, by its name."""
-        said = getattr(function, "results", getattr(_plain(function), "results", ()))
-        if len(said) == len(shapes):
-            names = [self._new_name(name) for name in said]
-        else:
-            name = self._new_name(_name(function))
-            names = [name] if len(shapes) == 1 else [f"{name}_{k}" for k in range(1, len(shapes) + 1)]
+        names = [self._new_name(name) for name in result_names(function, len(shapes))]
         return [self.work(shape, order, own) for shape, own in zip(shapes, names)]
 
     def _new_name(self, name: str) -> str:
@@ -465,7 +395,11 @@ class Composer:
             seen.extend(result.shape for result in results)
             return tuple(result for result in results if result.size)
 
-        self._pieces[key] = (drop_empty(trace(on_symbols, *lying, name=_name(function))), seen, several)
+        self._pieces[key] = (
+            drop_empty(trace(on_symbols, *lying, name=function_name(function))),
+            seen,
+            several,
+        )
         self._kept.extend((function, *arrays))  # so that no other function or constant gets their place
         return self._pieces[key]
 
@@ -505,7 +439,7 @@ class _ColumnComposer(Composer):
             inputs = (*(block.place for block in blocks), *more)
             names = *_argument_names(function, arrays), *["before"] * len(more)
             self.body.append(
-                Call(later, inputs, tuple(result.place for result in moved), _about(function), names)
+                Call(later, inputs, tuple(result.place for result in moved), documentation(function), names)
             )
         kinds, places = {True: iter(moved), False: iter(still)}, iter(moves)
         results = [next(kinds[next(places)]) if prod(shape) else self.work(shape) for shape in shapes]
@@ -530,20 +464,20 @@ class _ColumnComposer(Composer):
         return self._parts[key, held]
 
 
-def _name(function: Any) -> str:
+def function_name(function: Any) -> str:
     """A name that CasADi takes: letters, without two underscores in a row, and no keyword."""
     plain = _plain(function)
     parts = re.findall("[a-z]+", getattr(plain, "__name__", type(plain).__name__).lower())
     return "piece" if parts in ([], ["lambda"], ["null"], ["jac"], ["hess"]) else "_".join(parts)
 
 
-def _flat(result: Any) -> Iterator[Any]:
-    """The arrays of a result, flat."""
-    if isinstance(result, tuple):
-        for part in result:
-            yield from _flat(part)
-    else:
-        yield np.ravel(result)
+def result_names(function: Any, count: int) -> list[str]:
+    """Names of the results of a function: as it says, or by its own name."""
+    said = getattr(function, "results", getattr(_plain(function), "results", ()))
+    if len(said) == count:
+        return list(said)
+    name = function_name(function)
+    return [name] if count == 1 else [f"{name}_{k}" for k in range(1, count + 1)]
 
 
 def _plain(function: Any) -> Any:
@@ -553,7 +487,7 @@ def _plain(function: Any) -> Any:
     return function
 
 
-def _about(function: Any) -> str:
+def documentation(function: Any) -> str:
     """What a function of ours says of itself."""
     plain = _plain(function)
     written = plain if hasattr(plain, "__name__") else type(plain).__call__

@@ -85,6 +85,24 @@ def read_dataflow(
     which order values are computed, and nothing is decided by them. Raises Unsupported: naming the first opcode that is
     not supported.
     """
+    operations, outputs, last = _shortest(function, supported, stages)
+    kept, own = dict(enumerate(operations)), [row for row in outputs if row[0] >= 0]
+    if fused:
+        _fuse(kept, own)
+    return Dataflow(kept, own, len(operations), tuple(accumulate(last, max)))
+
+
+def read_stages(function: casadi.Function, stages: int) -> Dataflow:
+    """As `read_dataflow`, before products are fused; `outputs` have what stages end with too, where it is used: as of
+    the results -`stages`, …, -1."""
+    operations, outputs, last = _shortest(function, range(1000), stages)
+    return Dataflow(dict(enumerate(operations)), outputs, len(operations), tuple(accumulate(last, max)))
+
+
+def _shortest(
+    function: casadi.Function, supported: Container[int], stages: int
+) -> tuple[list[Operation], list[tuple[int, int, int]], list[int]]:
+    """Operations and outputs, of what stages end with only what is used; and the last value of each stage."""
     shortened = _Shortened()
 
     def add(code: int, arguments: Sequence[int]) -> int:
@@ -104,14 +122,12 @@ def read_dataflow(
             add,
         )
     )
-    operations, outputs = _without_unused(shortened.operations, outputs, stages)
-    operations, outputs = _share_reciprocals(operations, outputs)
-    last = [max((v for k, _, v in outputs if k == stage), default=0) for stage in range(stages)]
-    outputs = [(k - stages, element, value) for k, element, value in outputs if k >= stages]
-    kept = dict(enumerate(operations))
-    if fused:
-        _fuse(kept, outputs)
-    return Dataflow(kept, outputs, len(operations), tuple(accumulate(last, max)))
+    operations, outputs, ends = _without_unused(shortened.operations, outputs, stages)
+    operations, outputs, places = _share_reciprocals(operations, outputs)
+    last = [0] * stages
+    for stage, value in ends:
+        last[stage] = max(last[stage], places[value])
+    return operations, [(k - stages, element, value) for k, element, value in outputs], last
 
 
 def joined(
@@ -277,9 +293,9 @@ class _Shortened:
 
 def _without_unused(
     operations: list[Operation], outputs: list[tuple[int, int, int]], stages: int
-) -> tuple[list[Operation], list[tuple[int, int, int]]]:
-    """Only what results depend on. What a stage ends with is no use: where a result has it in another form, the stage
-    ends with the operands."""
+) -> tuple[list[Operation], list[tuple[int, int, int]], list[tuple[int, int]]]:
+    """Only what results depend on, and (stage, value) of what stages end with. That is no use: where a result has it in
+    another form, the stage ends with the operands."""
     used = {value for k, _, value in outputs if k >= stages}
     for k in reversed(range(len(operations))):
         if k in used and operations[k].code != casadi.OP_INPUT:
@@ -293,14 +309,14 @@ def _without_unused(
         op if op.code == casadi.OP_INPUT else op.on(tuple([places[a] for a in op.arguments]))
         for op in (operations[k] for k in sorted(used))
     ]
-    ends = [(k, element, last[value]) for k, element, value in outputs]
-    return kept, [(k, element, places[value]) for k, element, value in ends if value >= 0]
+    ends = [(k, places[last[value]]) for k, _, value in outputs if k < stages and last[value] >= 0]
+    return kept, [(k, element, places[value]) for k, element, value in outputs if value in used], ends
 
 
 def _share_reciprocals(
     operations: list[Operation], outputs: list[tuple[int, int, int]]
-) -> tuple[list[Operation], list[tuple[int, int, int]]]:
-    """The same values with one division for all quotients by one number.
+) -> tuple[list[Operation], list[tuple[int, int, int]], list[int]]:
+    """The same values with one division for all quotients by one number, and the new place of each.
 
     Only by an argument of the function (a mass, an inertia), by a square root (a pivot of Cholesky's), which may
     have been replaced by zero, and by what divides `MANY` numbers (an inertia): the reciprocal of a number
@@ -330,7 +346,7 @@ def _share_reciprocals(
                 operation = Operation(casadi.OP_MUL, (operation.arguments[0], reciprocals[divisor]))
         places.append(len(written))
         written.append(operation)
-    return written, [(result, element, places[value]) for result, element, value in outputs]
+    return written, [(result, element, places[value]) for result, element, value in outputs], places
 
 
 def _fuse(operations: dict[int, Operation], outputs: list[tuple[int, int, int]]) -> None:

@@ -41,13 +41,26 @@ if TYPE_CHECKING:
 class Stages:
     """A traced function in parts that are computed one after the other.
 
-    `function`: The same function, with what each stage ends with as results before its own. `names`, `about`: Of each
-    stage a name, and what it computes.
+    `function`: The same function, with what each stage ends with as results before its own: a zero, and what it gives.
+    `names`, `about`: Of each stage a name, and what it computes. `results`: Of each stage the name of each result, its
+    size, and its place among results of that name. `begins`: Whether a section of an algorithm begins with the stage.
+    `turns`: The name of the loop whose turn begins with it, or nothing.
     """
 
     function: casadi.Function
     names: tuple[str, ...]
     about: tuple[str, ...]
+    results: tuple[tuple[tuple[str, int, int], ...], ...] = ()
+    begins: tuple[bool, ...] = ()
+    turns: tuple[str, ...] = ()
+
+    def result(self, stage: int, element: int) -> tuple[str, int]:
+        """The name of an element of what a stage gives, and the place among elements of that name."""
+        for name, size, place in self.results[stage]:
+            if element < size:
+                return name, place + element
+            element -= size
+        raise IndexError(element)
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,14 +29,13 @@ from flexhinf.codegen import (
     Recorder,
     Repeat,
     Residual,
-    Stages,
     Sweep,
     When,
 )
 from flexhinf.codegen.c import Real, Translator, comment, constant, folded, pivot_tolerance
 from flexhinf.codegen.compose import SCRATCH
 from flexhinf.codegen.program import Step
-from flexhinf.codegen.rare import rare_apart
+from flexhinf.codegen.stages import staged
 from flexhinf.codegen.straight import straightened
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.fragments import (
@@ -212,10 +211,8 @@ class ControllerCode:
         if not self.controller.composed:
             run = Recorder()
             function = drop_empty(self.controller.traced(run))
-            names, about, _ = zip(*run.stages, strict=True)
-            stages = Stages(function, names, about)
-            calls = [replace(step, stages=stages) for step in body if isinstance(step, Call)]
-            body, *buffers = rare_apart(calls[0], SCRATCH, "y") or (calls,)
+            (call,) = (replace(step, stages=run.stages(function)) for step in body if isinstance(step, Call))
+            return staged(call, SCRATCH, "y")
         return body, buffers
 
     @property

@@ -45,8 +45,8 @@ KEPT = "kept"
 #: Values of one loop over the lanes that share some, at most.
 MANY = 120
 
-#: Lines of one function of C, about, and values above which it is of parts where its memory allows it.
-LONGEST = 50
+#: Lines of one function of C, about, if it is cut, and up to which it is not.
+LONGEST, WHOLE = 50, 100
 
 
 def block(head: str, lines: Iterable[str]) -> list[str]:
@@ -113,8 +113,8 @@ class FunctionText:
     `lanes`: 0 for any number of them, which is then the last argument ``count``. `moving`: Which arguments differ from
     lane to lane. `calls`: Names of functions by opcode. `rows`: Name of the function of rows for some opcodes.
     `arguments`, `results`: Their names. `apart`: No result is in the memory of an argument. `stages`: Name and comment
-    of each stage. `elements`: Indices by name of the elements of arguments and results, where they have
-    some, or elements of `parts`, names of places in an argument.
+    of each stage. `elements`: Of each argument and result, the indices of its elements or elements of `parts`, names of
+    places in an argument; None where they are 0, 1, …
     """
 
     name: str
@@ -128,12 +128,12 @@ class FunctionText:
     results: tuple[str, ...]
     apart: bool
     stages: tuple[tuple[str, str], ...] = ()
-    elements: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    elements: tuple[Sequence[str] | None, ...] = ()
     parts: Mapping[str, str] = field(default_factory=dict)
 
     def texts(self) -> dict[str, str]:
         """Functions by name, in an order in which C can read them; the last is the one that is called."""
-        names = [*self.arguments, *self.results]
+        names = [*dict.fromkeys([*self.arguments, *self.results])]
         last = [*(["count"] if self.lanes == 0 else []), *([ROWS] if self.lanes > 1 and self.places else [])]
         parts = {
             name: self._named_parts(lines)
@@ -148,7 +148,7 @@ class FunctionText:
                 texts[name] = self._text(name, own, text)
                 lines.append(f"{name}({', '.join(own)});")
             lines = self._named_parts(self._joined(lines))
-        lines += [f"(void){word};" for word in self.arguments if not _uses(lines, word)]
+        lines += [f"(void){word};" for word in dict.fromkeys(self.arguments) if not _uses(lines, word)]
         texts[self.name] = self._text(self.name, [*names, *last], lines)
         return texts
 
@@ -156,9 +156,9 @@ class FunctionText:
         apart = "NOINLINE " if sum(map(_operations, lines)) > LONG else ""
         whole = name == self.name
         mark = "RESTRICT " if self.lanes != 1 or self.apart or not whole else ""
-        declared, begin = list[str](), list[str]()
+        declared, begin, written = list[str](), list[str](), (*self.results, KEPT, ROWS)
         for word in arguments:
-            changed = word not in self.arguments and (whole or _changes(lines, word))
+            changed = word in written and (whole or _changes(lines, word))
             kind = f"{'' if changed else 'const '}{self.real.name} *{mark}"
             rows = re.compile(rf"\b{word}(\[[^\]]*\bl\]| \+ \d+;)")  # whose memory is `ALIGNED`
             of_rows = self.lanes > 1 and any(map(rows.search, lines))
@@ -169,12 +169,18 @@ class FunctionText:
         return "\n".join(block(f"static {apart}void {name}({', '.join(declared)})\n{{", begin + lines))
 
     def _element(self, argument: int, element: int) -> str:
-        several = self.lanes != 1 and self.moving[argument]
-        return self._place(self.arguments[argument], element, several)
+        if self.lanes != 1 and self.moving[argument]:
+            return f"{self.arguments[argument]}[{self._row(element)}]"
+        return self._place(argument, element)
 
-    def _place(self, word: str, element: int, several: bool = False) -> str:
-        name = str(self.elements[word][element] if word in self.elements else element)
-        return name if name.endswith("]") else f"{word}[{self._row(element) if several else name}]"
+    def _result(self, result: int, element: int) -> str:
+        return self._place(len(self.arguments) + result, element)
+
+    def _place(self, k: int, element: int) -> str:
+        """An element of an argument, or of a result behind them."""
+        names = self.elements[k] if self.elements else None
+        name = str(element if names is None else names[element])
+        return name if name.endswith("]") else f"{(*self.arguments, *self.results)[k]}[{name}]"
 
     def _named_parts(self, lines: list[str]) -> list[str]:
         """Lines after those that name the parts of arguments that they use."""
@@ -214,7 +220,7 @@ class FunctionText:
         """Lines of each function, stage by stage."""
         stages = self._stage_of
         lines = self._expressions.lines(list(stages))
-        if len(stages) <= LONGEST or (not self.apart and len(lines) <= LONGEST):
+        if len(lines) <= WHOLE:
             return [
                 [(stage, [k for k in lines if stages[k] == stage]) for stage in sorted({*stages.values()})]
             ]
@@ -251,7 +257,7 @@ class FunctionText:
         places: dict[int, str] = {}
         for result, element, value in self.flow.outputs:
             if value in part_of and self.apart:
-                places.setdefault(value, self._place(self.results[result], element))
+                places.setdefault(value, self._result(result, element))
             elif value in part_of and len(self._parts) > 1:
                 last[value] = len(self._parts)
         free: list[int] = []  # the part after which each number of the memory is free
@@ -286,7 +292,7 @@ class FunctionText:
         """Results that are not written where they are computed; equal neighbours by a loop."""
         text, stores = self._expressions, list[tuple[int, int, str]]()
         for result, element, value in self.flow.outputs:
-            place = self._place(self.results[result], element)
+            place = self._result(result, element)
             if places.get(value) == place:
                 continue
             if self.flow.operations[value].code == casadi.OP_INPUT and not self.apart:
@@ -297,8 +303,9 @@ class FunctionText:
             sorted(stores, key=lambda row: row[:2]), key=lambda row: (row[0], row[1] - next(turns), row[2])
         ):
             word, (first, *others) = self.results[result], [element for _, element, _ in each]
-            if len(others) < FEW or word in self.elements:
-                yield from (f"{self._place(word, element)} = {written};" for element in (first, *others))
+            named = self.elements and self.elements[len(self.arguments) + result]
+            if len(others) < FEW or named:
+                yield from (f"{self._result(result, element)} = {written};" for element in (first, *others))
             else:
                 place = f"{first} + i" if first else "i"
                 yield from loop("i", 1 + len(others), [f"{word}[{place}] = {written};"])

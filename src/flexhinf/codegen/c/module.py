@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Hashable, Iterable, Iterator, Mapping, Sequence
 from itertools import count
 from types import MappingProxyType
 from typing import Any
@@ -141,12 +141,8 @@ class Translator:
                     if not apart:
                         raise _unsupported("a sweep in which a result takes the place of an argument")
                     moving = tuple(piece.buffer == COLUMN or piece in self._spread for piece in step.inputs)
-                pieces = zip(step.names, (*step.inputs, *step.outputs))
-                elements = {
-                    name: names
-                    for name, piece in pieces
-                    if (names := self._elements.get(piece.buffer)) and piece.size == len(names)
-                }
+                pieces = (*step.inputs, *step.outputs)
+                shared = self._shared(step) if self._columns <= 1 else ()
                 name = self._function(
                     step.function,
                     max(1, self._columns),
@@ -155,10 +151,13 @@ class Translator:
                     apart,
                     step.stages,
                     step.names,
-                    elements,
+                    shared,
                 )
-                places = [self._at(piece, loops) for piece in (*step.inputs, *step.outputs)]
-                yield f"{name}({', '.join(places + self._rows_of(name))});"
+                starts: dict[Any, str] = {}
+                for k, piece in enumerate(pieces):
+                    place, names = shared[k] if shared else (k, None)
+                    starts.setdefault(place, piece.buffer if names else self._at(piece, loops))
+                yield f"{name}({', '.join([*starts.values(), *self._rows_of(name)])});"
             elif isinstance(step, Map | Sweep):
                 taken = self._taken
                 yield from self._map(step, loops) if isinstance(step, Map) else self._sweep(step, loops)
@@ -204,6 +203,19 @@ class Translator:
                 yield from block(f"if ({finite} == 0) {{", [f"return {code};"])
             else:
                 raise _unsupported("random numbers, which belong to a simulation")
+
+    def _shared(self, step: Call) -> tuple[tuple[Hashable, tuple[str, ...] | None], ...]:
+        """Of each argument and result of a call what the argument in C is, equal for equal ones, and what its elements
+        are called there: a buffer whose elements have names is one argument."""
+        found = list[tuple[Hashable, tuple[str, ...] | None]]()
+        for piece in (*step.inputs, *step.outputs):
+            names = self._elements.get(piece.buffer, ())
+            whole = piece.size == len(names) or (step.stages is not None and not piece.strides)
+            if names and whole:
+                found.append((piece.buffer, tuple(names[piece.offset : piece.offset + piece.size])))
+            else:
+                found.append((piece, None))
+        return tuple(found)
 
     def _headed(self, step: Step) -> list[str]:
         """A comment where something new begins."""
@@ -372,7 +384,7 @@ class Translator:
         apart: bool = False,
         stages: Stages | None = None,
         names: tuple[str, ...] = (),
-        elements: Mapping[str, Sequence[str]] = NOTHING,
+        shared: tuple[tuple[Hashable, tuple[str, ...] | None], ...] = (),
     ) -> str:
         """Name of a ``static void name(in₀, …, out₀, …)``, which is written at its first use.
 
@@ -381,10 +393,12 @@ class Translator:
         argument or of a result is the row ``[e * lanes + lane]``, and no result may lie where an argument does. For
         one, every store comes after every load, so that results may take the place of arguments, if they are not
         `apart`. `moving`: Which arguments differ from lane to lane. `about`: A comment above it. `names`: Of arguments
-        and results; `elements`, of their elements. Raises Unsupported: an operation that is not in the table.
+        and results; `shared`: see `_shared`. Raises Unsupported: an operation that is not in the table.
         """
         apart = apart and lanes == 1
-        key = (function.serialize(), lanes, moving, apart)
+        same = [place for place, _ in shared]
+        elements = tuple(names for _, names in shared)
+        key = (function.serialize(), lanes, moving, apart, tuple(map(same.index, same)), elements)
         if key in self._names:
             return self._names[key]
         real, size = self.real, function.n_in()
@@ -398,14 +412,29 @@ class Translator:
         calls = {
             code: self._helper(SINES[code], algebra.function, code == casadi.OP_COS, real) for code in own
         }
-        identifiers = _identifiers(names, size, function.n_out())
+        called = _identifiers(names, size, function.n_out())
+        if shared:
+            called = tuple(str(place) if own else called[same.index(place)] for place, own in shared)
+        read, written = called[:size], called[size:]
         said = () if stages is None else tuple(zip(stages.names, stages.about, strict=True))
         moving = moving or (False,) * size
 
-        places = self._places_of if "data" in elements else NOTHING
+        places = self._places_of if "data" in same else NOTHING
         for name in self._free(function.name()):
             writer = FunctionText(
-                name, flow, real, lanes, moving, calls, self._row, *identifiers, apart, said, elements, places
+                name,
+                flow,
+                real,
+                lanes,
+                moving,
+                calls,
+                self._row,
+                read,
+                written,
+                apart,
+                said,
+                elements,
+                places,
             )
             texts = writer.texts()
             if not texts.keys() & self.functions.keys():
@@ -443,7 +472,7 @@ class Translator:
         return name
 
 
-def _identifiers(names: tuple[str, ...], read: int, written: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _identifiers(names: tuple[str, ...], read: int, written: int) -> tuple[str, ...]:
     """Names of arguments and of results in C: as they are in Python, where they are known."""
     results = ["result"] if written == 1 else [f"result{k + 1}" for k in range(written)]
     known = [*names, *results[max(0, len(names) - read) :]] if len(names) >= read else []
@@ -452,7 +481,7 @@ def _identifiers(names: tuple[str, ...], read: int, written: int) -> tuple[tuple
         word = re.sub(r"\W", "_", name, flags=re.ASCII).strip("_") or f"in{k}"
         word += "_" * (word in UNUSABLE or re.fullmatch(r"[cvw]\d+|[A-Z_]+|[0-9].*", word) is not None)
         chosen.append(word if word not in chosen else f"{word}_{k}")
-    return tuple(chosen[:read]), tuple(chosen[read:])
+    return tuple(chosen)
 
 
 def _headed(about: str, text: str) -> str:

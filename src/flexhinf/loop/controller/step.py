@@ -300,7 +300,7 @@ def controller_step(
         run.section(
             "Where a law takes over: integrals that continue the last input, by Broyden's method, and a bias that fades"
         )
-        wanted = run.call(np.subtract, memory.u, operating_input)
+        wanted = run.call(_wanted, memory.u, operating_input)
         feedback, growth, integral, after["bias"] = bumpless_transfer(
             run, law_of, taken, deviation, feedback, wanted, inverse, growth, memory.bias, point, data.decay
         )
@@ -311,8 +311,8 @@ def controller_step(
     run.section("The input within its limits; integrals do not wind up")
     after |= {"offset": offset[0], "offset_known": offset[1], "stop": stop[0] if stop else None}
     after["u"], after["integral"], after["started"] = run.call(
-        partial(_input, mode.bounds_windup), feedback, growth, integral, memory.integral, operating_input, data.lower,
-        data.upper, gain, *bounds, *rates,
+        partial(_limited_input, mode.bounds_windup), feedback, growth, integral, memory.integral, operating_input,
+        data.lower, data.upper, gain, *bounds, *rates,
     )  # fmt: skip
     u = after["u"]
     if mode.reactions:
@@ -426,7 +426,7 @@ def _wound(
 
 
 @gives("u_next", "integral_next", "started_next")
-def _input(
+def _limited_input(
     bounded: bool,
     feedback: Any,
     growth: Any,
@@ -499,14 +499,14 @@ def bumpless_transfer(
         return np.concatenate([states, errors + inverse @ misfit])
 
     with run.when(taken):
-        misfit = run.call(np.subtract, wanted, feedback)
+        misfit = run.call(_misfit, wanted, feedback)
 
-        def step(errors: Any, misfit: Any, inverse: Any) -> tuple[Any, Any, Any]:
+        def broyden(errors: Any, misfit: Any, inverse: Any) -> tuple[Any, Any, Any]:
             tried = run.call(trial, deviation[:n], errors, inverse, misfit)
             return run.call(_better, errors, misfit, inverse, tried, law(tried), wanted)
 
         if growth.shape[0]:
-            errors, misfit, _ = run.repeat(STEPS, step, errors, misfit, inverse)
+            errors, misfit, _ = run.repeat(STEPS, broyden, errors, misfit, inverse)
     return run.call(
         partial(_joined, n), taken, feedback, wanted, misfit, errors, growth, bias, deviation, point, decay
     )
@@ -516,6 +516,18 @@ def _state_and_input(states: int, r: Any) -> tuple[Any, Any]:
     return r[:states], r[states:]
 
 
+@gives("wanted")
+def _wanted(last: Any, operating: Any) -> Any:
+    """What the law must give for the last input to go on."""
+    return last - operating
+
+
+@gives("misfit")
+def _misfit(wanted: Any, feedback: Any) -> Any:
+    return wanted - feedback
+
+
+@gives("errors", "misfit", "inverse")
 def _better(
     errors: Any, misfit: Any, inverse: Any, trial: Any, value: Any, wanted: Any
 ) -> tuple[Any, Any, Any]:

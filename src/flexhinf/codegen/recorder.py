@@ -1,0 +1,147 @@
+"""A run that computes directly and keeps what was computed one after the other: the stages of one trace."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from flexhinf.codegen.compose import Direct, documentation, function_name, result_names
+from flexhinf.codegen.program import Stages
+
+
+@dataclass
+class _Stage:
+    """What was computed at once: `turn`: the loop whose turn begins with it; `result`: arrays of the shapes."""
+
+    name: str
+    about: str
+    begins: bool
+    turn: str
+    results: tuple[tuple[str, int, int], ...]
+    value: Any
+
+
+class Recorder(Direct):
+    """As `Direct`, and keeps what was computed one after the other, with what the functions say of themselves; of calls
+    inside of others only the outer ones."""
+
+    def __init__(self) -> None:
+        self._done: list[_Stage] = []
+        self._inside = False
+        self._section = self._turn = ""
+        self._names = Counter[str]()
+        self._columns: list[tuple[str, int]] | None = (
+            None  # names and sizes of the results of the columns before
+        )
+
+    def recorded(self) -> list[Any]:
+        """As `Direct.recorded`: an array for each stage."""
+        return [np.concatenate([np.zeros(1), *_flat(stage.value)]) for stage in self._done]
+
+    def stages(self, function: Any) -> Stages:
+        """Those of a function whose first results are the arrays that were recorded."""
+        done = self._done
+        return Stages(
+            function,
+            tuple(stage.name for stage in done),
+            tuple(stage.about for stage in done),
+            tuple(stage.results for stage in done),
+            tuple(stage.begins for stage in done),
+            tuple(stage.turn for stage in done),
+        )
+
+    def _kept(
+        self, named: Callable[..., Any], compute: Callable[..., Any], *arrays: Any, **options: Any
+    ) -> Any:
+        if self._inside:
+            return compute(*arrays, **options)
+        self._inside = True
+        try:
+            result = compute(*arrays, **options)
+        finally:
+            self._inside = False
+        about, begins = self._section or documentation(named), bool(self._section or self._turn)
+        results = self._results(named, result)
+        name = result_names(named, 1)[0] if len(results) == 1 else function_name(named)
+        self._done.append(_Stage(name, about, begins, self._turn, results, result))
+        self._section = self._turn = ""
+        return result
+
+    def _results(self, named: Callable[..., Any], result: Any) -> tuple[tuple[str, int, int], ...]:
+        """Names, sizes and places of what a function gave; those of further columns come after those before."""
+        sizes = [np.size(each) for each in (result if isinstance(result, tuple) else (result,))]
+        if not self._columns:
+            names, places = result_names(named, len(sizes)), [0] * len(sizes)
+            for k, name in enumerate(names):
+                self._names[name] += 1
+                names[k] += str(self._names[name]) * (self._names[name] > 1)
+        else:
+            names, places = (list(each) for each in zip(*self._columns, strict=True))
+        if self._columns is not None:
+            self._columns = [(name, place + size) for name, place, size in zip(names, places, sizes)]
+        return tuple(zip(names, sizes, places, strict=True))
+
+    def section(self, about: str) -> None:
+        """As `Direct.section`: the sentence of the next stage."""
+        self._section = "" if self._inside else about
+
+    def call(self, function: Callable[..., Any], *arrays: Any) -> Any:
+        """As `Direct.call`."""
+        return self._kept(function, function, *arrays)
+
+    def repeat(self, times: int, function: Callable[..., tuple[Any, ...]], *arrays: Any) -> tuple[Any, ...]:
+        """As `Direct.repeat`: every turn begins with a new stage, and gives results of the same names."""
+        names = Counter(self._names)
+        for _ in range(times):
+            if not self._inside:
+                self._turn, self._names = function_name(function), Counter(names)
+            arrays = function(*arrays)
+        return arrays
+
+    def columns(self, function: Callable[..., Any], moving: Any, *held: Any) -> Any:
+        """As `Direct.columns`: a stage for each column."""
+        if self._inside:
+            return super().columns(function, moving, *held)
+        self._columns = []
+        try:
+            return super().columns(partial(self.call, function), moving, *held)
+        finally:
+            self._columns = None
+
+    def gram(self, columns: Any, weights: Any, plus: Any = None) -> Any:
+        """As `Direct.gram`."""
+        return self._kept(Direct.gram, super().gram, columns, weights, plus)
+
+    def product(self, columns: Any, weights: Any, other: Any) -> Any:
+        """As `Direct.product`."""
+        return self._kept(Direct.product, super().product, columns, weights, other)
+
+    def combination(self, columns: Any, weights: Any, plus: Any = None) -> Any:
+        """As `Direct.combination`."""
+        return self._kept(Direct.combination, super().combination, columns, weights, plus)
+
+    def cholesky(self, matrix: Any) -> Any:
+        """As `Direct.cholesky`."""
+        return self._kept(Direct.cholesky, super().cholesky, matrix)
+
+    def householder(self, rows: Any, count: int, triangle: int = 0) -> Any:
+        """As `Direct.householder`."""
+        return self._kept(Direct.householder, super().householder, rows, count, triangle)
+
+    def residual(self, rows: Any, slope: Any) -> Any:
+        """As `Direct.residual`."""
+        return self._kept(Direct.residual, super().residual, rows, slope)
+
+
+def _flat(result: Any) -> Iterator[Any]:
+    """The arrays of a result, flat."""
+    if isinstance(result, tuple):
+        for part in result:
+            yield from _flat(part)
+    else:
+        yield np.ravel(result)
