@@ -48,7 +48,7 @@ LOOPS = (
 
 #: Branches: numbers that are not finite, sine and cosine far away, and steps that are left out where a flag is zero.
 BRANCHES = (
-    r"if \(arm_finite\([\w +]+, \d+\) == 0\) {", r"if \(isfinite\(\w+\[i\]\) (==|!=) 0\) {",
+    r"if \(arm_finite\([\w +]+, \w+\) == 0\) {", r"if \(isfinite\(\w+\[i\]\) (==|!=) 0\) {",
     r"if \(!\(fabsf?\(x\) <= reach\)\) {", r"if \(far > 0\) {", r"if \(\w+\[0\] != 0[.e+0]*f?\) {",
     r"if \(source < target\) {", r"if \(left < \d+\) {", r"if \(size > best\) {", r"if \(j < n\) {", r"}? ?else {",
 )  # fmt: skip
@@ -145,7 +145,7 @@ def test_another_loop_or_branch_is_found() -> None:
     [
         ("const real v1 = c1 ? x[AT_U + 1] : -HUGE_VAL;", True),
         ("u[0] = ((v1 < v2) || isnan(v2)) ? v1 : v2;", True),
-        ("kept[0] = FMA(v1, (x[0] != 0.0) ? v2 : (-1.0), (c1 && c2) ? 0.0 : v3);", True),
+        ("terms[0] = FMA(v1, (x[0] != 0.0) ? v2 : (-1.0), (c1 && c2) ? 0.0 : v3);", True),
         ("const real v1 = c1 ? arm_sin(v2) : 0.0;", False),
         ("const real v1 = c1 ? v2 + v3 : 0.0;", False),
         ("const real v1 = c1 ? v2 : (c2 ? v3 : v4);", False),
@@ -166,3 +166,22 @@ def test_stages_stand_under_what_they_compute(controller: fh.Controller) -> None
     }
     assert {"deviation", "evaluate_law", "limited_input"} <= bodies.keys()
     assert 40 < max(map(len, bodies.values())) <= 120
+
+
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_stages_are_functions_with_named_arguments_and_results(real: str, controller: fh.Controller) -> None:
+    """The takeover's equal passes are one function in a loop, and what is of a buffer's whole size has its constant."""
+    code = code_of(controller.fresh(start="bumpless"), "arm", real)
+    source, header = code.source, code.header
+    assert re.findall(r"\bkept\[", source) == []
+    lines = [*source.splitlines(), *header.splitlines()]
+    assert [line for line in lines if len(line) > 120] == []
+    sample = next(body for head, body in functions(source) if " arm_sample(" in head)
+    at = next(k for k, line in enumerate(sample) if line.startswith("for (int k0 = 0;"))
+    called = re.findall(
+        r"^arm_(\w+)\(", "\n".join(sample[at + 1 : sample.index("}", at)]), flags=re.MULTILINE
+    )
+    assert called
+    assert "arm_copy(after, memory, ARM_MEMORY);" in sample
+    for name in called:
+        assert sum(f" arm_{name}(" in head for head, _ in functions(source)) == 1

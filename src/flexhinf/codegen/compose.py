@@ -213,7 +213,10 @@ class Composer:
         """As `Direct.repeat`: one loop; the function gives new memory, and uses none that moves with outer loops."""
         if times == 1:
             return function(*arrays)
-        held = tuple(self.work(array.shape, name=self._new_name("repeated")) for array in arrays)
+        names = _argument_names(function, arrays) or ("repeated",) * len(arrays)
+        held = tuple(
+            self.work(a.shape, name=self._new_name(name)) for a, name in zip(arrays, names, strict=True)
+        )
         for array, place in zip(arrays, held, strict=True):
             self.copy(array, place)
         outside, self.body = self.body, []

@@ -347,7 +347,8 @@ class _Functions:
         stages = self._stages(group, members, [*symbols.values(), *passed.values()], results, values)
         said = list(dict.fromkeys(filter(None, stages.about)))
         if said and names and names[0] in self.parts:
-            abouts.setdefault(names[0], said[0])
+            sentence = " ".join(said[0].partition("\n\n")[0].split())
+            abouts.setdefault(names[0], sentence if sentence not in abouts.values() else "")
         inputs = (*(self.call.inputs[k] for k in read), *pieces.values())
         names_of = (*(self._name(k) for k in read), *pieces, *names)
         called = casadi.Function(

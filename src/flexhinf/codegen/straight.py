@@ -9,15 +9,15 @@ conditions and what is large stay steps of their own, and so does a larger funct
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import accumulate, pairwise
+from itertools import accumulate, groupby, pairwise
 from typing import Any, get_args
 
 import casadi
 
 from flexhinf.codegen.compose import SCRATCH
-from flexhinf.codegen.memory import COLUMN, Buffer, Columns, Part, Slice
+from flexhinf.codegen.memory import COLUMN, Buffer, Columns, Part, Slice, overlap
 from flexhinf.codegen.program import (
     Call,
     Cholesky,
@@ -43,6 +43,12 @@ SHORT = 64
 
 #: Order of a Cholesky factor that is written out.
 ORDER = 2
+
+#: Operations of a function above which a step begins another one, and from which on a section of the algorithm does.
+MOST, SECTION = 160, 24
+
+#: The stage of sums of products, which has no name.
+SUMS = "sums"
 
 #: One number of a buffer.
 Place = tuple[str, int]
@@ -94,14 +100,22 @@ class _Straight:
     # Steps --------------------------------------------------------------------------------------------
     def _body(self, body: Sequence[Step], end: set[Place]) -> tuple[Step, ...]:
         body = [self._factor(step) if isinstance(step, Cholesky) else step for step in body]
-        live, done, group = self._live(body, end), list[Step](), list[Step]()
+        live, done, group, total = self._live(body, end), list[Step](), list[Step](), 0
         for k, step in enumerate(body):
             if self._joins(step):
+                size = _size(step)
+                if (size and total + size > MOST) or (total >= SECTION and self._about(step)):
+                    done += self._joined(group, live[k])
+                    group, total = [], 0
                 group.append(step)
+                total += size
+                continue
+            if isinstance(step, Copy) and not any(_meet(step, other) for other in group):
+                done.append(step)
                 continue
             done += self._joined(group, live[k])
             done.append(self._alone(step, live[k + 1]))
-            group = []
+            group, total = [], 0
         return (*done, *self._joined(group, live[-1]))
 
     def _factor(self, step: Cholesky) -> Step:
@@ -138,6 +152,7 @@ class _Straight:
 
     def _swept(self, step: Sweep) -> Step:
         """A sweep; one whose steps became one function is a map."""
+        self.parts |= {(COLUMN, part.offset): part for part in step.parts}
         body = self._body(step.body, {place for _, piece in step.outputs for place in _places(piece)})
         if len(body) == 1 and isinstance(call := body[0], Call):
             ends = {piece: columns for columns, piece in (*step.inputs, *step.outputs)}
@@ -153,24 +168,46 @@ class _Straight:
             return
         text, sections = _Text(), list[str]()
         for step in group:
-            written = () if isinstance(step, Repeat) else slices(step)[1]
-            begins = [self.parts.get((piece.buffer, piece.offset)) for piece in written]
-            about = next((part.about for part in begins if part and part.about), "")
+            about = self._about(step)
             sections += [about] * bool(about)
             text.add(step, about)
-        if call := text.call(lambda place: place[0] not in self.work or place in live, self._label):
+        if call := text.call(lambda place: place[0] not in self.work or place in live, self):
             for place in ((piece.buffer, piece.offset) for piece in call.outputs):
                 if sections and place in self.parts:
                     self.parts[place] = replace(self.parts[place], about="\n".join(sections))
                     break
             yield call
 
-    def _label(self, piece: Slice) -> str:
-        """What a piece is called: the part of a buffer in which it begins."""
-        before = [
-            p for (buffer, at), p in self.parts.items() if buffer == piece.buffer and at <= piece.offset
-        ]
-        return before[-1].name.lower() if before else piece.buffer
+    def _about(self, step: Step) -> str:
+        """What begins with a step."""
+        written = () if isinstance(step, Repeat) else slices(step)[1]
+        begins = [self.parts.get((piece.buffer, piece.offset)) for piece in written]
+        return next((part.about for part in begins if part and part.about), "")
+
+    def label(self, place: Place) -> str:
+        """What a number is called: the part of its buffer, if it has some that are moved, or the buffer."""
+        if place[0] not in self.work:
+            return place[0]
+        before = [p for (buffer, at), p in self.parts.items() if buffer == place[0] and at <= place[1]]
+        return before[-1].name.lower() if before else place[0]
+
+    def pieces(self, places: Iterable[Place]) -> Iterator[Slice]:
+        """Neighbours in memory of one label."""
+        for _, run in groupby(
+            enumerate(sorted(places)), lambda pair: (self.label(pair[1]), pair[1][1] - pair[0])
+        ):
+            (_, (buffer, first)), *others = run
+            yield Slice(buffer, first, 1 + len(others))
+
+    def read(self, places: Iterable[Place], written: Container[str]) -> Iterator[Slice]:
+        """Slices with what is read: whole buffers of what the program is given, if nothing of them is written."""
+        moved = [place for place in places if place[0] in self.work or place[0] in written]
+        yield from self.pieces(moved)
+        for name in dict.fromkeys(
+            buffer for buffer, _ in places if buffer not in self.work and buffer not in written
+        ):
+            size = self.whole.buffer(name).size
+            yield Slice(name, 0, size or 1 + max(k for buffer, k in places if buffer == name))
 
 
 class _Text:
@@ -197,23 +234,23 @@ class _Text:
             assert isinstance(step, OuterSum)
             total = _sum(step, self._read)
             self._write(step.target, total)
-            self.stages.append(("sums", about or "Sums of products", total))
+            self.stages.append((SUMS, about or "Sums of products", total))
 
-    def call(self, wanted: Callable[[Place], bool], label: Callable[[Slice], str]) -> Call | None:
-        """One function of what is read, with the results that are wanted; None without any. `label` names pieces."""
+    def call(self, wanted: Callable[[Place], bool], memory: _Straight) -> Call | None:
+        """One function of what is read, with the results that are wanted; None without any."""
         changed = [p for p, value in self.now.items() if wanted(p) and not self._is_before(p, value)]
         if not changed:
             return None
-        written, buffers = [*_runs(changed, 0)], {buffer for buffer, _ in changed}
-        near, far = ([p for p in self.before if (p[0] in buffers) == inside] for inside in (True, False))
-        read = [*_runs(near, 0), *_runs(far, 8)]
+        written = [*memory.pieces(changed)]
+        read = [*memory.read(list(self.before), {buffer for buffer, _ in changed})]
         inputs = [casadi.vertcat(*map(self._value_before, _places(piece))) for piece in read]
         outputs = [[self.now[place] for place in _places(piece)] for piece in written]
         names, about, values = zip(*self.stages, strict=True)
         name = max(self.stages, key=lambda stage: len(stage[2]))[0]
+        name = memory.label((written[0].buffer, written[0].offset)) if name == SUMS else name
         stages = Stages(_function(name, inputs, [*([0.0, *own] for own in values), *outputs]), names, about)
         said = about[0] if len(set(about)) == 1 else ""
-        labels = _labels([*read, *written], label)
+        labels = _labels([*read, *written], memory)
         return Call(_function(name, inputs, outputs), tuple(read), tuple(written), said, labels, stages)
 
     def _evaluate(
@@ -243,12 +280,12 @@ class _Text:
         return place in self.before and casadi.is_equal(value, self.before[place])
 
 
-def _labels(pieces: Sequence[Slice], label: Callable[[Slice], str]) -> tuple[str, ...]:
+def _labels(pieces: Sequence[Slice], memory: _Straight) -> tuple[str, ...]:
     """A name for each piece, each another."""
     labels, taken = list[str](), Counter[str]()
     for piece in pieces:
-        taken[word := label(piece)] += 1
-        labels.append(word + f"_{taken[word]}" * (taken[word] > 1))
+        taken[label := memory.label((piece.buffer, piece.offset))] += 1
+        labels.append(label + f"_{taken[label]}" * (taken[label] > 1))
     return tuple(labels)
 
 
@@ -286,6 +323,20 @@ def _operations(function: Any) -> int:
     return sum(code not in others for code, *_ in instructions(function))
 
 
+def _size(step: Step) -> int:
+    """Operations of a step that joins others."""
+    if isinstance(step, Call | Map):
+        return getattr(step, "count", 1) * _operations(step.function)
+    return step.count * step.target.size if isinstance(step, OuterSum) else 0
+
+
+def _meet(copy: Copy, step: Step) -> bool:
+    """Whether a copy cannot be made before a step that comes before it."""
+    read, written = slices(step)  # type: ignore[arg-type]
+    moved = any(overlap(copy.target, piece) for piece in (*read, *written))
+    return moved or any(overlap(copy.source, piece) for piece in written)
+
+
 def _all(body: Sequence[Step]) -> Iterator[Step]:
     for step in body:
         yield step
@@ -300,20 +351,6 @@ def _places(piece: Slice) -> list[Place]:
 def _column(piece: Columns, c: int) -> list[Place]:
     along, across = piece.moves
     return [(piece.whole.buffer, piece.whole.offset + along * k + across * c) for k in range(piece.size)]
-
-
-def _runs(places: Iterable[Place], gap: int) -> Iterator[Slice]:
-    """Slices of neighbours in memory; of places at most `gap` numbers apart too."""
-    ordered = sorted(places)
-    first = 0
-    for k in range(1, len(ordered) + 1):
-        if k < len(ordered):
-            (buffer, here), (before, last) = ordered[k], ordered[k - 1]
-            if buffer == before and here - last <= gap + 1:
-                continue
-        buffer, start = ordered[first]
-        yield Slice(buffer, start, ordered[k - 1][1] - start + 1)
-        first = k
 
 
 # Memory ---------------------------------------------------------------------------------------------

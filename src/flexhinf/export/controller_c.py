@@ -199,7 +199,13 @@ class ControllerCode:
     def translator(self) -> Translator:
         """All functions of the step."""
         translator = Translator(
-            self.name, self.real, self.lanes, OWN, self.places.elements(), self.places.long_parts()
+            self.name,
+            self.real,
+            self.lanes,
+            OWN,
+            self.places.elements(),
+            self.places.long_parts(),
+            self.places.constants_of_sizes(),
         )
         names = ("BAD_MEASUREMENT", "BAD_COMMAND", "BAD_RESULT")
         translator.add(self.program, "sample", {CODES[name][0]: self.upper(name) for name in names})

@@ -122,6 +122,15 @@ class Places:
         sizes = {**self.sizes, "estimated": self.sizes["estimate"], "after": self.sizes["memory"]}
         return {name: texts for name, texts in known.items() if len(texts) == sizes[name]}
 
+    def constants_of_sizes(self) -> dict[str, str]:
+        """The header's constants for how many numbers each vector of the step has."""
+        names = {
+            "y": "MEASUREMENTS", "u": "INPUTS", "estimate": "STATES", "estimated": "STATES", "memory": "MEMORY",
+            "after": "MEMORY", "data": "PARAMETERS",
+        }  # fmt: skip
+        commands = {"r": "COMMANDS"} if self.signals["R"] else {}
+        return {buffer: f"{self.prefix}_{name}" for buffer, name in (names | commands).items()}
+
     def long_parts(self) -> dict[str, str]:
         """Where those parts of the numbers of the step are that have several."""
         places = self.controller.data.places.items()

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_left
+from collections import Counter
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -31,6 +32,9 @@ INDENT = "    "
 #: The last argument of a function that keeps rows between its loops, in memory of the caller.
 ROWS = "rows"
 
+#: Arrays of a long text without stages begin so.
+TERMS = "terms"
+
 #: Operations of a loop over the lanes after which results that share none begin another: what a compiler loads before
 #: a loop, because it is the same in all lanes, then fits into registers. A longer function is not put into its caller,
 #: whose stack would grow by what each of them needs.
@@ -38,9 +42,6 @@ LONG = 48
 
 #: Equal neighbours among results that are written one by one.
 FEW = 4
-
-#: The array for what later parts of a long text need of earlier ones.
-KEPT = "kept"
 
 #: Values of one loop over the lanes that share some, at most.
 MANY = 120
@@ -80,7 +81,8 @@ def folded(text: str) -> str:
     return "\n".join(short for line in text.split("\n") for short in _folded(line))
 
 
-def _folded(line: str) -> list[str]:
+def _folded(line: str, inside: str = "") -> list[str]:
+    """The lines of one; those that follow the first are `inside`."""
     if len(line) <= WIDTH or line.lstrip().startswith("#"):
         return [line]
     indent = line[: len(line) - len(line.lstrip())]
@@ -90,11 +92,11 @@ def _folded(line: str) -> list[str]:
     if mark or line.lstrip().startswith("* "):
         cut = line.rfind(" ", 0, WIDTH + 1)
         return [line[:cut], *_folded(indent + " " * bool(mark) + "* " + line[cut + 1 :])]
-    more = len(indent) + 8
+    inside = inside or indent + " " * 8
     for sign in CUTS:
-        if (cut := line.rfind(sign, more, WIDTH)) > 0:
+        if (cut := line.rfind(sign, len(inside), WIDTH)) > 0:
             end = cut + 1 if sign == ", " else cut
-            return [line[:end], *_folded(" " * more + line[end:].lstrip())]
+            return [line[:end], *_folded(inside + line[end:].lstrip(), inside)]
     return [line]
 
 
@@ -144,7 +146,7 @@ class FunctionText:
         else:
             texts, lines = {}, []
             for name, text in parts.items():
-                own = [word for word in [*names, KEPT, *last] if _uses(text, word)]
+                own = [word for word in [*names, *self._arrays, *last] if _uses(text, word)]
                 texts[name] = self._text(name, own, text)
                 lines.append(f"{name}({', '.join(own)});")
             lines = self._named_parts(self._joined(lines))
@@ -156,7 +158,7 @@ class FunctionText:
         apart = "NOINLINE " if sum(map(_operations, lines)) > LONG else ""
         whole = name == self.name
         mark = "RESTRICT " if self.lanes != 1 or self.apart or not whole else ""
-        declared, begin, written = list[str](), list[str](), (*self.results, KEPT, ROWS)
+        declared, begin, written = list[str](), list[str](), (*self.results, *self._arrays, ROWS)
         for word in arguments:
             changed = word in written and (whole or _changes(lines, word))
             kind = f"{'' if changed else 'const '}{self.real.name} *{mark}"
@@ -192,18 +194,20 @@ class FunctionText:
 
     # One column ---------------------------------------------------------------------------------------
     def _single_parts(self) -> Iterator[tuple[str, list[str]]]:
-        parts, names = self._parts, dict[str, int]()
-        for part in parts:
-            name = self.name
-            if len(parts) > 1:
-                stage = max(part, key=lambda piece: len(piece[1]))[0]
-                short = (
-                    self.stages[stage][0] if stage < len(self.stages) else "end" if self.stages else "part"
-                )
-                name = f"{self.name}_{short}"
-                names[name] = names.get(name, 0) + 1
-                name += f"_{names[name]}" * (names[name] > 1 or not self.stages)
-            yield name, list(self._part(part, len(parts) == 1))
+        for name, part in zip(self._part_names, self._parts, strict=True):
+            alone = len(self._parts) == 1
+            yield self.name if alone else f"{self.name}_{name}", list(self._part(part, alone))
+
+    @cached_property
+    def _part_names(self) -> list[str]:
+        """What each part is called: as the stage with most of its lines."""
+        names, taken = list[str](), Counter[str]()
+        for part in self._parts:
+            stage = max(part, key=lambda piece: len(piece[1]), default=(0, []))[0]
+            name = self.stages[stage][0] if stage < len(self.stages) else "end" if self.stages else "part"
+            taken[name] += 1
+            names.append(name + f"_{taken[name]}" * (taken[name] > 1 or not self.stages))
+        return names
 
     @cached_property
     def _stage_of(self) -> dict[int, int]:
@@ -247,29 +251,63 @@ class FunctionText:
         return {k: place for place, part in enumerate(self._parts) for _, own in part for k in own}
 
     @cached_property
-    def _kept(self) -> tuple[dict[int, str], int]:
-        """Where the values are that a part of the text computes for later ones, and the numbers of memory for it."""
+    def _arrays(self) -> dict[str, int]:
+        """Arrays for what parts of a long text compute for later ones, by their names, and their sizes."""
+        sizes = dict[str, int]()
+        for place in self._passed.values():
+            name, _, number = place.rstrip("]").partition("[")
+            sizes[name] = max(sizes.get(name, 0), int(number) + 1)
+        return sizes
+
+    @cached_property
+    def _kept(self) -> dict[int, str]:
+        """Where the values are that a part of the text computes for later ones, or as results."""
         part_of = self._part_of
-        last = dict(part_of)
-        for k, part in part_of.items():
-            for value in self._expressions.leaves(k):
-                last[value] = max(part, last.get(value, 0))
         places: dict[int, str] = {}
         for result, element, value in self.flow.outputs:
             if value in part_of and self.apart:
                 places.setdefault(value, self._result(result, element))
-            elif value in part_of and len(self._parts) > 1:
-                last[value] = len(self._parts)
-        free: list[int] = []  # the part after which each number of the memory is free
+        return places | self._passed
+
+    @cached_property
+    def _passed(self) -> dict[int, str]:
+        """Of values that are no results, or not written where they are computed."""
+        part_of, results = self._part_of, {value for _, _, value in self.flow.outputs}
+        if self.lanes != 1 or len(self._parts) == 1:
+            return {}
+        last = dict(part_of)
         for k, part in part_of.items():
-            if k not in places and last[k] > part:
-                place = next((place for place, end in enumerate(free) if end < part), len(free))
-                free[place : place + 1] = [last[k]]
-                places[k] = f"{KEPT}[{place}]"
-        return places, len(free)
+            for value in self._expressions.leaves(k):
+                last[value] = max(part, last.get(value, 0))
+        passed = [k for k, part in part_of.items() if k not in results and last[k] > part]
+        passed += [k for k in part_of if k in results and not self.apart]
+        last |= {k: len(self._parts) for k in passed if k in results}
+        ends = [
+            max((last[k] for k in passed if part_of[k] == part), default=-1)
+            for part in range(len(self._parts))
+        ]
+        arrays, sizes, places = self._array_names(ends), Counter[int](), dict[int, str]()
+        for k in sorted(passed):
+            part = part_of[k]
+            sizes[part] += 1
+            places[k] = f"{arrays[part]}[{sizes[part] - 1}]"
+        return places
+
+    def _array_names(self, ends: Sequence[int]) -> list[str]:
+        """The array of each part, which is needed up to the end of another part: of the name of the stage, or where
+        there are none, one that is free again."""
+        named = (*self.arguments, *self.results)
+        if self.stages:
+            return [name + "_" * (name in named) for name in self._part_names]
+        free, names = list[int](), list[str]()
+        for part, end in enumerate(ends):
+            place = next((place for place, until in enumerate(free) if until < part), len(free))
+            free[place : place + 1] = [end]
+            names.append(f"{TERMS}_{place + 1}")
+        return names
 
     def _part(self, part: list[Stage], alone: bool) -> Iterator[str]:
-        text, (places, _) = self._expressions, self._kept
+        text, places = self._expressions, self._kept
         here = {k for _, own in part for k in own}
         text.begin({k: place for k, place in places.items() if k not in here})
         used = {value for k in here for value in text.leaves(k)}
@@ -314,10 +352,9 @@ class FunctionText:
         """Calls of the parts; where results are not written by them, they are at the end."""
         if self.lanes != 1:
             return lines
-        places, size = self._kept
-        text = self._expressions
+        places, text = self._kept, self._expressions
         text.begin(places)
-        declared = [f"{self.real.name} {KEPT}[{size}];"] if size else []
+        declared = [f"{self.real.name} {name}[{size}];" for name, size in self._arrays.items()]
         return [*declared, *lines, *self._stored(places)]
 
     # Several columns ----------------------------------------------------------------------------------

@@ -68,7 +68,8 @@ class Translator:
     for at once, side by side, where there are so many. `taken`: Names behind the prefix that others have.
     `elements`: Indices by name of the elements of whole buffers, for functions that are given them; or elements of
     `parts`, names of places in a buffer. `functions`: Name to text, in an order in which C can read it.
-    `calls_library`: Whether a function calls one of the C library whose bits are not the same everywhere.
+    `sizes`: Constants of C by buffer, for what is done to it as a whole. `calls_library`: Whether a function calls one
+    of the C library whose bits are not the same everywhere.
     `room`: Numbers of memory for columns in hand that the programs need of the caller, so that none is on the stack.
     """
 
@@ -80,9 +81,11 @@ class Translator:
         taken: Container[str] = (),
         elements: Mapping[str, Sequence[str]] = NOTHING,
         parts: Mapping[str, str] = NOTHING,
+        sizes: Mapping[str, str] = NOTHING,
     ) -> None:
         self.prefix, self.real, self.lanes, self._taken_names = prefix, real, lanes, taken
-        self._elements, self._places_of = elements, parts
+        self._elements, self._places_of, self._sizes = elements, parts, sizes
+        self._numbers: dict[str, int | None] = {}  # of each buffer
         self.functions: dict[str, str] = {}
         self._names: dict[tuple[Any, ...], str] = {}
         self.calls_library = False
@@ -111,6 +114,7 @@ class Translator:
         full, self._codes = f"{self.prefix}_{name}", codes
         parts = [Parts(b.name, b.size or 0, b.parts) for b in program.buffers if b.parts]
         self._parts = {part.buffer: part for part in parts}
+        self._numbers = {buffer.name: buffer.size for buffer in program.buffers}
         steps = list(self._body(program.body, []))
         pointers = [line for part in parts for line in part.declared(steps, self.real.name)]
         body = [*pointers, *steps, "return 0;"]
@@ -190,7 +194,7 @@ class Translator:
                 yield f"{name}({', '.join(places)}, {step.count}, {step.shape[0]}, {step.shape[1]});"
             elif isinstance(step, Copy):
                 source, target = self._at(step.source, loops), self._at(step.target, loops)
-                size = step.source.size * max(1, self._columns)
+                size = self._size(step.source) if self._columns <= 1 else step.source.size * self._columns
                 if self._columns and step.source.buffer != COLUMN:  # the same for all columns
                     yield from loop("i", size, [f"({target})[i] = ({source})[i / {self._columns}];"])
                 else:
@@ -198,11 +202,20 @@ class Translator:
                     name = self._helper("move", algebra.MOVE) if near else self._helper("copy", algebra.COPY)
                     yield f"{name}({source}, {target}, {size});"
             elif isinstance(step, Guard):
-                finite = f"{self._helper('finite', algebra.FINITE)}({self._at(step.source, loops)}, {step.source.size})"
+                arguments = f"{self._at(step.source, loops)}, {self._size(step.source)}"
+                finite = f"{self._helper('finite', algebra.FINITE)}({arguments})"
                 code = self._codes.get(step.code, str(step.code))
                 yield from block(f"if ({finite} == 0) {{", [f"return {code};"])
             else:
                 raise _unsupported("random numbers, which belong to a simulation")
+
+    def _size(self, piece: Slice) -> int | str:
+        """The number of elements; of a whole buffer its constant, where it has one."""
+        return (
+            self._sizes.get(piece.buffer, piece.size)
+            if piece.size == self._numbers[piece.buffer]
+            else piece.size
+        )
 
     def _shared(self, step: Call) -> tuple[tuple[Hashable, tuple[str, ...] | None], ...]:
         """Of each argument and result of a call what the argument in C is, equal for equal ones, and what its elements
