@@ -16,6 +16,9 @@ from flexhinf.loop import Controller
 if TYPE_CHECKING:
     from flexhinf.robot import Robot
 
+#: Parts of the memory with a number for each state.
+OF_STATES = ("AT_MEAN_OF_BELIEF",)
+
 #: A constant, its value, and its comment.
 Row = tuple[str, int, str]
 
@@ -104,8 +107,11 @@ class Places:
     def elements(self) -> dict[str, list[str]]:
         """What the elements of the step's vectors are called in the source, by vector."""
         parts = [*self.parts()["memory"], Part("", self.sizes["memory"])]
+        states = constants(f"{self.prefix}_X", self.signals["X"])
         memory = [
-            part.name + f" + {k}" * (k > 0)
+            f"{part.name} + {states[k]}"
+            if part.name in OF_STATES and k < len(states)
+            else part.name + f" + {k}" * (k > 0)
             for part, after in pairwise(parts)
             for k in range(after.offset - part.offset)
         ]

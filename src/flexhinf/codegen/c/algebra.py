@@ -16,7 +16,7 @@ import numpy as np
 from flexhinf.codegen.emit.opcodes import COSINE, HALF_PI, REACH, ROUNDER, SINE
 from flexhinf.errors import InvalidInput
 from flexhinf.polynomial import basis
-from flexhinf.scalars.symbol import SMALLEST, SPLIT
+from flexhinf.scalars.symbol import PIVOT_TOLERANCE, SMALLEST, SPLIT
 
 
 class Real:
@@ -88,7 +88,19 @@ PIVOT_ULPS = 45.0
 
 def pivot_tolerance(real: Real) -> float:
     """What a pivot is compared with, as a part of what it is made of, over n."""
-    return 1e-14 if real.name == "double" else PIVOT_ULPS * real.epsilon
+    return PIVOT_TOLERANCE if real.name == "double" else PIVOT_ULPS * real.epsilon
+
+
+#: Multiples of a tolerance of double up to which a constant is one.
+MULTIPLES = 64
+
+
+def tolerance(value: float, real: Real) -> float:
+    """A constant of traced code in a type: a tolerance of double, which is far below the digits of float, is as many
+    units of the last place there."""
+    times = abs(value) / PIVOT_TOLERANCE
+    known = 0.5 < times < MULTIPLES + 0.5 and abs(times - round(times)) < 1e-9
+    return value / PIVOT_TOLERANCE * pivot_tolerance(real) if known and real.name == "float" else value
 
 
 #: Rows, columns and terms of a sum that go together: what is loaded serves all of them.

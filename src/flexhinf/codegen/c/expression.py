@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import casadi
 
-from flexhinf.codegen.c.algebra import Real, constant
+from flexhinf.codegen.c.algebra import Real, constant, tolerance
 from flexhinf.codegen.dataflow import (
     LIBRARY,
     MULTIPLY_ADD,
@@ -224,7 +224,7 @@ class Expressions:
         if value in self.numbers:
             return Text(self.numbers[value], True)
         if operation.code == casadi.OP_CONST:
-            text = constant(operation.constant, self.real)
+            text = constant(tolerance(operation.constant, self.real), self.real)
             return Text(text, not text.startswith("-"))
         if operation.code == casadi.OP_INPUT:
             return Text(self._read(*operation.arguments), True)

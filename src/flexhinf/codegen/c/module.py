@@ -154,7 +154,7 @@ class Translator:
                     step.about,
                     apart,
                     step.stages,
-                    step.names,
+                    self._names_of(step),
                     shared,
                 )
                 starts: dict[Any, str] = {}
@@ -208,6 +208,15 @@ class Translator:
                 yield from block(f"if ({finite} == 0) {{", [f"return {code};"])
             else:
                 raise _unsupported("random numbers, which belong to a simulation")
+
+    def _names_of(self, step: Call) -> tuple[str, ...]:
+        """Names of arguments and results; one that lies within a buffer of that name is called as the part of it."""
+        names = list(step.names)
+        for k, (name, piece) in enumerate(zip(names, (*step.inputs, *step.outputs))):
+            if name == piece.buffer in self._parts and piece.size != self._numbers[piece.buffer]:
+                part = self._parts[piece.buffer].at(piece).split(" + ")[1]
+                names[k] = re.sub(r"^(at|\w+_p)_", "", part.lower())
+        return tuple(names)
 
     def _size(self, piece: Slice) -> int | str:
         """The number of elements; of a whole buffer its constant, where it has one."""
