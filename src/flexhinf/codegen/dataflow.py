@@ -66,13 +66,15 @@ class Dataflow:
     """A function as values and outputs.
 
     `operations`: Value k is the result of operation k; products that were fused away are missing. `outputs`:
-    (result, element, value). `size`: operations before products were fused. `ends`: last value of each stage.
+    (result, element, value). `size`: operations before products were fused. `ends`: last value of each stage. `stages`:
+    (stage, element, value) of what stages end with, if it is used.
     """
 
     operations: dict[int, Operation]
     outputs: list[tuple[int, int, int]]
     size: int
     ends: tuple[int, ...] = ()
+    stages: tuple[tuple[int, int, int], ...] = ()
 
 
 def read_dataflow(
@@ -89,7 +91,8 @@ def read_dataflow(
     kept, own = dict(enumerate(operations)), [row for row in outputs if row[0] >= 0]
     if fused:
         _fuse(kept, own)
-    return Dataflow(kept, own, len(operations), tuple(accumulate(last, max)))
+    of_stages = tuple((k + stages, element, value) for k, element, value in outputs if k < 0)
+    return Dataflow(kept, own, len(operations), tuple(accumulate(last, max)), of_stages)
 
 
 def read_stages(function: casadi.Function, stages: int) -> Dataflow:

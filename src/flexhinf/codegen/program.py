@@ -44,7 +44,8 @@ class Stages:
     `function`: The same function, with what each stage ends with as results before its own: a zero, and what it gives.
     `names`, `about`: Of each stage a name, and what it computes. `results`: Of each stage the name of each result, its
     size, and its place among results of that name. `begins`: Whether a section of an algorithm begins with the stage.
-    `turns`: The name of the loop whose turn begins with it, or nothing.
+    `turns`: The name of the loop whose turn begins with it, or nothing. `labels`: Of each stage what the elements that
+    it ends with are called, or nothing.
     """
 
     function: casadi.Function
@@ -53,6 +54,7 @@ class Stages:
     results: tuple[tuple[tuple[str, int, int], ...], ...] = ()
     begins: tuple[bool, ...] = ()
     turns: tuple[str, ...] = ()
+    labels: tuple[tuple[str, ...], ...] = ()
 
     def result(self, stage: int, element: int) -> tuple[str, int]:
         """The name of an element of what a stage gives, and the place among elements of that name."""

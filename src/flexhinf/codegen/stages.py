@@ -58,7 +58,8 @@ def staged(call: Call, buffer: str, often: str = "") -> tuple[tuple[Step, ...], 
 @dataclass(frozen=True)
 class _Operations:
     """Those of a call that results need, in order; `outputs` are (result, element, operation). `stage`: of each.
-    `labels`: Of what a stage gives: the name of the result, the place in it, and that in all that the stage gives."""
+    `labels`: Of what a stage gives: the name of the result, the place in it, and that in all that the
+    stage gives."""
 
     call: Call
     operations: list[Operation]
@@ -378,9 +379,19 @@ class _Functions:
         own = sorted(sizes)
         turn = next((name for k in own if (name := of.turns[k])), "") if of.turns else ""
         name = turn or of.names[max(own, key=sizes.__getitem__)]
-        ends = [[values[k] for k in members if self.traced.stage[k] == stage] for stage in own]
-        function = casadi.Function(name, inputs, _columns([*ends, *results]))
-        return Stages(function, tuple(of.names[k] for k in own), tuple(of.about[k] for k in own))
+        ends = [[k for k in members if self.traced.stage[k] == stage] for stage in own]
+        function = casadi.Function(
+            name, inputs, _columns([*([values[k] for k in end] for end in ends), *results])
+        )
+        names, about = (tuple(texts[k] for k in own) for texts in (of.names, of.about))
+        known = [self.traced.labels[k][:2] for k in members if k in self.traced.labels]
+        first = {label: min(at for name, at in known if name == label) for label, _ in known}
+
+        def label(k: int) -> str:
+            name, place, _ = self.traced.labels.get(k, ("", 0, 0))
+            return f"{name}_{place - first[name]}" if name else ""
+
+        return Stages(function, names, about, labels=tuple(tuple(map(label, end)) for end in ends))
 
 
 def _copies(traced: _Operations) -> tuple[list[Copy], list[tuple[int, int, int]]]:

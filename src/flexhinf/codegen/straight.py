@@ -191,6 +191,11 @@ class _Straight:
         before = [p for (buffer, at), p in self.parts.items() if buffer == place[0] and at <= place[1]]
         return before[-1].name.lower() if before else place[0]
 
+    def element(self, place: Place) -> str:
+        """What a number of a part is called; nothing outside of the buffers that are moved."""
+        first = max((at for buffer, at in self.parts if buffer == place[0] and at <= place[1]), default=0)
+        return f"{self.label(place)}_{place[1] - first}" if place[0] in self.work else ""
+
     def pieces(self, places: Iterable[Place]) -> Iterator[Slice]:
         """Neighbours in memory of one label."""
         for _, run in groupby(
@@ -216,7 +221,7 @@ class _Text:
     def __init__(self) -> None:
         self.before: dict[Place, Any] = {}  # what is read from memory
         self.now: dict[Place, Any] = {}  # what has changed
-        self.stages: list[tuple[str, str, Any]] = []
+        self.stages: list[tuple[str, str, Any, Sequence[Place]]] = []
 
     def add(self, step: Step, about: str) -> None:
         """Evaluate one more step; `about`: what begins with it, or nothing."""
@@ -234,7 +239,7 @@ class _Text:
             assert isinstance(step, OuterSum)
             total = _sum(step, self._read)
             self._write(step.target, total)
-            self.stages.append((SUMS, about or "Sums of products", total))
+            self.stages.append((SUMS, about or "Sums of products", total, _places(step.target)))
 
     def call(self, wanted: Callable[[Place], bool], memory: _Straight) -> Call | None:
         """One function of what is read, with the results that are wanted; None without any."""
@@ -245,22 +250,28 @@ class _Text:
         read = [*memory.read(list(self.before), {buffer for buffer, _ in changed})]
         inputs = [casadi.vertcat(*map(self._value_before, _places(piece))) for piece in read]
         outputs = [[self.now[place] for place in _places(piece)] for piece in written]
-        names, about, values = zip(*self.stages, strict=True)
+        names, about, values, places = zip(*self.stages, strict=True)
         name = max(self.stages, key=lambda stage: len(stage[2]))[0]
         name = memory.label((written[0].buffer, written[0].offset)) if name == SUMS else name
-        stages = Stages(_function(name, inputs, [*([0.0, *own] for own in values), *outputs]), names, about)
+        called = tuple(("", *map(memory.element, own)) for own in places)
+        stages = Stages(
+            _function(name, inputs, [*([0.0, *own] for own in values), *outputs]), names, about, labels=called
+        )
         said = about[0] if len(set(about)) == 1 else ""
         labels = _labels([*read, *written], memory)
         return Call(_function(name, inputs, outputs), tuple(read), tuple(written), said, labels, stages)
 
     def _evaluate(
-        self, function: Any, arguments: Iterable[list[Any]], written: Iterable[Sequence[Place]], about: str
+        self, function: Any, arguments: Iterable[list[Any]], written: Sequence[Sequence[Place]], about: str
     ) -> None:
         results = function.call([casadi.vertcat(*values) for values in arguments])
         flat = [[result[k] for k in range(result.numel())] for result in results]
         for places, values in zip(written, flat, strict=True):
             self.now |= dict(zip(places, values, strict=True))
-        self.stages.append((function.name(), about, [value for values in flat for value in values]))
+        numbers = [value for values in flat for value in values]
+        self.stages.append(
+            (function.name(), about, numbers, [place for places in written for place in places])
+        )
 
     def _value_before(self, place: Place) -> Any:
         if place not in self.before:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import casadi
 
@@ -68,6 +69,8 @@ OPERATIONS: dict[int, str] = {
 #: Operations that call the mathematical library; the others are single instructions.
 CALLS = {*LIBRARY, *SINES, casadi.OP_SQRT}
 
+NOTHING: Mapping[int, str] = MappingProxyType({})
+
 #: What is no line of the text: it is read where it is used.
 LEAVES = (casadi.OP_CONST, casadi.OP_INPUT)
 
@@ -102,7 +105,7 @@ class Expressions:
     `inside`: Where each value is computed; only there it may stand in the expression of another. `read`: Text of an
     element of an argument, (argument, element). `calls`: Names of functions by opcode. `named`: Elements of arguments
     that are used more than once, or chosen, have a line too. `numbers`, `flags`: Text of values that are known in the
-    function of C that is being written, as numbers and as conditions.
+    function of C that is being written, as numbers and as conditions. `labels`: What values are called.
     """
 
     def __init__(
@@ -113,8 +116,9 @@ class Expressions:
         read: Callable[[int, int], str],
         calls: Mapping[int, str],
         named: bool = False,
+        labels: Mapping[int, str] = NOTHING,
     ) -> None:
-        self.flow, self.real, self._read, self._calls = flow, real, read, calls
+        self.flow, self.real, self._read, self._calls, self._labels = flow, real, read, calls, labels
         self.begin({})
         self._as_number, self._as_flag = Counter[int](), Counter[int]()
         self._plain = set[int]()  # used by an operation that takes a name
@@ -205,7 +209,9 @@ class Expressions:
             lines.append(f"const bool {name} = {condition};")
             self.flags[value] = name
         if value not in self.numbers and (not truth or self._as_number[value] or not lines):
-            text, name = self.number(value).bare, self._fresh("v")
+            text, name = self.number(value).bare, self._labels.get(value, "")
+            if not name or name in self.numbers.values():
+                name = self._fresh("v")
             lines.append(f"const {self.real.name} {name} = {text};")
             self.numbers[value] = name
         return lines

@@ -116,7 +116,7 @@ class FunctionText:
     lane to lane. `calls`: Names of functions by opcode. `rows`: Name of the function of rows for some opcodes.
     `arguments`, `results`: Their names. `apart`: No result is in the memory of an argument. `stages`: Name and comment
     of each stage. `elements`: Of each argument and result, the indices of its elements or elements of `parts`, names of
-    places in an argument; None where they are 0, 1, …
+    places in an argument; None where they are 0, 1, … `labels`: What values are called.
     """
 
     name: str
@@ -132,6 +132,7 @@ class FunctionText:
     stages: tuple[tuple[str, str], ...] = ()
     elements: tuple[Sequence[str] | None, ...] = ()
     parts: Mapping[str, str] = field(default_factory=dict)
+    labels: Mapping[int, str] = field(default_factory=dict)
 
     def texts(self) -> dict[str, str]:
         """Functions by name, in an order in which C can read them; the last is the one that is called."""
@@ -217,7 +218,9 @@ class FunctionText:
 
     @cached_property
     def _expressions(self) -> Expressions:
-        return Expressions(self.flow, self._stage_of, self.real, self._element, self.calls)
+        others = (*self.arguments, *self.results, *self.parts)
+        labels = {k: label for k, label in self.labels.items() if label not in others}
+        return Expressions(self.flow, self._stage_of, self.real, self._element, self.calls, labels=labels)
 
     @cached_property
     def _parts(self) -> list[list[Stage]]:

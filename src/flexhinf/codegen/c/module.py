@@ -438,6 +438,8 @@ class Translator:
         if shared:
             called = tuple(str(place) if own else called[same.index(place)] for place, own in shared)
         read, written = called[:size], called[size:]
+        of_stages = stages.labels if stages else ()
+        labels = {value: of_stages[n][k] for n, k, value in flow.stages if of_stages and of_stages[n][k]}
         said = () if stages is None else tuple(zip(stages.names, stages.about, strict=True))
         moving = moving or (False,) * size
 
@@ -457,6 +459,7 @@ class Translator:
                 said,
                 elements,
                 places,
+                labels,
             )
             texts = writer.texts()
             if not texts.keys() & self.functions.keys():

@@ -522,7 +522,7 @@ def _wanted(last: Any, operating: Any) -> Any:
     return last - operating
 
 
-@gives("misfit")
+@gives("first_misfit")
 def _misfit(wanted: Any, feedback: Any) -> Any:
     return wanted - feedback
 
