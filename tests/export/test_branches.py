@@ -64,6 +64,7 @@ def functions(text: str) -> list[tuple[str, list[str]]]:
     """Head and lines of each function, without comments and lines that are folded."""
     code = re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
     code = re.sub(r",\n +", ", ", code)
+    code = re.sub(r"\n +(?=(\?|:|&&|\|\||=|\+|-) )", " ", code)
     found = re.findall(r"^(\w[^;#]*?)\n?{\n(.*?)^}", code, flags=re.DOTALL | re.MULTILINE)
     return [(head, [line.strip() for line in body.splitlines()]) for head, body in found]
 
