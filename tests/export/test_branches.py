@@ -33,6 +33,7 @@ CHOICES = (
     r"const real (share|inverse) = \(whole <= .*\) \? .*;",
     r"const real norm = \(diagonal < 0[.e+0]*f?\) \? -size : size;",
     r"const real [sc]v = \(m \* .*\) \? [sc] : [sc];", r"(return|sine\[l\] =|cosine\[l\] =) \(.*\) \? -[sc]v : [sc]v;",
+    r"return \(\(quarter % 4u\) < 2u\) \? r : -r;", r"return \(x < 0[.e+0]*f?\) \? -sine : sine;",
     r"far \+= \(fabs\(x\[l\]\) <= .*\) \? 0 : 1;", r"rows\[.*l < left \? l : left - 1.*;",
     r"const int rows = \(triangle > 0\) \? m - triangle \+ c \+ 1 : m;",
     r"target\[.*\] = \(i == c\) \? norm : 0[.e+0]*f?;",
@@ -49,7 +50,9 @@ LOOPS = (
 #: Branches: numbers that are not finite, sine and cosine far away, and steps that are left out where a flag is zero.
 BRANCHES = (
     r"if \(arm_finite\([\w +]+, \w+\) == 0\) {", r"if \(isfinite\(\w+\[i\]\) (==|!=) 0\) {",
-    r"if \(!\(fabsf?\(x\) <= reach\)\) {", r"if \(far > 0\) {", r"if \(\w+\[0\] != 0[.e+0]*f?\) {",
+    r"if \(!\(fabs\(x\) <= reach\)\) {", r"if \(size <= 1.0e4f\) {", r"if \(isfinite\(size\) == 0\) {",
+    r"if \(turns < 0x2000000000000000u\) {", r"if \(\(quarter % 2u\) == 0u\) {",
+    r"if \(far > 0\) {", r"if \(\w+\[0\] != 0[.e+0]*f?\) {",
     r"if \(source < target\) {", r"if \(left < \d+\) {", r"if \(size > best\) {", r"if \(j < n\) {", r"}? ?else {",
 )  # fmt: skip
 

@@ -1,9 +1,4 @@
-"""The dense linear algebra of programs as C functions of their sizes: sums of outer products, Cholesky factors.
-
-Sine and cosine without the library: the same bits on every machine, and in vectors. The operations are those of
-`flexhinf.codegen.emit.opcodes`, with fused multiply-adds (FUSED) and without, so that machine code and C agree to the
-last bit. Arguments beyond the reach, and those that are not finite, go to the library.
-"""
+"""The dense linear algebra of programs as C functions of their sizes: sums of outer products, Cholesky factors."""
 
 from __future__ import annotations
 
@@ -13,7 +8,6 @@ from typing import Literal
 
 import numpy as np
 
-from flexhinf.codegen.emit.opcodes import COSINE, HALF_PI, REACH, ROUNDER, SINE
 from flexhinf.errors import InvalidInput
 from flexhinf.polynomial import basis
 from flexhinf.scalars.symbol import PIVOT_TOLERANCE, SMALLEST, SPLIT
@@ -476,94 +470,3 @@ def columns(name: str, read: bool, lanes: int, neighbours: bool) -> str:
 {{
 {text}
 }}"""
-
-
-def function(name: str, cosine: bool, real: Real) -> str:
-    """``name(x)``: sin or cos; of the type double."""
-    lines = "\n".join(f"    {line}" for line in _statements(real, "x", {cosine: "return"}))
-    return f"""static {{R}} {name}({{R}} x)
-{{
-#ifdef FUSED
-    const {{R}} reach = {constant(REACH[True], real)};
-#else
-    const {{R}} reach = {constant(REACH[False], real)};
-#endif
-    if (!({{fabs}}(x) <= reach)) {{
-        return {"cos" if cosine else "sin"}(x);
-    }}
-{lines}
-}}""".replace("    #", "#")
-
-
-def row_function(name: str, ones: dict[bool, str], real: Real, lanes: int) -> str:
-    """``void name(x, sine, cosine)``, or with one result, of a row of lanes: as the functions `ones` of a number."""
-    results = {cosine: ("cosine" if cosine else "sine") for cosine in sorted(ones)}
-    statements = _statements(real, "x[l]", {cosine: f"{place}[l] =" for cosine, place in results.items()})
-    lines = "\n".join(f"        {line}" for line in statements)
-    far = "\n".join(f"            {place}[l] = {ones[cosine]}(x[l]);" for cosine, place in results.items())
-    arguments = ", ".join(
-        ["const {R} *RESTRICT x", *(f"{{R}} *RESTRICT {place}" for place in results.values())]
-    )
-    return f"""static void {name}({arguments})
-{{
-    int far = 0;
-    for (int l = 0; l < {lanes}; ++l) {{
-{lines}
-    }}
-    for (int l = 0; l < {lanes}; ++l) {{
-        far += ({{fabs}}(x[l]) <= {REACH[False]!r}) ? 0 : 1;
-    }}
-    if (far > 0) {{
-        for (int l = 0; l < {lanes}; ++l) {{
-{far}
-        }}
-    }}
-}}""".replace("        #", "#")
-
-
-def _statements(real: Real, x: str, results: dict[bool, str]) -> list[str]:
-    """Statements for an x within the reach: reduction, two polynomials, one of them by the quadrant.
-
-    `results`: Text before the value of the sine (False) and the cosine (True).
-    """
-
-    def number(value: float) -> str:
-        return constant(value, real)
-
-    def horner(name: str, coefficients: tuple[float, ...]) -> list[str]:
-        first, *others = map(number, coefficients)
-        return [f"{{R}} {name} = {first};", *(f"{name} = FMA({name}, z, {other});" for other in others)]
-
-    def remainder(parts: tuple[float, ...]) -> str:
-        text = "size"
-        for part in parts:
-            text = f"FMA(-k, {number(part)}, {text})"
-        return text
-
-    def choice(cosine: bool) -> tuple[str, str]:
-        """The value but for its sign, and when that is negative."""
-        odd, even = ("s", "c") if cosine else ("c", "s")
-        value = f"(m * (m - {number(2.0)}) < {number(0.0)} || m > {high}) ? {odd} : {even}"
-        return value, f"m > {half} && m < {high}" if cosine else f"(m > {low}) != ({x} < {number(0.0)})"
-
-    rounder = number(ROUNDER)
-    half, low, high = number(0.5), number(1.5), number(2.5)
-    lines = [
-        f"const {{R}} size = {{fabs}}({x});",
-        f"const {{R}} k = FMA(size, {number(2.0 / math.pi)}, {rounder}) - {rounder};",
-        f"const {{R}} m = k - {number(4.0)} * (((k * {number(0.25)} - {number(0.375)}) + {rounder}) - {rounder});",
-        "#ifdef FUSED",
-        f"const {{R}} r = {remainder(HALF_PI[True])};",
-        "#else",
-        f"const {{R}} r = {remainder(HALF_PI[False])};",
-        "#endif",
-        "const {R} z = r * r;",
-        *horner("odd", SINE),
-        *horner("even", COSINE),
-        "const {R} s = FMA(odd, z * r, r);",
-        f"const {{R}} c = FMA(even, z * z, FMA(z, {number(-0.5)}, {number(1.0)}));",
-    ]
-    for cosine, said in results.items():
-        (value, negative), short = choice(cosine), "cv" if cosine else "sv"
-        lines += [f"const {{R}} {short} = {value};", f"{said} ({negative}) ? -{short} : {short};"]
-    return lines

@@ -10,7 +10,7 @@ from typing import Any
 
 import casadi
 
-from flexhinf.codegen.c import algebra, small
+from flexhinf.codegen.c import algebra, sines, small
 from flexhinf.codegen.c.algebra import KEYWORDS, Real, constant
 from flexhinf.codegen.c.expression import CALLS, OPERATIONS, SINES
 from flexhinf.codegen.c.function import (
@@ -54,10 +54,10 @@ NOTHING: Mapping[str, Any] = MappingProxyType({})
 #: Names that arguments of functions do not have.
 UNUSABLE = KEYWORDS | {"count", "kept", "l", "real", "rows"}
 
-#: How names of the functions of `flexhinf.codegen.c.algebra` begin.
+#: How names of the functions of `flexhinf.codegen.c` begin.
 HELPERS = (
-    "cholesky", "copy", "cos", "finite", "gather", "pack", "polynomials", "reflect", "residual", "scatter", "sin",
-    "sum", "unpack",
+    "cholesky", "copy", "cos", "far", "finite", "gather", "pack", "polynomials", "reflect", "residual", "scatter",
+    "sin", "sum", "turned", "unpack",
 )  # fmt: skip
 
 
@@ -429,11 +429,7 @@ class Translator:
         )
         codes = {code for code, *_ in instructions(function)}
         self.calls_library |= not codes.isdisjoint(LIBRARY)
-        # A build of floats calls the library's sine and cosine.
-        own = [code for code in SINES if code in codes and real.name == "double"]
-        calls = {
-            code: self._helper(SINES[code], algebra.function, code == casadi.OP_COS, real) for code in own
-        }
+        calls = {code: self._sine(code) for code in SINES if code in codes}
         called = _identifiers(names, size, function.n_out())
         if shared:
             called = tuple(str(place) if own else called[same.index(place)] for place, own in shared)
@@ -479,10 +475,17 @@ class Translator:
             if (name := f"{self.prefix}_{short}" + f"_{number}" * (number > 1)) not in self.functions
         )
 
+    def _sine(self, code: int) -> str:
+        """The name of the sine or the cosine."""
+        if self.real.name == "double":
+            return self._helper(SINES[code], sines.function, code == casadi.OP_COS, self.real)
+        turned = self._helper("turned", sines.turned, self._helper("far", sines.far))
+        return self._helper(SINES[code], sines.short_function, code == casadi.OP_COS, turned)
+
     def _row(self, codes: tuple[int, ...]) -> str:
         short = "".join(SINES[code] for code in codes) + "_row"
         ones = {code == casadi.OP_COS: f"{self.prefix}_{SINES[code]}" for code in codes}
-        return self._helper(short, algebra.row_function, ones, self.real, self.lanes)
+        return self._helper(short, sines.row_function, ones, self.real, self.lanes)
 
     def _helper(self, short: str, make: str | Callable[..., str], *arguments: Any) -> str:
         name = f"{self.prefix}_{short}"

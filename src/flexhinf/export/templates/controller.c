@@ -8,6 +8,7 @@
 #include <math.h>
 #include <stdbool.h>
 #include <stddef.h>
+#include <stdint.h>
 
 @ARITHMETIC@
 /* a*b + c, rounded once where the compiler says that the processor has an instruction for it (on a PC with -mfma), and
