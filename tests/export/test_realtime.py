@@ -95,8 +95,9 @@ def test_a_sample_that_takes_too_long_is_a_missed_deadline(controller: fh.Contro
     assert timing.missed[21]
     assert timing.ready[20] >= 0.010
     assert timing.woken[21] >= 0.0089
-    assert timing.missed_spans()[0].begin <= 0.020
-    assert timing.missed_spans()[0].worst >= 0.0089
+    # a busy machine may be later at other samples: of the spans this one is meant
+    span = next(s for s in timing.missed_spans() if s.begin <= 0.0201 < s.begin + s.samples * timing.period)
+    assert span.worst >= 0.0089
 
 
 def test_no_garbage_is_collected_and_everything_is_as_before(controller: fh.Controller) -> None:
