@@ -20,7 +20,7 @@ from flexhinf.codegen.emit.opcodes import COSINE, HALF_PI, REACH, ROUNDER, SINE
 #: Far angles in float: 2/π in binary behind 32 zeros, from which 96 bits are taken so that their product with the 24
 #: bits of the angle is the number of quarter turns but for multiples of four. Of the 62 bits behind the point some 32
 #: are left where an angle is nearest to a multiple of π/2.
-FAR = """static uint32_t {name}(float size, float *rest)
+FAR = """static NOINLINE uint32_t {name}(float size, float *rest)
 {
     static const uint32_t two_over_pi[8] = {
         0u, 0xa2f9836eu, 0x4e441529u, 0xfc2757d1u, 0xf534ddc0u, 0xdb629599u, 0x3c439041u, 0xfe5163abu
