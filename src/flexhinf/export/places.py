@@ -16,9 +16,6 @@ from flexhinf.loop import Controller
 if TYPE_CHECKING:
     from flexhinf.robot import Robot
 
-#: Parts of the memory with a number for each state.
-OF_STATES = ("AT_MEAN_OF_BELIEF",)
-
 #: A constant, its value, and its comment.
 Row = tuple[str, int, str]
 
@@ -56,7 +53,18 @@ class Places:
         return next((place for name, place, _ in self.belief() if name == "AT_REJECTED_OF_BELIEF"), None)
 
     def memory(self) -> list[Row]:
-        """The parts of the memory."""
+        """The parts of the memory, and the places of the estimated states in it."""
+        return [*self._memory(), *self._states()]
+
+    def _states(self) -> list[Row]:
+        mean = [place for name, place, _ in self.belief() if name == "AT_MEAN_OF_BELIEF"]
+        return [
+            (name, place + k, f"mean of {comment(state)}")
+            for place in mean
+            for k, (name, state) in enumerate(zip(constants("AT_X", self.signals["X"]), self.signals["X"]))
+        ]
+
+    def _memory(self) -> list[Row]:
         rows = []
         for name, place in self.controller.memory.places.items():
             rows.append((f"AT_{name.upper()}", place.start, comment(MEMORY[name])))
@@ -99,7 +107,7 @@ class Places:
     def parts(self) -> dict[str, tuple[Part, ...]]:
         """The parts of the buffers of the step's program."""
         whole = ("AT_BELIEF", "AT_REJECTED") if self.belief() else ()
-        memory = tuple(Part(name, place) for name, place, _ in self.memory() if name not in whole)
+        memory = tuple(Part(name, place) for name, place, _ in self._memory() if name not in whole)
         return {
             "memory": memory, "after": memory, "data": tuple(Part(name, place) for name, place, _ in self.numbers())
         }  # fmt: skip
@@ -107,14 +115,13 @@ class Places:
     def elements(self) -> dict[str, list[str]]:
         """What the elements of the step's vectors are called in the source, by vector."""
         parts = [*self.parts()["memory"], Part("", self.sizes["memory"])]
-        states = constants(f"{self.prefix}_X", self.signals["X"])
         memory = [
-            f"{part.name} + {states[k]}"
-            if part.name in OF_STATES and k < len(states)
-            else part.name + f" + {k}" * (k > 0)
+            part.name + f" + {k}" * (k > 0)
             for part, after in pairwise(parts)
             for k in range(after.offset - part.offset)
         ]
+        for name, place, _ in self._states():
+            memory[place] = name
         data = [
             f"{name}[{k}]" if name in self.long_parts() else f"{self.prefix}_P_{name.upper()}"
             for name, place in self.controller.data.places.items()

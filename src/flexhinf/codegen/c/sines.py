@@ -27,7 +27,8 @@ FAR = """static NOINLINE uint32_t {name}(float size, float *rest)
     };
     int exponent = 0;
     const float whole = frexpf(size, &exponent) * 16777216.0f;
-    const int first = exponent + 6;
+    const uint32_t first = (uint32_t)exponent + 6u;
+    const uint32_t shift = 32u - (first % 32u);
     uint64_t bits[3];
     uint64_t turns;
     uint32_t quarter;
@@ -36,18 +37,21 @@ FAR = """static NOINLINE uint32_t {name}(float size, float *rest)
         return 0u;
     }
     for (int i = 0; i < 3; ++i) {
-        const uint64_t high = two_over_pi[(first / 32) + i], low = two_over_pi[(first / 32) + i + 1];
-        bits[i] = ((((high << 32) | low) >> (32 - (first % 32))) & 0xffffffffu) * (uint32_t)whole;
+        const uint32_t word = (first / 32u) + (uint32_t)i;
+        const uint64_t two = ((uint64_t)two_over_pi[word] << 32u) | two_over_pi[word + 1u];
+        bits[i] = ((two >> shift) & 0xffffffffu) * (uint32_t)whole;
     }
-    turns = (bits[0] << 32) + bits[1] + (bits[2] >> 32);
-    quarter = (uint32_t)(turns >> 62);
+    turns = (bits[0] << 32u) + bits[1] + (bits[2] >> 32u);
+    quarter = (uint32_t)(turns >> 62u);
     turns &= 0x3fffffffffffffffu;
     if (turns < 0x2000000000000000u) {
         *rest = (float)turns * {unit};
-        return quarter;
+    } else {
+        turns = 0x4000000000000000u - turns;
+        *rest = (float)turns * -{unit};
+        quarter += 1u;
     }
-    *rest = (float)(0x4000000000000000u - turns) * -{unit};
-    return quarter + 1u;
+    return quarter;
 }""".replace("{unit}", "3.40612158e-19f")  # π/2 of 2^62
 
 #: The sine of `size`, of at least 0, and so many quarter turns.
