@@ -20,7 +20,7 @@ SIZE = r"[\w+*% -]+"  # of integers that are constants where the function is cal
 #: A choice between two numbers that are both computed before takes as long whatever it chooses. So does a condition of
 #: two such.
 CHOICE = rf" \? {VALUE} : {VALUE}(?=[;,)])"
-CONDITION = rf"(?:!?c\d+|isnan\({VALUE}\)|\({VALUE} (?:<|<=|==|!=|>) {VALUE}\))"
+CONDITION = rf"(?:!?c\d+|\(isnan\({VALUE}\) != 0\)|\({VALUE} (?:<|<=|==|!=|>) {VALUE}\))"
 BOTH = rf"{CONDITION} (?:&&|\|\|) {CONDITION}"
 SIGN = rf"\({VALUE} < {VALUE}\) \? {VALUE} : \(\({VALUE} > {VALUE}\) \? {VALUE} : {VALUE}\)"
 
@@ -58,7 +58,8 @@ BRANCHES = (
 
 #: What stands in every export: rules of samples, which the header describes, and functions that no step calls.
 RULES = re.compile(
-    r"int arm_(exact|init|start|check|step|predict)\(|int (same|went_back)\(|void (limit|begin|hold)\(|real number\(|"
+    r"int arm_(exact|init|start|check|step|predict)\(|int (same|went_back)\(|void (limit|begin|hold)\(|"
+    r"real (larger|smaller|number)\(|"
     r"arm_type_of_constants|ranges\[RANGES\]"
 )
 
@@ -148,7 +149,7 @@ def test_another_loop_or_branch_is_found() -> None:
     ("line", "plain"),
     [
         ("const real v1 = c1 ? x[AT_U + 1] : -HUGE_VAL;", True),
-        ("u[0] = ((v1 < v2) || isnan(v2)) ? v1 : v2;", True),
+        ("u[0] = ((v1 < v2) || (isnan(v2) != 0)) ? v1 : v2;", True),
         ("terms[0] = FMA(v1, (x[0] != 0.0) ? v2 : (-1.0), (c1 && c2) ? 0.0 : v3);", True),
         ("const real v1 = c1 ? arm_sin(v2) : 0.0;", False),
         ("const real v1 = c1 ? v2 + v3 : 0.0;", False),

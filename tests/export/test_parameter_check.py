@@ -138,7 +138,9 @@ def test_the_gravest_fault_is_told_and_its_first_place(
     assert check(designed, oldest=-1.0) == (NOT_PHYSICAL, end)
     assert check(designed, oldest=math.nan) == (NOT_FINITE, end)
     assert check(designed, missing_limit=-1) == (NOT_PHYSICAL, end + 1)
-    assert check(designed, oldest=0.5, missing_limit=3) == (OK, -1)
+    assert check(designed, oldest=1e-3, missing_limit=3) == (OK, -1)
+    assert check(designed, oldest=0.5) == (BEYOND_DESIGN, end)
+    assert check(designed, missing_limit=11) == (BEYOND_DESIGN, end + 1)
 
 
 @pytest.mark.slow

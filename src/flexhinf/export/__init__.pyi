@@ -5,6 +5,7 @@ from .compiled import (
     compile_controller as compile_controller,
     load_compiled as load_compiled,
 )
+from .contract import unlimited as unlimited, unlimited_inputs as unlimited_inputs
 from .fmu import export_fmu as export_fmu, export_plant_fmu as export_plant_fmu
 from .names import checked_identifier as checked_identifier, identifier_of as identifier_of
 from .package import (
@@ -24,7 +25,5 @@ from .refusals import (
     check_limits as check_limits,
     check_room as check_room,
     refuse_unlimited as refuse_unlimited,
-    unlimited as unlimited,
-    unlimited_inputs as unlimited_inputs,
     with_measurement_limits as with_measurement_limits,
 )

@@ -67,7 +67,8 @@ def compile_controller(
     about = {
         "what": "flexhinf controller", "version": __version__, "period": c.period, "measured": c.measured,
         "commanded": c.commanded, "inputs": c.law.input_names, "states": c.estimated, "units": code.units,
-        "reference": c.operating_reference.tolist(), "codes": {str(v): name for name, (v, _) in code.codes.items()},
+        "reference": c.operating_reference.tolist(),
+        "codes": {str(row.value): name for name, row in code.codes.items()},
         "starts_anywhere": code.starts_anywhere, "digest": code.digest,
         "status": [c.memory.places[name].start if name in c.memory.places else None for name in ("status", "stop")],
         "rejected": code.rejected, "doubt": code.doubt,

@@ -38,10 +38,12 @@ from flexhinf.codegen.program import Step
 from flexhinf.codegen.stages import staged
 from flexhinf.codegen.straight import straightened
 from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.export.contract import CODES, unlimited_inputs
 from flexhinf.export.fragments import (
     ALIGNMENT,
     BEGIN_AGAIN,
     BEGINS,
+    BITS,
     DOUBTFUL,
     DOUBTFUL_DECLARED,
     EDGE,
@@ -66,6 +68,7 @@ from flexhinf.export.fragments import (
     START,
     STATUS,
     STATUS_BITS,
+    UNLIMITED,
 )
 from flexhinf.export.names import (
     MEMORY,
@@ -96,23 +99,6 @@ LANES = 8
 
 #: Samples without a measurement that are predicted over before the output is held.
 MISSING_LIMIT = 10
-
-#: What a step returns, by the end of its constant's name.
-CODES = {
-    "OK": (0, "all is well"),
-    "BAD_MEASUREMENT": (
-        1,
-        "without an estimator, a measurement is not finite: nothing changed, the last output is held",
-    ),
-    "BAD_COMMAND": (2, "a command is not finite: nothing changed, the last output is held"),
-    "BAD_RESULT": (3, "a result is not finite: nothing changed, the last output is held"),
-    "WENT_BACK": (4, "as BAD_RESULT, again: the memory went back to one of 32 to 64 good samples ago"),
-    "PREDICTED": (5, "no measurement in time: the estimate is predicted, the law acts on it"),
-    "STOPPED": (6, "too many samples without a measurement: the last output is held"),
-    "WAITING": (7, "no measurement yet: nothing changed, the output is that before the first"),
-    "NOT_INITIALISED": (8, "the state was not initialised: the output is that before the first"),
-    "BAD_ARITHMETIC": (9, "the compiler's flags change results: nothing is computed"),
-}
 
 #: Names of functions, types and numbers of every controller, behind its own.
 OWN = frozenset({
@@ -208,7 +194,7 @@ class ControllerCode:
             self.places.constants_of_sizes(),
         )
         names = ("BAD_MEASUREMENT", "BAD_COMMAND", "BAD_RESULT")
-        translator.add(self.program, "sample", {CODES[name][0]: self.upper(name) for name in names})
+        translator.add(self.program, "sample", {CODES[name].value: self.upper(name) for name in names})
         return translator
 
     def _steps(self, places: Any) -> Any:
@@ -250,6 +236,12 @@ class ControllerCode:
         return any(
             "at the joint" in self.unit_text(name) for names in self.signals.values() for name in names
         )
+
+    @property
+    def unlimited_text(self) -> str:
+        """Which inputs may have any value, for header and README."""
+        free = unlimited_inputs(self.controller)
+        return UNLIMITED.format(comment(", ".join(free))) if free else ""
 
     def numbers(self, values: Sequence[float] | np.ndarray, indent: str = "    ") -> str:
         """Constants between commas, some in a line."""
@@ -308,7 +300,7 @@ class ControllerCode:
             DOUBTFUL=DOUBTFUL_DECLARED if self.doubt is not None else "",
             SIGNALS="\n".join(signals), OFFSETS=enumeration(self.places.numbers()),
             NAMED="" if not parameters else NAMED + enumeration(parameters),
-            CODES=enumeration([(self.upper(name), *row) for name, row in self.codes.items()]),
+            CODES=enumeration([(self.upper(name), code.value, code.meaning) for name, code in self.codes.items()]),
             STATUS=enumeration([
                 (self.upper(str(bit.name)), bit.value, text if bit in self.able else f"{NEVER}: {text}")
                 for bit, text in zip(Status, STATUS)
@@ -323,6 +315,8 @@ class ControllerCode:
             SAYS="\n * ".join(wrap(self.status_text, 112)),
             COMMAND="\n * ".join(wrap(self.command_text, 112)), FIRST=c.first_input.text,
             TOLERANCES="" if self.robot is None else " outside the tolerances of the robot file",
+            BITS=BITS[self.real.name],
+            UNLIMITED="".join(f"\n * {line}" for line in wrap(self.unlimited_text, 112)),
             HELD=c.first_input.text if self.starts_anywhere else "that of @NAME@_init",
         )  # fmt: skip
         return folded(text)
@@ -331,7 +325,8 @@ class ControllerCode:
     def _source(self) -> str:
         memory = self.controller.memory.places
         start, standstill, believed = self._start, self._standstill, self._plausible  # may need functions
-        rows = ranges(self.controller, self.defaults, self.robot)
+        missing = MISSING_LIMIT if self.predicts else 0
+        rows = ranges(self.controller, self.defaults, self.robot, self.oldest, missing)
         functions = str(self.translator).replace(f"{self.real.name} ", "real ")
         text = fill(
             template("controller.c"), self.name, self.real,
@@ -339,7 +334,7 @@ class ControllerCode:
             START=start, STANDSTILL=standstill, QUEUED=self._queued, VERSION=__version__,
             ARITHMETIC=arithmetic(self.name, self.real),
             DEFAULTS=default_lines(self.controller, self.defaults, self.real),
-            OLDEST=constant(self.oldest, self.real), MISSING=MISSING_LIMIT if self.predicts else 0,
+            OLDEST=constant(self.oldest, self.real), MISSING=missing,
             INITIAL=number_lines(memory, self.initial_memory, self.real, MEMORY),
             PLACES=enumeration(self.places.memory()),
             FUNCTIONS=functions + (PREDICTION if self.predicts else ""), MEASURED=self._call("input->y"),

@@ -19,9 +19,13 @@ ALIGNMENT = f"""#if {SIXTEEN}
 """
 
 #: The estimate at the start, where it can be set.
-START = """    if (estimate != NULL && @NAME@_finite(estimate, @BIG@_STATES) != 0) {
-        @NAME@_copy(estimate, state->start, @BIG@_STATES);
-        @NAME@_copy(estimate, state->estimate, @BIG@_STATES);@HOLD@
+START = """    if (estimate != NULL) {
+        if (@NAME@_finite(estimate, @BIG@_STATES) != 0) {
+            @NAME@_copy(estimate, state->start, @BIG@_STATES);
+            @NAME@_copy(estimate, state->estimate, @BIG@_STATES);@HOLD@
+        } else {
+            code = @BIG@_BAD_START;
+        }
     }"""
 
 #: Inputs that wait at the start.
@@ -32,13 +36,28 @@ QUEUED = """
 
 #: The input that holds it there.
 HOLD = """
-        if (same(estimate, initial_memory, @BIG@_STATES) == 0) {
-            real held[@BIG@_INPUTS];
-            @HOLDING@;
-            if (@NAME@_finite(held, @BIG@_INPUTS) != 0) {
-                limit(param, held, state->start + AT_U);
-            }
-        }"""
+            if (same(estimate, initial_memory, @BIG@_STATES) == 0) {
+                real held[@BIG@_INPUTS];
+                @HOLDING@;
+                if (@NAME@_finite(held, @BIG@_INPUTS) != 0) {
+                    limit(param, held, state->start + AT_U);
+                }
+            }"""
+
+#: Which numbers the compiled source computes, by type.
+BITS = {
+    "double": "1 with fused multiply-adds, which it uses where the compiler has them as\n * instructions, and those of "
+    "Controller.step in Python on such a processor; 0 with two roundings, and those of\n * "
+    "Controller.fresh(fused=False).",
+    "float": "1 with fused multiply-adds, which it uses where the compiler has them as\n * instructions; 0 with two "
+    "roundings. The last digits of the two differ, and both from the simulation, which is in double.",
+}
+
+#: What the header says where an input has no limits.
+UNLIMITED = (
+    "Nothing limits {}: this controller may ask for any value. Set the limits from @BIG@_P_LOWER and "
+    "@BIG@_P_UPPER on."
+)
 
 #: What a command is: positions, or a motion; and where the model says what rests.
 STANDING = "input.r are the positions to go to. A jump is a step, and zeros are positions too."

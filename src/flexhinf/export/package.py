@@ -265,7 +265,7 @@ def _measured_error(code: ControllerCode, run: Recording, flags: Sequence[str]) 
 def _test(code: ControllerCode, runs: Sequence[Recording], allowed: float) -> str:
     """The test vector as C, of one run for both roundings or one for each; stored inputs are exact, as in Python."""
     run, size = runs[-1], np.maximum(np.abs(runs[-1].u).max(axis=0), 1e-30)
-    codes = [str(code.codes[kind][0]) for kind in run.codes]
+    codes = [str(code.codes[kind].value) for kind in run.codes]
     status = [_lines([str(bits) if code.real.bytes == 8 else "-1" for bits in run.status]) for run in runs]
 
     def rows(values: np.ndarray) -> str:
@@ -288,7 +288,7 @@ def _test(code: ControllerCode, runs: Sequence[Recording], allowed: float) -> st
 
 def _missing(code: ControllerCode) -> int:
     """What a step returns for a sample without a measurement."""
-    return code.codes["PREDICTED" if code.predicts else "STOPPED"][0]
+    return code.codes["PREDICTED" if code.predicts else "STOPPED"].value
 
 
 def _lines(numbers: Sequence[str]) -> str:
@@ -298,7 +298,7 @@ def _lines(numbers: Sequence[str]) -> str:
 #: What the time of a sine depends on, of each type.
 ANGLES = {
     "double": "whether an angle is beyond 1e6 rad",
-    "float": "how long the C library's sine and cosine take, longer for large angles, of a wild estimate too",
+    "float": "in which quarter turn an angle lies, and whether it is beyond 1e4 rad",
 }
 
 
@@ -344,13 +344,15 @@ def _readme(code: ControllerCode, run: Recording, accuracy: str) -> str:
         COMMAND="\n".join(wrap(code.command_text, 118)),
         STANDSTILL_USE="" if code.standstill is None else STANDSTILL_USE,
         SAYS="\n".join(wrap(code.status_text, 112)), ANGLES=ANGLES[code.real.name],
+        UNLIMITED="\n".join(["", *wrap(code.unlimited_text, 118)]) if code.unlimited_text else "",
         TOLERANCES="" if code.robot is None else " outside\nthe tolerances of the robot file",
         AT_LIMIT=AT_LIMIT.format(at_limit) if at_limit else "",
         FACTS=_table(("", ""), [(key, comment(text)) for key, text in facts.items()]),
         SIGNALS=_table(("array", "element", "signal", "unit", "at the start"), signals),
         CODES=_table(
-            ("constant", "value", "meaning"),
-            [(f"`{code.upper(key)}`", str(value), text) for key, (value, text) in code.codes.items()],
+            ("constant", "value", "what happened", "what you do"),
+            [(f"`{code.upper(key)}`", str(row.value), *row[1:]) for key, row in code.codes.items()
+             if key != "BAD_MEASUREMENT" or not code.predicts],
         ),
         PARAMETERS=_table(
             ("first element", "numbers", "what"),

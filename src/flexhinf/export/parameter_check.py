@@ -42,11 +42,14 @@ class Range(NamedTuple):
     high: float
 
 
-def ranges(controller: Controller, numbers: np.ndarray, robot: Robot | None) -> list[Range]:
-    """Ranges of those numbers of a controller that have one, in the order of their places."""
+def ranges(
+    controller: Controller, numbers: np.ndarray, robot: Robot | None, oldest: float, missing: int
+) -> list[Range]:
+    """Ranges of those numbers of a controller that have one, in the order of their places; the last two are
+    those of the oldest measurement and of how many may be missing."""
     rows = [*_limits(controller, numbers), *_noise(controller, numbers), *_model(controller, robot)]
     end = controller.data.size
-    ages = [Range(end, -1, 0.0, np.inf, 0.0, np.inf), Range(end + 1, -1, 0.0, np.inf, 0.0, np.inf)]
+    ages = [Range(end + k, -1, 0.0, np.inf, 0.0, float(most)) for k, most in enumerate((oldest, missing))]
     return sorted(rows) + ages
 
 

@@ -11,23 +11,13 @@ import numpy as np
 
 from flexhinf.errors import refuse_if
 from flexhinf.export.compiled import cortex_m4_bytes
+from flexhinf.export.contract import unlimited_inputs
 from flexhinf.export.controller_c import code_of
 from flexhinf.loop import Controller
 from flexhinf.validation import value_text
 
 if TYPE_CHECKING:
     from flexhinf.robot import Robot
-
-
-def unlimited(names: Sequence[str], lower: np.ndarray, upper: np.ndarray) -> list[str]:
-    """Names of the inputs that lack a lower or an upper limit, (m,) each."""
-    limited = np.isfinite(lower) & np.isfinite(upper)
-    return [name for name, both in zip(names, limited, strict=True) if not both]
-
-
-def unlimited_inputs(controller: Controller) -> list[str]:
-    """Names of a controller's inputs that lack a limit."""
-    return unlimited(controller.law.input_names, controller.limits.lower, controller.limits.upper)
 
 
 def check_limits(controller: Controller) -> None:

@@ -53,8 +53,8 @@ OPERATIONS: dict[int, str] = {
     casadi.OP_INV: "{one} / {0}",
     casadi.OP_SIGN: "({0} < {zero}) ? -{one} : (({0} > {zero}) ? {one} : {0})",
     # fmin, fmax of C: a NaN loses, the first operand wins a tie
-    casadi.OP_FMIN: "(({1} < {0}) || isnan({0})) ? {1} : {0}",
-    casadi.OP_FMAX: "(({1} > {0}) || isnan({0})) ? {1} : {0}",
+    casadi.OP_FMIN: "(({1} < {0}) || (isnan({0}) != 0)) ? {1} : {0}",
+    casadi.OP_FMAX: "(({1} > {0}) || (isnan({0}) != 0)) ? {1} : {0}",
     casadi.OP_LT: "{0} < {1}",
     casadi.OP_LE: "{0} <= {1}",
     casadi.OP_EQ: "{0} == {1}",
@@ -245,8 +245,8 @@ class Expressions:
         text = OPERATIONS[operation.code]
         first = self.flow.operations[operation.arguments[0]].code
         if first == casadi.OP_CONST or first in TRUTHS:  # which is a number
-            text = text.replace("({1} < {0}) || isnan({0})", "{1} < {0}")
-            text = text.replace("({1} > {0}) || isnan({0})", "{1} > {0}")
+            text = text.replace("({1} < {0}) || (isnan({0}) != 0)", "{1} < {0}")
+            text = text.replace("({1} > {0}) || (isnan({0}) != 0)", "{1} > {0}")
         written = text.format(*operands, one=self._unit, zero=self._zero, f=self.real.suffix)
         called = written[0].isalpha() and text.endswith(")")
         return Text(written, called or operation.code == casadi.OP_ASSIGN)

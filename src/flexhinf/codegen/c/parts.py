@@ -13,7 +13,8 @@ from flexhinf.codegen.memory import Part, Slice
 #: Names that a function of the steps, or the code around it, has for something else.
 TAKEN = {
     "y", "r", "data", "memory", "u", "estimate", "after", "estimated", "scratch", "columns", "column", "left",
-    "real", "same", "begin", "limit", "hold", "number", "ranges", "input", "output", "state", "param", "round",
+    "real", "same", "larger", "smaller", "begin", "limit", "hold", "number", "ranges", "input", "output", "state",
+    "param", "round",
 }  # fmt: skip
 
 

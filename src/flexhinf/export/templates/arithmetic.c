@@ -30,7 +30,7 @@ typedef char @NAME@_type_of_constants[(sizeof(1.0@F@) == @BYTES@ && sizeof(@REAL
 static int @NAME@_exact(void)
 {
     volatile @REAL@ given[9];
-    volatile @REAL@ ratio = 5.0@F@ / 6.0@F@;
+    volatile @REAL@ computed[3];
     given[0] = 1.0@F@;
     given[1] = @EPSILON@;
     given[2] = @EPSILON@ / 4.0@F@;
@@ -41,15 +41,18 @@ static int @NAME@_exact(void)
     given[7] = 5.0@F@;
     given[8] = 0.5@F@;
     const @REAL@ one = given[0], step = given[1], small = given[2], zero = given[3], nan = given[4], huge = given[5];
-    const @REAL@ other = one + given[1];
-    const volatile @REAL@ square = other * other, tiny = given[6] * given[8];
+    const @REAL@ least = given[6], five = given[7], half = given[8], again = given[0], other = one + given[1];
+    computed[0] = 5.0@F@ / 6.0@F@;
+    computed[1] = other * other;
+    computed[2] = least * half;
+    const @REAL@ ratio = computed[0], square = computed[1], tiny = computed[2];
     int wrong = 0;
     wrong += (one + small == one && one - small / 4.0@F@ == one) ? 0 : 1;      /* to nearest, to its own type */
     wrong += ((one + small) - one == 0.0@F@ && (one - step) - one == -step) ? 0 : 1; /* not in another order */
-    wrong += ((one + step) * (given[0] + step) - square == 0.0@F@) ? 0 : 1;    /* products rounded before sums */
-    wrong += (given[7] / 6.0@F@ == ratio) ? 0 : 1;                             /* no product with a reciprocal */
+    wrong += ((one + step) * (again + step) - square == 0.0@F@) ? 0 : 1;       /* products rounded before sums */
+    wrong += (five / 6.0@F@ == ratio) ? 0 : 1;                                 /* no product with a reciprocal */
     wrong += (copysign@F@(one, zero + 0.0@F@) > 0.0@F@) ? 0 : 1;               /* zeros with signs */
-    wrong += (tiny > 0.0@F@ && tiny + tiny == given[6]) ? 0 : 1;               /* numbers below the normal ones */
+    wrong += (tiny > 0.0@F@ && tiny + tiny == least) ? 0 : 1;                  /* numbers below the normal ones */
     wrong += (isfinite(nan) == 0 && isnan(nan) != 0 && !(nan <= one) && !(nan > one)) ? 0 : 1;
     wrong += (isfinite(huge) == 0 && isfinite(-huge) == 0 && huge > @LARGEST@) ? 0 : 1;
     return (wrong == 0) ? 1 : 0;

@@ -18,7 +18,7 @@
     (defined(__FMA__) || defined(__FMA4__) || defined(__FP_FAST_FMA@SUFFIX@) || \
      (defined(__ARM_FEATURE_FMA) && defined(__ARM_FP) && (__ARM_FP & @BYTES@)))
 #define FUSED
-#define FMA(a, b, c) __builtin_fma@F@(a, b, c)
+#define FMA(a, b, c) __builtin_fma@F@((a), (b), (c))
 #else
 #define FMA(a, b, c) (((a) * (b)) + (c))
 #endif
@@ -69,13 +69,24 @@ static int same(const real *one, const real *other, int count)
     return 1;
 }
 
-/* An input (from) within the limits of now. */
+/* The other one (b) where a is no number. */
+static real larger(real a, real b)
+{
+    return (a > b) ? a : b;
+}
+
+static real smaller(real a, real b)
+{
+    return (a < b) ? a : b;
+}
+
+/* An input (from) within the limits of now, which may be narrower than the design's, and not wider. */
 static void limit(const @NAME@_param *param, const real *from, real *to)
 {
     for (int i = 0; i < @BIG@_INPUTS; ++i) {
-        const real low = param->value[@BIG@_P_LOWER + i], high = param->value[@BIG@_P_UPPER + i];
-        const real above = (from[i] > low) ? from[i] : low;
-        to[i] = (above < high) ? above : high;
+        const real least = @NAME@_defaults.value[@BIG@_P_LOWER + i], most = @NAME@_defaults.value[@BIG@_P_UPPER + i];
+        const real above = larger(from[i], larger(param->value[@BIG@_P_LOWER + i], least));
+        to[i] = larger(smaller(above, smaller(param->value[@BIG@_P_UPPER + i], most)), least);
     }
 }
 
@@ -107,22 +118,26 @@ int @NAME@_init(@NAME@_state *state)
 int @NAME@_start(@NAME@_state *state, const @NAME@_param *param, const @NAME@_real *estimate,
                  const @NAME@_real *input)
 {
-    (void)@NAME@_init(state);
+    int code = @NAME@_init(state);
 @START@
-    if (input != NULL && @NAME@_finite(input, @BIG@_INPUTS) != 0) {
-        limit(param, input, state->start + AT_U);
+    if (input != NULL) {
+        if (@NAME@_finite(input, @BIG@_INPUTS) != 0) {
+            limit(param, input, state->start + AT_U);
+        } else {
+            code = @BIG@_BAD_START;
+        }
     }@QUEUED@
     begin(state);
-    return state->refused;
+    return (state->refused != 0) ? state->refused : code;
 }
 
-/* After a step that failed: where one did before from the same memory, go back to an earlier one, and say so. */
+/* After a step that failed: where one did before from the same memory, go back to an earlier one. Returns the code. */
 static int went_back(@NAME@_state *state)
 {
     int start;
     if (state->failed == 0) {
         state->failed = 1;
-        return 0;
+        return @BIG@_BAD_RESULT;
     }
     if (@NAME@_finite(state->start, @BIG@_MEMORY) == 0) {
         @NAME@_copy(initial_memory, state->start, @BIG@_MEMORY);
@@ -144,23 +159,19 @@ static int went_back(@NAME@_state *state)
     state->began_again = start;
     @NAME@_copy(state->start, state->older, @BIG@_MEMORY);
     @NAME@_copy(state->start, state->newer, @BIG@_MEMORY);
-    return 1;
+    return @BIG@_WENT_BACK;
 }
 
-/* What is applied: the last good input; where even that was lost, the safe one within the limits of now. */
+/* What is applied: the last good input; where even that was lost, or is beyond the limits of now, the safe one. */
 static void hold(const @NAME@_state *state, const @NAME@_param *param, @NAME@_output *output)
 {
+    real within[@BIG@_INPUTS];
+    limit(param, state->held, within);
+    limit(param, SAFE, output->u);
     for (int i = 0; i < @BIG@_INPUTS; ++i) {
-        const real low = param->value[@BIG@_P_LOWER + i], high = param->value[@BIG@_P_UPPER + i];
-        real u = (state->held[i] >= low && state->held[i] <= high && isfinite(state->held[i]) != 0) ? state->held[i]
-                                                                                                    : SAFE[i];
-        if (u < low) {
-            u = low;
+        if (within[i] >= state->held[i] && within[i] <= state->held[i]) {
+            output->u[i] = within[i];
         }
-        if (u > high) {
-            u = high;
-        }
-        output->u[i] = u;
     }
     for (int i = 0; i < @BIG@_STATES; ++i) {
         output->estimate[i] = (isfinite(state->estimate[i]) != 0) ? state->estimate[i] : @ZERO@;
@@ -173,7 +184,7 @@ int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_inp
 {
     int in_time = 0;
     int code;
-    if (input->measured != 0 && input->age <= param->oldest@THERE@) {
+    if (input->measured != 0 && input->age >= @ZERO@ && input->age <= param->oldest@THERE@) {
         in_time = 1;
     }
     if (state->mark != INITIALISED) {
@@ -203,7 +214,7 @@ int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_inp
     if (code == @BIG@_OK@OR_PREDICTED@) {
         state->failed = 0;
         state->waiting = 0;
-        @NAME@_copy(state->u, state->held, @BIG@_INPUTS);
+        limit(param, state->u, state->held);
         state->samples = (state->samples >= 0 && state->samples < @SPACING@) ? state->samples + 1 : 1;
         if (state->samples == @SPACING@) {
             @NAME@_copy(state->newer, state->older, @BIG@_MEMORY);
@@ -211,8 +222,8 @@ int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_inp
             state->began_again = 0;
             state->samples = 0;
         }
-    } else if (code == @BIG@_BAD_RESULT && went_back(state) != 0) {
-        code = @BIG@_WENT_BACK;
+    } else if (code == @BIG@_BAD_RESULT) {
+        code = went_back(state);
     } else {
         /* nothing was computed, and nothing changes */
     }

@@ -23,9 +23,7 @@ typedef @REAL@ @NAME@_real;
 extern const char @NAME@_version[]; /* of flexhinf */
 extern const char @NAME@_digest[];  /* SHA-256 of header and source */
 
-/* Which bits the compiled source computes: 1 with fused multiply-adds, which it uses where the compiler has them as
- * instructions, and those of Controller.step in Python on such a processor; 0 with two roundings, and those of
- * Controller.fresh(fused=False). */
+/* Which bits the compiled source computes: @BITS@ */
 extern const int @NAME@_fused;
 
 /* Sampling period, s. */
@@ -49,7 +47,7 @@ enum {
 /* First elements of the parameters, with how many there are. */
 @OFFSETS@@NAMED@
 
-/* What a step returns. */
+/* What a step returns: the first of these that holds. README.md says what the caller does then. */
 @CODES@
 
 /* What it says of itself: bits of output.status.
@@ -68,7 +66,7 @@ extern const @NAME@_param @NAME@_defaults;
 /* What @NAME@_check returns; of several faults the gravest. */
 enum {
     @BIG@_PARAM_OK = 0,
-    @BIG@_PARAM_BEYOND_DESIGN = 1, /* a limit wider or a rate faster than the design's, a parameter of the model@TOLERANCES@,
+    @BIG@_PARAM_BEYOND_DESIGN = 1, /* a limit wider, a rate faster or a gap longer than the design's, a parameter of the model@TOLERANCES@,
                                       or another number that is not the design's */
     @BIG@_PARAM_NOT_PHYSICAL = 2,  /* a mass, stiffness or inertia that is not positive, a friction or a variance below
                                       zero, a lower limit that is not below the upper one */
@@ -86,7 +84,8 @@ int @NAME@_check(const @NAME@_param *param, int *place);
 typedef struct {
     @NAME@_real y[@BIG@_MEASUREMENTS]; /* measurements@GAPS@ */
     @NAME@_real r[@R@]; /* commands, see above */
-    @NAME@_real age;                   /* of the measurements when the step begins, s; 0 if that is not known */
+    @NAME@_real age;                   /* of the measurements when the step begins, s; 0 if that is not known. Above
+                                          oldest, below 0, or NAN: there is no measurement */
     int measured;                      /* 0 where there is no measurement */
 } @NAME@_input;
 
@@ -116,15 +115,15 @@ typedef struct {
  * makes other numbers of what is written: then every step returns that too, and holds the output of the start. */
 int @NAME@_init(@NAME@_state *state);
 
-/* As @NAME@_init: @SETS@, and from another input; either may be a null pointer, and counts as one where
- * a number of it is not finite. The first
- * output then continues from that input as far as the design says (rate limit, bumpless start). Without an input it is
+/* As @NAME@_init: @SETS@, and from another input; either may be a null pointer. One with a number that
+ * is not finite counts as a null pointer, and the function returns @BIG@_BAD_START. The first output then continues from that input as far as the design says (rate limit, bumpless start). Without an input it is
  * @HELD@. */
 int @NAME@_start(@NAME@_state *state, const @NAME@_param *param, const @NAME@_real *estimate,
                  const @NAME@_real *input);
 
-/* One sample. Returns one of the codes above; whatever the code, the output is finite and within the limits. It is no
- * safe state: where samples fail, it is the last one. What to do then stands in README.md. */
+/* One sample. Returns one of the codes above; whatever the code, the output is finite, and within the limits of param
+ * and those of @NAME@_defaults, whichever is narrower. It is no safe state: where samples fail, it is the last one.
+ * After @BIG@_STOPPED a measurement in time resumes the step: nothing latches.@UNLIMITED@ */
 int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_input *input, @NAME@_output *output);@STANDSTILL@
 
 #ifdef __cplusplus

@@ -437,8 +437,8 @@ class LiveArm:
                 "bandwidth": self.stiff.bandwidth.tolist(), "damping": self.stiff.damping.tolist(),
                 "note": STIFF_NOTE.format(self.stiff.bandwidth[0], self.stiff.damping[0]) + f" {self.friction}",
             },
-            "codes": {str(value): text for value, text in self.code.codes.values()},
-            "names": {str(value): name for name, (value, _) in self.code.codes.items()},
+            "codes": {str(row.value): row.meaning for row in self.code.codes.values()},
+            "names": {str(row.value): name for name, row in self.code.codes.items()},
             "moving": c.mode.moving, "facts": c.summary(), "notes": list(self.notes), "version": __version__,
         }  # fmt: skip
 

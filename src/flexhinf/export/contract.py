@@ -1,0 +1,73 @@
+"""What exported C promises: which values it returns, what its caller does then, and which inputs have limits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from flexhinf.loop import Controller
+
+
+class Code(NamedTuple):
+    """A return value: what happened, and what the caller does."""
+
+    value: int
+    meaning: str
+    reaction: str
+
+
+#: By the end of its constant's name; in the order in which a step decides: the first that holds is returned.
+CODES = {
+    "NOT_INITIALISED": Code(
+        8, "the state was not initialised: the output is that before the first sample",
+        "call `@NAME@_init` or `@NAME@_start`",
+    ),
+    "BAD_ARITHMETIC": Code(
+        9, "the compiler's flags change results: nothing is computed", "do not enable the drives; change the flags"
+    ),
+    "WAITING": Code(
+        7, "no measurement since the start: nothing changed, the output is that before the first sample",
+        "wait; brake if it lasts",
+    ),
+    "STOPPED": Code(
+        6, "too many samples without a measurement: the last output is held",
+        "brake; begin again with `@NAME@_start`",
+    ),
+    "BAD_MEASUREMENT": Code(
+        1, "without an estimator, a measurement is not finite: nothing changed, the last output is held",
+        "brake if it lasts",
+    ),
+    "BAD_COMMAND": Code(
+        2, "a command is not finite: nothing changed, the last output is held",
+        "brake if it lasts; find out who commands",
+    ),
+    "WENT_BACK": Code(
+        4, "as BAD_RESULT, again: the memory went back to one of 32 to 64 good samples ago",
+        "brake; begin again with `@NAME@_start`",
+    ),
+    "BAD_RESULT": Code(
+        3, "a result is not finite: nothing changed, the last output is held",
+        "nothing once; it becomes WENT_BACK if it lasts",
+    ),
+    "PREDICTED": Code(
+        5, "no measurement in time: the estimate is predicted, the law acts on it", "nothing; it ends as STOPPED"
+    ),
+    "OK": Code(0, "all is well", "restart the watchdog"),
+    "BAD_START": Code(
+        10, "at the start alone: an argument is not finite, and was not used",
+        "do not enable the drives; mend the call",
+    ),
+}  # fmt: skip
+
+
+def unlimited(names: Sequence[str], lower: np.ndarray, upper: np.ndarray) -> list[str]:
+    """Names of the inputs that lack a lower or an upper limit, (m,) each."""
+    limited = np.isfinite(lower) & np.isfinite(upper)
+    return [name for name, both in zip(names, limited, strict=True) if not both]
+
+
+def unlimited_inputs(controller: Controller) -> list[str]:
+    """Names of a controller's inputs that lack a limit."""
+    return unlimited(controller.law.input_names, controller.limits.lower, controller.limits.upper)

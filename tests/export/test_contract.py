@@ -1,0 +1,145 @@
+"""What exported C promises: which code is returned where several hold, limits that cannot be widened, ages, starts."""
+
+from __future__ import annotations
+
+import math
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+import flexhinf as fh
+from flexhinf.export import export_c
+from flexhinf.export.contract import CODES
+
+ARM = fh.paper_arm()
+
+MAIN = """
+#include "arm.h"
+#include <math.h>
+#include <stdio.h>
+
+static int failed;
+#define EXPECT(condition) do { \\
+        if (!(condition)) { printf("line %d: %s\\n", __LINE__, #condition); failed = 1; } \\
+    } while (0)
+
+static int step(arm_state *state, const arm_param *param, double y, double r, int measured, arm_output *output)
+{
+    arm_input input = {0};
+    input.y[0] = (arm_real)y;
+    input.r[0] = (arm_real)r;
+    input.measured = measured;
+    return arm_step(state, param, &input, output);
+}
+
+int main(void)
+{
+    static arm_state state;
+    arm_param param = arm_defaults;
+    arm_output output;
+    arm_input input = {0};
+    arm_real estimate[ARM_STATES] = {0}, wide[ARM_INPUTS] = {1000};
+    const arm_real most = arm_defaults.value[ARM_P_UPPER], least = arm_defaults.value[ARM_P_LOWER];
+
+    /* the first code that holds, whatever else is wrong */
+    EXPECT(step(&state, &param, NAN, NAN, 0, &output) == ARM_NOT_INITIALISED);
+    EXPECT(arm_init(&state) == ARM_OK);
+    EXPECT(step(&state, &param, 0.1, NAN, 0, &output) == ARM_WAITING);
+    EXPECT(step(&state, &param, 0.1, NAN, 1, &output) == ARM_BAD_COMMAND);
+    EXPECT(step(&state, &param, 0.1, 0.1, 1, &output) == ARM_OK);
+    EXPECT(step(&state, &param, NAN, NAN, 1, &output) == ARM_BAD_COMMAND);
+    for (int k = 1; k < arm_defaults.missing_limit; ++k) {
+        EXPECT(step(&state, &param, 0.1, 0.1, 0, &output) == ARM_PREDICTED);
+    }
+    EXPECT(step(&state, &param, 0.1, NAN, 0, &output) == ARM_STOPPED);
+    EXPECT(step(&state, &param, 0.1, 0.1, 0, &output) == ARM_STOPPED);
+    EXPECT(step(&state, &param, 0.1, 0.1, 1, &output) == ARM_OK); /* nothing latches */
+
+    /* ages that are none */
+    input.r[0] = (arm_real)0.1;
+    input.y[0] = (arm_real)0.1;
+    input.measured = 1;
+    for (int k = 0; k < 3; ++k) {
+        input.age = (k == 0) ? (arm_real)-1 : (k == 1) ? (arm_real)NAN : 2 * arm_defaults.oldest;
+        EXPECT(arm_step(&state, &param, &input, &output) == ARM_PREDICTED);
+    }
+    input.age = arm_defaults.oldest;
+    EXPECT(arm_step(&state, &param, &input, &output) == ARM_OK);
+
+    /* limits that nobody checked: wider, none, and not in order */
+    for (int k = 0; k < 4; ++k) {
+        const arm_real low[4] = {-1000, (arm_real)NAN, -HUGE_VALF, 1000};
+        const arm_real high[4] = {1000, (arm_real)NAN, HUGE_VALF, -1000};
+        param.value[ARM_P_LOWER] = low[k];
+        param.value[ARM_P_UPPER] = high[k];
+        (void)arm_start(&state, &param, 0, wide);
+        for (int j = 0; j < 200; ++j) {
+            (void)step(&state, &param, 0.1, (j % 2 == 0) ? 1e4 : -1e4, j % 3 != 2, &output);
+            EXPECT(output.u[0] >= least && output.u[0] <= most);
+        }
+    }
+    param = arm_defaults;
+    param.value[ARM_P_UPPER] = most / 2; /* narrower ones hold */
+    (void)arm_start(&state, &param, 0, wide);
+    EXPECT(step(&state, &param, 0.1, 0.1, 0, &output) == ARM_WAITING && output.u[0] == most / 2);
+    for (int j = 0; j < 200; ++j) {
+        (void)step(&state, &param, 0.1, (j % 2 == 0) ? 1e4 : -1e4, 1, &output);
+        EXPECT(output.u[0] >= least && output.u[0] <= most / 2);
+    }
+
+    /* starts */
+    EXPECT(arm_start(&state, &param, estimate, 0) == ARM_OK);
+    estimate[0] = (arm_real)NAN;
+    EXPECT(arm_start(&state, &param, estimate, 0) == ARM_BAD_START);
+    EXPECT(step(&state, &param, 0.1, 0.1, 1, &output) == ARM_OK); /* it began as without it */
+    wide[0] = HUGE_VALF;
+    EXPECT(arm_start(&state, &param, 0, wide) == ARM_BAD_START);
+    return failed;
+}
+"""
+
+
+def made(with_estimator: bool = True, saturation: float | None = 48.0) -> fh.Controller:
+    law = fh.linear_law(ARM.problem(pose=0.5), gamma=math.inf)
+    ukf = fh.UnscentedKalmanFilter(ARM.plant(), 1e-3, 1e-7, 1e-6, [0.1, 0.0, 0.11, 0.0], 1e-6)
+    return fh.Controller(law, ukf if with_estimator else None, 1e-3, saturation)
+
+
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_the_first_code_that_holds_is_returned_and_limits_are_not_widened(
+    real: str, compiler: str, tmp_path: Path
+) -> None:
+    folder = export_c(made(), tmp_path / real, "arm", real)
+    (folder / "main_of_test.c").write_text(MAIN, encoding="utf-8")
+    built = [compiler, "-std=c99", "-O1", "arm.c", "main_of_test.c", "-lm", "-o", "run"]
+    subprocess.run(built, cwd=folder, check=True)
+    done = subprocess.run(["./run"], cwd=folder, capture_output=True, text=True, check=False)
+    assert (done.stdout, done.returncode) == ("", 0)
+
+
+@pytest.mark.parametrize("with_estimator", [True, False])
+def test_header_and_readme_name_the_same_codes_in_the_order_of_decision(
+    with_estimator: bool, tmp_path: Path
+) -> None:
+    folder = export_c(made(with_estimator), tmp_path / "c", "arm")
+    header, readme = ((folder / file).read_text(encoding="utf-8") for file in ("arm.h", "README.md"))
+    in_header = [
+        name for name in re.findall(r"^ +ARM_(\w+) = \d+", header, flags=re.MULTILINE) if name in CODES
+    ]
+    in_table = re.findall(r"^\| `ARM_(\w+)` \| \d+ \|", readme, flags=re.MULTILINE)
+    in_readme = [name for name in in_table if name in CODES]
+    assert in_header == [name for name in CODES if with_estimator or name != "PREDICTED"]
+    assert in_readme == [name for name in in_header if name != "BAD_MEASUREMENT" or not with_estimator]
+    assert ("PREDICTED" in header + readme) == with_estimator
+    assert len({code.value for code in CODES.values()}) == len(CODES)
+
+
+def test_an_export_without_limits_says_which_inputs_have_none(tmp_path: Path) -> None:
+    folder = export_c(made(saturation=None), tmp_path / "c", "arm", limits=False)
+    limited = export_c(made(), tmp_path / "limited", "arm")
+    for file in ("arm.h", "README.md"):
+        said = f"Nothing limits {ARM.plant().inputs[0]}"
+        assert said in (folder / file).read_text(encoding="utf-8")
+        assert said not in (limited / file).read_text(encoding="utf-8")
