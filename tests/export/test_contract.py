@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -143,3 +144,17 @@ def test_an_export_without_limits_says_which_inputs_have_none(tmp_path: Path) ->
         said = f"Nothing limits {ARM.plant().inputs[0]}"
         assert said in (folder / file).read_text(encoding="utf-8")
         assert said not in (limited / file).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("changed", ["", "arm.h", "arm.c"])
+def test_make_digest_says_whether_the_code_is_as_exported(changed: str, tmp_path: Path) -> None:
+    for tool in ("make", "sha256sum"):
+        if shutil.which(tool) is None:
+            pytest.skip(f"no {tool}")
+    folder = export_c(made(), tmp_path / "c", "arm")
+    if changed:
+        text = (folder / changed).read_text(encoding="utf-8")
+        (folder / changed).write_text(text + " ", encoding="utf-8")
+    done = subprocess.run(["make", "digest"], cwd=folder, capture_output=True, text=True, check=False)
+    assert (done.returncode != 0) == bool(changed)
+    assert ("as exported" in done.stdout) == (not changed)

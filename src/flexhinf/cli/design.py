@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict
@@ -318,7 +319,10 @@ def export_c(context: typer.Context, o: options.ExportCOptions) -> None:
     chosen = [option for option, there in stated.items() if there]
     again = join(("flexhinf", "export", "c", o.source, "--name", name, "--real", o.real, *chosen))
     origin = _origin(path, again, designed.rows)
-    export.write_files(folder, export.controller_files(controller, name, o.real, robot, origin))
+    export.write_files(
+        folder,
+        export.controller_files(controller, name, o.real, robot, origin, _design_files(path, designed.rows)),
+    )
     typer.echo(f"{name}.h, {name}.c and what goes with them: {folder}\ntest:  make -C {o.out} test")
 
 
@@ -425,6 +429,32 @@ def _origin(path: Path, command: str, rows: Sequence[Mapping[str, Any]]) -> dict
             numbers[f"file {name}"] = f"SHA-256 {known}"
     judged = {"requirements": unmet_text(rows) or f"all {len(rows)} met"} if rows else {}
     return {"design": f"{path.name}, SHA-256 {digest}", "made by": command, **judged, **numbers}
+
+
+def _design_files(path: Path, rows: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    """The design file, the robot file that it names, and a table of the requirements with what was found, by name."""
+    from flexhinf.design.design_file import has_controller
+
+    if not has_controller(path):
+        return {}
+    text = path.read_text(encoding="utf-8")
+    robot = path.parent / str(tomllib.loads(text)["design"].get("robot", ""))
+    files = {robot.name: robot.read_text(encoding="utf-8")} if robot.is_file() else {}
+    head = "| requirement | limit | found | met | where |\n|---|---|---|---|---|\n"
+    return files | {"design.toml": text, "requirements.md": head + "".join(map(_requirement_line, rows))}
+
+
+def _requirement_line(row: Mapping[str, Any]) -> str:
+    """A judged requirement as a line of a table; a file of an older version may lack a column."""
+    unit, met = row.get("unit", ""), "within its tolerance" if row.get("within_tolerance") else "yes"
+    cells = (
+        f"{row.get('what', '')}",
+        f"{row.get('limit', '')} {row.get('asked', '')} {unit}".strip(),
+        f"{row.get('found', '')} {unit}".strip(),
+        met if row["holds"] else "no",
+        f"{row.get('where', '')}",
+    )
+    return f"| {' | '.join(cells)} |\n"
 
 
 def _identifier(robot: fh.Robot | None) -> str:

@@ -163,8 +163,10 @@ def controller_files(
     real: str = "double",
     robot: Robot | None = None,
     origin: Mapping[str, str] = NOTHING,
+    design: Mapping[str, str] = NOTHING,
 ) -> dict[str, str]:
-    """The files of `export_c`: relative path to text; raises as it does."""
+    """The files of `export_c`: relative path to text; raises as it does. `design`: Files of the design, which go with
+    it."""
     code = code_of(controller, name, real, robot, origin)
     run = record(code.controller, exact=np.float32 if real == "float" else np.float64)
     runs = (run,) if real == "float" else with_both_roundings(code.controller, run)
@@ -178,7 +180,7 @@ def controller_files(
     return {
         **code.files,
         f"{name}_test.c": _test(code, runs, allowed),
-        "README.md": _readme(code, run, accuracy),
+        "README.md": _readme(code, run, accuracy, bool(design)),
         **{
             path.replace("NAME", name): fill(
                 template(file).replace("@STANDSTILL@", _standstill(code, file)), name, code.real, **marks
@@ -186,6 +188,7 @@ def controller_files(
             for path, file in AROUND.items()
         },
         **ros2_files(code, home),
+        **{f"design/{path}": text for path, text in design.items()},
     }
 
 
@@ -302,7 +305,13 @@ ANGLES = {
 }
 
 
-def _readme(code: ControllerCode, run: Recording, accuracy: str) -> str:
+#: The files of a design, among the others.
+DESIGN = (
+    "| `design/` | the design as it was exported: `design.toml`, the robot file, and `requirements.md` |\n"
+)
+
+
+def _readme(code: ControllerCode, run: Recording, accuracy: str, has_design: bool) -> str:
     c = code.controller
     begins = "Without an estimator the state is what is measured, so the robot may be anywhere."
     if code.predicts:
@@ -344,6 +353,7 @@ def _readme(code: ControllerCode, run: Recording, accuracy: str) -> str:
         COMMAND="\n".join(wrap(code.command_text, 118)),
         STANDSTILL_USE="" if code.standstill is None else STANDSTILL_USE,
         SAYS="\n".join(wrap(code.status_text, 112)), ANGLES=ANGLES[code.real.name],
+        MARK="@DIGEST@", DESIGN=DESIGN if has_design else "",
         UNLIMITED="\n".join(["", *wrap(code.unlimited_text, 118)]) if code.unlimited_text else "",
         TOLERANCES="" if code.robot is None else " outside\nthe tolerances of the robot file",
         AT_LIMIT=AT_LIMIT.format(at_limit) if at_limit else "",
