@@ -169,7 +169,7 @@ def test_stages_stand_under_what_they_compute(controller: fh.Controller) -> None
     bodies = {
         found[0]: body for head, body in functions(source) if (found := re.findall(r"void arm_(\w+)\(", head))
     }
-    assert {"deviation", "evaluate_law", "limited_input"} <= bodies.keys()
+    assert {"deviation", "feedback", "limited_input"} <= bodies.keys()
     assert 40 < max(map(len, bodies.values())) <= 120
 
 

@@ -68,7 +68,7 @@ def test_a_transfer_function_is_controlled() -> None:
 
 
 def gain(law: object) -> np.ndarray:
-    from flexhinf.loop.controller.step import law_slope
+    from flexhinf.loop.controller.law_code import law_slope
 
     return law_slope(law)  # type: ignore[arg-type]
 

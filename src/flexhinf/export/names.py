@@ -14,7 +14,7 @@ import numpy as np
 from flexhinf.codegen.c import KEYWORDS, Real, comment, constant
 from flexhinf.errors import refuse_if
 from flexhinf.loop import Controller
-from flexhinf.loop.controller.step import LawCode
+from flexhinf.loop.controller.law_code import LawCode
 from flexhinf.validation import value_text
 
 if TYPE_CHECKING:

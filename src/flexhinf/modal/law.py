@@ -36,7 +36,7 @@ from flexhinf.plant.joints import (
     joint_ranges,
     link_compliance,
 )
-from flexhinf.scalars import solve_definite
+from flexhinf.plant.series import FUNCTIONS, SpringSeries
 from flexhinf.validation import checked_array, checked_positive
 
 #: Poses at which λ is sampled, uniform within the joints' limits, and their seed.
@@ -94,7 +94,7 @@ class ModalLaw(PlacedLaw):
         super().__post_init__()
         joint_places(self.plant)
         links = self.plant.expanded("link_position")
-        if self.integrate != links or len(self.gains.coefficients) != 6:
+        if self.integrate != links or len(self.gains.coefficients) != FUNCTIONS:
             raise InvalidInput(
                 "The modal law integrates the errors of all links, and has six functions of λ.",
                 f"expected {list(links)}, got {list(self.integrate)} and {len(self.gains.coefficients)} functions",
@@ -162,7 +162,12 @@ class ModalLaw(PlacedLaw):
     @property
     def law_key(self) -> str:
         """Key of the law's code: that of M⁻¹, and the number of poles."""
-        return f"modal {len(self.gains.poles)} {self.compliance.key}"
+        return f"modal {self.law_series.key}"
+
+    @cached_property
+    def law_series(self) -> SpringSeries:
+        """The sum over the poles, on any element."""
+        return SpringSeries(self.compliance.traced, self._places, len(self.gains.poles))
 
     def slope_at(self, q: np.ndarray) -> np.ndarray:
         """∂k/∂x (n, states) about a reference at link positions q (n,): −K^½ V k(Λ) Vᵀ K^½ in joints' coordinates."""
@@ -180,14 +185,4 @@ class ModalLaw(PlacedLaw):
 
     def evaluate_about(self, x: Any, state: Any, input: Any, data: Any) -> Any:
         """k (n,) for a deviation x from the reference, of any element."""
-        n, count = len(input), len(self.gains.poles)
-        ends = np.cumsum([6 * (count + 1), count, n, n, n, n])
-        rows, softness, stiffness, torque, friction, share, others = np.split(data, ends)
-        (q, dq, theta, dtheta), errors = x[self._places], x[self.plant.n :]
-        unlike = torque * (theta - q) + friction * dtheta
-        targets = rows.reshape(6, -1).T @ np.array([q, dq, theta, dtheta, errors, unlike])
-        compliance = self.compliance.matrix(state[:n], others[: -self.plant.n - n])
-        total = stiffness * targets[-1]
-        for target, soft in zip(targets, softness):
-            total = total + solve_definite(soft * compliance + np.diag(1.0 / stiffness), target)
-        return -share * total
+        return self.law_series.evaluate(x, state, data)

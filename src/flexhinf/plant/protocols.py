@@ -17,6 +17,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.notebook import Summarised, names_text, number_text
 from flexhinf.plant.plant import GeneralisedPlant, Plant
+from flexhinf.plant.series import SpringSeries
 from flexhinf.polynomial.algebra import PolynomialLaw
 from flexhinf.scalars import absolute, where
 
@@ -85,6 +86,7 @@ class Law(Numbered):
         super().__init_subclass__(**arguments)
         for form in ("law_table", "evaluate_about", "law_key"):
             use_default_form(cls, Law, "evaluate_law", form)
+        use_default_form(cls, Law, "evaluate_about", "law_series")
 
     def summary(self) -> dict[str, str]:
         """States, inputs, what is tracked, and how many numbers there are."""
@@ -126,6 +128,12 @@ class Law(Numbered):
 
         Kernels evaluate a large polynomial in loops; without it, `evaluate_law` is traced.
         """
+        return None
+
+    @property
+    def law_series(self) -> SpringSeries | None:
+        """The series that `evaluate_about` computes, with its numbers first in `law_data`, and x* and u* last; None if
+        it is none. Kernels and exported C evaluate its springs in a loop."""
         return None
 
     @property

@@ -7,7 +7,7 @@ from tests.interpreter import interpret
 from flexhinf.codegen import Program, compile_program
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.loop import Controller, Loop, Step
-from flexhinf.loop.controller import controller, step as law_code
+from flexhinf.loop.controller import controller, law_code
 from flexhinf.loop.controller.memory import step_program
 from flexhinf.loop.controller.step import controller_step
 from flexhinf.plant import Law, Plant

@@ -9,7 +9,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.estimation import UnscentedKalmanFilter
 from flexhinf.hinf import smallest_gamma, solve_hji
 from flexhinf.loop import Controller, Loop, Quintic, Schedule, Sine, load_controller
-from flexhinf.loop.controller import controller, step as law_code
+from flexhinf.loop.controller import controller, law_code
 from flexhinf.loop.controller.step import controller_step
 from flexhinf.plant import Law
 from flexhinf.robot import load_robot, paper_arm

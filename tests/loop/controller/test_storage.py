@@ -26,7 +26,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ConstantGainFilter
 from flexhinf.files import read_arrays, write_arrays
 from flexhinf.loop import load_controller
-from flexhinf.loop.controller import controller as controller_module, step as law_code
+from flexhinf.loop.controller import controller as controller_module, law_code
 from flexhinf.plant import Law
 
 ARM = fh.paper_arm()

@@ -9,7 +9,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ExtendedKalmanFilter
 from flexhinf.hinf import smallest_gamma, solve_hji
 from flexhinf.loop import Controller, Loop, Quintic, Step
-from flexhinf.loop.controller import controller, options, step as law_code
+from flexhinf.loop.controller import controller, law_code, options
 from flexhinf.plant import BlackBox, Law, Plant, equilibrium, rk4_step
 from flexhinf.robot import paper_arm
 

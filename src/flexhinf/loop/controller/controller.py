@@ -16,6 +16,7 @@ from flexhinf.codegen.shared import share
 from flexhinf.errors import ControllerInUse, InvalidInput
 from flexhinf.loop.controller.data import data_values
 from flexhinf.loop.controller.estimated import EstimatedStates, balance, compensated_places
+from flexhinf.loop.controller.law_code import LawCode, law_slope
 from flexhinf.loop.controller.laws import Schedule, check_kinds, read_controller, write_controller
 from flexhinf.loop.controller.measured import Source, within
 from flexhinf.loop.controller.memory import (
@@ -46,10 +47,8 @@ from flexhinf.loop.controller.standstill import standstill_memory
 from flexhinf.loop.controller.status import Status, Supervision, first_counters, status_of, watched_numbers
 from flexhinf.loop.controller.step import (
     STEPS,
-    LawCode,
     Mode,
     controller_step,
-    law_slope,
 )
 from flexhinf.notebook import Summarised
 from flexhinf.plant import Estimator, Law, python_control
@@ -369,7 +368,7 @@ class Controller(Summarised):
     def composed(self) -> bool:
         """Whether a step is composed of traced pieces (more than `ONE_TRACE` operations), or one trace."""
         count = (self.mode.laws + STEPS if self.mode.takes_over else 1) * np.size(self.law.law_data)
-        count += self.estimator.operations if self.estimator else 0
+        count += sum(each.operations for each in (self.laws[0].law_series, self.estimator) if each)
         return self._always_in_pieces or count > ONE_TRACE
 
     @cached_property

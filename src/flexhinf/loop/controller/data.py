@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.loop.controller.law_code import LawCode
 from flexhinf.loop.controller.laws import Schedule
 from flexhinf.loop.controller.memory import shaped
-from flexhinf.loop.controller.step import LawCode, inverse_slope
+from flexhinf.loop.controller.step import inverse_slope
 from flexhinf.plant import rcond_limit
 
 

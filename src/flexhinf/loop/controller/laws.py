@@ -24,6 +24,8 @@ from flexhinf.files import read_arrays, write_arrays
 from flexhinf.loop.controller.options import Windup
 from flexhinf.loop.controller.status import Supervision
 from flexhinf.plant import Estimator, Law, ParameterTable, Plant, StoredCode
+from flexhinf.plant.protocols import INTEGRAL
+from flexhinf.plant.series import SpringSeries
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import PolynomialLaw
 from flexhinf.scalars import apply, function_arrays, function_from_arrays, trace
@@ -142,6 +144,7 @@ class StoredLaw(Law):
     law_data: Any = None
     law_degree: Any = None
     law_table: Any = None
+    law_series: Any = None
     _about: Any = None
 
     def __init__(
@@ -155,12 +158,16 @@ class StoredLaw(Law):
         arrays: Mapping[str, Any],
         table: PolynomialLaw | None = None,
         placed: bool = False,
+        series: SpringSeries | None = None,
     ) -> None:
         self.state_names, self.input_names = map(tuple, names)
         self.operating_point, self.operating_input = point, input
         self.law_data, self.kind, self.law_degree, self.law_table = data, kind, degree, table
         if table is not None:
             self.law_key = f"polynomial {table.n} {table.degrees}"
+            return
+        if series is not None:
+            self.law_series, self.law_key = series, f"series {series.key}"
             return
         n, states, m = len(self.state_names), len(self.plant_states), len(self.input_names)
         self._law = self._function("law", "law.", arrays, [n, data.size])
@@ -179,16 +186,21 @@ class StoredLaw(Law):
     @property
     def depends_on_reference(self) -> bool:
         """Whether it has a function about a reference."""
-        return self._about is not None
+        return self._about is not None or self.law_series is not None
 
     def evaluate_law(self, x: Any, data: Any) -> Any:
         """k(x), (m,), for a deviation x (n,) on any element."""
+        if self.law_series is not None:
+            end = np.size(data) - len(self.input_names)
+            return self.law_series.evaluate(x, data[end - len(self.plant_states) : end], data)
         if self.law_table is None:
             return apply(self._law, x, data)[0]
         return self.law_table.evaluate(x, np.asarray(data).reshape(self.law_table.coefficients.shape))
 
     def evaluate_about(self, x: Any, state: Any, input: Any, data: Any) -> Any:
         """k(x), (m,), about a reference (state, input)."""
+        if self.law_series is not None:
+            return self.law_series.evaluate(x, state, data)
         placed = self._about is not None
         return apply(self._about, x, state, input, data)[0] if placed else self.evaluate_law(x, data)
 
@@ -355,11 +367,13 @@ def _below(prefix: str, arrays: Mapping[str, Any]) -> dict[str, Any]:
 def _store_law(law: Law, prefix: str, arrays: dict[str, np.ndarray]) -> dict[str, Any]:
     n, m, data = len(law.state_names), len(law.input_names), np.ravel(np.asarray(law.law_data, dtype=float))
     parts = {"data": data, "point": law.operating_point, "input": law.operating_input}
-    table = None if law.depends_on_reference else law.law_table
+    table, series = None if law.depends_on_reference else law.law_table, law.law_series
     try:
-        if table is None:
+        if series is not None:
+            parts |= _prefixed("compliance.", function_arrays(series.compliance))
+        elif table is None:
             parts |= _prefixed("law.", function_arrays(trace(law.evaluate_law, n, data.size, name="law")))
-        if law.depends_on_reference:
+        if series is None and law.depends_on_reference:
             about = trace(law.evaluate_about, n, len(law.plant_states), m, data.size, name="law_about")
             parts |= _prefixed("about.", function_arrays(about))
     except Exception as error:  # a law's code may be anybody's
@@ -372,6 +386,7 @@ def _store_law(law: Law, prefix: str, arrays: dict[str, np.ndarray]) -> dict[str
     return {
         "name": law.kind, "degree": law.law_degree, "states": list(law.state_names), "inputs": list(law.input_names),
         "degrees": None if table is None else list(table.degrees), "placed": law.depends_on_reference,
+        "series": None if series is None else {"poles": series.poles, "places": series.places.tolist()},
     }  # fmt: skip
 
 
@@ -395,6 +410,8 @@ def _stored_law(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Law:
             )
     ends, kind = (arrays["point"], arrays["input"]), str(header["name"])
     parts = (states, inputs), *ends, arrays["data"], kind, header["degree"], arrays
+    if header.get("series"):
+        return StoredLaw(*parts, series=_stored_series(header["series"], arrays, (states, inputs)))
     if header["degrees"] is None:
         return StoredLaw(*parts, placed=header["placed"])
     if header["placed"]:
@@ -403,6 +420,29 @@ def _stored_law(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Law:
     law = StoredLaw(*parts, table)
     law.evaluate_law(np.zeros(len(states)), arrays["data"])
     return law
+
+
+def _stored_series(
+    header: dict[str, Any], arrays: dict[str, np.ndarray], names: Sequence[Sequence[str]]
+) -> SpringSeries:
+    """A modal law's sum from a file; one that does not fit the signals or the numbers is refused."""
+    states, inputs = (len(each) for each in names)
+    own = sum(not name.endswith(INTEGRAL) for name in names[0])
+    places, poles = np.array(header["places"], dtype=np.int64), int(header["poles"])
+    compliance = function_from_arrays(_below("compliance.", arrays), "compliance")
+    series = SpringSeries(compliance, places, poles)
+    fits = (
+        poles > 0
+        and places.shape == (4, inputs)
+        and ((places >= 0) & (places < own)).all()
+        and states == own + inputs
+        and (compliance.n_in(), compliance.n_out()) == (2, 1)
+        and (compliance.size1_in(0), compliance.size1_out(0)) == (inputs, inputs**2)
+        and sum(series.sizes) + own + inputs == arrays["data"].size
+    )
+    if not fits:
+        raise InvalidInput("Another law.", "expected springs in series that fit the signals and numbers")
+    return series
 
 
 def _prefixed(prefix: str, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -13,9 +13,10 @@ import numpy as np
 from flexhinf.codegen import DIRECT
 from flexhinf.errors import refuse_if
 from flexhinf.loop.controller.estimated import EstimatedStates
+from flexhinf.loop.controller.law_code import law_slope
 from flexhinf.loop.controller.laws import Schedule
 from flexhinf.loop.controller.options import Limits
-from flexhinf.loop.controller.step import bumpless_transfer, inverse_slope, law_slope
+from flexhinf.loop.controller.step import bumpless_transfer, inverse_slope
 from flexhinf.plant import Estimator, Law, ProblemLaw
 from flexhinf.plant.plant import equilibrium_at, pose_values
 from flexhinf.validation import value_text

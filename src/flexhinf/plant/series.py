@@ -1,0 +1,85 @@
+"""Springs in series with the masses of an arm: the sum that a modal law is, on any element and in any run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import accumulate, pairwise
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from flexhinf.codegen import DIRECT, gives
+from flexhinf.scalars import apply, digest, solve_definite
+
+#: Functions of λ: gains of q, q̇, θ, θ̇ and the integral, and that of what makes motors alike.
+FUNCTIONS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class SpringSeries:
+    """u - u_d = -share (K y_∞ + Σ_j (M(q)⁻¹/p_j + K⁻¹)⁻¹ y_j), y_j = Σ_i k_ij x_i; see `flexhinf.modal.law`.
+
+    `compliance`: (q, parameters) → M(q)⁻¹, flat, as a CasADi function. `places` (4, n): of q, q̇, θ, θ̇ in a state.
+    `poles`: How many p_j there are.
+    """
+
+    compliance: ca.Function
+    places: np.ndarray
+    poles: int
+
+    @property
+    def key(self) -> str:
+        """What distinguishes the code of two series."""
+        return f"{self.poles} {self.places.tolist()} {digest(self.compliance)}"
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Of the law's numbers: k_ij and k_i∞, 1/p_j, K, two that make motors alike, the share, parameters."""
+        n = self.places.shape[1]
+        return (FUNCTIONS * (self.poles + 1), self.poles, n, n, n, n, self.compliance.size1_in(1))
+
+    @property
+    def operations(self) -> int:
+        """Roughly, the operations of the law as one trace: M(q)⁻¹, and for each pole a matrix and its elimination."""
+        n = self.places.shape[1]
+        return self.compliance.n_instructions() + self.poles * n * n * (n + 1)
+
+    def evaluate(self, x: Any, state: Any, data: Any, run: Any = DIRECT) -> Any:
+        """k (n,) for a deviation x, integrals last, from a reference state, with the numbers first in data."""
+        parts = (data[a:b] for a, b in pairwise(accumulate(self.sizes, initial=0)))
+        rows, softness, stiffness, torque, friction, share, parameters = parts
+        compliance = run.call(self._compliance, state, parameters)
+        targets, last = run.call(self._targets, x, rows, torque, friction)
+        moving = targets.T, softness.reshape(1, self.poles)
+        springs = run.columns(_spring, moving, compliance, stiffness)
+        return run.call(_feedback, springs, last, stiffness, share)
+
+    @gives("compliance")
+    def _compliance(self, state: Any, parameters: Any) -> Any:
+        """M(q)^-1 at the reference."""
+        n = self.places.shape[1]
+        return apply(self.compliance, state[self.places[0]], parameters)[0].reshape(n, n)
+
+    @gives("targets", "last")
+    def _targets(self, x: Any, rows: Any, torque: Any, friction: Any) -> tuple[Any, Any]:
+        """y_j = sum of k_ij x_i for each pole, and y_oo."""
+        (q, dq, theta, dtheta), errors = x[self.places], x[-self.places.shape[1] :]
+        unlike = torque * (theta - q) + friction * dtheta
+        targets = rows.reshape(FUNCTIONS, -1).T @ np.array([q, dq, theta, dtheta, errors, unlike])
+        return targets[:-1], targets[-1]
+
+
+@gives("springs")
+def _spring(target: Any, softness: Any, compliance: Any, stiffness: Any) -> Any:
+    """(M^-1 / p_j + K^-1)^-1 y_j: springs K in series with masses p_j M."""
+    return solve_definite(softness[0] * compliance + np.diag(1.0 / stiffness), target)
+
+
+@gives("feedback")
+def _feedback(springs: Any, last: Any, stiffness: Any, share: Any) -> Any:
+    """-share (K y_oo + what the springs give)."""
+    total = stiffness * last
+    for spring in springs.T:
+        total = total + spring
+    return -share * total
