@@ -53,6 +53,11 @@ def test_a_value_that_is_used_once_stands_where_it_is_used(result: casadi.SX, ex
     assert lines(result) == [line.replace("real", "double") for line in expected]
 
 
+def test_a_monomial_that_is_used_twice_is_called_by_its_factors() -> None:
+    square = X[1] * X[0]
+    assert "const real in0_0_1 = in0[1] * in0[0];" in lines(square + X[2], square * X[3] + X[2])
+
+
 def test_a_condition_that_is_used_twice_is_a_bool() -> None:
     found = lines(casadi.if_else(X[0] < X[1], X[2], X[3]), casadi.if_else(X[0] < X[1], X[3], X[2]))
     assert found[0] == "const bool c1 = in0[0] < in0[1];"

@@ -40,6 +40,9 @@ TERMS = "terms"
 #: whose stack would grow by what each of them needs.
 LONG = 48
 
+#: Factors of a product that is called by their places.
+FACTORS = 6
+
 #: Equal neighbours among results that are written one by one.
 FEW = 4
 
@@ -219,8 +222,23 @@ class FunctionText:
     @cached_property
     def _expressions(self) -> Expressions:
         others = (*self.arguments, *self.results, *self.parts)
-        labels = {k: label for k, label in self.labels.items() if label not in others}
+        labels = {k: label for k, label in {**self._monomials, **self.labels}.items() if label not in others}
         return Expressions(self.flow, self._stage_of, self.real, self._element, self.calls, labels=labels)
+
+    @cached_property
+    def _monomials(self) -> dict[int, str]:
+        """Names of products of elements of one argument, such as ``x_0_0_2`` of x[0]*x[0]*x[2]."""
+        known, names = dict[int, tuple[int, tuple[int, ...]]](), dict[int, str]()
+        for k, operation in self.flow.operations.items():
+            if operation.code == casadi.OP_INPUT and not (self.elements and self.elements[operation.arguments[0]]):
+                known[k] = operation.arguments[0], operation.arguments[1:]
+            elif operation.code in (casadi.OP_MUL, casadi.OP_SQ):
+                factors = [known.get(each, (-1, ())) for each in (*operation.arguments, operation.arguments[0])[:2]]
+                (one, first), (other, second) = factors
+                if one == other >= 0 and len(first) + len(second) <= FACTORS:
+                    known[k] = one, tuple(sorted(first + second))
+                    names[k] = "_".join([self.arguments[one], *map(str, known[k][1])])
+        return names
 
     @cached_property
     def _parts(self) -> list[list[Stage]]:
