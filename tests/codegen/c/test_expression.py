@@ -55,7 +55,7 @@ def test_a_value_that_is_used_once_stands_where_it_is_used(result: casadi.SX, ex
 
 def test_a_monomial_that_is_used_twice_is_called_by_its_factors() -> None:
     square = X[1] * X[0]
-    assert "const real in0_0_1 = in0[1] * in0[0];" in lines(square + X[2], square * X[3] + X[2])
+    assert "const double in0_0_1 = in0[1] * in0[0];" in lines(square * X[2], square * X[3])
 
 
 def test_a_condition_that_is_used_twice_is_a_bool() -> None:
