@@ -40,7 +40,7 @@ SCRATCH = "scratch"
 
 
 def gives(*names: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Names of a function's results, for C."""
+    """Names of a function's results, for C; one that begins with ``*`` stands for any number of them."""
 
     def named(function: Callable[..., Any]) -> Callable[..., Any]:
         function.results = names  # type: ignore[attr-defined]
@@ -193,7 +193,7 @@ class Composer:
         filled = [result.place for result in results if result.size]
         inputs = [array.place for array in arrays if isinstance(array, Block) and array.size]
         if filled:
-            names = _argument_names(function, arrays)
+            names = _names(function, arrays, [prod(shape) > 0 for shape in shapes])
             self.body.append(Call(traced, tuple(inputs), tuple(filled), documentation(function), names))
         return tuple(results) if several else results[0]
 
@@ -248,7 +248,7 @@ class Composer:
         )
         outputs, names = (
             tuple(result.columns for result in results),
-            _argument_names(function, (*matrices, *held)),
+            _names(function, (*matrices, *held), [True] * len(results)),
         )
         self.body.append(Map(traced, inputs, outputs, documentation(function), names))
         return results if several else results[0]
@@ -432,15 +432,17 @@ class _ColumnComposer(Composer):
             self._divisions[key] = divide(traced, moving)
         _, later, moves = self._divisions[key]
         filled = [shape for shape in shapes if prod(shape)]
+        known = _argument_names(function, arrays)
         more, still = self._before(
             key,
             tuple(block.place for block, moves in zip(blocks, moving) if not moves),
+            tuple(name for name, moves in zip(known, moving) if not moves),
             [shape for shape, m in zip(filled, moves) if not m],
         )
         moved = self._results(function, [shape for shape, m in zip(filled, moves) if m])
         if later is not None:
             inputs = (*(block.place for block in blocks), *more)
-            names = *_argument_names(function, arrays), *["before"] * len(more)
+            names = *known, *["before"] * len(more)
             self.body.append(
                 Call(later, inputs, tuple(result.place for result in moved), documentation(function), names)
             )
@@ -449,7 +451,7 @@ class _ColumnComposer(Composer):
         return tuple(results) if several else results[0]
 
     def _before(
-        self, key: Hashable, held: tuple[Slice, ...], shapes: list[tuple[int, ...]]
+        self, key: Hashable, held: tuple[Slice, ...], known: tuple[str, ...], shapes: list[tuple[int, ...]]
     ) -> tuple[tuple[Slice, ...], list[Block]]:
         """Where the numbers are that are computed once outside, and the results that do not move, of these shapes."""
         before = self._divisions[key][0]
@@ -462,7 +464,8 @@ class _ColumnComposer(Composer):
                 else ()
             )
             still = [self._outside.work(shape, name=self._new_name("before")) for shape in shapes]
-            self._outside.body.append(Call(before, held, (*column, *(block.place for block in still))))
+            written = (*column, *(block.place for block in still))
+            self._outside.body.append(Call(before, held, written, "What is the same for all columns", known))
             self._parts[key, held] = column, still
         return self._parts[key, held]
 
@@ -477,9 +480,15 @@ def function_name(function: Any) -> str:
 def result_names(function: Any, count: int) -> list[str]:
     """Names of the results of a function: as it says, or by its own name."""
     said = getattr(function, "results", getattr(_plain(function), "results", ()))
+    more = count + 1 - len(said)
+    said = [own for name in said for own in (_numbered(name[1:], more) if name.startswith("*") else [name])]
     if len(said) == count:
         return list(said)
     name = function_name(function)
+    return _numbered(name, count)
+
+
+def _numbered(name: str, count: int) -> list[str]:
     return [name] if count == 1 else [f"{name}_{k}" for k in range(1, count + 1)]
 
 
@@ -511,6 +520,13 @@ def _argument_names(function: Any, arrays: Sequence[Any]) -> tuple[str, ...]:
     return tuple(
         name for name, array in zip(names, arrays) if whole and isinstance(array, Block) and array.size
     )
+
+
+def _names(function: Any, arrays: Sequence[Any], filled: Sequence[bool]) -> tuple[str, ...]:
+    """Those of the arguments, and where these are known, of the results that have elements."""
+    known = _argument_names(function, arrays)
+    results = zip(result_names(function, len(filled)), filled)
+    return (*known, *(name for name, full in results if full)) if known else ()
 
 
 def _constants(array: Any) -> Any:

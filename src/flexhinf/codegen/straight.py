@@ -159,7 +159,7 @@ class _Straight:
             pieces = [[ends.get(piece, piece) for piece in side] for side in (call.inputs, call.outputs)]
             inside = [piece for side in pieces for piece in side if isinstance(piece, Slice)]
             if COLUMN not in {piece.buffer for piece in inside} and len(call.outputs) == len(step.outputs):
-                return Map(call.function, tuple(pieces[0]), tuple(pieces[1]), call.about)  # type: ignore[arg-type]
+                return Map(call.function, tuple(pieces[0]), tuple(pieces[1]), call.about, call.names)  # type: ignore[arg-type]
         return replace(step, body=body)
 
     def _joined(self, group: Sequence[Step], live: set[Place]) -> Iterator[Step]:
@@ -247,7 +247,10 @@ class _Text:
         if not changed:
             return None
         written = [*memory.pieces(changed)]
-        read = [*memory.read(list(self.before), {buffer for buffer, _ in changed})]
+        numbers = [self.now[place] for place in changed] + [each for own in self.stages for each in own[2]]
+        used = {symbol.name() for symbol in casadi.symvar(casadi.vertcat(*numbers))}
+        before = [place for place, symbol in self.before.items() if symbol.name() in used]
+        read = [*memory.read(before, {buffer for buffer, _ in changed})]
         inputs = [casadi.vertcat(*map(self._value_before, _places(piece))) for piece in read]
         outputs = [[self.now[place] for place in _places(piece)] for piece in written]
         names, about, values, places = zip(*self.stages, strict=True)

@@ -409,11 +409,15 @@ class RecursiveFilter(Shell, Estimator):
     ) -> tuple[Any, Any, Any]:
         """x(k|k−1) → (x(k|k), innovation, its covariance), likewise."""
 
+    @gives("expected", "slope")
+    def measured(self, x: Any, u: Any, p: Any) -> Any:
+        """H and C = dH/dx; p is the vector of parameters."""
+        return self._measured(x, u, p)
+
     @cached_property
-    def measured(self) -> Any:
-        """H and C = ∂H/∂x of (x, u, vector of parameters)."""
+    def _measured(self) -> Any:
         sizes = (self.plant.n, len(self.plant.inputs), self.plant.parameters.size)
-        return gives("expected", "slope")(jacobian(self.output, *sizes, name="measurement"))
+        return jacobian(self.output, *sizes, name="measurement")
 
     def linear_innovation(
         self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any

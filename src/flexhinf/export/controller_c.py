@@ -401,7 +401,8 @@ class ControllerCode:
         plant = self.controller.estimator.plant
         arguments = ["state->start", f"param->value + {self.upper('P_PARAMETERS')}", "held"]
         arguments = arguments if plant.parameters.size else arguments[::2]
-        call = f"{self.translator.function(holding_function(plant))}({', '.join(arguments)})"
+        names = ["x", "parameters"][: len(arguments) - 1]
+        call = f"{self.translator.function(holding_function(plant), *names)}({', '.join(arguments)})"
         return START.replace("@HOLD@", HOLD.replace("@HOLDING@", call))
 
     @cached_property
@@ -445,7 +446,7 @@ class ControllerCode:
         if self.standstill is None:
             return ""
         before = set(self.translator.functions)
-        traced = self.translator.function(self.standstill)
+        traced = self.translator.function(self.standstill, "q", "parameters")
         added = [name for name in self.translator.functions if name not in before]
         texts = [self.translator.functions.pop(name) for name in added]
         text = "\n\n".join(texts).replace(f"{self.real.name} ", "real ")

@@ -230,10 +230,14 @@ class FunctionText:
         """Names of products of elements of one argument, such as ``x_0_0_2`` of x[0]*x[0]*x[2]."""
         known, names = dict[int, tuple[int, tuple[int, ...]]](), dict[int, str]()
         for k, operation in self.flow.operations.items():
-            if operation.code == casadi.OP_INPUT and not (self.elements and self.elements[operation.arguments[0]]):
+            if operation.code == casadi.OP_INPUT and not (
+                self.elements and self.elements[operation.arguments[0]]
+            ):
                 known[k] = operation.arguments[0], operation.arguments[1:]
             elif operation.code in (casadi.OP_MUL, casadi.OP_SQ):
-                factors = [known.get(each, (-1, ())) for each in (*operation.arguments, operation.arguments[0])[:2]]
+                factors = [
+                    known.get(each, (-1, ())) for each in (*operation.arguments, operation.arguments[0])[:2]
+                ]
                 (one, first), (other, second) = factors
                 if one == other >= 0 and len(first) + len(second) <= FACTORS:
                     known[k] = one, tuple(sorted(first + second))

@@ -393,9 +393,12 @@ class Translator:
         return f"{name}({ends}, {columns.size}, {along}, {across}, {left});"
 
     # Functions ----------------------------------------------------------------------------------------
-    def function(self, function: casadi.Function) -> str:
-        """Add a traced function without a program; the name of the C function, whose empty arguments are left out."""
-        return self._function(drop_empty(function))
+    def function(self, function: casadi.Function, *names: str) -> str:
+        """Add a traced function without a program; the name of the C function, whose empty arguments are left out.
+
+        `names`: Of the arguments that are left, and of results.
+        """
+        return self._function(drop_empty(function), names=names)
 
     def _function(
         self,

@@ -78,7 +78,7 @@ def refusals(seen: Any, before: Any, after: Any) -> Any:
 
 
 def _some(y: Any) -> Any:
-    """1 (1,) where at least one element is there, else 0."""
+    """Whether something was measured: 1 (1,), else 0."""
     return np.array([where(sum(known(y)) > 0.5, 1.0, 0.0)])
 
 

@@ -262,6 +262,7 @@ def predict_ahead(run: Any, estimator: Estimator, belief: Any, inputs: Sequence[
     return beliefs[1:]
 
 
+@gives("queue_next", "*waiting", "acted")
 def _waiting(last: Any, queue: Any) -> tuple[Any, ...]:
     """The next queue (N, m), and all inputs that were computed, newest first: N that wait, and the one that acted until
     this sample."""
@@ -269,6 +270,7 @@ def _waiting(last: Any, queue: Any) -> tuple[Any, ...]:
     return np.stack(rows[:-1]), *rows
 
 
+@gives("commands_next", "wanted", "held")
 def _passed(started: Any, r: Any, last: Any, queue: Any) -> tuple[Any, Any, Any]:
     """The next queue of commands, and those for this sample and the one before; the first command holds before it."""
     rows = [where(started[0] > 0.5, row, r) for row in (last, *queue)]
