@@ -125,14 +125,16 @@ STATUS_BITS = """
 
 #: Whether the estimate is in doubt, and at how many samples it was, which are a part of the memory.
 DOUBTFUL_DECLARED = """
-    int doubtful;                        /* samples since the start with @BIG@_DOUBTFUL_ESTIMATE */"""
+    /* samples since the start with @BIG@_DOUBTFUL_ESTIMATE; float counts to 2^24 */
+    int doubtful;"""
 DOUBTFUL = """
     output->status += (state->memory[AT_DOUBT] > 0) ? @BIG@_DOUBTFUL_ESTIMATE : 0;
     output->doubtful = (int)state->memory[AT_DOUBT + 1];"""
 
 #: Counts of rejected measurements (by a gate, or by their limits), which are a part of the memory.
 REJECTED_DECLARED = """
-    int rejected[@BIG@_MEASUREMENTS];    /* how often each measurement was rejected since the start */"""
+    /* how often each measurement was rejected since the start; float counts to 2^24 */
+    int rejected[@BIG@_MEASUREMENTS];"""
 REJECTED = """
     for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {{
         output->rejected[i] = (int){};

@@ -344,6 +344,7 @@ def _readme(code: ControllerCode, run: Recording, accuracy: str, has_design: boo
         "stack of a step": stack_text(code.files, code.name, code.real.name),
         "constants": f"{code.constants} numbers",
         "arithmetic operations of one step": f"about {code.operations}; `make cortex-m4` counts instructions",
+        "from `<math.h>`": ", ".join(sorted(set(MATHEMATICS.findall(code.source)))),
     }
     return fill(
         template("README.md").replace("@EXAMPLE@", _example(code)), code.name, code.real,
@@ -392,12 +393,17 @@ def _example(code: ControllerCode) -> str:
     return EXAMPLE.replace("@COMMAND@", command).replace("@LATE@", before).replace("@NOW@", after)
 
 
+#: Functions and macros of the mathematical library.
+MATHEMATICS = re.compile(
+    r"\b((?:sqrt|fabs|copysign|a?sin|a?cos|a?tan|atan2|exp|log|pow|tanh|floor|frexp)f?|is(?:finite|nan))\("
+)
+
 #: The first example of the README.
 EXAMPLE = """    static @NAME@_state state;
     @NAME@_input input = {0};
     @NAME@_output output = {0};
 
-    @NAME@_init(&state); /* the robot rests where "Signals" says */
+    if (@NAME@_init(&state) != @BIG@_OK) { refuse(); } /* yours; else it is believed to rest where "Signals" says */
     @COMMAND@
     @NAME@_step(&state, &@NAME@_defaults, &input, &output); /* no measurement yet: the input that holds the robot */
     for (;;) { /* every @PERIOD_TEXT@ s; change input.r to move */
