@@ -89,9 +89,9 @@ def named_modes(
         spring = springs * np.abs(theta - q) ** 2
         kinetic = float(np.real(dq.conj() @ inertia[:n, :n] @ dq))
         fraction = float(spring.sum()) / max(float(spring.sum()) + kinetic, 1e-300)
-        vibration = bool(value.imag > 0.0 and fraction >= SPRING_FRACTION)
-        where = spring if vibration else weight[:n] * np.abs(q) ** 2 + weight[n:] * np.abs(theta) ** 2
         still = abs(value) <= STANDS_STILL * fastest
+        vibration = bool(not still and value.imag > 0.0 and fraction >= SPRING_FRACTION)
+        where = spring if vibration else weight[:n] * np.abs(q) ** 2 + weight[n:] * np.abs(theta) ** 2
         modes.append(Mode(0j if still else complex(value), vibration, joints[int(np.argmax(where))]))
     return tuple(sorted(modes, key=lambda mode: (abs(mode.eigenvalue), mode.joint)))
 
