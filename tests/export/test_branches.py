@@ -58,7 +58,7 @@ BRANCHES = (
 
 #: What stands in every export: rules of samples, which the header describes, and functions that no step calls.
 RULES = re.compile(
-    r"int arm_(exact|init|start|check|step|predict)\(|int (same|went_back)\(|void (limit|begin|hold)\(|"
+    r"int arm_(exact|init|start|check|step|predict|rest)\(|int (same|went_back)\(|void (limit|begin|hold)\(|"
     r"real (larger|smaller|number)\(|"
     r"arm_type_of_constants|ranges\[RANGES\]"
 )
@@ -117,7 +117,8 @@ def check(controller: fh.Controller, real: str) -> None:
             rf"^ +(?:if \()?{name}\((.*)\)", re.sub(r",\n +", ", ", text), flags=re.MULTILINE
         ):
             assert re.fullmatch(
-                r"\d+|left|ARM_\w+|count|\w+ \* \d+|n - k", call.split(", ")[-1].split(")")[0]
+                r"\d+|left|ARM_\w+( \+ ARM_INPUTS)?|count|\w+ \* \d+|n - k",
+                call.split(", ")[-1].split(")")[0],
             ), call
 
 

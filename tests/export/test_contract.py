@@ -41,7 +41,7 @@ int main(void)
     arm_param param = arm_defaults;
     arm_output output;
     arm_input input = {0};
-    arm_real estimate[ARM_STATES] = {0}, wide[ARM_INPUTS] = {1000};
+    arm_real estimate[ARM_STATES] = {0}, wide[ARM_INPUTS] = {1000}, rest[ARM_STATES + ARM_INPUTS] = {1};
     const arm_real most = arm_defaults.value[ARM_P_UPPER], least = arm_defaults.value[ARM_P_LOWER];
 
     /* the first code that holds, whatever else is wrong */
@@ -94,9 +94,21 @@ int main(void)
     EXPECT(arm_start(&state, &param, estimate, 0) == ARM_OK);
     estimate[0] = (arm_real)NAN;
     EXPECT(arm_start(&state, &param, estimate, 0) == ARM_BAD_START);
-    EXPECT(step(&state, &param, 0.1, 0.1, 1, &output) == ARM_OK); /* it began as without it */
+    EXPECT(step(&state, &param, 0.1, 0.1, 1, &output) == ARM_NOT_INITIALISED); /* it latches */
     wide[0] = HUGE_VALF;
     EXPECT(arm_start(&state, &param, 0, wide) == ARM_BAD_START);
+    EXPECT(step(&state, &param, 0.1, 0.1, 1, &output) == ARM_NOT_INITIALISED);
+
+    /* a sample with a bad command is one whose measurement is not used */
+    EXPECT(arm_rest(&param, rest, rest) == ARM_OK && rest[0] == 1 && rest[2] > 1 && rest[ARM_STATES] > 0);
+    EXPECT(arm_start(&state, &param, rest, rest + ARM_STATES) == ARM_OK);
+    EXPECT(step(&state, &param, 1, 1, 1, &output) == ARM_OK);
+    for (int k = 0; k < arm_defaults.missing_limit; ++k) {
+        EXPECT(step(&state, &param, 1, NAN, 1, &output) == ARM_BAD_COMMAND);
+    }
+    EXPECT(step(&state, &param, 1, 1, 0, &output) == ARM_STOPPED);
+    rest[0] = HUGE_VALF;
+    EXPECT(arm_rest(&param, rest, rest) == ARM_BAD_COMMAND);
     return failed;
 }
 """

@@ -82,7 +82,7 @@ def steps(
             )
             code = next((number for number, words in bad if words in error.what), BAD_RESULT)
         if there:
-            missing = 0
+            missing = min(missing + 1, 10) if code == BAD_COMMAND else 0
         yield held, code
 
 

@@ -278,7 +278,7 @@ def path_start(claim: Claim, start: Start, amplitude: float) -> np.ndarray:
 
 
 #: Line of every theorem about latency.
-NO_LATENCY = "No latency is covered: the input acts at the instant of its measurement."
+NO_LATENCY = "The proof covers no latency: in it the input acts at the instant of its measurement."
 
 #: Heading of the entries of a file that nothing checks.
 AUTHOR = "In the author's words, not checked"

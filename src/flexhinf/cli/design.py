@@ -427,18 +427,22 @@ def _origin(path: Path, command: str, rows: Sequence[Mapping[str, Any]]) -> dict
             numbers = {"designed on": day, **numbers}
         for name, known in report.sources(path.parent).items():
             numbers[f"file {name}"] = f"SHA-256 {known}"
-    judged = {"requirements": unmet_text(rows) or f"all {len(rows)} met"} if rows else {}
+    nearly = sum(bool(row.get("within_tolerance")) for row in rows)
+    met = f"all {len(rows)} met{f', {nearly} of them within its tolerance' * (nearly > 0)}"
+    judged = {"requirements": unmet_text(rows) or met} if rows else {}
     return {"design": f"{path.name}, SHA-256 {digest}", "made by": command, **judged, **numbers}
 
 
 def _design_files(path: Path, rows: Sequence[Mapping[str, Any]]) -> dict[str, str]:
     """The design file, the robot file that it names, and a table of the requirements with what was found, by name."""
     from flexhinf.design.design_file import has_controller
+    from flexhinf.robot import catalogue
 
     if not has_controller(path):
         return {}
     text = path.read_text(encoding="utf-8")
-    robot = path.parent / str(tomllib.loads(text)["design"].get("robot", ""))
+    named = str(tomllib.loads(text)["design"].get("robot", ""))
+    robot = catalogue().get(named, path.parent / named)
     files = {robot.name: robot.read_text(encoding="utf-8")} if robot.is_file() else {}
     head = "| requirement | limit | found | met | where |\n|---|---|---|---|---|\n"
     return files | {"design.toml": text, "requirements.md": head + "".join(map(_requirement_line, rows))}

@@ -40,8 +40,8 @@ CODES = {
         "brake if it lasts",
     ),
     "BAD_COMMAND": Code(
-        2, "a command is not finite: nothing changed, the last output is held",
-        "brake if it lasts; find out who commands",
+        2, "a command is not finite: nothing changed, the measurement was not used, the last output is held",
+        "nothing once; brake if it lasts, and begin again with `@NAME@_start`",
     ),
     "WENT_BACK": Code(
         4, "as BAD_RESULT, again: the memory went back to one of 32 to 64 good samples ago",
@@ -52,11 +52,12 @@ CODES = {
         "nothing once; it becomes WENT_BACK if it lasts",
     ),
     "PREDICTED": Code(
-        5, "no measurement in time: the estimate is predicted, the law acts on it", "nothing; it ends as STOPPED"
+        5, "no measurement in time: the estimate is predicted, the law acts on it",
+        "nothing: too many in a row become STOPPED; brake if most samples are such"
     ),
     "OK": Code(0, "all is well", "restart the watchdog"),
     "BAD_START": Code(
-        10, "at the start alone: an argument is not finite, and was not used",
+        10, "at the start alone: an argument is not finite, and the state is not initialised",
         "do not enable the drives; mend the call",
     ),
 }  # fmt: skip

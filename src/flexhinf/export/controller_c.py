@@ -43,6 +43,8 @@ from flexhinf.export.fragments import (
     ALIGNMENT,
     BEGIN_AGAIN,
     BEGINS,
+    BELIEVED_ALL,
+    BELIEVED_SOME,
     BITS,
     DOUBTFUL,
     DOUBTFUL_DECLARED,
@@ -61,6 +63,7 @@ from flexhinf.export.fragments import (
     REJECTED_DECLARED,
     REPORTED,
     RESTING,
+    RESTING_COMMAND,
     RESTING_FIRST,
     STANDING,
     STANDSTILL,
@@ -308,7 +311,7 @@ class ControllerCode:
             SETS="about another state" if self.starts_anywhere
             else "the estimate begins where that of @NAME@_init does",
             BEGINS=BEGINS if self.predicts else "the state is what is measured",
-            STANDSTILL="" if self.standstill is None else STANDSTILL_DECLARED,
+            STANDSTILL="" if self.standstill is None else STANDSTILL_DECLARED.format(RESTING_COMMAND * self.rests),
             PLAUSIBLE=PLAUSIBLE_TEXT if c.mode.checks_measurements else "",
             GAPS=", not finite (NAN) where a sensor gave nothing" if self.predicts else "",
             ELEMENTS="\n * ".join(wrap(ELEMENTS + GEARS * self.has_motors, 112)),
@@ -407,11 +410,16 @@ class ControllerCode:
 
     @cached_property
     def standstill(self) -> Any:
-        """(q, parameters) → the moving command that rests at q, as a CasADi function; None without such a model."""
+        """(q, parameters) → state and input at rest at q, as a CasADi function; None without such a model."""
         estimator = self.controller.estimator
-        if estimator is None or not self.controller.mode.moving or not estimator.plant.parameters.size:
+        if estimator is None or not self.starts_anywhere or not estimator.plant.parameters.size:
             return None
         return standstill_function(estimator.plant)
+
+    @property
+    def rests(self) -> bool:
+        """Whether the command is a motion, and the model tells one that rests."""
+        return self.controller.mode.moving and self.standstill is not None
 
     @property
     def command_text(self) -> str:
@@ -430,6 +438,12 @@ class ControllerCode:
             len(self.controller.commanded), "" if self.standstill is None else RESTING_FIRST
         )
         return "".join(f" * {line}\n" for line in [*wrap(text, 112), ""]).replace(" * \n", " *\n")
+
+    @property
+    def believes_text(self) -> str:
+        """Which measurements the controller believes, for the README."""
+        checks = self.controller.mode.checks_measurements
+        return BELIEVED_SOME if checks or self.rejected is not None else BELIEVED_ALL
 
     @property
     def status_text(self) -> str:

@@ -77,10 +77,11 @@ RESTING = (
 #: The command that rests; as the header declares it, and its definition.
 STANDSTILL_DECLARED = """
 
-/* The command that rests at link positions (q): writes r, whose beginning q may be. Its first @BIG@_STATES numbers are
- * the state, and the others the input, with which @NAME@_start begins there. Returns @BIG@_BAD_COMMAND where r is not
- * finite. Not there with -D@BIG@_WITHOUT_REST. */
+/* The robot at rest at link positions (q): writes its state, @BIG@_STATES numbers, and behind it the input that holds
+ * it there, with which @NAME@_start begins; q may be the beginning of r. Motors stand where springs hold the weight.
+ * {}Returns @BIG@_BAD_COMMAND where a number is not finite. Not there with -D@BIG@_WITHOUT_REST. */
 int @NAME@_rest(const @NAME@_param *param, const @NAME@_real *q, @NAME@_real *r);"""
+RESTING_COMMAND = "All of r is the command that rests there. "
 STANDSTILL = """
 
 #ifndef @BIG@_WITHOUT_REST
@@ -89,9 +90,20 @@ STANDSTILL = """
 int @NAME@_rest(const @NAME@_param *param, const @NAME@_real *q, @NAME@_real *r)
 {
     @CALL@(q, param->value + @BIG@_P_PARAMETERS, r);
-    return (@NAME@_finite(r, @BIG@_COMMANDS) != 0) ? @BIG@_OK : @BIG@_BAD_COMMAND;
+    return (@NAME@_finite(r, @BIG@_STATES + @BIG@_INPUTS) != 0) ? @BIG@_OK : @BIG@_BAD_COMMAND;
 }
 #endif"""
+
+#: Which measurements a controller believes, with and without a check.
+BELIEVED_ALL = (
+    "The controller believes every finite measurement that is in time, one that jumps or a sensor that is stuck too. "
+    "Check sensors before the step, or export a controller that refuses what the robot file rules out: "
+    "`--check-measurements`."
+)
+BELIEVED_SOME = (
+    "A measurement that its gate or its limits refuse counts as missing, and is counted in `output.rejected`. A sensor "
+    "that is stuck at a place within them is believed."
+)
 
 #: What a controller does about the bits of its status; and how a workspace is braked at.
 REPORTED = (

@@ -199,7 +199,7 @@ def _home(code: ControllerCode) -> tuple[str, np.ndarray]:
         return "A motion", c.operating_reference
     state = np.asarray(c.law.operating_point)[: len(c.states)]
     state = state if place is None else c.estimated_states.own(place)
-    if code.standstill is not None:
+    if code.rests:
         return "Link positions", state[: code.standstill.size1_in(0)]
     positions = state[[c.law.plant_states.index(name) for name in c.law.tracked]]
     return "Positions", positions if len(positions) else np.zeros(1)
@@ -214,7 +214,7 @@ COMMAND_ARRAYS = {
 def _standstill(code: ControllerCode, file: str) -> str:
     """The statement of a template that makes the command rest at `home`."""
     r = COMMAND_ARRAYS.get(file, "")
-    if code.standstill is not None:
+    if code.rests:
         return f"@NAME@_rest(&@NAME@_defaults, home, {r});"
     return f"for (int i = 0; i < @BIG@_COMMANDS; ++i) {{ {r}[i] = home[i]; }}"
 
@@ -352,7 +352,8 @@ def _readme(code: ControllerCode, run: Recording, accuracy: str, has_design: boo
         MISSING=MISSING_LIMIT if code.predicts else 0, BEGINS=begins,
         GEARS="\n".join(["", *wrap(GEARS, 118), ""]) if code.has_motors else "",
         COMMAND="\n".join(wrap(code.command_text, 118)),
-        STANDSTILL_USE="" if code.standstill is None else STANDSTILL_USE,
+        STANDSTILL_USE="" if code.standstill is None else STANDSTILL_USE if code.rests else RESTART_USE,
+        BELIEVES="\n".join(wrap(code.believes_text, 118)),
         SAYS="\n".join(wrap(code.status_text, 112)), ANGLES=ANGLES[code.real.name],
         MARK="@DIGEST@", DESIGN=DESIGN if has_design else "",
         UNLIMITED="\n".join(["", *wrap(code.unlimited_text, 118)]) if code.unlimited_text else "",
@@ -380,7 +381,7 @@ def _example(code: ControllerCode) -> str:
     """The first lines of C in the README, with the command that the controller takes."""
     c = code.controller
     count, drive = len(c.commanded), "        drive_motors(output.u); /* yours{} */\n"
-    if code.standstill is not None:
+    if code.rests:
         command = (
             f"@NAME@_rest(&@NAME@_defaults, q, input.r); /* all {count} numbers: rest at link positions q */"
         )
@@ -422,6 +423,15 @@ STANDSTILL_USE = """
 Its code is about as large as that of the model, and not counted by `--flash`; `-D@BIG@_WITHOUT_REST` leaves it out.
 `flexhinf run DIR --mujoco --log run.csv` writes a whole move, in columns `reference/…`; a sample needs the row that is
 `@BIG@_LATENCY` periods later.
+"""
+
+#: How a controller of positions begins elsewhere.
+RESTART_USE = """
+Where the robot rests at other link positions q, rad or m, this begins there, with the input that holds it:
+
+    @NAME@_real rest[@BIG@_STATES + @BIG@_INPUTS];
+    @NAME@_rest(&@NAME@_defaults, q, rest);    /* state and input: motors stand where the springs hold the weight */
+    @NAME@_start(&state, &@NAME@_defaults, rest, rest + @BIG@_STATES);
 """
 
 

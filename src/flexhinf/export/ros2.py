@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from flexhinf import __version__
-from flexhinf.codegen.c import Translator, constant
+from flexhinf.codegen.c import constant
 from flexhinf.errors import InvalidInput
 from flexhinf.export.controller_c import ControllerCode, fill, template
 from flexhinf.loop import Status
 from flexhinf.plant import Plant
-from flexhinf.plant.joints import joint_places, standstill_function
+from flexhinf.plant.joints import joint_places
 
 #: Interfaces of a joint by the quantity of a signal: on the link's side those that ros2_control knows, on the motor's
 #: side names of our own.
@@ -50,7 +50,7 @@ FROM_POSE = """  std::array<@NAME@_real, JOINTS> q{};
   // The weight twists the spring between a motor and its link: the link's angle is found in some passes.
   const int passes = std::find(by_motor.begin(), by_motor.end(), true) == by_motor.end() ? 1 : 50;
   for (int pass = 0; pass < passes; ++pass) {
-    @NAME@_@FUNCTION@(&param_, q.data(), rest.data());
+    @NAME@_rest(&param_, q.data(), rest.data());
     for (std::size_t i = 0; i < JOINTS; ++i) {
       q[i] += by_motor[i] ? input_.y[MOTOR_MEASURED[i]] - rest[MOTOR_STATE[i]] : 0;
     }
@@ -99,9 +99,6 @@ def ros2_files(code: ControllerCode, home: np.ndarray) -> dict[str, str]:
         values += [f"static_cast<double>(output_.rejected[{k}])" for k in range(len(names["Y"]))]
     sources = ["src/controller.cpp", f"src/{code.name}.c"]
     files = {f"src/{path}": text for path, text in code.files.items()}
-    if standstill is not None and code.standstill is None:
-        sources.append(f"src/{code.name}_at_rest.c")
-        files |= {f"src/{code.name}_at_rest.{end}": text for end, text in standstill.texts(code).items()}
     marks = {
         "PACKAGE": package, "PACKAGE_BIG": package.upper(), "VERSION": __version__,
         "PACKAGE_VERSION": ".".join([*re.findall(r"\d+", __version__), "0", "0"][:3]),
@@ -187,12 +184,11 @@ def _limited(code: ControllerCode, names: Sequence[str], interfaces: Sequence[st
 class _StandstillModel:
     """What tells the robot's state at rest: places of links and motors among states and measurements.
 
-    `links`, `motors`: (n,), places among the states. `function`: (q, parameters) → (x, u), or None where `NAME_rest` is
-    part of the controller.
+    `links`, `motors`: (n,), places among the states.
     """
 
-    def __init__(self, plant: Plant, links: Sequence[int], motors: Sequence[int], function: Any) -> None:
-        self.plant, self.links, self.motors, self.function = plant, links, motors, function
+    def __init__(self, plant: Plant, links: Sequence[int], motors: Sequence[int]) -> None:
+        self.plant, self.links, self.motors = plant, links, motors
 
     @classmethod
     def of(cls, code: ControllerCode) -> _StandstillModel | None:
@@ -201,7 +197,6 @@ class _StandstillModel:
         if estimator is None or not code.starts_anywhere or not estimator.plant.parameters.size:
             return None
         plant = estimator.plant
-        function = standstill_function(plant)
         try:
             links, _, motors, _ = (row.tolist() for row in joint_places(plant))
         except InvalidInput:
@@ -210,15 +205,7 @@ class _StandstillModel:
         observed = all(
             {plant.states[k], plant.states[j]} & measured for k, j in zip(links, motors, strict=True)
         )
-        return cls(plant, links, motors, function) if function is not None and observed else None
-
-    def texts(self, code: ControllerCode) -> dict[str, str]:
-        """Header and source of ``NAME_at_rest``."""
-        translator = Translator(f"{code.name}_pose", code.real)
-        call = translator.function(self.function)
-        functions = str(translator).replace(f"{code.real.name} ", "real ")
-        marks = {"VERSION": __version__, "FUNCTIONS": functions, "CALL": call}
-        return {end: _filled(template(f"ros2/at_rest.{end}"), code, marks) for end in "hc"}
+        return cls(plant, links, motors) if code.standstill is not None and observed else None
 
 
 def _start_marks(
@@ -242,7 +229,7 @@ def _start_marks(
     lines = [f"  input_.r[{k}] = {text};" for k, text in enumerate(command)]
     if standstill is not None and c.mode.moving:
         lines = ["  std::copy(rest.begin(), rest.end(), input_.r);"]
-    elif code.standstill is not None:
+    elif code.rests:
         lines.append("  @NAME@_rest(&param_, input_.r, input_.r);")
     places = [] if standstill is None else list(zip(standstill.links, standstill.motors, strict=True))
 
@@ -250,13 +237,10 @@ def _start_marks(
         return ", ".join(str(measured.index(name) if name in measured else -1) for name in names)
 
     states = () if standstill is None else standstill.plant.states
-    has_own = code.standstill is not None
     return {
         "START": AS_DESIGNED if standstill is None else FROM_POSE, "COMMAND": "\n".join(lines),
-        "FUNCTION": "rest" if has_own else "at_rest",
-        "SLOWER": SLOWER if has_own else "", "JOINTS": len(places),
+        "SLOWER": SLOWER if code.rests else "", "JOINTS": len(places),
         "LINK_MEASURED": among([states[link] for link, _ in places]),
         "MOTOR_MEASURED": among([states[motor] for _, motor in places]),
         "MOTOR_STATE": ", ".join(str(motor) for _, motor in places),
-        "AT_REST_HEADER": f'\n#include "{code.name}_at_rest.h"\n' if standstill is not None and not has_own else "",
     }  # fmt: skip

@@ -128,6 +128,9 @@ int @NAME@_start(@NAME@_state *state, const @NAME@_param *param, const @NAME@_re
         }
     }@QUEUED@
     begin(state);
+    if (code != @BIG@_OK) { /* a step before another start says that there was none */
+        state->mark = 0;
+    }
     return (state->refused != 0) ? state->refused : code;
 }
 
@@ -162,7 +165,8 @@ static int went_back(@NAME@_state *state)
     return @BIG@_WENT_BACK;
 }
 
-/* What is applied: the last good input; where even that was lost, or is beyond the limits of now, the safe one. */
+/* What is applied: the last good input; where even that was lost, or is beyond the limits of now, the one before the
+ * first sample within these. */
 static void hold(const @NAME@_state *state, const @NAME@_param *param, @NAME@_output *output)
 {
     real within[@BIG@_INPUTS];
@@ -200,8 +204,12 @@ int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_inp
         code = REFUSED;
     } else if (in_time != 0@BELIEVED@) {
         code = @MEASURED@;
-        if (code != @BIG@_BAD_MEASUREMENT) {
+        if (code == @BIG@_BAD_COMMAND) { /* its measurement was not used */
+            state->missing += (state->missing >= 0 && state->missing < param->missing_limit) ? 1 : 0;
+        } else if (code != @BIG@_BAD_MEASUREMENT) {
             state->missing = 0;
+        } else {
+            /* as it was */
         }
     } else if (state->waiting != 0) {
         code = @BIG@_WAITING;

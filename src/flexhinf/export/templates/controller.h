@@ -92,9 +92,10 @@ typedef struct {
 /* What it gives. */
 typedef struct {
     @NAME@_real u[@BIG@_INPUTS];         /* inputs of the plant, always finite and within their limits */
-    @NAME@_real estimate[@BIG@_STATES];  /* estimated state; zero before the first sample */
+    @NAME@_real estimate[@BIG@_STATES];  /* estimated state; that of the start before the first sample */
     int status;                          /* bits of the last good sample, as above, from @BIG@_OUTSIDE_WORKSPACE on */
-    @NAME@_real path_rate;               /* fraction of a period by which the time along a path advances: 1 but for braking */@DOUBTFUL@@REJECTED@
+    @NAME@_real path_rate;               /* fraction of a period by which the time along a path advances: 1 but for braking,
+                                            0 after @BIG@_NOT_INITIALISED */@DOUBTFUL@@REJECTED@
 } @NAME@_output;
 
 /* What is remembered between samples, and memory to work in. Its parts are not for the caller. */
@@ -112,11 +113,13 @@ typedef struct {
 /* Forget everything: @BEGINS@.
  * Until there is a good measurement the output is the input before the first sample: @FIRST@.
  * Returns @BIG@_OK; or @BIG@_BAD_ARITHMETIC where a flag of the compiler, or a setting of the processor,
- * makes other numbers of what is written: then every step returns that too, and holds the output of the start. */
+ * makes other numbers of what is written: then every step returns that too, and holds the output of the start.
+ * It looks at the context that calls it: on a processor whose interrupts have settings of their own (FPDSCR of a
+ * Cortex-M), these must be the same. */
 int @NAME@_init(@NAME@_state *state);
 
-/* As @NAME@_init: @SETS@, and from another input; either may be a null pointer. One with a number that
- * is not finite counts as a null pointer, and the function returns @BIG@_BAD_START. The first output then continues from that input as far as the design says (rate limit, bumpless start). Without an input it is
+/* As @NAME@_init: @SETS@, and from another input; estimate and input may be null pointers. One with a number that
+ * is not finite is refused with @BIG@_BAD_START, and every step then returns @BIG@_NOT_INITIALISED. The first output then continues from that input as far as the design says (rate limit, bumpless start). Without an input it is
  * @HELD@. */
 int @NAME@_start(@NAME@_state *state, const @NAME@_param *param, const @NAME@_real *estimate,
                  const @NAME@_real *input);

@@ -12,7 +12,6 @@
 #include <utility>
 
 #include "pluginlib/class_list_macros.hpp"
-@AT_REST_HEADER@
 namespace @PACKAGE@
 {
 namespace
