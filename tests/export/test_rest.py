@@ -156,7 +156,7 @@ def test_it_is_said_what_a_command_is(moving: bool) -> None:
             "fh.Moving",
         )
         assert unnamed(said, *(motion if moving else ("positions", "jump"))) == []
-        assert ("arm_rest" in said) is moving
+        assert "arm_rest" in said
     begins = ("moves", "by default") if moving else ("step of the design",)
     assert unnamed(files["README.md"].partition("`arm_init` believes")[2][:200], *begins) == []
     home = re.search(r"home\[\] = \{(.*)\};", files["main.c"])
@@ -175,7 +175,8 @@ def test_the_first_example_compiles_and_the_header_warns_first(
     block = re.search(r"(?:^ {4}.*\n|^\n)+(?=^`main.c`)", (folder / "README.md").read_text(), re.MULTILINE)
     assert block is not None
     assert ("arm_rest(" in block[0]) is moving
-    stubs = "int read_sensors(arm_real *y); void drive_motors(const arm_real *u); void read_command(arm_real *r);\n"
+    stubs = "void refuse(void); void watch(int code);\n"
+    stubs += "int read_sensors(arm_real *y); void drive_motors(const arm_real *u); void read_command(arm_real *r);\n"
     loop = f"void loop(const arm_real *q);\nvoid loop(const arm_real *q) {{\n(void)q;\n{block[0]}}}\n"
     (folder / "example.c").write_text(f'#include "arm.h"\n{stubs}{loop}')
     subprocess.run([compiler, *STRICT, "-c", "example.c", "-o", "out.o"], cwd=folder, check=True)

@@ -209,6 +209,19 @@ def default_lines(controller: Controller, values: np.ndarray, real: Real) -> str
     return number_lines(controller.data.places, values, real, PARTS, meanings, "        ")
 
 
+def unread_parameters(controller: Controller) -> set[int]:
+    """Places among the parameters of the estimator's model of those that neither its flow nor its output depends on."""
+    import casadi as ca
+
+    if controller.estimator is None or not (plant := controller.estimator.plant).parameters.size:
+        return set()
+    flow = plant.traced_flow
+    arguments = [ca.SX.sym(f"i{k}", flow.size1_in(k)) for k in range(flow.n_in())]
+    x, u, _, p = arguments
+    every = ca.vertcat(flow(*arguments), plant.traced_output(x, u, p))
+    return {k for k, read in enumerate(ca.which_depends(every, p, 1)) if not read}
+
+
 def origin_facts(controller: Controller, origin: Mapping[str, str]) -> dict[str, str]:
     """Lines for header and README: which robot and design it is, with which γ and degree, and by which command."""
     from flexhinf.hinf import HJISolution

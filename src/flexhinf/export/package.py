@@ -353,6 +353,7 @@ def _readme(code: ControllerCode, run: Recording, accuracy: str, has_design: boo
         GEARS="\n".join(["", *wrap(GEARS, 118), ""]) if code.has_motors else "",
         COMMAND="\n".join(wrap(code.command_text, 118)),
         STANDSTILL_USE="" if code.standstill is None else STANDSTILL_USE if code.rests else RESTART_USE,
+        BOTH=" The test vector\nhas both." if code.real.name == "double" else "",
         BELIEVES="\n".join(wrap(code.believes_text, 118)),
         SAYS="\n".join(wrap(code.status_text, 112)), ANGLES=ANGLES[code.real.name],
         MARK="@DIGEST@", DESIGN=DESIGN if has_design else "",
@@ -403,14 +404,16 @@ MATHEMATICS = re.compile(
 EXAMPLE = """    static @NAME@_state state;
     @NAME@_input input = {0};
     @NAME@_output output = {0};
+    int code;
 
     if (@NAME@_init(&state) != @BIG@_OK) { refuse(); } /* yours; else it is believed to rest where "Signals" says */
     @COMMAND@
     @NAME@_step(&state, &@NAME@_defaults, &input, &output); /* no measurement yet: the input that holds the robot */
     for (;;) { /* every @PERIOD_TEXT@ s; change input.r to move */
         input.measured = read_sensors(input.y); /* yours; 0 where there is no measurement */
-@LATE@        @NAME@_step(&state, &@NAME@_defaults, &input, &output);
-@NOW@    }"""
+@LATE@        code = @NAME@_step(&state, &@NAME@_defaults, &input, &output);
+@NOW@        watch(code); /* yours: brakes as "What a step returns" says */
+    }"""
 
 #: Why a test vector may saturate.
 AT_LIMIT = "; in {} of them an input is at its limit, as its commands swing faster than a robot should"

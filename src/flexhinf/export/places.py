@@ -10,7 +10,7 @@ import numpy as np
 
 from flexhinf.codegen import Part
 from flexhinf.codegen.c import comment
-from flexhinf.export.names import MEMORY, constants, named_parameters, parameter_units
+from flexhinf.export.names import MEMORY, constants, named_parameters, parameter_units, unread_parameters
 from flexhinf.loop import Controller
 
 if TYPE_CHECKING:
@@ -99,10 +99,14 @@ class Places:
         named = list(named_parameters(self.controller, parameter_units(self.controller, self.robot)))
         texts = constants(f"{self.prefix}_P", [name for name, *_ in named])
         first = self.controller.data.places["parameters"].start if named else 0
+        unread = unread_parameters(self.controller)
         return [
-            (f"{text}_OF_MODEL" if text in taken else text, first + k, comment(unit) or "no unit stated")
+            (
+                f"{text}_OF_MODEL" if text in taken else text, first + k,
+                (comment(unit) or "no unit stated") + "; the model leaves it out" * (k in unread),
+            )
             for text, (_, k, unit) in zip(texts, named, strict=True)
-        ]
+        ]  # fmt: skip
 
     def parts(self) -> dict[str, tuple[Part, ...]]:
         """The parts of the buffers of the step's program."""

@@ -73,7 +73,7 @@ enum {
     @BIG@_PARAM_NOT_FINITE = 3     /* NaN, or infinite where the design's number is not */
 };
 
-/* Whether parameters may be used; no step asks. Where they may not, *place is the first number at fault: an element of
+/* Whether parameters may be used; no step asks. Where they may not, *place is the first number of the gravest fault: an element of
  * value, @BIG@_PARAMETERS for oldest, one more for missing_limit; place may be a null pointer. Not there with
  * -D@BIG@_WITHOUT_CHECK. */
 int @NAME@_check(const @NAME@_param *param, int *place);

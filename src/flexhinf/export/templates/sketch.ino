@@ -12,6 +12,7 @@ static const unsigned long PERIOD_US = @PERIOD_US@UL;
 static bool read_sensors(@NAME@_real *y);
 static void read_command(@NAME@_real *r, @NAME@_real path_rate);
 static void drive_motors(const @NAME@_real *u);
+static void watch(int code);
 
 void setup()
 {
@@ -35,10 +36,16 @@ void loop()
     if (@BIG@_LATENCY > 0) { // the input of the sample before acts from here on; further samples are the drive's
         drive_motors(output.u);
     }
-    @NAME@_step(&state, &@NAME@_defaults, &input, &output);
+    const int code = @NAME@_step(&state, &@NAME@_defaults, &input, &output);
     if (@BIG@_LATENCY == 0) {
         drive_motors(output.u);
     }
+    watch(code);
+}
+
+static void watch(int code)
+{
+    (void)code; // brakes as README.md says under "What a step returns"
 }
 
 static bool read_sensors(@NAME@_real *y)
