@@ -237,6 +237,11 @@ def test_cppcheck_finds_nothing(which: str, arithmetic: str, checked: dict[str, 
     assert run(tool("cppcheck"), *checks, *f"-D{arithmetic}".split(), "arm.c", folder=checked[which]) == ""
 
 
+def test_the_deviations_are_a_list_that_cppcheck_reads(exported: dict[str, Path]) -> None:
+    lines = (exported["float"] / "misra.txt").read_text(encoding="utf-8").splitlines()
+    assert [line for line in lines if line and not re.match(r"# .|misra-c2012-\d+\.\d+$", line)] == []
+
+
 @pytest.mark.slow
 def test_no_rule_of_misra_is_broken_but_those_that_are_listed_with_a_reason(checked: dict[str, Path]) -> None:
     """And each of these is."""
