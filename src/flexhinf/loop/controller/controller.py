@@ -213,9 +213,9 @@ class Controller(Summarised):
             self.judged = tuple(name for name in self.measured if name in self.states) or self.states[:1]
         self._places = np.array([self.states.index(name) for name in self.tracked], dtype=int)
         read = {**dict.fromkeys(self.states, self.states), **dict.fromkeys(self.measured, self.measured)}
-        angles = () if estimator is None else estimator.plant.angles
+        sensors, angles = ((), ()) if estimator is None else (self.measured, estimator.plant.angles)
         self._sources = [
-            Source(name in self.measured, read[name].index(name), self.states.index(name), name in angles)
+            Source(name in sensors, read[name].index(name), self.states.index(name), name in angles)
             for name in self.tracked
         ]
         first, place = self.initial_memory(), self.memory.places["reference"]
