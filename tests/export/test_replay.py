@@ -60,7 +60,10 @@ def answers(controller: fh.Controller, y: np.ndarray, r: np.ndarray, measured: n
     for k in range(len(y)):
         there = np.isfinite(y[k])
         some = measured[k] and (there.any() if controller.estimator else there.all())
-        missing = 0 if some else missing + (not measured[k] or controller.estimator is not None)
+        if some:  # a bad command leaves its measurement unused
+            missing = 0 if np.isfinite(r[k]).all() else min(missing + 1, 10)
+        else:
+            missing += not measured[k] or controller.estimator is not None
         try:
             if some or (missing <= 10 and controller.estimator is not None):
                 held = fresh.step(

@@ -39,12 +39,6 @@ class SpringSeries:
         n = self.places.shape[1]
         return (FUNCTIONS * (self.poles + 1), self.poles, n, n, n, n, self.compliance.size1_in(1))
 
-    @property
-    def operations(self) -> int:
-        """Roughly, the operations of the law as one trace: M(q)⁻¹, and for each pole a matrix and its elimination."""
-        n = self.places.shape[1]
-        return self.compliance.n_instructions() + self.poles * n * n * (n + 1)
-
     def evaluate(self, x: Any, state: Any, data: Any, run: Any = DIRECT) -> Any:
         """k (n,) for a deviation x, integrals last, from a reference state, with the numbers first in data."""
         parts = (data[a:b] for a, b in pairwise(accumulate(self.sizes, initial=0)))

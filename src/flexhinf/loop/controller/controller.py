@@ -366,10 +366,10 @@ class Controller(Summarised):
     # Code -----------------------------------------------------------------------------------------
     @cached_property
     def composed(self) -> bool:
-        """Whether a step is composed of traced pieces (more than `ONE_TRACE` operations), or one trace."""
+        """Whether a step is composed of traced pieces (more than `ONE_TRACE` operations, or a series), or one trace."""
         count = (self.mode.laws + STEPS if self.mode.takes_over else 1) * np.size(self.law.law_data)
-        count += sum(each.operations for each in (self.laws[0].law_series, self.estimator) if each)
-        return self._always_in_pieces or count > ONE_TRACE
+        count += self.estimator.operations if self.estimator else 0
+        return self._always_in_pieces or self.laws[0].law_series is not None or count > ONE_TRACE
 
     @cached_property
     def law_code(self) -> LawCode:
