@@ -211,8 +211,8 @@ class Composer:
         self, times: int, function: Callable[..., tuple[Block, ...]], *arrays: Block
     ) -> tuple[Block, ...]:
         """As `Direct.repeat`: one loop; the function gives new memory, and uses none that moves with outer loops."""
-        if times == 1:
-            return function(*arrays)
+        if times < 2:
+            return function(*arrays) if times else arrays
         names = _argument_names(function, arrays) or ("repeated",) * len(arrays)
         held = tuple(
             self.work(a.shape, name=self._new_name(name)) for a, name in zip(arrays, names, strict=True)
