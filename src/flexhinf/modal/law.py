@@ -185,4 +185,4 @@ class ModalLaw(PlacedLaw):
 
     def evaluate_about(self, x: Any, state: Any, input: Any, data: Any) -> Any:
         """k (n,) for a deviation x from the reference, of any element."""
-        return self.law_series.evaluate(x, state, data)
+        return self.law_series.evaluate(x, data, state)

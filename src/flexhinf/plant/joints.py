@@ -163,7 +163,6 @@ class LinkCompliance:
 
     def __init__(self, plant: Plant) -> None:
         self.traced = _static(plant, "compliance", lambda fall, compliance: ca.vec(compliance))
-        self.key = digest(self.traced)
 
     def matrix(self, q: Any, p: Any) -> Any:
         """M(q)⁻¹ (n, n): the accelerations q̈1 per torque at the links, at the parameter vector p."""

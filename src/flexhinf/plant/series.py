@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import accumulate, pairwise
 from typing import Any
 
@@ -28,7 +29,7 @@ class SpringSeries:
     places: np.ndarray
     poles: int
 
-    @property
+    @cached_property
     def key(self) -> str:
         """What distinguishes the code of two series."""
         return f"{self.poles} {self.places.tolist()} {digest(self.compliance)}"
@@ -39,8 +40,11 @@ class SpringSeries:
         n = self.places.shape[1]
         return (FUNCTIONS * (self.poles + 1), self.poles, n, n, n, n, self.compliance.size1_in(1))
 
-    def evaluate(self, x: Any, state: Any, data: Any, run: Any = DIRECT) -> Any:
-        """k (n,) for a deviation x, integrals last, from a reference state, with the numbers first in data."""
+    def evaluate(self, x: Any, data: Any, state: Any = None, run: Any = DIRECT) -> Any:
+        """k (n,) for a deviation x, integrals last, from a reference state, with the numbers first in data; by default
+        from x*, which stands behind them, before u* (n,)."""
+        if state is None:
+            state = data[sum(self.sizes) : -self.places.shape[1]]
         parts = (data[a:b] for a, b in pairwise(accumulate(self.sizes, initial=0)))
         rows, softness, stiffness, torque, friction, share, parameters = parts
         compliance = run.call(self._compliance, state, parameters)

@@ -78,9 +78,8 @@ class LawCode:
         if self.table is not None:
             data = data.reshape(-1, self.columns)[:, : len(self.law.input_names)].T.ravel()
         if (series := self.law.law_series) is not None:
-            states, inputs = len(self.law.plant_states), len(self.law.input_names)
-            state = data[-states - inputs : -inputs] if about is None else about[0]
-            return lambda x: series.evaluate(x, state, data, run)
+            state = None if about is None else about[0]
+            return lambda x: series.evaluate(x, data, state, run)
         if about is not None and self.law.depends_on_reference:
             return lambda x: run.call(self._law_about, x, *about, data)
         return lambda x: run.call(self._law, x, data)

@@ -191,8 +191,7 @@ class StoredLaw(Law):
     def evaluate_law(self, x: Any, data: Any) -> Any:
         """k(x), (m,), for a deviation x (n,) on any element."""
         if self.law_series is not None:
-            end = np.size(data) - len(self.input_names)
-            return self.law_series.evaluate(x, data[end - len(self.plant_states) : end], data)
+            return self.law_series.evaluate(x, data)
         if self.law_table is None:
             return apply(self._law, x, data)[0]
         return self.law_table.evaluate(x, np.asarray(data).reshape(self.law_table.coefficients.shape))
@@ -200,7 +199,7 @@ class StoredLaw(Law):
     def evaluate_about(self, x: Any, state: Any, input: Any, data: Any) -> Any:
         """k(x), (m,), about a reference (state, input)."""
         if self.law_series is not None:
-            return self.law_series.evaluate(x, state, data)
+            return self.law_series.evaluate(x, data, state)
         placed = self._about is not None
         return apply(self._about, x, state, input, data)[0] if placed else self.evaluate_law(x, data)
 
