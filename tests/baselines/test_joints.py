@@ -7,6 +7,7 @@ from tests.refusals import refused_with
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Plant
 from flexhinf.plant.joints import LinkCompliance, elastic_joints
+from flexhinf.scalars import digest
 
 
 @pytest.mark.oracle
@@ -84,4 +85,4 @@ def test_the_compliance_is_the_inverse_of_the_mass_matrix(made, name):
         rtol=1e-9,
         atol=1e-10,
     )
-    assert compliance.key == LinkCompliance(changed).key
+    assert digest(compliance.traced) == digest(LinkCompliance(changed).traced)
