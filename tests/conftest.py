@@ -210,7 +210,7 @@ def as_shipped(
     user's machine code is left alone.
     """
     from flexhinf.codegen import compiler, machine, shared
-    from flexhinf.export import compiled, package, stack
+    from flexhinf.export import compiled, self_test, stack
 
     def quickly(sources: Any, folder: Path, flags: tuple[str, ...]) -> Path:
         return build(sources, folder, tuple(re.sub(r"^-O\d$", "-O0", flag) for flag in flags))
@@ -218,7 +218,7 @@ def as_shipped(
     build = compiled.build
     usual = ((compiler, "_MOST_FILES", compiler._MOST_FILES),
              (machine, "level", machine.level), (machine, "_PASSES", machine._PASSES),
-             (stack, "MACHINES", stack.MACHINES), (compiled, "build", build), (package, "build", build))  # fmt: skip
+             (stack, "MACHINES", stack.MACHINES), (compiled, "build", build), (self_test, "build", build))  # fmt: skip
     hurried = (10_000, lambda operations: 0, (), dict.fromkeys(stack.MACHINES, ()),
                quickly, quickly)  # fmt: skip
 

@@ -21,7 +21,7 @@ from flexhinf.design.specification import SpecificationError
 from flexhinf.design.workspace.design import WorkspaceDesign
 from flexhinf.design.workspace.setup import ACCELERATION, OFFSET, OFFSET_TIME, WorkspaceSetup
 from flexhinf.errors import InvalidInput
-from flexhinf.export.package import record
+from flexhinf.export.recording import record
 from flexhinf.modal import ModalLaw
 from flexhinf.modal.pair import PairWeights
 from flexhinf.robot import MuJoCoPlant, Robot

@@ -12,7 +12,7 @@ import flexhinf as fh
 from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
 from flexhinf.estimation import ExtendedKalmanFilter, ModalFilter
 from flexhinf.estimation.modal import FADING
-from flexhinf.export.package import record
+from flexhinf.export.recording import record
 from flexhinf.plant import Law, Plant
 from flexhinf.plant.joints import elastic_joints
 

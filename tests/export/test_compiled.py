@@ -23,7 +23,7 @@ from flexhinf.codegen.machine import host
 from flexhinf.errors import ControllerInUse, InvalidInput
 from flexhinf.export import compiled as processor
 from flexhinf.export.compiled import MARK
-from flexhinf.export.package import record, with_both_roundings
+from flexhinf.export.recording import record, with_both_roundings
 
 
 @pytest.fixture(scope="module")

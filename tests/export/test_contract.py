@@ -6,6 +6,7 @@ import math
 import re
 import shutil
 import subprocess
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
@@ -40,8 +41,7 @@ int main(void)
     static arm_state state;
     arm_param param = arm_defaults;
     arm_output output;
-    arm_input input = {0};
-    arm_real estimate[ARM_STATES] = {0}, wide[ARM_INPUTS] = {1000}, rest[ARM_STATES + ARM_INPUTS] = {1};
+    arm_real wide[ARM_INPUTS] = {1000}, rest[ARM_STATES + ARM_INPUTS] = {1};
     const arm_real most = arm_defaults.value[ARM_P_UPPER], least = arm_defaults.value[ARM_P_LOWER];
 
     /* the first code that holds, whatever else is wrong */
@@ -57,17 +57,6 @@ int main(void)
     EXPECT(step(&state, &param, 0.1, NAN, 0, &output) == ARM_STOPPED);
     EXPECT(step(&state, &param, 0.1, 0.1, 0, &output) == ARM_STOPPED);
     EXPECT(step(&state, &param, 0.1, 0.1, 1, &output) == ARM_OK); /* nothing latches */
-
-    /* ages that are none */
-    input.r[0] = (arm_real)0.1;
-    input.y[0] = (arm_real)0.1;
-    input.measured = 1;
-    for (int k = 0; k < 3; ++k) {
-        input.age = (k == 0) ? (arm_real)-1 : (k == 1) ? (arm_real)NAN : 2 * arm_defaults.oldest;
-        EXPECT(arm_step(&state, &param, &input, &output) == ARM_PREDICTED);
-    }
-    input.age = arm_defaults.oldest;
-    EXPECT(arm_step(&state, &param, &input, &output) == ARM_OK);
 
     /* limits that nobody checked: wider, none, and not in order */
     for (int k = 0; k < 4; ++k) {
@@ -89,15 +78,6 @@ int main(void)
         (void)step(&state, &param, 0.1, (j % 2 == 0) ? 1e4 : -1e4, 1, &output);
         EXPECT(output.u[0] >= least && output.u[0] <= most / 2);
     }
-
-    /* starts */
-    EXPECT(arm_start(&state, &param, estimate, 0) == ARM_OK);
-    estimate[0] = (arm_real)NAN;
-    EXPECT(arm_start(&state, &param, estimate, 0) == ARM_BAD_START);
-    EXPECT(step(&state, &param, 0.1, 0.1, 1, &output) == ARM_NOT_INITIALISED); /* it latches */
-    wide[0] = HUGE_VALF;
-    EXPECT(arm_start(&state, &param, 0, wide) == ARM_BAD_START);
-    EXPECT(step(&state, &param, 0.1, 0.1, 1, &output) == ARM_NOT_INITIALISED);
 
     /* a sample with a bad command is one whose measurement is not used */
     EXPECT(arm_rest(&param, rest, rest) == ARM_OK && rest[0] == 1 && rest[2] > 1 && rest[ARM_STATES] > 0);
@@ -130,6 +110,89 @@ def test_the_first_code_that_holds_is_returned_and_limits_are_not_widened(
     subprocess.run(built, cwd=folder, check=True)
     done = subprocess.run(["./run"], cwd=folder, capture_output=True, text=True, check=False)
     assert (done.stdout, done.returncode) == ("", 0)
+
+
+SANITIZERS = ("-fsanitize=undefined,address", "-fno-sanitize-recover=all")
+STRICT = ("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
+
+
+def rehearsed(
+    folder: Path, compiler: str, program: str = "contract", flags: Sequence[str] = STRICT
+) -> tuple[int, str]:
+    """Exit code and output of a program of an export."""
+    subprocess.run(
+        [compiler, "-std=c99", "-O1", *flags, "arm.c", f"arm_{program}.c", "-lm", "-o", program],
+        cwd=folder,
+        check=True,
+    )
+    done = subprocess.run([f"./{program}"], cwd=folder, capture_output=True, text=True, check=False)
+    return done.returncode, done.stdout
+
+
+#: What is changed in the source, and which program of the export finds it.
+FAULTS = [
+    ("state->missing < param->missing_limit && state", "state->missing <= param->missing_limit && state", "contract"),
+    ("input->age >= 0.0 && ", "", "contract"),
+    ("larger(param->value[ARM_P_LOWER + i], least)", "least", "contract"),
+    ("smaller(param->value[ARM_P_UPPER + i], most)", "most", "contract"),
+    ("        state->mark = 0;", "        state->mark = INITIALISED;", "contract"),
+    ("code = went_back(state);", "code = ARM_BAD_RESULT;", "contract"),
+    ("return ARM_WENT_BACK;", "state->held[0] += 1.0; return ARM_WENT_BACK;", "contract"),
+    ("    if (state->mark != INITIALISED) {", "    if (0) {", "contract"),
+    (" && arm_some(input->y) != 0", "", "test"),
+    ("? state->estimate[i] :", "? state->estimate[i] * 1.000001 :", "test"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("right", "wrong", "program"), FAULTS)
+def test_vector_and_rehearsal_find_faults(
+    right: str, wrong: str, program: str, compiler: str, exported: Path, tmp_path: Path
+) -> None:
+    folder = shutil.copytree(exported, tmp_path / "c")
+    source = (folder / "arm.c").read_text(encoding="utf-8")
+    assert source.count(right) == 1
+    (folder / "arm.c").write_text(source.replace(right, wrong), encoding="utf-8")
+    code, said = rehearsed(folder, compiler, program, flags=())
+    assert code == 1
+    assert "FAILED" in said
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return export_c(made(), tmp_path_factory.mktemp("exported") / "c", "arm")
+
+
+def test_the_contract_holds_with_and_without_an_estimator(
+    compiler: str, exported: Path, tmp_path: Path
+) -> None:
+    assert rehearsed(exported, compiler) == (0, "arm: the contract holds: passed\n")
+    direct = export_c(made(with_estimator=False), tmp_path / "direct", "arm", "float")
+    assert rehearsed(direct, compiler) == (0, "arm: the contract holds: passed\n")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("real", ["double", "float"])
+@pytest.mark.parametrize(
+    "options",
+    [{"latency": 1}, {"measurement_limits": (-1.0, 1.0, 10.0)}, {"moving": True}],
+    ids=["latency", "limits", "moving"],
+)
+def test_it_holds_with_options(
+    real: str,
+    options: dict[str, object],
+    compiler: str,
+    tmp_path: Path,
+    needs_compiler: Callable[..., None],
+) -> None:
+    """Of counts too, and of a memory that was overwritten nothing is computed that C does not define."""
+    plain = made()
+    ukf = fh.UnscentedKalmanFilter(ARM.plant(), 1e-3, 1e-7, 1e-6, [0.1, 0.0, 0.11, 0.0], 1e-6, gate=0.9999)
+    one = fh.Controller(plain.law, ukf, 1e-3, 48.0, **options)  # type: ignore[arg-type]
+    folder = export_c(one, tmp_path / "c", "arm", real)
+    assert "counted(" in (folder / "arm.c").read_text(encoding="utf-8")
+    assert rehearsed(folder, compiler) == (0, "arm: the contract holds: passed\n")
+    needs_compiler(compiler, *SANITIZERS)
+    assert rehearsed(folder, compiler, flags=SANITIZERS) == (0, "arm: the contract holds: passed\n")
 
 
 @pytest.mark.parametrize("with_estimator", [True, False])

@@ -22,7 +22,7 @@ from flexhinf.codegen.c import Real
 from flexhinf.codegen.machine import host
 from flexhinf.export import export_c, export_plant_fmu
 from flexhinf.export.controller_c import arithmetic
-from flexhinf.export.package import record, with_both_roundings
+from flexhinf.export.recording import record, with_both_roundings
 
 #: Writes whether multiply-adds are fused; reads y and r as doubles, writes u; 77 where `arm_init` refuses.
 PROGRAM = """

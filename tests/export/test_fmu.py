@@ -15,7 +15,7 @@ from tests.refusals import refused_with
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.export import export_fmu, export_plant_fmu
-from flexhinf.export.package import record
+from flexhinf.export.recording import record
 
 fmpy = pytest.importorskip("fmpy")
 

@@ -10,7 +10,7 @@ import pytest
 import flexhinf as fh
 from flexhinf.export.controller_c import code_of
 from flexhinf.export.fmu import export_fmu, export_plant_fmu
-from flexhinf.export.package import record
+from flexhinf.export.recording import record
 
 pytestmark = pytest.mark.oracle
 

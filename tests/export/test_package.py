@@ -15,10 +15,10 @@ from tests.refusals import refused_with, unnamed
 import flexhinf as fh
 from flexhinf.codegen.c import comment
 from flexhinf.errors import InvalidInput
-from flexhinf.export import check_room, controller_files, export_c, package
+from flexhinf.export import check_room, controller_files, export_c, self_test
 from flexhinf.export.compiled import compiler_flags
 from flexhinf.export.names import constants, identifier_of
-from flexhinf.export.package import record
+from flexhinf.export.recording import record
 
 
 @pytest.fixture(scope="module")
@@ -173,7 +173,7 @@ def test_what_float_loses_is_measured_and_the_test_vector_allows_little_more(
 def test_a_controller_that_float_does_not_hold_is_refused(
     estimating: fh.Controller, compiler: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(package.TOLERANCE, "float", 1e-9)
+    monkeypatch.setitem(self_test.TOLERANCE, "float", 1e-9)
     with refused_with(InvalidInput, "float", "--real double"):
         export_c(estimating, tmp_path / "c", real="float")
     assert not (tmp_path / "c").exists()

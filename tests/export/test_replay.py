@@ -13,7 +13,7 @@ import pytest
 import flexhinf as fh
 from flexhinf.baselines import FeedbackLinearisation, MotorPD, lqr
 from flexhinf.errors import NumericalFailure
-from flexhinf.export.package import record
+from flexhinf.export.recording import record
 
 ARM = fh.paper_arm()
 NOISES = (1e-7, 1e-4, np.zeros(4), 1e-4)

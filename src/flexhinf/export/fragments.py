@@ -141,7 +141,17 @@ DOUBTFUL_DECLARED = """
     int doubtful;"""
 DOUBTFUL = """
     output->status += (state->memory[AT_DOUBT] > 0) ? @BIG@_DOUBTFUL_ESTIMATE : 0;
-    output->doubtful = (int)state->memory[AT_DOUBT + 1];"""
+    output->doubtful = counted(state->memory[AT_DOUBT + 1]);"""
+
+#: A count that the memory holds, up to one that int and real hold.
+COUNTED = """/* A count; 0 where the memory was overwritten by what is none. */
+static int counted(real number)
+{
+    return (number > @ZERO@ && number <= @MOST@) ? (int)number : 0;
+}
+
+"""
+MOST_COUNTED = {"double": 2.0**31 - 1.0, "float": 2.0**24}
 
 #: Counts of rejected measurements (by a gate, or by their limits), which are a part of the memory.
 REJECTED_DECLARED = """
@@ -149,7 +159,7 @@ REJECTED_DECLARED = """
     int rejected[@BIG@_MEASUREMENTS];"""
 REJECTED = """
     for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {{
-        output->rejected[i] = (int){};
+        output->rejected[i] = {};
     }}"""
 
 #: Of a bit that a controller does not watch.

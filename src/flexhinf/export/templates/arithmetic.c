@@ -15,10 +15,11 @@
 typedef char @NAME@_type_of_constants[(sizeof(1.0@F@) == @BYTES@ && sizeof(@REAL@) == @BYTES@) ? 1 : -1];
 
 /* Sums and products as they are written: compilers fuse some of them unless they are told not to. GCC's vectors of
- * straight lines do even so (alternate sums and differences of products, vfmaddsub), so it makes none. */
+ * straight lines do even so (alternate sums and differences of products, vfmaddsub), so it makes none. Where a rule forbids
+ * this pragma, give GCC the two flags -ffp-contract=off -fno-tree-slp-vectorize, and -D@BIG@_WITHOUT_PRAGMA. */
 #if defined(__clang__)
 #pragma STDC FP_CONTRACT OFF
-#elif defined(__GNUC__)
+#elif defined(__GNUC__) && !defined(@BIG@_WITHOUT_PRAGMA)
 #pragma GCC optimize("fp-contract=off", "no-tree-slp-vectorize")
 #elif defined(_MSC_VER)
 #pragma fp_contract(off)

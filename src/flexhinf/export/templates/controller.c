@@ -165,7 +165,7 @@ static int went_back(@NAME@_state *state)
     return @BIG@_WENT_BACK;
 }
 
-/* What is applied: the last good input; where even that was lost, or is beyond the limits of now, the one before the
+@COUNTED@/* What is applied: the last good input; where even that was lost, or is beyond the limits of now, the one before the
  * first sample within these. */
 static void hold(const @NAME@_state *state, const @NAME@_param *param, @NAME@_output *output)
 {

@@ -15,7 +15,7 @@
 #define PERIOD_TICKS ((TickType_t)(PERIOD_US * configTICK_RATE_HZ / 1000000u))
 typedef char whole_ticks[(PERIOD_US * configTICK_RATE_HZ) % 1000000u == 0 && PERIOD_TICKS > 0 ? 1 : -1];
 
-/* Of your board, as in main.c. */
+/* Of your board, as in main.c; report warns, and brakes and restarts the watchdog as main.c does. */
 extern int read_sensors(@NAME@_real *y);
 extern void read_command(@NAME@_real *r, @NAME@_real path_rate);
 extern void drive_motors(const @NAME@_real *u);
@@ -54,9 +54,7 @@ static void control(void *unused)
         if (@BIG@_LATENCY == 0) {
             drive_motors(output.u);
         }
-        if (code != @BIG@_OK) {
-            report(code);
-        }
+        report(code);
     }
 }
 

@@ -1,30 +1,37 @@
-/* How @NAME@ is used: one call before the loop, one call in it. Replace the functions that are marked. */
+/* How @NAME@ is used: one call before the loop, one call in it. The functions of your board are yours. */
 #include "@NAME@.h"
 
-/* Of your board: wait for the next sample; read sensors and command; drive the motors; warn, and brake the robot where
- * samples fail for too long. Elements of the arrays have names in @NAME@.h, such as those that begin with @BIG@_Y_. */
+/* Of your board. Elements of the arrays have names in @NAME@.h, such as those that begin with @BIG@_Y_. */
 extern void wait_for_sample(void);
 extern int read_sensors(@NAME@_real *y); /* 0 where there was no measurement in time */
 extern void read_command(@NAME@_real *r, @NAME@_real path_rate); /* path_rate periods further along its path */
 extern void drive_motors(const @NAME@_real *u);
-extern void report(int code);
+extern void restart_watchdog(void); /* which brakes the robot too, where samples fail for longer than it may run on */
+extern void brake(int code);        /* stops the robot without the controller, whatever it needs for that */
 
 static @NAME@_state state; /* too large for most stacks */
 
 /* @HOME_TEXT@, where @NAME@_init believes the robot. */
 static const @NAME@_real home[] = {@HOME@};
 
+/* Whether the output may act after this code; where others last, the watchdog brakes. */
+static int may_act(int code)
+{
+    return code != @BIG@_STOPPED && code != @BIG@_WENT_BACK && code != @BIG@_NOT_INITIALISED;
+}
+
 int main(void)
 {
     @NAME@_input input = {0};
     @NAME@_output output = {0};
+    int acts = 1; /* once 0 it stays so: look at the robot, then begin again with @NAME@_start */
     if (@NAME@_init(&state) != @BIG@_OK) { /* the robot must be where @NAME@.h says; elsewhere @NAME@_start */
-        report(@BIG@_BAD_ARITHMETIC);      /* compiled with flags that change results */
+        brake(@BIG@_BAD_ARITHMETIC);       /* compiled with flags that change results */
         return 1;
     }
     @STANDSTILL@ /* the command until there is another */
     @NAME@_step(&state, &@NAME@_defaults, &input, &output); /* without a measurement: the input before the first */
-    for (;;) {
+    while (acts) {
         int code;
         wait_for_sample();
         input.measured = read_sensors(input.y);
@@ -33,11 +40,17 @@ int main(void)
             drive_motors(output.u);
         }
         code = @NAME@_step(&state, &@NAME@_defaults, &input, &output);
-        if (@BIG@_LATENCY == 0) {
-            drive_motors(output.u);
+        acts = may_act(code);
+        if (code == @BIG@_OK) {
+            restart_watchdog();
         }
-        if (code != @BIG@_OK) {
-            report(code);
+        if (!acts) {
+            brake(code);
+        } else if (@BIG@_LATENCY == 0) {
+            drive_motors(output.u);
+        } else {
+            /* it acts from the next sample on */
         }
     }
+    return 1;
 }

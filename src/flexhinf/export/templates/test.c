@@ -1,22 +1,26 @@
 /* Test vector of @NAME@: a run recorded by flexhinf @VERSION@, with samples that are missing or not finite.
- * Exit code 0 if every answer is that of the recording. */
+ * Exit code 0 if every answer is that of the recording: inputs, estimates, codes and status. */
 #include "@NAME@.h"
 
 #include <math.h>
 #include <stdio.h>
 
-enum { SAMPLES = @SAMPLES@, RUNS = @RUNS@ };
+enum { SAMPLES = @SAMPLES@, RUNS = @RUNS@, EVERY = @EVERY@ };
 
 /* Of the runs without and with fused multiply-adds, the one that this build repeats. */
 #define RUN @RUN@
 
-/* Largest error, relative to the largest value of each signal. */
+/* Largest errors of inputs and estimates, relative to the largest value of each signal. */
 #define TOLERANCE @TOLERANCE@
+#define TOLERANCE_OF_ESTIMATES @TOLERANCE_OF_ESTIMATES@
 
-/* Measurements and commands; what must come of them in each run; and the code and the status of each step, -1 where
- * rounding may decide about it. */
+/* Measurements, whether there is one, and commands; what must come of them in each run, and of every EVERY-th sample what
+ * is estimated; the code and the status of each step, -1 where rounding may decide about it. */
 static const @NAME@_real given_y[SAMPLES][@BIG@_MEASUREMENTS] = {
 @Y@
+};
+static const int given_measured[SAMPLES] = {
+@MEASURED@
 };
 static const @NAME@_real given_r[SAMPLES][@R@] = {
 @COMMANDS@
@@ -26,6 +30,12 @@ static const @NAME@_real expected_u[RUNS][SAMPLES][@BIG@_INPUTS] = {{
 }};
 static const @NAME@_real size_of_u[@BIG@_INPUTS] = {
 @SIZES@
+};
+static const @NAME@_real expected_estimate[RUNS][SAMPLES / EVERY][@BIG@_STATES] = {{
+@ESTIMATES@
+}};
+static const @NAME@_real size_of_estimate[@BIG@_STATES] = {
+@SIZES_OF_ESTIMATES@
 };
 static const int expected_code[SAMPLES] = {
 @CODES@
@@ -41,8 +51,8 @@ int main(void)
 {
     @NAME@_input input = {0};
     @NAME@_output output = {0};
-    @NAME@_real worst = @ZERO@;
-    int wrong_codes = 0;
+    @NAME@_real worst = @ZERO@, worst_estimate = @ZERO@;
+    int wrong_codes = 0, passed;
     if (@NAME@_init(&state) != @BIG@_OK) {
         printf("@NAME@: flags of the compiler change results: FAILED\n");
         return 1;
@@ -54,7 +64,7 @@ int main(void)
         for (int i = 0; i < @R@; ++i) {
             input.r[i] = given_r[k][i];
         }
-        input.measured = expected_code[k] != @MISSING@;
+        input.measured = given_measured[k];
         if (@NAME@_step(&state, &@NAME@_defaults, &input, &output) != expected_code[k]) {
             wrong_codes += 1;
         }
@@ -67,8 +77,16 @@ int main(void)
                 worst = error;
             }
         }
+        for (int i = 0; i < @BIG@_STATES && k % EVERY == 0; ++i) {
+            const @NAME@_real away = output.estimate[i] - expected_estimate[RUN][k / EVERY][i];
+            if (!(@FABS@(away) / size_of_estimate[i] <= worst_estimate)) {
+                worst_estimate = @FABS@(away) / size_of_estimate[i];
+            }
+        }
     }
-    printf("@NAME@: %d samples, largest relative error %.3g (allowed %.3g), wrong codes %d: %s\n", (int)SAMPLES,
-           (double)worst, (double)TOLERANCE, wrong_codes, (worst <= TOLERANCE && wrong_codes == 0) ? "passed" : "FAILED");
-    return (worst <= TOLERANCE && wrong_codes == 0) ? 0 : 1;
+    passed = worst <= TOLERANCE && worst_estimate <= TOLERANCE_OF_ESTIMATES && wrong_codes == 0;
+    printf("@NAME@: %d samples, largest relative error %.3g (allowed %.3g), of estimates %.3g (allowed %.3g), "
+           "wrong codes %d: %s\n", (int)SAMPLES, (double)worst, (double)TOLERANCE, (double)worst_estimate,
+           (double)TOLERANCE_OF_ESTIMATES, wrong_codes, passed ? "passed" : "FAILED");
+    return passed ? 0 : 1;
 }

@@ -15,7 +15,7 @@
 #define INTERRUPT_STATE REGISTER(0xe000ed04u)
 #define SYSTICK_PENDING (1u << 26)
 
-/* Of your board, as in main.c. */
+/* Of your board, as in main.c; report warns, and brakes and restarts the watchdog as main.c does. */
 extern int read_sensors(@NAME@_real *y);
 extern void read_command(@NAME@_real *r, @NAME@_real path_rate);
 extern void drive_motors(const @NAME@_real *u);
@@ -27,13 +27,32 @@ static @NAME@_state state;
 static @NAME@_input input;
 static @NAME@_output output;
 static int late; /* whether the sample before took longer than a period */
+static int begun;
 
 /* @HOME_TEXT@, where @NAME@_init believes the robot. */
 static const @NAME@_real home[] = {@HOME@};
 
+/* In the interrupt, as the steps: its floating-point unit may have other settings than the main program's (FPDSCR), and
+ * @NAME@_init looks at those that it finds. */
+static int begin(void)
+{
+    const int code = @NAME@_init(&state); /* the robot must be where @NAME@.h says; elsewhere @NAME@_start */
+    @STANDSTILL@ /* the command until there is another */
+    return (code != @BIG@_OK) ? code : @NAME@_step(&state, &@NAME@_defaults, &input, &output); /* not measured yet */
+}
+
 void tick(void)
 {
     int code;
+    if (!begun) {
+        begun = 1;
+        code = begin();
+        if (code != @BIG@_WAITING) { /* compiled with flags that change results */
+            SYSTICK_CONTROL = 0;
+            report(code);
+            return;
+        }
+    }
     input.measured = read_sensors(input.y) && !late; /* an old measurement is none: it is predicted over */
     read_command(input.r, output.path_rate);
     if (@BIG@_LATENCY > 0) { /* the input of the sample before acts from here on; further samples are the drive's */
@@ -43,20 +62,12 @@ void tick(void)
     if (@BIG@_LATENCY == 0) {
         drive_motors(output.u);
     }
-    if (code != @BIG@_OK) {
-        report(code);
-    }
+    report(code);
     late = (INTERRUPT_STATE & SYSTICK_PENDING) != 0u;
 }
 
 int main(void)
 {
-    if (@NAME@_init(&state) != @BIG@_OK) { /* the robot must be where @NAME@.h says; elsewhere @NAME@_start */
-        report(@BIG@_BAD_ARITHMETIC);      /* compiled with flags that change results */
-        return 1;
-    }
-    @STANDSTILL@ /* the command until there is another */
-    @NAME@_step(&state, &@NAME@_defaults, &input, &output); /* without a measurement: the input before the first */
     SYSTICK_RELOAD = (uint32_t)(CORE_HZ * (double)@BIG@_PERIOD + 0.5) - 1u;
     SYSTICK_VALUE = 0;
     SYSTICK_CONTROL = 7; /* the core's clock, its interrupt, on */

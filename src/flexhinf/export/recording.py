@@ -1,0 +1,151 @@
+"""Recorded runs of a controller: what was measured and commanded, and what it answered, sample by sample."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from flexhinf.errors import NumericalFailure
+from flexhinf.loop import Controller, Loop, Samples
+from flexhinf.loop.controller.options import equilibrium_line
+
+#: How a sample ends, by the name of the code that a step in C returns for it.
+MEASURED, MISSING, NOT_FINITE = "OK", "PREDICTED", "BAD_MEASUREMENT"
+
+#: A sample of whose measurement the first element is no number.
+GAP = "gap"
+
+#: Size of the commands' swing about the operating point, in the unit of the tracked states, and its periods, samples.
+SWING, PERIODS = 0.05, (97, 61)
+
+#: Largest standard deviation of the noise in a recorded loop, in the unit of the measurement: the swing is to be seen.
+LOUDEST = 0.1 * SWING
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Recorded samples of a controller, in order.
+
+    `y`, `r`: (K, p), (K, max(1, k)) arrays, measurements and commands. `u`, `estimate`: (K, m), (K, n) arrays, outputs
+    of the controller, held where the sample was refused. `kinds`: How each sample was given, see `replay`. `codes`:
+    "OK", "PREDICTED" or "BAD_MEASUREMENT", one for each sample. `status`: bits of `Controller.status`, likewise.
+    """
+
+    y: np.ndarray
+    r: np.ndarray
+    u: np.ndarray
+    estimate: np.ndarray
+    kinds: list[str]
+    codes: list[str]
+    status: list[int]
+
+
+def record(
+    controller: Controller,
+    samples: int = 200,
+    interrupted: bool = True,
+    exact: type[np.floating] = np.float64,
+) -> Recording:
+    """Run a closed loop of the controller and the plant that its estimator believes in, with noise.
+
+    The noise is that of the estimator's model: without it, measurements equal predictions, and a wrong gain would not
+    be seen. The plant starts where the estimator believes it: started elsewhere, inputs may stay at their limits, and
+    any code would answer that. The commands swing about the operating point within the limits of the states, a moving
+    reference along its equilibria; without an estimator there is no plant, and the states swing too.
+
+    `controller`: Only read. `interrupted`: Replay what was measured with samples left out and samples that are not
+    finite. `exact`: Of numbers that hold the measurements and commands as they are.
+    """
+    time = np.arange(samples)[:, None]
+    operating_reference = controller.operating_reference
+    j = np.arange(len(controller.tracked if controller.mode.moving else operating_reference))
+    swing = (
+        SWING
+        * _room(controller, len(j))
+        * (np.sin(2.0 * np.pi * time / np.take(PERIODS, j % 2) + j) - np.sin(j))
+    )
+    if controller.mode.moving:
+        swing = swing @ _standstills(controller).T
+    r = operating_reference + swing
+    if controller.estimator is None:
+        point = np.asarray(controller.law.operating_point)[: len(controller.states)]
+        y = point + 0.01 * np.sin(2.0 * np.pi * time / (40 + 7 * np.arange(len(point))))
+    else:
+        estimator, times = controller.estimator, controller.period * np.arange(samples)
+        run = Loop(estimator.plant, controller).run(
+            {name: Samples(times, column) for name, column in zip(controller.commanded, r.T, strict=True)},
+            noise=np.minimum(np.sqrt(np.diag(np.atleast_2d(estimator.measurement_noise))), LOUDEST),
+            duration=controller.period * (samples - 1),
+            initial_state=np.asarray(estimator.initial[0], dtype=float),
+        )
+        y = np.asarray(run.data["output"])[:samples]
+    kinds = np.full(samples, MEASURED, dtype=object)
+    if interrupted:
+        kinds[samples // 3 : samples // 3 + 3] = GAP
+        if controller.estimator is not None:
+            kinds[samples // 2 : samples // 2 + 5] = MISSING
+    return replay(controller, y.astype(exact).astype(float), r.astype(exact).astype(float), list(kinds))
+
+
+def _room(controller: Controller, count: int) -> np.ndarray:
+    """Share (k,) of the swing for which each tracked state has room in its limits, about the operating point."""
+    if controller.estimator is None:
+        return np.ones(count)
+    plant, share = controller.estimator.plant, []
+    for name in controller.tracked:
+        low, high = plant.limits.get(name, (-np.inf, np.inf))
+        at = controller.law.operating_point[controller.states.index(name)]
+        share.append(np.clip(min(at - low, high - at) / (2.0 * SWING), 0.0, 1.0))
+    return np.array(share)
+
+
+def _standstills(controller: Controller) -> np.ndarray:
+    """Slope (n + m, k) of a moving reference along its tracked positions, at rest; zero where no model tells it."""
+    n, places = len(controller.states), [controller.states.index(name) for name in controller.tracked]
+    slope: Any = (None,)
+    if controller.estimator is not None and places:
+        r = controller.operating_reference
+        model, states = controller.estimator.plant, controller.estimated_states
+        moved, pushed = equilibrium_line(
+            model, states.whole(r[:n]), r[n:], [model.index(name) for name in controller.tracked]
+        )
+        slope = (None,) if moved is None else (states.own(moved), pushed)
+    return np.zeros((len(controller.commanded), len(places))) if slope[0] is None else np.vstack(slope)
+
+
+def with_both_roundings(controller: Controller, run: Recording) -> tuple[Recording, Recording]:
+    """A recording of the controller, as it is without and with fused multiply-adds."""
+    from flexhinf.codegen import machine
+
+    once = machine.host().fused if controller.fused is None else controller.fused
+    other = replay(controller.fresh(not once), run.y, run.r[:, : len(controller.commanded)], run.kinds)
+    return (other, run) if once else (run, other)
+
+
+def replay(controller: Controller, y: np.ndarray, r: np.ndarray, kinds: list[str]) -> Recording:
+    """Feed samples to a fresh controller.
+
+    `controller`: Only read. `y`, `r`: (K, p), (K, k) arrays. `kinds`: "OK"; "PREDICTED" for a sample without a
+    measurement; `GAP` for one without the first element, which is refused if there is no estimator.
+    """
+    fresh, y = controller.fresh(), np.array(y, dtype=float)
+    held = np.asarray(fresh.input_before(), dtype=float)
+    inputs, estimates, codes, status = [], [], [], []
+    for k, kind in enumerate(kinds):
+        code = kind
+        if kind == GAP:
+            y[k, 0] = np.nan
+            code = NOT_FINITE if not controller.gaps else MEASURED if np.isfinite(y[k]).any() else MISSING
+        try:
+            held = fresh.step(None if kind == MISSING else y[k], r[k] if r.shape[1] else None)
+        except NumericalFailure:
+            if code != NOT_FINITE:
+                raise
+        codes.append(code)
+        inputs.append(held)
+        estimates.append(np.nan_to_num(fresh.estimate))
+        status.append(int(fresh.status))
+    r = r if r.shape[1] else np.zeros((len(y), 1))
+    return Recording(y, r, np.array(inputs), np.array(estimates), list(kinds), codes, status)
