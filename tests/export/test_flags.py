@@ -64,6 +64,8 @@ FLAGS = {
     "-O0 -mfma -fno-builtin": "same",
     "-O2 -mfma": "same",
     "-O3 -mfma -DARM_PLAIN": "same",
+    "-O3 -mfma -DARM_WITHOUT_PRAGMA -ffp-contract=off -fno-tree-slp-vectorize": "same",
+    "-O3 -mfma -std=gnu11 -DARM_WITHOUT_PRAGMA": None,
     "-O2 -mfma -ffp-contract=fast": None,
     "-Ofast": "refused",
     "-O2 -ffast-math": "refused",
@@ -299,9 +301,12 @@ void f(const double *restrict a, const double *restrict b, const double *restric
 """
 
 
-def test_neighbouring_products_are_not_fused(tmp_path: Path, compiler: str) -> None:
+@pytest.mark.parametrize(
+    "own", [(), ("-DARM_WITHOUT_PRAGMA", "-ffp-contract=off", "-fno-tree-slp-vectorize")]
+)
+def test_neighbouring_products_are_not_fused(own: tuple[str, ...], tmp_path: Path, compiler: str) -> None:
     guards = arithmetic("arm", Real("double"))
-    source, flags = tmp_path / "f.c", ("-std=c99", "-O3", "-mfma", "-S", "-o", "-")
+    source, flags = tmp_path / "f.c", ("-std=c99", "-O3", "-mfma", *own, "-S", "-o", "-")
     source.write_text("#include <math.h>\n" + guards + NEIGHBOURS)
     made = subprocess.run([compiler, *flags, str(source)], capture_output=True, text=True, check=False)
     if made.returncode:

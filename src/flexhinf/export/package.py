@@ -262,6 +262,7 @@ def _readme(code: ControllerCode, run: Recording, accuracy: str, has_design: boo
         GEARS="\n".join(["", *wrap(GEARS, 118), ""]) if code.has_motors else "",
         COMMAND="\n".join(wrap(code.command_text, 118)),
         STANDSTILL_USE="" if code.standstill is None else STANDSTILL_USE if code.rests else RESTART_USE,
+        HOLDS="" if code.standstill is None else ":\n`@NAME@_rest` gives the input that they must leave room for",
         SLOWLY=SLOWLY if code.real.name == "double" else "",
         STANDS_FAR=", stands at large angles" if reaches_far(code) else "",
         BOTH=" The test vector\nhas both." if code.real.name == "double" else "",
