@@ -171,6 +171,7 @@ class _Operations:
         while new := set(self._ends(group)).difference(ends):
             ends = sorted([*ends, *new])
             group = {k: (*own[:2], bisect_left(ends, k)) for k, own in group.items()}
+            self.together(group)
         return group
 
     def _ends(self, group: Mapping[int, Group]) -> Iterator[int]:
@@ -293,8 +294,9 @@ class _Functions:
         if self.flag is not None:
             steps += (When(Slice(self.buffer, self.place[self.flag], 1), tuple(_repeated(rare))),)
         parts = tuple(Part(name, self.begin[name], about.get(name, "")) for name in self.parts)
-        scratch = Buffer(self.buffer, self.size, "work", cleared=False, parts=parts)
-        return (*steps, *after, *self.copies), (scratch,)
+        passes = self.size > 0
+        scratch = (Buffer(self.buffer, self.size, "work", cleared=False, parts=parts),) if passes else ()
+        return (*steps, *after, *self.copies), scratch
 
     def _read(self, group: Group) -> tuple[list[int], dict[str, Slice]]:
         """Arguments of the call, and parts of the buffer, that a function reads."""
