@@ -81,7 +81,7 @@ def test_parameters_of_several_joints_have_units_and_say_whose_they_are() -> Non
             if name in ("mass", "stiffness"):  # the others are of the motor, as seen from the joint
                 at = made.data.places["parameters"].start + place
                 assert made.data_vector[at] == robot.nominal[f"{name}_{joint}"]
-    assert rows["inertia_6"][1] == f"{stated['inertia_xx_elbow']} of elbow"
+    assert rows["inertia_6"][1] == f"{stated['inertia_xx_elbow']} of elbow, xx"
 
 
 @pytest.mark.slow

@@ -412,13 +412,26 @@ def test_health_is_published(arm: Callable[[], Manager]) -> None:
     assert one.published("health", "code") == 0
     assert one.published("measured", "link_position") == 0
     assert one.published("input", "motor_voltage") == one.input()
-    for _ in range(12):
-        one.update([-12345.0])  # which the stub cannot read: predicted over, then held
-    assert one.published("health", "code") == 6
-    assert math.isnan(one.published("measured", "link_position"))
     assert one.update([0.0], 3 * PERIOD) == 0
     assert one.published("health", "late_samples") == 1
     assert one.published("health", "doubtful_estimate") == 0
+
+
+def test_without_measurements_it_ends_until_it_is_activated_again(arm: Callable[[], Manager]) -> None:
+    one = arm()
+    assert one.configure(publish_every=1000) == 0
+    assert one.activate([0.0]) == 0
+    assert one.update([0.0]) == 0
+    assert [one.update([-12345.0]) for _ in range(11)] == 10 * [0] + [1]  # which the stub cannot read
+    assert one.published("health", "code") == 6
+    assert one.published("health", "unseen.link_position") == 11
+    assert math.isnan(one.published("measured", "link_position"))
+    held = one.input()
+    assert one.update([0.0]) == 1  # it latches, and the last input stays
+    assert one.input() == held
+    assert one("deactivate") == 0
+    assert one.activate([0.1]) == 0
+    assert one.update([0.1]) == 0
 
 
 @pytest.mark.slow

@@ -428,7 +428,7 @@ def _origin(path: Path, command: str, rows: Sequence[Mapping[str, Any]]) -> dict
         for name, known in report.sources(path.parent).items():
             numbers[f"file {name}"] = f"SHA-256 {known}"
     nearly = sum(bool(row.get("within_tolerance")) for row in rows)
-    met = f"all {len(rows)} met{f', {nearly} of them within its tolerance' * (nearly > 0)}"
+    met = f"all {len(rows)} met{f', {nearly} of them {_within()}' * (nearly > 0)}"
     judged = {"requirements": unmet_text(rows) or met} if rows else {}
     return {"design": f"{path.name}, SHA-256 {digest}", "made by": command, **judged, **numbers}
 
@@ -448,13 +448,24 @@ def _design_files(path: Path, rows: Sequence[Mapping[str, Any]]) -> dict[str, st
     return files | {"design.toml": text, "requirements.md": head + "".join(map(_requirement_line, rows))}
 
 
+def _within() -> str:
+    """How a requirement is met whose limit is exceeded by no more than its tolerance."""
+    from flexhinf.design.requirements import TOLERANCE
+
+    return f"within {100.0 * TOLERANCE:g} % of its limit"
+
+
+def _short(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else f"{value}"
+
+
 def _requirement_line(row: Mapping[str, Any]) -> str:
     """A judged requirement as a line of a table; a file of an older version may lack a column."""
-    unit, met = row.get("unit", ""), "within its tolerance" if row.get("within_tolerance") else "yes"
+    unit, met = row.get("unit", ""), _within() if row.get("within_tolerance") else "yes"
     cells = (
         f"{row.get('what', '')}",
-        f"{row.get('limit', '')} {row.get('asked', '')} {unit}".strip(),
-        f"{row.get('found', '')} {unit}".strip(),
+        f"{row.get('limit', '')} {_short(row.get('asked', ''))} {unit}".strip(),
+        f"{_short(row.get('found', ''))} {unit}".strip(),
         met if row["holds"] else "no",
         f"{row.get('where', '')}",
     )

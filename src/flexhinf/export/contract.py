@@ -44,7 +44,8 @@ CODES = {
         "nothing once; brake if it lasts, and begin again with `@NAME@_start`",
     ),
     "WENT_BACK": Code(
-        4, "as BAD_RESULT, again: the memory went back to one of 32 to 64 good samples ago",
+        4, "as BAD_RESULT, again: the memory went back to one of 32 to 64 good samples ago, or to the start if there "
+        "were fewer",
         "brake; begin again with `@NAME@_start`",
     ),
     "BAD_RESULT": Code(

@@ -51,11 +51,14 @@ from flexhinf.export.fragments import (
     DOUBTFUL_DECLARED,
     EDGE,
     HOLD,
+    KNOWN_ESTIMATE,
     MOST_COUNTED,
     MOVING,
     MOVING_FIRST,
     NAMED,
     NEVER,
+    NO_ESTIMATE,
+    NOT_BELIEVED,
     PLAUSIBLE,
     PLAUSIBLE_TEXT,
     PREDICTION,
@@ -67,6 +70,8 @@ from flexhinf.export.fragments import (
     RESTING,
     RESTING_COMMAND,
     RESTING_FIRST,
+    ROOM,
+    SLOWED,
     STANDING,
     STANDSTILL,
     STANDSTILL_DECLARED,
@@ -173,7 +178,7 @@ class ControllerCode:
         self.scratch = max(work, default=0)
         self.constants = self.sizes["data"] + self.sizes["memory"]
         own = 5 * self.sizes["memory"] + 2 * self.sizes["estimate"] + 2 * self.sizes["u"]
-        self.state_bytes = (own + max(1, self.scratch) + max(1, self.translator.room)) * real.bytes
+        self.state_bytes = (own + max(1, self.scratch) + self.translator.room) * real.bytes
         self.initial_memory = c.initial_memory()
         self.safe_input = self.initial_memory[c.memory.places["u"]]
         self.codes = {code: row for code, row in CODES.items() if self.predicts or code != "PREDICTED"}
@@ -198,7 +203,7 @@ class ControllerCode:
             self.places.long_parts(),
             self.places.constants_of_sizes(),
         )
-        names = ("BAD_MEASUREMENT", "BAD_COMMAND", "BAD_RESULT")
+        names = ("OK", "BAD_MEASUREMENT", "BAD_COMMAND", "BAD_RESULT")
         translator.add(self.program, "sample", {CODES[name].value: self.upper(name) for name in names})
         return translator
 
@@ -299,8 +304,8 @@ class ControllerCode:
             SUMMARY=self._comment(self.facts), FIRST_LINES=self.first_lines,
             LATENCY=c.mode.latency, P=sizes["y"], K=len(c.commanded), M=sizes["u"],
             N=sizes["estimate"], DATA=sizes["data"], MEMORY=sizes["memory"], WORK=max(1, self.scratch), R=sizes["r"],
-            COLUMNS=max(1, self.translator.room),
-            ALIGNMENT=ALIGNMENT if self.lanes > 1 and self.translator.room else "",
+            COLUMNS=f",\n    {self.upper('COLUMNS')} = {self.translator.room}" if self.translator.room else "",
+            ROOM=(ALIGNMENT * (self.lanes > 1) + ROOM) if self.translator.room else "",
             REJECTED="" if self.rejected is None else REJECTED_DECLARED,
             DOUBTFUL=DOUBTFUL_DECLARED if self.doubt is not None else "",
             SIGNALS="\n".join(signals), OFFSETS=enumeration(self.places.numbers()),
@@ -343,7 +348,9 @@ class ControllerCode:
             INITIAL=number_lines(memory, self.initial_memory, self.real, MEMORY),
             PLACES=enumeration(self.places.memory()),
             FUNCTIONS=functions + (PREDICTION if self.predicts else ""), MEASURED=self._call("input->y"),
-            PREDICTED=f"{self.name}_predict(state, param, input, in_time)" if self.predicts else self.upper("STOPPED"),
+            PREDICTED=f"{self.name}_predict(state, param, input@IN_TIME@)" if self.predicts else self.upper("STOPPED"),
+            IN_TIME=", in_time" if believed else "", ALSO_IN_TIME=", int in_time" if believed else "",
+            NOTHING=NOT_BELIEVED if believed else f"HUGE_VAL{self.real.suffix.upper()}",
             PREDICTED_CALL=self._call("nothing") if self.predicts else "",
             THERE=f" && {self.name}_some(input->y) != 0" if self.predicts else "",
             BELIEVED=f" && {self.name}_believed(state, param, input->y) != 0" if believed else "", PLAUSIBLE=believed,
@@ -356,7 +363,9 @@ class ControllerCode:
             COUNTED="" if self.rejected is None and self.doubt is None else COUNTED,
             MOST=constant(MOST_COUNTED[self.real.name], self.real),
             STATUS=STATUS_BITS if "status" in memory else "",
-            PATH_RATE="state->memory[AT_STOP + 2]" if "stop" in memory else constant(1.0, self.real),
+            PATH_RATE=SLOWED if "stop" in memory else "@UNITY@",
+            UNITY=constant(1.0, self.real),
+            FIRST_ESTIMATE=KNOWN_ESTIMATE if self.starts_anywhere else NO_ESTIMATE,
             RANGES=range_rows(rows, self.real), COUNT=len(rows),
             ZERO=constant(0.0, self.real), F=self.real.suffix, SUFFIX=self.real.suffix.upper(), BYTES=self.real.bytes,
         )  # fmt: skip
@@ -400,16 +409,20 @@ class ControllerCode:
         return f"{self.name}_sample({', '.join(arguments)})"
 
     @property
+    def _known(self) -> dict[int, tuple[str, int]]:
+        """That a second argument is the model's parameters, within the numbers of the step."""
+        return {1: ("data", self.controller.data.places["parameters"].start)}
+
+    @property
     def _start(self) -> str:
         """Body of ``NAME_start``: sets the estimate, and the input that holds the robot there."""
         if not self.starts_anywhere or self.controller.first_input.is_zero:
             return START.replace("@HOLD@", "") if self.starts_anywhere else "    (void)estimate;"
         assert self.controller.estimator is not None
         plant = self.controller.estimator.plant
-        arguments = ["state->start", f"param->value + {self.upper('P_PARAMETERS')}", "held"]
-        arguments = arguments if plant.parameters.size else arguments[::2]
-        names = ["x", "parameters"][: len(arguments) - 1]
-        call = f"{self.translator.function(holding_function(plant), *names)}({', '.join(arguments)})"
+        known = self._known if plant.parameters.size else {}
+        called = self.translator.function(holding_function(plant), "x", *["data"] * len(known), within=known)
+        call = f"{called}(state->start, {'param->value, ' * len(known)}held)"
         return START.replace("@HOLD@", HOLD.replace("@HOLDING@", call))
 
     @cached_property
@@ -464,7 +477,7 @@ class ControllerCode:
         if self.standstill is None:
             return ""
         before = set(self.translator.functions)
-        traced = self.translator.function(self.standstill, "q", "parameters")
+        traced = self.translator.function(self.standstill, "q", "data", within=self._known)
         added = [name for name in self.translator.functions if name not in before]
         texts = [self.translator.functions.pop(name) for name in added]
         text = "\n\n".join(texts).replace(f"{self.real.name} ", "real ")

@@ -17,6 +17,13 @@ ALIGNMENT = f"""#if {SIXTEEN}
     __attribute__((aligned(16))) /* vectors are read from it as a whole */
 #endif
 """
+ROOM = "    @NAME@_real columns[@BIG@_COLUMNS];\n"
+
+#: The estimate before the first sample: that of the belief, or none where it is no part of the memory.
+KNOWN_ESTIMATE = "    @NAME@_copy(initial_memory, state->estimate, @BIG@_STATES);"
+NO_ESTIMATE = """    for (int i = 0; i < @BIG@_STATES; ++i) {
+        state->estimate[i] = @ZERO@;
+    }"""
 
 #: The estimate at the start, where it can be set.
 START = """    if (estimate != NULL) {
@@ -89,7 +96,7 @@ STANDSTILL = """
 
 int @NAME@_rest(const @NAME@_param *param, const @NAME@_real *q, @NAME@_real *r)
 {
-    @CALL@(q, param->value + @BIG@_P_PARAMETERS, r);
+    @CALL@(q, param->value, r);
     return (@NAME@_finite(r, @BIG@_STATES + @BIG@_INPUTS) != 0) ? @BIG@_OK : @BIG@_BAD_COMMAND;
 }
 #endif"""
@@ -116,15 +123,18 @@ REACTED = (
     "sample, and one that does not read it is not braked."
 )
 EDGE = (
-    " It brakes where a command is outside of the workspace, not before, and at a speed v rests up to v * {:g} s "
+    " It brakes where a command leaves the workspace, not before, and at a speed v rests up to v * {:g} s "
     "beyond. Where the workspace ends with the mechanical limits, that is beyond them: keep paths so far inside, or "
-    "narrow the box, param.value + @BIG@_P_WORKSPACE: the least positions, then the largest. If the arm is already "
-    "outside, the controller does not brake, whichever way it moves."
+    "narrow the box, param.value + @BIG@_P_WORKSPACE: the least positions, then the largest. A first "
+    "command outside of it is reported and followed, so that an arm can be led back: look at it before the start."
 )
 BEGIN_AGAIN = (
     " To begin again where the robot then rests: @NAME@_start with output.estimate and output.u. Another reaction is "
     "another export: Controller(..., supervision=...) in Python."
 )
+
+#: The path rate, also where the memory was overwritten.
+SLOWED = "smaller(larger(state->memory[AT_STOP_PATH_RATE], @ZERO@), @UNITY@)"
 
 #: Bits of the status, whose four numbers are a part of the memory.
 STATUS_BITS = """
@@ -132,7 +142,7 @@ STATUS_BITS = """
         @BIG@_OUTSIDE_WORKSPACE, @BIG@_LIMIT_CYCLE, @BIG@_SATURATION, @BIG@_REACTING
     };
     for (int i = 0; i < 4; ++i) {
-        output->status += (state->memory[AT_STATUS + i] > 0) ? bits[i] : 0;
+        output->status += (state->memory[AT_STATUS + i] > @ZERO@) ? bits[i] : 0;
     }"""
 
 #: Whether the estimate is in doubt, and at how many samples it was, which are a part of the memory.
@@ -140,7 +150,7 @@ DOUBTFUL_DECLARED = """
     /* samples since the start with @BIG@_DOUBTFUL_ESTIMATE; float counts to 2^24 */
     int doubtful;"""
 DOUBTFUL = """
-    output->status += (state->memory[AT_DOUBT] > 0) ? @BIG@_DOUBTFUL_ESTIMATE : 0;
+    output->status += (state->memory[AT_DOUBT] > @ZERO@) ? @BIG@_DOUBTFUL_ESTIMATE : 0;
     output->doubtful = counted(state->memory[AT_DOUBT + 1]);"""
 
 #: A count that the memory holds, up to one that int and real hold.
@@ -186,25 +196,28 @@ static int @NAME@_some(const real *y)
     return 0;
 }
 
-@PLAUSIBLE@static int @NAME@_predict(@NAME@_state *state, const @NAME@_param *param, const @NAME@_input *input,
-                          int in_time)
+@PLAUSIBLE@static int @NAME@_predict(@NAME@_state *state, const @NAME@_param *param,
+                          const @NAME@_input *input@ALSO_IN_TIME@)
 {
-    real nothing[@BIG@_MEASUREMENTS]; /* only what is there, and not plausible, so that it is counted */
+    real nothing[@BIG@_MEASUREMENTS];
     int code;
     for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
-        nothing[i] = (in_time != 0) ? input->y[i] : HUGE_VAL@SUFFIX@;
+        nothing[i] = @NOTHING@;
     }
     code = @PREDICTED_CALL@;
     return (code == @BIG@_OK) ? @BIG@_PREDICTED : code;
 }
 """
 
+#: Of a sample in which nothing is plausible: what is there is not believed, and counted.
+NOT_BELIEVED = "(in_time != 0) ? input->y[i] : HUGE_VAL@SUFFIX@"
+
 #: Whether something that is measured is plausible.
 PLAUSIBLE = """static int @NAME@_believed(const @NAME@_state *state, const @NAME@_param *param, const real *y)
 {
     real some[1];
     @CALL@(y, state->memory + AT_SEEN, @LIMITS@, some);
-    return (some[0] > 0) ? 1 : 0;
+    return (some[0] > @ZERO@) ? 1 : 0;
 }
 
 """

@@ -121,6 +121,29 @@ MEMORY = {
     "seen": "of each measurement: when it was last plausible, what it was, how many were rejected",
 }
 
+#: Rows of the parts that are tables.
+ROWS = {
+    "watch": {
+        "extreme": "last extreme of each input", "direction": "1 or -1, since it", "swings": "swings so far",
+        "since": "samples since the last swing ended", "at_limit": "samples at a limit",
+    },
+    "status": {
+        "outside": "bits of the status: 1 or 0", "limit_cycle": "likewise", "saturation": "likewise",
+        "reacting": "likewise",
+    },
+    "stop": {
+        "held": "whether the command is held", "braked": "fraction of the braking that is done",
+        "path_rate": "from 1 to 0",
+    },
+    "swings": {
+        "near_limit": "how near to a limit counts as at it", "smallest": "smallest swing that counts",
+        "most": "so many are a limit cycle",
+    },
+    "watching": {
+        "longest_swing": "samples", "longest_saturation": "samples", "braking": "fraction of the braking per sample",
+    },
+}  # fmt: skip
+
 
 def named_parameters(controller: Controller, units: Mapping[str, str]) -> Iterator[tuple[str, int, str]]:
     """Name, place from the first of them, and unit of each parameter of the estimator's model; elements of arrays are
@@ -145,8 +168,16 @@ def parameter_units(controller: Controller, robot: Robot | None) -> dict[str, st
     for name, value in plant.parameters.values.items():
         for k in range(value.size if value.ndim and len(value) == len(joints) else 0):
             label, joint = f"{name}[{k + 1}]", joints[k * len(joints) // value.size]
-            units[label] = f"{units.get(label, '')} of {joint}".lstrip()
+            units[label] = f"{units.get(label, '')} of {joint}{_axis(name, k)}".lstrip()
     return units
+
+
+def _axis(name: str, k: int) -> str:
+    """Which component element k of a robot's parameter is."""
+    from flexhinf.robot.parameters import INERTIA, VECTOR
+
+    axes = {"centre_of_mass": VECTOR, "inertia": INERTIA}.get(name, ())
+    return f", {axes[k % len(axes)]}" if axes else ""
 
 
 def law_terms(controller: Controller) -> list[str]:

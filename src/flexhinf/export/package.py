@@ -206,10 +206,20 @@ def _standstill(code: ControllerCode, file: str) -> str:
 
 #: What the time of a sine depends on, of each type.
 ANGLES = {
-    "double": "whether an angle is beyond 1e6 rad",
+    "double": "whether an angle is beyond 1e6 rad (1e9 with fused multiply-adds)",
     "float": "in which quarter turn an angle lies, and whether it is beyond 1e4 rad",
 }
 
+
+#: What a step does with a part of the measurements.
+SOME = """ Where some elements are NaN and others are not,
+the estimate is corrected by the others, and the step returns `@BIG@_OK`."""
+
+#: What is made of the first measurement where it is not what was expected.
+OFFSET = (
+    "\nWhat the first measurement differs from that belief is taken for an offset of the sensor, which fades with a "
+    "time constant of\n{:g} s. So a wrong belief shows late: first inputs are small, and grow as the offset fades."
+)
 
 #: What a step in double needs.
 SLOWLY = "\nA processor without double, such as a Cortex-M4F, takes some 25 times as long: `--real float`."
@@ -232,6 +242,8 @@ def _readme(code: ControllerCode, run: Recording, accuracy: str, has_design: boo
             "estimator trusts that: from another place the first inputs may be as large as their limits. Where the "
             f"robot is\nelsewhere, {other}; an input that acts already is its other argument."
         )
+        if c.offset_time is not None:
+            begins += OFFSET.format(c.offset_time)
     arrays = {
         "Y": ("input.y", None), "R": ("input.r", None), "U": ("output.u", code.safe_input),
         "X": ("output.estimate", code.belief),
@@ -262,7 +274,8 @@ def _readme(code: ControllerCode, run: Recording, accuracy: str, has_design: boo
         GEARS="\n".join(["", *wrap(GEARS, 118), ""]) if code.has_motors else "",
         COMMAND="\n".join(wrap(code.command_text, 118)),
         STANDSTILL_USE="" if code.standstill is None else STANDSTILL_USE if code.rests else RESTART_USE,
-        HOLDS="" if code.standstill is None else ":\n`@NAME@_rest` gives the input that they must leave room for",
+        HOLDING="" if code.standstill is None else ":\n`@NAME@_rest` gives the input that they must leave room for",
+        SOME=SOME if code.predicts and code.sizes["y"] > 1 else "",
         SLOWLY=SLOWLY if code.real.name == "double" else "",
         STANDS_FAR=", stands at large angles" if reaches_far(code) else "",
         BOTH=" The test vector\nhas both." if code.real.name == "double" else "",
@@ -335,7 +348,7 @@ STANDSTILL_USE = """
     @NAME@_rest(&@NAME@_defaults, q, input.r);    /* rests at link positions q, rad or m */
     @NAME@_start(&state, &@NAME@_defaults, input.r, input.r + @BIG@_STATES);    /* begins there */
 
-Its code is about as large as that of the model, and not counted by `--flash`; `-D@BIG@_WITHOUT_REST` leaves it out.
+Its code is about as large as that of the model; `-D@BIG@_WITHOUT_REST` leaves it out.
 `flexhinf run DIR --mujoco --log run.csv` writes a whole move, in columns `reference/…`; a sample needs the row that is
 `@BIG@_LATENCY` periods later.
 """

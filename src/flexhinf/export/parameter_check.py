@@ -134,4 +134,4 @@ def range_rows(rows: list[Range], real: Real) -> str:
     anything, lines = ", ".join(constant(end, real) for end in (-np.inf, np.inf)), []
     for place, below, *ends in rows:
         lines.append(f"    {{{place}, {below}, {', '.join(constant(float(end), real) for end in ends)}}}")
-    return f"#define ANY {anything}\n" + ",\n".join(lines).replace(anything, "ANY")
+    return ",\n".join(lines).replace(anything, "ANY")

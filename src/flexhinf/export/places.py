@@ -10,7 +10,14 @@ import numpy as np
 
 from flexhinf.codegen import Part
 from flexhinf.codegen.c import comment
-from flexhinf.export.names import MEMORY, constants, named_parameters, parameter_units, unread_parameters
+from flexhinf.export.names import (
+    MEMORY,
+    ROWS,
+    constants,
+    named_parameters,
+    parameter_units,
+    unread_parameters,
+)
 from flexhinf.loop import Controller
 
 if TYPE_CHECKING:
@@ -18,6 +25,15 @@ if TYPE_CHECKING:
 
 #: A constant, its value, and its comment.
 Row = tuple[str, int, str]
+
+
+def _rows(name: str, place: slice) -> list[tuple[str, int, int, str]]:
+    """Name, begin, size and comment of each row of a part that is a table."""
+    rows = ROWS.get(name, {})
+    size = (place.stop - place.start) // max(1, len(rows))
+    return [
+        (f"{name}_{row}", place.start + k * size, size, text) for k, (row, text) in enumerate(rows.items())
+    ]
 
 
 class Places:
@@ -69,6 +85,7 @@ class Places:
         for name, place in self.controller.memory.places.items():
             rows.append((f"AT_{name.upper()}", place.start, comment(MEMORY[name])))
             rows += self.belief() if name == "belief" else []
+            rows += [(f"AT_{row.upper()}", begin, text) for row, begin, _, text in _rows(name, place)]
         if self.rejected is not None:
             rows.append(("AT_REJECTED", self.rejected, "how many of each measurement were rejected"))
         return rows
@@ -86,12 +103,24 @@ class Places:
         return rows
 
     def numbers(self) -> list[Row]:
-        """The parts of the numbers of the step, and how many there are in each."""
-        return [
-            (f"{self.prefix}_P_{name.upper()}", place.start, str(place.stop - place.start))
-            for name, place in self.controller.data.places.items()
-            if place.stop > place.start
-        ]
+        """The parts of the numbers of the step, and how many there are in each; of tables the rows too."""
+        rows = []
+        for name, place in self.controller.data.places.items():
+            if place.stop > place.start:
+                rows.append((f"{self.prefix}_P_{name.upper()}", place.start, str(place.stop - place.start)))
+                rows += [
+                    (f"{self.prefix}_P_{row.upper()}", begin, f"{size}: {text}")
+                    for row, begin, size, text in _rows(name, place)
+                ]
+        return rows
+
+    def _pieces(self) -> list[tuple[str, int, int]]:
+        """Name, begin and size of each part of the numbers of the step, and of each row where it is a table."""
+        pieces = []
+        for name, place in self.controller.data.places.items():
+            rows = [row[:3] for row in _rows(name, place)] if place.stop > place.start else []
+            pieces += rows or [(name, place.start, place.stop - place.start)]
+        return pieces
 
     def parameters(self) -> list[Row]:
         """Parameters of the estimator's model with their units, which are a part of the numbers."""
@@ -110,11 +139,13 @@ class Places:
 
     def parts(self) -> dict[str, tuple[Part, ...]]:
         """The parts of the buffers of the step's program."""
-        whole = ("AT_BELIEF", "AT_REJECTED") if self.belief() else ()
+        whole = {"AT_BELIEF", "AT_REJECTED"} if self.belief() else set()
+        whole |= {f"AT_{name.upper()}" for name in ROWS}
         memory = tuple(Part(name, place) for name, place, _ in self._memory() if name not in whole)
-        return {
-            "memory": memory, "after": memory, "data": tuple(Part(name, place) for name, place, _ in self.numbers())
-        }  # fmt: skip
+        data = tuple(
+            Part(f"{self.prefix}_P_{name.upper()}", begin) for name, begin, size in self._pieces() if size
+        )
+        return {"memory": memory, "after": memory, "data": data}
 
     def elements(self) -> dict[str, list[str]]:
         """What the elements of the step's vectors are called in the source, by vector."""
@@ -128,8 +159,8 @@ class Places:
             memory[place] = name
         data = [
             f"{name}[{k}]" if name in self.long_parts() else f"{self.prefix}_P_{name.upper()}"
-            for name, place in self.controller.data.places.items()
-            for k in range(place.stop - place.start)
+            for name, _, size in self._pieces()
+            for k in range(size)
         ]
         for name, place, _ in self.parameters():
             data[place] = name
@@ -150,6 +181,5 @@ class Places:
 
     def long_parts(self) -> dict[str, str]:
         """Where those parts of the numbers of the step are that have several."""
-        places = self.controller.data.places.items()
-        several = [name for name, place in places if place.stop - place.start > 1]
+        several = [name for name, _, size in self._pieces() if size > 1]
         return {name: f"data + {self.prefix}_P_{name.upper()}" for name in several}

@@ -92,6 +92,8 @@ def ros2_files(code: ControllerCode, home: np.ndarray) -> dict[str, str]:
     standstill = _StandstillModel.of(code)
     health = [*HEALTH, *(str(bit.name).lower() for bit in Status)]
     values = [f"static_cast<double>((output_.status & {code.upper(str(bit.name))}) != 0)" for bit in Status]
+    health += [f"unseen.{name}" for name in names["Y"]]
+    values += [f"static_cast<double>(output_.unseen[{k}])" for k in range(len(names["Y"]))]
     if code.doubt is not None:
         health, values = [*health, "doubtful"], [*values, "static_cast<double>(output_.doubtful)"]
     if code.rejected is not None:

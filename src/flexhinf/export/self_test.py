@@ -142,13 +142,14 @@ def contract(code: ControllerCode, run: Recording) -> str:
         "UNMEASURED": "PREDICTED" if code.predicts else "STOPPED",
         "STARTS": int(code.starts_anywhere), "R": code.sizes["r"], "FIRST_Y": _row(code, run.y[0]),
         "FIRST_R": _row(code, run.r[0]),
+        "FIRST_ESTIMATE": _row(code, np.zeros(code.sizes["estimate"]) if code.belief is None else code.belief),
     }  # fmt: skip
     text = template("contract.c").replace("@FAR_AWAY@", FAR_AWAY * far)
     return fill(text.replace("@FAR_CALL@", "    far_away();\n" * far), code.name, code.real, **marks)
 
 
 #: Angles beyond those that are reduced quickly, rad.
-FAR = {"double": "2e6", "float": "2e4F"}
+FAR = {"double": "4e9", "float": "2e4F"}
 
 #: Where the model knows a robot at rest, it stands at such angles; and a moving command rests there.
 FAR_AWAY = """/* The longest way through a sine: the robot stands at angles beyond those that are reduced quickly. */

@@ -117,7 +117,7 @@ class Translator:
         self._numbers = {buffer.name: buffer.size for buffer in program.buffers}
         steps = list(self._body(program.body, []))
         pointers = [line for part in parts for line in part.declared(steps, self.real.name)]
-        body = [*pointers, *steps, "return 0;"]
+        body = [*pointers, *steps, f"return {self._codes.get(0, 0)};"]
         arguments = [
             f"{'const ' if buffer.role == 'in' else ''}{self.real.name} *{buffer.name}"
             for buffer in program.buffers
@@ -393,12 +393,24 @@ class Translator:
         return f"{name}({ends}, {columns.size}, {along}, {across}, {left});"
 
     # Functions ----------------------------------------------------------------------------------------
-    def function(self, function: casadi.Function, *names: str) -> str:
+    def function(
+        self,
+        function: casadi.Function,
+        *names: str,
+        within: Mapping[int, tuple[str, int]] = MappingProxyType({}),
+    ) -> str:
         """Add a traced function without a program; the name of the C function, whose empty arguments are left out.
 
-        `names`: Of the arguments that are left, and of results.
+        `names`: Of the arguments that are left, and of results. `within`: Of arguments that are given as a whole buffer
+        whose elements have names: which one, and where the argument begins in it.
         """
-        return self._function(drop_empty(function), names=names)
+        function = drop_empty(function)
+        shared: list[tuple[Hashable, tuple[str, ...] | None]] = [
+            (k, None) for k in range(function.n_in() + function.n_out())
+        ]
+        for k, (buffer, begin) in within.items():
+            shared[k] = buffer, tuple(self._elements[buffer][begin : begin + function.size1_in(k)])
+        return self._function(function, names=names, shared=tuple(shared))
 
     def _function(
         self,

@@ -14,6 +14,9 @@ enum { NOT_FINITE = @BIG@_@NOT_FINITE@, UNMEASURED = @BIG@_@UNMEASURED@ };
 static const @NAME@_real first_y[@BIG@_MEASUREMENTS] = {@FIRST_Y@};
 static const @NAME@_real first_r[@R@] = {@FIRST_R@};
 
+/* Where @NAME@_init believes the robot, if it believes anything. */
+static const @NAME@_real first_estimate[@BIG@_STATES] = {@FIRST_ESTIMATE@};
+
 static @NAME@_state state;
 static @NAME@_param param;
 static @NAME@_input input;
@@ -55,6 +58,7 @@ static int step(void)
     for (int i = 0; i < @BIG@_STATES; ++i) {
         expect(isfinite(output.estimate[i]), "an estimate that is finite");
     }
+    expect(output.path_rate >= 0 && output.path_rate <= 1, "a path rate from 0 to 1");
     return code;
 }
 
@@ -74,9 +78,12 @@ static void starts(void)
     expect(step() == @BIG@_NOT_INITIALISED, "NOT_INITIALISED before init");
     expect(@NAME@_init(&state) == @BIG@_OK, "init returns OK: the flags of the compiler change no results");
     input.measured = 0;
-    expect(step() == @BIG@_WAITING, "WAITING before the first measurement");
+    expect(step() == @BIG@_WAITING && output.unseen[0] == 1, "WAITING before the first measurement");
+    for (int i = 0; i < @BIG@_STATES && STARTS_ANYWHERE; ++i) {
+        expect(output.estimate[i] >= first_estimate[i] && output.estimate[i] <= first_estimate[i], "the first estimate");
+    }
     give();
-    expect(step() == @BIG@_OK, "OK after a measurement");
+    expect(step() == @BIG@_OK && output.unseen[0] == 0, "OK after a measurement");
     state.mark ^= 1u; /* as by an overwritten memory */
     expect(step() == @BIG@_NOT_INITIALISED, "NOT_INITIALISED after its mark was overwritten");
     for (int k = 0; k < 2; ++k) {
@@ -107,6 +114,12 @@ static void samples(void)
         }
         expect(PREDICTS ? step() == NOT_FINITE : holds(NOT_FINITE), "a measurement that is not finite");
     }
+    give();
+    for (int k = 1; k < 4 && PREDICTS && @BIG@_MEASUREMENTS > 1; ++k) {
+        input.y[0] = (@NAME@_real)NAN;
+        expect(step() == @BIG@_OK && output.unseen[0] == k + 2, "a count of samples without one of several measurements");
+        expect(output.unseen[@BIG@_MEASUREMENTS - 1] == 0, "no count of one that is there");
+    }
     for (int k = 0; k < 3; ++k) {
         give();
         input.age = (k == 0) ? (@NAME@_real)NAN : (k == 1) ? -param.oldest : 2 * param.oldest;
@@ -124,10 +137,10 @@ static void samples(void)
 }
 
 /* The memory is overwritten by numbers that are not finite. */
-static void overwritten(void)
+static void overwritten(@NAME@_real number)
 {
     for (int i = 0; i < @BIG@_MEMORY; ++i) {
-        state.memory[i] = (@NAME@_real)NAN;
+        state.memory[i] = number;
     }
     if (PREDICTS) {
         expect(holds(@BIG@_BAD_RESULT), "BAD_RESULT from a memory that is not finite, and the last output held");
@@ -153,8 +166,12 @@ static void overwritten(void)
         end = (k == 0) ? least : most;
         param.value[@BIG@_P_LOWER] = output.u[0] + (end - output.u[0]) * (@NAME@_real)((k == 0) ? 0.5 : 0.25);
         param.value[@BIG@_P_UPPER] = output.u[0] + (end - output.u[0]) * (@NAME@_real)((k == 0) ? 0.25 : 0.5);
-        input.r[0] = (@NAME@_real)NAN; /* a command that is refused */
-        (void)step();
+        if (@BIG@_COMMANDS > 0) {
+            const @NAME@_real near = param.value[(k == 0) ? @BIG@_P_UPPER : @BIG@_P_LOWER];
+            input.r[0] = (@NAME@_real)NAN;
+            expect(step() == @BIG@_BAD_COMMAND, "BAD_COMMAND within narrower limits");
+            expect(output.u[0] >= near && output.u[0] <= near, "what is held moves to the nearer of narrower limits");
+        }
         give();
         (void)step();
     }
@@ -178,7 +195,8 @@ int main(void)
     give();
     starts();
     samples();
-    overwritten();
+    overwritten((@NAME@_real)NAN);
+    overwritten((@NAME@_real)HUGE_VAL);
     limits();
 @FAR_CALL@    printf("@NAME@: the contract %s\n", (wrong == 0) ? "holds: passed" : "is broken: FAILED");
     return (wrong == 0) ? 0 : 1;

@@ -51,8 +51,9 @@ static const real initial_memory[@BIG@_MEMORY] = {
 /* The input before the first sample, within its limits. */
 #define SAFE (initial_memory + AT_U)
 
-/* The mark of a state that was initialised. */
+/* The mark of a state that was initialised, and the largest count of samples without a measurement. */
 #define INITIALISED 0x1d1e5e7au
+#define MOST_UNSEEN 32767
 
 @FUNCTIONS@
 /* What every step returns after @NAME@_init found that other numbers come out than are written. */
@@ -80,7 +81,7 @@ static real smaller(real a, real b)
     return (a < b) ? a : b;
 }
 
-/* An input (from) within the limits of now, which may be narrower than the design's, and not wider. */
+/* An input (from) within the caller's limits and the design's; what is no number becomes the lower limit. */
 static void limit(const @NAME@_param *param, const real *from, real *to)
 {
     for (int i = 0; i < @BIG@_INPUTS; ++i) {
@@ -96,6 +97,9 @@ static void begin(@NAME@_state *state)
     @NAME@_copy(state->start, state->newer, @BIG@_MEMORY);
     @NAME@_copy(state->start, state->older, @BIG@_MEMORY);
     @NAME@_copy(state->start + AT_U, state->held, @BIG@_INPUTS);
+    for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
+        state->unseen[i] = 0;
+    }
     state->missing = 0;
     state->failed = 0;
     state->began_again = 0;
@@ -107,9 +111,7 @@ static void begin(@NAME@_state *state)
 int @NAME@_init(@NAME@_state *state)
 {
     @NAME@_copy(initial_memory, state->start, @BIG@_MEMORY);
-    for (int i = 0; i < @BIG@_STATES; ++i) {
-        state->estimate[i] = @ZERO@;
-    }
+@FIRST_ESTIMATE@
     begin(state);
     state->refused = (@NAME@_exact() != 0) ? 0 : REFUSED;
     return state->refused;
@@ -128,7 +130,7 @@ int @NAME@_start(@NAME@_state *state, const @NAME@_param *param, const @NAME@_re
         }
     }@QUEUED@
     begin(state);
-    if (code != @BIG@_OK) { /* a step before another start says that there was none */
+    if (code == @BIG@_BAD_START) { /* a step before another start says that there was none */
         state->mark = 0;
     }
     return (state->refused != 0) ? state->refused : code;
@@ -137,7 +139,8 @@ int @NAME@_start(@NAME@_state *state, const @NAME@_param *param, const @NAME@_re
 /* After a step that failed: where one did before from the same memory, go back to an earlier one. Returns the code. */
 static int went_back(@NAME@_state *state)
 {
-    int start;
+    int at_start;
+    int keeps_command;
     if (state->failed == 0) {
         state->failed = 1;
         return @BIG@_BAD_RESULT;
@@ -148,37 +151,46 @@ static int went_back(@NAME@_state *state)
     if (@NAME@_finite(state->older, @BIG@_MEMORY) == 0) {
         @NAME@_copy(state->start, state->older, @BIG@_MEMORY);
     }
-    start = same(state->older, state->start, @BIG@_MEMORY);
-    if (start != 0 && state->began_again != 0) { /* the start itself is bad: as it was told, or its memory was overwritten */
+    at_start = same(state->older, state->start, @BIG@_MEMORY);
+    if (at_start != 0 && state->began_again != 0) { /* the start itself is bad: as it was told, or overwritten */
         @NAME@_copy(initial_memory, state->start, @BIG@_MEMORY);
         @NAME@_copy(initial_memory, state->older, @BIG@_MEMORY);
     }
+    keeps_command = (at_start != 0 && state->began_again == 0) ? 1 : 0; /* if it is good, and once */
     for (int i = 0; i < @BIG@_MEMORY; ++i) {
-        if (i < AT_REFERENCE || i >= AT_REFERENCE + @COMMANDED@ || start == 0 || state->began_again != 0 ||
-            isfinite(state->memory[i]) == 0) { /* but a good command of the start, once */
+        const int commanded = (i >= AT_REFERENCE && i < AT_REFERENCE + @COMMANDED@) ? 1 : 0;
+        if (keeps_command == 0 || commanded == 0 || isfinite(state->memory[i]) == 0) {
             state->memory[i] = state->older[i];
         }
     }
-    state->began_again = start;
+    state->began_again = at_start;
     @NAME@_copy(state->start, state->older, @BIG@_MEMORY);
     @NAME@_copy(state->start, state->newer, @BIG@_MEMORY);
     return @BIG@_WENT_BACK;
 }
 
-@COUNTED@/* What is applied: the last good input; where even that was lost, or is beyond the limits of now, the one before the
- * first sample within these. */
+/* Whether input i may be one that a step gave. */
+static int given(int i, real u)
+{
+    const real least = @NAME@_defaults.value[@BIG@_P_LOWER + i], most = @NAME@_defaults.value[@BIG@_P_UPPER + i];
+    return (isfinite(u) != 0 && u >= least && u <= most) ? 1 : 0;
+}
+
+@COUNTED@/* What is applied: the last good input within the limits of now. Where it was overwritten, that of the start; where that
+ * was too, the one before the first sample. */
 static void hold(const @NAME@_state *state, const @NAME@_param *param, @NAME@_output *output)
 {
-    real within[@BIG@_INPUTS];
-    limit(param, state->held, within);
-    limit(param, SAFE, output->u);
+    real last[@BIG@_INPUTS];
     for (int i = 0; i < @BIG@_INPUTS; ++i) {
-        if (within[i] >= state->held[i] && within[i] <= state->held[i]) {
-            output->u[i] = within[i];
-        }
+        const real first = (given(i, state->start[AT_U + i]) != 0) ? state->start[AT_U + i] : SAFE[i];
+        last[i] = (given(i, state->held[i]) != 0) ? state->held[i] : first;
     }
+    limit(param, last, output->u);
     for (int i = 0; i < @BIG@_STATES; ++i) {
         output->estimate[i] = (isfinite(state->estimate[i]) != 0) ? state->estimate[i] : @ZERO@;
+    }
+    for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
+        output->unseen[i] = state->unseen[i];
     }
     output->status = 0;@STATUS@@DOUBTFUL@@REJECTED@
     output->path_rate = @PATH_RATE@;
@@ -196,9 +208,17 @@ int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_inp
         for (int i = 0; i < @BIG@_STATES; ++i) {
             output->estimate[i] = @ZERO@;
         }
+        for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
+            output->unseen[i] = MOST_UNSEEN;
+        }
         output->status = 0;
         output->path_rate = @ZERO@;@NONE_DOUBTFUL@@NONE_REJECTED@
         return @BIG@_NOT_INITIALISED;
+    }
+    for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
+        const int before = state->unseen[i];
+        const int more = (before >= 0 && before < MOST_UNSEEN) ? before + 1 : MOST_UNSEEN;
+        state->unseen[i] = (in_time != 0 && isfinite(input->y[i]) != 0) ? 0 : more;
     }
     if (state->refused == REFUSED) {
         code = REFUSED;
@@ -243,6 +263,7 @@ int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_inp
 /* Numbers that may differ from the design's: of which other they are less (-1: of none), what is physical, and what the
  * design was made for. */
 #define RANGES @COUNT@
+#define ANY -HUGE_VAL@SUFFIX@, HUGE_VAL@SUFFIX@
 static const struct {
     int place, below;
     real least, most, low, high;

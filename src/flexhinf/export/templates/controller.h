@@ -37,8 +37,7 @@ enum {
     @BIG@_STATES = @N@,
     @BIG@_PARAMETERS = @DATA@,
     @BIG@_MEMORY = @MEMORY@,
-    @BIG@_WORK = @WORK@,
-    @BIG@_COLUMNS = @COLUMNS@
+    @BIG@_WORK = @WORK@@COLUMNS@
 };
 
 /* @ELEMENTS@ */
@@ -93,6 +92,8 @@ typedef struct {
 typedef struct {
     @NAME@_real u[@BIG@_INPUTS];         /* inputs of the plant, always finite and within their limits */
     @NAME@_real estimate[@BIG@_STATES];  /* estimated state; that of the start before the first sample */
+    int unseen[@BIG@_MEASUREMENTS];      /* samples since each measurement was last there, finite and in time; counts to
+                                            32767. One that is missing for long may be a broken sensor */
     int status;                          /* bits of the last good sample, as above, from @BIG@_OUTSIDE_WORKSPACE on */
     @NAME@_real path_rate;               /* fraction of a period by which the time along a path advances: 1 but for braking,
                                             0 after @BIG@_NOT_INITIALISED */@DOUBTFUL@@REJECTED@
@@ -105,7 +106,7 @@ typedef struct {
     @NAME@_real estimate[@BIG@_STATES], estimated[@BIG@_STATES];
     @NAME@_real u[@BIG@_INPUTS], held[@BIG@_INPUTS];
     @NAME@_real work[@BIG@_WORK];
-@ALIGNMENT@    @NAME@_real columns[@BIG@_COLUMNS];
+@ROOM@    int unseen[@BIG@_MEASUREMENTS];
     int missing, failed, began_again, samples, waiting, refused;
     unsigned int mark;
 } @NAME@_state;

@@ -5,7 +5,7 @@
 
 #include "@NAME@.h"
 
-/* Words of stack: what `make cortex-m4` prints of a step, and room for your functions and for interrupts. */
+/* Words of stack: what `make cortex-m4-contract` prints of a step, and room for your functions and for interrupts. */
 #ifndef @BIG@_STACK_WORDS
 #define @BIG@_STACK_WORDS 4096
 #endif

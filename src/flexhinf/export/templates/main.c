@@ -14,10 +14,17 @@ static @NAME@_state state; /* too large for most stacks */
 /* @HOME_TEXT@, where @NAME@_init believes the robot. */
 static const @NAME@_real home[] = {@HOME@};
 
-/* Whether the output may act after this code; where others last, the watchdog brakes. */
-static int may_act(int code)
+/* Samples that a sensor may be without a measurement; more for one that is slower than the step. */
+enum { LONGEST_UNSEEN = 10 };
+
+/* Whether the output may act; where other codes than these last, the watchdog brakes. */
+static int may_act(int code, const @NAME@_output *output)
 {
-    return code != @BIG@_STOPPED && code != @BIG@_WENT_BACK && code != @BIG@_NOT_INITIALISED;
+    int seen = 1;
+    for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
+        seen = seen && output->unseen[i] <= LONGEST_UNSEEN;
+    }
+    return seen && code != @BIG@_STOPPED && code != @BIG@_WENT_BACK && code != @BIG@_NOT_INITIALISED;
 }
 
 int main(void)
@@ -40,7 +47,7 @@ int main(void)
             drive_motors(output.u);
         }
         code = @NAME@_step(&state, &@NAME@_defaults, &input, &output);
-        acts = may_act(code);
+        acts = may_act(code, &output);
         if (code == @BIG@_OK) {
             restart_watchdog();
         }

@@ -255,7 +255,8 @@ def _outside(positions: Any, box: Any) -> Any:
     return _any([where(p < a, 1.0, where(p > b, 1.0, 0.0)) for p, a, b in zip(positions, *box)])
 
 
-def answered(
+@gives("commanded", "stop_next")
+def reaction(
     places: Sequence[int],
     reactions: tuple[str, ...],
     r: Any,

@@ -31,7 +31,7 @@ from flexhinf.codegen import DIRECT, gives
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.law_code import LawCode
 from flexhinf.loop.controller.measured import Source, corrected, faded, plausible, positions, refusals
-from flexhinf.loop.controller.status import answered, doubted, observed
+from flexhinf.loop.controller.status import doubted, observed, reaction
 from flexhinf.plant import Estimator
 from flexhinf.scalars import absolute, clip, where
 from flexhinf.validation import checked_kind, value_text
@@ -171,8 +171,11 @@ def controller_step(
     boxed, stop = [source.state for source in tracked] if mode.moving else range(len(tracked)), []
     if mode.reacts:
         position = run.call(partial(positions, tracked), y, estimate) if "hold" in mode.reactions else r
+        run.section(
+            "Reactions: a command that leaves the workspace, and what lasts, hold the command or brake"
+        )
         r, *stop = run.call(
-            partial(answered, boxed, mode.reactions), r, held, position, memory.started, memory.status, memory.stop,
+            partial(reaction, boxed, mode.reactions), r, held, position, memory.started, memory.status, memory.stop,
             data.workspace, data.watching,
         )  # fmt: skip
     if mode.limits_command:

@@ -339,7 +339,7 @@ void Controller::follow()
     return;
   }
   const double last = static_cast<double>(path->rows - 1);
-  at_ = std::min(at_, last);
+  at_ = std::clamp(at_, 0.0, last);
   const std::size_t row = static_cast<std::size_t>(at_);
   const @NAME@_real part = static_cast<@NAME@_real>(at_ - static_cast<double>(row));
   const @NAME@_real * now = path->numbers.data() + row * ROW;
@@ -390,11 +390,17 @@ controller_interface::return_type Controller::update(const rclcpp::Time & time, 
   if (@BIG@_LATENCY == 0) {
     drive();
   }
-  if (samples_ % publish_every_ == 0) {
+  const bool ended = code_ == @BIG@_STOPPED || code_ == @BIG@_WENT_BACK || code_ == @BIG@_BAD_ARITHMETIC ||
+    code_ == @BIG@_NOT_INITIALISED;
+  if (ended || samples_ % publish_every_ == 0) {
     publish(time);
   }
-  const bool refused = code_ == @BIG@_BAD_ARITHMETIC || code_ == @BIG@_NOT_INITIALISED;
-  return refused ? controller_interface::return_type::ERROR : controller_interface::return_type::OK;
+  if (ended) {  // until the next activation, which begins where the robot then stands
+    stopped_ = true;
+    RCLCPP_ERROR(get_node()->get_logger(), "@NAME@ returned %d, see its README.md: brake the robot", code_);
+    return controller_interface::return_type::ERROR;
+  }
+  return controller_interface::return_type::OK;
 }
 
 // Health -------------------------------------------------------------------------------------------------------
