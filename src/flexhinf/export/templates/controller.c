@@ -140,7 +140,7 @@ int @NAME@_start(@NAME@_state *state, const @NAME@_param *param, const @NAME@_re
 static int went_back(@NAME@_state *state)
 {
     int at_start;
-    int keeps_command;
+    int keeps_command = 0; /* if it is good, and once */
     if (state->failed == 0) {
         state->failed = 1;
         return @BIG@_BAD_RESULT;
@@ -152,13 +152,19 @@ static int went_back(@NAME@_state *state)
         @NAME@_copy(state->start, state->older, @BIG@_MEMORY);
     }
     at_start = same(state->older, state->start, @BIG@_MEMORY);
-    if (at_start != 0 && state->began_again != 0) { /* the start itself is bad: as it was told, or overwritten */
-        @NAME@_copy(initial_memory, state->start, @BIG@_MEMORY);
-        @NAME@_copy(initial_memory, state->older, @BIG@_MEMORY);
+    if (at_start != 0) {
+        if (state->began_again == 0) {
+            keeps_command = 1;
+        } else { /* the start itself is bad: as it was told, or overwritten */
+            @NAME@_copy(initial_memory, state->start, @BIG@_MEMORY);
+            @NAME@_copy(initial_memory, state->older, @BIG@_MEMORY);
+        }
     }
-    keeps_command = (at_start != 0 && state->began_again == 0) ? 1 : 0; /* if it is good, and once */
     for (int i = 0; i < @BIG@_MEMORY; ++i) {
-        const int commanded = (i >= AT_REFERENCE && i < AT_REFERENCE + @COMMANDED@) ? 1 : 0;
+        int commanded = 0;
+        if (i >= AT_REFERENCE && i < AT_REFERENCE + @COMMANDED@) {
+            commanded = 1;
+        }
         if (keeps_command == 0 || commanded == 0 || isfinite(state->memory[i]) == 0) {
             state->memory[i] = state->older[i];
         }
@@ -170,7 +176,7 @@ static int went_back(@NAME@_state *state)
 }
 
 /* Whether input i may be one that a step gave. */
-static int given(int i, real u)
+static int possible_input(int i, real u)
 {
     const real least = @NAME@_defaults.value[@BIG@_P_LOWER + i], most = @NAME@_defaults.value[@BIG@_P_UPPER + i];
     return (isfinite(u) != 0 && u >= least && u <= most) ? 1 : 0;
@@ -182,8 +188,8 @@ static void hold(const @NAME@_state *state, const @NAME@_param *param, @NAME@_ou
 {
     real last[@BIG@_INPUTS];
     for (int i = 0; i < @BIG@_INPUTS; ++i) {
-        const real first = (given(i, state->start[AT_U + i]) != 0) ? state->start[AT_U + i] : SAFE[i];
-        last[i] = (given(i, state->held[i]) != 0) ? state->held[i] : first;
+        const real first = (possible_input(i, state->start[AT_U + i]) != 0) ? state->start[AT_U + i] : SAFE[i];
+        last[i] = (possible_input(i, state->held[i]) != 0) ? state->held[i] : first;
     }
     limit(param, last, output->u);
     for (int i = 0; i < @BIG@_STATES; ++i) {
