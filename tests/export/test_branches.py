@@ -58,8 +58,8 @@ BRANCHES = (
 
 #: What stands in every export: rules of samples, which the header describes, and functions that no step calls.
 RULES = re.compile(
-    r"int arm_(exact|init|start|check|step|predict|rest)\(|int (same|went_back|possible_input|counted)\(|void (limit|begin|hold)\(|"
-    r"real (larger|smaller|number)\(|"
+    r"int arm_(exact|init|start|check|step|predict|rest)\(|int (same|went_back|possible_input|counted)\(|"
+    r"void (limit|begin|hold)\(|real (larger|smaller|number)\(|"
     r"arm_type_of_constants|ranges\[RANGES\]"
 )
 
