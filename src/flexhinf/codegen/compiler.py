@@ -232,7 +232,7 @@ _CACHE_LOGGER = logging.getLogger("flexhinf.codegen")
 
 _MAGIC = b"flexhinf object code 1\n"
 _DIGEST = 32
-_MOST_FILES = 500  # the oldest go first
+_MOST_FILES = 2_000  # some 150 MB; the oldest go first
 _LARGEST = 1 << 28  # bytes; the object code of seven links has some hundred thousand
 _NAME = re.compile(r"[0-9a-f]{64}\.o")
 
