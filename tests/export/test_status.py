@@ -143,6 +143,7 @@ void read_command(arm_real *r, arm_real path_rate)
     printf("%.17g\\n", r[0]);
 }
 void drive_motors(const arm_real *u) { (void)u; }
+void report(int code) { (void)code; }
 void restart_watchdog(void) {}
 void brake(int code) { printf("code %d\\n", code); }
 """

@@ -428,7 +428,9 @@ def _origin(path: Path, command: str, rows: Sequence[Mapping[str, Any]]) -> dict
         for name, known in report.sources(path.parent).items():
             numbers[f"file {name}"] = f"SHA-256 {known}"
     nearly = sum(bool(row.get("within_tolerance")) for row in rows)
-    met = f"all {len(rows)} met{f', {nearly} of them {_within()}' * (nearly > 0)}"
+    met = (
+        f"{len(rows) - nearly} of {len(rows)} met, {nearly} {_within()}" if nearly else f"all {len(rows)} met"
+    )
     judged = {"requirements": unmet_text(rows) or met} if rows else {}
     return {"design": f"{path.name}, SHA-256 {digest}", "made by": command, **judged, **numbers}
 
@@ -452,7 +454,7 @@ def _within() -> str:
     """How a requirement is met whose limit is exceeded by no more than its tolerance."""
     from flexhinf.design.requirements import TOLERANCE
 
-    return f"within {100.0 * TOLERANCE:g} % of its limit"
+    return f"missed by no more than {100.0 * TOLERANCE:g} %, which the design counts as met"
 
 
 def _short(value: object) -> str:

@@ -40,7 +40,7 @@ CODES = {
         "brake if it lasts",
     ),
     "BAD_COMMAND": Code(
-        2, "a command is not finite: nothing changed, the measurement was not used, the last output is held",
+        2, "a command is not finite: the measurement was not used, which counts as none, and the last output is held",
         "nothing once; brake if it lasts, and begin again with `@NAME@_start`",
     ),
     "WENT_BACK": Code(

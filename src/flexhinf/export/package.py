@@ -31,6 +31,7 @@ from flexhinf.export.self_test import accuracy, contract, reaches_far, vector
 from flexhinf.export.stack import stack_text
 from flexhinf.files import write_file
 from flexhinf.loop import Controller
+from flexhinf.loop.controller.memory import SPACING
 from flexhinf.validation import checked_path
 
 if TYPE_CHECKING:
@@ -168,7 +169,10 @@ def controller_files(
         "README.md": _readme(code, run, allowed.text, bool(design)),
         **{
             path.replace("NAME", name): fill(
-                template(file).replace("@STANDSTILL@", _standstill(code, file)), name, code.real, **marks
+                template(file).replace("@STANDSTILL@", _standstill(code, file)).replace("@MAY_ACT@", MAY_ACT),
+                name,
+                code.real,
+                **marks,
             )
             for path, file in AROUND.items()
         },
@@ -215,11 +219,32 @@ ANGLES = {
 SOME = """ Where some elements are NaN and others are not,
 the estimate is corrected by the others, and the step returns `@BIG@_OK`."""
 
+#: What a test vector compares.
+COMPARED = {
+    "double": "inputs, codes and status, and every tenth estimate",
+    "float": "inputs and codes, and every tenth estimate; the status may depend on rounding",
+}
+
 #: What is made of the first measurement where it is not what was expected.
 OFFSET = (
     "\nWhat the first measurement differs from that belief is taken for an offset of the sensor, which fades with a "
     "time constant of\n{:g} s. So a wrong belief shows late: first inputs are small, and grow as the offset fades."
 )
+
+#: What main.c and the templates do about a step.
+MAY_ACT = """/* Samples that a sensor may be without a measurement; more for one that is slower than the step. */
+enum { LONGEST_UNSEEN = 10 };
+
+/* Whether the output may act; where other codes than these last, the watchdog brakes. */
+static int may_act(int code, const @NAME@_output *output)
+{
+    int seen = 1;
+    for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
+        seen = seen && (output->unseen[i] <= LONGEST_UNSEEN || code == @BIG@_WAITING);
+    }
+    return seen && code != @BIG@_STOPPED && code != @BIG@_WENT_BACK && code != @BIG@_NOT_INITIALISED;
+}
+"""
 
 #: What a step in double needs.
 SLOWLY = "\nA processor without double, such as a Cortex-M4F, takes some 25 times as long: `--real float`."
@@ -277,6 +302,8 @@ def _readme(code: ControllerCode, run: Recording, accuracy: str, has_design: boo
         HOLDING="" if code.standstill is None else ":\n`@NAME@_rest` gives the input that they must leave room for",
         SOME=SOME if code.predicts and code.sizes["y"] > 1 else "",
         SLOWLY=SLOWLY if code.real.name == "double" else "",
+        SPACING=SPACING,
+        COMPARED=COMPARED[code.real.name],
         STANDS_FAR=", stands at large angles" if reaches_far(code) else "",
         BOTH=" The test vector\nhas both." if code.real.name == "double" else "",
         BELIEVES="\n".join(wrap(code.believes_text, 118)),

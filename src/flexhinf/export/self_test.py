@@ -137,6 +137,7 @@ def contract(code: ControllerCode, run: Recording) -> str:
     far = reaches_far(code)
     marks = {
         "Q": code.standstill.size1_in(0) if far else 0, "FAR_ANGLE": FAR[code.real.name],
+        "LARGEST": {"double": "1e300", "float": "1e30F"}[code.real.name],
         "FAR_R": FAR_R * code.rests, "VERSION": __version__, "PREDICTS": int(code.predicts),
         "NOT_FINITE": "PREDICTED" if code.predicts else "BAD_MEASUREMENT",
         "UNMEASURED": "PREDICTED" if code.predicts else "STOPPED",
@@ -168,6 +169,12 @@ static void far_away(void)
     }
 @FAR_R@    (void)step();
     (void)step();
+    for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
+        input.y[i] = @LARGEST@; /* finite: its square is not, and the memory goes back from there */
+    }
+    for (int k = 0; k < 4; ++k) {
+        (void)step();
+    }
 #endif
 }
 

@@ -67,8 +67,8 @@ enum {
     @BIG@_PARAM_OK = 0,
     @BIG@_PARAM_BEYOND_DESIGN = 1, /* a limit wider, a rate faster or a gap longer than the design's, a parameter of the model@TOLERANCES@,
                                       or another number that is not the design's */
-    @BIG@_PARAM_NOT_PHYSICAL = 2,  /* a mass, stiffness or inertia that is not positive, a friction or a variance below
-                                      zero, a lower limit that is not below the upper one */
+    @BIG@_PARAM_NOT_PHYSICAL = 2,  /* a stiffness or a motor inertia that is not positive; a mass, friction or variance
+                                      below zero; a lower limit that is not below the upper one */
     @BIG@_PARAM_NOT_FINITE = 3     /* NaN, or infinite where the design's number is not */
 };
 

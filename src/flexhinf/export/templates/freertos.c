@@ -15,12 +15,15 @@
 #define PERIOD_TICKS ((TickType_t)(PERIOD_US * configTICK_RATE_HZ / 1000000u))
 typedef char whole_ticks[(PERIOD_US * configTICK_RATE_HZ) % 1000000u == 0 && PERIOD_TICKS > 0 ? 1 : -1];
 
-/* Of your board, as in main.c; report warns, and brakes and restarts the watchdog as main.c does. */
+/* Of your board, as in main.c. */
 extern int read_sensors(@NAME@_real *y);
 extern void read_command(@NAME@_real *r, @NAME@_real path_rate);
 extern void drive_motors(const @NAME@_real *u);
 extern void report(int code);
+extern void restart_watchdog(void);
+extern void brake(int code);
 
+@MAY_ACT@
 void @NAME@_task(void);
 
 static @NAME@_state state;
@@ -37,7 +40,7 @@ static void control(void *unused)
     TickType_t woken = xTaskGetTickCount();
     (void)unused;
     if (@NAME@_init(&state) != @BIG@_OK) { /* the robot must be where @NAME@.h says; elsewhere @NAME@_start */
-        report(@BIG@_BAD_ARITHMETIC);      /* compiled with flags that change results */
+        brake(@BIG@_BAD_ARITHMETIC);       /* compiled with flags that change results */
         vTaskDelete(NULL);
     }
     @STANDSTILL@ /* the command until there is another */
@@ -51,10 +54,18 @@ static void control(void *unused)
             drive_motors(output.u);
         }
         code = @NAME@_step(&state, &@NAME@_defaults, &input, &output);
-        if (@BIG@_LATENCY == 0) {
-            drive_motors(output.u);
-        }
         report(code);
+        if (code == @BIG@_OK) {
+            restart_watchdog();
+        }
+        if (!may_act(code, &output)) { /* look at the robot, then begin again with @NAME@_start */
+            brake(code);
+            vTaskDelete(NULL);
+        } else if (@BIG@_LATENCY == 0) {
+            drive_motors(output.u);
+        } else {
+            /* it acts from the next sample on */
+        }
     }
 }
 

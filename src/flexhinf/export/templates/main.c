@@ -6,6 +6,7 @@ extern void wait_for_sample(void);
 extern int read_sensors(@NAME@_real *y); /* 0 where there was no measurement in time */
 extern void read_command(@NAME@_real *r, @NAME@_real path_rate); /* path_rate periods further along its path */
 extern void drive_motors(const @NAME@_real *u);
+extern void report(int code);       /* for a log */
 extern void restart_watchdog(void); /* which brakes the robot too, where samples fail for longer than it may run on */
 extern void brake(int code);        /* stops the robot without the controller, whatever it needs for that */
 
@@ -14,19 +15,7 @@ static @NAME@_state state; /* too large for most stacks */
 /* @HOME_TEXT@, where @NAME@_init believes the robot. */
 static const @NAME@_real home[] = {@HOME@};
 
-/* Samples that a sensor may be without a measurement; more for one that is slower than the step. */
-enum { LONGEST_UNSEEN = 10 };
-
-/* Whether the output may act; where other codes than these last, the watchdog brakes. */
-static int may_act(int code, const @NAME@_output *output)
-{
-    int seen = 1;
-    for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
-        seen = seen && output->unseen[i] <= LONGEST_UNSEEN;
-    }
-    return seen && code != @BIG@_STOPPED && code != @BIG@_WENT_BACK && code != @BIG@_NOT_INITIALISED;
-}
-
+@MAY_ACT@
 int main(void)
 {
     @NAME@_input input = {0};
@@ -47,6 +36,7 @@ int main(void)
             drive_motors(output.u);
         }
         code = @NAME@_step(&state, &@NAME@_defaults, &input, &output);
+        report(code);
         acts = may_act(code, &output);
         if (code == @BIG@_OK) {
             restart_watchdog();

@@ -15,12 +15,15 @@
 #define INTERRUPT_STATE REGISTER(0xe000ed04u)
 #define SYSTICK_PENDING (1u << 26)
 
-/* Of your board, as in main.c; report warns, and brakes and restarts the watchdog as main.c does. */
+/* Of your board, as in main.c. */
 extern int read_sensors(@NAME@_real *y);
 extern void read_command(@NAME@_real *r, @NAME@_real path_rate);
 extern void drive_motors(const @NAME@_real *u);
 extern void report(int code);
+extern void restart_watchdog(void);
+extern void brake(int code);
 
+@MAY_ACT@
 void tick(void); /* the handler of SysTick: in some vector tables it is called SysTick_Handler */
 
 static @NAME@_state state;
@@ -49,7 +52,7 @@ void tick(void)
         code = begin();
         if (code != @BIG@_WAITING) { /* compiled with flags that change results */
             SYSTICK_CONTROL = 0;
-            report(code);
+            brake(code);
             return;
         }
     }
@@ -59,10 +62,18 @@ void tick(void)
         drive_motors(output.u);
     }
     code = @NAME@_step(&state, &@NAME@_defaults, &input, &output);
-    if (@BIG@_LATENCY == 0) {
-        drive_motors(output.u);
-    }
     report(code);
+    if (code == @BIG@_OK) {
+        restart_watchdog();
+    }
+    if (!may_act(code, &output)) { /* it is called no more: look at the robot, then begin again with @NAME@_start */
+        SYSTICK_CONTROL = 0;
+        brake(code);
+    } else if (@BIG@_LATENCY == 0) {
+        drive_motors(output.u);
+    } else {
+        /* it acts from the next sample on */
+    }
     late = (INTERRUPT_STATE & SYSTICK_PENDING) != 0u;
 }
 
