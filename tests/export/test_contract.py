@@ -116,6 +116,11 @@ SANITIZERS = ("-fsanitize=undefined,address", "-fno-sanitize-recover=all")
 STRICT = ("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
 
 
+def holds(found: tuple[int, str]) -> bool:
+    """Whether a program ended well, and said nothing but that."""
+    return found[0] == 0 and found[1].count("\n") == 1 and "passed" in found[1]
+
+
 def rehearsed(
     folder: Path, compiler: str, program: str = "contract", flags: Sequence[str] = STRICT
 ) -> tuple[int, str]:
@@ -165,9 +170,9 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_contract_holds_with_and_without_an_estimator(
     compiler: str, exported: Path, tmp_path: Path
 ) -> None:
-    assert rehearsed(exported, compiler) == (0, "arm: the contract holds: passed\n")
+    assert holds(rehearsed(exported, compiler))
     direct = export_c(made(with_estimator=False), tmp_path / "direct", "arm", "float")
-    assert rehearsed(direct, compiler) == (0, "arm: the contract holds: passed\n")
+    assert holds(rehearsed(direct, compiler))
 
 
 @pytest.mark.slow
@@ -190,9 +195,9 @@ def test_it_holds_with_options(
     one = fh.Controller(plain.law, ukf, 1e-3, 48.0, **options)  # type: ignore[arg-type]
     folder = export_c(one, tmp_path / "c", "arm", real)
     assert "counted(" in (folder / "arm.c").read_text(encoding="utf-8")
-    assert rehearsed(folder, compiler) == (0, "arm: the contract holds: passed\n")
+    assert holds(rehearsed(folder, compiler))
     needs_compiler(compiler, *SANITIZERS)
-    assert rehearsed(folder, compiler, flags=SANITIZERS) == (0, "arm: the contract holds: passed\n")
+    assert holds(rehearsed(folder, compiler, flags=SANITIZERS))
 
 
 @pytest.mark.parametrize("with_estimator", [True, False])

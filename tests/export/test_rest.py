@@ -232,9 +232,7 @@ def test_it_is_said_where_a_braked_robot_rests() -> None:
     )
     for name in ("README.md", "arm.h"):
         said = braked[name].replace("\n * ", " ")
-        assert (
-            unnamed(said, "v * 0.2 s", "mechanical limits", "ARM_P_WORKSPACE", "first command outside") == []
-        )
+        assert unnamed(said, "v * 0.2 s", "mechanical limits", "ARM_P_WORKSPACE", "led back") == []
         assert "mechanical limits" not in told[name]
 
 
