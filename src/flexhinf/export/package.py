@@ -251,8 +251,8 @@ SLOWLY = "\nA processor without double, such as a Cortex-M4F, takes some 25 time
 
 #: The files of a design, among the others.
 DESIGN = (
-    "| `design/` | the design as it was exported: `design.toml`, whose `verdict` says for where it is and what is proved; "
-    "the robot file; `requirements.md` |\n"
+    "| `design/` | the design as it was exported: `design.toml`, whose `verdict` says for where it is and what is "
+    "proved; the robot file; `requirements.md` |\n"
 )
 
 
