@@ -416,6 +416,7 @@ def _origin(path: Path, command: str, rows: Sequence[Mapping[str, Any]]) -> dict
     """Lines of exported C that say which design it is: its file and SHA-256, the command that exports it again, and
     whether it met its requirements, by the rows of its result."""
     from flexhinf.design.design_file import has_controller, unmet_text
+    from flexhinf.design.specification import PAST
 
     digest, numbers = file_digest(path), {}
     if has_controller(path) and report.unchanged(path.parent, ("design.json",)):
@@ -429,7 +430,9 @@ def _origin(path: Path, command: str, rows: Sequence[Mapping[str, Any]]) -> dict
             numbers[f"file {name}"] = f"SHA-256 {known}"
     nearly = sum(bool(row.get("within_tolerance")) for row in rows)
     met = (
-        f"{len(rows) - nearly} of {len(rows)} met, {nearly} {_within()}" if nearly else f"all {len(rows)} met"
+        f"{len(rows) - nearly} of {len(rows)} met, and {nearly} more {PAST}"
+        if nearly
+        else f"all {len(rows)} met"
     )
     judged = {"requirements": unmet_text(rows) or met} if rows else {}
     return {"design": f"{path.name}, SHA-256 {digest}", "made by": command, **judged, **numbers}
@@ -450,20 +453,15 @@ def _design_files(path: Path, rows: Sequence[Mapping[str, Any]]) -> dict[str, st
     return files | {"design.toml": text, "requirements.md": head + "".join(map(_requirement_line, rows))}
 
 
-def _within() -> str:
-    """How a requirement is met whose limit is exceeded by no more than its tolerance."""
-    from flexhinf.design.requirements import TOLERANCE
-
-    return f"missed by no more than {100.0 * TOLERANCE:g} %, which the design counts as met"
-
-
 def _short(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else f"{value}"
 
 
 def _requirement_line(row: Mapping[str, Any]) -> str:
     """A judged requirement as a line of a table; a file of an older version may lack a column."""
-    unit, met = row.get("unit", ""), _within() if row.get("within_tolerance") else "yes"
+    from flexhinf.design.specification import PAST
+
+    unit, met = row.get("unit", ""), PAST if row.get("within_tolerance") else "yes"
     cells = (
         f"{row.get('what', '')}",
         f"{row.get('limit', '')} {_short(row.get('asked', ''))} {unit}".strip(),

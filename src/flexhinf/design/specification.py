@@ -100,6 +100,9 @@ OF_NYQUIST = 1.0 / 3.0
 #: Relative tolerance of every limit, which is also the accuracy of the searches.
 TOLERANCE = 0.02
 
+#: What is said of a requirement that is met within it alone.
+PAST = f"{100.0 * TOLERANCE:g} % past its limit at most, which counts as met"
+
 #: Longest run in samples. A longer time was probably meant in ms: such a run takes minutes and adds no information.
 RUN_SAMPLES = 1_000_000
 

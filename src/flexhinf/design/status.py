@@ -10,7 +10,7 @@ import numpy as np
 
 from flexhinf.design import certification, requirements as required
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.specification import MIN_DAMPING, RINGS, TOLERANCE
+from flexhinf.design.specification import MIN_DAMPING, PAST, RINGS
 from flexhinf.design.synthesis import by_step
 
 #: Smallest extra delay, in periods, below which a late computation or a slow bus endangers the loop.
@@ -61,9 +61,8 @@ def status_of(
         place = f"; {line.where}" if names.count(line.what) > 1 else ""
         limit = f"(required {sign} {line.limit:.3g}{line.unit_text(line.limit)}{place})"
         missed[f"{line.what} {found}{joint}{at} {limit}"] = None
-    past = f"{100.0 * TOLERANCE:g} % past its limit at most, which counts as met"
     scope = [
-        *dict.fromkeys(f"{line.what}: {past}" for line in lines if line.within_tolerance),
+        *dict.fromkeys(f"{line.what}: {PAST}" for line in lines if line.within_tolerance),
         *(["no tolerance stated: only the nominal robot was judged"] if evaluation.corners is None else []),
     ]
     unproved = certification.step_proof(proof, chosen, inside).missing

@@ -350,7 +350,7 @@ class ControllerCode:
             FUNCTIONS=functions + (PREDICTION if self.predicts else ""), MEASURED=self._call("input->y"),
             PREDICTED=f"{self.name}_predict(state, param, input@IN_TIME@)" if self.predicts else self.upper("STOPPED"),
             IN_TIME=", in_time" if believed else "", ALSO_IN_TIME=", int in_time" if believed else "",
-            NOTHING=NOT_BELIEVED if believed else f"HUGE_VAL{self.real.suffix.upper()}",
+            NOTHING=NOT_BELIEVED if believed else constant(np.inf, self.real),
             PREDICTED_CALL=self._call("nothing") if self.predicts else "",
             THERE=f" && {self.name}_some(input->y) != 0" if self.predicts else "",
             BELIEVED=f" && {self.name}_believed(state, param, input->y) != 0" if believed else "", PLAUSIBLE=believed,

@@ -27,7 +27,7 @@ from flexhinf.export.names import PARTS
 from flexhinf.export.recording import Recording, record, with_both_roundings
 from flexhinf.export.refusals import check_limits
 from flexhinf.export.ros2 import ros2_files
-from flexhinf.export.self_test import accuracy, contract, reaches_far, vector
+from flexhinf.export.self_test import EVERY, accuracy, contract, reaches_far, vector
 from flexhinf.export.stack import stack_text
 from flexhinf.files import write_file
 from flexhinf.loop import Controller
@@ -160,7 +160,7 @@ def controller_files(
     marks = {
         "VERSION": __version__, "PERIOD_US": round(1e6 * code.controller.period), "R": code.sizes["r"],
         "HOME": ", ".join(constant(float(v), code.real) for v in home), "HOME_TEXT": text,
-        "FABS": f"fabs{code.real.suffix}",
+        "FABS": f"fabs{code.real.suffix}", "LONGEST_UNSEEN": MISSING_LIMIT,
     }  # fmt: skip
     return {
         **code.files,
@@ -221,8 +221,8 @@ the estimate is corrected by the others, and the step returns `@BIG@_OK`."""
 
 #: What a test vector compares.
 COMPARED = {
-    "double": "inputs, codes and status, and every tenth estimate",
-    "float": "inputs and codes, and every tenth estimate; the status may depend on rounding",
+    "double": f"inputs, codes and status, and the estimate of every {EVERY}th",
+    "float": f"inputs and codes, and the estimate of every {EVERY}th; the status may depend on rounding",
 }
 
 #: What is made of the first measurement where it is not what was expected.
@@ -233,7 +233,7 @@ OFFSET = (
 
 #: What main.c and the templates do about a step.
 MAY_ACT = """/* Samples that a sensor may be without a measurement; more for one that is slower than the step. */
-enum { LONGEST_UNSEEN = 10 };
+enum { LONGEST_UNSEEN = @LONGEST_UNSEEN@ };
 
 /* Whether the output may act; where other codes than these last, the watchdog brakes. */
 static int may_act(int code, const @NAME@_output *output)

@@ -93,11 +93,9 @@ def _measured_errors(
     if "flags of the compiler" in output:  # it has flags of its own, and the controller refuses them
         return None
     match = re.search(r"largest relative error (\S+) .* of estimates (\S+)", output)
-    inputs, estimates = map(float, match.groups() if match else ("nan", "nan"))
-    return (
-        inputs if math.isfinite(inputs) else math.inf,
-        estimates if math.isfinite(estimates) else math.inf,
-    )
+    errors = map(float, match.groups() if match else ("inf", "inf"))
+    inputs, estimates = (error if math.isfinite(error) else math.inf for error in errors)
+    return inputs, estimates
 
 
 def vector(code: ControllerCode, runs: Sequence[Recording], allowed: Accuracy) -> str:
@@ -115,7 +113,7 @@ def vector(code: ControllerCode, runs: Sequence[Recording], allowed: Accuracy) -
         template("test.c"), code.name, code.real,
         VERSION=__version__, SAMPLES=len(codes), RUNS=len(runs), EVERY=EVERY, R=code.sizes["r"],
         RUN=f"{code.name}_fused" if len(runs) > 1 else 0,
-        TOLERANCE_OF_ESTIMATES=_bound(code, allowed.estimates), TOLERANCE=_bound(code, allowed.inputs),
+        TOLERANCE_OF_ESTIMATES=constant(allowed.estimates, code.real), TOLERANCE=constant(allowed.inputs, code.real),
         Y=rows(run.y), COMMANDS=rows(run.r),
         MEASURED=_lines([str(int(kind != MISSING)) for kind in run.kinds]),
         U="\n}, {\n".join(rows(run.u) for run in runs),
@@ -183,11 +181,6 @@ FAR_R = """    for (int i = 0; i < @BIG@_COMMANDS; ++i) {
         input.r[i] = rest[i];
     }
 """
-
-
-def _bound(code: ControllerCode, value: float) -> str:
-    """A tolerance; one that is infinite is none."""
-    return constant(value, code.real) if math.isfinite(value) else f"HUGE_VAL{code.real.suffix.upper()}"
 
 
 def _row(code: ControllerCode, values: np.ndarray) -> str:
