@@ -63,7 +63,8 @@ def test_a_controller_that_is_there_needs_neither_a_synthesis_nor_pages(controll
 
 def test_the_report_of_a_design(controller: Path, tmp_path: Path) -> None:
     """The controller of a report is taken while the design file beside it is the one that it was made of."""
-    design = '[design]\nrobot = "paper"\n'
+    said = "Specification met. " + 20 * "Words of the verdict. "
+    design = f'[design]\nrobot = "paper"\n[result]\nverdict = "{said}"\n'
     folder = report.write(tmp_path / "arm", {"design.toml": design, "controller": controller.read_bytes()})
     assert report.unchanged(folder, ("design.toml", "controller"))
     for source in (folder, folder / "design.toml"):
@@ -76,6 +77,7 @@ def test_the_report_of_a_design(controller: Path, tmp_path: Path) -> None:
         )  # which design it is, and what exports it again
         unfolded = re.sub(r"\n \* +", " ", header)  # no line has over 120 characters, and paths are long
         assert f" made by: flexhinf export c {source} --name " in unfolded
+        assert said.strip() in " ".join(unfolded.split())
     (folder / "design.toml").write_text(design + "bandwidth = 2.0\n")
     assert not report.unchanged(folder, ("design.toml", "controller"))
     assert not report.unchanged(folder, ("design.toml", "missing"))

@@ -179,7 +179,7 @@ def test_stages_are_functions_with_named_arguments_and_results(real: str, contro
     """The takeover's equal passes are one function in a loop, and what is of a buffer's whole size has its constant."""
     code = code_of(controller.fresh(start="bumpless"), "arm", real)
     source, header = code.source, code.header
-    assert re.findall(r"\bkept\[", source) == []
+    assert re.findall(r"\b(?:kept\[|data\[\d|p\[\d).*", source) == []
     lines = [*source.splitlines(), *header.splitlines()]
     assert [line for line in lines if len(line) > 120] == []
     sample = next(body for head, body in functions(source) if " arm_sample(" in head)

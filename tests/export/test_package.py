@@ -95,6 +95,14 @@ def test_the_readme_says_where_nothing_limits_the_input(controller: fh.Controlle
     assert re.search(r"\| saturation \| none.*`ARM_P_LOWER`", controller_files(unlimited, "arm")["README.md"])
 
 
+def test_a_recording_reaches_the_limits_at_its_end_alone(estimating: fh.Controller) -> None:
+    run = record(estimating)
+    quiet, moved = (np.abs(run.u[part]) for part in run.parts)
+    assert (quiet < 47.0).all()
+    assert 0 < (moved == 48.0).sum() < 0.6 * len(moved)
+    assert record(fh.Controller(estimating.law, estimating.estimator, 1e-3)).moved is None
+
+
 @pytest.mark.slow
 def test_what_is_exported_begins_where_the_step_does() -> None:
     """The estimate of a design begins at the start of its step, not at the goal: a recording from elsewhere is at the
@@ -106,7 +114,7 @@ def test_what_is_exported_begins_where_the_step_does() -> None:
     controller = fh.Controller(law, ukf, 1e-3, 48.0)
     run = record(controller)
     assert run.y[0, 0] == pytest.approx(0.1, abs=1e-3)
-    assert (np.abs(run.u) < 47.0).mean() > 0.9
+    assert (np.abs(run.u[run.parts[0]]) < 47.0).mean() > 0.9
     files = controller_files(controller, "arm")
     assert "| `output.estimate` | 0 | link_position | rad | 0.1 |" in files["README.md"]
     assert re.search(r"/\* link_position, rad; .* 0\.1 \*/", files["arm.h"])
@@ -155,7 +163,7 @@ def test_what_float_loses_is_measured_and_the_test_vector_allows_little_more(
     estimating: fh.Controller, compiler: str, tmp_path: Path
 ) -> None:
     folder = export_c(estimating, tmp_path / "c", "arm", "float")
-    stated = re.search(r"\| (\S+) % .*, (\S+) % .* (\S+) % \|", (folder / "README.md").read_text())
+    stated = re.search(r"\| (\S+) % .*, (\S+) % .* (\S+) %;.*\|", (folder / "README.md").read_text())
     assert stated is not None
     fused, plain, allowed = (float(number) / 100 for number in stated.groups())
     assert 0.0 < fused < 1e-3
@@ -185,7 +193,7 @@ def test_a_compiler_for_another_machine_measures_nothing(
     monkeypatch.setattr(shutil, "which", lambda name: "/bin/false")
     folder = export_c(estimating, tmp_path / "c", "arm", "float")
     assert unnamed((folder / "README.md").read_text(), "not measured", "compiler") == []
-    assert "#define TOLERANCE 0.05f" in (folder / "arm_test.c").read_text()
+    assert re.search(r"tolerance\[PARTS\] = \{ ?0\.05f\b", (folder / "arm_test.c").read_text())
 
 
 @pytest.mark.slow

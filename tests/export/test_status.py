@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -126,6 +127,45 @@ def test_an_fmu_puts_the_status_out(controller: fh.Controller, compiler: str, tm
     assert rates[:2] == [1.0, 1.0]
     assert rates[1] > rates[2] > rates[3] > rates[4] == pytest.approx(0.0, abs=1e-14)
     end(model)
+
+
+RESTARTED = """
+#include "arm.h"
+#include <math.h>
+#include <stdio.h>
+static arm_state state;
+int main(void)
+{
+    arm_input input = {0};
+    arm_output output;
+    if (arm_init(&state) != ARM_OK) return 1;
+    input.measured = 1;
+    for (int k = 0; k < 130; ++k) {
+        input.r[0] = (k < 100) ? 0.0 : 0.03;
+        if (k == 120) state.memory[0] = NAN;
+        const int code = arm_step(&state, &arm_defaults, &input, &output);
+        if (k >= 118) printf("%d %.17g\\n", code, output.path_rate);
+    }
+    return 0;
+}
+"""
+
+
+def test_a_brake_under_way_goes_on_where_the_memory_goes_back(
+    controller: fh.Controller, compiler: str, tmp_path: Path
+) -> None:
+    watch = fh.Supervision(workspace=(-0.02, 0.02), reactions={"workspace": "brake"}, braking_time=0.05)
+    one = fh.Controller(controller.law, controller.estimator, 1e-3, 0.03, supervision=watch)
+    texts = {**code_of(one, "arm", "double").files, "main.c": RESTARTED}
+    for file, text in texts.items():
+        (tmp_path / file).write_text(text)
+    subprocess.run([compiler, "-O1", "arm.c", "main.c", "-lm", "-o", "run"], cwd=tmp_path, check=True)
+    rows = subprocess.run([tmp_path / "run"], capture_output=True, text=True, check=True).stdout.split("\n")
+    codes, rates = zip(*((int(code), float(rate)) for code, rate in (row.split() for row in rows if row)))
+    assert codes[:5] == (0, 0, 3, 4, 0)
+    assert 0.0 < rates[1] < 1.0
+    assert all(after <= before for before, after in pairwise(rates))
+    assert rates[-1] < 0.8 * rates[1]
 
 
 BOARD = """

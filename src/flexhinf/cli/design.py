@@ -413,8 +413,8 @@ def _note_doubts(designed: DesignedController) -> None:
 
 
 def _origin(path: Path, command: str, rows: Sequence[Mapping[str, Any]]) -> dict[str, str]:
-    """Lines of exported C that say which design it is: its file and SHA-256, the command that exports it again, and
-    whether it met its requirements, by the rows of its result."""
+    """Lines of exported C that say which design it is: its file and SHA-256, the command that exports it again, whether
+    it met its requirements, by the rows of its result, and what it says of itself."""
     from flexhinf.design.design_file import has_controller, unmet_text
     from flexhinf.design.specification import PAST
 
@@ -435,6 +435,11 @@ def _origin(path: Path, command: str, rows: Sequence[Mapping[str, Any]]) -> dict
         else f"all {len(rows)} met"
     )
     judged = {"requirements": unmet_text(rows) or met} if rows else {}
+    result = (
+        tomllib.loads(path.read_text(encoding="utf-8")).get("result", {}) if path.suffix == ".toml" else {}
+    )
+    if verdict := result.get("verdict"):
+        judged["what the design says"] = verdict
     return {"design": f"{path.name}, SHA-256 {digest}", "made by": command, **judged, **numbers}
 
 

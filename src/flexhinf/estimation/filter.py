@@ -560,7 +560,11 @@ class RecursiveFilter(Shell, Estimator):
 
     def moved(self, run: Any, x: Any, u: Any, p: Any) -> Any:
         """F of Eq. (9) on a run, with one function of the flow for all stages of all steps."""
-        return run.repeat(self.sub_steps, lambda x: (self.sub_step(x, u, p, run),), x)[0]
+
+        def sub_step(x: Any) -> tuple[Any]:
+            return (self.sub_step(x, u, p, run),)
+
+        return run.repeat(self.sub_steps, sub_step, x)[0]
 
     def flow(self, x: Any, u: Any, p: Any) -> Any:
         """ẋ, or x⁺ of a map, without disturbances; p is the vector of parameters."""

@@ -78,6 +78,7 @@ from flexhinf.export.fragments import (
     START,
     STATUS,
     STATUS_BITS,
+    STOP_KEPT,
     UNLIMITED,
 )
 from flexhinf.export.names import (
@@ -284,8 +285,10 @@ class ControllerCode:
         return {**origin_facts(self.controller, self.origin), **self.controller.summary()}
 
     def _comment(self, facts: Mapping[str, str]) -> str:
-        """Facts as lines of a comment."""
-        return "\n * ".join(comment(f"{name}: {text}") for name, text in facts.items())
+        """Facts as lines of a comment, each in lines of its own."""
+        return "\n * ".join(
+            "\n *   ".join(wrap(comment(f"{name}: {text}"), 112)) for name, text in facts.items()
+        )
 
     @cached_property
     def _header(self) -> str:
@@ -364,6 +367,7 @@ class ControllerCode:
             MOST=constant(MOST_COUNTED[self.real.name], self.real),
             STATUS=STATUS_BITS if "status" in memory else "",
             PATH_RATE=SLOWED if "stop" in memory else "@UNITY@",
+            STOP_KEPT=STOP_KEPT.format(memory["stop"].stop - memory["stop"].start) if "stop" in memory else "",
             UNITY=constant(1.0, self.real),
             FIRST_ESTIMATE=KNOWN_ESTIMATE if self.starts_anywhere else NO_ESTIMATE,
             RANGES=range_rows(rows, self.real), COUNT=len(rows),

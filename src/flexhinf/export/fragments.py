@@ -8,9 +8,11 @@ from flexhinf.codegen.c.algebra import SIXTEEN
 NAMED = "\n\n/* Parameters of the estimator's model, with their units. */\n"
 
 #: What a start assumes.
-BEGINS = """the estimate begins at the state that is stated with the constants
- * @BIG@_X_ above. The robot must be there, at rest: the estimator trusts it, and from another place the first inputs
- * may be as large as their limits. Call @NAME@_start where it is elsewhere"""
+BEGINS = (
+    "the estimate begins at the state that is stated with the constants @BIG@_X_ above. The robot must be there, at "
+    "rest: the estimator trusts it, and from another place the first inputs may be as large as their limits. Call "
+    "@NAME@_start where it is elsewhere"
+)
 
 #: Before the memory for columns that are computed side by side.
 ALIGNMENT = f"""#if {SIXTEEN}
@@ -53,10 +55,10 @@ HOLD = """
 
 #: Which numbers the compiled source computes, by type.
 BITS = {
-    "double": "1 with fused multiply-adds, which it uses where the compiler has them as\n * instructions, and those of "
-    "Controller.step in Python on such a processor; 0 with two roundings, and those of\n * "
+    "double": "1 with fused multiply-adds, which it uses where the compiler has them as instructions, and those of "
+    "Controller.step in Python on such a processor; 0 with two roundings, and those of "
     "Controller.fresh(fused=False).",
-    "float": "1 with fused multiply-adds, which it uses where the compiler has them as\n * instructions; 0 with two "
+    "float": "1 with fused multiply-adds, which it uses where the compiler has them as instructions; 0 with two "
     "roundings. The last digits of the two differ, and both from the simulation, which is in double.",
 }
 
@@ -135,6 +137,13 @@ BEGIN_AGAIN = (
 
 #: The path rate, also where the memory was overwritten.
 SLOWED = "smaller(larger(state->memory[AT_STOP_PATH_RATE], @ZERO@), @UNITY@)"
+
+#: A brake under way goes on where the memory goes back; its numbers, from 0 to 1, are never what is not finite.
+STOP_KEPT = """        const real now = state->memory[i];
+        if (i >= AT_STOP && i < AT_STOP + {} && now >= @ZERO@ && now <= @UNITY@) {{
+            kept = 1; /* a brake under way goes on */
+        }}
+"""
 
 #: Bits of the status, whose four numbers are a part of the memory.
 STATUS_BITS = """

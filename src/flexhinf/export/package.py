@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf import __version__
-from flexhinf.codegen.c import comment, constant
+from flexhinf.codegen.c import comment, constant, folded
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.controller_c import (
     GEARS,
@@ -167,18 +167,17 @@ def controller_files(
         f"{name}_test.c": vector(code, runs, allowed),
         f"{name}_contract.c": contract(code, run),
         "README.md": _readme(code, run, allowed.text, bool(design)),
-        **{
-            path.replace("NAME", name): fill(
-                template(file).replace("@STANDSTILL@", _standstill(code, file)).replace("@MAY_ACT@", MAY_ACT),
-                name,
-                code.real,
-                **marks,
-            )
-            for path, file in AROUND.items()
-        },
+        **{path.replace("NAME", name): _around(code, file, marks) for path, file in AROUND.items()},
         **ros2_files(code, home),
         **{f"design/{path}": text for path, text in design.items()},
     }
+
+
+def _around(code: ControllerCode, file: str, marks: Mapping[str, Any]) -> str:
+    """A file around the controller, made of a template; lines of C are folded."""
+    text = template(file).replace("@STANDSTILL@", _standstill(code, file)).replace("@MAY_ACT@", MAY_ACT)
+    filled = fill(text, code.name, code.real, **marks)
+    return folded(filled) if file.endswith((".c", ".ino")) else filled
 
 
 def _home(code: ControllerCode) -> tuple[str, np.ndarray]:
@@ -279,7 +278,9 @@ def _readme(code: ControllerCode, run: Recording, accuracy: str, has_design: boo
          "" if starts is None else f"{starts[k]:.6g}")
         for kind, (array, starts) in arrays.items() for k, name in enumerate(code.signals[kind])
     ]  # fmt: skip
-    at_limit = int(((run.u <= c.limits.lower) | (run.u >= c.limits.upper)).any(axis=1).sum())
+    at_limit = ((run.u <= c.limits.lower) | (run.u >= c.limits.upper)).any(axis=1)
+    counts = [int(at_limit[part].sum()) for part in run.parts]
+    reasons = [text.format(count) for count, text in zip(counts, (AT_LIMIT, MOVED_TO_LIMIT)) if count]
     none = f"none: set `{code.upper('P_LOWER')}` and `{code.upper('P_UPPER')}` to what the drives take"
     facts = {
         **code.facts,
@@ -312,7 +313,7 @@ def _readme(code: ControllerCode, run: Recording, accuracy: str, has_design: boo
         MARK="@DIGEST@", DESIGN=DESIGN if has_design else "",
         UNLIMITED="\n".join(["", *wrap(code.unlimited_text, 118)]) if code.unlimited_text else "",
         TOLERANCES="" if code.robot is None else " outside\nthe tolerances of the robot file",
-        AT_LIMIT=AT_LIMIT.format(at_limit) if at_limit else "",
+        AT_LIMIT="".join(reasons),
         FACTS=_table(("", ""), [(key, comment(text)) for key, text in facts.items()]),
         SIGNALS=_table(("array", "element", "signal", "unit", "at the start"), signals),
         CODES=_table(
@@ -368,8 +369,9 @@ EXAMPLE = """    static @NAME@_state state;
 @NOW@        watch(code); /* yours: brakes as "What a step returns" says */
     }"""
 
-#: Why a test vector may saturate.
-AT_LIMIT = "; in {} of them an input is at its limit, as its commands swing faster than a robot should"
+#: Why a test vector may saturate: before measured positions are moved, and then.
+AT_LIMIT = "; in {} of them an input is at its limit, as commands swing faster than a robot should"
+MOVED_TO_LIMIT = "; in {} of them an input is at its limit, as measured positions are moved away and back"
 
 #: How a moving command rests, and begins elsewhere.
 STANDSTILL_USE = """

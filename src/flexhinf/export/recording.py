@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,9 @@ GAP = "gap"
 #: Size of the commands' swing about the operating point, in the unit of the tracked states, and its periods, samples.
 SWING, PERIODS = 0.05, (97, 61)
 
+#: How much further than to the limit of an input positions are moved, and the furthest, in the unit of the measurement.
+BEYOND, FARTHEST = 1.5, 10.0
+
 #: Largest standard deviation of the noise in a recorded loop, in the unit of the measurement: the swing is to be seen.
 LOUDEST = 0.1 * SWING
 
@@ -31,6 +34,7 @@ class Recording:
     `y`, `r`: (K, p), (K, max(1, k)) arrays, measurements and commands. `u`, `estimate`: (K, m), (K, n) arrays, outputs
     of the controller, held where the sample was refused. `kinds`: How each sample was given, see `replay`. `codes`:
     "OK", "PREDICTED" or "BAD_MEASUREMENT", one for each sample. `status`: bits of `Controller.status`, likewise.
+    `moved`: The first sample at which measured positions are moved from outside; None without any.
     """
 
     y: np.ndarray
@@ -40,6 +44,14 @@ class Recording:
     kinds: list[str]
     codes: list[str]
     status: list[int]
+    moved: int | None = None
+
+    @property
+    def parts(self) -> tuple[slice, ...]:
+        """Samples before those at which positions are moved, and these."""
+        return (
+            (slice(0, self.moved),) if self.moved is None else (slice(0, self.moved), slice(self.moved, None))
+        )
 
 
 def record(
@@ -53,7 +65,8 @@ def record(
     The noise is that of the estimator's model: without it, measurements equal predictions, and a wrong gain would not
     be seen. The plant starts where the estimator believes it: started elsewhere, inputs may stay at their limits, and
     any code would answer that. The commands swing about the operating point within the limits of the states, a moving
-    reference along its equilibria; without an estimator there is no plant, and the states swing too.
+    reference along its equilibria; without an estimator there is no plant, and the states swing too. In the last
+    quarter the measured positions leave the loop and come back, as far as an input comes to its limit.
 
     `controller`: Only read. `interrupted`: Replay what was measured with samples left out and samples that are not
     finite. `exact`: Of numbers that hold the measurements and commands as they are.
@@ -86,7 +99,36 @@ def record(
         kinds[samples // 3 : samples // 3 + 3] = GAP
         if controller.estimator is not None:
             kinds[samples // 2 : samples // 2 + 5] = MISSING
-    return replay(controller, y.astype(exact).astype(float), r.astype(exact).astype(float), list(kinds))
+    r, kinds = r.astype(exact).astype(float), list(kinds)
+    run = replay(controller, y.astype(exact).astype(float), r, kinds)
+    first = samples - samples // 4
+    y = _moved(controller, run, first)
+    return (
+        run
+        if y is None
+        else replace(replay(controller, y.astype(exact).astype(float), r, kinds), moved=first)
+    )
+
+
+def _moved(controller: Controller, run: Recording, first: int) -> np.ndarray | None:
+    """Measurements (K, p) of a run in which the positions are moved away and back from this sample on, as far as inputs
+    need to reach a limit if they follow in proportion; None where nothing is moved: measurements are judged, or inputs
+    have no limits."""
+    estimator, (lower, upper) = controller.estimator, (controller.limits.lower, controller.limits.upper)
+    judged = controller.mode.checks_measurements or getattr(estimator, "gate", None) is not None
+    moved = [estimator is not None and "position" in name for name in controller.measured]
+    if judged or not any(moved) or not np.isfinite([lower, upper]).all():
+        return None
+    shape, last = np.zeros((len(run.y), 1)), len(run.y) - first
+    shape[first:, 0] = np.sin(np.pi * np.arange(last) / last) ** 2
+
+    def by(distance: float) -> np.ndarray:
+        return run.y + distance * shape * moved
+
+    answered = replay(controller, by(SWING), run.r[:, : len(controller.commanded)], run.kinds).u - run.u
+    room = np.where(answered > 0.0, upper - run.u, run.u - lower)
+    needed = (room / np.maximum(np.abs(answered), 1e-12))[first:].min()
+    return by(SWING * float(np.clip(BEYOND * needed, 1.0, FARTHEST / SWING)))
 
 
 def _room(controller: Controller, count: int) -> np.ndarray:
@@ -121,6 +163,7 @@ def with_both_roundings(controller: Controller, run: Recording) -> tuple[Recordi
 
     once = machine.host().fused if controller.fused is None else controller.fused
     other = replay(controller.fresh(not once), run.y, run.r[:, : len(controller.commanded)], run.kinds)
+    other = replace(other, moved=run.moved)
     return (other, run) if once else (run, other)
 
 

@@ -17,7 +17,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from flexhinf import __version__
-from flexhinf.codegen.c import constant
+from flexhinf.codegen.c import constant, folded
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.compiled import build, compiler_flags
 from flexhinf.export.controller_c import ControllerCode, fill, template
@@ -38,52 +38,61 @@ EVERY = 10
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Largest errors that a test vector allows, relative to each signal's largest value, and a text for the README."""
+    """Largest errors that a test vector allows in each of its parts, relative to each signal's largest value there, and
+    a text for the README."""
 
-    inputs: float
-    estimates: float
+    inputs: tuple[float, ...]
+    estimates: tuple[float, ...]
     text: str
 
 
 def accuracy(code: ControllerCode, run: Recording) -> Accuracy:
     """In double what the C library's functions may differ by; in float what is measured with this machine's compiler.
 
-    Raises InvalidInput if inputs lose more than a test vector may allow.
+    Raises InvalidInput if inputs lose more than a test vector may allow, while no position is moved.
     """
-    most, plainly = TOLERANCE[code.real.name], (f"-D{code.upper('PLAIN')}",)
+    most, plainly, parts = TOLERANCE[code.real.name], (f"-D{code.upper('PLAIN')}",), len(run.parts)
     if code.real.name == "double":
         same = f"nothing, if {code.name}_fused is 1 in a simulation with fused multiply-adds, and else in one without"
         called = f"{same}, but for the C library's functions: the test vector allows {most:.0e}"
         called, most = (called, most) if code.translator.calls_library else (same, 0.0)
-        return Accuracy(most, most, called)
+        return Accuracy((most,) * parts, (most,) * parts, called)
     fused, plain = (_measured_errors(code, run, flags) for flags in (compiler_flags("portable"), plainly))
     vector = "the test vector allows"
     if fused is None or plain is None:
         text = f"not measured: no C compiler for this machine was found; {vector} {100 * most:g} %"
-        return Accuracy(most, math.inf, text)
-    worst, estimates = map(max, zip(fused, plain, strict=True))
+        return Accuracy((most,) * parts, (math.inf,) * parts, text)
+    worst, estimates = (np.maximum(*each) for each in zip(fused, plain, strict=True))
     refuse_if(
-        worst > most,
+        worst[0] > most or not np.isfinite(worst).all(),
         "The controller loses too much in float.",
         f"expected inputs within {100 * most:g} % of their largest value over the test vector, "
-        f"got {100 * worst:.2g} %",
+        f"got {100 * worst[0]:.2g} %{MOVED.format(100 * worst[-1]) * (parts > 1)}",
         "--real double; or larger noise levels of the estimator, which condition its covariances better",
     )
-    allowed = min(most, max(MIN_TOLERANCE, SPARE * worst))
+    allowed = np.minimum([most, *(math.inf,) * (parts - 1)], np.maximum(MIN_TOLERANCE, SPARE * worst))
+    moved = f" ({vector} {100 * allowed[-1]:.2g} %)"
     return Accuracy(
-        allowed,
-        max(MIN_TOLERANCE, SPARE * estimates),
-        f"{100 * fused[0]:.2g} % of the input's largest value over the test vector, {100 * plain[0]:.2g} % without "
-        f"fused multiply-adds, measured at the export; {vector} {100 * allowed:.2g} %",
+        tuple(allowed),
+        tuple(np.maximum(MIN_TOLERANCE, SPARE * estimates)),
+        f"{100 * fused[0][0]:.2g} % of the input's largest value over the test vector, {100 * plain[0][0]:.2g} % "
+        f"without fused multiply-adds, measured at the export; {vector} {100 * allowed[0]:.2g} %"
+        + (MOVED.format(100 * worst[-1]) + moved)
+        * (parts > 1),
     )
+
+
+#: What is added of errors while measured positions are moved.
+MOVED = "; {:.2g} % while positions are moved from outside"
 
 
 def _measured_errors(
     code: ControllerCode, run: Recording, flags: Sequence[str]
-) -> tuple[float, float] | None:
-    """Largest errors of inputs and estimates in the test vector, built for this machine; infinite where a result is not
-    finite."""
-    texts = {**code.files, "test.c": vector(code, (run,), Accuracy(TOLERANCE[code.real.name], math.inf, ""))}
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Largest errors of inputs and estimates in each part of the test vector, built for this machine; infinite where a
+    result is not finite."""
+    any_error = (math.inf,) * len(run.parts)
+    texts = {**code.files, "test.c": vector(code, (run,), Accuracy(any_error, any_error, ""))}
     try:
         with TemporaryDirectory() as work:
             built = build(texts, Path(work), ("-O1", *flags))
@@ -92,9 +101,9 @@ def _measured_errors(
         return None
     if "flags of the compiler" in output:  # it has flags of its own, and the controller refuses them
         return None
-    match = re.search(r"largest relative error (\S+) .* of estimates (\S+)", output)
-    errors = map(float, match.groups() if match else ("inf", "inf"))
-    inputs, estimates = (error if math.isfinite(error) else math.inf for error in errors)
+    found = re.findall(r"largest relative error (\S+) .* of estimates (\S+)", output)
+    errors = np.array(found or [("inf", "inf")] * len(run.parts), dtype=float).T
+    inputs, estimates = np.where(np.isfinite(errors), errors, math.inf)
     return inputs, estimates
 
 
@@ -103,26 +112,31 @@ def vector(code: ControllerCode, runs: Sequence[Recording], allowed: Accuracy) -
     run = runs[-1]
     codes = [str(code.codes[kind].value) for kind in run.codes]
     status = [_lines([str(bits) if code.real.bytes == 8 else "-1" for bits in run.status]) for run in runs]
-    largest = np.abs(run.estimate).max(axis=0)
-    estimate_size = np.maximum(largest, 1e-3 * largest.max())
+    sizes, sizes_of_estimates = list[str](), list[str]()
+    for part in run.parts:
+        largest = np.abs(run.estimate[part]).max(axis=0)
+        sizes.append(_row(code, np.maximum(np.abs(run.u[part]).max(axis=0), 1e-30)))
+        sizes_of_estimates.append(_row(code, np.maximum(largest, 1e-3 * largest.max())))
 
     def rows(values: np.ndarray) -> str:
         return ",\n".join(f"    {{{_row(code, row)}}}" for row in values)
 
-    return fill(
+    text = fill(
         template("test.c"), code.name, code.real,
         VERSION=__version__, SAMPLES=len(codes), RUNS=len(runs), EVERY=EVERY, R=code.sizes["r"],
         RUN=f"{code.name}_fused" if len(runs) > 1 else 0,
-        TOLERANCE_OF_ESTIMATES=constant(allowed.estimates, code.real), TOLERANCE=constant(allowed.inputs, code.real),
+        TOLERANCE_OF_ESTIMATES=_row(code, np.array(allowed.estimates)), TOLERANCE=_row(code, np.array(allowed.inputs)),
+        PARTS=len(run.parts), MOVED=len(codes) if run.moved is None else run.moved,
         Y=rows(run.y), COMMANDS=rows(run.r),
         MEASURED=_lines([str(int(kind != MISSING)) for kind in run.kinds]),
         U="\n}, {\n".join(rows(run.u) for run in runs),
         ESTIMATES="\n}, {\n".join(rows(run.estimate[::EVERY]) for run in runs),
-        SIZES="    " + _row(code, np.maximum(np.abs(run.u).max(axis=0), 1e-30)),
-        SIZES_OF_ESTIMATES="    " + _row(code, estimate_size),
+        SIZES=",\n".join(f"    {{{row}}}" for row in sizes),
+        SIZES_OF_ESTIMATES=",\n".join(f"    {{{row}}}" for row in sizes_of_estimates),
         CODES=_lines(codes), STATUS="\n}, {\n".join(status),
         ZERO=constant(0.0, code.real), FABS=f"fabs{code.real.suffix}",
     )  # fmt: skip
+    return folded(text)
 
 
 def reaches_far(code: ControllerCode) -> bool:
@@ -144,7 +158,7 @@ def contract(code: ControllerCode, run: Recording) -> str:
         "FIRST_ESTIMATE": _row(code, np.zeros(code.sizes["estimate"]) if code.belief is None else code.belief),
     }  # fmt: skip
     text = template("contract.c").replace("@FAR_AWAY@", FAR_AWAY * far)
-    return fill(text.replace("@FAR_CALL@", "    far_away();\n" * far), code.name, code.real, **marks)
+    return folded(fill(text.replace("@FAR_CALL@", "    far_away();\n" * far), code.name, code.real, **marks))
 
 
 #: Angles beyond those that are reduced quickly, rad.

@@ -39,7 +39,11 @@ def eigensystem(matrix: Any, run: Any) -> tuple[Any, Any]:
     sweeps = n - 1 if n < 3 else 3 + (n + 1) // 2
     rounds = sweeps * (n - 1 + n % 2)
     turned, vectors = run.call(_with_identity, matrix)
-    turned, vectors = run.repeat(rounds, lambda *pair: run.call(_round, *pair), turned, vectors)
+
+    def jacobi_round(*pair: Any) -> tuple[Any, Any]:
+        return run.call(_round, *pair)
+
+    turned, vectors = run.repeat(rounds, jacobi_round, turned, vectors)
     return vectors, run.call(_diagonal, turned)
 
 

@@ -80,8 +80,22 @@ CUTS = (", ", " ? ", " || ", " && ", " = ", " + ", " - ")
 
 def folded(text: str) -> str:
     """Lines of at most `WIDTH` characters: code cut at commas and operators, comments at blanks, directives as they
-    are. A long comment behind code goes before it."""
-    return "\n".join(short for line in text.split("\n") for short in _folded(line))
+    are. What a line of a comment is too long for begins the next one. A long comment behind code goes before it."""
+    lines, done = text.split("\n")[::-1], []
+    while lines:
+        *short, last = _folded(lines.pop())
+        done += short
+        goes_on = lines and short and _is_inside(last) and _is_inside(lines[-1]) and not last.endswith("*/")
+        if goes_on:
+            lines[-1] = f"{last} {lines[-1].lstrip()[2:]}"
+        else:
+            done.append(last)
+    return "\n".join(done)
+
+
+def _is_inside(line: str) -> bool:
+    """Whether it is a line of words in a comment, behind its first one."""
+    return line.lstrip().startswith("* ")
 
 
 def _folded(line: str, inside: str = "") -> list[str]:
@@ -94,6 +108,7 @@ def _folded(line: str, inside: str = "") -> list[str]:
         return [*_folded(f"{indent}/* {about}"), *_folded(code.rstrip())]
     if mark or line.lstrip().startswith("* "):
         cut = line.rfind(" ", 0, WIDTH + 1)
+        cut = line.rfind(" ", 0, cut) if line[cut:] == " */" else cut
         return [line[:cut], *_folded(indent + " " * bool(mark) + "* " + line[cut + 1 :])]
     inside = inside or indent + " " * 8
     for sign in CUTS:
@@ -204,13 +219,14 @@ class FunctionText:
 
     @cached_property
     def _part_names(self) -> list[str]:
-        """What each part is called: as the stage with most of its lines."""
+        """What each part is called: as the stage with most of its lines, of several stages."""
         names, taken = list[str](), Counter[str]()
         for part in self._parts:
             stage = max(part, key=lambda piece: len(piece[1]), default=(0, []))[0]
-            name = self.stages[stage][0] if stage < len(self.stages) else "end" if self.stages else "part"
+            several = len(self.stages) > 1
+            name = ("end" if stage >= len(self.stages) else self.stages[stage][0]) if several else "part"
             taken[name] += 1
-            names.append(name + f"_{taken[name]}" * (taken[name] > 1 or not self.stages))
+            names.append(name + f"_{taken[name]}" * (taken[name] > 1 or not several))
         return names
 
     @cached_property

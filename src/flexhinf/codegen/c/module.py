@@ -146,7 +146,8 @@ class Translator:
                         raise _unsupported("a sweep in which a result takes the place of an argument")
                     moving = tuple(piece.buffer == COLUMN or piece in self._spread for piece in step.inputs)
                 pieces = (*step.inputs, *step.outputs)
-                shared = self._shared(step) if self._columns <= 1 else ()
+                cut = step.stages is not None
+                shared = tuple(self._shared(piece, cut) for piece in pieces) if self._columns <= 1 else ()
                 name = self._function(
                     step.function,
                     max(1, self._columns),
@@ -226,18 +227,17 @@ class Translator:
             else piece.size
         )
 
-    def _shared(self, step: Call) -> tuple[tuple[Hashable, tuple[str, ...] | None], ...]:
-        """Of each argument and result of a call what the argument in C is, equal for equal ones, and what its elements
-        are called there: a buffer whose elements have names is one argument."""
-        found = list[tuple[Hashable, tuple[str, ...] | None]]()
-        for piece in (*step.inputs, *step.outputs):
-            names = self._elements.get(piece.buffer, ())
-            whole = piece.size == len(names) or (step.stages is not None and not piece.strides)
-            if names and whole:
-                found.append((piece.buffer, tuple(names[piece.offset : piece.offset + piece.size])))
-            else:
-                found.append((piece, None))
-        return tuple(found)
+    def _shared(self, piece: Slice, cut: bool = False) -> tuple[Hashable, tuple[str, ...] | None]:
+        """What an argument or a result of a call is in C, equal for equal ones, and what its elements are called there:
+        a buffer whose elements have names is one argument, and so is a part whose elements are constants of C.
+
+        `cut`: Of a trace in its stages, where any part will do.
+        """
+        names = self._elements.get(piece.buffer, ())
+        own = tuple(names[piece.offset : piece.offset + piece.size])
+        constants = piece.buffer == "data" and all(name.isupper() for name in own)
+        fixed = not piece.strides and (cut or constants)
+        return (piece.buffer, own) if names and (fixed or piece.size == len(names)) else (piece, None)
 
     def _headed(self, step: Step) -> list[str]:
         """A comment where something new begins."""
@@ -305,14 +305,29 @@ class Translator:
             return
         pieces, read = [*step.inputs, *step.outputs], len(step.inputs)
         lanes = self.lanes if step.count >= self.lanes else 1
+        shared: tuple[tuple[Hashable, tuple[str, ...] | None], ...] = ()
+        if lanes == 1:
+            own = [
+                (k, None) if isinstance(piece, Columns) else self._shared(piece)
+                for k, piece in enumerate(pieces)
+            ]
+            shared = tuple((place, names) if names else (k, None) for k, (place, names) in enumerate(own))
         name = self._function(
-            step.function, lanes, moving if lanes > 1 else (), step.about, apart, names=step.names
+            step.function,
+            lanes,
+            moving if lanes > 1 else (),
+            step.about,
+            apart,
+            names=step.names,
+            shared=shared,
         )
         left = f"const int left = ({step.count} - c < {lanes}) ? {step.count} - c : {lanes};"
         declared, gather, scatter, places = [left] if lanes > 1 else [], [], [], []
         for k, (piece, start) in enumerate(zip(pieces, starts, strict=True)):
             if not isinstance(piece, Columns):
-                places.append(start)
+                named = shared and shared[k][1]
+                if not named or piece.buffer not in places:
+                    places.append(piece.buffer if named else start)
                 continue
             along, across = piece.moves
             column, place = f"{start} + {_times('c', across)}", f"column{k}"
@@ -454,7 +469,8 @@ class Translator:
         said = () if stages is None else tuple(zip(stages.names, stages.about, strict=True))
         moving = moving or (False,) * size
 
-        places = self._places_of if "data" in same else NOTHING
+        parts = self._places_of if "data" in same else NOTHING
+        places = {part: place for part, place in parts.items() if part not in called}
         for name in self._free(function.name()):
             writer = FunctionText(
                 name,
@@ -528,7 +544,10 @@ def _identifiers(names: tuple[str, ...], read: int, written: int) -> tuple[str, 
 
 
 def _headed(about: str, text: str) -> str:
-    return "\n".join([*headed(about), text])
+    """A function under its comment, unless that is one inside."""
+    indent = " " * 4
+    inside = "\n".join(indent + line for line in headed(about, indent))
+    return text if inside and inside in text else "\n".join([*headed(about), text])
 
 
 def _shared(body: Sequence[Step]) -> dict[Slice, str]:

@@ -161,11 +161,11 @@ static int went_back(@NAME@_state *state)
         }
     }
     for (int i = 0; i < @BIG@_MEMORY; ++i) {
-        int commanded = 0;
+        int kept = 0;
         if (i >= AT_REFERENCE && i < AT_REFERENCE + @COMMANDED@) {
-            commanded = 1;
+            kept = keeps_command;
         }
-        if (keeps_command == 0 || commanded == 0 || isfinite(state->memory[i]) == 0) {
+@STOP_KEPT@        if (kept == 0 || isfinite(state->memory[i]) == 0) {
             state->memory[i] = state->older[i];
         }
     }

@@ -65,16 +65,18 @@ extern const @NAME@_param @NAME@_defaults;
 /* What @NAME@_check returns; of several faults the gravest. */
 enum {
     @BIG@_PARAM_OK = 0,
-    @BIG@_PARAM_BEYOND_DESIGN = 1, /* a limit wider, a rate faster or a gap longer than the design's, a parameter of the model@TOLERANCES@,
-                                      or another number that is not the design's */
-    @BIG@_PARAM_NOT_PHYSICAL = 2,  /* a stiffness or a motor inertia that is not positive; a mass, friction or variance
-                                      below zero; a lower limit that is not below the upper one */
-    @BIG@_PARAM_NOT_FINITE = 3     /* NaN, or infinite where the design's number is not */
+    /* a limit wider, a rate faster or a gap longer than the design's, a parameter of the model@TOLERANCES@, or another
+     * number that is not the design's */
+    @BIG@_PARAM_BEYOND_DESIGN = 1,
+    /* a stiffness or a motor inertia that is not positive; a mass, friction or variance below zero; a lower limit that
+     * is not below the upper one */
+    @BIG@_PARAM_NOT_PHYSICAL = 2,
+    @BIG@_PARAM_NOT_FINITE = 3 /* NaN, or infinite where the design's number is not */
 };
 
-/* Whether parameters may be used; no step asks. Where they may not, *place is the first number of the gravest fault: an element of
- * value, @BIG@_PARAMETERS for oldest, one more for missing_limit; place may be a null pointer. Not there with
- * -D@BIG@_WITHOUT_CHECK. */
+/* Whether parameters may be used; no step asks. Where they may not, *place is the first number of the gravest fault:
+ * an element of value, @BIG@_PARAMETERS for oldest, one more for missing_limit; place may be a null pointer. Not there
+ * with -D@BIG@_WITHOUT_CHECK. */
 int @NAME@_check(const @NAME@_param *param, int *place);
 
 @PLAUSIBLE@/* What one sample is given.
@@ -83,20 +85,23 @@ int @NAME@_check(const @NAME@_param *param, int *place);
 typedef struct {
     @NAME@_real y[@BIG@_MEASUREMENTS]; /* measurements@GAPS@ */
     @NAME@_real r[@R@]; /* commands, see above */
-    @NAME@_real age;                   /* of the measurements when the step begins, s; 0 if that is not known. Above
-                                          oldest, below 0, or NAN: there is no measurement */
-    int measured;                      /* 0 where there is no measurement */
+    /* of the measurements when the step begins, s; 0 if that is not known. Above oldest, below 0, or NAN: there is no
+     * measurement */
+    @NAME@_real age;
+    int measured; /* 0 where there is no measurement */
 } @NAME@_input;
 
 /* What it gives. */
 typedef struct {
-    @NAME@_real u[@BIG@_INPUTS];         /* inputs of the plant, always finite and within their limits */
-    @NAME@_real estimate[@BIG@_STATES];  /* estimated state; that of the start before the first sample */
-    int unseen[@BIG@_MEASUREMENTS];      /* samples since each measurement was last there, finite and in time; counts to
-                                            32767. One that is missing for long may be a broken sensor */
-    int status;                          /* bits of the last good sample, as above, from @BIG@_OUTSIDE_WORKSPACE on */
-    @NAME@_real path_rate;               /* fraction of a period by which the time along a path advances: 1 but for braking,
-                                            0 after @BIG@_NOT_INITIALISED */@DOUBTFUL@@REJECTED@
+    @NAME@_real u[@BIG@_INPUTS]; /* inputs of the plant, always finite and within their limits */
+    @NAME@_real estimate[@BIG@_STATES]; /* estimated state; that of the start before the first sample */
+    /* samples since each measurement was last there, finite and in time; counts to 32767. One that is missing for long
+     * may be a broken sensor */
+    int unseen[@BIG@_MEASUREMENTS];
+    int status; /* bits of the last good sample, as above, from @BIG@_OUTSIDE_WORKSPACE on */
+    /* fraction of a period by which the time along a path advances: 1 but for braking, 0 after
+     * @BIG@_NOT_INITIALISED */
+    @NAME@_real path_rate;@DOUBTFUL@@REJECTED@
 } @NAME@_output;
 
 /* What is remembered between samples, and memory to work in. Its parts are not for the caller. */
@@ -111,17 +116,17 @@ typedef struct {
     unsigned int mark;
 } @NAME@_state;
 
-/* Forget everything: @BEGINS@.
- * Until there is a good measurement the output is the input before the first sample: @FIRST@.
+/* Forget everything: @BEGINS@. Until there is a good measurement the output is the input before the first sample: @FIRST@.
+ *
  * Returns @BIG@_OK; or @BIG@_BAD_ARITHMETIC where a flag of the compiler, or a setting of the processor,
  * makes other numbers of what is written: then every step returns that too, and holds the output of the start.
  * It looks at the context that calls it: on a processor whose interrupts have settings of their own (FPDSCR of a
  * Cortex-M), these must be the same. */
 int @NAME@_init(@NAME@_state *state);
 
-/* As @NAME@_init: @SETS@, and from another input; estimate and input may be null pointers. One with a number that
- * is not finite is refused with @BIG@_BAD_START, and every step then returns @BIG@_NOT_INITIALISED. The first output then continues from that input as far as the design says (rate limit, bumpless start). Without an input it is
- * @HELD@. */
+/* As @NAME@_init: @SETS@, and from another input; estimate and input may be null pointers. One with a number that is
+ * not finite is refused with @BIG@_BAD_START, and every step then returns @BIG@_NOT_INITIALISED. The first output then
+ * continues from that input as far as the design says (rate limit, bumpless start). Without an input it is @HELD@. */
 int @NAME@_start(@NAME@_state *state, const @NAME@_param *param, const @NAME@_real *estimate,
                  const @NAME@_real *input);
 
