@@ -113,7 +113,8 @@ def sentences(module: ast.Module) -> set[str]:
     """Texts of three words or more that a file of tests looks for, but those that it put in itself."""
     found: set[str] = set()
     inside: set[str] = set()
-    for function in ast.walk(module):
+    classes = [node for node in module.body if isinstance(node, ast.ClassDef)]
+    for function in [*module.body, *(node for one in classes for node in one.body)]:
         if isinstance(function, ast.FunctionDef):
             nodes = list(ast.walk(function))
             expressions = list(compared(nodes))

@@ -155,6 +155,7 @@ def first_unstable(made: SimpleNamespace, linear: LinearLoop, longest: float, st
     return math.inf
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize(("stiffness", "damping", "period"), [
     (100.0, 8.0, 0.02), (100.0, 20.0, 0.04), (400.0, 30.0, 0.03), (3.0, 45.0, 0.02), (100.0, 3.0, 0.05),

@@ -52,7 +52,7 @@ def unstable(loop: EquilibriumLoop, arm: Robot, noise: np.ndarray) -> int:
     return int((loop.modes(plants, noise).rate >= 0.0).sum())
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ("preset", "goal", "mostly_link", "motor_alone"),
     [("damped", 90, 64, 0), ("damped", 180, 256, 0), ("robust", 90, 256, 0), ("robust", 180, 256, 2)],

@@ -89,6 +89,7 @@ def test_goals_are_within_the_range_and_hold_the_payload() -> None:
     assert left / (left + 60) == pytest.approx(share, abs=0.15)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("name", [PLANAR, SCARA])
 def test_a_move_is_at_half_the_speed_limits_and_its_feedforward_drives_the_frictionless_robot(
     arms: dict[str, Arm], name: str

@@ -115,6 +115,7 @@ def test_no_point_of_a_dense_grid_is_worse(campaign, rows):
     assert all(low <= found.found.numbers[k] <= high for k, (low, high) in found.intervals.items())
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("metric", ["overshoot_percent", "settling_time_s", "tracking_rmse"])
 def test_the_worst_found_is_never_better_than_the_samples_and_replays_bit_by_bit(campaign, rows, metric):
     found, other = (worst_case(campaign, metric, rows, seed=seed) for seed in (0, 1))

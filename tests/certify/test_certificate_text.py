@@ -253,6 +253,7 @@ def test_the_largest_level_of_a_weak_spring_is_a_number_whose_digits_are_printed
     assert "np." not in theorem_text(found, found.stated)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("share", [0.01, 0.25])
 def test_the_largest_level_is_stated_whatever_level_was_asked_for(share: float) -> None:
     from flexhinf.certify.proof import _largest

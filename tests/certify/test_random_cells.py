@@ -132,6 +132,7 @@ def test_no_point_of_a_hundred_thousand_cells_exceeds_its_bounds(name: str) -> N
     check_cells(name, 100_000, 2 if "tolerances" not in name else 1)
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("name", [name for name in CASES if "degree 6" not in name])
 def test_no_point_of_some_cells_exceeds_its_bounds(name: str) -> None:
     check_cells(name, 600, 2)

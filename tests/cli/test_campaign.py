@@ -174,6 +174,7 @@ def test_fractions_are_told_from_none_and_all() -> None:
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_lanes_say_what_the_signals_of_each_run_say(judged: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert main([*WORDS, "--initial-error", "0.01"]) in (0, 1)
     campaign, journal = stored_campaign(judged / "runs")

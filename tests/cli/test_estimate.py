@@ -113,6 +113,7 @@ def test_columns_and_noises_at_the_command_line(
     assert numbers["log_likelihood"] == pytest.approx(expected.attrs["log_likelihood"], rel=1e-9)
 
 
+@pytest.mark.slow
 def test_outliers_are_left_out_and_states_kept_in_bounds(
     run: Any, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -78,6 +78,7 @@ def test_errors_of_the_states_are_no_misfit_of_the_innovations(folder: Path) -> 
     assert len(numbers["says"]) == 1
 
 
+@pytest.mark.slow
 def test_what_the_log_does_not_tell_stays_and_a_motion_is_proposed(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -116,6 +116,7 @@ def test_what_is_said_of_a_run(paper: tuple[fh.Robot, fh.Controller]) -> None:
     assert unnamed(first, "not", "real time", "301 samples") == []
 
 
+@pytest.mark.slow
 def test_a_loop_that_is_too_slow_is_said_to_be(paper: tuple[fh.Robot, fh.Controller]) -> None:
     import time
 

@@ -34,6 +34,7 @@ def test_non_smooth_extras_are_left_out_of_the_linear_loop_in_one_place(setup_of
     assert margins(with_slope).delay_margin_s > 1.5 * rough.margins.delay_margin_s  # what was shown before
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 def test_the_second_delay_margin_is_that_of_the_robot_with_damped_springs(setup_of: Setups) -> None:
     """Against the same loop round a plant whose own spring damping is D = 2ζ K/ω."""
@@ -123,6 +124,7 @@ def test_other_sensors_and_noise_levels_make_another_loop(setup_of: Setups) -> N
     assert there.derivative(rest + x, held) == pytest.approx(a @ x, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_every_figure_of_the_worst_joint_names_it(setup_of: Setups) -> None:
     response = setup_of("planar-two-link", (0.4, 0.6), (0.2, 0.9)).step(1.0)
     assert [row["joint"] for row in response.metrics] == ["shoulder", "elbow"]

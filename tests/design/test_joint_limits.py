@@ -248,6 +248,7 @@ def test_a_step_beyond_the_whole_range_is_refused_before_any_work(
     assert message in str(refused.value)
 
 
+@pytest.mark.slow
 def test_the_loop_quantises_each_signal_by_its_own_step(setup_of: Callable[..., LoopSetup]) -> None:
     steps = (1e-3, 0.05)
     sensors = ("motor_position", "joint_torque")

@@ -66,6 +66,7 @@ def test_a_limit_of_speed_makes_the_command_slower(robot_of: Callable[[str], Any
     assert slow.duration > 1.5 * free.duration
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shaping", ["jump", "quintic", "jerk-limited"])
 def test_a_stated_move_is_followed_through_its_waypoints_and_judged(setup_of: Benches, shaping: str) -> None:
     setup = setup_of("planar-two-link", (0.4, -0.3), estimator="none", shaping=shaping, move=WAY)

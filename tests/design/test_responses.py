@@ -136,6 +136,7 @@ def test_figures_of_a_load_are_those_of_the_trajectory(setup_of: Benches) -> Non
         assert metrics["remaining_error"] < 0.05 * metrics["peak_deviation"]  # integrals: nothing remains
 
 
+@pytest.mark.slow
 def test_what_does_not_come_back_is_not_said_to(setup_of: Benches) -> None:
     """Looked at before the integrals had the time."""
     found = setup_of("cart", (0.1, 0.3)).load_response(np.array([30.0, 0.5]), 0.1)

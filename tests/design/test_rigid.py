@@ -102,6 +102,7 @@ def test_a_penalty_on_spring_torques_falls_away_and_code_of_the_users_is_not_gue
     assert rigid_problem(robot.problem(fh.Penalty(lambda x, p: np.array([x[0], x[1], x[8], x[9]])))) is None
 
 
+@pytest.mark.slow
 def test_its_input_is_as_late_as_that_of_the_design(setup_of: Callable[..., LoopSetup]) -> None:
     """The latency is the loop's, though nothing predicts over it; an unknown delay is on top."""
     setup: Any = setup_of("paper", (1.0,), unknown_delay=2e-3)

@@ -102,6 +102,7 @@ def test_a_faster_loop_moves_faster(setup_of: Benches) -> None:
     assert 1.6 < slow / fast < 2.0  # but for the smoothing over a period of the vibration
 
 
+@pytest.mark.slow
 def test_the_plan_stays_between_start_and_goal_and_so_within_the_limits(setup_of: Benches) -> None:
     setup = setup_of("cart", (0.5, 2.5), (-0.5, -2.5))  # from one end of the joints to the other
     plan = planned(setup, np.array([6.0, 6.0]))

@@ -113,7 +113,7 @@ def test_a_design_of_a_workspace_has_a_loop_at_each_pose(in_a_workspace: Any) ->
     np.testing.assert_allclose(moved.signals["state"][0, :2], design.robot.home, atol=1e-3)
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 def test_what_a_report_folder_gives_back(design: Any, tmp_path: Path) -> None:
     folder = design.save(tmp_path / "report")
     robot, s = fh.load_design(folder)

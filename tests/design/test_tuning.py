@@ -173,6 +173,7 @@ def test_a_law_that_contains_another_one_is_not_tuned_worse(
     assert found.cost <= contained.cost
 
 
+@pytest.mark.slow
 def test_what_one_search_came_upon_serves_every_law_with_such_parameters(rig: Tuner, short: None) -> None:
     """By the seed nl-hinf ended at 0.74 and lqr-gravity at 0.89, or at 0.79 and 0.76: old code gave the values of a law
     to those only that contain it, and a PID's to no PD."""
@@ -316,6 +317,7 @@ def test_nonlinear_h_infinity_is_tuned_as_the_others_are(rig: Tuner, short: None
     assert (not again.feasible, again.cost) <= (not found.feasible, found.cost)
 
 
+@pytest.mark.slow
 def test_a_law_is_not_left_out_for_its_corners_while_a_candidate_of_it_stands_them(
     rig: Tuner, pd: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

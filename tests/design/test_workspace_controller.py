@@ -217,7 +217,7 @@ def test_a_limit_cycle_and_lasting_saturation_are_said() -> None:
     assert np.any(seen & fh.Status.SATURATION)
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("limit", [None, 24.0])
 def test_swings_at_rest_are_watched_without_limits_too(limit: float | None) -> None:
     """Encoders that swing by 20 mrad at 5 Hz make a limit cycle of the status; their noise makes none in 5 s."""

@@ -211,6 +211,7 @@ def test_its_folder_gives_back_controller_and_specification(robot_of: Named, tmp
         np.testing.assert_array_equal(own.step(y, reference), stored.step(y, reference))
 
 
+@pytest.mark.slow
 def test_a_box_in_space_is_for_its_tool(robot_of: Named) -> None:
     """The hand of the planar arm, 0.1 m beyond its last link; poses by forward kinematics of the robot."""
     from flexhinf.cli.arguments import read_source

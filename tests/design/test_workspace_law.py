@@ -141,6 +141,7 @@ def test_the_loop_is_that_of_the_running_controller(case):
         assert loop.part(*signals).norm()[0] == pytest.approx(traced.part(*signals).norm()[0], rel=1e-4)
 
 
+@pytest.mark.slow
 def test_encoders_of_the_motors_alone_damp_the_scara_and_hold_what_it_does_not_know() -> None:
     """The design knows of a payload of 1 mg; 1 kg slows the wrist's vibration, and no loop is unstable."""
     made = setup("scara", "1e-6kg@wrist:0.03,0,-0.06", measured=("motor_position",))
@@ -180,6 +181,7 @@ def test_what_is_found_keeps_what_is_required_at_other_poses(name):
     assert all(line.met for line in lines)
 
 
+@pytest.mark.slow
 def test_the_search_sees_the_corners_of_a_rotary_joint() -> None:
     robot = fh.load_robot("quanser-rotflex")
     setup = tuned_setup(

@@ -100,6 +100,7 @@ def made(with_estimator: bool = True, saturation: float | None = 48.0) -> fh.Con
     return fh.Controller(law, ukf if with_estimator else None, 1e-3, saturation)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_the_first_code_that_holds_is_returned_and_limits_are_not_widened(
     real: str, compiler: str, tmp_path: Path
@@ -149,6 +150,7 @@ FAULTS = [
 ]  # fmt: skip
 
 
+@pytest.mark.quick_cases(4)
 @pytest.mark.parametrize(("right", "wrong", "program"), FAULTS)
 def test_vector_and_rehearsal_find_faults(
     right: str, wrong: str, program: str, compiler: str, exported: Path, tmp_path: Path

@@ -184,7 +184,7 @@ def test_a_plant_or_a_library_of_another_kind(controller: fh.Controller, library
         fh.run_realtime(Loop(Box(), other), library=fh.load_compiled(library))
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("what", ["law", "noise", "limits", "start", "spring"])
 def test_a_library_of_another_design_of_the_same_robot(
     what: str, controller: fh.Controller, library: Path

@@ -73,6 +73,7 @@ def test_the_library_says_and_does_the_same(
     assert able == {"nothing": 0, "watched": 7, "held": 15, "limited": 15}[kind] | fh.Status.DOUBTFUL_ESTIMATE
 
 
+@pytest.mark.slow
 def test_bits_that_nothing_can_set_are_told(controller: fh.Controller) -> None:
     """Without limits no input is at one; without a workspace there is nothing outside of it."""
     kinds = {

@@ -81,7 +81,7 @@ def taken_over(control: Any, driven: Driven, samples: int = 1000) -> tuple[np.nd
     return np.array(inputs), np.array(positions)
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.slow
 def test_the_input_continues_and_the_arm_stays(library: CompiledController, driven: Driven) -> None:
     """Told, the input goes on as it was; untold, it jumps to the limit at once and the arm leaves its place."""
     library.reset(driven.state, [driven.input])

@@ -90,6 +90,7 @@ def test_what_the_log_cannot_tell_is_said(partly_found):
     assert np.isnan(found.correlations[0, 2])
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("seed", range(5))
 def test_a_robot_that_stands_tells_nothing_of_its_spring(seed):
     robot = fh.load_robot("paper")

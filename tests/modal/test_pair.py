@@ -99,6 +99,7 @@ def test_damping_is_that_of_its_definition():
     assert smallest_damping(z, PERIOD, 40.0) == 1.0
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("case", [(45.0, 1743.0, 185.0**2, 18.0), (13.7, 102.0, 38.6**2, 105.0)])
 def test_gains_between_the_grid_are_those_of_a_pair(case):
     low, high, motor, damping = case

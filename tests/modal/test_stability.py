@@ -112,6 +112,7 @@ def test_between_the_ends_of_an_interval_the_loop_is_where_the_proof_says(gains,
     assert np.all(distance <= bound + 1e-9)
 
 
+@pytest.mark.slow
 def test_the_proof_ends_where_pairs_are_unstable(gains):
     loud = pair_gains(ENDS, 110.0**2, 12.0, PERIOD)
     vars(loud).update(coefficients=LOUDER * loud.coefficients)

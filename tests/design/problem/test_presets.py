@@ -78,6 +78,7 @@ def test_what_contradicts_itself_is_refused_in_three_parts(
     assert advice in attempt
 
 
+@pytest.mark.slow
 def test_bandwidths_fit_the_joints_or_are_refused(robot_of: Named, problem_of: Games) -> None:
     with pytest.raises(InvalidInput, match="bandwidths") as refused:
         choose(robot_of("cart"), np.zeros(2), np.zeros(2), Specification(bandwidth=[1.0, 2.0, 3.0]))

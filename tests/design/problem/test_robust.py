@@ -171,6 +171,7 @@ def test_the_robots_corners_themselves_attain_the_level(case_of: Callable[[str],
         assert case.norm(gain, a + b @ gain) <= case.gamma * (1.0 + 1e-9)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("name", PART_ONLY)
 def test_where_the_whole_tolerances_are_too_much_a_part_is_covered_and_told(
     case_of: Callable[[str], Case], name: str

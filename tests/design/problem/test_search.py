@@ -160,6 +160,7 @@ def test_a_damping_out_of_reach_is_refused_with_the_best_and_the_best_is_true(
     assert 0.9 * best < advised < best
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("name", ["paper", "planar-two-link"])
 def test_a_bandwidth_out_of_reach_is_refused_with_the_best(robot_of: Callable[[str], Any], name: str) -> None:
     case = Case(robot_of(name))

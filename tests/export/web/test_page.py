@@ -120,6 +120,7 @@ def without_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(page, "webassembly", lambda sources: b"\0asm")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_compiler")
 def test_the_folder_of_a_report_becomes_a_page(
     paper: LiveArm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -218,6 +219,7 @@ def test_a_fast_move_takes_a_vibration_or_what_its_limits_allow(two_links: LiveA
     assert limited.fast_time > 1.1 * free
 
 
+@pytest.mark.slow
 def test_the_page_says_which_friction_acts(two_links: LiveArm) -> None:
     assert "left out" in two_links.friction
     missed = replace(two_links, not_met="limit cycle at rest")

@@ -11,6 +11,7 @@ from flexhinf.loop.simulation.ensemble import LANES
 from flexhinf.robot import paper_arm
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("lanes", [1, LANES])
 def test_machine_code_in_a_hurry_has_the_bits_of_the_product(made, lanes, as_shipped, monkeypatch):
     levels, assemble = [], machine.assemble
