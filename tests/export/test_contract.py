@@ -48,6 +48,8 @@ int main(void)
     EXPECT(step(&state, &param, NAN, NAN, 0, &output) == ARM_NOT_INITIALISED);
     EXPECT(arm_init(&state) == ARM_OK);
     EXPECT(step(&state, &param, 0.1, NAN, 0, &output) == ARM_WAITING);
+    EXPECT(step(&state, &param, 0.1, NAN, 1, &output) == ARM_WAITING);
+    EXPECT(step(&state, &param, 0.1, 0.1, 1, &output) == ARM_OK);
     EXPECT(step(&state, &param, 0.1, NAN, 1, &output) == ARM_BAD_COMMAND);
     EXPECT(step(&state, &param, 0.1, 0.1, 1, &output) == ARM_OK);
     EXPECT(step(&state, &param, NAN, NAN, 1, &output) == ARM_BAD_COMMAND);
@@ -86,6 +88,7 @@ int main(void)
     for (int k = 0; k < arm_defaults.missing_limit; ++k) {
         EXPECT(step(&state, &param, 1, NAN, 1, &output) == ARM_BAD_COMMAND);
     }
+    EXPECT(step(&state, &param, 1, NAN, 1, &output) == ARM_STOPPED);
     EXPECT(step(&state, &param, 1, 1, 0, &output) == ARM_STOPPED);
     rest[0] = HUGE_VALF;
     EXPECT(arm_rest(&param, rest, rest) == ARM_BAD_COMMAND);
@@ -137,7 +140,8 @@ def rehearsed(
 
 #: What is changed in the source, and which program of the export finds it.
 FAULTS = [
-    ("state->missing < param->missing_limit && state", "state->missing <= param->missing_limit && state", "contract"),
+    ("missing_limit && state->missing >= 0) {\n        state", "missing_limit + 1) {\n        state", "contract"),
+    ("} else if (param->missing_limit > 0) {", "} else if (0) {", "contract"),
     ("input->age >= 0.0 && ", "", "contract"),
     ("larger(param->value[ARM_P_LOWER + i], least)", "least", "contract"),
     ("smaller(param->value[ARM_P_UPPER + i], most)", "most", "contract"),

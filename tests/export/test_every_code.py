@@ -81,8 +81,11 @@ def steps(
                 (WENT_BACK, "again"),
             )
             code = next((number for number, words in bad if words in error.what), BAD_RESULT)
-        if there:
-            missing = min(missing + 1, 10) if code == BAD_COMMAND else 0
+        if there and code == BAD_COMMAND:
+            code = WAITING if not begun else STOPPED if missing >= 10 else BAD_COMMAND
+            missing = min(missing + begun, 10)
+        elif there:
+            missing = 0
         yield held, code
 
 

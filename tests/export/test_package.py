@@ -17,6 +17,7 @@ from flexhinf.codegen.c import comment
 from flexhinf.errors import InvalidInput
 from flexhinf.export import check_room, controller_files, export_c, self_test
 from flexhinf.export.compiled import compiler_flags
+from flexhinf.export.controller_c import code_of
 from flexhinf.export.names import constants, identifier_of
 from flexhinf.export.recording import record
 
@@ -95,6 +96,16 @@ def test_the_readme_says_where_nothing_limits_the_input(controller: fh.Controlle
     assert re.search(r"\| saturation \| none.*`ARM_P_LOWER`", controller_files(unlimited, "arm")["README.md"])
 
 
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_the_memory_that_is_stated_is_that_of_the_state(
+    real: str, estimating: fh.Controller, compiler: str, tmp_path: Path
+) -> None:
+    code = code_of(estimating, "arm", real)
+    check = f"typedef char same[(sizeof(arm_state) == {code.state_bytes}) ? 1 : -1];\n"
+    (tmp_path / "arm.h").write_text(code.header + check)
+    subprocess.run([compiler, "-fsyntax-only", "-x", "c", "arm.h"], cwd=tmp_path, check=True)
+
+
 def test_a_recording_reaches_the_limits_at_its_end_alone(estimating: fh.Controller) -> None:
     run = record(estimating)
     quiet, moved = (np.abs(run.u[part]) for part in run.parts)
@@ -129,6 +140,7 @@ def test_a_hostile_name_ends_no_comment_and_no_string() -> None:
     assert "??" not in text
     assert text.isascii()
     assert [comment(unit) for unit in ("N·m", "kg·m²", "Ω")] == ["N m", "kg m^2", "Ohm"]
+    assert [comment(text) for text in ("1.7·10⁻⁶", "M⁻¹", "10¹⁴ s⁻²")] == ["1.7 10^-6", "M^-1", "10^14 s^-2"]
     assert constants("ARM_Y", ["q*/1", "q 1", "é", "é"]) == ["ARM_Y_Q_1", "ARM_Y_Q_1_1", "ARM_Y_2", "ARM_Y_3"]
     assert identifier_of("Näive 3-link; rm -rf") == "n_ive_3_link_rm_rf"
     assert identifier_of("7 links") == "arm_7_links"

@@ -16,6 +16,7 @@ from tests.export.test_code import ARDUINO, STRICT
 from tests.refusals import unnamed
 
 import flexhinf as fh
+from flexhinf.export.controller_c import code_of
 from flexhinf.export.package import controller_files
 from flexhinf.plant.joints import standstill_function
 
@@ -240,6 +241,48 @@ def test_it_is_said_where_a_braked_robot_rests() -> None:
         said = braked[name].replace("\n * ", " ")
         assert unnamed(said, "v * 0.2 s", "mechanical limits", "ARM_P_WORKSPACE", "led back") == []
         assert "mechanical limits" not in told[name]
+
+
+SLOWED = """
+#include "arm.h"
+#include <stdio.h>
+int main(void)
+{
+    arm_real row[ARM_COMMANDS] = {@ROW@};
+    const int code = arm_slowed(&arm_defaults, @RATE@, row);
+    for (int i = 0; i < ARM_COMMANDS; ++i) printf("%.17g\\n", (double)row[i]);
+    return code;
+}
+"""
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("rate", [1.0, 0.5, 0.0])
+def test_a_motion_that_is_played_more_slowly_has_the_command_of_the_slower_one(
+    rate: float, compiler: str, tmp_path: Path
+) -> None:
+    """As inverse dynamics has it: but for what the spring's change of length needs, some parts in a thousand here."""
+    watch = fh.Supervision(workspace=(-2.0, 2.0), reactions={"workspace": "brake"})
+    one, robot = controller_of("planar-two-link", watch=watch), robot_of("planar-two-link")
+
+    def row(slower: float) -> np.ndarray:
+        """Of the same path, at the same place on it."""
+        plan = [fh.Quintic(a, b, 2.0 / slower) for a, b in ((0.0, 1.0), (0.5, -0.3))]
+        motion = fh.Moving(plan, robot.inverse_dynamics)
+        return np.concatenate([motion.state(0.7 / slower), motion.input(0.7 / slower)])
+
+    given = row(1.0)
+    expected = row(rate) if rate else np.concatenate(robot.operating_point(given[:2]))
+    main = SLOWED.replace("@ROW@", ", ".join(map(repr, map(float, given)))).replace("@RATE@", repr(rate))
+    for file, text in {**code_of(one, "arm", "double").files, "main.c": main}.items():
+        (tmp_path / file).write_text(text)
+    subprocess.run([compiler, "-O1", "arm.c", "main.c", "-lm", "-o", "run"], cwd=tmp_path, check=True)
+    said = subprocess.run([tmp_path / "run"], capture_output=True, text=True, check=True).stdout
+    found = np.array(said.split(), dtype=float)
+    if rate == 1.0:
+        np.testing.assert_array_equal(found, given)
+    changed = np.abs(given - np.concatenate(robot.operating_point(given[:2])))
+    assert (np.abs(found - expected) <= 5e-3 * changed + 1e-9).all()
 
 
 def test_springs_that_are_not_linear_and_coils_have_no_such_function() -> None:

@@ -50,6 +50,7 @@ from flexhinf.export.fragments import (
     DOUBTFUL,
     DOUBTFUL_DECLARED,
     EDGE,
+    FINITE,
     HOLD,
     KNOWN_ESTIMATE,
     MOST_COUNTED,
@@ -72,6 +73,9 @@ from flexhinf.export.fragments import (
     RESTING_FIRST,
     ROOM,
     SLOWED,
+    SLOWED_DECLARED,
+    SLOWED_MOTION,
+    SLOWER,
     STANDING,
     STANDSTILL,
     STANDSTILL_DECLARED,
@@ -86,6 +90,7 @@ from flexhinf.export.names import (
     checked_identifier,
     constants,
     default_lines,
+    enumeration,
     number_lines,
     origin_facts,
 )
@@ -107,6 +112,9 @@ if TYPE_CHECKING:
 #: Columns evaluated at once where the step is composed of loops over the points of a large estimator; a small one gains
 #: nothing by it, and a microcontroller has no vectors.
 LANES = 8
+
+#: Integers of a state beside those of each measurement, and the bytes of one.
+INTEGERS, INTEGER_BYTES = 7, 4
 
 #: Samples without a measurement that are predicted over before the output is held.
 MISSING_LIMIT = 10
@@ -141,7 +149,7 @@ class ControllerCode:
     `sizes`: Numbers in each of y, r, data, memory, u and estimate. `predicts`: Whether there is an estimator, so that
     samples without a measurement can be predicted over. `program`: The step.
     `scratch`: Numbers of working memory, beside "after" and "estimated". `constants`: Numbers of data and first memory.
-    `state_bytes`: Memory that the caller gives, but for a few integers. `safe_input`: The input before the first
+    `state_bytes`: Memory that the caller gives, at most. `safe_input`: The input before the first
     sample, (m,). `codes`: Return values of a step, of `CODES`. `signals`: Names of the elements of y, r, u and the
     state. `units`: Units of signals by name, as far as the model of the estimator has them. `belief`: Where the
     estimate begins, (n,), and the robot must be; None without an estimator. `oldest`: Age beyond which a measurement
@@ -179,7 +187,11 @@ class ControllerCode:
         self.scratch = max(work, default=0)
         self.constants = self.sizes["data"] + self.sizes["memory"]
         own = 5 * self.sizes["memory"] + 2 * self.sizes["estimate"] + 2 * self.sizes["u"]
-        self.state_bytes = (own + max(1, self.scratch) + self.translator.room) * real.bytes
+        numbers = (own + max(1, self.scratch) + self.translator.room) * real.bytes
+        integers = INTEGER_BYTES * (INTEGERS + self.sizes["y"])
+        self.state_bytes = -(-(numbers + integers) // real.bytes) * real.bytes
+        if self.lanes > 1 and self.translator.room:
+            self.state_bytes = -(-(self.state_bytes + 8) // 16) * 16
         self.initial_memory = c.initial_memory()
         self.safe_input = self.initial_memory[c.memory.places["u"]]
         self.codes = {code: row for code, row in CODES.items() if self.predicts or code != "PREDICTED"}
@@ -321,7 +333,8 @@ class ControllerCode:
             SETS="about another state" if self.starts_anywhere
             else "the estimate begins where that of @NAME@_init does",
             BEGINS=BEGINS if self.predicts else "the state is what is measured",
-            STANDSTILL="" if self.standstill is None else STANDSTILL_DECLARED.format(RESTING_COMMAND * self.rests),
+            STANDSTILL="" if self.standstill is None else STANDSTILL_DECLARED.format(RESTING_COMMAND * self.rests)
+            + SLOWED_DECLARED * self.slows,
             PLAUSIBLE=PLAUSIBLE_TEXT if c.mode.checks_measurements else "",
             GAPS=", not finite (NAN) where a sensor gave nothing" if self.predicts else "",
             ELEMENTS="\n * ".join(wrap(ELEMENTS + GEARS * self.has_motors, 112)),
@@ -365,7 +378,7 @@ class ControllerCode:
             NONE_DOUBTFUL="" if self.doubt is None else "\n        output->doubtful = 0;",
             COUNTED="" if self.rejected is None and self.doubt is None else COUNTED,
             MOST=constant(MOST_COUNTED[self.real.name], self.real),
-            STATUS=STATUS_BITS if "status" in memory else "",
+            STATUS=STATUS_BITS if "status" in memory else "", FINITE=FINITE if self.unlimited_text else "",
             PATH_RATE=SLOWED if "stop" in memory else "@UNITY@",
             STOP_KEPT=STOP_KEPT.format(memory["stop"].stop - memory["stop"].start) if "stop" in memory else "",
             UNITY=constant(1.0, self.real),
@@ -422,12 +435,15 @@ class ControllerCode:
         """Body of ``NAME_start``: sets the estimate, and the input that holds the robot there."""
         if not self.starts_anywhere or self.controller.first_input.is_zero:
             return START.replace("@HOLD@", "") if self.starts_anywhere else "    (void)estimate;"
+        return START.replace("@HOLD@", HOLD.replace("@HOLDING@", self._holding("state->start", "held")))
+
+    def _holding(self, state: str, inputs: str) -> str:
+        """A call that writes the inputs that hold the robot at a state."""
         assert self.controller.estimator is not None
         plant = self.controller.estimator.plant
         known = self._known if plant.parameters.size else {}
         called = self.translator.function(holding_function(plant), "x", *["data"] * len(known), within=known)
-        call = f"{called}(state->start, {'param->value, ' * len(known)}held)"
-        return START.replace("@HOLD@", HOLD.replace("@HOLDING@", call))
+        return f"{called}({state}, {'param->value, ' * len(known)}{inputs})"
 
     @cached_property
     def standstill(self) -> Any:
@@ -441,6 +457,11 @@ class ControllerCode:
     def rests(self) -> bool:
         """Whether the command is a motion, and the model tells one that rests."""
         return self.controller.mode.moving and self.standstill is not None
+
+    @property
+    def slows(self) -> bool:
+        """Whether the command is a motion that the controller may slow down, and the model tells one that rests."""
+        return self.rests and "stop" in self.controller.memory.places
 
     @property
     def command_text(self) -> str:
@@ -473,7 +494,8 @@ class ControllerCode:
         if supervision is None or Status.REACTING not in self.able:
             return REPORTED
         brakes = supervision.reactions.get("workspace") == "brake"
-        return REACTED + EDGE.format(supervision.braking_time / 2.0) * brakes + BEGIN_AGAIN
+        edge = EDGE.format(supervision.braking_time / 2.0) * brakes
+        return REACTED + SLOWER * self.slows + edge + BEGIN_AGAIN
 
     @property
     def _standstill(self) -> str:
@@ -482,10 +504,18 @@ class ControllerCode:
             return ""
         before = set(self.translator.functions)
         traced = self.translator.function(self.standstill, "q", "data", within=self._known)
+        slower = {}
+        if self.slows:
+            slower["IS_VELOCITY"] = ", ".join(str("velocity" in name).lower() for name in self.signals["X"])
+            slower |= {
+                "HOLDING_FAST": self._holding("r", "held"),
+                "HOLDING_SLOW": self._holding("r", "slower"),
+            }
         added = [name for name in self.translator.functions if name not in before]
         texts = [self.translator.functions.pop(name) for name in added]
         text = "\n\n".join(texts).replace(f"{self.real.name} ", "real ")
-        return STANDSTILL.replace("@TRACED@", text).replace("@CALL@", traced)
+        marks = {"TRACED": text, "CALL": traced, "SLOWED": SLOWED_MOTION * self.slows, **slower}
+        return reduce(lambda text, mark: text.replace(f"@{mark[0]}@", mark[1]), marks.items(), STANDSTILL)
 
     @property
     def _queued(self) -> str:
@@ -565,12 +595,3 @@ def fill(text: str, name: str, real: Real, **marks: Any) -> str:
     for mark, value in {**marks, "NAME": name, "BIG": name.upper(), "REAL": real.name}.items():
         text = text.replace(f"@{mark}@", str(value))
     return text
-
-
-def enumeration(rows: Sequence[tuple[str, int, str]]) -> str:
-    """Constants with their values and a comment each."""
-    lines = [
-        f"    {name} = {value}{',' * (k + 1 < len(rows))} /* {text} */"
-        for k, (name, value, text) in enumerate(rows)
-    ]
-    return "\n".join(["enum {", *lines, "};"])

@@ -83,6 +83,39 @@ RESTING = (
     " At link positions q these are q, 0, q + g/K (of each joint the weight g and the spring K), 0, and the input that "
     "holds g: @NAME@_rest computes them."
 )
+#: The command of a motion that is played more slowly; as the header declares it, and its definition.
+SLOWER = (
+    " Its velocities and inputs must become those of the slower motion, or the robot swings far past its path: "
+    "@NAME@_slowed computes them."
+)
+SLOWED_DECLARED = """
+
+/* Where the controller brakes, a row of the motion (r) is played more slowly, by path_rate: this makes it the command
+ * of that slower motion. Velocities fall with the rate, and what accelerates with its square: what motors are ahead by,
+ * and what inputs have beside what speed and weight need. At rate 1 nothing changes. What the braking itself needs is
+ * not in it. Returns @BIG@_BAD_COMMAND where a number is not finite. Not there with -D@BIG@_WITHOUT_REST. */
+int @NAME@_slowed(const @NAME@_param *param, @NAME@_real path_rate, @NAME@_real *r);"""
+SLOWED_MOTION = """
+
+int @NAME@_slowed(const @NAME@_param *param, @NAME@_real path_rate, @NAME@_real *r)
+{
+    static const bool is_velocity[@BIG@_STATES] = {@IS_VELOCITY@};
+    const real square = path_rate * path_rate;
+    real rest[@BIG@_STATES + @BIG@_INPUTS], held[@BIG@_INPUTS], slower[@BIG@_INPUTS];
+    const int code = @NAME@_rest(param, r, rest);
+    if (code == @BIG@_OK && path_rate < @UNITY@) {
+        @HOLDING_FAST@;
+        for (int i = 0; i < @BIG@_STATES; ++i) {
+            r[i] = rest[i] + ((is_velocity[i] ? path_rate : square) * (r[i] - rest[i]));
+        }
+        @HOLDING_SLOW@;
+        for (int i = 0; i < @BIG@_INPUTS; ++i) {
+            r[@BIG@_STATES + i] = slower[i] + (square * (r[@BIG@_STATES + i] - held[i]));
+        }
+    }
+    return code;
+}"""
+
 #: The command that rests; as the header declares it, and its definition.
 STANDSTILL_DECLARED = """
 
@@ -100,7 +133,7 @@ int @NAME@_rest(const @NAME@_param *param, const @NAME@_real *q, @NAME@_real *r)
 {
     @CALL@(q, param->value, r);
     return (@NAME@_finite(r, @BIG@_STATES + @BIG@_INPUTS) != 0) ? @BIG@_OK : @BIG@_BAD_COMMAND;
-}
+}@SLOWED@
 #endif"""
 
 #: Which measurements a controller believes, with and without a check.
@@ -125,10 +158,11 @@ REACTED = (
     "sample, and one that does not read it is not braked."
 )
 EDGE = (
-    " It brakes where a command leaves the workspace, not before, and at a speed v rests up to v * {:g} s "
-    "beyond. Where the workspace ends with the mechanical limits, that is beyond them: keep paths so far inside, or "
-    "narrow the box, param.value + @BIG@_P_WORKSPACE: the least positions, then the largest. A first "
-    "command outside of it is reported and followed, so that an arm can be led back: look at it before the start."
+    " It brakes where a command leaves the workspace, not before: at a speed v the command comes to rest up to "
+    "v * {:g} s beyond, and the robot may swing past that place. Where the workspace ends with the mechanical limits, "
+    "that is beyond them: keep paths further inside than you see it swing, or narrow the box, param.value + "
+    "@BIG@_P_WORKSPACE: the least positions, then the largest. A first command outside of it is reported and followed, "
+    "so that an arm can be led back: look at it before the start."
 )
 BEGIN_AGAIN = (
     " To begin again where the robot then rests: @NAME@_start with output.estimate and output.u. Another reaction is "
@@ -144,6 +178,9 @@ STOP_KEPT = """        const real now = state->memory[i];
             kept = 1; /* a brake under way goes on */
         }}
 """
+
+#: Where the design states no limits, infinite ones of the caller are none that an input can have.
+FINITE = "        to[i] = (isfinite(to[i]) != 0) ? to[i] : SAFE[i];\n"
 
 #: Bits of the status, whose four numbers are a part of the memory.
 STATUS_BITS = """

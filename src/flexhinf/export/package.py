@@ -173,9 +173,19 @@ def controller_files(
     }
 
 
+#: What follows a command that the controller may slow down.
+SLOWED_COMMAND = (
+    r"\g<0>\n\1(void)@NAME@_slowed(&@NAME@_defaults, output.path_rate, \2); /* where it brakes */"
+)
+
+
 def _around(code: ControllerCode, file: str, marks: Mapping[str, Any]) -> str:
     """A file around the controller, made of a template; lines of C are folded."""
     text = template(file).replace("@STANDSTILL@", _standstill(code, file)).replace("@MAY_ACT@", MAY_ACT)
+    if code.slows:
+        text = re.sub(
+            r"^( *)read_command\((.*), output\.path_rate\);", SLOWED_COMMAND, text, flags=re.MULTILINE
+        )
     filled = fill(text, code.name, code.real, **marks)
     return folded(filled) if file.endswith((".c", ".ino")) else filled
 
@@ -278,8 +288,8 @@ def _readme(code: ControllerCode, run: Recording, accuracy: str, has_design: boo
          "" if starts is None else f"{starts[k]:.6g}")
         for kind, (array, starts) in arrays.items() for k, name in enumerate(code.signals[kind])
     ]  # fmt: skip
-    at_limit = ((run.u <= c.limits.lower) | (run.u >= c.limits.upper)).any(axis=1)
-    counts = [int(at_limit[part].sum()) for part in run.parts]
+    at_limit = (run.u <= c.limits.lower) | (run.u >= c.limits.upper)
+    counts = [int(at_limit[part].any(axis=1).sum()) for part in run.parts]
     reasons = [text.format(count) for count, text in zip(counts, (AT_LIMIT, MOVED_TO_LIMIT)) if count]
     none = f"none: set `{code.upper('P_LOWER')}` and `{code.upper('P_UPPER')}` to what the drives take"
     facts = {

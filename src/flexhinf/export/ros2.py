@@ -11,7 +11,7 @@ import numpy as np
 from flexhinf import __version__
 from flexhinf.codegen.c import constant
 from flexhinf.errors import InvalidInput
-from flexhinf.export.controller_c import ControllerCode, fill, template
+from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode, fill, template
 from flexhinf.loop import Status
 from flexhinf.plant import Plant
 from flexhinf.plant.joints import joint_places
@@ -66,14 +66,7 @@ AS_DESIGNED = """@COMMAND@
   return @NAME@_init(&state_) == @BIG@_OK;"""
 
 #: How a motion becomes a slower one: at rate 0 it rests.
-SLOWER = """  const @NAME@_real rate = output_.path_rate;
-  if (rate < 1) {  // velocities fall with the rate, what accelerates with its square
-    std::array<@NAME@_real, ROW> rest{};
-    @NAME@_rest(&param_, input_.r, rest.data());
-    for (std::size_t i = 0; i < ROW; ++i) {
-      input_.r[i] = rest[i] + (IS_VELOCITY[i] ? rate : rate * rate) * (input_.r[i] - rest[i]);
-    }
-  }"""
+SLOWER = "  (void)@NAME@_slowed(&param_, output_.path_rate, input_.r);"
 
 
 def package_name(code: ControllerCode) -> str:
@@ -102,7 +95,7 @@ def ros2_files(code: ControllerCode, home: np.ndarray) -> dict[str, str]:
     sources = ["src/controller.cpp", f"src/{code.name}.c"]
     files = {f"src/{path}": text for path, text in code.files.items()}
     marks = {
-        "PACKAGE": package, "PACKAGE_BIG": package.upper(), "VERSION": __version__,
+        "LONGEST_UNSEEN": MISSING_LIMIT, "PACKAGE": package, "PACKAGE_BIG": package.upper(), "VERSION": __version__,
         "PACKAGE_VERSION": ".".join([*re.findall(r"\d+", __version__), "0", "0"][:3]),
         "PERIOD_TEXT": f"{c.period:g}", "PERIOD_YAML": _yaml(c.period), "RATE": round(1.0 / c.period),
         "SOURCES": "\n".join(f"  {file}" for file in sources), "R": code.sizes["r"],
@@ -111,9 +104,6 @@ def ros2_files(code: ControllerCode, home: np.ndarray) -> dict[str, str]:
         "MEASUREMENTS": _parameters(code, "Y", names["Y"], interfaces["Y"]),
         "HEALTH": _quoted(health), "HEALTH_COUNT": len(health),
         "HEALTH_VALUES": "".join(f",\n    {value}" for value in values),
-        "IS_VELOCITY": ", ".join(
-            str(k < len(c.commanded) and "velocity" in c.commanded[k]).lower() for k in range(code.sizes["r"])
-        ),
         **_start_marks(code, standstill, home),
     }  # fmt: skip
     for path, file in FILES.items():
@@ -241,7 +231,7 @@ def _start_marks(
     states = () if standstill is None else standstill.plant.states
     return {
         "START": AS_DESIGNED if standstill is None else FROM_POSE, "COMMAND": "\n".join(lines),
-        "SLOWER": SLOWER if code.rests else "", "JOINTS": len(places),
+        "SLOWER": SLOWER if code.slows else "", "JOINTS": len(places),
         "LINK_MEASURED": among([states[link] for link, _ in places]),
         "MOTOR_MEASURED": among([states[motor] for _, motor in places]),
         "MOTOR_STATE": ", ".join(str(motor) for _, motor in places),

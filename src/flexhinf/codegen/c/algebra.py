@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from itertools import accumulate
 from typing import Literal
 
@@ -60,10 +61,13 @@ KEYWORDS = frozenset({
     "while", "xor",
 })  # fmt: skip
 
+#: Exponents, which stand behind one sign.
+RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
+
 #: How characters of units, names and formulas are written in ASCII.
 ASCII = str.maketrans({
-    "·": " ", "²": "^2", "³": "^3", "Ω": "Ohm", "°": "deg", "µ": "u", "−": "-", "±": "+-", "×": "x", "→": "->",
-    "≤": "<=", "≥": ">=", "ᵀ": "^T", "⁻": "^-", "¹": "1", "ᵢ": "_i", "Σ": "sum", "√": "sqrt ", "∂": "d", "½": "1/2",
+    "·": " ", "Ω": "Ohm", "°": "deg", "µ": "u", "−": "-", "±": "+-", "×": "x", "→": "->",
+    "≤": "<=", "≥": ">=", "ᵀ": "^T", "⁻": "^-", "ᵢ": "_i", "Σ": "sum", "√": "sqrt ", "∂": "d", "½": "1/2",
     "γ": "gamma", "θ": "theta", "π": "pi", "σ": "sigma", "Δ": "delta", "ν": "nu", "…": "...", "\u0302": "",
     "λ": "lambda", "Λ": "Lambda", "ℓ": "l", "ξ": "xi", "τ": "tau", "ω": "omega", "ẋ": "dx/dt", "⁺": "^+", "ₖ": "_k",
 })  # fmt: skip
@@ -71,7 +75,8 @@ ASCII = str.maketrans({
 
 def comment(text: str) -> str:
     """A text made safe for a comment of one line: printable ASCII that neither ends nor continues it."""
-    plain = "".join(c if " " <= c <= "~" else "?" for c in text.translate(ASCII))
+    raised = re.sub("⁻?[⁰¹²³⁴-⁹]+", lambda found: "^" + found[0].translate(RAISED), text)
+    plain = "".join(c if " " <= c <= "~" else "?" for c in raised.translate(ASCII))
     return plain.replace("*/", "* /").replace("/*", "/ *").replace("\\", "/").replace("??", "? ?")
 
 

@@ -1,5 +1,5 @@
-/* The contract of @NAME@, rehearsed: every value that a step returns is provoked, and what README.md says of it is looked
- * for. Made by flexhinf @VERSION@. Exit code 0 if all of it holds. */
+/* The contract of @NAME@, rehearsed: every value that a step returns is provoked but BAD_ARITHMETIC, and what README.md says
+ * of it is looked for. Made by flexhinf @VERSION@. Exit code 0 if all of it holds. */
 #include "@NAME@.h"
 
 #include <math.h>
@@ -83,6 +83,11 @@ static void starts(void)
         expect(output.estimate[i] >= first_estimate[i] && output.estimate[i] <= first_estimate[i], "the first estimate");
     }
     give();
+    if (@BIG@_COMMANDS > 0) {
+        input.r[0] = (@NAME@_real)NAN;
+        expect(step() == @BIG@_WAITING, "WAITING with a bad command before the first measurement that is used");
+        give();
+    }
     expect(step() == @BIG@_OK && output.unseen[0] == 0, "OK after a measurement");
     state.mark ^= 1u; /* as by an overwritten memory */
     expect(step() == @BIG@_NOT_INITIALISED, "NOT_INITIALISED after its mark was overwritten");
@@ -105,6 +110,10 @@ static void samples(void)
             input.r[@BIG@_COMMANDS - 1] = (k == 0) ? (@NAME@_real)NAN : -(@NAME@_real)HUGE_VAL;
             expect(holds(@BIG@_BAD_COMMAND), "BAD_COMMAND, and the last output held");
         }
+        for (int k = 2; k < param.missing_limit; ++k) {
+            expect(holds(@BIG@_BAD_COMMAND), "BAD_COMMAND again");
+        }
+        expect(holds((param.missing_limit > 0) ? @BIG@_STOPPED : @BIG@_BAD_COMMAND), "too many bad commands");
         give();
         expect(step() == @BIG@_OK, "OK after a bad command");
     }
@@ -155,14 +164,16 @@ static void overwritten(@NAME@_real number)
 @FAR_AWAY@static void limits(void)
 {
     int place = -1;
-    const @NAME@_real least = @NAME@_defaults.value[@BIG@_P_LOWER], most = @NAME@_defaults.value[@BIG@_P_UPPER];
-    if (!isfinite(least) || !isfinite(most)) {
-        return;
-    }
+    @NAME@_real least = @NAME@_defaults.value[@BIG@_P_LOWER], most = @NAME@_defaults.value[@BIG@_P_UPPER];
+    const int limited = isfinite(least) && isfinite(most);
     for (int k = 0; k < 2; ++k) { /* below what was held and above it; `step` looks at what comes of it */
         @NAME@_real end;
         param = @NAME@_defaults;
         (void)step();
+        if (!limited) { /* the design states none: these are yours */
+            least = output.u[0] - 1;
+            most = output.u[0] + 1;
+        }
         end = (k == 0) ? least : most;
         param.value[@BIG@_P_LOWER] = output.u[0] + (end - output.u[0]) * (@NAME@_real)((k == 0) ? 0.5 : 0.25);
         param.value[@BIG@_P_UPPER] = output.u[0] + (end - output.u[0]) * (@NAME@_real)((k == 0) ? 0.25 : 0.5);
@@ -180,7 +191,10 @@ static void overwritten(@NAME@_real number)
 #ifndef @BIG@_WITHOUT_CHECK
     expect(@NAME@_check(&param, &place) == @BIG@_PARAM_OK, "narrower limits may be used");
     param.value[@BIG@_P_UPPER] = most + (most - least);
-    expect(@NAME@_check(&param, &place) == @BIG@_PARAM_BEYOND_DESIGN && place == @BIG@_P_UPPER, "wider limits are refused");
+    if (limited) {
+        expect(@NAME@_check(&param, &place) == @BIG@_PARAM_BEYOND_DESIGN, "wider limits are refused");
+        expect(place == @BIG@_P_UPPER, "the place of a limit that is too wide");
+    }
     param.value[@BIG@_P_UPPER] = param.value[@BIG@_P_LOWER];
     expect(@NAME@_check(&param, &place) == @BIG@_PARAM_NOT_PHYSICAL, "limits out of order are refused");
     param.value[@BIG@_P_UPPER] = (@NAME@_real)NAN;

@@ -88,7 +88,7 @@ static void limit(const @NAME@_param *param, const real *from, real *to)
         const real least = @NAME@_defaults.value[@BIG@_P_LOWER + i], most = @NAME@_defaults.value[@BIG@_P_UPPER + i];
         const real above = larger(from[i], larger(param->value[@BIG@_P_LOWER + i], least));
         to[i] = larger(smaller(above, smaller(param->value[@BIG@_P_UPPER + i], most)), least);
-    }
+@FINITE@    }
 }
 
 static void begin(@NAME@_state *state)
@@ -230,8 +230,16 @@ int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_inp
         code = REFUSED;
     } else if (in_time != 0@BELIEVED@) {
         code = @MEASURED@;
-        if (code == @BIG@_BAD_COMMAND) { /* its measurement was not used */
-            state->missing += (state->missing >= 0 && state->missing < param->missing_limit) ? 1 : 0;
+        if (code == @BIG@_BAD_COMMAND) { /* its measurement was not used, and counts as none */
+            if (state->waiting != 0) {
+                code = @BIG@_WAITING;
+            } else if (state->missing < param->missing_limit && state->missing >= 0) {
+                state->missing += 1;
+            } else if (param->missing_limit > 0) {
+                code = @BIG@_STOPPED;
+            } else {
+                /* no sample may be missing: each says so by itself */
+            }
         } else if (code != @BIG@_BAD_MEASUREMENT) {
             state->missing = 0;
         } else {

@@ -29,12 +29,11 @@ const std::array<const char *, @BIG@_MEASUREMENTS> STATE_INTERFACES = {@STATE_IN
 const std::array<const char *, @BIG@_INPUTS> COMMAND_INTERFACES = {@COMMAND_INTERFACES@};
 
 // Of each joint: the places of its link's and its motor's position among the measurements, -1 where it is not measured,
-// and among the states. Of each number of the command: whether it is a velocity.
+// and among the states.
 [[maybe_unused]] constexpr std::size_t JOINTS = @JOINTS@;
 [[maybe_unused]] constexpr std::array<int, JOINTS> LINK_MEASURED = {@LINK_MEASURED@};
 [[maybe_unused]] constexpr std::array<int, JOINTS> MOTOR_MEASURED = {@MOTOR_MEASURED@};
 [[maybe_unused]] constexpr std::array<int, JOINTS> MOTOR_STATE = {@MOTOR_STATE@};
-[[maybe_unused]] constexpr std::array<bool, ROW> IS_VELOCITY = {@IS_VELOCITY@};
 
 // Loaned interfaces return a number in Humble, and since Jazzy an optional one.
 template <class Interface, class = void>
@@ -122,6 +121,7 @@ CallbackReturn Controller::on_init()
   try {
     auto_declare<double>("period", PERIOD);
     auto_declare<std::int64_t>("publish_every", 10);
+    auto_declare<std::int64_t>("longest_unseen", @LONGEST_UNSEEN@);
     auto_declare<bool>("zero_on_deactivate", false);
     for (std::size_t i = 0; i < measurements_.size(); ++i) {
       const std::string name = std::string("measurements.") + MEASURED[i];
@@ -160,6 +160,7 @@ bool Controller::read_parameters()
   const double period = number("period");
   const unsigned int rate = get_update_rate();  // Hz; 0: that of the controller manager, which update() looks at
   publish_every_ = node->get_parameter("publish_every").as_int();
+  longest_unseen_ = node->get_parameter("longest_unseen").as_int();
   zero_on_deactivate_ = node->get_parameter("zero_on_deactivate").as_bool();
   if (!(std::fabs(period / PERIOD - 1.0) <= 1e-6)) {
     RCLCPP_ERROR(logger, "expected a period of %g s, for which @NAME@ is made, got %g", PERIOD, period);
@@ -210,6 +211,10 @@ bool Controller::read_parameters()
     }
     param_.value[@BIG@_P_LOWER + i] = static_cast<@NAME@_real>(lower);
     param_.value[@BIG@_P_UPPER + i] = static_cast<@NAME@_real>(upper);
+  }
+  if (@NAME@_check(&param_, nullptr) != @BIG@_PARAM_OK) {
+    RCLCPP_ERROR(logger, "expected limits of the inputs within those of the design, which are the defaults");
+    return false;
   }
   return true;
 }
@@ -390,14 +395,18 @@ controller_interface::return_type Controller::update(const rclcpp::Time & time, 
   if (@BIG@_LATENCY == 0) {
     drive();
   }
-  const bool ended = code_ == @BIG@_STOPPED || code_ == @BIG@_WENT_BACK || code_ == @BIG@_BAD_ARITHMETIC ||
+  const bool silent = code_ != @BIG@_WAITING && std::any_of(
+    std::begin(output_.unseen), std::end(output_.unseen), [this](int samples) {return samples > longest_unseen_;});
+  const bool ended = silent || code_ == @BIG@_STOPPED || code_ == @BIG@_WENT_BACK || code_ == @BIG@_BAD_ARITHMETIC ||
     code_ == @BIG@_NOT_INITIALISED;
   if (ended || samples_ % publish_every_ == 0) {
     publish(time);
   }
   if (ended) {  // until the next activation, which begins where the robot then stands
     stopped_ = true;
-    RCLCPP_ERROR(get_node()->get_logger(), "@NAME@ returned %d, see its README.md: brake the robot", code_);
+    RCLCPP_ERROR(
+      get_node()->get_logger(), "@NAME@ returned %d%s, see its README.md: brake the robot", code_,
+      silent ? ", and a sensor is silent for too long" : "");
     return controller_interface::return_type::ERROR;
   }
   return controller_interface::return_type::OK;

@@ -72,7 +72,7 @@ private:
   std::array<Signal, @BIG@_MEASUREMENTS> measurements_;
   std::array<Signal, @BIG@_INPUTS> inputs_;
   bool zero_on_deactivate_ = false;
-  std::int64_t publish_every_ = 10, samples_ = 0;
+  std::int64_t publish_every_ = 10, longest_unseen_ = @LONGEST_UNSEEN@, samples_ = 0;
 
   @NAME@_param param_ = @NAME@_defaults;
   @NAME@_state state_{};
