@@ -223,6 +223,16 @@ def test_header_and_readme_name_the_same_codes_in_the_order_of_decision(
     assert len({code.value for code in CODES.values()}) == len(CODES)
 
 
+def test_a_long_name_and_limits_on_one_side_alone_hold(compiler: str, tmp_path: Path) -> None:
+    one, name = made(), "the_left_arm_of_the_torso_no_27"
+    half = fh.Controller(one.law, one.estimator, 1e-3, (-math.inf, 0.5))
+    folder = export_c(half, tmp_path / "c", name, limits=False)
+    for program in ("contract", "test"):
+        (folder / f"arm_{program}.c").write_text((folder / f"{name}_{program}.c").read_text(encoding="utf-8"))
+        (folder / "arm.c").write_text((folder / f"{name}.c").read_text(encoding="utf-8"))
+        assert rehearsed(folder, compiler, program)[0] == 0
+
+
 def test_an_export_without_limits_says_which_inputs_have_none(tmp_path: Path) -> None:
     folder = export_c(made(saturation=None), tmp_path / "c", "arm", limits=False)
     limited = export_c(made(), tmp_path / "limited", "arm")

@@ -73,8 +73,9 @@ BOARD = (
     "--specs=rdimon.specs", "-nostartfiles", "-T", "cortex_m4/board.ld", "-Wl,--gc-sections",
 )  # fmt: skip
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
-EMULATOR = ("qemu-system-arm", "-machine", "mps2-an386", "-icount", "shift=0", "-display", "none", "-monitor", "none",
-            "-serial", "none", "-semihosting-config", "enable=on,target=native", "-kernel")  # fmt: skip
+EMULATOR = ("qemu-system-arm", "-machine", "mps2-an386", "-icount", "shift=0,sleep=off", "-display", "none",
+            "-monitor", "none", "-serial", "none", "-semihosting-config", "enable=on,target=native",
+            "-kernel")  # fmt: skip
 
 
 @pytest.mark.parametrize("wrong", [False, True])

@@ -245,12 +245,16 @@ def test_it_is_said_where_a_braked_robot_rests() -> None:
 
 SLOWED = """
 #include "arm.h"
+#include <math.h>
 #include <stdio.h>
 int main(void)
 {
     arm_real row[ARM_COMMANDS] = {@ROW@};
     const int code = arm_slowed(&arm_defaults, @RATE@, row);
     for (int i = 0; i < ARM_COMMANDS; ++i) printf("%.17g\\n", (double)row[i]);
+    if (arm_slowed(&arm_defaults, NAN, row) != ARM_BAD_COMMAND) return 98;
+    row[2] = NAN;
+    if (arm_slowed(&arm_defaults, 0.5, row) != ARM_BAD_COMMAND) return 99;
     return code;
 }
 """

@@ -42,7 +42,7 @@ CODES = {
     "BAD_COMMAND": Code(
         2, "a command is not finite: the measurement was not used, which counts as none, the estimate stays as it was, "
         "and the last output is held",
-        "nothing once: too many in a row become STOPPED",
+        "nothing once; brake if it lasts: with an estimator too many in a row become STOPPED",
     ),
     "WENT_BACK": Code(
         4, "as BAD_RESULT, again: the memory went back to one of 32 to 64 good samples ago, or to the start if there "

@@ -122,7 +122,7 @@ MISSING_LIMIT = 10
 #: Names of functions, types and numbers of every controller, behind its own.
 OWN = frozenset({
     "believed", "check", "defaults", "digest", "exact", "fused", "init", "input", "output", "param", "predict", "real",
-    "rest", "sample", "some", "start", "state", "step", "type_of_constants", "version",
+    "rest", "sample", "slowed", "some", "start", "state", "step", "type_of_constants", "version",
 })  # fmt: skip
 
 #: Signals of motors, seen from the joint, and what they are at the motor: its signal, divided or multiplied by a ratio.
@@ -380,7 +380,7 @@ class ControllerCode:
             MOST=constant(MOST_COUNTED[self.real.name], self.real),
             STATUS=STATUS_BITS if "status" in memory else "", FINITE=FINITE if self.unlimited_text else "",
             PATH_RATE=SLOWED if "stop" in memory else "@UNITY@",
-            STOP_KEPT=STOP_KEPT.format(memory["stop"].stop - memory["stop"].start) if "stop" in memory else "",
+            STOP_KEPT=STOP_KEPT if "stop" in memory else "",
             UNITY=constant(1.0, self.real),
             FIRST_ESTIMATE=KNOWN_ESTIMATE if self.starts_anywhere else NO_ESTIMATE,
             RANGES=range_rows(rows, self.real), COUNT=len(rows),

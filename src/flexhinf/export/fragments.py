@@ -91,9 +91,10 @@ SLOWER = (
 SLOWED_DECLARED = """
 
 /* Where the controller brakes, a row of the motion (r) is played more slowly, by path_rate: this makes it the command
- * of that slower motion. Velocities fall with the rate, and what accelerates with its square: what motors are ahead by,
- * and what inputs have beside what speed and weight need. At rate 1 nothing changes. What the braking itself needs is
- * not in it. Returns @BIG@_BAD_COMMAND where a number is not finite. Not there with -D@BIG@_WITHOUT_REST. */
+ * of that slower motion; call it once for a row that comes from your path. Velocities fall with the rate, and with its
+ * square what accelerates: what motors are ahead by, and what inputs have beside what speed and weight need. At rate 1
+ * nothing changes. What the braking itself needs is not in it. Returns @BIG@_BAD_COMMAND where a number is not finite.
+ * Not there with -D@BIG@_WITHOUT_REST. */
 int @NAME@_slowed(const @NAME@_param *param, @NAME@_real path_rate, @NAME@_real *r);"""
 SLOWED_MOTION = """
 
@@ -102,7 +103,10 @@ int @NAME@_slowed(const @NAME@_param *param, @NAME@_real path_rate, @NAME@_real 
     static const bool is_velocity[@BIG@_STATES] = {@IS_VELOCITY@};
     const real square = path_rate * path_rate;
     real rest[@BIG@_STATES + @BIG@_INPUTS], held[@BIG@_INPUTS], slower[@BIG@_INPUTS];
-    const int code = @NAME@_rest(param, r, rest);
+    int code = @BIG@_BAD_COMMAND;
+    if (@NAME@_finite(r, @BIG@_COMMANDS) != 0 && isfinite(path_rate) != 0) {
+        code = @NAME@_rest(param, r, rest);
+    }
     if (code == @BIG@_OK && path_rate < @UNITY@) {
         @HOLDING_FAST@;
         for (int i = 0; i < @BIG@_STATES; ++i) {
@@ -172,11 +176,12 @@ BEGIN_AGAIN = (
 #: The path rate, also where the memory was overwritten.
 SLOWED = "smaller(larger(state->memory[AT_STOP_PATH_RATE], @ZERO@), @UNITY@)"
 
-#: A brake under way goes on where the memory goes back; its numbers, from 0 to 1, are never what is not finite.
+#: A brake under way goes on where the memory goes back; its numbers, from 0 to 1, are never what is not finite. A
+#: command that is held goes back, with the flag that it is.
 STOP_KEPT = """        const real now = state->memory[i];
-        if (i >= AT_STOP && i < AT_STOP + {} && now >= @ZERO@ && now <= @UNITY@) {{
+        if (i >= AT_STOP_BRAKED && i <= AT_STOP_PATH_RATE && now >= @ZERO@ && now <= @UNITY@) {
             kept = 1; /* a brake under way goes on */
-        }}
+        }
 """
 
 #: Where the design states no limits, infinite ones of the caller are none that an input can have.

@@ -173,19 +173,14 @@ def controller_files(
     }
 
 
-#: What follows a command that the controller may slow down.
-SLOWED_COMMAND = (
-    r"\g<0>\n\1(void)@NAME@_slowed(&@NAME@_defaults, output.path_rate, \2); /* where it brakes */"
-)
+#: What a program does with a row of a motion that the controller may slow down.
+THEN_SLOWED = ", and where that is below 1, @NAME@_slowed"
 
 
 def _around(code: ControllerCode, file: str, marks: Mapping[str, Any]) -> str:
     """A file around the controller, made of a template; lines of C are folded."""
     text = template(file).replace("@STANDSTILL@", _standstill(code, file)).replace("@MAY_ACT@", MAY_ACT)
-    if code.slows:
-        text = re.sub(
-            r"^( *)read_command\((.*), output\.path_rate\);", SLOWED_COMMAND, text, flags=re.MULTILINE
-        )
+    text = text.replace("@THEN_SLOWED@", THEN_SLOWED * code.slows)
     filled = fill(text, code.name, code.real, **marks)
     return folded(filled) if file.endswith((".c", ".ino")) else filled
 
@@ -237,7 +232,8 @@ COMPARED = {
 #: What is made of the first measurement where it is not what was expected.
 OFFSET = (
     "\nWhat the first measurement differs from that belief is taken for an offset of the sensor, which fades with a "
-    "time constant of\n{:g} s. So a wrong belief shows late: first inputs are small, and grow as the offset fades."
+    "time constant of\n{:g} s. So a wrong belief is not seen at once: a command to the place where the robot really is "
+    "is a jump to the\ncontroller, and one to the place where it is believed to be moves the robot as the offset fades."
 )
 
 #: What main.c and the templates do about a step.
@@ -256,7 +252,10 @@ static int may_act(int code, const @NAME@_output *output)
 """
 
 #: What a step in double needs.
-SLOWLY = "\nA processor without double, such as a Cortex-M4F, takes some 25 times as long: `--real float`."
+SLOWLY = (
+    "\nOn a processor without double, such as a Cortex-M4F, a step takes some 25 times as long as with "
+    "`--real float`."
+)
 
 #: The files of a design, among the others.
 DESIGN = (
@@ -356,13 +355,19 @@ def _example(code: ControllerCode) -> str:
         command = f"read_command(input.r); /* yours: {count} position{'s' * (count > 1)} */" if count else ""
     late = c.mode.latency > 0
     before, after = drive.format(": what the step before gave") * late, drive.format("") * (not late)
-    return EXAMPLE.replace("@COMMAND@", command).replace("@LATE@", before).replace("@NOW@", after)
+    slower = SLOWER_LOOP * code.slows
+    return fill(EXAMPLE, code.name, code.real, COMMAND=command, SLOWER=slower, LATE=before, NOW=after)
 
 
 #: Functions and macros of the mathematical library.
 MATHEMATICS = re.compile(
     r"\b((?:sqrt|fabs|copysign|a?sin|a?cos|a?tan|atan2|exp|log|pow|tanh|floor|frexp)f?|is(?:finite|nan))\("
 )
+
+#: What that example says of a path.
+SLOWER_LOOP = """        /* on a path: output.path_rate periods further, then, where that is below 1,
+           @NAME@_slowed(&@NAME@_defaults, output.path_rate, input.r) */
+"""
 
 #: The first example of the README.
 EXAMPLE = """    static @NAME@_state state;
@@ -375,7 +380,7 @@ EXAMPLE = """    static @NAME@_state state;
     @NAME@_step(&state, &@NAME@_defaults, &input, &output); /* no measurement yet: the input that holds the robot */
     for (;;) { /* every @PERIOD_TEXT@ s; change input.r to move */
         input.measured = read_sensors(input.y); /* yours; 0 where there is no measurement */
-@LATE@        code = @NAME@_step(&state, &@NAME@_defaults, &input, &output);
+@SLOWER@@LATE@        code = @NAME@_step(&state, &@NAME@_defaults, &input, &output);
 @NOW@        watch(code); /* yours: brakes as "What a step returns" says */
     }"""
 

@@ -66,7 +66,8 @@ def record(
     be seen. The plant starts where the estimator believes it: started elsewhere, inputs may stay at their limits, and
     any code would answer that. The commands swing about the operating point within the limits of the states, a moving
     reference along its equilibria; without an estimator there is no plant, and the states swing too. In the last
-    quarter the measured positions leave the loop and come back, as far as an input comes to its limit.
+    quarter the measured positions leave the loop and come back, as far as an input needs to come to its limit where it
+    follows in proportion; not where an input has no limit, or something judges measurements.
 
     `controller`: Only read. `interrupted`: Replay what was measured with samples left out and samples that are not
     finite. `exact`: Of numbers that hold the measurements and commands as they are.
@@ -112,8 +113,8 @@ def record(
 
 def _moved(controller: Controller, run: Recording, first: int) -> np.ndarray | None:
     """Measurements (K, p) of a run in which the positions are moved away and back from this sample on, as far as inputs
-    need to reach a limit if they follow in proportion; None where nothing is moved: measurements are judged, or inputs
-    have no limits."""
+    need to reach a limit if they follow in proportion; None where nothing is moved: measurements are judged, none is a
+    position, or an input has no limit."""
     estimator, (lower, upper) = controller.estimator, (controller.limits.lower, controller.limits.upper)
     judged = controller.mode.checks_measurements or getattr(estimator, "gate", None) is not None
     moved = [estimator is not None and "position" in name for name in controller.measured]

@@ -99,20 +99,23 @@ def _is_inside(line: str) -> bool:
 
 
 def _folded(line: str, inside: str = "") -> list[str]:
-    """The lines of one; those that follow the first are `inside`."""
+    """The lines of one; those that follow the first are `inside`. No string is cut."""
     if len(line) <= WIDTH or line.lstrip().startswith("#"):
         return [line]
     indent = line[: len(line) - len(line.lstrip())]
-    code, mark, about = line.partition("/* ")
-    if mark and code.strip() and about.endswith("*/"):
-        return [*_folded(f"{indent}/* {about}"), *_folded(code.rstrip())]
-    if mark or line.lstrip().startswith("* "):
+    plain = re.sub(r'"(?:\\.|[^"\\])*"', lambda text: "s" * len(text[0]), line)  # strings are one word
+    code, mark, _ = min((plain.partition(mark) for mark in ("/* ", "// ")), key=lambda parts: len(parts[0]))
+    about = line[len(code) + len(mark) :]
+    if mark and code.strip() and (about.endswith("*/") or mark == "// "):
+        return [*_folded(f"{indent}{mark}{about}"), *_folded(line[: len(code)].rstrip())]
+    if mark or _is_inside(line):
         cut = line.rfind(" ", 0, WIDTH + 1)
         cut = line.rfind(" ", 0, cut) if line[cut:] == " */" else cut
-        return [line[:cut], *_folded(indent + " " * bool(mark) + "* " + line[cut + 1 :])]
+        sign = " * " if mark == "/* " else mark or "* "
+        return [line[:cut], *_folded(indent + sign + line[cut + 1 :])]
     inside = inside or indent + " " * 8
     for sign in CUTS:
-        if (cut := line.rfind(sign, len(inside), WIDTH)) > 0:
+        if (cut := plain.rfind(sign, len(inside), WIDTH)) > 0:
             end = cut + 1 if sign == ", " else cut
             return [line[:end], *_folded(inside + line[end:].lstrip(), inside)]
     return [line]

@@ -170,8 +170,10 @@ static void overwritten(@NAME@_real number)
         @NAME@_real end;
         param = @NAME@_defaults;
         (void)step();
-        if (!limited) { /* the design states none: these are yours */
+        if (!isfinite(@NAME@_defaults.value[@BIG@_P_LOWER])) { /* the design states none: this is yours */
             least = output.u[0] - 1;
+        }
+        if (!isfinite(@NAME@_defaults.value[@BIG@_P_UPPER])) {
             most = output.u[0] + 1;
         }
         end = (k == 0) ? least : most;

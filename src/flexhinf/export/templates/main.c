@@ -4,7 +4,7 @@
 /* Of your board. Elements of the arrays have names in @NAME@.h, such as those that begin with @BIG@_Y_. */
 extern void wait_for_sample(void);
 extern int read_sensors(@NAME@_real *y); /* 0 where there was no measurement in time */
-extern void read_command(@NAME@_real *r, @NAME@_real path_rate); /* path_rate periods further along its path */
+extern void read_command(@NAME@_real *r, @NAME@_real path_rate); /* path_rate periods further along its path@THEN_SLOWED@ */
 extern void drive_motors(const @NAME@_real *u);
 extern void report(int code);       /* for a log */
 extern void restart_watchdog(void); /* which brakes the robot too, where samples fail for longer than it may run on */

@@ -56,7 +56,8 @@ static bool read_sensors(@NAME@_real *y)
     return true;
 }
 
-// The command path_rate periods further along its path: less than one where the controller brakes. Here it rests.
+// The command path_rate periods further along its path@THEN_SLOWED@: less than one where the controller brakes.
+// Here it rests.
 static void read_command(@NAME@_real *r, @NAME@_real path_rate)
 {
     static const @NAME@_real home[] = {@HOME@}; // @HOME_TEXT@, where @NAME@_init believes the robot

@@ -174,6 +174,10 @@ bool Controller::read_parameters()
     RCLCPP_ERROR(logger, "expected publish_every from 1 on, got %ld", static_cast<long>(publish_every_));
     return false;
   }
+  if (longest_unseen_ < 1 || longest_unseen_ > 32766) {
+    RCLCPP_ERROR(logger, "expected longest_unseen from 1 to 32766, got %ld", static_cast<long>(longest_unseen_));
+    return false;
+  }
   std::vector<std::string> taken;
   const auto read = [&](const std::string & name, Signal & signal) {
     signal.interface = node->get_parameter(name + ".interface").as_string();
@@ -213,7 +217,7 @@ bool Controller::read_parameters()
     param_.value[@BIG@_P_UPPER + i] = static_cast<@NAME@_real>(upper);
   }
   if (@NAME@_check(&param_, nullptr) != @BIG@_PARAM_OK) {
-    RCLCPP_ERROR(logger, "expected limits of the inputs within those of the design, which are the defaults");
+    RCLCPP_ERROR(logger, "expected finite limits of the inputs within those of the design, the defaults");
     return false;
   }
   return true;
