@@ -102,12 +102,13 @@ int @NAME@_slowed(const @NAME@_param *param, @NAME@_real path_rate, @NAME@_real 
 {
     static const bool is_velocity[@BIG@_STATES] = {@IS_VELOCITY@};
     const real square = path_rate * path_rate;
-    real rest[@BIG@_STATES + @BIG@_INPUTS], held[@BIG@_INPUTS], slower[@BIG@_INPUTS];
+    real rest[@BIG@_STATES + @BIG@_INPUTS];
     int code = @BIG@_BAD_COMMAND;
     if (@NAME@_finite(r, @BIG@_COMMANDS) != 0 && isfinite(path_rate) != 0) {
         code = @NAME@_rest(param, r, rest);
     }
     if (code == @BIG@_OK && path_rate < @UNITY@) {
+        real held[@BIG@_INPUTS], slower[@BIG@_INPUTS];
         @HOLDING_FAST@;
         for (int i = 0; i < @BIG@_STATES; ++i) {
             r[i] = rest[i] + ((is_velocity[i] ? path_rate : square) * (r[i] - rest[i]));
