@@ -76,6 +76,7 @@ def test_a_latency_that_is_left_out_shows(run: Any, folder: Path, capsys: pytest
     assert numbers["nees"]["judgement"] == "larger"
 
 
+@pytest.mark.slow
 def test_columns_and_noises_at_the_command_line(
     run: Any, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -119,6 +119,7 @@ def test_a_degree_that_is_not_proved_does_not_stop_the_others(
     assert "definite" in other.reason
 
 
+@pytest.mark.slow
 def test_what_no_degree_could_mend_ends_the_proofs_for_all_tolerances(
     made: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

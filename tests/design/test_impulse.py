@@ -93,6 +93,7 @@ def test_a_loop_that_rings_misses_the_line_with_its_joint(setup_of: Setups) -> N
     assert len(table.rows) == 2
 
 
+@pytest.mark.slow
 def test_a_delay_is_remembered(setup_of: Setups) -> None:
     setup = setup_of("paper", (1.2,), unknown_delay=8e-3)
     runs = struck(setup, 0.1)

@@ -67,6 +67,7 @@ def test_figures_of_merit_are_those_of_the_trajectory(
     assert response.positions[-1] == pytest.approx(goal, abs=0.02)
 
 
+@pytest.mark.slow
 def test_the_step_begins_without_a_jump_of_the_input(setup_of: Benches) -> None:
     """The first input is what holds the robot at the start, whatever the estimator."""
     for estimator in ("ukf", "ekf", "none"):

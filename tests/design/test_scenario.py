@@ -111,6 +111,7 @@ def test_the_plan_stays_between_start_and_goal_and_so_within_the_limits(setup_of
     assert positions.max(axis=0) == pytest.approx([0.5, 2.5], abs=1e-12)
 
 
+@pytest.mark.slow
 def test_a_plan_beyond_the_joints_limits_is_refused(setup_of: Benches) -> None:
     inside = setup_of("cart", (0.4, 0.3), (-0.2, -0.4))
     with refused_with(InvalidInput, "limits", "'belt'", "0.7 m"):

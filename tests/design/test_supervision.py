@@ -42,6 +42,7 @@ def test_a_schedule_adds_the_poses_of_its_laws(setup_of: Callable[..., LoopSetup
     assert np.ravel(box) == pytest.approx([-1.0 - 0.25, 1.5 + 0.25])
 
 
+@pytest.mark.slow
 def test_a_move_of_a_deployed_controller_is_watched_without_reactions() -> None:
     """It is driven in error coordinates, where a frozen command would have velocities; offsets decay as before."""
     pytest.importorskip("mujoco")

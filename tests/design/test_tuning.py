@@ -141,6 +141,7 @@ def test_the_encoder_of_the_motor_spares_a_pd_the_sag_of_a_filter_on_the_link(ri
     assert sag["motor_position"] < sag["link_position"]
 
 
+@pytest.mark.slow
 def test_the_user_may_insist_on_one_set_of_sensors(tuner: Callable[..., Tuner], short: None) -> None:
     found = tuner(same_sensors=True).tune(law_kind("pd"))
     assert found.sensors == ("link_position",)

@@ -202,6 +202,7 @@ def test_after_braking_it_begins_again_where_it_rests_and_may_come_back(
                 assert u == pytest.approx(arm().operating_point(out)[1], abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_limit_cycle_and_lasting_saturation_are_said() -> None:
     """Seven samples of delay that nobody knows make the loop oscillate between its limits while it should rest."""
     setup = made(saturation=24.0)
@@ -383,7 +384,7 @@ def test_the_filter_is_stable_at_any_period(
 
 
 # Robots, sensors, loops ---------------------------------------------------------------------------------
-@pytest.mark.quick_cases(3)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(
     ("name", "fields"),
     [

@@ -194,6 +194,7 @@ def test_the_move_that_is_made_again_swings_most_by_its_own_limits(monkeypatch: 
     assert (line.found, line.limit, line.joint) == (2e-5, pytest.approx(5e-6), "elbow")
 
 
+@pytest.mark.slow
 def test_moves_are_judged_by_the_limits_of_the_joints() -> None:
     """Peak input, speed and range, by the arrays of the runs themselves, the worst of all moves."""
     setup = setup_of("1kg")

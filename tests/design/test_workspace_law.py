@@ -158,6 +158,7 @@ def replaced(case):
     return made.robot, checked_specification(made.robot, fh.Specification(**stated)), made.workspace, made.law
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 def test_the_slope_of_the_law_is_that_of_its_columns():
     made = setup("scara")

@@ -96,7 +96,7 @@ def assert_alike(first, second, atol=1e-9):
         np.testing.assert_allclose(covariance, expected, rtol=1e-7, atol=1e-10)
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @EVERY
 @TURNS

@@ -171,7 +171,7 @@ EXACT = {
 }
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("bent", [0.0, 1e-30])
 @pytest.mark.parametrize("form", FORMS)

@@ -205,6 +205,7 @@ int main(void)
     assert run("./limits", folder=tmp_path) == "7 5"
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("place", [1, 2])
 def test_a_fragment_of_the_documentation_compiles(
     place: int, controller: fh.Controller, compiler: str, repository: Path, tmp_path: Path

@@ -64,7 +64,7 @@ def test_limits_that_are_kept_change_no_bit() -> None:
         assert not checked.rejected.any()
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("pieces", [False, True])
 @pytest.mark.parametrize("gate", [None, 0.9999])
 def test_what_is_implausible_is_missing_and_counted(

@@ -53,6 +53,7 @@ def test_it_is_that_of_eigenvectors(made, name):
         np.testing.assert_array_equal(law.evaluate_about(0 * x, state, u, law.law_data), 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 def test_its_gains_are_those_of_the_pairs_laws(made):
     """The Riccati equations of the λ of a pose themselves, not the poles fitted to a grid."""

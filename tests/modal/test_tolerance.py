@@ -44,6 +44,7 @@ def loop(made, gains, links, wrong_links, wrong_motors, latency):
     return np.abs(np.linalg.eigvals(whole)).max()
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("latency", [0, 1])
 def test_errors_below_it_never_destabilise_and_larger_ones_do(made, gains, latency):

@@ -32,6 +32,7 @@ def ours(plant, x, u, d, step, steps):
     return np.asarray(run(x)).T
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     ("name", "step", "extras"),

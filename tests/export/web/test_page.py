@@ -137,6 +137,7 @@ def test_the_folder_of_a_report_becomes_a_page(
     assert settings["speed"] == [None]  # its command jumps, as in the step that was judged
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_compiler")
 def test_a_design_in_python_becomes_a_page(paper: LiveArm, tmp_path: Path) -> None:
     design = SimpleNamespace(
@@ -299,6 +300,7 @@ def test_the_pd_is_stable_wherever_the_page_moves() -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_pd_that_is_not_fair_is_named_above_the_picture(two_links: LiveArm) -> None:
     fair = page.page_text(two_links, b"\0asm")
     arm = replace(two_links)

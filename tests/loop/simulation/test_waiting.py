@@ -30,7 +30,7 @@ def controller(kind=fh.ExtendedKalmanFilter, **options):
     return fh.Controller(law, filter, 0.05, before_first=[0.07], **options)
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("pieces", [False, True])
 @pytest.mark.parametrize(
