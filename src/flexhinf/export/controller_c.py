@@ -514,8 +514,8 @@ class ControllerCode:
         added = [name for name in self.translator.functions if name not in before]
         texts = [self.translator.functions.pop(name) for name in added]
         text = "\n\n".join(texts).replace(f"{self.real.name} ", "real ")
-        marks = {"TRACED": text, "CALL": traced, "SLOWED": SLOWED_MOTION * self.slows, **slower}
-        return reduce(lambda text, mark: text.replace(f"@{mark[0]}@", mark[1]), marks.items(), STANDSTILL)
+        slowed = SLOWED_MOTION * self.slows
+        return fill(STANDSTILL, self.name, self.real, TRACED=text, CALL=traced, SLOWED=slowed, **slower)
 
     @property
     def _queued(self) -> str:

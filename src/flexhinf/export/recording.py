@@ -49,9 +49,8 @@ class Recording:
     @property
     def parts(self) -> tuple[slice, ...]:
         """Samples before those at which positions are moved, and these."""
-        return (
-            (slice(0, self.moved),) if self.moved is None else (slice(0, self.moved), slice(self.moved, None))
-        )
+        before = slice(0, self.moved)
+        return (before,) if self.moved is None else (before, slice(self.moved, None))
 
 
 def record(
