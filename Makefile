@@ -1,9 +1,13 @@
 # make demo      set everything up in .venv and reproduce the paper
-# make test      set up what the tests need and run the quick ones, with the import contract (some minutes)
-# make check     everything: lint, format, types, import contract, tests
-# make slow      the long tests, and every command of the docs as printed; pictures of pages stay in build/screenshots;  make bench, make bench-hji, make bench-arm, make bench-jitter, make bench-hardware, make bench-workspace, make bench-firmware, make bench-estimator, make bench-certificates, make bench-filters, make bench-studio: measure;  make clean;  make locks
-# make docs      the documentation site, in build/docs/html (some minutes at first);  make docs-links also asks whether external addresses answer
+# make test      set up what the tests need and run the quick ones, with the import contract (three minutes)
+# make check     everything quick: lint, format, types, import contract, tests
+# make ci        the longer tests, and every command of the docs as printed; pictures of pages stay in build/screenshots
+# make nightly   what is too long for every push: before a release (some hours)
+# make docs      the documentation site, in build/docs/html;  make docs-links also asks whether external addresses answer
 # make pages     the tables, transcripts and figures of the docs, computed anew
+# make bench, make bench-hji, make bench-arm, make bench-jitter, make bench-hardware, make bench-workspace,
+# make bench-firmware, make bench-estimator, make bench-certificates, make bench-filters, make bench-studio: measure
+# make mutants;  make clean;  make locks
 #
 # Needs Python 3.11 or newer, pip and make. A stamp in .venv remembers what was installed from which lock:
 # when a lock changes, .venv is made anew.
@@ -27,8 +31,9 @@ PIP     := if $(PY) -m pip --version >/dev/null 2>&1; then pip="$(PY) -m pip"; e
 
 # All cores; the tests of a file stay together, so that what they share is made once.
 SHARED  := -n auto --maxprocesses 8 --dist loadfile
+QUICK   := -m "not ci and not nightly" $(SHARED)
 
-.PHONY: demo test check slow bench bench-hji bench-arm bench-jitter bench-campaign bench-hardware bench-workspace bench-firmware bench-estimator bench-certificates bench-filters bench-studio peers pages docs docs-links mutants locks clean environment environment-dev environment-docs
+.PHONY: demo test check ci nightly bench bench-hji bench-arm bench-jitter bench-campaign bench-hardware bench-workspace bench-firmware bench-estimator bench-certificates bench-filters bench-studio peers pages docs docs-links mutants locks clean environment environment-dev environment-docs
 .DELETE_ON_ERROR:
 
 demo: environment
@@ -36,17 +41,21 @@ demo: environment
 
 test: environment-dev
 	$(VENV)/bin/lint-imports
-	$(PY) -m pytest -m "not slow" $(SHARED)
+	$(PY) -m pytest $(QUICK)
 
 check: environment-dev
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/pyright --pythonpath $(PY)
 	$(VENV)/bin/lint-imports
-	$(PY) -m pytest -m "not slow" $(SHARED)
+	$(PY) -m pytest $(QUICK)
 
-slow: environment-dev
-	FLEXHINF_SCREENSHOTS=$(CURDIR)/build/screenshots $(PY) -m pytest -m slow -n auto --maxprocesses 8 --dist worksteal
+ci: environment-dev
+	FLEXHINF_SCREENSHOTS=$(CURDIR)/build/screenshots $(PY) -m pytest -m ci $(SHARED)
+
+# Needs example-robot-data (414 MB), which no lock has, and `make peers`; what is missing is skipped by name.
+nightly: environment-dev
+	$(PY) -m pytest -m nightly $(SHARED)
 
 pages: environment-dev
 	$(PY) docs/make.py

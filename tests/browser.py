@@ -24,10 +24,10 @@ SCREENSHOTS = "FLEXHINF_SCREENSHOTS"
 @contextmanager
 def chromium() -> Iterator[Any]:
     """A browser of Playwright, without a window."""
-    api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
+    api = pytest.importorskip("playwright.sync_api", reason="missing: playwright")
     path = next(filter(None, map(shutil.which, PROGRAMS)), None)
     if path is None:
-        pytest.skip("Chromium is not installed")
+        pytest.skip("missing: chromium")
     with api.sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
         try:
@@ -67,7 +67,7 @@ def kept(folder: Path, name: str) -> Path:
 def serious(page: Any) -> list[str]:
     """What axe-core finds serious or critical on a page, each with the first element that has it."""
     axe = pytest.importorskip(
-        "axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed"
+        "axe_playwright_python.sync_playwright", reason="missing: axe-playwright-python"
     )
     found = axe.Axe().run(page).response["violations"]
     return [

@@ -9,8 +9,6 @@ import re
 import shutil
 import signal
 import subprocess
-import time
-from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from cProfile import Profile
@@ -23,6 +21,7 @@ from typing import Any
 import pytest
 from _pytest.doctest import DoctestModule
 from hypothesis import HealthCheck, settings
+from tests.costs import Costs
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(
@@ -33,9 +32,6 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 for _signal, _way in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
     if signal.getsignal(_signal) == signal.SIG_IGN:
         signal.signal(_signal, _way)
-
-#: When no slow test begins any more, s since 1970; 0: never. CI ends after 90 minutes, also on a machine that is slow.
-UNTIL = int(os.environ.get("FLEXHINF_SLOW_UNTIL", "0"))
 
 settings.register_profile(
     "flexhinf",
@@ -154,7 +150,7 @@ def _why_not(compiler: str, flags: tuple[str, ...]) -> str:
     """Why a program cannot be built with these flags and run; empty where it can."""
     found = shutil.which(compiler)
     if found is None:
-        return f"no {compiler}"
+        return f"missing: {compiler}"
     with TemporaryDirectory() as work:
         (Path(work) / "probe.c").write_text(
             '#include <math.h>\n#include <stdio.h>\nint main(void) { return printf("%d", 1) != 1; }\n'
@@ -196,62 +192,36 @@ def bounded_work() -> Callable[[int], AbstractContextManager[None]]:
     return bounded
 
 
-@pytest.fixture(scope="session")
-def in_a_hurry(request: pytest.FixtureRequest) -> bool:
-    """Whether this is `make test`."""
-    return request.config.option.markexpr == "not slow"
+@pytest.fixture(scope="module")
+def unoptimised() -> Iterator[None]:
+    """Machine code and C of this file's tests are not optimised: a setting of the product, which changes no bit.
+
+    A file asks for it by ``pytestmark = pytest.mark.usefixtures("unoptimised")``, and says what that saves. It pays
+    where what is compiled runs once.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("FLEXHINF_OPTIMISATION", "0")
+        yield
 
 
 @pytest.fixture(scope="session", autouse=True)
-def as_shipped(
-    in_a_hurry: bool, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Callable[[], AbstractContextManager[None]]]:
-    """A context in which machine code is made as in the product, and exports compute their stack.
-
-    Outside of it, `make test` hurries: machine code and exported C without optimisation, which changes no bit
-    (`tests/loop/simulation/test_optimisation.py`, `tests/export/test_flags.py`), and no gcc for a line of a README.
-    No file of machine code has to go. `tests/codegen`, `tests/export/test_stack.py` and the slow tests never hurry. A
-    user's machine code is left alone.
-    """
-    from flexhinf.codegen import compiler, machine, shared
-    from flexhinf.export import compiled, self_test, stack
-
-    def quickly(sources: Any, folder: Path, flags: tuple[str, ...]) -> Path:
-        return build(sources, folder, tuple(re.sub(r"^-O\d$", "-O0", flag) for flag in flags))
-
-    build = compiled.build
-    usual = ((compiler, "_MOST_FILES", compiler._MOST_FILES),
-             (machine, "level", machine.level), (machine, "_PASSES", machine._PASSES),
-             (stack, "MACHINES", stack.MACHINES), (compiled, "build", build), (self_test, "build", build))  # fmt: skip
-    hurried = (10_000, lambda operations: 0, (), dict.fromkeys(stack.MACHINES, ()),
-               quickly, quickly)  # fmt: skip
-
-    @contextmanager
-    def shipped() -> Iterator[None]:
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setenv("FLEXHINF_CACHE", str(tmp_path_factory.mktemp("as_shipped")))
-            patch.setattr(shared, "_kept", OrderedDict())
-            for place, name, value in usual:
-                patch.setattr(place, name, value)
-            yield
-
+def shared_by_workers(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """All workers of a run share machine code and the store of commands; both begin empty."""
+    run = tmp_path_factory.getbasetemp()
+    run = run.parent if "PYTEST_XDIST_WORKER" in os.environ else run
     with pytest.MonkeyPatch.context() as patch:
-        if in_a_hurry:
-            run = tmp_path_factory.getbasetemp()
-            run = (
-                run.parent if "PYTEST_XDIST_WORKER" in os.environ else run
-            )  # all workers of a run share their code
-            patch.setenv("FLEXHINF_CACHE", str(run / "hurried"))
-            for (place, name, _), value in zip(usual, hurried):
-                patch.setattr(place, name, value)
-        yield shipped
+        patch.setenv("FLEXHINF_CACHE", str(run / "kernels"))
+        patch.setenv("FLEXHINF_TEST_STORE", os.environ.get("FLEXHINF_TEST_STORE", str(run / "store")))
+        patch.delenv("FLEXHINF_OPTIMISATION", raising=False)
+        yield
 
 
 def _slow_cases(items: list[pytest.Item]) -> Iterator[pytest.Item]:
     """Of each test that is marked `quick_cases(number)`: the cases beyond that number, the quick ones spread evenly."""
     cases: dict[str, list[pytest.Item]] = {}
     for item in items:
-        if item.get_closest_marker("quick_cases") is not None and item.get_closest_marker("slow") is None:
+        later = any(item.get_closest_marker(tier) for tier in ("ci", "nightly"))
+        if item.get_closest_marker("quick_cases") is not None and not later:
             cases.setdefault(item.nodeid.partition("[")[0], []).append(item)
     for of_test in cases.values():
         number = of_test[0].get_closest_marker("quick_cases").args[0]
@@ -292,20 +262,15 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     return Sharing(config, log)
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Every run says what it cost."""
+    config.pluginmanager.register(Costs(config), "flexhinf-costs")
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The example of `flexhinf.compare` tunes a law: as slow as such tests are; and `quick_cases`."""
     tuned = [item for item in items if item.name == "flexhinf.design.pipeline.compare"]
-    for item in (*tuned, *_slow_cases(items)):
-        item.add_marker(pytest.mark.slow)
-    if UNTIL:  # other files come last on another day, and do so in every worker
-        files = list(dict.fromkeys(item.path for item in items))
-        first = UNTIL // 86_400 * len(files) * 5 // 8
-        turn = {file: (k - first) % len(files) for k, file in enumerate(files)}
-        items.sort(key=lambda item: turn[item.path])
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_runtest_setup(item: pytest.Item) -> None:
-    """A slow test does not begin after the time that CI has for them."""
-    if UNTIL and time.time() > UNTIL and item.get_closest_marker("slow") is not None:
-        pytest.skip("there is no time left for it: FLEXHINF_SLOW_UNTIL")
+    for item in tuned:
+        item.add_marker(pytest.mark.ci("tunes a law"))
+    for item in _slow_cases(items):
+        item.add_marker(pytest.mark.ci("one more case of a test whose other cases are quick"))

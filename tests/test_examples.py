@@ -16,7 +16,7 @@ def test_every_example_is_tested(repository: Path) -> None:
     assert found == tested | set(TRUE)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_row_of_the_regions_page_is_computed_again(repository: Path) -> None:
     example = runpy.run_path(str(repository / "examples" / "region_of_validity.py"))
     page = (repository / "docs" / "regions.md").read_text(encoding="utf-8").splitlines()
@@ -24,7 +24,7 @@ def test_a_row_of_the_regions_page_is_computed_again(repository: Path) -> None:
     assert example["largest_steps"](example["ROWS"][1], "command", 90, seed=7).row in page
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_example_region_of_validity(repository: Path, tmp_path: Path) -> None:
     cases = runpy.run_path(str(repository / "examples" / "region_of_validity.py"))["main"](tmp_path)
     for case in cases:
@@ -34,7 +34,7 @@ def test_example_region_of_validity(repository: Path, tmp_path: Path) -> None:
     assert (tmp_path / "regions.svg").read_text().count("<svg") == 1
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_whole_table_of_the_regions_page_is_computed_again(repository: Path) -> None:
     example = runpy.run_path(str(repository / "examples" / "region_of_validity.py"))
     page = (repository / "docs" / "regions.md").read_text(encoding="utf-8").splitlines()

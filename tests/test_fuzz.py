@@ -20,7 +20,7 @@ LIMIT_S = 300
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="forks, signals and pipes")
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("name", list(FUZZERS))
 def test_every_attempt_is_right_or_typed(name: str) -> None:
     fuzzer = import_module(f"fuzz.{name}")

@@ -100,7 +100,7 @@ LONG = {
 
 @pytest.mark.quick_cases(6)
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in sorted(TRUE)]
+    "name", [pytest.param(name, marks=pytest.mark.ci) if name in LONG else name for name in sorted(TRUE)]
 )
 def test_a_program_draws_and_says_what_is_true(
     repository: Path, tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]

@@ -73,7 +73,7 @@ print("read")
 """
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.skipif(
     not Path("/proc/self/statm").exists(), reason="needs /proc to tell the memory of a process"
 )

@@ -35,12 +35,12 @@ def test_every_public_name_has_an_example(name: str) -> None:
     assert any(name in example.source for example in found) or inspect.isclass(getattr(fh, name))
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("name", sorted(SKIPPED))
 def test_examples_that_take_long_run_too(name: str) -> None:
     """They are skipped where the others are run."""
     if name == "export_web" and not (shutil.which("clang") and shutil.which("wasm-ld")):
-        pytest.skip("clang or wasm-ld is not installed")
+        pytest.skip("missing: clang or wasm-ld")
     parser, runner = doctest.DocTestParser(), doctest.DocTestRunner()
     text = own(name)
     assert "# doctest: +SKIP" in text

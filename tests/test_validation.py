@@ -206,7 +206,7 @@ for path in sys.argv[2:]:
 """
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize(("kind", "cases"), [("toml", TOO_MUCH_TOML), ("xml", TOO_MUCH_XML)])
 def test_each_of_them_is_refused_in_a_second(tmp_path: Path, kind: str, cases: list[tuple[str, str]]) -> None:
     """In an interpreter of its own: what other tests hold in memory or trace is not counted."""

@@ -37,7 +37,7 @@ def test_repeated_rows_carry_slopes_along() -> None:
     assert np.allclose(slope, [[[32.0, 0.0], [0.0, 108.0]]])
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ["paper", "coil", "planar-two-link"])
 def test_a_period_and_its_derivatives(name: str) -> None:

@@ -145,7 +145,7 @@ def test_a_delay_margin_beyond_the_longest_queue_is_that_of_the_crossing(made: S
     assert abs(answer * np.exp(-1j * frequency * margin) - 1.0) <= 1e-6
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 @pytest.mark.parametrize("delay", [10, 60])
 def test_seven_joints(made: SimpleNamespace, delay: int) -> None:

@@ -50,13 +50,13 @@ def finely(arm: Robot, law: HJISolution, run: Trajectory, applied: np.ndarray, i
     return float(z[5])
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     ("late", "limit", "period"),
     [
-        pytest.param(0, None, 1e-3, marks=pytest.mark.slow),
-        pytest.param(2, None, 1e-3, marks=pytest.mark.slow),
+        pytest.param(0, None, 1e-3, marks=pytest.mark.ci),
+        pytest.param(2, None, 1e-3, marks=pytest.mark.ci),
         (1, 25.0, 2e-3),
     ],
 )
@@ -123,7 +123,7 @@ def test_what_a_limit_withholds_from_the_integral_is_no_lasting_expense(arm: Rob
     assert found.spent[-1] > 10.0
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_table_adds_up(made: SimpleNamespace, two_link: Robot, two_link_law: HJISolution) -> None:
     x = two_link.operating_point()[0]
     start = two_link.operating_point(x[:2] + np.array([0.1, -0.1]))[0]

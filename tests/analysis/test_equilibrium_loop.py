@@ -218,7 +218,7 @@ def test_the_model_is_that_of_the_filter(
         assert np.allclose(found, expected, rtol=1e-10, atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_seven_links_with_their_estimator(made: SimpleNamespace) -> None:
     robot = load_robot("seven-link")
     law, x = made.law(robot, degree=2, ratio=3.0), robot.operating_point()[0]

@@ -112,7 +112,7 @@ def test_gain_margin_of_the_sampled_mass(made: SimpleNamespace) -> None:
     assert lower == 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", [None, "ukf"])
 def test_one_input_as_python_control_sees_it(
@@ -170,7 +170,7 @@ def test_delays_of_few_samples_by_brute_force(
     assert found == pytest.approx(expected, abs=1.1e-3 * period)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 @pytest.mark.parametrize("period", [2e-3, 1e-2])
 def test_several_inputs_by_brute_force(
@@ -189,7 +189,7 @@ def test_several_inputs_by_brute_force(
     assert np.all((found.bandwidth > 1.0) & (found.bandwidth < 30.0))
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", [None, "ekf"])
 def test_runs_on_both_sides_of_the_delay_margin(

@@ -67,7 +67,7 @@ def test_unstable_corners_by_the_direction_of_the_noise(
     assert unstable(loop, arm, MOTOR_ALONE) == motor_alone
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("ratios", [None, (1e-4, 1.0, 1e4, 1e8)], ids=["standard", "as a design's report"])
 @pytest.mark.parametrize(("preset", "goal"), GAINS)
 def test_the_sweep_finds_these_corners_and_names_their_form(

@@ -132,7 +132,7 @@ def test_all_corners_are_computed_whatever_the_seed(
     assert len(repr(first)) < 100
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 @pytest.mark.parametrize("delay", [0, 1, 6, 60])
 def test_the_worst_corner_grows_as_the_traced_loop_there(
@@ -153,7 +153,7 @@ def test_the_worst_corner_grows_as_the_traced_loop_there(
         assert found.designed.rates[k] == pytest.approx(math.log(expected) / PERIOD, abs=1e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_estimators_noise_is_named_and_swept(made: SimpleNamespace, arm: Robot) -> None:
     """A damped law: stable at all corners as designed, not with noise on the link's torque alone."""
     weights = {"link_position": 60.0, "link_position_integral": 300.0, "joint_torque_rate": 3e-3}
@@ -177,7 +177,7 @@ def test_the_estimators_noise_is_named_and_swept(made: SimpleNamespace, arm: Rob
     assert tolerance_corners(again, arm.corner, 11, ()).unstable == other.unstable
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_tolerances_may_grow_by_a_factor(made: SimpleNamespace, arm: Robot, cubic: HJISolution) -> None:
     """At 0.99 of it no corner is unstable, at 1.01 some are; the paper's law stands less than its tolerances."""
     loop = loop_of(made, arm, cubic)

@@ -59,7 +59,7 @@ def test_gradient_by_differences_of_the_arm(
     differs(runs, 0.3 * np.random.default_rng(0).normal(size=(151, runs.channels)), (0, 1, 37, 148, 149))
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 def test_gradient_by_differences_of_two_links(
     made: SimpleNamespace, two_link: Robot, both: GeneralisedPlant, two_link_law: HJISolution
@@ -106,7 +106,7 @@ def test_small_motions_have_the_norm_of_the_linear_design(
     assert smallest_gamma(torques) < found < quartic.gamma
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 def test_small_motions_are_those_of_a_run(
     made: SimpleNamespace, two_link: Robot, both: GeneralisedPlant, two_link_law: HJISolution
@@ -126,9 +126,9 @@ def test_small_motions_are_those_of_a_run(
     assert np.allclose(measured, expected, atol=1e-4 * np.abs(measured).max())
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize(
-    "degree", [pytest.param(2, marks=pytest.mark.slow), 4, pytest.param(6, marks=pytest.mark.slow)]
+    "degree", [pytest.param(2, marks=pytest.mark.ci), 4, pytest.param(6, marks=pytest.mark.ci)]
 )
 def test_no_disturbance_of_the_arm_attains_gamma_inside_its_region(
     torques: GeneralisedPlant, degree: int
@@ -145,7 +145,7 @@ def test_no_disturbance_of_the_arm_attains_gamma_inside_its_region(
     assert found.largest_value > 0.05 * level
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_no_disturbance_of_two_links_attains_gamma(two_link: Robot) -> None:
     weights = {"link_position": 30, "link_velocity": 5, "motor_position": 20, "motor_velocity": 5}
     penalty = Penalty({**weights, "link_position_integral": 60})  # on every state: the margin is definite
@@ -160,7 +160,7 @@ def test_no_disturbance_of_two_links_attains_gamma(two_link: Robot) -> None:
     assert 0.97 * star < found.gain <= law.gamma
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_limit_of_small_energies_is_the_norm(torques: GeneralisedPlant, quartic: HJISolution) -> None:
     search = DisturbanceSearch(torques, quartic, None, 0.01, horizon=20.0)
     norm, start = search.small()

@@ -44,7 +44,7 @@ def test_the_filters_gain_is_python_controls(made, name, pose):
     np.testing.assert_allclose(f, exact, atol=3e-6 * np.abs(exact).max())  # Runge–Kutta steps of MODEL_STEP
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 def test_the_extended_filter_on_the_linear_plant_is_the_linear_filter(made):
     """Its covariance comes to the gain that python-control computes, wherever the estimate is."""

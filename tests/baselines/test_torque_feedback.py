@@ -17,7 +17,7 @@ def solved(equations, start, left=1e-12):
     return found.x
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 def test_it_is_a_pd_on_lighter_rotors(made):
     robot = made.robots["spatial-three-link"]
@@ -79,7 +79,7 @@ def test_the_weight_is_that_of_the_link_that_would_rest_at_the_motors_position(m
 
 @pytest.mark.oracle
 @pytest.mark.parametrize("compensation", ["motor", "goal"])
-@pytest.mark.slow
+@pytest.mark.ci
 def test_every_rest_is_an_equilibrium_and_is_reached(made, compensation):
     robot = made.robots["spatial-three-link"]
     law = TorqueFeedback.tuned(robot.problem(), 8.0, 0.8, compensation=compensation)
@@ -91,7 +91,7 @@ def test_every_rest_is_an_equilibrium_and_is_reached(made, compensation):
     np.testing.assert_allclose(states[-1], goal, atol=1e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 def test_the_weight_is_compensated_away_from_the_goal(made):
     """With ḡ(θ) the static error under a torque at the links is that of the springs and K_θ alone."""

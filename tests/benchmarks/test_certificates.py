@@ -80,10 +80,10 @@ def test_tables_are_of_rows_whose_proofs_hold() -> None:
     assert "every start" in tables(kept)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_rivals_prove_the_small_cases_anew() -> None:
     if missing := Solver.missing():
-        pytest.skip(missing)
+        pytest.skip(f"missing: {missing}")
     with Solver() as solver:
         inequalities = linear_inequalities(solver)
         squares = given_storage(solver, 2, shares=(1.001, 0.999))

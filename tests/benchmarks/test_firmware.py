@@ -95,7 +95,7 @@ def test_the_best_stands_first_and_losses_are_named() -> None:
         assert sizes == sorted(sizes)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("machine", "tools"),
     [("x86-64", ("gcc", "valgrind")), ("Cortex-M4F", ("arm-none-eabi-gcc", "qemu-system-arm"))],
@@ -103,7 +103,7 @@ def test_the_best_stands_first_and_losses_are_named() -> None:
 def test_a_row_measured_again(machine: str, tools: tuple[str, ...]) -> None:
     for tool in tools:
         if shutil.which(tool) is None:
-            pytest.skip(f"no {tool}")
+            pytest.skip(f"missing: {tool}")
     for program in ("", "CasADi", "ADMM"):
         check(kept(1, "float", machine, program), measure(1, "float", machine, program))
 

@@ -537,7 +537,7 @@ def test_shares_rise() -> None:
     assert list(SHARES) == sorted(set(SHARES))
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_linear_loop_of_the_law_of_one_pose_is_flexhinfs(tmp_path: Path) -> None:
     """Eigenvalues of the loop at another pose, with the spring's damping and a sample of latency."""
     arm, links = Arm.of(ROBOTS[PLANAR].robot()), ("link_position", "motor_position")

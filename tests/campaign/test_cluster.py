@@ -75,7 +75,7 @@ def test_processes_get_every_batch_at_the_first_time(monkeypatch: pytest.MonkeyP
 @pytest.mark.filterwarnings("default")
 def test_a_cluster_of_one_thread_runs_every_batch(tmp_path: Path) -> None:
     """Many more batches than are on the way: twenty for one worker with one thread."""
-    distributed = pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
+    distributed = pytest.importorskip("distributed", reason="missing: distributed")
     campaign, told = made_campaign(40, 2), []
     with distributed.LocalCluster(
         1, threads_per_worker=1, processes=False, dashboard_address=None
@@ -140,10 +140,10 @@ def test_a_campaign_in_memory_is_whole_or_an_error(loop, monkeypatch: pytest.Mon
         run_campaign(loop, tolerances(), 5, batch=2, **OPTIONS)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.filterwarnings("default")
 def test_a_cluster_has_the_same_bytes_and_a_killed_worker_costs_no_sample(tmp_path: Path) -> None:
-    distributed = pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
+    distributed = pytest.importorskip("distributed", reason="missing: distributed")
     for name, changes in (("plain", {}), ("killed", {"metrics": {"effort": Deadly(tmp_path / "mark")}})):
         campaign = made_campaign(**changes)
         with distributed.LocalCluster(2, threads_per_worker=1, dashboard_address=None) as cluster:
@@ -163,10 +163,10 @@ def test_a_cluster_has_the_same_bytes_and_a_killed_worker_costs_no_sample(tmp_pa
         )
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.filterwarnings("default")
 def test_a_lost_scheduler_costs_nothing_that_is_written(tmp_path: Path) -> None:
-    pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
+    pytest.importorskip("distributed", reason="missing: distributed")
     word, campaign, root = [sys.executable, "-m"], made_campaign(800), Path(__file__).resolve().parents[2]
     paths = {**os.environ, "PYTHONPATH": os.pathsep.join([str(root / "src"), str(root)])}
     address = f"tcp://127.0.0.1:{free_port()}"

@@ -212,7 +212,7 @@ drive(campaign, Journal.opened(sys.argv[1], campaign), executor=in_processes(1))
 """
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_driver_killed_by_sigkill_takes_its_workers_with_it(tmp_path: Path) -> None:
     """They hold its standard output open, so that it would never end, and a few hundred megabytes each."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(REPOSITORY / "src"), str(REPOSITORY)])}
@@ -291,7 +291,7 @@ def test_a_damaged_kernel_cache_is_told_and_changes_no_bit(
     assert set(told) <= set(map(str, damaged))
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_worker_killed_by_sigkill_costs_no_sample(tmp_path: Path) -> None:
     mark, notes = tmp_path / "killed", []
     campaign = made_campaign(metrics={"effort": Deadly(mark)})
@@ -307,7 +307,7 @@ def test_a_worker_killed_by_sigkill_costs_no_sample(tmp_path: Path) -> None:
     assert table_of(tmp_path / "one") == table_of(tmp_path / "two")
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_disk_that_is_really_full(whole: Path, tmp_path: Path) -> None:
     disk = tmp_path / "disk"
     disk.mkdir()

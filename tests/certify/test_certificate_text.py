@@ -219,7 +219,7 @@ def _no_cells(cells: int) -> None:
     raise AssertionError
 
 
-@pytest.mark.parametrize("farthest", [65, pytest.param(1000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("farthest", [65, pytest.param(1000, marks=pytest.mark.ci)])
 def test_the_quotient_of_a_sine_is_known_however_far_a_box_reaches(farthest: int) -> None:
     from flint import fmpq
 

@@ -42,7 +42,7 @@ def test_without_functions_and_tolerances_it_is_the_gain_of_the_linear_loop() ->
         )  # (17) by Schur's complement, inside and not at its edge
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_no_sample_of_the_whole_box_refuses_it() -> None:
     """At 180° with full tolerances: γ of the inequality at random points is below the one of the matrices."""
     solution, measured = law(np.pi)

@@ -56,7 +56,7 @@ def scaled(matrix: Any, factor: float) -> Any:
     return tuple(tuple(factor * value for value in row) for row in matrix)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_errors_of_a_tenth_of_the_level_are_covered() -> None:
     certificate = proved(False)
     found = certificate.check(threads=1, sample=0)
@@ -194,7 +194,7 @@ def test_an_observer_needs_a_bandwidth() -> None:
         replace(proved(False), feedback="state")
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_law_of_degree_three_is_covered_for_smaller_errors() -> None:
     """180°, V of degree four, on the hull of S and its estimates: 6 s of CPU."""
     arm = fh.paper_arm()

@@ -40,7 +40,7 @@ def whole_box(goal: int) -> Certificate:
     return certify_tolerances(solution, measured, ranges, gamma, step=pose[0], p=found.p(1.02), most_cells=1)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("goal", [90, 180])
 def test_the_step_is_proved_for_all_tolerances_within_two_per_cent_of_the_matrices_gain(goal: int) -> None:
     found = whole_box(goal)
@@ -53,7 +53,7 @@ def test_the_step_is_proved_for_all_tolerances_within_two_per_cent_of_the_matric
     assert arb(found.step_amplitude) > arb.pi() * goal / 180  # which no double is
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_gain_that_no_quadratic_v_has_is_refused() -> None:
     assert not replace(whole_box(180), gamma=0.97 * whole_box(180).gamma).definite_corners()
 

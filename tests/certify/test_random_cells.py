@@ -126,7 +126,7 @@ CASES: dict[str, tuple[Callable[[], Certificate], Callable[[Certificate, np.reca
 }
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("name", CASES)
 def test_no_point_of_a_hundred_thousand_cells_exceeds_its_bounds(name: str) -> None:
     check_cells(name, 100_000, 2 if "tolerances" not in name else 1)

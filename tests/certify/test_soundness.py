@@ -61,7 +61,7 @@ def test_no_point_of_a_random_cell_exceeds_its_bounds(
     check_bounds(goal, degree, cells, points)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("goal", [np.pi / 2, np.pi, 0.7])
 def test_no_point_of_many_random_cells_exceeds_its_bounds(goal: float) -> None:
     check_bounds(goal, 6, 5000, 20)

@@ -96,7 +96,7 @@ degrees = [2, 4]
 """
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_design_is_certified_and_its_certificate_checked(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -125,7 +125,7 @@ def test_a_design_is_certified_and_its_certificate_checked(
     assert "NOT PROVED: " in capsys.readouterr().out
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_certificate_is_proved_again(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (folder / "design.toml").write_text(DESIGN, encoding="utf-8")
     assert main(["certify", "design.toml", "--degree", "4", "--out", "four"]) == 0
@@ -155,7 +155,7 @@ STATED = ("paper", "--pose", "90deg", "--preset", "paper", "--degrees", "2")
         pytest.param(
             ["certify", "paper", "--pose", "90deg", "--degrees", "2"],
             ("no margin", "direction"),
-            marks=pytest.mark.slow,
+            marks=pytest.mark.ci,
         ),
         (
             ["certify", "planar-two-link", "--degrees", "2"],
@@ -185,12 +185,12 @@ STATED = ("paper", "--pose", "90deg", "--preset", "paper", "--degrees", "2")
         pytest.param(
             ["certify", "paper", "--pose", "180deg", "--degrees", "2", "--tolerances"],
             ("corner", "tolerances", "γ"),
-            marks=pytest.mark.slow,
+            marks=pytest.mark.ci,
         ),
         pytest.param(
             ["certify", "paper", "--pose", "90deg", "--degrees", "4", "--tolerances"],
             ("--preset proved",),
-            marks=pytest.mark.slow,
+            marks=pytest.mark.ci,
         ),
         (["certify", "--check", "missing.json"], ("missing.json",)),
     ],
@@ -204,7 +204,7 @@ def test_what_cannot_be_certified_is_told_and_nothing_is_written(
     assert [path.name for path in folder.iterdir()] == ["arm.toml"]
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_step_is_proved_for_all_tolerances_and_checked(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -232,7 +232,7 @@ def test_a_step_is_proved_for_all_tolerances_and_checked(
     assert given.check(threads=2).proved
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_an_observer_is_proved_and_shown(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (folder / "design.toml").write_text(DESIGN, encoding="utf-8")
     assert main(["certify", "design.toml", "--degree", "2", "--observer", "10"]) == 0

@@ -51,7 +51,7 @@ def test_the_advice_names_the_file_that_was_typed_and_keeps_what_was_asked_for(
     ]
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_advised_command_samples_a_region(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

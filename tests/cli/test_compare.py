@@ -25,7 +25,7 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tuning, "BUDGET", ((10_000, 0, 0),))
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_one_table_one_page_and_the_numbers(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*WORDS, "--laws", "pd, lqr"]) == 0
     told = capsys.readouterr()
@@ -45,7 +45,7 @@ def test_one_table_one_page_and_the_numbers(folder: Path, capsys: pytest.Capture
     assert "--laws &#x27;pd, lqr&#x27;" in page
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_one_set_of_sensors_for_all(folder: Path) -> None:
     assert main([*WORDS, "--laws", "pd", "--same-sensors"]) == 0
     found = json.loads((folder / "flexhinf-compare" / "comparison.json").read_text(encoding="utf-8"))
@@ -54,7 +54,7 @@ def test_one_set_of_sensors_for_all(folder: Path) -> None:
     assert len(sensors) >= 1
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_design_file_is_what_the_others_are_compared_with(
     folder: Path, arm: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -21,7 +21,7 @@ def text_of(folder: Path, file: str = "index.html") -> str:
     return (folder / "flexhinf-design" / file).read_text(encoding="utf-8")
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_design_is_told_and_written(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = [
         "--degrees",
@@ -50,7 +50,7 @@ def test_a_design_is_told_and_written(folder: Path, capsys: pytest.CaptureFixtur
     assert again in (folder / "flexhinf-design-paper" / "index.html").read_text(encoding="utf-8")
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize(
     "words", ["paper --pose 90deg", "planar-two-link --damping 0.6 --draws 2", "vertical-rig"]
 )
@@ -78,7 +78,7 @@ def test_the_report_of_another_robot_keeps_a_place(folder: Path, capsys: pytest.
     assert [name for name in names if name not in told] == []
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_exit_code_says_whether_the_specification_is_met(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -102,7 +102,7 @@ def test_the_exit_code_says_whether_the_specification_is_met(
     assert missed[0]["found"] > 0.1
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_behaviour_is_asked_for_and_every_line_of_it_is_told(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -133,14 +133,14 @@ def test_a_behaviour_is_asked_for_and_every_line_of_it_is_told(
         assert again in text_of(folder)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_observer_can_be_asked_for(folder: Path) -> None:
     assert main(["design", "vertical-rig", "--estimator", "observer", "--process-noise", "1e-9", *QUICK]) == 0
     assert tomllib.loads(text_of(folder, "design.toml"))["design"]["estimator"] == "observer"
     assert "observer" in text_of(folder)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_what_cannot_be_met_is_refused_with_the_best_found(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -152,7 +152,7 @@ def test_what_cannot_be_met_is_refused_with_the_best_found(
     assert list(folder.iterdir()) == []
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_an_interrupted_design_leaves_what_was_there(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -168,7 +168,7 @@ def test_an_interrupted_design_leaves_what_was_there(
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_tolerance_that_looks_like_a_fraction_is_warned_of_in_terminal_and_report(
     arm: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -332,7 +332,7 @@ def test_it_says_that_only_constants_were_counted(
     assert "note" not in capsys.readouterr().err
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_design_file_alone_is_designed_first(tmp_path: Path) -> None:
     (tmp_path / "design.toml").write_text(
         '[design]\nrobot = "paper"\ndegrees = [2]\ndraws = 0\nsaturation = 48\n'
@@ -423,7 +423,7 @@ def test_the_version_of_fmi_is_chosen(folder: Path, capsys: pytest.CaptureFixtur
     assert not (folder / "other.fmu").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_measurements_are_checked_on_request(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """With the robot's limits; a robot that states none is refused."""
     arm = fh.load_robot("planar-two-link")

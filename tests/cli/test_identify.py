@@ -62,7 +62,7 @@ def test_the_robot_file_has_the_numbers_of_the_log(logged: Path, capsys: pytest.
     ] == []
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_errors_of_the_states_are_no_misfit_of_the_innovations(folder: Path) -> None:
     """A filter whose model is found without disturbances trusts it more than its numbers deserve."""
     arm = fh.load_robot("paper")
@@ -78,7 +78,7 @@ def test_errors_of_the_states_are_no_misfit_of_the_innovations(folder: Path) -> 
     assert len(numbers["says"]) == 1
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_what_the_log_does_not_tell_stays_and_a_motion_is_proposed(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -97,7 +97,7 @@ def test_what_the_log_does_not_tell_stays_and_a_motion_is_proposed(
     assert unnamed(capsys.readouterr().out, "stiffness") == []
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_model_that_does_not_fit_is_a_result_of_its_own(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -128,7 +128,7 @@ def test_a_model_that_does_not_fit_is_a_result_of_its_own(
     assert "not fit" not in found.source
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("command", ["identify", "estimate"])
 def test_an_ending_fits_a_screen_and_names_what_the_model_leaves_out(
     folder: Path, command: str, capsys: pytest.CaptureFixture[str]

@@ -39,7 +39,7 @@ def stored(folder: Path) -> tuple[dict, dict]:
     )
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_by_default_a_controller_for_the_workspace_is_written_and_made_again(
     robot: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -60,7 +60,7 @@ def test_by_default_a_controller_for_the_workspace_is_written_and_made_again(
     assert (folder / "again" / "controller").read_bytes() == (first / "controller").read_bytes()
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_loop_that_is_unstable_is_not_met_and_written(
     robot: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -73,7 +73,7 @@ def test_a_loop_that_is_unstable_is_not_met_and_written(
     assert unnamed((folder / "flexhinf-design" / "index.html").read_text(encoding="utf-8"), "diverges") == []
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_file_of_waypoints_is_read_from_the_folder_of_the_design_file(robot: str, folder: Path) -> None:
     (folder / "below").mkdir()
     (folder / "below" / "way.csv").write_text("time,elbow [deg]\n0,-10\n1,20\n")
@@ -87,7 +87,7 @@ def test_a_file_of_waypoints_is_read_from_the_folder_of_the_design_file(robot: s
     assert numbers["sampled_moves"] == []
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_an_interrupted_design_leaves_what_was_there(
     robot: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -122,7 +122,7 @@ def test_what_is_of_one_pose_is_refused(
     refused([words[0], robot, *words[1:]], what, folder)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_other_commands_take_its_folder_or_say_why_not(
     robot: str, folder: Path, refused: Callable[..., str], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -143,7 +143,7 @@ def test_other_commands_take_its_folder_or_say_why_not(
         assert unnamed(text, "one pose", "--pose") == []
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_its_controller_goes_from_pose_to_pose_in_mujoco(
     robot: str, folder: Path, capsys: pytest.CaptureFixture[str], refused: Callable[..., str]
 ) -> None:

@@ -142,7 +142,7 @@ def test_distribution_of_few():
     assert np.abs([np.corrcoef(c[:-1], c[1:])[0, 1] for c in z.T]).max() < 0.02
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 def test_distribution_of_ten_million():
     """1e7 draws of the kernel: moments, tails and correlations within four sigma, and the distribution."""

@@ -71,7 +71,7 @@ def test_the_bits_do_not_depend_on_lanes(case):
 
 
 @pytest.mark.oracle
-@pytest.mark.skipif(shutil.which("gcc") is None, reason="needs gcc")
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="missing: gcc")
 @pytest.mark.parametrize("fused", [False, True])
 def test_c_gives_the_same_bits(tmp_path: Path, fused: bool):
     translator = Translator("c", Real("double"))

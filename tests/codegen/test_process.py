@@ -67,7 +67,7 @@ def growth(work, count: int) -> float:
     return (memory() - before) / count
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_fork_while_another_thread_compiles_leaves_a_child_that_compiles():
     environment = {**os.environ, "FLEXHINF_CACHE": os.devnull}  # nothing is kept: all is compiled
     command = [sys.executable, "-c", FORKS, str(Path(__file__).parent)]
@@ -82,7 +82,7 @@ def test_what_is_loaded_and_forgotten_is_given_back():
     )  # KB; was 11 in one linker for all
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_what_is_compiled_and_forgotten_leaves_little(monkeypatch):
     monkeypatch.setenv("FLEXHINF_CACHE", os.devnull)
     assert growth(lambda: compile_program(program(20, 3.0)), 12) < 60.0  # KB; was 850

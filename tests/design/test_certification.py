@@ -96,7 +96,7 @@ def test_what_is_not_proved_says_why(made: Any, changes: dict, asked: dict, reas
     assert not found.lasts
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_degree_that_is_not_proved_does_not_stop_the_others(
     made: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -119,7 +119,7 @@ def test_a_degree_that_is_not_proved_does_not_stop_the_others(
     assert "definite" in other.reason
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_what_no_degree_could_mend_ends_the_proofs_for_all_tolerances(
     made: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -193,7 +193,7 @@ def test_the_budget_is_claimed_for_the_law_of_its_v_alone() -> None:
         assert ("Budget" in shown) == claimed
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_design_that_searches_weights_is_proved_for_all_tolerances() -> None:
     """90°, the last 10 degrees, damping 0.4: the time is enough by far."""
     asked = Specification(

@@ -76,7 +76,7 @@ def test_another_robot_a_load_no_noise(paper: tuple[fh.Robot, fh.Controller]) ->
     assert run_met(run, made) is all(line.met for line in run.requirements(made))
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_move_is_followed_in_error_coordinates() -> None:
     """Also where it begins elsewhere than the step of the design: the estimate begins there."""
     robot = fh.load_robot("planar-two-link")
@@ -116,7 +116,7 @@ def test_what_is_said_of_a_run(paper: tuple[fh.Robot, fh.Controller]) -> None:
     assert unnamed(first, "not", "real time", "301 samples") == []
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_loop_that_is_too_slow_is_said_to_be(paper: tuple[fh.Robot, fh.Controller]) -> None:
     import time
 

@@ -32,7 +32,7 @@ def with_options(setup: LoopSetup, **options) -> LoopSetup:
     return replace(setup, specification=Specification(**MOTORS, **options))
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_limit_cycle_is_found_with_its_joint_amplitude_and_period(setup):
     run = check_limit_cycle(setup)
     assert run is not None
@@ -48,7 +48,7 @@ def test_a_limit_cycle_is_found_with_its_joint_amplitude_and_period(setup):
     assert (line.joint, line.limit) == ("shoulder", pytest.approx(3e-4))
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_dead_zone_as_wide_as_the_limit_cycle_ends_it(setup):
     changed, run = end_limit_cycle(setup)
     assert run is not None
@@ -74,7 +74,7 @@ def test_a_dead_zone_as_wide_as_the_limit_cycle_ends_it(setup):
     assert kept.dead_zone is None
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_friction_in_the_model_of_the_estimator_ends_it_too(setup):
     known = check_limit_cycle(with_options(setup, extras="coulomb_friction", friction_model=True))
     assert known is not None
@@ -142,7 +142,7 @@ def test_every_report_says_which_joint_oscillates(setup):
     assert not list(long_run(cast(Design, still)))
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_papers_arm_with_its_motor_measured_comes_to_rest_with_a_dead_zone_only(robot_of):
     """The figures of docs/real_loop.md."""
     robot = robot_of("paper").with_parameters(Parameter("coulomb_friction", 1.0))

@@ -40,7 +40,7 @@ def largest(time: np.ndarray, away: np.ndarray, begin: float) -> float:
     return float(away[(time > begin) & (time <= begin + 5.0)].max())
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("goal", [np.pi / 2, np.pi])
 @pytest.mark.parametrize("preset", ["paper", "damped", "robust"])
 def test_growth_in_the_run_is_that_of_the_eigenvalues(preset: str, goal: float) -> None:

@@ -62,10 +62,10 @@ def papers_setup(robot_of: Named) -> Callable[[str, int, int], LoopSetup]:
     return made
 
 
-PRESETS, GOALS = ("damped", pytest.param("robust", marks=pytest.mark.slow)), (90, 180)
+PRESETS, GOALS = ("damped", pytest.param("robust", marks=pytest.mark.ci)), (90, 180)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("degree", [2, 6])
 @pytest.mark.parametrize("goal", GOALS)
 @pytest.mark.parametrize("preset", PRESETS)
@@ -81,7 +81,7 @@ def test_steps_of_the_papers_arm_overshoot_little_and_stay_below_60_volts(
     assert np.abs(response.positions[-1000:] - response.goal).max() < np.deg2rad(0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("goal", GOALS)
 @pytest.mark.parametrize("preset", PRESETS)
 def test_so_do_the_arms_within_the_tolerances(
@@ -93,7 +93,7 @@ def test_so_do_the_arms_within_the_tolerances(
     assert samples.peak.max() <= 60.0
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("goal", GOALS)
 @pytest.mark.parametrize("preset", PRESETS)
 def test_margins_and_corners_of_the_running_loop_are_those_required(
@@ -109,7 +109,7 @@ def test_margins_and_corners_of_the_running_loop_are_those_required(
     assert len(found.corners.forms) == 4  # it is said which other R^v were looked at
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_papers_own_weights_do_none_of_this(robot_of: Named) -> None:
     """So the tests above can fail: corners are unstable, and samples overshoot. That all of these settle is due to the
     noise levels, which are searched joint by joint."""
@@ -124,7 +124,7 @@ def test_the_papers_own_weights_do_none_of_this(robot_of: Named) -> None:
     assert samples.overshoot.max() > 5.0
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("goal", GOALS)
 @pytest.mark.parametrize("preset", PRESETS)
 def test_the_degree_that_is_chosen_by_its_region_meets_the_specification(
@@ -169,7 +169,7 @@ def tracking_error(
     return error, float(np.abs(run.signals["input"]).max())
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("begin", [0.0, np.pi])
 @pytest.mark.parametrize("degree", [2, 6])
 @pytest.mark.parametrize("preset", PRESETS)
@@ -183,7 +183,7 @@ def test_the_papers_reference_is_tracked_within_half_a_degree(
     assert peak < 60.0
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_tracking_withstands_a_start_against_the_limit_of_the_input(
     papers_setup: Callable[[str, int, int], LoopSetup],
 ) -> None:
@@ -223,7 +223,7 @@ def check(
     assert result.evaluation.corners.unstable == 0
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("preset", PRESETS)
 def test_two_links_meet_their_specification_on_mujoco_and_within_their_tolerances(
     robot_of: Named, preset: str
@@ -236,7 +236,7 @@ def test_two_links_meet_their_specification_on_mujoco_and_within_their_tolerance
     check(design(robot_of("planar-two-link"), s), 5.0, 24.0, 200)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_two_links_bear_what_the_model_leaves_out(robot_of: Named) -> None:
     """Damping of the springs and dry friction in the true plant, which no model of the design knows."""
     robot, s = robot_of("planar-two-link"), Specification(
@@ -251,7 +251,7 @@ def test_two_links_bear_what_the_model_leaves_out(robot_of: Named) -> None:
     assert samples.overshoot.max() <= 5.0
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("preset", PRESETS)
 def test_seven_links_meet_their_specification_on_mujoco_and_within_their_tolerances(
     robot_of: Named, preset: str
@@ -271,7 +271,7 @@ def test_seven_links_meet_their_specification_on_mujoco_and_within_their_toleran
 
 
 # What is lost and why -----------------------------------------------------------------------------
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_degree_that_is_used_beyond_its_region_is_told(robot_of: Named) -> None:
     """The law of degree 3 is not made for half a turn: it overshoots by 4.5 % (degree 5: 0.1 %), and is judged so."""
     s = Specification(

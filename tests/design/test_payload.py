@@ -99,7 +99,7 @@ def test_what_is_too_heavy_is_not_met_and_every_report_says_so(evaluation: LawEv
     assert not list(runs.payload(none))
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_noise_levels_damp_the_loop_with_the_heaviest_payload_too(repository: Path) -> None:
     """Two links and a kilogram at the end of the second, of 1.6 kg: levels for the model's mass alone let it ring."""
     robot = fh.load_robot(repository / "benchmarks" / "hardware" / "planar.toml", payload="0..1kg")

@@ -36,7 +36,7 @@ def quick(name: str, **options: object) -> Design:
     return design(fh.load_robot(name), Specification(**settings))  # type: ignore[arg-type]
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 def test_a_small_step_is_that_of_the_linear_loop() -> None:
     """The integrals begin where the input that held the robot at the start goes on: K (x, e) = u(0) − u*."""
@@ -58,7 +58,7 @@ def test_a_small_step_is_that_of_the_linear_loop() -> None:
     assert np.abs(error).max() < 0.03 * np.abs(result.start - result.goal).max()
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_both_estimators_end_where_the_true_state_does(two: Design) -> None:
     asked = dataclasses.replace(two.specification, estimator="ekf", compare_rigid=False, rays=0, degrees=(4,))
     ekf = design(two.robot, asked)
@@ -72,7 +72,7 @@ def test_both_estimators_end_where_the_true_state_does(two: Design) -> None:
         assert m["settling_time_s"] == pytest.approx(exact["settling_time_s"], abs=0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_lowest_degree_takes_a_small_step_and_its_start_is_judged(two: Design) -> None:
     assert two.chosen is two.choices[0]
     assert two.choices[1].acting < 0.05
@@ -93,7 +93,7 @@ def test_the_lowest_degree_takes_a_small_step_and_its_start_is_judged(two: Desig
     assert any("outside" in note for note in notes(two)) is not two.inside
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_rigid_design_fails_on_it_from_the_link_side(two: Design) -> None:
     assert two.rigid is not None
     link, motor = two.rigid.loops
@@ -104,7 +104,7 @@ def test_the_rigid_design_fails_on_it_from_the_link_side(two: Design) -> None:
     assert np.abs(late).max() > 3 * np.abs(motor.response.positions[-200:] - two.goal).max()
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_report_has_the_numbers_and_their_sources(two: Design) -> None:
     files = design_files(two, ["flexhinf", "design", "planar-two-link", "--pose", "0.6,0.3"], ["A warning."])
     page = files["index.html"]
@@ -125,13 +125,13 @@ def test_the_report_has_the_numbers_and_their_sources(two: Design) -> None:
     assert len(numbers["closed_modes"]) >= 5
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_same_specification_gives_the_same_report() -> None:
     pages = {design_files(quick("vertical-rig", seed=4), ["flexhinf"])["design.json"] for _ in range(2)}
     assert len(pages) == 1
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_seven_links_move_between_two_poses_with_the_motors_measured() -> None:
     start = (0.1, 0.4, -0.1, -1.1, 0.1, 0.8, 0.1)
     result = quick("seven-link", start=start, measured=("motor_position",), compare_rigid=True)
@@ -144,13 +144,13 @@ def test_seven_links_move_between_two_poses_with_the_motors_measured() -> None:
     assert min(m.damping for m in result.law_modes if m.vibration) > 0.1
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     ("name", "measured", "apart"),
     [
         ("planar-two-link", ("motor_position",), 1e-6),
-        pytest.param("seven-link", ("link_position",), 1e-4, marks=pytest.mark.slow),
+        pytest.param("seven-link", ("link_position",), 1e-4, marks=pytest.mark.ci),
     ],
 )
 def test_mujocos_plant_does_what_ours_does(name: str, measured: tuple[str, ...], apart: float) -> None:
@@ -165,7 +165,7 @@ def test_mujocos_plant_does_what_ours_does(name: str, measured: tuple[str, ...],
     assert "MuJoCo&#x27;s" in design_files(result, ["flexhinf"])["index.html"]
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_torques_can_disturb_instead_of_the_command() -> None:
     result = quick("planar-two-link", disturbances=("link_torque", "motor_torque"))
     assert result.problem.disturbance_names == (
@@ -175,7 +175,7 @@ def test_torques_can_disturb_instead_of_the_command() -> None:
     assert both.problem.disturbance_names[0] == "link_position_shoulder_command"
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_any_mix_can_be_measured_and_what_hides_a_mode_is_refused() -> None:
     mixed = quick("planar-two-link", measured=("motor_position", "joint_torque", "link_velocity_elbow"))
     assert mixed.evaluation.step.metrics[1]["steady_state_error"] < 1e-2
@@ -183,7 +183,7 @@ def test_any_mix_can_be_measured_and_what_hides_a_mode_is_refused() -> None:
         quick("quanser-rotflex", measured=("joint_torque",))
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_vibration_that_the_motors_hardly_show_is_told_before_it_rings() -> None:
     blind = quick("seven-link", measured=("motor_position",))
     assert min(mode.damping for mode in blind.evaluation.estimator_modes if mode.vibration) < 1e-3
@@ -195,7 +195,7 @@ def test_a_vibration_that_the_motors_hardly_show_is_told_before_it_rings() -> No
     assert min(mode.damping for mode in seen if mode.vibration) > 0.01
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 def test_the_estimators_modes_are_those_of_the_filter_that_runs() -> None:
     result = quick("vertical-rig", estimator="ekf", torque_noise=1e-7)
@@ -219,7 +219,7 @@ def test_the_estimators_modes_are_those_of_the_filter_that_runs() -> None:
     )
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_loop_that_diverges_is_told_and_not_hidden() -> None:
     result = quick(
         "spatial-three-link", period=0.05, estimator="none", duration=20.0
@@ -235,15 +235,15 @@ def test_a_loop_that_diverges_is_told_and_not_hidden() -> None:
     "options",
     [
         {"rays": 20, "degrees": (2, 4), "draws": 2, "compare_rigid": True},
-        pytest.param({"degrees": (4,)}, marks=pytest.mark.slow),
-        pytest.param({"preset": "damped", "peak_effort": 0.6, "draws": 12}, marks=pytest.mark.slow),
+        pytest.param({"degrees": (4,)}, marks=pytest.mark.ci),
+        pytest.param({"preset": "damped", "peak_effort": 0.6, "draws": 12}, marks=pytest.mark.ci),
         {"preset": "paper", "peak_effort": 40.0},
         pytest.param(
             {"preset": "damped", "via": ((0.3,), (0.1,)), "pose": (0.5,), "start": (0.0,)},
-            marks=pytest.mark.slow,
+            marks=pytest.mark.ci,
         ),
         pytest.param(
-            {"preset": "robust", "pose": (3.0,), "start": (2.9,), "draws": 1}, marks=pytest.mark.slow
+            {"preset": "robust", "pose": (3.0,), "start": (2.9,), "draws": 1}, marks=pytest.mark.ci
         ),
     ],
 )
@@ -297,7 +297,7 @@ motor = { motor_inertia = 0.02, friction = 0.1 }
 """
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_joints_limit_in_the_search_for_a_disturbance_is_a_result(tmp_path: Any) -> None:
     """The command is the disturbance; one that left the limits was refused, and with it the whole design."""
     file = tmp_path / "pendulum.toml"
@@ -317,7 +317,7 @@ def test_a_joints_limit_in_the_search_for_a_disturbance_is_a_result(tmp_path: An
     assert attained is not None or result.attenuation.failure or np.isnan(result.chosen.level)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_design_and_compare_show_the_same_margins_with_friction_and_delay(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -346,7 +346,7 @@ def test_design_and_compare_show_the_same_margins_with_friction_and_delay(
         assert one.linear_metrics[key] == pytest.approx(two.linear_metrics[key], rel=1e-9), key
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_design_and_compare_are_functions_however_the_room_was_imported() -> None:
     """Python would make the module ``flexhinf.design`` an attribute of the package when a file of it is imported."""
     check = "assert all(inspect.isfunction(one) and one.__doc__ for one in (fh.design, fh.compare)); "

@@ -59,7 +59,7 @@ def test_with_stiff_springs_the_rigid_law_does_what_it_was_made_for(side: str) -
     assert np.allclose(np.sort_complex(slow), np.sort_complex(wanted), rtol=1e-4)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_on_elastic_joints_it_is_unstable_from_the_links_and_rings_from_the_motors() -> None:
     robot = fh.load_robot("seven-link")
     problem = robot.problem()
@@ -102,7 +102,7 @@ def test_a_penalty_on_spring_torques_falls_away_and_code_of_the_users_is_not_gue
     assert rigid_problem(robot.problem(fh.Penalty(lambda x, p: np.array([x[0], x[1], x[8], x[9]])))) is None
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_its_input_is_as_late_as_that_of_the_design(setup_of: Callable[..., LoopSetup]) -> None:
     """The latency is the loop's, though nothing predicts over it; an unknown delay is on top."""
     setup: Any = setup_of("paper", (1.0,), unknown_delay=2e-3)

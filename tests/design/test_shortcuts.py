@@ -46,7 +46,7 @@ def opened(design: Any, i: int = 0) -> Any:
     return control.ss(system.a, system.b, -system.c, -system.d, system.period)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 def test_margins_and_poles_are_those_of_python_control(design: Any) -> None:
     margins, linear = design.margins(), design.linear()
@@ -113,7 +113,7 @@ def test_a_design_of_a_workspace_has_a_loop_at_each_pose(in_a_workspace: Any) ->
     np.testing.assert_allclose(moved.signals["state"][0, :2], design.robot.home, atol=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_what_a_report_folder_gives_back(design: Any, tmp_path: Path) -> None:
     folder = design.save(tmp_path / "report")
     robot, s = fh.load_design(folder)
@@ -127,7 +127,7 @@ def test_what_a_report_folder_gives_back(design: Any, tmp_path: Path) -> None:
     )
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_robot_with_other_numbers_is_saved_beside_its_design(in_a_workspace: Any, tmp_path: Path) -> None:
     design = in_a_workspace
     heavier = design.robot.with_values({"mass_elbow": 1.1 * design.robot.nominal["mass_elbow"]})

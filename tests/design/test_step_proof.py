@@ -61,7 +61,7 @@ def test_a_sentence_and_what_is_missing_agree(name: str) -> None:
         assert found.missing
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("start", "degree", "seconds", "proved"),
     [(np.pi - 0.4, 2, 20.0, True), (0.0, 4, 20.0, False), (np.pi - 0.4, 2, 0.0, False)],

@@ -123,8 +123,8 @@ def leaving() -> tuple[WorkspaceSetup, fh.Waypoints, float]:
     "plant",
     [
         "equations",
-        pytest.param("mujoco", marks=pytest.mark.slow),
-        pytest.param("library", marks=pytest.mark.slow),
+        pytest.param("mujoco", marks=pytest.mark.ci),
+        pytest.param("library", marks=pytest.mark.ci),
     ],
 )
 def test_a_move_out_of_the_workspace_comes_to_rest_on_its_path(
@@ -202,7 +202,7 @@ def test_after_braking_it_begins_again_where_it_rests_and_may_come_back(
                 assert u == pytest.approx(arm().operating_point(out)[1], abs=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_limit_cycle_and_lasting_saturation_are_said() -> None:
     """Seven samples of delay that nobody knows make the loop oscillate between its limits while it should rest."""
     setup = made(saturation=24.0)
@@ -218,7 +218,7 @@ def test_a_limit_cycle_and_lasting_saturation_are_said() -> None:
     assert np.any(seen & fh.Status.SATURATION)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("limit", [None, 24.0])
 def test_swings_at_rest_are_watched_without_limits_too(limit: float | None) -> None:
     """Encoders that swing by 20 mrad at 5 Hz make a limit cycle of the status; their noise makes none in 5 s."""
@@ -301,7 +301,7 @@ def test_offsets_of_encoders_act_slowly() -> None:
     assert deployed(setup).offset_time == OFFSET_TIME
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 @pytest.mark.parametrize("measured", [BOTH, ("motor_position",), ("link_position",)])
 def test_offsets_move_links_as_the_linear_loop_says(measured: tuple[str, ...]) -> None:
@@ -413,7 +413,7 @@ def test_what_cannot_be_estimated_is_refused() -> None:
         made(measured=("link_position", "motor_position_elbow")).estimator(np.zeros(2))
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_payload_is_carried_from_the_start() -> None:
     """Half a kilogram that no model knows: the arm arrives, and starts with less error than without the ramp."""
     setup, heavy, peaks = made(saturation=24.0), fh.load_robot("planar-two-link", payload="0.5kg"), []
@@ -444,7 +444,7 @@ def test_a_campaign_of_robots_makes_a_move() -> None:
     assert float(found["error"].max()) < 2e-3
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_run_on_the_robot_of_mujoco_is_a_move_from_the_stated_start(tmp_path: Path) -> None:
     """Of a controller from a file, which begins at home; bare start and goal are those of a run's options."""
     pytest.importorskip("mujoco")
@@ -483,8 +483,8 @@ def test_a_run_rests_for_a_second_and_is_judged_as_the_moves_of_its_design(tmp_p
 
 
 # As C ---------------------------------------------------------------------------------------------------
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["planar-two-link", pytest.param("seven-link", marks=pytest.mark.slow)])
+@pytest.mark.ci
+@pytest.mark.parametrize("name", ["planar-two-link", pytest.param("seven-link", marks=pytest.mark.ci)])
 def test_the_c_of_a_moving_command_is_the_simulation(
     name: str, needs_compiler: Callable[..., None], tmp_path: Path
 ) -> None:

@@ -1,8 +1,9 @@
 """Every command and every program of README.md, the pages of docs and the examples' docstrings runs as it is printed.
 
-A block runs as one script, in an empty folder that holds the files that its page shows. Every ``flexhinf`` of it must
-be called, after ``&&``, ``;`` and pipes too, and each ends with exit code 0. Where one does not, a comment at the end
-of its line tells the reader, and the command's output has the comment's words:
+The blocks of a page run one after the other, each as one script, in a folder that begins with the files that the page
+shows. What the same command left on another page is brought back from the store of the run. Every ``flexhinf`` must be
+called, after ``&&``, ``;`` and pipes too, and each ends with exit code 0. Where one does not, a comment at the end of
+its line tells the reader, and the command's output has the comment's words:
 
     flexhinf design arm.toml   # exit code 1: Not met: overshoot
     flexhinf run arm --mujoco  # exit code 0, or 1 if deadlines were missed
@@ -193,16 +194,21 @@ BLOCKS = [block for page in PAGES for block in blocks_of(page)]
 BLOCKS += [block for example in EXAMPLES for block in docstring_blocks(example)]
 
 
-def scripts() -> list[object]:
-    """The blocks of commands; those that design are slow."""
+def chains() -> list[object]:
+    """The blocks of commands of each page, in its order; pages that design are long."""
+    pages: dict[str, list[Block]] = {}
+    for block in BLOCKS:
+        if block.language == "sh":
+            pages.setdefault(block.page, []).append(block)
     return [
         pytest.param(
-            block,
-            id=block.name,
-            marks=[pytest.mark.slow] if any(command.long for command in block.commands) else [],
+            blocks,
+            id=page,
+            marks=[pytest.mark.ci("runs each command of the page")]
+            if any(command.long for block in blocks for command in block.commands)
+            else [],
         )
-        for block in BLOCKS
-        if block.language == "sh"
+        for page, blocks in pages.items()
     ]
 
 
@@ -211,7 +217,9 @@ def programs() -> list[object]:
         pytest.param(
             block,
             id=block.name,
-            marks=[pytest.mark.slow] if any(call in block.text for call in LONG_CALLS) else [],
+            marks=[pytest.mark.ci("designs, compiles or runs hundreds of robots")]
+            if any(call in block.text for call in LONG_CALLS)
+            else [],
         )
         for block in BLOCKS
         if block.language == "python"
@@ -238,11 +246,13 @@ class Outcome:
     output: str
 
 
-def run_script(text: str, folder: Path, flexhinf: str = f'"{sys.executable}" -m flexhinf "$@"') -> Outcome:
+def run_script(text: str, folder: Path, flexhinf: str = f'"{sys.executable}" -m tests.store "$@"') -> Outcome:
     """Run it as it is printed, in `folder`/work; tests of this file have another program as `flexhinf`."""
     work, bin = folder / "work", folder / "work" / ".venv" / "bin"
-    bin.mkdir(parents=True)
+    bin.mkdir(parents=True, exist_ok=True)
     calls, statuses = folder / "calls", folder / "statuses"
+    for earlier in (calls, statuses):
+        earlier.unlink(missing_ok=True)
     for name in ("flexhinf", "make", "pip"):
         run = flexhinf if name == "flexhinf" else ":"
         note = f"printf '%s\\t%s\\n' \"$code\" \"{name} $*\" >> '{calls}'"
@@ -251,7 +261,7 @@ def run_script(text: str, folder: Path, flexhinf: str = f'"{sys.executable}" -m 
     (bin / "python").write_text(f'#!/bin/sh\nexec "{sys.executable}" "$@"\n', encoding="utf-8")
     (bin / "python").chmod(0o755)
     watch = f'set -T -o pipefail\ntrap \'printf "%s\\n" "$?" >> {shlex.quote(str(statuses))}\' DEBUG\n'
-    paths = [str(REPOSITORY / "src"), os.environ.get("PYTHONPATH", "")]
+    paths = [str(REPOSITORY / "src"), str(REPOSITORY), os.environ.get("PYTHONPATH", "")]
     environment = {
         **os.environ,
         "PATH": os.pathsep.join([str(bin), os.environ["PATH"]]),
@@ -304,25 +314,29 @@ def write_files(page: str, folder: Path) -> None:
 
 
 # Tests ----------------------------------------------------------------------------------------------
-@pytest.mark.quick_cases(8)
-@pytest.mark.parametrize("block", scripts())
-def test_every_command_runs_as_it_is_printed(block: Block, tmp_path: Path) -> None:
-    assert block.commands, block.text
+@pytest.mark.parametrize("blocks", chains())
+def test_every_command_of_a_page_runs_as_it_is_printed(blocks: list[Block], tmp_path: Path) -> None:
     targets = re.findall(r"^([\w-]+):", (REPOSITORY / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
     project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    for program, *arguments in (command.words for command in block.commands):
-        if program == "make":
-            assert set(arguments) <= set(targets), arguments
-        if program == "pip":
-            extras = {extra for word in arguments for extra in re.findall(r"\[([\w,]+)\]", word)}
-            names = {name for extra in extras for name in extra.split(",")}
-            assert names <= set(project["optional-dependencies"])
-    block = possible(block)
-    if not block.commands:
-        pytest.skip("needs what is not installed")
-    write_files(block.page, tmp_path / "work")
-    outcome = run_script(block.text, tmp_path)
-    assert mistakes(block, outcome) == [], outcome.output[-2000:]
+    write_files(blocks[0].page, tmp_path / "work")
+    for block in blocks:
+        assert block.commands, block.text
+        for program, *arguments in (command.words for command in block.commands):
+            if program == "make":
+                assert set(arguments) <= set(targets), arguments
+            if program == "pip":
+                extras = {extra for word in arguments for extra in re.findall(r"\[([\w,]+)\]", word)}
+                names = {name for extra in extras for name in extra.split(",")}
+                assert names <= set(project["optional-dependencies"])
+    absent = []
+    for block in blocks:
+        able = possible(block)
+        absent += [block.name] * (able is not block)
+        if able.commands:
+            outcome = run_script(able.text, tmp_path)
+            assert mistakes(able, outcome) == [], (block.name, outcome.output[-2000:])
+    if absent:
+        pytest.skip(f"missing: what {', '.join(absent)} say that they need; the rest ran")
 
 
 @pytest.mark.quick_cases(4)
@@ -386,7 +400,7 @@ def test_what_a_page_quotes_must_be_printed(tmp_path: Path) -> None:
 
 def test_no_block_is_left_out() -> None:
     assert {block.language for block in BLOCKS} <= LANGUAGES  # none without: it would not be run
-    assert len(scripts()) > 10
+    assert len(chains()) > 10
     assert len(programs()) >= 4
     nameless = [block.name for block in BLOCKS if block.language in ("toml", "xml", "csv") and not block.file]
     assert nameless == []

@@ -66,7 +66,7 @@ def test_printed_edits_of_a_requirement_find_their_lines(repository: Path, tmp_p
     )
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_requirement_is_judged_after_the_printed_edits(repository: Path, tmp_path: Path) -> None:
     source = edited(repository, tmp_path)
     options = {"pose": "20deg", "preset": "damped", "degrees": 2, "rays": 0, "draws": 0, "proof-seconds": 0}

@@ -37,7 +37,7 @@ def test_a_part_is_what_the_code_makes(name: str, repository: Path) -> None:
         assert figure.read_text(encoding="utf-8") == drawn, f"run: python docs/make.py {name}"
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_table_of_sizes_is_near_the_sizes(repository: Path) -> None:
     """A line more or less is no news: the rooms are the same, the numbers agree within `ROUNDING`."""
     page, made = (
@@ -51,7 +51,7 @@ def test_the_table_of_sizes_is_near_the_sizes(repository: Path) -> None:
     assert numbers_apart(page, made) == [], "run: python docs/make.py size"
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("name", [name for name in MAKE["SLOW"] if name != "promises"])  # tests/test_fuzz.py
 def test_the_numbers_of_a_page_are_those_of_the_code(name: str, repository: Path) -> None:
     page = (repository / MAKE["SLOW"][name][0]).read_text(encoding="utf-8")

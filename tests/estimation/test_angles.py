@@ -110,7 +110,7 @@ def test_turned_by_any_angle_it_gives_the_same_estimates(kind, turn, wrap, sampl
     assert_alike(found, estimates(kind, turning(lambda angle: angle, sampled), 0.0)[0])
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", [KINDS[name] for name in ("ukf", "ukf, rows", "ekf")])
 @pytest.mark.parametrize("sampled", [False, True])

@@ -63,7 +63,7 @@ def test_recorded_samples_name_the_inputs_that_decide():
 
 @pytest.mark.oracle
 @pytest.mark.parametrize(
-    ("name", "flagged"), [("47", True), pytest.param("28", False, marks=pytest.mark.slow)]
+    ("name", "flagged"), [("47", True), pytest.param("28", False, marks=pytest.mark.ci)]
 )
 def test_a_kept_filter_is_flagged_where_its_inputs_do_not_determine_it(name, flagged):
     case = next(case for case in kept() if case.name == name)

@@ -58,7 +58,7 @@ def test_a_curved_measurement_is_linearised_at_the_estimate():
     assert ekf.covariance[0, 0] == pytest.approx((1 - gain * c) * 0.2, rel=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_with_the_link_measured_it_ties_with_the_unscented_one():
     """The plant's only nonlinearity is then a function of the output (design note on the paper's claim)."""
     plant = paper_arm().plant()

@@ -88,7 +88,7 @@ def test_a_gate_that_nothing_meets_changes_no_bit(kind):
         np.testing.assert_array_equal(gated.covariance, plain.covariance)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 def test_of_good_measurements_as_many_are_rejected_as_stated():
     plant = fh.Plant(lambda x, u, d, p: -x + u[0], lambda x, u, p: x, ("a", "b"), ("u",))

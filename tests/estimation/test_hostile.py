@@ -58,7 +58,7 @@ def test_the_reference_is_the_textbook_filter_in_many_digits():
             mean, covariance = f * mean + g * mpmath.mpf(u), f * covariance * f.T + q
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 def test_some_of_the_filters_that_break_the_covariance_form():
     cases = [case for case in kept() if case.determined][::20]
@@ -67,7 +67,7 @@ def test_some_of_the_filters_that_break_the_covariance_form():
 
 
 @pytest.mark.oracle
-@pytest.mark.slow
+@pytest.mark.ci
 def test_all_filters_that_break_the_covariance_form():
     cases = [case for case in kept() if case.determined]
     assert len(cases) == 103
@@ -123,7 +123,7 @@ def test_modes_that_only_their_last_bits_tell_apart_determine_no_answer():
     assert is_determined(known, *steps, rng)  # the first sample tells nothing of the modes
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 def test_drawn_filters():
     right, known = share(60, seed=0)
@@ -132,7 +132,7 @@ def test_drawn_filters():
 
 
 @pytest.mark.oracle
-@pytest.mark.slow
+@pytest.mark.ci
 def test_many_drawn_filters():
     right, known = share(720, seed=0)
     assert known >= 550

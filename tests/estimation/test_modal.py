@@ -198,7 +198,7 @@ def test_compiled_and_saved_it_is_the_text(tmp_path, robot, latency):
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
-@pytest.mark.skipif(shutil.which("gcc") is None, reason="no C compiler")
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="missing: a C compiler")
 @pytest.mark.parametrize("robot", ["planar-two-link", "scara"])
 def test_in_c_it_steps_as_in_python(tmp_path, robot):
     """Bit by bit; with samples missing."""

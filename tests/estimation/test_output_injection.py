@@ -64,13 +64,13 @@ def output(plant, x, u):
     return np.atleast_1d(plant.output(x, u, plant.parameters.named(plant.parameters.vector())))
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     "make", [arm, oscillators, lambda: oscillators(0.4)], ids=["arm", "two", "feedthrough"]
 )
 @pytest.mark.parametrize("poles", [None, FOUR])
-@pytest.mark.parametrize("period", [pytest.param(1e-3, marks=pytest.mark.slow), 0.05])
+@pytest.mark.parametrize("period", [pytest.param(1e-3, marks=pytest.mark.ci), 0.05])
 def test_two_observers_differ_by_powers_of_a_matrix(make, poles, period):
     """Whatever the measurements are, which here no plant would give."""
     plant, rng = make(), np.random.default_rng(3)

@@ -151,7 +151,7 @@ def test_a_late_angle_may_jump_by_a_turn(kind, form):
     assert found["jumps"][-1][0] > np.pi
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_controller_of_a_late_sensor_is_saved_and_compiled(tmp_path, kalman):
     """The law's states are among those of the map; start at a pose and the bound of windup are those of the plant."""
     plant = fh.load_robot("paper").plant(("link_position", "motor_position"))

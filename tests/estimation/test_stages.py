@@ -27,8 +27,8 @@ def composed_step(estimator):
         (3, 1, 0.02, 4),
         (9, 4, 0.02, 4),
         (9, 4, 0.5, 8),
-        pytest.param(28, 7, 0.02, 4, marks=pytest.mark.slow),
-        pytest.param(33, 8, 0.02, 4, marks=pytest.mark.slow),
+        pytest.param(28, 7, 0.02, 4, marks=pytest.mark.ci),
+        pytest.param(33, 8, 0.02, 4, marks=pytest.mark.ci),
     ],
 )
 def test_on_a_linear_plant_they_are_the_kalman_filter(kalman, kind, n, p, period, stages):
@@ -64,7 +64,7 @@ def test_composed_they_are_their_text_on_floats(kalman, kind):
         assert kalman.relative(mean, covariance, *estimator._belief[:2]) < 1e-11
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 def test_little_process_noise_does_not_show_the_step_of_eight_stages():
     """Seven links whose springs ring, from a known state: estimates are those of forty classical steps a sample.

@@ -100,7 +100,7 @@ def arm_run(steps, seed=2):
 
 
 @pytest.mark.oracle
-@pytest.mark.parametrize("alpha", [1.0, pytest.param(1.2, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("alpha", [1.0, pytest.param(1.2, marks=pytest.mark.ci)])
 def test_the_arm_equals_filterpy(alpha):
     ours = arm_ukf(alpha=alpha)
     points = MerweScaledSigmaPoints(4, alpha, 2.0, 0.0)
@@ -136,7 +136,7 @@ def reference_without_redraw(ukf, run):
     return mean, covariance
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 def test_without_redraw_the_propagated_points_are_measured():
     ukf = arm_ukf(redraw=False)
@@ -183,7 +183,7 @@ def test_bounds_hold_whatever_is_measured(form, kappa):
     assert ukf.mean[0] == pytest.approx(0.3, abs=0.31)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("redraw", [True, False])
 def test_wide_bounds_do_nothing(redraw):
     free, bounded = (

@@ -75,7 +75,7 @@ def compiler() -> str:
     """A C compiler; without one there is nothing to compare."""
     found = shutil.which("gcc") or shutil.which("cc")
     if found is None:
-        pytest.skip("no C compiler")
+        pytest.skip("missing: a C compiler")
     return found
 
 

@@ -127,13 +127,13 @@ def test_one_link_decides_nothing_by_data_but_what_is_listed(real: str, controll
     check(controller, real)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_two_links_decide_nothing_by_data_but_what_is_listed(real: str) -> None:
     check(two_links(), real)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_seven_links_decide_nothing_by_data_but_what_is_listed() -> None:
     check(seven_links(), "double")
 

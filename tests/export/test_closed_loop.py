@@ -72,7 +72,7 @@ def loop(name: str) -> tuple[fh.Controller, fh.Trajectory]:
 
 
 CASES = [
-    pytest.param(name, compiler, real, marks=[] if quick else pytest.mark.slow)
+    pytest.param(name, compiler, real, marks=[] if quick else pytest.mark.ci)
     for name in LOOPS
     for compiler in ("gcc", "clang")
     for real in ("double", "float")

@@ -90,7 +90,7 @@ def run(*words: object, folder: Path, **options: Any) -> str:
 def tool(name: str) -> str:
     found = shutil.which(name)
     if found is None:
-        pytest.skip(f"no {name}")
+        pytest.skip(f"missing: {name}")
     return found
 
 
@@ -127,7 +127,7 @@ float fabsf(float), sqrtf(float), frexpf(float, int *), copysignf(float, float);
 """
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("real", ["double", "float"])
 @pytest.mark.parametrize("kind", COMPILERS)
 def test_no_compiler_warns(
@@ -143,7 +143,7 @@ def test_no_compiler_warns(
             run(name, *flags, *WARNINGS, "-c", file, "-o", "out.o", folder=exported[real])
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_the_compiler_of_windows_does_not_warn(real: str, exported: dict[str, Path], tmp_path: Path) -> None:
     """As far as clang stands for it."""
@@ -230,7 +230,7 @@ def checked(exported: dict[str, Path], tmp_path_factory: pytest.TempPathFactory)
     return {**one, "two links, double": export_c(two, folder / "c", "arm")}
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("arithmetic", ["ARM_PLAIN", "__FMA__ -D__GNUC__"])
 @pytest.mark.parametrize("which", ["one link, double", "one link, float", "two links, double"])
 def test_cppcheck_finds_nothing(which: str, arithmetic: str, checked: dict[str, Path]) -> None:
@@ -243,7 +243,7 @@ def test_the_deviations_are_a_list_that_cppcheck_reads(exported: dict[str, Path]
     assert [line for line in lines if line and not re.match(r"# .|misra-c2012-\d+\.\d+$", line)] == []
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_no_rule_of_misra_is_broken_but_those_that_are_listed_with_a_reason(checked: dict[str, Path]) -> None:
     """And each of these is."""
     tool("cppcheck")
@@ -319,8 +319,8 @@ def test_the_sketch_compiles_against_stubs(exported: dict[str, Path], tmp_path: 
 
 @pytest.mark.parametrize(
     ("real", "steps"),
-    [("double", 100_000), pytest.param("double", 2_000_000, marks=pytest.mark.slow),
-     pytest.param("float", 2_000_000, marks=pytest.mark.slow)],
+    [("double", 100_000), pytest.param("double", 2_000_000, marks=pytest.mark.ci),
+     pytest.param("float", 2_000_000, marks=pytest.mark.ci)],
 )  # fmt: skip
 def test_no_sample_makes_the_output_unsafe(
     real: str, steps: int, exported: dict[str, Path], compiler: str, tmp_path: Path
@@ -334,7 +334,7 @@ def test_no_sample_makes_the_output_unsafe(
     assert all(codes), f"every other code is returned: {codes}"
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_the_sanitizers_find_nothing(
     real: str, exported: dict[str, Path], compiler: str, tmp_path: Path, needs_compiler: Callable[..., None]

@@ -72,7 +72,7 @@ def test_copies_and_pickles_go_on_alone(library: Path) -> None:
     assert "arm.so" in repr(one)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_compiler_that_does_not_know_the_machine(
     controller: fh.Controller, compiler: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -83,7 +83,7 @@ def test_a_compiler_that_does_not_know_the_machine(
     assert fh.load_compiled(fh.compile_controller(controller, tmp_path / "arm.so")).step([0.1]).shape == (1,)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_what_is_remembered_is_not_given_to_another_controller(
     library: Path, controller: fh.Controller, compiler: str, tmp_path: Path
 ) -> None:
@@ -96,7 +96,7 @@ def test_what_is_remembered_is_not_given_to_another_controller(
         pickle.loads(kept)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_path_that_is_written_anew_is_loaded_anew(
     library: Path, controller: fh.Controller, compiler: str, tmp_path: Path
 ) -> None:
@@ -177,7 +177,7 @@ def test_a_library_for_another_processor_is_refused_before_it_is_loaded(
         fh.load_compiled(library)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("choice", ["portable", "any", "native"])
 def test_the_manifest_says_what_the_code_needs(
     choice: str, controller: fh.Controller, compiler: str, tmp_path: Path

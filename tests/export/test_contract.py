@@ -181,7 +181,7 @@ def test_the_contract_holds_with_and_without_an_estimator(
     assert holds(rehearsed(direct, compiler))
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("real", ["double", "float"])
 @pytest.mark.parametrize(
     "options",
@@ -246,7 +246,7 @@ def test_an_export_without_limits_says_which_inputs_have_none(tmp_path: Path) ->
 def test_make_digest_says_whether_the_code_is_as_exported(changed: str, tmp_path: Path) -> None:
     for tool in ("make", "sha256sum"):
         if shutil.which(tool) is None:
-            pytest.skip(f"no {tool}")
+            pytest.skip(f"missing: {tool}")
     folder = export_c(made(), tmp_path / "c", "arm")
     if changed:
         text = (folder / changed).read_text(encoding="utf-8")

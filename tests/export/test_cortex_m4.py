@@ -13,7 +13,7 @@ import pytest
 import flexhinf as fh
 from flexhinf.export import export_c
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.ci
 
 #: Cycles of a period of 1 ms at 168 MHz, and cycles an instruction: 1 for most, 2 for a load, 3 for a fused
 #: multiply-add, 14 for a division (Cortex-M4 technical reference manual); the mean is below 2 (docs/deployment.md).
@@ -24,7 +24,7 @@ CYCLES, PER_INSTRUCTION = 168_000, 2
 def folder(controller: fh.Controller, tmp_path_factory: pytest.TempPathFactory) -> Path:
     for tool in ("make", "arm-none-eabi-gcc", "qemu-system-arm"):
         if shutil.which(tool) is None:
-            pytest.skip(f"no {tool}")
+            pytest.skip(f"missing: {tool}")
     return export_c(controller, tmp_path_factory.mktemp("m4") / "c", "arm", "float")
 
 

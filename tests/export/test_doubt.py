@@ -109,7 +109,7 @@ def test_in_float_digits_are_lost_earlier(real: str, compiler: str, tmp_path: Pa
     assert shown == ("0 0 0 0 0 0 0 " if real == "double" else "0 0 0 1 1 2 1 ")
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_test_vector_has_the_status_of_each_step(compiler: str, tmp_path: Path) -> None:
     watch = fh.Supervision(swing=1e-3)
     filter = made("ekf")

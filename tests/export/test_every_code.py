@@ -90,8 +90,8 @@ def steps(
 
 
 @pytest.mark.oracle
-@pytest.mark.parametrize("limit", [None, pytest.param(48.0, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("samples", [20_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("limit", [None, pytest.param(48.0, marks=pytest.mark.ci)])
+@pytest.mark.parametrize("samples", [20_000, pytest.param(1_000_000, marks=pytest.mark.ci)])
 def test_every_code_is_reached_with_the_same_bits(
     limit: float | None, samples: int, build: Callable[..., Any]
 ) -> None:
@@ -106,9 +106,9 @@ def test_every_code_is_reached_with_the_same_bits(
     }  # fmt: skip
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
-@pytest.mark.parametrize("limit", [48.0, pytest.param(1e9, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("limit", [48.0, pytest.param(1e9, marks=pytest.mark.ci)])
 def test_without_a_command_the_last_good_one_holds_whatever_was_refused_before(
     limit: float | None, compiler: str, tmp_path: Path
 ) -> None:
@@ -182,8 +182,8 @@ def test_the_older_memory_is_32_to_64_good_samples_old(missing: float) -> None:
 
 
 # Boot -----------------------------------------------------------------------------------------------
-@pytest.mark.slow
-@pytest.mark.parametrize("option", ["hold", pytest.param("zero", marks=pytest.mark.slow)])
+@pytest.mark.ci
+@pytest.mark.parametrize("option", ["hold", pytest.param("zero", marks=pytest.mark.ci)])
 def test_before_the_first_good_measurement_the_output_is_that_before_the_first_sample(
     option: str, build: Callable[..., Any]
 ) -> None:
@@ -208,7 +208,7 @@ def test_before_the_first_good_measurement_the_output_is_that_before_the_first_s
     assert abs(u[25, 0] - u[24, 0]) < 1e-6
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_step_without_an_init_says_so_and_gives_the_input_before_the_first_sample(
     build: Callable[..., Any], compiler: str
 ) -> None:
@@ -251,8 +251,8 @@ int main(void)
     assert last == "1"
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("option", ["hold", pytest.param("zero", marks=pytest.mark.slow)])
+@pytest.mark.ci
+@pytest.mark.parametrize("option", ["hold", pytest.param("zero", marks=pytest.mark.ci)])
 def test_a_start_that_is_told_has_its_own_input_with_the_same_bits(
     option: str, compiler: str, tmp_path: Path
 ) -> None:

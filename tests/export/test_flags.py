@@ -105,7 +105,7 @@ QUICK = {
     ("clang", "-O2 -freciprocal-math"), ("clang", "-O2 -mfma -ffp-contract=fast"), ("clang", "-O2 -fno-honor-nans"),
 }  # fmt: skip
 ROWS = [
-    pytest.param(compiler, flags, real, marks=[] if quick else pytest.mark.slow)
+    pytest.param(compiler, flags, real, marks=[] if quick else pytest.mark.ci)
     for real in ("double", "float")
     for compiler, own in (("gcc", OF_GCC), ("clang", OF_CLANG))
     for flags in {**FLAGS, **own}
@@ -157,7 +157,7 @@ def replayed(
     return bool(fused), np.reshape(inputs, (len(samples), -1))
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 @pytest.mark.parametrize(("compiler", "flags", "real"), ROWS)
 def test_flags_change_no_bit_or_are_refused(

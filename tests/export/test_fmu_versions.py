@@ -97,7 +97,7 @@ def instance(files: dict[tuple[str, str], Path], tmp_path: Path) -> Any:
         one.end()
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 def test_a_loop_of_fmus_moves_as_simulated_in_both_versions(
     controller: fh.Controller, instance: Callable[[str, str], Instance]
@@ -220,14 +220,14 @@ def test_the_sources_compile_without_a_warning(
     subprocess.run([compiler, *strict, *shells], check=True)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("fmi", VERSIONS)
 def test_another_program_builds_the_sources(
     fmi: str, files: dict[tuple[str, str], Path], tmp_path: Path
 ) -> None:
     """fmpy makes a library of an archive without one, by what the archive says of its sources."""
     if shutil.which("cmake") is None:
-        pytest.skip("no cmake")
+        pytest.skip("missing: cmake")
     from fmpy.build import build_platform_binary
 
     whole, folder = files[fmi, "controller"], tmp_path / "sources only"
@@ -250,7 +250,7 @@ def test_another_version_is_refused(controller: fh.Controller, tmp_path: Path) -
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 @pytest.mark.parametrize("fmi", VERSIONS)
 def test_ecos_connects_both_and_moves_them_as_simulated(fmi: str, compiler: str, tmp_path: Path) -> None:
@@ -258,7 +258,7 @@ def test_ecos_connects_both_and_moves_them_as_simulated(fmi: str, compiler: str,
     try:
         import ecospy  # type: ignore[import-not-found]
     except (ImportError, OSError) as error:  # its library needs oneTBB
-        pytest.skip(f"no ecospy: {error}")
+        pytest.skip(f"missing: ecospy ({error})")
     ekf = fh.ExtendedKalmanFilter(PLANT, PERIOD, 1e-7, 1e-4, [0.0] * 4, 1e-4)
     late = fh.Controller(fh.linear_law(ARM.problem(), gamma=math.inf), ekf, PERIOD, 48.0, latency=1)
     run = fh.Loop(PLANT, late).run(fh.Step(GOAL), duration=PERIOD * (SAMPLES - 1))

@@ -43,11 +43,11 @@ def samples(count: int, gap: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     return y, np.full((count, 1), 0.1), (rng.random(count) > 0.1).astype(int)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     "gap",
-    [np.nan, pytest.param(np.inf, marks=pytest.mark.slow), pytest.param(-np.inf, marks=pytest.mark.slow)],
+    [np.nan, pytest.param(np.inf, marks=pytest.mark.ci), pytest.param(-np.inf, marks=pytest.mark.ci)],
 )
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_exported_step_does_without_what_is_missing(
@@ -90,7 +90,7 @@ def test_the_exported_step_counts_the_turns_of_an_angle(kind: str, build: Callab
         np.testing.assert_array_equal(u[k], stepped.step(y[k], 4.0))
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_exported_step_rejects_and_counts_outliers(

@@ -21,7 +21,7 @@ def late(controller: fh.Controller, latency: int) -> fh.Controller:
     )
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("latency", [1, 3])
 def test_the_library_steps_as_in_python(
     controller: fh.Controller, latency: int, compiler: str, tmp_path: Path

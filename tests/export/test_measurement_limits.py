@@ -81,7 +81,7 @@ def test_what_is_implausible_is_missing_and_counted(
     assert (checked.rejected - wrong).tolist() == plain.rejected.tolist()
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_the_exported_c_does_the_same(
     measured: np.ndarray, build: Callable[..., object], real: str, tmp_path: Path
@@ -116,7 +116,7 @@ def test_the_exported_c_does_the_same(
         assert library.rejected.tolist() == expected.rejected.tolist()
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_sensor_that_stays_away_stops_the_controller(build: Callable[..., object]) -> None:
     """The watchdog counts samples in which nothing is plausible; ten are predicted over."""
     x = fh.load_robot("paper").operating_point(POSE)[0]

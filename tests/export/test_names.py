@@ -33,7 +33,7 @@ def law_numbers(source: str) -> list[tuple[float, str]]:
     ]
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 @pytest.mark.parametrize("pieces", [False, True])
 def test_the_terms_in_the_comments_are_the_law(cubic: fh.Controller, pieces: bool) -> None:
@@ -86,7 +86,7 @@ def test_parameters_of_several_joints_have_units_and_say_whose_they_are() -> Non
     assert axes == "xx"
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_header_and_source_have_one_digest_and_another_design_has_another(
     cubic: fh.Controller, arm: fh.Robot
 ) -> None:
@@ -104,7 +104,7 @@ def test_header_and_source_have_one_digest_and_another_design_has_another(
     assert first != digests(cubic, drawing="A-1234")
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_origin_stands_in_header_source_and_readme_and_ends_no_comment(
     cubic: fh.Controller, arm: fh.Robot
 ) -> None:

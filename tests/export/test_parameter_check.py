@@ -74,7 +74,7 @@ def paper(
     return made, compiled(made, robot, folder, compiler, request.param), values
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 def test_a_parameter_may_be_anywhere_within_its_tolerance(
     paper: tuple[fh.Controller, Check, np.ndarray],
@@ -143,7 +143,7 @@ def test_the_gravest_fault_is_told_and_its_first_place(
     assert check(designed, missing_limit=11) == (BEYOND_DESIGN, end + 1)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 def test_robots_within_their_tolerances_pass(compiler: str, tmp_path: Path) -> None:
     """A parameter of the plant may be a product: of rotor and gear, of mass and length."""
@@ -171,7 +171,7 @@ def test_robots_within_their_tolerances_pass(compiler: str, tmp_path: Path) -> N
         assert judged(arm.plant_parameters({**arm.nominal, name: value})) == BEYOND_DESIGN
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_without_a_robot_every_parameter_is_the_designs(compiler: str, tmp_path: Path) -> None:
     made = controller_of("paper")
     check = compiled(made, None, tmp_path / "c", compiler, "double")

@@ -65,7 +65,7 @@ def test_the_numbers_are_those_of_the_loop(controller: fh.Controller) -> None:
         assert len(run.timing.time) == len(run.codes) == 51
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 def test_the_compiled_library_steps_instead(controller: fh.Controller, library: Path) -> None:
     compiled = fh.load_compiled(library)
@@ -233,7 +233,7 @@ def test_where_the_missed_deadlines_lay() -> None:
     assert timing.slowness == pytest.approx(7.0 / 6.0)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 def test_two_seconds_on_the_wall_clock(controller: fh.Controller) -> None:
     """The lateness that is recorded is what the plant sees of it, on a clock of its own."""

@@ -50,7 +50,7 @@ CONTROLLERS: dict[str, Callable[[], fh.Controller]] = {
 }  # fmt: skip
 
 QUICK = ("cubic, ukf", "linear, ekf, limits", "state")
-EVERY = [pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow) for name in CONTROLLERS]
+EVERY = [pytest.param(name, marks=[] if name in QUICK else pytest.mark.ci) for name in CONTROLLERS]
 
 
 def answers(controller: fh.Controller, y: np.ndarray, r: np.ndarray, measured: np.ndarray) -> np.ndarray:
@@ -108,7 +108,7 @@ def test_a_recorded_loop_comes_out_the_same(name: str, build: Callable[..., Any]
     ]
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", EVERY)
 def test_hostile_samples_are_answered_as_in_python(name: str, build: Callable[..., Any]) -> None:
@@ -125,7 +125,7 @@ def test_hostile_samples_are_answered_as_in_python(name: str, build: Callable[..
     np.testing.assert_array_equal(u, expected)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("real", ["float", "double"])
 def test_the_test_vector_passes(real: str, build: Callable[..., Any], compiler: str) -> None:
     compiled = build(CONTROLLERS["linear, ekf, limits"](), real)

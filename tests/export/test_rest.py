@@ -56,8 +56,8 @@ def controller_of(name: str, moving: bool = True, watch: fh.Supervision | None =
 @pytest.mark.parametrize(
     "name",
     [
-        "planar-two-link", "rigid planar-two-link", pytest.param("scara", marks=pytest.mark.slow),
-        pytest.param("spatial-three-link", marks=pytest.mark.slow),
+        "planar-two-link", "rigid planar-two-link", pytest.param("scara", marks=pytest.mark.ci),
+        pytest.param("spatial-three-link", marks=pytest.mark.ci),
     ],
 )  # fmt: skip
 def test_the_rest_in_c_is_the_operating_point_of_the_robot(
@@ -121,7 +121,7 @@ def test_the_main_program_rests_at_the_start_until_there_is_a_command(compiler: 
     assert np.loadtxt(said.splitlines()) == pytest.approx(np.tile(u, (50, 1)), rel=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_sketch_of_a_moving_command_compiles(tmp_path: Path, needs_compiler: Callable[..., None]) -> None:
     needs_compiler("g++")
     folder = fh.export_c(controller_of("planar-two-link"), tmp_path / "c", "arm")
@@ -132,7 +132,7 @@ def test_the_sketch_of_a_moving_command_compiles(tmp_path: Path, needs_compiler:
     assert "arm_rest(&arm_defaults, home" in sketch
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_firmware_may_leave_the_rest_out(compiler: str, tmp_path: Path) -> None:
     """Then the object has neither of its functions."""
     folder = fh.export_c(controller_of("planar-two-link"), tmp_path / "c", "arm")
@@ -144,7 +144,7 @@ def test_a_firmware_may_leave_the_rest_out(compiler: str, tmp_path: Path) -> Non
     )
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("moving", [True, False])
 def test_it_is_said_what_a_command_is(moving: bool) -> None:
     files = controller_files(controller_of("planar-two-link", moving), "arm")
@@ -167,7 +167,7 @@ def test_it_is_said_what_a_command_is(moving: bool) -> None:
     assert [float(word) for word in home[1].split(",")] == pytest.approx(robot_of("planar-two-link").home)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("moving", [True, False])
 def test_the_first_example_compiles_and_the_header_warns_first(
     moving: bool, compiler: str, tmp_path: Path
@@ -185,7 +185,7 @@ def test_the_first_example_compiles_and_the_header_warns_first(
     subprocess.run([compiler, *STRICT, "-c", "example.c", "-o", "out.o"], cwd=folder, check=True)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_it_is_said_why_a_test_vector_saturates(controller: fh.Controller) -> None:
     weak = fh.Controller(controller.law, controller.estimator, 1e-3, 0.01)
     said = controller_files(weak, "arm")["README.md"]
@@ -199,7 +199,7 @@ def test_it_is_said_why_a_test_vector_saturates(controller: fh.Controller) -> No
     assert "moved away" not in unlimited
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_signals_of_motors_are_said_to_be_those_at_the_joint() -> None:
     """By the gear ratios of the robot's file, of 100 and 7; without them after the gear."""
     robot = robot_of("planar-two-link").with_values({"gear_ratio_elbow": 7.0})
@@ -212,7 +212,7 @@ def test_signals_of_motors_are_said_to_be_those_at_the_joint() -> None:
         assert unnamed(unknown[name], "angle / 100", "speed / 7") == ["angle / 100", "speed / 7"]
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_torques_of_motors_are_said_to_be_those_at_the_joint() -> None:
     plain = robot_of("planar-two-link")
     kept = [
@@ -230,7 +230,7 @@ def test_torques_of_motors_are_said_to_be_those_at_the_joint() -> None:
     assert re.search(r"\| drive_torque_elbow \| N m [^|]*\* 100\) \|", said)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_it_is_said_where_a_braked_robot_rests() -> None:
     watch = fh.Supervision(workspace=(-2.0, 2.0), reactions={"workspace": "brake"}, braking_time=0.4)
     braked, told = (

@@ -116,7 +116,7 @@ def flat(parameters: dict[str, Any], before: str = "") -> Iterator[tuple[str, An
 def managed(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Callable[[], Manager]]:
     """Exports and builds a controller's package; makes new managers of it."""
     if shutil.which("g++") is None or shutil.which("gcc") is None:
-        pytest.skip("no g++")
+        pytest.skip("missing: g++")
 
     @cache
     def build(controller: fh.Controller, version: str = "HUMBLE") -> Callable[[], Manager]:
@@ -176,14 +176,14 @@ def assert_near(found: np.ndarray, expected: np.ndarray, share: float = 1e-9) ->
     np.testing.assert_allclose(found, expected, rtol=0, atol=share * np.abs(expected).max())
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("kind", ["no estimator", "estimator", "workspace"])
 @pytest.mark.parametrize("real", ["double", "float"])
 @pytest.mark.parametrize("compiler", ["g++", "clang++"])
 @pytest.mark.parametrize("version", ["HUMBLE", "JAZZY"])
 def test_no_compiler_warns(version: str, compiler: str, real: str, kind: str, tmp_path: Path) -> None:
     if shutil.which(compiler) is None:
-        pytest.skip(f"no {compiler}")
+        pytest.skip(f"missing: {compiler}")
     made = {"estimator": arm_controller, "workspace": workspace_controller}.get(
         kind, lambda: fh.Controller(fh.linear_law(ARM.problem(), gamma=math.inf), None, PERIOD, 48.0)
     )
@@ -193,7 +193,7 @@ def test_no_compiler_warns(version: str, compiler: str, real: str, kind: str, tm
         subprocess.run([compiler, *STRICT, *own, "-c", source, "-o", tmp_path / "out.o"], check=True)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_package_is_found_under_the_names_of_its_plugin(arm: Callable[[], Manager]) -> None:
     one = arm()
     plugin = ElementTree.parse(one.package / "arm_controller.xml").getroot()
@@ -213,7 +213,7 @@ def test_the_package_is_found_under_the_names_of_its_plugin(arm: Callable[[], Ma
     assert sources <= set(listed.split("SHARED\n")[1].split(")")[0].split())
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 @pytest.mark.parametrize("version", ["HUMBLE", "JAZZY"])
 @pytest.mark.parametrize("latency", [0, 1])
@@ -249,7 +249,7 @@ def test_it_drives_mujoco_as_python_does_and_begins_again_elsewhere(
     assert_near(inputs, found[1], 1e-7)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 def test_a_session_is_cleaned_up_and_configured_for_another_robot(arm: Callable[[], Manager]) -> None:
     """As a launch file has it: the file's parameters, a path, an end; then interfaces of other names, an encoder before
@@ -307,7 +307,7 @@ def test_without_a_command_it_holds_the_pose_at_which_it_was_activated(arm: Call
     assert one.input() == 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_link_is_found_from_the_motor_alone(managed: Callable[..., Callable[[], Manager]]) -> None:
     """By the spring that the weight twists; the factor is that of a gear."""
     one = managed(arm_controller(measured="motor_position", start="bumpless"))()
@@ -434,7 +434,7 @@ def test_without_measurements_it_ends_until_it_is_activated_again(arm: Callable[
     assert one.update([0.1]) == 0
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 def test_a_path_of_a_workspace_is_followed_in_mujoco_and_braked_at_its_edge(
     managed: Callable[..., Callable[[], Manager]],
@@ -477,12 +477,12 @@ def test_a_path_of_a_workspace_is_followed_in_mujoco_and_braked_at_its_edge(
     assert manager.published("health", "path_rate") == 1
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_cmake_builds_the_package_against_packages_of_these_names(
     managed: Callable[..., Callable[[], Manager]], tmp_path: Path
 ) -> None:
     if shutil.which("cmake") is None:
-        pytest.skip("no cmake")
+        pytest.skip("missing: cmake")
     package = managed(arm_controller(start="bumpless"))().package
     names = [d.text for d in ElementTree.parse(package / "package.xml").getroot().iter("depend")]
     for name in ("ament_cmake", *names):

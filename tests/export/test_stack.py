@@ -62,7 +62,7 @@ def linear(name: str) -> fh.Controller:
     return fh.Controller(law, ukf, 1e-3, 24.0)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize(("name", "most"), [("planar-two-link", 2048), ("seven-link", 8192)])
 def test_large_estimators_need_little_stack(name: str, most: int) -> None:
     code = code_of(linear(name), "arm", "double")
@@ -73,14 +73,14 @@ def test_large_estimators_need_little_stack(name: str, most: int) -> None:
         for level in ("-O2", "-O3")
     ]
     if not any(computed):
-        pytest.skip("no gcc")
+        pytest.skip("missing: gcc")
     assert all(0 < size <= most for size in computed if size is not None)
 
 
-@pytest.mark.parametrize("which", ["linear", pytest.param("cubic", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("which", ["linear", pytest.param("cubic", marks=pytest.mark.ci)])
 def test_the_readme_states_it(which: str, controller: fh.Controller, tmp_path: Path) -> None:
     if shutil.which("gcc") is None:
-        pytest.skip("no gcc")
+        pytest.skip("missing: gcc")
     if which == "linear":
         law = fh.linear_law(fh.paper_arm().problem(), gamma=np.inf)
         controller = fh.Controller(law, None, controller.period, 48.0)

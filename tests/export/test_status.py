@@ -73,7 +73,7 @@ def test_the_library_says_and_does_the_same(
     assert able == {"nothing": 0, "watched": 7, "held": 15, "limited": 15}[kind] | fh.Status.DOUBTFUL_ESTIMATE
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_bits_that_nothing_can_set_are_told(controller: fh.Controller) -> None:
     """Without limits no input is at one; without a workspace there is nothing outside of it."""
     kinds = {
@@ -107,7 +107,7 @@ def test_the_header_names_the_bits_and_strict_compilers_take_the_source(
     assert unnamed(code.header, "reactions:", "hold", "brake", "0.05 s", "path_rate", "arm_start") == []
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_an_fmu_puts_the_status_out(controller: fh.Controller, compiler: str, tmp_path: Path) -> None:
     pytest.importorskip("fmpy")
     from tests.export.test_fmu import end, instance
@@ -190,7 +190,7 @@ void brake(int code) { printf("code %d\\n", code); }
 """
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_main_program_of_an_export_slows_the_path_of_its_command(
     controller: fh.Controller, compiler: str, tmp_path: Path
 ) -> None:

@@ -44,7 +44,7 @@ def test_estimate_covers_what_is_used_and_not_much_more():
 #: Of the paper's arm, whose code is expanded, and of polynomial plants: degree, and states or none.
 MEASURED = [
     (4, 16),
-    *(pytest.param(*case, marks=pytest.mark.slow) for case in ((12, 8), (17, 5), (None, 18))),
+    *(pytest.param(*case, marks=pytest.mark.ci) for case in ((12, 8), (17, 5), (None, 18))),
 ]
 
 

@@ -156,7 +156,7 @@ def test_double_integrator_without_weight_is_named():
         smallest_gamma(plant)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 def test_feasible_is_what_forty_digits_say(arm):
     linear = LinearPart.of(arm.expand(1))

@@ -9,7 +9,7 @@ import pytest
 
 from flexhinf.hinf.linear_part import LinearPart, linear_smallest_gamma
 
-pytest.importorskip("slycot", reason="slycot, which control's hinfsyn needs, has no wheel for this machine")
+pytest.importorskip("slycot", reason="missing: slycot, which has no wheel for every machine")
 control = pytest.importorskip("control")
 
 

@@ -180,13 +180,13 @@ def test_forty_digits_confirm_a_violation_far_inside_the_level_once_found(arm):
 SEEDS = ((0, 500), (1, 20), (2, 2000), (3, 500), (4, 100))  # seed and number of rays
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("weights", "goal", "degree"),
     [
         ((65.0, 9, 30, 9, 310), 90, 6),
-        pytest.param((75.0, 27, 90, 27, 330), 180, 6, marks=pytest.mark.slow),
-        pytest.param((65.0, 9, 30, 9, 310), 180, 4, marks=pytest.mark.slow),
+        pytest.param((75.0, 27, 90, 27, 330), 180, 6, marks=pytest.mark.ci),
+        pytest.param((65.0, 9, 30, 9, 310), 180, 4, marks=pytest.mark.ci),
     ],
 )
 def test_the_level_is_the_same_for_any_seed_and_number_of_rays(weights, goal, degree):
@@ -198,8 +198,8 @@ def test_the_level_is_the_same_for_any_seed_and_number_of_rays(weights, goal, de
     assert levels == pytest.approx([levels[0]] * len(levels), rel=1e-6)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2, 3))])
+@pytest.mark.ci
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.ci) for k in (1, 2, 3))])
 def test_random_systems_have_the_same_level_for_any_seed(random_plant, seed):
     plant = random_plant(np.random.default_rng(seed), 4)
     solution = solve_hji(plant, 2 * smallest_gamma(plant), 4)
@@ -253,7 +253,7 @@ def test_in_two_states_the_level_is_that_of_a_grid_of_angles(random_plant, seed)
     assert check.level == pytest.approx(level, rel=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 def test_no_start_of_another_optimiser_finds_less(weighted):
     """SLSQP of SciPy with its own differences on the written-out inequality, from where random rays first fail."""

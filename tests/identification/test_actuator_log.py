@@ -62,7 +62,7 @@ def found(halves):
     return fh.identify(joint(), halves[0], ("drive", "loss", "dry", "stiffness", "link_inertia"))
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_motor_side_tells_the_drive_and_neither_spring_nor_link(found):
     assert all(np.isfinite(found.standard_errors[name]) for name in ("drive", "loss"))
     hidden = {name for each in found.unidentifiable for name in each.direction}

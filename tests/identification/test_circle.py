@@ -37,7 +37,7 @@ def step_on(robot, design):
     return 100.0 * (link.max() / (np.pi / 2) - 1.0), float(np.abs(link[-300:] - np.pi / 2).max())
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_log_of_the_proposed_motion_makes_a_design_that_works(tmp_path):
     true = fh.load_robot("paper")
     true.with_values({"stiffness": 130.0, "friction": 0.14, "motor_inertia": 0.75}).save(
@@ -68,7 +68,7 @@ def test_a_log_of_the_proposed_motion_makes_a_design_that_works(tmp_path):
     assert left < 1e-3
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_commands_go_from_a_wrong_file_to_one_that_works(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     true = fh.load_robot("paper")
@@ -110,7 +110,7 @@ def disturbed_logs(robot, motion, seed, count, level=0.002, noise=1e-4, parts=4)
     return [(motion.times, motion.inputs, y[:, None]) for y in np.array(rows).T]
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("seed", [0, 1])
 def test_intervals_of_200_circles_hold_the_truth_as_often_as_they_say(seed):
     """Each seed has a motion of its own, proposed by the wrong file; 95 % ± 3 % of all intervals."""

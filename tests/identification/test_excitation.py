@@ -52,7 +52,7 @@ def test_what_it_promises_is_what_a_log_of_it_gives(proposed):
         assert abs(found.values[name] - robot.nominal[name]) < 4.0 * promised
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_robot_with_wrong_numbers_is_identified_by_the_motion_of_its_wrong_model():
     robot = fh.load_robot("paper")
     wrong = robot.with_values({"stiffness": 70.0, "friction": 0.15})
@@ -62,7 +62,7 @@ def test_a_robot_with_wrong_numbers_is_identified_by_the_motion_of_its_wrong_mod
         assert abs(found.values[name] - robot.nominal[name]) < 5.0 * found.standard_errors[name]
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_it_stays_within_the_limits_of_the_joints():
     robot = fh.load_robot("planar-two-link")
     motion = fh.excitation(

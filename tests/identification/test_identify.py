@@ -38,7 +38,7 @@ def partly_found(arm):
     return fh.identify(wrong, log, names, measured=("link_position", "motor_position"))
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 def test_the_estimates_are_those_of_another_optimiser():
     log = linear_log(3)
@@ -54,7 +54,7 @@ def test_the_estimates_are_those_of_another_optimiser():
     assert evaluation.value == pytest.approx(-peer.fun, abs=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_noise_levels_are_those_of_the_truth_though_numbers_are_sought_beside():
     levels = [
         fh.identify(oscillator(), linear_log(40 + k, count=400), tuple(WRONG)).noise["load"]
@@ -179,7 +179,7 @@ def test_a_plant_has_no_sensors_to_choose_and_no_file():
         fh.identify(oscillator(), log, ("stiffness",)).save("arm.toml")
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_intervals_hold_the_truth_as_often_as_they_say():
     inside = []
     for seed in range(200):

@@ -107,7 +107,7 @@ def plant_run(plant, times, volts):
     return np.array(rows)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_model_that_lacks_dry_friction_is_said_not_to_fit(tmp_path):
     """Viscous friction explains dry friction badly; a model with dry friction finds both."""
     arm = fh.load_robot("paper")

@@ -16,7 +16,7 @@ from flexhinf.codegen import shared
 from flexhinf.plant import Plant
 
 pytestmark = [
-    pytest.mark.slow,
+    pytest.mark.ci,
     pytest.mark.skipif(sys.platform != "linux", reason="reads /proc"),
 ]
 

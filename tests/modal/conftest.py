@@ -24,7 +24,7 @@ def robot(name):
     try:
         return load_robot(*map(str, files_of(name)))
     except FileNotFoundError as missing:
-        pytest.skip(str(missing))
+        pytest.skip(f"missing: {missing}")
 
 
 @lru_cache

@@ -53,7 +53,7 @@ def test_it_is_that_of_eigenvectors(made, name):
         np.testing.assert_array_equal(law.evaluate_about(0 * x, state, u, law.law_data), 0.0)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 def test_its_gains_are_those_of_the_pairs_laws(made):
     """The Riccati equations of the λ of a pose themselves, not the poles fitted to a grid."""
@@ -90,7 +90,7 @@ def test_kernel_file_and_c_are_python(made, name, tmp_path):
             np.testing.assert_allclose(each.step(x, np.concatenate([x_d, u_d])), expected, rtol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_c_is_bounded(made, tmp_path):
     """Operations do not depend on the pose; the springs of seven links are one function in a loop, in a file too."""
     for name, most in (("planar-two-link", 40_000), ("seven-link", 120_000)):
@@ -123,15 +123,15 @@ def test_modes_are_those_of_links_against_fixed_motors(made):
         np.testing.assert_allclose(np.sort(np.linalg.eigvals(-a[7:14, :7]).real), found, rtol=1e-8)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     ("name", "least"),
     [
         ("planar-two-link", 0.2),
         ("seven-link", 0.2),
-        pytest.param("panda", 0.2, marks=pytest.mark.slow),
-        pytest.param("ur5", 0.2, marks=pytest.mark.slow),
+        pytest.param("panda", 0.2, marks=pytest.mark.ci),
+        pytest.param("ur5", 0.2, marks=pytest.mark.ci),
     ],
 )
 def test_sampled_loops_at_200_poses(made, name, least):

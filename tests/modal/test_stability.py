@@ -112,7 +112,7 @@ def test_between_the_ends_of_an_interval_the_loop_is_where_the_proof_says(gains,
     assert np.all(distance <= bound + 1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_proof_ends_where_pairs_are_unstable(gains):
     loud = pair_gains(ENDS, 110.0**2, 12.0, PERIOD)
     vars(loud).update(coefficients=LOUDER * loud.coefficients)
@@ -162,7 +162,7 @@ def tolerance_at(gains, link, scaling):
     return 1.0 / np.linalg.norm(blocks * [[1.0, scaling], [1.0 / scaling, 1.0]], 2, axis=(1, 2)).max()
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_errors_below_the_computed_size_are_proved(gains):
     found = error_tolerance(gains, latency=1)
     proof = proved_range(gains, 0.8 * found.error, 75.0, 1, scaling=found.scaling)

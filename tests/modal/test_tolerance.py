@@ -93,7 +93,7 @@ def test_norms_are_those_of_the_continuous_response_where_sampling_is_fast(gains
     assert PIECES > 1
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_faster_pairs_and_latency_leave_less(gains):
     plain, slow, fast = (error_tolerance(gains, fastest) for fastest in (350.0, 200.0, 600.0))
     late, later = (error_tolerance(gains, latency=latency) for latency in (1, 2))

@@ -16,7 +16,7 @@ from flexhinf.design import Design
 Make = Callable[[str], Design]
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_folder_has_the_controller_and_every_run(report_design: Make, tmp_path: Path) -> None:
     design = report_design("met")
     folder = design.save(tmp_path / "report")

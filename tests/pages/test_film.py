@@ -52,14 +52,14 @@ def test_what_is_drawn(made: tuple[DeployedRun, RealTimeRun]) -> None:
     assert film.position_unit == "°"
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("ending", [".gif", ".mp4"])
 def test_the_film_is_played_slowly_and_ends_at_the_end(
     ending: str, made: tuple[DeployedRun, RealTimeRun], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """0.3 s in at least `SHORTEST` seconds, here half of one; every picture differs from the first."""
     if ending == ".mp4" and module._encoder() is None:
-        pytest.skip("no ffmpeg")
+        pytest.skip("missing: ffmpeg")
     monkeypatch.setattr(module, "SHORTEST", 0.5)
     path = write_film(*made, tmp_path / f"arm{ending}")
     if ending == ".gif":
@@ -116,7 +116,7 @@ def test_what_cannot_be_filmed_is_refused_first(
     assert len(ArmFilm(prepared, replace(run, trajectory=broken)).time) == 20
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_rigid_joint_has_its_motor_at_the_link(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its states have no motor: in the film and in the figure of a report the motors stand where they are."""
     robot = replace(fh.load_robot("planar-two-link"), rigid=("shoulder",))

@@ -61,7 +61,7 @@ def text_of(design: Design, section: str) -> str:
     return re.sub(r"\s+", " ", unescape(re.sub(r"<svg.*?</svg>|<[^>]+>", " ", html, flags=re.DOTALL)))
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_every_question_has_its_section_in_order(report_design: Make) -> None:
     page = design_page(report_design("met"), ["flexhinf", "design", "paper"], files=["design.json"])
     assert [section.id for section in page.sections] == ORDER
@@ -77,7 +77,7 @@ def test_every_question_has_its_section_in_order(report_design: Make) -> None:
     ]  # fmt: skip
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_status_comes_first_failures_before_the_rest(report_design: Make) -> None:
     design = dataclasses.replace(report_design("rings"), status=Status(("a",), ("b",), ("c",)))
     kinds = [entry.kind for entry in design_page(design, ["flexhinf"]).status]
@@ -95,7 +95,7 @@ def test_the_status_comes_first_failures_before_the_rest(report_design: Make) ->
     assert "defaults" not in design_page(report_design("met"), ["flexhinf"]).status[0].text
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_page_says_which_step_the_region_allows(report_design: Make) -> None:
     design = report_design("met")
     assert widest_step(design) == math.inf
@@ -106,7 +106,7 @@ def test_the_page_says_which_step_the_region_allows(report_design: Make) -> None
     assert 'id="table-region"' in text
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_one_joint_is_not_named(report_design: Make) -> None:
     design = report_design("met")
     assert "mainly" not in mode_table(design).html()
@@ -144,7 +144,7 @@ def test_requirements_that_are_not_met_stand_first_with_criterion_and_joint() ->
     assert (limit_text(gone), achieved_text(gone)) == ("≤ 5 %", "diverges")
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_nothing_sampled_is_called_a_guarantee(report_design: Make) -> None:
     for name in ("met", "robust"):
         html = design_page(report_design(name), ["flexhinf"]).html().lower()
@@ -153,7 +153,7 @@ def test_nothing_sampled_is_called_a_guarantee(report_design: Make) -> None:
         assert "sampled" in html
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_commands_that_are_named_exist(report_design: Make) -> None:
     """The page once sent its reader to `flexhinf certify`."""
     html = design_page(report_design("robust"), ["flexhinf"]).html()
@@ -161,7 +161,7 @@ def test_commands_that_are_named_exist(report_design: Make) -> None:
     assert named <= {"paper", "robots", "design", "compare", "schema"}
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_what_does_not_apply_has_no_section(report_design: Make) -> None:
     page = design_page(report_design("true state"), ["flexhinf"])
     assert not {"draws", "rigid", "noise", "corners", "files"} & {section.id for section in page.sections}
@@ -169,7 +169,7 @@ def test_what_does_not_apply_has_no_section(report_design: Make) -> None:
     assert "figure-arm" not in page.html()  # its link has no length
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_search_is_shown_with_the_candidate_that_is_used(report_design: Make) -> None:
     design = report_design("met")
     search = design.design_problem.search
@@ -207,7 +207,7 @@ def test_a_candidate_of_another_search_is_no_point_of_the_curve(
     assert len(found) == 2
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_robust_preset_says_what_its_tolerances_cost(report_design: Make) -> None:
     design = report_design("robust")
     r = design.design_problem.robustness
@@ -222,13 +222,13 @@ def test_the_robust_preset_says_what_its_tolerances_cost(report_design: Make) ->
     assert unnamed(text, number(r.gamma_star), "channels", "products") == []  # products are not claimed
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_limit_of_the_input_is_drawn_or_named(report_design: Make) -> None:
     assert "±60 V" in text_of(report_design("met"), "step")
     assert "±60" not in text_of(report_design("rings"), "step")
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_spread_is_that_of_the_samples(report_design: Make) -> None:
     design = report_design("met")
     samples = design.evaluation.step_samples
@@ -244,7 +244,7 @@ def test_the_spread_is_that_of_the_samples(report_design: Make) -> None:
     assert f"robot {samples.slowest + 1} (" in text
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_runs_that_diverge_are_counted_and_never_drawn(report_design: Make) -> None:
     design = report_design("met")
     samples = design.evaluation.step_samples
@@ -278,7 +278,7 @@ def test_margins_stand_beside_those_of_the_true_state(report_design: Make) -> No
     assert {len(row) for row in alone} == {2}
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_corners_are_named_with_their_form_of_process_noise(report_design: Make) -> None:
     e = report_design("rings").evaluation
     assert e.corners is not None
@@ -310,7 +310,7 @@ def test_a_linear_law_is_not_called_nonlinear(report_design: Make) -> None:
     assert unnamed(title_of(report_design("rings")), "nonlinear") == ["nonlinear"]
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_every_remark_stands_once_in_its_section(report_design: Make) -> None:
     for name in ("met", "rings", "true state"):
         design = report_design(name)
@@ -320,7 +320,7 @@ def test_every_remark_stands_once_in_its_section(report_design: Make) -> None:
         assert found == {k: n for k, n in shown.items() if n}
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_joints_that_slide_have_their_units_and_every_worst_value_its_joint(report_design: Make) -> None:
     design = report_design("cart")
     for section, units in {
@@ -340,7 +340,7 @@ def test_joints_that_slide_have_their_units_and_every_worst_value_its_joint(repo
             assert line.joint in ("belt", "arm"), line
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_runs_that_diverge_are_a_result_on_the_page(report_design: Make) -> None:
     design = report_design("rings")
     e = design.evaluation

@@ -40,7 +40,7 @@ def with_evaluation(design: Design, **parts: object) -> Design:
     return dataclasses.replace(design, evaluation=evaluation)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("changes", "names"),
     [
@@ -65,7 +65,7 @@ def test_margins_are_judged(report_design: Make, changes: dict[str, Any], names:
     assert names is None or unnamed(new[0][1].replace("`", ""), *names) == []
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_law_that_rings_and_corners_that_are_unstable_are_named(report_design: Make) -> None:
     for name in ("rings", "met"):
         design = report_design(name)
@@ -79,7 +79,7 @@ def test_a_law_that_rings_and_corners_that_are_unstable_are_named(report_design:
         assert len(risky) == (corners.unstable > 0)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_start_outside_the_region_is_named_once(report_design: Make) -> None:
     design = report_design("met")
     outside, inside = (dataclasses.replace(design, inside=value) for value in (False, True))
@@ -89,7 +89,7 @@ def test_a_start_outside_the_region_is_named_once(report_design: Make) -> None:
     assert verdict(outside) != verdict(inside)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_law_without_a_region_says_why_in_the_verdict(report_design: Make) -> None:
     """Nearly every law about weights of a robot's own has none: old code said so in a note, in the status and here."""
     design = report_design("met")
@@ -104,7 +104,7 @@ def test_a_law_without_a_region_says_why_in_the_verdict(report_design: Make) -> 
     assert not any("region" in text for text in found)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_budget_is_noted_only_where_it_could_have_been_kept(report_design: Make) -> None:
     design = report_design("met")
     last = report_design("rings").attenuation.budget[-1]

@@ -20,7 +20,7 @@ from flexhinf.design import Comparison, Specification
 from flexhinf.design.certification import CertifiedDegree, Evidence
 from flexhinf.pages import certificate_page, write_report
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.ci
 
 #: Screens of 1280 by 800 px that a design's page has at most as it opens, its folds closed.
 SCREENS = 8

@@ -28,9 +28,9 @@ def printed(end: Ending) -> list[str]:
     return stream.getvalue().splitlines()
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize(
-    "name", ["met", "rings", "true state", pytest.param("robust", marks=pytest.mark.slow)]
+    "name", ["met", "rings", "true state", pytest.param("robust", marks=pytest.mark.ci)]
 )
 def test_a_design_ends_with_a_screen(report_design: Make, name: str) -> None:
     design = report_design(name)
@@ -46,7 +46,7 @@ def test_a_design_ends_with_a_screen(report_design: Make, name: str) -> None:
     assert ("Not met:" in text) is ("To try:" in text) is bool(missed)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_every_kind_that_is_missed_is_named(report_design: Make) -> None:
     design = report_design("met")
     lines = [
@@ -59,7 +59,7 @@ def test_every_kind_that_is_missed_is_named(report_design: Make) -> None:
     assert unnamed(text, *{line.what for line in design.requirements}) == []
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_comparison_ends_with_a_screen(report_comparison: Comparison) -> None:
     lines = printed(comparison_ending(report_comparison))
     assert len(lines) <= SCREEN

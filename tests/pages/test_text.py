@@ -24,8 +24,8 @@ def printed(tables: list) -> str:
 
 
 @pytest.mark.parametrize(
-    "name", ["met", "rings", "true state", pytest.param("robust", marks=pytest.mark.slow),
-             pytest.param("cart", marks=pytest.mark.slow)]
+    "name", ["met", "rings", "true state", pytest.param("robust", marks=pytest.mark.ci),
+             pytest.param("cart", marks=pytest.mark.ci)]
 )  # fmt: skip
 def test_eighty_columns_are_enough(report_design: Make, name: str) -> None:
     text = printed(design_tables(report_design(name)))
@@ -59,7 +59,7 @@ def test_the_requirements_come_first(report_design: Make) -> None:
     assert unnamed(verdict(design), "rigid", *(f"{loop.side} side" for loop in design.rigid.loops)) == []
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_comparison_fits_into_eighty_columns(report_comparison: Comparison) -> None:
     text = printed(comparison_tables(report_comparison))
     assert max(len(line) for line in text.splitlines()) <= 80
@@ -70,7 +70,7 @@ def test_a_comparison_fits_into_eighty_columns(report_comparison: Comparison) ->
         assert "* best" in printed([table])
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_results_are_short_in_a_terminal(report_design: Make, report_comparison: Comparison) -> None:
     for result in (report_design("met"), report_comparison):
         assert len(repr(result)) < 300

@@ -227,7 +227,7 @@ def test_the_terminal_shows_every_kind_that_is_missed(design, count):
     assert (unnamed(table, "the page") == []) == (cut > 0)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_requirements_on_gain_and_delay_say_what_is_tolerated(design, tolerated):
     """Of factors up and down the one that is nearer to 1."""
     lines = summary.requirements_with_margins(design)
@@ -249,7 +249,7 @@ def missing(design, what="poses unstable with a gain of 2 or 0.5"):
     return dataclasses.replace(design, requirements=tuple(lines))
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_what_to_try_helps_where_it_is_said(design, tolerated, monkeypatch):
     """Finer sensors for gain and delay at the top bandwidth too, with the noise that was looked at; the workspace
     last."""
@@ -269,7 +269,7 @@ def test_what_to_try_helps_where_it_is_said(design, tolerated, monkeypatch):
     assert unnamed(summary.scope_text(finer), "0.01 mrad", "stated") == []
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_poses_that_the_motors_cannot_hold_are_counted(design):
     """More than the limit, by the robot's own equation at each pose; not only the 70 % of the goals."""
     held = [np.abs(design.robot.operating_point(pose)[1]).max() for pose in design.poses]
@@ -364,7 +364,7 @@ def test_damping_that_the_design_leaves_out_is_named():
     assert summary.damping_notes(fh.paper_arm(), Specification()) == []
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_cause_of_the_remaining_error_is_found_by_a_move_without_it(design, monkeypatch):
     """By the moves of the design made again; the ending names the cause and what lessens it."""
     cause = remaining_cause(design)
@@ -386,7 +386,7 @@ def test_the_cause_of_the_remaining_error_is_found_by_a_move_without_it(design, 
     assert quantity_of("motor_inertia_elbow", ("shoulder", "elbow")) == "motor inertia"
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_speed_that_was_tested_and_the_own_vibrations_are_said(design):
     text = summary.speed_text(design)
     fastest = max(
@@ -398,7 +398,7 @@ def test_the_speed_that_was_tested_and_the_own_vibrations_are_said(design):
     assert unnamed(summary.vibration_text(design), f"{low:.0f} rad/s", "10 rad/s") == []
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_an_unstable_fast_vibration_is_not_called_hardly_damped(design):
     for damping, said in ((-0.00015, "UNSTABLE above"), (0.001, "hardly"), (0.3, "")):
         loops = tuple(loop._replace(fast_damping=damping) for loop in (*design.loops, *design.corner_loops))
@@ -407,7 +407,7 @@ def test_an_unstable_fast_vibration_is_not_called_hardly_damped(design):
         assert ("UNSTABLE" in text, "hardly" in text) == (damping < 0.0, "hardly" in said)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_table_has_the_worst_of_each_kind_in_small_units(design):
     line = REQUIREMENTS["remaining"]
     lines = [line.judge(None, 1e-3, found, where, unit="rad") for found, where in ((2e-3, "a"), (7e-3, "b"))]

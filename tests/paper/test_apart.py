@@ -16,7 +16,7 @@ def two_processors(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("os.sched_getaffinity", lambda process: {0, 1}, raising=False)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_another_process_judges_as_this_one(two_processors: None, reproduction: Reproduction) -> None:
     here = {claim.id: claim.as_dict() for claim in reproduction.claims}
     with judged_apart(PaperSettings()) as apart:

@@ -15,14 +15,14 @@ from flexhinf.report import to_json
 pytestmark = pytest.mark.paper
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("claim", [COIL, GAIN, TOLERANCES, *UKF[1:]], ids=lambda claim: claim.id)
 @pytest.mark.parametrize(
     "options",
     [
         pytest.param({"estimator": "none", "process_noise": 0.0}, id="true-state"),
         pytest.param(
-            {"gamma_ratio": 1.0001, "measurement_noise": 1.0}, id="diverging", marks=pytest.mark.slow
+            {"gamma_ratio": 1.0001, "measurement_noise": 1.0}, id="diverging", marks=pytest.mark.ci
         ),
     ],
 )
@@ -34,7 +34,7 @@ def test_any_settings_are_judged(claim: StatedClaim, options: dict) -> None:
     assert to_json(judged.as_dict())
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_gain_stays_below_gamma_near_rest_only(setup: PaperSetup) -> None:
     table: Any = attained_gain(setup).table
     rows: list[Any] = list(table.rows)

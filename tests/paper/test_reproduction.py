@@ -13,7 +13,7 @@ from flexhinf.pages.paper import FIGURES as FIGURES_DRAWN
 from flexhinf.paper import PaperSettings, Reproduction, reproduce
 from flexhinf.paper.loop_setup import PaperSetup
 
-pytestmark = [pytest.mark.paper, pytest.mark.slow]
+pytestmark = [pytest.mark.paper, pytest.mark.ci]
 
 FIGURES = [f"{number:02d}" for number in range(3, 13)]
 VERDICTS = {"holds", "fails", "ties", "not judged"}

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from tests.browser import WINDOWS, chromium, opened
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.ci
 
 #: Smallest letters of a drawing on a telephone, px.
 LEGIBLE = 11.0

@@ -26,7 +26,7 @@ def folder() -> Path:
     try:
         package = distribution("example-robot-data")
     except PackageNotFoundError:
-        pytest.skip("example-robot-data (414 MB) is not installed: pip install --no-deps example-robot-data")
+        pytest.skip("missing: example-robot-data (414 MB); pip install --no-deps example-robot-data")
     return Path(str(package.locate_file("cmeel.prefix/share/example-robot-data/robots")))
 
 

@@ -67,7 +67,7 @@ def elastic(tmp_path):
     return file
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 def test_the_same_arm_as_pinocchio_reads(urdf):
     pin = pytest.importorskip("pinocchio")

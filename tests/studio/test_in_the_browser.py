@@ -17,8 +17,8 @@ from tests.refusals import unnamed
 
 from flexhinf.studio.controls import CONTROLS
 
-pytestmark = pytest.mark.slow
-pytest.importorskip("nicegui", reason="the studio is not installed")
+pytestmark = pytest.mark.ci
+pytest.importorskip("nicegui", reason="missing: nicegui")
 
 #: Milliseconds that the page has for anything.
 PATIENCE = 30_000

@@ -169,7 +169,7 @@ def test_a_run_of_the_band_is_made_again_bit_by_bit(session: Session) -> None:
     assert band.nearest(0, at, position) == 5
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_numbers_are_those_of_the_design(session: Session) -> None:
     session.change(BY_KEY["draws"], "8")
     nominal, band, linear = stages(session.robot, session.specification)
@@ -189,7 +189,7 @@ def test_the_numbers_are_those_of_the_design(session: Session) -> None:
             assert lines[line.what, line.where].found == line.found
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_exports_are_written_under_free_names(session: Session) -> None:
     computed(session)
     for kind, first in (("c", "flexhinf-c"), ("fmu", "paper.fmu")):

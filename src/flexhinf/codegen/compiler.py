@@ -6,6 +6,9 @@ none. A file is named by its key in hexadecimal digits and holds a magic line, t
 and the object code. It is used only if it is a regular file of the user, all three agree, and the code can be loaded;
 it is written under another name and then renamed, so that no reader sees half of it. A file that is not used is
 reported through `logging`, and replaced. Whatever else lies in the folder is not ours and stays.
+
+``FLEXHINF_OPTIMISATION`` limits the optimisation of machine code, and of C that is compiled here, see
+`highest_optimisation`.
 """
 
 from __future__ import annotations
@@ -30,7 +33,7 @@ import numpy as np
 
 from flexhinf.codegen.memory import aligned, misfit
 from flexhinf.codegen.program import ENTRY, Call, Map, Program, Repeat, Step, Sweep, Unsupported, When
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.files import part_file
 from flexhinf.validation import open_regular, read_bytes
 
@@ -237,6 +240,23 @@ _LARGEST = 1 << 28  # bytes; the object code of seven links has some hundred tho
 _NAME = re.compile(r"[0-9a-f]{64}\.o")
 
 
+def highest_optimisation() -> int:
+    """The highest level of optimisation, 0 to 3, of machine code and of C that is compiled here.
+
+    It is the environment variable ``FLEXHINF_OPTIMISATION``, without which it is 3. No bit of a result depends on it. At
+    0 a program is compiled in about half the time and runs some five times slower: for code that runs once. Raises
+    InvalidInput: for another value.
+    """
+    stated = os.environ.get("FLEXHINF_OPTIMISATION", "3")
+    refuse_if(
+        stated not in ("0", "1", "2", "3"),
+        "FLEXHINF_OPTIMISATION is no level of optimisation.",
+        f"expected 0, 1, 2 or 3, got {stated[:40]!r}",
+        "unset FLEXHINF_OPTIMISATION, for the fastest code",
+    )
+    return int(stated)
+
+
 def cached(parts: tuple[str, ...], make: Callable[[], bytes], load: Callable[[bytes], Any] = bytes) -> Any:
     """Load object code from the cache, or make and keep it.
 
@@ -374,7 +394,7 @@ def compile_program(program: Program, lanes: int = 1, fused: bool | None = None)
         with _LOCK:
             from flexhinf.codegen import machine
 
-            host = machine.host()
+            host, highest = machine.host(), highest_optimisation()
             once = host.fused if fused is None else fused
 
             def load(code: bytes) -> Kernel:
@@ -387,10 +407,10 @@ def compile_program(program: Program, lanes: int = 1, fused: bool | None = None)
 
                 module = emit_module(program, lanes, once, host.choosing)
                 head = json.dumps(module.library).encode() + b"\n"
-                return head + machine.assemble(str(module), machine.level(module.operations))
+                return head + machine.assemble(str(module), min(machine.level(module.operations), highest))
 
             target = (host.triple, host.cpu, host.features, host.version)
-            way = f"{lanes} {once} {host.choosing}"
+            way = f"{lanes} {once} {host.choosing} {highest}"
             parts = (fingerprint(program), way, *target, emitter_digest(), _version())
             return cached(parts, make, load)
     except (ImportError, OSError, RuntimeError) as reason:

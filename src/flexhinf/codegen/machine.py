@@ -95,7 +95,7 @@ def host() -> Host:
 def assemble(text: str, level: int) -> bytes:
     """Optimise LLVM text and return an object file for this host.
 
-    `level`: See `level`.
+    `level`: See `level`; at 0 the text is translated as it stands.
     """
     with llvm.create_context() as context, llvm.parse_assembly(text, context) as module:
         module.verify()
@@ -104,7 +104,7 @@ def assemble(text: str, level: int) -> bytes:
             llvm.create_pass_builder(target, llvm.create_pipeline_tuning_options()) as builder,
             llvm.create_new_module_pass_manager() as passes,
         ):
-            for name in _PASSES:
+            for name in _PASSES if level else ():
                 getattr(passes, f"add_{name}_pass")()
             passes.run(module, builder)
         return target.emit_object(module)

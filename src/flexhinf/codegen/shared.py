@@ -13,6 +13,8 @@ from collections.abc import Callable, Hashable
 from types import SimpleNamespace
 from typing import Any
 
+from flexhinf.codegen.compiler import highest_optimisation
+
 CAPACITY = 128
 
 #: By key: what was built for it, whether it was, and the lock of whoever builds it.
@@ -23,8 +25,9 @@ _lock = threading.Lock()  # of the table alone
 def share(key: Hashable, build: Callable[[], Any]) -> Any:
     """The result of `build` for this key, computed only once; the least recently used is dropped past `CAPACITY`.
 
-    A key with something that cannot be hashed (a model's code as an unhashable object) is not kept.
+    Code of another level of optimisation (`highest_optimisation`) is another result. A key with something that cannot be hashed (a model's code as an unhashable object) is not kept.
     """
+    key = (highest_optimisation(), key)
     try:
         hash(key)
     except TypeError:

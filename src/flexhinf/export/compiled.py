@@ -10,6 +10,7 @@ import hashlib
 import json
 import os
 import platform
+import re
 import shutil
 import subprocess
 from functools import cache
@@ -119,7 +120,8 @@ def cortex_m4_bytes(code: ControllerCode) -> int | None:
 def build(sources: dict[str, str], folder: Path, flags: tuple[str, ...]) -> Path:
     """Compile and link files of C in an existing folder; returns the path of the result.
 
-    Raises InvalidInput: if there is no compiler (``CC``, cc, gcc, clang), or it fails.
+    A level of optimisation among the flags is at most `flexhinf.codegen.compiler.highest_optimisation`. Raises
+    InvalidInput: if there is no compiler (``CC``, cc, gcc, clang), or it fails.
     """
     compiler = next(filter(None, map(shutil.which, (os.environ.get("CC", "cc"), "cc", "gcc", "clang"))), None)
     if compiler is None:
@@ -130,7 +132,7 @@ def build(sources: dict[str, str], folder: Path, flags: tuple[str, ...]) -> Path
         )
     _write(sources, folder)
     files = [file for file in sources if file.endswith(".c")]
-    command = [compiler, "-std=c99", *flags, *files, "-lm", "-o", "built"]
+    command = [compiler, "-std=c99", *map(limited, flags), *files, "-lm", "-o", "built"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     refuse_if(
         done.returncode,
@@ -139,6 +141,13 @@ def build(sources: dict[str, str], folder: Path, flags: tuple[str, ...]) -> Path
         "another compiler in CC",
     )
     return folder / "built"
+
+
+def limited(flag: str) -> str:
+    """A flag of a C compiler, its level of optimisation not above `highest_optimisation`."""
+    from flexhinf.codegen.compiler import highest_optimisation  # not needed to load a library
+
+    return f"-O{min(int(flag[2:]), highest_optimisation())}" if re.fullmatch(r"-O\d", flag) else flag
 
 
 def _write(sources: dict[str, str], folder: Path) -> None:

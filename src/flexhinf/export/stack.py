@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from flexhinf.codegen.compiler import cached
+from flexhinf.codegen.compiler import cached, highest_optimisation
 from flexhinf.errors import NumericalFailure
 
 #: Compilers of the GNU family, for which machine, and flags of it; a double is one of the M7's own.
@@ -38,10 +38,11 @@ def stack_text(files: Mapping[str, str], name: str, real: str) -> str:
 
     `files`: Texts of the exported header and source by name. `real`: "double" or "float".
     """
+    level = f"-O{min(2, highest_optimisation())}"
     texts = [
-        f"{size} bytes on {machine} ({compiler} -O2)"
+        f"{size} bytes on {machine} ({compiler} {level})"
         for compiler, machine, flags in MACHINES[real]
-        if (size := _kept_bytes(files, f"{name}_step", compiler, ("-O2", *flags))) is not None
+        if (size := _kept_bytes(files, f"{name}_step", compiler, (level, *flags))) is not None
     ]
     if not texts:
         return "not computed: no gcc was found; `gcc -fcallgraph-info=su` tells it of every function"

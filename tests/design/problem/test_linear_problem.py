@@ -16,7 +16,7 @@ from flexhinf.design.problem import weights
 from flexhinf.design.problem.weights import ROUGH, LinearFamily, LinearProblem
 from flexhinf.hinf.linear_part import linear_smallest_gamma
 
-pytest.importorskip("slycot", reason="the norm of python-control")
+pytest.importorskip("slycot", reason="missing: slycot, which has no wheel for every machine")
 pytestmark = pytest.mark.oracle
 
 

@@ -23,7 +23,7 @@ from flexhinf.design.problem.weights import (
 from flexhinf.errors import NoFeasibleGamma
 from flexhinf.hinf import HJISolution
 
-pytest.importorskip("slycot", reason="the norm of python-control")
+pytest.importorskip("slycot", reason="missing: slycot, which has no wheel for every machine")
 pytestmark = pytest.mark.oracle
 
 RATIO = 1.5

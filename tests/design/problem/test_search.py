@@ -78,7 +78,7 @@ def check(case: Case, found: SearchResult, wanted: TargetBehaviour) -> None:
         assert min(size for joint, size in at_edge if joint == j) < np.sqrt(0.5)  # no faster than asked
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("name", "share", "damping"),
     [
@@ -134,13 +134,13 @@ def test_every_try_says_what_its_gain_does(robot_of: Callable[[str], Any]) -> No
     assert any(tried is found.chosen for tried in found.candidates)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("name", "share", "damping"),
     [
         ("paper", 0.5, 0.6),
         *(
-            pytest.param(*case, marks=pytest.mark.slow)
+            pytest.param(*case, marks=pytest.mark.ci)
             for case in (("quanser-rotflex", 0.7, 0.5), ("planar-two-link", 0.5, 0.55))
         ),
     ],

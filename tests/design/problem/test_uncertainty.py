@@ -60,7 +60,7 @@ def test_of_a_single_link_each_parameter_is_covered_exactly(
 
 
 @pytest.mark.parametrize(
-    "name", ["planar-two-link", "cart", pytest.param("seven-link", marks=pytest.mark.slow)]
+    "name", ["planar-two-link", "cart", pytest.param("seven-link", marks=pytest.mark.ci)]
 )
 def test_of_several_links_each_parameter_is_covered_but_for_its_bend(
     robot_of: Callable[[str], Any], only_uncertain: Callable[..., Any], name: str

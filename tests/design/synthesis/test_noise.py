@@ -26,7 +26,7 @@ def searched(robot_of: Callable[[str], Any]) -> Any:
     return s, synthesise(robot_of("paper"), s, lambda text: None)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_noise_levels_are_searched_until_the_running_loop_keeps_its_margins(
     robot_of: Callable[[str], Any], searched: Any
 ) -> None:
@@ -60,7 +60,7 @@ def test_stated_noise_levels_are_not_searched(robot_of: Callable[[str], Any], se
     assert levels.source == "option --torque-noise"
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_stricter_limit_costs_more_noise_at_the_motor(
     robot_of: Callable[[str], Any], searched: Any
 ) -> None:
@@ -72,7 +72,7 @@ def test_a_stricter_limit_costs_more_noise_at_the_motor(
     assert strict.noise_search.chosen.input_noise > 1.2 * synthesis.noise_search.chosen.input_noise
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_noise_levels_are_searched_for_the_delay_margin(setup_of: Callable[..., LoopSetup]) -> None:
     options = {"measured": ("motor_position",), "preset": "damped"}
     chosen = []
@@ -113,7 +113,7 @@ def test_the_default_levels_stay_where_they_keep_what_can_be_kept(
     assert found.chosen.levels.motor_velocities == EstimatorNoise.stated(s).motor_velocities
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_where_corners_stay_unstable_levels_with_few_of_them_are_taken(
     robot_of: Callable[[str], Any],
 ) -> None:
@@ -163,7 +163,7 @@ def _swing(setup: LoopSetup, estimated: bool, frequency: float) -> float:
     return float(late.max() - late.min()) / 2e-3
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_stated_ripple_is_a_limit_of_the_noise(
     robot_of: Callable[[str], Any], only_uncertain: Callable[..., Any], searched: Any
 ) -> None:

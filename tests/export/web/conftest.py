@@ -62,14 +62,14 @@ def webassembly_compiler() -> None:
     """Clang and wasm-ld; without them there is no page."""
     for program in ("clang", "wasm-ld"):
         if shutil.which(program) is None:
-            pytest.skip(f"no {program}")
+            pytest.skip(f"missing: {program}")
 
 
 @pytest.fixture(scope="session")
 def run(webassembly_compiler: None, tmp_path_factory: pytest.TempPathFactory) -> Run:
     """Run JavaScript with `simulation` and its settings `s`; what it returns."""
     if shutil.which("node") is None:
-        pytest.skip("no node")
+        pytest.skip("missing: node")
     script = Path(fh.__file__).parent / "export" / "web" / "simulation.js"
     made: dict[LiveArm, Path] = {}
 

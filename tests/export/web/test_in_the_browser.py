@@ -13,7 +13,7 @@ from tests.export.web.conftest import moving_live_arm, paper_live_arm
 
 from flexhinf.export.web import write_page
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.ci
 
 #: Opens the page of a robot, with options of Chromium's context.
 Open = Callable[..., Any]

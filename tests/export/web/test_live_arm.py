@@ -60,9 +60,9 @@ def test_a_payload_is_part_of_its_link(two_links: LiveArm) -> None:
     ("name", "extras"),
     [
         ("paper", ()),
-        pytest.param("planar-two-link", ("inductance",), marks=pytest.mark.slow),
-        pytest.param("scara", ("coulomb_friction",), marks=pytest.mark.slow),
-        pytest.param("spatial-three-link", (), marks=pytest.mark.slow),
+        pytest.param("planar-two-link", ("inductance",), marks=pytest.mark.ci),
+        pytest.param("scara", ("coulomb_friction",), marks=pytest.mark.ci),
+        pytest.param("spatial-three-link", (), marks=pytest.mark.ci),
     ],
 )
 def test_a_period_of_the_plant_is_that_of_scipy(name: str, extras: tuple[str, ...], run: Run) -> None:
@@ -117,7 +117,7 @@ RECORDED = """
 """
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 def test_the_controller_of_a_step_is_that_of_python(paper: LiveArm, run: Run) -> None:
     """The outputs that Python's controller computes of what the page's arm measured, each a sample later."""
@@ -134,7 +134,7 @@ def test_the_controller_of_a_step_is_that_of_python(paper: LiveArm, run: Run) ->
     assert abs(states[-1][0]) > 0.3
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 def test_the_controller_of_a_motion_is_that_of_python(two_links: LiveArm, run: Run) -> None:
     """The command along a quintic, with its feedforward, is that of `Moving`; so are the inputs."""
@@ -161,7 +161,7 @@ def test_the_controller_of_a_motion_is_that_of_python(two_links: LiveArm, run: R
     assert np.abs(states[-1][:2] - goal).max() < 1e-3
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ["paper", "scara", "spatial-three-link"])
 def test_the_frames_are_those_of_the_kinematics(name: str, run: Run) -> None:
@@ -200,7 +200,7 @@ def test_the_pd_is_what_the_page_says(paper: LiveArm, run: Run) -> None:
         assert u == pytest.approx(-gains.proportional * state[2] - gains.derivative * speed, rel=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_links_of_a_stiff_pd_swing_after_a_fast_move(two_links: LiveArm, run: Run) -> None:
     """The tuned one with feedforward does not, nor does the stiff one at rest."""
     tuned, stiff, resting = run(two_links, """
@@ -224,7 +224,7 @@ def test_links_of_a_stiff_pd_swing_after_a_fast_move(two_links: LiveArm, run: Ru
     assert resting < 1e-3
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("times", [1.0, 20.0])
 def test_the_tuned_pd_comes_to_rest_at_every_pose(times: float, run: Run) -> None:
     """After a push, at start, goal and ends of the joints' ranges, with perturbed arms too."""
@@ -252,7 +252,7 @@ def test_the_tuned_pd_comes_to_rest_at_every_pose(times: float, run: Run) -> Non
     assert (np.array(late) < 0.2 * np.array(early)).all()
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_a_pull_acts_through_the_jacobian(two_links: LiveArm, run: Run) -> None:
     """The torques of the hand's force, times a small motion of the joints, are its work on the point held."""
     got = run(two_links, """

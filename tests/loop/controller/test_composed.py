@@ -228,11 +228,11 @@ def test_a_class_that_overrides_an_update_alone_is_one_piece(made, routes):
         assert np.abs(u - plain.step(0.1 * k, 1.0)) > 0.1
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 # Seven links ----------------------------------------------------------------------------------------
 @pytest.mark.oracle
 @pytest.mark.parametrize(
-    "kind", [UnscentedKalmanFilter, pytest.param(ExtendedKalmanFilter, marks=pytest.mark.slow)]
+    "kind", [UnscentedKalmanFilter, pytest.param(ExtendedKalmanFilter, marks=pytest.mark.ci)]
 )
 def test_seven_links_composed_equal_the_text_on_floats(seven, kind):
     solution, estimator, point, _ = seven
@@ -264,7 +264,7 @@ def test_the_law_of_seven_links_is_the_solutions(seven):
         np.testing.assert_allclose(composed.step(x) - rest, solution.law(deviation), rtol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 def test_seven_links_from_the_cache_are_the_same(seven, tmp_path, monkeypatch):
     """A step of eight stages, interpreted, compiled afresh and taken from the cache."""

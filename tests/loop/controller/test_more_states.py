@@ -136,7 +136,7 @@ def test_a_loop_is_the_controller_step_by_step(latency, option):
         np.testing.assert_allclose(stepped.estimate, estimate, rtol=1e-7, atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @FORMS
 @pytest.mark.parametrize("option", [{}, {"compensate": "wind"}])
 def test_it_is_saved_pickled_copied_and_exported(tmp_path, form, option):
@@ -213,7 +213,7 @@ def test_without_an_integral_the_load_sags_the_robot_and_its_balance_does_not():
     assert abs(sag[("wind",)]) < 1e-7
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_the_motors_sensor_alone_does_not_let_the_paper_arm_sag():
     """The filter without the load explains it by drift; with it, the load is found. R^v is the same otherwise."""
     plant = fh.load_robot("paper").plant(("motor_position",))
@@ -282,7 +282,7 @@ def test_a_soft_spring_is_found_while_the_arm_moves():
     assert run.signal("estimate", "stiffness")[-1] == pytest.approx(88.0, rel=5e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_an_offset_of_an_encoder_is_found_at_power_on():
     """0.5 mrad on the motor's encoder of the paper's arm, at rest: the link moves 100 times less."""
     plant = fh.load_robot("paper").plant(("link_position", "motor_position"))

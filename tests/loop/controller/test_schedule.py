@@ -92,7 +92,7 @@ def followed_by_states(control, run):
     return np.array(active)
 
 
-@pytest.mark.parametrize("moving", [pytest.param(False, marks=pytest.mark.slow), True])
+@pytest.mark.parametrize("moving", [pytest.param(False, marks=pytest.mark.ci), True])
 def test_the_input_of_the_arm_does_not_jump(made, cubic, moving):
     """Three cubic laws from hanging to upright and back, with filter, coil and noise."""
     control = Controller(Schedule(cubic), made.ukf(), moving=moving, latency=0)
@@ -198,7 +198,7 @@ def test_composed_equals_one_trace(made, linear, cubic, monkeypatch, moving, law
     np.testing.assert_allclose(composed._history.memory, one._history.memory, rtol=1e-6, atol=1e-8)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 def test_seven_links_at_two_poses(seven):
     """Composed, tables of monomials, a filter: equal to the text on floats, and without a jump."""

@@ -121,7 +121,7 @@ def test_a_controller_that_cannot_hold_a_pose_says_so() -> None:
         fh.Controller(blunt, arm_ukf(), 1e-3, 48.0).reset(pose=[1.0])
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_half_a_milliradian_between_the_encoders_is_taken_in_slowly() -> None:
     """At rest at (0.3, 0.4), 0.5 mrad on both motor encoders, the same start with and without `offset_time`."""
     pose, offset = np.array([0.3, 0.4]), np.array([0.0, 0.0, 5e-4, 5e-4])

@@ -188,9 +188,9 @@ def swings_at_rest(u: np.ndarray, r: np.ndarray, swing: float, longest: float) -
     return most
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.property
-@pytest.mark.parametrize("count", [15, pytest.param(200, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [15, pytest.param(200, marks=pytest.mark.ci)])
 def test_random_moves_with_noise_and_dry_friction_raise_no_alarm(count: int) -> None:
     """Quintic moves at half the motors' speed within ±1.2 rad, 1e-4 rad of noise, then one second at rest."""
     robot = fh.load_robot("planar-two-link")

@@ -160,7 +160,7 @@ def test_composed_equals_one_trace(made, arm_laws, monkeypatch, kind, moving):
     np.testing.assert_allclose(composed._history.memory, one._history.memory, rtol=1e-7, atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 def test_seven_links(seven):
     """Composed, a table of monomials, seven integrals: the law is made to ask for the last input."""
     solution, estimator, point, rest = seven

@@ -70,8 +70,8 @@ def test_a_sensor_that_sticks_for_a_minute(law, pose, limit):
     assert np.isfinite(u).all()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("held", [5.0, pytest.param(60.0, marks=pytest.mark.slow)])
+@pytest.mark.ci
+@pytest.mark.parametrize("held", [5.0, pytest.param(60.0, marks=pytest.mark.ci)])
 def test_the_loop_recovers_after_a_stuck_sensor(held):
     """The arm is held half a radian before its command, and let go again."""
     controller = fh.Controller(fh.linear_law(ARM.problem(), gamma=math.inf), ukf(), 1e-3)

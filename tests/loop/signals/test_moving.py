@@ -119,7 +119,7 @@ def test_the_papers_tracking_command():
     assert error(ukf, 1e-3) < 0.1
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.parametrize("kind", ["jerk-limited", "spline"])
 def test_a_two_link_arm_follows_a_smooth_move(kind):
     """To a twentieth of a degree; with the same law about a still pose at each time it is far off."""

@@ -83,7 +83,7 @@ def plain_loop(gain, reference, torque, noise, steps, parts, coil, saturation=np
     return np.array(states), np.array(inputs), np.array(estimates)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 @pytest.mark.parametrize("coil", [False, True])
 def test_the_compiled_loop_equals_a_plain_one_over_10_000_steps(made, coil):

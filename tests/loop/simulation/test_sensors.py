@@ -111,7 +111,7 @@ def test_the_controller_step_by_step_makes_the_same_run(latency):
             np.testing.assert_allclose(stepped.estimate, estimate, rtol=1e-7, atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 def test_a_black_box_and_an_ensemble_have_the_same_sensors():
     control = controller()
@@ -128,7 +128,7 @@ def test_a_black_box_and_an_ensemble_have_the_same_sensors():
         np.testing.assert_allclose(row, kept, rtol=1e-7, atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.ci
 @pytest.mark.oracle
 def test_a_delay_that_the_filter_knows_costs_less_than_one_that_it_does_not():
     """Angle 40 ms late, of an arm that follows a sine: the error of the estimate, with the delay known and not."""

@@ -1,0 +1,134 @@
+"""What tests cost, and which were not run for want of a tool: summed for each room, printed, kept in build/cpu.json.
+
+A test's cost is the CPU time of its process and of the processes that it waits for, its fixtures included. Nothing is
+judged by it, since machines differ.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import sys
+import time
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+#: CPU seconds above which a test states why it costs them, by one of its marks `costs`, `ci` and `nightly`.
+STATED = 1.0
+
+#: How a skip begins whose reason is that a tool is not installed.
+MISSING = ("missing: ", "could not import ")
+
+
+def spent() -> float:
+    """CPU time of this process and of those that it has waited for, s."""
+    kids = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return time.process_time() + kids.ru_utime + kids.ru_stime
+
+
+def room_of(nodeid: str) -> str:
+    """The room that a test belongs to; "house" for tests of the repository."""
+    parts = nodeid.partition("::")[0].split("/")
+    if parts[0] == "src":
+        return parts[2] if len(parts) > 3 else "house"
+    return parts[1] if len(parts) > 2 else "house"
+
+
+def why_of(item: pytest.Item) -> str:
+    """Why a test costs what it does, as its marks say."""
+    marks = (item.get_closest_marker(name) for name in ("costs", "nightly", "ci"))
+    return next((mark.args[0] for mark in marks if mark is not None and mark.args), "")
+
+
+def missing_tool(report: pytest.TestReport) -> str:
+    """The reason of a skip for want of a tool; empty for any other outcome."""
+    if not (report.skipped and isinstance(report.longrepr, tuple)):
+        return ""
+    reason = str(report.longrepr[2]).removeprefix("Skipped: ")
+    return reason if reason.startswith(MISSING) else ""
+
+
+class Costs:
+    """Measures in each worker, adds up where the tests were started."""
+
+    def __init__(self, config: pytest.Config) -> None:
+        self.config, self.worker = config, hasattr(config, "workerinput")
+        self.rooms: dict[str, float] = defaultdict(float)
+        self.tests: dict[str, tuple[float, str]] = {}
+        self.missing: list[str] = []
+        self.before = 0.0
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtest_logstart(self) -> None:
+        self.before = spent()
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_makereport(self, item: pytest.Item, call: pytest.CallInfo[None]) -> Any:
+        report = yield
+        if call.when == "teardown":
+            report.user_properties.append(("cost", [round(spent() - self.before, 4), why_of(item)]))
+        return report
+
+    def pytest_collection_finish(self) -> None:
+        """Imports and collection, of every worker."""
+        cost = round(time.process_time(), 2)
+        if self.worker:
+            self.config.workeroutput["collected"] = cost  # type: ignore[attr-defined]
+        else:
+            self.rooms["(collection)"] += cost
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_testnodedown(self, node: Any) -> None:
+        self.rooms["(collection)"] += getattr(node, "workeroutput", {}).get("collected", 0.0)
+
+    def pytest_report_teststatus(self, report: pytest.TestReport) -> tuple[str, str, str] | None:
+        """Skips for want of a tool are a number of their own in the last line."""
+        return ("for want of a tool", "m", "MISSING") if missing_tool(report) else None
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        if self.worker:
+            return
+        if reason := missing_tool(report):
+            self.missing.append(f"{report.nodeid}: {reason}")
+        for name, value in report.user_properties:
+            if name == "cost":
+                cost, why = value
+                self.rooms[room_of(report.nodeid)] += cost
+                self.tests[report.nodeid] = (cost, why)
+
+    def pytest_sessionfinish(self, session: pytest.Session) -> None:
+        """In CI, which installs the tools, none may be missing."""
+        if self.missing and os.environ.get("CI") and not self.worker and session.exitstatus == 0:
+            session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+    def pytest_terminal_summary(self, terminalreporter: Any) -> None:
+        if self.worker or not self.tests:
+            return
+        total = sum(self.rooms.values())
+        terminalreporter.section(f"CPU seconds: {total:.0f}", sep="-")
+        rooms = sorted(self.rooms.items(), key=lambda room: -room[1])
+        terminalreporter.write_line("  ".join(f"{name} {cost:.0f}" for name, cost in rooms))
+        long = {name: value for name, value in self.tests.items() if value[0] > STATED}
+        silent = sorted(name for name, (_, why) in long.items() if not why)
+        for name in silent:
+            terminalreporter.write_line(f"{long[name][0]:.1f} s, and does not say why: {name}")
+        for line in self.missing:
+            terminalreporter.write_line(f"MISSING {line}")
+        if self.config.args_source != self.config.ArgsSource.TESTPATHS:  # some tests are no run
+            return
+        place = Path(self.config.rootpath) / "build" / "cpu.json"
+        place.parent.mkdir(exist_ok=True)
+        kept = json.loads(place.read_text(encoding="utf-8")) if place.exists() else {}
+        kept[self.config.option.markexpr or "all"] = {
+            "total": round(total, 1),
+            "python": sys.version.split()[0],
+            "rooms": {name: round(cost, 1) for name, cost in rooms},
+            "tests": {
+                name: [cost, why] for name, (cost, why) in sorted(long.items(), key=lambda t: -t[1][0])
+            },
+        }
+        place.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")

@@ -1,0 +1,163 @@
+"""What commands of flexhinf leave behind, made once in a run of tests.
+
+A command is known by its words, by the files and folders that it names and what these name in turn, and by the digest
+of the source and the locks. Where it has run before, its files are copied and its output is repeated. Workers of a
+run, `make test`, `make docs` and `make ci` share a store if ``FLEXHINF_TEST_STORE`` names one folder; another run has
+another.
+
+    python -m tests.store design planar-two-link --out arm    as `flexhinf design planar-two-link --out arm`
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from tempfile import mkdtemp
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+SOURCE = ("src/flexhinf", "requirements.lock", "requirements-dev.lock")
+#: Commands whose results are kept: they take longer than to copy what they wrote.
+KEPT = {"design", "compare", "campaign", "identify", "estimate", "certify", "export"}
+#: How long to wait for another worker that makes the same, s.
+PATIENCE = 1200.0
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a command ended: exit code, standard output and standard error."""
+
+    code: int
+    output: str
+    errors: str
+
+
+def folder() -> Path:
+    """The store of this run."""
+    return Path(os.environ["FLEXHINF_TEST_STORE"])
+
+
+def command(words: Sequence[str], work: Path) -> Outcome:
+    """Run ``flexhinf WORDS`` in the folder `work`, or bring back what the same command left there before."""
+    from flexhinf.files import locked
+
+    if not words or words[0] not in KEPT or {"--help", "--resume"} & set(words):
+        return _run(words, work)
+    place = folder() / _key(words, work)
+    place.parent.mkdir(parents=True, exist_ok=True)
+    with locked(place.with_suffix(".lock"), patience=PATIENCE):
+        if not place.is_dir():
+            _make(words, work, place)
+            return _outcome(place)
+    for made in (place / "files").iterdir():
+        _remove(work / made.name)
+        _copy(made, work / made.name)
+    return _outcome(place)
+
+
+def design(*words: str) -> Path:
+    """The folder of ``flexhinf design WORDS``, in the store: it is only read."""
+    work = folder() / "designs" / hashlib.sha256("\0".join(words).encode()).hexdigest()[:16]
+    work.mkdir(parents=True, exist_ok=True)
+    from flexhinf.files import locked
+
+    with locked(work.with_suffix(".lock"), patience=PATIENCE):
+        if not (work / "flexhinf-design").is_dir():
+            done = command(["design", *words], work)
+            assert done.code in (0, 1), done.errors
+    return work / "flexhinf-design"
+
+
+def _run(words: Sequence[str], work: Path) -> Outcome:
+    program = [sys.executable, "-m", "flexhinf", *words]
+    done = subprocess.run(program, cwd=work, capture_output=True, text=True, check=False)
+    return Outcome(done.returncode, done.stdout, done.stderr)
+
+
+def _make(words: Sequence[str], work: Path, place: Path) -> None:
+    """Run the command, and keep what it changed, whole or not at all."""
+    before = {entry.name: _digest(entry) for entry in work.iterdir()}
+    outcome = _run(words, work)
+    part = Path(mkdtemp(dir=place.parent))
+    (part / "files").mkdir()
+    for entry in work.iterdir():
+        if before.get(entry.name) != _digest(entry):
+            _copy(entry, part / "files" / entry.name)
+    (part / "outcome.json").write_text(json.dumps(outcome.__dict__), encoding="utf-8")
+    part.rename(place)
+
+
+def _outcome(place: Path) -> Outcome:
+    return Outcome(**json.loads((place / "outcome.json").read_text(encoding="utf-8")))
+
+
+def _key(words: Sequence[str], work: Path) -> str:
+    """Of the words and of every file and folder of `work` that they name, or that one of these files names."""
+    entries = {entry.name: entry for entry in work.iterdir() if not entry.name.startswith(".")}
+    named = {name for name in entries if any(name in word for word in words)}
+    named |= {name for name in entries if name == f"flexhinf-{words[0]}"}  # where it writes by default
+    todo = list(named)
+    while todo:
+        entry = entries[todo.pop()]
+        text = entry.read_text(encoding="utf-8", errors="replace") if entry.is_file() else ""
+        more = {name for name in entries if name in text} - named
+        named |= more
+        todo += more
+    parts = [source_digest(), json.dumps(list(words)), os.environ.get("COLUMNS", "")]
+    parts += [f"{name} {_digest(entries[name])}" for name in sorted(named)]
+    return hashlib.sha256("\0".join(parts).encode()).hexdigest()
+
+
+@cache
+def source_digest() -> str:
+    """Of all of the source, whatever kind of file, and of the locks."""
+    found = hashlib.sha256()
+    for name in SOURCE:
+        for file in sorted(_files(REPOSITORY / name)):
+            if "__pycache__" not in file.parts:
+                found.update(f"{file.relative_to(REPOSITORY)}\0".encode() + file.read_bytes())
+    return found.hexdigest()
+
+
+def _digest(entry: Path) -> str:
+    found = hashlib.sha256()
+    for file in sorted(_files(entry)):
+        found.update(f"{file.relative_to(entry)}\0".encode() + hashlib.sha256(file.read_bytes()).digest())
+    return found.hexdigest()
+
+
+def _files(entry: Path) -> Iterator[Path]:
+    return (file for file in ([entry] if entry.is_file() else entry.rglob("*")) if file.is_file())
+
+
+def _copy(source: Path, target: Path) -> None:
+    if source.is_dir():
+        shutil.copytree(source, target)
+    else:
+        shutil.copy2(source, target)
+
+
+def _remove(entry: Path) -> None:
+    if entry.is_dir():
+        shutil.rmtree(entry)
+    else:
+        entry.unlink(missing_ok=True)
+
+
+def main() -> int:
+    """As flexhinf."""
+    done = command(sys.argv[1:], Path.cwd())
+    sys.stdout.write(done.output)
+    sys.stderr.write(done.errors)
+    return done.code
+
+
+if __name__ == "__main__":
+    sys.exit(main())
