@@ -7,6 +7,7 @@ The step is the program that `Controller.step` compiles, with the same rules for
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -279,17 +280,22 @@ class ControllerCode:
     @property
     def header(self) -> str:
         """The text of ``NAME.h``."""
-        return self._header.replace("@DIGEST@", self.digest)
+        return self._filled(self._header, self.digest)
 
     @property
     def source(self) -> str:
         """The text of ``NAME.c``."""
-        return self._source.replace("@DIGEST@", self.digest)
+        return self._filled(self._source, self.digest)
 
     @cached_property
     def digest(self) -> str:
         """SHA-256 of header and source but for itself, which determine every input that the code computes."""
-        return hashlib.sha256((self._header + self._source).encode()).hexdigest()
+        texts = (self._filled(text, "@DIGEST@") for text in (self._header, self._source))
+        return hashlib.sha256("".join(texts).encode()).hexdigest()
+
+    def _filled(self, text: tuple[str, dict[str, str]], digest: str) -> str:
+        """A text with what users wrote in it."""
+        return folded(fill(text[0], self.name, self.real, {**text[1], "DIGEST": digest}))
 
     @property
     def facts(self) -> dict[str, str]:
@@ -303,7 +309,8 @@ class ControllerCode:
         )
 
     @cached_property
-    def _header(self) -> str:
+    def _header(self) -> tuple[str, dict[str, str]]:
+        """The text of ``NAME.h`` before texts of users stand in it, and these by their marks."""
         c, sizes = self.controller, self.sizes
         parameters = self.places.parameters()
         signals = []
@@ -316,15 +323,13 @@ class ControllerCode:
         text = fill(
             template("controller.h"), self.name, self.real,
             PERIOD=constant(c.period, self.real), PERIOD_TEXT=f"{c.period:g}", VERSION=__version__,
-            SUMMARY=self._comment(self.facts), FIRST_LINES=self.first_lines,
+            FIRST_LINES=self.first_lines,
             LATENCY=c.mode.latency, P=sizes["y"], K=len(c.commanded), M=sizes["u"],
             N=sizes["estimate"], DATA=sizes["data"], MEMORY=sizes["memory"], WORK=max(1, self.scratch), R=sizes["r"],
             COLUMNS=f",\n    {self.upper('COLUMNS')} = {self.translator.room}" if self.translator.room else "",
             ROOM=(ALIGNMENT * (self.lanes > 1) + ROOM) if self.translator.room else "",
             REJECTED="" if self.rejected is None else REJECTED_DECLARED,
             DOUBTFUL=DOUBTFUL_DECLARED if self.doubt is not None else "",
-            SIGNALS="\n".join(signals), OFFSETS=enumeration(self.places.numbers()),
-            NAMED="" if not parameters else NAMED + enumeration(parameters),
             CODES=enumeration([(self.upper(name), code.value, code.meaning) for name, code in self.codes.items()]),
             STATUS=enumeration([
                 (self.upper(str(bit.name)), bit.value, text if bit in self.able else f"{NEVER}: {text}")
@@ -342,13 +347,18 @@ class ControllerCode:
             COMMAND="\n * ".join(wrap(self.command_text, 112)), FIRST=c.first_input.text,
             TOLERANCES="" if self.robot is None else " outside the tolerances of the robot file",
             BITS=BITS[self.real.name],
-            UNLIMITED="".join(f"\n * {line}" for line in wrap(self.unlimited_text, 112)),
             HELD=c.first_input.text if self.starts_anywhere else "that of @NAME@_init",
         )  # fmt: skip
-        return folded(text)
+        return text, {
+            "SUMMARY": self._comment(self.facts), "SIGNALS": "\n".join(signals),
+            "OFFSETS": enumeration(self.places.numbers()),
+            "NAMED": "" if not parameters else NAMED + enumeration(parameters),
+            "UNLIMITED": "".join(f"\n * {line}" for line in wrap(self.unlimited_text, 112)),
+        }  # fmt: skip
 
     @cached_property
-    def _source(self) -> str:
+    def _source(self) -> tuple[str, dict[str, str]]:
+        """The text of ``NAME.c`` before texts of users stand in it, and these by their marks."""
         memory = self.controller.memory.places
         start, standstill, believed = self._start, self._standstill, self._plausible  # may need functions
         missing = MISSING_LIMIT if self.predicts else 0
@@ -356,13 +366,10 @@ class ControllerCode:
         functions = str(self.translator).replace(f"{self.real.name} ", "real ")
         text = fill(
             template("controller.c"), self.name, self.real,
-            SUMMARY=self._comment(origin_facts(self.controller, self.origin)),
             START=start, STANDSTILL=standstill, QUEUED=self._queued, VERSION=__version__,
             ARITHMETIC=arithmetic(self.name, self.real),
-            DEFAULTS=default_lines(self.controller, self.defaults, self.real),
             OLDEST=constant(self.oldest, self.real), MISSING=missing,
             INITIAL=number_lines(memory, self.initial_memory, self.real, MEMORY),
-            PLACES=enumeration(self.places.memory()),
             FUNCTIONS=functions + (PREDICTION if self.predicts else ""), MEASURED=self._call("input->y"),
             PREDICTED=f"{self.name}_predict(state, param, input@IN_TIME@)" if self.predicts else self.upper("STOPPED"),
             IN_TIME=", in_time" if believed else "", ALSO_IN_TIME=", int in_time" if believed else "",
@@ -386,7 +393,11 @@ class ControllerCode:
             RANGES=range_rows(rows, self.real), COUNT=len(rows),
             ZERO=constant(0.0, self.real), F=self.real.suffix, SUFFIX=self.real.suffix.upper(), BYTES=self.real.bytes,
         )  # fmt: skip
-        return folded(text)
+        return text, {
+            "SUMMARY": self._comment(origin_facts(self.controller, self.origin)),
+            "DEFAULTS": default_lines(self.controller, self.defaults, self.real),
+            "PLACES": enumeration(self.places.memory()),
+        }
 
     @property
     def _plausible(self) -> str:
@@ -575,6 +586,9 @@ def _operations(step: Step) -> int:
     return step.order**3 // 3 if isinstance(step, Cholesky) else 0
 
 
+_MARK = re.compile(r"@([A-Z][A-Z0-9_]*)@")
+
+
 def template(name: str) -> str:
     """A text with marks ``@MARK@``."""
     return (files("flexhinf.export") / "templates" / name).read_text(encoding="utf-8")
@@ -590,8 +604,12 @@ def arithmetic(name: str, real: Real) -> str:
     )  # fmt: skip
 
 
-def fill(text: str, name: str, real: Real, **marks: Any) -> str:
-    """A template with ``@NAME@`` for the name, ``@BIG@`` for the same in capitals, ``@REAL@`` and other marks."""
+def fill(text: str, name: str, real: Real, users: Mapping[str, str] = NOTHING, **marks: Any) -> str:
+    """A template with ``@NAME@`` for the name, ``@BIG@`` for the same in capitals, ``@REAL@`` and other marks.
+
+    `users`: What stands for the marks of these names holds texts of users, such as names of joints. It enters last and
+    at once: what looks like a mark in it is none.
+    """
     for mark, value in {**marks, "NAME": name, "BIG": name.upper(), "REAL": real.name}.items():
         text = text.replace(f"@{mark}@", str(value))
-    return text
+    return _MARK.sub(lambda found: users.get(found[1], found[0]), text)

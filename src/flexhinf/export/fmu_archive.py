@@ -77,7 +77,8 @@ def write_fmu(
     target, model = checked_path("The FMU", path), (name, about, period, variables, dict(sources))
     shell, functions, _, _ = FORMS[fmi]
     guid = "{" + str(uuid.UUID(hashlib.sha256(repr((model, fmi)).encode()).hexdigest()[:32])) + "}"
-    own = {file: code.replace("@GUID@", guid) for file, code in sources.items()}
+    header = f"{name}_model.h"  # has the mark; other files have names of users
+    own = {**sources, header: sources[header].replace("@GUID@", guid)}
     own[f"{name}_{functions}"] = fill(template(functions), name, DOUBLE)
     marks = {"SHARED": template("fmu_shared.c"), "VERSION": __version__, **SHARED[fmi]}
     own[f"{name}_fmu.c"] = fill(template(shell), name, DOUBLE, **marks)
@@ -124,10 +125,6 @@ def _description(
     return fill(
         template(FORMS[fmi][2]), name, DOUBLE, GUID=guid, VERSION=__version__,
         FILES="\n".join(f'      <File name="{file}"/>' for file in files), PERIOD=repr(period),
-        UNITS="\n".join([
-            "  <UnitDefinitions>", *(f"    <Unit name={quoteattr(unit)}/>" for unit in units),
-            "  </UnitDefinitions>", "",
-        ]) if units else "",
         OUTPUTS="\n".join(
             f'  {indent}<{known.format("Output")}="{ids[variable.name]}" dependencies=""/>' for variable in outputs
         ),
@@ -137,7 +134,15 @@ def _description(
             for variable in outputs if variable.starts_from is not None
         ),
         ABOUT=quoteattr(about), TIME=len(variables),
-        VARIABLES="\n".join(_entry(variable, references[variable.name], kinds, old) for variable in variables),
+        users={
+            "UNITS": "\n".join([
+                "  <UnitDefinitions>", *(f"    <Unit name={quoteattr(unit)}/>" for unit in units),
+                "  </UnitDefinitions>", "",
+            ]) if units else "",
+            "VARIABLES": "\n".join(
+                _entry(variable, references[variable.name], kinds, old) for variable in variables
+            ),
+        },
     )  # fmt: skip
 
 

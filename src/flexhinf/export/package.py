@@ -319,12 +319,9 @@ def _readme(code: ControllerCode, run: Recording, accuracy: str, has_design: boo
         BOTH=" The test vector\nhas both." if code.real.name == "double" else "",
         BELIEVES="\n".join(wrap(code.believes_text, 118)),
         SAYS="\n".join(wrap(code.status_text, 112)), ANGLES=ANGLES[code.real.name],
-        MARK="@DIGEST@", DESIGN=DESIGN if has_design else "",
-        UNLIMITED="\n".join(["", *wrap(code.unlimited_text, 118)]) if code.unlimited_text else "",
+        DESIGN=DESIGN if has_design else "",
         TOLERANCES="" if code.robot is None else " outside\nthe tolerances of the robot file",
         AT_LIMIT="".join(reasons),
-        FACTS=_table(("", ""), [(key, comment(text)) for key, text in facts.items()]),
-        SIGNALS=_table(("array", "element", "signal", "unit", "at the start"), signals),
         CODES=_table(
             ("constant", "value", "what happened", "what you do"),
             [(f"`{code.upper(key)}`", str(row.value), *row[1:]) for key, row in code.codes.items()
@@ -338,6 +335,12 @@ def _readme(code: ControllerCode, run: Recording, accuracy: str, has_design: boo
                 if place.stop > place.start
             ],
         ),
+        users={
+            "MARK": "@DIGEST@",
+            "UNLIMITED": "\n".join(["", *wrap(code.unlimited_text, 118)]) if code.unlimited_text else "",
+            "FACTS": _table(("", ""), [(key, comment(text)) for key, text in facts.items()]),
+            "SIGNALS": _table(("array", "element", "signal", "unit", "at the start"), signals),
+        },
     )  # fmt: skip
 
 

@@ -101,24 +101,22 @@ def ros2_files(code: ControllerCode, home: np.ndarray) -> dict[str, str]:
         "SOURCES": "\n".join(f"  {file}" for file in sources), "R": code.sizes["r"],
         "MEASURED": _quoted(names["Y"]), "INPUTS": _quoted(names["U"]), "STATES": _quoted(names["X"]),
         "STATE_INTERFACES": _quoted(interfaces["Y"]), "COMMAND_INTERFACES": _quoted(interfaces["U"]),
-        "MEASUREMENTS": _parameters(code, "Y", names["Y"], interfaces["Y"]),
         "HEALTH": _quoted(health), "HEALTH_COUNT": len(health),
         "HEALTH_VALUES": "".join(f",\n    {value}" for value in values),
         **_start_marks(code, standstill, home),
     }  # fmt: skip
     for path, file in FILES.items():
-        own = (
-            {**marks, "INPUTS": _limited(code, names["U"], interfaces["U"])}
-            if path.endswith("yaml")
-            else marks
-        )
-        files[path.replace("PACKAGE", package)] = _filled(template(f"ros2/{file}"), code, own)
+        listed = path.endswith("yaml")
+        own = {name: value for name, value in marks.items() if name != "INPUTS" or not listed}
+        users = {
+            "MEASUREMENTS": _parameters(code, "Y", names["Y"], interfaces["Y"]),
+            "INPUTS": _limited(code, names["U"], interfaces["U"]),
+        }
+        text = template(f"ros2/{file}")
+        for _ in range(2):  # parts that have marks of their own come first
+            text = fill(text, code.name, code.real, **own)
+        files[path.replace("PACKAGE", package)] = fill(text, code.name, code.real, users)
     return {f"ros2/{path}": text for path, text in files.items()}
-
-
-def _filled(text: str, code: ControllerCode, marks: dict[str, Any]) -> str:
-    # parts that have marks of their own come first
-    return fill(fill(text, code.name, code.real, **marks), code.name, code.real, **marks)
 
 
 def _identifiers(signals: Sequence[str]) -> list[str]:

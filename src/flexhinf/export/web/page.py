@@ -6,6 +6,7 @@ import base64
 import gzip
 import json
 import os
+import re
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -50,10 +51,8 @@ def page_text(arm: LiveArm, module: bytes) -> str:
         "SETTINGS": json.dumps(settings, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c"),
         "MODULE": base64.b64encode(gzip.compress(module, 9, mtime=0)).decode(),
     }
-    text = _file("page.html")
-    for mark, value in marks.items():
-        text = text.replace(f"@{mark}@", value)
-    return text
+    # at once: what looks like a mark in the name of a joint is none
+    return re.sub(r"@([A-Z]+)@", lambda found: marks.get(found[1], found[0]), _file("page.html"))
 
 
 def _file(name: str) -> str:
