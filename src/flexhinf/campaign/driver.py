@@ -202,10 +202,9 @@ def drive(
         done = total - sum(map(journal.size, missing))
         for path, wrong in bad:
             with disk_refusals(journal.folder):
-                path.unlink(missing_ok=True)
-            progress(
-                Report(done, total, fresh, f"{path.name} is {wrong}; it is removed and its samples run again")
-            )
+                aside = journal.set_aside(path)
+            again = f"{path.name} is {wrong}; it is now called {aside.name}, and its samples run again"
+            progress(Report(done, total, fresh, again))
         progress(Report(done, total, fresh))
         with closing(_run(executor or in_this_process, campaign, missing)) as results:
             for batch, rows in results:

@@ -20,7 +20,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from itertools import islice
+from itertools import count, islice
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -31,7 +31,7 @@ from flexhinf.campaign.draws import Tolerances, campaign_digest, sample_seeds
 from flexhinf.campaign.metrics import COMPLETED, DIVERGED, NOT_RUN, UNSTABLE
 from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 from flexhinf.files import locked, make_durable, note_written, part_file
-from flexhinf.validation import checked_path, extra_package, file_digest, read_bytes, value_text
+from flexhinf.validation import checked_path, extra_package, read_bytes, value_text
 
 Stored = TypeVar("Stored")
 
@@ -55,7 +55,7 @@ def read_columns(path: Any, names: Sequence[str] | None = None) -> Any:
         raise InvalidInput(
             "A file of the campaign cannot be read.",
             f"{path}: {str(error)[:200]}",
-            "delete it, and the campaign's command again, which makes it again",
+            "the campaign's command again, which checks each file and runs the samples of a damaged one again",
         ) from error
 
 
@@ -391,14 +391,23 @@ class Journal:
             )
         return good, bad
 
+    def set_aside(self, path: Path) -> Path:
+        """Give a file among the shards a free name that is none of a shard; returns it. Nothing is deleted."""
+        names = (path.with_name(f"{path.name}.aside{k or ''}") for k in count())
+        aside = next(name for name in names if not os.path.lexists(name))
+        path.rename(aside)
+        return aside
+
     def _wrong(self, path: Path, batch: int, digest: str) -> str:
         """The defect of a batch's file whose name has this digest; empty for a valid file.
+
+        InvalidInput for a file that cannot be read just now: nothing is known of its rows. MemoryError likewise.
 
         In a valid file, columns, metadata, indices and seeds are those of the campaign, and the size is plausible when
         unpacked. The status of every run is known, and failure, time of divergence and metrics agree with it. If the
         draw is known, the varied numbers are those of the draw.
         """
-        from pyarrow import ArrowException, parquet, types
+        from pyarrow import ArrowException, BufferReader, parquet, types
 
         if not 0 <= batch < self.batches:
             return f"of no batch: there are {self.batches}"
@@ -406,13 +415,11 @@ class Journal:
         samples, seed = range(first, first + self.size(batch)), int(self.settings["seed"])
         span = f"not the samples {samples[0]} to {samples[-1]}"
         schema = self._schema(batch=str(batch))
+        content = _content(path)
+        if content is None or hashlib.sha256(content).hexdigest()[:16] != digest:
+            return "damaged: its bytes are not those of its digest"
         try:
-            if path.stat().st_size > _MOST_SHARD or file_digest(path)[:16] != digest:
-                return "damaged: its bytes are not those of its digest"
-        except OSError as error:
-            return error.strerror or str(error)
-        try:
-            with parquet.ParquetFile(path) as file:
+            with parquet.ParquetFile(BufferReader(content)) as file:
                 stored, rows = file.schema_arrow, file.metadata.num_rows
                 unpacked = sum(
                     file.metadata.row_group(k).total_byte_size for k in range(file.metadata.num_row_groups)
@@ -563,6 +570,20 @@ class Journal:
                         group.clear()
             publish_whole(name, path)
         return path
+
+
+def _content(path: Path) -> bytes | None:
+    """The bytes of a shard, None of what is none or too large for one; InvalidInput where they cannot be read."""
+    try:
+        if not path.is_file() or path.stat().st_size > _MOST_SHARD:
+            return None
+        return read_bytes(path, _MOST_SHARD)
+    except OSError as error:
+        raise InvalidInput(
+            "A file of the campaign cannot be read just now.",
+            f"{path}: {error.strerror or error}",
+            "the same command when it can be read, as the user who wrote it; nothing was changed",
+        ) from error
 
 
 def _first(problems: Mapping[str, bool]) -> str:
