@@ -7,6 +7,7 @@ are needed. Everything else in the file may be text, or missing.
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import math
 from collections import defaultdict
@@ -24,6 +25,9 @@ from flexhinf.validation import extra_package, open_regular, value_text
 
 #: Largest file that is text, bytes, and most rows: an hour at 1 kHz.
 LARGEST, MOST_ROWS = 1_000_000_000, 5_000_000
+
+#: Most bytes of a row of a Parquet column, and of a chunk of an MCAP file, when they are unpacked.
+LARGEST_CELL, LARGEST_CHUNK = 256, 1 << 28
 
 #: What stands for a missing value, in small letters.
 MISSING = ("", "nan", "na", "n/a", "null", "none", "-")
@@ -237,13 +241,11 @@ def _parquet_columns(path: Path) -> FileColumns:
         names = tuple(parquet.read_schema(path).names)
 
     def load(time: int, places: Sequence[int]) -> Loaded:
-        with _foreign(path, "Parquet"):
-            table = parquet.read_table(path, columns=[names[k] for k in (time, *places)])
-            arrays = [table.column(names[k]).to_numpy() for k in (time, *places)]
-        refuse_if(
-            len(table) > MOST_ROWS, f"{path.name} has too many rows.",
-            f"expected at most {MOST_ROWS}, got {len(table)}", "several files",
-        )  # fmt: skip
+        chosen = [names[k] for k in (time, *places)]
+        with _foreign(path, "Parquet"), parquet.ParquetFile(path) as file:
+            _check_size(file, path.name, chosen)
+            table = file.read(columns=chosen)
+            arrays = [table.column(name).to_numpy() for name in chosen]
         bad = _first(np.array([entry is None or entry != entry for entry in arrays[0]], dtype=bool))
         if arrays[0].dtype.kind not in "iufM" or bad is not None:
             raise _no_stamp(path.name, names[time], _row(bad or 0), arrays[0][bad or 0 : (bad or 0) + 1])
@@ -254,6 +256,35 @@ def _parquet_columns(path: Path) -> FileColumns:
         return Loaded(*stamps, _stacked(values, len(table)), _row)
 
     return FileColumns(path, names, load)
+
+
+def _check_size(file: Any, name: str, chosen: Sequence[str]) -> None:
+    """Refuse, by the footer alone, what would take much memory when it is unpacked, and columns of lists."""
+    from pyarrow import types
+
+    rows, schema = file.metadata.num_rows, file.schema_arrow
+    if nested := [column for column in chosen if types.is_nested(schema.field(column).type)]:
+        raise _no_number(name, nested[0], _row(0), str(schema.field(nested[0]).type))
+    _refuse_rows(name, rows)
+    groups = [file.metadata.row_group(k) for k in range(file.metadata.num_row_groups)]
+    parts = [group.column(k) for group in groups for k in range(group.num_columns)]
+    unpacked = sum(part.total_uncompressed_size for part in parts if part.path_in_schema in chosen)
+    most = LARGEST_CELL * len(chosen) * (rows + 4096)
+    refuse_if(
+        unpacked > most,
+        f"{name} is too large.",
+        f"expected at most {most} bytes in {len(chosen)} columns of {rows} numbers, got {unpacked}",
+        "columns of numbers",
+    )
+
+
+def _refuse_rows(name: str, rows: int) -> None:
+    refuse_if(
+        rows > MOST_ROWS,
+        f"{name} has too many rows.",
+        f"expected at most {MOST_ROWS}, got {rows}",
+        "several files",
+    )
 
 
 def _finite_numbers(file: str, name: str, array: np.ndarray) -> np.ndarray:
@@ -314,11 +345,10 @@ def _mcap_columns(path: Path) -> FileColumns:
     Messages in JSON, and those of ROS 2. In messages with arrays and as many names, as those of joints, the names stand
     in the column's; else the places from 0 on. The times of the messages are the column `LOG_TIME`, in nanoseconds.
     """
-    make_reader = extra_package("mcap.reader", "log", "A log in MCAP needs another package.").make_reader
     columns: dict[str, tuple[list[int], list[float]]] = defaultdict(lambda: ([], []))
-    with _foreign(path, "MCAP"), path.open("rb") as file:
+    with _foreign(path, "MCAP"):
         decoders: dict[int, Callable[[bytes], Any] | None] = {}
-        for schema, channel, message in make_reader(file).iter_messages():
+        for schema, channel, message in _messages(path):
             if channel.id not in decoders:
                 decoders[channel.id] = _decoder(channel.message_encoding, schema)
             decode = decoders[channel.id]
@@ -352,6 +382,69 @@ def _mcap_columns(path: Path) -> FileColumns:
         return Loaded(*_stamps_of_numbers(table[known, -1]), table[known, :-1], _row)
 
     return FileColumns(path, (f"{LOG_TIME} [ns]", *names) if names else (), load)
+
+
+def _messages(path: Path) -> Iterator[tuple[Any, Any, Any]]:
+    """Schema, channel and message of each message, in the order of the file.
+
+    Before anything is unpacked the footer says how many there are; no chunk unpacks to more than `LARGEST_CHUNK`.
+    """
+    make_reader = extra_package("mcap.reader", "log", "A log in MCAP needs another package.").make_reader
+    from mcap.records import Channel, Chunk, Message, Schema
+    from mcap.stream_reader import StreamReader
+
+    schemas: dict[int, Any] = {0: None}
+    channels: dict[int, Any] = {}
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+        if summary is not None and summary.statistics is not None:
+            _refuse_rows(path.name, summary.statistics.message_count)
+        file.seek(0)
+        found = 0
+        for record in StreamReader(file, emit_chunks=True, record_size_limit=LARGEST).records:
+            packed = [record]
+            if isinstance(record, Chunk):
+                content = io.BytesIO(_unpacked(path.name, record))
+                packed = _records(StreamReader(content, skip_magic=True, record_size_limit=LARGEST_CHUNK), content)
+            for one in packed:
+                if isinstance(one, Schema):
+                    schemas[one.id] = one
+                elif isinstance(one, Channel):
+                    channels[one.id] = one
+                elif isinstance(one, Message):
+                    found += 1
+                    _refuse_rows(path.name, found)  # the footer may be wrong
+                    channel = channels[one.channel_id]
+                    yield schemas[channel.schema_id], channel, one
+
+
+def _records(reader: Any, content: io.BytesIO) -> Iterator[Any]:
+    """The records of a chunk, which ends without a footer."""
+    size, records = content.getbuffer().nbytes, reader.records
+    while content.tell() < size:
+        yield next(records)
+
+
+def _unpacked(name: str, chunk: Any) -> bytes:
+    """The records of a chunk, unpacked as far as its size is allowed."""
+    most = LARGEST_CHUNK + 1
+    if chunk.compression == "zstd":
+        import zstandard
+
+        content = zstandard.ZstdDecompressor().stream_reader(chunk.data).read(most)
+    elif chunk.compression == "lz4":
+        import lz4.frame
+
+        content = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=most)
+    else:
+        content = chunk.data
+    refuse_if(
+        len(content) == most,
+        f"{name} is too large.",
+        f"expected chunks of at most {LARGEST_CHUNK} bytes, got a larger one",
+        "the same messages in smaller chunks",
+    )
+    return content
 
 
 def _decoder(encoding: str, schema: Any) -> Callable[[bytes], Any] | None:
