@@ -1,16 +1,23 @@
-"""The studio's server: at 127.0.0.1 alone, at a free port, until Ctrl-C."""
+"""The studio's server: at 127.0.0.1 alone, at a free port, for who has its address, until Ctrl-C.
+
+The address holds a secret, since every user of the computer reaches the port, and what the studio saves is its owner's.
+The first page exchanges it for a cookie, which every later request must have.
+"""
 
 from __future__ import annotations
 
 import errno
 import logging
 import os
+import secrets
 import socket
 import webbrowser
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from http.cookies import CookieError, SimpleCookie
 from pathlib import Path
 from typing import Any
+from urllib.parse import parse_qs
 
 from flexhinf.design.design_file import DesignRequest
 from flexhinf.errors import InvalidInput, refuse_if
@@ -19,6 +26,9 @@ from flexhinf.validation import extra_package
 
 #: The only address.
 HOST = "127.0.0.1"
+
+#: The name of the secret in the address.
+SECRET = "token"
 
 #: Names by which a browser may ask for it; another name is that of a foreign page (DNS rebinding).
 NAMES = (HOST, "localhost")
@@ -66,10 +76,11 @@ def serve(
     from flexhinf.studio.worker import Worker
 
     listener = listening(port)
-    address = f"http://{HOST}:{listener.getsockname()[1]}/"
+    port, secret = listener.getsockname()[1], secrets.token_urlsafe(24)
+    address = f"http://{HOST}:{port}/?{SECRET}={secret}"
     workers = Worker(), Worker()
     try:
-        app = application(request, WorkingFolder(Path(folder).absolute()), *workers)
+        app = application(request, WorkingFolder(Path(folder).absolute()), *workers, secret)
         config = uvicorn.Config(
             app, log_level="error", lifespan="on", ws_max_size=LONGEST_MESSAGE, timeout_graceful_shutdown=2
         )
@@ -85,8 +96,10 @@ def serve(
             worker.stop()
 
 
-def application(request: DesignRequest, folder: WorkingFolder, previews: Any, files: Any) -> Any:
-    """The ASGI application, for one server in one process."""
+def application(
+    request: DesignRequest, folder: WorkingFolder, previews: Any, files: Any, secret: str
+) -> Any:  # fmt: skip
+    """The ASGI application, for one server in one process; `secret` opens it."""
     os.environ.setdefault("NICEGUI_STORAGE_PATH", os.devnull)  # nothing is stored
     from fastapi import FastAPI
     from nicegui import ui
@@ -105,29 +118,72 @@ def application(request: DesignRequest, folder: WorkingFolder, previews: Any, fi
     ui.run_with(
         app, root=root, title="flexhinf studio", dark=None, language="en-GB", show_welcome_message=False
     )
-    return OwnPages(app)
+    return OwnPages(app, secret)
 
 
 class OwnPages:
-    """Refuses requests that another site's page has made: by another host name, or from another origin."""
+    """Answers who has the secret, and refuses what another site's page has asked for: by another host name, or from
+    another origin."""
 
-    def __init__(self, app: Any) -> None:
-        self.app = app
+    def __init__(self, app: Any, secret: str) -> None:
+        self.app, self.secret = app, secret
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
         """Answer one request."""
-        if scope["type"] not in ("http", "websocket") or self._is_own(dict(scope["headers"])):
+        if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
+            return
+        headers = dict(scope["headers"])
+        own = self._is_own(headers)
+        if own and self._has_cookie(headers):
+            await self._answer(scope, receive, send)
+        elif own and scope["type"] == "http" and self._is_secret(_query(scope)):
+            cookie = f"{_cookie_name(headers)}={self.secret}; Path=/; HttpOnly; SameSite=Strict"
+            await _reply(send, 303, b"", [(b"location", b"/"), (b"set-cookie", cookie.encode())])
         elif scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": 1008})
         else:
-            await send(
-                {"type": "http.response.start", "status": 403, "headers": [(b"content-type", b"text/plain")]}
-            )
-            await send({"type": "http.response.body", "body": b"The studio answers its own pages alone."})
+            await _reply(send, 403, b"The studio answers the address that its terminal shows, and its own pages.")
+
+    async def _answer(self, scope: Any, receive: Any, send: Any) -> None:
+        """Answer a request; frames of a socket that are no messages end it, and nothing else."""
+        try:
+            await self.app(scope, receive, send)
+        except Exception:
+            if scope["type"] != "websocket":
+                raise
+            with suppress(Exception):  # it may be closed already
+                await send({"type": "websocket.close", "code": 1003})
+
+    def _has_cookie(self, headers: dict[bytes, bytes]) -> bool:
+        cookies = SimpleCookie()
+        with suppress(CookieError):
+            cookies.load(headers.get(b"cookie", b"").decode("latin-1"))
+        morsel = cookies.get(_cookie_name(headers))
+        return morsel is not None and self._is_secret(morsel.value)
+
+    def _is_secret(self, text: str) -> bool:
+        return secrets.compare_digest(text.encode(), self.secret.encode())
 
     @staticmethod
     def _is_own(headers: dict[bytes, bytes]) -> bool:
         host = headers.get(b"host", b"").decode("latin-1")
         origin = headers.get(b"origin", b"").decode("latin-1")
         return host.rpartition(":")[0] in NAMES and origin in ("", f"http://{host}")
+
+
+def _query(scope: Any) -> str:
+    """The secret that a request states in its address; empty if none."""
+    return parse_qs(scope["query_string"].decode("latin-1")).get(SECRET, [""])[0]
+
+
+def _cookie_name(headers: dict[bytes, bytes]) -> str:
+    """Of each port another one: cookies are shared between ports."""
+    return f"flexhinf-studio-{headers.get(b'host', b'').decode('latin-1').rpartition(':')[2]}"
+
+
+async def _reply(send: Any, status: int, body: bytes, headers: Sequence[tuple[bytes, bytes]] = ()) -> None:
+    """A short text as the whole answer."""
+    start = {"type": "http.response.start", "status": status}
+    await send({**start, "headers": [(b"content-type", b"text/plain"), *headers]})
+    await send({"type": "http.response.body", "body": body})
