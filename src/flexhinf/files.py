@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import ctypes
 import errno
+import glob
 import io
 import os
 import re
@@ -24,17 +25,19 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.validation import array_of, checked_path, late_package, read_bytes
 
 if TYPE_CHECKING:
     import hashlib
+    import shutil
     import tempfile
     import zipfile
 
     import numpy as np
 else:
-    hashlib, tempfile, zipfile, np = map(late_package, ("hashlib", "tempfile", "zipfile", "numpy"))
+    late = ("hashlib", "shutil", "tempfile", "zipfile", "numpy")
+    hashlib, shutil, tempfile, zipfile, np = map(late_package, late)
 
 try:
     import fcntl
@@ -87,6 +90,77 @@ def write_file(path: str | os.PathLike[str], what: str, write: Callable[[str], A
             f"{path}: {getattr(error, 'strerror', None) or error}",
             "a writable folder that exists",
         ) from error
+
+
+def write_folder(folder: Path, contents: Mapping[str, bytes]) -> None:
+    """Write files by their names into a folder, all or none; other files there stay.
+
+    They are written under another name first. A new folder then gets its name at once; in one that exists each file
+    takes its place, and where one cannot, or on Ctrl-C, the earlier ones are put back. Raises OSError.
+    """
+    there = folder.exists()
+    place = folder if there else folder.parent
+    place.mkdir(parents=True, exist_ok=True)
+    _clear_stages(place, folder.name)
+    stage = Path(tempfile.mkdtemp(dir=place, prefix=_stage_prefix(folder.name)))
+    try:
+        fresh, earlier = stage / "new", stage / "old"
+        for name, content in contents.items():
+            (fresh / name).parent.mkdir(parents=True, exist_ok=True)
+            (fresh / name).write_bytes(content)
+            make_durable(str(fresh / name))
+        if not there:
+            publish(fresh, folder)
+            return
+        moved: list[str] = []
+        try:
+            for name in contents:
+                moved.append(name)
+                (folder / name).parent.mkdir(parents=True, exist_ok=True)
+                (earlier / name).parent.mkdir(parents=True, exist_ok=True)
+                if os.path.lexists(folder / name):
+                    os.replace(folder / name, earlier / name)
+                publish(fresh / name, folder / name)
+        except BaseException:
+            for name in reversed(moved):
+                if os.path.lexists(earlier / name):
+                    os.replace(earlier / name, folder / name)
+                elif not (fresh / name).exists():
+                    (folder / name).unlink(missing_ok=True)
+            raise
+    finally:
+        shutil.rmtree(stage, ignore_errors=True)
+
+
+def _stage_prefix(name: str) -> str:
+    return f".{name}.flexhinf-files-"
+
+
+def _clear_stages(place: Path, name: str) -> None:
+    """Remove what killed processes had begun to write for a folder of this name, a day ago or earlier."""
+    for stage in place.glob(f"{glob.escape(_stage_prefix(name))}*"):
+        with suppress(OSError):
+            if time.time() - stage.lstat().st_mtime > ABANDONED_AFTER_S and not stage.is_symlink():
+                shutil.rmtree(stage, ignore_errors=True)
+
+
+def check_replaceable(path: Path, what: str, is_own: Callable[[bytes], bool]) -> None:
+    """Refuse to replace a file that is there and is none of its kind, such as a design's controller.
+
+    `what`: For the message: "library". `is_own`: Tells by the content whether it is one. Raises InvalidInput.
+    """
+    if not path.is_file():
+        return
+    try:
+        own = is_own(read_bytes(path, _LARGEST_FILE))
+    except (OSError, ValueError):
+        own = False
+    refuse_if(
+        not own,
+        f"There is another file in the place of the {what}, and it is left alone.",
+        f"expected no file, or a {what} that flexhinf has written; got {path}",
+        "another name",
+    )
 
 
 def make_durable(name: str) -> None:

@@ -22,7 +22,7 @@ import numpy as np
 
 from flexhinf import __version__
 from flexhinf.errors import ControllerInUse, InvalidInput, refuse_if
-from flexhinf.files import write_file
+from flexhinf.files import check_replaceable, write_file
 from flexhinf.validation import checked_path, one_of, read_bytes, real_array, value_text
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def compile_controller(
     Parameters
     ----------
     path : path
-        Of the file; replaced if it is there. It is machine code: load only what you trust.
+        Of the file; an earlier library is replaced, another file is not. It is machine code: load only what you trust.
     processor : {"portable", "any", "native"}
         On which it runs: PCs since about 2015, also older ones (half as fast), or those that have all that this one
         has. The file states the instructions it needs, and is refused where they are missing. For older ones its bits
@@ -63,6 +63,7 @@ def compile_controller(
     from flexhinf.export.controller_c import code_of, fill, template
 
     target, flags = checked_path("The library", path), compiler_flags(processor)
+    check_replaceable(target, "library", lambda content: MARK in content)
     code = code_of(controller, "controller", "double")
     c = code.controller
     about = {

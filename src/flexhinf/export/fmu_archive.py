@@ -20,7 +20,7 @@ from flexhinf import __version__
 from flexhinf.codegen.c import Real
 from flexhinf.export.compiled import shared_library
 from flexhinf.export.controller_c import fill, template
-from flexhinf.files import write_file
+from flexhinf.files import check_replaceable, write_file
 from flexhinf.validation import checked_path, one_of
 
 DOUBLE = Real("double")
@@ -75,6 +75,7 @@ def write_fmu(
     """
     one_of("There is no such version of FMI.", fmi, FORMS, "2.0, which most programs read")
     target, model = checked_path("The FMU", path), (name, about, period, variables, dict(sources))
+    check_replaceable(target, "FMU", lambda content: b"modelDescription.xml" in content)
     shell, functions, _, _ = FORMS[fmi]
     guid = "{" + str(uuid.UUID(hashlib.sha256(repr((model, fmi)).encode()).hexdigest()[:32])) + "}"
     header = f"{name}_model.h"  # has the mark; other files have names of users

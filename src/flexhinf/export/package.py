@@ -29,7 +29,7 @@ from flexhinf.export.refusals import check_limits
 from flexhinf.export.ros2 import ros2_files
 from flexhinf.export.self_test import EVERY, accuracy, contract, reaches_far, vector
 from flexhinf.export.stack import stack_text
-from flexhinf.files import write_file
+from flexhinf.files import write_folder
 from flexhinf.loop import Controller
 from flexhinf.loop.controller.memory import SPACING
 from flexhinf.validation import checked_path
@@ -127,19 +127,19 @@ def checked_folder(folder: str | os.PathLike[str], force: bool) -> Path:
 
 
 def write_files(folder: Path, files: Mapping[str, str | bytes]) -> None:
-    """Write every file whole or not at all; the folders are made."""
-    for name, content in files.items():
-        path = folder / name
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InvalidInput(
-                "The output folder cannot be made.",
-                f"{path.parent}: {error.strerror or error}",
-                "another folder",
-            ) from error
-        data = content.encode("utf-8") if isinstance(content, str) else content
-        write_file(path, "exported file", lambda part, data=data: Path(part).write_bytes(data))
+    """Write all files or none; the folders are made, and other files there stay.
+
+    Raises InvalidInput: if the place cannot be written; then all is as it was.
+    """
+    contents = {n: text.encode("utf-8") if isinstance(text, str) else text for n, text in files.items()}
+    try:
+        write_folder(folder, contents)
+    except OSError as error:
+        raise InvalidInput(
+            "The output folder cannot be written; nothing was changed.",
+            f"{folder}: {error.strerror or error}",
+            "another folder, with room",
+        ) from error
 
 
 def controller_files(

@@ -15,7 +15,7 @@ from flexhinf import __version__
 from flexhinf.export.web.compiler import check_compiler, webassembly
 from flexhinf.export.web.live_arm import LiveArm
 from flexhinf.export.web.rival import BELOW
-from flexhinf.files import write_file
+from flexhinf.files import check_replaceable, write_file
 from flexhinf.validation import checked_path
 
 #: What the page's script is made of, in this order.
@@ -28,6 +28,7 @@ def write_page(arm: LiveArm, path: str | os.PathLike[str]) -> Path:
     Raises InvalidInput: if clang or wasm-ld is missing or fails, or the file cannot be written.
     """
     target = checked_path("The page", path)
+    check_replaceable(target, "live page", lambda content: b"flexhinf live page" in content[:1000])
     check_compiler()
     text = page_text(arm, webassembly(arm.sources))
     write_file(target, "page", lambda part: Path(part).write_text(text, encoding="utf-8"))
