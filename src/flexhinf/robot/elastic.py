@@ -342,7 +342,9 @@ TURN = 2.0 * np.pi * (1.0 + 1e-9)
 def checked_pose(pose: Any, default: np.ndarray, links: Any, robot: str) -> np.ndarray:
     """Link positions (n,) within the limits, from a sequence, a mapping by joint, a number for one joint, or None."""
     names = links.tree.names
-    pose = default if pose is None else pose
+    if pose is None:
+        _check_home(default, links)
+        pose = default
     if isinstance(pose, Mapping):
         named = {name.removeprefix("link_position_"): value for name, value in pose.items()}
         if len(names) == 1 and "link_position" in named:
@@ -372,6 +374,21 @@ def checked_pose(pose: Any, default: np.ndarray, links: Any, robot: str) -> np.n
         got += "; were degrees meant?" if degrees else ""
         raise InvalidInput(what, f"expected {low / size:.6g} to {high / size:.6g} {unit}, got {got}", advice)
     return values
+
+
+def _check_home(home: np.ndarray, links: Any) -> None:
+    """Refuse a home pose outside the limits, with the line that a robot file needs."""
+    ends = [limits or (-np.inf, np.inf) for limits in links.limits]
+    outside = [name for name, (low, high), q in zip(links.tree.names, ends, home) if not low <= q <= high]
+    within = [
+        float(f"{q if low <= q <= high else (low + high) / 2.0:.4g}") for (low, high), q in zip(ends, home)
+    ]
+    refuse_if(
+        outside,
+        f"The home pose is outside the limits of the joints {', '.join(map(repr, outside))}.",
+        f"expected {', '.join(f'{low:g} to {high:g}' for low, high in ends)}, got {home.tolist()}",
+        f"home = {within} at the top of the robot file",
+    )
 
 
 #: What a real joint adds that the inverse dynamics cannot follow; they can follow a torque of the motor's velocity.

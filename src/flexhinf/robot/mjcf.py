@@ -18,7 +18,8 @@ import numpy as np
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.robot.arm import Frame
 from flexhinf.robot.dynamics import Placement
-from flexhinf.robot.urdf import MOST_LINKS, RigidArm, check_count, locked_joints, moved
+from flexhinf.robot.parts import ask
+from flexhinf.robot.urdf import MOST_LINKS, RigidArm, check_count, locked_joints, moved, range_of
 from flexhinf.validation import HUGE, checked_name, extra_package, value_text
 
 KINDS = {"mjJNT_HINGE": "revolute", "mjJNT_SLIDE": "prismatic"}
@@ -37,6 +38,30 @@ REFUSED = {
 #: What is handed to MuJoCo of a file: the elements below <mujoco>, and those of bodies and default classes.
 READ = {"compiler", "option", "default", "worldbody", "actuator"}
 INSIDE = {"body", "frame", "joint", "inertial", "geom", "default", "flag"}
+
+#: Kinds of actuators, whose defaults stand in default classes too.
+ACTUATORS = {
+    "general", "motor", "position", "velocity", "intvelocity", "damper", "cylinder", "muscle", "adhesion", "dcmotor",
+}  # fmt: skip
+
+#: How an actuator says that it acts on a joint alone.
+ON_JOINT = ("joint", "jointinparent")
+
+#: Arrays of a compiled model of joints and actuators that are read, that are refused elsewhere, or that change nothing
+#: within the limits of the joints; what else a version of MuJoCo has must be as in `NEUTRAL`.
+KNOWN = {
+    "jnt": "type qposadr dofadr bodyid group limited actfrclimited actgravcomp solref solimp pos axis range "
+    "actfrcrange margin user actuatorid stiffness",
+    "dof": "bodyid jntid parentid treeid Madr simplenum solref solimp frictionloss armature damping invweight0 M0 "
+    "length",
+    "actuator": "trntype dyntype gaintype biastype trnid actadr actnum group ctrllimited forcelimited actlimited "
+    "dynprm gainprm biasprm actearly ctrlrange forcerange actrange gear cranklength acc0 length0 lengthrange user "
+    "plugin history historyadr delay ctrladr ctrlnum outadr outnum ctrlspec",
+}
+NEUTRAL = (
+    '<mujoco><worldbody><body><joint name="a"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body></worldbody>'
+    '<actuator><motor joint="a"/></actuator></mujoco>'
+)
 
 #: Shapes whose mass needs no other file.
 SOLID = ("sphere", "capsule", "cylinder", "ellipsoid", "box")
@@ -77,7 +102,10 @@ def read_mjcf(
     arm = RigidArm(movable, locked_joints(movable, joints, locked))
     _check_couplings(root, {name for name in movable if name not in arm.locked})
     _use_shapes(spec)
-    return _filled(arm, _by_mujoco(spec.compile))
+    model = _by_mujoco(spec.compile)
+    _check_arrays(mujoco, model, [name for name in movable if name not in arm.locked])
+    _warn_of_actuators(root, set(movable) - set(arm.locked))
+    return _filled(arm, model)
 
 
 def _by_mujoco(read: Callable[..., Any], *texts: str) -> Any:
@@ -126,10 +154,60 @@ def _kept(root: Element) -> Element:
 def _pruned(element: Element, inside: Collection[str] = INSIDE) -> Element:
     kept = Element(element.tag, {key: text for key, text in element.attrib.items() if key != "material"})
     if element.tag == "actuator":
-        kept.extend(child for child in element if child.get("joint") is not None)
+        kept.extend(child for child in element if any(child.get(key) is not None for key in ON_JOINT))
     else:
+        inside = {*inside, *ACTUATORS} if element.tag == "default" else inside
         kept.extend(_pruned(child) for child in element if child.tag in inside)
     return kept
+
+
+def _warn_of_actuators(root: Element, moving: Collection[str]) -> None:
+    """Say which actuators are not read, since the limits of the motors are then unknown."""
+    others = [
+        part
+        for group in root.findall("actuator")
+        for part in group
+        if all(part.get(key) is None for key in ON_JOINT) and part.tag != "adhesion"
+    ]
+    joints = {name for part in others for name in _acted_on(root, part)}
+    ask(
+        others and (joints & set(moving) or any(not _acted_on(root, part) for part in others)),
+        "Not every actuator is read: the motors' limits that it would state are unknown.",
+        f"expected actuators of a joint each, got {len(others)} of other kinds, such as "
+        f"{value_text(others[0].get('name') or others[0].tag, 60) if others else ''}",
+        "effort_limit = … in [[joint]] of the elastic file",
+    )
+
+
+def _acted_on(root: Element, actuator: Element) -> set[str]:
+    """The joints of the tendon that an actuator pulls; none where it pulls something else."""
+    tendon = actuator.get("tendon")
+    parts = [part for group in root.findall("tendon") for part in group if part.get("name") == tendon]
+    return {str(joint.get("joint")) for part in parts for joint in part if joint.get("joint")}
+
+
+def _check_arrays(mujoco: Any, model: Any, moving: Sequence[str]) -> None:
+    """Refuse numbers of moving joints, and of their actuators, that this reader does not know and that are not neutral.
+
+    Versions of MuJoCo add such numbers, as the coefficients of a damping that grows with the speed.
+    """
+    neutral = mujoco.MjModel.from_xml_string(NEUTRAL)
+    joints = [model.joint(name).id for name in moving]
+    acting = [k for k in range(model.nu) if model.actuator_trnid[k, 0] in joints]
+    places = {"jnt": joints, "dof": [int(model.jnt_dofadr[j]) for j in joints], "actuator": acting}
+    owners = {"jnt": joints, "dof": joints, "actuator": [int(model.actuator_trnid[k, 0]) for k in acting]}
+    for kind, known in KNOWN.items():
+        names = {name for name in dir(model) if name.startswith(f"{kind}_")}
+        for name in sorted(names - {f"{kind}_{word}" for word in known.split()}):
+            usual, values = np.asarray(getattr(neutral, name)), np.asarray(getattr(model, name))
+            for place, joint in zip(places[kind], owners[kind]):
+                refuse_if(
+                    not np.array_equal(values[place], usual[0]),
+                    f"{name.removeprefix(f'{kind}_')} of the {'actuator' if kind == 'actuator' else 'joint'} of "
+                    f"{model.joint(joint).name!r} is not read.",
+                    f"expected {usual[0].tolist()}, got {values[place].tolist()}",
+                    "one coefficient of damping, and armature and damping on the joint itself",
+                )
 
 
 def _check(spec: Any) -> None:
@@ -188,12 +266,16 @@ def _check(spec: Any) -> None:
 
 def _check_couplings(root: Element, moving: set[str]) -> None:
     for element in (element for group in root.findall("equality") for element in group):
-        locked = element.tag == "joint" and not {element.get("joint1"), element.get("joint2")} & moving
+        named = [name for key in ("joint1", "joint2") if (name := element.get(key)) is not None]
+        locked = element.tag == "joint" and not {*named} & moving
+        parts = named or [str(element.get(key)) for key in ("body1", "body2", "tendon1") if element.get(key)]
         refuse_if(
             not locked and element.get("active", "true") != "false",
-            f"<equality> {element.tag} {value_text(element.get('name', ''), 60)} couples what moves.",
+            f"<equality> {element.tag} of {value_text(', '.join(parts), 120)} couples what moves.",
             "expected a tree of independent joints",
-            "lock the joints that it couples: locked={'finger': 0.0}",
+            f"lock the joints that it couples: locked={dict.fromkeys(named, 0.0)}"
+            if named
+            else "the robot without it, or active='false'",
         )
     tendons = [element for group in root.findall("tendon") for element in group]
     for element in tendons + ([part for part in root.iter("tendon") if len(part) == 0] if tendons else []):
@@ -247,7 +329,7 @@ def _filled(arm: RigidArm, model: Any) -> RigidArm:
             j = model.body_jntadr[k]
             joint, axis = model.joint(j).name, tuple(model.jnt_axis[j].tolist())
             kind = "revolute" if model.jnt_type[j] == 3 else "prismatic"
-            limits: Any = tuple(model.jnt_range[j].tolist()) if model.jnt_limited[j] else None
+            limits: Any = range_of(*model.jnt_range[j].tolist()) if model.jnt_limited[j] else None
             anchor = model.jnt_pos[j].tolist()
             place = place.then(Placement(translation=tuple(anchor))).then(
                 moved(kind, axis, -float(model.qpos0[j]))
@@ -295,16 +377,26 @@ def _placement(position: np.ndarray, quaternion: np.ndarray) -> Placement:
 
 
 def _effort(model: Any, joint: int) -> float:
-    """Largest torque or force of the actuators of a joint; infinite where one of them has no limit, or none."""
+    """Largest torque or force that the actuators of a joint give in both directions; infinite where one of them has no
+    limit that is known, or there is none."""
     total = 0.0
-    for k in np.flatnonzero(model.actuator_trnid[:, 0] == joint):
+    for k in np.flatnonzero((model.actuator_trnid[:, 0] == joint) & (model.actuator_trntype <= _ON_JOINT)):
         gear = abs(float(model.actuator_gear[k, 0]))
         if model.actuator_forcelimited[k]:
-            total += gear * float(np.abs(model.actuator_forcerange[k]).max())
+            total += gear * _both_ways(model.actuator_forcerange[k])
         elif model.actuator_ctrllimited[k] and not (model.actuator_gaintype[k] or model.actuator_biastype[k]):
             gain = gear * abs(float(model.actuator_gainprm[k, 0]))
-            total += gain * float(np.abs(model.actuator_ctrlrange[k]).max())
+            total += gain * _both_ways(model.actuator_ctrlrange[k])
         else:
             total = np.inf
-    own = float(np.abs(model.jnt_actfrcrange[joint]).max()) if model.jnt_actfrclimited[joint] else np.inf
-    return min(total or np.inf, own)
+    own = _both_ways(model.jnt_actfrcrange[joint]) if model.jnt_actfrclimited[joint] else np.inf
+    return min(total or np.inf, own or np.inf)
+
+
+_ON_JOINT = 1  # mjTRN_JOINT, mjTRN_JOINTINPARENT
+
+
+def _both_ways(ends: np.ndarray) -> float:
+    """What a range allows in both directions: the nearer end; 0 of a range that does not contain 0."""
+    low, high = map(float, ends)
+    return max(0.0, min(-low, high))

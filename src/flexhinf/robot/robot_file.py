@@ -29,6 +29,7 @@ from flexhinf.robot.parts import (
     RobotFileWarning,
     SingleLink,
     Unusable,
+    ask,
     assembled,
     file_beside,
     is_table,
@@ -366,6 +367,8 @@ class RobotFile:
         kept = [rows[name] for name in names]
         placed = [replace(j, limits=row.get("limits", j.limits)) for j, row in zip(arm.joints, kept)]
         springs = [self._elastic(row, arm.motors.get(row["name"], {}), rigid.name) for row in kept]
+        if read is read_urdf:  # whose <dynamics> is a guess in many files
+            self._tell_friction(kept, arm.motors, rigid.name)
         links = []
         for link, name in zip(arm.links, names):
             mass, centre = (self._tolerance(name, quantity) for quantity in ("mass", "centre_of_mass"))
@@ -381,6 +384,23 @@ class RobotFile:
         with located(file):
             robot = assembled(self.name, placed, links, springs, **settings)
         return self._finished(robot, arm.frames, arm.tips, payload)
+
+    def _tell_friction(
+        self, rows: Sequence[Any], motors: Mapping[str, Mapping[str, float]], source: str
+    ) -> None:
+        """Say which frictions come from the other file, since this one states none."""
+        taken = [
+            (row["name"], key, value)
+            for row in rows
+            for key, value in motors.get(row["name"], {}).items()
+            if key not in row["motor"]
+        ]
+        ask(
+            taken,
+            f"{self.file} does not state every friction: {source} does.",
+            f"taken from <dynamics>: {', '.join(f'{key} {value:g} of {name}' for name, key, value in taken)}",
+            "state it in [joint.motor], which is then taken instead",
+        )
 
     def _settings(
         self,
@@ -520,6 +540,14 @@ class RobotFile:
         stated, name = row["link"], row["name"]
         with located(f"{self.file}: joint {name!r}"):
             if "axis_inertia" in stated and not {"inertia", "centre_of_mass"} & set(stated):
+                half = {"mass", "length"} & set(stated)
+                refuse_if(
+                    len(half) == 1,
+                    f"A link has a {'mass and no length' if 'mass' in half else 'length and no mass'}.",
+                    f"expected both, whose product is its weight about the axis, or none for a vertical axis; got "
+                    f"{list(stated)}",
+                    f"add {'length = 0.1' if 'mass' in half else 'mass = 1.0'}",
+                )
                 numbers = {key: self._number(value, key, name) for key, value in stated.items()}
                 return SingleLink(numbers.pop("axis_inertia"), **numbers)
             whole = ("mass", "centre_of_mass", "inertia")

@@ -16,7 +16,7 @@ from flexhinf.errors import InvalidInput, located, refuse_if
 from flexhinf.robot.arm import Frame
 from flexhinf.robot.dynamics import KINDS, ZERO, Joint, Placement, lumped, matrix_of, six_of
 from flexhinf.robot.parameters import INERTIA
-from flexhinf.robot.parts import Link
+from flexhinf.robot.parts import Link, ask
 from flexhinf.validation import (
     HUGE,
     checked_name,
@@ -47,6 +47,16 @@ ATTRIBUTES = {
 #: A number as XML writes it. Python's own takes 2_5 for 25, and digits of other scripts.
 NUMBER = re.compile(r"[+-]?(?:[0-9]++\.?[0-9]*+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?")
 
+#: An inertia of less than this radius of gyration, m², squared is none; and what an inertia may lack of its largest
+#: component to be taken as the nearest one that a body has, as rounded data sheets do.
+NO_SIZE, NEARLY = 1e-12, 0.05
+
+#: N·m, N, rad/s or m/s that no motor of a robot has: a placeholder.
+NO_MOTOR = 1e9
+
+#: Limits beyond which a joint has none: exporters write ±1e16 then.
+NO_LIMIT = 1e4
+
 #: Free fall where a file states none, m/s².
 GRAVITY = 9.81
 
@@ -63,7 +73,8 @@ class RigidArm:
     movable
         All joints of the file that could move, the locked ones too.
     locked
-        Joints that do not move, and where they stand, rad or m.
+        Joints that do not move, and where they stand, rad or m. One that nobody placed stands at 0, or at the nearer
+        limit.
     joints, links
         That move; one link per joint, of the bodies that are fixed to it.
     frames
@@ -73,13 +84,14 @@ class RigidArm:
         Links that carry no other.
     efforts, speeds
         Largest torque (N·m) or force (N), and velocity (rad/s, m/s), of each joint; infinite where none is stated.
-    motors, gravity, down
-        Of MJCF only. Of each joint: numbers of its motor by their names in a robot file, seen from the link. Free fall,
-        m/s², and its direction (3,).
+    motors
+        Of each joint: numbers of its motor by their names in a robot file, seen from the link.
+    gravity, down
+        Of MJCF only: free fall, m/s², and its direction (3,).
     """
 
     movable: tuple[str, ...]
-    locked: Mapping[str, float]
+    locked: Mapping[str, float | None]
     joints: list[Joint] = field(default_factory=list)
     links: list[Link] = field(default_factory=list)
     frames: dict[str, Frame] = field(default_factory=dict)
@@ -90,6 +102,10 @@ class RigidArm:
     gravity: float = GRAVITY
     down: tuple[float, float, float] | None = None
     _bodies: list[list[Any]] = field(default_factory=list)
+    _doubtful: dict[str, str] = field(
+        default_factory=dict
+    )  # of links whose inertia is no body's: what is wrong
+    _hopeless: bool = False  # whether one of them is no body's by far
 
     def add_joint(
         self, carrier: int | None, name: str, kind: str, axis: Any, place: Placement, limits: Any
@@ -99,7 +115,9 @@ class RigidArm:
         A joint that is locked outside its limits, rad or m, is refused.
         """
         if name in self.locked:
-            value = float(self.locked[name])
+            stated = self.locked[name]
+            low, high = limits or (0.0, 0.0)
+            value = min(max(0.0, low), high) if stated is None else float(stated)
             if limits is not None and not limits[0] <= value <= limits[1]:
                 raise InvalidInput(
                     f"The joint {name!r} is locked outside its limits.",
@@ -115,25 +133,39 @@ class RigidArm:
 
     def add_body(self, carrier: int, link: str, mass: float, inertia: np.ndarray, place: Placement) -> None:
         """Add a body with its centre of mass at `place` and inertia (3, 3) there; it may be a point, or massless."""
-        a, b, c = np.linalg.eigvalsh(inertia)
-        slack = 1e-9 * max(abs(a), c)
-        faults = {
-            "a negative mass": mass < 0.0,
-            "a negative inertia": a < -slack,
-            "an inertia that violates the triangle inequality": a + b < c - slack,
-        }
-        for fault in (fault for fault, wrong in faults.items() if wrong):
-            raise InvalidInput(
-                f"The link {link!r} has {fault}: no such body exists.",
-                "expected mass >= 0 and principal inertias >= 0 of which none exceeds the sum of the others, got "
-                f"{mass:g} kg and ({a:.4g}, {b:.4g}, {c:.4g}) kg·m²",
-                "the inertia about the centre of mass, in kg·m²",
-            )
+        (a, b, c), axes = np.linalg.eigh(inertia)
+        size, floor = max(abs(a), c), NO_SIZE * mass
+        refuse_if(
+            mass < 0.0,
+            f"The link {link!r} has a negative mass: no such body exists.",
+            f"expected mass >= 0, got {mass:g} kg",
+            "its mass, in kg",
+        )
+        # Second moments along the principal axes, which no body has below zero.
+        moments = (a + b + c) / 2.0 - np.array([a, b, c])
+        short = -min(float(moments.min()), a)
+        if short > max(1e-9 * size, floor):
+            fault = "a negative inertia" if a < 0.0 else "none that keeps the triangle inequality"
+            self._doubtful[link] = f"{link!r} has {fault}: ({a:.4g}, {b:.4g}, {c:.4g}) kg·m²"
+            self._hopeless |= short > NEARLY * size
+        if min(float(moments.min()), a) < 0.0:
+            moments = np.maximum(moments, 0.0)
+            inertia = axes @ np.diag(moments.sum() - moments) @ axes.T
         turn = np.array(place.rotation)
         self._bodies[carrier].append((link, mass, np.array(place.translation), turn @ inertia @ turn.T))
 
     def merge(self) -> RigidArm:
-        """The arm with the bodies that move together merged into one link each."""
+        """The arm with the bodies that move together merged into one link each; inertias that no body has are refused
+        all at once, or taken as the nearest one where little is missing."""
+        ask(
+            self._doubtful,
+            f"{', '.join(map(repr, self._doubtful))}: no body has such an inertia.",
+            "expected principal inertias >= 0 of which none exceeds the sum of the others; "
+            + "; ".join(self._doubtful.values())
+            + ("" if self._hopeless else "; the nearest that a body has are taken"),
+            "the inertia about the centre of mass, in kg·m²",
+            self._hopeless,
+        )
         for joint, bodies in zip(self.joints, self._bodies):
             mass = sum(body[1] for body in bodies)
             refuse_if(
@@ -151,10 +183,10 @@ class RigidArm:
 def read_urdf(
     root: Element, joints: Sequence[str] | None = None, locked: Mapping[str, float] | None = None
 ) -> RigidArm:
-    """The moving joints of a URDF, of its root, and their links; neither meshes nor transmissions nor ``<dynamics>``.
+    """The moving joints of a URDF, of its root, and their links; neither meshes nor transmissions.
 
-    `joints` are those that move (by default all that are not fixed); `locked` is where others stand, rad or m, zero for
-    those that `joints` leaves out.
+    `joints` are those that move (by default all that are not fixed); `locked` is where others stand, rad or m. Those
+    that `joints` leaves out stand at zero or at the nearer limit, or where the joint that they mimic takes them.
     """
     refuse_if(
         root.tag != "robot",
@@ -171,7 +203,7 @@ def read_urdf(
     links, elements = _named(root, "link"), _named(root, "joint")
     behind, base = _tree(links, elements)
     movable = tuple(name for name, element in elements.items() if element.get("type") != "fixed")
-    arm = RigidArm(movable, locked_joints(movable, joints, locked))
+    arm = RigidArm(movable, _with_mimics(elements, locked_joints(movable, joints, locked)))
     # From the base outwards, each link before those behind it, without recursion: chains may be long.
     ahead: list[Any] = [(name, None, Placement()) for name in reversed(behind.get(base, []))]
     while ahead:
@@ -199,6 +231,8 @@ def read_urdf(
                 f"locked={{{name!r}: 0.0}}, or joints=[...] without it",
             )
             carrier, place = arm.add_joint(carrier, name, kind, axis, place, _limits(name, element))
+            if name not in arm.locked:
+                arm.motors[name] = _dynamics(name, element)
         if carrier is not None:
             _add_body(arm, carrier, link, links[link], place)
             arm.frames[link] = Frame(arm.joints[carrier].name, place)
@@ -315,6 +349,41 @@ def _origin(name: str, element: Element) -> Placement:
     return Placement.of(*(_vector(name, element.find("origin"), key, ZERO) for key in ("xyz", "rpy")))
 
 
+def _with_mimics(
+    elements: Mapping[str, Element], locked: Mapping[str, float | None]
+) -> dict[str, float | None]:
+    """Locked joints, of which those that mimic a locked one stand where it takes them, if nobody placed them."""
+    placed = dict(locked)
+    for _ in range(len(placed)):  # a leader may follow another one
+        for name in [name for name, value in placed.items() if value is None]:
+            mimic = elements[name].find("mimic")
+            leader = None if mimic is None else placed.get(mimic.get("joint", ""))
+            if mimic is not None and leader is not None:
+                factor = 1.0 if mimic.get("multiplier") is None else _number(name, mimic, "multiplier")
+                placed[name] = factor * leader + _number(name, mimic, "offset")
+    return placed
+
+
+def _dynamics(name: str, joint: Element) -> dict[str, float]:
+    """Friction of a joint, viscous and dry, as <dynamics damping friction> states it, by its names in a robot file."""
+    stated = {
+        "friction": _number(name, joint.find("dynamics"), "damping"),
+        "coulomb_friction": _number(name, joint.find("dynamics"), "friction"),
+    }
+    refuse_if(
+        min(stated.values()) < 0.0,
+        f"<dynamics> of the joint {name!r} is negative.",
+        f"expected damping and friction >= 0, got {list(stated.values())}",
+        "0 for none",
+    )
+    return {quantity: value for quantity, value in stated.items() if value}
+
+
+def range_of(lower: float, upper: float) -> tuple[float, float] | None:
+    """The range of a joint; None where its ends are so far away that there is none."""
+    return None if lower <= -NO_LIMIT and upper >= NO_LIMIT else (lower, upper)
+
+
 def _limits(name: str, joint: Element) -> tuple[float, float] | None:
     """Range of a joint, rad or m; None where there is none: also of lower = upper = 0, which exporters write then."""
     if joint.get("type") == "continuous":
@@ -326,19 +395,20 @@ def _limits(name: str, joint: Element) -> tuple[float, float] | None:
         f"expected lower < upper, got lower {lower:g} and upper {upper:g} (0 where not stated)",
         "exchange them; or a fixed joint",
     )
-    return (lower, upper) if lower < upper else None
+    return range_of(lower, upper) if lower < upper else None
 
 
 def _largest(name: str, joint: Element, key: str) -> float:
-    """The limit that <limit effort velocity> states; infinite without one, and for 0, which exporters write then."""
+    """The limit that <limit effort velocity> states; infinite without one, and for 0 and -1, which exporters write
+    then, and for what is beyond all motors."""
     stated = _number(name, joint.find("limit"), key)
     refuse_if(
-        stated < 0.0,
+        stated < 0.0 and stated != -1.0,
         f"The {key} limit of the joint {name!r} is negative.",
-        f"expected {key} >= 0 (0 for none) in <limit>, got {stated:g}",
-        f"{key}='{-stated:g}'",
+        f"expected {key} >= 0 (0 or -1 for none) in <limit>, got {stated:g}",
+        f"{key}='0' for none, or the limit",
     )
-    return stated or np.inf
+    return stated if 0.0 < stated < NO_MOTOR else np.inf
 
 
 def _add_body(arm: RigidArm, carrier: int, link: str, element: Element, place: Placement) -> None:
@@ -395,16 +465,17 @@ def check_selection(joints: Any, locked: Any) -> None:
 
 def locked_joints(
     movable: Sequence[str], joints: Sequence[str] | None, locked: Mapping[str, float] | None
-) -> dict[str, float]:
-    """Joints that are not fixed and do not move, and where they stand, rad or m; refuses a selection of none."""
+) -> dict[str, float | None]:
+    """Joints that are not fixed and do not move, and where they stand, rad or m, None where nobody placed them; refuses
+    a selection of none."""
     check_selection(joints, locked)
-    still = dict(locked or {})
+    still: dict[str, float | None] = dict(locked or {})
     for name in (*(joints or ()), *still):
         one_of(f"There is no joint {value_text(name, 60)} that could move.", name, movable)
     if joints is not None:
         for name in [name for name in joints if name in still]:
             raise InvalidInput(f"The joint {name!r} is chosen and locked.", f"got {name!r}", "one of the two")
-        still |= {name: 0.0 for name in movable if name not in joints and name not in still}
+        still |= {name: None for name in movable if name not in joints and name not in still}
     count = len(movable) - len(still)
     refuse_if(
         not 0 < count <= MOST_JOINTS,
