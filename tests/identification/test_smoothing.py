@@ -148,7 +148,7 @@ def test_what_the_next_state_determines():
     assert np.isfinite(data.smoothed.values).all()
     triangles = np.array([[[2.0, 1.0], [0.0, 0.0]], [[2.0, 1.0], [0.0, 4.0]]])
     right = np.array([[[2.0], [0.0]], [[2.0], [4.0]]])
-    solved = solved_rows(triangles, right)
+    solved, remainder = solved_rows(triangles, right)
     np.testing.assert_allclose(triangles @ solved, right, atol=1e-14)
 
 

@@ -405,7 +405,9 @@ def _messages(path: Path) -> Iterator[tuple[Any, Any, Any]]:
             packed = [record]
             if isinstance(record, Chunk):
                 content = io.BytesIO(_unpacked(path.name, record))
-                packed = _records(StreamReader(content, skip_magic=True, record_size_limit=LARGEST_CHUNK), content)
+                packed = _records(
+                    StreamReader(content, skip_magic=True, record_size_limit=LARGEST_CHUNK), content
+                )
             for one in packed:
                 if isinstance(one, Schema):
                     schemas[one.id] = one

@@ -117,7 +117,7 @@ class Smoother:
     def _steps(
         self, rows: Rows, beliefs: np.ndarray, part: slice
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """x(k+1|k) (C, n), gains G (C, n, n), and rows Y (C, n, n), of some rows of the log."""
+        """x(k+1|k) (C, n), gains G (C, n, n), and rows Y (C, 2n, n), of some rows of the log."""
         filter, n, count = self.recursion.filter, self.recursion.filter.plant.n, part.stop - part.start
         arrays = {
             "process_noise": np.ascontiguousarray(filter.process_noise / filter.period).ravel(),
@@ -133,11 +133,14 @@ class Smoother:
             arrays["inputs"] = np.ascontiguousarray(rows.inputs[1:][part])
         self.kernel.run(arrays, {"rows": count})
         joint = arrays["joint"]
-        return arrays["means"], np.swapaxes(solved_rows(joint[..., :n], joint[..., n:]), 1, 2), arrays["left"]
+        solution, remainder = solved_rows(joint[..., :n], joint[..., n:])
+        left = np.concatenate([arrays["left"], remainder], axis=1)
+        return arrays["means"], np.swapaxes(solution, 1, 2), left
 
 
-def solved_rows(triangles: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Gᵀ (C, n, k) of S Gᵀ = X, for triangles S (C, n, n) and X (C, n, k): the smallest where S is singular."""
+def solved_rows(triangles: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Gᵀ (C, n, k) of S Gᵀ = X, for triangles S (C, n, n) and X (C, n, k): the smallest where S is singular. And X − S Gᵀ
+    there, (C, n, k), which the next states do not tell; elsewhere it is zero."""
     scale = np.sqrt(np.square(triangles).sum(axis=1))
     scale = np.where(
         scale > 0.0, scale, 1.0
@@ -148,7 +151,9 @@ def solved_rows(triangles: np.ndarray, right: np.ndarray) -> np.ndarray:
     result = np.empty_like(right)
     result[regular] = np.linalg.solve(scaled[regular], right[regular])
     result[~regular] = np.linalg.pinv(scaled[~regular], rcond=1e-13) @ right[~regular]
-    return result / scale[:, :, None]
+    remainder = np.zeros_like(right)
+    remainder[~regular] = right[~regular] - scaled[~regular] @ result[~regular]
+    return result / scale[:, :, None], remainder
 
 
 def _with_zeros(row: Any, mean: Any) -> Any:

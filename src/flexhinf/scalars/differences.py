@@ -93,7 +93,7 @@ def _cosine(a: _Pair) -> ca.SX:
 
 def _root(a: _Pair) -> ca.SX:
     total = ca.sqrt(a.moved) + ca.sqrt(a.value)
-    return ca.if_else(total > 0.0, a.difference / total, 0.0)
+    return ca.if_else(total == 0.0, 0.0, a.difference / total)  # of a negative number NaN, as its root
 
 
 def _angle(y: _Pair, x: _Pair) -> ca.SX:

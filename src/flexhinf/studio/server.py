@@ -143,7 +143,9 @@ class OwnPages:
         elif scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": 1008})
         else:
-            await _reply(send, 403, b"The studio answers the address that its terminal shows, and its own pages.")
+            await _reply(
+                send, 403, b"The studio answers the address that its terminal shows, and its own pages."
+            )
 
     async def _answer(self, scope: Any, receive: Any, send: Any) -> None:
         """Answer a request; frames of a socket that are no messages end it, and nothing else."""
