@@ -21,6 +21,7 @@ from flexhinf.loop.controller.laws import Schedule, check_kinds, read_controller
 from flexhinf.loop.controller.measured import Source, within
 from flexhinf.loop.controller.memory import (
     BAD_MEASUREMENT,
+    NOWHERE,
     Layout,
     StateHistory,
     filler,
@@ -219,7 +220,11 @@ class Controller(Summarised):
             for name in self.tracked
         ]
         first, place = self.initial_memory(), self.memory.places["reference"]
-        self._history = StateHistory(first, place, len(self.estimated))
+        stop = self.memory.places.get(
+            "stop", NOWHERE
+        )  # whether a command is held; how far the brake is; the path rate
+        braking = slice(stop.start + 1, stop.stop) if stop.stop else NOWHERE
+        self._history = StateHistory(first, place, len(self.estimated), braking)
         self._ready: Any = ()
 
     def fresh(self, fused: bool | None = None, **options: Any) -> Controller:

@@ -145,6 +145,10 @@ SPACING = 32
 ROLES = {"y": "in", "r": "in", "data": "in", "memory": "state", "u": "out", "estimate": "out"}
 
 
+#: No place of a memory.
+NOWHERE = slice(0)
+
+
 class StateHistory:
     """The memory of the last good sample, earlier ones, and how many good samples there were since one was kept.
 
@@ -154,11 +158,11 @@ class StateHistory:
     `memory` (s,), `reference` (max(1, k),), the command and zeros, and `estimate` (n,), NaN before the first sample,
     are those of the last good sample: always the same arrays, which the compiled step writes. `waiting`: there was no
     good measurement yet. `holding`: the last command holds after the last going back, and not that of the earlier
-    memory.
+    memory. `braking`: where the memory says how far a brake is, as fractions; a brake under way outlasts going back.
     """
 
-    def __init__(self, memory: np.ndarray, command: slice, states: int) -> None:
-        self.command = command
+    def __init__(self, memory: np.ndarray, command: slice, states: int, braking: slice = NOWHERE) -> None:
+        self.command, self.braking = command, braking
         self.memory, self.reference = np.array(memory), np.zeros(max(1, command.stop - command.start))
         self.estimate = np.full(states, np.nan)
         self.designed, self.start, self.older, self.newer = np.tile(memory, (4, 1))
@@ -198,7 +202,11 @@ class StateHistory:
         if start and self.begun_again:  # the start that was told is bad itself
             self.start[:] = self.older[:] = self.designed
         self.holding, self.begun_again = start and not self.begun_again, start
+        brake = self.memory[self.braking].copy()
         self.memory[:] = self.older
+        self.memory[self.braking] = np.where(
+            (brake >= 0.0) & (brake <= 1.0), brake, self.memory[self.braking]
+        )
         self.older[:] = self.newer[:] = self.start
         if self.holding:
             self.memory[self.command] = self.reference[: self.command.stop - self.command.start]
