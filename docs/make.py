@@ -5,7 +5,7 @@
     python docs/make.py --check …    changes nothing; exit code 1 where a page is not what the code computes
 
 A part stands between ``<!-- made: NAME -->`` and ``<!-- end -->``. The tests check the quick parts always, the slow
-ones with ``make slow``.
+ones with ``make ci``.
 """
 
 from __future__ import annotations

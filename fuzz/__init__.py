@@ -4,7 +4,7 @@
     python -m fuzz names estimators   only these
 
 A fuzzer is a module here with ``ATTEMPTS`` and ``run(attempts, seed) -> Tally``. The tests run each with seed 0 and
-a time limit (``make slow``); another seed looks elsewhere: ``python -m fuzz --seed 7``.
+a time limit (``make ci``); another seed looks elsewhere: ``python -m fuzz --seed 7``.
 """
 
 FUZZERS: tuple[str, ...] = (
