@@ -32,8 +32,6 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
-from fuzz.reach import marked
-
 CHECKER = ("certify/checker/*.py", "certify/inequality.py")  # with the enclosures of the search
 #: CPU seconds of one change with one set of tests, and the wall time after which it counts as too slow, s.
 WITHIN, PATIENCE = 120.0, 900.0
@@ -159,7 +157,17 @@ def copied(root: Path, folder: Path, revision: str | None = None) -> Path:
 
 def pytest_in(copy: Path, tests: Sequence[str], **settings: str) -> subprocess.CompletedProcess[bytes]:
     """Run tests of a copy with the plugin of `fuzz.reach`; raises TimeoutExpired."""
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "fuzz.reach", "-p", "no:cacheprovider", *tests]
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-p",
+        "fuzz.reach_plugin",
+        "-p",
+        "no:cacheprovider",
+        *tests,
+    ]
     paths = [str(copy / "src"), str(copy), os.environ.get("PYTHONPATH", "")]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths)), **settings}
     return subprocess.run(
@@ -168,22 +176,35 @@ def pytest_in(copy: Path, tests: Sequence[str], **settings: str) -> subprocess.C
 
 
 def record(copy: Path, changes: list[dict[str, Any]], kept: Path, markers: Sequence[str]) -> None:
-    """Run the tests on a marked source, and keep what each reached and what it cost."""
-    by_file: dict[str, list[tuple[int, int]]] = defaultdict(list)
+    """Run the tests on a source whose places are noted, and keep what each reached and what it cost."""
+    places: dict[str, list[tuple[int, int]]] = defaultdict(list)
     for place, change in enumerate(changes):
-        by_file[change["file"]].append((change["line"], place))
-    sources = {file: (copy / file).read_text(encoding="utf-8") for file in by_file}
-    for file, lines in by_file.items():
-        (copy / file).write_text(marked(sources[file], lines)[0], encoding="utf-8")
+        places[str(copy / change["file"])].append((change["line"], place))
     part = kept.with_suffix(".part")
     part.unlink(missing_ok=True)
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "fuzz.reach", "-n", "auto", "--dist", "loadfile"]
-    paths = [str(copy / "src"), str(copy)]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "FLEXHINF_REACH": str(part)}
-    for marker in markers:
-        subprocess.run([*command, "-m", marker], cwd=copy, env=environment, check=False)
-    for file, source in sources.items():
-        (copy / file).write_text(source, encoding="utf-8")
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "sitecustomize.py").write_text("import fuzz.reach\n", encoding="utf-8")
+        (Path(folder) / "places.json").write_text(json.dumps(places), encoding="utf-8")
+        environment = {
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join([folder, str(copy / "src"), str(copy)]),
+            "FLEXHINF_PLACES": str(Path(folder) / "places.json"),
+            "FLEXHINF_REACH": str(part),
+        }
+        command = [
+            sys.executable,
+            "-m",
+            "pytest",
+            "-q",
+            "-p",
+            "fuzz.reach",
+            "-n",
+            "auto",
+            "--dist",
+            "loadfile",
+        ]
+        for marker in markers:
+            subprocess.run([*command, "-m", marker], cwd=copy, env=environment, check=False)
     part.rename(kept)
 
 
