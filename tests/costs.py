@@ -22,6 +22,8 @@ STATED = 1.0
 
 #: How a skip begins whose reason is that a tool is not installed.
 MISSING = ("missing: ", "could not import ")
+#: Under which such skips are counted in the last line.
+FOR_WANT = "for want of a tool"
 
 
 def spent() -> float:
@@ -87,7 +89,7 @@ class Costs:
 
     def pytest_report_teststatus(self, report: pytest.TestReport) -> tuple[str, str, str] | None:
         """Skips for want of a tool are a number of their own in the last line."""
-        return ("for want of a tool", "m", "MISSING") if missing_tool(report) else None
+        return (FOR_WANT, "m", "MISSING") if missing_tool(report) else None
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         if self.worker:
@@ -125,6 +127,12 @@ class Costs:
         kept = json.loads(place.read_text(encoding="utf-8")) if place.exists() else {}
         kept[self.config.option.markexpr or "all"] = {
             "total": round(total, 1),
+            "date": time.strftime("%Y-%m-%d"),
+            "outcomes": {
+                kind: len(found)
+                for kind, found in terminalreporter.stats.items()
+                if kind in ("passed", "failed", "error", "skipped", FOR_WANT)
+            },
             "python": sys.version.split()[0],
             "rooms": {name: round(cost, 1) for name, cost in rooms},
             "tests": {
