@@ -122,6 +122,9 @@ class Costs:
             terminalreporter.write_line(f"MISSING {line}")
         if self.config.args_source != self.config.ArgsSource.TESTPATHS:  # some tests are no run
             return
+        files: dict[str, float] = defaultdict(float)
+        for name, (cost, _) in self.tests.items():
+            files[name.partition("::")[0]] += cost
         place = Path(self.config.rootpath) / "build" / "cpu.json"
         place.parent.mkdir(exist_ok=True)
         kept = json.loads(place.read_text(encoding="utf-8")) if place.exists() else {}
@@ -135,6 +138,7 @@ class Costs:
             },
             "python": sys.version.split()[0],
             "rooms": {name: round(cost, 1) for name, cost in rooms},
+            "files": {file: round(cost, 1) for file, cost in sorted(files.items(), key=lambda f: -f[1])},
             "tests": {
                 name: [cost, why] for name, (cost, why) in sorted(long.items(), key=lambda t: -t[1][0])
             },
