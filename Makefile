@@ -56,6 +56,7 @@ ci: environment-dev
 # Needs example-robot-data (414 MB), which no lock has, and `make peers`; what is missing is skipped by name.
 nightly: environment-dev
 	$(PY) -m pytest -m nightly $(SHARED)
+	$(PY) docs/make.py nightly
 
 pages: environment-dev
 	$(PY) docs/make.py

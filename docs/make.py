@@ -5,7 +5,7 @@
     python docs/make.py --check …    changes nothing; exit code 1 where a page is not what the code computes
 
 A part stands between ``<!-- made: NAME -->`` and ``<!-- end -->``. The tests check the quick parts always, the slow
-ones with ``make slow``.
+ones with ``make ci``.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import ast
 import dataclasses
 import inspect
 import itertools
+import json
 import os
 import runpy
 import shlex
@@ -416,6 +417,13 @@ def benchmark(*words: str) -> Callable[[], str]:
     return made
 
 
+def nightly() -> str:
+    """The last run of ``make nightly``, as it is kept in build/cpu.json."""
+    kept = json.loads((ROOT / "build" / "cpu.json").read_text(encoding="utf-8"))["nightly"]
+    outcomes = ", ".join(f"{count} {kind}" for kind, count in kept["outcomes"].items())
+    return f"The last one, of {kept['date']}: {outcomes}; {kept['total']:,.0f} CPU seconds."
+
+
 def arm() -> str:
     """The file of the arm, as it is shown."""
     text = (ROOT / "benchmarks" / "hardware" / "arm.toml").read_text(encoding="utf-8")
@@ -461,9 +469,13 @@ SLOW: dict[str, tuple[str, Callable[[], str]]] = {
 }
 
 
+#: Records of a run, which nothing can compute again: `make nightly` writes its own.
+RECORDS: dict[str, tuple[str, Callable[[], str]]] = {"nightly": ("docs/promises.md", nightly)}
+
+
 def written(name: str) -> str:
     """The text of the page with one part made anew."""
-    page, make = {**QUICK, **SLOW}[name]
+    page, make = {**QUICK, **SLOW, **RECORDS}[name]
     made = make()  # may take minutes, in which the page is edited
     text = (ROOT / page).read_text(encoding="utf-8")
     before, start, rest = text.partition(f"<!-- made: {name} -->\n")
@@ -479,7 +491,7 @@ def main(arguments: list[str]) -> int:
     names = [name for name in arguments if name != "--check"] or [*QUICK, *SLOW]
     stale = []
     for name in names:
-        page = ROOT / {**QUICK, **SLOW}[name][0]
+        page = ROOT / {**QUICK, **SLOW, **RECORDS}[name][0]
         new, old = written(name), page.read_text(encoding="utf-8")
         if old != new:
             stale.append(name)

@@ -3,8 +3,8 @@
     python -m fuzz                    every fuzzer; prints the table of docs/promises.md
     python -m fuzz names estimators   only these
 
-A fuzzer is a module here with ``ATTEMPTS`` and ``run(attempts, seed) -> Tally``. The tests run each with seed 0 and
-a time limit (``make slow``); another seed looks elsewhere: ``python -m fuzz --seed 7``.
+A fuzzer is a module here with ``ATTEMPTS`` and ``run(attempts, seed) -> Tally``. ``make nightly`` runs each with seed
+0, ``make ci`` a tenth of its attempts; another seed looks elsewhere: ``python -m fuzz --seed 7``.
 """
 
 FUZZERS: tuple[str, ...] = (

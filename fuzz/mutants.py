@@ -1,32 +1,42 @@
-"""Change the source in one place at a time, and see whether the quick tests notice; docs/mutants.md has what was found.
+"""Change the source in one place at a time, and see whether the tests notice; docs/mutants.md has what was found.
 
-    python -m fuzz.mutants checker                       every change of the checker, quotients and enclosures: hours
-    python -m fuzz.mutants rest --sample 300 --seed 21   a random sample of those of the other rooms
-    python -m fuzz.mutants FILE ...                      every change of these files
+    python -m fuzz.mutants checker                        every change of the checker, quotients and enclosures: hours
+    python -m fuzz.mutants all --sample 300 --seed 42     so many of all of src, each room with its share
+    python -m fuzz.mutants all --sample 300 --before REV  and the same source with the tests of a revision beside it
+    python -m fuzz.mutants FILE ...                       every change of these files
 
 The changes are those of cosmic-ray (``pip install cosmic-ray``) that `OPERATORS` names, and `SWAPS`; messages and
-annotations stay as they are. In a copy of the repository pytest runs the quick tests of the room until one fails: those
-named like the changed file, then those that mention it. What ``--out`` has already is not run again.
+annotations stay as they are. All tests but the nightly ones first run once on a source whose places are marked: so it
+is known which ones reach a place, and what each costs. Each change is then made in a copy of the repository, and the
+tests that reach it run, quick and cheap ones first, until one fails or `WITHIN` CPU seconds are spent. What the folder
+``--out`` has already is not run again.
 """
 
 from __future__ import annotations
 
 import argparse
+import io
 import json
 import os
 import random
-import re
 import shutil
 import subprocess
 import sys
+import tarfile
 import tempfile
-from collections import Counter
-from collections.abc import Callable, Iterator
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any
 
 CHECKER = ("certify/checker/*.py", "certify/inequality.py")  # with the enclosures of the search
-ROOMS = ("hinf", "estimation", "loop", "campaign", "export", "certify")
+#: CPU seconds of one change with one set of tests, and the wall time after which it counts as too slow, s.
+WITHIN, PATIENCE = 120.0, 900.0
+#: Marks of tests that are not tried; those of revisions before there were tiers are `slow` and quick.
+LEFT_OUT = "not nightly"
 BINARY = (
     "Add_Sub Sub_Add Mul_Div Div_Mul Pow_Mul FloorDiv_Mul Mod_Mul BitAnd_BitOr BitOr_BitAnd LShift_RShift"
 )
@@ -95,67 +105,225 @@ def changes_of(root: Path, path: Path) -> Iterator[tuple[dict[str, Any], Callabl
             yield found, lambda after=after: "\n".join(after)
 
 
-def tests_of(root: Path, path: Path) -> list[str]:
-    """The test files of its room: first those of its own name, then those that mention it or what it defines."""
-    source, room = path.read_text(encoding="utf-8"), path.relative_to(root / "src" / "flexhinf").parts[0]
-    defined = set(re.findall(r"^(?:def|class) ([A-Za-z]\w{3,})", source, re.MULTILINE)) | {path.stem}
-    named = re.compile(rf"\b({'|'.join(sorted(defined))})\b")
-    files = sorted((root / "tests" / room).rglob("test_*.py"))
-    own = [file for file in files if file.stem.removeprefix("test_").rstrip("s") == path.stem.rstrip("s")]
-    mentioned = [file for file in files if file not in own and named.search(file.read_text(encoding="utf-8"))]
-    return [str(file.relative_to(root)) for file in own + mentioned or files]
+@dataclass(frozen=True)
+class Reached:
+    """Which tests reach each changed place, of one set of tests.
+
+    `tests`: Of each place the functions that reach it, cheap before dear. `of_rooms`: Of each room its functions, for
+    places that are reached as a module is imported.
+    """
+
+    tests: dict[int, list[str]]
+    of_rooms: dict[str, list[str]]
+
+    def of(self, place: int, room: str) -> list[str]:
+        """What is run for a change."""
+        return self.tests.get(place) or self.of_rooms.get(room, [])
 
 
-def outcome(copy: Path, path: Path, text: str, tests: list[str]) -> str:
-    """What the tests say of a file with this text; the copy is as it was afterwards."""
+def room_of(file: str) -> str:
+    """The room of a file of src; "(top)" for those beside the rooms."""
+    parts = Path(file).parts[2:]
+    return parts[0] if len(parts) > 1 else "(top)"
+
+
+def sample_of(changes: list[Any], number: int, seed: int) -> list[Any]:
+    """So many changes, each room with its share of them and three at least."""
+    rooms: dict[str, list[Any]] = defaultdict(list)
+    for change in changes:
+        rooms[room_of(change[0]["file"])].append(change)
+    shares = {room: max(3, round(number * len(of) / len(changes))) for room, of in rooms.items()}
+    while (over := sum(shares.values()) - number) != 0:
+        shares[max(shares, key=lambda room: shares[room])] -= 1 if over > 0 else -1
+    draw = random.Random(seed)
+    return [change for room in sorted(rooms) for change in draw.sample(rooms[room], shares[room])]
+
+
+def copied(root: Path, folder: Path, revision: str | None = None) -> Path:
+    """A copy of the repository; with the tests and settings of a revision where one is given."""
+    copy = Path(
+        shutil.copytree(root, folder, ignore=shutil.ignore_patterns(".venv*", ".git", "build", "__pycache__"))
+    )
+    if revision:
+        shutil.rmtree(copy / "tests")
+        archive = subprocess.run(
+            ["git", "archive", revision, "tests", "pyproject.toml"], cwd=root, capture_output=True, check=True
+        )
+        with tarfile.open(fileobj=io.BytesIO(archive.stdout)) as tar:
+            tar.extractall(copy, filter="data")
+        shutil.copy(root / "tests" / "costs.py", copy / "tests")
+    return copy
+
+
+def pytest_in(copy: Path, tests: Sequence[str], **settings: str) -> subprocess.CompletedProcess[bytes]:
+    """Run tests of a copy with the plugin of `fuzz.reach`; raises TimeoutExpired."""
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-p",
+        "fuzz.reach_plugin",
+        "-p",
+        "no:cacheprovider",
+        *tests,
+    ]
+    paths = [str(copy / "src"), str(copy), os.environ.get("PYTHONPATH", "")]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths)), **settings}
+    return subprocess.run(
+        command, cwd=copy, env=environment, capture_output=True, timeout=PATIENCE, check=False
+    )
+
+
+def record(copy: Path, changes: list[dict[str, Any]], kept: Path, markers: Sequence[str]) -> None:
+    """Run the tests on a source whose places are noted, and keep what each reached and what it cost."""
+    places: dict[str, list[tuple[int, int]]] = defaultdict(list)
+    for place, change in enumerate(changes):
+        places[str(copy / change["file"])].append((change["line"], place))
+    part = kept.with_suffix(".part")
+    part.unlink(missing_ok=True)
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "sitecustomize.py").write_text("import fuzz.reach\n", encoding="utf-8")
+        (Path(folder) / "places.json").write_text(json.dumps(places), encoding="utf-8")
+        environment = {
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join([folder, str(copy / "src"), str(copy)]),
+            "FLEXHINF_PLACES": str(Path(folder) / "places.json"),
+            "FLEXHINF_REACH": str(part),
+        }
+        command = [
+            sys.executable,
+            "-m",
+            "pytest",
+            "-q",
+            "-p",
+            "fuzz.reach",
+            "-n",
+            "auto",
+            "--dist",
+            "loadfile",
+        ]
+        for marker in markers:
+            subprocess.run([*command, "-m", marker], cwd=copy, env=environment, check=False)
+    part.rename(kept)
+
+
+def reached_by(kept: Path) -> Reached:
+    """What a record says; tests that fail on the source as it is notice nothing."""
+    cost: dict[str, float] = defaultdict(float)
+    places: dict[str, set[int]] = defaultdict(set)
+    failing = set()
+    for line in kept.read_text(encoding="utf-8").splitlines():
+        row = json.loads(line)
+        name = row["test"].partition("[")[0]
+        cost[name] += row["cost"]
+        places[name] |= set(row["places"])
+        failing |= {name} if row["ended"] == "failed" else set()
+    tests: dict[int, list[str]] = defaultdict(list)
+    of_rooms: dict[str, list[str]] = defaultdict(list)
+    for name in sorted(cost.keys() - failing, key=lambda name: cost[name]):
+        for place in places[name]:
+            tests[place].append(name)
+        parts = name.partition("::")[0].split("/")
+        of_rooms[parts[1] if len(parts) > 2 else "(top)"].append(name)
+    return Reached(tests, of_rooms)
+
+
+def outcome(copy: Path, change: dict[str, Any], text: str, tests: list[str]) -> str:
+    """What the tests say of a file with this text: the test that fails, "survived" or "too slow"."""
+    path = copy / change["file"]
     source = path.read_text(encoding="utf-8")
     for old in (path.parent / "__pycache__").glob(f"{path.stem}.*.pyc"):
         old.unlink()
     path.write_text(text, encoding="utf-8")
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-m", "not slow", "-p", "no:cacheprovider", *tests]
-    environment = {**os.environ, "PYTHONPATH": str(copy / "src"), "PYTHONDONTWRITEBYTECODE": "1"}
     try:
-        done = subprocess.run(
-            command, cwd=copy, env=environment, capture_output=True, timeout=300, check=False
-        )
+        done = pytest_in(copy, ["-x", "-m", LEFT_OUT, *tests], FLEXHINF_WITHIN=str(WITHIN))
     except subprocess.TimeoutExpired:
-        return "timeout"
+        return "too slow"
     finally:
         path.write_text(source, encoding="utf-8")
-    return "killed" if done.returncode else "survived"
+    if done.returncode in (0, 5):
+        return "survived"
+    failed = [
+        line.split()[1] for line in done.stdout.decode().splitlines() if line.startswith(("FAILED", "ERROR"))
+    ]
+    return failed[0] if failed else "killed"
+
+
+def judged(root: Path, changes: list[Any], out: Path, revision: str | None, jobs: int) -> dict[str, str]:
+    """How each change ended with one set of tests, which is kept in `out` as it goes on."""
+    name = revision or "now"
+    kept, rows = out / f"{name}-reach.jsonl", out / f"{name}.jsonl"
+    known = [json.loads(line) for line in rows.read_text().splitlines()] if rows.exists() else []
+    ended = {json.dumps(row["change"]): row["ended"] for row in known}
+    with tempfile.TemporaryDirectory() as folder:
+        first = copied(root, Path(folder) / "0", revision)
+        if not kept.exists():
+            markers = ("not slow", "slow") if revision else ("not ci and not nightly", "ci")
+            record(first, [change for change, _ in changes], kept, markers)
+        reach = reached_by(kept)
+        free: SimpleQueue[Path] = SimpleQueue()
+        for number in range(jobs):
+            free.put(first if number == 0 else copied(root, Path(folder) / str(number), revision))
+
+        todo = [place for place, (change, _) in enumerate(changes) if json.dumps(change) not in ended]
+        texts = {place: changes[place][1]() for place in todo}
+
+        def judge(place: int) -> None:
+            change = changes[place][0]
+            tests = reach.of(place, room_of(change["file"]))
+            copy = free.get()
+            try:
+                found = outcome(copy, change, texts[place], tests) if tests else "survived"
+            finally:
+                free.put(copy)
+            ended[json.dumps(change)] = found
+            with rows.open("a") as file:
+                print(json.dumps({"change": change, "ended": found}), file=file, flush=True)
+            print(name, len(ended), found, *change.values(), flush=True)
+
+        with ThreadPoolExecutor(jobs) as pool:
+            list(pool.map(judge, todo))
+    return ended
+
+
+def tally(ended: dict[str, str]) -> dict[str, Counter[str]]:
+    """Of each room how many changes were killed, survived and were too slow."""
+    found: dict[str, Counter[str]] = defaultdict(Counter)
+    for change, how in ended.items():
+        word = how if how in ("survived", "too slow") else "killed"
+        found[room_of(json.loads(change)["file"])][word] += 1
+    return found
 
 
 def main() -> None:
-    """Change, run, and write a line for each change."""
+    """Draw, record, change, and print a table."""
     parser = argparse.ArgumentParser(prog="python -m fuzz.mutants", description=__doc__.split("\n")[0])
-    parser.add_argument("what", nargs="+", help="checker, rest, or files")
-    parser.add_argument("--sample", type=int, help="so many of the changes, drawn at random")
-    parser.add_argument("--seed", type=int, default=21)
-    parser.add_argument("--out", type=Path, default=Path("mutants.jsonl"))
+    parser.add_argument("what", nargs="+", help="checker, all, or files")
+    parser.add_argument("--sample", type=int, help="so many of the changes, each room with its share")
+    parser.add_argument("--seed", type=int, default=42)
+    parser.add_argument("--before", help="a revision whose tests are tried too, on the source as it is")
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--out", type=Path, default=Path("build/mutants"))
     given = parser.parse_args()
     root, out = Path(__file__).resolve().parents[1], given.out.absolute()
     package = root / "src" / "flexhinf"
-    checker = [path for pattern in CHECKER for path in sorted(package.glob(pattern))]
-    rest = [path for room in ROOMS for path in sorted((package / room).rglob("*.py")) if path not in checker]
-    files = {"checker": checker, "rest": rest}.get(given.what[0]) or [
-        Path(name).resolve() for name in given.what
+    patterns = {"checker": CHECKER, "all": ("**/*.py",)}.get(given.what[0])
+    files = [path for pattern in patterns or () for path in sorted(package.glob(pattern))]
+    changes = [
+        change
+        for path in files or map(Path.resolve, map(Path, given.what))
+        for change in changes_of(root, path)
     ]
-    changes = [change for path in files for change in changes_of(root, path)]
     if given.sample:
-        changes = random.Random(given.seed).sample(changes, given.sample)
-    known = [json.loads(line) for line in out.read_text().splitlines()] if out.exists() else []
-    tally = Counter(one.pop("result") for one in known)
-    with tempfile.TemporaryDirectory() as folder:
-        copy = Path(
-            shutil.copytree(root, Path(folder) / "copy", ignore=shutil.ignore_patterns(".venv*", ".git"))
-        )
-        for change, text in (one for one in changes if one[0] not in known):
-            path = copy / change["file"]
-            change = {**change, "result": outcome(copy, path, text(), tests_of(copy, path))}
-            tally[change["result"]] += 1
-            with out.open("a") as file:
-                print(json.dumps(change), file=file, flush=True)
-            print(dict(tally), *change.values(), flush=True)
+        changes = sample_of(changes, given.sample, given.seed)
+    out.mkdir(parents=True, exist_ok=True)
+    sets = [judged(root, changes, out, revision, given.jobs) for revision in filter(None, [given.before])]
+    sets.append(judged(root, changes, out, None, given.jobs))
+    for ended in sets:
+        for room, counts in sorted(tally(ended).items()):
+            print(room, dict(counts))
+        print("all", dict(sum(tally(ended).values(), Counter())))
 
 
 if __name__ == "__main__":

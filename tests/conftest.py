@@ -21,6 +21,7 @@ from typing import Any
 import pytest
 from _pytest.doctest import DoctestModule
 from hypothesis import HealthCheck, settings
+from hypothesis.internal.conjecture import providers
 from tests.costs import Costs
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -42,6 +43,9 @@ settings.register_profile(
 )
 settings.register_profile("thorough", parent=settings.get_profile("flexhinf"), max_examples=1000)
 settings.load_profile(os.environ.get("FLEXHINF_HYPOTHESIS", "flexhinf"))
+# Else it reads the constants of every module that a worker happens to have loaded: 4 CPU s, and other examples in
+# another order of the tests.
+providers.is_local_module_file = lambda path: False
 
 
 #: A cart on a soft belt carries an arm: one joint slides, one turns, and their inputs are a force and a torque.
@@ -241,6 +245,23 @@ def pytest_collection() -> Iterator[None]:
         gc.set_threshold(20_000, *gc.get_threshold()[1:])  # tests make many objects and few circles of them
 
 
+#: A file whose tests are all of a later tier.
+_LATER = re.compile(r"^pytestmark = [^\n]*mark\.(ci|nightly)\b", re.MULTILINE)
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Files without a test of the tier that is asked for are not imported."""
+    tier = config.option.markexpr
+    if collection_path.suffix != ".py" or not collection_path.name.startswith("test_") or not tier:
+        return None
+    text = collection_path.read_text(encoding="utf-8")
+    if tier == "ci":
+        return None if "mark.ci" in text or "quick_cases" in text else True
+    if tier == "nightly":
+        return None if "mark.nightly" in text else True
+    return True if tier == "not ci and not nightly" and _LATER.search(text) else None
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_collect_file() -> Iterator[Any]:
     """Tests have no examples in their docstrings: they are not searched for them."""
@@ -263,8 +284,16 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Every run says what it cost."""
+    """Every run says what it cost; and every other worker collects from the end.
+
+    In a new clone pytest writes code for each test file, which is most of the collection: so each worker finds half of
+    it written.
+    """
     config.pluginmanager.register(Costs(config), "flexhinf-costs")
+    worker = os.environ.get("PYTEST_XDIST_WORKER", "gw0")
+    if [Path(place).name for place in config.args] == ["tests", "src"] and int(worker.removeprefix("gw")) % 2:
+        files = sorted(str(file) for file in (config.rootpath / "tests").rglob("test_*.py"))
+        config.args = [*files[::-1], "src"]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -274,3 +303,4 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         item.add_marker(pytest.mark.ci("tunes a law"))
     for item in _slow_cases(items):
         item.add_marker(pytest.mark.ci("one more case of a test whose other cases are quick"))
+    items.sort(key=lambda item: str(item.path))  # workers collect in other orders

@@ -22,6 +22,8 @@ STATED = 1.0
 
 #: How a skip begins whose reason is that a tool is not installed.
 MISSING = ("missing: ", "could not import ")
+#: Under which such skips are counted in the last line.
+FOR_WANT = "for want of a tool"
 
 
 def spent() -> float:
@@ -87,7 +89,7 @@ class Costs:
 
     def pytest_report_teststatus(self, report: pytest.TestReport) -> tuple[str, str, str] | None:
         """Skips for want of a tool are a number of their own in the last line."""
-        return ("for want of a tool", "m", "MISSING") if missing_tool(report) else None
+        return (FOR_WANT, "m", "MISSING") if missing_tool(report) else None
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         if self.worker:
@@ -120,13 +122,23 @@ class Costs:
             terminalreporter.write_line(f"MISSING {line}")
         if self.config.args_source != self.config.ArgsSource.TESTPATHS:  # some tests are no run
             return
+        files: dict[str, float] = defaultdict(float)
+        for name, (cost, _) in self.tests.items():
+            files[name.partition("::")[0]] += cost
         place = Path(self.config.rootpath) / "build" / "cpu.json"
         place.parent.mkdir(exist_ok=True)
         kept = json.loads(place.read_text(encoding="utf-8")) if place.exists() else {}
         kept[self.config.option.markexpr or "all"] = {
             "total": round(total, 1),
+            "date": time.strftime("%Y-%m-%d"),
+            "outcomes": {
+                kind: len(found)
+                for kind, found in terminalreporter.stats.items()
+                if kind in ("passed", "failed", "error", "skipped", FOR_WANT)
+            },
             "python": sys.version.split()[0],
             "rooms": {name: round(cost, 1) for name, cost in rooms},
+            "files": {file: round(cost, 1) for file, cost in sorted(files.items(), key=lambda f: -f[1])},
             "tests": {
                 name: [cost, why] for name, (cost, why) in sorted(long.items(), key=lambda t: -t[1][0])
             },

@@ -69,6 +69,7 @@ def circles(graph: dict[str, set[str]]) -> list[list[str]]:
     return sorted(found)
 
 
+@pytest.mark.costs("parses the package, for tests/test_house.py too")
 def test_no_files_import_in_a_circle(repository: Path, sources: dict[Path, list[ast.AST]]) -> None:
     assert circles(import_graph(repository / "src" / "flexhinf", sources)) == []
 

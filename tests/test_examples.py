@@ -1,43 +1,43 @@
-"""The examples run, and say something true."""
+"""The page of regions is what its example computes. `make docs` runs the examples: tests/test_gallery.py."""
 
 from __future__ import annotations
 
 import runpy
 from pathlib import Path
+from typing import Any
 
 import pytest
-from tests.test_gallery import TRUE
 
 
-def test_every_example_is_tested(repository: Path) -> None:
-    found = {file.stem for file in (repository / "examples").glob("*.py")}
-    tested = {name.removeprefix("test_example_") for name in globals() if name.startswith("test_example_")}
-    assert tested & set(TRUE) == set()
-    assert found == tested | set(TRUE)
+@pytest.fixture(scope="module")
+def example(repository: Path) -> dict[str, Any]:
+    return runpy.run_path(str(repository / "examples" / "region_of_validity.py"))
 
 
-@pytest.mark.ci
-def test_a_row_of_the_regions_page_is_computed_again(repository: Path) -> None:
-    example = runpy.run_path(str(repository / "examples" / "region_of_validity.py"))
-    page = (repository / "docs" / "regions.md").read_text(encoding="utf-8").splitlines()
+@pytest.fixture(scope="module")
+def page(repository: Path) -> list[str]:
+    return (repository / "docs" / "regions.md").read_text(encoding="utf-8").splitlines()
+
+
+def test_the_page_of_regions_has_every_row(example: dict[str, Any], page: list[str]) -> None:
+    starts = [
+        f"| {example['Case'](weights, channels, goal, 0.0, {}).name} | {goal}° |"
+        for weights, channels, goal in example["wanted_rows"]()
+    ]
+    assert [line.partition("° ")[0] + "° |" for line in page if line.startswith("| (")] == starts
+
+
+@pytest.mark.ci("solves and searches regions of two rows of a page")
+def test_a_row_of_the_regions_page_is_computed_again(example: dict[str, Any], page: list[str]) -> None:
     assert example["largest_steps"](example["ROWS"][0], "command", 90).row in page
     assert example["largest_steps"](example["ROWS"][1], "command", 90, seed=7).row in page
 
 
-@pytest.mark.ci
-def test_example_region_of_validity(repository: Path, tmp_path: Path) -> None:
-    cases = runpy.run_path(str(repository / "examples" / "region_of_validity.py"))["main"](tmp_path)
-    for case in cases:
-        linear, cubic, quintic = case.steps.values()
-        assert linear < 0.5 < 1.4 < cubic < quintic
-    assert cases[1].steps[6] > cases[0].steps[6]
-    assert (tmp_path / "regions.svg").read_text().count("<svg") == 1
-
-
-@pytest.mark.ci
-def test_the_whole_table_of_the_regions_page_is_computed_again(repository: Path) -> None:
-    example = runpy.run_path(str(repository / "examples" / "region_of_validity.py"))
-    page = (repository / "docs" / "regions.md").read_text(encoding="utf-8").splitlines()
-    rows = [example["largest_steps"](*wanted).row for wanted in example["wanted_rows"]()]
+@pytest.mark.nightly("every row of the page of regions; two of them are computed in `make ci`")
+def test_the_whole_table_of_the_regions_page_is_computed_again(
+    example: dict[str, Any], page: list[str], tmp_path: Path
+) -> None:
+    rows = [case.row for case in example["main"](tmp_path, whole=True)]
     assert [row for row in rows if row not in page] == []
     assert len([line for line in page if line.startswith("| (")]) == len(rows)
+    assert (tmp_path / "regions.svg").read_text(encoding="utf-8").count("<svg") == 1

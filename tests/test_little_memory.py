@@ -73,7 +73,9 @@ print("read")
 """
 
 
-@pytest.mark.ci
+@pytest.mark.ci(
+    "solves, runs a campaign and compiles, and reads everything thrice in an interpreter of its own"
+)
 @pytest.mark.skipif(
     not Path("/proc/self/statm").exists(), reason="needs /proc to tell the memory of a process"
 )

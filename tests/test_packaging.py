@@ -5,14 +5,19 @@ from __future__ import annotations
 import re
 import tarfile
 import tomllib
+from functools import partial
+from gzip import GzipFile
 from pathlib import Path
 
 import pytest
-from flit_core.sdist import SdistBuilder
+from flit_core import sdist
 
 
-def test_the_source_distribution_has_docs_and_tests(repository: Path, tmp_path: Path) -> None:
-    archive = SdistBuilder.from_ini_path(repository / "pyproject.toml").build(tmp_path)
+def test_the_source_distribution_has_docs_and_tests(
+    repository: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sdist, "GzipFile", partial(GzipFile, compresslevel=1))
+    archive = sdist.SdistBuilder.from_ini_path(repository / "pyproject.toml").build(tmp_path)
     with tarfile.open(archive) as tar:
         names = {name.partition("/")[2] for name in tar.getnames()}
     for folder in ("docs", "tests", "examples", "benchmarks", "fuzz", "src"):

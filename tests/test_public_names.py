@@ -12,6 +12,9 @@ import pytest
 
 import flexhinf as fh
 
+# A kernel of each class that runs once or twice: 4 s instead of 5 s
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 #: Names whose example takes long, or needs another compiler.
 SKIPPED = {"Comparison", "WorkspaceDesign", "compare", "export_web"}
 
@@ -35,7 +38,7 @@ def test_every_public_name_has_an_example(name: str) -> None:
     assert any(name in example.source for example in found) or inspect.isclass(getattr(fh, name))
 
 
-@pytest.mark.ci
+@pytest.mark.ci("designs, compares laws and compiles for the web")
 @pytest.mark.parametrize("name", sorted(SKIPPED))
 def test_examples_that_take_long_run_too(name: str) -> None:
     """They are skipped where the others are run."""
@@ -108,6 +111,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     }  # fmt: skip
 
 
+@pytest.mark.costs("makes an object of each public class: designs, filters, identifies, proves, compiles")
 def test_a_repr_fills_a_screen_at_most(results: dict[str, Any]) -> None:
     shown = {name: screen_lines(repr(result)) for name, result in results.items() if name != "filter_log"}
     assert {name: lines for name, lines in shown.items() if lines > ROWS} == {}

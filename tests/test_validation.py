@@ -138,8 +138,8 @@ TOO_MUCH_TOML = (
         ("1." * 200_000 + "1 = 1", "many parts"),
         ('"a"."b".' * 50_000 + "a = 1", "many parts"),
         ("[" + "a." * 200_000 + "a]", "many parts"),
-        ("x = [" + "0.5," * 20_000_000 + "]", "large"),
         ('"\\' * 400_000, "no TOML"),
+        ("x = [" + "0.5," * 2_000_000 + "]", "large"),
         ('x = """' + "\\" * 900_000, "no TOML"),
         ("x = 1\nx = 2", "no TOML"),
     ]
@@ -206,7 +206,7 @@ for path in sys.argv[2:]:
 """
 
 
-@pytest.mark.ci
+@pytest.mark.ci("reads every large file three times in interpreters of their own")
 @pytest.mark.parametrize(("kind", "cases"), [("toml", TOO_MUCH_TOML), ("xml", TOO_MUCH_XML)])
 def test_each_of_them_is_refused_in_a_second(tmp_path: Path, kind: str, cases: list[tuple[str, str]]) -> None:
     """In an interpreter of its own: what other tests hold in memory or trace is not counted."""

@@ -1,15 +1,18 @@
-"""The gallery: examples in groups, as sphinx-gallery wants them, and a scraper of their figures."""
+"""The gallery: examples in groups, as sphinx-gallery wants them, and a scraper of their figures, which checks them."""
 
 from __future__ import annotations
 
+import hashlib
 import re
 import shutil
+from collections.abc import Iterable
 from functools import wraps
 from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
 
+from website import truths
 from website.contents import EXAMPLES
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -40,6 +43,12 @@ def titled(text: str, stem: str) -> str:
     return f'"""\n{title}\n{"=" * len(title)}\n\n{first.removeprefix(chr(34) * 3)}\n{rest}'
 
 
+def left_behind(folder: Path, stems: Iterable[str]) -> list[Path]:
+    """What a folder of staged examples has beside these."""
+    staged = {"GALLERY_HEADER.rst", *(f"{stem}.py" for stem in stems)}
+    return [file for file in folder.iterdir() if file.name not in staged]
+
+
 def stage(folder: Path) -> Path:
     """Copy the examples into a folder with one subfolder a group; what is as before is not touched.
 
@@ -57,9 +66,8 @@ def stage(folder: Path) -> Path:
     for name, files in wanted.items():
         part = folder / name
         part.mkdir(parents=True, exist_ok=True)
-        for old in part.glob("*.py"):
-            if old.name not in {file.name for file in files}:
-                old.unlink()
+        for old in left_behind(part, [file.stem for file in files]):
+            old.unlink() if old.is_file() else shutil.rmtree(old)
         title, sentence, _ = EXAMPLES[name]
         _copy(f"{title}\n{'-' * len(title)}\n\n{sentence}\n", part / "GALLERY_HEADER.rst")
         for file in files:
@@ -85,20 +93,28 @@ def by_position(file: str) -> tuple[int, str]:
     return (stems.index(stem) if stem in stems else len(stems), file)
 
 
-#: Figures that an example has saved by itself, in a function for instance.
+#: Figures that an example has saved by itself, in a function for instance, and what it has printed.
 _SAVED: list[Figure] = []
+_PRINTED: list[str] = []
 
 
-def note_saved_figures() -> None:
-    """From now on a figure that is saved is noted for `scrape_figures`."""
-    save = Figure.savefig
+def note_figures_and_output() -> None:
+    """From now on a figure that is saved, and what an example prints, is noted for `scrape_figures`."""
+    from sphinx_gallery.gen_rst import _LoggingTee
+
+    save, write = Figure.savefig, _LoggingTee.write
 
     @wraps(save)
     def noted(self: Figure, *arguments: Any, **options: Any) -> Any:
         _SAVED.append(self)
         return save(self, *arguments, **options)
 
-    Figure.savefig = noted
+    @wraps(write)
+    def heard(self: _LoggingTee, data: str) -> None:
+        _PRINTED.append(data)
+        write(self, data)
+
+    Figure.savefig, _LoggingTee.write = noted, heard
 
 
 def thumbnail(path: Path) -> str:
@@ -114,6 +130,8 @@ def thumbnail(path: Path) -> str:
 def scrape_figures(block: Any, block_vars: dict[str, Any], gallery_conf: dict[str, Any], **_: Any) -> str:
     """Save the figures of pyplot, those in global names of the example, and those that it saved; each is shown once.
 
+    After the last block what the example says is checked: an error here is one of the example.
+
     Returns
     -------
     str
@@ -123,7 +141,8 @@ def scrape_figures(block: Any, block_vars: dict[str, Any], gallery_conf: dict[st
     from sphinx_gallery.scrapers import figure_rst
 
     shown: list[Figure] = block_vars.setdefault("_figures_shown", [])
-    saved, _SAVED[:] = list(_SAVED), []
+    block_vars["_printed"] = block_vars.get("_printed", "") + "".join(_PRINTED)
+    saved, _SAVED[:], _PRINTED[:] = list(_SAVED), [], []
     figures = [pyplot.figure(number) for number in pyplot.get_fignums()]
     figures += [value for value in block_vars["example_globals"].values() if isinstance(value, Figure)]
     figures += saved
@@ -137,13 +156,43 @@ def scrape_figures(block: Any, block_vars: dict[str, Any], gallery_conf: dict[st
         files.append(path)
     pyplot.close("all")
     _SAVED.clear()
+    source = Path(block_vars["src_file"])
+    if block.lineno == last_block(source):
+        staged = [file.stem for file in FOLDER.glob("*.py") if group_of(file.stem) == source.parent.name]
+        left = [file.name for file in left_behind(source.parent, staged)]
+        truths.check(source.stem, block_vars["example_globals"], shown, block_vars["_printed"], left)
     return figure_rst(files, gallery_conf["src_dir"])
+
+
+def last_block(source: Path) -> int:
+    """The line where the last block of code of a program begins."""
+    from sphinx_gallery.py_source_parser import split_code_and_text_blocks
+
+    _, blocks = split_code_and_text_blocks(str(source))
+    return max(block.lineno for block in blocks if block.type == "code")
+
+
+def forget_stale(build: Path) -> None:
+    """Programs and notebooks run again where the package, its locks or what is checked has changed."""
+    from tests.store import source_digest
+
+    checked = b"".join(Path(file).read_bytes() for file in (__file__, truths.__file__))
+    digest = source_digest() + hashlib.sha256(checked).hexdigest()
+    stamp = build / "ran-with"
+    if stamp.exists() and stamp.read_text(encoding="utf-8") == digest:
+        return
+    shutil.rmtree(build / "notebooks", ignore_errors=True)
+    for ran in (ROOT / "docs" / "gallery").rglob("*.md5"):
+        ran.unlink()
+    build.mkdir(parents=True, exist_ok=True)
+    stamp.write_text(digest, encoding="utf-8")
 
 
 def settings(folder: Path) -> dict[str, Any]:
     """``sphinx_gallery_conf``."""
+    forget_stale(folder.parent)
     picture = thumbnail(folder.parent / "thumbnail.png")
-    note_saved_figures()
+    note_figures_and_output()
     return {
         "default_thumb_file": picture,
         "examples_dirs": [str(stage(folder))],

@@ -35,7 +35,7 @@ def test_the_limit_is_that_of_a_processor():
     assert 1e8 < peak() * 8 / LANES < 1e11
 
 
-@pytest.mark.ci
+@pytest.mark.ci("runs the benchmark in small")
 def test_the_whole_in_small(repository, tmp_path):
     """Ours, filterpy and the limits; numba and JAX where they are."""
     command = [

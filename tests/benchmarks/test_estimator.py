@@ -23,7 +23,7 @@ def test_a_step_is_as_much_faster_than_filterpys_as_is_required() -> None:
     assert all(line.endswith("| yes |") for line in faster)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("measures steps of ours and of filterpy")
 def test_rows_measured_again() -> None:
     rows = measure(4, repetitions=3)
     assert len(rows) == len(KINDS) * len(WAYS)

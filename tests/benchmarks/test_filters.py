@@ -85,7 +85,7 @@ def test_the_kept_rows_are_those_of_every_method_and_filter():
             assert row["right"] >= 0.98 * (row["right"] + row["flagged"])
 
 
-@pytest.mark.ci
+@pytest.mark.ci("eleven filters against 600 bits")
 @pytest.mark.oracle
 def test_some_of_the_kept_rows_are_counted_again():
     """Of every tenth kept filter no more are silently wrong than there may be."""
@@ -120,7 +120,7 @@ def test_the_kept_trials_are_those_that_are_stated():
     assert {row["verdict"] for row in found} == {"tie", "better"}
 
 
-@pytest.mark.ci
+@pytest.mark.ci("20 sets of 200 runs")
 def test_a_row_is_counted_again():
     setup = PaperSetup(PaperSettings())
     trial = next(trial for trial in consistency.trials(setup) if "50 ms" in trial.name)

@@ -95,17 +95,22 @@ def test_the_best_stands_first_and_losses_are_named() -> None:
         assert sizes == sorted(sizes)
 
 
-@pytest.mark.ci
+#: What counts the instructions of each machine.
+TOOLS = {"x86-64": ("gcc", "valgrind"), "Cortex-M4F": ("arm-none-eabi-gcc", "qemu-system-arm")}
+own = pytest.mark.ci("solves, exports and counts every instruction of a run")
+peers = pytest.mark.nightly("rows of peers; our own are measured in `make ci`")
+
+
+@pytest.mark.parametrize("machine", TOOLS)
 @pytest.mark.parametrize(
-    ("machine", "tools"),
-    [("x86-64", ("gcc", "valgrind")), ("Cortex-M4F", ("arm-none-eabi-gcc", "qemu-system-arm"))],
+    "program",
+    [pytest.param("", marks=own), pytest.param("CasADi", marks=peers), pytest.param("ADMM", marks=peers)],
 )
-def test_a_row_measured_again(machine: str, tools: tuple[str, ...]) -> None:
-    for tool in tools:
+def test_a_row_measured_again(machine: str, program: str) -> None:
+    for tool in TOOLS[machine]:
         if shutil.which(tool) is None:
             pytest.skip(f"missing: {tool}")
-    for program in ("", "CasADi", "ADMM"):
-        check(kept(1, "float", machine, program), measure(1, "float", machine, program))
+    check(kept(1, "float", machine, program), measure(1, "float", machine, program))
 
 
 def check(row: dict[str, float], found: dict[str, float]) -> None:

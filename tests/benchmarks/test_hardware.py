@@ -67,7 +67,7 @@ def test_rows_that_are_there_are_not_made_again(tmp_path: Path, monkeypatch: pyt
     assert not (tmp_path / "spatial-torque.json").exists()
 
 
-@pytest.mark.ci
+@pytest.mark.nightly("designs, drives and judges a row anew; tables of kept rows are made in `make test`")
 def test_a_row_is_measured_again_as_it_is_kept(repository: Path, tmp_path: Path) -> None:
     outcome = run(repository, "--kept", str(tmp_path), "planar-link")
     assert outcome.returncode == 0, outcome.stderr

@@ -27,7 +27,7 @@ def module(repository: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) ->
         del sys.modules[name]
 
 
-@pytest.mark.ci
+@pytest.mark.ci("designs two links and compiles their library")
 def test_a_step_leaves_nothing_and_collects_nothing(module: Any, tmp_path: Path) -> None:
     """Two links: an earlier memory, kept every 32 samples, has more bytes than a step may have at once."""
     stream = module.Stream("planar-two-link", 2)
@@ -64,7 +64,7 @@ def test_what_allocates_is_counted(module: Any) -> None:
     assert found["bytes_grown"] > 10_000
 
 
-@pytest.mark.ci
+@pytest.mark.ci("steps in real time")
 def test_percentiles_of_a_few_steps(module: Any) -> None:
     stream = module.Stream("paper", 2)
     figures = module.timed(stream, stream.stepped("controller", Path()), 20, None, None)
@@ -73,7 +73,7 @@ def test_percentiles_of_a_few_steps(module: Any) -> None:
     assert gc.isenabled()
 
 
-@pytest.mark.ci
+@pytest.mark.ci("designs seven links and compiles their library")
 @pytest.mark.skipif(
     sys.platform != "linux" or not shutil.which("gcc"), reason="counts malloc with gcc on Linux"
 )

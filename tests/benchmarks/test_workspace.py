@@ -23,9 +23,13 @@ from scipy.integrate import solve_ivp
 import flexhinf as fh
 from flexhinf.analysis import EquilibriumLoop
 
-control: Any = import_module("control")
-
 PLANAR, SCARA = "planar-two-link", "scara"
+
+
+@pytest.fixture(scope="module")
+def control() -> Any:
+    """python-control, which takes long to import."""
+    return import_module("control")
 
 
 @pytest.fixture(scope="module")
@@ -222,7 +226,7 @@ def test_the_linear_model_of_a_law_is_what_its_steps_do(arms: dict[str, Arm], na
 
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", [PLANAR, SCARA])
-def test_damping_is_that_of_an_independent_loop(arms: dict[str, Arm], name: str) -> None:
+def test_damping_is_that_of_an_independent_loop(arms: dict[str, Arm], control: Any, name: str) -> None:
     """python-control samples the plant, delays its input and closes the loop."""
     arm = arms[name]
     for law in choices(arm, True).values():
@@ -355,7 +359,7 @@ def test_flatness_places_its_poles(arms: dict[str, Arm]) -> None:
 
 
 @pytest.mark.oracle
-def test_the_gains_of_lqg_minimise_its_cost(arms: dict[str, Arm]) -> None:
+def test_the_gains_of_lqg_minimise_its_cost(arms: dict[str, Arm], control: Any) -> None:
     """Riccati's recursion over many samples, with the cost of the docstring written as a sum over joints."""
     arm, w, velocity = arms[PLANAR], 40.0, 3.0
     law, q, n = LAWS["lqg"].make(arm, True, w=w, velocity=velocity), poses(arm, 1, 4)[0], 2
@@ -537,7 +541,7 @@ def test_shares_rise() -> None:
     assert list(SHARES) == sorted(set(SHARES))
 
 
-@pytest.mark.ci
+@pytest.mark.ci("designs a law at a pose")
 def test_the_linear_loop_of_the_law_of_one_pose_is_flexhinfs(tmp_path: Path) -> None:
     """Eigenvalues of the loop at another pose, with the spring's damping and a sample of latency."""
     arm, links = Arm.of(ROBOTS[PLANAR].robot()), ("link_position", "motor_position")

@@ -50,7 +50,7 @@ def at_rest(arm: Arm, links: bool, seed: int) -> tuple[np.ndarray, np.ndarray, R
     return q, np.concatenate([q, theta]) if links else theta, Reference(rest, held, rest)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("shares two designs for a workspace")
 @pytest.mark.parametrize("links", [True, False])
 def test_the_linear_model_is_what_the_steps_do(arm: Arm, laws: dict[bool, Any], links: bool) -> None:
     law, rng = laws[links], np.random.default_rng(0)
@@ -66,7 +66,7 @@ def test_the_linear_model_is_what_the_steps_do(arm: Arm, laws: dict[bool, Any], 
         assert u == pytest.approx(wanted, rel=1e-3, abs=1e-3 * np.abs(wanted).max())
 
 
-@pytest.mark.ci
+@pytest.mark.ci("shares two designs for a workspace")
 @pytest.mark.parametrize("links", [True, False])
 def test_the_loop_at_a_pose_is_flexhinfs(arm: Arm, laws: dict[bool, Any], links: bool) -> None:
     """The same eigenvalues with Pinocchio's model, sampled late by other code."""
@@ -81,7 +81,7 @@ def test_the_loop_at_a_pose_is_flexhinfs(arm: Arm, laws: dict[bool, Any], links:
     assert np.sort(mine)[::-1][:10] == pytest.approx(np.sort(theirs)[::-1][:10], abs=1e-6)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("shares two designs for a workspace")
 def test_the_controller_is_that_of_a_design(arm: Arm, laws: dict[bool, Any]) -> None:
     """It is of the law for the workspace, knows one sample of latency, and holds the robot from the first sample."""
     controller = laws[True].controller
@@ -116,7 +116,7 @@ def test_what_statics_leave_with_motor_encoders_alone() -> None:
     assert statics(nominal, [nominal], move) == pytest.approx(0.0, abs=1e-9)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("tunes a law for each γ")
 def test_tolerances_by_gamma_are_kept_and_shown(tmp_path: Path) -> None:
     found = gamma.row(ROBOTS[PLANAR].robot(), poses=20)
     known, late = ([law[key] for law in found["laws"]] for key in ("known", "late"))

@@ -79,7 +79,7 @@ def test_a_rival_gets_the_candidate_that_keeps_most_lines(
     assert sorted(one["numbers"]["name"] for one in tried if "arrived" in one) == driven
 
 
-@pytest.mark.ci
+@pytest.mark.ci("drives every candidate of a tuning")
 def test_the_rule_on_a_small_robot(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each candidate's six lines by hand: loops at the same poses, and the same moves."""
     monkeypatch.setattr(the_rows, "TUNED_POSES", 3)
@@ -136,7 +136,7 @@ def columns(folder: Path) -> dict[str, dict[str, Any]]:
     }
 
 
-@pytest.mark.ci
+@pytest.mark.ci("makes rows three times")
 def test_a_run_that_goes_on_is_the_run_that_was_not_interrupted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -176,7 +176,7 @@ def test_a_run_that_goes_on_is_the_run_that_was_not_interrupted(
     assert f"{row['arrived']} of 2" in TABLES["moves"](whole)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("makes rows in several processes")
 def test_rows_that_several_processes_make_are_those_of_one(
     tmp_path: Path, repository: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -332,7 +332,7 @@ def test_a_rival_that_is_better_is_named_with_both_numbers(tmp_path: Path) -> No
     assert set(SHORT) == {law for law, choice in LAWS.items() if choice.tuned}
 
 
-@pytest.mark.ci
+@pytest.mark.ci("exports and compiles")
 @pytest.mark.skipif(
     shutil.which("gcc") is None or platform.machine() != "x86_64", reason="needs gcc on x86-64"
 )

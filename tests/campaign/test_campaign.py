@@ -28,7 +28,7 @@ def same(a, b):
     )
 
 
-@pytest.mark.ci
+@pytest.mark.ci("starts a process of its own")
 def test_a_sample_has_the_same_bits_alone_in_any_batch_and_in_another_process(loop):
     arguments = {"seed": 5, **OPTIONS}
     found = run_campaign(loop, tolerances("sobol"), 60, batch=60, **arguments)

@@ -6,7 +6,6 @@ import errno
 import itertools
 import os
 import re
-import socket
 import subprocess
 import sys
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -30,12 +29,6 @@ from flexhinf.campaign.journal import TABLE
 from flexhinf.errors import FlexhinfError, InvalidInput
 
 pytest.importorskip("pyarrow")
-
-
-def free_port() -> int:
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        return one.getsockname()[1]
 
 
 def test_an_address_is_read_before_any_work() -> None:
@@ -140,7 +133,7 @@ def test_a_campaign_in_memory_is_whole_or_an_error(loop, monkeypatch: pytest.Mon
         run_campaign(loop, tolerances(), 5, batch=2, **OPTIONS)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("starts two clusters of two processes")
 @pytest.mark.filterwarnings("default")
 def test_a_cluster_has_the_same_bytes_and_a_killed_worker_costs_no_sample(tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed", reason="missing: distributed")
@@ -163,17 +156,19 @@ def test_a_cluster_has_the_same_bytes_and_a_killed_worker_costs_no_sample(tmp_pa
         )
 
 
-@pytest.mark.ci
+@pytest.mark.ci("starts a scheduler and a worker")
 @pytest.mark.filterwarnings("default")
 def test_a_lost_scheduler_costs_nothing_that_is_written(tmp_path: Path) -> None:
     pytest.importorskip("distributed", reason="missing: distributed")
     word, campaign, root = [sys.executable, "-m"], made_campaign(800), Path(__file__).resolve().parents[2]
     paths = {**os.environ, "PYTHONPATH": os.pathsep.join([str(root / "src"), str(root)])}
-    address = f"tcp://127.0.0.1:{free_port()}"
-    port = address.rpartition(":")[2]
     scheduler = subprocess.Popen(
-        [*word, "distributed.cli.dask_scheduler", "--port", port, "--no-dashboard"], env=paths
-    )
+        [*word, "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"],
+        env=paths, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert scheduler.stderr is not None
+    said = (re.search(r"Scheduler at:\s+(tcp://\S+)", line) for line in scheduler.stderr)
+    address = next(found[1] for found in said if found)  # it listens there
     worker = subprocess.Popen(
         [*word, "distributed.cli.dask_worker", address, "--nthreads", "1", "--no-dashboard"], env=paths
     )
@@ -190,6 +185,7 @@ def test_a_lost_scheduler_costs_nothing_that_is_written(tmp_path: Path) -> None:
         for process in (worker, scheduler):
             process.kill()
             process.wait()
+        scheduler.stderr.close()
     good, bad = journal.shards()
     assert 10 <= len(good) < 50
     assert not bad

@@ -112,7 +112,7 @@ def test_what_an_object_has_computed_does_not_matter() -> None:
     assert fingerprint(fresh) == fingerprint(used) != fingerprint(Own(3.0))
 
 
-@pytest.mark.ci
+@pytest.mark.ci("starts two processes")
 def test_every_process_has_the_same_fingerprint() -> None:
     text = f"""
 import sys; sys.path.insert(0, {str(Path(__file__).resolve().parents[2])!r})

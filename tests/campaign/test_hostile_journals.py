@@ -171,6 +171,7 @@ ROWS: dict[str, tuple[Callable[[Any, Any], Any], str]] = {
 }  # fmt: skip
 
 
+@pytest.mark.quick_cases(7)
 @pytest.mark.parametrize("name", ROWS)
 def test_other_rows_under_the_right_name_are_found(whole: Path, folder: Path, name: str) -> None:
     change, words = ROWS[name]

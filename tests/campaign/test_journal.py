@@ -9,7 +9,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -46,6 +45,21 @@ def table_of(folder: Path) -> bytes:
 
 def shards_of(folder: Path) -> list[Path]:
     return sorted((folder / SHARDS).glob("*.parquet"))
+
+
+def started(program: str, folder: Path) -> subprocess.Popen[str]:
+    """A driver in a process of its own; its input stays open, and it says on its output how far it is."""
+    paths = os.pathsep.join([str(REPOSITORY / "src"), str(REPOSITORY)])
+    return subprocess.Popen(
+        [sys.executable, "-c", program, str(folder)], env={**os.environ, "PYTHONPATH": paths},
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+
+
+def said_by(driver: subprocess.Popen[str]) -> str:
+    """Its next line; empty where it has ended."""
+    assert driver.stdout is not None
+    return driver.stdout.readline().strip()
 
 
 @pytest.fixture(scope="module")
@@ -207,56 +221,55 @@ from flexhinf.campaign import Journal, drive
 from flexhinf.campaign.driver import in_processes
 from tests.campaign.conftest import made_campaign
 
+def progress(report):
+    if report.fresh:
+        print("written:1", flush=True)
+
 campaign = made_campaign(samples=100_000)
-drive(campaign, Journal.opened(sys.argv[1], campaign), executor=in_processes(1))
+drive(campaign, Journal.opened(sys.argv[1], campaign), executor=in_processes(1), progress=progress)
 """
 
 
-@pytest.mark.ci
+@pytest.mark.ci("starts a driver with a worker")
 def test_a_driver_killed_by_sigkill_takes_its_workers_with_it(tmp_path: Path) -> None:
     """They hold its standard output open, so that it would never end, and a few hundred megabytes each."""
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(REPOSITORY / "src"), str(REPOSITORY)])}
-    words = [sys.executable, "-c", WITH_WORKERS, str(tmp_path / "campaign")]
-    driver = subprocess.Popen(words, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
-    until = time.monotonic() + 300.0
-    while not shards_of(tmp_path / "campaign") and driver.poll() is None and time.monotonic() < until:
-        time.sleep(0.01)
-    driver.send_signal(signal.SIGKILL)
+    driver = started(WITH_WORKERS, tmp_path / "campaign")
+    assert said_by(driver) == "written:1"
+    driver.kill()
     driver.communicate(timeout=300.0)
 
 
 DRIVER = """
-import sys, time
+import sys
 from flexhinf.campaign import Journal, drive
 from flexhinf.campaign.driver import in_this_process
 from tests.campaign.conftest import made_campaign
 
-def slowly(campaign, batches):
-    for found in in_this_process(campaign, batches):
-        time.sleep(0.2)
-        yield found
+def two_and_one_in_flight(campaign, batches):
+    yield from in_this_process(campaign, batches[:2])
+    (third,) = in_this_process(campaign, batches[2:3])
+    print("written:2", flush=True)
+    sys.stdin.read()  # until the driver is killed
+    yield third
 
 campaign = made_campaign()
-drive(campaign, Journal.opened(sys.argv[1], campaign), executor=slowly)
+drive(campaign, Journal.opened(sys.argv[1], campaign), executor=two_and_one_in_flight)
 """
 
 
 def test_a_driver_killed_by_sigkill_loses_the_batch_in_flight_only(whole: Path, tmp_path: Path) -> None:
     folder = tmp_path / "campaign"
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(REPOSITORY / "src"), str(REPOSITORY)])}
-    driver = subprocess.Popen([sys.executable, "-c", DRIVER, str(folder)], env=environment)
-    until = time.monotonic() + 300.0
-    while len(shards_of(folder)) < 2 and driver.poll() is None and time.monotonic() < until:
-        time.sleep(0.01)
+    driver = started(DRIVER, folder)
+    assert said_by(driver) == "written:2"
     campaign, told = made_campaign(), []
     with pytest.raises(InvalidInput, match="Another driver"):
         drive(campaign, Journal.opened(folder, campaign))
-    driver.send_signal(signal.SIGKILL)
-    assert driver.wait() == -signal.SIGKILL
-    kept = len(shards_of(folder))
+    driver.kill()
+    driver.communicate()
+    assert driver.returncode == -signal.SIGKILL
+    assert len(shards_of(folder)) == 2
     drive(campaign, Journal.opened(folder, campaign), progress=told.append)
-    assert 2 <= kept < 4
-    assert told[-1].fresh == 50 - 16 * kept
+    assert told[-1].fresh == 50 - 16 * 2
     assert table_of(folder) == table_of(whole)
 
 
@@ -291,7 +304,7 @@ def test_a_damaged_kernel_cache_is_told_and_changes_no_bit(
     assert set(told) <= set(map(str, damaged))
 
 
-@pytest.mark.ci
+@pytest.mark.ci("starts four workers")
 def test_a_worker_killed_by_sigkill_costs_no_sample(tmp_path: Path) -> None:
     mark, notes = tmp_path / "killed", []
     campaign = made_campaign(metrics={"effort": Deadly(mark)})
@@ -307,7 +320,7 @@ def test_a_worker_killed_by_sigkill_costs_no_sample(tmp_path: Path) -> None:
     assert table_of(tmp_path / "one") == table_of(tmp_path / "two")
 
 
-@pytest.mark.ci
+@pytest.mark.ci("mounts a disk")
 def test_a_disk_that_is_really_full(whole: Path, tmp_path: Path) -> None:
     disk = tmp_path / "disk"
     disk.mkdir()

@@ -124,12 +124,13 @@ def middle(claim: Certificate) -> np.ndarray:
     return np.array([p.middle for p in claim.parameters])
 
 
+@pytest.mark.ci("ascends on a gradient; the budget along runs is quick")
 def test_a_proved_gain_is_nearly_attained_and_never_exceeded() -> None:
     claim = tight(90, 2, CHANNELS, 33.0)
     check_gain(claim, middle(claim), 0.96, starts=1, turns=4)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("ascends from three starts at four energies, for two laws")
 @pytest.mark.parametrize(
     ("goal", "degree", "channels", "share"), [(180, 4, (), 0.96), (90, 4, CHANNELS, 0.97)]
 )
@@ -140,7 +141,7 @@ def test_proved_gains_of_nonlinear_laws(
     check_gain(claim, middle(claim), share, starts=3, turns=12)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("ascends at all 128 corners of the box")
 def test_no_robot_of_the_box_exceeds_the_gain_that_is_proved_for_all() -> None:
     """90°: all corners of the box in short, the worst of them and robots inside at length."""
     claim = proved_for_all_tolerances()

@@ -39,7 +39,7 @@ def energies(x0: float, d: Callable[[float], float], v: Callable[[float], float]
         x, u = y[0], -y[0] + v(t)
         return [0.5 * x**3 + u + d(t), 0.25 * x * x + u * u, d(t) ** 2, v(t) ** 2]
 
-    run = solve_ivp(rates, (0.0, 40.0), [x0, 0.0, 0.0, 0.0], max_step=0.02, rtol=1e-9, atol=1e-12)
+    run = solve_ivp(rates, (0.0, 20.0), [x0, 0.0, 0.0, 0.0], max_step=0.05, rtol=1e-9, atol=1e-12)
     return {
         "z": run.y[1, -1], "d": run.y[2, -1], "v": run.y[3, -1], "start": 0.5 * x0 * x0,
         "largest": float(np.max(0.5 * run.y[0] ** 2)),
@@ -219,17 +219,36 @@ def _no_cells(cells: int) -> None:
     raise AssertionError
 
 
-@pytest.mark.parametrize("farthest", [65, pytest.param(1000, marks=pytest.mark.ci)])
-def test_the_quotient_of_a_sine_is_known_however_far_a_box_reaches(farthest: int) -> None:
+FARTHER = pytest.mark.ci("short pieces up to 64, as they are used")
+
+
+@pytest.mark.parametrize(
+    ("short", "farthest"),
+    [(8, 20), pytest.param(64, 65, marks=FARTHER), pytest.param(64, 1000, marks=FARTHER)],
+)
+def test_the_quotient_of_a_sine_is_known_however_far_a_box_reaches(
+    short: int, farthest: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from flint import fmpq
+
+    from flexhinf.certify import Function
+    from flexhinf.certify.checker import residual
+    from flexhinf.certify.checker.residual import quotient_range
+
+    monkeypatch.setattr(residual, "_NEAR", short)
+    sine = Function("sin", (1.0,))
+    near, far = quotient_range(sine, fmpq(6) ** 2), quotient_range(sine, fmpq(farthest) ** 2)
+    assert far is not None
+    assert near == far  # its ends are at 0 and at 4.49
+
+
+@pytest.mark.ci("the pieces of 65 units")
+def test_the_quotient_of_an_exponential_is_known_beyond_the_short_pieces() -> None:
     from flint import fmpq
 
     from flexhinf.certify import Function
     from flexhinf.certify.checker.residual import quotient_range
 
-    sine = Function("sin", (1.0,))
-    near, far = quotient_range(sine, fmpq(60) ** 2), quotient_range(sine, fmpq(farthest) ** 2)
-    assert far is not None
-    assert near == far  # its ends are at 0 and at 4.49
     exp = quotient_range(Function("exp", (1.0,)), fmpq(65) ** 2)
     assert exp is not None
     assert float(exp[1].p) / float(exp[1].q) >= (np.exp(65.0) - 1.0) / 65.0
@@ -253,7 +272,7 @@ def test_the_largest_level_of_a_weak_spring_is_a_number_whose_digits_are_printed
     assert "np." not in theorem_text(found, found.stated)
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.ci("looks for the largest level; its sibling of a weak spring is quick")
 @pytest.mark.parametrize("share", [0.01, 0.25])
 def test_the_largest_level_is_stated_whatever_level_was_asked_for(share: float) -> None:
     from flexhinf.certify.proof import _largest

@@ -16,7 +16,7 @@ from flexhinf.design.problem.presets import choose
 from flexhinf.design.specification import Specification
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches the largest level of two laws of degree four")
 @pytest.mark.parametrize("goal", [90, 180])
 def test_what_the_search_proves_is_proved_again_for_the_paper_s_arm(goal: int) -> None:
     """13 s of CPU each."""
@@ -43,7 +43,7 @@ def proved_for_all_tolerances() -> Certificate:
     return certify_tolerances(solution, arm.problem(pose=pose), box, 280.3, step=np.pi / 2, scale=9.4794)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("cells of a box of parameters")
 def test_the_search_s_own_proof_for_all_tolerances_is_proved_again_with_room() -> None:
     """Twice the γ for all tolerances by definite matrices, and γ itself for half of them by cells; γ itself for all
     takes 71 s of CPU."""

@@ -6,6 +6,7 @@ import ast
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -310,7 +311,7 @@ MUTATIONS: dict[str, tuple[Any, str, Any]] = {
 def test_each_step_is_needed_for_soundness(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     place, attribute, mutant = MUTATIONS[name]
     monkeypatch.setattr(place, attribute, mutant)
-    assert max(excess(certificate) for certificate in (CASES["quartic"], CASES["box"])) > 1e-6
+    assert any(excess(certificate) > 1e-6 for certificate in (CASES["quartic"], CASES["box"]))
 
 
 MARCHING: dict[str, tuple[Any, str, Any]] = {
@@ -325,11 +326,18 @@ MARCHING: dict[str, tuple[Any, str, Any]] = {
 _CUT = subdivision._cut
 
 
+@cache
+def just_wrong() -> Certificate:
+    """A claim that is wrong in one place, and refused."""
+    wrong = upright(level=LEVEL * 1.0005)
+    assert not wrong.check(threads=1, sample=0).proved
+    return wrong
+
+
 @pytest.mark.parametrize("name", MARCHING)
 def test_each_rule_of_the_march_is_needed(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """A claim that is wrong in one place is proved where the rule is broken, and refused where it is not."""
-    wrong = upright(level=LEVEL * 1.0005)
-    assert not wrong.check(threads=1, sample=0).proved
+    wrong = just_wrong()
     place, attribute, mutant = MARCHING[name]
     monkeypatch.setattr(place, attribute, mutant)
     assert wrong.check(threads=1, sample=0).proved

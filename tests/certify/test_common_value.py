@@ -42,7 +42,7 @@ def test_without_functions_and_tolerances_it_is_the_gain_of_the_linear_loop() ->
         )  # (17) by Schur's complement, inside and not at its edge
 
 
-@pytest.mark.ci
+@pytest.mark.ci("matrix inequalities at all corners of the box")
 def test_no_sample_of_the_whole_box_refuses_it() -> None:
     """At 180° with full tolerances: γ of the inequality at random points is below the one of the matrices."""
     solution, measured = law(np.pi)
@@ -55,6 +55,7 @@ def test_no_sample_of_the_whole_box_refuses_it() -> None:
     assert gamma <= 1.4 * found.smallest * (1.0 + 1e-6)
 
 
+@pytest.mark.ci("matrix inequalities at all corners of the box")
 def test_a_law_without_damping_has_no_common_value() -> None:
     """The paper's own weights leave the vibration nearly undamped, and the tolerances move its frequency."""
     problem = ARM.problem(pose=(np.pi,))

@@ -221,6 +221,7 @@ def proof_of(name: str) -> Proof:
     return Proof(CASES[name])
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize("name", CASES)
 def test_no_bound_is_below_its_formula_and_none_is_idle(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     proof = proof_of(name)

@@ -56,7 +56,7 @@ def scaled(matrix: Any, factor: float) -> Any:
     return tuple(tuple(factor * value for value in row) for row in matrix)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("proves two claims of the paper's arm")
 def test_errors_of_a_tenth_of_the_level_are_covered() -> None:
     certificate = proved(False)
     found = certificate.check(threads=1, sample=0)
@@ -74,6 +74,7 @@ def test_errors_of_a_tenth_of_the_level_are_covered() -> None:
     assert "inside" in dearer.check(sample=0).reason  # starts keep what the errors may take
 
 
+@pytest.mark.ci("one more proof of the paper's arm")
 def test_disturbances_on_the_plant_have_a_gain_of_their_own() -> None:
     certificate = proved(True)
     assert certificate.observer is not None
@@ -194,7 +195,7 @@ def test_an_observer_needs_a_bandwidth() -> None:
         replace(proved(False), feedback="state")
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a proof of degree four with an observer")
 def test_a_law_of_degree_three_is_covered_for_smaller_errors() -> None:
     """180°, V of degree four, on the hull of S and its estimates: 6 s of CPU."""
     arm = fh.paper_arm()

@@ -107,7 +107,7 @@ def test_a_plant_is_proved_just_below_its_sampled_level_and_refused_above(make: 
         solution.certify(gamma=2.0 * star, level=1.001 * sampled.level)
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.ci("searches the worst disturbance of two loops that sample fast")
 @pytest.mark.parametrize("name", ["cubic spring", "tanh"])
 def test_the_worst_disturbance_search_never_exceeds_a_proved_gain(name: str) -> None:
     """From V(x(0)) = 0 with an energy within the level; the loop samples fast, and γ leaves no room to speak of."""

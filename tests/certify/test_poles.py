@@ -69,6 +69,7 @@ def test_the_second_route_has_no_bound_across_a_pole(name: str) -> None:
             assert rest.is_finite(), (center, radius)
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize("name", POLES)
 @pytest.mark.parametrize("multiplier", [0.0, 1e6])
 def test_no_cell_with_a_pole_is_held(name: str, multiplier: float) -> None:

@@ -71,7 +71,7 @@ def check(goal: int, degree: int, weights: tuple[float, ...], torques: bool) -> 
     return found
 
 
-@pytest.mark.ci
+@pytest.mark.ci("solves, samples and proves for the paper's arm")
 @pytest.mark.parametrize(("goal", "degree", "weights", "torques"), QUICK)
 def test_a_sampled_level_is_proved_just_below_it_and_refused_just_above(
     goal: int, degree: int, weights: tuple[float, ...], torques: bool
@@ -79,7 +79,7 @@ def test_a_sampled_level_is_proved_just_below_it_and_refused_just_above(
     check(goal, degree, weights, torques)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("proves and refuses 35 laws, the published table")
 @pytest.mark.parametrize(("goal", "degree", "weights", "torques"), ROWS)
 def test_every_row_of_the_table(goal: int, degree: int, weights: tuple[float, ...], torques: bool) -> None:
     check(goal, degree, weights, torques)
@@ -93,7 +93,7 @@ def test_the_paper_s_own_weights_have_no_margin_to_prove() -> None:
         found.certify(gamma=gamma, penalty=PENALTY)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("proofs of degree six")
 @pytest.mark.parametrize(("goal", "torque"), [(90, 10.8), (180, 22.9)])
 def test_the_region_is_not_left_under_disturbances_that_persist(goal: int, torque: float) -> None:
     found, gamma = solution(goal, 6, HEAVY, True)
@@ -107,7 +107,7 @@ def test_the_region_is_not_left_under_disturbances_that_persist(goal: int, torqu
         found.certify(gamma=gamma, penalty=nothing, level=level, decay=0.3)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a proof of degree four and its runs")
 def test_runs_from_the_largest_steps_go_to_the_goal() -> None:
     found, gamma = solution(180, 4, LIGHT, False)
     certificate = found.certify(gamma=gamma, penalty=PENALTY, level=15_000.0)
@@ -128,7 +128,7 @@ def test_runs_from_the_largest_steps_go_to_the_goal() -> None:
     assert [start.rule for start in certificate.starts] == [SMALLEST_VALUE, UNCHANGED_INPUT]
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a proof of degree six")
 def test_a_half_turn_whose_input_does_not_jump_is_proved() -> None:
     """Weights chosen for it; 4 s of CPU."""
     arm = fh.paper_arm()

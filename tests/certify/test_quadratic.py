@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import signal
 import threading
-import time
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache
 from importlib import import_module
+from itertools import count
+from typing import Any
 
 import numpy as np
 import pytest
 from flint import arb, fmpq
 
 import flexhinf as fh
-from flexhinf.certify import Certificate, Function, Term
+from flexhinf.certify import Certificate, Function, Term, checker
 from flexhinf.certify.box import common_value, parameter_ranges, tolerance_statement
 from flexhinf.certify.checker.residual import quotient_range
 from flexhinf.certify.proof import certify_tolerances
@@ -40,7 +42,7 @@ def whole_box(goal: int) -> Certificate:
     return certify_tolerances(solution, measured, ranges, gamma, step=pose[0], p=found.p(1.02), most_cells=1)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("2,000 corners in rationals, of two designs for all tolerances")
 @pytest.mark.parametrize("goal", [90, 180])
 def test_the_step_is_proved_for_all_tolerances_within_two_per_cent_of_the_matrices_gain(goal: int) -> None:
     found = whole_box(goal)
@@ -53,7 +55,7 @@ def test_the_step_is_proved_for_all_tolerances_within_two_per_cent_of_the_matric
     assert arb(found.step_amplitude) > arb.pi() * goal / 180  # which no double is
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a design for all tolerances")
 def test_a_gain_that_no_quadratic_v_has_is_refused() -> None:
     assert not replace(whole_box(180), gamma=0.97 * whole_box(180).gamma).definite_corners()
 
@@ -104,20 +106,34 @@ def test_each_end_is_needed(skipped: str, monkeypatch: pytest.MonkeyPatch) -> No
     assert not wrong.check(threads=1).proved
 
 
-def test_an_interrupted_check_ends_at_its_next_cells() -> None:
-    """Ctrl-C reaches the main thread: the others do not go on to the end of their faces."""
-    seen = []
+@pytest.mark.parametrize("last", [1, 20], ids=["while faces are handed out", "while they are awaited"])
+def test_an_interrupted_check_ends_at_its_next_cells(last: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C reaches the main thread: the others, held until it leaves, do not go on to the end of their faces."""
+    numbers, seen, left = count(1), list[int](), threading.Event()
+
+    class Pool(ThreadPoolExecutor):
+        def submit(self, *given: Any) -> Future[Any]:  # type: ignore[override]
+            job = super().submit(*given)
+            if last == 1:
+                threading.Event().wait()  # for Ctrl-C
+            return job
+
+        def __exit__(self, *given: Any) -> bool | None:
+            left.set()
+            return super().__exit__(*given)
 
     def tick(cells: int) -> None:
-        seen.append(cells)
-        if len(seen) == 20:
+        number = next(numbers)
+        seen.append(number)
+        if number == last:
             signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
-        if len(seen) >= 20:
-            time.sleep(1.0)  # until the main thread has it
+        if number >= last:
+            left.wait()
 
+    monkeypatch.setattr(checker, "ThreadPoolExecutor", Pool)
     with pytest.raises(KeyboardInterrupt):
         upright(level=0.99 * LEVEL).check(threads=2, sample=None, tick=tick)
-    assert len(seen) < 40  # of 70
+    assert last <= len(seen) <= last + 1  # of 70: one more where the other thread was at its cells
 
 
 @pytest.mark.oracle

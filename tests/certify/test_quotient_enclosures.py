@@ -102,7 +102,7 @@ def table(name: str, order: int) -> QuotientTable:
     return QuotientTable(FUNCTIONS[name], REACH, order)
 
 
-@pytest.mark.quick_cases(20)
+@pytest.mark.quick_cases(6)
 @pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_no_point_leaves_an_enclosure_of_the_search(name: str, order: int) -> None:
@@ -119,6 +119,7 @@ def test_no_point_leaves_an_enclosure_of_the_search(name: str, order: int) -> No
     assert needed > (0.01 if order < 3 else 1e-5)  # the bound is not idle
 
 
+@pytest.mark.quick_cases(10)
 @pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_the_remainder_of_the_search_bounds_the_derivative_as_far_as_the_interval(
@@ -152,6 +153,7 @@ def test_the_search_knows_nothing_beyond_its_table_and_bounds_s_within(name: str
                 assert max(abs(_exact(function, a)), abs(_exact(function, b))) <= known.largest
 
 
+@pytest.mark.quick_cases(5)
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_no_point_leaves_an_enclosure_of_the_checker(name: str) -> None:
     """Its bounds hold the rounding of the coefficients too."""
@@ -229,6 +231,7 @@ def test_no_point_leaves_an_enclosure_of_the_second_route(name: str) -> None:
     assert needed > 0.01
 
 
+@pytest.mark.quick_cases(5)
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_no_value_of_a_quotient_leaves_its_range(name: str) -> None:
     function = FUNCTIONS[name]

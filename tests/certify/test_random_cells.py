@@ -126,16 +126,16 @@ CASES: dict[str, tuple[Callable[[], Certificate], Callable[[Certificate, np.reca
 }
 
 
-@pytest.mark.ci
+@pytest.mark.ci("100,000 cells of each program")
 @pytest.mark.parametrize("name", CASES)
 def test_no_point_of_a_hundred_thousand_cells_exceeds_its_bounds(name: str) -> None:
     check_cells(name, 100_000, 2 if "tolerances" not in name else 1)
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("name", [name for name in CASES if "degree 6" not in name])
 def test_no_point_of_some_cells_exceeds_its_bounds(name: str) -> None:
-    check_cells(name, 600, 2)
+    check_cells(name, 300, 2)
 
 
 def check_cells(name: str, count: int, points: int) -> None:

@@ -61,7 +61,7 @@ def test_no_point_of_a_random_cell_exceeds_its_bounds(
     check_bounds(goal, degree, cells, points)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("100,000 points for each of three poses")
 @pytest.mark.parametrize("goal", [np.pi / 2, np.pi, 0.7])
 def test_no_point_of_many_random_cells_exceeds_its_bounds(goal: float) -> None:
     check_bounds(goal, 6, 5000, 20)
@@ -125,7 +125,7 @@ def test_rounding_stays_far_within_its_allowance() -> None:
     statement = statement_of(oscillator(6), None, None)
     inequality = Inequality(statement)
     bounds = CellBounds(inequality, 3.0, [])
-    cells = random_cells(bounds, 200, np.random.default_rng(1))
+    cells = random_cells(bounds, 80, np.random.default_rng(1))
     found = bounds.bound(cells, math.inf)
     for place in range(len(cells)):
         exact = exact_upper(inequality, bounds, cells, place)
@@ -192,10 +192,10 @@ def ball(radius: float) -> Certificate:
     )  # fmt: skip
 
 
-def test_a_violation_that_a_million_points_miss_is_not_proved_away() -> None:
+def test_a_violation_that_random_points_miss_is_not_proved_away() -> None:
     statement, radius = ball(1e-3), 1e-3
     rng = np.random.default_rng(0)
-    x = rng.standard_normal((1_000_000, 5))
+    x = rng.standard_normal((100_000, 5))
     x *= (1.2 * rng.uniform(0, 1, len(x)) ** 0.2 / np.linalg.norm(x, axis=1))[:, None]
     assert (np.linalg.norm(x - np.eye(5)[0], axis=1) > 10 * radius).all()  # r < 0 at all of them
     proved, outcome = prove(statement)

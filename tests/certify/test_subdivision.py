@@ -115,6 +115,7 @@ def test_what_a_march_counts() -> None:
     assert found.rounding == pytest.approx(rounding, rel=1e-12)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("seed", range(3))
 def test_whatever_is_cut_all_is_covered_or_refused(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Steering only costs time: axes at random, and no refusal of its own."""

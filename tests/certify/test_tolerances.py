@@ -69,10 +69,8 @@ def residual(found, about, points: np.ndarray, values: dict[str, float], gamma: 
     return np.array(result)
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize(
-    ("goal", "degree", "torques"), [(90, 2, False), pytest.param(180, 4, True, marks=pytest.mark.ci)]
-)
+@pytest.mark.ci("points of boxes for two laws")
+@pytest.mark.parametrize(("goal", "degree", "torques"), [(90, 2, False), (180, 4, True)])
 def test_no_robot_of_the_box_has_a_larger_residual(goal: int, degree: int, torques: bool) -> None:
     found, about, gamma, count = solution(goal, degree), problem(goal, torques), 20.0, 40
     statement = tolerance_statement(found, about, ranges(), gamma)
@@ -123,7 +121,7 @@ def test_ranges_are_the_tolerances_of_the_tables() -> None:
     assert ranges(0.1)["mass"] == pytest.approx((0.995, 1.005))
 
 
-@pytest.mark.ci
+@pytest.mark.ci("cells of boxes of parameters for two laws")
 @pytest.mark.parametrize(("goal", "share", "step"), [(90, 0.02, 0.15), (180, 0.02, 0.2)])
 def test_a_part_of_the_tolerances_is_proved_with_plain_weights_and_the_whole_is_refused(
     goal: int, share: float, step: float
@@ -136,7 +134,7 @@ def test_a_part_of_the_tolerances_is_proved_with_plain_weights_and_the_whole_is_
         certify_tolerances(found, problem(goal), ranges(), gamma, step=step, most_cells=20_000)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("cells of a box of parameters")
 def test_the_input_of_each_robot_does_not_jump_at_its_start() -> None:
     found, about = solution(90, 2), problem(90)
     proved = certify_tolerances(found, about, ranges(0.02), 1.8 * found.gamma, step=0.15)
@@ -164,7 +162,7 @@ def test_a_nonlinear_law_needs_an_equilibrium_that_stays() -> None:
 
 
 # The theorems of the paper's arm ------------------------------------------------------------------------
-@pytest.mark.ci
+@pytest.mark.ci("cells of the whole box of parameters")
 @pytest.mark.parametrize(
     ("goal", "damping", "gamma", "level"), [(180, 0.4, 380.0, 225_000.0), (90, None, 242.0, 22_600.0)]
 )

@@ -31,6 +31,9 @@ from flexhinf.pages.campaign_parts import percent_text
 
 pytest.importorskip("pyarrow")
 
+# Some twenty loops of 40 short runs.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 DESIGN = """
 [design]
 robot = "paper"
@@ -61,7 +64,7 @@ def said(capsys: pytest.CaptureFixture[str]) -> str:
     return "".join(capsys.readouterr())
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a campaign, again after damage, and two replays")
 def test_run_again_and_replay(judged: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(WORDS) in (0, 1)
     text = said(capsys)
@@ -86,7 +89,7 @@ def test_run_again_and_replay(judged: Path, capsys: pytest.CaptureFixture[str]) 
     assert (judged / "run.nc").stat().st_size > 10_000
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a campaign of 2 s, its page and a replay")
 def test_robots_that_oscillate_without_end_are_told(judged: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Soft springs: the loop is unstable, and the limit of the input keeps its numbers finite."""
     soft = ["--tolerance", "stiffness=1..100", "--duration", "2"]
@@ -109,7 +112,7 @@ def test_robots_that_oscillate_without_end_are_told(judged: Path, capsys: pytest
     assert "same bits" in said(capsys)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a campaign with its page")
 @pytest.mark.parametrize("method", METHODS)
 def test_only_independent_samples_have_an_interval(
     judged: Path, capsys: pytest.CaptureFixture[str], method: str
@@ -123,7 +126,7 @@ def test_only_independent_samples_have_an_interval(
         assert ("no confidence" in place) == (method != "random")
 
 
-@pytest.mark.ci
+@pytest.mark.ci("two campaigns with their pages")
 def test_folders_that_somebody_changed_are_refused_in_words(
     judged: Path, refused: Callable[..., str], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -174,7 +177,7 @@ def test_fractions_are_told_from_none_and_all() -> None:
     ]  # fmt: skip
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a campaign, and its signals by Python")
 def test_lanes_say_what_the_signals_of_each_run_say(judged: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert main([*WORDS, "--initial-error", "0.01"]) in (0, 1)
     campaign, journal = stored_campaign(judged / "runs")
@@ -189,7 +192,7 @@ def test_lanes_say_what_the_signals_of_each_run_say(judged: Path, monkeypatch: p
     assert {name: first[name] for name in metrics} == {name: row[name] for name in metrics}
 
 
-@pytest.mark.ci
+@pytest.mark.ci("the same campaign whole and in shards")
 def test_shards_of_jobs_are_merged_to_the_same_table(
     judged: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -204,6 +207,7 @@ def test_shards_of_jobs_are_merged_to_the_same_table(
     assert (judged / "a" / "samples.parquet").read_bytes() == whole
 
 
+@pytest.mark.costs("a campaign and two pages")
 def test_requirements_decide_the_exit_code(judged: Path, capsys: pytest.CaptureFixture[str]) -> None:
     easy, hard = ["--require", "peak_speed<=1e6"], ["--require", "peak_speed<=0"]
     assert main([*WORDS, *easy]) == 0
@@ -214,7 +218,7 @@ def test_requirements_decide_the_exit_code(judged: Path, capsys: pytest.CaptureF
     assert "flexhinf campaign replay runs --sample" in page
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches the worst robot by two metrics")
 def test_the_worst_robot_is_searched_kept_and_replayed(
     judged: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -253,7 +257,9 @@ duration = 2.0
 """
 
 
-@pytest.mark.ci
+@pytest.mark.nightly(
+    "the worst disturbance by the command; tests/analysis has its search, the test above its page"
+)
 def test_the_worst_disturbance_stays_below_the_proved_gamma(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -283,7 +289,7 @@ def test_the_worst_disturbance_stays_below_the_proved_gamma(
     assert "Worst disturbance" in (folder / "runs" / "index.html").read_text()
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a campaign with its page")
 def test_mistakes_of_the_worst_case(judged: Path, refused: Callable[..., str]) -> None:
     refused(
         [*WORDS, "--worst-case", "--metric", "overshot"], ("metric 'overshot'", "'overshoot_percent'"), judged
@@ -308,6 +314,8 @@ def test_what_differs_from_sample_to_sample(judged: Path) -> None:
     words = [
         *WORDS[:-1],
         "more",
+        "--samples",
+        "4",
         *more,
         "--disturbance",
         "0.2",
@@ -373,7 +381,7 @@ def test_a_robot_without_tolerances(folder: Path, arm: str, refused: Callable[..
     refused(["campaign", "arm.toml", "--samples", "4"], ("'arm'", "tolerance", "--initial-error"), folder)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("two campaigns with their pages")
 def test_the_folder_of_a_report_is_taken_as_its_design_file(
     judged: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -389,11 +397,11 @@ def test_the_folder_of_a_report_is_taken_as_its_design_file(
     assert read_request("paper").file is None
 
 
-@pytest.mark.ci
+@pytest.mark.ci("designs a robot, and starts two workers")
 def test_without_a_report_it_is_designed_first(folder: Path, arm: str) -> None:
     (folder / "arm.toml").write_text(arm)
     (folder / "design.toml").write_text(
-        '[design]\nrobot = "arm.toml"\ndegrees = [2]\ndraws = 0\nduration = 1.0\n'
+        '[design]\nrobot = "arm.toml"\ndegrees = [2]\nrays = 0\ndraws = 0\nduration = 1.0\n'
     )
     words = ["campaign", "design.toml", "--samples", "30", "--tolerance", "stiffness=10%", "--out", "runs"]
     assert main(words) in (0, 1)

@@ -16,6 +16,9 @@ from flexhinf.cli import main
 
 pytest.importorskip("pyarrow")
 
+# Short runs of two controllers.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 DESIGN = """
 [design]
 robot = "paper"
@@ -42,7 +45,7 @@ def judged(folder: Path) -> Path:
     return folder
 
 
-@pytest.mark.ci
+@pytest.mark.ci("two campaigns, their page and a replay")
 def test_two_estimators_on_the_same_robots(judged: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(WORDS) == 0
     text = "".join(capsys.readouterr())
@@ -62,7 +65,7 @@ def test_two_estimators_on_the_same_robots(judged: Path, capsys: pytest.CaptureF
     assert "same bits" in capsys.readouterr().out
 
 
-@pytest.mark.ci
+@pytest.mark.ci("two campaigns with their page")
 def test_samples_that_are_not_independent_have_neither_test_nor_interval(
     judged: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -75,7 +78,7 @@ def test_samples_that_are_not_independent_have_neither_test_nor_interval(
         assert "(95 %" not in place
 
 
-@pytest.mark.ci
+@pytest.mark.ci("two campaigns, three times")
 def test_shards_and_half_a_folder_come_to_the_same_tables(judged: Path) -> None:
     assert main(WORDS) == 0
     whole = [(judged / "both" / side / "samples.parquet").read_bytes() for side in "ab"]

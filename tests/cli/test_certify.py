@@ -96,7 +96,7 @@ degrees = [2, 4]
 """
 
 
-@pytest.mark.ci
+@pytest.mark.ci("proves a region of degree 2, and checks it twice")
 def test_a_design_is_certified_and_its_certificate_checked(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -123,9 +123,11 @@ def test_a_design_is_certified_and_its_certificate_checked(
     replace(certificate, level=1.002 * certificate.level, starts=()).save(folder / "more.json")
     assert main(["certify", "--check", "more.json"]) == 1
     assert "NOT PROVED: " in capsys.readouterr().out
+    assert main(["certify", "--check", "flexhinf-certificate/certificate.json"]) == 0
+    assert "PROVED again" in capsys.readouterr().out
 
 
-@pytest.mark.ci
+@pytest.mark.nightly("the certificate of degree 4, which the one of degree 2 above is like")
 def test_a_certificate_is_proved_again(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (folder / "design.toml").write_text(DESIGN, encoding="utf-8")
     assert main(["certify", "design.toml", "--degree", "4", "--out", "four"]) == 0
@@ -155,7 +157,7 @@ STATED = ("paper", "--pose", "90deg", "--preset", "paper", "--degrees", "2")
         pytest.param(
             ["certify", "paper", "--pose", "90deg", "--degrees", "2"],
             ("no margin", "direction"),
-            marks=pytest.mark.ci,
+            marks=pytest.mark.ci("searches weights"),
         ),
         (
             ["certify", "planar-two-link", "--degrees", "2"],
@@ -185,12 +187,12 @@ STATED = ("paper", "--pose", "90deg", "--preset", "paper", "--degrees", "2")
         pytest.param(
             ["certify", "paper", "--pose", "180deg", "--degrees", "2", "--tolerances"],
             ("corner", "tolerances", "γ"),
-            marks=pytest.mark.ci,
+            marks=pytest.mark.ci("searches weights for all corners"),
         ),
         pytest.param(
             ["certify", "paper", "--pose", "90deg", "--degrees", "4", "--tolerances"],
             ("--preset proved",),
-            marks=pytest.mark.ci,
+            marks=pytest.mark.ci("searches weights, and a proof of degree 4"),
         ),
         (["certify", "--check", "missing.json"], ("missing.json",)),
     ],
@@ -204,7 +206,7 @@ def test_what_cannot_be_certified_is_told_and_nothing_is_written(
     assert [path.name for path in folder.iterdir()] == ["arm.toml"]
 
 
-@pytest.mark.ci
+@pytest.mark.ci("proves a step for a box of parameters, twice")
 def test_a_step_is_proved_for_all_tolerances_and_checked(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -232,7 +234,7 @@ def test_a_step_is_proved_for_all_tolerances_and_checked(
     assert given.check(threads=2).proved
 
 
-@pytest.mark.ci
+@pytest.mark.nightly("an observer by the command; tests/certify proves observers")
 def test_an_observer_is_proved_and_shown(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (folder / "design.toml").write_text(DESIGN, encoding="utf-8")
     assert main(["certify", "design.toml", "--degree", "2", "--observer", "10"]) == 0

@@ -13,6 +13,9 @@ from flexhinf.cli import main
 from flexhinf.design import tuning
 from flexhinf.report import is_report
 
+# Laws that are compiled for some short runs.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 WORDS = [
     "compare", "vertical-rig", "--pose", "0.8", "--start", "0.3", "--degrees", "2",
     "--estimator", "ekf", "--draws", "2", "--duration", "4",
@@ -25,7 +28,7 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tuning, "BUDGET", ((10_000, 0, 0),))
 
 
-@pytest.mark.ci
+@pytest.mark.ci("tunes three laws")
 def test_one_table_one_page_and_the_numbers(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*WORDS, "--laws", "pd, lqr"]) == 0
     told = capsys.readouterr()
@@ -45,7 +48,7 @@ def test_one_table_one_page_and_the_numbers(folder: Path, capsys: pytest.Capture
     assert "--laws &#x27;pd, lqr&#x27;" in page
 
 
-@pytest.mark.ci
+@pytest.mark.ci("tunes two laws")
 def test_one_set_of_sensors_for_all(folder: Path) -> None:
     assert main([*WORDS, "--laws", "pd", "--same-sensors"]) == 0
     found = json.loads((folder / "flexhinf-compare" / "comparison.json").read_text(encoding="utf-8"))
@@ -54,7 +57,7 @@ def test_one_set_of_sensors_for_all(folder: Path) -> None:
     assert len(sensors) >= 1
 
 
-@pytest.mark.ci
+@pytest.mark.ci("designs a robot, and runs two laws")
 def test_a_design_file_is_what_the_others_are_compared_with(
     folder: Path, arm: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -88,6 +91,7 @@ def test_mistakes_come_before_the_work(
     assert not (folder / "flexhinf-compare").exists()
 
 
+@pytest.mark.costs("a design before what is interrupted")
 def test_interrupted_nothing_is_written(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -14,6 +14,9 @@ from flexhinf import report
 from flexhinf.cli import main
 from flexhinf.cli.designs import keep, other_robot
 
+# Every design compiles its loops for a few runs.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 QUICK = ["--degrees", "2", "--rays", "0", "--draws", "0", "--no-compare-rigid"]
 
 
@@ -21,7 +24,7 @@ def text_of(folder: Path, file: str = "index.html") -> str:
     return (folder / "flexhinf-design" / file).read_text(encoding="utf-8")
 
 
-@pytest.mark.ci
+@pytest.mark.ci("designs two robots")
 def test_a_design_is_told_and_written(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = [
         "--degrees",
@@ -29,7 +32,7 @@ def test_a_design_is_told_and_written(folder: Path, capsys: pytest.CaptureFixtur
         "--pose",
         "180deg",
         "--rays",
-        "200",
+        "40",
         "--no-compare-rigid",
         "--draws",
         "0",
@@ -42,7 +45,7 @@ def test_a_design_is_told_and_written(folder: Path, capsys: pytest.CaptureFixtur
     assert re.search(r"linear +used", shown.out)
     assert "--rays" not in shown.err  # no note: what is sampled was stated
     assert sorted(p.name for p in folder.iterdir()) == ["flexhinf-design"]
-    again = "flexhinf design paper --pose 180deg --draws 0 --no-compare-rigid --degrees 2,4 --rays 200"
+    again = "flexhinf design paper --pose 180deg --draws 0 --no-compare-rigid --degrees 2,4 --rays 40"
     assert again in text_of(folder)
     main(["design", "vertical-rig", *QUICK])
     assert "vertical-rig" in text_of(folder)
@@ -50,7 +53,7 @@ def test_a_design_is_told_and_written(folder: Path, capsys: pytest.CaptureFixtur
     assert again in (folder / "flexhinf-design-paper" / "index.html").read_text(encoding="utf-8")
 
 
-@pytest.mark.ci
+@pytest.mark.ci("whole designs")
 @pytest.mark.parametrize(
     "words", ["paper --pose 90deg", "planar-two-link --damping 0.6 --draws 2", "vertical-rig"]
 )
@@ -78,7 +81,7 @@ def test_the_report_of_another_robot_keeps_a_place(folder: Path, capsys: pytest.
     assert [name for name in names if name not in told] == []
 
 
-@pytest.mark.ci
+@pytest.mark.ci("two designs")
 def test_the_exit_code_says_whether_the_specification_is_met(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -102,7 +105,7 @@ def test_the_exit_code_says_whether_the_specification_is_met(
     assert missed[0]["found"] > 0.1
 
 
-@pytest.mark.ci
+@pytest.mark.ci("designs two links")
 def test_a_behaviour_is_asked_for_and_every_line_of_it_is_told(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -133,14 +136,14 @@ def test_a_behaviour_is_asked_for_and_every_line_of_it_is_told(
         assert again in text_of(folder)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a design")
 def test_the_observer_can_be_asked_for(folder: Path) -> None:
     assert main(["design", "vertical-rig", "--estimator", "observer", "--process-noise", "1e-9", *QUICK]) == 0
     assert tomllib.loads(text_of(folder, "design.toml"))["design"]["estimator"] == "observer"
     assert "observer" in text_of(folder)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights")
 def test_what_cannot_be_met_is_refused_with_the_best_found(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -152,7 +155,7 @@ def test_what_cannot_be_met_is_refused_with_the_best_found(
     assert list(folder.iterdir()) == []
 
 
-@pytest.mark.ci
+@pytest.mark.ci("two designs")
 def test_an_interrupted_design_leaves_what_was_there(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -168,7 +171,7 @@ def test_an_interrupted_design_leaves_what_was_there(
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a design")
 def test_a_tolerance_that_looks_like_a_fraction_is_warned_of_in_terminal_and_report(
     arm: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

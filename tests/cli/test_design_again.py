@@ -14,6 +14,9 @@ import flexhinf as fh
 from flexhinf import report
 from flexhinf.cli import main
 
+# Every design compiles its loops for a few runs.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 QUICK = ["--degrees", "2", "--rays", "0", "--draws", "0", "--no-compare-rigid", "--estimator", "none"]
 
 
@@ -25,7 +28,7 @@ def file_of(folder: Path) -> dict:
     return tomllib.loads((folder / "design.toml").read_text(encoding="utf-8"))
 
 
-@pytest.mark.ci
+@pytest.mark.ci("the same robust design, three times")
 def test_the_same_design_is_made_again(arm: str, folder: Path) -> None:
     (folder / "arm.toml").write_text(
         arm.replace("100.0", "{value = 100.0, tolerance = 10}"), encoding="utf-8"
@@ -50,7 +53,7 @@ def test_the_same_design_is_made_again(arm: str, folder: Path) -> None:
     assert numbers(first) == numbers(again)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("two designs")
 def test_the_weights_that_were_found_make_the_same_law(folder: Path) -> None:
     main(["design", "vertical-rig", "--bandwidth", "4", "--damping", "0.4", *QUICK])
     first, found = numbers(folder / "flexhinf-design"), file_of(folder / "flexhinf-design")["result"]
@@ -62,7 +65,7 @@ def test_the_weights_that_were_found_make_the_same_law(folder: Path) -> None:
     assert again["closed_modes"][0]["real"] == pytest.approx(first["closed_modes"][0]["real"], rel=1e-6)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("two designs")
 def test_options_win_over_the_file_and_what_came_of_it_is_not_read(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -146,7 +149,7 @@ def test_the_report_of_another_robot_is_not_replaced_in_silence(
     assert ("'belt'" in capsys.readouterr().err) is (earlier == "belt")
 
 
-@pytest.mark.ci
+@pytest.mark.ci("two designs and their code")
 def test_the_report_knows_the_files_of_its_robot(
     arm: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

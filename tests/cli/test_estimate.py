@@ -31,8 +31,8 @@ def run() -> Any:
 WORDS = ["run.csv", "--robot", "paper", "--measured", "motor_position,link_position", "--latency", "1"]
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("kind", [pytest.param("unscented", marks=pytest.mark.ci), "extended"])
+@pytest.mark.ci("filters a log, and draws its page")
+@pytest.mark.parametrize("kind", ["unscented", "extended"])
 def test_a_run_of_ours_fits_its_filter(
     run: Any, folder: Path, capsys: pytest.CaptureFixture[str], kind: str
 ) -> None:
@@ -67,7 +67,7 @@ def test_a_run_of_ours_fits_its_filter(
     assert all(word in page for word in again)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("filters a log, and draws its page")
 def test_a_latency_that_is_left_out_shows(run: Any, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run.save(folder / "run.csv")
     assert main(["estimate", *WORDS[:-2]]) == 0
@@ -76,7 +76,7 @@ def test_a_latency_that_is_left_out_shows(run: Any, folder: Path, capsys: pytest
     assert numbers["nees"]["judgement"] == "larger"
 
 
-@pytest.mark.ci
+@pytest.mark.ci("filters a log twice, and draws its page")
 def test_columns_and_noises_at_the_command_line(
     run: Any, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -114,7 +114,7 @@ def test_columns_and_noises_at_the_command_line(
     assert numbers["log_likelihood"] == pytest.approx(expected.attrs["log_likelihood"], rel=1e-9)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("filters a log twice, and draws its page")
 def test_outliers_are_left_out_and_states_kept_in_bounds(
     run: Any, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -154,7 +154,7 @@ def test_outliers_are_left_out_and_states_kept_in_bounds(
     assert float(expected.estimate.max("time")[1]) <= 1.0
 
 
-@pytest.mark.ci
+@pytest.mark.ci("smooths a log, and draws its page")
 def test_parquet(run: Any, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     parquet: Any = pytest.importorskip("pyarrow.parquet")
     run.save(folder / "run.csv")
@@ -170,6 +170,7 @@ def test_parquet(run: Any, folder: Path, capsys: pytest.CaptureFixture[str]) -> 
     assert len(table) == 1500
 
 
+@pytest.mark.costs("a loop, a filter over its log, and a page of eight figures")
 def test_a_design_states_sensors_noises_and_latency(
     run: Any, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -224,7 +225,7 @@ def test_what_is_refused(
     refused(["estimate", *words], what, folder)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("five estimates, most of them interrupted")
 def test_ctrl_c_leaves_nothing(
     run: Any, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -247,7 +248,7 @@ def test_ctrl_c_leaves_nothing(
     assert (folder / "flexhinf-estimate" / "index.html").read_bytes() == before
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a page of eight states")
 def test_several_joints_have_figures_of_four_panels(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Two links: eight states in two figures, and the inputs and outputs by the joints' names."""
     robot = fh.load_robot("planar-two-link")

@@ -25,6 +25,9 @@ from flexhinf.design.responses import joint_limits
 from flexhinf.errors import InvalidInput
 from flexhinf.export import check_limits, unlimited_inputs
 
+# Code is exported and not run; what it computes is tested in tests/export.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 
 @pytest.fixture
 def controller(tmp_path: Path) -> Path:
@@ -214,21 +217,21 @@ holds = true
 
 
 @pytest.mark.quick_cases(1)
+@pytest.mark.parametrize("words", [["export", "c"], ["export", "fmu"], ["compile"]], ids=" ".join)
 @pytest.mark.parametrize("met", [False, True])
 def test_a_design_that_is_not_met_is_exported_with_a_note(
-    met: bool, controller: Path, folder: Path, capsys: pytest.CaptureFixture[str]
+    met: bool, words: list[str], controller: Path, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """On the terminal, in README.md and in the header; for code, FMU and library."""
+    """On the terminal, and for code in README.md and in the header."""
     text = '[design]\nrobot = "paper"\n' + (RESULT.replace("false", "true") if met else RESULT)
     report.write(folder / "arm", {"design.toml": text, "controller": controller.read_bytes()})
     missed = "ripple: 7.12 % (at most 5 %)"
-    for words in (["export", "c"], ["export", "fmu"], ["compile"]):
-        assert main([*words, "arm", "--out", f"{words[-1]}.out"]) == 0
-        told = capsys.readouterr().err
-        assert ("ripple" in told, missed in told) == (not met, not met)
-        assert "damping" not in told
-    for file in ("README.md", "paper.h"):
-        assert (missed in (folder / "c.out" / file).read_text()) is not met
+    assert main([*words, "arm", "--out", "out"]) == 0
+    told = capsys.readouterr().err
+    assert ("ripple" in told, missed in told) == (not met, not met)
+    assert "damping" not in told
+    for file in ("README.md", "paper.h") if words[-1] == "c" else ():
+        assert (missed in (folder / "out" / file).read_text()) is not met
 
 
 @pytest.mark.quick_cases(2)
@@ -258,6 +261,7 @@ def test_the_key_that_the_refusal_names_limits_the_controller() -> None:
     assert limits.tolist() == list(arm.effort_limits or ())
 
 
+@pytest.mark.quick_cases(4)
 @pytest.mark.parametrize("saturation", [None, 48.0])
 @pytest.mark.parametrize("name", fh.catalogue())
 def test_a_design_that_is_not_made_yet_is_judged_as_its_controller(
@@ -332,10 +336,10 @@ def test_it_says_that_only_constants_were_counted(
     assert "note" not in capsys.readouterr().err
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a design")
 def test_a_design_file_alone_is_designed_first(tmp_path: Path) -> None:
     (tmp_path / "design.toml").write_text(
-        '[design]\nrobot = "paper"\ndegrees = [2]\ndraws = 0\nsaturation = 48\n'
+        '[design]\nrobot = "paper"\ndegrees = [2]\nrays = 0\ndraws = 0\nsaturation = 48\n'
     )
     out = tmp_path / "c"
     assert main(["export", "c", str(tmp_path / "design.toml"), "--out", str(out), "--name", "arm"]) == 0
@@ -423,7 +427,7 @@ def test_the_version_of_fmi_is_chosen(folder: Path, capsys: pytest.CaptureFixtur
     assert not (folder / "other.fmu").exists()
 
 
-@pytest.mark.ci
+@pytest.mark.ci("exports two links twice")
 def test_measurements_are_checked_on_request(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """With the robot's limits; a robot that states none is refused."""
     arm = fh.load_robot("planar-two-link")

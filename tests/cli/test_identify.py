@@ -21,13 +21,16 @@ from flexhinf.cli import main
 from flexhinf.pages import IdentifiedRobot, identified_ending
 from flexhinf.pages.identify import identified_table
 
+# One filter for each test, compiled and run once.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 WORDS = ["identify", "log.csv", "--robot", "wrong.toml", "--measured", "link_position,motor_position"]
 
 
 @pytest.fixture(scope="module")
 def log_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A log of the paper's arm."""
-    times, u, y = arm_log(fh.load_robot("paper"), count=2000)
+    times, u, y = arm_log(fh.load_robot("paper"), count=1200)
     head, file = "time,motor_voltage,link_position,motor_position", tmp_path_factory.mktemp("log") / "log.csv"
     np.savetxt(file, np.column_stack([times, u, y]), delimiter=",", header=head, comments="")
     return file
@@ -42,6 +45,7 @@ def logged(folder: Path, log_file: Path) -> Path:
     return folder
 
 
+@pytest.mark.costs("simulates a log, identifies it, and draws its page")
 def test_the_robot_file_has_the_numbers_of_the_log(logged: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*WORDS, "--parameters", "stiffness,friction"]) == 0
     report = logged / "flexhinf-identify"
@@ -62,7 +66,7 @@ def test_the_robot_file_has_the_numbers_of_the_log(logged: Path, capsys: pytest.
     ] == []
 
 
-@pytest.mark.ci
+@pytest.mark.ci("identifies a log")
 def test_errors_of_the_states_are_no_misfit_of_the_innovations(folder: Path) -> None:
     """A filter whose model is found without disturbances trusts it more than its numbers deserve."""
     arm = fh.load_robot("paper")
@@ -78,7 +82,7 @@ def test_errors_of_the_states_are_no_misfit_of_the_innovations(folder: Path) -> 
     assert len(numbers["says"]) == 1
 
 
-@pytest.mark.ci
+@pytest.mark.ci("proposes a motion")
 def test_what_the_log_does_not_tell_stays_and_a_motion_is_proposed(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -97,7 +101,7 @@ def test_what_the_log_does_not_tell_stays_and_a_motion_is_proposed(
     assert unnamed(capsys.readouterr().out, "stiffness") == []
 
 
-@pytest.mark.ci
+@pytest.mark.ci("simulates dry friction by SciPy, and identifies twice")
 def test_a_model_that_does_not_fit_is_a_result_of_its_own(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -128,7 +132,7 @@ def test_a_model_that_does_not_fit_is_a_result_of_its_own(
     assert "not fit" not in found.source
 
 
-@pytest.mark.ci
+@pytest.mark.ci("identifies three numbers of a log")
 @pytest.mark.parametrize("command", ["identify", "estimate"])
 def test_an_ending_fits_a_screen_and_names_what_the_model_leaves_out(
     folder: Path, command: str, capsys: pytest.CaptureFixture[str]

@@ -25,6 +25,9 @@ from flexhinf.design.synthesis import by_step
 from flexhinf.options import CampaignOptions, declared, option_name
 from flexhinf.paper import PaperSettings
 
+# What is computed here is computed once.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 #: Files that read every field to write it, to copy it or to check it, and compute nothing.
 WRITERS = ("dataclasses.py", "options.py", "design_file.py", "arguments.py")
 
@@ -95,7 +98,7 @@ def certified(robot: str = "paper", **fields: Any) -> None:
         evidence(fh.load_robot(robot), s, proved(results, results[0].choice.degree))
 
 
-@pytest.mark.ci
+@pytest.mark.ci("certificates of two degrees")
 def test_certify_takes_what_it_reads(read: set[str], monkeypatch: pytest.MonkeyPatch) -> None:
     """With weights that are stated, and a step that chooses the degree; --proof-seconds is of the preset proved."""
     monkeypatch.setattr(by_step, "ACTING", 0.0)
@@ -106,7 +109,7 @@ def test_certify_takes_what_it_reads(read: set[str], monkeypatch: pytest.MonkeyP
     assert set(CERTIFY_FIELDS) - read == {"proof_seconds"} | of_moves
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights for a certificate")
 @pytest.mark.parametrize("preset", ["damped", "robust", "proved"])
 def test_certify_takes_what_it_reads_with_a_search(read: set[str], preset: str) -> None:
     certified(pose="20deg", degrees="2", preset=preset)
@@ -114,7 +117,7 @@ def test_certify_takes_what_it_reads_with_a_search(read: set[str], preset: str) 
     assert ("proof_seconds" in read) == (preset == "proved")
 
 
-@pytest.mark.ci
+@pytest.mark.ci("two comparisons, one with a search for a proof")
 def test_compare_takes_what_it_reads(read: set[str], tmp_path: Path) -> None:
     """--proof-seconds is of the preset proved, and --checked-penalty of its proof."""
     way = tmp_path / "way.csv"
@@ -129,7 +132,7 @@ def test_compare_takes_what_it_reads(read: set[str], tmp_path: Path) -> None:
     assert {"proof_seconds", "checked_penalty"} <= read <= {*COMPARE_FIELDS, *REPLACED, *contradicts}
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a whole design")
 def test_a_design_is_made_with_every_field(read: set[str], tmp_path: Path) -> None:
     way = tmp_path / "way.csv"
     way.write_text("time,link [deg]\n0,0\n2,20\n")
@@ -138,7 +141,7 @@ def test_a_design_is_made_with_every_field(read: set[str], tmp_path: Path) -> No
     assert set(FIELDS) - read == {"workspace"}
 
 
-@pytest.mark.ci
+@pytest.mark.ci("two runs with their tables")
 def test_run_takes_what_it_reads(read: set[str], tmp_path: Path) -> None:
     """What it reads beside is of the controller: its sensors and limits, which no option of a run changes."""
     pytest.importorskip("mujoco")

@@ -18,6 +18,9 @@ from flexhinf.cli import main
 
 pytest.importorskip("mujoco")
 
+# Short runs of one controller.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 
 @pytest.fixture
 def design(folder: Path) -> str:

@@ -15,6 +15,9 @@ import flexhinf as fh
 from flexhinf.cli import main
 from flexhinf.design.workspace.setup import WorkspaceSetup
 
+# Every design compiles its loops for a few runs.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 
 @pytest.fixture(autouse=True)
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -39,7 +42,7 @@ def stored(folder: Path) -> tuple[dict, dict]:
     )
 
 
-@pytest.mark.ci
+@pytest.mark.ci("designs a workspace twice")
 def test_by_default_a_controller_for_the_workspace_is_written_and_made_again(
     robot: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -60,7 +63,7 @@ def test_by_default_a_controller_for_the_workspace_is_written_and_made_again(
     assert (folder / "again" / "controller").read_bytes() == (first / "controller").read_bytes()
 
 
-@pytest.mark.ci
+@pytest.mark.ci("designs a workspace")
 def test_a_loop_that_is_unstable_is_not_met_and_written(
     robot: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -73,7 +76,7 @@ def test_a_loop_that_is_unstable_is_not_met_and_written(
     assert unnamed((folder / "flexhinf-design" / "index.html").read_text(encoding="utf-8"), "diverges") == []
 
 
-@pytest.mark.ci
+@pytest.mark.ci("designs a workspace")
 def test_a_file_of_waypoints_is_read_from_the_folder_of_the_design_file(robot: str, folder: Path) -> None:
     (folder / "below").mkdir()
     (folder / "below" / "way.csv").write_text("time,elbow [deg]\n0,-10\n1,20\n")
@@ -87,7 +90,7 @@ def test_a_file_of_waypoints_is_read_from_the_folder_of_the_design_file(robot: s
     assert numbers["sampled_moves"] == []
 
 
-@pytest.mark.ci
+@pytest.mark.ci("designs a workspace, and half of another one")
 def test_an_interrupted_design_leaves_what_was_there(
     robot: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -122,7 +125,7 @@ def test_what_is_of_one_pose_is_refused(
     refused([words[0], robot, *words[1:]], what, folder)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("designs a workspace and a pose")
 def test_other_commands_take_its_folder_or_say_why_not(
     robot: str, folder: Path, refused: Callable[..., str], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -143,7 +146,7 @@ def test_other_commands_take_its_folder_or_say_why_not(
         assert unnamed(text, "one pose", "--pose") == []
 
 
-@pytest.mark.ci
+@pytest.mark.ci("designs a workspace")
 def test_its_controller_goes_from_pose_to_pose_in_mujoco(
     robot: str, folder: Path, capsys: pytest.CaptureFixture[str], refused: Callable[..., str]
 ) -> None:

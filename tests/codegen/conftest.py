@@ -1,17 +1,10 @@
-"""Kernels of single functions, with a cache of their own."""
+"""Kernels of single functions."""
 
 import casadi
 import numpy as np
 import pytest
 
 from flexhinf.codegen import Buffer, Call, Program, Repeat, Slice, compile_program
-
-
-@pytest.fixture(scope="module", autouse=True)
-def own_cache(as_shipped):
-    """The optimisation of the product; no test reads or writes the user's cache."""
-    with as_shipped():
-        yield
 
 
 @pytest.fixture(scope="session")

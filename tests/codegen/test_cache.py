@@ -12,8 +12,10 @@ from pathlib import Path
 import casadi
 import numpy as np
 import pytest
+from tests.refusals import refused_with
 
 from flexhinf.codegen import Buffer, Call, Program, Slice, compile_program, compiler as cache, machine
+from flexhinf.errors import InvalidInput
 from flexhinf.files import part_file
 
 X = casadi.SX.sym("x")
@@ -289,3 +291,30 @@ def test_without_a_home_nothing_is_kept(monkeypatch, tmp_path, assembled):
     assert works()
     assert len(assembled) == 2
     assert not list(tmp_path.iterdir())
+
+
+# Levels of optimisation -------------------------------------------------------------------------------------
+@pytest.mark.parametrize("stated", ["4", "-1", "fast", "", "2.0", "9" * 1000])
+def test_a_level_that_is_none_is_refused_and_its_advice_works(stated, folder, monkeypatch):
+    monkeypatch.setenv("FLEXHINF_OPTIMISATION", stated)
+    with refused_with(InvalidInput, "unset FLEXHINF_OPTIMISATION", f"got {stated[:40]!r}", 0, 1, 2, 3):
+        works()
+    monkeypatch.delenv("FLEXHINF_OPTIMISATION")
+    assert cache.highest_optimisation() == 3
+    assert works()
+
+
+def test_code_of_another_level_is_not_taken_from_the_cache(folder, monkeypatch):
+    """Machine code is made at no higher level than the stated one, and each level has a file of its own."""
+    levels, assemble = [], machine.assemble
+
+    def recorded(text, level):
+        levels.append(level)
+        return assemble(text, level)
+
+    monkeypatch.setattr(machine, "assemble", recorded)
+    for stated in ("0", "1", "2", "3", "0", "3"):
+        monkeypatch.setenv("FLEXHINF_OPTIMISATION", stated)
+        assert works()
+    assert levels == [0, 1, 2, 3]
+    assert len(list(folder.iterdir())) == 4

@@ -64,7 +64,7 @@ def test_large_programs_are_optimised_less():
     assert machine.level(100_000) < machine.level(1000)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("compiles 36,000 operations")
 def test_a_large_program_compiles_and_agrees():
     value_, expected = X, 0.7
     for k in range(12_000):

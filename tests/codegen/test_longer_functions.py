@@ -112,7 +112,7 @@ def test_what_a_loop_or_a_condition_leaves_as_it_is_stays_readable() -> None:
         np.testing.assert_array_equal(found[0], found[1])
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.ci("compiles the step of an unscented filter, whole and in stages")
 @pytest.mark.parametrize("fused", [True, False])
 def test_a_function_in_its_stages_gives_the_same_bits(controller: fh.Controller, fused: bool) -> None:
     """Where its rare part counts, at the first sample, and elsewhere; products are fused with the same sums."""

@@ -5,7 +5,6 @@ import math
 
 import numpy as np
 import pytest
-from scipy import stats
 from tests.interpreter import interpret
 
 from flexhinf.codegen import Buffer, Normal, Program, Repeat, Slice, compile_program, machine
@@ -136,16 +135,20 @@ def test_a_counter_of_another_size_is_refused():
 
 
 def test_distribution_of_few():
+    from scipy import stats
+
     z = normal_numbers(0, np.arange(40_000)[:, None], np.arange(3), 0)
     assert stats.kstest(z.ravel(), "norm").pvalue > 0.01
     assert np.abs(np.corrcoef(z.T) - np.eye(3)).max() < 0.02
     assert np.abs([np.corrcoef(c[:-1], c[1:])[0, 1] for c in z.T]).max() < 0.02
 
 
-@pytest.mark.ci
+@pytest.mark.ci("ten million normal numbers")
 @pytest.mark.oracle
 def test_distribution_of_ten_million():
     """1e7 draws of the kernel: moments, tails and correlations within four sigma, and the distribution."""
+    from scipy import stats
+
     samples, steps, channels = 400, 5_000, 5
     z = in_kernel(1, np.arange(samples), steps, channels, 8)
     count, flat = z.size, z.ravel()

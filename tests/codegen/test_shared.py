@@ -23,3 +23,11 @@ def test_what_cannot_be_hashed_is_made_each_time():
     for _ in range(2):
         share((["list"],), lambda: made.append(1))
     assert len(made) == 2
+
+
+def test_code_of_another_level_of_optimisation_is_another_result(monkeypatch):
+    made = []
+    for level in "0", "3", "0":
+        monkeypatch.setenv("FLEXHINF_OPTIMISATION", level)
+        share(("test", "level"), lambda level=level: made.append(level))
+    assert made == ["0", "3"]

@@ -53,6 +53,7 @@ def mapped(count: int, shared: bool = False) -> Program:
     return Program("mapped", buffers, (step,))
 
 
+@pytest.mark.quick_cases(11)
 @pytest.mark.oracle
 @LANES
 @pytest.mark.parametrize("count", [1, 5, 8, 13, 57])
@@ -111,6 +112,7 @@ def test_a_map_in_place_inside_a_loop(make, lanes):
     np.testing.assert_allclose(a.reshape(3, 11, lanes), expected, rtol=1e-14)
 
 
+@pytest.mark.quick_cases(17)
 @pytest.mark.oracle
 @LANES
 @pytest.mark.parametrize("make", [compile_program, interpret])
@@ -165,6 +167,7 @@ def given(program: Program, lanes: int, seed: int = 0) -> dict[str, np.ndarray]:
     return arrays
 
 
+@pytest.mark.quick_cases(19)
 @pytest.mark.oracle
 @LANES
 @pytest.mark.parametrize("size", [(1, 1, 1), (7, 1, 3), (8, 2, 8), (57, 7, 28), (29, 4, 21), (413, 2, 7)])
@@ -219,6 +222,7 @@ def factored(n: int) -> Program:
     return Program("factored", buffers, (Cholesky(Slice("a", 0, n * n), Slice("y", 0, n * n)),))
 
 
+@pytest.mark.quick_cases(11)
 @pytest.mark.oracle
 @LANES
 @pytest.mark.parametrize("make", [compile_program, interpret])
@@ -289,7 +293,7 @@ def reflected(m: int, k: int, count: int) -> Program:
     )
 
 
-@pytest.mark.quick_cases(12)
+@pytest.mark.quick_cases(7)
 @pytest.mark.oracle
 @LANES
 @pytest.mark.parametrize("make", [compile_program, interpret])
@@ -329,6 +333,7 @@ def subtracted(s: int, p: int, n: int) -> Program:
     return Program("subtracted", (Buffer("a", p * n + size, "in"), Buffer("y", s * p, "out")), (step,))
 
 
+@pytest.mark.quick_cases(7)
 @pytest.mark.oracle
 @LANES
 @pytest.mark.parametrize("make", [compile_program, interpret])

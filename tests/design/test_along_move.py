@@ -16,7 +16,7 @@ from flexhinf.design.requirements import REQUIREMENTS
 from flexhinf.loop import Schedule, Waypoints
 from flexhinf.plant import Law
 
-pytestmark = pytest.mark.ci
+pytestmark = pytest.mark.ci("margins at poses along a move")
 
 Benches = Callable[..., LoopSetup]
 START, GOAL = (0.0, -2.2), (0.4, -0.3)

@@ -10,7 +10,7 @@ from flexhinf.analysis import dissipation_budget
 from flexhinf.design import Design, Specification, design
 from flexhinf.design.certification import searches_disturbance
 
-pytestmark = pytest.mark.ci
+pytestmark = pytest.mark.ci("a whole design")
 
 TORQUES = ("link_torque", "motor_torque")
 
@@ -62,7 +62,7 @@ def test_the_last_row_is_the_step_of_the_report_without_extras(made: Design) -> 
     assert spent == pytest.approx(made.attenuation.budget[-1].budget.total, rel=1e-9)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a whole design")
 def test_nothing_is_searched_without_a_region_or_with_many_states() -> None:
     assert searches_disturbance(5, 500)
     assert not searches_disturbance(5, 0)

@@ -18,7 +18,9 @@ from flexhinf.export import compile_controller
 SAMPLES = 200
 
 
-@pytest.fixture(scope="module", params=["90deg", pytest.param("180deg", marks=pytest.mark.ci)])
+@pytest.fixture(
+    scope="module", params=["90deg", pytest.param("180deg", marks=pytest.mark.nightly("upright, too"))]
+)
 def designed(request: Any) -> Any:
     """The paper's arm, from hanging to a goal about which its law is; a linear law does for this."""
     specification = Specification(pose=request.param, start="0", degrees=(2,), draws=0, proof_seconds=0.0)
@@ -30,7 +32,7 @@ def judged(design: Any) -> Any:
     return replace(design.setup, quiet=True).step(1e-3 * (SAMPLES - 1)).run
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a whole design, and its C")
 @pytest.mark.oracle
 def test_the_exported_c_begins_as_the_judged_step(designed: Any, tmp_path: Path) -> None:
     run, controller = judged(designed), designed.controller()
@@ -50,7 +52,7 @@ def test_the_exported_c_begins_as_the_judged_step(designed: Any, tmp_path: Path)
     )  # nothing holds an arm that hangs, whatever holds it at the goal
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a whole design, and its C")
 def test_a_silent_encoder_at_boot_leaves_the_arm_hanging(designed: Any, tmp_path: Path) -> None:
     """In C, in Python, and in the state that a run on a robot starts from."""
     controller = designed.controller()
@@ -63,7 +65,7 @@ def test_a_silent_encoder_at_boot_leaves_the_arm_hanging(designed: Any, tmp_path
         np.testing.assert_array_equal(controller.step(None, goal), controller.input_before())
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a whole design, and its C")
 def test_a_run_starts_where_its_controller_was_designed_to_start(designed: Any) -> None:
     """Not at the goal, which is the law's operating point; and a run that starts elsewhere says so."""
     controller, plant = designed.controller(), fh.paper_arm().plant()

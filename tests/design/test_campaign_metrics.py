@@ -106,6 +106,7 @@ def along(tmp_path: Path) -> DesignCampaign:
     return asked(move=str(file))
 
 
+@pytest.mark.ci("a kernel of moves")
 def test_a_campaign_along_a_move_says_how_far_from_it_and_from_its_end(along: DesignCampaign) -> None:
     robot = along.request.robot
     np.testing.assert_allclose(np.degrees(along.ends), [[0.0, 0.0], [20.0, 10.0]], atol=1e-9)

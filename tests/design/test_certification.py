@@ -56,6 +56,7 @@ def proof_of(made: Any, start: float = 100.0, spent: float = 10.0, **asked: Any)
     return prove_design(ARM, replace(ASKED, **asked), made, start, worth(spent))
 
 
+@pytest.mark.costs("a sampled region, and its proof")
 def test_the_sampled_region_is_proved_and_the_budget_is_judged_by_it(made: Any) -> None:
     found = proof_of(made)
     given = found.certificate
@@ -96,7 +97,7 @@ def test_what_is_not_proved_says_why(made: Any, changes: dict, asked: dict, reas
     assert not found.lasts
 
 
-@pytest.mark.ci
+@pytest.mark.ci("proves a design")
 def test_a_degree_that_is_not_proved_does_not_stop_the_others(
     made: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -119,7 +120,7 @@ def test_a_degree_that_is_not_proved_does_not_stop_the_others(
     assert "definite" in other.reason
 
 
-@pytest.mark.ci
+@pytest.mark.ci("proves a design")
 def test_what_no_degree_could_mend_ends_the_proofs_for_all_tolerances(
     made: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -193,7 +194,7 @@ def test_the_budget_is_claimed_for_the_law_of_its_v_alone() -> None:
         assert ("Budget" in shown) == claimed
 
 
-@pytest.mark.ci
+@pytest.mark.nightly("a proof over a box of all tolerances, of a whole design")
 def test_a_design_that_searches_weights_is_proved_for_all_tolerances() -> None:
     """90°, the last 10 degrees, damping 0.4: the time is enough by far."""
     asked = Specification(

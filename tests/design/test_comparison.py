@@ -20,7 +20,7 @@ from flexhinf.design.pipeline import Comparison
 from flexhinf.errors import InvalidInput, NumericalFailure
 
 #: Whole comparisons; quick ones are made by the tests of the page and of the command.
-pytestmark = pytest.mark.ci
+pytestmark = pytest.mark.ci("compares laws")
 
 QUICK: dict[str, Any] = {
     "rays": 0, "degrees": (4,), "estimator": "ekf", "draws": 3, "duration": 3.0, "torque_noise": 1e-7,
@@ -52,6 +52,11 @@ def rig(made: Callable[..., Comparison]) -> Comparison:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(tuning, "BUDGET", ((10_000, 0, 0),))
         return made(["hinf", "nlqr", "lqr-gravity", "lqg", "pd", "pid", "torque", "flatness-i"])
+
+
+@pytest.fixture(scope="module")
+def pd(made: Callable[..., Comparison]) -> Comparison:
+    return made(["pd"], seed=0)
 
 
 # What is refused, and what is told ------------------------------------------------------------------------
@@ -114,8 +119,8 @@ def test_a_law_without_a_tuning_within_the_limits_is_named_with_its_reason_and_h
     assert all(row.tuned.feasible for row in found.compared if row.tuned)
 
 
-@pytest.mark.ci
 # What all laws share --------------------------------------------------------------------------------------
+@pytest.mark.ci("compares eight laws")
 def test_every_law_gets_the_same_plants_commands_and_loads(rig: Comparison) -> None:
     own = rig.own.evaluation
     assert own is not None
@@ -169,8 +174,10 @@ def test_every_law_begins_its_step_without_a_jump_of_the_input(rig: Comparison) 
     ("name", "options"),
     [
         ("vertical-rig", {"pose": (0.8,), "start": (0.3,), "degrees": (4,)}),
-        ("planar-two-link", {"degrees": (2,)}),
-        pytest.param("seven-link", {"degrees": (2,), "duration": 1.0}, marks=pytest.mark.ci),
+        pytest.param("planar-two-link", {"degrees": (2,)}, marks=pytest.mark.nightly("two links")),
+        pytest.param(
+            "seven-link", {"degrees": (2,), "duration": 1.0}, marks=pytest.mark.nightly("seven links")
+        ),
     ],
 )
 def test_one_law_has_the_same_figures_in_a_design_and_in_a_comparison(
@@ -206,7 +213,7 @@ def test_one_law_has_the_same_figures_in_a_design_and_in_a_comparison(
             assert line == judged[line.what, line.where]
 
 
-@pytest.mark.ci
+@pytest.mark.ci("compares laws")
 def test_delay_and_quantisation_reach_all_laws(made: Callable[..., Comparison]) -> None:
     worn = made(["lqr"], "none", draws=0, unknown_delay=0.02, quantisation=1e-3)
     for row in worn.compared:
@@ -219,24 +226,24 @@ def test_delay_and_quantisation_reach_all_laws(made: Callable[..., Comparison]) 
         np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
 
 
-def test_rows_are_reproducible(made: Callable[..., Comparison]) -> None:
-    once, again = (made(["pd"]) for _ in range(2))
+def test_rows_are_reproducible(made: Callable[..., Comparison], pd: Comparison) -> None:
+    once, again = pd, made(["pd"])
     for a, b in zip(once.rows, again.rows, strict=True):
         assert a.evaluation is not None
         assert b.evaluation is not None
         assert dict(a.evaluation.metrics) == dict(b.evaluation.metrics)
 
 
-@pytest.mark.ci
+@pytest.mark.nightly("the preset robust")
 def test_a_robust_design_is_compared_with_the_plain_weights(made: Callable[..., Comparison]) -> None:
     result = made(["lqr"], preset="robust", degrees=(2,), draws=0)
     names = [row.evaluation.setup.law.state_names for row in result.compared if row.evaluation]
     assert len(set(names)) == 1
 
 
-def test_no_seed_has_a_part_in_the_criterion(made: Callable[..., Comparison]) -> None:
+def test_no_seed_has_a_part_in_the_criterion(made: Callable[..., Comparison], pd: Comparison) -> None:
     """Old code judged one run with noise: another seed, another ratio, and sometimes another best rival."""
-    one, two = (made(["pd"], seed=seed) for seed in (0, 1))
+    one, two = pd, made(["pd"], seed=1)
     assert one.criterion == two.criterion
     for a, b in zip(one.compared, two.compared, strict=True):
         assert a.tuned is not None
@@ -246,7 +253,7 @@ def test_no_seed_has_a_part_in_the_criterion(made: Callable[..., Comparison]) ->
     assert one.scenario.robots != two.scenario.robots
 
 
-@pytest.mark.ci
+@pytest.mark.ci("compares laws")
 def test_a_joint_that_slides_beside_one_that_turns(robot_of: Callable[[str], Any]) -> None:
     s = Specification(**{**QUICK, "degrees": (2,), "duration": 1.0}, pose=(0.1, 0.4), start=(0.0, 0.3))
     result = compare(robot_of("cart"), s, ["pd"])
@@ -255,7 +262,7 @@ def test_a_joint_that_slides_beside_one_that_turns(robot_of: Callable[[str], Any
     assert all(len(row.evaluation.step.metrics) == 2 for row in result.compared if row.evaluation)
 
 
-@pytest.mark.ci
+@pytest.mark.nightly("seven links")
 def test_seven_links() -> None:
     s = Specification(rays=0, degrees=(2,), draws=2, duration=1.0, torque_noise=1e-7)
     result = compare(fh.load_robot("seven-link"), s, ["lqr", "pd", "flatness"])

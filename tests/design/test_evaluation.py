@@ -17,7 +17,7 @@ from flexhinf.design.loop_setup import LoopSetup
 Setups = Callable[..., LoopSetup]
 
 
-@pytest.mark.ci
+@pytest.mark.ci("evaluates a design")
 def test_non_smooth_extras_are_left_out_of_the_linear_loop_in_one_place(setup_of: Setups) -> None:
     """Their slope at standstill would count as damping: 223 ms of delay margin were shown by one report, 92 by the
     other."""
@@ -34,7 +34,7 @@ def test_non_smooth_extras_are_left_out_of_the_linear_loop_in_one_place(setup_of
     assert margins(with_slope).delay_margin_s > 1.5 * rough.margins.delay_margin_s  # what was shown before
 
 
-@pytest.mark.ci
+@pytest.mark.ci("evaluates a design")
 @pytest.mark.oracle
 def test_the_second_delay_margin_is_that_of_the_robot_with_damped_springs(setup_of: Setups) -> None:
     """Against the same loop round a plant whose own spring damping is D = 2ζ K/ω."""
@@ -59,7 +59,7 @@ def test_the_inductance_stays_in_the_linear_loop(setup_of: Setups) -> None:
     assert "coil_current" in coil.equilibrium_loop().plant.states
 
 
-@pytest.mark.ci
+@pytest.mark.ci("evaluates a design")
 @pytest.mark.oracle
 def test_damping_is_that_of_every_oscillation_of_the_running_loop(setup_of: Setups) -> None:
     """Of law and estimator separately: with the nominal plant the sampled loop has the modes of both."""
@@ -85,7 +85,7 @@ def test_damping_is_that_of_every_oscillation_of_the_running_loop(setup_of: Setu
     assert found.linear_metrics["damping"] == found.margins.damping
 
 
-@pytest.mark.ci
+@pytest.mark.ci("evaluates a design")
 def test_the_loop_as_designed_has_the_noise_of_the_specification(setup_of: Setups) -> None:
     setup = setup_of("paper", (np.pi / 2,), (0.0,), torque_noise=1e-5)
     found = LawEvaluation("nl-hinf", setup)
@@ -124,7 +124,7 @@ def test_other_sensors_and_noise_levels_make_another_loop(setup_of: Setups) -> N
     assert there.derivative(rest + x, held) == pytest.approx(a @ x, abs=1e-9)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("evaluates a design")
 def test_every_figure_of_the_worst_joint_names_it(setup_of: Setups) -> None:
     response = setup_of("planar-two-link", (0.4, 0.6), (0.2, 0.9)).step(1.0)
     assert [row["joint"] for row in response.metrics] == ["shoulder", "elbow"]

@@ -31,7 +31,7 @@ def as_design(setup: LoopSetup, runs: ImpulseRuns) -> Design:
     return cast(Design, SimpleNamespace(evaluation=evaluation))
 
 
-@pytest.mark.ci
+@pytest.mark.ci("strikes a robot of a design")
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     ("name", "goal", "noise"), [("paper", (1.2,), 1e-5), ("paper", (1.2,), 1e-10), ("cart", (0.1, 0.3), 1e-6)]
@@ -46,7 +46,7 @@ def test_a_small_blow_shows_the_damping_of_the_linear_loop(
     assert runs.damping == pytest.approx(LawEvaluation("linear", setup).margins.damping, rel=0.01)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("strikes a robot of a design")
 def test_a_blow_is_an_impulse_on_one_link_and_the_motors_stay_below_their_limits(setup_of: Setups) -> None:
     setup = setup_of("cart", (0.1, 0.3))
     runs = struck(setup)
@@ -67,7 +67,7 @@ def test_a_blow_is_an_impulse_on_one_link_and_the_motors_stay_below_their_limits
     assert smaller.damping == pytest.approx(runs.damping, rel=0.02)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("strikes a robot of a design")
 def test_a_loop_that_rings_misses_the_line_with_its_joint(setup_of: Setups) -> None:
     setup = setup_of("planar-two-link", (0.4, 0.6), torque_noise=1e-10)
     runs = struck(setup)
@@ -93,7 +93,7 @@ def test_a_loop_that_rings_misses_the_line_with_its_joint(setup_of: Setups) -> N
     assert len(table.rows) == 2
 
 
-@pytest.mark.ci
+@pytest.mark.ci("strikes a robot of a design")
 def test_a_delay_is_remembered(setup_of: Setups) -> None:
     setup = setup_of("paper", (1.2,), unknown_delay=8e-3)
     runs = struck(setup, 0.1)
@@ -115,7 +115,7 @@ def test_runs_that_leave_the_numbers_are_not_damped(setup_of: Setups) -> None:
     assert ring_down_rows(runs)[0]["peak_deviation"] is None
 
 
-@pytest.mark.ci
+@pytest.mark.ci("strikes a robot of a design")
 def test_dry_friction_is_part_of_what_is_judged(setup_of: Setups) -> None:
     """A motor that sticks leaves its link swinging: the linear loop, without friction, does not show that."""
     options: dict[str, Any] = {"torque_noise": 1e-6, "period": 2e-3}

@@ -33,7 +33,7 @@ def limited(robot: Any, **limits: Any) -> Any:
     return dataclasses.replace(robot, **limits)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("runs of a design")
 # Saturation, and what the robot states ------------------------------------------------------------------
 def test_each_motor_saturates_at_its_own_limit(robot_of: Named, setup_of: Callable[..., LoopSetup]) -> None:
     def jump(setup: LoopSetup) -> Any:  # with integrals at zero all inputs jump
@@ -248,7 +248,7 @@ def test_a_step_beyond_the_whole_range_is_refused_before_any_work(
     assert message in str(refused.value)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("runs a design")
 def test_the_loop_quantises_each_signal_by_its_own_step(setup_of: Callable[..., LoopSetup]) -> None:
     steps = (1e-3, 0.05)
     sensors = ("motor_position", "joint_torque")

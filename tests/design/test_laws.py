@@ -37,7 +37,10 @@ NAMES = [name for name in DEFAULT_LAWS if name != DESIGN]
 PROPORTIONAL = ("pd", "pd-gravity", "torque", "flatness")
 
 
-@pytest.fixture(scope="module", params=["paper", pytest.param("robust", marks=pytest.mark.ci)])
+@pytest.fixture(
+    scope="module",
+    params=["paper", pytest.param("robust", marks=pytest.mark.ci("searches weights by the whole loop"))],
+)
 def factory(request: Any) -> LawFactory:
     s = Specification(
         pose=(0.8,), start=(0.3,), degrees=(4,), rays=0, preset=request.param, torque_noise=1e-7

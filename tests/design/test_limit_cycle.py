@@ -32,7 +32,7 @@ def with_options(setup: LoopSetup, **options) -> LoopSetup:
     return replace(setup, specification=Specification(**MOTORS, **options))
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a long run at rest")
 def test_a_limit_cycle_is_found_with_its_joint_amplitude_and_period(setup):
     run = check_limit_cycle(setup)
     assert run is not None
@@ -48,7 +48,7 @@ def test_a_limit_cycle_is_found_with_its_joint_amplitude_and_period(setup):
     assert (line.joint, line.limit) == ("shoulder", pytest.approx(3e-4))
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a long run at rest")
 def test_a_dead_zone_as_wide_as_the_limit_cycle_ends_it(setup):
     changed, run = end_limit_cycle(setup)
     assert run is not None
@@ -74,13 +74,14 @@ def test_a_dead_zone_as_wide_as_the_limit_cycle_ends_it(setup):
     assert kept.dead_zone is None
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a long run at rest")
 def test_friction_in_the_model_of_the_estimator_ends_it_too(setup):
     known = check_limit_cycle(with_options(setup, extras="coulomb_friction", friction_model=True))
     assert known is not None
     assert not known.oscillating
 
 
+@pytest.mark.costs("a search of noise levels, which other tests share")
 def test_linear_figures_are_those_without_friction(setup):
     known = with_options(setup, extras="coulomb_friction", friction_model=True)
     np.testing.assert_array_equal(known.equilibrium_loop().linear().a, setup.equilibrium_loop().linear().a)
@@ -110,6 +111,7 @@ def vars_of(setup):
     return {field.name: getattr(setup, field.name) for field in fields(setup)}
 
 
+@pytest.mark.ci("two kernels of moves")
 def test_feedforward_with_friction_follows_the_move_better(setup):
     way = np.abs(setup.goal - setup.start)
     plan = JerkLimited(setup.start, setup.goal, 1.6 * way, 6.4 * way, 51.0 * way, smoothing=0.2)
@@ -142,7 +144,7 @@ def test_every_report_says_which_joint_oscillates(setup):
     assert not list(long_run(cast(Design, still)))
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a long run at rest")
 def test_the_papers_arm_with_its_motor_measured_comes_to_rest_with_a_dead_zone_only(robot_of):
     """The figures of docs/real_loop.md."""
     robot = robot_of("paper").with_parameters(Parameter("coulomb_friction", 1.0))

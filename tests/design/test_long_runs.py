@@ -40,9 +40,18 @@ def largest(time: np.ndarray, away: np.ndarray, begin: float) -> float:
     return float(away[(time > begin) & (time <= begin + 5.0)].max())
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("goal", [np.pi / 2, np.pi])
-@pytest.mark.parametrize("preset", ["paper", "damped", "robust"])
+@pytest.mark.ci("runs of thirty seconds")
+@pytest.mark.parametrize(
+    ("preset", "goal"),
+    [
+        ("paper", np.pi / 2),
+        ("damped", np.pi),
+        *(
+            pytest.param(*case, marks=pytest.mark.nightly("other presets and goals"))
+            for case in (("paper", np.pi), ("damped", np.pi / 2), ("robust", np.pi / 2), ("robust", np.pi))
+        ),
+    ],
+)
 def test_growth_in_the_run_is_that_of_the_eigenvalues(preset: str, goal: float) -> None:
     setup = setup_of(preset, goal)
     population = corner_population(ARM.corner, len(ARM.uncertain), 60)

@@ -42,6 +42,7 @@ def _rows(draws: MonteCarlo) -> np.ndarray:
     return np.array([draws.overshoot, draws.settling, draws.peak])
 
 
+@pytest.mark.costs("weights are searched, kernels compiled, which other tests share")
 def test_the_same_seed_gives_the_same_and_another_seed_others(setup: LoopSetup, drawn: MonteCarlo) -> None:
     again = sampled_steps(setup, 8, 2.0, STEPS)
     assert np.array_equal(_rows(again), _rows(drawn))

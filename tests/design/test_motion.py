@@ -28,7 +28,7 @@ def run_of(setup: Any, kind: str) -> tuple[Response, Any]:
     return setup.move(plan, 0.5).response, plan
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights of the SCARA")
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", ["step", "move"])
 def test_the_motion_of_unlike_joints_is_that_of_the_benchmark(setup_of: Any, kind: str) -> None:
@@ -54,7 +54,7 @@ def test_the_motion_of_unlike_joints_is_that_of_the_benchmark(setup_of: Any, kin
         assert max(row["path_distance"] for row in rows) <= other.path * (1.0 + 1e-3)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights, runs a design")
 def test_a_link_is_no_further_from_the_path_than_from_its_command(setup_of: Any) -> None:
     """Also where one joint makes a hundredth of the other's way: one error counts as much of both."""
     setup = setup_of("planar-two-link", (0.4, 0.6))
@@ -79,6 +79,7 @@ def row(**changes: float) -> dict[str, Any]:
     } | changes
 
 
+@pytest.mark.costs("weights are searched, which other tests share")
 def test_each_number_is_judged_for_the_joint_that_is_nearest_to_its_limit(setup_of: Any) -> None:
     limits = setup_of("planar-two-link", (0.4, 0.6)).limits
     rows = [row(), row(wrong_way_percent=6.0, remaining_error=2e-3, ripple_percent=5.2)]

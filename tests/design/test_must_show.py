@@ -62,13 +62,26 @@ def papers_setup(robot_of: Named) -> Callable[[str, int, int], LoopSetup]:
     return made
 
 
-PRESETS, GOALS = ("damped", pytest.param("robust", marks=pytest.mark.ci)), (90, 180)
+MORE = pytest.mark.nightly("other presets, goals and degrees; every pair once")
+PRESETS, GOALS = ("damped", "robust"), (90, 180)
+#: All tests of ci share the first one's laws.
+BOTH = [
+    ("damped", 180),
+    *(pytest.param(*case, marks=MORE) for case in (("damped", 90), ("robust", 90), ("robust", 180))),
+]
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("degree", [2, 6])
-@pytest.mark.parametrize("goal", GOALS)
-@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.ci("a whole design")
+@pytest.mark.parametrize(
+    ("preset", "goal", "degree"),
+    [
+        ("damped", 180, 6),
+        *(
+            pytest.param(*case, marks=MORE)
+            for case in (("damped", 90, 2), ("robust", 90, 6), ("robust", 180, 2))
+        ),
+    ],
+)
 def test_steps_of_the_papers_arm_overshoot_little_and_stay_below_60_volts(
     papers_setup: Callable[[str, int, int], LoopSetup], preset: str, goal: int, degree: int
 ) -> None:
@@ -81,9 +94,8 @@ def test_steps_of_the_papers_arm_overshoot_little_and_stay_below_60_volts(
     assert np.abs(response.positions[-1000:] - response.goal).max() < np.deg2rad(0.05)
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("goal", GOALS)
-@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.ci("a whole design")
+@pytest.mark.parametrize(("preset", "goal"), BOTH)
 def test_so_do_the_arms_within_the_tolerances(
     papers_setup: Callable[[str, int, int], LoopSetup], preset: str, goal: int
 ) -> None:
@@ -93,9 +105,8 @@ def test_so_do_the_arms_within_the_tolerances(
     assert samples.peak.max() <= 60.0
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("goal", GOALS)
-@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.ci("a whole design")
+@pytest.mark.parametrize(("preset", "goal"), BOTH)
 def test_margins_and_corners_of_the_running_loop_are_those_required(
     papers_setup: Callable[[str, int, int], LoopSetup], preset: str, goal: int
 ) -> None:
@@ -109,7 +120,7 @@ def test_margins_and_corners_of_the_running_loop_are_those_required(
     assert len(found.corners.forms) == 4  # it is said which other R^v were looked at
 
 
-@pytest.mark.ci
+@pytest.mark.nightly("the counter-example of the paper's weights, 60 robots; corners are in ci")
 def test_the_papers_own_weights_do_none_of_this(robot_of: Named) -> None:
     """So the tests above can fail: corners are unstable, and samples overshoot. That all of these settle is due to the
     noise levels, which are searched joint by joint."""
@@ -124,7 +135,7 @@ def test_the_papers_own_weights_do_none_of_this(robot_of: Named) -> None:
     assert samples.overshoot.max() > 5.0
 
 
-@pytest.mark.ci
+@pytest.mark.nightly("whole designs with 200 robots each")
 @pytest.mark.parametrize("goal", GOALS)
 @pytest.mark.parametrize("preset", PRESETS)
 def test_the_degree_that_is_chosen_by_its_region_meets_the_specification(
@@ -169,10 +180,17 @@ def tracking_error(
     return error, float(np.abs(run.signals["input"]).max())
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("begin", [0.0, np.pi])
-@pytest.mark.parametrize("degree", [2, 6])
-@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.ci("a whole design")
+@pytest.mark.parametrize(
+    ("preset", "degree", "begin"),
+    [
+        ("damped", 6, 0.0),
+        *(
+            pytest.param(*case, marks=MORE)
+            for case in (("damped", 2, np.pi), ("robust", 2, 0.0), ("robust", 6, np.pi))
+        ),
+    ],
+)
 def test_the_papers_reference_is_tracked_within_half_a_degree(
     papers_setup: Callable[[str, int, int], LoopSetup], preset: str, degree: int, begin: float
 ) -> None:
@@ -183,7 +201,7 @@ def test_the_papers_reference_is_tracked_within_half_a_degree(
     assert peak < 60.0
 
 
-@pytest.mark.ci
+@pytest.mark.nightly("the preset robust, against the limit")
 def test_tracking_withstands_a_start_against_the_limit_of_the_input(
     papers_setup: Callable[[str, int, int], LoopSetup],
 ) -> None:
@@ -223,7 +241,7 @@ def check(
     assert result.evaluation.corners.unstable == 0
 
 
-@pytest.mark.ci
+@pytest.mark.nightly("200 robots with two links, both presets")
 @pytest.mark.parametrize("preset", PRESETS)
 def test_two_links_meet_their_specification_on_mujoco_and_within_their_tolerances(
     robot_of: Named, preset: str
@@ -236,7 +254,7 @@ def test_two_links_meet_their_specification_on_mujoco_and_within_their_tolerance
     check(design(robot_of("planar-two-link"), s), 5.0, 24.0, 200)
 
 
-@pytest.mark.ci
+@pytest.mark.nightly("the preset robust on two links")
 def test_two_links_bear_what_the_model_leaves_out(robot_of: Named) -> None:
     """Damping of the springs and dry friction in the true plant, which no model of the design knows."""
     robot, s = robot_of("planar-two-link"), Specification(
@@ -251,7 +269,7 @@ def test_two_links_bear_what_the_model_leaves_out(robot_of: Named) -> None:
     assert samples.overshoot.max() <= 5.0
 
 
-@pytest.mark.ci
+@pytest.mark.nightly("200 robots with seven links, both presets")
 @pytest.mark.parametrize("preset", PRESETS)
 def test_seven_links_meet_their_specification_on_mujoco_and_within_their_tolerances(
     robot_of: Named, preset: str
@@ -271,7 +289,7 @@ def test_seven_links_meet_their_specification_on_mujoco_and_within_their_toleran
 
 
 # What is lost and why -----------------------------------------------------------------------------
-@pytest.mark.ci
+@pytest.mark.nightly("a whole design with its region")
 def test_a_degree_that_is_used_beyond_its_region_is_told(robot_of: Named) -> None:
     """The law of degree 3 is not made for half a turn: it overshoots by 4.5 % (degree 5: 0.1 %), and is judged so."""
     s = Specification(

@@ -39,6 +39,7 @@ def evaluation() -> LawEvaluation:
     return LawEvaluation("law", setup, RUNS)
 
 
+@pytest.mark.costs("four runs, two of them with a load")
 def test_both_ends_of_the_range_are_carried(evaluation: LawEvaluation) -> None:
     light, heavy = evaluate_payloads(evaluation.setup, RUNS)
     assert (light.mass, heavy.mass) == (0.0, pytest.approx(0.1))
@@ -99,7 +100,7 @@ def test_what_is_too_heavy_is_not_met_and_every_report_says_so(evaluation: LawEv
     assert not list(runs.payload(none))
 
 
-@pytest.mark.ci
+@pytest.mark.ci("two searches of noise levels")
 def test_noise_levels_damp_the_loop_with_the_heaviest_payload_too(repository: Path) -> None:
     """Two links and a kilogram at the end of the second, of 1.6 kg: levels for the model's mass alone let it ring."""
     robot = fh.load_robot(repository / "benchmarks" / "hardware" / "planar.toml", payload="0..1kg")

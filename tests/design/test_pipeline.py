@@ -6,6 +6,7 @@ import dataclasses
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -36,7 +37,13 @@ def quick(name: str, **options: object) -> Design:
     return design(fh.load_robot(name), Specification(**settings))  # type: ignore[arg-type]
 
 
-@pytest.mark.ci
+@pytest.fixture(scope="module")
+def seven() -> Design:
+    start = (0.1, 0.4, -0.1, -1.1, 0.1, 0.8, 0.1)
+    return quick("seven-link", start=start, measured=("motor_position",), compare_rigid=True)
+
+
+@pytest.mark.ci("a whole design")
 @pytest.mark.oracle
 def test_a_small_step_is_that_of_the_linear_loop() -> None:
     """The integrals begin where the input that held the robot at the start goes on: K (x, e) = u(0) − u*."""
@@ -58,21 +65,20 @@ def test_a_small_step_is_that_of_the_linear_loop() -> None:
     assert np.abs(error).max() < 0.03 * np.abs(result.start - result.goal).max()
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a whole design")
 def test_both_estimators_end_where_the_true_state_does(two: Design) -> None:
-    asked = dataclasses.replace(two.specification, estimator="ekf", compare_rigid=False, rays=0, degrees=(4,))
-    ekf = design(two.robot, asked)
-    true = design(two.robot, dataclasses.replace(asked, estimator="none"))
-    ukf = design(two.robot, dataclasses.replace(asked, estimator="ukf"))
-    for m, other, exact in zip(
-        ukf.evaluation.step.metrics, ekf.evaluation.step.metrics, true.evaluation.step.metrics
-    ):
+    steps = []
+    for estimator in ("ukf", "ekf", "none"):
+        s = dataclasses.replace(two.specification, estimator=estimator)
+        setup = dataclasses.replace(two.setup, specification=s)
+        steps.append(setup.step(two.scenario.step_duration).metrics)
+    for m, other, exact in zip(*steps):
         assert m["overshoot_percent"] == pytest.approx(other["overshoot_percent"], abs=0.5)
         assert m["overshoot_percent"] == pytest.approx(exact["overshoot_percent"], abs=2.0)
         assert m["settling_time_s"] == pytest.approx(exact["settling_time_s"], abs=0.05)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a whole design")
 def test_the_lowest_degree_takes_a_small_step_and_its_start_is_judged(two: Design) -> None:
     assert two.chosen is two.choices[0]
     assert two.choices[1].acting < 0.05
@@ -93,7 +99,7 @@ def test_the_lowest_degree_takes_a_small_step_and_its_start_is_judged(two: Desig
     assert any("outside" in note for note in notes(two)) is not two.inside
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a whole design")
 def test_the_rigid_design_fails_on_it_from_the_link_side(two: Design) -> None:
     assert two.rigid is not None
     link, motor = two.rigid.loops
@@ -104,7 +110,7 @@ def test_the_rigid_design_fails_on_it_from_the_link_side(two: Design) -> None:
     assert np.abs(late).max() > 3 * np.abs(motor.response.positions[-200:] - two.goal).max()
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a whole design")
 def test_the_report_has_the_numbers_and_their_sources(two: Design) -> None:
     files = design_files(two, ["flexhinf", "design", "planar-two-link", "--pose", "0.6,0.3"], ["A warning."])
     page = files["index.html"]
@@ -125,16 +131,19 @@ def test_the_report_has_the_numbers_and_their_sources(two: Design) -> None:
     assert len(numbers["closed_modes"]) >= 5
 
 
-@pytest.mark.ci
-def test_the_same_specification_gives_the_same_report() -> None:
-    pages = {design_files(quick("vertical-rig", seed=4), ["flexhinf"])["design.json"] for _ in range(2)}
+@pytest.mark.ci("a whole design")
+def test_the_same_specification_gives_the_same_report(at_a_pose: Any) -> None:
+    one = at_a_pose.design
+    pages = {
+        design_files(made, ["flexhinf"])["design.json"]
+        for made in (one, design(one.robot, one.specification))
+    }
     assert len(pages) == 1
 
 
-@pytest.mark.ci
-def test_seven_links_move_between_two_poses_with_the_motors_measured() -> None:
-    start = (0.1, 0.4, -0.1, -1.1, 0.1, 0.8, 0.1)
-    result = quick("seven-link", start=start, measured=("motor_position",), compare_rigid=True)
+@pytest.mark.nightly("seven links")
+def test_seven_links_move_between_two_poses_with_the_motors_measured(seven: Design) -> None:
+    result = seven
     assert result.evaluation.step.diverged_at is None
     assert all(m["settling_time_s"] is not None for m in result.evaluation.step.metrics)
     assert max(m["steady_state_error"] for m in result.evaluation.step.metrics) < 2e-3
@@ -144,13 +153,13 @@ def test_seven_links_move_between_two_poses_with_the_motors_measured() -> None:
     assert min(m.damping for m in result.law_modes if m.vibration) > 0.1
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a whole design")
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     ("name", "measured", "apart"),
     [
         ("planar-two-link", ("motor_position",), 1e-6),
-        pytest.param("seven-link", ("link_position",), 1e-4, marks=pytest.mark.ci),
+        pytest.param("seven-link", ("link_position",), 1e-4, marks=pytest.mark.nightly("seven links")),
     ],
 )
 def test_mujocos_plant_does_what_ours_does(name: str, measured: tuple[str, ...], apart: float) -> None:
@@ -165,17 +174,16 @@ def test_mujocos_plant_does_what_ours_does(name: str, measured: tuple[str, ...],
     assert "MuJoCo&#x27;s" in design_files(result, ["flexhinf"])["index.html"]
 
 
-@pytest.mark.ci
-def test_torques_can_disturb_instead_of_the_command() -> None:
-    result = quick("planar-two-link", disturbances=("link_torque", "motor_torque"))
+def test_torques_can_disturb_instead_of_the_command(problem_of: Callable[..., Any]) -> None:
+    result = problem_of("planar-two-link", disturbances=("link_torque", "motor_torque"))
     assert result.problem.disturbance_names == (
         "link_torque_shoulder", "link_torque_elbow", "motor_torque_shoulder", "motor_torque_elbow",
     )  # fmt: skip
-    both = quick("planar-two-link", disturbances=("link_torque",), command=True)
+    both = problem_of("planar-two-link", disturbances=("link_torque",), command=True)
     assert both.problem.disturbance_names[0] == "link_position_shoulder_command"
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a whole design")
 def test_any_mix_can_be_measured_and_what_hides_a_mode_is_refused() -> None:
     mixed = quick("planar-two-link", measured=("motor_position", "joint_torque", "link_velocity_elbow"))
     assert mixed.evaluation.step.metrics[1]["steady_state_error"] < 1e-2
@@ -183,9 +191,9 @@ def test_any_mix_can_be_measured_and_what_hides_a_mode_is_refused() -> None:
         quick("quanser-rotflex", measured=("joint_torque",))
 
 
-@pytest.mark.ci
-def test_a_vibration_that_the_motors_hardly_show_is_told_before_it_rings() -> None:
-    blind = quick("seven-link", measured=("motor_position",))
+@pytest.mark.nightly("seven links")
+def test_a_vibration_that_the_motors_hardly_show_is_told_before_it_rings(seven: Design) -> None:
+    blind = seven
     assert min(mode.damping for mode in blind.evaluation.estimator_modes if mode.vibration) < 1e-3
     assert any("ringing" in note for note in notes(blind))
     s = dataclasses.replace(blind.specification, measured=("motor_position", "joint_torque"))
@@ -195,7 +203,7 @@ def test_a_vibration_that_the_motors_hardly_show_is_told_before_it_rings() -> No
     assert min(mode.damping for mode in seen if mode.vibration) > 0.01
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a whole design")
 @pytest.mark.oracle
 def test_the_estimators_modes_are_those_of_the_filter_that_runs() -> None:
     result = quick("vertical-rig", estimator="ekf", torque_noise=1e-7)
@@ -219,7 +227,7 @@ def test_the_estimators_modes_are_those_of_the_filter_that_runs() -> None:
     )
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a whole design")
 def test_a_loop_that_diverges_is_told_and_not_hidden() -> None:
     result = quick(
         "spatial-three-link", period=0.05, estimator="none", duration=20.0
@@ -230,20 +238,16 @@ def test_a_loop_that_diverges_is_told_and_not_hidden() -> None:
     assert "diverges" in design_files(result, ["flexhinf"])["index.html"]
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.ci("four designs")
 @pytest.mark.parametrize(
     "options",
     [
         {"rays": 20, "degrees": (2, 4), "draws": 2, "compare_rigid": True},
-        pytest.param({"degrees": (4,)}, marks=pytest.mark.ci),
-        pytest.param({"preset": "damped", "peak_effort": 0.6, "draws": 12}, marks=pytest.mark.ci),
-        {"preset": "paper", "peak_effort": 40.0},
+        {"preset": "damped", "peak_effort": 0.6, "draws": 12},
+        {"preset": "damped", "via": ((0.3,), (0.1,)), "pose": (0.5,), "start": (0.0,)},
         pytest.param(
-            {"preset": "damped", "via": ((0.3,), (0.1,)), "pose": (0.5,), "start": (0.0,)},
-            marks=pytest.mark.ci,
-        ),
-        pytest.param(
-            {"preset": "robust", "pose": (3.0,), "start": (2.9,), "draws": 1}, marks=pytest.mark.ci
+            {"preset": "robust", "pose": (3.0,), "start": (2.9,), "draws": 1},
+            marks=pytest.mark.nightly("the preset robust"),
         ),
     ],
 )
@@ -252,6 +256,11 @@ def test_about_as_many_stages_are_told_as_announced(options: dict[str, Any]) -> 
     asked = Specification(**{"rays": 0, "degrees": (2,), "compare_rigid": False, "draws": 0, **options})
     design(robot, asked, told.append)
     assert abs(len(told) - stages(robot, asked)) <= 3
+
+
+def test_about_as_many_stages_of_a_short_design_are_told_as_announced(at_a_pose: Any) -> None:
+    made = at_a_pose.design
+    assert abs(len(at_a_pose.told) - stages(made.robot, made.specification)) <= 3
 
 
 @pytest.mark.parametrize(
@@ -297,7 +306,7 @@ motor = { motor_inertia = 0.02, friction = 0.1 }
 """
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a whole design")
 def test_a_joints_limit_in_the_search_for_a_disturbance_is_a_result(tmp_path: Any) -> None:
     """The command is the disturbance; one that left the limits was refused, and with it the whole design."""
     file = tmp_path / "pendulum.toml"
@@ -317,7 +326,7 @@ def test_a_joints_limit_in_the_search_for_a_disturbance_is_a_result(tmp_path: An
     assert attained is not None or result.attenuation.failure or np.isnan(result.chosen.level)
 
 
-@pytest.mark.ci
+@pytest.mark.nightly("friction and delay in a design and a comparison; ci compares without")
 def test_design_and_compare_show_the_same_margins_with_friction_and_delay(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -346,7 +355,7 @@ def test_design_and_compare_show_the_same_margins_with_friction_and_delay(
         assert one.linear_metrics[key] == pytest.approx(two.linear_metrics[key], rel=1e-9), key
 
 
-@pytest.mark.ci
+@pytest.mark.ci("five processes that import the package")
 def test_design_and_compare_are_functions_however_the_room_was_imported() -> None:
     """Python would make the module ``flexhinf.design`` an attribute of the package when a file of it is imported."""
     check = "assert all(inspect.isfunction(one) and one.__doc__ for one in (fh.design, fh.compare)); "
@@ -367,12 +376,13 @@ def test_design_and_compare_are_functions_however_the_room_was_imported() -> Non
         fh.design(fh.paper_arm(), Specification(pose=(1.0, 2.0)))
 
 
-def test_a_design_saves_its_report_and_gives_its_controller(tmp_path: Any) -> None:
-    result = quick("vertical-rig")
+@pytest.mark.costs("a whole design, which other tests share, and its page")
+def test_a_design_saves_its_report_and_gives_its_controller(at_a_pose: Any, tmp_path: Any) -> None:
+    result = at_a_pose.design
     folder = result.save(tmp_path / "report")
     assert (folder / "index.html").exists()
     assert (folder / "design.json").exists()
     controller = result.controller()
     assert controller.reset(input=np.zeros(1)) is None
-    assert unnamed(repr(result), "<Design", "vertical-rig", "requirements") == []
+    assert unnamed(repr(result), "<Design", "paper", "requirements") == []
     assert len(repr(result)) < 200

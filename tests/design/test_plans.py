@@ -20,7 +20,7 @@ Benches = Callable[..., LoopSetup]
 WAY = {"time": [0.0, 0.8, 2.0], "elbow": [0.0, 0.4, -0.3], "shoulder": [0.2, 0.5, 0.4]}
 
 
-@pytest.mark.ci
+@pytest.mark.ci("runs along a command")
 @pytest.mark.parametrize("shaping", ["quintic", "jerk-limited"])
 def test_a_shaped_step_needs_less_and_arrives_without_a_jump(setup_of: Benches, shaping: str) -> None:
     jump = setup_of("planar-two-link", (0.4, 0.6), (-0.2, 0.2))
@@ -66,7 +66,7 @@ def test_a_limit_of_speed_makes_the_command_slower(robot_of: Callable[[str], Any
     assert slow.duration > 1.5 * free.duration
 
 
-@pytest.mark.ci
+@pytest.mark.ci("runs along a command")
 @pytest.mark.parametrize("shaping", ["jump", "quintic", "jerk-limited"])
 def test_a_stated_move_is_followed_through_its_waypoints_and_judged(setup_of: Benches, shaping: str) -> None:
     setup = setup_of("planar-two-link", (0.4, -0.3), estimator="none", shaping=shaping, move=WAY)
@@ -91,9 +91,10 @@ def test_a_joint_that_stays_has_a_tracking_error_that_can_be_met(robot_of: Calla
     np.testing.assert_allclose(tracking, [2e-3, 5e-4])
 
 
+@pytest.mark.costs("weights are searched")
 def test_the_tracking_error_is_a_requirement_of_each_joint(setup_of: Benches) -> None:
     setup = setup_of(
-        "planar-two-link", (0.4, -0.3), estimator="none", move=WAY, tracking_error=("1e-9", "10deg")
+        "planar-two-link", (0.4, 0.6), estimator="none", move=WAY, tracking_error=("1e-9", "10deg")
     )
     plan = stated_move(setup.robot, setup.specification)
     assert plan is not None
@@ -148,7 +149,7 @@ def test_the_advised_time_keeps_the_limits(robot_of: Callable[[str], Any]) -> No
     assert stated_move(robot, Specification(move=slower, peak_speed=0.5)) is not None
 
 
-@pytest.mark.ci
+@pytest.mark.ci("runs along a command")
 def test_a_shaped_step_has_its_feedforward_unless_it_is_switched_off(setup_of: Benches) -> None:
     """The step along its command is the planned move of that command, run by run; without, the law lags behind."""
     ends = (0.4, 0.6), (-0.2, 0.2)

@@ -23,7 +23,7 @@ from flexhinf.errors import InvalidInput
 ARM = fh.paper_arm()
 
 
-@pytest.mark.ci
+@pytest.mark.nightly("proves many candidates")
 def test_the_smaller_gain_of_two_laws_is_proved_for_a_wanted_step() -> None:
     one = {"tolerances": 0.0, "bandwidths": (1.0,), "dampings": (None,), "step": 1.0, "most_cells": 300_000}
     alone = search_proved_step(ARM, (np.pi,), degrees=(2,), ratios=(2.0,), **one)
@@ -38,7 +38,7 @@ def test_the_smaller_gain_of_two_laws_is_proved_for_a_wanted_step() -> None:
         assert found.peak_effort > 5.0
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches and proves laws")
 def test_the_largest_step_is_the_one_that_the_limit_leaves() -> None:
     few = {"tolerances": 0.0, "bandwidths": (1.0,), "dampings": (None,), "ratios": (1.5,)}
     found = search_proved_step(ARM, (np.pi,), effort_limit=20.0, **few)
@@ -46,7 +46,7 @@ def test_the_largest_step_is_the_one_that_the_limit_leaves() -> None:
     assert 18.0 < found.peak_effort <= 20.0
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches and proves laws")
 def test_a_limit_that_no_law_keeps_is_said() -> None:
     with pytest.raises(InvalidInput, match=r"(?s)step.*proved.*input of 3[0-9.]+\n"):
         search_proved_step(
@@ -54,7 +54,7 @@ def test_a_limit_that_no_law_keeps_is_said() -> None:
         )
 
 
-@pytest.mark.ci
+@pytest.mark.nightly("a proof over a box of all tolerances")
 def test_half_a_turn_within_forty_volts_is_proved_for_all_tolerances() -> None:
     found = search_proved_step(
         ARM, (np.pi,), np.pi, effort_limit=40.0, bandwidths=(1.0,), dampings=(0.4,), ratios=(1.5,)

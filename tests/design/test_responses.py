@@ -38,7 +38,7 @@ def by_hand(time: np.ndarray, q: np.ndarray, u: np.ndarray, begin: float, end: f
     }
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights, runs a design")
 @pytest.mark.parametrize(
     ("name", "goal", "start"), [("paper", (np.pi / 2,), (0.0,)), ("cart", (0.1, 0.3), (0.15, -0.1))]
 )
@@ -67,7 +67,7 @@ def test_figures_of_merit_are_those_of_the_trajectory(
     assert response.positions[-1] == pytest.approx(goal, abs=0.02)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights, runs a design")
 def test_the_step_begins_without_a_jump_of_the_input(setup_of: Benches) -> None:
     """The first input is what holds the robot at the start, whatever the estimator."""
     for estimator in ("ukf", "ekf", "none"):
@@ -88,7 +88,7 @@ def test_a_run_that_leaves_the_numbers_says_when_and_has_no_figures(setup_of: Be
     assert response.overshoot == Worst(np.inf, "")
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights, runs a design")
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     ("name", "goal", "load"),
@@ -118,7 +118,7 @@ def test_a_small_torque_moves_the_links_as_the_linear_loop(
     assert np.abs(found.response.positions[: first + 1] - np.array(goal)).max() < 1e-9
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights, runs a design")
 def test_figures_of_a_load_are_those_of_the_trajectory(setup_of: Benches) -> None:
     setup = setup_of("cart", (0.1, 0.3))
     found = setup.load_response(np.array([30.0, 0.5]), 4.0)
@@ -137,7 +137,7 @@ def test_figures_of_a_load_are_those_of_the_trajectory(setup_of: Benches) -> Non
         assert metrics["remaining_error"] < 0.05 * metrics["peak_deviation"]  # integrals: nothing remains
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights, runs a design")
 def test_what_does_not_come_back_is_not_said_to(setup_of: Benches) -> None:
     """Looked at before the integrals had the time."""
     found = setup_of("cart", (0.1, 0.3)).load_response(np.array([30.0, 0.5]), 0.1)
@@ -145,10 +145,10 @@ def test_what_does_not_come_back_is_not_said_to(setup_of: Benches) -> None:
 
 
 def test_a_loaded_run_that_diverges_has_no_figures(setup_of: Benches) -> None:
-    setup = setup_of("cart", (0.1, 0.3))
-    run = setup.load_response(np.array([30.0, 0.5]), 0.1).response.run
+    setup = setup_of("paper", (np.pi / 2,), (0.0,))
+    run = setup.load_response(np.array([0.5]), 0.1).response.run
     broken = Response(replace(run, diverged_at=0.1), setup.goal, setup.goal, setup.joints)
-    assert LoadResponse(broken, np.array([30.0, 0.5]), 0.01, np.ones(2)).metrics == []
+    assert LoadResponse(broken, np.array([0.5]), 0.01, np.ones(1)).metrics == []
 
 
 def test_the_worst_of_all_joints_is_named() -> None:

@@ -70,7 +70,7 @@ def test_noise_acts_where_the_torques_act(mixed: Robot) -> None:
     np.testing.assert_allclose(noise_variances(plant, 1e-8)[:2], 1e-8 * stiffness**2)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a whole design")
 def test_a_design_meets_its_specification_on_mujoco_and_within_the_tolerances(mixed: Robot) -> None:
     pytest.importorskip("mujoco")
     specification = fh.Specification(
@@ -90,6 +90,10 @@ def test_a_design_meets_its_specification_on_mujoco_and_within_the_tolerances(mi
     )
     assert np.abs(difference).max() < 1e-6
     assert result.rigid is None
+
+
+@pytest.mark.nightly("the preset robust with three joints")
+def test_the_preset_robust_stands_no_less_than_damped(mixed: Robot) -> None:
     robust = fh.Specification(preset="robust", measured=("motor_position",), degrees=(2,), rays=0, draws=0)
     found = fh.design(mixed, robust).synthesis.robust
     assert found is not None

@@ -45,7 +45,7 @@ def planned(setup: LoopSetup, bandwidth: np.ndarray) -> Any:
     )
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights, runs a move")
 @pytest.mark.parametrize(
     ("name", "goal", "start"),
     [
@@ -71,7 +71,7 @@ def test_the_nominal_robot_follows_the_plan_exactly(
     assert errors[1] < 0.15 * errors[0]
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights, runs a move")
 def test_figures_of_merit_are_those_of_the_trajectory(setup_of: Benches) -> None:
     setup = setup_of("planar-two-link", (0.4, 0.6), (0.1, 0.8))
     move = setup.move(planned(setup, np.array([5.0, 5.0])))
@@ -95,14 +95,14 @@ def test_figures_of_merit_are_those_of_the_trajectory(setup_of: Benches) -> None
     )
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights, runs a move")
 def test_a_faster_loop_moves_faster(setup_of: Benches) -> None:
     setup = setup_of("cart", (0.4, 0.3), (-0.2, -0.4))
     slow, fast = (planned(setup, np.array([w, w])).duration for w in (3.0, 6.0))
     assert 1.6 < slow / fast < 2.0  # but for the smoothing over a period of the vibration
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights, runs a move")
 def test_the_plan_stays_between_start_and_goal_and_so_within_the_limits(setup_of: Benches) -> None:
     setup = setup_of("cart", (0.5, 2.5), (-0.5, -2.5))  # from one end of the joints to the other
     plan = planned(setup, np.array([6.0, 6.0]))
@@ -111,7 +111,7 @@ def test_the_plan_stays_between_start_and_goal_and_so_within_the_limits(setup_of
     assert positions.max(axis=0) == pytest.approx([0.5, 2.5], abs=1e-12)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights, runs a move")
 def test_a_plan_beyond_the_joints_limits_is_refused(setup_of: Benches) -> None:
     inside = setup_of("cart", (0.4, 0.3), (-0.2, -0.4))
     with refused_with(InvalidInput, "limits", "'belt'", "0.7 m"):
@@ -137,7 +137,7 @@ def test_the_feedforward_leaves_room_below_the_limit_of_the_input(setup_of: Benc
     assert durations[-1] > 1.2 * durations[0]
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights, runs a move")
 def test_no_slower_move_helps_where_the_way_itself_is_too_heavy(setup_of: Benches) -> None:
     """From hanging to upright the arm passes 90°, which takes 10.9 V however slowly."""
     setup = setup_of("paper", (np.pi,), (0.0,), peak_effort=9.0)

@@ -9,46 +9,38 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests import workspaces
 from tests.refusals import refused_with
 
 import flexhinf as fh
 
-control = pytest.importorskip("control")
-
-QUICK: dict[str, Any] = {"degrees": "2", "draws": 0, "rays": 0, "proof_seconds": 0, "compare_rigid": False}
-
-
-@pytest.fixture(scope="module")
-def at_a_pose() -> Any:
-    s = fh.Specification(
-        pose="30deg", start="0", estimator="ekf", measured="link_position,motor_position", **QUICK
-    )
-    return fh.design(fh.load_robot("paper"), s)
-
 
 @pytest.fixture(scope="module")
 def in_a_workspace() -> Any:
+    from tests import workspaces
+
     with pytest.MonkeyPatch.context() as patch:
-        workspaces.few(patch, POSES=4, GOALS=2, CHOSEN_POSES=2, MODAL_POSES=30, BANDWIDTHS=(28.0,))
+        workspaces.few(patch, POSES=2, GOALS=2, CHOSEN_POSES=2, MODAL_POSES=10, BANDWIDTHS=(28.0,))
         s = fh.Specification(measured=("link_position", "motor_position"), draws=0)
         yield fh.design(fh.load_robot("planar-two-link"), s)
 
 
 @pytest.fixture(params=["at_a_pose", "in_a_workspace"])
 def design(request: pytest.FixtureRequest) -> Any:
-    return request.getfixturevalue(request.param)
+    made = request.getfixturevalue(request.param)
+    return made.design if request.param == "at_a_pose" else made
 
 
 def opened(design: Any, i: int = 0) -> Any:
     """L_i of python-control, with negative feedback."""
+    control = pytest.importorskip("control")
     system = design.linear().opened(i=i)
     return control.ss(system.a, system.b, -system.c, -system.d, system.period)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a whole design")
 @pytest.mark.oracle
 def test_margins_and_poles_are_those_of_python_control(design: Any) -> None:
+    control = pytest.importorskip("control")
     margins, linear = design.margins(), design.linear()
     whole = linear.closed_loop
     closed = control.ss(whole.a, whole.b, whole.c, whole.d, whole.period)
@@ -67,9 +59,11 @@ def test_margins_and_poles_are_those_of_python_control(design: Any) -> None:
             assert margins.peak_sensitivity == pytest.approx(1.0 / min(distances), rel=1e-3)
 
 
+@pytest.mark.costs("a whole design, which other tests share, and python-control")
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 def test_frequency_response_and_bode_are_those_of_python_control(design: Any) -> None:
+    control = pytest.importorskip("control")
     frequencies = np.geomspace(0.3, 300.0, 25)
     response = design.frequency_response(frequencies)
     for i in range(len(design.linear().inputs)):
@@ -89,14 +83,16 @@ def test_frequency_response_and_bode_are_those_of_python_control(design: Any) ->
 
 
 def test_a_design_of_one_pose_has_one_loop(at_a_pose: Any) -> None:
-    assert at_a_pose.margins() is at_a_pose.evaluation.margins
-    assert at_a_pose.margins(at_a_pose.goal).damping == pytest.approx(at_a_pose.margins().damping)
+    design = at_a_pose.design
+    assert design.margins() is design.evaluation.margins
+    assert design.margins(design.goal).damping == pytest.approx(design.margins().damping)
     with refused_with(fh.InvalidInput, 0.25, "workspace"):
-        at_a_pose.linear(0.25)
-    assert at_a_pose.step() is at_a_pose.evaluation.step.run
-    assert at_a_pose.move().tracked("link_position")[-1] == pytest.approx(np.radians(30.0), abs=2e-3)
+        design.linear(0.25)
+    assert design.step() is design.evaluation.step.run
+    assert design.move().tracked("link_position")[-1] == pytest.approx(np.radians(30.0), abs=2e-3)
 
 
+@pytest.mark.costs("a whole design for a workspace")
 def test_a_design_of_a_workspace_has_a_loop_at_each_pose(in_a_workspace: Any) -> None:
     design, goal = in_a_workspace, (0.3, -0.5)
     for loop, pose in zip(design.loops, design.poses):
@@ -113,7 +109,7 @@ def test_a_design_of_a_workspace_has_a_loop_at_each_pose(in_a_workspace: Any) ->
     np.testing.assert_allclose(moved.signals["state"][0, :2], design.robot.home, atol=1e-3)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a whole design")
 def test_what_a_report_folder_gives_back(design: Any, tmp_path: Path) -> None:
     folder = design.save(tmp_path / "report")
     robot, s = fh.load_design(folder)
@@ -127,7 +123,7 @@ def test_what_a_report_folder_gives_back(design: Any, tmp_path: Path) -> None:
     )
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a whole design")
 def test_a_robot_with_other_numbers_is_saved_beside_its_design(in_a_workspace: Any, tmp_path: Path) -> None:
     design = in_a_workspace
     heavier = design.robot.with_values({"mass_elbow": 1.1 * design.robot.nominal["mass_elbow"]})
@@ -143,6 +139,7 @@ def test_a_robot_with_other_numbers_is_saved_beside_its_design(in_a_workspace: A
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ["paper", "planar-two-link", "scara"])
 def test_modes_are_the_poles_of_python_control(robot_of: Callable[[str], Any], name: str) -> None:
+    control = pytest.importorskip("control")
     robot = robot_of(name)
     pose = np.array(robot.home) + 0.2 * np.array([not slide for slide in robot.links.slides])
     a, b, _, c = robot.plant().linearise(*robot.operating_point(pose))

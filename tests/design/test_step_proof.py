@@ -61,10 +61,14 @@ def test_a_sentence_and_what_is_missing_agree(name: str) -> None:
         assert found.missing
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a whole design, and its proof")
 @pytest.mark.parametrize(
     ("start", "degree", "seconds", "proved"),
-    [(np.pi - 0.4, 2, 20.0, True), (0.0, 4, 20.0, False), (np.pi - 0.4, 2, 0.0, False)],
+    [
+        (np.pi - 0.4, 2, 20.0, True),
+        pytest.param(0.0, 4, 20.0, False, marks=pytest.mark.nightly("a proof of degree 4")),
+        (np.pi - 0.4, 2, 0.0, False),
+    ],
     ids=["proved", "outside", "sampled"],
 )
 def test_everything_that_is_shown_of_a_design_agrees(

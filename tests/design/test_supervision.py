@@ -14,7 +14,7 @@ from flexhinf.design.deployed_run import prepare_run
 from flexhinf.design.loop_setup import LoopSetup
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights")
 def test_the_workspace_lies_about_start_goal_and_law(setup_of: Callable[..., LoopSetup]) -> None:
     """A tenth of the largest travel beyond both ends, at least 0.05 rad; runs of a design watch nothing."""
     for goal, start, low, high in (
@@ -34,7 +34,7 @@ def test_the_workspace_lies_about_start_goal_and_law(setup_of: Callable[..., Loo
         assert controller.supervision.modes(moving=False) == ("none",) * 3
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights")
 def test_a_schedule_adds_the_poses_of_its_laws(setup_of: Callable[..., LoopSetup]) -> None:
     setup, other = setup_of("paper", (1.5,), (0.0,)), setup_of("paper", (-1.0,), (0.0,))
     box = replace(setup, law=fh.Schedule([setup.law, other.law])).supervision.workspace
@@ -42,7 +42,7 @@ def test_a_schedule_adds_the_poses_of_its_laws(setup_of: Callable[..., LoopSetup
     assert np.ravel(box) == pytest.approx([-1.0 - 0.25, 1.5 + 0.25])
 
 
-@pytest.mark.ci
+@pytest.mark.ci("drives MuJoCo's robot")
 def test_a_move_of_a_deployed_controller_is_watched_without_reactions() -> None:
     """It is driven in error coordinates, where a frozen command would have velocities; offsets decay as before."""
     pytest.importorskip("mujoco")

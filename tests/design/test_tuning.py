@@ -83,7 +83,7 @@ def pd(rig: Tuner) -> Any:
         return rig.tune(law_kind("pd"))
 
 
-@pytest.mark.ci
+@pytest.mark.ci("tunes a law")
 @pytest.mark.oracle
 def test_a_tuned_law_keeps_every_limit_in_a_loop_of_our_own(rig: Tuner, pd: Any) -> None:
     """Margins from the loop transfer on a grid, and the peak from a loop that is put together here."""
@@ -106,7 +106,7 @@ def test_a_tuned_law_keeps_every_limit_in_a_loop_of_our_own(rig: Tuner, pd: Any)
     assert pd.metrics.input_noise <= most["input_noise"]
 
 
-@pytest.mark.ci
+@pytest.mark.ci("tunes a law")
 def test_all_parameters_are_searched_and_the_result_is_better_than_the_start(rig: Tuner, pd: Any) -> None:
     kind = law_kind("pd")
     start = rig.factory.start(kind)
@@ -117,13 +117,13 @@ def test_all_parameters_are_searched_and_the_result_is_better_than_the_start(rig
     assert pd.candidates == len(pd.search.candidates) >= len(pd.tried) > 10
 
 
-@pytest.mark.ci
+@pytest.mark.ci("tunes a law")
 def test_a_pd_acts_on_the_encoder_of_its_motor(rig: Tuner, pd: Any) -> None:
     assert pd.sensors == tuple(pd.setup.model.outputs) == ("motor_position",)
     assert rig.own.setup.specification.measured == ("link_position",)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("tunes a law")
 @pytest.mark.oracle
 def test_the_encoder_of_the_motor_spares_a_pd_the_sag_of_a_filter_on_the_link(rig: Tuner) -> None:
     """What a spring and a gain leave, K δq + G' δq − K δθ = d, K (δq − δθ) = K_p δθ; old code compared 1.6 times as
@@ -141,13 +141,13 @@ def test_the_encoder_of_the_motor_spares_a_pd_the_sag_of_a_filter_on_the_link(ri
     assert sag["motor_position"] < sag["link_position"]
 
 
-@pytest.mark.ci
+@pytest.mark.ci("tunes a law")
 def test_the_user_may_insist_on_one_set_of_sensors(tuner: Callable[..., Tuner], short: None) -> None:
     found = tuner(same_sensors=True).tune(law_kind("pd"))
     assert found.sensors == ("link_position",)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("tunes a law")
 def test_with_the_true_state_there_are_no_sensors_and_no_noise_levels(
     tuner: Callable[..., Tuner], short: None
 ) -> None:
@@ -156,7 +156,7 @@ def test_with_the_true_state_there_are_no_sensors_and_no_noise_levels(
     assert set(found.parameters) == {"bandwidth", "damping"}
 
 
-@pytest.mark.ci
+@pytest.mark.nightly("three laws that are tuned")
 def test_a_law_that_contains_another_one_is_not_tuned_worse(
     rig: Tuner, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -174,7 +174,7 @@ def test_a_law_that_contains_another_one_is_not_tuned_worse(
     assert found.cost <= contained.cost
 
 
-@pytest.mark.ci
+@pytest.mark.ci("tunes a law")
 def test_what_one_search_came_upon_serves_every_law_with_such_parameters(rig: Tuner, short: None) -> None:
     """By the seed nl-hinf ended at 0.74 and lqr-gravity at 0.89, or at 0.79 and 0.76: old code gave the values of a law
     to those only that contain it, and a PID's to no PD."""
@@ -186,7 +186,7 @@ def test_what_one_search_came_upon_serves_every_law_with_such_parameters(rig: Tu
     assert found.cost <= own.cost or not own.feasible
 
 
-@pytest.mark.ci
+@pytest.mark.nightly("the preset robust, four laws")
 def test_nonlinear_h_infinity_does_not_end_behind_the_nonlinear_lqr_that_it_contains(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -202,6 +202,7 @@ def test_nonlinear_h_infinity_does_not_end_behind_the_nonlinear_lqr_that_it_cont
         assert found[wider].cost <= found[contained].cost
 
 
+@pytest.mark.costs("a design that all quick tests of tuning share")
 def test_a_loop_that_cannot_be_linearised_is_not_feasible(
     rig: Tuner, short: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -265,13 +266,14 @@ def test_the_design_s_own_law_is_judged_and_not_tuned(rig: Tuner) -> None:
     assert own.parameters == {}
 
 
-@pytest.mark.ci
+@pytest.mark.ci("tunes a law")
 def test_every_law_has_the_same_scenario(rig: Tuner, pd: Any, short: None) -> None:
     for name in ("lqr", "flatness-i"):
         evaluation = rig.tune(law_kind(name)).evaluation
         assert evaluation.scenario is rig.own.scenario is pd.evaluation.scenario
 
 
+@pytest.mark.ci("tunes a law for another criterion")
 def test_by_bandwidth_and_by_nothing(tuner: Callable[..., Tuner], short: None) -> None:
     by = tuner("bandwidth")
     found = by.tune(law_kind("pd"))
@@ -280,6 +282,7 @@ def test_by_bandwidth_and_by_nothing(tuner: Callable[..., Tuner], short: None) -
     assert tuner("none").criterion.shared == ()
 
 
+@pytest.mark.ci("tunes a law")
 def test_many_states_are_searched_by_the_linear_part_and_judged_by_the_law_itself(
     rig: Tuner, short: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -302,7 +305,7 @@ def test_a_law_of_which_no_candidate_can_be_judged_is_an_error(
         rig.tune(law_kind("pd"))
 
 
-@pytest.mark.ci
+@pytest.mark.ci("tunes a law")
 def test_nonlinear_h_infinity_is_tuned_as_the_others_are(rig: Tuner, short: None) -> None:
     """Old code held the design itself, which was never tuned for the criterion, against laws that were."""
     kind = law_kind(NL_HINF)
@@ -318,7 +321,7 @@ def test_nonlinear_h_infinity_is_tuned_as_the_others_are(rig: Tuner, short: None
     assert (not again.feasible, again.cost) <= (not found.feasible, found.cost)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("tunes a PD, which other tests share")
 def test_a_law_is_not_left_out_for_its_corners_while_a_candidate_of_it_stands_them(
     rig: Tuner, pd: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -354,6 +357,7 @@ def test_the_best_rival_is_the_cheapest_that_keeps_all_limits_and_is_as_robust()
     assert [found.name for found in ranked(laws)] == ["nl-hinf-4", NL_HINF, "lqr"]
 
 
+@pytest.mark.ci("a PD that is tuned with many candidates")
 def test_trade_offs_have_the_law_as_tuned_and_a_curve_of_what_was_tried(rig: Tuner, pd: Any) -> None:
     laws = rig.tune(law_kind(DESIGN)), pd
     own, curve = (pareto_front((*law.tried, law.metrics), rig.criterion) for law in laws)
@@ -365,6 +369,7 @@ def test_trade_offs_have_the_law_as_tuned_and_a_curve_of_what_was_tried(rig: Tun
     assert volts.max() > rig.criterion.own.peak_input or sag.min() <= pd.metrics.load_deviation
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("name", [NL_HINF, "nl-hinf-4"])
 def test_nonlinear_h_infinity_does_not_end_behind_the_design_that_it_contains(
     rig: Tuner, name: str, monkeypatch: pytest.MonkeyPatch

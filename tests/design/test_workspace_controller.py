@@ -63,6 +63,24 @@ def resting(pose: Any) -> np.ndarray:
     return arm().operating_point(pose)[0][[0, 1, 4, 5]]
 
 
+@pytest.fixture(scope="module")
+def braking(tmp_path_factory: pytest.TempPathFactory) -> Callable[[], tuple[fh.Controller, Any]]:
+    """A controller that comes to rest within 20 ms of leaving its box, in Python and as the same compiled C."""
+    setup, _, _ = leaving()
+    watch = replace(setup.supervision, reactions={"workspace": "brake"}, braking_time=0.02)
+    library: list[Any] = []
+
+    def fresh() -> tuple[fh.Controller, Any]:
+        one = deployed(setup, AWAY, supervision=watch)
+        if not library:
+            file = tmp_path_factory.mktemp("braking") / "arm.so"
+            library.append(fh.load_compiled(fh.compile_controller(one, file)))
+        library[0].reset()
+        return one, library[0]
+
+    return fresh
+
+
 # What it watches ----------------------------------------------------------------------------------------
 def test_it_watches_the_box_of_its_workspace(tmp_path: Path) -> None:
     """The joint ranges, a box, the box of poses with room for splines; of a box in space the joint ranges."""
@@ -93,13 +111,10 @@ def test_it_watches_the_box_of_its_workspace(tmp_path: Path) -> None:
 
 
 def test_a_stated_reaction_brakes_along_the_path_also_in_c(
-    needs_compiler: Callable[..., None], tmp_path: Path
+    needs_compiler: Callable[..., None], braking: Callable[[], Any]
 ) -> None:
     needs_compiler("cc")
-    watch = replace(made().supervision, reactions={"workspace": "brake"}, braking_time=0.02)
-    one = deployed(made(), AWAY, supervision=watch)
-    library = fh.load_compiled(fh.compile_controller(one, tmp_path / "arm.so"))
-    rates = []
+    (one, library), rates = braking(), []
     for k in range(60):
         r = reference(AWAY) + np.eye(10)[1] * (2.0 if k == 20 else 0.0)
         u = one.step(resting(AWAY), r)
@@ -119,12 +134,13 @@ def leaving() -> tuple[WorkspaceSetup, fh.Waypoints, float]:
     return setup, plan, float(times[np.reshape(plan(times), (-1, 2))[:, 0] > 1.0 + 2e-6][0])
 
 
+@pytest.mark.costs("two kernels of a loop")
 @pytest.mark.parametrize(
     "plant",
     [
         "equations",
-        pytest.param("mujoco", marks=pytest.mark.ci),
-        pytest.param("library", marks=pytest.mark.ci),
+        pytest.param("mujoco", marks=pytest.mark.ci("runs in Python, sample by sample")),
+        pytest.param("library", marks=pytest.mark.ci("compiles C twice")),
     ],
 )
 def test_a_move_out_of_the_workspace_comes_to_rest_on_its_path(
@@ -180,14 +196,13 @@ def test_an_input_at_its_limit_for_long_brakes_the_move() -> None:
 
 
 def test_after_braking_it_begins_again_where_it_rests_and_may_come_back(
-    tmp_path: Path, needs_compiler: Callable[..., None]
+    needs_compiler: Callable[..., None], braking: Callable[[], Any]
 ) -> None:
     """Reset outside of the box: commands there are told, and do not brake again until one leaves the box once more."""
     needs_compiler("cc")
-    setup, plan, edge = leaving()
+    _, plan, edge = leaving()
     out = np.reshape(plan(edge + 0.15), -1)
-    controller = deployed(setup, AWAY)
-    library = fh.load_compiled(fh.compile_controller(controller, tmp_path / "arm.so"))
+    controller, library = braking()
     starts = {"pose": out}, dict(zip(("state", "input"), arm().operating_point(out)))
     for one, start in zip((controller, library), starts):
         for pose in (AWAY, out):
@@ -202,7 +217,7 @@ def test_after_braking_it_begins_again_where_it_rests_and_may_come_back(
                 assert u == pytest.approx(arm().operating_point(out)[1], abs=1e-6)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("drives MuJoCo's robot")
 def test_a_limit_cycle_and_lasting_saturation_are_said() -> None:
     """Seven samples of delay that nobody knows make the loop oscillate between its limits while it should rest."""
     setup = made(saturation=24.0)
@@ -218,7 +233,7 @@ def test_a_limit_cycle_and_lasting_saturation_are_said() -> None:
     assert np.any(seen & fh.Status.SATURATION)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("drives MuJoCo's robot")
 @pytest.mark.parametrize("limit", [None, 24.0])
 def test_swings_at_rest_are_watched_without_limits_too(limit: float | None) -> None:
     """Encoders that swing by 20 mrad at 5 Hz make a limit cycle of the status; their noise makes none in 5 s."""
@@ -241,14 +256,14 @@ def test_swings_at_rest_are_watched_without_limits_too(limit: float | None) -> N
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("pose", [AWAY, (2.9, -2.5)])
 def test_it_starts_at_rest_anywhere_in_the_workspace(
-    pose: tuple[float, float], needs_compiler: Callable[..., None], tmp_path: Path
+    pose: tuple[float, float], needs_compiler: Callable[..., None], braking: Callable[[], Any]
 ) -> None:
     """Made there, reset there, or as C: the weight is held from the first sample on, without a command."""
     needs_compiler("cc")
     held = arm().operating_point(pose)[1]
     there, elsewhere = deployed(made(), pose), deployed(made())
     elsewhere.reset(pose=pose)
-    library = fh.load_compiled(fh.compile_controller(deployed(made()), tmp_path / "arm.so"))
+    _, library = braking()
     library.reset(arm().operating_point(pose)[0])
     for _ in range(50):
         for each in (there, elsewhere):
@@ -282,6 +297,7 @@ class Encoders(MuJoCoPlant):
         return super().output() + np.array([5e-4, 0.0, 0.0, 0.0])
 
 
+@pytest.mark.ci("drives MuJoCo's robot for eight seconds")
 def test_offsets_of_encoders_act_slowly() -> None:
     """The link goes where its encoder says, without a jump: inputs are a tenth of those without the ramp."""
     setup, peaks = made(), []
@@ -301,9 +317,16 @@ def test_offsets_of_encoders_act_slowly() -> None:
     assert deployed(setup).offset_time == OFFSET_TIME
 
 
-@pytest.mark.ci
+@pytest.mark.ci("drives MuJoCo's robot")
 @pytest.mark.oracle
-@pytest.mark.parametrize("measured", [BOTH, ("motor_position",), ("link_position",)])
+@pytest.mark.parametrize(
+    "measured",
+    [
+        BOTH,
+        pytest.param(("motor_position",), marks=pytest.mark.nightly("one encoder a joint")),
+        pytest.param(("link_position",), marks=pytest.mark.nightly("one encoder a joint")),
+    ],
+)
 def test_offsets_move_links_as_the_linear_loop_says(measured: tuple[str, ...]) -> None:
     """Runs against MuJoCo's robot, one for each encoder that is off; the worst signs are those of the largest sum."""
     setup, kind = made(measured=measured), measured[-1]
@@ -413,7 +436,7 @@ def test_what_cannot_be_estimated_is_refused() -> None:
         made(measured=("link_position", "motor_position_elbow")).estimator(np.zeros(2))
 
 
-@pytest.mark.ci
+@pytest.mark.ci("drives MuJoCo's robot")
 def test_a_payload_is_carried_from_the_start() -> None:
     """Half a kilogram that no model knows: the arm arrives, and starts with less error than without the ramp."""
     setup, heavy, peaks = made(saturation=24.0), fh.load_robot("planar-two-link", payload="0.5kg"), []
@@ -431,6 +454,7 @@ def test_a_payload_is_carried_from_the_start() -> None:
     assert peaks[1] < 0.5 * peaks[0]
 
 
+@pytest.mark.ci("a kernel for a campaign; campaigns have quick tests of their own")
 def test_a_campaign_of_robots_makes_a_move() -> None:
     setup = made(saturation=24.0)
     start, goal = setup.goals(2, 7)
@@ -444,7 +468,7 @@ def test_a_campaign_of_robots_makes_a_move() -> None:
     assert float(found["error"].max()) < 2e-3
 
 
-@pytest.mark.ci
+@pytest.mark.ci("drives MuJoCo's robot")
 def test_a_run_on_the_robot_of_mujoco_is_a_move_from_the_stated_start(tmp_path: Path) -> None:
     """Of a controller from a file, which begins at home; bare start and goal are those of a run's options."""
     pytest.importorskip("mujoco")
@@ -461,30 +485,34 @@ def test_a_run_on_the_robot_of_mujoco_is_a_move_from_the_stated_start(tmp_path: 
     assert [line for line in prepared.requirements(run) if not line.met] == []
 
 
-def test_a_run_rests_for_a_second_and_is_judged_as_the_moves_of_its_design(tmp_path: Path) -> None:
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize("kind", ["pose", "move"])
+def test_a_run_rests_for_a_second_and_is_judged_as_the_moves_of_its_design(kind: str) -> None:
     """Half a second of motion, the shortest, then a whole one of rest: what remains is judged, not by the travel."""
     pytest.importorskip("mujoco")
     setup, goal = made(saturation=24.0), np.add(AWAY, (0.05, -0.05))
-    for options in (
-        {"start": AWAY, "pose": tuple(goal)},
-        {"move": fh.Waypoints([0.0, 0.6], [AWAY, goal], "quintic")},
-    ):
-        s = fh.Specification(measured=BOTH, saturation=24.0, **options)
-        prepared = prepare_run(deployed(setup), (arm(), setup.specification), arm(), s)
-        assert prepared.plan is not None
-        assert prepared.arguments["duration"] == pytest.approx(prepared.plan.duration + 1.0)
-        run = fh.run_realtime(prepared.loop, **prepared.arguments, real_time=False)
-        lines = {line.what: line for line in prepared.requirements(run)}
-        assert lines["remaining error"].limit == pytest.approx(1e-3)
-        last = run.trajectory.time >= run.trajectory.time[-1] - 0.3
-        error = np.abs(run.trajectory.signals["state"][last, :2] - goal).max()
-        assert lines["remaining error"].found == pytest.approx(error, rel=1e-6)
-        assert any("ripple" in what for what in lines)
+    options: dict[str, Any] = {"start": AWAY, "pose": tuple(goal)}
+    if kind == "move":
+        options = {"move": fh.Waypoints([0.0, 0.6], [AWAY, goal], "quintic")}
+    s = fh.Specification(measured=BOTH, saturation=24.0, **options)
+    prepared = prepare_run(deployed(setup), (arm(), setup.specification), arm(), s)
+    assert prepared.plan is not None
+    assert prepared.arguments["duration"] == pytest.approx(prepared.plan.duration + 1.0)
+    run = fh.run_realtime(prepared.loop, **prepared.arguments, real_time=False)
+    lines = {line.what: line for line in prepared.requirements(run)}
+    assert lines["remaining error"].limit == pytest.approx(1e-3)
+    last = run.trajectory.time >= run.trajectory.time[-1] - 0.3
+    error = np.abs(run.trajectory.signals["state"][last, :2] - goal).max()
+    assert lines["remaining error"].found == pytest.approx(error, rel=1e-6)
+    assert any("ripple" in what for what in lines)
 
 
 # As C ---------------------------------------------------------------------------------------------------
-@pytest.mark.ci
-@pytest.mark.parametrize("name", ["planar-two-link", pytest.param("seven-link", marks=pytest.mark.ci)])
+@pytest.mark.ci("compiles C")
+@pytest.mark.parametrize(
+    "name",
+    ["planar-two-link", pytest.param("seven-link", marks=pytest.mark.nightly("the C of seven joints"))],
+)
 def test_the_c_of_a_moving_command_is_the_simulation(
     name: str, needs_compiler: Callable[..., None], tmp_path: Path
 ) -> None:

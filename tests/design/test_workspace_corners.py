@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -34,6 +35,7 @@ GOOD = PoseLoop(
 )  # fmt: skip
 
 
+@cache
 def setup_of(payload: str) -> WorkspaceSetup:
     robot = fh.load_robot("planar-two-link", payload=payload)
     law = ModalLaw.tuned(
@@ -108,7 +110,7 @@ def test_a_settled_start_stays_where_it_is(measured: tuple[str, ...]) -> None:
     assert beside == 0.0 if measured == BOTH else 1e-6 < beside < 0.02  # the twist of springs by 0.5 kg
 
 
-@pytest.mark.ci
+@pytest.mark.ci("many moves")
 def test_a_law_that_is_faster_than_a_soft_arm_swings_at_rest(monkeypatch: pytest.MonkeyPatch) -> None:
     """Dry friction nearly holds the motors; the requirement sees the cycle of links and integrals, and the share of the
     bandwidth for a robot with dry friction ends it."""
@@ -194,7 +196,7 @@ def test_the_move_that_is_made_again_swings_most_by_its_own_limits(monkeypatch: 
     assert (line.found, line.limit, line.joint) == (2e-5, pytest.approx(5e-6), "elbow")
 
 
-@pytest.mark.ci
+@pytest.mark.ci("many moves")
 def test_moves_are_judged_by_the_limits_of_the_joints() -> None:
     """Peak input, speed and range, by the arrays of the runs themselves, the worst of all moves."""
     setup = setup_of("1kg")

@@ -60,7 +60,7 @@ def test_without_such_a_field_a_design_is_for_the_workspace(fields: dict[str, An
     assert is_for_workspace(fh.Specification(**fields))
 
 
-@pytest.mark.ci
+@pytest.mark.ci("designs for a workspace")
 def test_by_default_it_is_for_the_joint_ranges(robot_of: Named) -> None:
     design, told = fh.design(robot_of("planar-two-link")), list[str]()
     assert isinstance(design, fh.WorkspaceDesign)
@@ -78,7 +78,7 @@ def test_laws_are_compared_and_proved_at_one_pose(robot_of: Named) -> None:
         fh.compare(robot_of("paper"), s)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("designs for a workspace")
 def test_a_rigid_joint_is_served_too(robot_of: Named) -> None:
     whole, s = (
         robot_of("planar-two-link"),
@@ -96,7 +96,7 @@ def test_a_rigid_joint_is_served_too(robot_of: Named) -> None:
 
 
 # What it reads -------------------------------------------------------------------------------------------
-@pytest.mark.ci
+@pytest.mark.ci("designs for a workspace")
 def test_it_reads_its_own_fields_and_no_other(
     robot_of: Named, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -118,7 +118,7 @@ def test_it_reads_its_own_fields_and_no_other(
     assert read == set(OF_WORKSPACE)
 
 
-@pytest.mark.ci
+@pytest.mark.nightly("five designs")
 def test_seed_draws_speeds_and_gains_change_what_is_looked_at(robot_of: Named) -> None:
     robot = robot_of("planar-two-link")
     plain = design_workspace(robot, fh.Specification())
@@ -197,7 +197,7 @@ def test_a_workspace_is_text_pairs_or_waypoints(robot_of: Named, tmp_path: Path)
 
 
 # Files ---------------------------------------------------------------------------------------------------
-@pytest.mark.ci
+@pytest.mark.ci("designs for a workspace")
 def test_its_folder_gives_back_controller_and_specification(robot_of: Named, tmp_path: Path) -> None:
     """The controller of the file makes the same steps."""
     robot, s = robot_of("planar-two-link"), fh.Specification(draws=0, workspace=[(-0.5, 0.5), (0.0, 0.5)])  # type: ignore[arg-type]
@@ -211,7 +211,7 @@ def test_its_folder_gives_back_controller_and_specification(robot_of: Named, tmp
         np.testing.assert_array_equal(own.step(y, reference), stored.step(y, reference))
 
 
-@pytest.mark.ci
+@pytest.mark.ci("designs for a workspace")
 def test_a_box_in_space_is_for_its_tool(robot_of: Named) -> None:
     """The hand of the planar arm, 0.1 m beyond its last link; poses by forward kinematics of the robot."""
     from flexhinf.cli.arguments import read_source

@@ -94,7 +94,7 @@ def damping(matrix, period, low, high):
     return (-s.real / np.abs(s)).min(initial=1.0)
 
 
-CASES = [{}, pytest.param({"measured": ("motor_position",)}, marks=pytest.mark.ci), {"name": "scara"}]
+CASES = [{}, {"measured": ("motor_position",)}, {"name": "scara"}]
 
 
 @pytest.mark.quick_cases(1)
@@ -141,7 +141,7 @@ def test_the_loop_is_that_of_the_running_controller(case):
         assert loop.part(*signals).norm()[0] == pytest.approx(traced.part(*signals).norm()[0], rel=1e-4)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches a law for a workspace")
 def test_encoders_of_the_motors_alone_damp_the_scara_and_hold_what_it_does_not_know() -> None:
     """The design knows of a payload of 1 mg; 1 kg slows the wrist's vibration, and no loop is unstable."""
     made = setup("scara", "1e-6kg@wrist:0.03,0,-0.06", measured=("motor_position",))
@@ -158,7 +158,7 @@ def replaced(case):
     return made.robot, checked_specification(made.robot, fh.Specification(**stated)), made.workspace, made.law
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches a law for a workspace")
 @pytest.mark.oracle
 def test_the_slope_of_the_law_is_that_of_its_columns():
     made = setup("scara")
@@ -170,7 +170,13 @@ def test_the_slope_of_the_law_is_that_of_its_columns():
 
 
 @pytest.mark.parametrize(
-    "name", ["paper", "planar-two-link", "scara", pytest.param("seven-link", marks=pytest.mark.ci)]
+    "name",
+    [
+        "paper",
+        "planar-two-link",
+        pytest.param("scara", marks=pytest.mark.ci("a search for four joints")),
+        pytest.param("seven-link", marks=pytest.mark.nightly("a search for seven joints")),
+    ],
 )
 def test_what_is_found_keeps_what_is_required_at_other_poses(name):
     made = setup(name)
@@ -182,7 +188,7 @@ def test_what_is_found_keeps_what_is_required_at_other_poses(name):
     assert all(line.met for line in lines)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches a law for a workspace")
 def test_the_search_sees_the_corners_of_a_rotary_joint() -> None:
     robot = fh.load_robot("quanser-rotflex")
     setup = tuned_setup(
@@ -235,7 +241,7 @@ motor = {{ motor_inertia = {}, coulomb_friction = {}, friction = {} }}
 """
 
 
-@pytest.mark.ci
+@pytest.mark.ci("two searches for three joints")
 def test_a_slower_law_for_the_gain_margin_has_to_arrive(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With motors unlike each other a fast law tolerates a gain of 1.8, and 7 rad/s one of 2, 20 mrad from the goal."""
     joints = (
@@ -265,7 +271,7 @@ def test_a_slower_law_for_the_gain_margin_has_to_arrive(tmp_path, monkeypatch: p
     assert stated.law.gains.weights.bandwidth == 7.0
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches a law for a workspace")
 def test_louder_sensors_get_another_estimator():
     quiet, loud = setup("scara"), setup("scara", measurement_noise=1e-7)
     assert quiet.random != loud.random
@@ -277,7 +283,7 @@ def test_louder_sensors_get_another_estimator():
 
 
 def test_stated_noise_is_kept(monkeypatch):
-    monkeypatch.setattr(search, "BANDWIDTHS", (14.0,))
+    few(monkeypatch, BANDWIDTHS=(14.0,), CHOSEN_POSES=2, TRIED_MOVES=1)
     made = setup("planar-two-link", torque_noise=1e-7)
     assert made.noise_levels.link_velocities == 1e-7
     assert made.noise_levels.motor_velocities == 1e-7

@@ -314,6 +314,7 @@ def write_files(page: str, folder: Path) -> None:
 
 
 # Tests ----------------------------------------------------------------------------------------------
+@pytest.mark.costs("starts flexhinf for each command")
 @pytest.mark.parametrize("blocks", chains())
 def test_every_command_of_a_page_runs_as_it_is_printed(blocks: list[Block], tmp_path: Path) -> None:
     targets = re.findall(r"^([\w-]+):", (REPOSITORY / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
@@ -339,7 +340,8 @@ def test_every_command_of_a_page_runs_as_it_is_printed(blocks: list[Block], tmp_
         pytest.skip(f"missing: what {', '.join(absent)} say that they need; the rest ran")
 
 
-@pytest.mark.quick_cases(4)
+@pytest.mark.costs("starts an interpreter for each program")
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("block", programs())
 def test_every_program_runs_as_it_is_printed(block: Block, tmp_path: Path) -> None:
     write_files(block.page, tmp_path)

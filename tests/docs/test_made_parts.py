@@ -27,7 +27,8 @@ def numbers_apart(one: str, other: str) -> list[tuple[str, str]]:
     return apart
 
 
-@pytest.mark.quick_cases(8)
+@pytest.mark.costs("benchmarks make their tables in processes of their own")
+@pytest.mark.quick_cases(4)
 @pytest.mark.parametrize("name", [name for name in MAKE["QUICK"] if name != "size"])
 def test_a_part_is_what_the_code_makes(name: str, repository: Path) -> None:
     page = repository / MAKE["QUICK"][name][0]
@@ -37,7 +38,7 @@ def test_a_part_is_what_the_code_makes(name: str, repository: Path) -> None:
         assert figure.read_text(encoding="utf-8") == drawn, f"run: python docs/make.py {name}"
 
 
-@pytest.mark.ci
+@pytest.mark.ci("parses the package once more")
 def test_the_table_of_sizes_is_near_the_sizes(repository: Path) -> None:
     """A line more or less is no news: the rooms are the same, the numbers agree within `ROUNDING`."""
     page, made = (
@@ -51,8 +52,23 @@ def test_the_table_of_sizes_is_near_the_sizes(repository: Path) -> None:
     assert numbers_apart(page, made) == [], "run: python docs/make.py size"
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("name", [name for name in MAKE["SLOW"] if name != "promises"])  # tests/test_fuzz.py
+#: Parts of several designs; those of one are computed in `make ci`.
+BY_NIGHT = {"presets": "designs the arm eight times", "laws": "tunes every law"}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(
+            name,
+            marks=pytest.mark.nightly(BY_NIGHT[name])
+            if name in BY_NIGHT
+            else pytest.mark.ci("designs or sweeps"),
+        )
+        for name in MAKE["SLOW"]
+        if name != "promises"  # tests/test_fuzz.py
+    ],
+)
 def test_the_numbers_of_a_page_are_those_of_the_code(name: str, repository: Path) -> None:
     page = (repository / MAKE["SLOW"][name][0]).read_text(encoding="utf-8")
     made = MAKE["written"](name)

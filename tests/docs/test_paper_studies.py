@@ -76,7 +76,7 @@ def test_the_norm_is_that_of_the_continuous_linear_loop(setup: PaperSetup) -> No
     assert measured["gain"] < measured["norm"] < setup.gamma
 
 
-@pytest.mark.ci
+@pytest.mark.ci("laws over γ and R2, for two seeds")
 def test_the_answer_is_the_same_for_another_seed(setup: PaperSetup) -> None:
     ratios = []
     for each in (setup, PaperSetup(PaperSettings(seed=3))):
@@ -91,7 +91,7 @@ def test_the_other_design_that_is_quoted(setup: PaperSetup) -> None:
     assert unstable_of(STUDIES["other_design"](setup), "corner") == 768
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches repairs over all corners")
 def test_the_repair_withstands_other_plants_and_is_the_smallest(
     setup: PaperSetup,
 ) -> None:

@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 import pytest
 from tests.estimation.composing import composed
+from tests.estimation.conftest import pairs
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -23,6 +24,9 @@ from flexhinf.estimation import (
 )
 from flexhinf.plant import linear_plant
 
+# Kernels that run once each: 2 s instead of 3 s.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 KINDS = {
     "ukf": UnscentedKalmanFilter,
     "ukf, rows": partial(UnscentedKalmanFilter, form="square_root"),
@@ -31,7 +35,7 @@ KINDS = {
     "ekf, rows": partial(ExtendedKalmanFilter, form="square_root"),
 }
 EVERY = pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
-TURNS = pytest.mark.parametrize("turn", [0.0, 1.0, 3.0, np.pi, -2.0, 3.3, 12.0])
+TURNS = [3.0, 0.0, 1.0, np.pi, -2.0, 3.3, 12.0]
 PERIOD = 0.1
 
 
@@ -98,19 +102,17 @@ def assert_alike(first, second, atol=1e-9):
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
-@EVERY
-@TURNS
-@pytest.mark.parametrize("wrap", [wrapped, jumping])
-@pytest.mark.parametrize("sampled", [False, True])
+@pytest.mark.parametrize(
+    ("kind", "turn", "wrap", "sampled"), pairs(list(KINDS), TURNS, [wrapped, jumping], [False, True])
+)
 def test_turned_by_any_angle_it_gives_the_same_estimates(kind, turn, wrap, sampled):
     """Those of a plant that never wraps and is told whole turns, too."""
-    plant = turning(wrap, sampled)
-    found, far = estimates(kind, plant, turn)
+    found, far = estimates(KINDS[kind], turning(wrap, sampled), turn)
     assert far > 5.0
-    assert_alike(found, estimates(kind, turning(lambda angle: angle, sampled), 0.0)[0])
+    assert_alike(found, estimates(KINDS[kind], turning(lambda angle: angle, sampled), 0.0)[0])
 
 
-@pytest.mark.ci
+@pytest.mark.ci("compiles six filters")
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", [KINDS[name] for name in ("ukf", "ukf, rows", "ekf")])
 @pytest.mark.parametrize("sampled", [False, True])
@@ -119,7 +121,7 @@ def test_in_compiled_code_too(kind, sampled):
     assert_alike(estimates(kind, plant, 3.0, composed)[0], estimates(kind, plant, 3.0)[0])
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.ci("runs every filter twice")
 @EVERY
 def test_what_is_not_declared_is_no_angle(kind):
     """The estimate is lost where the compass jumps."""
@@ -170,7 +172,7 @@ def controller(kind, turn, wrap=wrapped, **options):
     return fh.Controller(law, kind(pendulum(wrap), 0.02, 1e-6, 1e-5, [turn, 0.0], 1e-3), 0.02, **options)
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", [*KINDS.values(), constant], ids=[*KINDS, "constant gain"])
 @pytest.mark.parametrize("options", [{}, {"offset_time": 0.1}], ids=["plain", "offset"])

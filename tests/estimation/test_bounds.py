@@ -16,6 +16,9 @@ from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.estimation.bounds import projected
 
+# Kernels that run once each: 1 s instead of 2 s.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 BOTH = pytest.mark.parametrize("form", ["covariance", "square_root"])
 
 
@@ -31,6 +34,7 @@ def distance(x, mean, covariance):
     return (x - mean) @ np.linalg.solve(covariance, x - mean)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("bounded", [1, 2, 4])
 def test_it_is_the_most_likely_point_within(bounded):
@@ -73,6 +77,7 @@ ARGUMENTS = (spring(), 0.05, [1e-8, 1e-6, 1e-3], 1e-4, [0.5, 0.0, 1.0], [0.01, 0
 BOUNDS = {"stiffness": (0.8, 3.0), "speed": (-0.3, 0.3)}
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @BOTH
 def test_every_update_ends_with_the_projection_of_the_plain_one(kalman, form):
@@ -96,6 +101,7 @@ def test_every_update_ends_with_the_projection_of_the_plain_one(kalman, form):
     assert met > 10
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @BOTH
 def test_compiled_it_is_its_text_and_a_loop_and_a_file_keep_it(kalman, form, tmp_path):

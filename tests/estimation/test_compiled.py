@@ -12,6 +12,9 @@ from flexhinf.codegen.program import Unsupported
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter, compiled, shell
 
+# Filters that are compiled and step some ten times: 1 s instead of 3 s.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 BOTH = pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter])
 FORMS = pytest.mark.parametrize("form", ["covariance", "square_root"])
 
@@ -53,7 +56,7 @@ def assert_alike(first, second):
     assert (first.repairs, first.diagnosis, first._step) == (second.repairs, second.diagnosis, second._step)
 
 
-@pytest.mark.quick_cases(5)
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @BOTH
 @FORMS
@@ -72,6 +75,7 @@ def test_what_it_computes_is_what_numpy_does(kind, form, more):
     assert bool(more.get("gate")) == bool(filter.rejected.any())
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("setting", [{}, {"alpha": 0.9, "kappa": 1.0}])
 def test_angles(setting):
@@ -116,6 +120,7 @@ def test_numpy_makes_the_first_calls(monkeypatch):
     assert filter._step == 3
 
 
+@pytest.mark.quick_cases(2)
 @BOTH
 @FORMS
 def test_a_refusal_changes_nothing(kind, form):
@@ -136,6 +141,7 @@ def test_a_refusal_changes_nothing(kind, form):
     assert filter._compiled is not None
 
 
+@pytest.mark.quick_cases(2)
 @BOTH
 @FORMS
 def test_an_estimate_that_is_not_finite_is_left_out_and_said(kind, form):
@@ -186,6 +192,7 @@ def test_what_is_set_later_counts(kind):
     assert filter._compiled is not None
 
 
+@pytest.mark.quick_cases(1)
 @BOTH
 @FORMS
 def test_copies_and_pickles_continue_apart(kind, form):

@@ -25,6 +25,9 @@ from flexhinf.estimation import (
 )
 from flexhinf.estimation.stationary import stationary_error
 
+# Kernels that run once each: 2 s instead of 4 s.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 PERIOD, Q, R = 0.02, np.diag([1e-5, 4e-5, 2e-5]), np.array([[4e-4, 1e-4], [1e-4, 9e-4]])
 
 
@@ -69,6 +72,7 @@ def measured(count=300):
     return y
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize("pieces", [False, True])
 @pytest.mark.parametrize("gate", [0.9, 0.999])
@@ -158,7 +162,7 @@ def injected(**options):
     return OutputInjectionObserver(plant, 1e-3, 1e-8, np.diag([1e-6, 4e-6]), np.zeros(4), **options)
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("pieces", [False, True])
 @pytest.mark.parametrize("kind", ["modal", "injection", "constant"])
@@ -229,6 +233,7 @@ def test_the_shell_of_the_observer_counts_too():
     assert gated.repairs["rejected"] == 3
 
 
+@pytest.mark.ci("exports and compiles C")
 @pytest.mark.oracle
 def test_they_run_in_loops_and_in_c(tmp_path):
     one, _, _ = constant(gate=0.95, bounds={"b": (-0.05, 0.05), "c": (-0.2, 0.1)})

@@ -15,6 +15,9 @@ from flexhinf.estimation.diagnosis import innovation_limit
 from flexhinf.estimation.square_root import reciprocal_condition
 from flexhinf.scalars import cholesky, householder
 
+# Filters that are compiled and step a few hundred times: half of the time.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 
 def twin(noise, **options):
     """Two states of which the outputs see nearly the same."""
@@ -61,10 +64,9 @@ def test_recorded_samples_name_the_inputs_that_decide():
     assert fh.diagnose(hostile) == ()
 
 
+@pytest.mark.ci("moves every input of recorded samples twenty times")
 @pytest.mark.oracle
-@pytest.mark.parametrize(
-    ("name", "flagged"), [("47", True), pytest.param("28", False, marks=pytest.mark.ci)]
-)
+@pytest.mark.parametrize(("name", "flagged"), [("47", True), ("28", False)])
 def test_a_kept_filter_is_flagged_where_its_inputs_do_not_determine_it(name, flagged):
     case = next(case for case in kept() if case.name == name)
     assert case.determined is not flagged
@@ -135,6 +137,7 @@ def test_innovations_that_no_noise_explains_are_one_entry_from_sample_to_sample(
     assert (gated.diagnosis, gated.repairs["rejected"] >= 1) == ((), True)
 
 
+@pytest.mark.ci("300 samples")
 def test_an_outlier_makes_no_hundred_entries_of_lost_digits():
     filter = walk(fh.ExtendedKalmanFilter, "square_root")
     for k in range(300):

@@ -12,6 +12,9 @@ from tests.estimation.test_gaps import Still
 import flexhinf as fh
 from flexhinf.estimation import ConstantGainFilter, linear_model, stationary_gain
 
+# Kernels that run once each: half of the time.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 EPS = np.finfo(float).eps
 KICKS = 5, 11, 12, 30
 
@@ -58,7 +61,7 @@ def lost_digits(root, slope, noise, innovation):
     return EPS / np.min(np.abs(np.diag(factor)) / scale) * max(1.0, np.abs(white).max())
 
 
-@pytest.mark.quick_cases(3)
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("pieces", [False, True])
 @pytest.mark.parametrize("kind", KINDS)
@@ -121,6 +124,7 @@ def test_what_a_gate_rejects_is_not_in_doubt():
     assert controller.rejected.tolist() == [1, 1]
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("kind", [fh.UnscentedKalmanFilter, fh.ExtendedKalmanFilter])
 @pytest.mark.parametrize("bent", [0.0, 1e-3])
 def test_a_repaired_covariance_is_in_doubt(kind, bent):

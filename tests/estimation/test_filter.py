@@ -184,7 +184,7 @@ def test_one_step_of_eight_stages_is_as_right_as_five_classical_ones(speed):
     assert np.all(eight < 0.2 * three)
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.ci("1,200 steps of drawn covariances in Python")
 @pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter])
 def test_what_is_accepted_as_a_covariance_can_be_used(kalman, kind):
     """Singular P0 and R^v of any rank, scaled over decades: the filter runs."""

@@ -24,6 +24,9 @@ from flexhinf.estimation import (
     stationary_gain,
 )
 
+# Kernels that run once each: half of the time.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 KINDS = {
     "ukf": UnscentedKalmanFilter,
     "ukf, rows": partial(UnscentedKalmanFilter, form="square_root"),
@@ -47,7 +50,7 @@ def masks(p):
     return [np.array(mask) for mask in itertools.product([True, False], repeat=p) if 0 < sum(mask) < p]
 
 
-@pytest.mark.quick_cases(3)
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @PLAIN
 @pytest.mark.parametrize("scale", [1.0, 1e-4])
@@ -90,7 +93,7 @@ NOISE = np.array([[4e-4, 2e-4, -1e-4], [2e-4, 9e-4, 3e-4], [-1e-4, 3e-4, 2.5e-4]
 GIVEN = {"process_noise": 1e-5, "mean": [0.3, 0.2, -0.1], "covariance": [0.04, 0.09, 0.01]}
 
 
-@pytest.mark.quick_cases(3)
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @EVERY
 def test_of_sensors_that_are_not_linear_it_is_the_filter_of_the_others(kalman, kind):
@@ -110,6 +113,7 @@ def test_of_sensors_that_are_not_linear_it_is_the_filter_of_the_others(kalman, k
             assert kalman.relative(filter.mean, filter.covariance, fewer.mean, fewer.covariance) < 1e-11
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", [KINDS[name] for name in ("ukf", "ukf, rows", "bounded, rows", "ekf")])
 def test_composed_it_is_its_text_on_floats(kalman, kind):
@@ -123,6 +127,7 @@ def test_composed_it_is_its_text_on_floats(kalman, kind):
         assert kalman.relative(belief.mean, belief.covariance, filter.mean, filter.covariance) < 1e-12
 
 
+@pytest.mark.quick_cases(7)
 @EVERY
 @pytest.mark.parametrize("y", [None, [np.nan] * 3, [None] * 3, np.ma.masked_all(3)])
 def test_where_nothing_is_measured_nothing_changes(kind, y):
@@ -150,6 +155,7 @@ def test_masked_elements_and_none_are_missing_too(kind):
     np.testing.assert_array_equal(found[1:], found[:1] * 2)
 
 
+@pytest.mark.quick_cases(14)
 @EVERY
 @pytest.mark.parametrize(
     "y", [[np.inf, 0.1, 0.1], [0.1, -np.inf, np.nan], [0.1, np.nan], np.nan, "none", [0.1, "x", 0.2]]
@@ -193,6 +199,7 @@ class Still(fh.plant.Law):
         return np.zeros(len(self.input_names)) * x[0]
 
 
+@pytest.mark.ci("a controller of two links")
 @pytest.mark.oracle
 def test_the_filter_of_an_arm_has_the_column_of_a_missing_sensor_zero():
     robot = fh.load_robot("planar-two-link")
@@ -248,6 +255,7 @@ def tracked(kind, **options):
     return fh.Controller(law, filter, 0.02, **options)
 
 
+@pytest.mark.quick_cases(1)
 @PLAIN
 @pytest.mark.parametrize("pieces", [False, True])
 def test_a_sample_of_nan_is_one_without_a_measurement(kind, pieces):
@@ -262,6 +270,7 @@ def test_a_sample_of_nan_is_one_without_a_measurement(kind, pieces):
     assert not first._history.waiting
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @PLAIN
 @pytest.mark.parametrize("pieces", [False, True])
@@ -297,6 +306,7 @@ def test_what_is_infinite_is_refused_and_changes_nothing():
         np.testing.assert_array_equal(first.step([0.1, np.nan], 0.5), second.step([0.1, np.nan], 0.5))
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("gap", [[0], [1], [0, 1]])
 def test_an_offset_is_taken_where_a_sensor_first_speaks(gap):
     """The sensor that is missing at the first sample has its offset from its first sample on: nothing moves."""

@@ -16,6 +16,9 @@ import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 
+# Kernels that run once each: half of the time.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 KINDS = {
     "ukf": UnscentedKalmanFilter,
     "ukf, rows": partial(UnscentedKalmanFilter, form="square_root"),
@@ -25,7 +28,7 @@ KINDS = {
 EVERY = pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @EVERY
 @pytest.mark.parametrize("gate", [0.5, 0.99, 0.999999])
@@ -88,7 +91,7 @@ def test_a_gate_that_nothing_meets_changes_no_bit(kind):
         np.testing.assert_array_equal(gated.covariance, plain.covariance)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("4,000 samples")
 @pytest.mark.oracle
 def test_of_good_measurements_as_many_are_rejected_as_stated():
     plant = fh.Plant(lambda x, u, d, p: -x + u[0], lambda x, u, p: x, ("a", "b"), ("u",))
@@ -133,7 +136,7 @@ def test_a_covariance_that_is_singular_to_rounding_is_counted():
 
 
 # In controllers ------------------------------------------------------------------------------------------
-@pytest.mark.quick_cases(3)
+@pytest.mark.quick_cases(1)
 @EVERY
 @pytest.mark.parametrize("pieces", [False, True])
 def test_to_a_controller_an_outlier_is_a_missing_element(kind, pieces):
@@ -159,7 +162,7 @@ def test_to_a_controller_an_outlier_is_a_missing_element(kind, pieces):
     assert gated.rejected.tolist() == [0, 0]
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @EVERY
 def test_a_loop_is_that_of_its_steps_and_files_keep_the_gate(kind, tmp_path):
     controller = fh.Controller(
@@ -178,6 +181,7 @@ def test_without_an_estimator_nothing_is_rejected():
     assert fh.Controller(Still(sensors()), None).rejected.tolist() == [0, 0, 0]
 
 
+@pytest.mark.quick_cases(12)
 @EVERY
 @pytest.mark.parametrize("gate", [0.0, 1.0, -0.5, 3.0, np.nan, np.inf, "0.9", [0.9, 0.9], 1j])
 def test_what_is_no_probability_is_refused(kind, gate):

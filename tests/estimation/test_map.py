@@ -17,6 +17,9 @@ from flexhinf.estimation import ConstantGainFilter, ExtendedKalmanFilter, Unscen
 from flexhinf.estimation.stationary import linear_model, stationary_gain
 from flexhinf.plant import Law
 
+# Kernels that run once each: half of the time.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 BOTH = pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter])
 FORMS = pytest.mark.parametrize("form", ["covariance", "square_root"])
 PERIOD = 0.05
@@ -53,7 +56,7 @@ class Pull(Law):
 
 
 # Filters -------------------------------------------------------------------------------------------------
-@pytest.mark.quick_cases(3)
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @BOTH
 @FORMS
@@ -148,6 +151,7 @@ def controller(form="covariance", **options):
     return fh.Controller(Pull(), estimator, PERIOD, **options)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @FORMS
 @pytest.mark.parametrize("latency", [0, 1])
@@ -188,6 +192,7 @@ def test_the_controller_of_a_map_is_saved_pickled_and_copied(tmp_path):
         np.testing.assert_array_equal([other.step([0.1 * k]) for k in range(5)], expected)
 
 
+@pytest.mark.ci("exports and compiles C")
 def test_the_exported_code_of_a_map_steps_alike(tmp_path):
     control = controller("square_root")
     compiled = fh.load_compiled(fh.compile_controller(control, tmp_path / "library.so"))

@@ -16,6 +16,9 @@ from flexhinf.export.recording import record
 from flexhinf.plant import Law, Plant
 from flexhinf.plant.joints import elastic_joints
 
+# Kernels that run once each: half of the time.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 PERIOD = 1e-3
 BOTH, MOTORS, TORQUE = (
     ("link_position", "motor_position"),
@@ -157,6 +160,7 @@ def test_a_step_is_the_text_in_numpy(measured):
     np.testing.assert_allclose(fixed.mean, corrected.mean, rtol=1e-9, atol=1e-10)
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("measured", [BOTH, MOTORS], ids=["encoders", "motors"])
 @pytest.mark.parametrize("robot", ["planar-two-link", "scara", "seven-link"])
 def test_errors_decay_at_every_pose(robot, measured):
@@ -170,7 +174,7 @@ def test_errors_decay_at_every_pose(robot, measured):
         assert np.abs(np.linalg.eigvals(error)).max() < 1.0
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("robot", ["planar-two-link", "scara"])
 @pytest.mark.parametrize("latency", [0, 2])
 def test_compiled_and_saved_it_is_the_text(tmp_path, robot, latency):
@@ -196,9 +200,9 @@ def test_compiled_and_saved_it_is_the_text(tmp_path, robot, latency):
     )
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.ci("exports and compiles C")
 @pytest.mark.oracle
-@pytest.mark.skipif(shutil.which("gcc") is None, reason="missing: a C compiler")
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="missing: gcc")
 @pytest.mark.parametrize("robot", ["planar-two-link", "scara"])
 def test_in_c_it_steps_as_in_python(tmp_path, robot):
     """Bit by bit; with samples missing."""
@@ -224,6 +228,7 @@ def test_a_loop_runs_it_in_its_kernel():
     assert error[-20:, [0, 8]].max() < 5e-5
 
 
+@pytest.mark.ci("linearises a loop of sixteen states")
 def test_the_loop_is_linearised_with_the_gain_of_the_goal():
     """Differences of the controller that runs, at rest, where the innovation is zero: L(q) may as well stand still."""
     filter = modal("scara")

@@ -8,16 +8,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.estimation.conftest import pairs
 from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 
+# Kernels that run once each: half of the time.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 PERIOD, COUNT = 0.1, 240
-KINDS = pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter])
-FORMS = pytest.mark.parametrize("form", ["covariance", "square_root"])
-SAMPLED = pytest.mark.parametrize("sampled", [True, False])
+FILTERS = pytest.mark.parametrize(
+    ("kind", "form", "sampled"),
+    pairs([UnscentedKalmanFilter, ExtendedKalmanFilter], ["covariance", "square_root"], [True, False]),
+)
 
 
 def swung(x, u, d, p):
@@ -47,10 +52,8 @@ def seen():
     return y[:, None]
 
 
-@pytest.mark.quick_cases(3)
-@KINDS
-@FORMS
-@SAMPLED
+@pytest.mark.quick_cases(1)
+@FILTERS
 def test_it_is_the_filter_of_a_plant_with_an_unused_input(seen, kind, form, sampled):
     alone, other = (
         tracker(target(sampled), kind, form=form),
@@ -70,10 +73,8 @@ def test_it_is_the_filter_of_a_plant_with_an_unused_input(seen, kind, form, samp
         assert restored.mean.shape == (2,)
 
 
-@pytest.mark.quick_cases(1)
-@KINDS
-@FORMS
-@SAMPLED
+@pytest.mark.ci("filters and smooths logs four times")
+@FILTERS
 def test_over_a_log(seen, kind, form, sampled):
     times = PERIOD * np.arange(COUNT)
     alone, other = (
@@ -89,6 +90,7 @@ def test_over_a_log(seen, kind, form, sampled):
     assert fh.diagnose(alone, seen[:20]) == ()
 
 
+@pytest.mark.ci("identifies a parameter twice")
 def test_from_a_file_without_settings_and_identified(seen, tmp_path):
     rows = [f"{PERIOD * k:.9g},{y:.17g}" for k, y in enumerate(seen[:, 0])]
     path = tmp_path / "log.csv"

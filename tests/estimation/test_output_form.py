@@ -119,6 +119,7 @@ def test_an_input_and_a_constant_in_the_measurement_are_no_harm():
     np.testing.assert_array_equal(output_form(made)[1], [[2.0, 0.0]])
 
 
+@pytest.mark.quick_cases(4)
 @pytest.mark.parametrize(
     ("name", "measured", "missing"),
     [

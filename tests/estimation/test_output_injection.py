@@ -1,12 +1,12 @@
 """The error of the observer is linear: against matrix powers, integrators, the Kalman filter, and in the loop."""
 
-import control
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.signal import place_poles
 from scipy.stats import multivariate_normal
+from tests.estimation.conftest import pairs
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -64,13 +64,12 @@ def output(plant, x, u):
     return np.atleast_1d(plant.output(x, u, plant.parameters.named(plant.parameters.vector())))
 
 
-@pytest.mark.ci
+@pytest.mark.ci("pairs of observers over 400 samples")
 @pytest.mark.oracle
 @pytest.mark.parametrize(
-    "make", [arm, oscillators, lambda: oscillators(0.4)], ids=["arm", "two", "feedthrough"]
+    ("make", "poles", "period"),
+    pairs([arm, oscillators, lambda: oscillators(0.4)], [None, FOUR], [1e-3, 0.05]),
 )
-@pytest.mark.parametrize("poles", [None, FOUR])
-@pytest.mark.parametrize("period", [pytest.param(1e-3, marks=pytest.mark.ci), 0.05])
 def test_two_observers_differ_by_powers_of_a_matrix(make, poles, period):
     """Whatever the measurements are, which here no plant would give."""
     plant, rng = make(), np.random.default_rng(3)
@@ -119,6 +118,7 @@ def test_the_error_is_linear_up_to_the_period_squared(make):
     assert 3.6 < left[1] / left[2] < 4.4
 
 
+@pytest.mark.ci("integrates plant and observer for four periods")
 @pytest.mark.oracle
 def test_it_tends_to_the_continuous_observer():
     """x̂' = A x̂ + φ(y, u) + L (y − H x̂) with the same poles: the gain acts at samples only, so of first order."""
@@ -149,10 +149,13 @@ def test_it_tends_to_the_continuous_observer():
     assert np.all((ratios > 1.7) & (ratios < 2.3))
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("r", [1e-8, 1e-2])
 @pytest.mark.parametrize("make", [arm, oscillators])
 def test_the_gain_is_that_of_python_control(make, r):
+    import control
+
     plant, period = make(), 1e-3
     filter = observer(plant, period, process_noise=[1e-8, 1e-6, 1e-7, 1e-4], measurement_noise=r)
     a, _, _, h = plant.linearise()
@@ -179,8 +182,9 @@ def test_at_the_asked_point_the_gain_is_that_of_the_extended_filter():
     assert np.abs(OutputInjectionObserver(*settings).gain - expected).max() > 1e-2
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
-@pytest.mark.parametrize(("n", "m", "p"), [(1, 1, 1), (3, 2, 1), (5, 1, 3)])
+@pytest.mark.parametrize(("n", "m", "p"), [(3, 2, 1), (1, 1, 1), (5, 1, 3)])
 def test_on_a_linear_plant_it_is_the_kalman_filter_at_rest(kalman, n, m, p):
     """From the first sample on: by default the initial covariance is that of the predictions at rest."""
     case = kalman.case(n, m, p, seed=n)
@@ -200,6 +204,7 @@ def test_on_a_linear_plant_it_is_the_kalman_filter_at_rest(kalman, n, m, p):
         assert kalman.relative(filter.mean, filter.covariance, mean, covariance) < 1e-10
 
 
+@pytest.mark.ci("20,000 runs of 60 samples")
 @pytest.mark.oracle
 def test_the_covariance_is_that_of_the_errors_of_many_runs():
     """With a gain that is not the Kalman filter's, from a stated covariance to the stationary one."""

@@ -8,6 +8,9 @@ from flexhinf.estimation import OutputInjectionObserver
 from flexhinf.loop.controller import controller as controller_module
 from flexhinf.plant import Law, Plant
 
+# Kernels that run once each: half of the time.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 PERIOD, R = 1e-3, np.deg2rad(0.1) ** 2
 SLOW = [-12.0, -15.0, -9.0 + 6.0j, -9.0 - 6.0j]
 
@@ -28,7 +31,7 @@ def rate_measured():
     return fh.load_robot("planar-two-link").plant(["link_position", "link_velocity", "motor_position"])
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("one_trace", [10**9, 0], ids=["one trace", "composed"])
 @pytest.mark.parametrize("make", [lambda: fh.paper_arm().plant(), rate_measured], ids=["arm", "two links"])
@@ -82,6 +85,7 @@ def test_observers_of_other_numbers_share_a_kernel_and_not_their_numbers(cubic):
     assert len({round(float(controller.estimate[3]), 9) for controller in controllers}) == 4
 
 
+@pytest.mark.ci("two loops")
 @pytest.mark.oracle
 def test_on_the_paper_s_arm_it_ties_with_the_unscented_filter(cubic):
     """A step to 180° with noise and the coil: the nonlinearity is measured, so the filters have little to differ in."""
@@ -123,6 +127,7 @@ def test_in_the_loop_the_error_is_a_power_of_a_matrix(cubic):
     assert np.abs(errors[-1]).max() < 1e-5
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("name", ["quanser-rotflex", "vertical-rig"])
 def test_robots_of_the_catalogue(name):
     robot = fh.load_robot(name)

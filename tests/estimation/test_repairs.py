@@ -9,6 +9,7 @@ import warnings
 import mpmath
 import numpy as np
 import pytest
+from tests.estimation.conftest import pairs
 from tests.estimation.test_gaps import Still
 from tests.refusals import refused_with
 
@@ -16,6 +17,9 @@ import flexhinf as fh
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.estimation import linear_model, stationary_gain
 from flexhinf.estimation.covariances import clipped_covariance
+
+# Kernels that run once each: half of the time.
+pytestmark = pytest.mark.usefixtures("unoptimised")
 
 KINDS = [fh.UnscentedKalmanFilter, fh.ExtendedKalmanFilter]
 FORMS = ["square_root", "covariance"]
@@ -70,7 +74,7 @@ def rounded(kind, seed, n=6, rank=3):
 @pytest.mark.parametrize("kind", ["printed", "float32", "scaled"])
 def test_the_nearest_semidefinite_matrix_is_taken_and_said(kind):
     """Nearest in the Frobenius norm: by mpmath's eigenvectors of the correlations."""
-    for seed in range(20):
+    for seed in range(8):
         given = rounded(kind, seed)
         matrix, entry = clipped_covariance(given, 6, "initial covariance")
         unit = np.sqrt(np.diag(given))
@@ -90,7 +94,7 @@ def test_the_nearest_semidefinite_matrix_is_taken_and_said(kind):
         assert np.array_equal(again, matrix)
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_is_clipped_is_counted_and_stays_said(kind, form):
@@ -173,10 +177,7 @@ EXACT = {
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
-@pytest.mark.parametrize("bent", [0.0, 1e-30])
-@pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("case", EXACT)
+@pytest.mark.parametrize(("case", "kind", "form", "bent"), pairs(list(EXACT), KINDS, FORMS, [0.0, 1e-30]))
 def test_exact_measurements_are_those_of_the_kalman_filter(case, kind, form, bent):
     """An element that the others tell exactly is left out, said, and has no part in the likelihood."""
     c, r, left_out = EXACT[case]
@@ -200,7 +201,7 @@ def test_exact_measurements_are_those_of_the_kalman_filter(case, kind, form, ben
         assert sum(entry.count for entry in filter.diagnosis) == (130 if left_out else 0)
 
 
-@pytest.mark.quick_cases(3)
+@pytest.mark.ci("120 samples of each filter")
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("gate", [None, 0.9999])
@@ -218,7 +219,7 @@ def test_where_nothing_is_uncertain_nothing_moves(kind, form, gate):
     np.testing.assert_allclose(filter.mean, np.linalg.matrix_power(F, 120) @ [0.1, 0.2, 0.3], rtol=1e-12)
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_controller_takes_it_says_it_and_is_saved(kind, form, tmp_path):

@@ -7,12 +7,16 @@ import pickle
 import numpy as np
 import pytest
 from tests.estimation.composing import composed
+from tests.estimation.conftest import pairs
 from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.plant import SensorTable
+
+# Kernels that run once each: half of the time.
+pytestmark = pytest.mark.usefixtures("unoptimised")
 
 BOTH = pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter])
 FORMS = pytest.mark.parametrize("form", ["covariance", "square_root"])
@@ -94,13 +98,18 @@ def conditioned(case, f, g, delays, inputs, seen, noise):
     return mean[-1] + whole[last], (prior - gain @ rows @ prior)[last, last]
 
 
-@pytest.mark.quick_cases(4)
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
-@BOTH
-@FORMS
-@pytest.mark.parametrize("sampled", [False, True])
-@pytest.mark.parametrize("delays", [(0, 2), (3, 1), (1, 1)])
-@pytest.mark.parametrize("every", [1, 2])
+@pytest.mark.parametrize(
+    ("kind", "form", "sampled", "delays", "every"),
+    pairs(
+        [UnscentedKalmanFilter, ExtendedKalmanFilter],
+        ["covariance", "square_root"],
+        [False, True],
+        [(0, 2), (3, 1), (1, 1)],
+        [1, 2],
+    ),
+)
 def test_what_is_late_is_taken_for_what_it_was(kalman, kind, form, sampled, delays, every):
     """Against the joint density of all states of all samples, conditioned at once; the first sensor gives a value at
     `every` other sample."""
@@ -124,6 +133,7 @@ def test_what_is_late_is_taken_for_what_it_was(kalman, kind, form, sampled, dela
     assert kalman.relative(one.mean[:3], one.covariance[:3, :3], mean, covariance) < 1e-9
 
 
+@pytest.mark.quick_cases(1)
 @BOTH
 @FORMS
 def test_a_late_angle_may_jump_by_a_turn(kind, form):
@@ -151,7 +161,7 @@ def test_a_late_angle_may_jump_by_a_turn(kind, form):
     assert found["jumps"][-1][0] > np.pi
 
 
-@pytest.mark.ci
+@pytest.mark.ci("compiles a controller as C")
 def test_a_controller_of_a_late_sensor_is_saved_and_compiled(tmp_path, kalman):
     """The law's states are among those of the map; start at a pose and the bound of windup are those of the plant."""
     plant = fh.load_robot("paper").plant(("link_position", "motor_position"))

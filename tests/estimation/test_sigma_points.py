@@ -82,6 +82,7 @@ def test_a_central_weight_that_is_zero_but_for_rounding_is_zero():
         assert SigmaPoints(3, 1.0, -1e-12, 0.0).covariance_weights[0] == pytest.approx(-1e-12, rel=1e-3)
 
 
+@pytest.mark.ci("filters and smooths a log")
 def test_the_cubature_filter_of_three_states_has_rows_and_a_smoother():
     states = ("a", "b", "c")
     plant = fh.Plant(lambda x, u, d, p: np.sin(x), lambda x, u, p: x[:1] ** 2, states, (), sampled=True)

@@ -8,12 +8,16 @@ import mpmath
 import numpy as np
 import pytest
 from tests.estimation.composing import composed
+from tests.estimation.conftest import pairs
 from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.estimation.square_root import root_rows
+
+# Kernels that run once each: half of the time.
+pytestmark = pytest.mark.usefixtures("unoptimised")
 
 BOTH = pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter])
 ROOT = {"form": "square_root"}
@@ -27,12 +31,14 @@ def taken(estimator, y, u):
 
 
 # Linear plants -----------------------------------------------------------------------------------------
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
-@BOTH
-@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e3])
-@pytest.mark.parametrize(("n", "p"), [(3, 1), (6, 4), (9, 3)])
-def test_on_a_linear_plant_it_is_the_kalman_filter(kalman, kind, n, p, scale):
+@pytest.mark.parametrize(
+    ("kind", "size", "scale"),
+    pairs([UnscentedKalmanFilter, ExtendedKalmanFilter], [(3, 1), (6, 4), (9, 3)], [1e-6, 1.0, 1e3]),
+)
+def test_on_a_linear_plant_it_is_the_kalman_filter(kalman, kind, size, scale):
+    n, p = size
     case = kalman.case(n, 2, p, seed=n, scale=scale)
     estimator = kind(**case.arguments(**ROOT))
     step, (f, g) = composed(estimator), case.map(estimator.stages, estimator.sub_steps)
@@ -74,7 +80,7 @@ def exact(case, n, p, samples):
     return found
 
 
-@pytest.mark.quick_cases(3)
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @BOTH
 @pytest.mark.parametrize(
@@ -102,7 +108,7 @@ def test_where_variances_lie_many_decades_apart_it_is_right(kind, prior, noise, 
         estimator.predict([u])
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @BOTH
 @pytest.mark.parametrize("rank", [0, 1, 2])
 def test_a_state_that_is_known_exactly_stays_so(kind, rank):
@@ -147,6 +153,7 @@ def test_where_the_rows_are_cholesky_factors_both_forms_agree(bounds, scaling):
         np.testing.assert_allclose(second.covariance, first.covariance, rtol=1e-11, atol=1e-16)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     "kind", [UnscentedKalmanFilter, partial(UnscentedKalmanFilter, bounds={"angle": (0.0, 9.0)})]
@@ -161,6 +168,7 @@ def test_composed_it_is_its_text_on_floats(kalman, kind):
         assert kalman.relative(belief.mean, belief.covariance, mine.mean, mine.covariance) < 1e-12
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @BOTH
 def test_an_arm_is_estimated_as_in_the_covariance_form(kind):

@@ -9,6 +9,9 @@ from flexhinf.codegen import DIRECT
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.plant import rk4_stages
 
+# Kernels that run once each: half of the time.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 BOTH = pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter])
 
 
@@ -18,7 +21,7 @@ def composed_step(estimator):
     return lambda mean, covariance, y, u: tuple(step(kind(mean, covariance), y, u)[:2])
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @BOTH
 @pytest.mark.parametrize(
@@ -27,8 +30,8 @@ def composed_step(estimator):
         (3, 1, 0.02, 4),
         (9, 4, 0.02, 4),
         (9, 4, 0.5, 8),
-        pytest.param(28, 7, 0.02, 4, marks=pytest.mark.ci),
-        pytest.param(33, 8, 0.02, 4, marks=pytest.mark.ci),
+        pytest.param(28, 7, 0.02, 4, marks=pytest.mark.ci("28 states")),
+        pytest.param(33, 8, 0.02, 4, marks=pytest.mark.ci("33 states")),
     ],
 )
 def test_on_a_linear_plant_they_are_the_kalman_filter(kalman, kind, n, p, period, stages):
@@ -64,7 +67,7 @@ def test_composed_they_are_their_text_on_floats(kalman, kind):
         assert kalman.relative(mean, covariance, *estimator._belief[:2]) < 1e-11
 
 
-@pytest.mark.ci
+@pytest.mark.ci("filters of seven links, up to forty steps a sample")
 @pytest.mark.oracle
 def test_little_process_noise_does_not_show_the_step_of_eight_stages():
     """Seven links whose springs ring, from a known state: estimates are those of forty classical steps a sample.

@@ -1,6 +1,5 @@
 """The gain at rest against SciPy's Riccati solver, python-control and the recursion itself."""
 
-import control
 import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
@@ -26,6 +25,8 @@ def test_gain_is_that_of_the_riccati_solver(goal, q):
 @pytest.mark.oracle
 @pytest.mark.parametrize(("n", "p"), [(1, 1), (3, 2), (6, 4)])
 def test_gain_is_that_of_python_control(kalman, n, p):
+    import control
+
     case = kalman.case(n, 1, p, seed=n)
     f, _ = case.map(4, 1)
     expected = control.dlqe(f, np.eye(n), case.c, case.q, case.r)[1]  # P of the prediction

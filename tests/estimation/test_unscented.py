@@ -2,7 +2,7 @@ import warnings
 
 import numpy as np
 import pytest
-from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter as Filterpy
+from tests.estimation.conftest import pairs
 
 from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput
@@ -10,14 +10,21 @@ from flexhinf.estimation import UnscentedKalmanFilter
 from flexhinf.plant import Gaussian, Plant, rk4_step
 from flexhinf.robot import paper_arm
 
-SIZES = [(1, 1, 1), (2, 1, 1), (4, 2, 2), (5, 1, 5), (7, 3, 2)]
+# Kernels that run once each: half of the time.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
+SIZES = [(4, 2, 2), (1, 1, 1), (2, 1, 1), (5, 1, 5), (7, 3, 2)]
 
 
-@pytest.mark.quick_cases(6)
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
-@pytest.mark.parametrize(("n", "m", "p"), SIZES)
-@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e3])  # standard deviations: variances 1e-12 to 1e6
-@pytest.mark.parametrize("scaling", [{}, {"alpha": 1.3, "kappa": 0.5}])
+@pytest.mark.parametrize(
+    ("n", "m", "p", "scale", "scaling"),
+    [
+        (*size, *rest)  # standard deviations of 1e-6 to 1e3: variances of 1e-12 to 1e6
+        for size, *rest in pairs(SIZES, [1e-6, 1.0, 1e3], [{}, {"alpha": 1.3, "kappa": 0.5}])
+    ],
+)
 def test_on_a_linear_plant_it_is_the_kalman_filter(kalman, n, m, p, scale, scaling):
     case = kalman.case(n, m, p, seed=10 * n + p, scale=scale)
     ukf = UnscentedKalmanFilter(**case.arguments(), **scaling)
@@ -33,6 +40,7 @@ def test_on_a_linear_plant_it_is_the_kalman_filter(kalman, n, m, p, scale, scali
         assert kalman.relative(ukf.mean, ukf.covariance, mean, covariance) < 1e-12
 
 
+@pytest.mark.ci("60 samples of four states, compiled")
 @pytest.mark.oracle
 def test_states_of_different_scales_and_a_singular_process_noise(kalman):
     case = kalman.case(4, 1, 2, seed=4)
@@ -54,6 +62,7 @@ def test_states_of_different_scales_and_a_singular_process_noise(kalman):
     assert kalman.relative(ukf.mean, ukf.covariance, mean, covariance) < 1e-12
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("known", [slice(None), slice(0, 2)])
 def test_exactly_known_states(kalman, known):
@@ -100,14 +109,16 @@ def arm_run(steps, seed=2):
 
 
 @pytest.mark.oracle
-@pytest.mark.parametrize("alpha", [1.0, pytest.param(1.2, marks=pytest.mark.ci)])
+@pytest.mark.parametrize("alpha", [1.0, pytest.param(1.2, marks=pytest.mark.ci("400 steps of two filters"))])
 def test_the_arm_equals_filterpy(alpha):
+    from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter as Filterpy
+
     ours = arm_ukf(alpha=alpha)
     points = MerweScaledSigmaPoints(4, alpha, 2.0, 0.0)
     theirs = Filterpy(4, 1, 1e-3, lambda x: x[:1], arm_step, points)
     theirs.x, theirs.P = ours.mean, ours.covariance
     theirs.Q, theirs.R = ours.process_noise, ours.measurement_noise
-    for u, y in arm_run(1500):
+    for u, y in arm_run(400):
         ours.predict(u)
         theirs.predict(u=u)
         ours.correct(y)
@@ -136,7 +147,7 @@ def reference_without_redraw(ukf, run):
     return mean, covariance
 
 
-@pytest.mark.ci
+@pytest.mark.ci("2,400 steps of three filters")
 @pytest.mark.oracle
 def test_without_redraw_the_propagated_points_are_measured():
     ukf = arm_ukf(redraw=False)
@@ -175,7 +186,7 @@ def test_bounds_hold_whatever_is_measured(form, kappa):
     """The central sigma point too, whose weight is zero where kappa is."""
     bounds = {"link_position": (-0.3, 0.3), "motor_velocity": (-0.5, 0.5)}
     ukf = arm_ukf(bounds=bounds, form=form, kappa=kappa)
-    for k, (u, y) in enumerate(arm_run(400)):
+    for k, (u, y) in enumerate(arm_run(150)):
         ukf.predict(u)
         assert all(low <= ukf.mean[ukf.plant.index(s)] <= high for s, (low, high) in bounds.items())
         ukf.correct(y + (5.0 if k % 7 == 0 else 0.0))
@@ -183,7 +194,7 @@ def test_bounds_hold_whatever_is_measured(form, kappa):
     assert ukf.mean[0] == pytest.approx(0.3, abs=0.31)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("600 steps of two filters")
 @pytest.mark.parametrize("redraw", [True, False])
 def test_wide_bounds_do_nothing(redraw):
     free, bounded = (
@@ -275,7 +286,7 @@ def test_keys_tell_code_apart():
     assert arm_ukf(measurement_noise=3.0, covariance=1.0).estimator_key == keys[0]
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.ci("100 samples with eigenvalues of each")
 @pytest.mark.parametrize("period", [1e-3, 1e-2, 5e-2])
 def test_bounds_that_bite_keep_the_covariance_positive(period):
     """Clipped points stand for a narrower prior; what a measurement takes away must not exceed it."""
@@ -283,7 +294,7 @@ def test_bounds_that_bite_keep_the_covariance_positive(period):
     bounds = {"link_velocity": (-8.0, 8.0), "motor_position": (-4.0, 4.0), "motor_velocity": (-8.0, 8.0)}
     ukf = UnscentedKalmanFilter(plant, period, 1e-6, 1e-6, np.zeros(4), 10.0, bounds=bounds)
     rng = np.random.default_rng(0)
-    for _ in range(200):
+    for _ in range(100):
         ukf.correct([0.3 + 1e-3 * rng.normal()])
         assert np.linalg.eigvalsh(ukf.covariance)[0] >= -1e-14 * np.abs(ukf.covariance).max()
         for name, (low, high) in bounds.items():

@@ -15,7 +15,8 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.export import export_c
-from flexhinf.export.compiled import compiler_flags
+from flexhinf.export.compiled import compiler_flags, limited
+from flexhinf.export.controller_c import code_of
 
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Werror")
 
@@ -80,16 +81,20 @@ def compiler() -> str:
 
 
 @pytest.fixture(scope="session")
-def build(
-    compiler: str, in_a_hurry: bool, tmp_path_factory: pytest.TempPathFactory
-) -> Callable[..., Compiled]:
-    """Export a controller as "arm" and compile it without a warning, with the arithmetic of this processor."""
-    usual = ("-O0",) if in_a_hurry else ("-O1",)
+def build(compiler: str, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Compiled]:
+    """Write a controller as "arm" and compile it without a warning, with the arithmetic of this processor.
 
-    def made(controller: fh.Controller, real: str = "double", flags: tuple[str, ...] = usual) -> Compiled:
-        folder = export_c(controller, tmp_path_factory.mktemp("exported") / "c", "arm", real, limits=False)
-        (folder / "shim.c").write_text(SHIM)
-        words = [*STRICT, *compiler_flags("portable"), *flags, "-shared", "-fPIC"]
+    `whole`: With all files of an export, whose test vector takes longer than the code.
+    """
+
+    def made(controller: fh.Controller, real: str = "double", whole: bool = False) -> Compiled:
+        folder = tmp_path_factory.mktemp("exported")
+        if whole:
+            folder = export_c(controller, folder / "c", "arm", real, limits=False)
+        files = {} if whole else code_of(controller, "arm", real).files
+        for name, text in {**files, "shim.c": SHIM}.items():
+            (folder / name).write_text(text)
+        words = [*STRICT, *compiler_flags("portable"), limited("-O1"), "-shared", "-fPIC"]
         subprocess.run([compiler, *words, "arm.c", "shim.c", "-lm", "-o", "arm.so"], cwd=folder, check=True)
         kind = np.dtype(np.float64 if real == "double" else np.float32)
         return Compiled(ctypes.CDLL(str(folder / "arm.so")), folder, kind)

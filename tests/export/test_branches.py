@@ -122,18 +122,19 @@ def check(controller: fh.Controller, real: str) -> None:
             ), call
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_one_link_decides_nothing_by_data_but_what_is_listed(real: str, controller: fh.Controller) -> None:
     check(controller, real)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("writes the code of two joints")
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_two_links_decide_nothing_by_data_but_what_is_listed(real: str) -> None:
     check(two_links(), real)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("writes the code of seven joints")
 def test_seven_links_decide_nothing_by_data_but_what_is_listed() -> None:
     check(seven_links(), "double")
 
@@ -174,6 +175,7 @@ def test_stages_stand_under_what_they_compute(controller: fh.Controller) -> None
     assert 40 < max(map(len, bodies.values())) <= 120
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_stages_are_functions_with_named_arguments_and_results(real: str, controller: fh.Controller) -> None:
     """The takeover's equal passes are one function in a loop, and what is of a buffer's whole size has its constant."""

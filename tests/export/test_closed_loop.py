@@ -8,6 +8,7 @@ import re
 import subprocess
 from collections.abc import Callable
 from functools import cache
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -71,17 +72,17 @@ def loop(name: str) -> tuple[fh.Controller, fh.Trajectory]:
     return controller, run
 
 
+CI = pytest.mark.ci("compiles the step of an unscented filter with sanitizers")
+NIGHTLY = pytest.mark.nightly("the other compilers and types of each arm")
+IN_CI = {("one link", "gcc", "double"), ("one link", "clang", "float"), ("two links", "gcc", "float"),
+         ("two links", "clang", "double"), ("seven links", "gcc", "double")}  # fmt: skip
 CASES = [
-    pytest.param(name, compiler, real, marks=[] if quick else pytest.mark.ci)
-    for name in LOOPS
-    for compiler in ("gcc", "clang")
-    for real in ("double", "float")
-    if (name, compiler, real) not in {("seven links", "gcc", "float"), ("seven links", "clang", "double")}
-    for quick in [(name, compiler, real) in {("one link", "gcc", "double"), ("one link", "clang", "float")}]
+    pytest.param(*case, marks=CI if case in IN_CI else NIGHTLY)
+    for case in product(LOOPS, ("gcc", "clang"), ("double", "float"))
+    if case not in {("seven links", "gcc", "float"), ("seven links", "clang", "double")}
 ]
 
 
-@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(("name", "compiler", "real"), CASES)
 def test_the_compiled_controller_replays_the_loop(
     name: str, compiler: str, real: str, tmp_path: Path, needs_compiler: Callable[..., None]

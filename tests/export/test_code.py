@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,10 @@ from tests.refusals import unnamed
 
 import flexhinf as fh
 from flexhinf.export import export_c
+from flexhinf.export.controller_c import code_of
+
+# The flags of what is tested stand here; unoptimised are recordings and stacks of five exports: 4 s less.
+pytestmark = pytest.mark.usefixtures("unoptimised")
 
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Werror")
 
@@ -94,6 +99,9 @@ def tool(name: str) -> str:
     return found
 
 
+CI = pytest.mark.ci("compiles or checks the whole source once more")
+NIGHTLY = pytest.mark.nightly("the other standards, types and arms")
+
 #: Compilers, and what they are told; warnings are errors.
 WARNINGS = (
     "-Wall",
@@ -127,9 +135,15 @@ float fabsf(float), sqrtf(float), frexpf(float, int *), copysignf(float, float);
 """
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("real", ["double", "float"])
-@pytest.mark.parametrize("kind", COMPILERS)
+#: In CI each with one type, and what many use with both.
+WARNED = [
+    pytest.param(kind, real, marks=CI if (row + column) % 2 == 0 or kind.endswith("c99") else NIGHTLY)
+    for row, kind in enumerate(COMPILERS)
+    for column, real in enumerate(("double", "float"))
+]
+
+
+@pytest.mark.parametrize(("kind", "real"), WARNED)
 def test_no_compiler_warns(
     kind: str, real: str, exported: dict[str, Path], needs_compiler: Callable[..., None]
 ) -> None:
@@ -143,7 +157,7 @@ def test_no_compiler_warns(
             run(name, *flags, *WARNINGS, "-c", file, "-o", "out.o", folder=exported[real])
 
 
-@pytest.mark.ci
+@CI
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_the_compiler_of_windows_does_not_warn(real: str, exported: dict[str, Path], tmp_path: Path) -> None:
     """As far as clang stands for it."""
@@ -152,6 +166,7 @@ def test_the_compiler_of_windows_does_not_warn(real: str, exported: dict[str, Pa
     assert run(tool("clang"), *words, "-imsvc", tmp_path, folder=exported[real]) == ""
 
 
+@pytest.mark.costs("exports the code of all tests here")
 @pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 @pytest.mark.parametrize("flag", ["-ffast-math", "-Ofast", "-ffinite-math-only"])
@@ -205,7 +220,6 @@ int main(void)
     assert run("./limits", folder=tmp_path) == "7 5"
 
 
-@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("place", [1, 2])
 def test_a_fragment_of_the_documentation_compiles(
     place: int, controller: fh.Controller, compiler: str, repository: Path, tmp_path: Path
@@ -213,29 +227,44 @@ def test_a_fragment_of_the_documentation_compiles(
     page = (repository / "docs/deployment.md").read_text(encoding="utf-8")
     fragment = page.split("```c\n")[place].split("```")[0]
     declared = "extern double encoder(void), command(void);\nextern void drive(double);\n"
-    folder = export_c(controller, tmp_path / "c", "my_arm")
+    for name, text in code_of(controller, "my_arm", "double").files.items():
+        (tmp_path / name).write_text(text)
     text = f'#include "my_arm.h"\n{declared}int main(void)\n{{\n{fragment}}}\n'
-    (folder / "use.c").write_text(text)
+    (tmp_path / "use.c").write_text(text)
     run(compiler, "-std=c99", "-Wall", "-Wextra", "-Wno-unused-variable", "-Wno-unused-but-set-variable", "-Werror",
-        "-c", "use.c", folder=folder)  # fmt: skip
+        "-c", "use.c", folder=tmp_path)  # fmt: skip
+
+
+#: Checked by cppcheck in CI.
+IN_CI = {("one link, double", "__FMA__ -D__GNUC__"), ("one link, float", "ARM_PLAIN")}
 
 
 @pytest.fixture(scope="module")
-def checked(exported: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def checked(exported: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """Folders of exports; the larger one is made where it is asked for."""
+    one = {f"one link, {real}": exported[real] for real in ("double", "float")}
+    return lambda which: one.get(which) or two_links(tmp_path_factory)
+
+
+@cache
+def two_links(tmp_path_factory: pytest.TempPathFactory) -> Path:
     arm = fh.load_robot("planar-two-link")
     ukf = fh.UnscentedKalmanFilter(arm.plant(), 1e-3, 1e-7, 1e-6, arm.operating_point()[0], 1e-8)
     two = fh.Controller(fh.solve_hji(arm.problem(), gamma=math.inf, degree=4), ukf, 1e-3, 200.0)
-    folder = tmp_path_factory.mktemp("two")
-    one = {f"one link, {real}": exported[real] for real in ("double", "float")}
-    return {**one, "two links, double": export_c(two, folder / "c", "arm")}
+    return export_c(two, tmp_path_factory.mktemp("two") / "c", "arm")
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("arithmetic", ["ARM_PLAIN", "__FMA__ -D__GNUC__"])
-@pytest.mark.parametrize("which", ["one link, double", "one link, float", "two links, double"])
-def test_cppcheck_finds_nothing(which: str, arithmetic: str, checked: dict[str, Path]) -> None:
+CHECKED = [
+    pytest.param(which, arithmetic, marks=CI if (which, arithmetic) in IN_CI else NIGHTLY)
+    for which in ("one link, double", "one link, float", "two links, double")
+    for arithmetic in ("ARM_PLAIN", "__FMA__ -D__GNUC__")
+]
+
+
+@pytest.mark.parametrize(("which", "arithmetic"), CHECKED)
+def test_cppcheck_finds_nothing(which: str, arithmetic: str, checked: Callable[[str], Path]) -> None:
     checks = ("--enable=warning,style,performance,portability", "--std=c99", "--error-exitcode=1", "--quiet")
-    assert run(tool("cppcheck"), *checks, *f"-D{arithmetic}".split(), "arm.c", folder=checked[which]) == ""
+    assert run(tool("cppcheck"), *checks, *f"-D{arithmetic}".split(), "arm.c", folder=checked(which)) == ""
 
 
 def test_the_deviations_are_a_list_that_cppcheck_reads(exported: dict[str, Path]) -> None:
@@ -243,12 +272,22 @@ def test_the_deviations_are_a_list_that_cppcheck_reads(exported: dict[str, Path]
     assert [line for line in lines if line and not re.match(r"# .|misra-c2012-\d+\.\d+$", line)] == []
 
 
-@pytest.mark.ci
-def test_no_rule_of_misra_is_broken_but_those_that_are_listed_with_a_reason(checked: dict[str, Path]) -> None:
+@pytest.mark.ci("cppcheck with its add-on")
+def test_no_rule_of_misra_is_broken_in_small_code(tmp_path: Path) -> None:
+    """Of a law without an estimator; it breaks only what is listed."""
+    tool("cppcheck")
+    small = fh.Controller(fh.linear_law(fh.paper_arm().problem(), gamma=math.inf), None, 1e-3, 48.0)
+    assert run("make", "-s", "misra", folder=export_c(small, tmp_path / "c", "arm")) == ""
+
+
+@pytest.mark.nightly("all rules on three exports with estimators, and that each deviation is needed")
+def test_no_rule_of_misra_is_broken_but_those_that_are_listed_with_a_reason(
+    checked: Callable[[str], Path],
+) -> None:
     """And each of these is."""
     tool("cppcheck")
     found = set()
-    for folder in checked.values():
+    for folder in map(checked, ("one link, double", "one link, float", "two links, double")):
         assert run("make", "-s", "misra", folder=folder) == ""
         options = "--addon=misra", "--enable=style", "--std=c99", "--quiet", "-DARM_PLAIN"
         found |= set(re.findall(r"misra-c2012-[0-9.]+", run("cppcheck", *options, "arm.c", folder=folder)))
@@ -319,8 +358,8 @@ def test_the_sketch_compiles_against_stubs(exported: dict[str, Path], tmp_path: 
 
 @pytest.mark.parametrize(
     ("real", "steps"),
-    [("double", 100_000), pytest.param("double", 2_000_000, marks=pytest.mark.ci),
-     pytest.param("float", 2_000_000, marks=pytest.mark.ci)],
+    [("double", 100_000), pytest.param("double", 2_000_000, marks=pytest.mark.nightly("twenty times the samples")),
+     pytest.param("float", 500_000, marks=pytest.mark.ci("500,000 samples"))],
 )  # fmt: skip
 def test_no_sample_makes_the_output_unsafe(
     real: str, steps: int, exported: dict[str, Path], compiler: str, tmp_path: Path
@@ -334,8 +373,7 @@ def test_no_sample_makes_the_output_unsafe(
     assert all(codes), f"every other code is returned: {codes}"
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("real", ["double", "float"])
+@pytest.mark.parametrize("real", [pytest.param("double", marks=NIGHTLY), pytest.param("float", marks=CI)])
 def test_the_sanitizers_find_nothing(
     real: str, exported: dict[str, Path], compiler: str, tmp_path: Path, needs_compiler: Callable[..., None]
 ) -> None:

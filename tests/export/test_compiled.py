@@ -31,6 +31,7 @@ def library(controller: fh.Controller, compiler: str, tmp_path_factory: pytest.T
     return fh.compile_controller(controller, tmp_path_factory.mktemp("so") / "arm.so")
 
 
+@pytest.mark.costs("compiles the library of all tests here")
 @pytest.mark.oracle
 def test_it_steps_as_in_python(controller: fh.Controller, library: Path) -> None:
     run, compiled = record(controller), fh.load_compiled(library)
@@ -72,7 +73,7 @@ def test_copies_and_pickles_go_on_alone(library: Path) -> None:
     assert "arm.so" in repr(one)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("compiles a library")
 def test_a_compiler_that_does_not_know_the_machine(
     controller: fh.Controller, compiler: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -83,7 +84,7 @@ def test_a_compiler_that_does_not_know_the_machine(
     assert fh.load_compiled(fh.compile_controller(controller, tmp_path / "arm.so")).step([0.1]).shape == (1,)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("compiles a library")
 def test_what_is_remembered_is_not_given_to_another_controller(
     library: Path, controller: fh.Controller, compiler: str, tmp_path: Path
 ) -> None:
@@ -96,7 +97,7 @@ def test_what_is_remembered_is_not_given_to_another_controller(
         pickle.loads(kept)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("compiles two libraries")
 def test_a_path_that_is_written_anew_is_loaded_anew(
     library: Path, controller: fh.Controller, compiler: str, tmp_path: Path
 ) -> None:
@@ -177,7 +178,7 @@ def test_a_library_for_another_processor_is_refused_before_it_is_loaded(
         fh.load_compiled(library)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("compiles three libraries")
 @pytest.mark.parametrize("choice", ["portable", "any", "native"])
 def test_the_manifest_says_what_the_code_needs(
     choice: str, controller: fh.Controller, compiler: str, tmp_path: Path
@@ -208,6 +209,7 @@ def test_there_is_no_other_choice_of_processors(controller: fh.Controller, tmp_p
         fh.compile_controller(controller, tmp_path / "arm.so", processor="avx512")
 
 
+@pytest.mark.costs("compiles a library")
 def test_flags_that_change_results_are_told_at_the_start(
     controller: fh.Controller,
     needs_compiler: Callable[..., None],
@@ -251,3 +253,28 @@ def test_what_does_not_fit(library: Path, tmp_path: Path) -> None:
     thread.start()
     thread.join()
     assert len(found) == 1
+
+
+@pytest.mark.parametrize(
+    ("highest", "given", "found"),
+    [
+        ("0", "-O3", "-O0"),
+        ("2", "-O3", "-O2"),
+        ("3", "-O2", "-O2"),
+        ("", "-O3", "-O3"),
+        ("0", "-Ofast", "-Ofast"),
+    ],
+)
+def test_a_level_of_c_is_at_most_the_stated_one(
+    highest: str, given: str, found: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a compiler sees it that writes down its arguments."""
+    told = tmp_path / "cc"
+    told.write_text('#!/bin/sh\necho "$@" > built\n')
+    told.chmod(0o755)
+    monkeypatch.setenv("CC", str(told))
+    if highest:
+        monkeypatch.setenv("FLEXHINF_OPTIMISATION", highest)
+    words = processor.build({"one.c": "int one;"}, tmp_path, (given, "-shared")).read_text().split()
+    assert [word for word in words if word.startswith("-O")] == [found]
+    assert "-shared" in words

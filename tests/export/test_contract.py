@@ -14,6 +14,10 @@ import pytest
 import flexhinf as fh
 from flexhinf.export import export_c
 from flexhinf.export.contract import CODES
+from flexhinf.export.controller_c import code_of
+
+# Programs are compiled with flags that stand here; unoptimised are recordings and stacks of exports: 4 s less.
+pytestmark = pytest.mark.usefixtures("unoptimised")
 
 ARM = fh.paper_arm()
 
@@ -99,8 +103,8 @@ int main(void)
 
 def made(with_estimator: bool = True, saturation: float | None = 48.0) -> fh.Controller:
     law = fh.linear_law(ARM.problem(pose=0.5), gamma=math.inf)
-    ukf = fh.UnscentedKalmanFilter(ARM.plant(), 1e-3, 1e-7, 1e-6, [0.1, 0.0, 0.11, 0.0], 1e-6)
-    return fh.Controller(law, ukf if with_estimator else None, 1e-3, saturation)
+    ekf = fh.ExtendedKalmanFilter(ARM.plant(), 1e-3, 1e-7, 1e-6, [0.1, 0.0, 0.11, 0.0], 1e-6)
+    return fh.Controller(law, ekf if with_estimator else None, 1e-3, saturation)
 
 
 @pytest.mark.quick_cases(1)
@@ -108,9 +112,10 @@ def made(with_estimator: bool = True, saturation: float | None = 48.0) -> fh.Con
 def test_the_first_code_that_holds_is_returned_and_limits_are_not_widened(
     real: str, compiler: str, tmp_path: Path
 ) -> None:
-    folder = export_c(made(), tmp_path / real, "arm", real)
-    (folder / "main_of_test.c").write_text(MAIN, encoding="utf-8")
-    built = [compiler, "-std=c99", "-O1", "arm.c", "main_of_test.c", "-lm", "-o", "run"]
+    folder = tmp_path
+    for name, text in {**code_of(made(), "arm", real).files, "main_of_test.c": MAIN}.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    built = [compiler, "-std=c99", "-O0", "arm.c", "main_of_test.c", "-lm", "-o", "run"]
     subprocess.run(built, cwd=folder, check=True)
     done = subprocess.run(["./run"], cwd=folder, capture_output=True, text=True, check=False)
     assert (done.stdout, done.returncode) == ("", 0)
@@ -130,7 +135,7 @@ def rehearsed(
 ) -> tuple[int, str]:
     """Exit code and output of a program of an export."""
     subprocess.run(
-        [compiler, "-std=c99", "-O1", *flags, "arm.c", f"arm_{program}.c", "-lm", "-o", program],
+        [compiler, "-std=c99", "-O0", *flags, "arm.c", f"arm_{program}.c", "-lm", "-o", program],
         cwd=folder,
         check=True,
     )
@@ -154,7 +159,7 @@ FAULTS = [
 ]  # fmt: skip
 
 
-@pytest.mark.quick_cases(4)
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize(("right", "wrong", "program"), FAULTS)
 def test_vector_and_rehearsal_find_faults(
     right: str, wrong: str, program: str, compiler: str, exported: Path, tmp_path: Path
@@ -173,20 +178,31 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return export_c(made(), tmp_path_factory.mktemp("exported") / "c", "arm")
 
 
+@pytest.fixture(scope="module")
+def direct(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return export_c(made(with_estimator=False), tmp_path_factory.mktemp("direct") / "c", "arm", "float")
+
+
 def test_the_contract_holds_with_and_without_an_estimator(
-    compiler: str, exported: Path, tmp_path: Path
+    compiler: str, exported: Path, direct: Path
 ) -> None:
     assert holds(rehearsed(exported, compiler))
-    direct = export_c(made(with_estimator=False), tmp_path / "direct", "arm", "float")
     assert holds(rehearsed(direct, compiler))
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("real", ["double", "float"])
+CI, NIGHTLY = pytest.mark.ci("exports, and compiles with sanitizers"), pytest.mark.nightly("the other types")
+
+
 @pytest.mark.parametrize(
-    "options",
-    [{"latency": 1}, {"measurement_limits": (-1.0, 1.0, 10.0)}, {"moving": True}],
-    ids=["latency", "limits", "moving"],
+    ("options", "real"),
+    [
+        pytest.param({"latency": 1}, "double", marks=CI),
+        pytest.param({"latency": 1}, "float", marks=NIGHTLY),
+        pytest.param({"measurement_limits": (-1.0, 1.0, 10.0)}, "double", marks=NIGHTLY),
+        pytest.param({"measurement_limits": (-1.0, 1.0, 10.0)}, "float", marks=CI),
+        pytest.param({"moving": True}, "double", marks=CI),
+        pytest.param({"moving": True}, "float", marks=NIGHTLY),
+    ],
 )
 def test_it_holds_with_options(
     real: str,
@@ -201,16 +217,15 @@ def test_it_holds_with_options(
     one = fh.Controller(plain.law, ukf, 1e-3, 48.0, **options)  # type: ignore[arg-type]
     folder = export_c(one, tmp_path / "c", "arm", real)
     assert "counted(" in (folder / "arm.c").read_text(encoding="utf-8")
-    assert holds(rehearsed(folder, compiler))
     needs_compiler(compiler, *SANITIZERS)
-    assert holds(rehearsed(folder, compiler, flags=SANITIZERS))
+    assert holds(rehearsed(folder, compiler, flags=(*STRICT, *SANITIZERS)))
 
 
 @pytest.mark.parametrize("with_estimator", [True, False])
 def test_header_and_readme_name_the_same_codes_in_the_order_of_decision(
-    with_estimator: bool, tmp_path: Path
+    with_estimator: bool, exported: Path, direct: Path
 ) -> None:
-    folder = export_c(made(with_estimator), tmp_path / "c", "arm")
+    folder = exported if with_estimator else direct
     header, readme = ((folder / file).read_text(encoding="utf-8") for file in ("arm.h", "README.md"))
     in_header = [
         name for name in re.findall(r"^ +ARM_(\w+) = \d+", header, flags=re.MULTILINE) if name in CODES
@@ -223,6 +238,7 @@ def test_header_and_readme_name_the_same_codes_in_the_order_of_decision(
     assert len({code.value for code in CODES.values()}) == len(CODES)
 
 
+@pytest.mark.costs("an export, and two of its programs")
 def test_a_long_name_and_limits_on_one_side_alone_hold(compiler: str, tmp_path: Path) -> None:
     one, name = made(), "the_left_arm_of_the_torso_no_27"
     half = fh.Controller(one.law, one.estimator, 1e-3, (-math.inf, 0.5))
@@ -233,9 +249,9 @@ def test_a_long_name_and_limits_on_one_side_alone_hold(compiler: str, tmp_path: 
         assert rehearsed(folder, compiler, program)[0] == 0
 
 
-def test_an_export_without_limits_says_which_inputs_have_none(tmp_path: Path) -> None:
-    folder = export_c(made(saturation=None), tmp_path / "c", "arm", limits=False)
-    limited = export_c(made(), tmp_path / "limited", "arm")
+def test_an_export_without_limits_says_which_inputs_have_none(exported: Path, tmp_path: Path) -> None:
+    unlimited = made(with_estimator=False, saturation=None)
+    folder, limited = export_c(unlimited, tmp_path / "c", "arm", limits=False), exported
     for file in ("arm.h", "README.md"):
         said = f"Nothing limits {ARM.plant().inputs[0]}"
         assert said in (folder / file).read_text(encoding="utf-8")
@@ -243,11 +259,11 @@ def test_an_export_without_limits_says_which_inputs_have_none(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("changed", ["", "arm.h", "arm.c"])
-def test_make_digest_says_whether_the_code_is_as_exported(changed: str, tmp_path: Path) -> None:
+def test_make_digest_says_whether_the_code_is_as_exported(changed: str, direct: Path, tmp_path: Path) -> None:
     for tool in ("make", "sha256sum"):
         if shutil.which(tool) is None:
             pytest.skip(f"missing: {tool}")
-    folder = export_c(made(), tmp_path / "c", "arm")
+    folder = shutil.copytree(direct, tmp_path / "c")
     if changed:
         text = (folder / changed).read_text(encoding="utf-8")
         (folder / changed).write_text(text + " ", encoding="utf-8")

@@ -13,7 +13,7 @@ import pytest
 import flexhinf as fh
 from flexhinf.export import export_c
 
-pytestmark = pytest.mark.ci
+pytestmark = pytest.mark.ci("a processor that QEMU emulates")
 
 #: Cycles of a period of 1 ms at 168 MHz, and cycles an instruction: 1 for most, 2 for a load, 3 for a fused
 #: multiply-add, 14 for a division (Cortex-M4 technical reference manual); the mean is below 2 (docs/deployment.md).

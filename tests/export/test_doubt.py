@@ -16,7 +16,8 @@ import flexhinf as fh
 from flexhinf.export import export_c, export_fmu
 from flexhinf.export.controller_c import code_of
 
-pytestmark = pytest.mark.oracle
+# Libraries and FMUs that make some samples: compiled in half the time.
+pytestmark = [pytest.mark.oracle, pytest.mark.usefixtures("unoptimised")]
 
 
 def controller(kind: str, **options: Any) -> fh.Controller:
@@ -109,7 +110,7 @@ def test_in_float_digits_are_lost_earlier(real: str, compiler: str, tmp_path: Pa
     assert shown == ("0 0 0 0 0 0 0 " if real == "double" else "0 0 0 1 1 2 1 ")
 
 
-@pytest.mark.ci
+@pytest.mark.ci("an export, compiled twice")
 def test_the_test_vector_has_the_status_of_each_step(compiler: str, tmp_path: Path) -> None:
     watch = fh.Supervision(swing=1e-3)
     filter = made("ekf")
@@ -128,6 +129,7 @@ def test_the_test_vector_has_the_status_of_each_step(compiler: str, tmp_path: Pa
     assert subprocess.run(["./test"], cwd=folder, check=False).returncode == 1
 
 
+@pytest.mark.ci("exports two FMUs")
 def test_an_fmu_has_the_counts_as_outputs(compiler: str, tmp_path: Path) -> None:
     pytest.importorskip("fmpy")
     from tests.export.test_fmu import end, instance

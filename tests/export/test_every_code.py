@@ -89,9 +89,17 @@ def steps(
         yield held, code
 
 
+@pytest.mark.costs("20,000 samples, and compiles an unscented filter")
 @pytest.mark.oracle
-@pytest.mark.parametrize("limit", [None, pytest.param(48.0, marks=pytest.mark.ci)])
-@pytest.mark.parametrize("samples", [20_000, pytest.param(1_000_000, marks=pytest.mark.ci)])
+@pytest.mark.parametrize(
+    ("limit", "samples"),
+    [
+        (None, 20_000),
+        pytest.param(48.0, 20_000, marks=pytest.mark.ci("20,000 samples more")),
+        pytest.param(None, 1_000_000, marks=pytest.mark.nightly("fifty times the samples")),
+        pytest.param(48.0, 1_000_000, marks=pytest.mark.nightly("fifty times the samples")),
+    ],
+)
 def test_every_code_is_reached_with_the_same_bits(
     limit: float | None, samples: int, build: Callable[..., Any]
 ) -> None:
@@ -106,9 +114,9 @@ def test_every_code_is_reached_with_the_same_bits(
     }  # fmt: skip
 
 
-@pytest.mark.ci
+@pytest.mark.ci("10,000 samples of two libraries")
 @pytest.mark.oracle
-@pytest.mark.parametrize("limit", [48.0, pytest.param(1e9, marks=pytest.mark.ci)])
+@pytest.mark.parametrize("limit", [48.0, 1e9])
 def test_without_a_command_the_last_good_one_holds_whatever_was_refused_before(
     limit: float | None, compiler: str, tmp_path: Path
 ) -> None:
@@ -182,8 +190,8 @@ def test_the_older_memory_is_32_to_64_good_samples_old(missing: float) -> None:
 
 
 # Boot -----------------------------------------------------------------------------------------------
-@pytest.mark.ci
-@pytest.mark.parametrize("option", ["hold", pytest.param("zero", marks=pytest.mark.ci)])
+@pytest.mark.ci("compiles two controllers")
+@pytest.mark.parametrize("option", ["hold", "zero"])
 def test_before_the_first_good_measurement_the_output_is_that_before_the_first_sample(
     option: str, build: Callable[..., Any]
 ) -> None:
@@ -208,7 +216,7 @@ def test_before_the_first_good_measurement_the_output_is_that_before_the_first_s
     assert abs(u[25, 0] - u[24, 0]) < 1e-6
 
 
-@pytest.mark.ci
+@pytest.mark.ci("compiles a controller")
 def test_a_step_without_an_init_says_so_and_gives_the_input_before_the_first_sample(
     build: Callable[..., Any], compiler: str
 ) -> None:
@@ -251,8 +259,8 @@ int main(void)
     assert last == "1"
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("option", ["hold", pytest.param("zero", marks=pytest.mark.ci)])
+@pytest.mark.ci("compiles two libraries")
+@pytest.mark.parametrize("option", ["hold", "zero"])
 def test_a_start_that_is_told_has_its_own_input_with_the_same_bits(
     option: str, compiler: str, tmp_path: Path
 ) -> None:

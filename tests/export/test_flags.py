@@ -12,6 +12,7 @@ import re
 import subprocess
 import zipfile
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -20,8 +21,8 @@ import pytest
 import flexhinf as fh
 from flexhinf.codegen.c import Real
 from flexhinf.codegen.machine import host
-from flexhinf.export import export_c, export_plant_fmu
-from flexhinf.export.controller_c import arithmetic
+from flexhinf.export import export_plant_fmu
+from flexhinf.export.controller_c import arithmetic, code_of
 from flexhinf.export.recording import record, with_both_roundings
 
 #: Writes whether multiply-adds are fused; reads y and r as doubles, writes u; 77 where `arm_init` refuses.
@@ -99,18 +100,17 @@ OF_CLANG = {
     "-O2 -ffp-model=strict": None,
     "-O2 -fdenormal-fp-math=preserve-sign": None,
 }
-QUICK = {
-    ("gcc", "-O2"), ("gcc", "-O3 -march=native"), ("clang", "-O3"),
-    ("gcc", "-O2 -funsafe-math-optimizations"), ("gcc", "-O2 -m32"), ("gcc", "-O2 -fsingle-precision-constant"),
-    ("clang", "-O2 -freciprocal-math"), ("clang", "-O2 -mfma -ffp-contract=fast"), ("clang", "-O2 -fno-honor-nans"),
-}  # fmt: skip
+CI = pytest.mark.ci("compiles a controller for every row of flags")
+NIGHTLY = pytest.mark.nightly("flags of both compilers with the other type of numbers")
+#: In CI each compiler has all flags, in turn with one type and the other: so has each type all flags.
 ROWS = [
-    pytest.param(compiler, flags, real, marks=[] if quick else pytest.mark.ci)
-    for real in ("double", "float")
-    for compiler, own in (("gcc", OF_GCC), ("clang", OF_CLANG))
-    for flags in {**FLAGS, **own}
-    for quick in [real == "double" and (compiler, flags) in QUICK]
-]
+    pytest.param(compiler, flags, real, marks=CI if flags in own or (row + column) % 2 == 0 else NIGHTLY)
+    for column, (compiler, own, real) in enumerate(
+        [("gcc", OF_GCC, "double"), ("gcc", OF_GCC, "float"), ("clang", OF_CLANG, "float"),
+         ("clang", OF_CLANG, "double")]
+    )
+    for row, flags in enumerate({**FLAGS, **own})
+]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -123,9 +123,11 @@ def exported(
     ukf = fh.UnscentedKalmanFilter(arm.plant(), 1e-3, 1e-7, 1e-4, [0.0] * 4, 1e-4)
     controller = fh.Controller(fh.linear_law(arm.problem(), gamma=math.inf), ukf, 1e-3, 48.0)
     run, place = record(controller), tmp_path_factory.mktemp("flags")
-    folders = {real: export_c(controller, place / real, "arm", real) for real in ("double", "float")}
-    for folder in folders.values():
-        (folder / "replay.c").write_text(PROGRAM)
+    folders = {real: place / real for real in ("double", "float")}
+    for real, folder in folders.items():
+        folder.mkdir()
+        for name, text in {**code_of(controller, "arm", real).files, "replay.c": PROGRAM}.items():
+            (folder / name).write_text(text)
     measured = np.array([code != "PREDICTED" for code in run.codes], dtype=float)
     inputs = [one.u for one in with_both_roundings(controller, run)]
     return folders, np.column_stack([run.y, run.r, measured]), inputs
@@ -157,7 +159,23 @@ def replayed(
     return bool(fused), np.reshape(inputs, (len(samples), -1))
 
 
-@pytest.mark.ci
+@pytest.fixture(scope="module")
+def in_float(
+    exported: tuple[dict[str, Path], np.ndarray, list[np.ndarray]], tmp_path_factory: pytest.TempPathFactory
+) -> Callable[[bool], np.ndarray]:
+    """Inputs of the code in float by plain flags of gcc, with fused multiply-adds or without."""
+
+    @cache
+    def plain(fused: bool) -> np.ndarray:
+        folders, samples, _ = exported
+        to = tmp_path_factory.mktemp("float")
+        found = replayed(folders["float"], samples, "gcc", "-O1 -mfma" if fused else "-O1", to)
+        assert found is not None
+        return found[1]
+
+    return plain
+
+
 @pytest.mark.oracle
 @pytest.mark.parametrize(("compiler", "flags", "real"), ROWS)
 def test_flags_change_no_bit_or_are_refused(
@@ -165,6 +183,7 @@ def test_flags_change_no_bit_or_are_refused(
     flags: str,
     real: str,
     exported: tuple[dict[str, Path], np.ndarray, list[np.ndarray]],
+    in_float: Callable[[bool], np.ndarray],
     needs_compiler: Callable[..., None],
     tmp_path: Path,
 ) -> None:
@@ -182,13 +201,12 @@ def test_flags_change_no_bit_or_are_refused(
     fused, inputs = found
     assert fused == (fusing and host().fused)
     if real == "float":  # its numbers are others than those in Python, and the same whatever the flags
-        plain = replayed(folders[real], samples, "gcc", "-O1 -mfma" if fused else "-O1", tmp_path)
-        assert plain is not None
-        np.testing.assert_array_equal(inputs, plain[1])
+        np.testing.assert_array_equal(inputs, in_float(fused))
     else:
         np.testing.assert_array_equal(inputs, expected[fused])
 
 
+@pytest.mark.ci("shares the export of the rows of flags")
 def test_without_flags_nothing_is_refused(
     exported: tuple[dict[str, Path], np.ndarray, list[np.ndarray]], compiler: str, tmp_path: Path
 ) -> None:
@@ -265,7 +283,7 @@ int main(void)
 """
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.ci("shares the export of the rows of flags")
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_a_processor_that_is_set_otherwise_is_noticed(
     real: str, exported: tuple[dict[str, Path], np.ndarray, list[np.ndarray]], compiler: str, tmp_path: Path

@@ -19,6 +19,9 @@ from flexhinf.export.recording import record
 
 fmpy = pytest.importorskip("fmpy")
 
+# Two FMUs and a recording that run for some samples: compiled in half the time.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 ARM = fh.paper_arm()
 
 
@@ -61,6 +64,7 @@ def end(model: Any) -> None:
     model.freeInstance()
 
 
+@pytest.mark.costs("exports the FMUs of all tests here")
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ["controller", "plant"])
 def test_fmpy_finds_nothing_wrong(name: str, files: dict[str, Path]) -> None:

@@ -14,6 +14,12 @@ from flexhinf.export import export_fmu, export_plant_fmu
 
 fmpy = pytest.importorskip("fmpy")
 
+# Two FMUs that run for some samples: compiled in half the time.
+pytestmark = [
+    pytest.mark.usefixtures("unoptimised"),
+    pytest.mark.ci("exports a controller and a robot, and simulates their loop"),
+]
+
 PLANT = fh.paper_arm().plant()
 PERIOD, SAMPLES, GOAL, LOAD = 1e-3, 400, 0.6, 0.8
 
@@ -94,7 +100,6 @@ def sample(pair: dict[str, Instance], k: int, goal: float) -> list[float]:
     return [*state, u]
 
 
-@pytest.mark.ci
 @pytest.mark.oracle
 def test_interleaved_loops_of_fmus_move_as_simulated_and_again_after_a_reset(
     loop: fh.Loop, files: dict[str, Path], tmp_path: Path
@@ -121,7 +126,6 @@ def test_interleaved_loops_of_fmus_move_as_simulated_and_again_after_a_reset(
                     one.begin()
 
 
-@pytest.mark.ci
 def test_units_and_first_values_are_those_of_the_model(files: dict[str, Path], tmp_path: Path) -> None:
     """Every variable has the start value that its instance has, every signal and parameter the unit of the robot."""
     units = {parameter.name: parameter.unit for parameter in fh.paper_arm().parameters} | dict(PLANT.units)

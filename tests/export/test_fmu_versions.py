@@ -20,6 +20,9 @@ from flexhinf.export import export_fmu, export_plant_fmu
 
 fmpy = pytest.importorskip("fmpy")
 
+# Four FMUs that run for some samples: compiled in half the time.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 ARM = fh.paper_arm()
 PLANT = ARM.plant()
 PERIOD, SAMPLES, GOAL = 1e-3, 300, 0.6
@@ -97,7 +100,7 @@ def instance(files: dict[tuple[str, str], Path], tmp_path: Path) -> Any:
         one.end()
 
 
-@pytest.mark.ci
+@pytest.mark.ci("600 samples of two loops")
 @pytest.mark.oracle
 def test_a_loop_of_fmus_moves_as_simulated_in_both_versions(
     controller: fh.Controller, instance: Callable[[str, str], Instance]
@@ -121,6 +124,7 @@ def test_a_loop_of_fmus_moves_as_simulated_in_both_versions(
     np.testing.assert_allclose(found["3.0"], expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
+@pytest.mark.costs("exports and checks four FMUs")
 @pytest.mark.oracle
 def test_fmpy_finds_nothing_wrong_with_fmi_3_and_simulates_it_alike(
     files: dict[tuple[str, str], Path],
@@ -220,7 +224,7 @@ def test_the_sources_compile_without_a_warning(
     subprocess.run([compiler, *strict, *shells], check=True)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("CMake builds two FMUs")
 @pytest.mark.parametrize("fmi", VERSIONS)
 def test_another_program_builds_the_sources(
     fmi: str, files: dict[tuple[str, str], Path], tmp_path: Path
@@ -250,7 +254,7 @@ def test_another_version_is_refused(controller: fh.Controller, tmp_path: Path) -
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.ci
+@pytest.mark.ci("exports four FMUs")
 @pytest.mark.oracle
 @pytest.mark.parametrize("fmi", VERSIONS)
 def test_ecos_connects_both_and_moves_them_as_simulated(fmi: str, compiler: str, tmp_path: Path) -> None:

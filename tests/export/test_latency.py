@@ -12,7 +12,8 @@ from flexhinf.export.controller_c import code_of
 from flexhinf.export.fmu import export_fmu, export_plant_fmu
 from flexhinf.export.recording import record
 
-pytestmark = pytest.mark.oracle
+# Libraries and FMUs that make some samples: compiled in half the time.
+pytestmark = [pytest.mark.oracle, pytest.mark.usefixtures("unoptimised")]
 
 
 def late(controller: fh.Controller, latency: int) -> fh.Controller:
@@ -21,7 +22,7 @@ def late(controller: fh.Controller, latency: int) -> fh.Controller:
     )
 
 
-@pytest.mark.ci
+@pytest.mark.ci("compiles two libraries")
 @pytest.mark.parametrize("latency", [1, 3])
 def test_the_library_steps_as_in_python(
     controller: fh.Controller, latency: int, compiler: str, tmp_path: Path
@@ -44,6 +45,7 @@ def test_the_library_steps_as_in_python(
         np.testing.assert_array_equal(compiled.estimate, stepped.estimate)
 
 
+@pytest.mark.ci("exports two FMUs and simulates their loop")
 def test_in_a_co_simulation_one_sample_of_latency_is_the_masters_own(
     controller: fh.Controller, compiler: str, tmp_path: Path
 ) -> None:

@@ -15,6 +15,9 @@ import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.export import with_measurement_limits
 
+# Loops and libraries of some samples: compiled in half the time.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 LIMITS = ((-1.0, -1.5), (1.0, 1.5), (5.0, math.inf))
 POSE = 0.3
 
@@ -81,7 +84,7 @@ def test_what_is_implausible_is_missing_and_counted(
     assert (checked.rejected - wrong).tolist() == plain.rejected.tolist()
 
 
-@pytest.mark.ci
+@pytest.mark.ci("compiles two controllers and a library")
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_the_exported_c_does_the_same(
     measured: np.ndarray, build: Callable[..., object], real: str, tmp_path: Path
@@ -116,7 +119,7 @@ def test_the_exported_c_does_the_same(
         assert library.rejected.tolist() == expected.rejected.tolist()
 
 
-@pytest.mark.ci
+@pytest.mark.ci("compiles a controller")
 def test_a_sensor_that_stays_away_stops_the_controller(build: Callable[..., object]) -> None:
     """The watchdog counts samples in which nothing is plausible; ten are predicted over."""
     x = fh.load_robot("paper").operating_point(POSE)[0]

@@ -10,7 +10,11 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.export import controller_files
+from flexhinf.export.controller_c import code_of
 from flexhinf.export.names import law_terms, named_parameters, parameter_units
+
+# Recordings and stacks of exports whose text is read: compiled in half the time.
+pytestmark = pytest.mark.usefixtures("unoptimised")
 
 
 @pytest.fixture(scope="module")
@@ -33,12 +37,12 @@ def law_numbers(source: str) -> list[tuple[float, str]]:
     ]
 
 
-@pytest.mark.ci
+@pytest.mark.ci("writes the code of an unscented filter twice")
 @pytest.mark.oracle
 @pytest.mark.parametrize("pieces", [False, True])
 def test_the_terms_in_the_comments_are_the_law(cubic: fh.Controller, pieces: bool) -> None:
     controller = cubic.in_pieces() if pieces else cubic
-    rows = law_numbers(controller_files(controller, "arm")["arm.c"])
+    rows = law_numbers(code_of(controller, "arm", "double").source)
     assert len(rows) == len(law_terms(controller)) > 20
     law = controller.law
     rng = np.random.default_rng(7)
@@ -56,14 +60,14 @@ def test_the_terms_in_the_comments_are_the_law(cubic: fh.Controller, pieces: boo
 
 
 def test_parameters_stand_at_their_constants(cubic: fh.Controller, arm: fh.Robot) -> None:
-    files = controller_files(cubic, "arm", robot=arm)
+    header = code_of(cubic, "arm", "double", arm).header
     units = {parameter.name: parameter.unit for parameter in arm.parameters}
     for name, place, unit in named_parameters(cubic, units):
-        at = int(re.search(rf"ARM_P_{name.upper()} = (\d+),? /\* ", files["arm.h"]).group(1))  # type: ignore[union-attr]
+        at = int(re.search(rf"ARM_P_{name.upper()} = (\d+),? /\* ", header).group(1))  # type: ignore[union-attr]
         assert cubic.data_vector[at] == arm.nominal[name]
         assert at == cubic.data.places["parameters"].start + place
         assert unit == units[name]
-    assert re.search(r"ARM_P_STIFFNESS = \d+, /\* N m/rad \*/", files["arm.h"])
+    assert re.search(r"ARM_P_STIFFNESS = \d+, /\* N m/rad \*/", header)
 
 
 def test_parameters_of_several_joints_have_units_and_say_whose_they_are() -> None:
@@ -86,12 +90,12 @@ def test_parameters_of_several_joints_have_units_and_say_whose_they_are() -> Non
     assert axes == "xx"
 
 
-@pytest.mark.ci
+@pytest.mark.ci("writes the code of four designs")
 def test_header_and_source_have_one_digest_and_another_design_has_another(
     cubic: fh.Controller, arm: fh.Robot
 ) -> None:
     def digests(controller: fh.Controller, **origin: str) -> set[str]:
-        files = controller_files(controller, "arm", robot=arm, origin=origin)
+        files = code_of(controller, "arm", "double", arm, origin).files
         return {
             re.search(rf'{mark} "?([0-9a-f]{{64}})', files[name].replace('= "', '"')).group(1)  # type: ignore[union-attr]
             for name, mark in (("arm.h", "ARM_DIGEST"), ("arm.c", r"arm_digest\[\]"))
@@ -104,7 +108,7 @@ def test_header_and_source_have_one_digest_and_another_design_has_another(
     assert first != digests(cubic, drawing="A-1234")
 
 
-@pytest.mark.ci
+@pytest.mark.ci("an export with its test vector")
 def test_the_origin_stands_in_header_source_and_readme_and_ends_no_comment(
     cubic: fh.Controller, arm: fh.Robot
 ) -> None:

@@ -21,6 +21,9 @@ from flexhinf.export.controller_c import code_of
 from flexhinf.export.names import constants, identifier_of
 from flexhinf.export.recording import record
 
+# Recordings and stacks of some exports: compiled in half the time.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 
 @pytest.fixture(scope="module")
 def controller() -> fh.Controller:
@@ -79,7 +82,7 @@ def test_a_period_and_rooms_that_do_not_fit(controller: fh.Controller) -> None:
             check_room(controller, "double", ram=text)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("compiles for a Cortex-M4F")
 def test_code_that_does_not_fit(estimating: fh.Controller, monkeypatch: pytest.MonkeyPatch) -> None:
     if shutil.which("arm-none-eabi-gcc") is None:
         pytest.skip("missing: arm-none-eabi-gcc")
@@ -114,7 +117,7 @@ def test_a_recording_reaches_the_limits_at_its_end_alone(estimating: fh.Controll
     assert record(fh.Controller(estimating.law, estimating.estimator, 1e-3)).moved is None
 
 
-@pytest.mark.ci
+@pytest.mark.ci("an export with its test vector")
 def test_what_is_exported_begins_where_the_step_does() -> None:
     """The estimate of a design begins at the start of its step, not at the goal: a recording from elsewhere is at the
     limits all the time, and any code would answer that."""
@@ -170,7 +173,7 @@ def estimating() -> fh.Controller:
     return fh.Controller(fh.linear_law(arm.problem(), gamma=math.inf), ekf, 1e-3, 48.0)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("an export in float, compiled twice")
 def test_what_float_loses_is_measured_and_the_test_vector_allows_little_more(
     estimating: fh.Controller, compiler: str, tmp_path: Path
 ) -> None:
@@ -208,7 +211,7 @@ def test_a_compiler_for_another_machine_measures_nothing(
     assert re.search(r"tolerance\[PARTS\] = \{ ?0\.05f\b", (folder / "arm_test.c").read_text())
 
 
-@pytest.mark.ci
+@pytest.mark.ci("records a test vector of four joints")
 def test_commands_of_the_test_vector_stay_within_the_range_of_a_joint() -> None:
     """At home the quill of the SCARA stands at the end of its range."""
     robot = fh.load_robot("scara")

@@ -47,9 +47,10 @@ def controller_of(name: str) -> fh.Controller:
 def compiled(
     controller: fh.Controller, robot: fh.Robot | None, folder: Path, compiler: str, real: str
 ) -> Check:
-    fh.export_c(controller, folder, "arm", real, robot=robot)
-    (folder / "shim.c").write_text(SHIM)
-    command = [compiler, *STRICT, "-O1", "-shared", "-fPIC", "arm.c", "shim.c", "-lm", "-o", "arm.so"]
+    folder.mkdir()
+    for name, text in {**code_of(controller, "arm", real, robot).files, "shim.c": SHIM}.items():
+        (folder / name).write_text(text)
+    command = [compiler, *STRICT, "-O0", "-shared", "-fPIC", "arm.c", "shim.c", "-lm", "-o", "arm.so"]
     subprocess.run(command, cwd=folder, check=True)
     function = ctypes.CDLL(str(folder / "arm.so")).check
     kind, number = (np.float64, ctypes.c_double) if real == "double" else (np.float32, ctypes.c_float)
@@ -74,7 +75,7 @@ def paper(
     return made, compiled(made, robot, folder, compiler, request.param), values
 
 
-@pytest.mark.ci
+@pytest.mark.ci("two compiled checks of every parameter")
 @pytest.mark.oracle
 def test_a_parameter_may_be_anywhere_within_its_tolerance(
     paper: tuple[fh.Controller, Check, np.ndarray],
@@ -99,6 +100,7 @@ def test_a_parameter_may_be_anywhere_within_its_tolerance(
             assert check(changed) == (NOT_PHYSICAL, place), name
 
 
+@pytest.mark.costs("compiles the check of all tests here")
 @pytest.mark.quick_cases(1)
 def test_limits_may_be_narrower_and_rates_slower(paper: tuple[fh.Controller, Check, np.ndarray]) -> None:
     made, check, designed = paper
@@ -122,6 +124,7 @@ def test_limits_may_be_narrower_and_rates_slower(paper: tuple[fh.Controller, Che
         assert check(changed) == (code, at[name] + k if code else -1), (name, value)
 
 
+@pytest.mark.quick_cases(1)
 def test_the_gravest_fault_is_told_and_its_first_place(
     paper: tuple[fh.Controller, Check, np.ndarray],
 ) -> None:
@@ -143,7 +146,7 @@ def test_the_gravest_fault_is_told_and_its_first_place(
     assert check(designed, missing_limit=11) == (BEYOND_DESIGN, end + 1)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("compiles the check of two joints")
 @pytest.mark.oracle
 def test_robots_within_their_tolerances_pass(compiler: str, tmp_path: Path) -> None:
     """A parameter of the plant may be a product: of rotor and gear, of mass and length."""
@@ -171,7 +174,7 @@ def test_robots_within_their_tolerances_pass(compiler: str, tmp_path: Path) -> N
         assert judged(arm.plant_parameters({**arm.nominal, name: value})) == BEYOND_DESIGN
 
 
-@pytest.mark.ci
+@pytest.mark.ci("compiles one more check")
 def test_without_a_robot_every_parameter_is_the_designs(compiler: str, tmp_path: Path) -> None:
     made = controller_of("paper")
     check = compiled(made, None, tmp_path / "c", compiler, "double")

@@ -19,7 +19,7 @@ def limited() -> fh.Design:
     return fh.design(fh.load_robot("paper"), peaks)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("designs a controller")
 @pytest.mark.oracle
 def test_a_peak_below_the_motors_limit_saturates_every_controller(
     limited: fh.Design, compiler: str, tmp_path: Path
@@ -33,7 +33,7 @@ def test_a_peak_below_the_motors_limit_saturates_every_controller(
         assert np.abs(inputs).max() == pytest.approx(6.5, rel=1e-12)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("designs a controller")
 def test_what_the_step_demands_is_judged_without_the_limit(limited: fh.Design) -> None:
     evaluation, limits = limited.evaluation, limited.setup.limits
     assert limits.saturation.tolist() == [12.0]

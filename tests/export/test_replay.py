@@ -49,9 +49,6 @@ CONTROLLERS: dict[str, Callable[[], fh.Controller]] = {
     ),
 }  # fmt: skip
 
-QUICK = ("cubic, ukf", "linear, ekf, limits", "state")
-EVERY = [pytest.param(name, marks=[] if name in QUICK else pytest.mark.ci) for name in CONTROLLERS]
-
 
 def answers(controller: fh.Controller, y: np.ndarray, r: np.ndarray, measured: np.ndarray) -> np.ndarray:
     """Inputs of the controller in Python; where a sample is refused, the last good one."""
@@ -92,9 +89,10 @@ def hostile(controller: fh.Controller, samples: int, seed: int) -> tuple[np.ndar
     return y, r, measured
 
 
+@pytest.mark.costs("compiles an unscented filter, in Python and in C")
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
-@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize("name", CONTROLLERS)
 def test_a_recorded_loop_comes_out_the_same(name: str, build: Callable[..., Any]) -> None:
     controller = CONTROLLERS[name]()
     compiled = build(controller)
@@ -108,9 +106,9 @@ def test_a_recorded_loop_comes_out_the_same(name: str, build: Callable[..., Any]
     ]
 
 
-@pytest.mark.ci
+@pytest.mark.ci("3,000 samples of seven controllers, in Python and in C")
 @pytest.mark.oracle
-@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize("name", CONTROLLERS)
 def test_hostile_samples_are_answered_as_in_python(name: str, build: Callable[..., Any]) -> None:
     controller = CONTROLLERS[name]()
     y, r, measured = hostile(controller, 3000, seed=1)
@@ -125,10 +123,10 @@ def test_hostile_samples_are_answered_as_in_python(name: str, build: Callable[..
     np.testing.assert_array_equal(u, expected)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("two exports with their test vectors")
 @pytest.mark.parametrize("real", ["float", "double"])
 def test_the_test_vector_passes(real: str, build: Callable[..., Any], compiler: str) -> None:
-    compiled = build(CONTROLLERS["linear, ekf, limits"](), real)
+    compiled = build(CONTROLLERS["linear, ekf, limits"](), real, whole=True)
     done = subprocess.run(
         ["make", "-s", f"CC={compiler}", "test"],
         cwd=compiled.folder,

@@ -24,6 +24,9 @@ from flexhinf.robot import MuJoCoPlant
 
 yaml = pytest.importorskip("yaml")
 
+# Packages are built with flags that stand here; unoptimised are recordings and stacks of ten exports: half of them.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 HERE = Path(__file__).parent / "ros2"
 PERIOD = 1e-3
 ARM = fh.paper_arm()
@@ -112,7 +115,7 @@ def flat(parameters: dict[str, Any], before: str = "") -> Iterator[tuple[str, An
             yield f"{before}{name}", value
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def managed(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Callable[[], Manager]]:
     """Exports and builds a controller's package; makes new managers of it."""
     if shutil.which("g++") is None or shutil.which("gcc") is None:
@@ -136,7 +139,7 @@ def managed(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Callable[
     return build
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def arm(managed: Callable[..., Callable[[], Manager]]) -> Callable[[], Manager]:
     return managed(arm_controller(start="bumpless"))
 
@@ -176,11 +179,15 @@ def assert_near(found: np.ndarray, expected: np.ndarray, share: float = 1e-9) ->
     np.testing.assert_allclose(found, expected, rtol=0, atol=share * np.abs(expected).max())
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("kind", ["no estimator", "estimator", "workspace"])
-@pytest.mark.parametrize("real", ["double", "float"])
-@pytest.mark.parametrize("compiler", ["g++", "clang++"])
-@pytest.mark.parametrize("version", ["HUMBLE", "JAZZY"])
+@pytest.mark.ci("exports a controller for each row")
+@pytest.mark.parametrize(
+    ("version", "compiler", "real", "kind"),
+    [  # every pair of them once
+        ("HUMBLE", "g++", "double", "no estimator"), ("JAZZY", "clang++", "float", "no estimator"),
+        ("JAZZY", "g++", "double", "estimator"), ("HUMBLE", "clang++", "float", "estimator"),
+        ("HUMBLE", "clang++", "double", "workspace"), ("JAZZY", "g++", "float", "workspace"),
+    ],
+)  # fmt: skip
 def test_no_compiler_warns(version: str, compiler: str, real: str, kind: str, tmp_path: Path) -> None:
     if shutil.which(compiler) is None:
         pytest.skip(f"missing: {compiler}")
@@ -193,7 +200,7 @@ def test_no_compiler_warns(version: str, compiler: str, real: str, kind: str, tm
         subprocess.run([compiler, *STRICT, *own, "-c", source, "-o", tmp_path / "out.o"], check=True)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("shares the package of tests with MuJoCo")
 def test_the_package_is_found_under_the_names_of_its_plugin(arm: Callable[[], Manager]) -> None:
     one = arm()
     plugin = ElementTree.parse(one.package / "arm_controller.xml").getroot()
@@ -213,10 +220,9 @@ def test_the_package_is_found_under_the_names_of_its_plugin(arm: Callable[[], Ma
     assert sources <= set(listed.split("SHARED\n")[1].split(")")[0].split())
 
 
-@pytest.mark.ci
+@pytest.mark.ci("builds two packages, and moves them with MuJoCo")
 @pytest.mark.oracle
-@pytest.mark.parametrize("version", ["HUMBLE", "JAZZY"])
-@pytest.mark.parametrize("latency", [0, 1])
+@pytest.mark.parametrize(("latency", "version"), [(0, "HUMBLE"), (1, "JAZZY")])
 def test_it_drives_mujoco_as_python_does_and_begins_again_elsewhere(
     latency: int, version: str, managed: Callable[..., Callable[[], Manager]]
 ) -> None:
@@ -249,7 +255,7 @@ def test_it_drives_mujoco_as_python_does_and_begins_again_elsewhere(
     assert_near(inputs, found[1], 1e-7)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("6,000 samples with MuJoCo")
 @pytest.mark.oracle
 def test_a_session_is_cleaned_up_and_configured_for_another_robot(arm: Callable[[], Manager]) -> None:
     """As a launch file has it: the file's parameters, a path, an end; then interfaces of other names, an encoder before
@@ -289,6 +295,7 @@ def test_a_session_is_cleaned_up_and_configured_for_another_robot(arm: Callable[
         assert one("cleanup") == 0
 
 
+@pytest.mark.costs("exports and builds the package of all quick tests here")
 @pytest.mark.oracle
 def test_without_a_command_it_holds_the_pose_at_which_it_was_activated(arm: Callable[[], Manager]) -> None:
     pytest.importorskip("mujoco")
@@ -307,7 +314,7 @@ def test_without_a_command_it_holds_the_pose_at_which_it_was_activated(arm: Call
     assert one.input() == 0.0
 
 
-@pytest.mark.ci
+@pytest.mark.ci("builds one more package")
 def test_the_link_is_found_from_the_motor_alone(managed: Callable[..., Callable[[], Manager]]) -> None:
     """By the spring that the weight twists; the factor is that of a gear."""
     one = managed(arm_controller(measured="motor_position", start="bumpless"))()
@@ -434,7 +441,7 @@ def test_without_measurements_it_ends_until_it_is_activated_again(arm: Callable[
     assert one.update([0.1]) == 0
 
 
-@pytest.mark.ci
+@pytest.mark.ci("3,400 samples of two joints with MuJoCo")
 @pytest.mark.oracle
 def test_a_path_of_a_workspace_is_followed_in_mujoco_and_braked_at_its_edge(
     managed: Callable[..., Callable[[], Manager]],
@@ -477,7 +484,7 @@ def test_a_path_of_a_workspace_is_followed_in_mujoco_and_braked_at_its_edge(
     assert manager.published("health", "path_rate") == 1
 
 
-@pytest.mark.ci
+@pytest.mark.ci("CMake builds the package")
 def test_cmake_builds_the_package_against_packages_of_these_names(
     managed: Callable[..., Callable[[], Manager]], tmp_path: Path
 ) -> None:

@@ -21,6 +21,9 @@ from flexhinf.robot import MuJoCoPlant
 
 pytest.importorskip("mujoco")
 
+# A loop of 50 samples: compiled in half the time.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 
 @pytest.fixture(scope="module")
 def run(controller: fh.Controller) -> RealTimeRun:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +12,6 @@ import flexhinf as fh
 from flexhinf.export import export_c
 from flexhinf.export.controller_c import code_of
 from flexhinf.export.stack import MACHINES, deepest, stack_bytes
-
-
-@pytest.fixture(scope="module", autouse=True)
-def computed_stacks(as_shipped: Callable[[], AbstractContextManager[None]]) -> Iterator[None]:
-    with as_shipped():
-        yield
-
 
 NODES = {"main": 100, "far": 30, "near": 50, "leaf": 8}
 
@@ -62,7 +53,7 @@ def linear(name: str) -> fh.Controller:
     return fh.Controller(law, ukf, 1e-3, 24.0)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("compiles seven joints for two machines")
 @pytest.mark.parametrize(("name", "most"), [("planar-two-link", 2048), ("seven-link", 8192)])
 def test_large_estimators_need_little_stack(name: str, most: int) -> None:
     code = code_of(linear(name), "arm", "double")
@@ -77,7 +68,9 @@ def test_large_estimators_need_little_stack(name: str, most: int) -> None:
     assert all(0 < size <= most for size in computed if size is not None)
 
 
-@pytest.mark.parametrize("which", ["linear", pytest.param("cubic", marks=pytest.mark.ci)])
+@pytest.mark.parametrize(
+    "which", ["linear", pytest.param("cubic", marks=pytest.mark.ci("an export with its test vector"))]
+)
 def test_the_readme_states_it(which: str, controller: fh.Controller, tmp_path: Path) -> None:
     if shutil.which("gcc") is None:
         pytest.skip("missing: gcc")

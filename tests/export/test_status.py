@@ -16,7 +16,8 @@ from flexhinf.export import export_fmu
 from flexhinf.export.controller_c import code_of
 from flexhinf.export.fragments import NEVER
 
-pytestmark = pytest.mark.oracle
+# Libraries and exports that make some samples: compiled in half the time.
+pytestmark = [pytest.mark.oracle, pytest.mark.usefixtures("unoptimised")]
 
 KINDS = {
     "nothing": {},
@@ -49,6 +50,7 @@ def samples(count: int) -> list[tuple[float | None, float]]:
     ]  # fmt: skip
 
 
+@pytest.mark.costs("3,000 samples, and compiles a library")
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_library_says_and_does_the_same(
@@ -73,7 +75,7 @@ def test_the_library_says_and_does_the_same(
     assert able == {"nothing": 0, "watched": 7, "held": 15, "limited": 15}[kind] | fh.Status.DOUBTFUL_ESTIMATE
 
 
-@pytest.mark.ci
+@pytest.mark.ci("writes the code of four controllers")
 def test_bits_that_nothing_can_set_are_told(controller: fh.Controller) -> None:
     """Without limits no input is at one; without a workspace there is nothing outside of it."""
     kinds = {
@@ -107,7 +109,7 @@ def test_the_header_names_the_bits_and_strict_compilers_take_the_source(
     assert unnamed(code.header, "reactions:", "hold", "brake", "0.05 s", "path_rate", "arm_start") == []
 
 
-@pytest.mark.ci
+@pytest.mark.ci("exports an FMU")
 def test_an_fmu_puts_the_status_out(controller: fh.Controller, compiler: str, tmp_path: Path) -> None:
     pytest.importorskip("fmpy")
     from tests.export.test_fmu import end, instance
@@ -152,6 +154,7 @@ int main(void)
 """
 
 
+@pytest.mark.costs("compiles an unscented filter")
 def test_a_brake_under_way_goes_on_where_the_memory_goes_back(
     controller: fh.Controller, compiler: str, tmp_path: Path
 ) -> None:
@@ -190,7 +193,7 @@ void brake(int code) { printf("code %d\\n", code); }
 """
 
 
-@pytest.mark.ci
+@pytest.mark.ci("an export with its test vector")
 def test_the_main_program_of_an_export_slows_the_path_of_its_command(
     controller: fh.Controller, compiler: str, tmp_path: Path
 ) -> None:

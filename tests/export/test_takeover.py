@@ -81,7 +81,7 @@ def taken_over(control: Any, driven: Driven, samples: int = 1000) -> tuple[np.nd
     return np.array(inputs), np.array(positions)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("designs a controller, and two runs of 4 s")
 def test_the_input_continues_and_the_arm_stays(library: CompiledController, driven: Driven) -> None:
     """Told, the input goes on as it was; untold, it jumps to the limit at once and the arm leaves its place."""
     library.reset(driven.state, [driven.input])
@@ -97,7 +97,7 @@ def test_the_input_continues_and_the_arm_stays(library: CompiledController, driv
     assert np.abs(positions - positions[0]).max() > 1.5 * left
 
 
-@pytest.mark.ci
+@pytest.mark.ci("designs a controller, and two runs of 4 s")
 def test_python_told_the_same_gives_the_same_bits(
     control: fh.Controller, library: CompiledController, driven: Driven
 ) -> None:
@@ -164,7 +164,7 @@ def led(request: pytest.FixtureRequest) -> Arm:
     return arm._replace(state=x, input=u, plan=plan[-1501:])
 
 
-@pytest.mark.ci
+@pytest.mark.ci("designs a workspace, and compiles a library")
 @pytest.mark.parametrize(("start", "jump"), [("zero", 1e-2), ("bumpless", 1e-9)])
 def test_a_controller_of_a_workspace_takes_over(
     start: str, jump: float, workspace: fh.Controller, led: Arm, compiler: str, tmp_path: Path

@@ -44,7 +44,7 @@ def test_estimate_covers_what_is_used_and_not_much_more():
 #: Of the paper's arm, whose code is expanded, and of polynomial plants: degree, and states or none.
 MEASURED = [
     (4, 16),
-    *(pytest.param(*case, marks=pytest.mark.ci) for case in ((12, 8), (17, 5), (None, 18))),
+    *(pytest.param(*case, marks=pytest.mark.ci("a large solve")) for case in ((12, 8), (17, 5), (None, 18))),
 ]
 
 
@@ -119,6 +119,7 @@ else:
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux limits addresses so")
+@pytest.mark.ci("a process of its own; control groups are quick")
 def test_a_limit_of_the_process_is_known():
     """As `ulimit -v` sets it."""
     script = LIMITED.replace("import resource, flexhinf as fh", "import resource, flexhinf as fh\n"

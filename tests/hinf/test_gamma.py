@@ -65,6 +65,7 @@ def test_the_papers_arm_to_eight_digits_against_forty_digit_arithmetic(arm):
     assert _smallest_eigenvalue(arm.expand(1), gamma * (1 - 1e-9)) < 0
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("spread", [2.0, 4.0])
 def test_coefficients_over_eight_orders_of_magnitude(spread):
@@ -95,6 +96,7 @@ def test_scales_beyond_whole_numbers_are_no_warning():
     assert smallest_gamma(_linear([[0.5, 1], [0, 0.3]], np.eye(2), [[1], [1e-13]], np.eye(2))) > 1e13
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize("distance", [1e-8, 3e-9, 1e-9])
@@ -156,7 +158,7 @@ def test_double_integrator_without_weight_is_named():
         smallest_gamma(plant)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("forty digits at seven levels")
 @pytest.mark.oracle
 def test_feasible_is_what_forty_digits_say(arm):
     linear = LinearPart.of(arm.expand(1))

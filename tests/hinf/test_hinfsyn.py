@@ -9,12 +9,13 @@ import pytest
 
 from flexhinf.hinf.linear_part import LinearPart, linear_smallest_gamma
 
-pytest.importorskip("slycot", reason="missing: slycot, which has no wheel for every machine")
-control = pytest.importorskip("control")
+pytestmark = [pytest.mark.oracle, pytest.mark.ci("imports python-control; mpmath says γ* too")]
 
 
 def _hinfsyn(linear: LinearPart, noise: float) -> float:
     """The level `hinfsyn` reaches with inputs (d, n, v) and outputs (h, v, y)."""
+    pytest.importorskip("slycot", reason="missing: slycot, which has no wheel for every machine")
+    control = pytest.importorskip("control")
     n, md, m, s = len(linear.a), linear.b1.shape[1], linear.b2.shape[1], len(linear.c)
     inputs = np.hstack([linear.b1, np.zeros((n, n)), linear.b2])
     outputs = np.vstack([linear.c, np.zeros((m, n)), np.eye(n)])
@@ -23,7 +24,6 @@ def _hinfsyn(linear: LinearPart, noise: float) -> float:
     return control.hinfsyn(control.ss(linear.a, inputs, outputs, direct), n, m)[2]
 
 
-@pytest.mark.oracle
 @pytest.mark.parametrize("pose", ["hanging", "upright"])
 def test_limit_of_vanishing_noise_is_our_level(arm, pose):
     """The excess is proportional to ε; extrapolated from two levels of noise it agrees to 1e-7."""
@@ -39,7 +39,6 @@ def test_limit_of_vanishing_noise_is_our_level(arm, pose):
     assert (10 * fine - coarse) / 9 == pytest.approx(expected, rel=1e-7)
 
 
-@pytest.mark.oracle
 def test_random_plant(random_plant):
     linear = LinearPart.of(random_plant(np.random.default_rng(0), 3).expand(1))
     expected = linear_smallest_gamma(linear)

@@ -90,6 +90,7 @@ sys.stdout.buffer.write(b"".join(part.tobytes() for part in solution.value_parts
 """
 
 
+@pytest.mark.ci("two processes; test_threads.py has our own threads")
 def test_the_number_of_threads_changes_no_bit():
     """Real and complex products beyond the sizes from which BLAS would share them among its threads."""
     results = []

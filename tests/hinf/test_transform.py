@@ -9,6 +9,7 @@ from flexhinf.hinf import contraction, homological as transform
 from flexhinf.polynomial import algebra, algebra as threads, basis
 
 
+@pytest.mark.quick_cases(11)
 @pytest.mark.parametrize("way", ["at once", "in tiles", "machine code"])
 @pytest.mark.parametrize("kind", [float, complex])
 @pytest.mark.parametrize(

@@ -14,6 +14,8 @@ import pytest
 
 import flexhinf as fh
 
+pytestmark = pytest.mark.nightly("a real actuator's log, which is no part of the repository")
+
 NAME = "series_elastic_actuator_100hz.csv"
 
 #: Turns of the motor for one of the link.
@@ -62,7 +64,6 @@ def found(halves):
     return fh.identify(joint(), halves[0], ("drive", "loss", "dry", "stiffness", "link_inertia"))
 
 
-@pytest.mark.ci
 def test_the_motor_side_tells_the_drive_and_neither_spring_nor_link(found):
     assert all(np.isfinite(found.standard_errors[name]) for name in ("drive", "loss"))
     hidden = {name for each in found.unidentifiable for name in each.direction}

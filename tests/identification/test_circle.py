@@ -18,7 +18,9 @@ from flexhinf.cli import main
 
 NAMES = ("stiffness", "friction", "motor_inertia")
 
-REQUIRED = fh.Specification(pose="90deg", start=0.0, bandwidth=5.5, draws=0, rays=0, compare_rigid=False)
+REQUIRED = fh.Specification(
+    pose="90deg", start=0.0, bandwidth=5.5, degrees=(2,), draws=0, rays=0, compare_rigid=False
+)
 
 
 def numbers_of(path):
@@ -37,7 +39,7 @@ def step_on(robot, design):
     return 100.0 * (link.max() / (np.pi / 2) - 1.0), float(np.abs(link[-300:] - np.pi / 2).max())
 
 
-@pytest.mark.ci
+@pytest.mark.ci("proposes a motion, identifies and designs twice")
 def test_a_log_of_the_proposed_motion_makes_a_design_that_works(tmp_path):
     true = fh.load_robot("paper")
     true.with_values({"stiffness": 130.0, "friction": 0.14, "motor_inertia": 0.75}).save(
@@ -68,7 +70,7 @@ def test_a_log_of_the_proposed_motion_makes_a_design_that_works(tmp_path):
     assert left < 1e-3
 
 
-@pytest.mark.ci
+@pytest.mark.nightly("the circle above by seven commands, with MuJoCo's robot and all degrees")
 def test_the_commands_go_from_a_wrong_file_to_one_that_works(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     true = fh.load_robot("paper")
@@ -110,7 +112,7 @@ def disturbed_logs(robot, motion, seed, count, level=0.002, noise=1e-4, parts=4)
     return [(motion.times, motion.inputs, y[:, None]) for y in np.array(rows).T]
 
 
-@pytest.mark.ci
+@pytest.mark.nightly("200 logs of an arm; test_identify and test_map have 200 of an oscillator and of a map")
 @pytest.mark.parametrize("seed", [0, 1])
 def test_intervals_of_200_circles_hold_the_truth_as_often_as_they_say(seed):
     """Each seed has a motion of its own, proposed by the wrong file; 95 % ± 3 % of all intervals."""

@@ -88,7 +88,7 @@ def test_partly_known_and_singular_covariances() -> None:
             assert squared[k] == pytest.approx(float((part.T * solved)[0]), rel=1e-7)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("filters 100 logs")
 @pytest.mark.oracle
 def test_the_interval_is_that_of_the_chi_squared_distribution() -> None:
     """Its ends by the incomplete gamma function of mpmath, and by as many consistent filters."""

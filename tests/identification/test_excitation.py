@@ -9,6 +9,9 @@ from tests.refusals import refused_with
 import flexhinf as fh
 from flexhinf.robot.waypoints import waypoints
 
+# Models that are compiled for one motion.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 ENCODERS = ("link_position", "motor_position")
 
 CALM = {"measured": ENCODERS, "noise": {"link_torque": 1e-9, "motor_torque": 1e-9}}
@@ -41,7 +44,7 @@ def driven(robot, motion, seed, noise=1e-4):
     return motion.times, motion.inputs, np.array(rows)
 
 
-@pytest.mark.quick_cases(0)
+@pytest.mark.ci("identifies four numbers of 4 s")
 def test_what_it_promises_is_what_a_log_of_it_gives(proposed):
     robot, names, motion = proposed
     found = fh.identify(robot, driven(robot, motion, 1), names, measured=ENCODERS)
@@ -52,7 +55,7 @@ def test_what_it_promises_is_what_a_log_of_it_gives(proposed):
         assert abs(found.values[name] - robot.nominal[name]) < 4.0 * promised
 
 
-@pytest.mark.ci
+@pytest.mark.ci("proposes a motion and identifies a log of it")
 def test_a_robot_with_wrong_numbers_is_identified_by_the_motion_of_its_wrong_model():
     robot = fh.load_robot("paper")
     wrong = robot.with_values({"stiffness": 70.0, "friction": 0.15})
@@ -62,7 +65,7 @@ def test_a_robot_with_wrong_numbers_is_identified_by_the_motion_of_its_wrong_mod
         assert abs(found.values[name] - robot.nominal[name]) < 5.0 * found.standard_errors[name]
 
 
-@pytest.mark.ci
+@pytest.mark.ci("proposes two motions of two links")
 def test_it_stays_within_the_limits_of_the_joints():
     robot = fh.load_robot("planar-two-link")
     motion = fh.excitation(

@@ -19,7 +19,7 @@ WRONG = {"stiffness": 55.0, "damping": 0.3, "gain": 1.0}
 def arm():
     robot = fh.load_robot("paper")
     wrong = robot.with_values({"stiffness": 70.0, "friction": 0.2, "motor_inertia": 1.3})
-    return robot, wrong, arm_log(robot)
+    return robot, wrong, arm_log(robot, count=2000)
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def partly_found(arm):
     return fh.identify(wrong, log, names, measured=("link_position", "motor_position"))
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a search without gradients over a plain filter")
 @pytest.mark.oracle
 def test_the_estimates_are_those_of_another_optimiser():
     log = linear_log(3)
@@ -54,7 +54,7 @@ def test_the_estimates_are_those_of_another_optimiser():
     assert evaluation.value == pytest.approx(-peer.fun, abs=1e-3)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("identifies 12 logs")
 def test_noise_levels_are_those_of_the_truth_though_numbers_are_sought_beside():
     levels = [
         fh.identify(oscillator(), linear_log(40 + k, count=400), tuple(WRONG)).noise["load"]
@@ -63,6 +63,7 @@ def test_noise_levels_are_those_of_the_truth_though_numbers_are_sought_beside():
     assert np.mean(levels) == pytest.approx(0.1, rel=0.1)
 
 
+@pytest.mark.costs("simulates two seconds of the arm, and finds four numbers")
 def test_an_arm_s_numbers_are_found_from_wrong_ones(arm, found):
     robot, _, log = arm
     assert not found.unidentifiable
@@ -78,6 +79,7 @@ def test_an_arm_s_numbers_are_found_from_wrong_ones(arm, found):
     assert float(better.nis.mean()) == pytest.approx(2.0, rel=0.15)
 
 
+@pytest.mark.costs("seeks three numbers, two of which act as one")
 def test_what_the_log_cannot_tell_is_said(partly_found):
     found = partly_found
     (untold,) = found.unidentifiable
@@ -90,8 +92,8 @@ def test_what_the_log_cannot_tell_is_said(partly_found):
     assert np.isnan(found.correlations[0, 2])
 
 
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.ci("the log of an arm")
+@pytest.mark.parametrize("seed", range(3))
 def test_a_robot_that_stands_tells_nothing_of_its_spring(seed):
     robot = fh.load_robot("paper")
     rng = np.random.default_rng(seed)
@@ -107,7 +109,7 @@ def test_a_robot_that_stands_tells_nothing_of_its_spring(seed):
 def test_numbers_that_must_not_be_negative_are_not(arm):
     robot, _, _ = arm
     smooth = robot.with_values({"friction": 0.0})
-    log = arm_log(smooth, seed=4, count=1500)
+    log = arm_log(smooth, seed=4, count=700)
     found = fh.identify(robot, log, ("friction",), measured=("link_position", "motor_position"))
     assert found.values["friction"] >= 0.0
     assert found.intervals["friction"][0] == 0.0
@@ -179,7 +181,7 @@ def test_a_plant_has_no_sensors_to_choose_and_no_file():
         fh.identify(oscillator(), log, ("stiffness",)).save("arm.toml")
 
 
-@pytest.mark.ci
+@pytest.mark.ci("identifies 200 logs, as a share of 95 % needs")
 def test_intervals_hold_the_truth_as_often_as_they_say():
     inside = []
     for seed in range(200):

@@ -67,7 +67,7 @@ def test_the_likelihood_is_that_of_the_filtered_log():
     assert value == pytest.approx(fh.filter_log(filter, log).attrs["log_likelihood"], rel=1e-9)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("the likelihood of 400 logs")
 def test_information_is_the_covariance_of_the_scores():
     scores, informations = [], []
     for seed in range(400):

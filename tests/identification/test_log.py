@@ -445,6 +445,7 @@ def test_a_log_of_arrays_is_checked_frozen_and_cut() -> None:
         log[wrong]
 
 
+@pytest.mark.nightly("a real log, which is no part of the repository")
 def test_a_real_actuator() -> None:
     """7.3 to 11.9 ms between samples, stamps since 1970 with all the digits of a double, columns by other names."""
     folder = os.environ.get("FLEXHINF_DATA", "")

@@ -86,7 +86,7 @@ def test_a_map_that_is_the_plant_s_step_has_the_plant_s_numbers():
     assert found.noise["load"] * np.sqrt(PERIOD) == pytest.approx(peer.noise["load"], rel=0.05)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("identifies 200 logs, as a share of 95 % needs")
 def test_intervals_of_a_map_hold_the_truth():
     inside = []
     for seed in range(200):

@@ -53,7 +53,7 @@ def test_the_standard_error_is_that_of_correlated_errors():
 
 def test_intervals_hold_the_truth_though_errors_are_correlated():
     inside = []
-    for seed in range(80):
+    for seed in range(40):
         found = gain_found(gain_log(seed))
         assert not found.consistent
         low, high = found.intervals["gain"]
@@ -107,7 +107,7 @@ def plant_run(plant, times, volts):
     return np.array(rows)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("simulates dry friction by SciPy, and identifies twice")
 def test_a_model_that_lacks_dry_friction_is_said_not_to_fit(tmp_path):
     """Viscous friction explains dry friction badly; a model with dry friction finds both."""
     arm = fh.load_robot("paper")

@@ -12,6 +12,9 @@ from tests.refusals import refused_with
 import flexhinf as fh
 from flexhinf.identification.smoothing import solved_rows
 
+# A filter for each test, compiled for one short log.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 PERIOD = 0.01
 
 

@@ -15,10 +15,12 @@ import flexhinf as fh
 from flexhinf.codegen import shared
 from flexhinf.plant import Plant
 
-pytestmark = [
-    pytest.mark.ci,
-    pytest.mark.skipif(sys.platform != "linux", reason="reads /proc"),
-]
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+
+NUMBERS = pytest.mark.parametrize("number", [
+    pytest.param(50, marks=pytest.mark.ci("50 designs")),
+    pytest.param(200, marks=pytest.mark.nightly("four times as many designs, to tell a slower growth")),
+])  # fmt: skip
 
 GRAVITY = 9.81
 
@@ -58,6 +60,7 @@ def pendulum_loop() -> fh.Loop:
     return fh.Loop(plant, fh.Controller(solution, ekf, period=1e-2))
 
 
+@pytest.mark.nightly("ten million steps, to tell a bit per step from none")
 def test_ten_million_compiled_steps_are_flat() -> None:
     step = arm_loop(2.0).controller.step
     points = []
@@ -70,24 +73,27 @@ def test_ten_million_compiled_steps_are_flat() -> None:
     assert slope(points[1:]) < 50.0, points  # KB per million: less than a bit per step
 
 
-def test_two_hundred_designs_of_one_robot_are_flat() -> None:
+@NUMBERS
+def test_designs_of_one_robot_are_flat(number: int) -> None:
     points = []
-    for k in range(200):
+    for k in range(number):
         arm_loop(1.5 + 0.005 * k).run(fh.Step(1.0), duration=0.05)
-        if k % 20 == 19:
+        if (k + 1) % (number // 10) == 0:
             points.append((k, memory()))
     assert slope(points[2:]) < 20.0, points  # KB per design
 
 
-def test_two_hundred_designs_of_changing_code_give_their_machine_code_back(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+@NUMBERS
+def test_designs_of_changing_code_give_their_machine_code_back(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, number: int
 ) -> None:
     monkeypatch.setenv("FLEXHINF_CACHE", str(tmp_path))
+    monkeypatch.setenv("FLEXHINF_OPTIMISATION", "0")  # a kernel of each design, which runs once
     monkeypatch.setattr(shared, "CAPACITY", 8)  # so that the oldest are forgotten from the beginning
     points = []
-    for k in range(200):
+    for k in range(number):
         monkeypatch.setitem(globals(), "GRAVITY", 5.0 + 0.01 * k)
         pendulum_loop().run(duration=0.05, initial_state=[0.1, 0.0])
-        if k % 20 == 19:
+        if (k + 1) % (number // 10) == 0:
             points.append((k, memory()))
     assert slope(points[2:]) < 100.0, points  # KB per design; 514 were kept before

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import sys
 
-import control
 import numpy as np
 import pytest
 from tests.refusals import refused_with
@@ -56,6 +55,8 @@ def test_a_linearisation_has_what_goes_straight_through() -> None:
 
 
 def test_a_transfer_function_is_controlled() -> None:
+    import control
+
     oscillator = control.ss(
         [[0.0, 1.0], [-4.0, -0.2]], np.eye(2)[:, [1, 1]], [[1.0, 0.0]], 0, inputs=["u", "d"]
     )
@@ -75,6 +76,8 @@ def gain(law: object) -> np.ndarray:
 
 @pytest.mark.oracle
 def test_a_loop_runs_as_here() -> None:
+    import control
+
     loop = fh.Loop(ARM.plant(), controller())
     run = loop.run(fh.Step(0.1), duration=0.05)
     system = loop.to_control()
@@ -89,6 +92,7 @@ def test_a_loop_runs_as_here() -> None:
     np.testing.assert_allclose(response.states[:4].T, np.asarray(run.data["state"]), rtol=1e-9, atol=1e-11)
 
 
+@pytest.mark.ci("a controller in python-control")
 @pytest.mark.oracle
 def test_a_controller_answers_as_here() -> None:
     one = controller()
@@ -103,6 +107,8 @@ def test_a_controller_answers_as_here() -> None:
 
 
 def test_what_has_no_form_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    import control
+
     with refused_with(InvalidInput, "python-control", "delay=3"):
         fh.Loop(ARM.plant(), controller(), delay=2e-3).to_control()
     with refused_with(InvalidInput, "continuous", "dt=0.1"):

@@ -53,7 +53,7 @@ def test_it_is_that_of_eigenvectors(made, name):
         np.testing.assert_array_equal(law.evaluate_about(0 * x, state, u, law.law_data), 0.0)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("laws of six and seven joints")
 @pytest.mark.oracle
 def test_its_gains_are_those_of_the_pairs_laws(made):
     """The Riccati equations of the λ of a pose themselves, not the poles fitted to a grid."""
@@ -90,7 +90,7 @@ def test_kernel_file_and_c_are_python(made, name, tmp_path):
             np.testing.assert_allclose(each.step(x, np.concatenate([x_d, u_d])), expected, rtol=1e-9)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("exports C four times")
 def test_the_c_is_bounded(made, tmp_path):
     """Operations do not depend on the pose; the springs of seven links are one function in a loop, in a file too."""
     for name, most in (("planar-two-link", 40_000), ("seven-link", 120_000)):
@@ -112,26 +112,29 @@ def test_numbers_are_data(made):
     assert not np.array_equal(other.law_data, law.law_data)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
-def test_modes_are_those_of_links_against_fixed_motors(made):
-    plant = made.robot("seven-link").plant()
+@pytest.mark.parametrize("name", ["planar-two-link", "seven-link"])
+def test_modes_are_those_of_links_against_fixed_motors(made, name):
+    plant, n = made.robot(name).plant(), len(made.robot(name).joint_names)
     for q, found in zip(
-        workspace(plant, 3), modes(plant, workspace(plant, 3), made.law("seven-link").joints.stiffness)
+        workspace(plant, 3), modes(plant, workspace(plant, 3), made.law(name).joints.stiffness)
     ):
         weightless = plant.with_parameters(gravity=0.0)
         a = weightless.linearise(np.concatenate([q, 0 * q, q, 0 * q]), 0 * q)[0]
-        np.testing.assert_allclose(np.sort(np.linalg.eigvals(-a[7:14, :7]).real), found, rtol=1e-8)
+        np.testing.assert_allclose(np.sort(np.linalg.eigvals(-a[n : 2 * n, :n]).real), found, rtol=1e-8)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("laws of six and seven joints")
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     ("name", "least"),
     [
         ("planar-two-link", 0.2),
-        ("seven-link", 0.2),
-        pytest.param("panda", 0.2, marks=pytest.mark.ci),
-        pytest.param("ur5", 0.2, marks=pytest.mark.ci),
+        *(
+            pytest.param(name, 0.2, marks=pytest.mark.nightly("six and seven joints"))
+            for name in ("seven-link", "panda", "ur5")
+        ),
     ],
 )
 def test_sampled_loops_at_200_poses(made, name, least):
@@ -149,6 +152,7 @@ def test_sampled_loops_at_200_poses(made, name, least):
     assert min(damping) > least
 
 
+@pytest.mark.ci("a law of six joints")
 @pytest.mark.oracle
 def test_motors_that_are_unlike_are_made_alike(made):
     """K/J that differ by a factor of 300 from joint to joint."""
@@ -171,6 +175,7 @@ def test_motors_that_are_unlike_are_made_alike(made):
     assert min(damping) > 0.2
 
 
+@pytest.mark.ci("laws of six and seven joints")
 @pytest.mark.parametrize("name", ["seven-link", "panda", "ur5"])
 def test_the_integral_torque_changes_less_than_an_unknown_payload_does(made, name):
     """Integrals count errors, so a move changes the torque that they hold, smoothly. It changes by less than what they
@@ -190,6 +195,7 @@ def test_the_integral_torque_changes_less_than_an_unknown_payload_does(made, nam
     assert max(held) < max(own)
 
 
+@pytest.mark.ci("a loop of its own; those of designs arrive in quick tests")
 @pytest.mark.oracle
 def test_moves_of_a_real_loop_arrive(made):
     """Latency, filter, noise and dry friction, half across the range, on springs of 17 rad/s."""

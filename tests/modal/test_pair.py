@@ -100,7 +100,7 @@ def test_damping_is_that_of_its_definition():
 
 
 @pytest.mark.quick_cases(1)
-@pytest.mark.parametrize("case", [(45.0, 1743.0, 185.0**2, 18.0), (13.7, 102.0, 38.6**2, 105.0)])
+@pytest.mark.parametrize("case", [(13.7, 102.0, 38.6**2, 105.0), (45.0, 1743.0, 185.0**2, 18.0)])
 def test_gains_between_the_grid_are_those_of_a_pair(case):
     low, high, motor, damping = case
     gains, weights = pair_gains((low**2, high**2), motor, damping, PERIOD), PairWeights()
@@ -118,7 +118,7 @@ def test_gains_between_the_grid_are_those_of_a_pair(case):
 
 def test_gains_that_no_sampling_carries_are_refused_with_what_a_user_can_state():
     with refused_with(NumericalFailure, "pair", "shorter period", "rigid = true"):
-        pair_gains((45.0**2, 1743.0**2), 185.0**2, 18.0, 0.1)
+        pair_gains((45.0**2, 60.0**2), 185.0**2, 18.0, 0.1)
 
 
 def test_what_is_no_pair_is_refused():

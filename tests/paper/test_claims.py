@@ -15,15 +15,27 @@ from flexhinf.report import to_json
 pytestmark = pytest.mark.paper
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("claim", [COIL, GAIN, TOLERANCES, *UKF[1:]], ids=lambda claim: claim.id)
+OPTIONS = {
+    "true-state": {"estimator": "none", "process_noise": 0.0},
+    "diverging": {"gamma_ratio": 1.0001, "measurement_noise": 1.0},
+}
+in_ci = pytest.mark.ci("judges claims in hundreds of runs")
+by_night = pytest.mark.nightly(
+    "runs of 2048 corners that diverge; the claim is judged of other runs in `make ci`"
+)
+
+
 @pytest.mark.parametrize(
-    "options",
+    ("claim", "options"),
     [
-        pytest.param({"estimator": "none", "process_noise": 0.0}, id="true-state"),
         pytest.param(
-            {"gamma_ratio": 1.0001, "measurement_noise": 1.0}, id="diverging", marks=pytest.mark.ci
-        ),
+            claim,
+            options,
+            id=f"{name}-{claim.id}",
+            marks=by_night if (name, claim) == ("diverging", TOLERANCES) else in_ci,
+        )
+        for name, options in OPTIONS.items()
+        for claim in (COIL, GAIN, TOLERANCES, *UKF[1:])
     ],
 )
 def test_any_settings_are_judged(claim: StatedClaim, options: dict) -> None:
@@ -34,7 +46,7 @@ def test_any_settings_are_judged(claim: StatedClaim, options: dict) -> None:
     assert to_json(judged.as_dict())
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches the worst disturbances of many energies")
 def test_the_gain_stays_below_gamma_near_rest_only(setup: PaperSetup) -> None:
     table: Any = attained_gain(setup).table
     rows: list[Any] = list(table.rows)

@@ -24,7 +24,7 @@ def wave(t: np.ndarray) -> np.ndarray:
     return np.exp(-t / 3.0) * np.sin(2.0 * t)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("climbs sixty times to the worst disturbance")
 @pytest.mark.oracle
 def test_small_disturbances_attain_the_norm_of_the_linear_loop(
     setup: PaperSetup, search: DisturbanceSearch

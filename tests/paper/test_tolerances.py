@@ -24,7 +24,7 @@ def study(setup: PaperSetup) -> ToleranceStudy:
     return ToleranceStudy(setup, setup.nonlinear)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("loops at 2048 corners, two goals and every form of noise")
 def test_all_2048_corners_are_counted_by_goal_and_form(study: ToleranceStudy) -> None:
     assert study.count("corner") == 2048
     counts = {goal: unstable_of(study.chosen[goal], "corner") for goal in GOALS}
@@ -41,7 +41,7 @@ def test_all_2048_corners_are_counted_by_goal_and_form(study: ToleranceStudy) ->
     }
 
 
-@pytest.mark.ci
+@pytest.mark.ci("shares the loops at all corners")
 def test_one_tolerance_alone_suffices_with_noise_on_the_velocities(study: ToleranceStudy) -> None:
     goal = math.pi / 2
     assert study.sufficient_alone(study.of_form(VELOCITIES, goal)) == [STIFF]
@@ -136,7 +136,7 @@ def growth_by_hand(setup: PaperSetup, p: dict[str, float], goal: float) -> float
     return float(np.log(np.abs(np.linalg.eigvals(whole)).max()) / s.period)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("shares the loops at all corners")
 @pytest.mark.oracle
 def test_growth_rates_by_a_loop_made_by_hand(setup: PaperSetup, study: ToleranceStudy) -> None:
     corners = np.flatnonzero(setup.population.kinds == "corner")

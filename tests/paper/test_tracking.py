@@ -15,7 +15,7 @@ from flexhinf.paper.responses import INTEGRAL_WEIGHTS, judge_weight
 pytestmark = pytest.mark.paper
 
 
-@pytest.mark.ci
+@pytest.mark.ci("solves six laws and integrates their loops by SciPy")
 @pytest.mark.oracle
 def test_the_time_of_rise_falls_with_the_weight_of_x5(setup: PaperSetup) -> None:
     found: Any = judge_weight(setup, "x5")

@@ -46,6 +46,7 @@ def test_every_function_has_a_reference():
     assert set(univariate.FUNCTIONS) == set(REFERENCE)
 
 
+@pytest.mark.quick_cases(9)
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", sorted(REFERENCE))
 def test_coefficients_are_those_of_mpmath(name):

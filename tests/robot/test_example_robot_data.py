@@ -12,6 +12,8 @@ from flexhinf.robot.dynamics import Tree, bodies_of, forward_dynamics, inverse_d
 from flexhinf.robot.urdf import read_urdf
 from flexhinf.validation import read_xml
 
+pytestmark = pytest.mark.nightly("arms that others have described, from a package of 414 MB")
+
 ARMS = (
     "panda_description/urdf/panda.urdf",
     "ur_description/urdf/ur5_robot.urdf",

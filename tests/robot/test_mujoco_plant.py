@@ -13,6 +13,9 @@ from flexhinf.robot import MuJoCoPlant, Parameter, load_robot
 
 pytest.importorskip("mujoco")
 
+# Two loops, compiled for a few seconds of simulation.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 
 def ours(plant, x, u, d, step, steps):
     """Our plant under our Runge–Kutta step."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from contextlib import nullcontext
 from typing import Any
 
@@ -33,6 +32,7 @@ class Window:
         return nullcontext()
 
     def sync(self) -> None:
+        self.drawing = threading.current_thread()
         self.synced.set()
 
     def is_running(self) -> bool:
@@ -68,10 +68,7 @@ def test_links_and_motors_are_drawn(windows: list[Window]) -> None:
         assert " 10 times" in window.texts[3]
         assert window.data is not plant.data
         window.open = False
-        for _ in range(100):
-            if not view.show():
-                break
-            time.sleep(0.02)
+        window.drawing.join(300.0)
         assert not view.show()
     assert threading.active_count() < 10
 

@@ -67,7 +67,7 @@ def elastic(tmp_path):
     return file
 
 
-@pytest.mark.ci
+@pytest.mark.ci("reads an arm by Pinocchio too")
 @pytest.mark.oracle
 def test_the_same_arm_as_pinocchio_reads(urdf):
     pin = pytest.importorskip("pinocchio")

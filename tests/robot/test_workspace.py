@@ -119,7 +119,7 @@ def test_what_is_no_workspace_is_refused(stated: str) -> None:
     assert caught.value.advice
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches every pose of a box in vain")
 def test_a_box_out_of_reach_is_refused() -> None:
     with refused_with(fh.InvalidInput, "space"):
         workspace_of(ARM, "x=50:60").sample(3, 0)

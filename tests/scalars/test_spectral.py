@@ -23,6 +23,7 @@ def matrices(n, count, kind, rng):
     return (made + made.transpose(0, 2, 1)) / 2.0
 
 
+@pytest.mark.quick_cases(13)
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", ["near", "decades", "pairs", "cluster", "signs"])
 @pytest.mark.parametrize("n", range(1, 9))

@@ -25,7 +25,8 @@ _lock = threading.Lock()  # of the table alone
 def share(key: Hashable, build: Callable[[], Any]) -> Any:
     """The result of `build` for this key, computed only once; the least recently used is dropped past `CAPACITY`.
 
-    Code of another level of optimisation (`highest_optimisation`) is another result. A key with something that cannot be hashed (a model's code as an unhashable object) is not kept.
+    Code of another level of optimisation (`highest_optimisation`) is another result. A key with something that cannot
+    be hashed (a model's code as an unhashable object) is not kept.
     """
     key = (highest_optimisation(), key)
     try:

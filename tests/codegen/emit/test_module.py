@@ -355,6 +355,7 @@ def test_fused_random_functions_follow_casadi(function, x):
     assert (np.abs(got - expected) <= 1e-9 * (1 + np.abs(expected)) + slack)[tame].all()
 
 
+@pytest.mark.costs("compiles 60 drawn functions, each for two numbers of lanes")
 @pytest.mark.property
 @settings(max_examples=60, deadline=None)
 @given(functions(SMOOTH + WAVES + PIECES), POINTS)

@@ -30,6 +30,7 @@ FUSED = pytest.mark.parametrize("fused", [False, True])
 WORST = {False: 2.5, True: 2.0}
 
 
+@pytest.mark.quick_cases(7)
 @pytest.mark.oracle
 @FUSED
 @pytest.mark.parametrize("name", FUNCTIONS)
@@ -130,6 +131,7 @@ def test_what_is_done_again_for_a_far_angle_still_has_its_arguments():
     np.testing.assert_allclose(found, [np.sin(start[1]), np.cos(start[0]) + start[1]], rtol=1e-15)
 
 
+@pytest.mark.quick_cases(7)
 @FUSED
 @pytest.mark.parametrize("angles", [1, 2, 3, 7, 8, 11])
 @pytest.mark.parametrize("far", [False, True])

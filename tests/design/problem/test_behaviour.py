@@ -53,7 +53,7 @@ def test_of_many_gains_the_plant_is_sampled_once(
         ("quanser-rotflex", 0.1),
         ("cart", 1e-6),
         ("planar-two-link", 1e-3),
-        ("seven-link", 1e-6),
+        pytest.param("seven-link", 1e-6, marks=pytest.mark.ci("responses of seven joints")),
     ],
 )
 def test_each_bandwidth_is_the_first_crossing_of_the_frequency_response(

@@ -92,7 +92,7 @@ def test_a_design_file_holds_a_weight_for_each_motor() -> None:
         assert request_document(s, "arm.toml")["design"]["effort"] == [0.1, 0.5]  # type: ignore[index]
 
 
-@pytest.mark.ci
+@pytest.mark.ci("designs the SCARA")
 def test_a_small_motor_is_no_reaction_wheel() -> None:
     """The catalogue's SCARA (150, 60 and 6 N·m, 250 N): with R2 = 0.01 in SI units its loop at home was unstable, and
     in the small step its wrist went 35 times its way into the other direction."""

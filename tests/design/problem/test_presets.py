@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-import control
 import numpy as np
 import pytest
 from tests.refusals import refused_with, unnamed
@@ -78,7 +77,7 @@ def test_what_contradicts_itself_is_refused_in_three_parts(
     assert advice in attempt
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights")
 def test_bandwidths_fit_the_joints_or_are_refused(robot_of: Named, problem_of: Games) -> None:
     with pytest.raises(InvalidInput, match="bandwidths") as refused:
         choose(robot_of("cart"), np.zeros(2), np.zeros(2), Specification(bandwidth=[1.0, 2.0, 3.0]))
@@ -118,7 +117,7 @@ def test_stated_weights_are_the_robots_problem_at_the_goal(robot_of: Named, prob
     assert game.nominal.operating_input == pytest.approx(problem.operating_input)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights")
 def test_a_robot_without_a_penalty_gets_the_papers_form(robot_of: Named) -> None:
     """Positions and their integrals alone, each joint's own: a stable loop about its bandwidth."""
     robot = replace(robot_of("planar-two-link"), penalty=None)
@@ -130,10 +129,13 @@ def test_a_robot_without_a_penalty_gets_the_papers_form(robot_of: Named) -> None
     assert np.linalg.eigvals(closed_loop(game.problem, gain)).real.max() < 0.0
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights")
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(n, marks=pytest.mark.ci if n == "seven-link" else ()) for n in sorted(fh.catalogue())],
+    [
+        pytest.param(n, marks=[pytest.mark.nightly("seven links")] if n == "seven-link" else [])
+        for n in sorted(fh.catalogue())
+    ],
 )
 def test_every_robot_of_the_catalogue_gets_a_damped_loop_without_being_told_how(
     robot_of: Named, name: str
@@ -155,8 +157,8 @@ def test_every_robot_of_the_catalogue_gets_a_damped_loop_without_being_told_how(
     assert game.target.bandwidth == pytest.approx(BANDWIDTH_FRACTION * held, rel=1e-9)
 
 
-@pytest.mark.ci
 # Disturbances ---------------------------------------------------------------------------------------
+@pytest.mark.ci("searches weights")
 @pytest.mark.parametrize("preset", ["paper", "damped", "robust"])
 @pytest.mark.parametrize(
     ("asked", "names"),
@@ -176,10 +178,12 @@ def test_disturbances_are_those_asked_for(
     assert fh.solve_hji(game.problem, game.gamma, 4).degree == 4
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights")
 @pytest.mark.oracle
 @pytest.mark.parametrize("disturbances", [None, ("link_torque", "motor_torque")])
-@pytest.mark.parametrize("name", ["paper", "cart", "planar-two-link"])
+@pytest.mark.parametrize(
+    "name", ["paper", "cart", pytest.param("planar-two-link", marks=pytest.mark.nightly("two links"))]
+)
 def test_the_game_of_the_search_is_the_game_that_is_solved(
     problem_of: Games, name: str, disturbances: tuple[str, ...] | None
 ) -> None:
@@ -195,16 +199,18 @@ def test_the_game_of_the_search_is_the_game_that_is_solved(
 
 
 # Robust ---------------------------------------------------------------------------------------------
+TWO_LINKS = pytest.param("planar-two-link", marks=pytest.mark.nightly("channels of two links"))
 ROBUST = {"paper": (np.pi / 2,), "quanser-rotflex": (0.3,), "cart": None, "planar-two-link": None}
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights")
 @pytest.mark.oracle
-@pytest.mark.parametrize("name", ROBUST)
+@pytest.mark.parametrize("name", ["paper", "quanser-rotflex", "cart", TWO_LINKS])
 def test_the_law_that_is_solved_attains_its_level_for_every_robot_of_the_channels(
     robot_of: Named, problem_of: Games, name: str
 ) -> None:
     """The linear part of solve_hji's law, with Δ of a share of the tolerances, by python-control's norm."""
+    control = pytest.importorskip("control")
     pytest.importorskip("slycot")
     game, robot, rng = (
         problem_of(name, goal=ROBUST[name], preset="robust"),
@@ -233,12 +239,13 @@ def test_the_law_that_is_solved_attains_its_level_for_every_robot_of_the_channel
     assert max(norms) > game.robustness.nominal_gamma_star
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights")
 @pytest.mark.oracle
-@pytest.mark.parametrize("name", ROBUST)
+@pytest.mark.parametrize("name", ["paper", "quanser-rotflex", "cart", TWO_LINKS])
 def test_what_robustness_costs_is_the_norm_of_two_loops_of_the_nominal_robot(
     problem_of: Games, name: str
 ) -> None:
+    control = pytest.importorskip("control")
     pytest.importorskip("slycot")
     game = problem_of(name, goal=ROBUST[name], preset="robust")
     told = game.robustness
@@ -259,7 +266,7 @@ def test_what_robustness_costs_is_the_norm_of_two_loops_of_the_nominal_robot(
     assert told.nominal_gain < told.robust_gain < game.gamma
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights")
 @pytest.mark.oracle
 @pytest.mark.parametrize(("name", "away"), [("paper", 0.1), ("cart", 0.002)])
 def test_the_nonlinear_law_dissipates_for_every_robot_of_the_channels_near_the_goal(
@@ -297,7 +304,7 @@ def test_the_nonlinear_law_dissipates_for_every_robot_of_the_channels_near_the_g
     assert largest(0.5 * game.gamma) > 0.1
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights")
 def test_the_region_of_a_robust_law_is_sampled_and_not_empty(problem_of: Games) -> None:
     game = problem_of("paper", goal=ROBUST["paper"], preset="robust")
     solution = fh.solve_hji(game.problem, game.gamma, 4)
@@ -327,7 +334,7 @@ def test_a_default_damping_out_of_reach_yields_and_a_stated_one_is_refused(robot
         choose(robot, goal, goal - 0.1, replace(default, damping=0.2))
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights")
 def test_a_behaviour_out_of_reach_is_refused_for_robust_too(robot_of: Named) -> None:
     for preset in ("damped", "robust"):
         with pytest.raises(InvalidInput, match="binds"):
@@ -336,7 +343,7 @@ def test_a_behaviour_out_of_reach_is_refused_for_robust_too(robot_of: Named) -> 
             )
 
 
-@pytest.mark.ci
+@pytest.mark.nightly("seven links")
 def test_seven_links_are_covered_in_part_or_in_whole_and_it_is_told(problem_of: Games) -> None:
     game = problem_of("seven-link", preset="robust")
     assert game.robustness is not None
@@ -346,7 +353,7 @@ def test_seven_links_are_covered_in_part_or_in_whole_and_it_is_told(problem_of: 
     assert game.gamma == pytest.approx(1.5 * game.robustness.gamma_star)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights")
 def test_robots_are_linearised_once_for_all_bandwidths(
     robot_of: Named, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -18,7 +18,7 @@ from flexhinf.errors import NoFeasibleGamma
 ARM = fh.paper_arm()
 
 
-@pytest.mark.ci
+@pytest.mark.ci("channels of all tolerances, and 2048 corners")
 def test_the_robust_preset_covers_products_at_180_degrees() -> None:
     """The inequality failed at 108 of 1024 corners, where m·g·l and k_t/R act."""
     found = choose(

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
-import control
 import numpy as np
 import pytest
 
@@ -57,6 +56,8 @@ class Case:
         """H∞ norm of d → z of python-control; infinite for a loop that is not stable."""
         if np.linalg.eigvals(a).real.max() >= 0.0:
             return np.inf
+        import control
+
         g = self.game.nominal
         z = np.vstack([g.c, np.linalg.cholesky(g.r2).T @ gain])
         return control.linfnorm(control.ss(a, g.b1, z, np.zeros((len(z), g.b1.shape[1]))))[0]
@@ -151,6 +152,7 @@ def test_every_robot_of_the_channels_is_stable_and_attains_the_level(
         assert case.worst(gain, rng, 2) <= case.gamma * (1.0 + 1e-9)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("name", NOMINAL_FAILS)
 def test_the_gain_made_without_channels_exceeds_that_level_somewhere(
     case_of: Callable[[str], Case], name: str
@@ -185,7 +187,9 @@ def test_where_the_whole_tolerances_are_too_much_a_part_is_covered_and_told(
     assert not replace(case.game, fraction=share / 0.9 + 0.021).feasible(highest)
 
 
-@pytest.mark.parametrize("name", ["paper", "cart", "seven links"])
+@pytest.mark.parametrize(
+    "name", ["paper", "cart", pytest.param("seven links", marks=pytest.mark.ci("100 channels"))]
+)
 def test_gamma_star_is_the_edge_of_what_has_a_solution(case_of: Callable[[str], Case], name: str) -> None:
     case = case_of(name)
     star = case.gamma / RATIO

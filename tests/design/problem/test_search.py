@@ -6,7 +6,6 @@ import re
 from collections.abc import Callable
 from typing import Any
 
-import control
 import numpy as np
 import pytest
 from tests.refusals import refused_with, unnamed
@@ -62,6 +61,8 @@ def smallest_damping(case: Case, gain: np.ndarray) -> float:
 
 def check(case: Case, found: SearchResult, wanted: TargetBehaviour) -> None:
     """Damping by eigenvalues; bandwidths by the responses of python-control at the band's edge and inside."""
+    import control
+
     gain, joints = found.chosen.design.gain, len(wanted.bandwidth)
     assert smallest_damping(case, gain) >= wanted.damping
     n = case.family.a.shape[1]
@@ -78,7 +79,7 @@ def check(case: Case, found: SearchResult, wanted: TargetBehaviour) -> None:
         assert min(size for joint, size in at_edge if joint == j) < np.sqrt(0.5)  # no faster than asked
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights of many robots")
 @pytest.mark.parametrize(
     ("name", "share", "damping"),
     [
@@ -93,7 +94,7 @@ def check(case: Case, found: SearchResult, wanted: TargetBehaviour) -> None:
         ("cart mass*2 stiffness*0.5", 0.2, 0.25),
         ("planar-two-link", 0.3, 0.2),
         ("planar-two-link mass*0.4", 0.15, 0.4),
-        ("seven-link", 0.3, 0.2),
+        pytest.param("seven-link", 0.3, 0.2, marks=pytest.mark.nightly("seven links")),
     ],
 )
 def test_what_is_found_has_what_is_asked_for_and_no_larger_dial_than_needed(
@@ -117,6 +118,7 @@ def test_where_no_dial_is_needed_none_is_turned(robot_of: Callable[[str], Any]) 
     check(case, found, case.target(0.7, 0.05))
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("name", ["cart", "planar-two-link"])
 def test_each_joint_gets_its_own_bandwidth(robot_of: Callable[[str], Any], name: str) -> None:
     case, shares = Case(robot_of(name)), np.array([0.15, 0.4])
@@ -134,15 +136,13 @@ def test_every_try_says_what_its_gain_does(robot_of: Callable[[str], Any]) -> No
     assert any(tried is found.chosen for tried in found.candidates)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights of many robots")
 @pytest.mark.parametrize(
     ("name", "share", "damping"),
     [
         ("paper", 0.5, 0.6),
-        *(
-            pytest.param(*case, marks=pytest.mark.ci)
-            for case in (("quanser-rotflex", 0.7, 0.5), ("planar-two-link", 0.5, 0.55))
-        ),
+        ("quanser-rotflex", 0.7, 0.5),
+        ("planar-two-link", 0.5, 0.55),
     ],
 )
 def test_a_damping_out_of_reach_is_refused_with_the_best_and_the_best_is_true(

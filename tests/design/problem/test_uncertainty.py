@@ -34,6 +34,7 @@ def _deltas(
     return deltas, float(np.linalg.norm(table @ deltas - wanted) / max(np.linalg.norm(wanted), 1e-300))
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(
     ("name", "pose"), [("paper", (0.4,)), ("quanser-rotflex", (0.3,)), ("vertical-rig", (2.0,))]
 )
@@ -60,7 +61,7 @@ def test_of_a_single_link_each_parameter_is_covered_exactly(
 
 
 @pytest.mark.parametrize(
-    "name", ["planar-two-link", "cart", pytest.param("seven-link", marks=pytest.mark.ci)]
+    "name", ["planar-two-link", "cart", pytest.param("seven-link", marks=pytest.mark.ci("seven joints"))]
 )
 def test_of_several_links_each_parameter_is_covered_but_for_its_bend(
     robot_of: Callable[[str], Any], only_uncertain: Callable[..., Any], name: str

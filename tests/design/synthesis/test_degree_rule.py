@@ -39,14 +39,18 @@ def decided(
     return *choose_degree(setup, problem, solved), setup
 
 
+OTHERS = pytest.mark.nightly("other seeds")
 SEEDS = [
-    pytest.param(name, seed, marks=[pytest.mark.ci] if seed else [])
-    for name in ("paper", "vertical-rig")
-    for seed in (0, 5, 9)
+    ("paper", 0),
+    ("vertical-rig", 5),
+    *(
+        pytest.param(name, seed, marks=OTHERS)
+        for name, seed in (("paper", 5), ("paper", 9), ("vertical-rig", 0), ("vertical-rig", 9))
+    ),
 ]
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights, runs three laws")
 @pytest.mark.parametrize(("name", "seed"), SEEDS)
 def test_a_long_step_against_gravity_takes_the_cubic_law(name: str, seed: int) -> None:
     used, (linear, cubic, quintic), _ = decided(fh.load_robot(name), pose="90deg", start=0.0, seed=seed)
@@ -56,6 +60,7 @@ def test_a_long_step_against_gravity_takes_the_cubic_law(name: str, seed: int) -
     assert quintic.cost > (1.0 - GAIN) * cubic.cost, "one degree more saves nothing"
 
 
+@pytest.mark.costs("weights are searched, a loop compiled")
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("name", ["paper", "vertical-rig"])
 def test_a_short_step_takes_the_linear_law_without_a_run_of_the_others(name: str) -> None:
@@ -67,14 +72,14 @@ def test_a_short_step_takes_the_linear_law_without_a_run_of_the_others(name: str
         assert np.isnan(choice.cost)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights, runs three laws")
 def test_a_robot_without_gravity_takes_the_linear_law_for_any_step() -> None:
     used, choices, _ = decided(fh.load_robot("quanser-rotflex"), pose="90deg", start="-90deg")
     assert used.degree == 2
     assert max(choice.acting for choice in choices[1:]) < 1e-9
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights, runs three laws")
 def test_a_higher_degree_keeps_the_limits_that_the_lower_one_keeps() -> None:
     """The cubic law overshoots by 0.5 % here, the linear one not at all."""
     fields = {"pose": "90deg", "start": 0.0, "measurement_noise": 1e-12}
@@ -85,7 +90,7 @@ def test_a_higher_degree_keeps_the_limits_that_the_lower_one_keeps() -> None:
     assert cubic.missed == ("overshoot",)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights, runs three laws")
 def test_a_limit_counts_on_robots_within_the_tolerances() -> None:
     fields = {"pose": "90deg", "start": 0.0, "measurement_noise": 1e-12, "overshoot": 0.7}
     assert decided(fh.paper_arm(), **fields)[0].degree == 4
@@ -94,7 +99,7 @@ def test_a_limit_counts_on_robots_within_the_tolerances() -> None:
     assert used is quintic, "dearer than the cubic law, cheaper than the linear one, and within the limit"
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights, runs three laws")
 def test_a_law_whose_step_diverges_is_not_used() -> None:
     """A spring that hardens fast: polynomials of degree 3 and 5 leave the plant behind at the start of the step."""
     stiffening = fh.paper_arm().with_parameters(fh.Parameter("spring_hardening", 3000.0))
@@ -120,7 +125,7 @@ def test_the_cost_is_the_integral_of_the_squared_penalty() -> None:
     assert step_cost(problem, diverged) == np.inf
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights, runs three laws")
 def test_only_the_region_of_the_degree_that_is_used_is_sampled() -> None:
     asked = Specification(pose="90deg", start=0.0, preset="damped", torque_noise=1e-6, rays=20, draws=0)
     made = synthesise(fh.paper_arm(), asked, lambda text: None)
@@ -130,7 +135,7 @@ def test_only_the_region_of_the_degree_that_is_used_is_sampled() -> None:
     assert made.chosen.step_amplitude > 1.0
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights, runs three laws")
 def test_a_stated_degree_is_used() -> None:
     asked = Specification(
         pose="90deg", start="80deg", preset="damped", torque_noise=1e-6, rays=20, degrees=(4,)

@@ -17,7 +17,7 @@ def choices_at(goal: float, **options: object) -> list[DegreeChoice]:
     return list(try_degrees(problem, (2, 4), checked_penalty=PAPER, rays=800, **options))  # type: ignore[arg-type]
 
 
-@pytest.mark.ci
+@pytest.mark.ci("samples two regions")
 def test_a_higher_degree_allows_a_larger_step_at_90_degrees() -> None:
     linear, cubic = choices_at(np.pi / 2)
     assert linear.step_amplitude == pytest.approx(0.39, abs=0.05)
@@ -25,7 +25,7 @@ def test_a_higher_degree_allows_a_larger_step_at_90_degrees() -> None:
     assert cubic.residual < 1e-13
 
 
-@pytest.mark.ci
+@pytest.mark.ci("samples two regions")
 def test_the_start_of_the_largest_step_lies_on_the_level() -> None:
     choice = choices_at(np.pi / 2)[1]
     from flexhinf.hinf.sampled import equilibrium_state

@@ -39,7 +39,7 @@ def peak_of(robot: Any, s: Specification, bandwidth: float) -> float:
     return float(np.abs(run.signals["input"]).max())
 
 
-@pytest.mark.ci
+@pytest.mark.ci("designs for many bandwidths")
 def test_a_default_bandwidth_is_lowered_to_about_the_largest_that_keeps_the_limit(robot_of: Named) -> None:
     robot, s = robot_of("paper"), asked(peak_effort=14.0)
     free = choose_within_effort(robot, asked(peak_effort=60.0))
@@ -53,7 +53,7 @@ def test_a_default_bandwidth_is_lowered_to_about_the_largest_that_keeps_the_limi
     assert peak_of(robot, s, (1.0 + 2 * WIDTH) * found) > 14.0
 
 
-@pytest.mark.ci
+@pytest.mark.ci("designs for many bandwidths")
 def test_robots_within_the_tolerances_count_too(robot_of: Named) -> None:
     """Some of them need more volts than the nominal robot, so the bandwidth is lower."""
     robot = robot_of("paper")
@@ -63,7 +63,7 @@ def test_robots_within_the_tolerances_count_too(robot_of: Named) -> None:
     assert drawn.target.bandwidth[0] < 0.98 * alone.target.bandwidth[0]
 
 
-@pytest.mark.ci
+@pytest.mark.ci("designs for many bandwidths")
 def test_sampled_robots_are_run_at_the_first_and_at_the_found_bandwidth_only(
     robot_of: Named, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -81,7 +81,7 @@ def test_sampled_robots_are_run_at_the_first_and_at_the_found_bandwidth_only(
     assert looked[0] > 15.0 >= looked[1]
 
 
-@pytest.mark.ci
+@pytest.mark.ci("designs for many bandwidths")
 def test_an_asked_bandwidth_is_refused_and_what_is_advised_does(robot_of: Named) -> None:
     robot = robot_of("paper")
     with pytest.raises(InvalidInput) as refused:
@@ -98,7 +98,7 @@ def test_an_asked_bandwidth_is_refused_and_what_is_advised_does(robot_of: Named)
     assert again.target.bandwidth[0] == pytest.approx(0.98 * best)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("designs for many bandwidths")
 def test_a_limit_that_hardly_holds_the_arm_is_refused(robot_of: Named) -> None:
     """10.9 V hold it; within the tolerances more."""
     with refused_with(InvalidInput, "peak_effort", "input", 10.95) as refused:

@@ -17,16 +17,24 @@ from flexhinf.design.synthesis.noise import COMPLIANT_BAND, search_noise
 from flexhinf.design.synthesis.steps import synthesise
 from flexhinf.loop import Sine
 
+ASKED = Specification(
+    preset="damped", pose=(np.pi / 2,), start=(0.0,), extras=("inductance",), degrees=(2,), rays=0
+)
+
 
 @pytest.fixture(scope="module")
 def searched(robot_of: Callable[[str], Any]) -> Any:
-    s = Specification(
-        preset="damped", pose=(np.pi / 2,), start=(0.0,), extras=("inductance",), degrees=(2,), rays=0
-    )
-    return s, synthesise(robot_of("paper"), s, lambda text: None)
+    return ASKED, synthesise(robot_of("paper"), ASKED, lambda text: None)
 
 
-@pytest.mark.ci
+@pytest.fixture(scope="module")
+def soft(robot_of: Callable[[str], Any], only_uncertain: Callable[..., Any]) -> Any:
+    """With two corners, those of the stiffness."""
+    robot = only_uncertain(robot_of("paper"), "stiffness")
+    return robot, synthesise(robot, ASKED, lambda text: None)
+
+
+@pytest.mark.ci("searches noise levels over 2048 corners")
 def test_noise_levels_are_searched_until_the_running_loop_keeps_its_margins(
     robot_of: Callable[[str], Any], searched: Any
 ) -> None:
@@ -50,17 +58,18 @@ def test_noise_levels_are_searched_until_the_running_loop_keeps_its_margins(
     assert chosen.feasible
 
 
-def test_stated_noise_levels_are_not_searched(robot_of: Callable[[str], Any], searched: Any) -> None:
-    s, _ = searched
-    stated = replace(s, torque_noise=3e-7)
-    synthesis = synthesise(robot_of("paper"), stated, lambda text: None)
+@pytest.mark.costs("searches of weights and noise levels, which other tests share")
+def test_stated_noise_levels_are_not_searched(soft: Any) -> None:
+    robot, _ = soft
+    stated = replace(ASKED, torque_noise=3e-7)
+    synthesis = synthesise(robot, stated, lambda text: None)
     assert synthesis.noise_search is None
-    levels = synthesis.setup(robot_of("paper"), stated).process_noise
+    levels = synthesis.setup(robot, stated).process_noise
     assert (levels.all_states, levels.link_velocities, levels.motor_velocities) == (0.0, 3e-7, 3e-7)
     assert levels.source == "option --torque-noise"
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches noise levels over 2048 corners")
 def test_a_stricter_limit_costs_more_noise_at_the_motor(
     robot_of: Callable[[str], Any], searched: Any
 ) -> None:
@@ -72,7 +81,7 @@ def test_a_stricter_limit_costs_more_noise_at_the_motor(
     assert strict.noise_search.chosen.input_noise > 1.2 * synthesis.noise_search.chosen.input_noise
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches noise levels over 2048 corners")
 def test_noise_levels_are_searched_for_the_delay_margin(setup_of: Callable[..., LoopSetup]) -> None:
     options = {"measured": ("motor_position",), "preset": "damped"}
     chosen = []
@@ -85,13 +94,10 @@ def test_noise_levels_are_searched_for_the_delay_margin(setup_of: Callable[..., 
     assert 1.0 <= chosen[0] < 0.98 * 30.0 <= chosen[1]
 
 
-def test_a_limit_that_no_levels_reach_is_left_out(
-    robot_of: Callable[[str], Any], only_uncertain: Callable[..., Any], searched: Any
-) -> None:
+def test_a_limit_that_no_levels_reach_is_left_out(soft: Any) -> None:
     """No noise is paid in vain: seven links were given 11.9 N·m of it for a damping of 0.037 instead of 0.15."""
-    s, synthesis = searched
-    setup = synthesis.setup(only_uncertain(robot_of("paper"), "stiffness"), s)
-    found = search_noise(setup, damping=0.9)
+    robot, synthesis = soft
+    found = search_noise(synthesis.setup(robot, ASKED), damping=0.9)
     assert found is not None
     assert found.unreachable == ("damping",)
     chosen = found.chosen
@@ -102,18 +108,16 @@ def test_a_limit_that_no_levels_reach_is_left_out(
     assert loudest.input_noise > 5.0 * chosen.input_noise  # which would have been paid for in vain
 
 
-def test_the_default_levels_stay_where_they_keep_what_can_be_kept(
-    robot_of: Callable[[str], Any], only_uncertain: Callable[..., Any], searched: Any
-) -> None:
-    s, synthesis = searched
-    loose = replace(s, peak_sensitivity=6.0, gain_margin=1.2)
-    setup = synthesis.setup(only_uncertain(robot_of("paper"), "stiffness"), loose)
-    found = search_noise(setup, damping=0.9)
+@pytest.mark.ci("one more search of noise levels")
+def test_the_default_levels_stay_where_they_keep_what_can_be_kept(soft: Any) -> None:
+    robot, synthesis = soft
+    loose = replace(ASKED, peak_sensitivity=6.0, gain_margin=1.2)
+    found = search_noise(synthesis.setup(robot, loose), damping=0.9)
     assert found is not None
-    assert found.chosen.levels.motor_velocities == EstimatorNoise.stated(s).motor_velocities
+    assert found.chosen.levels.motor_velocities == EstimatorNoise.stated(ASKED).motor_velocities
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches noise levels over 2048 corners")
 def test_where_corners_stay_unstable_levels_with_few_of_them_are_taken(
     robot_of: Callable[[str], Any],
 ) -> None:
@@ -128,12 +132,10 @@ def test_where_corners_stay_unstable_levels_with_few_of_them_are_taken(
 
 
 @pytest.mark.oracle
-def test_the_compliance_is_that_of_a_run_with_a_swinging_load(
-    robot_of: Callable[[str], Any], searched: Any
-) -> None:
+def test_the_compliance_is_that_of_a_run_with_a_swinging_load(soft: Any) -> None:
     """Of the nonlinear loop, at the frequencies where the linear one is most compliant, over that without estimator."""
-    s, synthesis = searched
-    setup = synthesis.setup(robot_of("paper"), s)
+    robot, synthesis = soft
+    setup = synthesis.setup(robot, ASKED)
     with_law = setup.equilibrium_loop(estimated=False)
     response = frequency_response(with_law)
     command = np.abs(response.command[:, 0, 0])
@@ -163,16 +165,13 @@ def _swing(setup: LoopSetup, estimated: bool, frequency: float) -> float:
     return float(late.max() - late.min()) / 2e-3
 
 
-@pytest.mark.ci
-def test_a_stated_ripple_is_a_limit_of_the_noise(
-    robot_of: Callable[[str], Any], only_uncertain: Callable[..., Any], searched: Any
-) -> None:
-    s, synthesis = searched
-    robot = only_uncertain(robot_of("paper"), "stiffness")
-    free = search_noise(synthesis.setup(robot, s), damping=0.2)
+@pytest.mark.ci("searches noise levels over 2048 corners")
+def test_a_stated_ripple_is_a_limit_of_the_noise(soft: Any) -> None:
+    robot, synthesis = soft
+    free = search_noise(synthesis.setup(robot, ASKED), damping=0.2)
     assert free is not None
     noise = free.chosen.input_noise
-    kept = replace(s, saturation=100.0, ripple=0.7 * noise)  # per cent of 100 V
+    kept = replace(ASKED, saturation=100.0, ripple=0.7 * noise)  # per cent of 100 V
     found = search_noise(synthesis.setup(robot, kept), damping=0.2)
     assert found is not None
     assert found.chosen.input_noise <= 0.7 * noise * 1.01

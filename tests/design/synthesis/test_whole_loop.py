@@ -34,7 +34,7 @@ def overshoot(e: LawEvaluation, robot: Any) -> float:
     return float(sampled_runs(e.setup, corners, 4.0, parts).overshoot.max())
 
 
-@pytest.mark.ci
+@pytest.mark.nightly("twenty candidates with two tolerances")
 def test_more_tolerance_without_more_overshoot_within_the_same_limits(
     robot_of: Callable[[str], Any], only_uncertain: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -76,7 +76,7 @@ def found_target(synthesis: Synthesis) -> np.ndarray:
     return target.bandwidth
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights by the whole loop")
 def test_where_nothing_is_better_the_design_is_that_of_damped(
     robot_of: Callable[[str], Any], only_uncertain: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -104,7 +104,7 @@ def test_without_tolerances_the_preset_is_refused_before_any_search(
     assert not said
 
 
-@pytest.mark.ci
+@pytest.mark.nightly("a schedule of laws")
 def test_a_stated_noise_level_stays_and_other_poses_have_the_same_factors(
     robot_of: Callable[[str], Any], only_uncertain: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:

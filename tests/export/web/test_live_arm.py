@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from tests.export.web.conftest import Run, moving_live_arm
 
 import flexhinf as fh
@@ -16,6 +15,8 @@ from flexhinf.export.web import LiveArm
 from flexhinf.loop import Moving, Waypoints
 from flexhinf.plant import sub_steps
 from flexhinf.robot.kinematics import link_frames, skeleton
+
+CI = pytest.mark.ci("compiles an arm to WebAssembly, and runs it in Node")
 
 #: Roundings of sums in another order, and of sines; relative to the numbers' own size.
 ROUNDING = 1e-12
@@ -60,13 +61,15 @@ def test_a_payload_is_part_of_its_link(two_links: LiveArm) -> None:
     ("name", "extras"),
     [
         ("paper", ()),
-        pytest.param("planar-two-link", ("inductance",), marks=pytest.mark.ci),
-        pytest.param("scara", ("coulomb_friction",), marks=pytest.mark.ci),
-        pytest.param("spatial-three-link", (), marks=pytest.mark.ci),
+        pytest.param("planar-two-link", ("inductance",), marks=CI),
+        pytest.param("scara", ("coulomb_friction",), marks=CI),
+        pytest.param("spatial-three-link", (), marks=CI),
     ],
 )
 def test_a_period_of_the_plant_is_that_of_scipy(name: str, extras: tuple[str, ...], run: Run) -> None:
     """Other numbers than nominal, a torque on the links, and the input that held the arm before."""
+    from scipy.integrate import solve_ivp
+
     arm = moving_live_arm(name, extras=extras)
     robot, plant = arm.robot, arm.plant
     rng = np.random.default_rng(1)
@@ -117,7 +120,7 @@ RECORDED = """
 """
 
 
-@pytest.mark.ci
+@CI
 @pytest.mark.oracle
 def test_the_controller_of_a_step_is_that_of_python(paper: LiveArm, run: Run) -> None:
     """The outputs that Python's controller computes of what the page's arm measured, each a sample later."""
@@ -134,7 +137,7 @@ def test_the_controller_of_a_step_is_that_of_python(paper: LiveArm, run: Run) ->
     assert abs(states[-1][0]) > 0.3
 
 
-@pytest.mark.ci
+@CI
 @pytest.mark.oracle
 def test_the_controller_of_a_motion_is_that_of_python(two_links: LiveArm, run: Run) -> None:
     """The command along a quintic, with its feedforward, is that of `Moving`; so are the inputs."""
@@ -161,7 +164,7 @@ def test_the_controller_of_a_motion_is_that_of_python(two_links: LiveArm, run: R
     assert np.abs(states[-1][:2] - goal).max() < 1e-3
 
 
-@pytest.mark.ci
+@CI
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ["paper", "scara", "spatial-three-link"])
 def test_the_frames_are_those_of_the_kinematics(name: str, run: Run) -> None:
@@ -178,6 +181,7 @@ def test_the_frames_are_those_of_the_kinematics(name: str, run: Run) -> None:
             np.testing.assert_allclose(line[-1], place + turn @ np.array(end), atol=1e-14)
 
 
+@CI
 @pytest.mark.oracle
 def test_the_pd_is_what_the_page_says(paper: LiveArm, run: Run) -> None:
     """u = u_d − K_p (θ − θ_d) − K_d θ̇_f with the filtered difference, from a motor that is turned by 0.01 rad."""
@@ -200,7 +204,7 @@ def test_the_pd_is_what_the_page_says(paper: LiveArm, run: Run) -> None:
         assert u == pytest.approx(-gains.proportional * state[2] - gains.derivative * speed, rel=1e-9)
 
 
-@pytest.mark.ci
+@CI
 def test_links_of_a_stiff_pd_swing_after_a_fast_move(two_links: LiveArm, run: Run) -> None:
     """The tuned one with feedforward does not, nor does the stiff one at rest."""
     tuned, stiff, resting = run(two_links, """
@@ -224,7 +228,7 @@ def test_links_of_a_stiff_pd_swing_after_a_fast_move(two_links: LiveArm, run: Ru
     assert resting < 1e-3
 
 
-@pytest.mark.ci
+@CI
 @pytest.mark.parametrize("times", [1.0, 20.0])
 def test_the_tuned_pd_comes_to_rest_at_every_pose(times: float, run: Run) -> None:
     """After a push, at start, goal and ends of the joints' ranges, with perturbed arms too."""
@@ -252,7 +256,7 @@ def test_the_tuned_pd_comes_to_rest_at_every_pose(times: float, run: Run) -> Non
     assert (np.array(late) < 0.2 * np.array(early)).all()
 
 
-@pytest.mark.ci
+@CI
 def test_a_pull_acts_through_the_jacobian(two_links: LiveArm, run: Run) -> None:
     """The torques of the hand's force, times a small motion of the joints, are its work on the point held."""
     got = run(two_links, """
@@ -278,6 +282,7 @@ def test_a_pull_acts_through_the_jacobian(two_links: LiveArm, run: Run) -> None:
     assert got["after"] == [0.0, 0.0]
 
 
+@CI
 def test_the_same_seed_makes_the_same_arms(paper: LiveArm, run: Run) -> None:
     arm = paper
     got = run(arm, """
@@ -299,6 +304,7 @@ def test_the_same_seed_makes_the_same_arms(paper: LiveArm, run: Run) -> None:
     assert np.ptp([row[names.index("stiffness")] for row in got["first"]]) > 1.0
 
 
+@CI
 def test_noise_and_latency_act(paper: LiveArm, run: Run) -> None:
     got = run(paper, """
       const spread = () => {
@@ -320,6 +326,7 @@ def test_noise_and_latency_act(paper: LiveArm, run: Run) -> None:
     assert got["inputs"][5] != 0.0
 
 
+@CI
 def test_an_arm_that_runs_away_is_lost(paper: LiveArm, run: Run) -> None:
     """Only that one; it begins again with all others."""
     got = run(paper, """

@@ -59,7 +59,7 @@ def test_no_text_of_a_robot_ends_its_element(paper: LiveArm) -> None:
     assert json.loads(settings[1])["description"] == named.description
 
 
-@pytest.mark.ci
+@pytest.mark.ci("compiles an arm to WebAssembly twice")
 @pytest.mark.usefixtures("webassembly_compiler")
 def test_the_page_of_the_papers_arm_is_small(paper: LiveArm, tmp_path: Path) -> None:
     """Below 300 kB, whole, and the same again."""
@@ -120,7 +120,7 @@ def without_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(page, "webassembly", lambda sources: b"\0asm")
 
 
-@pytest.mark.ci
+@pytest.mark.ci("tunes the PD of a page")
 @pytest.mark.usefixtures("without_compiler")
 def test_the_folder_of_a_report_becomes_a_page(
     paper: LiveArm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -137,7 +137,7 @@ def test_the_folder_of_a_report_becomes_a_page(
     assert settings["speed"] == [None]  # its command jumps, as in the step that was judged
 
 
-@pytest.mark.ci
+@pytest.mark.ci("tunes the PD of a page")
 @pytest.mark.usefixtures("without_compiler")
 def test_a_design_in_python_becomes_a_page(paper: LiveArm, tmp_path: Path) -> None:
     design = SimpleNamespace(
@@ -220,7 +220,7 @@ def test_a_fast_move_takes_a_vibration_or_what_its_limits_allow(two_links: LiveA
     assert limited.fast_time > 1.1 * free
 
 
-@pytest.mark.ci
+@pytest.mark.ci("tunes the PD of two joints")
 def test_the_page_says_which_friction_acts(two_links: LiveArm) -> None:
     assert "left out" in two_links.friction
     missed = replace(two_links, not_met="limit cycle at rest")
@@ -300,7 +300,7 @@ def test_the_pd_is_stable_wherever_the_page_moves() -> None:
     )
 
 
-@pytest.mark.ci
+@pytest.mark.ci("tunes the PD of two joints")
 def test_a_pd_that_is_not_fair_is_named_above_the_picture(two_links: LiveArm) -> None:
     fair = page.page_text(two_links, b"\0asm")
     arm = replace(two_links)

@@ -16,6 +16,9 @@ from flexhinf.polynomial.algebra import PolynomialLaw
 from flexhinf.robot import paper_arm
 from flexhinf.scalars import jacobian
 
+# Kernels that run once each: 3 s instead of 8 s.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 SETTINGS = {"process_noise": 1e-8, "measurement_noise": 1e-6, "covariance": 1e-4}
 
 
@@ -60,7 +63,7 @@ KINDS = {
 }
 
 
-@pytest.mark.quick_cases(3)
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.filterwarnings("ignore:The central covariance weight")
 @pytest.mark.parametrize("kind", KINDS)
@@ -100,7 +103,7 @@ def stepped(program: Program, composed, make, lanes=1, steps=5):
     return np.array(inputs)
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", ["ukf", "points kept", "ekf", "two outputs"])
 def test_composed_equals_interpreted_and_any_lanes(made, routes, kind):
@@ -122,6 +125,7 @@ def test_the_composed_loop_equals_that_of_one_trace(made, routes):
         np.testing.assert_array_equal(composed.step(y, r), u)
 
 
+@pytest.mark.ci("compiles two controllers")
 @pytest.mark.oracle
 def test_two_inputs_and_a_state_that_is_not_tracked(made, routes):
     plant, law = made.two_inputs()
@@ -132,6 +136,7 @@ def test_two_inputs_and_a_state_that_is_not_tracked(made, routes):
         np.testing.assert_allclose(composed.step(y, 0.3), one.step(y, 0.3), rtol=1e-10, atol=1e-12)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter])
 def test_without_parameters_or_commands(made, routes, kind):
@@ -180,6 +185,7 @@ class RandomLaw(Law):
         return self.polynomial.evaluate(x, np.asarray(data).reshape(1, -1))
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.oracle
 @pytest.mark.parametrize("degrees", [(1,), (1, 3), (1, 2, 3), (0, 1, 4), (2, 5), (3,)])
 def test_a_law_as_a_table_is_the_law(routes, degrees):
@@ -210,6 +216,7 @@ def test_a_class_that_overrides_the_law_alone_is_no_table(routes):
     np.testing.assert_allclose(doubled.step(x, 0.0), 2.0 * plain.step(x, 0.0), rtol=1e-12)
 
 
+@pytest.mark.ci("compiles three controllers")
 def test_a_class_that_overrides_an_update_alone_is_one_piece(made, routes):
     class Nudged(UnscentedKalmanFilter):
         def time_update(self, belief, u, p, process_noise):
@@ -228,12 +235,10 @@ def test_a_class_that_overrides_an_update_alone_is_one_piece(made, routes):
         assert np.abs(u - plain.step(0.1 * k, 1.0)) > 0.1
 
 
-@pytest.mark.ci
 # Seven links ----------------------------------------------------------------------------------------
+@pytest.mark.ci("a controller of seven links, compiled and in Python")
 @pytest.mark.oracle
-@pytest.mark.parametrize(
-    "kind", [UnscentedKalmanFilter, pytest.param(ExtendedKalmanFilter, marks=pytest.mark.ci)]
-)
+@pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter])
 def test_seven_links_composed_equal_the_text_on_floats(seven, kind):
     solution, estimator, point, _ = seven
     composed = Controller(solution, estimator(kind), 2e-4, latency=0)
@@ -254,6 +259,7 @@ def test_seven_links_composed_equal_the_text_on_floats(seven, kind):
     np.testing.assert_allclose(composed._history.memory, memory, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.ci("solves a law of seven links")
 @pytest.mark.oracle
 def test_the_law_of_seven_links_is_the_solutions(seven):
     solution, _, point, rest = seven
@@ -264,7 +270,7 @@ def test_the_law_of_seven_links_is_the_solutions(seven):
         np.testing.assert_allclose(composed.step(x) - rest, solution.law(deviation), rtol=1e-9)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a controller of seven links, interpreted")
 @pytest.mark.oracle
 def test_seven_links_from_the_cache_are_the_same(seven, tmp_path, monkeypatch):
     """A step of eight stages, interpreted, compiled afresh and taken from the cache."""

@@ -8,6 +8,9 @@ from flexhinf.loop import Controller
 from flexhinf.loop.controller.step import controller_step
 from flexhinf.robot import paper_arm
 
+# Kernels that run once each: 1 s instead of 2 s.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 
 @pytest.fixture
 def controller(made):

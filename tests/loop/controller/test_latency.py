@@ -7,7 +7,6 @@ import json
 import pickle
 from pathlib import Path
 
-import control
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -25,6 +24,9 @@ from flexhinf.estimation import (
 )
 from flexhinf.files import read_arrays, write_arrays
 from flexhinf.loop import Controller, Loop
+
+# Kernels that run once each: 1 s instead of 2 s.
+pytestmark = pytest.mark.usefixtures("unoptimised")
 
 PERIOD = 1e-2
 A = np.array([[0.0, 1.0], [-30.0, -0.4]])
@@ -164,6 +166,7 @@ def test_a_move_is_followed_without_lag(latency: int) -> None:
         )  # and not its way
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("moving", [False, True])
 def test_every_form_of_the_step_does_the_same(moving: bool, tmp_path: Path) -> None:
     made = kalman()
@@ -199,9 +202,12 @@ def test_a_file_without_latency_means_none(tmp_path: Path) -> None:
     assert fh.load_controller(path).mode.latency == 0
 
 
+@pytest.mark.ci("imports and runs python-control")
 @pytest.mark.oracle
 @pytest.mark.parametrize("latency", [1, 3])
 def test_the_loop_in_python_control_has_the_queue(latency: int) -> None:
+    import control
+
     controller = Controller(Gains(), kalman(), PERIOD, latency=latency)
     loop = Loop(plant(), controller)
     run, system = loop.run(0.5, duration=0.4), loop.to_control()

@@ -10,6 +10,9 @@ import pytest
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Controller, Loop, Schedule, Step, load_controller
 
+# Kernels that run once each: half of the time.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 H = 1e-2
 
 #: Two inputs: range and largest rate of the command, limits of the input and of its rate.

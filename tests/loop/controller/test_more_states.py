@@ -14,6 +14,9 @@ from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.plant import Law
 
+# Kernels that run once each: 2 s instead of 4 s.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 PERIOD = 0.01
 FORMS = pytest.mark.parametrize("form", ["covariance", "square_root"])
 NOISE = {"angle": 1e-8, "speed": 1e-6, "wind": 1e-4, "pull": 1e-6, "angle_seen_offset": 1e-12}
@@ -79,7 +82,7 @@ def samples(count=25):
 
 
 # The law reads its own states --------------------------------------------------------------------------
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @FORMS
 @pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter])
@@ -119,7 +122,7 @@ def test_the_order_of_the_estimated_states_does_not_matter():
     np.testing.assert_allclose(missing[1], missing[0], rtol=1e-9)
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("latency", [0, 1, 3])
 @pytest.mark.parametrize(
@@ -136,7 +139,7 @@ def test_a_loop_is_the_controller_step_by_step(latency, option):
         np.testing.assert_allclose(stepped.estimate, estimate, rtol=1e-7, atol=1e-9)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("compiles four controllers as C")
 @FORMS
 @pytest.mark.parametrize("option", [{}, {"compensate": "wind"}])
 def test_it_is_saved_pickled_copied_and_exported(tmp_path, form, option):
@@ -158,6 +161,7 @@ def test_it_is_saved_pickled_copied_and_exported(tmp_path, form, option):
     assert "pull" in control.summary()["estimated too"]
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("moving", [False, True])
 def test_it_starts_at_rest_at_a_pose(moving):
     """The load and the parameters stay where the estimate begins."""
@@ -213,7 +217,7 @@ def test_without_an_integral_the_load_sags_the_robot_and_its_balance_does_not():
     assert abs(sag[("wind",)]) < 1e-7
 
 
-@pytest.mark.ci
+@pytest.mark.ci("three runs of 8 s")
 def test_the_motors_sensor_alone_does_not_let_the_paper_arm_sag():
     """The filter without the load explains it by drift; with it, the load is found. R^v is the same otherwise."""
     plant = fh.load_robot("paper").plant(("motor_position",))
@@ -242,6 +246,7 @@ def test_the_motors_sensor_alone_does_not_let_the_paper_arm_sag():
     assert total["balanced"] < 0.7 * total["found"] < 0.3 * total["none"]
 
 
+@pytest.mark.ci("8 s of a filter of ten states")
 @pytest.mark.oracle
 def test_two_joints_with_gravity_and_voltages():
     """X = −1/K for the motors and U = −R/k_t at a pose, and no sag of either link under a load on both."""
@@ -266,6 +271,7 @@ def test_two_joints_with_gravity_and_voltages():
     assert np.abs(away).max() < 2e-4  # load / K is 5 mrad for both
 
 
+@pytest.mark.ci("8 s of a filter of five states")
 def test_a_soft_spring_is_found_while_the_arm_moves():
     """12 % less stiffness than the model has, by the link's encoder alone, in one step of the paper's arm."""
     arm = fh.paper_arm()
@@ -282,7 +288,7 @@ def test_a_soft_spring_is_found_while_the_arm_moves():
     assert run.signal("estimate", "stiffness")[-1] == pytest.approx(88.0, rel=5e-3)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("two runs of a filter of five states")
 def test_an_offset_of_an_encoder_is_found_at_power_on():
     """0.5 mrad on the motor's encoder of the paper's arm, at rest: the link moves 100 times less."""
     plant = fh.load_robot("paper").plant(("link_position", "motor_position"))

@@ -16,6 +16,9 @@ from flexhinf.loop.controller import controller
 from flexhinf.plant import BlackBox, rk4_step
 from flexhinf.robot import paper_arm
 
+# Kernels that run once each: 2 s instead of 5 s.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 H = 1e-2
 
 
@@ -97,7 +100,7 @@ def test_perfect_feedforward_needs_no_feedback(made):
     assert run.metrics()["tracking_rmse"] < 1e-9
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("degree", [2, 4])
 @pytest.mark.parametrize("given", [True, False])
@@ -148,6 +151,7 @@ def test_the_command_of_the_last_good_sample_holds(made):
     np.testing.assert_allclose(fresh.step(law.operating_point[:4]), law.operating_input, rtol=1e-12)
 
 
+@pytest.mark.ci("three loops of 8 s, drawn")
 def test_a_law_without_integrals_follows_but_tracks_nothing(made):
     plant, _ = made.two_inputs()
     law = made.LinearLaw(plant.states, plant.inputs, [[-8.0, -5.0, 0.5, 0.0], [0.0, 0.0, -3.0, -2.0]])
@@ -168,7 +172,7 @@ def test_a_law_without_integrals_follows_but_tracks_nothing(made):
         run.metrics("ua")
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.ci("compiles two controllers and two loops")
 @pytest.mark.oracle
 @pytest.mark.parametrize("estimated", [True, False])
 def test_composed_equals_one_trace(made, monkeypatch, estimated):
@@ -189,6 +193,7 @@ def test_composed_equals_one_trace(made, monkeypatch, estimated):
         np.testing.assert_allclose(runs[1].signals[name], values, atol=1e-10)
 
 
+@pytest.mark.ci("a black box in Python")
 @pytest.mark.oracle
 def test_a_black_box_runs_the_same(made):
     plant, law = made.two_inputs()

@@ -57,6 +57,7 @@ def commands(t):
     return np.stack([wave, 0.8 * np.cos(2.0 * t) + 0.5 * wave], axis=-1)
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize("threshold", [controller.ONE_TRACE, 0])
 @pytest.mark.parametrize("estimated", [False, True])
@@ -120,6 +121,7 @@ def test_of_several_the_active_one_is_given_the_reference(monkeypatch, threshold
         np.testing.assert_allclose(step.step(x, r), r[1:] + k, rtol=1e-12)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("several", [False, True])
 def test_composed_or_not_a_run_that_begins_bumplessly_is_the_same(monkeypatch, several):
     near, far, runs = Cubed(), Cubed(7.0, 1.0), []

@@ -20,6 +20,9 @@ from flexhinf.loop.controller.memory import SPACING
 from flexhinf.plant import Law, Plant
 from flexhinf.robot import paper_arm
 
+# Kernels that run once each: 2 s instead of 3 s.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 SETTINGS = {"process_noise": 1e-8, "measurement_noise": 1e-6, "mean": np.zeros(4), "covariance": 1e-4}
 
 
@@ -44,7 +47,7 @@ class Numbered(Law):
 
 
 # A measurement that is missing ----------------------------------------------------------------------
-@pytest.mark.quick_cases(3)
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("composed", [False, True])
 @pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter, OutputInjectionObserver])
@@ -98,6 +101,7 @@ def test_without_an_estimator_there_is_nothing_to_predict_with(made):
 
 
 # A measurement that is refused ----------------------------------------------------------------------
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter])
 def test_a_step_that_fails_changes_nothing(cubic, kind):
     """1e200 rad leaves the finite numbers at once: memory, estimate and command stay, and prediction goes on."""
@@ -194,6 +198,7 @@ def controllers(made, kind):
 COPIES = {"copy": copy.copy, "deepcopy": copy.deepcopy, "pickle": lambda it: pickle.loads(pickle.dumps(it))}
 
 
+@pytest.mark.quick_cases(4)
 @pytest.mark.parametrize("how", COPIES)
 @pytest.mark.parametrize("kind", ["ukf", "ekf", "state", "lambdas"])
 def test_a_copy_goes_on_with_a_memory_of_its_own(made, kind, how):
@@ -212,6 +217,7 @@ def test_a_copy_goes_on_with_a_memory_of_its_own(made, kind, how):
     np.testing.assert_allclose(COPIES[how](other).estimate, other.estimate)
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("how", COPIES)
 @pytest.mark.parametrize("kind", ["ukf", "lambdas"])
 def test_a_loop_copies_and_pickles_after_a_run(made, kind, how):
@@ -223,6 +229,7 @@ def test_a_loop_copies_and_pickles_after_a_run(made, kind, how):
         np.testing.assert_allclose(again.signals[name], values, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize("how", COPIES)
 @pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter, OutputInjectionObserver])
 def test_an_estimator_copies_and_pickles_after_it_was_used(kind, how):
@@ -343,16 +350,16 @@ def resident():
     return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a million steps")
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory is read from /proc")
-def test_ten_million_steps_take_no_memory(made):
-    """Measured, missing and refused samples; what the first million needs is all that is ever needed."""
+def test_a_million_steps_take_no_memory(made):
+    """Measured, missing and refused samples; what the first tenth needs is all that is ever needed."""
     controller = Controller(made.law, made.ukf(), saturation=20.0)
     step, y = controller.step, np.array([0.1])
 
-    def million():
+    def tenth():
         for _ in range(100):
-            for _ in range(9_980):
+            for _ in range(980):
                 step(y, 0.2)
             for _ in range(10):
                 step(None)
@@ -361,8 +368,8 @@ def test_ten_million_steps_take_no_memory(made):
                     step(bad)
                 step(y)
 
-    million()
+    tenth()
     before = resident()
     for _ in range(9):
-        million()
+        tenth()
     assert resident() - before < 1_000_000

@@ -30,6 +30,7 @@ def inputs(controller: fh.Controller) -> np.ndarray:
     return np.array([controller.step([0.1 * np.sin(0.1 * k)], 0.2) for k in range(SAMPLES)])
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("pieces", [False, True])
 @pytest.mark.parametrize("form", ["covariance", "square_root"])
 def test_a_step_without_fused_multiply_adds_calls_none(form: str, pieces: bool) -> None:
@@ -56,6 +57,7 @@ def test_copies_round_alike() -> None:
     assert twice.fresh(fused=True).fused is True
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("fused", [False, True])
 def test_a_compiled_loop_rounds_as_its_controller(fused: bool) -> None:
     controller = made().fresh(fused)

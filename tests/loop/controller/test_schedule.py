@@ -14,6 +14,9 @@ from flexhinf.loop.controller.step import controller_step
 from flexhinf.plant import Law
 from flexhinf.robot import load_robot, paper_arm
 
+# Kernels that run once each: 2 s instead of 4 s.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 H = 1e-2
 
 
@@ -56,7 +59,7 @@ def commands(times):
     return np.stack([a, da, b, db, -1.69 * a, -4.41 * b / 2.0], axis=-1)
 
 
-@pytest.mark.quick_cases(3)
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize("moving", [False, True])
 @pytest.mark.parametrize("start", ["zero", "bumpless"])
@@ -92,7 +95,8 @@ def followed_by_states(control, run):
     return np.array(active)
 
 
-@pytest.mark.parametrize("moving", [pytest.param(False, marks=pytest.mark.ci), True])
+@pytest.mark.ci("solves three laws, and steps through 10 s")
+@pytest.mark.parametrize("moving", [False, True])
 def test_the_input_of_the_arm_does_not_jump(made, cubic, moving):
     """Three cubic laws from hanging to upright and back, with filter, coil and noise."""
     control = Controller(Schedule(cubic), made.ukf(), moving=moving, latency=0)
@@ -153,6 +157,7 @@ def test_another_law_takes_over_where_it_is_nearer_by_the_hysteresis(made, linea
             assert control.laws[int(np.argmax(active))].operating_point[0] == (new if taken else old)
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize("start", ["zero", "bumpless"])
 @pytest.mark.parametrize("moving", [False, True])
@@ -169,7 +174,7 @@ def test_one_law_and_a_law_that_is_never_near_change_nothing(made, linear, start
         np.testing.assert_allclose(two.signals[name], alone.signals[name], atol=1e-11)
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.ci("compiles every controller twice")
 @pytest.mark.oracle
 @pytest.mark.parametrize("moving", [False, True])
 @pytest.mark.parametrize("laws", ["linear", "cubic"])
@@ -198,7 +203,7 @@ def test_composed_equals_one_trace(made, linear, cubic, monkeypatch, moving, law
     np.testing.assert_allclose(composed._history.memory, one._history.memory, rtol=1e-6, atol=1e-8)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("solves two laws of seven links")
 @pytest.mark.oracle
 def test_seven_links_at_two_poses(seven):
     """Composed, tables of monomials, a filter: equal to the text on floats, and without a jump."""

@@ -13,6 +13,9 @@ from tests.refusals import refused_with
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 
+# Kernels that run once each: 1 s instead of 3 s.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 SENSORS = ("link_position", "motor_position")
 ROBOT = fh.load_robot("planar-two-link")
 PLANT = ROBOT.plant(SENSORS)
@@ -70,6 +73,7 @@ def test_a_law_of_one_pose_holds_the_robot_wherever_it_starts(kind: str) -> None
             assert moved(controller, x, u, np.zeros(4), 150, pose)[0] < 1e-8
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize("pose", [-2.0, 0.4, 1.0, 2.5])
 def test_integrals_of_a_cubic_law_are_the_root_of_its_input(pose: float) -> None:
@@ -83,6 +87,7 @@ def test_integrals_of_a_cubic_law_are_the_root_of_its_input(pose: float) -> None
     assert controller.step(x[:1]) == pytest.approx(u, rel=1e-9)
 
 
+@pytest.mark.ci("solves laws of two links")
 def test_of_several_laws_the_nearest_holds_it() -> None:
     poses = ((0.0, 0.0), (1.0, -1.0))
     laws = [fh.linear_law(ROBOT.problem(pose=pose, measured=SENSORS), gamma=math.inf) for pose in poses]
@@ -121,7 +126,7 @@ def test_a_controller_that_cannot_hold_a_pose_says_so() -> None:
         fh.Controller(blunt, arm_ukf(), 1e-3, 48.0).reset(pose=[1.0])
 
 
-@pytest.mark.ci
+@pytest.mark.ci("three runs of 2,500 steps in Python")
 def test_half_a_milliradian_between_the_encoders_is_taken_in_slowly() -> None:
     """At rest at (0.3, 0.4), 0.5 mrad on both motor encoders, the same start with and without `offset_time`."""
     pose, offset = np.array([0.3, 0.4]), np.array([0.0, 0.0, 5e-4, 5e-4])
@@ -136,6 +141,7 @@ def test_half_a_milliradian_between_the_encoders_is_taken_in_slowly() -> None:
     assert jump["at once"] > 5.0 * jump["1 s"]
 
 
+@pytest.mark.ci("two controllers of two links")
 def test_the_first_measurement_is_that_of_the_start_and_its_offset_decays() -> None:
     """Estimates and inputs are those of a controller that is given y − b exp(−k h/τ)."""
     plain, fading = (two_links((0.3, 0.4), offset_time=time) for time in (None, 0.05))

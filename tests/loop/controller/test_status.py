@@ -17,6 +17,9 @@ import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.status import _counted
 
+# Kernels that run once each: 3 s instead of 6 s.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 EVERY = {"workspace": "hold", "limit_cycle": "hold", "saturation": "brake"}
 
 
@@ -47,6 +50,7 @@ def told(
     return bits
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize("seed", range(6))
 def test_counters_are_those_of_the_whole_history(seed: int) -> None:
@@ -161,7 +165,7 @@ def test_a_goal_outside_the_workspace_is_reported_by_the_step_that_hears_of_it(m
     assert u == pytest.approx(controller.law.operating_input)
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.ci("20,000 samples in Python")
 @pytest.mark.oracle
 @pytest.mark.parametrize(("damping", "alarm"), [(0.05, False), (0.049, False), (0.04, True), (0.0, True)])
 def test_swings_that_settle_as_stated_are_no_limit_cycle(damping: float, alarm: bool) -> None:
@@ -188,9 +192,11 @@ def swings_at_rest(u: np.ndarray, r: np.ndarray, swing: float, longest: float) -
     return most
 
 
-@pytest.mark.ci
 @pytest.mark.property
-@pytest.mark.parametrize("count", [15, pytest.param(200, marks=pytest.mark.ci)])
+@pytest.mark.parametrize("count", [
+    pytest.param(15, marks=pytest.mark.ci("15 random moves of two links")),
+    pytest.param(200, marks=pytest.mark.nightly("200 moves, not 15")),
+])  # fmt: skip
 def test_random_moves_with_noise_and_dry_friction_raise_no_alarm(count: int) -> None:
     """Quintic moves at half the motors' speed within ±1.2 rad, 1e-4 rad of noise, then one second at rest."""
     robot = fh.load_robot("planar-two-link")
@@ -268,7 +274,7 @@ def test_an_event_freezes_the_command_where_the_joint_is_until_a_reset(event: st
     assert controller.status == fh.Status(0)
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("plant", ["equations", "mujoco"])
 @pytest.mark.parametrize("by_name", [False, True])
 def test_a_loop_brakes_its_command_as_the_signal_that_is_braked(plant: str, by_name: bool) -> None:
@@ -356,7 +362,7 @@ def test_what_nothing_is_commanded_has_no_workspace() -> None:
 
 
 # Other forms of the step --------------------------------------------------------------------------------
-@pytest.mark.quick_cases(1)
+@pytest.mark.ci("150 steps in NumPy and in CasADi")
 @pytest.mark.parametrize("pieces", [False, True])
 def test_numbers_traced_functions_and_kernels_step_alike(pieces: bool) -> None:
     """The memory after each sample, by NumPy on numbers, by one CasADi function, and by the compiled kernel."""
@@ -383,6 +389,7 @@ def test_numbers_traced_functions_and_kernels_step_alike(pieces: bool) -> None:
     assert seen == 15
 
 
+@pytest.mark.ci("a kernel of an ensemble")
 def test_many_robots_at_once_react_as_one_does() -> None:
     law, plant = arm_law(), fh.paper_arm().plant()
     controller = supervised(

@@ -29,6 +29,9 @@ from flexhinf.loop import load_controller
 from flexhinf.loop.controller import controller as controller_module, law_code
 from flexhinf.plant import Law
 
+# Kernels that run once each: 2 s instead of 5 s.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 ARM = fh.paper_arm()
 NOISES = (1e-7, 1e-4, np.zeros(4), 1e-4)
 
@@ -78,6 +81,7 @@ def assert_same_steps(one: fh.Controller, other: fh.Controller, count: int = 40)
         np.testing.assert_array_equal(other._history.memory, one._history.memory)
 
 
+@pytest.mark.quick_cases(4)
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", LAWS)
 def test_every_law_of_the_house_returns_with_the_same_bits(name: str, tmp_path: Path) -> None:
@@ -105,7 +109,7 @@ def test_a_law_that_is_no_polynomial_keeps_its_degree_and_its_file_stays_the_sam
     assert (tmp_path / "controller.npz").read_bytes() == before
 
 
-@pytest.mark.quick_cases(5)
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ESTIMATORS)
 @pytest.mark.parametrize("one_trace", [controller_module.ONE_TRACE, 0], ids=["one trace", "composed"])
@@ -196,6 +200,7 @@ def test_what_cannot_be_saved_is_refused_by_name_and_leaves_no_file(tmp_path: Pa
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("kind", [fh.UnscentedKalmanFilter, fh.ExtendedKalmanFilter])
 def test_a_file_that_states_no_form_means_the_covariance_form(tmp_path: Path, kind: Any) -> None:
     """Files from before filters had forms."""

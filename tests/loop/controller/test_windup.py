@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from tests.estimation.conftest import pairs
 
 import flexhinf as fh
 from flexhinf.baselines import lqr
@@ -11,6 +12,9 @@ from flexhinf.loop.controller import controller as controller_module
 from flexhinf.loop.controller.options import Windup
 from flexhinf.loop.simulation.program import rk4_function
 from flexhinf.plant import BlackBox
+
+# Kernels that run once each: 1 s instead of 2 s.
+pytestmark = pytest.mark.usefixtures("unoptimised")
 
 ARM = fh.paper_arm()
 
@@ -48,10 +52,11 @@ class Stuck(BlackBox):
         return self.x
 
 
-@pytest.mark.quick_cases(2)
-@pytest.mark.parametrize("limit", [None, 1e9, (-np.inf, 300.0)])
-@pytest.mark.parametrize("pose", [None, 0.8])
-@pytest.mark.parametrize("law", [lambda p: fh.linear_law(p, gamma=math.inf), lqr])
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize(
+    ("law", "pose", "limit"),
+    pairs([lambda p: fh.linear_law(p, gamma=math.inf), lqr], [None, 0.8], [None, 1e9, (-np.inf, 300.0)]),
+)
 def test_a_sensor_that_sticks_for_a_minute(law, pose, limit):
     """One radian beside the command: the input stays bounded (a thousand volts without a bound) and comes back; a
     limit that is no limit, or one on one side, changes nothing of that."""
@@ -70,8 +75,10 @@ def test_a_sensor_that_sticks_for_a_minute(law, pose, limit):
     assert np.isfinite(u).all()
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("held", [5.0, pytest.param(60.0, marks=pytest.mark.ci)])
+@pytest.mark.parametrize("held", [
+    pytest.param(5.0, marks=pytest.mark.ci("13,000 steps of a black box")),
+    pytest.param(60.0, marks=pytest.mark.nightly("held for a minute, not for five seconds")),
+])  # fmt: skip
 def test_the_loop_recovers_after_a_stuck_sensor(held):
     """The arm is held half a radian before its command, and let go again."""
     controller = fh.Controller(fh.linear_law(ARM.problem(), gamma=math.inf), ukf(), 1e-3)
@@ -81,6 +88,7 @@ def test_the_loop_recovers_after_a_stuck_sensor(held):
     assert np.abs(run.tracked("link_position")[-500:] - 0.5).max() < 5e-3
 
 
+@pytest.mark.ci("runs of 12 s and of three times 6 s")
 def test_a_command_far_away_is_reached_and_needs_no_bound():
     """Three turns: the law needs as much of its integrals as that takes, and nothing of a run in reach changes."""
     law = fh.linear_law(ARM.problem(), gamma=math.inf)
@@ -129,7 +137,7 @@ def test_a_limit_in_proportion_is_the_bound_itself():
         assert ("windup_limit" in controller.data.places) is bounded
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("composed", [False, True])
 @pytest.mark.parametrize("laws", [1, 2])
 def test_it_is_saved_and_the_same_in_pieces(laws, composed, tmp_path, monkeypatch):

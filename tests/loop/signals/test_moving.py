@@ -10,6 +10,9 @@ from flexhinf.loop import Controller, JerkLimited, Loop, Moving, Samples, Sine, 
 from flexhinf.loop.simulation.inputs import sample_signal
 from flexhinf.robot import load_robot, paper_arm
 
+# Kernels that run once each: half of the time.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 T = np.linspace(0.0, 3.0, 301)
 PAPER = Sine(1.0, 0.05, offset=np.pi)
 
@@ -119,7 +122,7 @@ def test_the_papers_tracking_command():
     assert error(ukf, 1e-3) < 0.1
 
 
-@pytest.mark.ci
+@pytest.mark.ci("moves of two links, twice each")
 @pytest.mark.parametrize("kind", ["jerk-limited", "spline"])
 def test_a_two_link_arm_follows_a_smooth_move(kind):
     """To a twentieth of a degree; with the same law about a still pose at each time it is far off."""

@@ -7,6 +7,9 @@ from flexhinf.loop import BlackBox, Controller, Loop, Sine, Step
 from flexhinf.plant import rk4_step
 from flexhinf.robot import paper_arm
 
+# Kernels that run once each: 1 s instead of 2 s.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 
 class Box(BlackBox):
     """The arm as a thing that integrates itself; what it shows of itself varies."""

@@ -16,6 +16,9 @@ import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Penalty, Plant
 
+# Kernels that run once each: 1 s instead of 2 s.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 GRAVITY = 9.81
 SCALE = 1.0
 

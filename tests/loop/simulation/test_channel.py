@@ -12,6 +12,9 @@ from flexhinf.loop import BlackBox, Controller, Loop, Step
 from flexhinf.loop.simulation.program import LONGEST, Channel, check_delay, measure_function
 from flexhinf.robot import paper_arm
 
+# Kernels that run once each: 1 s instead of 3 s.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 STEP = 2 * np.pi / 4096
 
 
@@ -67,6 +70,7 @@ def test_a_delayed_input_acts_later(made, samples):
             x = rk4_step(plant.derivative, x, (u, u, u), 1e-3 / late.sub_steps)
 
 
+@pytest.mark.ci("a loop of its own")
 def test_a_delay_costs_damping(made):
     settling = []
     for delay in (0.0, 0.03):
@@ -134,6 +138,7 @@ def test_two_motors_wait_for_their_own_inputs(made):
             x = made.exact_step(x, inputs[k], 0.0)
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("samples", [0, 1, 7, 60])
 def test_interpreter_and_lanes_delay_alike(made, samples, monkeypatch):
     """Machine code for one run and for eight, and CasADi's evaluator."""

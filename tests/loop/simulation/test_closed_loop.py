@@ -83,7 +83,7 @@ def plain_loop(gain, reference, torque, noise, steps, parts, coil, saturation=np
     return np.array(states), np.array(inputs), np.array(estimates)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("10,000 steps in NumPy")
 @pytest.mark.oracle
 @pytest.mark.parametrize("coil", [False, True])
 def test_the_compiled_loop_equals_a_plain_one_over_10_000_steps(made, coil):
@@ -103,7 +103,7 @@ def test_the_compiled_loop_equals_a_plain_one_over_10_000_steps(made, coil):
     np.testing.assert_allclose(run.signals["estimate"], estimates, atol=1e-10)
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("coil", [False, True])
 @pytest.mark.parametrize(("period", "duration"), [(1e-3, 0.8), (1e-2, 4.0)])
@@ -127,7 +127,8 @@ def test_the_true_plant_equals_solve_ivp(made, coil, period, duration):
 
 
 # The same in other ways -----------------------------------------------------------------------------
-@pytest.mark.quick_cases(2)
+@pytest.mark.costs("compiles a loop and a step, as they ship")
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", ["ukf", "redraw", "bounds", "ekf", None])
 def test_the_controller_by_hand_equals_the_loop_exactly(made, kind):
@@ -148,6 +149,7 @@ def test_the_controller_by_hand_equals_the_loop_exactly(made, kind):
         np.testing.assert_array_equal(controller.estimate, estimate)
 
 
+@pytest.mark.ci("compiles two loops")
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter])
 def test_the_estimator_by_hand_equals_the_loop(made, kind):
@@ -234,6 +236,7 @@ def test_parameters_are_data(made):
     assert np.abs(other.run(1.0, duration=0.3).signals["state"][-1] - ends[0]).max() > 1e-3
 
 
+@pytest.mark.ci("a loop of its own, 20 s")
 def test_several_inputs_and_a_state_that_is_not_tracked(made):
     plant, law = made.two_inputs()
     ukf = UnscentedKalmanFilter(plant, 1e-2, 1e-4, 1e-6, np.zeros(4), 1e-2)
@@ -243,6 +246,7 @@ def test_several_inputs_and_a_state_that_is_not_tracked(made):
     assert run.metrics()["settling_time_s"] < 15.0
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter])
 def test_a_model_without_parameters_disturbances_or_a_hash(made, kind):
     class Flow(list):
@@ -309,6 +313,7 @@ def test_saturation_holds_and_the_integral_stands_still(made):
     assert relieved > 50
 
 
+@pytest.mark.ci("two loops of their own")
 def test_anti_windup_takes_the_overshoot_of_windup_away(made):
     controller = Controller(made.law, made.ukf(), saturation=11.0)
     with_it = Loop(paper_arm().plant(), controller).run(np.pi / 2, duration=12.0)
@@ -419,6 +424,7 @@ def test_the_integral_removes_the_error_of_what_is_measured(made):
     assert abs(position[-1] - 0.5) < 1e-6
 
 
+@pytest.mark.ci("a loop of its own, 25 s")
 def test_where_the_tracked_state_is_not_measured_its_estimate_is_integrated(made):
     plant = paper_arm().plant(measured=("motor_position",))
     ukf = UnscentedKalmanFilter(plant, 1e-3, 1e-8, 1e-6, np.zeros(4), 1e-4)

@@ -89,6 +89,7 @@ def test_runs_are_those_of_a_loop(made, options):
             np.testing.assert_allclose(metrics[name], expected, rtol=exact, atol=0.0, err_msg=name)
 
 
+@pytest.mark.costs("compiles an ensemble of every width, as it ships")
 def test_neither_lanes_nor_threads_nor_other_runs_matter(made):
     loop, arguments = prepared(made)
     ensemble = loop.ensemble(**arguments, kept=["link_position"], instants=[0, 100, 300])
@@ -127,6 +128,7 @@ def test_each_run_begins_from_its_own_input(made, delay):
         ensemble.run(rows(), np.arange(COUNT), initial_inputs=inputs[:2])
 
 
+@pytest.mark.ci("compiles an ensemble and its loops")
 def test_each_plant_has_its_own_sub_steps_and_its_own_loop_agrees(made):
     loop, arguments = prepared(made, sub_steps=None)
     ensemble = loop.ensemble(**arguments, kept=["motor_position"], instants=[300])

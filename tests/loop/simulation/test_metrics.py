@@ -37,6 +37,7 @@ def test_a_quintic_is_a_step_and_a_sine_is_none():
     assert step_metrics(T, constant(0.0), None) == NONE
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     ("start", "final", "at"), [(0.0, 1.0, 0.0), (1.0, -3.0, 0.0), (2.0, 3.5, 2.0), (0.0, -1.0, 2.0)]

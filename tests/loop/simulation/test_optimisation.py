@@ -1,6 +1,7 @@
-"""How hard machine code is optimised changes no bit: most tests of `make test` run it as LLVM first writes it."""
+"""How hard machine code is optimised changes no bit: `FLEXHINF_OPTIMISATION` limits it."""
 
 import importlib
+import os
 
 import numpy as np
 import pytest
@@ -11,9 +12,10 @@ from flexhinf.loop.simulation.ensemble import LANES
 from flexhinf.robot import paper_arm
 
 
+@pytest.mark.costs("compiles a loop twice")
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("lanes", [1, LANES])
-def test_machine_code_in_a_hurry_has_the_bits_of_the_product(made, lanes, as_shipped, monkeypatch):
+def test_the_level_of_optimisation_changes_no_bit(made, lanes, monkeypatch):
     levels, assemble = [], machine.assemble
 
     def recorded(text, level):
@@ -22,12 +24,12 @@ def test_machine_code_in_a_hurry_has_the_bits_of_the_product(made, lanes, as_shi
 
     monkeypatch.setattr(machine, "assemble", recorded)
     monkeypatch.setattr(importlib.import_module("flexhinf.loop.simulation.ensemble"), "WORTH", 0)
+    monkeypatch.setenv("FLEXHINF_CACHE", os.devnull)  # nothing is kept: all is compiled
     runs = []
-    for hurried in (False, True):
-        with as_shipped(), pytest.MonkeyPatch.context() as patch:
-            if hurried:
-                patch.setattr(machine, "level", lambda operations: 0)
-                patch.setattr(machine, "_PASSES", ("always_inliner", "sroa"))
+    for level in (None, "0"):
+        with pytest.MonkeyPatch.context() as patch:
+            if level is not None:
+                patch.setenv("FLEXHINF_OPTIMISATION", level)
             loop = Loop(paper_arm().plant(), Controller(made.law, made.ukf(), 1e-3, 48.0), 2, delay=2e-3)
             plants = [{"stiffness": 100.0 - k} for k in range(lanes)]
             options = {"disturbance": {"link_torque": Step(0.2, at=0.1)}, "noise": 1e-3, "duration": 0.3}

@@ -10,6 +10,9 @@ import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Law
 
+# Kernels that run once each: 1 s instead of 3 s.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 PERIOD = 0.01
 
 
@@ -96,7 +99,7 @@ def test_what_is_measured_is_what_the_sensors_say():
     np.testing.assert_allclose(quiet.signals["output"], expected_outputs(quiet, 0.0), atol=1e-12)
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.ci("compiles two loops of a filter with late states")
 @pytest.mark.oracle
 @pytest.mark.parametrize("latency", [0, 1])
 def test_the_controller_step_by_step_makes_the_same_run(latency):
@@ -111,7 +114,7 @@ def test_the_controller_step_by_step_makes_the_same_run(latency):
             np.testing.assert_allclose(stepped.estimate, estimate, rtol=1e-7, atol=1e-9)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a kernel of lanes")
 @pytest.mark.oracle
 def test_a_black_box_and_an_ensemble_have_the_same_sensors():
     control = controller()
@@ -128,7 +131,7 @@ def test_a_black_box_and_an_ensemble_have_the_same_sensors():
         np.testing.assert_allclose(row, kept, rtol=1e-7, atol=1e-9)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("two filters of late states")
 @pytest.mark.oracle
 def test_a_delay_that_the_filter_knows_costs_less_than_one_that_it_does_not():
     """Angle 40 ms late, of an arm that follows a sine: the error of the estimate, with the delay known and not."""

@@ -5,13 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 from tests.refusals import refused_with, unnamed
 
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Controller, Loop, Step
 from flexhinf.plant import Plant
 from flexhinf.robot import paper_arm
+
+# Kernels that run once each: 2 s instead of 3 s.
+pytestmark = pytest.mark.usefixtures("unoptimised")
 
 KINDS = "state", "estimate", "output", "input", "reference", "disturbance"
 
@@ -121,6 +123,8 @@ def test_unknown_names_are_refused(run):
 
 
 def test_the_plot(run, tmp_path):
+    from matplotlib.figure import Figure
+
     figure = run.plot()
     assert isinstance(figure, Figure)
     above, below = figure.axes
@@ -175,6 +179,7 @@ def test_netcdf_is_what_xarray_reads(run, tmp_path):
         xr.testing.assert_identical(data.load(), run.data[list(KINDS)])
 
 
+@pytest.mark.ci("starts a process")
 def test_a_run_is_saved_without_importing_xarray(tmp_path):
     """Importing it takes longer than many a run, and `flexhinf design` saves some."""
     code = (
@@ -226,6 +231,7 @@ def test_another_format_and_a_missing_folder_are_refused(run, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.ci("draws figures, and traces a loop")
 def test_what_a_notebook_shows(run, made):
     figure = run.plot()
     assert figure._repr_svg_().startswith("<?xml")

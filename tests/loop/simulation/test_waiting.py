@@ -11,6 +11,9 @@ import flexhinf as fh
 from flexhinf.plant import BlackBox, rk4_step
 from flexhinf.scalars import where
 
+# Kernels that run once each: half of the time.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 START = {"x0": 0.3, "x1": 0.5, "x2": 0.0}
 
 
@@ -52,6 +55,7 @@ def test_a_run_is_that_of_the_steps(options, pieces):
     assert run.status == "completed"
 
 
+@pytest.mark.ci("compiles an ensemble and its loop")
 @pytest.mark.oracle
 def test_runs_in_lanes_wait_each_for_itself():
     loop = fh.Loop(asleep(), controller())

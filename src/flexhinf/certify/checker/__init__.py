@@ -109,8 +109,8 @@ def verify(
             for face in proof.faces
         ]
         with ThreadPoolExecutor(threads) as pool:
-            jobs = [pool.submit(_face, proof, part, watch) for part in chosen]
-            try:
+            try:  # threads begin while others are still submitted
+                jobs = [pool.submit(_face, proof, part, watch) for part in chosen]
                 results = [job.result() for job in jobs]
             except BaseException:  # the other threads end at their next cells, not at the end of their faces
                 stopped.set()

@@ -1,0 +1,56 @@
+"""Other settings than the default ones give a whole report too."""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import Any
+
+import pytest
+
+from flexhinf.paper import PaperSettings, reproduce
+
+pytestmark = pytest.mark.paper
+
+#: Each setting away from its default; the last two have few samples.
+OTHERS = [
+    {"estimator": "none"},
+    {"estimator": "ekf"},
+    {"degree": 2},
+    {"degree": 5},
+    {"degree": 6},
+    {"period": 1e-2},
+    {"period": 0.05},
+    {"gamma_ratio": 1.01},
+    {"gamma_ratio": 100.0},
+    {"process_noise": 1e-2},
+    {"process_noise": 0.0},
+    {"measurement_noise": 1e-2},
+    {"seed": 7},
+    {"estimator": "none", "degree": 3},
+    {"estimator": "ekf", "degree": 3, "period": 0.05},
+    {"measurement_noise": 1.0, "gamma_ratio": 1.01, "period": 0.05},
+]
+few_samples = pytest.mark.ci("reproduces the whole paper with few samples")
+by_night = pytest.mark.nightly("reproduces the whole paper with one more setting")
+
+
+@pytest.mark.parametrize(
+    "options",
+    [pytest.param(options, marks=by_night) for options in OTHERS[:-2]]
+    + [pytest.param(options, marks=few_samples) for options in OTHERS[-2:]],
+    ids=str,
+)
+def test_other_settings_give_a_report_too(options: dict[str, Any]) -> None:
+    def refuse(constant: str) -> None:
+        raise AssertionError(f"metrics.json holds {constant}")
+
+    result = reproduce(PaperSettings(**options))
+    metrics = json.loads(result.files["metrics.json"], parse_constant=refuse)
+    for claim in metrics["claims"]:
+        assert claim["verdict"] in {"holds", "fails", "ties", "not judged"}
+        assert not re.search(r"\b(inf|nan|None)\b", claim["evidence"]), claim["evidence"]
+    if options.get("estimator", "ukf") != "ukf":
+        tracking = [claim for claim in metrics["claims"] if claim["id"].startswith("tracks")]
+        assert tracking
+        assert not any("UKF" in claim["text"] + claim["evidence"] for claim in tracking)
