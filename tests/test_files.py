@@ -9,8 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.refusals import refused_with
 
 from flexhinf import files
+from flexhinf.errors import InvalidInput
 from flexhinf.files import part_file, write_arrays, write_file
 
 posix = pytest.mark.skipif(os.name != "posix", reason="locks and signals of the kernel")
@@ -88,3 +90,48 @@ def test_a_folder_that_takes_no_files_has_no_locks() -> None:
     """The kernel says there that no such file exists, though the folder does."""
     with files.locked(Path("/proc/self/.flexhinf.lock")) as state:
         assert state == "none"
+
+
+def test_files_of_a_folder_are_written_all_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "out"
+    files.write_folder(folder, {"a": b"1", "b/c": b"2"})
+    assert ((folder / "a").read_bytes(), (folder / "b" / "c").read_bytes()) == (b"1", b"2")
+    (folder / "mine").write_text("stays")
+    publish = files.publish
+
+    def fails_at(name: str, error: type[BaseException]) -> None:
+        def failing(temporary: object, path: Path) -> None:
+            if path.name == name:
+                raise error
+            publish(temporary, path)  # type: ignore[arg-type]
+
+        monkeypatch.setattr(files, "publish", failing)
+
+    for name, error in (("c", KeyboardInterrupt), ("d", OSError), ("a", OSError)):
+        fails_at(name, error)
+        with pytest.raises(error):
+            files.write_folder(folder, {"a": b"3", "d": b"4", "b/c": b"5"})
+        assert (folder / "a").read_bytes() == b"1"
+        assert (folder / "b" / "c").read_bytes() == b"2"
+        assert sorted(path.name for path in folder.iterdir()) == ["a", "b", "mine"]
+    fails_at("new", BlockingIOError)
+    with pytest.raises(BlockingIOError):
+        files.write_folder(tmp_path / "new", {"a": b"1"})
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+    monkeypatch.setattr(files, "publish", publish)
+    files.write_folder(folder, {"a": b"3", "d": b"4"})
+    assert sorted(path.name for path in folder.iterdir()) == ["a", "b", "d", "mine"]
+
+
+def test_only_a_file_of_the_same_kind_is_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "controller"
+
+    def checked() -> None:
+        files.check_replaceable(path, "library", lambda content: b"of ours" in content)
+
+    checked()
+    path.write_bytes(b"one of ours")
+    checked()
+    path.write_bytes(b"another one")
+    with refused_with(InvalidInput, "library", str(path)):
+        checked()

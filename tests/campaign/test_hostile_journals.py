@@ -17,7 +17,7 @@ import pytest
 from tests.campaign.conftest import made_campaign, tolerances
 from tests.refusals import refused_with
 
-from flexhinf.campaign import Campaign, Journal, drive, merged
+from flexhinf.campaign import Campaign, Journal, drive, journal, merged
 from flexhinf.campaign.draws import campaign_digest
 from flexhinf.campaign.journal import MANIFEST, SHARDS, TABLE, read_sealed, sealed
 from flexhinf.campaign.results import Replayed
@@ -416,3 +416,42 @@ def test_a_file_and_what_would_lie_below_it_are_refused(below: str, tmp_path: Pa
     (tmp_path / "file").write_text("not a campaign")
     with refused_with(InvalidInput, "folder", str(tmp_path / "file")):
         Journal.read(tmp_path / "file" / below)
+
+
+@pytest.mark.parametrize(
+    "error", [PermissionError(13, "denied"), OSError(116, "Stale file handle"), MemoryError()]
+)
+def test_what_cannot_be_read_just_now_refuses_and_stays(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    """A colleague's files, a file server, too little memory: nothing is known of the rows, so nothing is done."""
+
+    def unreadable(path: Path, most: int) -> bytes:
+        raise error
+
+    before = {path: path.read_bytes() for path in (folder / SHARDS).iterdir()}
+    campaign = made_campaign()
+    found = Journal.opened(folder, campaign)
+    monkeypatch.setattr(journal, "read_bytes", unreadable)
+    with pytest.raises(InvalidInput if isinstance(error, OSError) else MemoryError):
+        drive(campaign, found)
+    monkeypatch.undo()
+    assert {path: path.read_bytes() for path in (folder / SHARDS).iterdir()} == before
+
+
+def test_wrong_files_are_set_aside_and_none_is_deleted(whole: Path, folder: Path) -> None:
+    campaign, said = made_campaign(), []
+    damaged, stranger = part(folder, 1), folder / SHARDS / "batch-of-mine.parquet"
+    damaged.write_bytes(b"damaged")
+    stranger.write_bytes(b"mine")
+    for _ in range(2):
+        drive(campaign, Journal.opened(folder, campaign), progress=said.append)
+        damaged = part(folder, 1)
+        kept = damaged.read_bytes()
+        damaged.write_bytes(b"damaged")
+    damaged.write_bytes(kept)
+    names = sorted(path.name for path in (folder / SHARDS).iterdir() if "aside" in path.name)
+    assert names == sorted([f"{stranger.name}.aside", f"{damaged.name}.aside", f"{damaged.name}.aside1"])
+    assert (folder / SHARDS / f"{stranger.name}.aside").read_bytes() == b"mine"
+    assert any(f"{stranger.name}.aside" in str(report) for report in said)
+    assert (folder / TABLE).read_bytes() == (whole / TABLE).read_bytes()

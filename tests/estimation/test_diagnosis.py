@@ -145,3 +145,16 @@ def test_an_outlier_makes_no_hundred_entries_of_lost_digits():
         filter.predict()
     assert len(filter.diagnosis) < 10
     assert filter.diagnosis[0].step == 5
+
+
+@pytest.mark.parametrize("form", ["square_root", "covariance"])
+def test_a_model_that_is_nan_at_a_sigma_point_is_not_finite(form):
+    tank = fh.Plant(
+        lambda x, u, d, p: np.array([x[0] - 0.1 * np.sqrt(x[0])]), lambda x, u, p: x, ("level",), (),
+        outputs=("y",), sampled=True,
+    )  # fmt: skip
+    ukf = fh.UnscentedKalmanFilter(tank, 1.0, [0.0], [1.0], mean=[0.2], covariance=[0.5], form=form)
+    with pytest.warns(UserWarning, match="not finite"):
+        ukf.predict()
+    assert [entry.kind for entry in ukf.diagnosis] == ["not finite"]
+    np.testing.assert_array_equal(ukf.mean, [0.2])

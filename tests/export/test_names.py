@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
+import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -116,3 +119,65 @@ def test_the_origin_stands_in_header_source_and_readme_and_ends_no_comment(
     for name, mark in (("arm.h", " * {}: {}\n"), ("arm.c", " * {}: {}\n"), ("README.md", "| {} | {} |\n")):
         for line in (("robot", arm.name), ("degree of V", "4"), ("drawing", "A-12 * / #error")):
             assert mark.format(*line) in files[name]
+
+
+#: A name of a robot that closes the comment that it stands in, where marks in it are replaced.
+CLOSES = '*@FIRST_LINES@/ #error "run" /@FIRST_LINES@*'
+
+MARKED = """name = {name}
+[penalty]
+weights = {{ link_position = 1.0, link_position_integral = 2.0 }}
+[[joint]]
+name = "@NAME@&@SIGNALS@"
+[joint.link]
+axis_inertia = 0.006
+[joint.spring]
+stiffness = 1.6
+[joint.motor]
+motor_inertia = 0.002
+friction = 0.01
+"""
+
+
+def exported(folder: Path, sign: str) -> dict[str, str]:
+    """Every text of exports of a robot whose names have marks; `sign` stands for @."""
+    robot = fh.load_robot(written(folder, sign))
+    law = fh.linear_law(robot.problem(), gamma=math.inf)
+    state = f"@DIGEST@ @GUID@ {CLOSES}".replace("@", sign)
+    plant = fh.Plant(
+        lambda x, u, d, p: np.array([x[1], u[0] + d[0] - p.stiffness * x[0]]), lambda x, u, p: x[:1],
+        states=(state, "speed"), inputs=(f"{sign}UNITS{sign}",), disturbances=("d",), parameters={"stiffness": 2.0},
+        units={state: f"rad {sign}VARIABLES{sign}"},
+    )  # fmt: skip
+    own = fh.linear_law(plant.with_objective([1.0, 1.0]), gamma=math.inf)
+    ekf = fh.ExtendedKalmanFilter(plant, 1e-3, 1e-6, 1e-6, np.zeros(2), 1e-4)
+    controller = fh.Controller(own, ekf, 1e-3, 5.0)
+    texts = controller_files(controller, "arm", origin={"robot": robot.name})
+    one = fh.ExtendedKalmanFilter(robot.plant(), 1e-3, 1e-7, 1e-6, np.zeros(4), 1e-4)
+    texts |= {
+        f"robot/{file}": text
+        for file, text in controller_files(fh.Controller(law, one, 1e-3, 5.0), "arm", robot=robot).items()
+    }
+    for fmi in ("2.0", "3.0"):
+        with zipfile.ZipFile(fh.export_fmu(controller, folder / "arm.fmu", "arm", fmi)) as archive:
+            names = [name for name in archive.namelist() if not name.startswith("binaries")]
+            texts |= {f"{fmi}/{name}": archive.read(name).decode() for name in names}
+    return texts
+
+
+def written(folder: Path, sign: str) -> Path:
+    path = folder / "arm.toml"
+    path.write_text(MARKED.format(name=json.dumps(CLOSES)).replace("@", sign), encoding="utf-8")
+    return path
+
+
+@pytest.mark.costs("exports two controllers and two FMUs, with marks and without")
+def test_what_looks_like_a_mark_in_a_name_stands_there_as_it_is(tmp_path: Path) -> None:
+    """Marks of templates are replaced once, before anything that users wrote: a name runs no code."""
+    one, other = (exported(tmp_path, sign) for sign in "@#")
+    assert one.keys() == other.keys()
+    digest = re.compile(r"[0-9a-f]{64}|[0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12}")
+    for file, text in one.items():
+        assert digest.sub("", text).replace("@", "#") == digest.sub("", other[file]).replace("@", "#"), file
+    assert "@DIGEST@ @GUID@" in one["2.0/modelDescription.xml"]
+    assert sum("@FIRST_LINES@" in text for text in one.values()) > 2

@@ -16,6 +16,7 @@ from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
+from flexhinf.identification import log_files
 
 PLANT = fh.paper_arm().plant(("motor_position", "link_position"))
 N = 40
@@ -492,3 +493,56 @@ def test_the_advice_for_stamps_works_and_complex_outputs_are_named():
     for outputs, named in ((ones * 1j, "complex128"), (None, "None"), ([["a"]] * 20, "a")):
         with refused_with(InvalidInput, "outputs", named):
             fh.Log(seconds, ones, outputs)
+
+
+def test_what_unpacks_to_too_much_is_refused_by_its_footer(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A file of megabytes may be one of gigabytes when it is unpacked: nothing is, before it is counted."""
+    arrow, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    monkeypatch.setattr(log_files, "MOST_ROWS", 1000)
+    monkeypatch.setattr(parquet.ParquetFile, "read", None)  # it is not read
+    names = ("time", *PLANT.inputs, *PLANT.outputs)
+    columns = {name: arrow.array(np.zeros(1001)) for name in names}
+    path = tmp_path / "log.parquet"
+    parquet.write_table(arrow.table(columns), path)
+    with refused_with(InvalidInput, "log.parquet", 1000, 1001):
+        fh.read_log(path, PLANT)
+    few = {name: column[:10] for name, column in columns.items()}
+    parquet.write_table(arrow.table({**few, names[1]: arrow.array([[0.0] * 5] * 10)}), path)
+    with refused_with(InvalidInput, names[1], "list"):
+        fh.read_log(path, PLANT)
+    parquet.write_table(
+        arrow.table({**few, names[1]: arrow.array(["x" * 9_000_000] * 10)}), path, use_dictionary=False
+    )
+    with refused_with(InvalidInput, "log.parquet", "large"):
+        fh.read_log(path, PLANT)
+
+
+@pytest.mark.parametrize("compression", ["ZSTD", "LZ4"])
+def test_messages_are_counted_and_chunks_have_a_size(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compression: str
+) -> None:
+    writing: Any = pytest.importorskip("mcap.writer")
+
+    def write(messages: int, size: int) -> Path:
+        with (tmp_path / "log.mcap").open("wb") as file:
+            writer = writing.Writer(file, compression=writing.CompressionType[compression], chunk_size=10**9)
+            writer.start(profile="", library="")
+            channel = writer.register_channel(
+                "/arm", "json", writer.register_schema("any", "jsonschema", b"{}")
+            )
+            for k in range(messages):
+                content = json.dumps({"motor_voltage": 1.0, "q": [k, 2.0], "text": "x" * size})
+                writer.add_message(channel, k * 10**7, content.encode(), k * 10**7)
+            writer.finish()
+        return tmp_path / "log.mcap"
+
+    columns = {"motor_voltage": "arm/motor_voltage", "motor_position": "arm/q/0", "link_position": "arm/q/1"}
+    assert len(fh.read_log(write(20, 10), PLANT, columns).times) == 20
+    monkeypatch.setattr(log_files, "LARGEST_CHUNK", 5000)
+    with refused_with(InvalidInput, "log.mcap", 5000):
+        fh.read_log(write(20, 1000), PLANT, columns)
+    monkeypatch.setattr(log_files, "MOST_ROWS", 10)
+    with refused_with(InvalidInput, "log.mcap", 10, 20):
+        fh.read_log(write(20, 10), PLANT, columns)

@@ -153,6 +153,7 @@ def test_what_the_next_state_determines():
     right = np.array([[[2.0], [0.0]], [[2.0], [4.0]]])
     solved, remainder = solved_rows(triangles, right)
     np.testing.assert_allclose(triangles @ solved, right, atol=1e-14)
+    np.testing.assert_allclose(remainder, 0.0, atol=1e-14)
 
 
 def test_filters_that_have_no_smoother():
@@ -165,3 +166,43 @@ def test_filters_that_have_no_smoother():
             )
         with refused_with(fh.InvalidInput, "smoother", "redraw"):
             fh.filter_log(filter, log, smooth=True)
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize(
+    ("a", "c", "q", "start"),
+    [
+        ([[1, 0, 0], [0, 1, 0.1], [0, 0, 1]], [[1, 1, 0]], np.diag([0, 1e-3, 1e-2]), np.diag([0.0, 1, 1])),
+        ([[1.5, -0.7], [1, 0]], [[1, 0]], np.diag([0.1, 0]), np.eye(2)),
+        ([[0.9, 0], [0, 0.9]], [[1, 0]], 0.1 * np.ones((2, 2)), np.ones((2, 2))),
+    ],
+    ids=["a state that is known", "a position that repeats another", "two equal copies"],
+)
+def test_spreads_where_the_predicted_covariance_is_singular(a, c, q, start):
+    """As conditioning the Gaussian of all samples at once."""
+    a, c = np.array(a, dtype=float), np.array(c, dtype=float)
+    n, count, r = len(a), 25, 0.01
+    y = np.random.default_rng(3).normal(size=(count, 1))
+    plant = fh.Plant(
+        lambda x, u, d, p: a @ x,
+        lambda x, u, p: c @ x,
+        tuple("xyz"[:n]),
+        (),
+        outputs=("measured",),
+        sampled=True,
+    )
+    filter = fh.ExtendedKalmanFilter(plant, PERIOD, q, r, np.zeros(n), start)
+    log = fh.Log(PERIOD * np.arange(count), None, y)
+    data = fh.filter_log(filter, log, smooth=True)
+    powers = [np.eye(n, n * (count + 1))]  # of each sample: by the first state and the noise of each step
+    for k in range(count):
+        powers.append(a @ powers[-1])
+        powers[-1][:, n * (k + 1) : n * (k + 2)] += np.eye(n)
+    prior = np.kron(np.eye(count + 1), q)
+    prior[:n, :n] = start
+    seen = np.vstack([c @ power for power in powers[:count]])
+    gain = np.linalg.solve(seen @ prior @ seen.T + r * np.eye(count), seen @ prior).T
+    left = prior - gain @ seen @ prior
+    spreads = [np.sqrt(np.maximum(np.diag(power @ left @ power.T), 0.0)) for power in powers[:count]]
+    np.testing.assert_allclose(data.smoothed_standard_deviation.values, spreads, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(data.smoothed.values, [p @ gain @ y[:, 0] for p in powers[:count]], atol=1e-9)

@@ -29,9 +29,7 @@ def printed(end: Ending) -> list[str]:
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize(
-    "name", ["met", "rings", "true state", pytest.param("robust", marks=pytest.mark.ci)]
-)
+@pytest.mark.parametrize("name", ["met", "rings", "true state", pytest.param("robust", marks=pytest.mark.ci)])
 def test_a_design_ends_with_a_screen(report_design: Make, name: str) -> None:
     design = report_design(name)
     lines = printed(ending(design))

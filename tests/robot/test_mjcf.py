@@ -9,7 +9,7 @@ import pytest
 from tests.refusals import refused_with
 
 from flexhinf.errors import InvalidInput
-from flexhinf.robot import load_robot
+from flexhinf.robot import RobotFileWarning, load_robot
 from flexhinf.robot.dynamics import Tree, bodies_of, inverse_dynamics, mass_matrix
 from flexhinf.robot.mjcf import read_mjcf
 from flexhinf.validation import read_xml
@@ -222,3 +222,64 @@ def test_no_other_file_is_opened_and_none_is_written(write, monkeypatch, tmp_pat
         with pytest.raises(InvalidInput, match=f"axis.*<joint>(.|\\n)*'{word} 0 0'"):
             rigid(write(ARM.replace('axis="1 0 0"', f'axis="{word} 0 0"')))
     assert [path.name for path in tmp_path.iterdir()] == ["arm.xml"]
+
+
+TWO = """<mujoco><compiler angle="radian"/>
+<default><default class="big"><general gainprm="4500" biastype="affine" biasprm="0 -4500 -450" forcerange="-87 87"/>
+</default></default>
+<worldbody><body name="A"><joint name="a" axis="0 1 0" range="-2 2"/>
+<inertial pos="0 0 -0.15" mass="1" diaginertia="0.02 0.02 0.004"/>
+<body name="B" pos="0 0 -0.3"><joint name="b" axis="0 1 0" range="-2 2"/>
+<inertial pos="0 0 -0.15" mass="0.5" diaginertia="0.01 0.01 0.002"/></body></body></worldbody>
+<tendon><fixed name="rope"><joint joint="b" coef="1"/></fixed></tendon>
+<actuator>{}</actuator></mujoco>"""
+BOTH = "".join(
+    f"[[joint]]\nname = '{name}'\n[joint.spring]\nstiffness = 400.0\n[joint.motor]\nmotor_inertia = 0.2\n"
+    for name in "ab"
+)
+
+
+@pytest.mark.parametrize(
+    ("actuators", "efforts"),
+    [
+        (
+            '<general class="big" joint="a"/><general class="big" joint="b" ctrlrange="-2.5 2.5"/>',
+            (87.0, 87.0),
+        ),
+        ('<motor joint="a" ctrllimited="true" ctrlrange="-5 20"/>', (5.0, np.inf)),
+        ('<motor joint="a" forcerange="-5 20" gear="3"/>', (15.0, np.inf)),
+        ('<motor joint="a" forcerange="0 20"/>', (np.inf, np.inf)),
+        ('<motor jointinparent="a" forcerange="-4 4"/>', (4.0, np.inf)),
+    ],
+    ids=["class", "control on one side", "force on one side", "one direction", "in the parent"],
+)
+def test_motors_give_in_both_directions_what_their_actuators_can(write, actuators, efforts):
+    robot = load_robot(write(TWO.format(actuators)), elastic=write(BOTH, "joints.toml"))
+    assert tuple(robot.effort_limits) == efforts
+
+
+def test_an_actuator_that_is_not_understood_is_told_and_the_elastic_file_states_its_limit(write):
+    arm = write(TWO.format('<motor tendon="rope" name="puller" forcerange="-4 4"/>'))
+    with pytest.warns(RobotFileWarning, match="puller"):
+        robot = load_robot(arm, elastic=write(BOTH, "joints.toml"))
+    assert robot.effort_limits[1] == np.inf
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('name="a" axis', 'name="a" damping="1 0.5" axis', ["dampingpoly", "'a'", 0.5]),
+        ("<motor ", '<motor armature="0.3" ', ["armature", "'a'", 0.3]),
+        ("<motor ", '<motor damping="2" ', ["damping", "'a'", 2]),
+    ],
+)
+def test_numbers_of_joints_and_actuators_that_are_not_read_are_refused(write, old, new, words):
+    """Versions of MuJoCo add such numbers; a test of an older one has nothing to refuse."""
+    text = TWO.format('<motor joint="a"/>').replace(old, new, 1)
+    mujoco = pytest.importorskip("mujoco")
+    try:
+        mujoco.MjModel.from_xml_string(text)
+    except ValueError:
+        return  # this version does not know the attribute
+    with refused_with(InvalidInput, *words):
+        load_robot(write(text), elastic=write(BOTH, "joints.toml"))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from tests.refusals import refused_with
@@ -265,3 +267,33 @@ def test_a_misspelled_file_is_told_the_one_beside_it(tmp_path):
     (tmp_path / "belt.toml").write_text("", encoding="utf-8")
     with refused_with(InvalidInput, "belt.tml", "belt.toml"):
         load_robot(tmp_path / "belt.tml")
+
+
+@pytest.mark.parametrize("stated", ["mass", "length"])
+def test_half_a_weight_is_refused_and_its_advice_works(stated, tmp_path):
+    """A forgotten line makes another robot: one without weight."""
+    link = f"axis_inertia = 0.006\n{stated} = 0.1\n"
+    motor = "[joint.spring]\nstiffness = 20.0\n[joint.motor]\nmotor_inertia = 0.01\n"
+    text = f'[[joint]]\nname = "a"\n[joint.link]\n{{}}{motor}'
+    path = tmp_path / "one.toml"
+    path.write_text(text.format(link), encoding="utf-8")
+    with pytest.raises(InvalidInput) as raised:
+        load_robot(path)
+    path.write_text(text.format(link + raised.value.advice.removeprefix("add ") + "\n"), encoding="utf-8")
+    assert load_robot(path).nominal[stated] == 0.1
+
+
+def test_a_home_outside_the_limits_names_the_joints_and_the_line_to_write(tmp_path):
+    robot = load_robot("planar-two-link")
+    path = tmp_path / "arm.toml"
+    robot.save(path)
+    text = re.sub(r"(?m)^home = .*\n", "", path.read_text(encoding="utf-8"))
+    text = re.sub(r"(?m)^(kind = .*)$", r"\1", text)
+    text = re.sub(r"(?m)^limits = .*$", "limits = [0.5, 1.5]", text)
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InvalidInput) as raised:
+        load_robot(path)
+    assert all(repr(name) in str(raised.value) for name in robot.joint_names)
+    home = raised.value.advice.partition(" at the top")[0]
+    path.write_text(f"{home}\n{text}", encoding="utf-8")
+    assert list(load_robot(path).home) == [1.0, 1.0]

@@ -9,6 +9,7 @@ from tests.refusals import refused_with
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import load_robot
 from flexhinf.robot.dynamics import Tree, bodies_of, forward_dynamics
+from flexhinf.robot.parts import RobotFileWarning
 from flexhinf.robot.urdf import read_urdf
 from flexhinf.validation import read_xml
 
@@ -351,3 +352,66 @@ def test_limits_of_zero_and_below(tmp_path, elastic, key):
             continue
         robot = load_robot(file, elastic(*names), **options)
         assert (robot.effort_limits if key == "effort" else robot.speed_limits)[0] == np.inf
+
+
+def changed(urdf, *changes):
+    text = urdf.read_text(encoding="utf-8")
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new, 1)
+    urdf.write_text(text, encoding="utf-8")
+    return read_xml(urdf)
+
+
+def test_what_stands_where_nobody_placed_it(urdf):
+    """At the nearer limit where zero is outside; what mimics a locked joint where that one takes it."""
+    lower, mimic = 'lower="0" upper="0.04" effort="9" velocity="1"/></joint>', '<mimic joint="grip"/>'
+    root = changed(
+        urdf,
+        (lower, lower.replace('"0"', '"0.01"')),
+        (mimic, '<mimic joint="grip" multiplier="3" offset="0.01"/>'),
+    )
+    moving = ["shoulder", "elbow", "lift"]
+    assert read_urdf(root, moving).locked == {"grip": None, "follow": None}
+    place = {
+        name: read_urdf(root, moving, {"grip": 0.01, **more}).links[-1].centre_of_mass
+        for name, more in (("mimics", {}), ("placed", {"follow": 0.04}))
+    }
+    assert place["mimics"] == pytest.approx(place["placed"])
+    assert read_urdf(root, moving).links[-1].centre_of_mass[0] != 0.0
+
+
+def test_friction_of_dynamics_is_taken_where_the_elastic_file_states_none(urdf, tmp_path):
+    changed(urdf, ('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><dynamics damping="7" friction="3"/>'))
+    joints = tmp_path / "joints.toml"
+    options = 'joints = ["shoulder", "elbow"]\n'
+    joints.write_text(options + JOINT.format("shoulder") + JOINT.format("elbow"), encoding="utf-8")
+    with pytest.warns(RobotFileWarning, match=r"7 of shoulder[\s\S]*3 of shoulder"):
+        robot = load_robot(urdf, joints)
+    assert robot.nominal["friction_shoulder"] == 7.0
+    assert robot.nominal["coulomb_friction_shoulder"] == 3.0
+    own = JOINT.format("shoulder") + "friction = 1.0\ncoulomb_friction = 0.5\n"  # which the advice names
+    joints.write_text(options + own + JOINT.format("elbow"), encoding="utf-8")
+    robot = load_robot(urdf, joints)
+    assert (robot.nominal["friction_shoulder"], robot.nominal["coulomb_friction_shoulder"]) == (1.0, 0.5)
+
+
+@pytest.mark.parametrize(("upper", "taken"), [("0.0606", True), ("0.07", False)])
+def test_an_inertia_that_nearly_is_one_is_the_nearest(urdf, upper, taken):
+    old = 'ixx="0.001" ixy="0" ixz="0" iyy="0.002" iyz="0" izz="0.0015"'
+    root = changed(urdf, (old, f'ixx="0.03" ixy="0" ixz="0" iyy="0.03" iyz="0" izz="{upper}"'))
+    if not taken:
+        with refused_with(InvalidInput, "bracket", "0.07"):
+            read_urdf(root, ["shoulder", "elbow"])
+        return
+    with pytest.warns(RobotFileWarning, match="bracket"):
+        read_urdf(root, ["shoulder", "elbow"])
+
+
+def test_placeholders_are_no_limits(urdf):
+    old = 'lower="-2" upper="1.5" effort="9" velocity="1"'
+    arm = read_urdf(
+        changed(urdf, (old, 'lower="-1e16" upper="1e16" effort="-1" velocity="1e16"')), ["shoulder", "elbow"]
+    )
+    assert arm.joints[0].limits is None
+    assert arm.efforts[0] == arm.speeds[0] == np.inf

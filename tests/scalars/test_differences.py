@@ -74,3 +74,11 @@ def test_an_angle_does_not_jump():
 def test_what_does_not_move_has_no_difference():
     apart = difference(trace(lambda x, p: np.array([np.sin(p[0]) * p[1], x[0]]), 1, 2))
     np.testing.assert_array_equal(apply(apart, [1.0], [0.5], [2.0, 3.0])[0], [0.0, 0.5])
+
+
+def test_where_a_function_is_nan_its_difference_is():
+    """sqrt of a negative number: a sigma point at which a model has no value must not count as a finite one."""
+    apart = difference(trace(lambda x: np.array([np.sqrt(x[0])]), 1))
+    for x, d, finite in ((1.0, -2.0, False), (-1.0, 2.0, False), (-1.0, 0.5, False), (0.0, 0.0, True)):
+        found = apply(apart, np.array([x]), np.array([d]))[0][0]
+        assert np.isfinite(found) == finite, (x, d)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,6 +24,7 @@ from flexhinf.studio.controls import (
 )
 from flexhinf.studio.folder import WorkingFolder
 from flexhinf.studio.preview import Band, LinearParts, Nominal, stages
+from flexhinf.studio.server import OwnPages
 from flexhinf.studio.session import Session, opened
 from flexhinf.studio.worker import Ticket
 
@@ -235,3 +238,43 @@ def test_no_advice_is_in_python(session: Session, control: Control) -> None:
         except FlexhinfError as error:
             advice += advice_text(error)
     assert set("=()[]'") & set(advice) == set()
+
+
+def asked(app: Any, kind: str, headers: dict[str, str], query: str = "") -> list[dict[str, Any]]:
+    """What an application sends as the answer to one request."""
+    sent: list[dict[str, Any]] = []
+
+    async def send(message: dict[str, Any]) -> None:
+        sent.append(message)
+
+    pairs = [(name.encode(), value.encode()) for name, value in headers.items()]
+    asyncio.run(app({"type": kind, "headers": pairs, "query_string": query.encode()}, None, send))
+    return sent
+
+
+def test_the_studio_answers_who_has_its_secret() -> None:
+    """Every user of the computer reaches the port."""
+    seen: list[str] = []
+
+    async def page(scope: Any, receive: Any, send: Any) -> None:
+        seen.append(scope["type"])
+        if scope["type"] == "websocket":
+            raise ValueError("a frame that is no message")
+
+    app, here = OwnPages(page, "secret"), {"host": "127.0.0.1:8080"}
+    assert asked(app, "http", here)[0]["status"] == 403
+    assert asked(app, "http", here, "token=wrong")[0]["status"] == 403
+    assert asked(app, "websocket", here)[0]["type"] == "websocket.close"
+    assert seen == []
+    moved = asked(app, "http", here, "token=secret")[0]
+    assert moved["status"] == 303
+    cookie = dict(moved["headers"])[b"set-cookie"].decode().partition(";")[0]
+    known = {**here, "cookie": f"another=1; {cookie}"}
+    asked(app, "http", known)
+    assert asked(app, "websocket", known)[0]["type"] == "websocket.close"  # and no traceback
+    assert seen == ["http", "websocket"]
+    elsewhere = {**known, "origin": "http://example.org"}
+    assert asked(app, "http", elsewhere)[0]["status"] == 403
+    assert (
+        asked(app, "http", {**known, "host": "localhost:9090"})[0]["status"] == 403
+    )  # another studio's cookie

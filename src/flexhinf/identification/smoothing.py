@@ -139,8 +139,8 @@ class Smoother:
 
 
 def solved_rows(triangles: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Gᵀ (C, n, k) of S Gᵀ = X, for triangles S (C, n, n) and X (C, n, k): the smallest where S is singular. And X − S Gᵀ
-    there, (C, n, k), which the next states do not tell; elsewhere it is zero."""
+    """Gᵀ (C, n, k) of S Gᵀ = X, for triangles S (C, n, n) and X (C, n, k): the smallest where S is singular. And X −
+    S Gᵀ there, (C, n, k), which the next states do not tell; elsewhere it is zero."""
     scale = np.sqrt(np.square(triangles).sum(axis=1))
     scale = np.where(
         scale > 0.0, scale, 1.0

@@ -16,7 +16,7 @@ from flexhinf.estimation import ExtendedKalmanFilter, OutputInjectionObserver, U
 from flexhinf.hinf import solve_hji
 from flexhinf.loop import Controller, Loop, Step
 from flexhinf.loop.controller import controller as controller_file
-from flexhinf.loop.controller.memory import SPACING
+from flexhinf.loop.controller.memory import BAD_RESULT, SPACING, StateHistory
 from flexhinf.plant import Law, Plant
 from flexhinf.robot import paper_arm
 
@@ -373,3 +373,21 @@ def test_a_million_steps_take_no_memory(made):
     for _ in range(9):
         tenth()
     assert resident() - before < 1_000_000
+
+
+def test_a_brake_under_way_outlasts_going_back():
+    """As in exported C: of the memory that is left, how far the brake is and the path rate stay."""
+    memory = np.array([0.0, 0.0, 0.0, 1.0])  # a command, whether it is held, the brake, the path rate
+    history = StateHistory(memory, slice(0, 1), 1, braking=slice(2, 4))
+    history.memory[0] = 3.0
+    for _ in range(2 * SPACING):
+        history.good(True)
+    history.memory[:] = [7.0, 1.0, 0.4, 0.6]
+    assert not history.fail(BAD_RESULT)
+    assert history.fail(BAD_RESULT)
+    np.testing.assert_array_equal(history.memory, [3.0, 0.0, 0.4, 0.6])
+    history.memory[:] = [7.0, 1.0, np.nan, 2.0]  # what is no fraction goes back too
+    history.good(True)
+    history.fail(BAD_RESULT)
+    assert history.fail(BAD_RESULT)
+    np.testing.assert_array_equal(history.memory[2:], [0.0, 1.0])
