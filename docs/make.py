@@ -4,8 +4,8 @@
     python docs/make.py options      only this one
     python docs/make.py --check …    changes nothing; exit code 1 where a page is not what the code computes
 
-A part stands between ``<!-- made: NAME -->`` and ``<!-- end -->``. The tests check the quick parts always, the slow
-ones with ``make ci``.
+A part stands between ``<!-- made: NAME -->`` and ``<!-- end -->``. `make test` checks some of the quick parts, `make
+ci` the others, and `make nightly` those that make several designs.
 """
 
 from __future__ import annotations

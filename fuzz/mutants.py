@@ -32,6 +32,8 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
+from fuzz.reach import OUT_OF_TIME
+
 CHECKER = ("certify/checker/*.py", "certify/inequality.py")  # with the enclosures of the search
 #: CPU seconds of one change with one set of tests, and the wall time after which it counts as too slow, s.
 WITHIN, PATIENCE = 120.0, 900.0
@@ -197,7 +199,7 @@ def record(copy: Path, changes: list[dict[str, Any]], kept: Path, markers: Seque
             "pytest",
             "-q",
             "-p",
-            "fuzz.reach",
+            "fuzz.reach_plugin",
             "-n",
             "auto",
             "--dist",
@@ -230,7 +232,8 @@ def reached_by(kept: Path) -> Reached:
 
 
 def outcome(copy: Path, change: dict[str, Any], text: str, tests: list[str]) -> str:
-    """What the tests say of a file with this text: the test that fails, "survived" or "too slow"."""
+    """What the tests say of a file with this text: the test that fails, "survived", "out of time" where some were left
+    out, or "too slow"."""
     path = copy / change["file"]
     source = path.read_text(encoding="utf-8")
     for old in (path.parent / "__pycache__").glob(f"{path.stem}.*.pyc"):
@@ -242,12 +245,12 @@ def outcome(copy: Path, change: dict[str, Any], text: str, tests: list[str]) -> 
         return "too slow"
     finally:
         path.write_text(source, encoding="utf-8")
-    if done.returncode in (0, 5):
-        return "survived"
-    failed = [
-        line.split()[1] for line in done.stdout.decode().splitlines() if line.startswith(("FAILED", "ERROR"))
-    ]
-    return failed[0] if failed else "killed"
+    if done.returncode in (0, OUT_OF_TIME):
+        return "survived" if done.returncode == 0 else "out of time"
+    lines = done.stdout.decode().splitlines()
+    failed = [line.split()[1] for line in lines if line.startswith(("FAILED", "ERROR"))]
+    # what cannot be imported is noticed too
+    return failed[0] if failed else "killed" if done.returncode == 1 else f"not run: {lines[-1:]}"
 
 
 def judged(root: Path, changes: list[Any], out: Path, revision: str | None, jobs: int) -> dict[str, str]:
@@ -259,7 +262,7 @@ def judged(root: Path, changes: list[Any], out: Path, revision: str | None, jobs
     with tempfile.TemporaryDirectory() as folder:
         first = copied(root, Path(folder) / "0", revision)
         if not kept.exists():
-            markers = ("not slow", "slow") if revision else ("not ci and not nightly", "ci")
+            markers = ("not slow", "slow") if revision else ("not ci and not nightly", "ci and not nightly")
             record(first, [change for change, _ in changes], kept, markers)
         reach = reached_by(kept)
         free: SimpleQueue[Path] = SimpleQueue()
@@ -288,10 +291,12 @@ def judged(root: Path, changes: list[Any], out: Path, revision: str | None, jobs
 
 
 def tally(ended: dict[str, str]) -> dict[str, Counter[str]]:
-    """Of each room how many changes were killed, survived and were too slow."""
+    """Of each room how many changes ended in each way."""
     found: dict[str, Counter[str]] = defaultdict(Counter)
     for change, how in ended.items():
-        word = how if how in ("survived", "too slow") else "killed"
+        word = (
+            how if how in ("survived", "too slow", "out of time") or how.startswith("not run") else "killed"
+        )
         found[room_of(json.loads(change)["file"])][word] += 1
     return found
 

@@ -17,6 +17,9 @@ from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from typing import Any
 
+#: Exit code of pytest where tests were left out for want of time.
+OUT_OF_TIME = 75
+
 #: Numbers of the places that were reached since a test began.
 reached: set[int] = set()
 

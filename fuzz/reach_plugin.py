@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from fuzz.reach import at_exit, reached, write
+from fuzz.reach import OUT_OF_TIME, at_exit, reached, write
 
 
 class Reach:
@@ -27,7 +27,7 @@ class Reach:
     def pytest_runtest_protocol(self, item: pytest.Item) -> Any:
         """Measure a test, if there is time left for it."""
         if self.spent() > self.within:
-            pytest.exit("no test begins after so many CPU seconds", returncode=5)
+            pytest.exit("no test begins after so many CPU seconds", returncode=OUT_OF_TIME)
         reached.clear()
         self.ended, before = "", self.spent()
         outcome = yield

@@ -163,7 +163,7 @@ def _why_not(compiler: str, flags: tuple[str, ...]) -> str:
             done = subprocess.run(words, cwd=work, capture_output=True, text=True, check=False)
             if done.returncode:
                 said = (done.stderr.strip() or f"exit code {done.returncode}").splitlines()[-1]
-                return f"{compiler} {' '.join(flags)} does not work here: {said[:200]}"
+                return f"missing: {compiler} {' '.join(flags)}, which does not work here: {said[:200]}"
     return ""
 
 
@@ -220,7 +220,7 @@ def shared_by_workers(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None
         yield
 
 
-def _slow_cases(items: list[pytest.Item]) -> Iterator[pytest.Item]:
+def _later_cases(items: list[pytest.Item]) -> Iterator[pytest.Item]:
     """Of each test that is marked `quick_cases(number)`: the cases beyond that number, the quick ones spread evenly."""
     cases: dict[str, list[pytest.Item]] = {}
     for item in items:
@@ -248,18 +248,24 @@ def pytest_collection() -> Iterator[None]:
 #: A file whose tests are all of a later tier.
 _LATER = re.compile(r"^pytestmark = [^\n]*mark\.(ci|nightly)\b", re.MULTILINE)
 
+#: The selections of `make test`, `make ci` and `make nightly`.
+QUICK, CI, NIGHTLY = "not ci and not nightly", "ci and not nightly", "nightly"
+
+
+def _has_none(file: Path, tier: str) -> bool:
+    """Whether a file of tests has none of the tier that is asked for, as its text shows."""
+    text = file.read_text(encoding="utf-8")
+    if tier == QUICK:
+        return _LATER.search(text) is not None
+    if tier == CI:
+        return "mark.ci" not in text and "quick_cases" not in text
+    return tier == NIGHTLY and "mark.nightly" not in text
+
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """Files without a test of the tier that is asked for are not imported."""
-    tier = config.option.markexpr
-    if collection_path.suffix != ".py" or not collection_path.name.startswith("test_") or not tier:
-        return None
-    text = collection_path.read_text(encoding="utf-8")
-    if tier == "ci":
-        return None if "mark.ci" in text or "quick_cases" in text else True
-    if tier == "nightly":
-        return None if "mark.nightly" in text else True
-    return True if tier == "not ci and not nightly" and _LATER.search(text) else None
+    is_test = collection_path.suffix == ".py" and collection_path.name.startswith("test_")
+    return True if is_test and _has_none(collection_path, config.option.markexpr) else None
 
 
 @pytest.hookimpl(wrapper=True)
@@ -284,7 +290,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Every run says what it cost; and every other worker collects from the end.
+    """Register what adds up costs. Every other worker collects from the end.
 
     In a new clone pytest writes code for each test file, which is most of the collection: so each worker finds half of
     it written.
@@ -292,15 +298,18 @@ def pytest_configure(config: pytest.Config) -> None:
     config.pluginmanager.register(Costs(config), "flexhinf-costs")
     worker = os.environ.get("PYTEST_XDIST_WORKER", "gw0")
     if [Path(place).name for place in config.args] == ["tests", "src"] and int(worker.removeprefix("gw")) % 2:
-        files = sorted(str(file) for file in (config.rootpath / "tests").rglob("test_*.py"))
-        config.args = [*files[::-1], "src"]
+        files = sorted((config.rootpath / "tests").rglob("test_*.py"), reverse=True)
+        config.args = [*(str(file) for file in files if not _has_none(file, config.option.markexpr)), "src"]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The example of `flexhinf.compare` tunes a law: as slow as such tests are; and `quick_cases`."""
+    """Cases beyond `quick_cases` are of `make ci`, and so is the example of `flexhinf.compare`, which tunes a law.
+
+    All are sorted by file, since workers collect in other orders.
+    """
     tuned = [item for item in items if item.name == "flexhinf.design.pipeline.compare"]
     for item in tuned:
         item.add_marker(pytest.mark.ci("tunes a law"))
-    for item in _slow_cases(items):
+    for item in _later_cases(items):
         item.add_marker(pytest.mark.ci("one more case of a test whose other cases are quick"))
-    items.sort(key=lambda item: str(item.path))  # workers collect in other orders
+    items.sort(key=lambda item: str(item.path))

@@ -1,4 +1,4 @@
-"""What tests cost, and which were not run for want of a tool: summed for each room, printed, kept in build/cpu.json.
+"""What a run of tests cost, for each room: printed, and kept in build/cpu.json with the tests that lacked a tool.
 
 A test's cost is the CPU time of its process and of the processes that it waits for, its fixtures included. Nothing is
 judged by it, since machines differ.
@@ -46,7 +46,7 @@ def why_of(item: pytest.Item) -> str:
     return next((mark.args[0] for mark in marks if mark is not None and mark.args), "")
 
 
-def missing_tool(report: pytest.TestReport) -> str:
+def missing_tool(report: pytest.TestReport | pytest.CollectReport) -> str:
     """The reason of a skip for want of a tool; empty for any other outcome."""
     if not (report.skipped and isinstance(report.longrepr, tuple)):
         return ""
@@ -61,7 +61,7 @@ class Costs:
         self.config, self.worker = config, hasattr(config, "workerinput")
         self.rooms: dict[str, float] = defaultdict(float)
         self.tests: dict[str, tuple[float, str]] = {}
-        self.missing: list[str] = []
+        self.missing: dict[str, str] = {}
         self.before = 0.0
 
     @pytest.hookimpl(tryfirst=True)
@@ -87,6 +87,11 @@ class Costs:
     def pytest_testnodedown(self, node: Any) -> None:
         self.rooms["(collection)"] += getattr(node, "workeroutput", {}).get("collected", 0.0)
 
+    def pytest_collectreport(self, report: pytest.CollectReport) -> None:
+        """A file may be skipped as a whole; each worker tells of it."""
+        if not self.worker and (reason := missing_tool(report)):
+            self.missing.setdefault(report.nodeid, reason)
+
     def pytest_report_teststatus(self, report: pytest.TestReport) -> tuple[str, str, str] | None:
         """Skips for want of a tool are a number of their own in the last line."""
         return (FOR_WANT, "m", "MISSING") if missing_tool(report) else None
@@ -95,7 +100,7 @@ class Costs:
         if self.worker:
             return
         if reason := missing_tool(report):
-            self.missing.append(f"{report.nodeid}: {reason}")
+            self.missing[report.nodeid] = reason
         for name, value in report.user_properties:
             if name == "cost":
                 cost, why = value
@@ -118,8 +123,8 @@ class Costs:
         silent = sorted(name for name, (_, why) in long.items() if not why)
         for name in silent:
             terminalreporter.write_line(f"{long[name][0]:.1f} s, and does not say why: {name}")
-        for line in self.missing:
-            terminalreporter.write_line(f"MISSING {line}")
+        for name, reason in self.missing.items():
+            terminalreporter.write_line(f"MISSING {name}: {reason}")
         if self.config.args_source != self.config.ArgsSource.TESTPATHS:  # some tests are no run
             return
         files: dict[str, float] = defaultdict(float)

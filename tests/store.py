@@ -23,9 +23,13 @@ from pathlib import Path
 from tempfile import mkdtemp
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-SOURCE = ("src/flexhinf", "requirements.lock", "requirements-dev.lock")
+SOURCE = ("src/flexhinf", "requirements.lock", "requirements-dev.lock", "requirements-docs.lock")
 #: Commands whose results are kept: they take longer than to copy what they wrote.
 KEPT = {"design", "compare", "campaign", "identify", "estimate", "certify", "export"}
+#: Those that replace what they find in their folder, whatever it is.
+REPLACE = {"design", "compare"}
+#: Variables that change what a command prints or writes.
+SETTINGS = ("COLUMNS", "FLEXHINF_OPTIMISATION", "SOURCE_DATE_EPOCH")
 #: How long to wait for another worker that makes the same, s.
 PATIENCE = 1200.0
 
@@ -39,40 +43,31 @@ class Outcome:
     errors: str
 
 
-def folder() -> Path:
-    """The store of this run."""
-    return Path(os.environ["FLEXHINF_TEST_STORE"])
+def folder() -> Path | None:
+    """The store of this run; None outside of one."""
+    place = os.environ.get("FLEXHINF_TEST_STORE")
+    return Path(place).absolute() if place else None
 
 
 def command(words: Sequence[str], work: Path) -> Outcome:
     """Run ``flexhinf WORDS`` in the folder `work`, or bring back what the same command left there before."""
     from flexhinf.files import locked
 
-    if not words or words[0] not in KEPT or {"--help", "--resume"} & set(words):
+    store = folder()
+    elsewhere = any(Path(word).is_absolute() or ".." in Path(word).parts for word in words)
+    if store is None or elsewhere or not words or words[0] not in KEPT or "--help" in words:
         return _run(words, work)
-    place = folder() / _key(words, work)
-    place.parent.mkdir(parents=True, exist_ok=True)
-    with locked(place.with_suffix(".lock"), patience=PATIENCE):
+    place = store / _key(words, work)
+    store.mkdir(parents=True, exist_ok=True)
+    with locked(place.with_suffix(".lock"), patience=PATIENCE) as state:
+        if state == "busy":  # rather once more than never
+            return _run(words, work)
         if not place.is_dir():
-            _make(words, work, place)
-            return _outcome(place)
+            return _make(words, work, place)
     for made in (place / "files").iterdir():
         _remove(work / made.name)
         _copy(made, work / made.name)
     return _outcome(place)
-
-
-def design(*words: str) -> Path:
-    """The folder of ``flexhinf design WORDS``, in the store: it is only read."""
-    work = folder() / "designs" / hashlib.sha256("\0".join(words).encode()).hexdigest()[:16]
-    work.mkdir(parents=True, exist_ok=True)
-    from flexhinf.files import locked
-
-    with locked(work.with_suffix(".lock"), patience=PATIENCE):
-        if not (work / "flexhinf-design").is_dir():
-            done = command(["design", *words], work)
-            assert done.code in (0, 1), done.errors
-    return work / "flexhinf-design"
 
 
 def _run(words: Sequence[str], work: Path) -> Outcome:
@@ -81,17 +76,20 @@ def _run(words: Sequence[str], work: Path) -> Outcome:
     return Outcome(done.returncode, done.stdout, done.stderr)
 
 
-def _make(words: Sequence[str], work: Path, place: Path) -> None:
-    """Run the command, and keep what it changed, whole or not at all."""
+def _make(words: Sequence[str], work: Path, place: Path) -> Outcome:
+    """Run the command, and keep what it changed, whole or not at all; what fails is run again."""
     before = {entry.name: _digest(entry) for entry in work.iterdir()}
     outcome = _run(words, work)
-    part = Path(mkdtemp(dir=place.parent))
-    (part / "files").mkdir()
-    for entry in work.iterdir():
-        if before.get(entry.name) != _digest(entry):
-            _copy(entry, part / "files" / entry.name)
-    (part / "outcome.json").write_text(json.dumps(outcome.__dict__), encoding="utf-8")
-    part.rename(place)
+    if outcome.code in (0, 1):
+        part = Path(mkdtemp(dir=place.parent))
+        (part / "files").mkdir()
+        for entry in work.iterdir():
+            if before.get(entry.name) != _digest(entry):
+                _copy(entry, part / "files" / entry.name)
+        (part / "outcome.json").write_text(json.dumps(outcome.__dict__), encoding="utf-8")
+        if not place.exists():
+            part.rename(place)
+    return outcome
 
 
 def _outcome(place: Path) -> Outcome:
@@ -102,7 +100,8 @@ def _key(words: Sequence[str], work: Path) -> str:
     """Of the words and of every file and folder of `work` that they name, or that one of these files names."""
     entries = {entry.name: entry for entry in work.iterdir() if not entry.name.startswith(".")}
     named = {name for name in entries if any(name in word for word in words)}
-    named |= {name for name in entries if name == f"flexhinf-{words[0]}"}  # where it writes by default
+    own = words[words.index("--out") + 1] if "--out" in words[:-1] else f"flexhinf-{words[0]}"
+    named = named - {own} if words[0] in REPLACE else named | {own} & entries.keys()
     todo = list(named)
     while todo:
         entry = entries[todo.pop()]
@@ -110,7 +109,7 @@ def _key(words: Sequence[str], work: Path) -> str:
         more = {name for name in entries if name in text} - named
         named |= more
         todo += more
-    parts = [source_digest(), json.dumps(list(words)), os.environ.get("COLUMNS", "")]
+    parts = [source_digest(), json.dumps(list(words)), *(os.environ.get(name, "") for name in SETTINGS)]
     parts += [f"{name} {_digest(entries[name])}" for name in sorted(named)]
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 

@@ -1,4 +1,4 @@
-"""Every fuzzer: nothing silently wrong, no error but ours. A tenth of its attempts in ``make ci``, all by night."""
+"""Every fuzzer: nothing silently wrong, no error but ours. `make ci` tries a tenth of what `make nightly` tries."""
 
 from __future__ import annotations
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 from sphinx.application import Sphinx
 from sphinx.util import logging
+from tests.store import command, source_digest
 
 _LOG = logging.getLogger(__name__)
 _PLACE = "<!-- made by the build: live pages -->"
@@ -27,49 +25,32 @@ ARMS: dict[str, tuple[str, tuple[str, ...]]] = {
 }
 
 
-def flexhinf(*words: str) -> subprocess.CompletedProcess[str]:
-    """A command of the package of this interpreter."""
-    return subprocess.run(
-        [sys.executable, "-m", "flexhinf", *words], capture_output=True, text=True, check=False
-    )
-
-
 def missing() -> str:
     """What is missing for live pages; an empty text if nothing is."""
     programs = [name for name in ("clang", "wasm-ld") if shutil.which(name) is None]
     if programs:
         return f"{' and '.join(programs)} not found; clang and lld bring them"
-    return "" if flexhinf("export", "web", "--help").returncode == 0 else "there is no `flexhinf export web`"
-
-
-def digest() -> str:
-    """Of the package and of the designs: pages of another one are made anew."""
-    import flexhinf as package
-
-    found = hashlib.sha256(repr(ARMS).encode())
-    for file in sorted(Path(package.__path__[0]).rglob("*")):
-        if file.is_file() and file.suffix in (".py", ".toml", ".js", ".c", ".h", ".html", ".css"):
-            found.update(file.read_bytes())
-    return found.hexdigest()
+    return ""
 
 
 def make(folder: Path) -> list[str]:
     """Make the pages that are missing or old; the names of those that are there."""
     pages, stamp, made = folder / "live", folder / "digest", []
-    now = digest()
+    now = f"{source_digest()} {ARMS!r}"
     if not stamp.exists() or stamp.read_text(encoding="utf-8") != now:
         shutil.rmtree(folder, ignore_errors=True)
     pages.mkdir(parents=True, exist_ok=True)
     for name, (_, words) in ARMS.items():
-        page, design = pages / f"{name}.html", folder.parent / "live_designs" / name
+        page, work = pages / f"{name}.html", folder.parent / "live_designs" / name
         if not page.exists():
-            shutil.rmtree(design, ignore_errors=True)
-            design.parent.mkdir(parents=True, exist_ok=True)
-            flexhinf("design", *words, "--out", str(design))  # exit code 1 is a design too
-            done = flexhinf("export", "web", str(design), "--out", str(page))
-            if done.returncode:
-                _LOG.warning("live page %s: %s", name, (done.stderr or done.stdout).strip())
+            shutil.rmtree(work, ignore_errors=True)
+            work.mkdir(parents=True)
+            command(("design", *words), work)  # exit code 1 is a design too
+            done = command(("export", "web", "flexhinf-design"), work)
+            if done.code:
+                _LOG.warning("live page %s: %s", name, (done.errors or done.output).strip())
                 continue
+            shutil.copy(work / "flexhinf.html", page)
         made.append(name)
     stamp.write_text(now, encoding="utf-8")
     return made

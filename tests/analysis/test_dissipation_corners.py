@@ -126,7 +126,7 @@ def test_where_it_holds_the_loop_has_the_gain(arm: Robot, alone: tuple[Any, Any,
         assert norm <= GAMMA * (1.0 + 1e-3)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("one more region is sampled")
 def test_the_law_of_a_nominal_problem_covers_its_own_robot_alone(arm: Robot) -> None:
     """Q = 0 for the robot that the law was made for; a larger γ is easier, a smaller one fails there too."""
     problem = arm.problem(pose=[1.0])

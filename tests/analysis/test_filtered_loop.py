@@ -52,6 +52,7 @@ def test_a_gain_gives_the_linear_loop_and_its_figures(loop: EquilibriumLoop, noi
     assert exact.compliance(50.0) == pytest.approx(largest, rel=1e-3)
 
 
+@pytest.mark.parametrize("loop", [2], indirect=True)
 def test_an_unstable_loop_has_no_figures(loop: EquilibriumLoop) -> None:
     filtered = FilteredLoop(loop, 5.0)
     filtered.own = replace(filtered.own, delay=0.3)

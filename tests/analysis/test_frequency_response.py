@@ -20,6 +20,9 @@ from flexhinf.robot import Robot
 PERIOD = 1e-3
 GRID = np.array([0.5, 3.0, 20.0, 150.0, 900.0])
 
+# Eight loops that run once: 0.7 s instead of 1.2 s.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 
 def interconnected(linear: LinearLoop) -> tuple[Any, Any, Any]:
     """(L, S, d → q) by python-control: its own sampling of the plant, its series and feedback, u late by z⁻ʲ."""
@@ -107,7 +110,9 @@ def phasor(times: np.ndarray, values: np.ndarray, frequency: float) -> complex:
 
 
 @pytest.mark.oracle
-@pytest.mark.parametrize(("kind", "delay"), [(None, 0), ("ekf", 8)])
+@pytest.mark.parametrize(
+    ("kind", "delay"), [pytest.param(None, 0, marks=pytest.mark.ci("one more loop")), ("ekf", 8)]
+)
 def test_sines_through_the_nonlinear_loop(
     made: SimpleNamespace, two_link: Robot, two_link_law: HJISolution, kind: str | None, delay: int
 ) -> None:

@@ -67,9 +67,15 @@ def test_unstable_corners_by_the_direction_of_the_noise(
     assert unstable(loop, arm, MOTOR_ALONE) == motor_alone
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("ratios", [None, (1e-4, 1.0, 1e4, 1e8)], ids=["standard", "as a design's report"])
-@pytest.mark.parametrize(("preset", "goal"), GAINS)
+#: R^v over R^n, as in the report of a design; None: the standard grid.
+REPORTED = (1e-4, 1.0, 1e4, 1e8)
+
+
+@pytest.mark.ci("sweeps 2048 corners over two dozen levels of the noise")
+@pytest.mark.parametrize(
+    ("preset", "goal", "ratios"),
+    [*((*law, None) for law in GAINS), ("robust", 180, REPORTED), ("damped", 90, REPORTED)],
+)
 def test_the_sweep_finds_these_corners_and_names_their_form(
     made: SimpleNamespace, arm: Robot, preset: str, goal: int, ratios: tuple[float, ...] | None
 ) -> None:
@@ -86,7 +92,7 @@ def test_the_sweep_finds_these_corners_and_names_their_form(
     assert (MOTOR_VELOCITIES in found.retunable) == (not between)
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.ci("looks for the edge of 2048 corners")
 @pytest.mark.parametrize(("preset", "scale"), [("damped", 1.784), ("robust", 1.575)])
 def test_robust_stands_less_of_a_common_factor_of_the_tolerances(
     made: SimpleNamespace, arm: Robot, preset: str, scale: float

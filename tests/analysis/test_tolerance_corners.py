@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from types import SimpleNamespace
 
 import numpy as np
@@ -132,7 +133,7 @@ def test_all_corners_are_computed_whatever_the_seed(
     assert len(repr(first)) < 100
 
 
-@pytest.mark.ci
+@pytest.mark.ci("all 2048 corners, four times")
 @pytest.mark.oracle
 @pytest.mark.parametrize("delay", [0, 1, 6, 60])
 def test_the_worst_corner_grows_as_the_traced_loop_there(
@@ -153,7 +154,7 @@ def test_the_worst_corner_grows_as_the_traced_loop_there(
         assert found.designed.rates[k] == pytest.approx(math.log(expected) / PERIOD, abs=1e-5)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("sweeps 2048 corners over four dozen levels of the noise")
 def test_the_estimators_noise_is_named_and_swept(made: SimpleNamespace, arm: Robot) -> None:
     """A damped law: stable at all corners as designed, not with noise on the link's torque alone."""
     weights = {"link_position": 60.0, "link_position_integral": 300.0, "joint_torque_rate": 3e-3}
@@ -177,7 +178,7 @@ def test_the_estimators_noise_is_named_and_swept(made: SimpleNamespace, arm: Rob
     assert tolerance_corners(again, arm.corner, 11, ()).unstable == other.unstable
 
 
-@pytest.mark.ci
+@pytest.mark.ci("looks for the edge of 2048 corners")
 def test_the_tolerances_may_grow_by_a_factor(made: SimpleNamespace, arm: Robot, cubic: HJISolution) -> None:
     """At 0.99 of it no corner is unstable, at 1.01 some are; the paper's law stands less than its tolerances."""
     loop = loop_of(made, arm, cubic)
@@ -191,6 +192,21 @@ def test_the_tolerances_may_grow_by_a_factor(made: SimpleNamespace, arm: Robot, 
     fed = EquilibriumLoop(cubic, None, arm.plant(), PERIOD)
     assert ToleranceBox.of(fed, arm.corner, arm.uncertain).edge(fed)[0] > 1.0
     assert ToleranceBox.of(fed, arm.corner, arm.uncertain).edge(fed, most=1.0) == (math.inf, -1)
+
+
+def test_three_tolerances_may_grow_by_a_factor(
+    made: SimpleNamespace, arm: Robot, cubic: HJISolution, only_uncertain: Callable[..., Robot]
+) -> None:
+    """As above: up to it no corner is unstable, beyond it the one that is named."""
+    few, loop = only_uncertain(arm, "stiffness", "mass", "friction"), loop_of(made, arm, cubic)
+    scale, corner = ToleranceBox.of(loop, few.corner, few.uncertain).edge(loop)
+    signs = corners(3, 8)
+    below, above = (
+        loop.modes([few.corner((factor * scale * row).tolist()) for row in signs]).rate
+        for factor in (0.99, 1.01)
+    )
+    assert 0.0 < scale < math.inf
+    assert below.max() < 0.0 <= above[corner]
 
 
 def test_many_numbers_are_sampled_and_said_to_be(

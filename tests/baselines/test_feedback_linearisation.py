@@ -26,7 +26,7 @@ def sorted_modes(modes):
     return np.array(sorted(modes, key=lambda mode: (round(mode.real, 4), mode.imag)))
 
 
-@pytest.mark.ci
+@pytest.mark.ci("five robots by SciPy to 1e-11")
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ["paper", "quanser", "rig", "planar-two-link", "spatial-three-link"])
 def test_the_nonlinear_loop_is_a_linear_chain_in_every_joint(made, name):
@@ -58,12 +58,12 @@ def test_with_integrals_a_torque_at_the_motor_leaves_no_error_as_the_chain_says(
         sorted_modes(np.linalg.eigvals(law.closed_loop())), sorted_modes(expected), rtol=1e-5
     )
     push = np.array([0.0, 0.0, 0.2, -0.1])
-    _, states = made.continuous(plant, law, law.equilibrium[0], 6.0, disturbance=push)
+    _, states = made.continuous(plant, law, law.equilibrium[0], 6.0, disturbance=push, rtol=1e-8)
     assert np.abs(states[:, :2] - law.equilibrium[0][:2]).max() > 1e-3
     np.testing.assert_allclose(states[-1, :2], law.equilibrium[0][:2], atol=1e-6)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a motion of two links by SciPy to 1e-11")
 @pytest.mark.oracle
 def test_a_motion_of_the_elastic_inverse_dynamics_is_followed_and_errors_die_as_the_chain(made):
     robot = made.robots["planar-two-link"]
@@ -102,7 +102,7 @@ def test_a_damped_spring_has_degree_three_and_stable_zero_dynamics(made):
     np.testing.assert_allclose(sorted_modes(modes), sorted_modes(expected), rtol=1e-5)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("a law of seven links")
 def test_seven_links_are_evaluated(made):
     robot = made.robots["seven-link"]
     law = FeedbackLinearisation.tuned(robot.problem(), 5.0)
@@ -140,7 +140,7 @@ def test_an_integral_of_its_own_rate_adds_one_pole_to_those_of_the_filter(made):
         FeedbackLinearisation.tuned(problem, 6.0, integral=True, integral_rate=0.0)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("two loops of three links")
 @pytest.mark.oracle
 def test_the_sampled_loop_tends_to_the_chain_with_the_period(made):
     robot = made.robots["spatial-three-link"]

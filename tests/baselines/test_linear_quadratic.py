@@ -1,6 +1,5 @@
 """LQR against python-control and against the H∞ synthesis with γ = ∞."""
 
-import control
 import numpy as np
 import pytest
 from tests.refusals import refused_with
@@ -28,6 +27,8 @@ def linear_part(problem):
 def test_the_gain_is_python_controls(made, name):
     problem = made.robots[name].problem()
     a, b, h = linear_part(problem)
+    import control
+
     expected, _, poles = control.lqr(a, b, h @ h, 3.0 * problem.r2)
     law = lqr(problem, effort=3.0)
     np.testing.assert_allclose(law.gain, -expected, rtol=1e-6, atol=1e-7 * np.abs(expected).max())

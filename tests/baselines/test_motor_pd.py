@@ -60,7 +60,7 @@ def test_the_modes_of_many_joints_by_hand(made, name):
     assert np.linalg.eigvals(expected).real.max() < 0.0
 
 
-@pytest.mark.ci
+@pytest.mark.ci("runs by SciPy to 1e-11")
 @pytest.mark.oracle
 def test_tomeis_function_falls_by_what_is_damped_and_the_goal_is_reached(made):
     robot = made.robots["spatial-three-link"]

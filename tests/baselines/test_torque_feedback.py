@@ -17,7 +17,7 @@ def solved(equations, start, left=1e-12):
     return found.x
 
 
-@pytest.mark.ci
+@pytest.mark.ci("three runs of three links by SciPy")
 @pytest.mark.oracle
 def test_it_is_a_pd_on_lighter_rotors(made):
     robot = made.robots["spatial-three-link"]
@@ -79,19 +79,19 @@ def test_the_weight_is_that_of_the_link_that_would_rest_at_the_motors_position(m
 
 @pytest.mark.oracle
 @pytest.mark.parametrize("compensation", ["motor", "goal"])
-@pytest.mark.ci
+@pytest.mark.ci("6 s of three links by SciPy")
 def test_every_rest_is_an_equilibrium_and_is_reached(made, compensation):
     robot = made.robots["spatial-three-link"]
     law = TorqueFeedback.tuned(robot.problem(), 8.0, 0.8, compensation=compensation)
     goal, held = robot.operating_point([-0.5, 0.9, -0.4])
     np.testing.assert_array_equal(law.evaluate_about(np.zeros(12), goal, held, law.law_data), 0.0)
     _, states = made.continuous(
-        robot.plant(), law, goal + 0.2 * np.cos(np.arange(12.0)), 6.0, lambda t: (goal, held)
+        robot.plant(), law, goal + 0.2 * np.cos(np.arange(12.0)), 6.0, lambda t: (goal, held), rtol=1e-8
     )
     np.testing.assert_allclose(states[-1], goal, atol=1e-5)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("6 s of two links by SciPy")
 @pytest.mark.oracle
 def test_the_weight_is_compensated_away_from_the_goal(made):
     """With ḡ(θ) the static error under a torque at the links is that of the springs and K_θ alone."""
@@ -110,7 +110,9 @@ def test_the_weight_is_compensated_away_from_the_goal(made):
         return np.concatenate([spring + push - torque(q), ratio * wish + (1.0 - ratio) * spring - spring])
 
     expected = solved(balance, np.concatenate([x_d[:2], x_d[4:6]]), 1e-9)
-    _, states = made.continuous(plant, law, x_d, 6.0, disturbance=np.concatenate([push, np.zeros(2)]))
+    _, states = made.continuous(
+        plant, law, x_d, 6.0, disturbance=np.concatenate([push, np.zeros(2)]), rtol=1e-8
+    )
     np.testing.assert_allclose(states[-1, [0, 1, 4, 5]], expected, atol=1e-5)
     assert np.abs(expected[:2] - x_d[:2]).max() > 0.02
 

@@ -80,7 +80,7 @@ def test_tables_are_of_rows_whose_proofs_hold() -> None:
     assert "every start" in tables(kept)
 
 
-@pytest.mark.ci("proves by three methods")
+@pytest.mark.nightly("proves by three methods, with cvxpy and Clarabel of `make peers`")
 def test_rivals_prove_the_small_cases_anew() -> None:
     if missing := Solver.missing():
         pytest.skip(f"missing: {missing}")

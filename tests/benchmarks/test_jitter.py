@@ -74,9 +74,7 @@ def test_percentiles_of_a_few_steps(module: Any) -> None:
 
 
 @pytest.mark.ci("designs seven links and compiles their library")
-@pytest.mark.skipif(
-    sys.platform != "linux" or not shutil.which("gcc"), reason="counts malloc with gcc on Linux"
-)
+@pytest.mark.skipif(sys.platform != "linux" or not shutil.which("gcc"), reason="missing: gcc, or Linux")
 def test_seven_links_call_malloc_never(module: Any, capsys: pytest.CaptureFixture[str]) -> None:
     module.main(["--robot", "seven-link", "--degree", "2", "--steps", "100", "--counted-steps", "500"])
     rows = json.loads(Path(".benchmarks/jitter.json").read_text())["rows"]

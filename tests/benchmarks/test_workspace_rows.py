@@ -334,7 +334,7 @@ def test_a_rival_that_is_better_is_named_with_both_numbers(tmp_path: Path) -> No
 
 @pytest.mark.ci("exports and compiles")
 @pytest.mark.skipif(
-    shutil.which("gcc") is None or platform.machine() != "x86_64", reason="needs gcc on x86-64"
+    shutil.which("gcc") is None or platform.machine() != "x86_64", reason="missing: gcc, on x86-64"
 )
 def test_the_size_of_a_law_is_that_of_its_exported_code(tmp_path: Path) -> None:
     """The sections that a processor needs, as objdump lists them."""

@@ -23,7 +23,7 @@ from flexhinf.errors import InvalidInput
 ARM = fh.paper_arm()
 
 
-@pytest.mark.nightly("proves many candidates")
+@pytest.mark.ci("proves many candidates")
 def test_the_smaller_gain_of_two_laws_is_proved_for_a_wanted_step() -> None:
     one = {"tolerances": 0.0, "bandwidths": (1.0,), "dampings": (None,), "step": 1.0, "most_cells": 300_000}
     alone = search_proved_step(ARM, (np.pi,), degrees=(2,), ratios=(2.0,), **one)
@@ -54,7 +54,7 @@ def test_a_limit_that_no_law_keeps_is_said() -> None:
         )
 
 
-@pytest.mark.nightly("a proof over a box of all tolerances")
+@pytest.mark.ci("a proof over a box of all tolerances")
 def test_half_a_turn_within_forty_volts_is_proved_for_all_tolerances() -> None:
     found = search_proved_step(
         ARM, (np.pi,), np.pi, effort_limit=40.0, bandwidths=(1.0,), dampings=(0.4,), ratios=(1.5,)

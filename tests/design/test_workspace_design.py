@@ -118,7 +118,7 @@ def test_it_reads_its_own_fields_and_no_other(
     assert read == set(OF_WORKSPACE)
 
 
-@pytest.mark.nightly("five designs")
+@pytest.mark.ci("five designs")
 def test_seed_draws_speeds_and_gains_change_what_is_looked_at(robot_of: Named) -> None:
     robot = robot_of("planar-two-link")
     plain = design_workspace(robot, fh.Specification())

@@ -36,6 +36,11 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 LANGUAGES = {"sh", "python", "toml", "xml", "csv", "c", "text"}
 #: The program of each package that a command may need.
 PROGRAMS = {"clang": "clang", "lld": "wasm-ld"}
+#: Pages whose commands run by night, and why; those of other pages do the same with less.
+NIGHTLY = {
+    "docs/comparison.md": "tunes fourteen laws; tests/cli/test_compare.py compares fewer",
+    "docs/theorem.md": "checks every cell in rationals; docs/certificate.md checks a sample",
+}
 LONG = {"design", "compare", "paper", "campaign", "estimate", "identify"}
 
 _FENCE = re.compile(r"^```(\w*|\{[\w-]+\}[^\n]*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
@@ -194,6 +199,13 @@ BLOCKS = [block for page in PAGES for block in blocks_of(page)]
 BLOCKS += [block for example in EXAMPLES for block in docstring_blocks(example)]
 
 
+def _tier(page: str) -> pytest.MarkDecorator:
+    """When the commands of a page run that design."""
+    if page in NIGHTLY:
+        return pytest.mark.nightly(NIGHTLY[page])
+    return pytest.mark.ci("runs each command of the page")
+
+
 def chains() -> list[object]:
     """The blocks of commands of each page, in its order; pages that design are long."""
     pages: dict[str, list[Block]] = {}
@@ -204,7 +216,7 @@ def chains() -> list[object]:
         pytest.param(
             blocks,
             id=page,
-            marks=[pytest.mark.ci("runs each command of the page")]
+            marks=[_tier(page)]
             if any(command.long for block in blocks for command in block.commands)
             else [],
         )

@@ -53,7 +53,10 @@ def test_the_table_of_sizes_is_near_the_sizes(repository: Path) -> None:
 
 
 #: Parts of several designs; those of one are computed in `make ci`.
-BY_NIGHT = {"presets": "designs the arm eight times", "laws": "tunes every law"}
+BY_NIGHT = {
+    "presets": "designs the arm eight times", "laws": "tunes every law",
+    "circle": "identifies and designs twice", "augmentation": "simulates every choice of noise",
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(

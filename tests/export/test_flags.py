@@ -328,7 +328,7 @@ def test_neighbouring_products_are_not_fused(own: tuple[str, ...], tmp_path: Pat
     source.write_text("#include <math.h>\n" + guards + NEIGHBOURS)
     made = subprocess.run([compiler, *flags, str(source)], capture_output=True, text=True, check=False)
     if made.returncode:
-        pytest.skip(f"{compiler} {' '.join(flags)} does not work here")
+        pytest.skip(f"missing: {compiler} {' '.join(flags)}, which does not work here")
     assert "vmulpd" in made.stdout or "vmulsd" in made.stdout
     assert "addsub" not in made.stdout
     assert "vfm" not in made.stdout.partition("\nf:")[2]

@@ -254,7 +254,7 @@ def test_another_version_is_refused(controller: fh.Controller, tmp_path: Path) -
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.ci("exports four FMUs")
+@pytest.mark.nightly("another master, ecospy, which no lock has")
 @pytest.mark.oracle
 @pytest.mark.parametrize("fmi", VERSIONS)
 def test_ecos_connects_both_and_moves_them_as_simulated(fmi: str, compiler: str, tmp_path: Path) -> None:

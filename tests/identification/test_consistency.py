@@ -17,7 +17,6 @@ from flexhinf.identification.consistency import (
 )
 
 PERIOD, COUNT = 0.01, 2000
-DRIFT = np.array([[1.0, PERIOD], [-40.0 * PERIOD, 1.0 - 0.3 * PERIOD]])
 Q, R = np.diag([1e-6, 1e-3]), 1e-4
 
 

@@ -15,7 +15,12 @@ from flexhinf.modal.law import workspace
 from flexhinf.modal.pair import smallest_damping
 from flexhinf.plant.joints import elastic_joints
 
-ROBOTS = ["planar-two-link", "seven-link", "panda", "ur5"]
+#: Arms of others, from a package that no lock has.
+OTHERS = [
+    pytest.param(name, marks=pytest.mark.nightly("an arm from a package of 414 MB"))
+    for name in ("panda", "ur5")
+]
+ROBOTS = ["planar-two-link", "seven-link", *OTHERS]
 
 
 def eigen(law, table, x, q):
@@ -152,11 +157,12 @@ def test_sampled_loops_at_200_poses(made, name, least):
     assert min(damping) > least
 
 
-@pytest.mark.ci("a law of six joints")
+@pytest.mark.ci("laws of six and seven joints")
 @pytest.mark.oracle
-def test_motors_that_are_unlike_are_made_alike(made):
+@pytest.mark.parametrize("name", ["seven-link", *OTHERS[1:]])
+def test_motors_that_are_unlike_are_made_alike(made, name):
     """K/J that differ by a factor of 300 from joint to joint."""
-    robot, rng, values = made.robot("ur5"), np.random.default_rng(5), {}
+    robot, rng, values = made.robot(name), np.random.default_rng(5 if name == "ur5" else 6), {}
     for joint in robot.joint_names:
         spring, rotor = 8.0 ** rng.uniform(-1.0, 1.0, 2)
         for name, factor in (("stiffness", spring), ("motor_inertia", rotor), ("friction", rotor)):
@@ -169,14 +175,14 @@ def test_motors_that_are_unlike_are_made_alike(made):
     for q in workspace(plant, 40, 1):
         x, u = other.operating_point(q)
         a, b, _, _ = plant.linearise(x, u)
-        z = np.linalg.eigvals(made.sampled_loop(a, b, made.slope(law, x, u), 1, list(range(6))))
+        z = np.linalg.eigvals(made.sampled_loop(a, b, made.slope(law, x, u), 1, list(range(len(q)))))
         assert np.abs(z).max() < 1.0
         damping.append(smallest_damping(z, made.period, 350.0))
     assert min(damping) > 0.2
 
 
 @pytest.mark.ci("laws of six and seven joints")
-@pytest.mark.parametrize("name", ["seven-link", "panda", "ur5"])
+@pytest.mark.parametrize("name", ["seven-link", *OTHERS])
 def test_the_integral_torque_changes_less_than_an_unknown_payload_does(made, name):
     """Integrals count errors, so a move changes the torque that they hold, smoothly. It changes by less than what they
     hold does: the weight of a kilogram at the last link, in the same moves."""

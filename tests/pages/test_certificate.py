@@ -17,7 +17,7 @@ from flexhinf.pages.certificate import certificate_page
 ASKED = Specification(pose=(np.pi,))
 
 
-@pytest.mark.ci
+@pytest.mark.ci("proves a law")
 def test_the_proved_starts_lie_where_v_is_below_the_level(proved_degree: CertifiedDegree) -> None:
     given, solution = proved_degree.certificate, proved_degree.choice.solution
     assert given is not None
@@ -32,7 +32,7 @@ def test_the_proved_starts_lie_where_v_is_below_the_level(proved_degree: Certifi
         assert solution.value(path_start(given, start, start.amplitude)) <= given.level
 
 
-@pytest.mark.ci
+@pytest.mark.ci("proves a law, and samples its margin on two planes")
 def test_slices_show_r_and_where_it_is_worst(evidence: Evidence) -> None:
     """Inside, r < 0 at every point but the goal; the point that limits the level lies on its line, with r = 0."""
     given = evidence.certificate
@@ -48,7 +48,7 @@ def test_slices_show_r_and_where_it_is_worst(evidence: Evidence) -> None:
     assert (plane.residual[above:, middle] > 0.0).any()
 
 
-@pytest.mark.ci
+@pytest.mark.ci("proves a law")
 def test_the_worst_disturbance_keeps_v_below_its_bound(evidence: Evidence) -> None:
     given, (run,) = evidence.certificate, evidence.worst
     bound = run.value[0] + run.spent
@@ -59,7 +59,7 @@ def test_the_worst_disturbance_keeps_v_below_its_bound(evidence: Evidence) -> No
     assert run.value[-1] < 1e-3 * run.value[0]
 
 
-@pytest.mark.ci
+@pytest.mark.ci("proves a law, and draws its page")
 @pytest.mark.parametrize(("decay", "text"), [(0.0, "decay rate"), (0.2, "√(2αc)/γ")])
 def test_the_page_has_theorem_pictures_and_both_bounds(
     proved_degree: CertifiedDegree, evidence: Evidence, decay: float, text: str

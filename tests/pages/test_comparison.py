@@ -19,7 +19,7 @@ from flexhinf.pages.comparison import METRICS, best_of, cell, metric_table, tune
 from flexhinf.pages.files import comparison_numbers
 from flexhinf.report import to_json
 
-pytestmark = pytest.mark.ci
+pytestmark = pytest.mark.ci("tunes four laws")
 
 
 def with_costs(comparison: Comparison, **costs: float) -> Comparison:

@@ -43,7 +43,7 @@ def test_a_horizontal_arm_with_links_at_several_heights_is_drawn_from_above() ->
     assert "above" in figure.svg
 
 
-@pytest.mark.ci
+@pytest.mark.ci("draws two arms")
 def test_the_figure_is_as_high_as_the_arm_needs() -> None:
     time = np.linspace(0.0, 1.0, 5)
     heights = {}
@@ -60,7 +60,7 @@ def test_the_figure_is_as_high_as_the_arm_needs() -> None:
     assert heights["planar-two-link"] > 1.5 * heights["paper"]
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights and noise of a law of degree 4")
 def test_frequency_figures_draw_a_line_for_each_loop(report_design: Make) -> None:
     response = report_design("met").evaluation.frequency_response
     one = frequency_figures([Loop("a", response)], ["joint"], "N·m", "rad")

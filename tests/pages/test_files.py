@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import xarray as xr
 
 import flexhinf as fh
 from flexhinf.certify import load_certificate
@@ -16,8 +15,10 @@ from flexhinf.design import Design
 Make = Callable[[str], Design]
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights and noise of a law of degree 4")
 def test_the_folder_has_the_controller_and_every_run(report_design: Make, tmp_path: Path) -> None:
+    import xarray as xr
+
     design = report_design("met")
     folder = design.save(tmp_path / "report")
     names = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}

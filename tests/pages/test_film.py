@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import subprocess
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -23,7 +24,11 @@ from flexhinf.pages.design import step as arm_figure
 from flexhinf.pages.film import ArmFilm, check_film, write_film
 from flexhinf.robot.kinematics import WIDEST
 
-pytest.importorskip("mujoco")
+# Two loops that run once: 0.8 s instead of 1.5 s.
+pytestmark = [
+    pytest.mark.usefixtures("unoptimised"),
+    pytest.mark.skipif(find_spec("mujoco") is None, reason="missing: mujoco"),
+]
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +57,7 @@ def test_what_is_drawn(made: tuple[DeployedRun, RealTimeRun]) -> None:
     assert film.position_unit == "°"
 
 
-@pytest.mark.ci
+@pytest.mark.ci("encodes films")
 @pytest.mark.parametrize("ending", [".gif", ".mp4"])
 def test_the_film_is_played_slowly_and_ends_at_the_end(
     ending: str, made: tuple[DeployedRun, RealTimeRun], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -116,7 +121,7 @@ def test_what_cannot_be_filmed_is_refused_first(
     assert len(ArmFilm(prepared, replace(run, trajectory=broken)).time) == 20
 
 
-@pytest.mark.ci
+@pytest.mark.ci("compiles one more loop")
 def test_a_rigid_joint_has_its_motor_at_the_link(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its states have no motor: in the film and in the figure of a report the motors stand where they are."""
     robot = replace(fh.load_robot("planar-two-link"), rigid=("shoulder",))

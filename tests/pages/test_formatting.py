@@ -116,13 +116,13 @@ def test_units_of_joints_that_turn_and_slide(robot_of: Callable[[str], Any]) -> 
     assert Units(arm.plant(), arm.joint_names).small == ("mrad", 1e3)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights and noise of a law of degree 4")
 def test_degrees_are_those_of_the_specification(report_design: Make) -> None:
     assert units_of(report_design("met").evaluation).angle == "°"
     assert units_of(report_design("rings").evaluation).angle == "rad"
 
 
-@pytest.mark.ci
+@pytest.mark.ci("designs for two joints")
 def test_weights_have_the_inverse_unit_of_what_they_weigh(report_design: Make) -> None:
     problem = report_design("cart").problem
     found = state_weights(problem, ("belt", "arm"))

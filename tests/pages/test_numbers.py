@@ -39,14 +39,17 @@ def leaves(value: Any) -> list[Any]:
     return [leaf for entry in value for leaf in leaves(entry)] if isinstance(value, list) else [value]
 
 
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize("name", ["met", "rings", "true state"])
+@pytest.mark.parametrize(
+    "name",
+    ["rings", "true state", pytest.param("met", marks=pytest.mark.ci("a law of degree 4"))],
+)
 def test_every_number_is_finite_or_null(report_design: Make, name: str) -> None:
     found = numbers(report_design(name))
     assert set(found) >= KEPT
     assert all(math.isfinite(leaf) for leaf in leaves(found) if isinstance(leaf, float))
 
 
+@pytest.mark.ci("searches weights and noise of a law of degree 4")
 def test_the_file_has_what_was_found(report_design: Make) -> None:
     design = report_design("met")
     found, e = numbers(design), design.evaluation

@@ -6,6 +6,7 @@ import dataclasses
 import math
 import re
 from collections.abc import Callable
+from functools import cache
 from html import unescape
 from types import SimpleNamespace
 from typing import Any, cast
@@ -38,7 +39,7 @@ from flexhinf.pages.page import (
     requirement_table,
     title_of,
 )
-from flexhinf.report import Cell, Column, number
+from flexhinf.report import Cell, Column, Page, number
 
 Make = Callable[[str], Design]
 ORDER = [
@@ -54,14 +55,20 @@ def with_evaluation(design: Design, **parts: object) -> Design:
     return dataclasses.replace(design, evaluation=evaluation)
 
 
+@cache
+def page_of(design: Design) -> Page:
+    """The page of a design, made once."""
+    return design_page(design, ["flexhinf"])
+
+
 def text_of(design: Design, section: str) -> str:
     """What a section says, without mark-up."""
-    (found,) = [part for part in design_page(design, ["flexhinf"]).sections if part.id == section]
+    (found,) = [part for part in page_of(design).sections if part.id == section]
     html = re.sub(r"<sup>(.*?)</sup>", r"^\1", found.html())
     return re.sub(r"\s+", " ", unescape(re.sub(r"<svg.*?</svg>|<[^>]+>", " ", html, flags=re.DOTALL)))
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights and noise of a law of degree 4")
 def test_every_question_has_its_section_in_order(report_design: Make) -> None:
     page = design_page(report_design("met"), ["flexhinf", "design", "paper"], files=["design.json"])
     assert [section.id for section in page.sections] == ORDER
@@ -77,25 +84,25 @@ def test_every_question_has_its_section_in_order(report_design: Make) -> None:
     ]  # fmt: skip
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights and noise of a law of degree 4")
 def test_the_status_comes_first_failures_before_the_rest(report_design: Make) -> None:
     design = dataclasses.replace(report_design("rings"), status=Status(("a",), ("b",), ("c",)))
-    kinds = [entry.kind for entry in design_page(design, ["flexhinf"]).status]
+    kinds = [entry.kind for entry in page_of(design).status]
     assert kinds == ["not met", "risky", "not proved"]
-    html = design_page(design, ["flexhinf"]).html()
+    html = page_of(design).html()
     assert html.index('class="verdict"') < html.index('class="numbers"') < html.index('class="status"')
     fine = dataclasses.replace(design, status=Status())
-    (met,) = design_page(fine, ["flexhinf"]).status
+    (met,) = page_of(fine).status
     assert met.kind == "met"
     assert all(word in met.text for word in ("defaults", "bandwidth"))
     (alone,) = design_page(
         dataclasses.replace(design, status=Status(scope="only the nominal")), ["flexhinf"]
     ).status
     assert "only the nominal" in alone.text
-    assert "defaults" not in design_page(report_design("met"), ["flexhinf"]).status[0].text
+    assert "defaults" not in page_of(report_design("met")).status[0].text
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights and noise of a law of degree 4")
 def test_the_page_says_which_step_the_region_allows(report_design: Make) -> None:
     design = report_design("met")
     assert widest_step(design) == math.inf
@@ -106,7 +113,7 @@ def test_the_page_says_which_step_the_region_allows(report_design: Make) -> None
     assert 'id="table-region"' in text
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights and noise of a law of degree 4")
 def test_one_joint_is_not_named(report_design: Make) -> None:
     design = report_design("met")
     assert "mainly" not in mode_table(design).html()
@@ -144,32 +151,32 @@ def test_requirements_that_are_not_met_stand_first_with_criterion_and_joint() ->
     assert (limit_text(gone), achieved_text(gone)) == ("≤ 5 %", "diverges")
 
 
-@pytest.mark.ci
+@pytest.mark.ci("designs with searches, and with tolerances in the problem")
 def test_nothing_sampled_is_called_a_guarantee(report_design: Make) -> None:
     for name in ("met", "robust"):
-        html = design_page(report_design(name), ["flexhinf"]).html().lower()
+        html = page_of(report_design(name)).html().lower()
         assert "guarantee" not in html
         assert "any r<sup>v" not in html
         assert "sampled" in html
 
 
-@pytest.mark.ci
+@pytest.mark.ci("designs with tolerances in the problem")
 def test_commands_that_are_named_exist(report_design: Make) -> None:
     """The page once sent its reader to `flexhinf certify`."""
-    html = design_page(report_design("robust"), ["flexhinf"]).html()
+    html = page_of(report_design("robust")).html()
     named = {word for word in re.findall(r"\bflexhinf ([a-z]+)\b", html) if word != "version"}
     assert named <= {"paper", "robots", "design", "compare", "schema"}
 
 
-@pytest.mark.ci
+@pytest.mark.ci("draws a whole page")
 def test_what_does_not_apply_has_no_section(report_design: Make) -> None:
-    page = design_page(report_design("true state"), ["flexhinf"])
+    page = page_of(report_design("true state"))
     assert not {"draws", "rigid", "noise", "corners", "files"} & {section.id for section in page.sections}
     assert "figure-estimate" not in page.html()
     assert "figure-arm" not in page.html()  # its link has no length
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights and noise of a law of degree 4")
 def test_the_search_is_shown_with_the_candidate_that_is_used(report_design: Make) -> None:
     design = report_design("met")
     search = design.design_problem.search
@@ -207,7 +214,7 @@ def test_a_candidate_of_another_search_is_no_point_of_the_curve(
     assert len(found) == 2
 
 
-@pytest.mark.ci
+@pytest.mark.ci("designs with tolerances in the problem")
 def test_the_robust_preset_says_what_its_tolerances_cost(report_design: Make) -> None:
     design = report_design("robust")
     r = design.design_problem.robustness
@@ -222,13 +229,13 @@ def test_the_robust_preset_says_what_its_tolerances_cost(report_design: Make) ->
     assert unnamed(text, number(r.gamma_star), "channels", "products") == []  # products are not claimed
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights and noise of a law of degree 4")
 def test_the_limit_of_the_input_is_drawn_or_named(report_design: Make) -> None:
     assert "±60 V" in text_of(report_design("met"), "step")
     assert "±60" not in text_of(report_design("rings"), "step")
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights and noise of a law of degree 4")
 def test_the_spread_is_that_of_the_samples(report_design: Make) -> None:
     design = report_design("met")
     samples = design.evaluation.step_samples
@@ -244,7 +251,7 @@ def test_the_spread_is_that_of_the_samples(report_design: Make) -> None:
     assert f"robot {samples.slowest + 1} (" in text
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights and noise of a law of degree 4")
 def test_runs_that_diverge_are_counted_and_never_drawn(report_design: Make) -> None:
     design = report_design("met")
     samples = design.evaluation.step_samples
@@ -264,7 +271,7 @@ def test_runs_that_diverge_are_counted_and_never_drawn(report_design: Make) -> N
 
 
 def test_margins_stand_beside_those_of_the_true_state(report_design: Make) -> None:
-    design = report_design("met")
+    design = report_design("rings")
     e = design.evaluation
     rows = {what: (ours, state) for what, ours, state in margin_table(e).rows}
     assert rows["peak sensitivity"] == (
@@ -278,7 +285,7 @@ def test_margins_stand_beside_those_of_the_true_state(report_design: Make) -> No
     assert {len(row) for row in alone} == {2}
 
 
-@pytest.mark.ci
+@pytest.mark.ci("draws a whole page")
 def test_the_corners_are_named_with_their_form_of_process_noise(report_design: Make) -> None:
     e = report_design("rings").evaluation
     assert e.corners is not None
@@ -296,6 +303,7 @@ def test_the_corners_are_named_with_their_form_of_process_noise(report_design: M
     assert "not listed" in section
 
 
+@pytest.mark.ci("searches weights and noise of a law of degree 4")
 def test_levels_from_below_and_from_above(report_design: Make) -> None:
     design = report_design("met")
     rows = dict(level_table(design).rows)  # type: ignore[call-overload]
@@ -310,17 +318,17 @@ def test_a_linear_law_is_not_called_nonlinear(report_design: Make) -> None:
     assert unnamed(title_of(report_design("rings")), "nonlinear") == ["nonlinear"]
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights and noise of a law of degree 4")
 def test_every_remark_stands_once_in_its_section(report_design: Make) -> None:
     for name in ("met", "rings", "true state"):
         design = report_design(name)
-        page = design_page(design, ["flexhinf"])
+        page = page_of(design)
         shown = {part.id: part.html().count('class="note"') for part in page.sections}
         found = {section: len(texts) for section, texts in remarks(design).items() if texts}
         assert found == {k: n for k, n in shown.items() if n}
 
 
-@pytest.mark.ci
+@pytest.mark.ci("designs for two joints, and draws its page six times")
 def test_joints_that_slide_have_their_units_and_every_worst_value_its_joint(report_design: Make) -> None:
     design = report_design("cart")
     for section, units in {
@@ -333,14 +341,14 @@ def test_joints_that_slide_have_their_units_and_every_worst_value_its_joint(repo
         text = text_of(design, section)
         assert all(unit in text for unit in units), section
     assert "±300 N or N·m, beyond" in text_of(design, "step")
-    verdict = design_page(design, ["flexhinf"]).verdict
+    verdict = page_of(design).verdict
     assert "(belt)" in verdict or "(arm)" in verdict
     for line in design.requirements:
         if line.what in ("overshoot", "peak input", "bandwidth"):
             assert line.joint in ("belt", "arm"), line
 
 
-@pytest.mark.ci
+@pytest.mark.ci("draws a whole page")
 def test_runs_that_diverge_are_a_result_on_the_page(report_design: Make) -> None:
     design = report_design("rings")
     e = design.evaluation
@@ -354,7 +362,7 @@ def test_runs_that_diverge_are_a_result_on_the_page(report_design: Make) -> None
     load = dataclasses.replace(e.load_response, response=cut(e.load_response.response))
     move = dataclasses.replace(e.move, response=cut(e.move.response))
     gone = with_evaluation(design, step=cut(e.step), load_response=load, move=move)
-    page = design_page(gone, ["flexhinf"])
+    page = page_of(gone)
     assert "diverges at 0.05 s" in page.verdict.partition(". ")[0]
     before, after = ([row["what"] for row in input_rows(one)] for one in (design, gone))
     cut_short = set(after) - set(before)

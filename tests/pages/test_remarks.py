@@ -40,7 +40,7 @@ def with_evaluation(design: Design, **parts: object) -> Design:
     return dataclasses.replace(design, evaluation=evaluation)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights and noise of a law of degree 4")
 @pytest.mark.parametrize(
     ("changes", "names"),
     [
@@ -65,7 +65,7 @@ def test_margins_are_judged(report_design: Make, changes: dict[str, Any], names:
     assert names is None or unnamed(new[0][1].replace("`", ""), *names) == []
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights and noise of a law of degree 4")
 def test_a_law_that_rings_and_corners_that_are_unstable_are_named(report_design: Make) -> None:
     for name in ("rings", "met"):
         design = report_design(name)
@@ -79,7 +79,7 @@ def test_a_law_that_rings_and_corners_that_are_unstable_are_named(report_design:
         assert len(risky) == (corners.unstable > 0)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights and noise of a law of degree 4")
 def test_a_start_outside_the_region_is_named_once(report_design: Make) -> None:
     design = report_design("met")
     outside, inside = (dataclasses.replace(design, inside=value) for value in (False, True))
@@ -89,7 +89,7 @@ def test_a_start_outside_the_region_is_named_once(report_design: Make) -> None:
     assert verdict(outside) != verdict(inside)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights and noise of a law of degree 4")
 def test_a_law_without_a_region_says_why_in_the_verdict(report_design: Make) -> None:
     """Nearly every law about weights of a robot's own has none: old code said so in a note, in the status and here."""
     design = report_design("met")
@@ -104,7 +104,7 @@ def test_a_law_without_a_region_says_why_in_the_verdict(report_design: Make) -> 
     assert not any("region" in text for text in found)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("searches weights and noise of a law of degree 4")
 def test_a_budget_is_noted_only_where_it_could_have_been_kept(report_design: Make) -> None:
     design = report_design("met")
     last = report_design("rings").attenuation.budget[-1]
@@ -125,6 +125,7 @@ def test_a_budget_is_noted_only_where_it_could_have_been_kept(report_design: Mak
             assert [unnamed(text, spent, 0.5) for text in found] == [[]] * there
 
 
+@pytest.mark.ci("searches weights and noise of a law of degree 4")
 def test_a_disturbance_beyond_the_level_is_named(report_design: Make) -> None:
     design = report_design("met")
     attained = design.attenuation.attained
@@ -141,14 +142,14 @@ def test_a_disturbance_beyond_the_level_is_named(report_design: Make) -> None:
 
 
 def test_a_search_that_failed_says_why(report_design: Make) -> None:
-    design = report_design("met")
+    design = report_design("rings")
     reason = "A joint limit was reached."
     failed = with_attenuation(design, attained=None, failure=reason)
     assert added(design, failed) == [("region", reason)]
 
 
 def test_the_estimators_start_is_kept_apart_from_the_step(report_design: Make) -> None:
-    design = report_design("met")
+    design = report_design("rings")
     step = design.evaluation.step
     signals = dict(step.run.signals)
     signals["input"] = signals["input"].copy()
@@ -160,7 +161,7 @@ def test_the_estimators_start_is_kept_apart_from_the_step(report_design: Make) -
 
 
 def test_extras_that_the_linear_loop_leaves_out_are_named(report_design: Make) -> None:
-    design = report_design("met")
+    design = report_design("rings")
     s = dataclasses.replace if dataclasses.is_dataclass(design.specification) else None
     changed = (
         s(design.specification, extras=("coulomb_friction",))

@@ -5,7 +5,7 @@ With ``FLEXHINF_SCREENSHOTS=folder`` the pictures are kept there: each page at t
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,22 +16,18 @@ from tests.report.test_browser import LEGIBLE, LETTERS, UNFOLD
 
 import flexhinf as fh
 from flexhinf.cli import main
-from flexhinf.design import Comparison, Specification
-from flexhinf.design.certification import CertifiedDegree, Evidence
+from flexhinf.design import Specification
 from flexhinf.pages import certificate_page, write_report
-
-pytestmark = pytest.mark.ci
 
 #: Screens of 1280 by 800 px that a design's page has at most as it opens, its folds closed.
 SCREENS = 8
 
-#: Designs as `flexhinf design` makes them, of one pose and of a workspace.
-DESIGNS = {
-    "paper": {"pose": [1.5707963267948966]},
-    "paper-workspace": {},
-    "planar-two-link": {"pose": [0.6, 0.4]},
-    "planar-two-link-workspace": {},
-    "quanser-rotflex": {"pose": [1.0]},
+#: Designs as `flexhinf design` makes them, of one pose and of a workspace: robot and specification.
+DESIGNS: dict[str, tuple[str, dict[str, Any]]] = {
+    "workspace": ("paper", {}),
+    "two links": ("planar-two-link", {"pose": [0.6, 0.4], "draws": 20}),
+    "workspace of two links": ("planar-two-link", {}),
+    "no length": ("quanser-rotflex", {"pose": [1.0], "draws": 20}),
 }
 
 #: Pages that the commands write into a folder, by kind.
@@ -44,7 +40,18 @@ COMMANDS = {
     "pair": "campaign compare design design --samples 20 --out pair",
     "paper": "paper --out paper",
 }
-KINDS = (*COMMANDS, "comparison", "certificate", "workspace")
+KINDS = (*COMMANDS, "comparison", "certificate", "workspace", "workspace of two links")
+
+#: Pages that take long, of which others of their kind are cheap.
+DEAR = {
+    "workspace of two links": pytest.mark.nightly("joints beside each other; its design takes 12 s"),
+    "paper": pytest.mark.nightly("the page of a whole reproduction"),
+}
+
+
+def cases(names: Iterable[str]) -> list[Any]:
+    each = pytest.mark.ci("a browser, and a command that writes a page")
+    return [pytest.param(name, marks=DEAR.get(name, each)) for name in names]
 
 
 @pytest.fixture(scope="module")
@@ -59,9 +66,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def page_of(
-    folder: Path, report_comparison: Comparison, proved_degree: CertifiedDegree, evidence: Evidence
-) -> Any:
+def page_of(folder: Path, request: pytest.FixtureRequest) -> Any:
     """The file of a page by its kind, made when it is first asked for."""
 
     def of(kind: str) -> Path:
@@ -69,11 +74,13 @@ def page_of(
         if path.exists():
             return path
         if kind == "comparison":
-            write_report(report_comparison, folder / kind)
-        elif kind == "workspace":
-            write_report(fh.design(fh.load_robot("planar-two-link"), Specification()), folder / kind)
+            write_report(request.getfixturevalue("report_comparison"), folder / kind)
+        elif kind in DESIGNS:
+            robot, fields = DESIGNS[kind]
+            write_report(fh.design(fh.load_robot(robot), Specification(**fields)), folder / kind)
         elif kind == "certificate":
             path.parent.mkdir()
+            proved_degree, evidence = map(request.getfixturevalue, ("proved_degree", "evidence"))
             page = certificate_page(
                 (proved_degree,),
                 proved_degree,
@@ -95,15 +102,13 @@ def page_of(
     return of
 
 
-@pytest.mark.parametrize("name", DESIGNS)
-def test_a_page_of_a_design_is_eight_screens_at_most(browser: Any, folder: Path, name: str) -> None:
-    robot = fh.load_robot(name.removesuffix("-workspace"))
-    write_report(fh.design(robot, Specification(**DESIGNS[name])), folder / name)
-    with opened(browser, folder / name / "index.html") as page:
+@pytest.mark.parametrize("name", cases(["design", *DESIGNS]))
+def test_a_page_of_a_design_is_eight_screens_at_most(browser: Any, page_of: Any, name: str) -> None:
+    with opened(browser, page_of(name)) as page:
         height, window = page.evaluate("[document.documentElement.scrollHeight, innerHeight]")
         print(f"{name}: {height / window:.1f} screens")
         assert height / window <= SCREENS
-        arm = ["#figure-result-arm svg"] * (name != "quanser-rotflex")  # whose link has no length
+        arm = ["#figure-result-arm svg"] * (name != "no length")
         for part in (".verdict", ".numbers", "#figure-result svg", *arm):
             box = page.locator(part).bounding_box()
             assert box["y"] + box["height"] <= window, f"{part} is not on the first screen"
@@ -111,7 +116,7 @@ def test_a_page_of_a_design_is_eight_screens_at_most(browser: Any, folder: Path,
         assert folded > 2
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", cases(KINDS))
 def test_pages_have_no_serious_problem_and_legible_letters(
     browser: Any, page_of: Any, folder: Path, kind: str
 ) -> None:

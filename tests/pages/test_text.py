@@ -24,15 +24,20 @@ def printed(tables: list) -> str:
 
 
 @pytest.mark.parametrize(
-    "name", ["met", "rings", "true state", pytest.param("robust", marks=pytest.mark.ci),
-             pytest.param("cart", marks=pytest.mark.ci)]
-)  # fmt: skip
+    "name",
+    [
+        "rings",
+        "true state",
+        *(pytest.param(name, marks=pytest.mark.ci("a design each")) for name in ("met", "robust", "cart")),
+    ],
+)
 def test_eighty_columns_are_enough(report_design: Make, name: str) -> None:
     text = printed(design_tables(report_design(name)))
     assert max(len(line) for line in text.splitlines()) <= 80
     assert "…" not in text
 
 
+@pytest.mark.ci("searches weights and noise of a law of degree 4")
 def test_the_requirements_come_first(report_design: Make) -> None:
     design = report_design("met")
     text = printed(design_tables(design))
@@ -59,7 +64,7 @@ def test_the_requirements_come_first(report_design: Make) -> None:
     assert unnamed(verdict(design), "rigid", *(f"{loop.side} side" for loop in design.rigid.loops)) == []
 
 
-@pytest.mark.ci
+@pytest.mark.ci("tunes four laws")
 def test_a_comparison_fits_into_eighty_columns(report_comparison: Comparison) -> None:
     text = printed(comparison_tables(report_comparison))
     assert max(len(line) for line in text.splitlines()) <= 80
@@ -70,7 +75,7 @@ def test_a_comparison_fits_into_eighty_columns(report_comparison: Comparison) ->
         assert "* best" in printed([table])
 
 
-@pytest.mark.ci
+@pytest.mark.ci("tunes four laws")
 def test_results_are_short_in_a_terminal(report_design: Make, report_comparison: Comparison) -> None:
     for result in (report_design("met"), report_comparison):
         assert len(repr(result)) < 300

@@ -25,9 +25,12 @@ from flexhinf.pages import workspace as page, workspace_summary as summary
 from flexhinf.pages.page import files_section
 from flexhinf.robot.workspace import workspace_of
 
+#: The loops of a design that is made once: 2 s instead of 3 s.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 
 @pytest.fixture(scope="module")
-def design():
+def design(unoptimised):
     """Of the paper's arm, with few poses and moves and one bandwidth."""
     with pytest.MonkeyPatch.context() as patch:
         workspaces.few(patch, POSES=6, GOALS=2, CHOSEN_POSES=2, MODAL_POSES=20, BANDWIDTHS=(10.0,))
@@ -73,7 +76,7 @@ def text_of(html):
     return re.sub(r"\s+", " ", unescape(re.sub(r"<svg.*?</svg>|<[^>]+>", " ", html, flags=re.DOTALL)))
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.costs("makes and draws a design for a workspace, which the others share")
 def test_the_page_has_its_sections_and_figures(made, design):
     html = made().html()
     assert [section.id for section in made().sections] == [
@@ -227,7 +230,7 @@ def test_the_terminal_shows_every_kind_that_is_missed(design, count):
     assert (unnamed(table, "the page") == []) == (cut > 0)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("margins at every pose")
 def test_requirements_on_gain_and_delay_say_what_is_tolerated(design, tolerated):
     """Of factors up and down the one that is nearer to 1."""
     lines = summary.requirements_with_margins(design)
@@ -249,7 +252,7 @@ def missing(design, what="poses unstable with a gain of 2 or 0.5"):
     return dataclasses.replace(design, requirements=tuple(lines))
 
 
-@pytest.mark.ci
+@pytest.mark.ci("margins at every pose")
 def test_what_to_try_helps_where_it_is_said(design, tolerated, monkeypatch):
     """Finer sensors for gain and delay at the top bandwidth too, with the noise that was looked at; the workspace
     last."""
@@ -269,7 +272,7 @@ def test_what_to_try_helps_where_it_is_said(design, tolerated, monkeypatch):
     assert unnamed(summary.scope_text(finer), "0.01 mrad", "stated") == []
 
 
-@pytest.mark.ci
+@pytest.mark.ci("margins at every pose once more")
 def test_poses_that_the_motors_cannot_hold_are_counted(design):
     """More than the limit, by the robot's own equation at each pose; not only the 70 % of the goals."""
     held = [np.abs(design.robot.operating_point(pose)[1]).max() for pose in design.poses]
@@ -345,10 +348,9 @@ def test_the_page_says_what_is_watched_at_run_time_and_what_is_not(made, design)
         assert (unnamed(watched, "limit", "0.2 s") == []) == told
     space = workspace_of(design.robot, "x=-0.2:0.2")
     changed = dataclasses.replace(design, setup=dataclasses.replace(design.setup, workspace=space))
-    assert unnamed(text_of(made(changed).html()), "not watch", "tool", "box in space") == []
+    assert unnamed(text_of(page._watched(changed).html()), "not watch", "tool", "box in space") == []
 
 
-@pytest.mark.quick_cases(1)
 def test_the_worst_ripple_is_that_of_poses_too(design, monkeypatch):
     """The table had 7.1 %, NOT MET, of a pose, and the summary 0 %, of the moves."""
     monkeypatch.setattr(summary, "columns_of", lambda of: {"ripple_percent": ("ripple", "%", 1.0)})
@@ -364,7 +366,7 @@ def test_damping_that_the_design_leaves_out_is_named():
     assert summary.damping_notes(fh.paper_arm(), Specification()) == []
 
 
-@pytest.mark.ci
+@pytest.mark.ci("makes the moves of a design again")
 def test_the_cause_of_the_remaining_error_is_found_by_a_move_without_it(design, monkeypatch):
     """By the moves of the design made again; the ending names the cause and what lessens it."""
     cause = remaining_cause(design)
@@ -386,7 +388,7 @@ def test_the_cause_of_the_remaining_error_is_found_by_a_move_without_it(design, 
     assert quantity_of("motor_inertia_elbow", ("shoulder", "elbow")) == "motor inertia"
 
 
-@pytest.mark.ci
+@pytest.mark.ci("beside cheaper ones of this page")
 def test_the_speed_that_was_tested_and_the_own_vibrations_are_said(design):
     text = summary.speed_text(design)
     fastest = max(
@@ -398,7 +400,7 @@ def test_the_speed_that_was_tested_and_the_own_vibrations_are_said(design):
     assert unnamed(summary.vibration_text(design), f"{low:.0f} rad/s", "10 rad/s") == []
 
 
-@pytest.mark.ci
+@pytest.mark.ci("beside cheaper ones of this page")
 def test_an_unstable_fast_vibration_is_not_called_hardly_damped(design):
     for damping, said in ((-0.00015, "UNSTABLE above"), (0.001, "hardly"), (0.3, "")):
         loops = tuple(loop._replace(fast_damping=damping) for loop in (*design.loops, *design.corner_loops))
@@ -407,7 +409,7 @@ def test_an_unstable_fast_vibration_is_not_called_hardly_damped(design):
         assert ("UNSTABLE" in text, "hardly" in text) == (damping < 0.0, "hardly" in said)
 
 
-@pytest.mark.ci
+@pytest.mark.ci("beside cheaper ones of this page")
 def test_the_table_has_the_worst_of_each_kind_in_small_units(design):
     line = REQUIREMENTS["remaining"]
     lines = [line.judge(None, 1e-3, found, where, unit="rad") for found, where in ((2e-3, "a"), (7e-3, "b"))]

@@ -13,7 +13,7 @@ from flexhinf import report
 
 def step_figure() -> str:
     """A step response over its control, measured and estimated, with the band of settling."""
-    time = np.linspace(0.0, 8.0, 4001)
+    time = np.linspace(0.0, 8.0, 801)
     noise = np.random.default_rng(0).normal(size=time.size)
     figure, (upper, lower) = report.new_figure(2)
     for index, damping in enumerate((1.4, 0.7)):
@@ -34,7 +34,7 @@ def step_figure() -> str:
 
 def band_figure() -> str:
     """A hundred runs as a band."""
-    time = np.linspace(0.0, 30.0, 1501)
+    time = np.linspace(0.0, 30.0, 301)
     rng = np.random.default_rng(1)
     damping, frequency = rng.uniform(0.1, 1.2, (100, 1)), rng.uniform(1.5, 3.0, (100, 1))
     runs = 90.0 * (1.0 - np.exp(-damping * time) * np.cos(frequency * time))

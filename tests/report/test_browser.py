@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from tests.browser import WINDOWS, chromium, opened
 
-pytestmark = pytest.mark.ci
+pytestmark = pytest.mark.ci("a browser")
 
 #: Smallest letters of a drawing on a telephone, px.
 LEGIBLE = 11.0

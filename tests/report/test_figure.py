@@ -6,7 +6,6 @@ import html
 import subprocess
 import sys
 
-import matplotlib
 import numpy as np
 import pytest
 from tests.refusals import refused_with
@@ -34,6 +33,8 @@ def drawn() -> str:
 
 
 def test_the_same_numbers_give_the_same_bytes_whatever_the_users_style() -> None:
+    import matplotlib
+
     first = drawn()
     with matplotlib.rc_context({"lines.linewidth": 9.0, "svg.hashsalt": "other", "font.size": 20.0}):
         assert drawn() == first
@@ -66,6 +67,8 @@ def test_within_the_style_it_is_not_set_again(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_drawing_leaves_the_users_style_alone() -> None:
+    import matplotlib
+
     before = dict(matplotlib.rcParams)
     drawn()
     assert dict(matplotlib.rcParams) == before

@@ -19,7 +19,7 @@ VALUES = st.recursive(
 )
 
 
-@pytest.mark.ci
+@pytest.mark.ci("drawn documents")
 @pytest.mark.property
 @given(VALUES)
 def test_what_is_written_is_read_back(value: object) -> None:

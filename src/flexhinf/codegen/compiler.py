@@ -243,9 +243,9 @@ _NAME = re.compile(r"[0-9a-f]{64}\.o")
 def highest_optimisation() -> int:
     """The highest level of optimisation, 0 to 3, of machine code and of C that is compiled here.
 
-    It is the environment variable ``FLEXHINF_OPTIMISATION``, without which it is 3. No bit of a result depends on it.
-    At 0 a program is compiled in about half the time and runs some five times slower: for code that runs once. Raises
-    InvalidInput: for another value.
+    It is the environment variable ``FLEXHINF_OPTIMISATION``, without which it is 3. No number that is computed depends
+    on it. At 0 a program is compiled in about half the time and runs some five times slower: for code that runs once.
+    Raises InvalidInput: for another value.
     """
     stated = os.environ.get("FLEXHINF_OPTIMISATION", "3")
     refuse_if(

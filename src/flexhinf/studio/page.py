@@ -72,7 +72,7 @@ class StudioPage:
             self.file.props('dense outlined aria-label="Design file in the working folder" data-testid=file')
             for label, act in (
                 ("Load", self.load), ("Save", self.save), ("C", lambda: self.export("c")),
-                ("FMU", lambda: self.export("fmu")), ("Report", lambda: self.export("page")),
+                ("FMU", lambda: self.export("fmu")), ("Report", lambda: self.export("report")),
                 ("Light / dark", self.theme),
             ):  # fmt: skip
                 button = plain_button(label, act).props(f'data-testid="{label.split()[0].lower()}"')

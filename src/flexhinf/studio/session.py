@@ -29,7 +29,7 @@ from flexhinf.studio.controls import Control
 from flexhinf.studio.folder import WorkingFolder
 from flexhinf.studio.preview import Band, LinearParts, Nominal, Stage, stages
 from flexhinf.studio.worker import Ticket
-from flexhinf.validation import value_text
+from flexhinf.validation import one_of, value_text
 
 #: Largest factor of the tolerances.
 MOST_TOLERANCES = 10.0
@@ -211,7 +211,9 @@ class Session:
         return beside
 
     def exported(self, kind: str) -> Any:
-        """Work: C, an FMU or a report of the design that is shown, under a free name of the working folder."""
+        """Work: C ("c"), an FMU ("fmu") or a report ("report") of the design that is shown, under a free name of the
+        working folder. Raises InvalidInput: for another kind."""
+        one_of("There is no such export.", kind, ("c", "fmu", "report"), "report")
         robot, s, nominal, request = self.robot, self.specification, self.nominal, self.request
         folder = self.folder
 

@@ -34,7 +34,7 @@ def overshoot(e: LawEvaluation, robot: Any) -> float:
     return float(sampled_runs(e.setup, corners, 4.0, parts).overshoot.max())
 
 
-@pytest.mark.nightly("twenty candidates with two tolerances")
+@pytest.mark.ci("twenty candidates with two tolerances")
 def test_more_tolerance_without_more_overshoot_within_the_same_limits(
     robot_of: Callable[[str], Any], only_uncertain: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -104,7 +104,7 @@ def test_without_tolerances_the_preset_is_refused_before_any_search(
     assert not said
 
 
-@pytest.mark.nightly("a schedule of laws")
+@pytest.mark.ci("a schedule of laws")
 def test_a_stated_noise_level_stays_and_other_poses_have_the_same_factors(
     robot_of: Callable[[str], Any], only_uncertain: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -223,6 +223,7 @@ def test_noise_and_latency(opened: Open) -> None:
 
 def test_without_sensors_it_predicts_then_holds(opened: Open) -> None:
     page = opened("paper")
+    until(page, "livePage.simulation.time > 0.1")  # the first sample is measured
     page.check("#sensor")
     until(page, "document.getElementById('ours-status').textContent.includes('held')")
     assert "held" in page.inner_text("#rival-status")
@@ -360,6 +361,7 @@ def test_everybody_can_use_it(width: int, scheme: str, opened: Open, tmp_path: P
     """Axe finds nothing serious, nothing is wider than the screen; a picture is kept."""
     page = opened("two", viewport={"width": width, "height": WINDOWS[width]}, color_scheme=scheme)
     page.clock.run_for(1200)
+    page.clock.resume()  # axe and the picture wait for the page
     page.screenshot(path=kept(tmp_path, f"live-{width}-{scheme}"))
     page.evaluate("document.querySelectorAll('details').forEach((part) => (part.open = true))")
     assert serious(page) == []
