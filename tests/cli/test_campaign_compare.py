@@ -16,7 +16,7 @@ from flexhinf.cli import main
 
 pytest.importorskip("pyarrow")
 
-# Short runs of two controllers.
+# Short runs of two controllers: compiled in half the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 DESIGN = """

@@ -13,7 +13,7 @@ from flexhinf.cli import main
 from flexhinf.design import tuning
 from flexhinf.report import is_report
 
-# Laws that are compiled for some short runs.
+# Laws that are compiled for some short runs: compiled in half the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 WORDS = [

