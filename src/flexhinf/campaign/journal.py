@@ -392,11 +392,9 @@ class Journal:
         return good, bad
 
     def set_aside(self, path: Path) -> Path:
-        """Give a file among the shards a free name that is none of a shard; returns it. Nothing is deleted."""
+        """Give a file among the shards a free name that is none of a shard; returns it."""
         names = (path.with_name(f"{path.name}.aside{k or ''}") for k in count())
-        aside = next(name for name in names if not os.path.lexists(name))
-        path.rename(aside)
-        return aside
+        return path.rename(next(name for name in names if not os.path.lexists(name)))
 
     def _wrong(self, path: Path, batch: int, digest: str) -> str:
         """The defect of a batch's file whose name has this digest; empty for a valid file.
@@ -575,9 +573,8 @@ class Journal:
 def _content(path: Path) -> bytes | None:
     """The bytes of a shard, None of what is none or too large for one; InvalidInput where they cannot be read."""
     try:
-        if not path.is_file() or path.stat().st_size > _MOST_SHARD:
-            return None
-        return read_bytes(path, _MOST_SHARD)
+        usable = path.is_file() and path.stat().st_size <= _MOST_SHARD
+        return read_bytes(path, _MOST_SHARD) if usable else None
     except OSError as error:
         raise InvalidInput(
             "A file of the campaign cannot be read just now.",

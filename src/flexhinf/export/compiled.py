@@ -60,7 +60,8 @@ def compile_controller(
     ...     fh.compile_controller(controller, f"{folder}/arm.so").name
     'arm.so'
     """
-    from flexhinf.export.controller_c import code_of, fill, template
+    from flexhinf.export.controller_c import code_of
+    from flexhinf.export.filling import fill, template
 
     target, flags = checked_path("The library", path), compiler_flags(processor)
     check_replaceable(target, "library", lambda content: MARK in content)

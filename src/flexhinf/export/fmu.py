@@ -11,14 +11,8 @@ import numpy as np
 
 from flexhinf.codegen.c import Translator
 from flexhinf.errors import refuse_if
-from flexhinf.export.controller_c import (
-    MISSING_LIMIT,
-    ControllerCode,
-    arithmetic,
-    code_of,
-    fill,
-    template,
-)
+from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode, code_of
+from flexhinf.export.filling import arithmetic, fill, template
 from flexhinf.export.fmu_archive import DOUBLE, Variable, write_fmu
 from flexhinf.export.names import checked_identifier
 from flexhinf.export.refusals import check_limits

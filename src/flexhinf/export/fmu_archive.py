@@ -19,7 +19,7 @@ from xml.sax.saxutils import quoteattr
 from flexhinf import __version__
 from flexhinf.codegen.c import Real
 from flexhinf.export.compiled import shared_library
-from flexhinf.export.controller_c import fill, template
+from flexhinf.export.filling import fill, template
 from flexhinf.files import check_replaceable, write_file
 from flexhinf.validation import checked_path, one_of
 

@@ -14,15 +14,8 @@ import numpy as np
 from flexhinf import __version__
 from flexhinf.codegen.c import comment, constant, folded
 from flexhinf.errors import InvalidInput, refuse_if
-from flexhinf.export.controller_c import (
-    GEARS,
-    MISSING_LIMIT,
-    NOTHING,
-    ControllerCode,
-    code_of,
-    fill,
-    template,
-)
+from flexhinf.export.controller_c import GEARS, MISSING_LIMIT, NOTHING, ControllerCode, code_of
+from flexhinf.export.filling import fill, template
 from flexhinf.export.names import PARTS
 from flexhinf.export.recording import Recording, record, with_both_roundings
 from flexhinf.export.refusals import check_limits

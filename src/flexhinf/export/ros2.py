@@ -11,7 +11,8 @@ import numpy as np
 from flexhinf import __version__
 from flexhinf.codegen.c import constant
 from flexhinf.errors import InvalidInput
-from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode, fill, template
+from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode
+from flexhinf.export.filling import fill, template
 from flexhinf.loop import Status
 from flexhinf.plant import Plant
 from flexhinf.plant.joints import joint_places

@@ -20,7 +20,8 @@ from flexhinf import __version__
 from flexhinf.codegen.c import constant, folded
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.compiled import build, compiler_flags
-from flexhinf.export.controller_c import ControllerCode, fill, template
+from flexhinf.export.controller_c import ControllerCode
+from flexhinf.export.filling import fill, template
 from flexhinf.export.recording import MISSING, Recording
 
 #: Largest error of the test vector relative to an input's largest value: in double of the C library's functions, where

@@ -383,20 +383,20 @@ def _effort(model: Any, joint: int) -> float:
     for k in np.flatnonzero((model.actuator_trnid[:, 0] == joint) & (model.actuator_trntype <= _ON_JOINT)):
         gear = abs(float(model.actuator_gear[k, 0]))
         if model.actuator_forcelimited[k]:
-            total += gear * _both_ways(model.actuator_forcerange[k])
+            total += gear * _usable_limit(model.actuator_forcerange[k])
         elif model.actuator_ctrllimited[k] and not (model.actuator_gaintype[k] or model.actuator_biastype[k]):
             gain = gear * abs(float(model.actuator_gainprm[k, 0]))
-            total += gain * _both_ways(model.actuator_ctrlrange[k])
+            total += gain * _usable_limit(model.actuator_ctrlrange[k])
         else:
             total = np.inf
-    own = _both_ways(model.jnt_actfrcrange[joint]) if model.jnt_actfrclimited[joint] else np.inf
+    own = _usable_limit(model.jnt_actfrcrange[joint]) if model.jnt_actfrclimited[joint] else np.inf
     return min(total or np.inf, own or np.inf)
 
 
 _ON_JOINT = 1  # mjTRN_JOINT, mjTRN_JOINTINPARENT
 
 
-def _both_ways(ends: np.ndarray) -> float:
+def _usable_limit(ends: np.ndarray) -> float:
     """What a range allows in both directions: the nearer end; 0 of a range that does not contain 0."""
     low, high = map(float, ends)
     return max(0.0, min(-low, high))

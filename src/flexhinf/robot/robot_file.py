@@ -14,6 +14,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput, located, refuse_if
 from flexhinf.plant import Penalty
+from flexhinf.robot import urdf
 from flexhinf.robot.arm import SHAPES, Frame, Payload, Pendulum, inertia_of_shape, payload_from_text
 from flexhinf.robot.dynamics import ZERO, Joint, Placement
 from flexhinf.robot.elastic import DRIVES
@@ -29,7 +30,6 @@ from flexhinf.robot.parts import (
     RobotFileWarning,
     SingleLink,
     Unusable,
-    ask,
     assembled,
     file_beside,
     is_table,
@@ -367,8 +367,7 @@ class RobotFile:
         kept = [rows[name] for name in names]
         placed = [replace(j, limits=row.get("limits", j.limits)) for j, row in zip(arm.joints, kept)]
         springs = [self._elastic(row, arm.motors.get(row["name"], {}), rigid.name) for row in kept]
-        if read is read_urdf:  # whose <dynamics> is a guess in many files
-            self._tell_friction(kept, arm.motors, rigid.name)
+        urdf.tell_friction(file, kept, arm, rigid.name)
         links = []
         for link, name in zip(arm.links, names):
             mass, centre = (self._tolerance(name, quantity) for quantity in ("mass", "centre_of_mass"))
@@ -384,23 +383,6 @@ class RobotFile:
         with located(file):
             robot = assembled(self.name, placed, links, springs, **settings)
         return self._finished(robot, arm.frames, arm.tips, payload)
-
-    def _tell_friction(
-        self, rows: Sequence[Any], motors: Mapping[str, Mapping[str, float]], source: str
-    ) -> None:
-        """Say which frictions come from the other file, since this one states none."""
-        taken = [
-            (row["name"], key, value)
-            for row in rows
-            for key, value in motors.get(row["name"], {}).items()
-            if key not in row["motor"]
-        ]
-        ask(
-            taken,
-            f"{self.file} does not state every friction: {source} does.",
-            f"taken from <dynamics>: {', '.join(f'{key} {value:g} of {name}' for name, key, value in taken)}",
-            "state it in [joint.motor], which is then taken instead",
-        )
 
     def _settings(
         self,
@@ -540,15 +522,7 @@ class RobotFile:
         stated, name = row["link"], row["name"]
         with located(f"{self.file}: joint {name!r}"):
             if "axis_inertia" in stated and not {"inertia", "centre_of_mass"} & set(stated):
-                half = {"mass", "length"} & set(stated)
-                refuse_if(
-                    len(half) == 1,
-                    f"A link has a {'mass and no length' if 'mass' in half else 'length and no mass'}.",
-                    f"expected both, whose product is its weight about the axis, or none for a vertical axis; got "
-                    f"{list(stated)}",
-                    f"add {'length = 0.1' if 'mass' in half else 'mass = 1.0'}",
-                )
-                numbers = {key: self._number(value, key, name) for key, value in stated.items()}
+                numbers = {k: self._number(value, k, name) for k, value in urdf.whole_weight(stated).items()}
                 return SingleLink(numbers.pop("axis_inertia"), **numbers)
             whole = ("mass", "centre_of_mass", "inertia")
             missing = [key for key in whole if key not in stated]
@@ -576,9 +550,8 @@ class RobotFile:
             "one of them",
         )
         mass = self._number(table["mass"], "mass")
-        centre = (
-            self._number(table["centre_of_mass"], "centre_of_mass") if "centre_of_mass" in table else None
-        )
+        place = "centre_of_mass"
+        centre = self._number(table[place], place) if place in table else None
         per_mass: tuple[float, ...] = (0.0,) * 6
         for kind, sizes in shapes.items():
             per_mass = (

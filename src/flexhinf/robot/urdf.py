@@ -379,6 +379,34 @@ def _dynamics(name: str, joint: Element) -> dict[str, float]:
     return {quantity: value for quantity, value in stated.items() if value}
 
 
+def whole_weight(stated: Mapping[str, Any]) -> Mapping[str, Any]:
+    """What is stated of a single link; refuses one of which mass or length was forgotten: it would weigh nothing."""
+    half = {"mass", "length"} & set(stated)
+    refuse_if(
+        len(half) == 1,
+        f"A link has a {'mass and no length' if 'mass' in half else 'length and no mass'}.",
+        f"expected both, whose product is its weight about the axis, or none for a vertical axis; got {list(stated)}",
+        f"add {'length = 0.1' if 'mass' in half else 'mass = 1.0'}",
+    )
+    return stated
+
+
+def tell_friction(file: str, rows: Sequence[Any], arm: RigidArm, source: str) -> None:
+    """Warn of frictions that come from <dynamics> of a URDF, a guess in many files, since the elastic file states none."""
+    taken = [
+        (row["name"], key, value)
+        for row in rows
+        for key, value in arm.motors.get(row["name"], {}).items()
+        if key not in row["motor"] and arm.down is None  # a file of MuJoCo states it
+    ]
+    ask(
+        taken,
+        f"{file} does not state every friction: {source} does.",
+        f"taken from <dynamics>: {', '.join(f'{key} {value:g} of {name}' for name, key, value in taken)}",
+        "state it in [joint.motor], which is then taken instead",
+    )
+
+
 def range_of(lower: float, upper: float) -> tuple[float, float] | None:
     """The range of a joint; None where its ends are so far away that there is none."""
     return None if lower <= -NO_LIMIT and upper >= NO_LIMIT else (lower, upper)

@@ -18,7 +18,8 @@ import numpy as np
 
 from flexhinf import __version__
 from flexhinf.codegen.c import Real, Translator, constant
-from flexhinf.export.controller_c import ControllerCode, arithmetic, code_of, fill
+from flexhinf.export.controller_c import ControllerCode, code_of
+from flexhinf.export.filling import arithmetic, fill
 from flexhinf.export.web.rival import MotorGains, stiff_gains, tuned_gains, vibration_period
 from flexhinf.loop import Controller, Waypoints
 from flexhinf.plant import Parameters, ParameterTable, Plant, sub_steps

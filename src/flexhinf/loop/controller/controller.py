@@ -21,9 +21,9 @@ from flexhinf.loop.controller.laws import Schedule, check_kinds, read_controller
 from flexhinf.loop.controller.measured import Source, within
 from flexhinf.loop.controller.memory import (
     BAD_MEASUREMENT,
-    NOWHERE,
     Layout,
     StateHistory,
+    braking_place,
     filler,
     measurement_filler,
     nothing_to_predict_with,
@@ -220,11 +220,7 @@ class Controller(Summarised):
             for name in self.tracked
         ]
         first, place = self.initial_memory(), self.memory.places["reference"]
-        stop = self.memory.places.get(
-            "stop", NOWHERE
-        )  # whether a command is held; how far the brake is; the path rate
-        braking = slice(stop.start + 1, stop.stop) if stop.stop else NOWHERE
-        self._history = StateHistory(first, place, len(self.estimated), braking)
+        self._history = StateHistory(first, place, len(self.estimated), braking_place(self.memory.places))
         self._ready: Any = ()
 
     def fresh(self, fused: bool | None = None, **options: Any) -> Controller:

@@ -149,6 +149,12 @@ ROLES = {"y": "in", "r": "in", "data": "in", "memory": "state", "u": "out", "est
 NOWHERE = slice(0)
 
 
+def braking_place(places: Mapping[str, slice]) -> slice:
+    """Where a memory says how far a brake is, and the path rate: behind whether the command is held."""
+    stop = places.get("stop", NOWHERE)
+    return slice(stop.start + 1, stop.stop) if stop.stop else NOWHERE
+
+
 class StateHistory:
     """The memory of the last good sample, earlier ones, and how many good samples there were since one was kept.
 
