@@ -81,7 +81,7 @@ def write_fmu(
     header = f"{name}_model.h"  # has the mark; other files have names of users
     own = {**sources, header: sources[header].replace("@GUID@", guid)}
     own[f"{name}_{functions}"] = fill(template(functions), name, DOUBLE)
-    marks = {"SHARED": template("fmu_shared.c"), "VERSION": __version__, **SHARED[fmi]}
+    marks: dict[str, Any] = {"SHARED": template("fmu_shared.c"), "VERSION": __version__, **SHARED[fmi]}
     own[f"{name}_fmu.c"] = fill(template(shell), name, DOUBLE, **marks)
     folder, ending = _place(fmi)
     compiled = [file for file in own if file.endswith(".c")]

@@ -392,7 +392,7 @@ def whole_weight(stated: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def tell_friction(file: str, rows: Sequence[Any], arm: RigidArm, source: str) -> None:
-    """Warn of frictions that come from <dynamics> of a URDF, a guess in many files, since the elastic file states none."""
+    """Warn of frictions that come from <dynamics> of a URDF, a guess in many files: the elastic file states none."""
     taken = [
         (row["name"], key, value)
         for row in rows

@@ -277,7 +277,7 @@ class LiveArm:
         return ", ".join(str(places.index(name)) for name in self.controller.commanded) or "0"
 
     @property
-    def _beginning(self) -> dict[str, str]:
+    def _beginning(self) -> dict[str, Any]:
         """How the controller begins: with the state of rest, in the names of its estimate, where it can be told."""
         if not self.code.starts_anywhere or self.code.belief is None:
             return {"ESTIMATE": "", "BELIEF": "0"}
