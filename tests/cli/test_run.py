@@ -75,6 +75,7 @@ def test_options_change_the_run(design: str, folder: Path, capsys: pytest.Captur
     assert unnamed(capsys.readouterr().out, "not", "real time", "51 samples") == []
 
 
+@pytest.mark.ci("a run with its page")
 def test_a_page_of_the_run(design: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["run", design, "--mujoco", "--no-realtime", "--perturb", "stiffness=-10%", "--out", "made"]
     assert main(words) in (0, 1)

@@ -113,6 +113,7 @@ def test_a_move_is_followed_in_error_coordinates() -> None:
     assert len(run_tables(run, made)) == 3
 
 
+@pytest.mark.ci("runs in real time")
 def test_what_is_said_of_a_run(paper: tuple[fh.Robot, fh.Controller]) -> None:
     run = prepared(paper)
     made = fh.run_realtime(run.loop, **run.arguments)

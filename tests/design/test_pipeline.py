@@ -258,6 +258,7 @@ def test_about_as_many_stages_are_told_as_announced(options: dict[str, Any]) -> 
     assert abs(len(told) - stages(robot, asked)) <= 3
 
 
+@pytest.mark.ci("a design of its own")
 def test_about_as_many_stages_of_a_short_design_are_told_as_announced(at_a_pose: Any) -> None:
     made = at_a_pose.design
     assert abs(len(at_a_pose.told) - stages(made.robot, made.specification)) <= 3

@@ -238,7 +238,7 @@ def test_header_and_readme_name_the_same_codes_in_the_order_of_decision(
     assert len({code.value for code in CODES.values()}) == len(CODES)
 
 
-@pytest.mark.costs("an export, and two of its programs")
+@pytest.mark.ci("an export, and two of its programs")
 def test_a_long_name_and_limits_on_one_side_alone_hold(compiler: str, tmp_path: Path) -> None:
     one, name = made(), "the_left_arm_of_the_torso_no_27"
     half = fh.Controller(one.law, one.estimator, 1e-3, (-math.inf, 0.5))

@@ -123,6 +123,7 @@ def _first_estimate(library: Path) -> np.ndarray:
     return fresh.estimate
 
 
+@pytest.mark.ci("a run in real time with a slow sample")
 def test_a_sample_that_takes_too_long_is_a_missed_deadline(controller: fh.Controller, clock: Clock) -> None:
     """Ten milliseconds in sample 20: it and those behind it are late, each by one period less."""
     box = Box(lambda k: clock.sleep(0.010) if k == 20 else None)
@@ -138,6 +139,7 @@ def test_a_sample_that_takes_too_long_is_a_missed_deadline(controller: fh.Contro
     assert timing.elapsed == pytest.approx(0.060, abs=2e-3)
 
 
+@pytest.mark.ci("a run in real time")
 def test_no_garbage_is_collected_and_everything_is_as_before(controller: fh.Controller) -> None:
     found: list[Any] = []
 
@@ -153,6 +155,7 @@ def test_no_garbage_is_collected_and_everything_is_as_before(controller: fh.Cont
     assert signal.getsignal(signal.SIGINT) is before
 
 
+@pytest.mark.ci("a run in real time until it is interrupted")
 def test_control_c_keeps_what_was_recorded(controller: fh.Controller, clock: Clock) -> None:
     calls: list[int] = []
 
@@ -184,6 +187,7 @@ def test_in_another_thread_signals_are_left_alone(controller: fh.Controller) -> 
     assert len(runs[0].scheduling) >= 2
 
 
+@pytest.mark.ci("a run in real time that diverges")
 def test_a_run_that_diverges_ends_there(controller: fh.Controller) -> None:
     class Bad(Box):
         def output(self) -> np.ndarray:
@@ -222,6 +226,7 @@ def test_a_plant_or_a_library_of_another_kind(controller: fh.Controller, library
         fh.run_realtime(Loop(Box(), other), library=fh.load_compiled(library))
 
 
+@pytest.mark.ci("compiles a library of another law")
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("what", ["law", "noise", "limits", "start", "spring"])
 def test_a_library_of_another_design_of_the_same_robot(

@@ -110,6 +110,7 @@ void brake(int code) { printf("code %d\\n", code); }
 """
 
 
+@pytest.mark.ci("builds the main program of an export")
 def test_the_main_program_rests_at_the_start_until_there_is_a_command(compiler: str, tmp_path: Path) -> None:
     """The weight is held; zeros behind the positions would ask for another motion."""
     folder = fh.export_c(controller_of("planar-two-link"), tmp_path / "c", "arm")

@@ -214,6 +214,7 @@ def test_the_main_program_of_an_export_slows_the_path_of_its_command(
     assert commands[-1] == commands[-100] == pytest.approx(0.2 * (0.1 + 0.05), abs=4e-4)
 
 
+@pytest.mark.ci("a run in real time")
 def test_a_run_in_real_time_says_when_the_command_lay_outside(controller: fh.Controller) -> None:
     """The command leaves ±0.02 rad at 0.1 s and comes back at 0.15 s: 50 samples, in the run's notes too."""
     pytest.importorskip("mujoco")
