@@ -211,7 +211,8 @@ def test_the_package_is_found_under_the_names_of_its_plugin(arm: Callable[[], Ma
     parameters = yaml.safe_load((one.package / "config/arm_controller.yaml").read_text())
     manager = parameters["controller_manager"]["ros__parameters"]
     assert manager["arm_controller"]["type"] == described.get("name")
-    assert parameters["arm_controller"]["ros__parameters"]["type"] == described.get("name")  # what the spawner reads
+    read_by_spawner = parameters["arm_controller"]["ros__parameters"]
+    assert read_by_spawner["type"] == described.get("name")
     about = ElementTree.parse(one.package / "package.xml").getroot()
     assert about.findtext("name") == "arm_controller" == plugin.get("path")
     listed = (one.package / "CMakeLists.txt").read_text()

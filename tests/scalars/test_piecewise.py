@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 from tests.refusals import refused_with
@@ -49,6 +51,25 @@ def test_on_symbols_they_equal_numpy():
     ]
     for code, expected in pairs:
         np.testing.assert_array_equal(on_symbols(code, VALUES, OTHERS), expected)
+
+
+#: What comparisons treat apart.
+APART = (np.nan, -np.inf, -1.0, 0.0, 2.0, np.inf)
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize(("function", "of"), [(maximum, 2), (minimum, 2), (clip, 3)])
+def test_on_symbols_they_treat_nan_and_infinity_as_numpy(function, of):
+    on_arrays = np.array(list(product(APART, repeat=of))).T
+    np.testing.assert_array_equal(
+        on_symbols(function, *on_arrays), getattr(np, function.__name__)(*on_arrays)
+    )
+
+
+def test_limits_that_are_numbers_clip_as_numpy():
+    for low, high in [(-1.0, 2.0), (2.0, -1.0), (-np.inf, np.inf)]:
+        found = on_symbols(lambda x, ends=(low, high): clip(x, *ends), APART)
+        np.testing.assert_array_equal(found, np.clip(APART, low, high))
 
 
 def test_scalars_and_mixed_arrays():

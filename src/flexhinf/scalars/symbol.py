@@ -172,15 +172,32 @@ masked = _dispatch(
     lambda flag, x: ca.if_else(flag > 0.5, x, 0.0 if _is_simple(x) else flag * (1.0 - flag)),
     "``x`` where the flag is 1, and zero where it is 0, also for an ``x`` that is not finite.",
 )
-maximum = _dispatch("maximum", np.maximum, ca.fmax, "The larger of two elements.")
-minimum = _dispatch("minimum", np.minimum, ca.fmin, "The smaller of two elements.")
+
+
+def _larger(x: ca.SX, y: ca.SX) -> ca.SX:
+    """As NumPy has it: where neither comparison holds, one of them is NaN. fmax of C would drop that one."""
+    return ca.if_else(x > y, x, ca.if_else(x <= y, y, x + y))
+
+
+def _smaller(x: ca.SX, y: ca.SX) -> ca.SX:
+    return ca.if_else(x < y, x, ca.if_else(x >= y, y, x + y))
+
+
+def _clipped(x: ca.SX, low: ca.SX, high: ca.SX) -> ca.SX:
+    if low.is_constant() and high.is_constant() and float(low) <= float(high):
+        return ca.if_else(x < low, low, ca.if_else(x > high, high, x))
+    return _smaller(_larger(x, low), high)
+
+
+maximum = _dispatch("maximum", np.maximum, _larger, "The larger of two elements; NaN where one is NaN.")
+minimum = _dispatch("minimum", np.minimum, _smaller, "The smaller of two elements; NaN where one is NaN.")
 sign = _dispatch("sign", np.sign, ca.sign, "−1, 0 or 1.")
 absolute = _dispatch("absolute", np.abs, ca.fabs, "The absolute value.")
 clip = _dispatch(
     "clip",
-    np.clip,  # NaN stays NaN; fmax drops it
-    lambda x, low, high: ca.if_else(x < low, low, ca.if_else(x > high, high, x)),
-    "``x`` limited to [low, high].",
+    np.clip,
+    _clipped,
+    "``x`` limited to [low, high]; `high` where that is below `low`, and NaN where one of the three is NaN.",
 )
 
 
