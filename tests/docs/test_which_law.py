@@ -5,8 +5,15 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
+from benchmarks.workspace import gamma
 from benchmarks.workspace.robots import ROBOTS
+
+from flexhinf.modal import ModalLaw
+from flexhinf.modal.tolerance import error_tolerance
+from flexhinf.plant import Penalty
+from flexhinf.robot.workspace import workspace_of
 
 
 @pytest.fixture
@@ -55,3 +62,24 @@ def test_what_is_said_of_gamma_is_what_its_table_shows(pages: dict[str, str]) ->
         assert 1.35 < damping < 1.8
     assert sum(known > 1.1 for known, *_ in changed.values()) > len(changed) // 2
     assert changed["panda"][0] < 0.9
+
+
+@pytest.mark.ci("designs two laws and searches their tolerances")
+def test_over_all_vibrations_small_gain_allows_what_the_page_says(pages: dict[str, str]) -> None:
+    text = " ".join(pages["which_law"].split())
+    said = re.search(r"latency (\d+) % on `scara` and below ([\d.]+) % on `seven-link` at 1.5 γ", text)
+    assert said is not None
+    allowed = [100.0 * over_all_vibrations(name) for name in ("scara", "seven-link")]
+    assert round(allowed[0]) == int(said[1])
+    assert 0.5 * float(said[2]) < allowed[1] < float(said[2])
+
+
+def over_all_vibrations(name: str) -> float:
+    """The largest error at 1.5 γ* with one sample of latency, on a grid of λ that is fine enough: from 120 to 480
+    values the error of the seven-link arm falls by an eighth."""
+    robot = ROBOTS[name].robot()
+    problem = robot.problem(penalty=Penalty({"link_position": 1.0}))
+    sampled = workspace_of(robot).sample(gamma.POSES, gamma.SEED)
+    weights = gamma.pair_weights(robot, gamma.BANDWIDTHS[0], 1.5)
+    gains = ModalLaw.tuned(problem, gamma.PERIOD, weights, sampled).gains
+    return error_tolerance(gains, np.inf, 1, count=120).constant

@@ -333,7 +333,8 @@ def _pair_table(design: WorkspaceDesign, tolerated: Robustness) -> Table:
             f"proved, in {count_text(proved.intervals, 'interval')}",
         ),
         (
-            f"errors of all accelerations, up to {FASTEST:g} rad/s", f"{number(100.0 * error.error, 3)} %",
+            f"errors of accelerations of vibrations below {FASTEST:g} rad/s, the others exact",
+            f"{number(100.0 * error.error, 3)} %",
             "computed for 30 vibrations; errors may change with time",
         ),
         (
@@ -354,8 +355,8 @@ def _not_proved(design: WorkspaceDesign, tolerated: Robustness) -> str:
     loop = f"{latency} of latency and {'the' if isinstance(design.setup.filter, ModalFilter) else 'no'} estimator"
     up_to = "" if proved.high >= high else f", its vibrations up to {number(np.sqrt(proved.high), 3)} rad/s"
     return (
-        f"Tested on random samples, not proved. Only this is proved: without gravity and with equal motors, the arm at "
-        f"rest is stable{up_to}, with {loop}."
+        "Tested on random samples, not proved. Only this is proved: without gravity, with equal motors, springs "
+        f"without damping and no dry friction, small motions about rest are stable{up_to}, with {loop}."
     )
 
 
