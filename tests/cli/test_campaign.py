@@ -150,12 +150,14 @@ def test_folders_that_somebody_changed_are_refused_in_words(
     wrong = parts[0].read_bytes()
     parts[1].unlink()
     digest = hashlib.sha256(wrong).hexdigest()[:16]
-    (shards / f"batch-00000001-{digest}.parquet").write_bytes(wrong)
+    (misplaced := shards / f"batch-00000001-{digest}.parquet").write_bytes(wrong)
     assert "missing: 1" in refused(["campaign", "merge", "runs"], ("complete", "2;"), judged)
     assert main(["campaign", "replay", "runs", "--sample", "20"]) == 0
     assert unnamed(said(capsys), "sample 20", "table") == []
     assert main(WORDS) in (0, 1)
-    assert sorted(shards.iterdir()) == parts
+    aside = misplaced.with_name(f"{misplaced.name}.aside")
+    assert set(shards.iterdir()) == {*parts, aside}
+    assert aside.read_bytes() == wrong
 
 
 def test_a_campaign_that_is_not_complete_never_exits_with_0(
