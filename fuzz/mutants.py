@@ -157,19 +157,13 @@ def copied(root: Path, folder: Path, revision: str | None = None) -> Path:
     return copy
 
 
+#: Tests with the plugin that says what each cost, and at which places it was.
+PYTEST = (sys.executable, "-m", "pytest", "-q", "-p", "fuzz.reach_plugin")
+
+
 def pytest_in(copy: Path, tests: Sequence[str], **settings: str) -> subprocess.CompletedProcess[bytes]:
     """Run tests of a copy with the plugin of `fuzz.reach`; raises TimeoutExpired."""
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-q",
-        "-p",
-        "fuzz.reach_plugin",
-        "-p",
-        "no:cacheprovider",
-        *tests,
-    ]
+    command = [*PYTEST, "-p", "no:cacheprovider", *tests]
     paths = [str(copy / "src"), str(copy), os.environ.get("PYTHONPATH", "")]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths)), **settings}
     return subprocess.run(
@@ -193,20 +187,13 @@ def record(copy: Path, changes: list[dict[str, Any]], kept: Path, markers: Seque
             "FLEXHINF_PLACES": str(Path(folder) / "places.json"),
             "FLEXHINF_REACH": str(part),
         }
-        command = [
-            sys.executable,
-            "-m",
-            "pytest",
-            "-q",
-            "-p",
-            "fuzz.reach_plugin",
-            "-n",
-            "auto",
-            "--dist",
-            "loadfile",
-        ]
         for marker in markers:
-            subprocess.run([*command, "-m", marker], cwd=copy, env=environment, check=False)
+            subprocess.run(
+                [*PYTEST, "-n", "auto", "--dist", "loadfile", "-m", marker],
+                cwd=copy,
+                env=environment,
+                check=False,
+            )
     part.rename(kept)
 
 
