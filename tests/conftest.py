@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import gc
+import importlib
 import os
 import re
 import shutil
@@ -135,6 +136,18 @@ def only_uncertain() -> Callable[..., Any]:
 def repository() -> Path:
     """The folder that holds pyproject.toml."""
     return Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(scope="session")
+def website(repository: Path) -> Callable[[str], Any]:
+    """Import a module of docs/website, which is no package of the project, by its name."""
+
+    def imported(name: str) -> Any:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.syspath_prepend(str(repository / "docs"))
+            return importlib.import_module(f"website.{name}")
+
+    return imported
 
 
 @pytest.fixture(scope="session")

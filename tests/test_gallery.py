@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +16,8 @@ EXAMPLES = sorted(file.stem for file in (Path(__file__).resolve().parents[1] / "
 
 
 @pytest.fixture(scope="module")
-def truths(repository: Path) -> Any:
-    sys.path.insert(0, str(repository / "docs"))
-    try:
-        from website import truths  # pyright: ignore[reportMissingImports]
-    finally:
-        sys.path.pop(0)
-    return truths
+def truths(website: Callable[[str], Any]) -> Any:
+    return website("truths")
 
 
 def test_every_example_has_a_truth(truths: Any) -> None:
@@ -96,11 +91,12 @@ def test_a_global_that_is_gone_is_an_error(truths: Any) -> None:
 
 
 def test_a_build_runs_again_what_ran_with_another_package(
-    truths: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    website: Callable[[str], Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Pages and notebooks that ran are kept as long as the package and the checks are the same."""
     from tests import store
-    from website import gallery  # pyright: ignore[reportMissingImports]
+
+    gallery = website("gallery")
 
     monkeypatch.setattr(gallery, "ROOT", tmp_path)
     page, notebook = (
@@ -116,8 +112,10 @@ def test_a_build_runs_again_what_ran_with_another_package(
         assert page.exists() is notebook.exists() is kept
 
 
-def test_what_an_example_leaves_is_seen_and_staged_away(truths: Any, tmp_path: Path) -> None:
-    from website import gallery  # pyright: ignore[reportMissingImports]
+def test_what_an_example_leaves_is_seen_and_staged_away(
+    website: Callable[[str], Any], tmp_path: Path
+) -> None:
+    gallery = website("gallery")
 
     arms = gallery.stage(tmp_path) / "arms"
     staged = [file.stem for file in arms.glob("*.py")]

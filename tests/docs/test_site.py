@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-import sys
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +14,8 @@ import flexhinf as fh
 
 
 @pytest.fixture(scope="module")
-def contents(repository: Path) -> Any:
-    sys.path.insert(0, str(repository / "docs"))
-    try:
-        from website import contents  # pyright: ignore[reportMissingImports]
-    finally:
-        sys.path.pop(0)
-    return contents
+def contents(website: Callable[[str], Any]) -> Any:
+    return website("contents")
 
 
 def test_every_public_name_is_on_one_page(contents: Any) -> None:
