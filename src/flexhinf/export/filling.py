@@ -40,4 +40,9 @@ def fill(
     """
     for mark, value in {**marks, "NAME": name, "BIG": name.upper(), "REAL": real.name}.items():
         text = text.replace(f"@{mark}@", str(value))
-    return _MARK.sub(lambda found: users.get(found[1], found[0]), text)
+    return at_once(text, users)
+
+
+def at_once(text: str, marks: Mapping[str, str]) -> str:
+    """A text in which what stands for one mark is not read for others; a mark without a text stays."""
+    return _MARK.sub(lambda found: marks.get(found[1], found[0]), text)

@@ -6,12 +6,12 @@ import base64
 import gzip
 import json
 import os
-import re
 from html import escape
 from importlib.resources import files
 from pathlib import Path
 
 from flexhinf import __version__
+from flexhinf.export.filling import at_once
 from flexhinf.export.web.compiler import check_compiler, webassembly
 from flexhinf.export.web.live_arm import LiveArm
 from flexhinf.export.web.rival import BELOW
@@ -52,8 +52,7 @@ def page_text(arm: LiveArm, module: bytes) -> str:
         "SETTINGS": json.dumps(settings, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c"),
         "MODULE": base64.b64encode(gzip.compress(module, 9, mtime=0)).decode(),
     }
-    # at once: what looks like a mark in the name of a joint is none
-    return re.sub(r"@([A-Z]+)@", lambda found: marks.get(found[1], found[0]), _file("page.html"))
+    return at_once(_file("page.html"), marks)  # what looks like a mark in the name of a joint is none
 
 
 def _file(name: str) -> str:
