@@ -243,15 +243,15 @@ IN_CI = {("one link, double", "__FMA__ -D__GNUC__"), ("one link, float", "ARM_PL
 def checked(exported: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
     """Folders of exports; the larger one is made where it is asked for."""
     one = {f"one link, {real}": exported[real] for real in ("double", "float")}
-    return lambda which: one.get(which) or two_links(tmp_path_factory)
 
+    @cache
+    def two_links() -> Path:
+        arm = fh.load_robot("planar-two-link")
+        ukf = fh.UnscentedKalmanFilter(arm.plant(), 1e-3, 1e-7, 1e-6, arm.operating_point()[0], 1e-8)
+        two = fh.Controller(fh.solve_hji(arm.problem(), gamma=math.inf, degree=4), ukf, 1e-3, 200.0)
+        return export_c(two, tmp_path_factory.mktemp("two") / "c", "arm")
 
-@cache
-def two_links(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    arm = fh.load_robot("planar-two-link")
-    ukf = fh.UnscentedKalmanFilter(arm.plant(), 1e-3, 1e-7, 1e-6, arm.operating_point()[0], 1e-8)
-    two = fh.Controller(fh.solve_hji(arm.problem(), gamma=math.inf, degree=4), ukf, 1e-3, 200.0)
-    return export_c(two, tmp_path_factory.mktemp("two") / "c", "arm")
+    return lambda which: one.get(which) or two_links()
 
 
 CHECKED = [
