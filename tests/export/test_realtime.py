@@ -89,6 +89,7 @@ def library(controller: fh.Controller, compiler: str, tmp_path_factory: pytest.T
     return fh.compile_controller(controller, tmp_path_factory.mktemp("real-time") / "arm.so")
 
 
+@pytest.mark.costs("compiles the first controller of this file")
 def test_the_numbers_are_those_of_the_loop(controller: fh.Controller, clock: Clock) -> None:
     """Bit for bit, real time or not: only the time at which a sample is made is another one."""
     given: dict[str, Any] = {"reference": fh.Step(0.2), "duration": 0.05, "noise": 1e-3, "seed": 3}
@@ -279,14 +280,17 @@ def test_where_the_missed_deadlines_lay() -> None:
 @pytest.mark.ci("half a second on the wall clock")
 @pytest.mark.oracle
 def test_half_a_second_on_the_wall_clock(controller: fh.Controller) -> None:
-    """The lateness that is recorded is what the plant sees of it, on a clock of its own."""
-    box, start = Box(), time.time()
+    """The lateness that is recorded is what the plant sees of it, however busy the machine is.
+
+    The plant is read between the moments when its sample woke and was over: one start of the run fits them all.
+    """
+    box, start = Box(), time.monotonic_ns()
     run = fh.run_realtime(Loop(box, controller), duration=0.5)
-    assert time.time() - start >= 0.5
-    seen = 1e-9 * np.array(box.seen, dtype=float)
-    assert len(seen) == len(run.timing.time) == 501
-    due = seen[0] - run.timing.woken[0] + run.timing.time
-    assert np.median(np.abs(seen - due - run.timing.woken)) < 5e-5
-    assert run.timing.woken.min() >= 0.0
-    assert run.timing.elapsed == pytest.approx(0.5, abs=0.2)
-    assert np.median(run.timing.woken) < 1e-3
+    assert time.monotonic_ns() - start >= 500_000_000
+    timing, seen = run.timing, 1e-9 * (np.array(box.seen) - start)
+    assert len(seen) == len(timing.time) == 501
+    assert timing.woken.min() >= 0.0
+    assert timing.elapsed >= 0.5 - timing.woken[0]
+    earliest = (seen - timing.time - timing.over).max()
+    assert earliest <= (seen - timing.time - timing.woken).min() + 1e-8
+    assert earliest >= -1e-8
