@@ -19,7 +19,7 @@ from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.robot.arm import Frame
 from flexhinf.robot.dynamics import Placement
 from flexhinf.robot.parts import ask
-from flexhinf.robot.urdf import MOST_LINKS, RigidArm, check_count, locked_joints, moved, range_of
+from flexhinf.robot.rigid_arm import MOST_LINKS, RigidArm, check_count, locked_joints, moved, range_of
 from flexhinf.validation import HUGE, checked_name, extra_package, value_text
 
 KINDS = {"mjJNT_HINGE": "revolute", "mjJNT_SLIDE": "prismatic"}
