@@ -82,7 +82,8 @@ def number_in(value: Any, units: Any) -> tuple[str, str]:
         with suppress(ValueError):
             return f"a number in {units[0]}", BELT.format(measured(value, "N/m"))
     plain = " or ".join(unit.replace("1", "no unit") for unit in units)
-    example = "0.8" if units[0] == "1" else repr(_completed(value, units))
+    parts = split(value) if isinstance(value, str) else None
+    example = (parts[0] if parts else "0.8") if units[0] == "1" else repr(_completed(value, units))
     return (
         f"a valid number in {plain}, or text of a number with such a unit",
         f"{' or '.join(meant)}, in the letters of the SI" if meant else example,

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,6 +14,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput, located, refuse_if
 from flexhinf.robot.arm import Frame
 from flexhinf.robot.dynamics import Joint, Placement, lumped, six_of
+from flexhinf.robot.parameters import INERTIA
 from flexhinf.robot.parts import Link, ask
 from flexhinf.validation import HUGE, distinct, one_of, real_number, value_text
 
@@ -21,6 +24,9 @@ NO_SIZE, NEARLY = 1e-12, 0.05
 
 #: Limits beyond which a joint has none: exporters write ±1e16 then.
 NO_LIMIT = 1e4
+
+#: Radius of a plastic ball (1000 kg/m³) of one kilogram, m.
+BALL = 0.062
 
 #: Free fall where a file states none, m/s².
 GRAVITY = 9.81
@@ -70,7 +76,7 @@ class RigidArm:
     _doubtful: dict[str, str] = field(
         default_factory=dict
     )  # of links whose inertia is no body's: what is wrong
-    _hopeless: bool = False  # whether one of them is no body's by far
+    _nearest: dict[str, str] = field(default_factory=dict)  # of those that lack much: the nearest of a body
 
     def add_joint(
         self, carrier: int | None, name: str, kind: str, axis: Any, place: Placement, limits: Any
@@ -87,7 +93,7 @@ class RigidArm:
                 raise InvalidInput(
                     f"The joint {name!r} is locked outside its limits.",
                     f"expected {limits[0]:g} to {limits[1]:g}, got {value:g}",
-                    "a position that the joint can have",
+                    f"locked = {{{toml_key(name)} = {min(max(value, low), high):g}}}, or another position in between",
                 )
             return carrier, place.then(moved(kind, axis, value))
         self.joints.append(
@@ -112,10 +118,12 @@ class RigidArm:
         if short > max(1e-9 * size, floor):
             fault = "a negative inertia" if a < 0.0 else "none that keeps the triangle inequality"
             self._doubtful[link] = f"{link!r} has {fault}: ({a:.4g}, {b:.4g}, {c:.4g}) kg·m²"
-            self._hopeless |= short > NEARLY * size
         if min(float(moments.min()), a) < 0.0:
             moments = np.maximum(moments, 0.0)
             inertia = axes @ np.diag(moments.sum() - moments) @ axes.T
+        if short > max(1e-9 * size, floor, NEARLY * size):
+            six = dict(zip(INERTIA, six_of(inertia)))
+            self._nearest[link] = " ".join(f"i{axis}='{moment:.4g}'" for axis, moment in six.items())
         turn = np.array(place.rotation)
         self._bodies[carrier].append((link, mass, np.array(place.translation), turn @ inertia @ turn.T))
 
@@ -127,22 +135,48 @@ class RigidArm:
             f"{', '.join(map(repr, self._doubtful))}: no body has such an inertia.",
             "expected principal inertias >= 0 of which none exceeds the sum of the others; "
             + "; ".join(self._doubtful.values())
-            + ("" if self._hopeless else "; the nearest that a body has are taken"),
-            "the inertia about the centre of mass, in kg·m²",
-            self._hopeless,
+            + ("" if self._nearest else "; the nearest that a body has are taken"),
+            "the nearest that a body has, in its <inertia>: "
+            + "; ".join(f"{text} of {link!r}" for link, text in self._nearest.items())
+            if self._nearest
+            else "the inertia about the centre of mass, in kg·m²",
+            self._nearest,
+        )
+        masses = {
+            joint.name: sum(body[1] for body in bodies) for joint, bodies in zip(self.joints, self._bodies)
+        }
+        empty = [name for name, mass in masses.items() if not mass > 0.0]
+        refuse_if(
+            empty,
+            f"There is no mass behind {', '.join(map(repr, empty))}.",
+            "expected an <inertial> in the links that a joint moves, got 0 kg",
+            selection([name for name in masses if name not in empty])
+            if len(empty) < len(masses)
+            else "a file with inertials: this one is made for display only",
         )
         for joint, bodies in zip(self.joints, self._bodies):
-            mass = sum(body[1] for body in bodies)
-            refuse_if(
-                not mass > 0.0,
-                f"What the joint {joint.name!r} moves has no mass.",
-                f"expected an <inertial> in the link behind it, got {mass:g} kg",
-                "a file with inertials (some are made for display only), or lock the joint",
-            )
             mass, centre, inertia = lumped([body[1:] for body in bodies])
+            ball = 0.4 * mass ** (5.0 / 3.0) * BALL**2
+            refuse_if(
+                not float(np.linalg.eigvalsh(inertia)[0]) > 0.0,
+                f"What the joint {joint.name!r} moves has no inertia about an axis.",
+                f"expected <inertia> of {[body[0] for body in bodies]}, got principal moments "
+                f"{np.linalg.eigvalsh(inertia).tolist()} kg·m² for {mass:.4g} kg",
+                f"ixx='{ball:.2g}' iyy='{ball:.2g}' izz='{ball:.2g}', of a plastic ball of that mass, or as measured",
+            )
             with located(f"link {[body[0] for body in bodies]}"):
                 self.links.append(Link(mass, [float(c) for c in centre], six_of(inertia)))
         return self
+
+
+def toml_key(name: str) -> str:
+    """A joint's name as a key of TOML."""
+    return name if re.fullmatch("[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)
+
+
+def selection(names: Sequence[str]) -> str:
+    """The line of a robot file by which these joints move and no others."""
+    return f"joints = {json.dumps(list(names), ensure_ascii=False)} at the top of the robot file: the others are locked"
 
 
 # Selection ----------------------------------------------------------------------------------------

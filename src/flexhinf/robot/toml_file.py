@@ -28,7 +28,7 @@ from flexhinf.robot.kinematics import DEGREES, check_geometry, check_load
 from flexhinf.robot.mjcf import read_mjcf
 from flexhinf.robot.parameters import INERTIA, Parameter, Stated, per_joint, unit_of
 from flexhinf.robot.parts import ElasticJoint, Link, SingleLink, ask, assembled, single_link_robot, value_of
-from flexhinf.robot.rigid_arm import GRAVITY, MOST_JOINTS, RigidArm, check_count
+from flexhinf.robot.rigid_arm import GRAVITY, MOST_JOINTS, RigidArm, check_count, selection
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.signals import UNITS
 from flexhinf.robot.urdf import read_urdf
@@ -223,12 +223,13 @@ class RobotFile:
         names = [joint.name for joint in arm.joints]
         for name in [name for name in rows if name not in arm.movable]:
             raise unknown_name(f"{file}: there is no joint {name!r} in {rigid.name}.", name, arm.movable)
-        for name in [name for name in names if name not in rows]:
-            raise InvalidInput(
-                f"{file}: the joint {name!r} of {rigid.name} has no stiffness.",
-                f"expected a [[joint]] for each of {names}, got {list(rows)}",
-                f"add it, or lock the joint: locked = {{{name} = 0.0}}",
-            )
+        missing, stated = ([name for name in names if (name in rows) == known] for known in (False, True))
+        refuse_if(
+            missing,
+            f"{file}: joints of {rigid.name} have no stiffness: {', '.join(map(repr, missing))}.",
+            f"expected a [[joint]] for each of {names}, got {list(rows)}",
+            f"a [[joint]] for each; or {selection(stated)}",
+        )
         kept = [rows[name] for name in names]
         placed = [replace(j, limits=row.get("limits", j.limits)) for j, row in zip(arm.joints, kept)]
         springs = [self._elastic(row, arm.motors.get(row["name"], {}), rigid.name) for row in kept]

@@ -14,7 +14,15 @@ from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.robot.arm import Frame
 from flexhinf.robot.dynamics import KINDS, ZERO, Placement, matrix_of
 from flexhinf.robot.parameters import INERTIA
-from flexhinf.robot.rigid_arm import MOST_LINKS, RigidArm, check_count, locked_joints, range_of
+from flexhinf.robot.rigid_arm import (
+    MOST_LINKS,
+    RigidArm,
+    check_count,
+    locked_joints,
+    range_of,
+    selection,
+    toml_key,
+)
 from flexhinf.validation import HUGE, checked_name, distinct, value_text
 
 #: What may stand in an element, and only once, with what else a URDF has there.
@@ -75,8 +83,8 @@ def read_urdf(
         refuse_if(
             kind not in (*KINDS, "fixed"),
             f"The joint {name!r} is of kind {value_text(kind, 60)}.",
-            f"expected fixed or one of {list(KINDS)}",
-            "a robot on a fixed base with joints of one degree of freedom",
+            f"expected fixed or one of {list(KINDS)}, got {value_text(kind, 60)}",
+            f"type='fixed' in the <joint name={name!r}>, where the base, or what is behind it, stands still",
         )
         if kind != "fixed":
             axis = _vector(name, element.find("axis"), "xyz", (1.0, 0.0, 0.0))
@@ -86,13 +94,8 @@ def read_urdf(
                 f"expected a vector that is not zero, got {axis}",
                 "xyz='0 0 1'",
             )
-            refuse_if(
-                name not in arm.locked and element.find("mimic") is not None,
-                f"The joint {name!r} mimics another one, which an elastic joint cannot.",
-                f"expected independent joints, got <mimic> in {name!r}",
-                f"locked={{{name!r}: 0.0}}, or joints=[...] without it",
-            )
-            carrier, place = arm.add_joint(carrier, name, kind, axis, place, _limits(name, element))
+            limits = _limits(name, element, name in arm.locked)
+            carrier, place = arm.add_joint(carrier, name, kind, axis, place, limits)
             if name not in arm.locked:
                 arm.motors[name] = _dynamics(name, element)
         if carrier is not None:
@@ -102,6 +105,7 @@ def read_urdf(
             if link not in behind:
                 arm.tips.append(link)
         ahead += [(after, carrier, place) for after in reversed(behind.get(link, []))]
+    _check_mimics(elements, movable, arm.locked)
     arm.efforts, arm.speeds = (
         [_largest(joint.name, elements[joint.name], key) for joint in arm.joints]
         for key in ("effort", "velocity")
@@ -194,11 +198,13 @@ def _vector(name: str, element: Element | None, key: str, default: Sequence[floa
         return default
     tokens = str(element.get(key)).split()
     numbers = tuple(float(word) for word in tokens) if all(map(NUMBER.fullmatch, tokens)) else ()
+    found = NUMBER.findall(str(element.get(key)))  # between commas, or with a unit behind
+    meant = found if len(found) == len(default) else "001" if len(default) == 3 else ["1.0"]
     refuse_if(
         len(numbers) != len(default) or not all(abs(number) <= HUGE for number in numbers),
         f"{key} of <{element.tag}> in {name!r} cannot be read.",
         f"expected {len(default)} numbers of at most {HUGE:g}, got {value_text(element.get(key))}",
-        f"{key}='0 0 1'" if len(default) == 3 else f"{key}='1.0'",
+        f"{key}='{' '.join(meant)}'",
     )
     return numbers
 
@@ -226,6 +232,26 @@ def _with_mimics(
     return placed
 
 
+def _check_mimics(
+    elements: Mapping[str, Element], movable: Sequence[str], locked: Mapping[str, float | None]
+) -> None:
+    """Refuse joints that mimic others, all at once."""
+    leaders = {
+        name: str(mimic.get("joint"))
+        for name in movable
+        if (mimic := elements[name].find("mimic")) is not None
+    }
+    moving = [name for name in leaders if name not in locked]
+    alone = [name for name in movable if name not in leaders]
+    free = [name for name in alone if name not in leaders.values()]
+    refuse_if(
+        moving,
+        f"An elastic joint cannot mimic another one: {', '.join(map(repr, moving))}.",
+        f"expected independent joints, got <mimic> of {', '.join(sorted({leaders[name] for name in moving}))}",
+        selection([name for name in free or alone if name not in locked]),
+    )
+
+
 def _dynamics(name: str, joint: Element) -> dict[str, float]:
     """Friction of a joint, viscous and dry, as <dynamics damping friction> states it, by its names in a robot file."""
     stated = {
@@ -241,18 +267,20 @@ def _dynamics(name: str, joint: Element) -> dict[str, float]:
     return {quantity: value for quantity, value in stated.items() if value}
 
 
-def _limits(name: str, joint: Element) -> tuple[float, float] | None:
+def _limits(name: str, joint: Element, locked: bool) -> tuple[float, float] | None:
     """Range of a joint, rad or m; None where there is none: also of lower = upper = 0, which exporters write then."""
     if joint.get("type") == "continuous":
         return None
     lower, upper = (_number(name, joint.find("limit"), key) for key in ("lower", "upper"))
     refuse_if(
-        lower > upper or lower == upper != 0.0,
+        lower > upper or (lower == upper != 0.0 and not locked),
         f"The limits of the joint {name!r} leave no room.",
         f"expected lower < upper, got lower {lower:g} and upper {upper:g} (0 where not stated)",
-        "exchange them; or a fixed joint",
+        f"lower='{upper:g}' upper='{lower:g}'"
+        if lower > upper
+        else f"locked = {{{toml_key(name)} = {lower:g}}} at the top of the robot file",
     )
-    return range_of(lower, upper) if lower < upper else None
+    return range_of(lower, upper) if lower < upper or lower == upper != 0.0 else None
 
 
 def _largest(name: str, joint: Element, key: str) -> float:
