@@ -28,6 +28,9 @@ NO_LIMIT = 1e4
 #: Radius of a plastic ball (1000 kg/m³) of one kilogram, m.
 BALL = 0.062
 
+#: Longest list of joints, in characters, that an advice writes out: longer texts are cut.
+MOST_LISTED = 450
+
 #: Free fall where a file states none, m/s².
 GRAVITY = 9.81
 
@@ -44,7 +47,7 @@ class RigidArm:
     movable
         All joints of the file that could move, the locked ones too.
     locked
-        Joints that do not move, and where they stand, rad or m. One that nobody placed stands at 0, or at the nearer
+        Joints that do not move, and where they stand, rad or m; None, where nobody placed one, is 0 or the nearer
         limit.
     joints, links
         That move; one link per joint, of the bodies that are fixed to it.
@@ -150,21 +153,26 @@ class RigidArm:
             empty,
             f"There is no mass behind {', '.join(map(repr, empty))}.",
             "expected an <inertial> in the links that a joint moves, got 0 kg",
-            selection([name for name in masses if name not in empty])
+            selection([name for name in masses if name not in empty], self.movable)
             if len(empty) < len(masses)
             else "a file with inertials: this one is made for display only",
         )
-        for joint, bodies in zip(self.joints, self._bodies):
-            mass, centre, inertia = lumped([body[1:] for body in bodies])
-            ball = 0.4 * mass ** (5.0 / 3.0) * BALL**2
-            refuse_if(
-                not float(np.linalg.eigvalsh(inertia)[0]) > 0.0,
-                f"What the joint {joint.name!r} moves has no inertia about an axis.",
-                f"expected <inertia> of {[body[0] for body in bodies]}, got principal moments "
-                f"{np.linalg.eigvalsh(inertia).tolist()} kg·m² for {mass:.4g} kg",
-                f"ixx='{ball:.2g}' iyy='{ball:.2g}' izz='{ball:.2g}', of a plastic ball of that mass, or as measured",
-            )
-            with located(f"link {[body[0] for body in bodies]}"):
+        wholes = [lumped([body[1:] for body in bodies]) for bodies in self._bodies]
+        names = [[body[0] for body in bodies] for bodies in self._bodies]
+        balls = {  # of those without size: the inertia of a plastic ball
+            str(name): 0.4 * mass ** (5.0 / 3.0) * BALL**2
+            for name, (mass, _, inertia) in zip(names, wholes)
+            if not float(np.linalg.eigvalsh(inertia)[0]) > 0.0
+        }
+        refuse_if(
+            balls,
+            f"What a joint moves has no inertia about an axis: {', '.join(balls)}.",
+            f"expected the <inertia> of links, got a principal moment of 0 in {', '.join(balls)}",
+            "as measured, or of a plastic ball of that mass, "
+            + "; ".join(f"ixx='{i:.2g}' iyy='{i:.2g}' izz='{i:.2g}' in {name}" for name, i in balls.items()),
+        )
+        for name, (mass, centre, inertia) in zip(names, wholes):
+            with located(f"link {name}"):
                 self.links.append(Link(mass, [float(c) for c in centre], six_of(inertia)))
         return self
 
@@ -174,16 +182,26 @@ def toml_key(name: str) -> str:
     return name if re.fullmatch("[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)
 
 
-def selection(names: Sequence[str]) -> str:
-    """The line of a robot file by which these joints move and no others."""
-    return f"joints = {json.dumps(list(names), ensure_ascii=False)} at the top of the robot file: the others are locked"
+def selection(names: Sequence[str], every: Sequence[str]) -> str:
+    """The line of a robot file by which, out of every joint, these move and no others."""
+    text, where = (
+        json.dumps(list(names), ensure_ascii=False),
+        "at the top of the robot file: the others are locked",
+    )
+    if len(text) < MOST_LISTED:
+        return f"joints = {text} {where}"
+    others = [name for name in every if name not in names]
+    return f"joints = [...] {where}; of {len(every)} joints all move but {json.dumps(others, ensure_ascii=False)}"
 
 
 # Selection ----------------------------------------------------------------------------------------
 def check_count(what: str, count: int, most: int) -> None:
     """Refuse a file with more parts of a kind than any robot has."""
     refuse_if(
-        count > most, f"There are too many {what}.", f"expected at most {most}, got {count}", "one robot"
+        count > most,
+        f"There are too many {what}.",
+        f"expected at most {most}, got {count}",
+        "one robot; of its joints those that a task moves: the others are locked",
     )
 
 

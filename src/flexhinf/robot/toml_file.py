@@ -228,7 +228,7 @@ class RobotFile:
             missing,
             f"{file}: joints of {rigid.name} have no stiffness: {', '.join(map(repr, missing))}.",
             f"expected a [[joint]] for each of {names}, got {list(rows)}",
-            f"a [[joint]] for each; or {selection(stated)}",
+            f"a [[joint]] for each; or {selection(stated, arm.movable)}",
         )
         kept = [rows[name] for name in names]
         placed = [replace(j, limits=row.get("limits", j.limits)) for j, row in zip(arm.joints, kept)]

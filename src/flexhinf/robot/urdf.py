@@ -220,15 +220,20 @@ def _origin(name: str, element: Element) -> Placement:
 def _with_mimics(
     elements: Mapping[str, Element], locked: Mapping[str, float | None]
 ) -> dict[str, float | None]:
-    """Locked joints, of which those that mimic a locked one stand where it takes them, if nobody placed them."""
+    """Locked joints, of which those that mimic a locked one stand where it takes them, or as near as they can, if
+    nobody placed them."""
     placed = dict(locked)
     for _ in range(len(placed)):  # a leader may follow another one
         for name in [name for name, value in placed.items() if value is None]:
-            mimic = elements[name].find("mimic")
-            leader = None if mimic is None else placed.get(mimic.get("joint", ""))
-            if mimic is not None and leader is not None:
+            mimic, place = elements[name].find("mimic"), 0.0
+            if mimic is not None and (led_by := mimic.get("joint", "")) in placed:
+                leader = placed[led_by]
+                if leader is None:
+                    continue
                 factor = 1.0 if mimic.get("multiplier") is None else _number(name, mimic, "multiplier")
-                placed[name] = factor * leader + _number(name, mimic, "offset")
+                place = factor * leader + _number(name, mimic, "offset")
+            low, high = _limits(name, elements[name], True) or (place, place)
+            placed[name] = min(max(place, low), high)
     return placed
 
 
@@ -248,7 +253,7 @@ def _check_mimics(
         moving,
         f"An elastic joint cannot mimic another one: {', '.join(map(repr, moving))}.",
         f"expected independent joints, got <mimic> of {', '.join(sorted({leaders[name] for name in moving}))}",
-        selection([name for name in free or alone if name not in locked]),
+        selection([name for name in free or alone if name not in locked], movable),
     )
 
 
