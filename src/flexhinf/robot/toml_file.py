@@ -12,7 +12,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput, located, refuse_if
 from flexhinf.plant import Penalty
 from flexhinf.robot.arm import SHAPES, Frame, Payload, Pendulum, inertia_of_shape, payload_from_text
-from flexhinf.robot.dynamics import ZERO, Joint, Placement
+from flexhinf.robot.dynamics import ZERO, Joint, Placement, Tree
 from flexhinf.robot.elastic import DRIVES
 from flexhinf.robot.file_keys import (
     NESTING,
@@ -189,6 +189,7 @@ class RobotFile:
                 "mass, centre_of_mass and inertia of each link",
             )
         else:
+            self._ask_places(joints, links)
             with located(file):
                 robot = assembled(self.name, joints, links, springs, **settings)
         # A file states no shapes: a payload without a place of its own is where the link is drawn to end, at twice the
@@ -355,6 +356,25 @@ class RobotFile:
         return Parameter(quantity, table["value"], tolerance, source=table["source"], range=ends)
 
     # Parts ----------------------------------------------------------------------------------------
+    def _ask_places(self, joints: Sequence[Joint], links: Sequence[Any]) -> None:
+        """Warn of joints whose place is not stated, where they would then turn about the axis of the joint before."""
+        tree, missing, ends = Tree(tuple(joints)), list[str](), [0.0, 0.0, 0.0]
+        for joint, parent, row in zip(joints, tree.parents, self.root["joint"]):
+            if parent < 0 or "xyz" in row or joint.slides or joints[parent].slides:
+                continue
+            axis = np.array(joint.placement.rotation) @ np.array(joint.axis)
+            if np.linalg.norm(np.cross(axis, joints[parent].axis)) > 1e-6:
+                continue
+            if not missing and isinstance(links[parent], Link):
+                ends = [float(f"{2.0 * value_of(x):.4g}") for x in links[parent].centre_of_mass]
+            missing.append(joint.name)
+        ask(
+            missing,
+            f"{self.file}: joints turn about the axis of the joint before: {', '.join(map(repr, missing))}.",
+            "expected xyz, m, their place in the frame of the link that carries them, got none: taken as [0, 0, 0]",
+            f"xyz = {ends} at the end of that link; xyz = [0.0, 0.0, 0.0] if they do",
+        )
+
     def _elastic(self, row: Any, motor: Mapping[str, float] | None = None, source: str = "") -> ElasticJoint:
         with located(f"{self.file}: joint {row['name']!r}"):
             refuse_if(
