@@ -96,7 +96,8 @@ class RigidArm:
                 raise InvalidInput(
                     f"The joint {name!r} is locked outside its limits.",
                     f"expected {limits[0]:g} to {limits[1]:g}, got {value:g}",
-                    f"locked = {{{toml_key(name)} = {min(max(value, low), high):g}}}, or another position in between",
+                    f"locked = {{{toml_key(name)} = {min(max(value, low), high):g}}} at the top of the robot file, or "
+                    "another position in between",
                 )
             return carrier, place.then(moved(kind, axis, value))
         self.joints.append(

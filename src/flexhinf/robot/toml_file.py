@@ -223,6 +223,12 @@ class RobotFile:
         distinct(f"{file}: the joint", [row["name"] for row in table["joint"]])
         names = [joint.name for joint in arm.joints]
         for name in [name for name in rows if name not in arm.movable]:
+            refuse_if(
+                any(joint.get("name") == name for joint in root.iter("joint")),
+                f"{file}: the joint {name!r} of {rigid.name} does not move.",
+                f"expected one of {list(arm.movable)}, got a joint of another kind",
+                f"leave out the [[joint]] of {name!r}",
+            )
             raise unknown_name(f"{file}: there is no joint {name!r} in {rigid.name}.", name, arm.movable)
         missing, stated = ([name for name in names if (name in rows) == known] for known in (False, True))
         refuse_if(
