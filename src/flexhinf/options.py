@@ -449,11 +449,12 @@ class FieldInfo:
             raise InvalidInput(refused(self.name), found, example or self.about.example) from None
 
     def _without_unit(self, value: Any) -> str:
-        """Text with units as numbers in the unit of the field; "" where it has others."""
+        """Text with units as numbers in the unit of the field, which stays where it has several; "" where it has
+        others."""
         units = self.about.unit.replace(" or ", ", ").split(", ")
         try:
-            parts = value.split(",") if isinstance(value, str) else []
-            return ",".join(f"{measured(part, *units):g}" for part in parts)
+            parts = [measured(part, *units) for part in value.split(",")] if isinstance(value, str) else []
+            return ",".join(f"{part:g}{part.si if len(units) > 1 else ''}" for part in parts)
         except ValueError:
             return ""
 

@@ -147,7 +147,7 @@ BALL = '<joint name="f" type="ball"/>'
         (ONE, "mass = 2.0\n", "", ("length and no mass",)),
         (ONE, "length = 0.3\n", "", ("mass and no length",)),
     ],
-    ids=lambda value: value[-60:] if isinstance(value, str) and len(value) < 200 else "",
+    ids=lambda value: " ".join(map(str, value)) if isinstance(value, tuple) else "",
 )  # fmt: skip
 def test_advice_on_a_robot_file_works(
     text: str, old: str, new: str, named: tuple[Anchor, ...], tmp_path: Path
