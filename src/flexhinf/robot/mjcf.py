@@ -332,7 +332,7 @@ def _check(spec: Any, moving: Sequence[str]) -> None:
         acting = {where: value.tolist() for where, value in values.items() if np.any(value != 0.0)}
         refuse_if(
             acting,
-            f"{', '.join(acting)} has {key}.",
+            f"{', '.join(acting)}: {key} is not read.",
             f"expected none, got {key} = {', '.join(map(str, acting.values()))}: {what}",
             f"{key}='0' in each of them",
         )
