@@ -144,7 +144,7 @@ class RigidArm:
             + "; ".join(f"{text} of {link!r}" for link, text in self._nearest.items())
             if self._nearest
             else "the inertia about the centre of mass, in kg·m²",
-            self._nearest,
+            bool(self._nearest),
         )
         masses = {
             joint.name: sum(body[1] for body in bodies) for joint, bodies in zip(self.joints, self._bodies)
