@@ -35,7 +35,9 @@ _SPEEDS = (
     {"rad/s": 1.0, "deg/s": math.pi / 180.0, "°/s": math.pi / 180.0, "rpm": math.pi / 30.0},
     {"m/s": 1.0, "mm/s": 1e-3},
 )
-_QUANTITIES = (*_POSITIONS, *_SPEEDS, {"N·m": 1.0, "Nm": 1.0, "N*m": 1.0}, {"N": 1.0})
+_TORQUES = ({"N·m": 1.0, "Nm": 1.0, "N*m": 1.0, "mN·m": 1e-3, "mNm": 1e-3}, {"N": 1.0})
+_EFFORTS = ({"V": 1.0, "mV": 1e-3}, {"A": 1.0, "mA": 1e-3}, *_TORQUES)
+_QUANTITIES = (*_POSITIONS, *_SPEEDS, *_TORQUES)
 
 #: Longest list that is a field's value: rows of weights have a number per state.
 _LONGEST = 10_000
@@ -322,9 +324,9 @@ Frequencies = Annotated[
 ]  # fmt: skip
 Frequency = Annotated[float, _POSITIVE, _by(quantity, _FREQUENCIES), Allowed("rad/s > 0 (or text with Hz)")]
 _Limit = Annotated[float, _field(gt=0.0), _KEPT]
-PerJoint = Annotated[
-    _Limit | tuple[_Limit, ...], read_by(one_or_several),
-    Allowed("a number > 0, or one per joint; inf for none"),
+PerJointEffort = Annotated[
+    _Limit | tuple[_Limit, ...], _by(one_or_several, *_EFFORTS),
+    Allowed("a number > 0, or one per joint (or text with the unit of the motors' inputs); inf for none"),
 ]  # fmt: skip
 Efforts = Annotated[
     _Above | tuple[_Above, ...], read_by(one_or_several), Allowed("a number > 0, or one per joint")
@@ -447,11 +449,12 @@ class FieldInfo:
             raise InvalidInput(refused(self.name), found, example or self.about.example) from None
 
     def _without_unit(self, value: Any) -> str:
-        """Text with units as numbers in the unit of the field; "" where it has others."""
+        """Text with units as numbers in the unit of the field, which stays where it has several; "" where it has
+        others."""
         units = self.about.unit.replace(" or ", ", ").split(", ")
         try:
-            parts = value.split(",") if isinstance(value, str) else []
-            return ",".join(f"{measured(part, *units):g}" for part in parts)
+            parts = [measured(part, *units) for part in value.split(",")] if isinstance(value, str) else []
+            return ",".join(f"{part:g}{part.si if len(units) > 1 else ''}" for part in parts)
         except ValueError:
             return ""
 

@@ -52,8 +52,9 @@ LONGEST_NAME, LONGEST_TEXT = 100, 10_000
 #: Largest text file, bytes: a robot of 30 joints takes 30 kB; a megabyte is read and refused within a second.
 LARGEST_TOML, LARGEST_XML = 1_000_000, 10_000_000
 
-#: Deepest nesting of tables and lists (elements of XML), and most parts of a dotted key: a robot file has four.
-DEEPEST = 30
+#: Deepest nesting of tables and lists, and most parts of a dotted key: a robot file has four. Of elements of XML: the
+#: bodies of an MJCF file stand in each other, and a spine or a tail has dozens.
+DEEPEST, DEEPEST_XML = 30, 100
 
 #: Most elements of an XML document.
 MOST_ELEMENTS = 100_000
@@ -389,17 +390,17 @@ def _toml_depth(text: str) -> tuple[int, int]:
 
 
 def _check_depth(file: str, nesting: int, parts: int = 0) -> None:
-    if max(nesting, parts) > DEEPEST:
-        deep = nesting > DEEPEST
-        raise InvalidInput(
-            f"{file}: this file {'is nested too deeply' if deep else 'has a key of too many parts'}.",
-            f"expected at most {DEEPEST}, got {nesting if deep else parts + 1}",
-            "tables inside tables as the examples have them",
-        )
+    deep = nesting > DEEPEST
+    refuse_if(
+        deep or parts > DEEPEST,
+        f"{file}: this file {'is nested too deeply' if deep else 'has a key of too many parts'}.",
+        f"expected at most {DEEPEST}, got {nesting if deep else parts + 1}",
+        "tables inside tables as the examples have them",
+    )
 
 
 def read_xml(path: Path) -> ElementTree.Element:
-    """The root element of an XML file without a document type, `DEEPEST` elements deep at most.
+    """The root element of an XML file without a document type, `DEEPEST_XML` elements deep at most.
 
     Raises InvalidInput: for what `read_text` refuses, entities, nesting, too many elements, and what is no XML.
     """
@@ -421,7 +422,12 @@ def read_xml(path: Path) -> ElementTree.Element:
                 root = element if root is None else root
                 depth += 1 if event == "start" else -1
                 count += event == "start"
-                _check_depth(path.name, depth)
+                refuse_if(
+                    depth > DEEPEST_XML,
+                    f"{path.name}: this file is nested too deeply.",
+                    f"expected elements at most {DEEPEST_XML} deep, got more",
+                    "one robot, of at most so many bodies one behind the other",
+                )
             refuse_if(
                 count > MOST_ELEMENTS,
                 f"{path.name}: this file has too many elements.",

@@ -345,3 +345,11 @@ def test_requirements_of_moves_are_those_of_the_worst():
     last = [move.response.run.data.state.values[-300:, : len(made.joints)] for move in moves]
     remains = max(np.abs(rows - goals[k + 1]).max() for k, rows in enumerate(last))
     assert remains < 1e-3
+
+
+def test_bandwidths_that_the_samples_do_not_carry_are_left_out():
+    """At 40 ms the sampled loops of 40 and 28 rad/s are unstable, which the search used to end with."""
+    robot = fh.load_robot("planar-two-link")
+    s = checked_specification(robot, fh.Specification(measured=BOTH, workspace="limits", period=0.04))
+    candidates = search._candidates(robot, s, workspace_of(robot, "limits"), lambda text: None)
+    assert next(candidates).law.gains.weights.bandwidth == 20.0

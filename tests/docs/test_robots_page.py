@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from flexhinf.robot.file_keys import TABLES
 from flexhinf.robot.parameters import QUANTITIES
-from flexhinf.robot.parts import TABLES
 
 
 @pytest.fixture

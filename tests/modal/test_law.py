@@ -1,5 +1,6 @@
 """The modal law against eigenvectors and a spline; compiled, stored, as C; and sampled loops at many poses."""
 
+import re
 from dataclasses import replace
 from itertools import pairwise
 
@@ -9,7 +10,7 @@ from scipy.interpolate import CubicSpline
 from tests.refusals import refused_with
 
 import flexhinf as fh
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.modal import ModalLaw, Pair, PairWeights, modes
 from flexhinf.modal.law import workspace
 from flexhinf.modal.pair import smallest_damping
@@ -258,3 +259,39 @@ def test_a_rigid_joint_has_the_gains_of_a_spring_as_stiff_for_its_motor_as_the_o
             ).link_inertia
         )
     )
+
+
+@pytest.mark.costs("gains of three ranges of pairs")
+def test_a_spring_too_fast_for_its_samples_is_named_with_what_helps(made):
+    """A wrist of 1.3e-4 kg·m² on a usual spring, as of an arm without a tool, vibrates beyond what samples show."""
+    robot, penalty = fh.load_robot("planar-two-link"), {"link_position": 1.0}
+    light = {
+        "mass": 0.05,
+        "centre_of_mass_x": 0.001,
+        "inertia_zz": 1.3e-4,
+        "inertia_xx": 1e-4,
+        "inertia_yy": 1e-4,
+    }
+    wrist = robot.with_values(
+        {f"{name}_elbow": value for name, value in light.items()} | {"stiffness_elbow": 4e3}
+    )
+    poses = np.random.default_rng(5).uniform(-2.0, 2.0, (3, 2))
+    with refused_with(NumericalFailure, "'elbow'", "883.4 Hz", "rigid = true") as caught:
+        ModalLaw.tuned(wrist.problem(penalty=penalty), poses=poses)
+    period, inertia = map(float, re.findall(r"--period (\S+);.* with (\S+) kg", caught.value.advice)[0])
+    other = ModalLaw.tuned(wrist.problem(penalty=penalty), period, poses=poses)
+    assert other.gains.sweep[0] < 1.0
+    heavier = wrist.with_values({"inertia_zz_elbow": inertia, "inertia_yy_elbow": inertia})
+    assert ModalLaw.tuned(heavier.problem(penalty=penalty), poses=poses).gains.sweep[0] < 1.0
+    kept = tuple(p for p in wrist.parameters if p.name not in ("stiffness_elbow", "damping_elbow"))
+    rigid = replace(wrist, parameters=kept, rigid=("elbow",))
+    law, plant = ModalLaw.tuned(rigid.problem(penalty=penalty), poses=poses), rigid.plant()
+    for q in poses:
+        x, u = rigid.operating_point(q)
+        a, b, _, _ = plant.linearise(x, u)
+        gain = law.slope_at(q)
+        stepped, driven = made.held(a, b, 1e-3)
+        whole = np.block(
+            [[stepped + driven @ gain[:, :6], driven @ gain[:, 6:]], [1e-3 * np.eye(2, 6), np.eye(2)]]
+        )
+        assert np.abs(np.linalg.eigvals(whole)).max() < 1.0

@@ -364,7 +364,7 @@ def changed(urdf, *changes):
 
 
 def test_what_stands_where_nobody_placed_it(urdf):
-    """At the nearer limit where zero is outside; what mimics a locked joint where that one takes it."""
+    """At the nearer limit where zero is outside; what mimics a locked joint where that one takes it, or nearly."""
     lower, mimic = 'lower="0" upper="0.04" effort="9" velocity="1"/></joint>', '<mimic joint="grip"/>'
     root = changed(
         urdf,
@@ -372,7 +372,7 @@ def test_what_stands_where_nobody_placed_it(urdf):
         (mimic, '<mimic joint="grip" multiplier="3" offset="0.01"/>'),
     )
     moving = ["shoulder", "elbow", "lift"]
-    assert read_urdf(root, moving).locked == {"grip": None, "follow": None}
+    assert read_urdf(root, moving).locked == {"grip": 0.01, "follow": 0.04}
     place = {
         name: read_urdf(root, moving, {"grip": 0.01, **more}).links[-1].centre_of_mass
         for name, more in (("mimics", {}), ("placed", {"follow": 0.04}))

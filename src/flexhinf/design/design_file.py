@@ -35,6 +35,7 @@ from flexhinf.options import Stated, lengths
 from flexhinf.plant import Penalty
 from flexhinf.report import is_report, sources, unchanged
 from flexhinf.robot import Robot, catalogue, kinematics, load_robot
+from flexhinf.robot.elastic import DRIVES
 from flexhinf.robot.signals import SENSORS, expanded, signal_names, units_of
 from flexhinf.robot.waypoints import ORIGIN, Tool, WaypointTable, in_space, reached_waypoints, states_range
 from flexhinf.validation import checked_path, file_digest, nearest, read_toml, value_text, within_proportion
@@ -45,6 +46,7 @@ SIGNALS = {
     "integral_dead_zone": "link_position", "peak_speed": "link_velocity", "remaining_error": "link_position",
     "path_distance": "link_position",
 }  # fmt: skip
+EFFORTS = ("saturation", "peak_effort")  # one number, or one per joint, of the motors' inputs
 SMALL_UNITS = {"rad": "mrad", "m": "mm"}  # of `remaining_error` and `path_distance`
 
 #: How people write numbers of an SI unit, for advice.
@@ -61,6 +63,7 @@ def check_stated_units(robot: Robot, s: Specification) -> None:
     stated = [
         *((field, getattr(s, field), signal_names(signal, joints)) for field, signal in SIGNALS.items()),
         *(("via", pose, signal_names("link_position", joints)) for pose in s.via),
+        *((field, getattr(s, field), signal_names(DRIVES[robot.drive], joints)) for field in EFFORTS),
     ]
     for field in ("quantisation", "measurement_noise"):
         if any(isinstance(value, Stated) for value in _parts(getattr(s, field))):
@@ -71,6 +74,14 @@ def check_stated_units(robot: Robot, s: Specification) -> None:
         for part, signal, unit in zip(each, signals, units) if len(each) == len(signals) else ():
             if isinstance(part, Stated) and part.si != unit:
                 written = parts if len(set(units)) == 1 else each  # one for all joints, where one can be
+                if field in EFFORTS:  # volts make no amperes, whatever their number
+                    raise SpecificationError(
+                        field,
+                        f"The {field.replace('_', ' ')} does not fit the robot {robot.name!r}, whose motors are driven "
+                        f"by {robot.drive}.",
+                        f"expected {unit} of {signal!r}, got {value_text(part.number + part.unit, 60)}",
+                        f"`{field}` in {unit}, from the data sheet of motor or amplifier",
+                    )
                 usual = SMALL_UNITS if field in ("remaining_error", "path_distance") else CUSTOMARY
                 raise SpecificationError(
                     field,

@@ -213,7 +213,7 @@ class Specification:
         "Frequency below which every oscillation has to be damped: 350 (rad/s) or 55Hz. It is at most a third of half "
         "the sampling frequency. Faster oscillations have to be stable.", "350", "rad/s",
         default="350 rad/s, or that third")
-    peak_effort: options.PerJoint | None = option(None, LIMITS,
+    peak_effort: options.PerJointEffort | None = option(None, LIMITS,
         "Largest input of every motor: 60, or one per joint 87,87,12. It limits the controller too.", "60",
         "V, A, N·m or N", zero=NO_LIMIT, default="the robot's effort limits, or none")
     peak_speed: options.PerJointSpeed | None = option(None, LIMITS,
@@ -287,7 +287,7 @@ class Specification:
         "0.1mrad,0.5Nm. A number without a unit is the variance of an angle, R^n, 1e-8 for 0.1mrad. A length then has "
         "0.01 m² of it, a velocity 1e4 times and a torque stiffness² times that of its position.",
         "0.1mrad", "rad²", default="0.1 mrad rms")
-    saturation: options.PerJoint | None = option(None, LIMITS,
+    saturation: options.PerJointEffort | None = option(None, LIMITS,
         "Limit ± of every input, or one per joint 87,87,12.", "24", "V, A, N·m or N", zero=NO_LIMIT,
         default="the robot's effort limits, or none")
     extras: options.Names = option((), UNCERTAIN,

@@ -273,18 +273,23 @@ def _mean(variances: np.ndarray) -> float:
         return float(np.exp(np.log(variances).mean()))
 
 
-def pair_sensors(plant: Plant, n: int) -> tuple[np.ndarray, tuple[int, ...]]:
-    """H (k, 4) of a pair, and the power of K^½ of each of its k signals, by a plant of n joints.
+def pair_sensors(
+    plant: Plant, n: int, elsewhere: str = "an ExtendedKalmanFilter, which takes any sensors"
+) -> tuple[np.ndarray, tuple[int, ...]]:
+    """H (k, 4) of a pair, and the power of K^½ of each of its k signals, by a plant of n joints; `elsewhere` is what
+    takes other sensors, for the message.
 
     Raises `InvalidInput` where joints have different sensors, or no sensor sees a position.
     """
     kinds = [next((kind for kind in SENSORS if plant.expanded(kind) == names), None)
              for names in (tuple(plant.outputs[i : i + n]) for i in range(0, len(plant.outputs), n))]  # fmt: skip
     if None in kinds:
+        everywhere = tuple(kind for kind in SENSORS if {*plant.expanded(kind)} <= {*plant.outputs})
+        usable = any("position" in kind for kind in everywhere)
         raise InvalidInput(
             "The joints do not all have the same sensors.",
             f"expected signals of {list(SENSORS)}, each of all joints, got {list(plant.outputs)}",
-            "measured=('link_position', 'motor_position')",
+            (f"measured={everywhere}, which all joints have; or " if usable else "") + elsewhere,
         )
     refuse_if(
         not any("position" in name for name in plant.outputs),

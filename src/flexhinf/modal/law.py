@@ -25,8 +25,8 @@ from typing import Any
 import numpy as np
 
 from flexhinf.baselines.equilibrium_law import PlacedLaw, equilibrium_of
-from flexhinf.errors import InvalidInput
-from flexhinf.modal.pair import DEFAULT_WEIGHTS, PairGains, PairWeights, pair_gains
+from flexhinf.errors import InvalidInput, NumericalFailure
+from flexhinf.modal.pair import DEFAULT_WEIGHTS, FOLDED, PairGains, PairWeights, pair_gains
 from flexhinf.plant import GeneralisedPlant, Plant
 from flexhinf.plant.joints import (
     ElasticJoints,
@@ -58,11 +58,50 @@ def workspace(plant: Plant, count: int = POSES, seed: int = SEED) -> np.ndarray:
     return np.random.default_rng(seed).uniform(low, high, (count, len(names)))
 
 
+def compliances(plant: Plant, poses: Any) -> np.ndarray:
+    """M⁻¹ (N, n, n) at link positions (N, n), without rotors."""
+    compliance, p = link_compliance(plant), plant.parameters.vector()
+    return np.array([compliance.matrix(q, p) for q in np.atleast_2d(poses)])
+
+
 def modes(plant: Plant, poses: Any, stiffness: Any) -> np.ndarray:
     """λ (N, n), 1/s², ascending, at link positions (N, n): squares of the frequencies of links against fixed motors."""
-    poses, root = np.atleast_2d(poses), np.sqrt(stiffness)
-    compliance, p = link_compliance(plant), plant.parameters.vector()
-    return np.array([np.linalg.eigvalsh(root[:, None] * compliance.matrix(q, p) * root) for q in poses])
+    root = np.sqrt(stiffness)
+    return np.linalg.eigvalsh(root[:, None] * compliances(plant, poses) * root)
+
+
+def check_folded(plant: Plant, joints: ElasticJoints, poses: np.ndarray, period: float) -> None:
+    """Refuse a spring that vibrates beyond `FOLDED`, so that a law sampled with the period, s, would excite it.
+
+    Links may be lighter by `MARGIN` than at the poses (N, n). Raises NumericalFailure, which names the joint.
+    """
+    link, _, motor, _ = joint_places(plant)
+    own, rotors, matrices = link != motor, joints.motor_inertia, compliances(plant, poses)
+    if not own.all():  # rotors of rigid joints turn with the links
+        matrices = np.linalg.inv(np.linalg.inv(matrices) + np.diag(np.where(own, 0.0, rotors)))
+    matrices, rotors, stiffness = matrices[:, own][:, :, own], rotors[own], joints.stiffness[own]
+    root, yielding = np.sqrt(stiffness), np.diag(1.0 / rotors)
+    free = root[:, None] * np.array([matrices + yielding, MARGIN * matrices + yielding]) * root
+    (squares, lighter), vectors = np.linalg.eigh(free)
+    worst = int(np.argmax(lighter[:, -1]))
+    frequency, fastest = np.sqrt(squares[worst, -1]), np.sqrt(lighter[worst, -1])
+    if fastest * period <= FOLDED:
+        return
+    spring = int(np.argmax(np.abs(vectors[1, worst, :, -1])))
+    name = plant.expanded("link_position")[np.flatnonzero(own)[spring]].removeprefix("link_position_")
+    allowed = (FOLDED / period) ** 2 / stiffness[spring] - 1.0 / rotors[
+        spring
+    ]  # MARGIN over the inertia of the links
+    heavier = (
+        f"; or a link or payload with {1.05 * MARGIN / allowed:.2g} kg·m² about it" if allowed > 0.0 else ""
+    )
+    raise NumericalFailure(
+        f"The spring of joint {name!r} vibrates at {frequency / (2.0 * np.pi):.4g} Hz, "
+        f"{frequency * period / (2.0 * np.pi):.3g} periods within one sample: a law would excite it.",
+        f"expected at most {FOLDED * frequency / fastest / (2.0 * np.pi * period):.4g} Hz for a period of "
+        f"{period:g} s, got a stiffness of {stiffness[spring]:.4g} N·m/rad (N/m)",
+        f"rigid = true for this joint instead of [joint.spring]; or --period {0.95 * FOLDED / fastest:.2g}{heavier}",
+    )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -112,16 +151,16 @@ class ModalLaw(PlacedLaw):
         """The law of a robot's problem, whose penalty does not matter, for samples of a period (s).
 
         `poses` (N, n), rad or m: link positions whose λ it shall serve, and what is up to 1.5 times beyond; by default
-        500 poses in the joints' limits.
+        500 poses in the joints' limits. Raises `NumericalFailure` where the samples do not carry a vibration.
         """
         plant, equilibrium = problem.plant, equilibrium_of(problem)
         joints, n = elastic_joints(plant, *equilibrium, rigid=True), len(plant.inputs)
         checked_positive("The period", period, "seconds", "period=1e-3")
         poses = workspace(plant) if poses is None else np.atleast_2d(np.asarray(poses, dtype=float))
         what, advice = "The poses do not fit the robot.", "one row of link positions per pose"
-        found = modes(
-            plant, checked_array(what, poses, (len(poses), n), f"(N, {n}) numbers", advice), joints.stiffness
-        )
+        poses = checked_array(what, poses, (len(poses), n), f"(N, {n}) numbers", advice)
+        check_folded(plant, joints, poses, period)
+        found = modes(plant, poses, joints.stiffness)
         kappa = float(np.exp(np.log(joints.stiffness / joints.motor_inertia).mean()))
         beta = float((joints.motor_damping / joints.motor_inertia).mean())
         gains = _kept_gains((found.min() / MARGIN, found.max() * MARGIN), kappa, beta, period, weights)

@@ -32,6 +32,10 @@ from flexhinf.validation import checked_array, checked_positive, read_only
 #: Ratio of neighbouring poles p_j, and of neighbouring λ of the grid; smooth gains are then fitted to some per cent.
 POLE_RATIO, GRID_RATIO = 3.0, 1.5
 
+#: √(λ + κ), rad per sample, of the fastest pair that is designed. A vibration of 2π per sample looks at rest in the
+#: samples, and a law by the model of a faster one excites it. Faster pairs have this one's gains, as rigid joints need.
+FOLDED = 6.0
+
 #: Range of the weight of the vibration, and steps of its bisection.
 VIBRATION, BISECTIONS = (0.02, 10.0), 10
 
@@ -224,7 +228,7 @@ def pair_gains(
     weights: PairWeights = DEFAULT_WEIGHTS,
 ) -> PairGains:
     """The gains of pairs with λ between two ends (1/s²), κ = `motor` (1/s²) and β = `damping` (1/s), sampled with a
-    period (s); s(λ) is their sixth function.
+    period (s); s(λ) is their sixth function. Of vibrations beyond `FOLDED` they are constant.
 
     Raises `InvalidInput` for ends that are not 0 < low < high, `NumericalFailure` where a sampled pair is unstable.
     """
@@ -239,7 +243,8 @@ def pair_gains(
         np.geomspace(low, high, 2 + int(np.ceil(np.log(high / low) / np.log(ratio))))
         for ratio in (GRID_RATIO, POLE_RATIO)
     )
-    rows = np.array([weights.gains(Pair(link, motor, damping), period) for link in grid])
+    fastest = max(low, min(high, (FOLDED / period) ** 2 - motor))
+    rows = np.array([weights.gains(Pair(min(link, fastest), motor, damping), period) for link in grid])
     # Stiffness and damping against the base are sums, much smaller than their parts where pairs are fast.
     rows[:, :2] += rows[:, 2:4]
     rows = np.column_stack([rows, weights.slowness(grid)])
@@ -253,7 +258,7 @@ def pair_gains(
         ]
     )
     fitted[:2] -= fitted[2:4]
-    gains = PairGains((low, high), motor, damping, period, poles, fitted, weights)
+    gains = PairGains((low, fastest), motor, damping, period, poles, fitted, weights)
     if not gains.sweep[0] < 1.0:
         raise NumericalFailure(
             "The sampled loop of a pair is unstable.",

@@ -120,8 +120,11 @@ def vibration_text(design: WorkspaceDesign) -> str:
     """The arm's own vibrations with held motors beside the bandwidth of the law."""
     gains = design.setup.law.gains
     low, high = (f"{float(end):.0f}" for end in np.sqrt(gains.ends))
+    fastest = (
+        "" if design.robot.rigid else f" to {high} (fastest)"
+    )  # a rigid joint has a pair and no vibration
     return (
-        f"The arm vibrates at {low} rad/s (slowest) to {high} (fastest); the controller follows commands up to "
+        f"The arm vibrates at {low} rad/s (slowest){fastest}; the controller follows commands up to "
         f"{gains.weights.bandwidth:g} rad/s."
     )
 

@@ -316,6 +316,9 @@ UNUSUAL = {
     "payload": (10.0, 100.0),
 }
 
+#: Inertia of a link that stands for none, kg·m²: a body of a gram and a centimetre has it.
+PLACEHOLDER = 1e-7
+
 #: Motor's inertia over the one it moves, where it is stated as if it were reflected and is not.
 NOT_REFLECTED = 1e-4
 
@@ -363,7 +366,7 @@ def check_fast(robot: Robot, period: float) -> None:
         f"expected at most {FASTEST / (2.0 * np.pi * period):.4g} Hz for a period of {period:g} s, got a stiffness of "
         f"{softest:.4g} N·m/rad (N/m)",
         f"rigid = true instead of [joint.spring]; stiffness = {softer:.2g}, which is nearly rigid for this loop; or "
-        f"--period {FASTEST / frequency:.1g}",
+        f"--period {0.95 * FASTEST / frequency:.2g}",
     )
 
 
@@ -421,7 +424,8 @@ def check_geometry(robot: Robot, file: str) -> None:
                 True,
                 f"{file}: the inertia of the link behind joint {joint.name!r} is that of a very large body.",
                 f"expected kg·m², got {largest:.4g} kg·m² for {mass:.4g} kg, a radius of gyration of {size:.3g} m",
-                f"{largest * INERTIA_UNITS[unit]:.4g} if {largest:.4g} {unit} were meant",
+                f"{largest * INERTIA_UNITS[unit]:.4g} if {largest:.4g} {unit} were meant"
+                + ("" if mass > PLACEHOLDER else "; or another mass, in kg"),
                 size > UNUSUAL["gyration"][1],
             )
 
@@ -546,12 +550,15 @@ def check_load(robot: Robot, file: str) -> None:
             twist > UNUSUAL["twist"][1],
         )
         unit = min(INERTIA_UNITS, key=lambda name: abs(np.log(ratio * INERTIA_UNITS[name])))
+        advice = f"{rotor * INERTIA_UNITS[unit]:.4g} if {rotor:.4g} {unit} were meant; seen from the link it is J N², "
         ask(
-            ratio > UNUSUAL[_kind_of_motor(robot, k)][0],
+            ratio > UNUSUAL[_kind_of_motor(robot, k)][0] and joint.name not in robot.rigid,
             f"{file}: the motor of joint {joint.name!r} has {ratio:.2g} times the inertia of all that it moves.",
             f"expected kg·m², got {rotor:.4g}, seen from the link {motor:.4g}, for {inertia:.3g}",
-            f"{rotor * INERTIA_UNITS[unit]:.4g} if {rotor:.4g} {unit} were meant; seen from the link it is J N², "
-            "N the gear ratio",
+            f"mass and inertia of the link behind it, of which {inertia:.2g} kg·m² is a placeholder; or "
+            "rigid = true for this joint instead of [joint.spring]"
+            if inertia < PLACEHOLDER
+            else f"{advice}N the gear ratio",
             ratio > UNUSUAL["wrist"][1],
         )
         ask(

@@ -2,11 +2,13 @@
 
 MuJoCo itself reads the file and compiles it, without shapes of bodies that state an inertia; what is read of its model
 are bodies, hinge and slide joints, gravity, and the largest forces of actuators. An actuator's own control is not part
-of the robot. What would change the dynamics and is not read is refused by name, and no other file is opened.
+of the robot. What would change the dynamics and is not read is refused by name, and no other file is opened. Bodies of
+a scene that no chosen joint moves are left out.
 """
 
 from __future__ import annotations
 
+import copy
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
@@ -19,25 +21,38 @@ from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.robot.arm import Frame
 from flexhinf.robot.dynamics import Placement
 from flexhinf.robot.parts import ask
-from flexhinf.robot.urdf import MOST_LINKS, RigidArm, check_count, locked_joints, moved, range_of
+from flexhinf.robot.rigid_arm import (
+    MOST_LINKS,
+    RigidArm,
+    check_count,
+    locked_joints,
+    moved,
+    range_of,
+    selection,
+)
 from flexhinf.validation import HUGE, checked_name, extra_package, value_text
 
 KINDS = {"mjJNT_HINGE": "revolute", "mjJNT_SLIDE": "prismatic"}
 
+#: How MuJoCo writes a file with all that it takes from others.
+WHOLE = "mujoco.mj_saveLastXML('whole.xml', mujoco.MjModel.from_xml_path('this.xml')) writes it in one file"
+
 #: Elements that add bodies or forces which are not read, and what to do instead.
 REFUSED = {
-    "include": "one file: mujoco.mj_saveLastXML writes it",
-    "attach": "one file: mujoco.mj_saveLastXML writes it",
-    "replicate": "the copies written out: mujoco.mj_saveLastXML writes them",
+    "include": WHOLE,
+    "attach": WHOLE,
+    "replicate": WHOLE,
     "composite": "bodies and joints",
     "flexcomp": "bodies and joints",
-    "freejoint": "a robot on a fixed base",
     "plugin": "the robot without it",
 }
 
 #: What is handed to MuJoCo of a file: the elements below <mujoco>, and those of bodies and default classes.
 READ = {"compiler", "option", "default", "worldbody", "actuator"}
-INSIDE = {"body", "frame", "joint", "inertial", "geom", "default", "flag"}
+INSIDE = {"body", "frame", "joint", "freejoint", "inertial", "geom", "default", "flag"}
+
+#: What stands in the world and is no body.
+SCENERY = {"geom", "site", "light", "camera"}
 
 #: Kinds of actuators, whose defaults stand in default classes too.
 ACTUATORS = {
@@ -46,6 +61,14 @@ ACTUATORS = {
 
 #: How an actuator says that it acts on a joint alone.
 ON_JOINT = ("joint", "jointinparent")
+
+#: How couplings and tendons name what they act on.
+ENDS = {
+    "joint": ("joint1", "joint2"),
+    "body": ("body1", "body2"),
+    "site": ("site1", "site2"),
+    "tendon": ("tendon1", "tendon2"),
+}
 
 #: Arrays of a compiled model of joints and actuators that are read, that are refused elsewhere, or that change nothing
 #: within the limits of the joints; what else a version of MuJoCo has must be as in `NEUTRAL`.
@@ -86,26 +109,89 @@ def read_mjcf(
     refused.
     """
     mujoco = extra_package("mujoco", "mujoco", "MJCF is read by MuJoCo, which is not installed.")
+    _check_elements(root, ("include", "attach", "replicate"))  # which may hold the arm
+    check_count("bodies", sum(1 for _ in root.iter("body")), MOST_LINKS)
+    scene = _by_mujoco(mujoco.MjSpec.from_string, ElementTree.tostring(_kept(root), encoding="unicode"))
+    movable = tuple(joint.name for joint in scene.joints if joint.type.name in KINDS)
+    arm = RigidArm(movable, locked_joints(movable, joints, locked))
+    moving = [name for name in movable if name not in arm.locked]
+    root = _arm_of(root, set(moving))
+    _check_elements(root, REFUSED)
+    spec = _by_mujoco(mujoco.MjSpec.from_string, ElementTree.tostring(_kept(root), encoding="unicode"))
+    _check(spec, moving)
+    _hold(spec, moving, joints is not None or bool(locked))
+    spec.compiler.fusestatic = spec.compiler.discardvisual = False
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)  # shapes may overlap
+    _check_couplings(root, moving)
+    _use_shapes(spec, set(moving))
+    model = _by_mujoco(spec.compile)
+    _check_arrays(mujoco, model, moving)
+    _warn_of_actuators(root, moving)
+    return _filled(arm, model)
+
+
+def _check_elements(root: Element, refused: Collection[str]) -> None:
     for element in root.iter():
         refuse_if(
-            element.tag in REFUSED,
+            element.tag in refused,
             f"<{element.tag}> is not read.",
             "expected bodies, joints and inertials in this file",
             REFUSED.get(element.tag, ""),
         )
-    check_count("bodies", sum(1 for _ in root.iter("body")), MOST_LINKS)
-    spec = _by_mujoco(mujoco.MjSpec.from_string, ElementTree.tostring(_kept(root), encoding="unicode"))
-    _check(spec)
-    spec.compiler.fusestatic = spec.compiler.discardvisual = False
-    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)  # shapes may overlap
-    movable = tuple(joint.name for joint in spec.joints)
-    arm = RigidArm(movable, locked_joints(movable, joints, locked))
-    _check_couplings(root, {name for name in movable if name not in arm.locked})
-    _use_shapes(spec)
-    model = _by_mujoco(spec.compile)
-    _check_arrays(mujoco, model, [name for name in movable if name not in arm.locked])
-    _warn_of_actuators(root, set(movable) - set(arm.locked))
-    return _filled(arm, model)
+
+
+def _arm_of(root: Element, moving: Collection[str]) -> Element:
+    """The file without what the world carries beside the moving joints, and without its actuators; says which bodies
+    that could move are left out."""
+    root, left, gone = copy.deepcopy(root), [], set[str]()
+    for world in root.findall("worldbody"):
+        for part in [part for part in world if part.tag not in SCENERY]:
+            names = {joint.get("name", "") for joint in part.iter("joint")}
+            if not names & {*moving}:
+                world.remove(part)
+                gone |= names
+                left += (
+                    [part.get("name", part.tag)] if names or any(True for _ in part.iter("freejoint")) else []
+                )
+    for group in root.findall("actuator"):
+        for actuator in [part for part in group if any(part.get(key) in gone for key in ON_JOINT)]:
+            group.remove(actuator)
+    ask(
+        left,
+        f"Bodies of the scene are left out: {value_text(', '.join(left), 120)}.",
+        "expected the arm, and what its joints carry",
+        "the joints that move them, in joints = [...], where they belong to the arm",
+    )
+    return root
+
+
+def _hold(spec: Any, moving: Sequence[str], chosen: bool) -> None:
+    """Make balls stand still where some joints were chosen to move; refuse a base that floats, and balls else."""
+    free, balls = (
+        [(body.name, joint) for body in spec.bodies for joint in body.joints if joint.type.name == kind]
+        for kind in ("mjJNT_FREE", "mjJNT_BALL")
+    )
+    refuse_if(
+        free,
+        f"the base {', '.join(repr(name) for name, _ in free)} floats: its joint is of type 'free'.",
+        "expected a robot on a fixed base",
+        "the file without this <freejoint>: the base then stands where it is drawn",
+    )
+    names = ", ".join(repr(joint.name or f"of body {name}") for name, joint in balls)
+    refuse_if(
+        balls and not chosen,
+        f"the joint {names} is of type 'ball'.",
+        "expected hinge or slide",
+        selection(moving, moving),
+    )
+    ask(
+        balls,
+        f"The ball joint {names} stands still as it is drawn.",
+        "expected hinge or slide joints",
+        "the file without it",
+    )
+    for _, joint in balls:
+        spec.delete(joint)
 
 
 def _by_mujoco(read: Callable[..., Any], *texts: str) -> Any:
@@ -161,7 +247,7 @@ def _pruned(element: Element, inside: Collection[str] = INSIDE) -> Element:
     return kept
 
 
-def _warn_of_actuators(root: Element, moving: Collection[str]) -> None:
+def _warn_of_actuators(root: Element, moving: Sequence[str]) -> None:
     """Say which actuators are not read, since the limits of the motors are then unknown."""
     others = [
         part
@@ -210,37 +296,46 @@ def _check_arrays(mujoco: Any, model: Any, moving: Sequence[str]) -> None:
                 )
 
 
-def _check(spec: Any) -> None:
+def _check(spec: Any, moving: Sequence[str]) -> None:
     compiler = spec.compiler
     for key in ("boundmass", "boundinertia", "settotalmass", "balanceinertia"):
         acts = getattr(compiler, key) > 0.0
-        refuse_if(acts, f"<compiler {key}> is not read.", "it changes masses", "inertials as they are")
+        advice = "the file without it, with the masses that it would make written out"
+        refuse_if(acts, f"<compiler {key}> is not read.", "expected masses as they are stated", advice)
     refuse_if(
         spec.option.density != 0.0 or spec.option.viscosity != 0.0,
         "<option> has a medium.",
-        "expected density and viscosity 0",
-        "a robot in air",
+        f"expected density and viscosity 0, got {spec.option.density:g} and {spec.option.viscosity:g}",
+        "<option> without density and viscosity",
     )
-    for kind, named in (("joint", spec.joints), ("body", [body for body in spec.bodies[1:] if body.name])):
+    joints = [joint for joint in spec.joints if joint.name in moving]
+    for kind, named in (("joint", joints), ("body", [body for body in spec.bodies[1:] if body.name])):
         for part in named:
             checked_name(f"a {kind}", part.name, spaces=True)
-    for body in spec.bodies[1:]:
-        refuse_if(
-            len(body.joints) > 1,
-            f"the body {value_text(body.name, 60)} has {len(body.joints)} joints.",
+    own = [
+        (body.name, [joint.name for joint in body.joints if joint.name in moving]) for body in spec.bodies[1:]
+    ]
+    others = {name for _, names in own for name in names[1:]}
+    for body, names in [row for row in own if len(row[1]) > 1][:1]:
+        raise InvalidInput(
+            f"the body {value_text(body, 60)} has {len(names)} joints: {', '.join(map(repr, names))}.",
             "expected at most one joint for each body: a link between two joints has a mass",
-            "a body for each joint, with what moves there",
+            selection([name for name in moving if name not in others], moving),
         )
-    parts = [(f"the joint {joint.name!r}", joint) for joint in spec.joints]
-    for where, part in [*parts, *((f"<body> {value_text(body.name, 60)}", body) for body in spec.bodies)]:
-        for key, what in ACTING.items():
-            value = np.asarray(getattr(part, key, 0.0))
-            refuse_if(
-                np.any(value != 0.0),
-                f"{where} has {key}.",
-                f"expected none, got {key} = {value.tolist()}: {what}",
-                f"leave out {key}",
-            )
+    parts = [(f"the joint {joint.name!r}", joint) for joint in joints]
+    bodies = [(f"<body> {value_text(body.name, 60)}", body) for body in spec.bodies]
+    for key, what in ACTING.items():
+        values = {
+            where.removeprefix("the joint "): np.asarray(getattr(part, key, 0.0))
+            for where, part in [*parts, *bodies]
+        }
+        acting = {where: value.tolist() for where, value in values.items() if np.any(value != 0.0)}
+        refuse_if(
+            acting,
+            f"{', '.join(acting)}: {key} is not read.",
+            f"expected none, got {key} = {', '.join(map(str, acting.values()))}: {what}",
+            f"{key}='0' in each of them",
+        )
     for where, part in [
         *parts,
         *((f"the actuator of {actuator.target!r}", actuator) for actuator in spec.actuators),
@@ -255,37 +350,68 @@ def _check(spec: Any) -> None:
                 f"expected two ends in order, got {low:g} to {high:g}",
                 f'{key}range="-1 1"',
             )
-    for where, joint in parts:
-        refuse_if(
-            joint.type.name not in KINDS,
-            f"{where} is of type {joint.type.name.removeprefix('mjJNT_').lower()!r}.",
-            "expected hinge or slide",
-            "a robot on a fixed base with joints of one degree of freedom",
-        )
 
 
-def _check_couplings(root: Element, moving: set[str]) -> None:
+def _carriers(element: Element, moving: Collection[str], carrier: str = "") -> dict[str, str]:
+    """The moving joint that carries each body and site of an element; "" is the world."""
+    parts = list(element)
+    for part in parts:  # which grow: what stands in a frame belongs to its body
+        parts += list(part) if part.tag == "frame" else []
+    carrier = next(
+        (str(part.get("name")) for part in parts if part.tag == "joint" and part.get("name") in moving),
+        carrier,
+    )
+    found = {f"{element.tag} {element.get('name')}": carrier, "body world": ""}
+    for part in parts:
+        if part.tag == "site":
+            found[f"site {part.get('name')}"] = carrier
+        elif part.tag == "body":
+            found |= _carriers(part, moving, carrier)
+    return found
+
+
+def _check_couplings(root: Element, moving: Sequence[str]) -> None:
+    carriers = {
+        name: at for world in root.findall("worldbody") for name, at in _carriers(world, moving).items()
+    }
+    tendons = {part.get("name"): part for group in root.findall("tendon") for part in group}
+
+    def on_moving(element: Element) -> bool:
+        """Whether a coupling, or a tendon, acts between parts that move against each other."""
+        ends = {word: [name for key in keys if (name := element.get(key))] for word, keys in ENDS.items()}
+        if element.tag == "fixed":
+            return any(part.get("joint") in moving for part in element)
+        if ends["joint"]:
+            return any(name in moving for name in ends["joint"])
+        if ends["tendon"]:
+            return any(name not in tendons or on_moving(tendons[name]) for name in ends["tendon"])
+        if element.tag == "spatial":
+            ends["site"] = [str(part.get("site")) for part in element if part.tag == "site"]
+            if any(part.tag not in ("site", "pulley") for part in element):
+                return True
+        places = [f"{word} {name}" for word in ("body", "site") for name in ends[word]]
+        at = {carriers.get(place, place) for place in places} | ({""} if len(places) == 1 else set())
+        return not places or len(at) > 1
+
     for element in (element for group in root.findall("equality") for element in group):
-        named = [name for key in ("joint1", "joint2") if (name := element.get(key)) is not None]
-        locked = element.tag == "joint" and not {*named} & moving
-        parts = named or [str(element.get(key)) for key in ("body1", "body2", "tendon1") if element.get(key)]
+        parts = [str(element.get(key)) for keys in ENDS.values() for key in keys if element.get(key)]
+        free = [name for name in moving if name not in parts]
         refuse_if(
-            not locked and element.get("active", "true") != "false",
+            on_moving(element) and element.get("active", "true") != "false",
             f"<equality> {element.tag} of {value_text(', '.join(parts), 120)} couples what moves.",
             "expected a tree of independent joints",
-            f"lock the joints that it couples: locked={dict.fromkeys(named, 0.0)}"
-            if named
-            else "the robot without it, or active='false'",
+            selection(free, moving)
+            if element.tag == "joint" and free
+            else "active='false' in it: the robot without it",
         )
-    tendons = [element for group in root.findall("tendon") for element in group]
-    for element in tendons + ([part for part in root.iter("tendon") if len(part) == 0] if tendons else []):
-        on_moving = element.tag != "fixed" or {part.get("joint") for part in element} & moving
+    for element in [*tendons.values(), *(part for part in root.iter("tendon") if len(part) == 0 and tendons)]:
         for key in ("stiffness", "damping", "frictionloss", "armature"):
             refuse_if(
-                on_moving and any(_number(word) != 0.0 for word in element.get(key, "").split()),
+                (element.tag == "tendon" or on_moving(element))
+                and any(_number(word) != 0.0 for word in element.get(key, "").split()),
                 f"a tendon has {key}.",
-                "expected joints that are coupled by links alone",
-                "the robot without it",
+                f"expected joints that are coupled by links alone, got {key}={element.get(key)!r}",
+                f"the tendon without {key}",
             )
 
 
@@ -296,7 +422,7 @@ def _number(text: str) -> float:
         return float("nan")
 
 
-def _use_shapes(spec: Any) -> None:
+def _use_shapes(spec: Any, moving: Collection[str]) -> None:
     """Leave out shapes without mass, and those of bodies whose inertia is stated; refuse a mesh that has a mass."""
     for geom in spec.geoms:
         body, kind = geom.parent, geom.type.name.removeprefix("mjGEOM_").lower()
@@ -304,7 +430,7 @@ def _use_shapes(spec: Any) -> None:
         light = geom.mass == 0.0 or (not geom.mass > 0.0 and geom.density == 0.0)
         solid = kind in SOLID and not geom.meshname
         carrier = body
-        while carrier is not None and not len(carrier.joints):
+        while carrier is not None and not any(joint.name in moving for joint in carrier.joints):
             carrier = carrier.parent
         if stated or light or kind == "plane" or not (solid or carrier is not None):
             geom.type, geom.meshname, geom.hfieldname = type(geom.type).mjGEOM_SPHERE, "", ""
@@ -325,8 +451,7 @@ def _filled(arm: RigidArm, model: Any) -> RigidArm:
         name = model.body(k).name
         carrier, above = places[model.body_parentid[k]]
         place = above.then(_placement(model.body_pos[k], model.body_quat[k]))
-        if model.body_jntnum[k]:
-            j = model.body_jntadr[k]
+        for j in range(model.body_jntadr[k], model.body_jntadr[k] + model.body_jntnum[k]):
             joint, axis = model.joint(j).name, tuple(model.jnt_axis[j].tolist())
             kind = "revolute" if model.jnt_type[j] == 3 else "prismatic"
             limits: Any = range_of(*model.jnt_range[j].tolist()) if model.jnt_limited[j] else None

@@ -133,19 +133,23 @@ def check_parameters(robot: str, parameters: Sequence[Parameter], slides: Mappin
             )
         quantity, joint = known[parameter.name]
         sign, unit = QUANTITIES[quantity].sign, unit_of(quantity, slides.get(joint, False))
-        positive, ends = sign == "positive", " at one end of its range"
+        positive, ends, unit = (
+            sign == "positive",
+            " at one end of its range",
+            "" if unit == "1" else f" {unit}",
+        )
         what = f"The parameter {parameter.name!r}{f' of joint {joint!r}' if joint else ''}"
         for value, where in ((parameter.value, ""), *((end, ends) for end in parameter.interval)):
             if (positive and not value > 0.0) or (sign != "any" and value < 0.0):
                 raise InvalidInput(
                     f"{what} must {'be positive' if positive else 'not be negative'}.",
-                    f"expected {'> 0' if positive else '>= 0'} {unit}, got {value:g} {unit}{where}",
-                    "correct the value",
+                    f"expected {'> 0' if positive else '>= 0'}{unit}, got {value:g}{unit}{where}",
+                    f"{abs(value):g}" if value and not where else "correct the value",
                 )
             if not within_proportion(value, positive=positive):
                 raise InvalidInput(
                     f"{what} is out of all proportion.",
-                    f"expected {1 / HUGE:g} to {HUGE:g} {unit}, got {value:g} {unit}{where}",
+                    f"expected {1 / HUGE:g} to {HUGE:g}{unit}, got {value:g}{unit}{where}",
                     "its value in SI units",
                 )
 

@@ -1,59 +1,30 @@
-"""Robots from files: TOML robot files, or a URDF or an MJCF file with the elastic data beside it."""
+"""Robots by the path of a file, or by a name of the catalogue."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from importlib.metadata import entry_points
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from flexhinf.errors import InvalidInput, located, refuse_if
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.plant import Penalty
-from flexhinf.robot import urdf
-from flexhinf.robot.arm import SHAPES, Frame, Payload, Pendulum, inertia_of_shape, payload_from_text
-from flexhinf.robot.dynamics import ZERO, Joint, Placement
-from flexhinf.robot.elastic import DRIVES
-from flexhinf.robot.kinematics import DEGREES, check_geometry, check_load
-from flexhinf.robot.mjcf import read_mjcf
-from flexhinf.robot.parameters import INERTIA, Parameter, Stated, per_joint, unit_of
-from flexhinf.robot.parts import (
-    NESTING,
-    TABLES,
-    ElasticJoint,
-    Key,
-    Link,
-    RobotFileWarning,
-    SingleLink,
-    Unusable,
-    assembled,
-    file_beside,
-    is_table,
-    key_advice,
-    number_in,
-    place_text,
-    robot_files,
-    single_link_robot,
-    value_of,
-)
+from flexhinf.robot.arm import Payload
+from flexhinf.robot.parameters import Parameter
+from flexhinf.robot.parts import RobotFileWarning
+from flexhinf.robot.rigid_arm import check_selection
 from flexhinf.robot.robot import Robot
-from flexhinf.robot.signals import UNITS
-from flexhinf.robot.urdf import GRAVITY, MOST_JOINTS, check_count, check_selection, read_urdf
-from flexhinf.validation import checked_path, distinct, nearest, read_toml, read_xml, unknown_name, value_text
-
-#: How names of MJCF files end; a URDF may end so too, its root element decides.
-MJCF = (".xml", ".mjcf")
+from flexhinf.robot.toml_file import MJCF, RobotFile
+from flexhinf.validation import checked_path, nearest, value_text
 
 #: Entry points by which other packages read further formats: the name is a file's ending without its dot, and the
 #: reader is called as `load_robot` and returns a robot.
 FORMATS = "flexhinf.robot_formats"
-
-#: Numbers whose tolerance in a table [tolerances] has another name.
-KEYS = {"rotor_inertia": "motor_inertia", "axis_inertia": "inertia", "length": "centre_of_mass"}
 
 
 def load_robot(
@@ -176,391 +147,27 @@ def _existing(source: str | Path) -> Path:
     )
 
 
-#: What to write for a table that is missing.
-MISSING = {
-    "spring": "[joint.spring] with stiffness = … (N·m/rad; N/m for a prismatic joint)",
-    "joint": "one [[joint]] table per joint, with name, link, spring and motor",
-    "weights": "weights = {link_position = 60, link_position_integral = 300}",
-    "name": "name = 'shoulder'",
-}
+def robot_files(folder: Path) -> list[str]:
+    """Paths of the robot files in a folder, at most a hundred."""
+    try:
+        found = (entry for entry in folder.iterdir() if entry.suffix.lower() in (".toml", ".urdf", ".xml"))
+        return sorted(map(str, islice(found, 100)))
+    except (OSError, ValueError):  # no such folder, or none that this user may read
+        return []
 
 
-class RobotFile:
-    """One robot file: `root` has the keys of `TABLES` that are stated or have a default.
-
-    Of its mistakes the first one is raised, with the number of the others. A number takes its tolerance from itself,
-    else from its joint, else from the whole file.
-    """
-
-    def __init__(self, path: Path) -> None:
-        try:
-            self.data = read_toml(path)
-        except InvalidInput as error:
-            if "joint" not in error.found and "overwrite" not in error.found:
-                raise
-            raise InvalidInput(error.what, error.found, f"correct that line; a joint is {NESTING}") from error
-        self.file = path.name
-        if isinstance(self.data.get("joint"), list):
-            with located(self.file):
-                check_count("joints", len(self.data["joint"]), MOST_JOINTS)
-        self.stated: list[tuple[tuple[Any, ...], tuple[str, ...], Stated]] = []
-        self._mistakes: list[tuple[str, str, str]] = []
-        self.root = self.table(self.data, TABLES[""], ())
-        if self._mistakes:
-            what, found, advice = self._mistakes[0]
-            others = f" (and {len(self._mistakes) - 1} more)" if len(self._mistakes) > 1 else ""
-            raise InvalidInput(f"{self.file}: {what}{others}.", found, advice)
-        self.name = self.root["name"] or path.stem
-        self._tolerances: dict[str | None, dict[str, float]] = {
-            None: self.root["tolerances"],
-            **{row["name"]: row["tolerances"] for row in self.root["joint"]},
-        }
-        self._used: set[tuple[str | None, str]] = set()
-
-    # Keys -----------------------------------------------------------------------------------------
-    def table(self, data: Any, keys: Mapping[str, Key], place: tuple[Any, ...]) -> dict[str, Any]:
-        """The keys of a table that are stated or have a default."""
-        if not isinstance(data, dict):
-            raise Unusable("a table", "")
-        where, values = place_text(place, self.data), {}
-        unknown = [name for name in data if name not in keys]
-        self._mistakes += [
-            (
-                f"{where} has an unknown key {name!r}",
-                f"expected keys out of {list(keys)}, got {name!r}",
-                key_advice(name, keys, is_table(data[name])),
-            )
-            for name in unknown
-        ]
-        for name, key in keys.items():
-            if name in data:
-                values[name] = self._value(data[name], key, (*place, name))
-            elif key.required and not unknown:
-                unit = f" ({key.units[0]})" if key.units else ""
-                self._mistakes.append(
-                    (
-                        f"{where} has no {name!r}",
-                        f"expected {name!r}{unit}, got only {list(data)}",
-                        MISSING.get(name, f"{name} = …{unit}"),
-                    )
-                )
-            elif key.default is not None:
-                values[name] = key.default
-        return values
-
-    def _value(self, value: Any, key: Key, place: tuple[Any, ...]) -> Any:
-        try:
-            parsed = key.read(self, value, key, place)
-            if not key.usable(parsed):
-                raise Unusable(key.expected, "")
-            return parsed
-        except Unusable as wrong:
-            *before, name = place if place[-1] != "value" else place[:-1]
-            expected, advice = wrong.args
-            self._mistakes.append((
-                f"{place_text(tuple(before), self.data)} has a value of {name!r} that cannot be used",
-                f"expected {expected}, got {value_text(value, 60)}",
-                f"{name} = {advice}" if advice else NESTING if is_table(value) else "correct the value",
-            ))  # fmt: skip
-            return None
-
-    def check_units(self, robot: Any) -> Any:
-        """Return the robot; refuse units of a joint that turns where it slides, and of another drive."""
-        slides = dict(zip(robot.joint_names, robot.links.slides))
-        for place, units, number in self.stated:
-            kinds = set(slides.values()) if place[0] == "home" else set()
-            if place[0] == "joint" and len(place) > 2:
-                name = self.data["joint"][place[1]].get("name")
-                kinds = {slides[name]} if name in slides else set()
-            choices = UNITS[DRIVES[robot.drive]] if "effort_limit" in place else units
-            fitting = sorted({choices[kind if len(choices) > 1 else 0] for kind in kinds})
-            if fitting and number.si not in fitting:
-                *before, key = (part for part in place if part not in ("value", "range"))
-                stated = f"{number.number} {number.unit}"
-                expected, advice = number_in(stated, fitting)
-                raise InvalidInput(
-                    f"{self.file}: {place_text(tuple(before), self.data)} has a value of {key!r} in another unit.",
-                    f"expected {expected}, got {value_text(stated, 60)}",
-                    f"{key} = {advice}",
-                )
-        return robot
-
-    # Robots ---------------------------------------------------------------------------------------
-    def whole_robot(
-        self, chosen: Sequence[str] | None, locked: Mapping[str, float] | None, payload: Any
-    ) -> Robot:
-        """The robot of a TOML file that states its links too."""
-        table, file = self.root, self.file
-        refuse_if(
-            chosen is not None or locked or "joints" in table or table["locked"],
-            f"{file}: joints are chosen or locked in a URDF only.",
-            "expected neither joints nor locked without urdf",
-            "leave the joint out of the file",
-        )
-        joints = []
-        for row in table["joint"]:
-            angles = row.get("rpy", [0.0, 0.0, 0.0])
-            refuse_if(
-                max(map(abs, angles)) > 2.0 * np.pi * (1.0 + 1e-6),
-                f"{file}: joint {row['name']!r}: roll, pitch and yaw turn by more than once around.",
-                f"expected angles in rad within ±2π, got {angles}; were degrees meant?",
-                f"{[float(f'{angle / DEGREES:.6g}') for angle in angles]} for {angles}°",
-            )
-            stated = {key: row[key] for key in ("kind", "axis", "limits", "parent") if key in row}
-            with located(file):
-                joints.append(
-                    Joint(row["name"], placement=Placement.of(row.get("xyz", ZERO), angles), **stated)
-                )
-        links = [self._link(row) for row in table["joint"]]
-        springs = [self._elastic(row) for row in table["joint"]]
-        settings = self._settings(table["joint"])
-        if isinstance(links[0], SingleLink) and len(links) == 1 and "down" not in settings:
-            with located(file):
-                robot = single_link_robot(self.name, joints[0], links[0], springs[0], **settings)
-        elif any(isinstance(link, SingleLink) for link in links):
-            raise InvalidInput(
-                f"{file}: axis_inertia is for a single link about a horizontal axis.",
-                f"expected one joint and no 'down', got {len(joints)} joints",
-                "mass, centre_of_mass and inertia of each link",
-            )
-        else:
-            with located(file):
-                robot = assembled(self.name, joints, links, springs, **settings)
-        # A file states no shapes: a payload without a place of its own is where the link is drawn to end, at twice the
-        # distance of the centre of mass.
-        frames = {}
-        for joint, link in zip(joints, links):
-            centre = (link.length, 0.0, 0.0) if isinstance(link, SingleLink) else link.centre_of_mass
-            x, y, z = (2.0 * value_of(x) for x in centre)
-            frames[joint.name] = Frame(joint.name, Placement(), tip=(x, y, z))
-        tips = [joint.name for i, joint in enumerate(joints) if i not in robot.links.tree.parents]
-        return self._finished(robot, frames, tips, payload)
-
-    def robot_with(
-        self, rigid: Path, chosen: Sequence[str] | None, locked: Mapping[str, float] | None, payload: Any
-    ) -> Robot:
-        """The robot whose links another file states."""
-        table, file = self.root, self.file
-        rows = {row["name"]: row for row in table["joint"]}
-        for row in table["joint"]:
-            for key in [key for key in ("kind", "axis", "xyz", "rpy", "parent", "link") if key in row]:
-                raise InvalidInput(
-                    f"{file}: the joint {row['name']!r} states {key!r}, which the URDF states too.",
-                    f"expected name, spring, motor (and limits) only, got {list(row)}",
-                    f"leave it out; {rigid.name} decides",
-                )
-        root = read_xml(rigid)
-        read = read_mjcf if rigid.suffix.lower() in MJCF and root.tag == "mujoco" else read_urdf
-        chosen = table.get("joints") if chosen is None else chosen
-        with located(rigid.name):
-            arm = read(root, chosen, {**table["locked"], **(locked or {})})
-        distinct(f"{file}: the joint", [row["name"] for row in table["joint"]])
-        names = [joint.name for joint in arm.joints]
-        for name in [name for name in rows if name not in arm.movable]:
-            raise unknown_name(f"{file}: there is no joint {name!r} in {rigid.name}.", name, arm.movable)
-        for name in [name for name in names if name not in rows]:
-            raise InvalidInput(
-                f"{file}: the joint {name!r} of {rigid.name} has no stiffness.",
-                f"expected a [[joint]] for each of {names}, got {list(rows)}",
-                f"add it, or lock the joint: locked = {{{name} = 0.0}}",
-            )
-        kept = [rows[name] for name in names]
-        placed = [replace(j, limits=row.get("limits", j.limits)) for j, row in zip(arm.joints, kept)]
-        springs = [self._elastic(row, arm.motors.get(row["name"], {}), rigid.name) for row in kept]
-        urdf.tell_friction(file, kept, arm, rigid.name)
-        links = []
-        for link, name in zip(arm.links, names):
-            mass, centre = (self._tolerance(name, quantity) for quantity in ("mass", "centre_of_mass"))
-            tolerances = (mass, *[centre] * 3, *[0.0] * 6)
-            numbers = [
-                Parameter("of a link", value_of(value), tolerance, source=rigid.name)
-                for value, tolerance in zip((link.mass, *link.centre_of_mass, *link.inertia), tolerances)
-            ]
-            links.append(Link(numbers[0], numbers[1:4], numbers[4:]))
-        # <limit effort> is a torque: it says nothing about a motor whose input is a voltage or a current.
-        efforts = arm.efforts if springs[0].drive == "torque" else None
-        settings = self._settings(kept, arm.gravity, arm.down, efforts, arm.speeds)
-        with located(file):
-            robot = assembled(self.name, placed, links, springs, **settings)
-        return self._finished(robot, arm.frames, arm.tips, payload)
-
-    def _settings(
-        self,
-        rows: Sequence[Any],
-        fall: float = GRAVITY,
-        direction: Sequence[float] | None = None,
-        efforts: Sequence[float] | None = None,
-        speeds: Sequence[float] | None = None,
-    ) -> dict[str, Any]:
-        table, nothing = self.root, [None] * len(rows)
-        settings = {key: table.get(key) for key in ("home", "description")}
-        if "penalty" in table:
-            settings["penalty"] = Penalty(table["penalty"]["weights"], effort=table["penalty"]["effort"])
-        if (down := table.get("down", direction)) is not None:
-            settings["down"] = down
-        return settings | {
-            "gravity": self._number(table["gravity"], "gravity") if "gravity" in table else fall,
-            "effort_limits": [row.get("effort_limit", other) for row, other in zip(rows, efforts or nothing)],
-            "speed_limits": [row.get("speed_limit", other) for row, other in zip(rows, speeds or nothing)],
-        }
-
-    def _finished(self, robot: Robot, frames: Mapping[str, Frame], tips: Sequence[str], loads: Any) -> Robot:
-        """The robot with its payloads (those of `loads`, or the file's), its tolerances and units checked.
-
-        Payloads are in `frames`; where one does not say in which, that of the only one of the `tips` is meant.
-        """
-        names, count = robot.joint_names, len(robot.joint_names)
-        rows = loads if isinstance(loads, (list, tuple)) else [loads]
-        refuse_if(
-            loads is not None and not all(isinstance(row, (str, Payload)) for row in rows),
-            "The payload is none.",
-            f"expected text, a Payload or several, got {value_text(loads)}",
-            "payload='0..3kg@hand'",
-        )
-        payloads = (
-            [self._payload(row) for row in self.root["payload"]]
-            if loads is None
-            else [row if isinstance(row, Payload) else payload_from_text(row) for row in rows]
-        )
-        places = []
-        for payload in payloads:
-            at = tips[0] if not payload.at and len(tips) == 1 else payload.at
-            refuse_if(
-                at not in frames,
-                f"{self.file}: the payload is at {value_text(at, 60)}, which carries nothing."
-                if at
-                else f"{self.file}: the payload does not say what carries it, of several ends.",
-                f"expected one of {list(frames)}",
-                "at = '{0}', or --payload 0..3kg@{0}".format(*tips, *frames),
-            )
-            places.append(frames[at])
-        distinct(f"{self.file}: a payload of the link of joint", [frame.joint for frame in places])
-        for payload in payloads if isinstance(robot.links, Pendulum) else ():
-            # A link that states no frame of its own carries on the line from its axis to its centre of mass.
-            beside = [x.value for x in (payload.centre_of_mass or ())[1:]]
-            refuse_if(
-                any(beside),
-                f"{self.file}: the payload is beside a link that states axis_inertia and length only.",
-                f"expected its centre of mass at [x, 0, 0], x along the link, got y, z = {beside}",
-                "mass, centre_of_mass and inertia of the link instead of axis_inertia",
-            )
-        added = [number for load, frame in zip(payloads, places) for number in load.parameters(frame, count)]
-        scales = []  # a factor of all moments of a link whose inertia has a tolerance in a table [tolerances]
-        stated = {row["name"]: row.get("link", {}) for row in self.root["joint"]}
-        for joint in names:
-            link = stated.get(joint, {})
-            own = "tolerance" in link.get("inertia", {}) or "axis_inertia" in link
-            if not own and (tolerance := self._tolerance(joint, "inertia")):
-                label, unit = per_joint("inertia_scale", joint, count), unit_of("inertia_scale")
-                scales.append(Parameter(label, 1.0, tolerance, unit, "tolerance of its inertia"))
-        robot = robot.with_parameters(*scales, *added)
-        moving = {joint for joint, _ in self._used}
-        for joint in [joint for joint in self._tolerances if joint in moving]:
-            known = sorted(key for owner, key in self._used if owner == joint)
-            for key in [key for key in self._tolerances[joint] if key not in known]:
-                raise InvalidInput(
-                    f"{self.file}: [tolerances] has {key!r}, which no joint states."
-                    if joint is None
-                    else f"{self.file}: [joint.tolerances] of {joint!r} has {key!r}, which the joint does not state.",
-                    f"expected keys out of {known}, got {key!r}",
-                    f"state {key!r} with its value first, or leave out its tolerance",
-                )
-        check_geometry(robot, self.file)
-        check_load(robot, self.file)
-        return self.check_units(robot)
-
-    # Numbers --------------------------------------------------------------------------------------
-    def _tolerance(self, joint: str, quantity: str) -> float:
-        """Tolerance, per cent, that the tables [tolerances] state for a number without one of its own."""
-        key = KEYS.get(quantity, quantity)
-        self._used |= {(None, key), (joint, key)}
-        return self._tolerances.get(joint, {}).get(key, self._tolerances[None].get(key, 0.0))
-
-    def _number(self, table: Mapping[str, Any], quantity: str, joint: str | None = None) -> Any:
-        """A `Parameter` from the table of a number; of a vector three, with the same tolerance and source."""
-        tolerance, ends = table.get("tolerance"), table.get("range")
-        usual = (
-            0.0 if joint is None else self._tolerance(joint, quantity)
-        )  # a table may state more than is used
-        if tolerance is None:
-            tolerance = usual if ends is None else 0.0
-        if isinstance(table["value"], list):
-            return tuple(Parameter(quantity, x, tolerance, source=table["source"]) for x in table["value"])
-        return Parameter(quantity, table["value"], tolerance, source=table["source"], range=ends)
-
-    # Parts ----------------------------------------------------------------------------------------
-    def _elastic(self, row: Any, motor: Mapping[str, float] | None = None, source: str = "") -> ElasticJoint:
-        with located(f"{self.file}: joint {row['name']!r}"):
-            refuse_if(
-                row["rigid"] == ("spring" in row),
-                "It is rigid and has a 'spring'."
-                if row["rigid"]
-                else "It has no 'spring', and is not declared rigid.",
-                "expected [joint.spring] with stiffness = … (N·m/rad; N/m for a prismatic joint), or rigid = true",
-                "one of the two",
-            )
-            numbers = {
-                key: self._number(value, key, row["name"])
-                for key, value in {**row.get("spring", {}), **row["motor"]}.items()
-            }
-            for quantity, value in (motor or {}).items():
-                if quantity not in numbers and not (
-                    quantity == "motor_inertia" and "rotor_inertia" in numbers
-                ):
-                    numbers[quantity] = Parameter(
-                        quantity, value, self._tolerance(row["name"], quantity), source=source
-                    )
-            return ElasticJoint(**numbers)
-
-    def _link(self, row: Any) -> Any:
-        refuse_if(
-            "link" not in row,
-            f"{self.file}: the joint {row['name']!r} has no link.",
-            "expected [joint.link], or urdf = '…' at the top of the file",
-            "mass, centre_of_mass and inertia",
-        )
-        stated, name = row["link"], row["name"]
-        with located(f"{self.file}: joint {name!r}"):
-            if "axis_inertia" in stated and not {"inertia", "centre_of_mass"} & set(stated):
-                numbers = {k: self._number(value, k, name) for k, value in urdf.whole_weight(stated).items()}
-                return SingleLink(numbers.pop("axis_inertia"), **numbers)
-            whole = ("mass", "centre_of_mass", "inertia")
-            missing = [key for key in whole if key not in stated]
-            refuse_if(
-                missing or len(stated) > len(whole),
-                "A link is stated in part, or twice.",
-                f"expected {list(whole)}, or axis_inertia with mass and length, got {list(stated)}",
-                f"add {missing}" if missing else "one of the two ways",
-            )
-            six = stated["inertia"]
-            moments = [
-                Parameter("inertia", six[axes], six.get("tolerance", 0.0), source=six["source"])
-                for axes in INERTIA
-            ]
-            mass, centre = (self._number(stated[key], key, name) for key in whole[:2])
-            return Link(mass, centre, moments)
-
-    # Payload --------------------------------------------------------------------------------------
-    def _payload(self, table: Mapping[str, Any]) -> Payload:
-        shapes = {kind: table[kind] for kind in ("inertia", *SHAPES) if kind in table}
-        refuse_if(
-            len(shapes) > 1,
-            f"{self.file}: a payload has two shapes.",
-            f"expected one of {['inertia', *SHAPES]}, got {list(shapes)}",
-            "one of them",
-        )
-        mass = self._number(table["mass"], "mass")
-        place = "centre_of_mass"
-        centre = self._number(table[place], place) if place in table else None
-        per_mass: tuple[float, ...] = (0.0,) * 6
-        for kind, sizes in shapes.items():
-            per_mass = (
-                tuple(sizes[axes] / max(mass.interval[1], 1e-30) for axes in INERTIA)
-                if isinstance(sizes, dict)
-                else inertia_of_shape(kind, [sizes] if isinstance(sizes, float) else sizes)
-            )
-        with located(f"{self.file}: payload"):
-            return Payload(mass, table.get("at", ""), centre, per_mass)
+def file_beside(file: Path, name: str) -> Path:
+    """The file of the links that a robot's file names, relative to it; InvalidInput if there is none."""
+    path = file.parent / checked_path(f"The URDF of {file.name}", name)
+    with suppress(OSError, ValueError):  # a name that no file can have
+        if path.is_file():
+            return path
+    names = [Path(other).name for other in robot_files(path.parent) if Path(other) != file]
+    raise InvalidInput(
+        f"{file.name}: there is no file {value_text(name, 120)} beside it.",
+        f"expected a URDF or an MJCF file, got {value_text(name, 120)}; beside it are {names[:10]}",
+        f"urdf = {nearest(path.name, names, '…, its path as seen from this file')}",
+    )
 
 
 def catalogue() -> dict[str, Path]:

@@ -192,4 +192,4 @@ def check_loop(robot: Robot, s: Specification) -> None:
     sensor_steps(robot, s.measured, s.quantisation, s.estimator)
     joint_limits(robot, s)
     if s.estimator != "none" and not robot.rigid:
-        pair_sensors(plant, len(robot.joint_names))
+        pair_sensors(plant, len(robot.joint_names), "a design of one pose, pose=..., which takes any sensors")

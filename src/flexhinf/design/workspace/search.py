@@ -18,6 +18,7 @@ from flexhinf.design.workspace.setup import (
     gain_limit,
     pose_limits,
 )
+from flexhinf.errors import NumericalFailure
 from flexhinf.modal import ModalLaw
 from flexhinf.modal.pair import PairWeights
 from flexhinf.plant import Penalty
@@ -126,19 +127,28 @@ def missed(setup: WorkspaceSetup) -> float:
 def _candidates(
     robot: Robot, s: Specification, workspace: Workspace, progress: Callable[[str], None]
 ) -> Iterator[WorkspaceSetup]:
-    """Laws and estimators in the order in which they are tried, the fastest law first."""
+    """Laws and estimators in the order in which they are tried, the fastest law first; NumericalFailure where samples
+    of the period carry the law of no bandwidth."""
     modal = workspace.sample(MODAL_POSES, CHOSEN_SEED)
     problem = robot.problem(penalty=Penalty({"link_position": 1.0}))
     stated = s.estimator == "none" or s.process_noise is not None or s.torque_noise is not None
+    unstable, found = None, False
     for bandwidth in BANDWIDTHS:
         progress(f"gains of the pairs: {bandwidth:g} rad/s")
         weights, tried = (pair_weights(robot, bandwidth),), RANDOM
         if motors_alone(robot, s):
             weights, tried = (replace(weights[0], **MOTORS_WEIGHTS), *weights), MOTORS_RANDOM
         for own in weights:
-            law = ModalLaw.tuned(problem, s.period, own, modal)
+            try:
+                law = ModalLaw.tuned(problem, s.period, own, modal)
+            except NumericalFailure as error:
+                unstable = error
+                continue
             for random in tried[: 1 if stated else None]:
                 yield WorkspaceSetup(robot, s, workspace, law, random)
+            found = True
+    if unstable is not None and not found:
+        raise unstable
 
 
 def motors_alone(robot: Robot, s: Specification) -> bool:

@@ -1,0 +1,276 @@
+"""The keys of robot files: what may stand in each table, its units, and whether it must.
+
+`TABLES` states each key once. `RobotFile` reads, checks and converts a file to SI units in one walk. The unit of a
+spring depends on its joint, N·m/rad where it turns, N/m where it slides, which a file may say only by its URDF: both
+are read, and compared with the robot that comes of it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import fields
+from typing import Any, NamedTuple, Protocol
+
+from flexhinf.robot.dynamics import KINDS
+from flexhinf.robot.elastic import DRIVES, SPRING
+from flexhinf.robot.parameters import INERTIA, QUANTITIES, Stated, measured, respelled, split
+from flexhinf.robot.parts import ElasticJoint, ask
+from flexhinf.robot.signals import UNITS
+from flexhinf.validation import nearest, real_number
+
+#: A tolerance below this many per cent was probably meant as a fraction.
+SMALLEST_TOLERANCE = 0.5
+
+#: How the tables of a joint are written.
+NESTING = (
+    "[[joint]], two brackets, and below it [joint.link], [joint.spring] and [joint.motor] of that joint; each joint "
+    "has its name in a line name = '…'"
+)
+
+
+class Unusable(ValueError):
+    """A value that its key does not take; its texts are what was expected, and what to write behind "="."""
+
+
+class PartReader(Protocol):
+    """A robot file while it is read, as far as the readers of its values use it."""
+
+    file: str  # its name
+    data: dict[str, Any]
+    # Places, units and texts of numbers that state a unit.
+    stated: list[tuple[tuple[Any, ...], tuple[str, ...], Stated]]
+
+    def table(self, data: Any, keys: Mapping[str, Key], place: tuple[Any, ...]) -> dict[str, Any]:
+        """The keys of a table that are stated or have a default."""
+        ...
+
+
+class Key(NamedTuple):
+    """Values that a key of a robot file takes.
+
+    ``read(file, value, key, place)`` returns the value, or raises `Unusable` as for one that is not `usable`. Units are
+    SI, for a joint that turns and one that slides; a size is that of a list, 0 for any; `inside` names the table that
+    is expected.
+    """
+
+    read: Callable[..., Any] = lambda file, value, key, place: value
+    units: tuple[str, ...] = ()
+    size: int = 0
+    inside: str = ""
+    required: bool = False
+    default: Any = None
+    usable: Callable[[Any], bool] = lambda value: True
+    expected: str = ""
+
+
+#: What a stiffness in N/m means for a joint that turns.
+BELT = (
+    "{:g} r², N·m/rad, for a belt on a pulley of radius r, m: N/m is the stiffness of a belt or of a sliding joint "
+    "(kind = 'prismatic')"
+)
+
+
+def number_in(value: Any, units: Any) -> tuple[str, str]:
+    """Texts for an error: what is expected of a number with one of these units, and an example of it."""
+    if not units:
+        return "a valid number", ""
+    meant = [repr(text) for text in respelled(value, *units)] if isinstance(value, str) else []
+    if isinstance(value, str) and list(units) == ["N·m/rad"]:
+        with suppress(ValueError):
+            return f"a number in {units[0]}", BELT.format(measured(value, "N/m"))
+    plain = " or ".join(unit.replace("1", "no unit") for unit in units)
+    parts = split(value) if isinstance(value, str) else None
+    example = (parts[0] if parts else "0.8") if units[0] == "1" else repr(_completed(value, units))
+    return (
+        f"a valid number in {plain}, or text of a number with such a unit",
+        f"{' or '.join(meant)}, in the letters of the SI" if meant else example,
+    )
+
+
+def _completed(value: Any, units: Sequence[str]) -> str:
+    """The same number with a divisor or a power that lacks, or with the first unit where it has none.
+
+    A number keeps no unit that makes it another one.
+
+    Examples
+    --------
+    >>> _completed("31 kNm", ["N·m/rad"]), _completed("31 s", ["kg·m²"]), _completed(None, ["kg·m²"])
+    ('31 kNm/rad', '… kg·m²', '5 kg·m²')
+    """
+    parts = split(value) if isinstance(value, str) else None
+    for lacking in ("/rad", "·s/rad", "·m²", "²", "/A", "/s") if parts and parts[1] else ():
+        with suppress(ValueError):
+            measured(f"{value}{lacking}", *units)
+            return f"{value}{lacking}"
+    return f"{('…' if parts[1] else parts[0]) if parts else 5} {units[0]}"
+
+
+def _number(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> float:
+    if isinstance(value, str) and key.units:
+        try:
+            number = measured(value, *key.units)
+        except ValueError:
+            raise Unusable(*number_in(value, key.units)) from None
+        file.stated.append((place, key.units, number))
+        return float(number)
+    number = real_number(value) if type(value) in (int, float) else math.nan
+    if not math.isfinite(number):
+        raise Unusable(*number_in(value, key.units))
+    return number
+
+
+def _percent(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> float:
+    if isinstance(value, str) and value.rstrip().endswith("%"):
+        value = 100.0 * _number(file, value, key._replace(units=("1",)), place)
+    number = _number(file, value, key, place)
+    ask(
+        0.0 < number < SMALLEST_TOLERANCE,
+        f"{file.file}: the tolerance of {place_text(place, file.data)} is {number:g} per cent.",
+        f"expected per cent, got {number:g}, which looks like a fraction",
+        f"tolerance = {100.0 * number:g} for ±{100.0 * number:g} %",
+    )
+    return number
+
+
+def _list(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> list[float]:
+    if not isinstance(value, list) or (key.size and len(value) != key.size):
+        text = json.dumps(value[:60], ensure_ascii=False) if isinstance(value, str) else ""
+        raise Unusable(
+            f"a list of {key.size} numbers" if key.size else "a list of one number for each joint",
+            f"[{', '.join([text] * (key.size or 1))}]" if text else "",
+        )
+    return [_number(file, entry, key, place) for entry in value]
+
+
+def _quantity(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
+    """``4.0`` or ``{value = 4.0, tolerance = 12, source = "data sheet"}``; a vector is ``[x, y, z]`` or the like.
+
+    A range is stated instead of a tolerance where the interval is not symmetric: ``{value = 0.0, range = [0.0, 3.0]}``.
+    """
+    entry = Key(_list if key.size else _number, key.units, key.size, required=True)
+    if not isinstance(value, dict):
+        return {"value": entry.read(file, value, key, place), "source": "assumption"}
+    ends = {} if key.size else {"range": Key(_list, key.units, 2)}
+    return file.table(value, {"value": entry, **TOLERANCE, **ends}, place)
+
+
+def _numbers(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> float | list[float]:
+    return (_list if isinstance(value, list) else _number)(file, value, key, place)
+
+
+def _named(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise Unusable("numbers by name", "")
+    return {name: _numbers(file, entry, key, (*place, name)) for name, entry in value.items()}
+
+
+def _table(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
+    return file.table(value, TABLES[key.inside], place)
+
+
+def _rows(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> list[dict[str, Any]]:
+    if not isinstance(value, list) or (key.required and not value):
+        raise Unusable(f"[[{key.inside}]] tables, one at least", "")
+    return [_table(file, row, key, (*place, i)) for i, row in enumerate(value)]
+
+
+_POSITION, _METRES = UNITS["link_position"], ("m",)
+_EFFORT = tuple(dict.fromkeys(unit for drive in DRIVES.values() for unit in UNITS[drive]))
+_POSITIVE = Key(_number, usable=lambda value: value > 0.0, expected="a number greater than 0")
+_TEXT = Key(usable=lambda value: isinstance(value, str), expected="a text")
+_PERCENT = Key(
+    _percent, ("%",),
+    usable=lambda value: 0.0 <= value < 100.0, expected="a number of at least 0 and less than 100 per cent",
+)  # fmt: skip
+TOLERANCE = {"tolerance": _PERCENT, "source": _TEXT._replace(default="assumption")}
+_MASS, _CENTRE, _THREE = Key(_quantity, ("kg",)), Key(_quantity, _METRES, 3), Key(_list, _METRES, 3)
+_INERTIA_TABLE = Key(_table, inside="inertia")
+_TOLERANCES = Key(_table, inside="tolerances", default={})
+
+#: Numbers of a motor, its gear and its friction; its constants say what its input is.
+MOTOR = tuple(joint_field.name for joint_field in fields(ElasticJoint) if joint_field.name not in SPRING)
+
+_OF_JOINT = {
+    name: Key(_quantity, tuple(dict.fromkeys(QUANTITIES[name][:2])), required=name == "stiffness")
+    for name in (*SPRING, *MOTOR)
+}
+
+#: What may stand in each table. The tolerances, in per cent, are those of numbers that state none themselves: of one
+#: joint and its link, or of all. That of the inertia is one number for all moments of a link, so that what is drawn is
+#: the inertia of a body; that of the motor inertia holds for a rotor inertia too.
+TABLES: dict[str, dict[str, Key]] = {
+    "": {
+        "name": _TEXT._replace(default=""), "description": _TEXT._replace(default=""),
+        "gravity": Key(_quantity, ("m/s²",)), "down": Key(_list, size=3), "home": Key(_list, _POSITION),
+        "urdf": _TEXT, "mjcf": _TEXT, "joints": Key(
+            usable=lambda value: isinstance(value, list) and all(isinstance(entry, str) for entry in value),
+            expected="a list of names",
+        ),
+        "locked": Key(_named, _POSITION, default={}), "penalty": Key(_table, inside="penalty"),
+        "tolerances": _TOLERANCES, "payload": Key(_rows, inside="payload", default=[]),
+        "joint": Key(_rows, inside="joint", required=True),
+    },
+    "joint": {
+        "name": _TEXT._replace(required=True),
+        "kind": Key(usable=lambda value: value in KINDS, expected="'revolute', 'continuous' or 'prismatic'"),
+        "axis": Key(_list, size=3), "xyz": _THREE,
+        "rpy": Key(_list, ("rad",), 3), "limits": Key(_list, _POSITION, 2), "parent": _TEXT,
+        "speed_limit": _POSITIVE._replace(units=UNITS["link_velocity"]),
+        "effort_limit": _POSITIVE._replace(units=_EFFORT), "link": Key(_table, inside="link"),
+        "rigid": Key(usable=lambda value: isinstance(value, bool), expected="true or false", default=False),
+        "spring": Key(_table, inside="spring"), "motor": Key(_table, inside="motor", default={}),
+        "tolerances": _TOLERANCES,
+    },
+    "link": {
+        "mass": _MASS, "centre_of_mass": _CENTRE, "inertia": _INERTIA_TABLE,
+        "axis_inertia": Key(_quantity, ("kg·m²",)), "length": Key(_quantity, _METRES),
+    },
+    "inertia": {
+        axes: Key(_number, ("kg·m²",), required=axes[0] == axes[1], default=0.0)
+        for axes in sorted(INERTIA, key=lambda axes: axes[0] != axes[1])
+    } | TOLERANCE,
+    "spring": {name: _OF_JOINT[name] for name in SPRING}, "motor": {name: _OF_JOINT[name] for name in MOTOR},
+    "tolerances": {
+        name: _PERCENT
+        for name in ("mass", "centre_of_mass", "inertia", *_OF_JOINT)
+        if name not in ("rotor_inertia", "hub_inertia", "gear_ratio", "friction_smoothing")
+    },
+    "payload": {
+        "at": _TEXT, "mass": _MASS._replace(required=True), "centre_of_mass": _CENTRE, "inertia": _INERTIA_TABLE,
+        "sphere": Key(_number, _METRES), "box": _THREE, "cylinder": Key(_list, _METRES, 2),
+    },
+    "penalty": {"weights": Key(_named, required=True), "effort": Key(_numbers, default=1.0)},
+}  # fmt: skip
+
+
+def is_table(value: Any) -> bool:
+    """Whether a value is a table or a list of tables."""
+    return isinstance(value, dict) or (isinstance(value, list) and any(isinstance(x, dict) for x in value))
+
+
+def key_advice(key: str, keys: Mapping[str, Key], table: bool) -> str:
+    """What to write for an unknown key: the table of a joint that has it, else the key that is most like it."""
+    homes = {"joint": "[[joint]], below its name", **{x: f"[joint.{x}]" for x in ("link", "spring", "motor")}}
+    found = [text for name, text in homes.items() if key in TABLES[name]]
+    if found and not table:
+        return f"{key} in {' or '.join(found)}"
+    return nearest(key, keys, NESTING if table else "one of these keys")
+
+
+def place_text(location: tuple[Any, ...], data: dict[str, Any]) -> str:
+    """A place in the file as text: joint 2 ('elbow'), spring."""
+    parts, value = [], data
+    for part in location:
+        try:
+            value = value[part]  # type: ignore[assignment]
+        except (KeyError, IndexError, TypeError):
+            value = {}
+        if isinstance(part, int):
+            name = value.get("name") if isinstance(value, dict) else None
+            parts[-1] += f" {part + 1}" + (f" ({name!r})" if name else "")
+        else:
+            parts.append(str(part))
+    return ", ".join(parts) or "the file"

@@ -1,0 +1,109 @@
+"""What a refusal of an option advises works: it is read, applied to the command, and the command goes on."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from tests.refusals import Anchor, unnamed
+
+from flexhinf.cli import main
+from flexhinf.design.synthesis import steps
+from flexhinf.design.workspace import design
+
+#: Two joints, so that sensors of one differ from those of all; driven by currents.
+CURRENT = "".join(
+    f"""[[joint]]
+name = "{name}"
+axis = [0, 1, 0]
+xyz = [0.0, 0.0, 0.2]
+limits = [-1.0, 1.0]
+[joint.link]
+mass = 1.0
+centre_of_mass = [0.0, 0.0, 0.1]
+inertia = {{xx = 0.02, yy = 0.02, zz = 0.01}}
+[joint.spring]
+stiffness = 800.0
+[joint.motor]
+motor_inertia = 0.2
+friction = 0.5
+torque_constant = 9.0
+"""
+    for name in ("shoulder", "elbow")
+)
+
+
+class Started(Exception):
+    """A design begins: nothing that was asked for is wrong."""
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["--saturation", "48V"], ("current", "A", "'48V'", "--saturation in A")),
+        (["--saturation", "-10"], ("'-10'",)),
+        (["--saturation", "24kV"], ("'24kV'", "--saturation 24000V")),
+        (["--peak-effort", "48V,10A"], ("current", "'48V'", "--peak-effort in A")),
+        (["--peak-current", "48V"], ("current", "'48V'", "--peak-current in A")),
+        (["--peak-voltage", "48"], ("current", "--peak-current")),
+        (["--peak-speed", "2m/s"], ("rad/s", "'2m/s'")),
+        (["--measured", "link_position_shoulder,motor_position"], ("--measured motor_position,", "--pose")),
+        (["--measured", "link_position_shoulder,motor_position_elbow"], ("one pose", "--pose")),
+        (["--measured", "motor_positon"], ("--measured motor_position",)),
+        (["--measured", "joint_torque"], ("No sensor sees",)),
+        (["--latency", "1ms"], ("samples",)),
+        (["--unknown-delay", "5"], ("5ms",)),
+        (["--period", "1"], ("0.1 s",)),
+        (["--workspace", "-50:50,-50:50"], ("-50deg:50deg",)),
+        (["--workspace", "-50deg:50deg"], ("2 joints",)),
+        (["--pose", "45,45"], ("45deg",)),
+        (["--pose", "0.1"], ("['shoulder', 'elbow']",)),
+        (["--goal", "0.1,0.1"], ("--pose",)),
+        (["--overshoot", "5%"], ("%",)),
+        (["--payload", "0..1kg@tool"], ("'tool'", "@elbow")),
+    ],
+    ids=lambda words: " ".join(words) if isinstance(words, list) else "",
+)
+def test_advice_on_an_option_works(
+    words: list[str],
+    named: tuple[Anchor, ...],
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def started(*arguments: object) -> None:
+        raise Started
+
+    monkeypatch.setattr(design, "tuned_setup", started)
+    monkeypatch.setattr(steps._Steps, "synthesis", started)
+    (folder / "arm.toml").write_text(CURRENT, encoding="utf-8")
+    told: list[str] = []
+    while True:
+        try:
+            code = main(["design", "arm.toml", *words])
+        except Started:
+            break
+        message = capsys.readouterr().err
+        assert code == 2, message
+        assert message not in told, message
+        told.append(message)
+        words = followed(message, words)
+    assert unnamed("".join(told[:1]), *named) == [], told
+
+
+def followed(message: str, words: list[str]) -> list[str]:
+    """The options as the last part of a message says."""
+    advice = " ".join(message.partition("try:")[2].split())
+    option, value = words[0], words[-1]
+    if unit := re.match(rf"{option} in (\S+?),", advice):  # the number is that of a data sheet
+        return [option, ",".join(["7" + unit[1].replace("·", "")] * (value.count(",") + 1))]
+    if "one pose, --pose ..." in advice and not advice.startswith("--"):
+        return [*words, "--pose", "0.1,0.1"]
+    if renamed := re.match(r"(--\S+) in the place of", advice):
+        return [renamed[1], value]
+    own = re.search(rf"{option} \S+", advice) or re.match(r".*?(?=; or |, or |, which|, if |: |$)", advice)
+    assert own, advice
+    parts = shlex.split(own[0].rstrip(",;"))
+    return [parts[0], parts[1].replace("…", "7")] if parts[0].startswith("--") else [option, parts[0]]
