@@ -370,14 +370,21 @@ def test_templates_begin_with_one_export_alone_and_latch(exported: dict[str, Pat
     ):
         assert sketch.count(before) == 1
         sketch = sketch.replace(before, after)
-    texts = {"sketch.cpp": sketch, "run.cpp": SKETCHED, "board.c": BOARD, "main.c": (folder / "main.c").read_text()}
+    texts = {
+        "sketch.cpp": sketch,
+        "run.cpp": SKETCHED,
+        "board.c": BOARD,
+        "main.c": (folder / "main.c").read_text(),
+    }
     for name, text in texts.items():
         (tmp_path / name).write_text(text)
     flags = ("-Wall", "-Wextra", "-Werror", "-O0", f"-I{tmp_path}")
     run("gcc", "-std=c99", "-O0", "-c", folder / "arm.c", "-o", "arm.o", folder=tmp_path)
     header = (folder / "arm.h").read_text()
     for changed, told in ((False, ["brake 6, last driven 30"] * 2), (True, ["brake 8, last driven -1"] * 2)):
-        (tmp_path / "arm.h").write_text(re.sub('(?<=_DIGEST ").*(?=")', "another", header) if changed else header)
+        (tmp_path / "arm.h").write_text(
+            re.sub('(?<=_DIGEST ").*(?=")', "another", header) if changed else header
+        )
         run(compiler, "-std=c++17", *flags, "run.cpp", "arm.o", "-lm", "-o", "sketch", folder=tmp_path)
         run("gcc", "-std=c99", *flags, "main.c", "board.c", "arm.o", "-lm", "-o", "firmware", folder=tmp_path)
         said = [

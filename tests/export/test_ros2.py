@@ -491,14 +491,14 @@ def test_inputs_fall_to_zero_at_once_or_along_the_stated_ramp_and_a_position_sta
 @pytest.mark.parametrize(
     "version", ["HUMBLE", pytest.param("JAZZY", marks=pytest.mark.ci("builds one more package"))]
 )
-def test_no_update_allocates(version: str, managed: Callable[..., Callable[[], Manager]], tmp_path: Path) -> None:
+def test_no_update_allocates(
+    version: str, managed: Callable[..., Callable[[], Manager]], tmp_path: Path
+) -> None:
     """Nor at the first message, with a path, or at the end: the stub's publisher copies, and its logger allocates."""
     built = managed(arm_controller(start="bumpless"), version)().package.parent.parent
     objects = [built / f"{name}.o" for name in ("controller", "manager", "arm")]
     program = tmp_path / "allocations"
-    subprocess.run(
-        ["g++", *STRICT, HERE / "allocations.cpp", *objects, "-lm", "-o", program], check=True
-    )
+    subprocess.run(["g++", *STRICT, HERE / "allocations.cpp", *objects, "-lm", "-o", program], check=True)
     found = subprocess.run([program], check=True, capture_output=True, text=True)
     assert found.stdout.split() == ["9", "0"]
     assert found.stderr.count("ERROR") == 1
@@ -516,8 +516,9 @@ def test_interfaces_are_named_after_the_joints_of_the_robot(tmp_path: Path) -> N
     for kind, quantities in (("measurements", ("position", "motor_position")), ("inputs", ("voltage",))):
         interfaces = [group["interface"] for group in stated[kind].values()]
         assert interfaces == [f"{joint}/{quantity}" for quantity in quantities for joint in joints]
-        assert "{" + ", ".join(f'"{interface}"' for interface in interfaces) + "}" in (
-            files["ros2/src/controller.cpp"]
+        assert (
+            "{" + ", ".join(f'"{interface}"' for interface in interfaces) + "}"
+            in (files["ros2/src/controller.cpp"])
         )
 
 

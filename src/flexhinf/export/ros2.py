@@ -134,12 +134,16 @@ def _interfaces(code: ControllerCode, kind: str) -> list[str]:
     """Usual interfaces of signals, with the names of the joints as the robot has them: ``elbow/position`` of
     link_position_elbow. The only joint of no known robot is called joint."""
     signals, joints = code.signals[kind], () if code.robot is None else code.robot.joint_names
-    known = {per_joint(q, joint, len(joints)): f"{joint}/{INTERFACES[q]}" for q in INTERFACES for joint in joints}
+    known = {
+        per_joint(q, joint, len(joints)): f"{joint}/{INTERFACES[q]}" for q in INTERFACES for joint in joints
+    }
     found = []
     for name in signals:
         quantity = next((q for q in INTERFACES if name == q or name.startswith(f"{q}_")), None)
         joint = name.removeprefix(quantity or "").removeprefix("_") or "joint"
-        found.append(known.get(name, f"{name}/value" if quantity is None else f"{joint}/{INTERFACES[quantity]}"))
+        found.append(
+            known.get(name, f"{name}/value" if quantity is None else f"{joint}/{INTERFACES[quantity]}")
+        )
     for k, interface in enumerate(found):
         refuse_if(
             interface in found[:k], f"Two signals would have the interface {interface!r} in ROS 2.",
