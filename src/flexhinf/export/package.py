@@ -230,7 +230,7 @@ OFFSET = (
 )
 
 #: How main.c and the templates begin, and what they do about a step.
-MAY_ACT = """/* @NAME@_init, unless header and source are of two exports; nothing may act where it returns another code than
+MAY_ACT = """/* @NAME@_init, unless header and source are of two exports: nothing may act where it does not return
  * @BIG@_OK. The robot must be where @NAME@.h says; where it is elsewhere, call @NAME@_start behind this. */
 static int begin_with(@NAME@_state *memory)
 {
