@@ -2,10 +2,10 @@
 
 A link is within the range of its joint. A motor is further by the twist of the spring at most: the largest torque of
 the drive, applied at once, stretches a spring of stiffness K twice as far as at rest, to 2 τ / K. Links and motors are
-no faster than the stated speed. Where none is stated and a voltage drives the motor, it is no faster than twice the speed
-V / k_b at which the back-EMF takes the whole voltage, as a weight that the motor can hold drives it on by as much again
-at most; and a spring that is let go throws its link twice as fast as the motor. The torque of a spring is that of the
-twist.
+no faster than the stated speed. Where none is stated and a voltage drives the motor, it is no faster than twice the
+speed V / k_b at which the back-EMF takes the whole voltage, as a weight that the motor can hold drives it on by as much
+again at most; and a spring that is let go throws its link twice as fast as the motor. The torque of a spring is that of
+the twist.
 """
 
 from __future__ import annotations
