@@ -271,7 +271,9 @@ def on_cortex_m(folder: Path, machine: str) -> dict[str, Any]:
     state = re.search(r"^\w+ (\w+) b state$", symbols, re.MULTILINE)
     assert state is not None
     rehearsal = folder / "arm_contract.c"  # of the exported C alone
-    rehearsed = costs_in(run("make", *words, "cortex-m4-contract", folder=folder))[1] if rehearsal.exists() else 0
+    rehearsed = (
+        costs_in(run("make", *words, "cortex-m4-contract", folder=folder))[1] if rehearsal.exists() else 0
+    )
     return {
         "code": int(sizes[1]) + int(sizes[2]), "state": int(state[1], 16), "stack": stack, "instructions": mean,
         "most": most, **({"rehearsed": rehearsed} if rehearsed else {}),
@@ -484,9 +486,9 @@ def notes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
         f"- In `float` on the Cortex-M4F ({named(small['links'])}) an instruction takes {cycles / most:.1f} cycles on "
         f"average, a step of the test vector at most {100 * cycles / period:.0f} % of 1 ms at 168 MHz, and with five "
         f"cycles of waiting for every instruction {100 * (cycles + 5 * most) / period:.0f} %.",
-        f"- The longest steps are those of the rehearsal: {min(worst):.1f} to {max(worst):.1f} times as many instructions "
-        "as the longest one of the test vector, and so many times its cycles at about the same cost of each. Leave room "
-        "for them, not for those of the test vector.",
+        f"- The longest steps are those of the rehearsal: {min(worst):.1f} to {max(worst):.1f} times as many "
+        "instructions as the longest one of the test vector, and at the same cost of each so many times its cycles. "
+        "Leave room for them, not for those of the test vector.",
     ]
 
 

@@ -79,7 +79,8 @@ def export_fmu(
         ("command", "input", r, c.operating_reference, ""),
         ("lower", "parameter", u, np.maximum(c.limits.lower, -1e300), "least input"),
         ("upper", "parameter", u, np.minimum(c.limits.upper, 1e300), "largest input"),
-        ("start", "parameter", x[: len(starts)], first[: len(starts)], "where the estimate begins: the robot must be there"),
+        ("start", "parameter", x[: len(starts)], first[: len(starts)],
+         "where the estimate begins: the robot must be there"),
         ("u", "output", u, code.safe_input, "", [(f"lower.{name}", f"upper.{name}", *starts) for name in u]),
         ("estimate", "output", x, first, "", [(start,) for start in starts] or [None] * len(x)),
     )  # fmt: skip

@@ -300,7 +300,8 @@ def _readme(code: ControllerCode, run: Recording, accuracy: str, has_design: boo
         "memory of one controller": f"{code.state_bytes} bytes, given by the caller (`{code.name}_state`)",
         "stack of a step": stack_text(code.files, code.name, code.real.name),
         "constants": f"{code.constants} numbers",
-        "arithmetic operations of one step": f"about {code.operations}; `make cortex-m4-contract` counts the most instructions",
+        "arithmetic operations of one step": f"about {code.operations}; `make cortex-m4-contract` counts the most "
+        "instructions",
         "from `<math.h>`": ", ".join(sorted(set(MATHEMATICS.findall(code.source)))),
     }
     return fill(
