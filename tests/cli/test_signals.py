@@ -97,6 +97,53 @@ def test_signals_that_are_ignored_stay_so_and_other_threads_leave_them_alone(
     assert codes == [0]
 
 
+BUSY = """
+import ctypes, sys
+from flexhinf import cli
+from flexhinf.cli import commands, main
+def command(**_):
+    print("ready", flush=True)
+    lock, mutex = ctypes.CDLL(None).pthread_mutex_lock, ctypes.create_string_buffer(64)
+    while True:  # the second one waits for ever, and no signal ends it
+        lock(mutex)
+cli._PATIENCE, commands.app = 0.05, command
+sys.exit(main(["robots"]))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a lock of Linux")
+@pytest.mark.costs("starts a process")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_ends_a_process_that_is_busy_in_compiled_code(number: int) -> None:
+    """The compiler of a large design took 23 s, and a container is killed after 10 s."""
+    words = [sys.executable, "-c", BUSY]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline() == "ready\n"
+            process.send_signal(number)
+            _, told = process.communicate(timeout=60)
+        finally:
+            process.kill()
+    assert process.returncode == 128 + number
+    assert told.startswith("error: Interrupted")
+
+
+def test_a_signal_that_a_command_handles_itself_does_not_end_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a run in real time, which then writes its log."""
+    told: list[int] = []
+
+    def command(**_: object) -> int:
+        signal.signal(signal.SIGTERM, lambda number, frame: told.append(number))
+        signal.raise_signal(signal.SIGTERM)
+        return 0
+
+    monkeypatch.setattr(commands, "app", command)
+    monkeypatch.setattr(cli, "_PATIENCE", 0.0)
+    assert main(["robots"]) == 0
+    assert told == [signal.SIGTERM]
+
+
 TERMINATED = """
 import os, sys, pathlib
 write = pathlib.Path.write_bytes

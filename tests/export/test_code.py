@@ -337,23 +337,61 @@ def test_a_float_build_computes_nothing_in_double(exported: dict[str, Path]) -> 
     assert [text for text in numbers if ("." in text or "e" in text) and not text.endswith("f")] == []
 
 
-def test_the_sketch_compiles_against_stubs(exported: dict[str, Path], tmp_path: Path) -> None:
-    compiler = tool("g++")
-    folder = exported["double"]
-    sketch = (folder / "templates/arm.ino").read_text()
-    (tmp_path / "sketch.cpp").write_text(ARDUINO + sketch)
-    flags = (
-        "-std=c++17",
-        "-Wall",
-        "-Wextra",
-        "-Werror",
-        f"-I{folder}",
-        f"-I{tmp_path}",
-        "-c",
-        "-o",
-        tmp_path / "out.o",
-    )
-    run(compiler, *flags, tmp_path / "sketch.cpp", folder=tmp_path)
+#: A board whose sensors give nothing from its 20th sample to the 35th, for main.c; and forty periods of a sketch on it.
+BOARD = """#include <stdio.h>
+#include <stdlib.h>
+#include "arm.h"
+static int sample, last = -1;
+void wait_for_sample(void) { sample += 1; if (sample > 40) exit(0); }
+int read_sensors(arm_real *y) { y[0] = 0; return sample < 20 || sample >= 35; }
+void read_command(arm_real *r, arm_real path_rate) { (void)r; (void)path_rate; }
+void drive_motors(const arm_real *u) { (void)u; last = sample; }
+void report(int code) { (void)code; }
+void restart_watchdog(void) {}
+void brake(int code) { printf("brake %d, last driven %d\\n", code, last); }
+"""
+SKETCHED = """#include <cstdio>
+static int sample, last = -1;
+unsigned long micros() { return 1000ul * (unsigned long)sample; }
+#include "sketch.cpp"
+int main() { setup(); for (sample = 0; sample < 40; ++sample) loop(); }
+"""
+
+
+@pytest.mark.costs("compiles an unscented filter, and what stands around it")
+def test_templates_begin_with_one_export_alone_and_latch(exported: dict[str, Path], tmp_path: Path) -> None:
+    """The sketch drove on after every code, and no template but that of ROS 2 looked at the digest."""
+    compiler, folder = tool("g++"), exported["double"]
+    sketch = ARDUINO + (folder / "templates/arm.ino").read_text()
+    for before, after in (
+        ("return true;", "return sample < 20 || sample >= 35;"),
+        ("(void)u;", "(void)u; last = sample;"),
+        ("(void)code; // stops", 'std::printf("brake %d, last driven %d\\n", code, last); //'),
+    ):
+        assert sketch.count(before) == 1
+        sketch = sketch.replace(before, after)
+    texts = {
+        "sketch.cpp": sketch,
+        "run.cpp": SKETCHED,
+        "board.c": BOARD,
+        "main.c": (folder / "main.c").read_text(),
+    }
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text)
+    flags = ("-Wall", "-Wextra", "-Werror", "-O0", f"-I{tmp_path}")
+    run("gcc", "-std=c99", "-O0", "-c", folder / "arm.c", "-o", "arm.o", folder=tmp_path)
+    header = (folder / "arm.h").read_text()
+    for changed, told in ((False, ["brake 6, last driven 30"] * 2), (True, ["brake 8, last driven -1"] * 2)):
+        (tmp_path / "arm.h").write_text(
+            re.sub('(?<=_DIGEST ").*(?=")', "another", header) if changed else header
+        )
+        run(compiler, "-std=c++17", *flags, "run.cpp", "arm.o", "-lm", "-o", "sketch", folder=tmp_path)
+        run("gcc", "-std=c99", *flags, "main.c", "board.c", "arm.o", "-lm", "-o", "firmware", folder=tmp_path)
+        said = [
+            subprocess.run([tmp_path / program], capture_output=True, text=True, check=False).stdout.strip()
+            for program in ("sketch", "firmware")
+        ]
+        assert said == told
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.export.test_rest import elastic_controller, robot_of
 
 import flexhinf as fh
 from flexhinf.errors import NumericalFailure
@@ -280,3 +281,75 @@ def test_a_start_that_is_told_has_its_own_input_with_the_same_bits(
         for k in range(40):
             y = None if k < 3 else pose + 1e-3 * k
             np.testing.assert_array_equal(controller.step(y, 0.3), compiled.step(y, 0.3))
+
+
+def rich(moving: bool) -> fh.Controller:
+    """Two links with two sensors each, and every option that a controller has beside the other."""
+    box, sides = ([-1.0, -1.0], [1.0, 1.0]), ({"command_range": 2.0, "command_rate": 9.0}, {})
+    hold = {"workspace": "hold", "limit_cycle": "hold", "saturation": "brake"}
+    watch = fh.Supervision(
+        box, reactions={"workspace": "brake", "saturation": "brake"} if moving else hold, braking_time=0.1
+    )
+    return elastic_controller(robot_of("planar-two-link"), moving, watch).fresh(
+        latency=2, start="bumpless", blend_time=0.2, input_rate=4e4, integral_dead_zone=1e-4, offset_time=0.5,
+        measurement_limits=(-4.0, math.inf, [50.0, 50.0, math.inf, math.inf]), **sides[moving],
+    )  # fmt: skip
+
+
+@pytest.mark.ci("compiles a filter of two links, in Python and in C")
+@pytest.mark.oracle
+@pytest.mark.parametrize("moving", [True, False])
+def test_the_richest_controllers_agree_on_hostile_samples(
+    moving: bool, compiler: str, tmp_path: Path
+) -> None:
+    """Elements of a measurement that are NaN or infinite are missing in Python too, which refused the second."""
+    robot, controller, rng = robot_of("planar-two-link"), rich(moving), np.random.default_rng(7)
+    library = fh.load_compiled(compile_controller(controller, tmp_path / "arm.so"))
+    rest = np.concatenate(robot.operating_point())
+    y, r = rest[[0, 1, 4, 5]], rest if moving else rest[:2]
+    spell, bad, seen, held = (
+        0,
+        [np.nan, np.inf, -np.inf, 1e300, -3.0, 2.0 * math.pi],
+        set(),
+        controller.input_before(),
+    )
+    for k in range(6_000):
+        if k % 1_500 == 1_490:  # a brake lasts until there is another start
+            controller.reset(rest[:8])
+            library.reset(rest[:8])
+            held = controller.input_before(None, rest[:8])
+        measured, command = y + 1e-4 * rng.standard_normal(4), r + 0.0
+        spell = rng.integers(40) if k % 60 == 0 else spell
+        some = rng.random(4) < (0.1 if spell % 2 else 1.0)
+        if spell < 12:
+            measured[some] = bad[spell // 2]
+        elif spell < 14:
+            command[rng.integers(len(command))] = rng.choice([np.nan, np.inf])
+        elif spell == 14:
+            command[0] += 3.0
+        given = None if spell == 15 else measured
+        ours = library.step(given, command)
+        refused = False
+        try:
+            if library.code != "STOPPED":  # by the watchdog, which the C has beside the step
+                held = controller.step(given, command)
+        except NumericalFailure:
+            refused = True
+        seen.add(library.code)
+        if library.code != "WAITING":  # as which a bad command counts before the first measurement
+            assert refused is (library.code in ("BAD_COMMAND", "BAD_RESULT", "WENT_BACK")), (k, library.code)
+        np.testing.assert_array_equal(ours, held, str(k))
+        assert (library.status, library.path_rate) == (controller.status, controller.path_rate), k
+        np.testing.assert_array_equal(library.rejected, controller.rejected)
+        seen |= {"rejected"} if controller.rejected.any() else set()
+        seen |= {"braked"} if controller.path_rate < 1.0 else set()
+    assert seen >= {
+        "OK",
+        "BAD_COMMAND",
+        "BAD_RESULT",
+        "WENT_BACK",
+        "PREDICTED",
+        "STOPPED",
+        "rejected",
+        "braked",
+    }

@@ -38,8 +38,8 @@ def files(
     }
 
 
-def instance(path: Path, folder: Path) -> Any:
-    """An FMU's instance that is initialised at time 0, and its references by name."""
+def instance(path: Path, folder: Path, begun: bool = True) -> Any:
+    """An FMU's instance that is initialised at time 0 if it is `begun`, and its references by name."""
     from fmpy.fmi2 import FMU2Slave
 
     description = fmpy.read_model_description(str(path))
@@ -49,7 +49,8 @@ def instance(path: Path, folder: Path) -> Any:
         modelIdentifier=description.coSimulation.modelIdentifier,
     )  # fmt: skip
     model.instantiate()
-    begin(model)
+    if begun:
+        begin(model)
     return model, {variable.name: variable.valueReference for variable in description.modelVariables}
 
 
@@ -74,6 +75,7 @@ def test_fmpy_finds_nothing_wrong(name: str, files: dict[str, Path]) -> None:
     description = fmpy.read_model_description(str(files[name]))
     units = {variable.unit for variable in description.modelVariables if variable.type == "Real"}
     assert {"rad", "V", "rad/s"} <= units
+    assert "start.*" in description.description
     computed = {unknown.variable.name for unknown in description.initialUnknowns}
     assert {variable.name for variable in description.modelVariables if variable.start is None} == computed
 
@@ -104,6 +106,22 @@ def test_the_controller_answers_as_in_python(
     first, found = found[:], []
     samples()
     assert found == first
+    end(model)
+
+
+def test_it_says_where_the_robot_must_be_and_begins_where_it_is_told(
+    files: dict[str, Path], tmp_path: Path
+) -> None:
+    """A plant 1 rad away gets a large voltage, and nothing in the description said where it should be."""
+    description = fmpy.read_model_description(str(files["controller"]))
+    for name in ("link_position 0 rad", "motor_velocity 0 rad/s", "limits"):
+        assert name in description.description
+    x, u = fh.load_robot("paper").operating_point(1.0)
+    model, at = instance(files["controller"], tmp_path, begun=False)
+    model.setReal([at[f"start.{name}"] for name in ARM.plant().states], x.tolist())
+    begin(model)
+    assert model.getReal([at[f"estimate.{name}"] for name in ARM.plant().states]) == x.tolist()
+    assert model.getReal([at["u.motor_voltage"]]) == pytest.approx(u, rel=1e-9)
     end(model)
 
 

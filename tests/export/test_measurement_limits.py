@@ -14,6 +14,7 @@ from tests.refusals import refused_with
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.export import with_measurement_limits
+from flexhinf.robot import MuJoCoPlant
 
 # Loops and libraries of some samples: compiled in half the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -174,8 +175,46 @@ def test_those_of_a_robot() -> None:
     low, high, rate = rows["link_position_quill"]
     assert (low, high) == pytest.approx((-noise, 0.18 + noise))
     assert rate == pytest.approx(1.0 + math.sqrt(2.0) * noise / 1e-3)
-    assert rows["motor_position_elbow"] == pytest.approx([-math.inf, math.inf, 6.0 + math.sqrt(2.0) * 0.6])
+    twist = 2.0 * 100.0 / arm["stiffness_elbow"].interval[0] + noise  # at the controller's limit, N·m
+    assert rows["motor_position_elbow"] == pytest.approx(
+        [-2.5 - twist, 2.5 + twist, 6.0 + math.sqrt(2.0) * 0.6]
+    )
     assert rows["motor_velocity_wrist"] == pytest.approx([-10.0 - noise, 10.0 + noise, math.inf])
+
+
+SENSORS = ("link_position", "motor_position", "link_velocity", "motor_velocity", "joint_torque")
+
+
+def with_all_sensors(robot: str, limit: float | None) -> tuple[fh.Controller, fh.Robot]:
+    """Of robots whose files state ranges of positions alone."""
+    arm = fh.load_robot(robot)
+    x, _ = arm.operating_point(arm.home)
+    ekf = fh.ExtendedKalmanFilter(arm.plant(SENSORS), 1e-3, 1e-6, 1e-12, x, 1e-4)
+    return fh.Controller(fh.linear_law(arm.problem(pose=arm.home), gamma=math.inf), ekf, 1e-3, limit), arm
+
+
+@pytest.mark.oracle
+def test_every_sensor_has_a_check_that_a_wild_robot_keeps() -> None:
+    """A frame that was off by a turn moved an input by 50 V. The oracle is MuJoCo's robot under the whole voltage,
+    which changes its sign at random; its links meet no end stop, so that ranges of positions are left out."""
+    pytest.importorskip("mujoco")
+    controller, arm = with_all_sensors("planar-two-link", 48.0)
+    made = with_measurement_limits(controller, arm)
+    assert made.measurement_limits is not None
+    lower, upper, rate = made.measurement_limits
+    wild, rng, rows, u = MuJoCoPlant(arm, SENSORS), np.random.default_rng(3), [], np.zeros(2)
+    wild.reset(arm.operating_point(arm.home)[0])
+    for k in range(1_500):
+        u = rng.choice([-48.0, 0.0, 48.0], 2) if k % 80 == 0 else u
+        rows.append(wild.output())
+        wild.step(u, [], 1e-3)
+    y = np.array(rows)
+    moved = np.abs(np.diff(y, axis=0)).max(axis=0)
+    assert (np.abs(y)[:, 4:].max(axis=0) <= upper[4:]).all()
+    assert (np.abs(y[:, 2:4] - y[:, :2]).max(axis=0) <= upper[2:4] - upper[:2]).all()
+    assert (moved <= 1e-3 * rate).all()
+    assert (1e-3 * rate[:4] <= 0.04).all()
+    assert (upper[:4] - lower[:4] <= 3.0 * math.pi).all()
 
 
 def test_what_cannot_be_checked_is_refused() -> None:
@@ -187,8 +226,29 @@ def test_what_cannot_be_checked_is_refused() -> None:
         with refused_with(InvalidInput, "measurement_limits"):
             made(wrong)
     with refused_with(InvalidInput, "speed_limit", "'paper'", "--check-measurements"):
-        with_measurement_limits(made(None), arm)
+        with_measurement_limits(made(None).fresh(saturation=None), arm)
     with refused_with(InvalidInput, "no robot"):
         with_measurement_limits(made(None), None)
     with refused_with(InvalidInput, "no estimator"):
         with_measurement_limits(fh.Controller(law, None, 1e-3), arm)
+
+
+def test_a_sensor_without_a_check_is_refused_with_what_is_to_be_stated() -> None:
+    """A torque has no back-EMF, and one without a limit twists a spring at will."""
+    controller, arm = with_all_sensors("spatial-three-link", 40.0)
+    with refused_with(
+        InvalidInput, "motor_velocity_elbow", "speed_limit", "--peak-speed", "shoulder"
+    ) as caught:
+        with_measurement_limits(controller, arm)
+    assert "joint_torque" not in caught.value.what
+    speeds = np.array([2.0, 3.0, math.inf])
+    with refused_with(InvalidInput, "link_position_elbow", "speed_limit") as caught:
+        with_measurement_limits(controller, arm, speeds)
+    assert "shoulder" not in caught.value.what
+    made = with_measurement_limits(controller, arm, np.array([2.0, 3.0, 4.0]))
+    assert made.measurement_limits is not None
+    assert np.isfinite(made.measurement_limits[2][[0, 1, 2, 3, 4, 5]]).all()
+    assert "inf" not in made.summary()["measurements"]
+    free, _ = with_all_sensors("spatial-three-link", None)
+    with refused_with(InvalidInput, "joint_torque_base", "effort_limit", "--saturation"):
+        with_measurement_limits(free, arm, np.ones(3))

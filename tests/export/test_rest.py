@@ -43,8 +43,13 @@ def robot_of(name: str) -> fh.Robot:
 
 @cache
 def controller_of(name: str, moving: bool = True, watch: fh.Supervision | None = None) -> fh.Controller:
+    return elastic_controller(robot_of(name), moving, watch)
+
+
+def elastic_controller(
+    robot: fh.Robot, moving: bool = True, watch: fh.Supervision | None = None
+) -> fh.Controller:
     """A linear law with the true model's filter, begun at the robot's home."""
-    robot = robot_of(name)
     problem = robot.problem(fh.Penalty({"link_position": 60.0, "link_position_integral": 300.0}, effort=1.0))
     law = fh.linear_law(problem, gamma=np.inf)
     x, _ = robot.operating_point()

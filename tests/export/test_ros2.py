@@ -16,10 +16,14 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from tests.export.test_rest import controller_of, robot_of
+from tests.export.test_rest import controller_of, elastic_controller, robot_of
+from tests.refusals import refused_with
 
 import flexhinf as fh
+from flexhinf.errors import InvalidInput
 from flexhinf.export import export_c
+from flexhinf.export.controller_c import code_of
+from flexhinf.export.ros2 import ros2_files
 from flexhinf.robot import MuJoCoPlant
 
 yaml = pytest.importorskip("yaml")
@@ -101,7 +105,9 @@ class Manager:
 
     def update(self, y: Sequence[float], period: float = PERIOD) -> int:
         self.measure(y)
-        return self("update", ctypes.c_int64(round(1e9 * period)))
+        code = self("update", ctypes.c_int64(round(1e9 * period)))
+        self("spin")
+        return code
 
     def published(self, group: str, name: str) -> float:
         return self("published", group.encode(), name.encode())
@@ -246,9 +252,8 @@ def test_it_drives_mujoco_as_python_does_and_begins_again_elsewhere(
     assert manager.published("health", "code") == 0
     assert manager.published("health", "path_rate") == 1
     assert manager.published("estimate", "link_position") == pytest.approx(states[-1][0], abs=1e-2)
-    last = manager.input()
     assert manager("deactivate") == 0
-    assert np.array_equal(manager.input(), last)
+    assert np.array_equal(manager.input(), [0.0])
     x, u = robot.operating_point(-0.5)
     states, inputs = driven(manager, plant, x, [-0.3], 300)
     found = expected_loop(controller, MuJoCoPlant(robot), x, u, [[-0.3]], 300)
@@ -303,7 +308,7 @@ def test_without_a_command_it_holds_the_pose_at_which_it_was_activated(arm: Call
     pytest.importorskip("mujoco")
     robot = fh.load_robot("paper")
     one, plant = arm(), MuJoCoPlant(robot)
-    assert one.configure(zero_on_deactivate=True) == 0
+    assert one.configure() == 0
     x, u = robot.operating_point(0.7)
     plant.reset(x)
     assert one.activate(plant.output()) == 0
@@ -334,6 +339,7 @@ def test_the_link_is_found_from_the_motor_alone(managed: Callable[..., Callable[
         (500, {}),
         (1000, {"period": 2e-3}),
         (1000, {"publish_every": 0}),
+        (1000, {"stop_ramp": -0.1}),
         (1000, {"measurements__link_position__interface": "position"}),
         (1000, {"measurements__link_position__factor": 0.0}),
         (1000, {"measurements__link_position__factor": math.nan}),
@@ -362,18 +368,21 @@ def test_an_interface_that_is_missing_or_not_measured_is_refused(
 
 
 @pytest.mark.parametrize(("period", "calls"), [(2e-3, 20), (1.08e-3, 500)])
-def test_a_manager_of_another_rate_is_noticed(period: float, calls: int, arm: Callable[[], Manager]) -> None:
-    """Where the controller states no rate, it is that of the manager; then the last input stays."""
+def test_a_manager_of_another_rate_is_noticed(
+    period: float, calls: int, arm: Callable[[], Manager], capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Where the controller states no rate, it is that of the manager."""
     one = arm()
     assert one.configure(rate=0) == 0
     assert one.activate([0.0]) == 0
     one.send([0.1])
-    ended = [one.update([0.0], period) for _ in range(calls + 3)]
-    assert ended == [0] * calls + [1] * 3
-    held = one.input()
-    assert one.update([0.2], period) == 1
-    assert np.array_equal(one.input(), held)
+    assert [one.update([0.0], period) for _ in range(calls)] == [0] * calls
+    assert one.input() != 0.0
+    assert [one.update([0.0], period) for _ in range(3)] == [1] * 3
+    assert one.input() == 0.0
+    assert one.published("health", "stopped") == 1
     assert one("deactivate") == 0
+    assert capfd.readouterr().err.count("period") == 1
     assert one.activate([0.0]) == 0
     assert [one.update([0.0]) for _ in range(600)] == [0] * 600
 
@@ -435,12 +444,98 @@ def test_without_measurements_it_ends_until_it_is_activated_again(arm: Callable[
     assert one.published("health", "code") == 6
     assert one.published("health", "unseen.link_position") == 11
     assert math.isnan(one.published("measured", "link_position"))
-    held = one.input()
-    assert one.update([0.0]) == 1  # it latches, and the last input stays
-    assert one.input() == held
+    assert one.input() == 0.0
+    assert one.update([0.0]) == 1  # it latches
+    assert one.input() == 0.0
     assert one("deactivate") == 0
     assert one.activate([0.1]) == 0
     assert one.update([0.1]) == 0
+
+
+def test_inputs_fall_to_zero_at_once_or_along_the_stated_ramp_and_a_position_stays(
+    arm: Callable[[], Manager], capfd: pytest.CaptureFixture[str]
+) -> None:
+    """As joint_trajectory_controller ends: a position holds the measured one, and every other command is 0."""
+    ramp = 5 * PERIOD
+    for stated, expected in (
+        ({}, [0.0] * 7),
+        ({"stop_ramp": ramp}, [1.0, 0.8, 0.6, 0.4, 0.2, 0.0, 0.0]),
+        ({"inputs__motor_voltage__interface": "joint/position"}, "place"),
+    ):
+        one = arm()
+        assert one.configure(**stated) == 0
+        assert one.activate([0.1]) == 0
+        assert one.update([0.1]) == 0
+        assert [one.update([math.nan]) for _ in range(10)] == [0] * 10
+        last, found, codes = one.input(), [], []
+        for y in (math.nan, *[0.7] * 6):
+            codes.append(one.update([y]))
+            found.append(one.input())
+        if expected == "place":  # no measurement at the fault: the last command stays
+            assert_near(np.array(found), np.tile(last, (7, 1)))
+            assert one("deactivate") == 0
+            assert one.input() == last
+            assert one.activate([0.3]) == 0
+            assert one.update([0.3]) == 0
+            assert one("deactivate") == 0
+            assert one.input() == 0.3
+            continue
+        assert last != 0.0
+        assert_near(np.array(found), np.outer(expected, last))
+        assert codes == [0 if share > 1e-9 else 1 for share in expected]
+        assert one("deactivate") == 0
+        assert one.input() == 0.0
+    assert capfd.readouterr().err.count("ERROR") == 3
+
+
+@pytest.mark.parametrize(
+    "version", ["HUMBLE", pytest.param("JAZZY", marks=pytest.mark.ci("builds one more package"))]
+)
+def test_no_update_allocates(
+    version: str, managed: Callable[..., Callable[[], Manager]], tmp_path: Path
+) -> None:
+    """Nor at the first message, with a path, or at the end: the stub's publisher copies, and its logger allocates."""
+    built = managed(arm_controller(start="bumpless"), version)().package.parent.parent
+    objects = [built / f"{name}.o" for name in ("controller", "manager", "arm")]
+    program = tmp_path / "allocations"
+    subprocess.run(["g++", *STRICT, HERE / "allocations.cpp", *objects, "-lm", "-o", program], check=True)
+    found = subprocess.run([program], check=True, capture_output=True, text=True)
+    assert found.stdout.split() == ["9", "0"]
+    assert found.stderr.count("ERROR") == 1
+
+
+def test_interfaces_are_named_after_the_joints_of_the_robot(tmp_path: Path) -> None:
+    """Two joints whose names in C are one had each other's interfaces."""
+    joints, file = ("left/j1", "left_j1"), tmp_path / "arm.toml"
+    text = (Path(fh.__file__).parent / "robot/catalogue/planar-two-link.toml").read_text()
+    file.write_text(text.replace('"shoulder"', f'"{joints[0]}"').replace('"elbow"', f'"{joints[1]}"'))
+    robot = fh.load_robot(file)
+    code = code_of(elastic_controller(robot), "arm", "double", robot)
+    files = ros2_files(code, np.zeros(1))
+    stated = yaml.safe_load(files["ros2/config/arm_controller.yaml"])["arm_controller"]["ros__parameters"]
+    for kind, quantities in (("measurements", ("position", "motor_position")), ("inputs", ("voltage",))):
+        interfaces = [group["interface"] for group in stated[kind].values()]
+        assert interfaces == [f"{joint}/{quantity}" for quantity in quantities for joint in joints]
+        assert (
+            "{" + ", ".join(f'"{interface}"' for interface in interfaces) + "}"
+            in (files["ros2/src/controller.cpp"])
+        )
+
+
+class Twins(fh.Law):
+    """A law of two states that are both the position of the only joint."""
+
+    state_names, input_names = ("link_position", "link_position_joint"), ("u",)
+    operating_point, operating_input, law_data = np.zeros(2), np.zeros(1), np.ones(2)
+
+    def evaluate_law(self, x: Any, data: Any) -> Any:
+        return np.array([-(data @ x)])
+
+
+def test_two_signals_of_one_interface_are_refused_by_name() -> None:
+    code = code_of(fh.Controller(Twins(), None, PERIOD, 1.0), "arm", "double")
+    with refused_with(InvalidInput, "joint/position", "'link_position'", "'link_position_joint'"):
+        ros2_files(code, np.zeros(1))
 
 
 @pytest.mark.ci("3,400 samples of two joints with MuJoCo")

@@ -9,8 +9,8 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext, suppress
 from typing import Any
 
 __all__ = ["main"]
@@ -21,6 +21,10 @@ _ENDING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if 
 #: Seconds between two looks whether an interruption was lost on its way.
 _LOOK_AGAIN = 1.0
 
+#: Seconds that a signal may take to reach the main thread: a compiler may be busy for longer, and `docker stop` waits
+#: for ten.
+_PATIENCE = 5.0
+
 #: Exit code where nobody reads the output any more, as under ``| head -1``: that of the shells for SIGPIPE.
 _NO_READER = 128 + 13
 
@@ -29,7 +33,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns its exit code. A user's mistake is printed in three parts, without a traceback.
 
     Ctrl-C, SIGTERM and SIGHUP end a command in order: what it had begun to write is cleared away, and the exit code is
-    that of the shells, 128 and the number of the signal; 141 where nobody reads the output any more.
+    that of the shells, 128 and the number of the signal; 141 where nobody reads the output any more. A command that is
+    in the middle of compiled code is ended after `_PATIENCE`, as SIGKILL would: files are whole all the same.
     """
     # A design's matrices are small: threads of BLAS cost it a quarter of its time.
     if "numpy" not in sys.modules:
@@ -108,6 +113,7 @@ def _ended_in_order(received: list[int]) -> Iterator[None]:
     """
 
     def end(number: int, frame: object) -> None:
+        reached.set()
         received.append(number)
         for other in handled.keys() - {signal.SIGINT}:
             signal.signal(other, signal.SIG_IGN)
@@ -115,6 +121,7 @@ def _ended_in_order(received: list[int]) -> Iterator[None]:
             signal.setitimer(signal.ITIMER_REAL, _LOOK_AGAIN, _LOOK_AGAIN)
         raise KeyboardInterrupt
 
+    reached = threading.Event()
     own = threading.current_thread() is threading.main_thread()
     usual = (signal.SIG_DFL, signal.default_int_handler)
     handled = {n: signal.getsignal(n) for n in _ENDING if own and signal.getsignal(n) in usual}
@@ -125,7 +132,8 @@ def _ended_in_order(received: list[int]) -> Iterator[None]:
         signal.signal(number, end)
     unraisable, sys.unraisablehook = sys.unraisablehook, _quiet
     try:
-        yield
+        with _ended_in_any_case(end, reached) if watched else nullcontext():
+            yield
     finally:
         sys.unraisablehook = unraisable
         if watched:
@@ -133,6 +141,36 @@ def _ended_in_order(received: list[int]) -> Iterator[None]:
             signal.signal(signal.SIGALRM, signal.SIG_DFL)
         for number, handler in handled.items():
             signal.signal(number, handler)
+
+
+@contextmanager
+def _ended_in_any_case(handler: Callable[[int, Any], object], reached: threading.Event) -> Iterator[None]:
+    """End the process where a signal of this handler does not reach it, as it waits for the main thread, and that for a
+    compiled function: `reached` is set where it does. The system tells another thread of every signal by a pipe."""
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    before = signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
+
+    def watch() -> None:
+        while numbers := os.read(reader, 16):
+            for number in numbers:
+                if signal.getsignal(number) is handler and not reached.wait(_PATIENCE):
+                    with suppress(OSError):
+                        os.write(
+                            2,
+                            b"error: Interrupted in the middle of a computation.\n",
+                        )
+                    os._exit(128 + number)
+
+    thread = threading.Thread(target=watch, name="signals", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(before)
+        os.close(writer)
+        thread.join()
+        os.close(reader)
 
 
 def _interrupt_again(number: int, frame: object) -> None:

@@ -304,15 +304,18 @@ def export_c(context: typer.Context, o: options.ExportCOptions) -> None:
     numbers are those of the simulation. README.md there has signals, units,
     memory and cost.
     """
+    from flexhinf.design.responses import joint_limits
+
     if o.name:
         export.checked_identifier(o.name)
     path = controller_file(o.source)  # the input first: a misspelt name is no matter of the output
     folder = export.checked_folder(o.out, o.force)
-    controller, robot, *_ = designed = controller_of(path, limits=o.limits)
+    controller, robot, s, _ = designed = controller_of(path, limits=o.limits)
     name = o.name or _identifier(robot)
     _note_doubts(designed)
     if o.check_measurements:
-        controller = export.with_measurement_limits(controller, robot)
+        speeds = None if robot is None or s is None else joint_limits(robot, s).speed
+        controller = export.with_measurement_limits(controller, robot, speeds)
     if uncounted := export.check_room(controller, o.real, period=o.period, flash=o.flash, ram=o.ram):
         note(uncounted)
     stated = {"--check-measurements": o.check_measurements, "--no-limits": not o.limits}

@@ -281,8 +281,9 @@ class ExportCOptions:
     ram: Text = option("", TARGET, "Room for the state, such as 8kB. A state that needs more is refused.", "8kB")
     limits: bool = option(True, TARGET, LIMITED)
     check_measurements: bool = option(False, TARGET,
-        "Take a measurement for missing, and count it, that is beyond a joint's range or moves faster than its "
-        "speed_limit in the robot file.")
+        "Take a measurement for missing, and count it, that is beyond what the joint's range, its speed and the "
+        "largest input allow. The speed is its speed_limit in the robot file or the design's --peak-speed; else it "
+        "follows of voltage and back-EMF. Without a limit for each sensor it is refused.")
     force: bool = option(False, WRITTEN, "Write into a folder that is not empty.")
 
 

@@ -14,6 +14,7 @@ from .package import (
     export_c as export_c,
     write_files as write_files,
 )
+from .plausible import with_measurement_limits as with_measurement_limits
 from .realtime import (
     RealTimeRun as RealTimeRun,
     Timing as Timing,
@@ -25,5 +26,4 @@ from .refusals import (
     check_limits as check_limits,
     check_room as check_room,
     refuse_unlimited as refuse_unlimited,
-    with_measurement_limits as with_measurement_limits,
 )

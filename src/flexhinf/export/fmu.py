@@ -73,15 +73,16 @@ def export_fmu(
     belief = code.belief if code.starts_anywhere else None
     y, r, u, x = (signals[kind] for kind in "YRUX")
     starts = [f"start.{name}" for name in (() if belief is None else x)]
+    first = np.zeros(len(x)) if belief is None else belief
     rows = (
         ("measured", "input", y, measured, ""),
         ("command", "input", r, c.operating_reference, ""),
         ("lower", "parameter", u, np.maximum(c.limits.lower, -1e300), "least input"),
         ("upper", "parameter", u, np.minimum(c.limits.upper, 1e300), "largest input"),
-        ("start", "parameter", () if belief is None else x, () if belief is None else belief,
-         "where the estimate begins"),
+        ("start", "parameter", x[: len(starts)], first[: len(starts)],
+         "where the estimate begins: the robot must be there"),
         ("u", "output", u, code.safe_input, "", [(f"lower.{name}", f"upper.{name}", *starts) for name in u]),
-        ("estimate", "output", x, np.zeros(len(x)), ""),
+        ("estimate", "output", x, first, "", [(start,) for start in starts] or [None] * len(x)),
     )  # fmt: skip
     variables = [
         *_variables(rows, lambda name: units.get(name, "")),
@@ -113,8 +114,20 @@ def export_fmu(
         STARTS=0 if belief is None else len(belief), **_counted(code),
     )  # fmt: skip
     sources = {f"{code.name}.c": code.source, f"{code.name}.h": code.header, f"{code.name}_model.h": model}
-    about = f"sampled controller of {c.period:g} s"
+    about = f"sampled controller of {c.period:g} s. {_start_text(code)}"
     return write_fmu(path, code.name, about, c.period, variables, sources, fmi)
+
+
+def _start_text(code: ControllerCode) -> str:
+    """Where the robot must be at the start of an FMU of the controller, in a sentence or two."""
+    if code.belief is None:
+        return "It feeds back what is measured, so the robot may be anywhere."
+    place = ", ".join(
+        f"{name} {value:.6g} {code.units.get(name, '')}".rstrip()
+        for name, value in zip(code.signals["X"], code.belief, strict=True)
+    )
+    rests = f"It believes the robot at rest at {place}. From another place inputs may reach their limits"
+    return f"{rests}: set the parameters start.* to where it is." if code.starts_anywhere else f"{rests}."
 
 
 def _counts(code: ControllerCode) -> dict[str, str]:
@@ -181,7 +194,7 @@ def export_plant_fmu(
         ("u", "input", plant.inputs, acting, ""),
         ("disturbance", "input", plant.disturbances, np.zeros(sizes[1]), ""),
         ("parameter", "parameter", labels, parameters, ""),
-        ("start", "parameter", plant.states, start, ""),
+        ("start", "parameter", plant.states, start, "where the robot begins"),
         ("measured", "output", plant.outputs, measured, "", _needed(plant, starts, labels)),
         ("state", "output", plant.states, start, "", [(label,) for label in starts]),
     )
@@ -196,7 +209,7 @@ def export_plant_fmu(
         OUTPUT=_called(output, plant.traced_output, ["r + FIRST_X", places[0], places[2]], "r + FIRST_Y"),
         START=",\n".join(f"        {variable.start!r}" for variable in variables[: sum(sizes)]),
     )  # fmt: skip
-    about = f"plant in {steps} steps per {period:g} s"
+    about = f"plant in {steps} steps per {period:g} s, which begins where the parameters start.* say"
     return write_fmu(path, name, about, period, variables, {f"{name}_model.h": model}, fmi)
 
 

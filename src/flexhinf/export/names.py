@@ -55,13 +55,21 @@ def identifier_of(text: str) -> str:
     return name
 
 
-def constants(prefix: str, names: Sequence[str]) -> list[str]:
-    """Names of constants for signals, each once: ``ARM_Y_LINK_POSITION``."""
+def distinct_names(names: Sequence[str]) -> list[str]:
+    """The names, with the place behind one that an earlier one has."""
     chosen: list[str] = []
     for k, name in enumerate(names):
-        full = f"{prefix}_{re.sub(r'[^A-Z0-9]+', '_', name.upper()).strip('_') or k}"
-        chosen.append(full if full not in chosen else f"{full}_{k}")
+        one = name
+        while one in chosen:
+            one = f"{one}_{k}"
+        chosen.append(one)
     return chosen
+
+
+def constants(prefix: str, names: Sequence[str]) -> list[str]:
+    """Names of constants for signals, each once: ``ARM_Y_LINK_POSITION``."""
+    plain = (re.sub(r"[^A-Z0-9]+", "_", name.upper()).strip("_") for name in names)
+    return distinct_names([f"{prefix}_{text or k}" for k, text in enumerate(plain)])
 
 
 #: What the numbers of a controller are.

@@ -229,8 +229,15 @@ OFFSET = (
     "is a jump to the\ncontroller, and one to the place where it is believed to be moves the robot as the offset fades."
 )
 
-#: What main.c and the templates do about a step.
-MAY_ACT = """/* Samples that a sensor may be without a measurement; more for one that is slower than the step. */
+#: How main.c and the templates begin, and what they do about a step.
+MAY_ACT = """/* @NAME@_init, unless header and source are of two exports: nothing may act where it does not return
+ * @BIG@_OK. The robot must be where @NAME@.h says; where it is elsewhere, call @NAME@_start behind this. */
+static int begin_with(@NAME@_state *memory)
+{
+    return (strcmp(@NAME@_digest, @BIG@_DIGEST) == 0) ? @NAME@_init(memory) : @BIG@_NOT_INITIALISED;
+}
+
+/* Samples that a sensor may be without a measurement; more for one that is slower than the step. */
 enum { LONGEST_UNSEEN = @LONGEST_UNSEEN@ };
 
 /* Whether the output may act; where other codes than these last, the watchdog brakes. */
@@ -293,7 +300,8 @@ def _readme(code: ControllerCode, run: Recording, accuracy: str, has_design: boo
         "memory of one controller": f"{code.state_bytes} bytes, given by the caller (`{code.name}_state`)",
         "stack of a step": stack_text(code.files, code.name, code.real.name),
         "constants": f"{code.constants} numbers",
-        "arithmetic operations of one step": f"about {code.operations}; `make cortex-m4` counts instructions",
+        "arithmetic operations of one step": f"about {code.operations}; `make cortex-m4-contract` counts the most "
+        "instructions",
         "from `<math.h>`": ", ".join(sorted(set(MATHEMATICS.findall(code.source)))),
     }
     return fill(

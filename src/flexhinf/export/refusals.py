@@ -5,9 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING
-
-import numpy as np
 
 from flexhinf.errors import refuse_if
 from flexhinf.export.compiled import cortex_m4_bytes
@@ -15,9 +12,6 @@ from flexhinf.export.contract import unlimited_inputs
 from flexhinf.export.controller_c import code_of
 from flexhinf.loop import Controller
 from flexhinf.validation import value_text
-
-if TYPE_CHECKING:
-    from flexhinf.robot import Robot
 
 
 def check_limits(controller: Controller) -> None:
@@ -37,57 +31,6 @@ def refuse_unlimited(free: Sequence[str], units: Mapping[str, str]) -> None:
         "[[joint]] of the robot file, or saturation=48.0, and design again; --no-limits "
         "(limits=False) exports without",
     )
-
-
-#: How many standard deviations of a sensor's noise a plausible measurement may be beyond a limit.
-NOISE = 6.0
-
-
-def with_measurement_limits(controller: Controller, robot: Robot | None) -> Controller:
-    """The same controller, for which a measurement beyond the robot's ranges or speed limits is missing.
-
-    Positions of links are within the joints' ranges, positions of links and motors no faster than the speed limits, and
-    velocities within these; with room for `NOISE` standard deviations of the estimator's measurement noise.
-
-    Raises InvalidInput: without a robot or an estimator, or where the robot states no limit of what is measured.
-    """
-    rows, estimator = [(-np.inf, np.inf, np.inf)] * len(controller.measured), controller.estimator
-    if robot is not None and estimator is not None and robot.speed_limits is not None:
-        noise = NOISE * np.sqrt(np.diag(np.atleast_2d(estimator.measurement_noise)))
-        rows = [
-            _plausible(name, room, robot, controller.period) for name, room in zip(controller.measured, noise)
-        ]
-    refuse_if(
-        not np.isfinite(rows).any(),
-        "Nothing says which measurements are plausible.",
-        "expected an estimator, and a robot file that states limits or a speed_limit of a joint that is measured; got "
-        + (
-            "no estimator"
-            if estimator is None
-            else "no robot"
-            if robot is None
-            else f"none of {robot.name!r}"
-        ),
-        "speed_limit = 4.0 and limits = [-3.0, 3.0] in each [[joint]] of the robot file; in Python "
-        "Controller(..., measurement_limits=(lower, upper, rate)); or leave out --check-measurements",
-    )
-    return controller.fresh(measurement_limits=tuple(np.transpose(rows)))
-
-
-def _plausible(name: str, noise: float, robot: Robot, period: float) -> tuple[float, float, float]:
-    """Least and largest measurement, and largest change per s."""
-    from flexhinf.robot.parameters import per_joint
-
-    joints = robot.joint_names
-    low, high = robot.plant().limits.get(name, (-np.inf, np.inf))
-    for part in ("link", "motor"):
-        for joint, speed in zip(joints, robot.speed_limits or (), strict=True):
-            limit = np.inf if speed is None else speed
-            if name == per_joint(f"{part}_velocity", joint, len(joints)):
-                return -limit - noise, limit + noise, np.inf
-            if name == per_joint(f"{part}_position", joint, len(joints)):
-                return low - noise, high + noise, limit + np.sqrt(2.0) * noise / period
-    return low, high, np.inf
 
 
 def check_room(controller: Controller, real: str, period: str = "", flash: str = "", ram: str = "") -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Sequence
 from typing import Any
@@ -10,12 +11,14 @@ import numpy as np
 
 from flexhinf import __version__
 from flexhinf.codegen.c import constant
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode
 from flexhinf.export.filling import fill, template
+from flexhinf.export.names import distinct_names
 from flexhinf.loop import Status
 from flexhinf.plant import Plant
 from flexhinf.plant.joints import joint_places
+from flexhinf.robot.parameters import per_joint
 
 #: Interfaces of a joint by the quantity of a signal: on the link's side those that ros2_control knows, on the motor's
 #: side names of our own.
@@ -26,7 +29,7 @@ INTERFACES = {
 }  # fmt: skip
 
 #: Numbers of the published health before the bits of the status.
-HEALTH = ("code", "status", "path_rate", "late_samples", "missed_writes")
+HEALTH = ("code", "status", "path_rate", "late_samples", "missed_writes", "stopped")
 
 #: Files of the package, of which NAME is the controller's name and PACKAGE the package's, and their templates.
 FILES = {
@@ -79,10 +82,12 @@ def ros2_files(code: ControllerCode, home: np.ndarray) -> dict[str, str]:
     """The files of the package, relative path to text.
 
     `home`: The command where the controller has no better one, (k,) or shorter.
+
+    Raises InvalidInput: if two measurements, or two inputs, would have one interface.
     """
     c, package = code.controller, package_name(code)
     names = {kind: _identifiers(signals) for kind, signals in code.signals.items()}
-    interfaces = {kind: _interfaces(code.signals[kind]) for kind in "YU"}
+    interfaces = {kind: _interfaces(code, kind) for kind in "YU"}
     standstill = _StandstillModel.of(code)
     health = [*HEALTH, *(str(bit.name).lower() for bit in Status)]
     values = [f"static_cast<double>((output_.status & {code.upper(str(bit.name))}) != 0)" for bit in Status]
@@ -101,7 +106,6 @@ def ros2_files(code: ControllerCode, home: np.ndarray) -> dict[str, str]:
         "PERIOD_TEXT": f"{c.period:g}", "PERIOD_YAML": _yaml(c.period), "RATE": round(1.0 / c.period),
         "SOURCES": "\n".join(f"  {file}" for file in sources), "R": code.sizes["r"],
         "MEASURED": _quoted(names["Y"]), "INPUTS": _quoted(names["U"]), "STATES": _quoted(names["X"]),
-        "STATE_INTERFACES": _quoted(interfaces["Y"]), "COMMAND_INTERFACES": _quoted(interfaces["U"]),
         "HEALTH": _quoted(health), "HEALTH_COUNT": len(health),
         "HEALTH_VALUES": "".join(f",\n    {value}" for value in values),
         **_start_marks(code, standstill, home),
@@ -110,9 +114,10 @@ def ros2_files(code: ControllerCode, home: np.ndarray) -> dict[str, str]:
         listed = path.endswith("yaml")
         own = {name: value for name, value in marks.items() if name != "INPUTS" or not listed}
         users = {
+            "STATE_INTERFACES": _quoted(interfaces["Y"]), "COMMAND_INTERFACES": _quoted(interfaces["U"]),
             "MEASUREMENTS": _parameters(code, "Y", names["Y"], interfaces["Y"]),
             "INPUTS": _limited(code, names["U"], interfaces["U"]),
-        }
+        }  # fmt: skip
         text = template(f"ros2/{file}")
         for _ in range(2):  # parts that have marks of their own come first
             text = fill(text, code.name, code.real, **own)
@@ -122,25 +127,35 @@ def ros2_files(code: ControllerCode, home: np.ndarray) -> dict[str, str]:
 
 def _identifiers(signals: Sequence[str]) -> list[str]:
     """Names of signals for parameters, each once."""
-    chosen: list[str] = []
-    for k, name in enumerate(signals):
-        plain = re.sub(r"[^A-Za-z0-9_]+", "_", name)
-        chosen.append(plain if plain not in chosen else f"{plain}_{k}")
-    return chosen
+    return distinct_names([re.sub(r"[^A-Za-z0-9_]+", "_", name) for name in signals])
 
 
-def _interfaces(signals: Sequence[str]) -> list[str]:
-    """Usual interfaces of signals: ``elbow/position`` of link_position_elbow."""
+def _interfaces(code: ControllerCode, kind: str) -> list[str]:
+    """Usual interfaces of signals, with the names of the joints as the robot has them: ``elbow/position`` of
+    link_position_elbow. The only joint of no known robot is called joint."""
+    signals, joints = code.signals[kind], () if code.robot is None else code.robot.joint_names
+    known = {
+        per_joint(q, joint, len(joints)): f"{joint}/{INTERFACES[q]}" for q in INTERFACES for joint in joints
+    }
     found = []
-    for name in _identifiers(signals):
+    for name in signals:
         quantity = next((q for q in INTERFACES if name == q or name.startswith(f"{q}_")), None)
-        joint = name.removeprefix(quantity or "").strip("_")
-        found.append(f"{name}/value" if quantity is None else f"{joint or 'joint'}/{INTERFACES[quantity]}")
+        joint = name.removeprefix(quantity or "").removeprefix("_") or "joint"
+        found.append(
+            known.get(name, f"{name}/value" if quantity is None else f"{joint}/{INTERFACES[quantity]}")
+        )
+    for k, interface in enumerate(found):
+        refuse_if(
+            interface in found[:k], f"Two signals would have the interface {interface!r} in ROS 2.",
+            f"expected an interface for each, got {signals[found.index(interface)]!r} and {signals[k]!r}",
+            "other names of the joints, or one of the two signals",
+        )  # fmt: skip
     return found
 
 
 def _quoted(texts: Sequence[str]) -> str:
-    return ", ".join(f'"{text}"' for text in texts)
+    """Texts between quotes, for C++ and YAML."""
+    return ", ".join(json.dumps(text, ensure_ascii=False) for text in texts)
 
 
 def _yaml(value: float) -> str:
@@ -156,7 +171,7 @@ def _parameters(code: ControllerCode, kind: str, names: Sequence[str], interface
     for signal, name, interface in zip(code.signals[kind], names, interfaces, strict=True):
         unit = code.unit_text(signal)
         lines += [
-            f"      {name}:" + (f"  # {unit}" if unit else ""), f"        interface: {interface}",
+            f"      {name}:" + (f"  # {unit}" if unit else ""), f"        interface: {_quoted([interface])}",
             "        factor: 1.0",
         ]  # fmt: skip
     return "\n".join(lines)

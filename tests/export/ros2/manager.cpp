@@ -117,6 +117,14 @@ int update(Manager * manager, std::int64_t nanoseconds)
   return result == controller_interface::return_type::OK ? 0 : 1;
 }
 
+// Lets the other threads run: those that publish, and that of the node's timers.
+void spin(Manager *)
+{
+  for (const auto & work : rclcpp::other_threads()) {
+    work();
+  }
+}
+
 void send(Manager * manager, const double * numbers, int count)
 {
   const auto message = std::make_shared<Command>();

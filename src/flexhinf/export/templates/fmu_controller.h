@@ -75,6 +75,9 @@ static void model_begin(model_instance *model)
     if (elsewhere) {
         @NAME@_start(&model->state, &model->param, model->real + FIRST_START, 0);
     }
+    for (int i = 0; i < STARTS; ++i) {
+        model->real[FIRST_X + i] = model->real[FIRST_START + i];
+    }
     for (int i = 0; i < @BIG@_INPUTS; ++i) {
         const double first = model->state.held[i];
         const double above = first > model->real[FIRST_LOWER + i] ? first : model->real[FIRST_LOWER + i];

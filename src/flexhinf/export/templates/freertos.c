@@ -5,6 +5,8 @@
 
 #include "@NAME@.h"
 
+#include <string.h>
+
 /* Words of stack: what `make cortex-m4-contract` prints of a step, and room for your functions and for interrupts. */
 #ifndef @BIG@_STACK_WORDS
 #define @BIG@_STACK_WORDS 4096
@@ -38,9 +40,10 @@ static void control(void *unused)
     @NAME@_input input = {0};
     @NAME@_output output = {0};
     TickType_t woken = xTaskGetTickCount();
+    const int begun = begin_with(&state);
     (void)unused;
-    if (@NAME@_init(&state) != @BIG@_OK) { /* the robot must be where @NAME@.h says; elsewhere @NAME@_start */
-        brake(@BIG@_BAD_ARITHMETIC);       /* compiled with flags that change results */
+    if (begun != @BIG@_OK) { /* two exports, or compiled with flags that change results */
+        brake(begun);
         vTaskDelete(NULL);
     }
     @STANDSTILL@ /* the command until there is another */

@@ -1,6 +1,8 @@
 /* How @NAME@ is used: one call before the loop, one call in it. The functions of your board are yours. */
 #include "@NAME@.h"
 
+#include <string.h>
+
 /* Of your board. Elements of the arrays have names in @NAME@.h, such as those that begin with @BIG@_Y_. */
 extern void wait_for_sample(void);
 extern int read_sensors(@NAME@_real *y); /* 0 where there was no measurement in time */
@@ -21,8 +23,9 @@ int main(void)
     @NAME@_input input = {0};
     @NAME@_output output = {0};
     int acts = 1; /* once 0 it stays so: look at the robot, then begin again with @NAME@_start */
-    if (@NAME@_init(&state) != @BIG@_OK) { /* the robot must be where @NAME@.h says; elsewhere @NAME@_start */
-        brake(@BIG@_BAD_ARITHMETIC);       /* compiled with flags that change results */
+    const int begun = begin_with(&state);
+    if (begun != @BIG@_OK) { /* two exports, or compiled with flags that change results */
+        brake(begun);
         return 1;
     }
     @STANDSTILL@ /* the command until there is another */

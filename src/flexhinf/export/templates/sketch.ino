@@ -1,10 +1,13 @@
 // @NAME@ in an Arduino-style sketch. A template: compiled against stubs only. Put @NAME@.h and @NAME@.c beside it.
 #include "@NAME@.h"
 
+#include <string.h>
+
 static @NAME@_state state;
 static @NAME@_input input;
 static @NAME@_output output;
 static unsigned long due_us;
+static bool acts; // once false it stays so: look at the robot, then begin again with @NAME@_start
 
 static const unsigned long PERIOD_US = @PERIOD_US@UL;
 
@@ -12,12 +15,18 @@ static const unsigned long PERIOD_US = @PERIOD_US@UL;
 static bool read_sensors(@NAME@_real *y);
 static void read_command(@NAME@_real *r, @NAME@_real path_rate);
 static void drive_motors(const @NAME@_real *u);
-static void watch(int code);
+static void report(int code);
+static void restart_watchdog();
+static void brake(int code);
 
+@MAY_ACT@
 void setup()
 {
-    // The robot must be where @NAME@.h says; elsewhere @NAME@_start with its state.
-    while (@NAME@_init(&state) != @BIG@_OK) { // compiled with flags that change results: the motors stay off
+    const int begun = begin_with(&state);
+    acts = begun == @BIG@_OK;
+    if (!acts) { // two exports, or compiled with flags that change results
+        brake(begun);
+        return;
     }
     @NAME@_step(&state, &@NAME@_defaults, &input, &output); // without a measurement: the input before the first
     due_us = micros();
@@ -25,7 +34,7 @@ void setup()
 
 void loop()
 {
-    if ((long)(micros() - due_us) < 0) {
+    if (!acts || (long)(micros() - due_us) < 0) {
         return;
     }
     due_us += PERIOD_US;
@@ -37,15 +46,16 @@ void loop()
         drive_motors(output.u);
     }
     const int code = @NAME@_step(&state, &@NAME@_defaults, &input, &output);
-    if (@BIG@_LATENCY == 0) {
+    report(code);
+    acts = may_act(code, &output) != 0;
+    if (code == @BIG@_OK) {
+        restart_watchdog();
+    }
+    if (!acts) {
+        brake(code);
+    } else if (@BIG@_LATENCY == 0) {
         drive_motors(output.u);
     }
-    watch(code);
-}
-
-static void watch(int code)
-{
-    (void)code; // brakes as README.md says under "What a step returns"
 }
 
 static bool read_sensors(@NAME@_real *y)
@@ -68,4 +78,19 @@ static void read_command(@NAME@_real *r, @NAME@_real path_rate)
 static void drive_motors(const @NAME@_real *u)
 {
     (void)u; // a PWM or a current controller
+}
+
+static void report(int code)
+{
+    (void)code; // for a log
+}
+
+static void restart_watchdog()
+{
+    // which brakes the robot too, where samples fail for longer than it may run on
+}
+
+static void brake(int code)
+{
+    (void)code; // stops the robot without the controller, whatever it needs for that; it stays so
 }

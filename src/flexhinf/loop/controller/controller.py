@@ -20,7 +20,6 @@ from flexhinf.loop.controller.law_code import LawCode, law_slope
 from flexhinf.loop.controller.laws import Schedule, check_kinds, read_controller, write_controller
 from flexhinf.loop.controller.measured import Source, within
 from flexhinf.loop.controller.memory import (
-    BAD_MEASUREMENT,
     Layout,
     StateHistory,
     braking_place,
@@ -63,9 +62,7 @@ ONE_TRACE = 5_000
 READ, WRITTEN = ("y", "r", "memory", "data"), ("u", "estimate", "after")
 
 #: A compiled step on arrays: run it, fill y, fill r, and copy u.
-Bound = tuple[
-    Callable[[], int], Callable[[Any], bool | None], Callable[[Any], None], Callable[[], np.ndarray]
-]
+Bound = tuple[Callable[[], int], Callable[[Any], bool], Callable[[Any], None], Callable[[], np.ndarray]]
 
 
 class Controller(Summarised):
@@ -447,9 +444,9 @@ class Controller(Summarised):
         point at first).
 
         A step is made whole or not at all: where it raises, memory and estimate stay those of the last good sample. NaN
-        in y means that this sensor gave nothing: the others correct the estimate, and integrals go on with the
-        estimated position in place of a measured one that is missing. ``step(None)``, or NaN alone, is a sample without
-        a measurement, or one whose measurement was refused: the estimate is the prediction x(k|k−1), uncorrected; its
+        or an infinite number in y means that this sensor gave nothing: the others correct the estimate, and integrals
+        go on with the estimated position in place of a measured one that is missing. ``step(None)``, or such numbers
+        alone, is a sample without a measurement: the estimate is the prediction x(k|k−1), uncorrected; its
         covariance grows by R^v at every such sample; the input is the law's for this estimate. The next measurement
         corrects all of that as usual. Before the first good measurement it changes nothing, whatever the command, and
         gives the input before the first sample, see `reset`; `Loop.run` does the same. Where a step fails twice in a
@@ -458,7 +455,7 @@ class Controller(Summarised):
         Raises
         ------
         NumericalFailure
-            If y is infinite (NaN without an estimator), the command not finite, or the estimate or the input would
+            If y is not finite and there is no estimator, the command is not finite, or the estimate or the input would
             not be.
         InvalidInput
             If y or the command does not have the right size; y is None, and there is no estimator.
@@ -475,7 +472,7 @@ class Controller(Summarised):
                 measured = fill_measurement(y)
                 if history.waiting and measured and self.measurement_limits is not None:
                     measured = bool(within(np.ravel(real_array(y)), *self.measurement_limits[:2]).any())
-                if history.waiting and measured is False:
+                if history.waiting and not measured:
                     return history.memory[self.memory.places["u"]].copy()
                 if reference is not None:
                     fill_reference(reference)
@@ -487,10 +484,9 @@ class Controller(Summarised):
                     f"{list(self.commanded)}, got y={value_text(y)}, reference={value_text(reference)}",
                     "arrays of these lengths, or plain numbers for one signal",
                 ) from error
-            code = BAD_MEASUREMENT if measured is None else run()
-            if code:
+            if code := run():
                 raise step_failure(code, history.fail(code), y, reference)
-            history.good(bool(measured))
+            history.good(measured)
             return copy_of_input()
         finally:
             self._ready = ready

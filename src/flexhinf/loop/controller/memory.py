@@ -109,12 +109,12 @@ def filler(buffer: np.ndarray) -> Callable[[Any], None]:
     return fill_scalar if buffer.size == 1 else fill
 
 
-def measurement_filler(buffer: np.ndarray, gaps: bool) -> Callable[[Any], bool | None]:
-    """As `filler`, and whether there is something in the value: False where nothing was measured, if there may be
-    `gaps`, and None for an infinite number."""
+def measurement_filler(buffer: np.ndarray, gaps: bool) -> Callable[[Any], bool]:
+    """As `filler`, and whether there is something in the value: False where no number is finite, if there may be
+    `gaps`."""
     fill = filler(buffer)
 
-    def fill_with_gaps(value: Any) -> bool | None:
+    def fill_with_gaps(value: Any) -> bool:
         if value is None:
             buffer[:] = np.nan
             return False
@@ -123,9 +123,7 @@ def measurement_filler(buffer: np.ndarray, gaps: bool) -> Callable[[Any], bool |
         total = sum(numbers)
         if total - total == 0.0:  # all are finite
             return True
-        if math.inf in numbers or -math.inf in numbers:
-            return None
-        return any(number == number for number in numbers)
+        return any(number - number == 0.0 for number in numbers)
 
     def fill_whole(value: Any) -> bool:
         fill(value)

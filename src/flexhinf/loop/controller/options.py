@@ -449,6 +449,16 @@ def _kind_of_input(name: str) -> tuple[str, str]:
     return next(((word, unit) for word, unit in units.items() if word in name.split("_")), ("input", ""))
 
 
+def _plausible_text(low: float, high: float, rate: float, unit: str) -> str:
+    """Those limits of a measurement that there are, in words."""
+    texts, unit = [], f" {unit}" * bool(unit)
+    if np.isfinite([low, high]).any():
+        texts.append(f"{low:.4g} to {high:.4g}{unit}")
+    if np.isfinite(rate):
+        texts.append(f"at most {rate:.4g}{unit} per s")
+    return ", ".join(texts)
+
+
 def controller_facts(c: Any) -> dict[str, str]:
     """What a controller says of itself: law, estimator, period, limits, and what is measured and commanded."""
     limits, command, mode = c.limits, c.command_limits, c.mode
@@ -479,9 +489,9 @@ def controller_facts(c: Any) -> dict[str, str]:
         "compensated": ", ".join(c.estimated[k] for k in mode.compensated),
         "offsets": f"decay with {c.offset_time:g} s" if mode.has_offset else "",
         "measurements": ", ".join(
-            f"{name} {low:.4g} to {high:.4g} {unit}, at most {rate:.4g} {unit} per s".replace("  ", " ")
-            for name, low, high, rate in zip(c.measured, *c.measurement_limits)
-            for unit in [units.get(name, "")]
+            f"{name} {text}"
+            for name, *limits in zip(c.measured, *c.measurement_limits)
+            if (text := _plausible_text(*limits, units.get(name, "")))
         ) if c.measurement_limits is not None else "",
         "latency": f"{mode.latency} sample{'s' * (mode.latency > 1)}" if mode.latency else "",
     }  # fmt: skip

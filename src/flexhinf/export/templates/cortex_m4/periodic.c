@@ -3,6 +3,7 @@
 #include "@NAME@.h"
 
 #include <stdint.h>
+#include <string.h>
 
 #ifndef CORE_HZ
 #define CORE_HZ 25000000.0 /* clock of your processor; this is that of the emulated board */
@@ -39,7 +40,7 @@ static const @NAME@_real home[] = {@HOME@};
  * @NAME@_init looks at those that it finds. */
 static int begin(void)
 {
-    const int code = @NAME@_init(&state); /* the robot must be where @NAME@.h says; elsewhere @NAME@_start */
+    const int code = begin_with(&state);
     @STANDSTILL@ /* the command until there is another */
     return (code != @BIG@_OK) ? code : @NAME@_step(&state, &@NAME@_defaults, &input, &output); /* not measured yet */
 }
@@ -50,7 +51,7 @@ void tick(void)
     if (!begun) {
         begun = 1;
         code = begin();
-        if (code != @BIG@_WAITING) { /* compiled with flags that change results */
+        if (code != @BIG@_WAITING) { /* two exports, or compiled with flags that change results */
             SYSTICK_CONTROL = 0;
             brake(code);
             return;

@@ -2,12 +2,14 @@
 #include "@PACKAGE@/controller.hpp"
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <cstring>
 #include <exception>
 #include <functional>
 #include <limits>
 #include <optional>
+#include <thread>
 #include <type_traits>
 #include <utility>
 
@@ -68,7 +70,7 @@ bool write_to(Interface & interface, double value)
   }
 }
 
-// So with publishers, whose message was filled by the caller before.
+// So with publishers, whose message was filled by the caller before. Neither waits for the thread that publishes.
 template <class Publisher, class = void>
 struct takes_message : std::false_type
 {
@@ -81,14 +83,37 @@ struct takes_message<
 };
 
 template <class Publisher>
-void publish_if_free(Publisher & publisher, const Report & report)
+bool publish_if_free(Publisher & publisher, const Report & report)
 {
   if constexpr (takes_message<Publisher>::value) {
-    publisher.try_publish(report);
-  } else if (publisher.trylock()) {
-    publisher.msg_ = report;
-    publisher.unlockAndPublish();
+    return publisher.try_publish(report);
+  } else {
+    const bool is_free = publisher.trylock();
+    if (is_free) {
+      publisher.msg_ = report;
+      publisher.unlockAndPublish();
+    }
+    return is_free;
   }
+}
+
+// A publisher copies every message into one of its own, which has its room from the first one on: that one comes before
+// the loop. Its thread may hold the message for a moment.
+template <class Publisher>
+bool publish_the_first(Publisher & publisher, const Report & report)
+{
+  bool is_taken = publish_if_free(publisher, report);
+  for (int tries = 0; tries < 1000 && !is_taken; ++tries) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    is_taken = publish_if_free(publisher, report);
+  }
+  return is_taken;
+}
+
+// Interfaces of this kind hold a place; at all others 0 is no command.
+bool is_position(const std::string & interface)
+{
+  return interface.substr(interface.rfind('/') + 1) == "position";
 }
 
 template <class Interfaces>
@@ -122,7 +147,7 @@ CallbackReturn Controller::on_init()
     auto_declare<double>("period", PERIOD);
     auto_declare<std::int64_t>("publish_every", 10);
     auto_declare<std::int64_t>("longest_unseen", @LONGEST_UNSEEN@);
-    auto_declare<bool>("zero_on_deactivate", false);
+    auto_declare<double>("stop_ramp", 0.0);
     for (std::size_t i = 0; i < measurements_.size(); ++i) {
       const std::string name = std::string("measurements.") + MEASURED[i];
       auto_declare<std::string>(name + ".interface", STATE_INTERFACES[i]);
@@ -161,7 +186,7 @@ bool Controller::read_parameters()
   const unsigned int rate = get_update_rate();  // Hz; 0: that of the controller manager, which update() looks at
   publish_every_ = node->get_parameter("publish_every").as_int();
   longest_unseen_ = node->get_parameter("longest_unseen").as_int();
-  zero_on_deactivate_ = node->get_parameter("zero_on_deactivate").as_bool();
+  stop_ramp_ = number("stop_ramp");
   if (!(std::fabs(period / PERIOD - 1.0) <= 1e-6)) {
     RCLCPP_ERROR(logger, "expected a period of %g s, for which @NAME@ is made, got %g", PERIOD, period);
     return false;
@@ -176,6 +201,10 @@ bool Controller::read_parameters()
   }
   if (longest_unseen_ < 1 || longest_unseen_ > 32766) {
     RCLCPP_ERROR(logger, "expected longest_unseen from 1 to 32766, got %ld", static_cast<long>(longest_unseen_));
+    return false;
+  }
+  if (!(stop_ramp_ >= 0.0 && stop_ramp_ <= 10.0)) {
+    RCLCPP_ERROR(logger, "expected stop_ramp from 0 to 10 s, got %g", stop_ramp_);
     return false;
   }
   std::vector<std::string> taken;
@@ -246,6 +275,11 @@ CallbackReturn Controller::on_configure(const rclcpp_lifecycle::State &)
     get_node()->create_publisher<Report>("~/state", rclcpp::SystemDefaultsQoS());
   publisher_ = std::make_unique<realtime_tools::RealtimePublisher<Report>>(publisher);
   prepare_report();
+  if (!publish_the_first(*publisher_, report_)) {
+    RCLCPP_ERROR(get_node()->get_logger(), "the thread that publishes ~/state does not run");
+    return CallbackReturn::ERROR;
+  }
+  timer_ = get_node()->create_wall_timer(std::chrono::milliseconds(100), [this]() {tell();});
   return CallbackReturn::SUCCESS;
 }
 
@@ -259,11 +293,16 @@ bool Controller::find_places()
       return false;
     }
   }
-  for (Signal & signal : inputs_) {
-    if (!find(command_interfaces_, signal)) {
-      RCLCPP_ERROR(logger, "the command interface %s is missing", signal.interface.c_str());
+  for (Signal & input : inputs_) {
+    if (!find(command_interfaces_, input)) {
+      RCLCPP_ERROR(logger, "the command interface %s is missing", input.interface.c_str());
       return false;
     }
+    const auto same = std::find_if(
+      measurements_.begin(), measurements_.end(),
+      [&](const Signal & signal) {return signal.interface == input.interface;});
+    input.is_position = is_position(input.interface);
+    input.measured = (same == measurements_.end()) ? nullptr : &*same;
   }
   return true;
 }
@@ -302,16 +341,18 @@ CallbackReturn Controller::on_activate(const rclcpp_lifecycle::State &)
   has_path_ = false;
   samples_ = late_ = missed_writes_ = 0;
   elapsed_ = 0.0;
-  stopped_ = false;
+  is_stopped_ = false;
+  remember();
   return CallbackReturn::SUCCESS;
 }
 
 CallbackReturn Controller::on_deactivate(const rclcpp_lifecycle::State &)
 {
-  if (zero_on_deactivate_) {  // else the last input stays
-    std::fill(std::begin(output_.u), std::end(output_.u), static_cast<@NAME@_real>(0));
-    drive();
+  if (!is_stopped_) {
+    hold_positions();
   }
+  write_stop(0.0);  // nothing writes from here on
+  tell();
   return CallbackReturn::SUCCESS;
 }
 
@@ -362,8 +403,21 @@ void Controller::follow()
 void Controller::drive()
 {
   for (std::size_t i = 0; i < inputs_.size(); ++i) {
-    const double value = inputs_[i].factor * static_cast<double>(output_.u[i]);
-    missed_writes_ += write_to(command_interfaces_[inputs_[i].place], value) ? 0 : 1;
+    missed_writes_ += write_to(command_interfaces_[inputs_[i].place], value_of_input(i)) ? 0 : 1;
+  }
+  remember();
+}
+
+double Controller::value_of_input(std::size_t i) const
+{
+  return inputs_[i].factor * static_cast<double>(output_.u[i]);
+}
+
+// The last values, from which a stop begins.
+void Controller::remember()
+{
+  for (std::size_t i = 0; i < inputs_.size(); ++i) {
+    last_[i] = value_of_input(i);
   }
 }
 
@@ -383,12 +437,11 @@ bool Controller::wrong_rate(double seconds)
 
 controller_interface::return_type Controller::update(const rclcpp::Time & time, const rclcpp::Duration & period)
 {
-  if (wrong_rate(period.seconds())) {
-    stopped_ = true;
-    RCLCPP_ERROR(get_node()->get_logger(), "expected a period of %g s, for which @NAME@ is made", PERIOD);
+  if (is_stopped_) {
+    return stop(time, period.seconds());
   }
-  if (stopped_) {  // the last input stays
-    return controller_interface::return_type::ERROR;
+  if (wrong_rate(period.seconds())) {
+    return end("it is called at another period than it is made for", time);
   }
   read_measurements();
   follow();
@@ -396,24 +449,73 @@ controller_interface::return_type Controller::update(const rclcpp::Time & time, 
     drive();
   }
   code_ = @NAME@_step(&state_, &param_, &input_, &output_);
-  if (@BIG@_LATENCY == 0) {
-    drive();
+  if (code_ == @BIG@_STOPPED || code_ == @BIG@_WENT_BACK || code_ == @BIG@_BAD_ARITHMETIC ||
+    code_ == @BIG@_NOT_INITIALISED) {
+    return end("see README.md for what the step returned", time);
   }
   const bool silent = code_ != @BIG@_WAITING && std::any_of(
     std::begin(output_.unseen), std::end(output_.unseen), [this](int samples) {return samples > longest_unseen_;});
-  const bool ended = silent || code_ == @BIG@_STOPPED || code_ == @BIG@_WENT_BACK || code_ == @BIG@_BAD_ARITHMETIC ||
-    code_ == @BIG@_NOT_INITIALISED;
-  if (ended || samples_ % publish_every_ == 0) {
+  if (silent) {
+    return end("a sensor is silent for too long", time);
+  }
+  if (@BIG@_LATENCY == 0) {
+    drive();
+  }
+  if (samples_ % publish_every_ == 0) {
     publish(time);
   }
-  if (ended) {  // until the next activation, which begins where the robot then stands
-    stopped_ = true;
-    RCLCPP_ERROR(
-      get_node()->get_logger(), "@NAME@ returned %d%s, see its README.md: brake the robot", code_,
-      silent ? ", and a sensor is silent for too long" : "");
-    return controller_interface::return_type::ERROR;
-  }
   return controller_interface::return_type::OK;
+}
+
+// Stop ---------------------------------------------------------------------------------------------------------
+// Nothing is computed any more, until the next activation, which begins where the robot then stands.
+controller_interface::return_type Controller::end(const char * reason, const rclcpp::Time & time)
+{
+  is_stopped_ = true;
+  is_end_published_ = false;
+  stopped_for_ = 0.0;
+  hold_positions();
+  ended_with_.store(code_);
+  to_tell_.store(reason);  // told by another thread: a logger allocates and waits
+  return stop(time, 0.0);
+}
+
+// Inputs fall to 0 along the ramp; then, or without one at once, this is an error, at which newer managers deactivate.
+controller_interface::return_type Controller::stop(const rclcpp::Time & time, double seconds)
+{
+  stopped_for_ += seconds;
+  const double left = (stop_ramp_ > 0.0) ? std::clamp(1.0 - stopped_for_ / stop_ramp_, 0.0, 1.0) : 0.0;
+  write_stop(left);
+  is_end_published_ = is_end_published_ || publish(time);
+  return (left > 0.0) ? controller_interface::return_type::OK : controller_interface::return_type::ERROR;
+}
+
+// A position that is commanded stays at the measured one; where there is none, at the last.
+void Controller::hold_positions()
+{
+  for (std::size_t i = 0; i < inputs_.size(); ++i) {
+    if (inputs_[i].is_position && inputs_[i].measured != nullptr) {
+      const double place = value_of(state_interfaces_[inputs_[i].measured->place]);
+      last_[i] = std::isfinite(place) ? place : last_[i];
+    }
+  }
+}
+
+void Controller::write_stop(double left)
+{
+  for (std::size_t i = 0; i < inputs_.size(); ++i) {
+    const double value = inputs_[i].is_position ? last_[i] : left * last_[i];
+    missed_writes_ += write_to(command_interfaces_[inputs_[i].place], value) ? 0 : 1;
+  }
+}
+
+void Controller::tell()
+{
+  const char * reason = to_tell_.exchange(nullptr);
+  if (reason != nullptr) {
+    RCLCPP_ERROR(
+      get_node()->get_logger(), "@NAME@ has stopped (code %d): %s. Brake the robot", ended_with_.load(), reason);
+  }
 }
 
 // Health -------------------------------------------------------------------------------------------------------
@@ -422,7 +524,7 @@ void Controller::prepare_report()
   const auto group = [this](const char * name, std::vector<std::string> names) {
     report_.joint_names.push_back(name);
     report_.interface_values.emplace_back();
-    report_.interface_values.back().values.assign(names.size(), 0.0);
+    report_.interface_values.back().values.assign(names.size(), std::numeric_limits<double>::quiet_NaN());
     report_.interface_values.back().interface_names = std::move(names);
   };
   report_ = Report();
@@ -432,20 +534,20 @@ void Controller::prepare_report()
   group("estimate", {STATES.begin(), STATES.end()});
 }
 
-void Controller::publish(const rclcpp::Time & time)
+bool Controller::publish(const rclcpp::Time & time)
 {
   const auto fill = [this](std::size_t group, const auto & values) {
     std::copy(std::begin(values), std::end(values), report_.interface_values[group].values.begin());
   };
   const std::array<double, @HEALTH_COUNT@> health = {
     static_cast<double>(code_), static_cast<double>(output_.status), static_cast<double>(output_.path_rate),
-    static_cast<double>(late_), static_cast<double>(missed_writes_)@HEALTH_VALUES@};
+    static_cast<double>(late_), static_cast<double>(missed_writes_), static_cast<double>(is_stopped_)@HEALTH_VALUES@};
   report_.header.stamp = time;
   fill(0, health);
   fill(1, output_.u);
   fill(2, input_.y);
   fill(3, output_.estimate);
-  publish_if_free(*publisher_, report_);
+  return publish_if_free(*publisher_, report_);
 }
 
 }  // namespace @PACKAGE@

@@ -35,7 +35,9 @@ struct Signal
 {
   std::string interface;
   double factor = 1.0;
-  std::size_t place = 0;  // among the loaned interfaces, once active
+  std::size_t place = 0;              // among the loaned interfaces, once active
+  bool is_position = false;           // of an input: it holds a place, so that 0 is no stop
+  const Signal * measured = nullptr;  // of an input: what measures that place
 };
 
 /// Rows of a command, one for each period; the last one stays.
@@ -65,13 +67,20 @@ private:
   void receive(const Command & message);
   void follow();
   void drive();
+  double value_of_input(std::size_t i) const;
+  void remember();
   bool wrong_rate(double seconds);
+  controller_interface::return_type end(const char * reason, const rclcpp::Time & time);
+  controller_interface::return_type stop(const rclcpp::Time & time, double seconds);
+  void hold_positions();
+  void write_stop(double left);
+  void tell();
   void prepare_report();
-  void publish(const rclcpp::Time & time);
+  bool publish(const rclcpp::Time & time);
 
   std::array<Signal, @BIG@_MEASUREMENTS> measurements_;
   std::array<Signal, @BIG@_INPUTS> inputs_;
-  bool zero_on_deactivate_ = false;
+  double stop_ramp_ = 0.0;
   std::int64_t publish_every_ = 10, longest_unseen_ = @LONGEST_UNSEEN@, samples_ = 0;
 
   @NAME@_param param_ = @NAME@_defaults;
@@ -91,7 +100,13 @@ private:
   Report report_;
   double elapsed_ = 0.0;
   std::int64_t late_ = 0, missed_writes_ = 0;
-  bool stopped_ = false;
+
+  std::array<double, @BIG@_INPUTS> last_{};  // values of the command interfaces before a stop
+  bool is_stopped_ = false, is_end_published_ = false;
+  double stopped_for_ = 0.0;  // s
+  std::atomic<int> ended_with_{0};
+  std::atomic<const char *> to_tell_{nullptr};
+  rclcpp::TimerBase::SharedPtr timer_;
 };
 
 }  // namespace @PACKAGE@

@@ -1,5 +1,6 @@
 // A stub: a node with parameters and topics, and the callbacks of its lifecycle.
 #pragma once
+#include <chrono>
 #include <map>
 #include <memory>
 #include <stdexcept>
@@ -95,6 +96,17 @@ public:
   {
     const auto made = std::make_shared<LifecyclePublisher<MessageT>>();
     publishers[topic] = made;
+    return made;
+  }
+  template <class RepT, class UnitT, class CallbackT>
+  std::shared_ptr<rclcpp::TimerBase> create_wall_timer(std::chrono::duration<RepT, UnitT>, CallbackT callback)
+  {
+    const auto made = std::make_shared<rclcpp::TimerBase>(std::move(callback));
+    rclcpp::other_threads().push_back([timer = std::weak_ptr<rclcpp::TimerBase>(made)]() {
+      if (const auto alive = timer.lock()) {
+        alive->execute_callback();
+      }
+    });
     return made;
   }
   template <class MessageT, class CallbackT>

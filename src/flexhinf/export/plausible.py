@@ -1,0 +1,161 @@
+"""Which measurements of a robot are plausible: ranges and speeds from its limits, and what follows of them.
+
+A link is within the range of its joint. A motor is further by the twist of the spring at most: the largest torque of
+the drive, applied at once, stretches a spring of stiffness K twice as far as at rest, to 2 τ / K. Links and motors are
+no faster than the stated speed. Where none is stated and a voltage drives the motor, it is no faster than twice the
+speed V / k_b at which the back-EMF takes the whole voltage, as a weight that the motor can hold drives it on by as much
+again at most; and a spring that is let go throws its link twice as fast as the motor. The torque of a spring is that of
+the twist.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.loop import Controller
+
+if TYPE_CHECKING:
+    from flexhinf.robot import Robot
+
+#: How many standard deviations of a sensor's noise a plausible measurement may be beyond a limit.
+NOISE = 6.0
+
+#: How much further a torque stretches a spring that is applied at once, how much faster than without a load a motor is
+#: that a weight drives, and how much faster than its motor a link.
+TWICE = 2.0
+
+
+class Ranges(NamedTuple):
+    """What is known of one joint, infinite where it is not.
+
+    `low`, `high`: Of the link's position, rad or m. `speed`, `motor_speed`: rad/s or m/s. `torque`, `twist`: Of the
+    spring, N·m or N, and rad or m. `stiffness`: The largest, N·m/rad or N/m.
+    """
+
+    low: float
+    high: float
+    speed: float
+    motor_speed: float
+    torque: float
+    twist: float
+    stiffness: float
+
+    def of(self, quantity: str) -> tuple[float, float, float]:
+        """Least and largest value, and largest change per s, of a quantity of this joint."""
+        return {
+            "link_position": (self.low, self.high, self.speed),
+            "motor_position": (self.low - self.twist, self.high + self.twist, self.motor_speed),
+            "link_velocity": (-self.speed, self.speed, np.inf),
+            "motor_velocity": (-self.motor_speed, self.motor_speed, np.inf),
+            "joint_torque": (-self.torque, self.torque, self.stiffness * (self.speed + self.motor_speed)),
+        }[quantity]
+
+
+def with_measurement_limits(
+    controller: Controller, robot: Robot | None, speeds: np.ndarray | None = None
+) -> Controller:
+    """The same controller, for which a measurement that is not plausible is missing.
+
+    There is room for `NOISE` standard deviations of the estimator's measurement noise.
+
+    Parameters
+    ----------
+    speeds : (n,) array, optional
+        Largest speeds of the links, rad/s or m/s, infinite for none; those of the robot by default.
+
+    Raises InvalidInput: without a robot or an estimator; or a position has no limit of its speed, or another signal no
+    range.
+    """
+    estimator = controller.estimator
+    if robot is None or estimator is None:
+        raise InvalidInput(
+            "Nothing says which measurements are plausible.",
+            f"expected an estimator and a robot file, got {'no estimator' if estimator is None else 'no robot'}",
+            "a design in the place of its controller's file, with limits and speed_limit = 4.0 in its robot file; "
+            f"{IN_PYTHON}",
+        )
+    sensors, joints = _sensors(controller.measured, robot), _joints(controller, robot, speeds)
+    rows = [joints[sensor[1]].of(sensor[0]) if sensor else (-np.inf, np.inf, np.inf) for sensor in sensors]
+    unchecked = [
+        (name, sensor)
+        for name, sensor, (_, high, rate) in zip(controller.measured, sensors, rows, strict=True)
+        if np.isinf(rate if sensor and "position" in sensor[0] else high)
+    ]
+    names = ", ".join(name for name, _ in unchecked)
+    refuse_if(
+        unchecked,
+        f"Nothing says which values of {names} are plausible.",
+        f"expected a largest speed of every joint that is measured, and the largest input where a torque is; the robot "
+        f"file of {robot.name!r} and the design state none, and none follows of a voltage and a back-EMF",
+        _advice(robot, [sensor for _, sensor in unchecked if sensor]),
+    )
+    noise = NOISE * np.sqrt(np.diag(np.atleast_2d(estimator.measurement_noise)))
+    lower, upper, rate = np.transpose(rows)
+    rate = rate + np.sqrt(2.0) * noise / controller.period
+    return controller.fresh(measurement_limits=(lower - noise, upper + noise, rate))
+
+
+#: What helps whatever is missing.
+IN_PYTHON = (
+    "in Python Controller(..., measurement_limits=(lower, upper, rate)); or leave out --check-measurements"
+)
+
+
+def _advice(robot: Robot, sensors: Sequence[tuple[str, str]]) -> str:
+    """What to state, and of which joints."""
+    fast = dict.fromkeys(joint for quantity, joint in sensors if quantity != "joint_torque")
+    weak = dict.fromkeys(joint for quantity, joint in sensors if quantity == "joint_torque")
+    stated = [
+        f"{field} = {value} of the joint{'s' * (len(joints) > 1)} {', '.join(joints)} in the robot file, or "
+        f"{option} {value} at the design"
+        for field, value, option, joints in (
+            ("speed_limit", 4.0, "--peak-speed", fast), ("effort_limit", 48.0, "--saturation", weak),
+        )
+        if joints
+    ]  # fmt: skip
+    return "; ".join([*stated, IN_PYTHON])
+
+
+def _sensors(measured: Sequence[str], robot: Robot) -> list[tuple[str, str] | None]:
+    """Quantity and joint of each signal; None of one that is no sensor of the robot."""
+    from flexhinf.robot.parameters import per_joint
+    from flexhinf.robot.signals import SENSORS
+
+    joints = robot.joint_names
+    known = {
+        per_joint(quantity, joint, len(joints)): (quantity, joint) for quantity in SENSORS for joint in joints
+    }
+    return [known.get(name) for name in measured]
+
+
+def _joints(controller: Controller, robot: Robot, speeds: np.ndarray | None) -> dict[str, Ranges]:
+    """What is known of each joint by its name."""
+    from flexhinf.plant.parameters import Parameters
+    from flexhinf.robot.elastic import torque_per_input
+    from flexhinf.robot.parameters import per_joint
+
+    joints, plant, limits = robot.joint_names, robot.plant(), controller.limits
+    values = Parameters(plant.parameters.values)
+    largest = np.maximum(np.abs(limits.lower), np.abs(limits.upper))
+    torques = TWICE * np.abs(torque_per_input(robot.drive, values)) * largest
+    links = motors = np.array(robot.speed_limits if speeds is None else speeds, dtype=float)
+    if robot.drive == "voltage":
+        back = np.abs(np.broadcast_to(values.back_emf_constant, links.shape))
+        free = np.divide(TWICE * largest, back, out=np.full(links.shape, np.inf), where=back > 0.0)
+        links, motors = (np.where(np.isfinite(links), links, factor * free) for factor in (TWICE, 1.0))
+
+    def interval(quantity: str, joint: str) -> tuple[float, float]:
+        name = per_joint(quantity, joint, len(joints))
+        return robot[name].interval if name in robot.nominal else (0.0, 0.0)
+
+    found = {}
+    for joint, *both, torque in zip(joints, links.tolist(), motors.tolist(), torques.tolist(), strict=True):
+        low, high = plant.limits.get(per_joint("link_position", joint, len(joints)), (-np.inf, np.inf))
+        soft, stiff = interval("stiffness", joint)
+        twist = 0.0 if joint in robot.rigid else torque / soft + interval("backlash", joint)[1]
+        found[joint] = Ranges(low, high, *both, torque, twist, stiff)
+    return found
