@@ -395,7 +395,7 @@ class Composer:
             results = function(*(next(columns) if isinstance(array, Block) else array for array in arrays))
             several = isinstance(results, tuple)
             results = tuple(map(np.asarray, results if several else (results,)))
-            seen.extend(result.shape for result in results)
+            seen[:] = [result.shape for result in results]
             return tuple(result for result in results if result.size)
 
         self._pieces[key] = (
