@@ -52,6 +52,9 @@ def gives(*names: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
 class Direct:
     """Plain evaluation, on any elements."""
 
+    def begin(self) -> None:
+        """Let go of what was recorded: a traced function is called more than once."""
+
     def recorded(self) -> list[Any]:
         """What was computed on the way, (k,) arrays, where the run keeps it."""
         return []

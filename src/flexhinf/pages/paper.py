@@ -379,8 +379,8 @@ def _page(reproduction: Reproduction) -> Page:
             Section("Our own question", (
                 Paragraph(
                     "The paper does not ask this. It is not counted among its claims. What repairs the claims that "
-                    "fail, and what H∞ buys against a nonlinear LQR, is computed in docs/paper_studies.md at the "
-                    "default settings."
+                    "fail, and what H∞ buys against a nonlinear LQR, is computed at the default settings in "
+                    "“Studies beside the paper's claims” of the documentation."
                 ),
                 *own,
             ), "ours"),

@@ -230,7 +230,7 @@ class Session:
             free = f" Nothing limits {', '.join(unlimited)}: state --saturation." if unlimited else ""
             if kind == "c":
                 yield Note("writing C …", done=False)
-                place = folder.free_name("flexhinf-c")
+                place = folder.free_name(f"{name}-c")
                 files = export.controller_files(nominal.controller(), name, robot=robot)
                 export.write_files(export.checked_folder(folder.place("folder", place), force=False), files)
                 yield Note(

@@ -139,7 +139,7 @@ def arm_picture(robot: Robot, response: Response, what: str = "") -> Figure | No
     times = ", ".join(number(float(time[place]), 3) for place in at)
     return figure_block(
         "result-arm", figure,
-        f"{what}Drawn at {times} s, later ones darker. The angle between a link and its motor is the twist of the "
+        f"{what}Drawn at {times} s, later ones stronger. The angle between a link and its motor is the twist of the "
         "spring.",
         "The arm",
     )  # fmt: skip
