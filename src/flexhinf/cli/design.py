@@ -67,14 +67,19 @@ def design(context: typer.Context, o: options.DesignOptions) -> int:
     """
     from flexhinf.design import stages
     from flexhinf.design.design_file import robot_digests
+    from flexhinf.design.robustness import robustness
 
     request = request_of(context, o, o.robot, o.elastic)
     refuse_idle(context, request)
     folder = report.check(o.out)
     other = other_robot(folder, request.robot.name)
     origins = robot_digests(request.source, request.elastic, folder)
-    with step_progress(stages(request.robot, request.specification) + 1) as progress:
+    ending = [("what holds for all poses", 2.5), ("report", 2.5)]
+    with step_progress([*stages(request.robot, request.specification), *ending]) as progress:
         result = fh.design(request.robot, request.specification, progress)
+        if isinstance(result, fh.WorkspaceDesign):
+            progress("what holds for all poses: margins, and a proof")
+            robustness(result)
         progress("report")
         files = pages.design_files(result, reproduce_command(context), request.warnings, ("design.toml",))
         files["design.toml"] = pages.design_text(result, request, folder)
@@ -113,8 +118,8 @@ def compare(context: typer.Context, o: options.CompareOptions) -> None:
     chosen = tuple(name.strip() for name in o.laws.split(",") if name.strip()) or None
     folder = report.check(o.out)
     other = other_robot(folder, request.robot.name)
-    count = stages(request.robot, request.specification, law_names(chosen))
-    with step_progress(count + 1, lines=True) as progress:
+    steps = stages(request.robot, request.specification, law_names(chosen))
+    with step_progress([*steps, ("report", 3.0)], lines=True) as progress:
         result = fh.compare(request.robot, request.specification, chosen, o.tune, progress, o.same_sensors)
         progress("report")
         files = pages.comparison_files(result, reproduce_command(context), request.warnings)

@@ -249,7 +249,7 @@ def _report(folder: WorkingFolder, request: DesignRequest, ticket: Ticket) -> It
     place = folder.free_name("flexhinf-design")
     target = report.check(folder.place("folder", place))
     yield Note(
-        f"designing for the report, about {design_stages(request.robot, request.specification)} steps …",
+        f"designing for the report, about {len(design_stages(request.robot, request.specification))} steps …",
         False,
     )
     result = design(request.robot, request.specification, ticket.check)
