@@ -411,6 +411,7 @@ def _histograms(e: LawEvaluation, samples: MonteCarlo) -> Figure:
             continue
         axis.hist(values, bins=histogram_bins(values, grain).tolist(), color=SERIES[0], alpha=0.55)
         axis.grid(axis="x", visible=False)
+        axis.locator_params(axis="x", nbins=3)
         if np.isfinite(own):
             axis.axvline(own, color=SERIES[1], linewidth=1.6)
         if limit is not None and float(values.max()) > 0.5 * limit:
