@@ -467,8 +467,8 @@ def stages(
         found += [("sample the region", 1.0)] * regions
     found += [("the law at", 0.5)] * len(s.via)
     if laws is not None:
-        drawn = bool(responses.sample_count(robot, states, s.draws))
-        runs = [("step, load and move", 1.0), *([("robots within their tolerances", 1.0)] * drawn)]
+        sampled = bool(responses.sample_count(robot, states, s.draws))
+        runs = [("step, load and move", 1.0), *([("robots within their tolerances", 1.0)] * sampled)]
         tuned = (("tune", 8.0), ("tune from the others", 3.0), ("tune from the best", 3.0))
         rounds = [each for each in tuned for _ in laws]
         return [*found, ("what all laws share", 2.0), *rounds, *(runs * len(laws))]
