@@ -335,3 +335,11 @@ def test_no_value_is_read_for_a_side_effect(repository: Path, sources: dict[Path
             if bare or dropped:
                 found.append(f"{file.relative_to(repository)}:{node.lineno}")
     assert found == []
+
+
+def test_no_message_names_a_page_of_the_documentation_by_its_file(sources: dict[Path, list[ast.AST]]) -> None:
+    """Who installed a wheel has no folder docs: its title finds it."""
+    for file, nodes in sources.items():
+        notes = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+        said = [node for node in nodes if isinstance(node, ast.Constant) and id(node) not in notes]
+        assert not [node.value for node in said if re.search(r"docs/\w+\.md", str(node.value))], file

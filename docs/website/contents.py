@@ -105,21 +105,6 @@ NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
 
 #: Folder of a group: title, sentence, and the examples in their order. What is in no group is in the last one.
 EXAMPLES: dict[str, tuple[str, str, tuple[str, ...]]] = {
-    "textbook": (
-        "Any nonlinear system",
-        "Hamilton–Jacobi–Isaacs equations of systems that are no robots.",
-        (
-            "van_der_pol",
-            "v_surface",
-            "hji_scalar",
-            "f8_aircraft",
-            "gamma_tradeoff",
-            "residual_order",
-            "own_plant",
-            "stirred_tank",
-            "certified_reactor",
-        ),
-    ),
     "arms": (
         "Arms with elastic joints",
         "From one joint to several: vibrations, a step, a move, a payload.",
@@ -148,6 +133,21 @@ EXAMPLES: dict[str, tuple[str, str, tuple[str, ...]]] = {
         "Estimation",
         "Kalman filters, and numbers of a robot from a log.",
         ("ukf_against_ekf", "nees", "identify_joint"),
+    ),
+    "textbook": (
+        "Any nonlinear system",
+        "Hamilton–Jacobi–Isaacs equations of systems that are no robots.",
+        (
+            "van_der_pol",
+            "v_surface",
+            "hji_scalar",
+            "f8_aircraft",
+            "gamma_tradeoff",
+            "residual_order",
+            "own_plant",
+            "stirred_tank",
+            "certified_reactor",
+        ),
     ),
     "more": ("More", "Other programs.", ()),
 }

@@ -50,7 +50,7 @@ def make(folder: Path) -> list[str]:
             if done.code:
                 _LOG.warning("live page %s: %s", name, (done.errors or done.output).strip())
                 continue
-            shutil.copy(work / "flexhinf.html", page)
+            shutil.copy(work / "flexhinf-design.html", page)
         made.append(name)
     stamp.write_text(now, encoding="utf-8")
     return made

@@ -64,8 +64,11 @@ def test_a_controller_that_is_there_needs_neither_a_synthesis_nor_pages(controll
     assert outcome.stdout.strip() == "set()"
 
 
-def test_the_report_of_a_design(controller: Path, tmp_path: Path) -> None:
-    """The controller of a report is taken while the design file beside it is the one that it was made of."""
+def test_the_report_of_a_design(
+    controller: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The controller of a report is taken while the design file beside it is the one that it was made of. What is
+    written has the name of its folder; of another file that file's name."""
     said = "Specification met. " + 20 * "Words of the verdict. "
     design = f'[design]\nrobot = "paper"\n[result]\nverdict = "{said}"\n'
     folder = report.write(tmp_path / "arm", {"design.toml": design, "controller": controller.read_bytes()})
@@ -81,6 +84,13 @@ def test_the_report_of_a_design(controller: Path, tmp_path: Path) -> None:
         unfolded = re.sub(r"\n \* +", " ", header)  # no line has over 120 characters, and paths are long
         assert f" made by: flexhinf export c {source} --name " in unfolded
         assert said.strip() in " ".join(unfolded.split())
+    (tmp_path / "own").mkdir()
+    monkeypatch.chdir(tmp_path / "own")
+    named = [folder, folder / "design.toml", controller.rename(tmp_path / "wrist.v2.controller")]
+    for source, name in zip(named, ("arm-c", "arm-c", "wrist.v2-c"), strict=True):
+        assert main(["export", "c", str(source), "--force"]) == 0
+        assert f"make -C {name} test" in capsys.readouterr().out
+        assert (tmp_path / "own" / name / "README.md").is_file()
     (folder / "design.toml").write_text(design + "bandwidth = 2.0\n")
     assert not report.unchanged(folder, ("design.toml", "controller"))
     assert not report.unchanged(folder, ("design.toml", "missing"))

@@ -16,6 +16,7 @@ from typer.main import get_command
 
 import flexhinf as fh
 from flexhinf import pages
+from flexhinf.cli import main
 from flexhinf.cli.arguments import with_options, without_effect, without_effect_on_run
 from flexhinf.cli.commands import app
 from flexhinf.cli.options import CERTIFY_FIELDS, COMPARE_FIELDS, RUN_FIELDS, CompareOptions
@@ -324,3 +325,31 @@ def test_what_a_command_does_not_take_is_refused_with_the_commands_that_do(
             )
             assert "flexhinf design" in told
             assert f"flexhinf {command}," not in told.split("try:")[1]
+
+
+def commands_of(group: Any, path: str = "flexhinf") -> Iterator[tuple[str, Any]]:
+    """Every command and group under a group, by what is typed."""
+    yield path, group
+    for name, command in getattr(group, "commands", {}).items():
+        yield from commands_of(command, f"{path} {name}")
+
+
+def test_what_stands_in_brackets_stays_in_the_help(capsys: pytest.CaptureFixture[str]) -> None:
+    """rich takes it for a style, and drops it."""
+    assert main(["studio", "--help"]) == 0
+    assert "flexhinf[studio]" in capsys.readouterr().out
+    for path, command in commands_of(get_command(app)):
+        texts = [command.help, command.epilog, *(getattr(entry, "help", "") for entry in command.params)]
+        assert not re.search(r"(?<!\\)\[", " ".join(filter(None, texts))), path
+
+
+def test_what_the_readme_types_stands_in_the_help() -> None:
+    """And not in --help-all alone."""
+    text = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    typed = dict(commands_of(get_command(app)))
+    found = re.findall(r"^(flexhinf (?:(?:export|campaign) )?[a-z]+)(.*)$", text, re.MULTILINE)
+    lines = [(path, words) for path, words in found if path in typed]
+    assert len(lines) >= 3
+    for path, words in lines:
+        shown = {name for entry in typed[path].params if not entry.hidden for name in entry.opts}
+        assert {*re.findall(r"--[a-z-]+", words.partition("#")[0])} <= shown, path

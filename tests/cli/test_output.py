@@ -5,16 +5,18 @@ from __future__ import annotations
 import errno
 import io
 import json
+import math
 import os
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TextIO
 
 import pytest
 
 from flexhinf import cli
-from flexhinf.cli import commands, main
+from flexhinf.cli import commands, main, messages
 from flexhinf.design import design_schema
 
 
@@ -113,3 +115,30 @@ def test_drawings_need_no_backend_of_windows(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(commands, "app", lambda **_: int("MPLBACKEND" in os.environ))
     assert main(["robots"]) == 0
     assert os.environ["MPLBACKEND"] == "nonsense"
+
+
+class Bar(nullcontext[None]):
+    """A bar that keeps the shares that it was moved to."""
+
+    disable = False
+
+    def add_task(self, text: str, total: float | None) -> int:
+        self.total, self.shares = total, list[float]()
+        return 0
+
+    def update(self, task: int, completed: float, description: str) -> None:
+        self.shares.append(completed / (self.total or math.inf))
+
+
+def test_a_bar_moves_with_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not with the number of steps: tries that are not needed are done at once, and a long step has its part."""
+    bar = Bar()
+    monkeypatch.setattr(messages, "progress_bar", lambda *columns: bar)
+    with messages.step_progress([("try", 1.0), ("try", 1.0), ("runs", 2.0), ("report", 4.0)]) as begin:
+        for text in ("try 1", "20 runs", "something else", "report"):
+            begin(text)
+    assert bar.shares == [0.0, 0.25, 0.25, 0.5]
+    with messages.step_progress(4) as begin:
+        for text in "abcd":
+            begin(text)
+    assert bar.shares == [0.0, 0.25, 0.5, 0.75]

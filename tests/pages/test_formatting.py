@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from tests.refusals import unnamed
 
 import flexhinf as fh
 from flexhinf.design import Design
+from flexhinf.pages.campaign_parts import few_ticks, small_panels
 from flexhinf.pages.design.weights import effort_unit, state_weights
 from flexhinf.pages.drawing import (
     Units,
@@ -132,3 +134,15 @@ def test_weights_have_the_inverse_unit_of_what_they_weigh(report_design: Make) -
     assert units["joint_torque_rate_belt"] == "1/(N/s)"
     assert effort_unit(problem) == "N⁻² or (N·m)⁻²"
     assert all(weight for _, weight, _ in found)
+
+
+@pytest.mark.parametrize("ends", [(2e-5, 2.9e-4), (1.4e-4, 2.3e-4), (0.0, 0.03), (4.5, 11.0), (0.0, 2e4)])
+def test_numbers_beside_a_small_panel_do_not_touch(ends: tuple[float, float]) -> None:
+    figure, (axis, *_) = small_panels(3, 1.9)
+    axis.set_xlim(*ends)
+    few_ticks(axis, ends[1], "x")
+    figure.draw_without_rendering()
+    marks = [m.label1 for m in axis.xaxis.get_major_ticks() if ends[0] <= m.get_loc() <= ends[1]]
+    boxes = [mark.get_window_extent() for mark in marks]
+    assert len(boxes) > 1
+    assert all(one.x1 + 2.0 < other.x0 for one, other in pairwise(boxes))

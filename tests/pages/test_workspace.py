@@ -135,7 +135,7 @@ def test_limits_are_told_of_a_robot_that_has_some(design, tolerated):
     limited = dataclasses.replace(design.specification, saturation=60.0)
     limited = dataclasses.replace(design, setup=dataclasses.replace(design.setup, specification=limited))
     for of, told in ((design, False), (limited, True)):
-        assert (unnamed(text_of(page._goal_table(of, tolerated).html()), "70 %") == []) == told
+        assert (unnamed(text_of(page._goals(of, tolerated).html()), "70 %") == []) == told
         assert (unnamed(text_of(page._move_table(of).html()), "ripple") == []) == told
         assert (unnamed(text_of(page._law_table(of).html()), "assumed") == []) != told
 
@@ -321,7 +321,7 @@ def test_settings_say_who_states_the_workspace(made, design):
 
 def test_both_required_dampings_are_drawn(design):
     svg = page._pose_figure(design).svg
-    assert unnamed(text_of(f"{svg}".replace("svg", "g")), "nominal robot", "at corners") == []
+    assert unnamed(text_of(f"{svg}".replace("svg", "g")), "required", "required at corners") == []
 
 
 def test_the_numbers_of_the_page_are_in_its_file(design, tolerated):

@@ -5,7 +5,7 @@ import pytest
 
 from flexhinf.codegen import DIRECT, Block, Buffer, Composer, Program, Slice, compile_program
 from flexhinf.scalars import apply, trace
-from flexhinf.scalars.spectral import eigensystem
+from flexhinf.scalars.spectral import damping_ratio, eigensystem
 
 
 def matrices(n, count, kind, rng):
@@ -75,3 +75,15 @@ def test_a_program_runs_one_round_in_a_loop(n):
         f.n_instructions() for f in (*functions, *(s.function for s in loop.body if hasattr(s, "function")))
     )
     assert operations < 110 * n  # one round of n // 2 rotations, not all of them
+
+
+@pytest.mark.parametrize("place", [(0, 0), (0, 1), (1, 2)])
+def test_where_the_matrix_is_nan_all_eigenvalues_are(place):
+    given = np.diag([3.0, 1.0, 2.0])
+    given[place] = given[place[::-1]] = np.nan
+    assert np.isnan(eigensystem(given, DIRECT)[1]).all()
+    assert np.isnan(apply(trace(lambda m: eigensystem(m, DIRECT)[1], (3, 3)), given)[0]).all()
+
+
+def test_the_damping_ratio_of_nan_is_nan():
+    np.testing.assert_array_equal(damping_ratio(np.array([np.nan, 0.0, -1.0])), [np.nan, 0.0, 1.0])

@@ -1,11 +1,17 @@
 from __future__ import annotations
 
+import os
+import random
+import time
+from itertools import count
+
 import casadi as ca
 import numpy as np
 import pytest
 from scipy.optimize import approx_fprime
 from tests.refusals import refused_with
 
+import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.scalars import Symbol, apply, drop_empty, jacobian, pack, symbols, trace, unpack
 
@@ -139,3 +145,44 @@ def test_empty_arguments_can_be_dropped():
     assert (nothing.numel(), float(doubled)) == (0, 6.0)
     full = trace(lambda x: x, 2)
     assert drop_empty(full) is full
+
+
+GENERATOR, COUNTER = np.random.default_rng(0), count()
+#: What a trace would keep as it was in one call, and what the refusal says of it.
+CHANGING = {
+    "np.random": (np.random.normal, "np.random"),
+    "random": (random.random, "random"),
+    "a generator": (GENERATOR.normal, "generator"),
+    "a new generator": (lambda: np.random.default_rng().normal(), "generator"),
+    "the system's": (lambda: float(int.from_bytes(os.urandom(4))), "generator"),
+    "a clock": (time.perf_counter, "clock"),
+    "a counter": (lambda: float(next(COUNTER)), "counter"),
+    "operations": (lambda: 1.0 if next(COUNTER) % 2 else 0.0, "counter"),
+}
+
+
+@pytest.mark.parametrize("kind", CHANGING)
+def test_code_that_computes_something_else_each_time_is_refused(kind):
+    number, source = CHANGING[kind]
+    with refused_with(InvalidInput, "flow", source, "disturbance", "parameter"):
+        trace(lambda x: np.array([x[0] * number() + np.sin(x[1])]), 2, name="flow")
+
+
+def test_a_generator_that_begins_anew_in_the_code_draws_the_same():
+    traced = trace(lambda x: x * np.random.default_rng(3).normal(size=2), 2)
+    expected = np.random.default_rng(3).normal(size=2)
+    np.testing.assert_array_equal(apply(traced, np.ones(2))[0], expected)
+
+
+def test_a_law_that_draws_is_refused_before_a_loop_runs():
+    class Drawing(fh.Law):
+        state_names, input_names = ("x",), ("u",)
+        operating_point, operating_input, law_data = np.zeros(1), np.zeros(1), np.ones(1)
+
+        def evaluate_law(self, x, data):
+            return -data * x * (1.0 + 0.1 * np.random.normal())  # noqa: NPY002  # that is the mistake
+
+    plant = fh.Plant(lambda x, u, d, p: u - x, lambda x, u, p: x, ("x",), ("u",), outputs=("x",))
+    model = fh.ExtendedKalmanFilter(plant, 1e-2, 1e-6, 1e-6, np.zeros(1), 1e-4)
+    with refused_with(InvalidInput, "law", "np.random"):
+        fh.Loop(plant, fh.Controller(Drawing(), model, period=1e-2)).run(duration=0.1)

@@ -391,8 +391,8 @@ def test_a_name_outside_of_the_folder_is_refused(tab: Any, folder: Path, act: st
 def test_exports(opened: Open, folder: Path) -> None:
     page = opened()
     part(page, "c").click()
-    says(page, "notes", "C in flexhinf-c")
-    assert (folder / "flexhinf-c" / "paper.c").is_file()
+    says(page, "notes", "C in paper-c")
+    assert (folder / "paper-c" / "paper.c").is_file()
     part(page, "fmu").click()
     says(page, "notes", "FMU: paper.fmu")
     assert (folder / "paper.fmu").is_file()

@@ -199,12 +199,12 @@ def test_the_numbers_are_those_of_the_design(session: Session) -> None:
 @pytest.mark.ci("exports C and FMU twice")
 def test_exports_are_written_under_free_names(session: Session) -> None:
     computed(session)
-    for kind, first in (("c", "flexhinf-c"), ("fmu", "paper.fmu")):
+    for kind, first in (("c", "paper-c"), ("fmu", "paper.fmu")):
         for _ in range(2):
             notes = list(session.exported(kind)(Ticket(lambda ticket: iter(()), lambda result: None)))
             assert notes[-1].done
         assert (session.folder.root / first).exists()
-    assert (session.folder.root / "flexhinf-c-2" / "paper.c").is_file()
+    assert (session.folder.root / "paper-c-2" / "paper.c").is_file()
     assert (session.folder.root / "paper-2.fmu").is_file()
 
 

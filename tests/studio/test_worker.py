@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from flexhinf.errors import FlexhinfError, InvalidInput
-from flexhinf.studio.worker import Ticket, Worker
+from flexhinf.studio.worker import Begun, Ticket, Worker
 
 SECONDS = 20.0
 
@@ -49,6 +49,18 @@ def test_a_newer_request_takes_the_place_of_an_older_one(worker: Worker) -> None
     go_on.set()
     assert results.done.wait(SECONDS)
     assert results == ["new"]
+
+
+def test_what_begins_is_told_before_its_result(worker: Worker) -> None:
+    results = Delivered("law")
+
+    def work(ticket: Ticket) -> Iterator[str]:
+        ticket.check("degree 2: solve")
+        yield "law"
+
+    worker.submit("tab", work, results)
+    assert results.done.wait(SECONDS)
+    assert results == [Begun("degree 2: solve"), "law"]
 
 
 def test_owners_take_turns(worker: Worker) -> None:

@@ -63,7 +63,7 @@ class EquilibriumLaw(Law):
     def slope(self) -> np.ndarray:
         """∂k/∂x at the equilibrium, (m, n)."""
         n, data = len(self.state_names), self.law_data
-        return jacobian(self.evaluate_law, n, data.size)(np.zeros(n), data)[1]
+        return jacobian(self.evaluate_law, n, data.size, name="law")(np.zeros(n), data)[1]
 
     def closed_loop(self, plant: Plant | None = None) -> np.ndarray:
         """∂ẋ/∂x of a plant (its own by default) with this law at the equilibrium, the state fed back, (n, n)."""

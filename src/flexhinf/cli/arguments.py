@@ -52,6 +52,11 @@ class Group(TyperGroup):
 CONTEXT = inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)
 
 
+def plain(text: str | None) -> str:
+    """A text of help, in which rich takes what stands in brackets for a style and drops it."""
+    return (text or "").replace("[", r"\[")
+
+
 def with_options(declarations: Callable[[], tuple[type, Collection[str]]]) -> Callable[[Any], Any]:
     """A decorator for ``command(context, o)``: its options are those of a class and of fields of a specification.
 
@@ -69,7 +74,11 @@ def with_options(declarations: Callable[[], tuple[type, Collection[str]]]) -> Ca
             read = {name: _value(own[name], value) for name, value in stated if name in own}
             return command(context, run.own(**{k: value for k, value in read.items() if value is not None}))
 
-        run.__name__, run.__doc__, run.__module__ = command.__name__, command.__doc__, command.__module__
+        run.__name__, run.__doc__, run.__module__ = (
+            command.__name__,
+            plain(command.__doc__),
+            command.__module__,
+        )
         known: dict[str, Any] = {"declarations": declarations, "__signature__": inspect.Signature([CONTEXT])}
         run.__dict__.update(known)
         return run
@@ -139,7 +148,7 @@ def _parameter(field: FieldInfo, both: bool) -> inspect.Parameter:
         value = []
     elif kind is str and value is not MISSING:
         value = ",".join(value) if isinstance(value, tuple) else "" if value is None else str(value)
-    help = about.text.replace("[", r"\[")
+    help = plain(about.text)
     shape = typer.Argument(help=help, metavar=about.unit or None, show_default=False)
     if about.group:
         shape = typer.Option(

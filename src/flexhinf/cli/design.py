@@ -67,14 +67,19 @@ def design(context: typer.Context, o: options.DesignOptions) -> int:
     """
     from flexhinf.design import stages
     from flexhinf.design.design_file import robot_digests
+    from flexhinf.design.robustness import robustness
 
     request = request_of(context, o, o.robot, o.elastic)
     refuse_idle(context, request)
     folder = report.check(o.out)
     other = other_robot(folder, request.robot.name)
     origins = robot_digests(request.source, request.elastic, folder)
-    with step_progress(stages(request.robot, request.specification) + 1) as progress:
+    ending = [("what holds for all poses", 2.5), ("report", 2.5)]
+    with step_progress([*stages(request.robot, request.specification), *ending]) as progress:
         result = fh.design(request.robot, request.specification, progress)
+        if isinstance(result, fh.WorkspaceDesign):
+            progress("what holds for all poses: margins, and a proof")
+            robustness(result)
         progress("report")
         files = pages.design_files(result, reproduce_command(context), request.warnings, ("design.toml",))
         files["design.toml"] = pages.design_text(result, request, folder)
@@ -113,8 +118,8 @@ def compare(context: typer.Context, o: options.CompareOptions) -> None:
     chosen = tuple(name.strip() for name in o.laws.split(",") if name.strip()) or None
     folder = report.check(o.out)
     other = other_robot(folder, request.robot.name)
-    count = stages(request.robot, request.specification, law_names(chosen))
-    with step_progress(count + 1, lines=True) as progress:
+    steps = stages(request.robot, request.specification, law_names(chosen))
+    with step_progress([*steps, ("report", 3.0)], lines=True) as progress:
         result = fh.compare(request.robot, request.specification, chosen, o.tune, progress, o.same_sensors)
         progress("report")
         files = pages.comparison_files(result, reproduce_command(context), request.warnings)
@@ -309,7 +314,8 @@ def export_c(context: typer.Context, o: options.ExportCOptions) -> None:
     if o.name:
         export.checked_identifier(o.name)
     path = controller_file(o.source)  # the input first: a misspelt name is no matter of the output
-    folder = export.checked_folder(o.out, o.force)
+    out = o.out or _named_after(o.source, "-c")
+    folder = export.checked_folder(out, o.force)
     controller, robot, s, _ = designed = controller_of(path, limits=o.limits)
     name = o.name or _identifier(robot)
     _note_doubts(designed)
@@ -326,7 +332,7 @@ def export_c(context: typer.Context, o: options.ExportCOptions) -> None:
         folder,
         export.controller_files(controller, name, o.real, robot, origin, _design_files(path, designed.rows)),
     )
-    typer.echo(f"{name}.h, {name}.c and what goes with them: {folder}\ntest:  make -C {o.out} test")
+    typer.echo(f"{name}.h, {name}.c and what goes with them: {folder}\ntest:  make -C {quote(str(out))} test")
 
 
 @app.command("fmu", cls=Command)
@@ -340,6 +346,7 @@ def export_fmu(context: typer.Context, o: options.ExportFmuOptions) -> None:
     """
     from flexhinf.robot.parts import file_warnings
 
+    out = o.out or _named_after(o.source, "-plant.fmu" if o.plant else ".fmu")
     if o.plant:
         refuse_if(
             not o.limits,
@@ -353,13 +360,13 @@ def export_fmu(context: typer.Context, o: options.ExportFmuOptions) -> None:
         equilibrium = robot.operating_point(s.pose if s.start is None else s.start, s.extras)
         name = o.name or export.identifier_of(robot.name)
         written = export.export_plant_fmu(
-            robot.plant(s.measured, extras=s.extras), o.out, name, s.period, *equilibrium, fmi=o.fmi
+            robot.plant(s.measured, extras=s.extras), out, name, s.period, *equilibrium, fmi=o.fmi
         )
     else:
         controller, robot, *_ = designed = controller_of(controller_file(o.source), limits=o.limits)
         _note_doubts(designed)
         name = o.name or _identifier(robot)
-        written = export.export_fmu(controller, o.out, name, o.fmi, limits=False)
+        written = export.export_fmu(controller, out, name, o.fmi, limits=False)
     typer.echo(f"FMU: {written}")
 
 
@@ -377,10 +384,11 @@ def export_web(context: typer.Context, o: options.ExportWebOptions) -> None:
     from flexhinf.export.web import check_compiler, write_page
 
     path = file_of(o.source, "A page needs a design, which states the robot.", "flexhinf export web DIR")
+    out = o.out or _named_after(o.source, ".html")
     refuse_if(
-        o.out.exists() and not o.force,
+        out.exists() and not o.force,
         "The page is there already.",
-        f"expected a new file, got {o.out.absolute()}",
+        f"expected a new file, got {out.absolute()}",
         "another name, or --force, which replaces it",
     )
     check_compiler()
@@ -389,7 +397,7 @@ def export_web(context: typer.Context, o: options.ExportWebOptions) -> None:
     assert s is not None
     _note_doubts(designed)
     arm = live_arm(controller, robot, s, not_met=unmet_text(rows))
-    page = write_page(arm, o.out)
+    page = write_page(arm, out)
     typer.echo(f"page: {page} ({page.stat().st_size / 1e3:.0f} kB)")
 
 
@@ -402,7 +410,16 @@ def compile_design(context: typer.Context, o: options.CompileOptions) -> None:
     """
     designed = controller_of(controller_file(o.source))
     _note_doubts(designed)
-    typer.echo(f"library: {export.compile_controller(designed.controller, o.out, o.processor)}")
+    out = o.out or _named_after(o.source, ".so")
+    typer.echo(f"library: {export.compile_controller(designed.controller, out, o.processor)}")
+
+
+def _named_after(source: str, ending: str) -> Path:
+    """What is made of a design, in the working folder: under the name of its folder, or of its file where that has a
+    name of its own."""
+    place = Path(source).resolve()
+    own = place.is_dir() or place.name not in ("design.toml", "controller")
+    return Path((place if place.is_dir() else place.with_suffix("") if own else place.parent).name + ending)
 
 
 def _note_doubts(designed: DesignedController) -> None:

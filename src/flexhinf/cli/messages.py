@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import cache
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -188,21 +188,32 @@ def progress_bar(*columns: str) -> Any:
 
 
 @contextmanager
-def step_progress(total: int | None = None, lines: bool = False) -> Iterator[Callable[[str], None]]:
-    """A progress bar of `total` steps around some work; a spinner where their number is unknown.
+def step_progress(
+    steps: int | Sequence[tuple[str, float]] = (), lines: bool = False
+) -> Iterator[Callable[[str], None]]:
+    """A progress bar around some work; a spinner where nothing is known of its steps.
 
-    It gives a function that is called with the name of each step before the step begins. `lines`: steps take long, so
-    each gets a line where standard error is no terminal.
+    It gives a function that is called with the name of each step before the step begins. `steps`: how many alike there
+    are, or of each how its name begins or ends, and what part of the work it is: one that comes early, as others before
+    it are not needed, moves the bar there. `lines`: steps take long, so each gets a line where standard error is no
+    terminal.
     """
-    bar = progress_bar(*(("Spinner",) if total is None else ("Bar", "MofNComplete")), "TimeElapsed")
-    task, begun = bar.add_task("", total=total), 0
+    known = [("", 1.0)] * steps if isinstance(steps, int) else [*steps]
+    ends = [0.0, *accumulate(part for _, part in known)]
+    bar = progress_bar(*(("Bar", "TaskProgress") if known else ("Spinner",)), "TimeElapsed")
+    task, begun, place = bar.add_task("", total=ends[-1] or None), 0, 0
 
     def begin(text: str) -> None:
-        nonlocal begun
-        bar.update(task, advance=min(begun, 1), description=text)
+        nonlocal begun, place
+        here = (
+            k for k in range(place, len(known)) if text.startswith(known[k][0]) or text.endswith(known[k][0])
+        )
+        if (found := next(here, None)) is not None:
+            place = found + 1
+        bar.update(task, completed=ends[max(place - 1, 0)], description=text)
         begun += 1
         if lines and bar.disable:
-            typer.echo(f"step {begun} of about {total}: {text}", err=True)
+            typer.echo(f"step {begun} of about {len(known)}: {text}", err=True)
 
     with bar:
         yield begin

@@ -81,7 +81,7 @@ PEAKS = {
 #: ones; --help-all shows all.
 USUAL_FIELDS = (
     "workspace", "pose", "start", "move", "bandwidth", "damping", "overshoot", "preset", "remaining_error",
-    "peak_effort", "measured", "estimator", "period", "latency", "draws",
+    "peak_effort", "peak_speed", "saturation", "measured", "estimator", "period", "latency", "draws",
 )  # fmt: skip
 SELDOM = (
     "pose_xyz", "tool", "every_cell", "decay", "threads", "cluster", "shard", "starts", "metric", "batch", "core",
@@ -269,7 +269,7 @@ class ExportCOptions:
     """Options of ``flexhinf export c``."""
 
     source: Text = argument(CONTROLLER, "DESIGN")
-    out: Path = option(Path("flexhinf-c"), WRITTEN, "A new or empty folder.")
+    out: Path | None = option(None, WRITTEN, "A new or empty folder.", unit="path", default="DESIGN-c")
     name: Text = option("", WRITTEN, "A C identifier: name of the files, and beginning of all names.", "arm")
     real: Annotated[Literal["double", "float"], CHOICE] = option("double", TARGET,
         "Type of all numbers: double or float.", "float")
@@ -292,7 +292,7 @@ class ExportFmuOptions:
     """Options of ``flexhinf export fmu``."""
 
     source: Text = argument(CONTROLLER, "DESIGN")
-    out: Path = option(Path("flexhinf.fmu"), WRITTEN, "The file that is written.")
+    out: Path | None = option(None, WRITTEN, "The file that is written.", unit="path", default="DESIGN.fmu")
     name: Text = option("", WRITTEN, "A C identifier: the model's name.", "arm")
     fmi: Annotated[Literal["2.0", "3.0"], CHOICE] = option("2.0", TARGET,
         "Version of FMI: 2.0, which most programs read, or 3.0.", "3.0")
@@ -308,7 +308,8 @@ class ExportWebOptions:
     source: Text = argument(
         "design.toml or the folder of a report, whose controller is taken as it was judged; a design.toml without one "
         "is designed first.", "DESIGN")
-    out: Path = option(Path("flexhinf.html"), WRITTEN, "The page that is written, a new file.")
+    out: Path | None = option(None, WRITTEN, "The page that is written, a new file.", unit="path",
+        default="DESIGN.html")
     force: bool = option(False, WRITTEN, "Replace a file that is there.")
 
 
@@ -317,7 +318,7 @@ class CompileOptions:
     """Options of ``flexhinf compile``."""
 
     source: Text = argument(CONTROLLER, "DESIGN")
-    out: Path = option(Path("flexhinf-controller.so"), WRITTEN, "The file that is written.")
+    out: Path | None = option(None, WRITTEN, "The file that is written.", unit="path", default="DESIGN.so")
     processor: Annotated[Literal["portable", "any", "native"], CHOICE] = option("portable", TARGET,
         "Processors that can run it: portable (PCs since about 2015), any (older ones too, half as fast), or "
         "native (like this one). Others refuse it.", "native")

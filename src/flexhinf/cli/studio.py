@@ -16,7 +16,7 @@ def studio(context: typer.Context, o: options.StudioOptions) -> None:
     The arm moves with link and motor apart. Designs are loaded from and saved to
     the working folder as TOML, which `flexhinf design` takes; C, an FMU and the
     report are written there too. It answers at 127.0.0.1 alone, who has the
-    address that it prints, until Ctrl-C. Needs the extra `studio`.
+    address that it prints, until Ctrl-C. Needs flexhinf[studio].
     """
     extra_package("nicegui", "studio", "The studio is not installed.")
     from flexhinf.studio.server import listening, serve

@@ -52,6 +52,9 @@ def gives(*names: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
 class Direct:
     """Plain evaluation, on any elements."""
 
+    def begin(self) -> None:
+        """Let go of what was recorded: a traced function is called more than once."""
+
     def recorded(self) -> list[Any]:
         """What was computed on the way, (k,) arrays, where the run keeps it."""
         return []
@@ -395,7 +398,7 @@ class Composer:
             results = function(*(next(columns) if isinstance(array, Block) else array for array in arrays))
             several = isinstance(results, tuple)
             results = tuple(map(np.asarray, results if several else (results,)))
-            seen.extend(result.shape for result in results)
+            seen[:] = [result.shape for result in results]
             return tuple(result for result in results if result.size)
 
         self._pieces[key] = (

@@ -31,6 +31,10 @@ class Recorder(Direct):
     inside of others only the outer ones."""
 
     def __init__(self) -> None:
+        self.begin()
+
+    def begin(self) -> None:
+        """As `Direct.begin`."""
         self._done: list[_Stage] = []
         self._inside = False
         self._section = self._turn = ""

@@ -441,8 +441,11 @@ def _law_requirements(
     return margins, step, robots
 
 
-def stages(robot: Robot, specification: Specification, laws: Sequence[str] | None = None) -> int:
-    """Approximate number of work steps of a design, or of a comparison of laws, for a progress bar."""
+def stages(
+    robot: Robot, specification: Specification, laws: Sequence[str] | None = None
+) -> list[tuple[str, float]]:
+    """The work steps of a design, or of a comparison of laws, about as they come: how their names begin or end, and
+    what part of the work each is, relative to the others."""
     if laws is None and is_for_workspace(specification):
         return workspace_stages(robot, specification)
     s, states = specification, by_step.STATES * len(robot.joint_names)
@@ -450,14 +453,29 @@ def stages(robot: Robot, specification: Specification, laws: Sequence[str] | Non
     limited = preset in ("damped", "robust") and (limits.limits_peak or limits.limits_speed)
     solved = len(by_step.tried_degrees(states, s.degrees))
     rays = by_step.rays_of(states, s.rays) if laws is None else 0
-    degrees = solved + (solved > 1) + (rays > 0) * (1 if s.degrees is None else solved)
-    # `proved` has about six candidates and a proof instead of degrees and their regions
-    synthesis = (6 + 1 if preset == "proved" else degrees) + len(s.via) + limited
+    found = [("equilibrium, and weights", 3.0)]
+    if laws is None and preset == "robust":
+        found += [("channels of the tolerances", 10.0), ("loops tried", 0.5), ("noise levels", 0.5)]
+    if limited:
+        found.append(("the peak input of the step", 1.0))
+    found.append(("tried", 0.5))
+    if preset == "proved":  # about six candidates and a proof instead of degrees and their regions
+        found += [("prove", 2.0)] * 7
+    else:
+        regions = (rays > 0) * (1 if s.degrees is None else solved)
+        found += [("solve", 0.5)] * solved + [("the step with each", 2.0)] * (solved > 1)
+        found += [("sample the region", 1.0)] * regions
+    found += [("the law at", 0.5)] * len(s.via)
     if laws is not None:
-        return 3 + synthesis + (5 if responses.sample_count(robot, states, s.draws) else 4) * len(laws)
-    disturbance = certification.searches_disturbance(states, rays)
-    # `robust` adds channels, the weights of the whole loop, and their noise levels
-    return 8 + synthesis + s.mujoco + 3 * (preset == "robust") + disturbance
+        sampled = bool(responses.sample_count(robot, states, s.draws))
+        runs = [("step, load and move", 1.0), *([("robots within their tolerances", 1.0)] * sampled)]
+        tuned = (("tune", 8.0), ("tune from the others", 3.0), ("tune from the best", 3.0))
+        rounds = [each for each in tuned for _ in laws]
+        return [*found, ("what all laws share", 2.0), *rounds, *(runs * len(laws))]
+    found += [("margins of the running loop", 1.0), ("compile the closed loop", 2.0), ("corners", 3.0)]
+    found.append(("the worst disturbance", 1.0 if certification.searches_disturbance(states, rays) else 0.2))
+    found += [("the step on MuJoCo's plant", 1.0)] * s.mujoco
+    return [*found, ("load, move and sampled robots", 1.0), ("payloads", 0.3), ("proof of the region", 1.0)]
 
 
 def compare(

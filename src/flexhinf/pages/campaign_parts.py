@@ -285,7 +285,13 @@ def few_ticks(axis: Any, largest: float, which: str = "both") -> None:
     """Few ticks with short numbers, of size up to `largest`."""
     axis.locator_params(axis=which, nbins=3 if largest > 5e-3 else 1)
     for ruler in (axis.xaxis,) if which == "x" else (axis.xaxis, axis.yaxis):
-        ruler.set_major_formatter(lambda value, _: number(value, 3))
+        ruler.set_major_formatter(lambda value, _: _short(value))
+
+
+def _short(value: float) -> str:
+    """A number beside an axis of a small panel: 0.0001 would touch 0.0002."""
+    text = number(value, 3)
+    return text if len(text) < 6 else np.format_float_scientific(value, 2, trim="-", exp_digits=1)
 
 
 def histogram(

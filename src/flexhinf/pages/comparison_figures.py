@@ -51,7 +51,7 @@ def ranking_figure(comparison: Comparison, laws: Sequence[tuple[TunedLaw, bool]]
         axes.plot(clipped([each[key] for each in ratios]), places, "os^D"[k], label=name, **style)
     axes.axvline(1.0, color=INK, linewidth=1.0, dashes=DASHED, zorder=2)
     every = clipped([*costs, *(each[key] for each in ratios for key in RATIOS)])
-    axes.set(xscale="log", xlim=(0.7 * min(0.9, every.min()), 1.3 * max(1.2, every.max())))
+    axes.set(xscale="log", xlim=(min(0.45, 0.7 * every.min()), max(2.2, 1.3 * every.max())))
     axes.set_yticks(places, [f"{law.name}{'' if is_ranked else ' (not ranked)'}" for law, is_ranked in laws])
     _plain_log(axes.xaxis)
     axes.grid(axis="y", visible=False)

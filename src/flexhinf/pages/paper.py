@@ -379,8 +379,8 @@ def _page(reproduction: Reproduction) -> Page:
             Section("Our own question", (
                 Paragraph(
                     "The paper does not ask this. It is not counted among its claims. What repairs the claims that "
-                    "fail, and what H∞ buys against a nonlinear LQR, is computed in docs/paper_studies.md at the "
-                    "default settings."
+                    "fail, and what H∞ buys against a nonlinear LQR, is computed at the default settings in "
+                    "“Studies beside the paper's claims” of the documentation."
                 ),
                 *own,
             ), "ours"),
@@ -414,7 +414,7 @@ def _numbered(block: Figure | Table, counters: Mapping[str, Iterator[int]]) -> F
 def _key_numbers(setup: PaperSetup) -> list[KeyNumber]:
     ratio = f"{setup.settings.gamma_ratio:g} γ*; the paper gives none"
     numbers = [
-        KeyNumber("γ* of the paper's problem", f"{setup.gamma_star:.4f}", note="the smallest feasible one"),
+        KeyNumber("γ* of the paper's problem", f"{setup.gamma_star:.4f}", note="the smallest feasible one, at 0°"),
         KeyNumber("γ of the paper's law here", f"{setup.gamma:.4f}", note=ratio),
     ]
     for goal, runs in (("180°", setup.runs("03")), ("90°", setup.runs("05"))):

@@ -39,7 +39,6 @@ from flexhinf.pages.drawing import (
     joint_panel,
     line_style,
     listed,
-    pose_text,
 )
 from flexhinf.pages.page import files_section, requirement_table, requirements_text
 from flexhinf.pages.settings import loop_rows, robot_rows, sensor_rows, settings_in_groups
@@ -98,7 +97,7 @@ def workspace_page(
                 brief=f"{sum(line.met for line in design.requirements)} of {len(design.requirements)} met"),
             Section(f"Loops at {len(loops)} poses", (_pose_figure(design), _pose_table(design)), "poses", True),
             Section(f"{count_text(len(design.moves), 'move')} between random goals", (
-                _move_figure(design), _move_table(design), _joint_table(design), _goal_table(design, tolerated),
+                _move_figure(design), _move_table(design), _joint_table(design), _goals(design, tolerated),
                 *_power_on(design),
             ), "moves"),
             Section("Margins, tolerance and proof", (
@@ -166,20 +165,20 @@ def _pose_figure(design: WorkspaceDesign) -> Any:
     below = f"{s.damped_below_limit:g} rad/s"
     curves = {f"below {below}": [loop.damping for loop in design.loops]}
     if design.corner_loops:
-        curves["the same, robots at corners"] = [loop.damping for loop in design.corner_loops]
+        curves["at corners"] = [loop.damping for loop in design.corner_loops]
     if _oscillates(design.loops):
         curves[f"above {below}"] = [loop.fast_damping for loop in design.loops]
     lines = [
         Line(np.linspace(0.0, 100.0, len(values)), np.sort(values), name, line_style(k))
         for k, (name, values) in enumerate(curves.items())
     ]
-    required = [(pose_limits(s)[0], INK, "required of the nominal robot")]
+    required = [(pose_limits(s)[0], INK, "required")]
     if design.corner_loops and corner_damping(s) != pose_limits(s)[0]:
-        required.append((corner_damping(s), line_style(1)["color"], "required of robots at corners"))
+        required.append((corner_damping(s), line_style(1)["color"], "required at corners"))
     panel = Panel("smallest damping ratio", "", lines, across="share of the poses (%)", dashed=required)
     caption = (
         "The smallest damping ratio at each pose, in ascending order: 20 % of the poses have less than a curve has at "
-        "20 %."
+        f"20 %.{' At corners: of robots at corners of their tolerances.' * bool(design.corner_loops)}"
     )
     return draw_figure("poses", [panel], caption, "Damping over the workspace")
 
@@ -189,14 +188,14 @@ def _move_table(design: WorkspaceDesign) -> Table:
     for which, moves in (("nominal robot", design.moves), ("robots at corners", design.sampled)):
         found = worst_motion(moves)
         values = [[factor * row[key] for row in found] for key, (_, _, factor) in columns.items()]
-        cells = (f"{number(float(np.median(each)), 3)}, {number(max(each), 3)}" for each in values if found)
-        rows += [(which, *cells)] if found else []
+        for name, chosen in (("median", np.median), ("largest", np.max)) if found else ():
+            rows.append((f"{which}, {name}", *(number(float(chosen(each)), 3) for each in values)))
     speed = design.setup.limits.speed
     speeds = [f"{SPEED:.0%} of the speed limits".replace("%", " %")] if np.isfinite(speed).any() else []
     if not np.isfinite(speed).all():
         speeds.append(f"{SPEED * UNLIMITED:g} rad/s or m/s where none is stated")
     caption = (
-        "The worst joint of each move: median, then largest number of all moves. Moves are quintics with up to "
+        "The worst joint of each move: median and largest number of all moves. Moves are quintics with up to "
         f"{listed(speeds)}, from rest, with feedforward; the remaining error is the largest in the last {WINDOW:g} s. "
         "The distance from the path is the largest from its nearest point, whether a link is there early or late."
     )
@@ -231,16 +230,17 @@ def _ends_of_moves(design: WorkspaceDesign) -> list[np.ndarray]:
     return [design.moves[0].response.start, *(move.response.goal for move in design.moves)]
 
 
-def _goal_table(design: WorkspaceDesign, tolerated: Robustness) -> Table:
-    slides, degrees = design.robot.links.slides, design.specification.in_degrees
-    rows = [(str(k), pose_text(pose, slides, degrees)) for k, pose in enumerate(_ends_of_moves(design))]
-    caption = "Random goals. Move 1 goes from goal 0 to goal 1, move 2 from there to goal 2."
+def _goals(design: WorkspaceDesign, tolerated: Robustness) -> Paragraph:
+    """Where the moves go, and what holds the arm there."""
+    text = (
+        "Each move begins where the one before it ended, and goes to a random pose: `goals` in design.json."
+    )
     if design.setup.limits.limits_effort:
         left = f"{tolerated.heavy} of the {len(design.loops)}" if tolerated.heavy else "none of the"
-        caption += (
+        text += (
             f" The motors hold them with {100.0 * HOLD:g} % of their limits; {left} poses above need more."
         )
-    return Table(("goal", "pose"), rows, caption)
+    return Paragraph(text)
 
 
 def _worst_move(design: WorkspaceDesign) -> int:

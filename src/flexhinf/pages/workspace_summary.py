@@ -158,7 +158,10 @@ def advice(design: WorkspaceDesign) -> str:
         tolerances_text(design.robot): not cause and any("corner" in line.where for line in missed),
         "a smaller --workspace": unheld > 0 or any("pose" in line.where for line in missed),
     }
-    simpler = " With motor encoders alone PD + gravity compensation is simpler and may do as well (docs/which_law.md)."
+    simpler = (
+        " With motor encoders alone PD + gravity compensation is simpler and may do as well, see “Which law, and when” "
+        "in the documentation."
+    )
     return advice_text(missed, s, first, last) + simpler * (alone and bool(missed))
 
 

@@ -280,8 +280,8 @@ class PictureAxes(NamedTuple):
 def picture_axes(robot: Robot) -> PictureAxes | None:
     """The picture that looks along the axes of the turning joints; None where two of them differ.
 
-    Up is away from free fall, and a positive angle turns anticlockwise. An arm whose axes are upright is seen from
-    above, wherever its links are along them. Axes are parallel at all positions or at none.
+    Up is away from free fall, and to the right is along the world's axes, not against them. An arm whose axes are
+    upright is seen from above, wherever its links are along them. Axes are parallel at all positions or at none.
     """
     joints, slides = robot.links.tree.joints, np.array(robot.links.slides, dtype=bool)
     down = np.asarray(robot.links.down, dtype=float)
@@ -298,8 +298,18 @@ def picture_axes(robot: Robot) -> PictureAxes | None:
         normal = -normal if normal @ down > 0.0 else normal
         up = np.cross(normal, np.eye(3)[int(abs(normal[0]) > 0.9)])
     up = up / np.linalg.norm(up)
-    names = ("horizontal", "height" if upright else "seen from above")
-    return PictureAxes(np.column_stack([np.cross(up, normal), up]), names, planar)
+    right, name = to_the_right(np.cross(up, normal))
+    return PictureAxes(
+        np.column_stack([right, up]), (name, "height" if upright else "seen from above"), planar
+    )
+
+
+def to_the_right(along: np.ndarray) -> tuple[np.ndarray, str]:
+    """A horizontal direction (3,) or its opposite, whichever is more along the world's axes, and its name."""
+    most = int(np.argmax(np.abs(along).round(6)))
+    along = along if along[most] > 0.0 else -along
+    exactly = abs(along[most]) > 1.0 - 1e-9
+    return along + 0.0, f"horizontal, along {'xyz'[most]}" if exactly else "horizontal"
 
 
 DEGREES = 180.0 / np.pi

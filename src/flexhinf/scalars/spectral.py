@@ -22,7 +22,7 @@ UNDAMPED = 1e-9
 def damping_ratio(poles: np.ndarray) -> np.ndarray:
     """−Re s/|s| of poles s (K,), 1/s; 0 at s = 0, and where the ratio is smaller than the eigenvalues' rounding."""
     sizes = np.abs(poles)
-    ratios = np.divide(-np.real(poles), sizes, out=np.zeros(np.shape(sizes)), where=sizes > 0.0)
+    ratios = np.divide(-np.real(poles), sizes, out=np.zeros(np.shape(sizes)), where=sizes != 0.0)
     return np.where(np.abs(ratios) < UNDAMPED, 0.0, ratios)
 
 
@@ -80,7 +80,7 @@ def _rotate(rows: list[list[Any]], columns: list[list[Any]], p: int, q: int) -> 
     """The rotation by at most 45° that makes entry (p, q) zero, in place."""
     apart, twice = rows[q][q] - rows[p][p], 2.0 * rows[p][q]
     length = absolute(apart) + np.sqrt(apart * apart + twice * twice)
-    tangent = where(apart < 0.0, -twice, twice) / where(length > 0.0, length, 1.0)
+    tangent = where(apart < 0.0, -twice, twice) / where(length == 0.0, 1.0, length)
     cosine = 1.0 / np.sqrt(1.0 + tangent * tangent)
     sine, moved = tangent * cosine, 0.5 * tangent * twice
     rows[p][p], rows[q][q], rows[p][q] = rows[p][p] - moved, rows[q][q] + moved, 0.0 * moved

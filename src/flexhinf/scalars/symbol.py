@@ -168,7 +168,7 @@ def _is_simple(x: ca.SX) -> bool:
 
 masked = _dispatch(
     "masked",
-    lambda flag, x: np.where(np.asarray(flag) > 0.5, x, 0.0),
+    lambda flag, x: np.where(np.asarray(flag) > 0.5, x, np.multiply(flag, 1.0 - np.asarray(flag))),
     lambda flag, x: ca.if_else(flag > 0.5, x, 0.0 if _is_simple(x) else flag * (1.0 - flag)),
     "``x`` where the flag is 1, and zero where it is 0, also for an ``x`` that is not finite.",
 )

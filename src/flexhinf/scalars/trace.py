@@ -1,4 +1,4 @@
-"""From NumPy code to a CasADi function: run the code once on symbols and keep the result.
+"""From NumPy code to a CasADi function: run the code on symbols and keep the result.
 
 Then: a traced function as arrays, for files, and the dependence of expressions on symbols. An entry that no symbol
 reaches is constant: that is proved from its graph. A difference of equal terms, cos(x1 + x2) − cos(x2 + x1), is reached
@@ -10,6 +10,7 @@ with probability one.
 from __future__ import annotations
 
 import hashlib
+import random
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -188,20 +189,57 @@ def trace(
 ) -> ca.Function:
     """Run `function` on symbols and return its results as a CasADi function.
 
-    `function`: Takes one array per entry of `shapes`; returns an array, or a tuple of arrays. `shapes`: Shape of each
-    argument. `name`, `names`: Name of the function, and of its arguments. Every argument and result of the returned
-    function is a dense column, the array in C order; common subexpressions are computed once. Raises InvalidInput: if
-    `function` branches on a symbol or takes its float value.
+    `function`: Takes one array per entry of `shapes`; returns an array, or a tuple of arrays. It is called twice.
+    `shapes`: Shape of each argument. `name`, `names`: Name of the function, and of its arguments. Every argument and
+    result of the returned function is a dense column, the array in C order; common subexpressions are computed once.
+    Raises InvalidInput: if `function` branches on a symbol, takes its float value, or computes something else when it
+    is called again.
     """
     labels = list(names) if names is not None else [f"i{k}" for k in range(len(shapes))]
     arguments = [symbols(label, shape) for label, shape in zip(labels, shapes, strict=True)]
-    inputs = [pack(argument) for argument in arguments]  # before the code may write into its arguments
-    results = function(*arguments)
-    outputs = [pack(result) for result in (results if isinstance(results, tuple) else (results,))]
+    inputs = [pack(argument) for argument in arguments]
+
+    def called() -> list[ca.SX]:
+        results = function(*(argument.copy() for argument in arguments))  # the code may write into them
+        return [pack(result) for result in (results if isinstance(results, tuple) else (results,))]
+
+    outputs = called()
+    _check_repeats(name, inputs, outputs, called)
     sizes = [output.numel() for output in outputs]
     shared = ca.cse(ca.vertcat(*outputs)) if outputs else ca.SX.zeros(0, 1)
     split = [ca.densify(shared[a:b]) for a, b in pairwise(accumulate(sizes, initial=0))]
     return ca.Function(name, inputs, split, labels, [f"o{k}" for k in range(len(split))])
+
+
+#: States of the generators that every module shares, as text.
+GENERATORS: dict[str, Callable[[], str]] = {
+    "random": lambda: repr(random.getstate()),
+    "np.random": lambda: repr(np.random.get_state(legacy=False)),  # noqa: NPY002  # it is what code may read
+}
+
+
+def _check_repeats(
+    name: str, inputs: list[ca.SX], first: list[ca.SX], called: Callable[[], list[ca.SX]]
+) -> None:
+    """Refuse code that computes something else the second time: what it drew the first time would stay for good.
+
+    The programs are compared, which sees every source of such numbers: a generator, a clock, a counter.
+    """
+    once, again = (ca.Function("program", inputs, results) for results in (first, called()))
+    if once.serialize() == again.serialize():
+        return
+    pairs = zip(*([row[3] for row in instructions(f) if row[0] == ca.OP_CONST] for f in (once, again)))
+    numbers = next((f"{a!r} and then {b!r}" for a, b in pairs if a != b), "other operations")
+    before = {source: state() for source, state in GENERATORS.items()}
+    called()
+    sources = [source for source, state in GENERATORS.items() if state() != before[source]]
+    raise InvalidInput(
+        f"The code of {name!r} computes something else each time it is called.",
+        f"expected the same operations and numbers, as those of one call are kept for all; got {numbers}, from "
+        + (" and ".join(sources) or "a random generator, a clock or a counter"),
+        "noise as a disturbance of the plant or as noise of its sensors, time as a state, what else changes as a "
+        "parameter; a random number that is to stay is drawn before, outside this code",
+    )
 
 
 def apply(function: ca.Function, *arrays: Any) -> tuple[np.ndarray, ...]:

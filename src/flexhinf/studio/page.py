@@ -18,7 +18,7 @@ from flexhinf.studio.elements import ArmView, Figure, Row, mark_chosen, plain_bu
 from flexhinf.studio.preview import Band, LinearParts, Nominal
 from flexhinf.studio.session import Note, Replay, Session
 from flexhinf.studio.tiles import TILES, Tile, tiles_of
-from flexhinf.studio.worker import Worker
+from flexhinf.studio.worker import Begun, Worker
 
 
 class StudioPage:
@@ -268,6 +268,9 @@ class StudioPage:
         with self.client:
             if isinstance(result, Note):
                 self._say(result.text)
+            elif isinstance(result, Begun):
+                if revision == self.revision:
+                    self.status.text = f"computing: {result.text} …"
             elif isinstance(result, FlexhinfError):
                 self._refuse(result)
                 if revision == self.revision:

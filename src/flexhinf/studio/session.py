@@ -230,7 +230,7 @@ class Session:
             free = f" Nothing limits {', '.join(unlimited)}: state --saturation." if unlimited else ""
             if kind == "c":
                 yield Note("writing C …", done=False)
-                place = folder.free_name("flexhinf-c")
+                place = folder.free_name(f"{name}-c")
                 files = export.controller_files(nominal.controller(), name, robot=robot)
                 export.write_files(export.checked_folder(folder.place("folder", place), force=False), files)
                 yield Note(
@@ -249,7 +249,7 @@ def _report(folder: WorkingFolder, request: DesignRequest, ticket: Ticket) -> It
     place = folder.free_name("flexhinf-design")
     target = report.check(folder.place("folder", place))
     yield Note(
-        f"designing for the report, about {design_stages(request.robot, request.specification)} steps …",
+        f"designing for the report, about {len(design_stages(request.robot, request.specification))} steps …",
         False,
     )
     result = design(request.robot, request.specification, ticket.check)

@@ -24,6 +24,13 @@ class Superseded(Exception):
     """A newer request has taken the place of this one."""
 
 
+@dataclass(frozen=True)
+class Begun:
+    """A step of the work of a request that begins."""
+
+    text: str
+
+
 @dataclass(eq=False)
 class Ticket:
     """A request: its work, and where its results go."""
@@ -33,10 +40,13 @@ class Ticket:
     superseded: bool = False
     stages: Iterator[Any] | None = field(default=None, repr=False)
 
-    def check(self, *_: Any) -> None:
-        """Raise `Superseded` if there is a newer request."""
+    def check(self, text: str = "") -> None:
+        """Raise `Superseded` if there is a newer request; else deliver the name of the step that begins, if it has
+        one."""
         if self.superseded:
             raise Superseded
+        if text:
+            self.deliver(Begun(text))
 
 
 class Worker:

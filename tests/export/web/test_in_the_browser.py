@@ -288,6 +288,11 @@ def test_the_pd_beside_it(opened: Open) -> None:
     page.check("#rival")
     page.clock.run_for(200)
     assert abs(page.evaluate("livePage.simulation.states[1][0] - livePage.simulation.states[0][0]")) < 0.2
+    tops = page.evaluate("""() => {
+        document.querySelector("#rival-status").textContent = "a status that is long enough to wrap ".repeat(3);
+        return ["#ours", "#theirs"].map((name) => document.querySelector(name).getBoundingClientRect().top);
+    }""")
+    assert tops[0] == tops[1]
     page.click("#about summary")
     assert "encoders" in page.inner_text("#about")
 

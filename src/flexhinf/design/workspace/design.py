@@ -129,7 +129,7 @@ def design_workspace(
         Its workspace, by default all poses within the joint ranges; what the loop has to keep; sensors, noise, limits,
         period and latency.
     progress : callable, optional
-        Called with what comes next, at most `workspace_stages` times.
+        Called with what comes next.
 
     Raises
     ------
@@ -177,9 +177,12 @@ def sampled_moves(robot: Robot, s: Specification) -> int:
     return (GOALS if s.draws is None else s.draws) if robot.uncertain else 0
 
 
-def workspace_stages(robot: Robot, s: Specification) -> int:
-    """Largest number of calls of `progress` by `design_workspace`."""
-    return len(BANDWIDTHS) + 2 + bool(sampled_moves(robot, s))
+def workspace_stages(robot: Robot, s: Specification) -> list[tuple[str, float]]:
+    """How the names begin with which `design_workspace` calls `progress` at most, and parts of its work; the first law
+    is often the one."""
+    tries = [("gains of the pairs", 0.6), *[("gains of the pairs", 0.3)] * (len(BANDWIDTHS) - 1)]
+    sampled = [("moves of sampled robots", 0.6)] * bool(sampled_moves(robot, s))
+    return [*tries, ("loops", 1.2), ("moves between", 1.1), *sampled]
 
 
 def check_loop(robot: Robot, s: Specification) -> None:

@@ -45,11 +45,7 @@ from flexhinf.loop.controller.options import (
 )
 from flexhinf.loop.controller.standstill import standstill_memory
 from flexhinf.loop.controller.status import Status, Supervision, first_counters, status_of, watched_numbers
-from flexhinf.loop.controller.step import (
-    STEPS,
-    Mode,
-    controller_step,
-)
+from flexhinf.loop.controller.step import STEPS, Mode, controller_step
 from flexhinf.notebook import Summarised
 from flexhinf.plant import Estimator, Law, python_control
 from flexhinf.scalars import drop_empty, trace
@@ -390,12 +386,13 @@ class Controller(Summarised):
 
     def traced(self, run: Direct = DIRECT) -> Any:
         """(y, r, memory, data) → (u, estimate, memory) as one CasADi function, after what the run records."""
+        sizes = (len(self.measured), len(self.commanded), self.memory.size, self.data.size)
 
         def step(y: Any, r: Any, memory: Any, data: Any) -> Any:
+            run.begin()
             u, estimate, after = self._stepped(y, r, self.memory.named(memory), self.data.named(data), run)
             return *run.recorded(), u, estimate, self.memory.flat(after)
 
-        sizes = (len(self.measured), len(self.commanded), self.memory.size, self.data.size)
         build = partial(trace, step, *sizes, name="controller", names=READ)
         return share(("traced", self.code_key), build) if run is DIRECT else build()
 

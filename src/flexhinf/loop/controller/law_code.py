@@ -27,7 +27,7 @@ def law_slope(law: Law) -> np.ndarray:
     table = None if law.depends_on_reference else law.law_table
     if table is None:
         key = "slope", type(law), law.law_key, n, data.size
-        return share(key, lambda: jacobian(law.evaluate_law, n, data.size))(np.zeros(n), data)[1]
+        return share(key, lambda: jacobian(law.evaluate_law, n, data.size, name="law"))(np.zeros(n), data)[1]
     before = sum(basis.count(n, k) for k in table.degrees if k < 1)
     linear = table.coefficients[:, before : before + n]
     return linear if 1 in table.degrees else np.zeros_like(linear)

@@ -139,7 +139,7 @@ def arm_picture(robot: Robot, response: Response, what: str = "") -> Figure | No
     times = ", ".join(number(float(time[place]), 3) for place in at)
     return figure_block(
         "result-arm", figure,
-        f"{what}Drawn at {times} s, later ones darker. The angle between a link and its motor is the twist of the "
+        f"{what}Drawn at {times} s, later ones stronger. The angle between a link and its motor is the twist of the "
         "spring.",
         "The arm",
     )  # fmt: skip
@@ -167,9 +167,9 @@ def moves_lead(robot: Robot, moves: Sequence[Move], worst: int, units: Units) ->
             for j, joint in enumerate(response.joints):
                 line = {**line_style(j), "label": joint if len(response.joints) > 1 else None}
                 upper.plot(time[few], units.scale * response.positions[few, j], **line)
-                upper.plot(
-                    time[few], units.scale * plan[few, j], color=MUTED, linewidth=1.0, linestyle=DOTTED
-                )
+            dots = {"color": INK, "linewidth": 1.3, "linestyle": DOTTED, "zorder": 3.0}
+            for j, angles in enumerate(units.scale * plan[few].T):
+                upper.plot(time[few], angles, label=None if j else "plan", **dots)
     label(upper, "link position", units.angle)
     label(lower, "largest error", small)
     lower.set_ylim(bottom=0.0)

@@ -51,7 +51,7 @@ from flexhinf.report import (
     settling_band,
 )
 from flexhinf.robot import Robot
-from flexhinf.robot.kinematics import picture_axes, skeleton
+from flexhinf.robot.kinematics import picture_axes, skeleton, to_the_right
 
 #: A peak input within so many samples of the start that is so much larger than all later ones is the estimator's.
 STARTING, MUCH = 20, 1.5
@@ -309,11 +309,10 @@ def viewing_plane(robot: Robot, points: np.ndarray, size: float) -> tuple[np.nda
     down = np.asarray(robot.links.down, dtype=float)
     up, centred = -down / np.linalg.norm(down), points - points.mean(axis=0)
     spread = np.linalg.svd(centred - np.outer(centred @ up, up), full_matrices=True)[2]
-    right = next(row for row in spread if abs(row @ up) < 0.5)
-    right = right * (1.0 if right.sum() >= 0.0 else -1.0)
+    right, name = to_the_right(next(row for row in spread if abs(row @ up) < 0.5))
     if np.ptp(centred @ up) > 0.02 * size:  # else all points lie in one plane
-        return np.column_stack([right, up]), ("horizontal", "height")
-    return np.column_stack([right, np.cross(up, right)]), ("horizontal", "seen from above")
+        return np.column_stack([right, up]), (name, "height")
+    return np.column_stack([right, np.cross(up, right)]), (name, "seen from above")
 
 
 # Sampled robots -----------------------------------------------------------------------------------------
@@ -412,6 +411,7 @@ def _histograms(e: LawEvaluation, samples: MonteCarlo) -> Figure:
             continue
         axis.hist(values, bins=histogram_bins(values, grain).tolist(), color=SERIES[0], alpha=0.55)
         axis.grid(axis="x", visible=False)
+        axis.locator_params(axis="x", nbins=3)
         if np.isfinite(own):
             axis.axvline(own, color=SERIES[1], linewidth=1.6)
         if limit is not None and float(values.max()) > 0.5 * limit:
