@@ -19,7 +19,7 @@ from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.problem.presets import choose
 from flexhinf.design.requirements import REQUIREMENTS
-from flexhinf.design.responses import Scenario
+from flexhinf.design.responses import Scenario, rests
 from flexhinf.design.synthesis.noise import search_noise
 from flexhinf.pages.design import runs
 from flexhinf.pages.drawing import with_figures
@@ -54,6 +54,14 @@ def test_both_ends_of_the_range_are_carried(evaluation: LawEvaluation) -> None:
     for one in (light, heavy):
         assert one.weighed is not None
         assert one.weighed.masses[NAME] == pytest.approx(one.mass, abs=1e-3)
+
+
+def test_a_step_with_a_payload_is_long_enough_to_rest(evaluation: LawEvaluation) -> None:
+    """Also where that of the model's payload is short: its remaining error is no part of the transient."""
+    short = replace(RUNS, step_duration=0.3)
+    step = evaluate_payload(evaluation.setup, short, {NAME: 0.1}).step
+    assert rests(step)
+    assert not rests(evaluation.setup.step(0.3, sub_steps=short.sub_steps))
 
 
 def test_the_models_own_payload_has_the_loops_own_figures(evaluation: LawEvaluation) -> None:
