@@ -29,6 +29,7 @@ from flexhinf.design import requirements as required
 from flexhinf.design.loop_setup import DEVIATIONS, LoopSetup
 from flexhinf.design.plans import has_integrals
 from flexhinf.design.responses import (
+    LONGEST,
     JointLimits,
     LoadResponse,
     Plan,
@@ -529,9 +530,18 @@ def evaluate_payload(setup: LoopSetup, runs: Scenario, masses: Mapping[str, floa
             np.asarray(robot.links.gravity_torque(setup.goal, Parameters(p)), dtype=float)
             for p in (robot.plant_parameters(), true)
         )
-        load_step = setup.load_response(-(loaded - nominal), runs.load_duration, runs.sub_steps)
+        load_step = _back_at_rest(setup, -(loaded - nominal), runs)
     loop_margins = margins(setup.equilibrium_loop(values=true))
     return PayloadEvaluation(robot, masses, step, load_step, loop_margins)
+
+
+def _back_at_rest(setup: LoopSetup, load: np.ndarray, runs: Scenario) -> LoadResponse:
+    """The load step with torques (n,), in a run that is long enough for the links to come back where they do."""
+    length, found = runs.load_duration, setup.load_response(load, runs.load_duration, runs.sub_steps)
+    while found.metrics and not np.isfinite(found.recovery.value) and length < LONGEST:
+        length = min(2.0 * length, LONGEST)
+        found = setup.load_response(load, length, runs.sub_steps)
+    return found
 
 
 def payload_requirements(
