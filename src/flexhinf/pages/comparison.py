@@ -180,7 +180,7 @@ def comparison_page(
         Provenance(shlex.join(command), s.seed), _key_numbers(comparison),
         [
             *([] if verdict.missed else [Status("not met" if own_missed else "met", comparison_design(comparison))]),
-            *design_statuses(verdict),
+            *(design_statuses(verdict) if verdict.names else []),
             Status("not proved", "All numbers are of simulated runs, of sampled robots and of the linear loop."),
         ],
         list(map(_whole, said[1:])), [ranking_figure(comparison, ordered)],
