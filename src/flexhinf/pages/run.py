@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -150,7 +151,7 @@ def _times_table(timing: Timing) -> Table:
 def run_ending(prepared: DeployedRun, run: RealTimeRun) -> Ending:
     """What a terminal says at the end: requirements that are missed or nearly missed, what the robot did, notes."""
     lines = judged_requirements(prepared, run)
-    own = prepared.design.beside(line.what for line in lines)
+    own = _of_design(prepared, lines)
     parts = [run_verdict(prepared, run), requirements_text(lines, THIS) if lines else "", own]
     return requirements_screen(lines, _units(prepared).degrees, parts, run_notes(run))
 
@@ -311,6 +312,11 @@ def run_page(
     )  # fmt: skip
 
 
+def _of_design(prepared: DeployedRun, lines: Sequence[Requirement], brief: bool = False) -> str:
+    """The verdict on the design, and how much of it this run judges."""
+    return prepared.design.beside((line.what for line in lines if line.judged), brief)
+
+
 def _statuses(prepared: DeployedRun, lines: Sequence[Requirement]) -> list[PageStatus]:
     """What the run misses, or cannot judge, and the design's own verdict; met only where the design is too."""
     degrees, own = _units(prepared).degrees, prepared.design
@@ -319,7 +325,9 @@ def _statuses(prepared: DeployedRun, lines: Sequence[Requirement]) -> list[PageS
         "not judged": [line for line in lines if not line.judged],
     }
     found = [
-        PageStatus(kind, f"This run: {'; '.join(line.converted(degrees).text for line in some)}.")
+        PageStatus(
+            kind, f"This run: {'; '.join(replace(line.converted(degrees), where='').text for line in some)}."
+        )
         for kind, some in kinds.items()
         if some
     ]
@@ -335,7 +343,7 @@ def _sentences(prepared: DeployedRun, run: RealTimeRun) -> tuple[str, list[str]]
         return run_verdict(prepared, run), []
     deadlines = _real_time(run.timing)
     moved = run_verdict(prepared, run).removeprefix(deadlines).strip()
-    own = prepared.design.beside((line.what for line in lines), brief=True)
+    own = _of_design(prepared, lines, brief=True)
     return f"{requirements_text(lines, THIS)} {own} {moved}", [deadlines]
 
 
