@@ -194,8 +194,11 @@ def judged_when_settled(
     longer = settled_run(run, again, begun) if early or not np.isfinite(run.settling.value) else run
     if longer is run:
         return lines
-    place = f"{where}, {longer.run.time[-1]:.3g} s long"
-    return [replace(line, where=place) if line.where == where else line for line in judge(longer)]
+    detail = f"run of {longer.run.time[-1]:.3g} s"
+    return [
+        replace(line, detail=detail) if line.where == where and line.what in STANDSTILL else line
+        for line in judge(longer)
+    ]
 
 
 def as_far_as_judged(
@@ -207,6 +210,8 @@ def as_far_as_judged(
     that ends before its transient is over judges no error and no ripple at rest as missed; where the arm is given a
     time to rest (`timed`), a run of `enough` s does.
     """
+    if run.diverged_at is not None:
+        return list(lines)
     length, settled = float(run.run.time[-1]) * (1.0 + metrics.ROUNDING), np.isfinite(run.settling.value)
     short = length < begun + metrics.WINDOW or (not settled and length < enough)
     early = short or (length < enough if timed else bool(settled) and not rests(run, begun))

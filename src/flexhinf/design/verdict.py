@@ -65,6 +65,7 @@ class DesignVerdict:
             unit, factor = display_unit(row["unit"], row["asked"], degrees)
             space = "" if unit in ("", "°") else " "
             found, limit = (f"{factor * row[key]:.3g}{space}{unit}" for key in ("found", "asked"))
+            found = "diverges" if math.isinf(row["found"]) else found
             where = f", {row.get('where') or 'nominal robot'}" if names.count(row["what"]) > 1 else ""
             texts.append(f"{row['what']}{where}: {found} ({row['limit']} {limit})")
         return DesignVerdict(tuple(str(row["what"]) for row in rows), tuple(texts))
