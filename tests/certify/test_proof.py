@@ -39,7 +39,7 @@ def solution(
 LIGHT, HEAVY = (75.0, 27.0, 90.0, 27.0, 330.0), (80.0, 36.0, 120.0, 36.0, 340.0)
 QUICK = [(180, 4, LIGHT, False)]
 LIGHTEST, LIGHTER = (65.0, 9.0, 30.0, 9.0, 310.0), (70.0, 18.0, 60.0, 18.0, 320.0)
-AT_REST = [(0, degree, weights, False) for degree in (2, 4, 6) for weights in (LIGHTEST, LIGHTER)]
+STANDSTILL = [(0, degree, weights, False) for degree in (2, 4, 6) for weights in (LIGHTEST, LIGHTER)]
 ROWS = [
     (goal, degree, weights, torques)
     for goal in (90, 180)
@@ -47,7 +47,7 @@ ROWS = [
     for weights in (LIGHTEST, LIGHTER, LIGHT, HEAVY)
     for torques in (False, True)
     if (goal, degree, weights, torques) not in QUICK and not (torques and weights != HEAVY)
-] + AT_REST
+] + STANDSTILL
 
 
 def check(goal: int, degree: int, weights: tuple[float, ...], torques: bool) -> fh.HJISolution:

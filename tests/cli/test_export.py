@@ -20,8 +20,9 @@ from flexhinf import report
 from flexhinf.cli import main
 from flexhinf.cli.design import DesignedController
 from flexhinf.cli.designs import refuse_unlimited
-from flexhinf.design.design_file import robot_digests, unmet_text
+from flexhinf.design.design_file import robot_digests
 from flexhinf.design.responses import joint_limits
+from flexhinf.design.verdict import DesignVerdict
 from flexhinf.errors import InvalidInput
 from flexhinf.export import check_limits, unlimited_inputs
 
@@ -422,9 +423,9 @@ def test_a_requirement_that_is_missed_twice_says_where() -> None:
         "holds": False,
     }
     corner = row | {"found": 3e-3, "where": "20 moves, robots at corners of their tolerances"}
-    text = unmet_text([row, corner])
+    text = DesignVerdict.of([row, corner]).unmet
     assert unnamed(text, "nominal", "2 mrad", "corners", "3 mrad") == []
-    assert "nominal" not in unmet_text([row])
+    assert "nominal" not in DesignVerdict.of([row]).unmet
 
 
 def test_the_version_of_fmi_is_chosen(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -30,6 +30,9 @@ def design(folder: Path) -> str:
     law = fh.linear_law(robot.problem(), gamma=math.inf)
     fh.Controller(law, ukf, 1e-3, 48.0, start="bumpless").save(folder / "controller")
     text = '[design]\nrobot = "paper"\nstart = [-0.1]\nduration = 0.2\n'
+    row = '{what = "%s", limit = "at most", asked = 0.0, found = %d, unit = "", holds = %s}'
+    rows = [row % ("overshoot", 0, "true"), row % ("unstable corners", 44, "false")]
+    text += f"[result]\nspecification = [{', '.join(rows)}]\n"
     report.write(folder / "arm", {"design.toml": text, "controller": (folder / "controller").read_bytes()})
     (folder / "controller").unlink()
     return "arm"
@@ -72,7 +75,10 @@ def test_options_change_the_run(design: str, folder: Path, capsys: pytest.Captur
     )
     assert [float(row[torque]) for row in (rows[20], rows[21])] == [0.0, 0.2]
     assert float(rows[1][goal]) == pytest.approx(math.radians(5.0))
-    assert unnamed(capsys.readouterr().out, "not", "real time", "51 samples") == []
+    out = capsys.readouterr().out
+    assert unnamed(out, "not", "real time", "51 samples", "not judged", "remaining error", "--duration") == []
+    # the design's own verdict, and how much of it the run judges again
+    assert unnamed(out, "0 of the design's 2", "1 of 2", "unstable corners: 44") == []
 
 
 @pytest.mark.ci("a run with its page")
@@ -87,7 +93,11 @@ def test_a_page_of_the_run(design: str, folder: Path, capsys: pytest.CaptureFixt
     for part in ("specification", "timing", "tracking", "effort", "status", "figure-result", "figure-times"):
         assert f'id="{part}"' in html
     assert unnamed(html, "stiffness=-10%", "limit", "workspace", "overshoot") == []
+    assert unnamed(html, "1 of 2 requirements", "unstable corners: 44", "not met", "not judged") == []
+    assert 'class="badge holds"' not in html
     numbers = json.loads((folder / "made" / "run.json").read_text())
+    assert numbers["design"]["not_met"] == ["unstable corners: 44 (at most 0)"]
+    assert numbers["met"] is False
     assert numbers["timing"]["samples"] == 201
     assert numbers["status"]["saturation"] == 0
     assert [row["what"] for row in numbers["requirements"]]

@@ -14,6 +14,7 @@ from flexhinf.design import Design, Specification
 from flexhinf.design.checks import ROOM, ImpulseRuns, impulse_runs
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.loop.simulation.ring_down import Oscillation, RingDown
 from flexhinf.pages.design.runs import ring_down, ring_down_rows
 from flexhinf.pages.drawing import with_figures
 
@@ -91,6 +92,18 @@ def test_a_loop_that_rings_misses_the_line_with_its_joint(setup_of: Setups) -> N
     figure, table = with_figures(ring_down(as_design(setup, runs)))
     assert f" {runs.damping:.2g}" in figure.caption
     assert len(table.rows) == 2
+
+
+@pytest.mark.parametrize(
+    ("frequency", "damping", "met"), [(147.0, 0.00911, True), (14.7, 0.00911, False), (147.0, -0.001, False)]
+)
+def test_a_fast_oscillation_only_has_to_decay(frequency: float, damping: float, met: bool) -> None:
+    """As in the requirement on the linear loop, see `oscillation_requirements`."""
+    fit = RingDown(((Oscillation(frequency, damping, 0.5), Oscillation(5.0, 0.3, 1.0)),), 0.0, True)
+    runs = ImpulseRuns((cast(Any, SimpleNamespace(joints=("joint",))),), np.ones(1), fit)
+    line = runs.requirement(Specification(), 0.2)
+    assert line.met is met
+    assert "350 rad/s" in line.criterion
 
 
 @pytest.mark.ci("strikes a robot of a design")

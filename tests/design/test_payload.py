@@ -19,7 +19,7 @@ from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.problem.presets import choose
 from flexhinf.design.requirements import REQUIREMENTS
-from flexhinf.design.responses import Scenario
+from flexhinf.design.responses import Scenario, rests
 from flexhinf.design.synthesis.noise import search_noise
 from flexhinf.pages.design import runs
 from flexhinf.pages.drawing import with_figures
@@ -54,6 +54,25 @@ def test_both_ends_of_the_range_are_carried(evaluation: LawEvaluation) -> None:
     for one in (light, heavy):
         assert one.weighed is not None
         assert one.weighed.masses[NAME] == pytest.approx(one.mass, abs=1e-3)
+
+
+@pytest.mark.costs("a step and a load step, made again until they rest")
+def test_a_step_with_a_payload_is_long_enough_to_rest(evaluation: LawEvaluation) -> None:
+    """Also where that of the model's payload is short: its remaining error is no part of the transient."""
+    short = replace(RUNS, step_duration=0.3, load_duration=0.4)
+    found = evaluate_payload(evaluation.setup, short, {NAME: 0.1})
+    assert rests(found.step)
+    assert found.load_step is not None
+    assert np.isfinite(found.load_step.recovery.value)
+    assert not rests(evaluation.setup.step(0.3, sub_steps=short.sub_steps))
+
+
+def test_motor_torques_that_friction_hides_weigh_nothing() -> None:
+    def text(mass: float, hidden: float) -> str:
+        return runs._weighing_text({NAME: 1.0}, fh.robot.Weighing({NAME: mass}, {NAME: hidden}, np.zeros(1)))
+
+    assert unnamed(text(0.043, 1.5), "1 kg", "0.043 kg", "1.5 kg", "no weighing") == []
+    assert unnamed(text(0.98, 0.05), "1 kg", "0.98 kg", "0.05 kg", "a design for that mass") == []
 
 
 def test_the_models_own_payload_has_the_loops_own_figures(evaluation: LawEvaluation) -> None:

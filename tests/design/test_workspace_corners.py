@@ -19,9 +19,10 @@ from flexhinf.design.workspace import judgement, search
 from flexhinf.design.workspace.judgement import (
     corner_requirements,
     move_requirements,
+    pose_requirements,
     standstill_requirement,
 )
-from flexhinf.design.workspace.setup import PoseLoop, WorkspaceSetup
+from flexhinf.design.workspace.setup import CornerLoop, PoseLoop, WorkspaceSetup
 from flexhinf.loop import Loop
 from flexhinf.modal import ModalLaw
 from flexhinf.modal.pair import PairWeights
@@ -84,6 +85,15 @@ def test_products_of_inertia_grow_with_the_moments() -> None:
     ratios = np.array([inertia[1] / inertia[5] for inertia in found])
     np.testing.assert_allclose(ratios, skew.value / robot["inertia_zz_elbow"].value, rtol=1e-12)
     assert len({float(inertia[1]) for inertia in found}) == 2
+
+
+def test_a_fast_vibration_that_grows_is_a_requirement_that_is_not_met() -> None:
+    s, growing = fh.Specification(), {"fast_damping": -0.00027}
+    for judge, loop in ((pose_requirements, GOOD), (corner_requirements, CornerLoop(0.98, 0.3, 0.1))):
+        missed = [line for line in judge(s, [loop, loop._replace(**growing)]) if line.missed]
+        assert [line.what for line in missed] == [requirements.REQUIREMENTS["fast_damping"].what]
+        assert missed[0].found == -0.00027
+        assert not any(line.missed for line in judge(s, [loop]))
 
 
 # Where moves begin, and how they end ---------------------------------------------------------------------

@@ -31,10 +31,8 @@ from flexhinf.pages.design.step import histogram_bins, spread_table
 from flexhinf.pages.design.weights import candidate_table, robust_table
 from flexhinf.pages.drawing import joint_table, with_figures
 from flexhinf.pages.page import (
-    achieved_text,
     design_settings,
     input_rows,
-    limit_text,
     remarks,
     requirement_table,
     title_of,
@@ -148,7 +146,7 @@ def test_requirements_that_are_not_met_stand_first_with_criterion_and_joint() ->
     assert first == ("bandwidth", "≥ 4 rad/s*", "3 rad/s (elbow)", judged, "at −3 dB", "our default")
     assert second[3:] == (Cell("met", "green"), "criterion", "`--overshoot`")
     gone = dataclasses.replace(kept, found=np.inf)
-    assert (limit_text(gone), achieved_text(gone)) == ("≤ 5 %", "diverges")
+    assert (gone.limit_text, gone.achieved_text) == ("≤ 5 %", "diverges")
 
 
 @pytest.mark.ci("designs with searches, and with tolerances in the problem")

@@ -242,6 +242,7 @@ def _finish(table: campaigns.MergedTable, requirements: list[campaigns.Requireme
     }
     texts = [
         pages.campaign_verdict(judged),
+        *filter(None, [pages.campaign_design(judged)]),
         *(pages.worst_text(case) for case in [*missed, *(case for case in cases if case not in missed)]),
         *(pages.gain_text(row, nominal) for row in gains.rows),
     ]
@@ -308,6 +309,8 @@ def compare(context: typer.Context, o: options.CompareCampaignsOptions) -> None:
     if not pair.differences:
         note("the specifications do not differ")
     typer.echo(pages.pair_verdict(pair))
+    for text in pages.pair_designs(pair):
+        typer.echo(pages.wrapped(text))
     typer.echo(f"report: {path}")
 
 

@@ -37,6 +37,7 @@ from flexhinf.cli.designs import (
     file_of,
     keep,
     other_robot,
+    verdict_of,
 )
 from flexhinf.cli.messages import NOT_MET, ProofProgress, note, options, show, step_progress
 from flexhinf.errors import InvalidInput, refuse_if
@@ -122,13 +123,14 @@ def compare(context: typer.Context, o: options.CompareOptions) -> None:
     with step_progress([*steps, ("report", 3.0)], lines=True) as progress:
         result = fh.compare(request.robot, request.specification, chosen, o.tune, progress, o.same_sensors)
         progress("report")
-        files = pages.comparison_files(result, reproduce_command(context), request.warnings)
+        verdict = verdict_of(request)
+        files = pages.comparison_files(result, reproduce_command(context), request.warnings, verdict=verdict)
     keep(folder, other)
     report.write(folder, files)
     if o.verbose:
         typer.echo(f"Criterion: {result.criterion.text}")
         show(pages.comparison_tables(result, Console().width), pages.comparison_notes(result))
-    tables, text = pages.comparison_ending(result)
+    tables, text = pages.comparison_ending(result, verdict)
     show(tables)
     typer.echo(f"{text}\nreport: {folder / 'index.html'}")
 
@@ -159,7 +161,7 @@ def paper(context: typer.Context, o: options.PaperOptions) -> None:
             result = reproduce(stated, ["flexhinf", "paper", *settings_text, *out], progress, apart)
     folder = report.write(o.out, result.files)
     title = (
-        f"γ* of the paper's problem = {result.metrics['gamma_star']:.4f}, "
+        f"γ* of the paper's problem at the hanging rest (0°) = {result.metrics['gamma_star']:.4f}, "
         f"γ of its law here = {result.metrics['gamma']:.4f}"
     )
     for heading, claims in ((title, result.claims), ("Our own question", result.questions)):
@@ -252,14 +254,17 @@ def certify(context: typer.Context, o: options.CertifyOptions) -> int:
         law = proved(laws, o.degree, o.tolerances or laws[0].box is not None)
         bar.step("pictures, and the worst disturbance")
         result = evidence(request.robot, request.specification, law)
-        page = pages.certificate_page(laws, law, result, request.specification, reproduce_command(context))
+        verdict = verdict_of(request)
+        page = pages.certificate_page(
+            laws, law, result, request.specification, reproduce_command(context), verdict
+        )
         html = page.html()
     claim, file = result.certificate, folder / CERTIFICATE
     report.write(folder, {"index.html": html, CERTIFICATE: claim.text()})
     if o.verbose:
         show(pages.certification_tables(laws), pages.certification_notes(laws))
         typer.echo(f"{theorem_text(claim, claim.stated)}\n")
-    tables, text = pages.certification_ending(laws, claim)
+    tables, text = pages.certification_ending(laws, claim, verdict)
     show(tables)
     typer.echo(
         f"{text}\nreport:      {folder / 'index.html'}\ncertificate: {file}\n"
@@ -327,7 +332,7 @@ def export_c(context: typer.Context, o: options.ExportCOptions) -> None:
     stated = {"--check-measurements": o.check_measurements, "--no-limits": not o.limits}
     chosen = [option for option, there in stated.items() if there]
     again = join(("flexhinf", "export", "c", o.source, "--name", name, "--real", o.real, *chosen))
-    origin = _origin(path, again, designed.rows)
+    origin = _origin(path, again, designed)
     export.write_files(
         folder,
         export.controller_files(controller, name, o.real, robot, origin, _design_files(path, designed.rows)),
@@ -379,7 +384,6 @@ def export_web(context: typer.Context, o: options.ExportWebOptions) -> None:
     same arm with a tuned PD moves beside it. The controller's and the plant's C
     are compiled to WebAssembly, which needs clang and wasm-ld.
     """
-    from flexhinf.design.design_file import unmet_text
     from flexhinf.design.live_page import live_arm
     from flexhinf.export.web import check_compiler, write_page
 
@@ -392,11 +396,12 @@ def export_web(context: typer.Context, o: options.ExportWebOptions) -> None:
         "another name, or --force, which replaces it",
     )
     check_compiler()
-    designed = controller, robot, s, rows = controller_of(path)
+    designed = controller_of(path)
+    controller, robot, s = designed.controller, designed.robot, designed.specification
     assert robot is not None  # of a design file
     assert s is not None
     _note_doubts(designed)
-    arm = live_arm(controller, robot, s, not_met=unmet_text(rows))
+    arm = live_arm(controller, robot, s, not_met=designed.verdict.unmet)
     page = write_page(arm, out)
     typer.echo(f"page: {page} ({page.stat().st_size / 1e3:.0f} kB)")
 
@@ -424,37 +429,33 @@ def _named_after(source: str, ending: str) -> Path:
 
 def _note_doubts(designed: DesignedController) -> None:
     """Print what speaks against a controller that leaves for a machine."""
-    from flexhinf.design.design_file import unmet_text
-
-    if text := unmet_text(designed.rows):
+    if text := designed.verdict.unmet:
         note(f"{text}.")
     if free := export.unlimited_inputs(designed.controller):
         note(f"NOTHING LIMITS {', '.join(free)}: the controller may ask for any value.")
 
 
-def _origin(path: Path, command: str, rows: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+def _origin(path: Path, command: str, designed: DesignedController) -> dict[str, str]:
     """Lines of exported C that say which design it is: its file and SHA-256, the command that exports it again, whether
-    it met its requirements, by the rows of its result, and what it says of itself."""
-    from flexhinf.design.design_file import has_controller, unmet_text
+    it met its requirements, and what it says of itself."""
+    from flexhinf.design.design_file import has_controller
     from flexhinf.design.specification import PAST
 
-    digest, numbers = file_digest(path), {}
+    digest, numbers, rows = file_digest(path), {}, designed.rows
     if has_controller(path) and report.unchanged(path.parent, ("design.json",)):
-        designed = json.loads((path.parent / "design.json").read_text(encoding="utf-8"))
-        numbers = {
-            name: f"{designed[name]:.6g}" for name in ("gamma", "degree") if designed.get(name) is not None
-        }
+        known = json.loads((path.parent / "design.json").read_text(encoding="utf-8"))
+        numbers = {name: f"{known[name]:.6g}" for name in ("gamma", "degree") if known.get(name) is not None}
         if day := report.written_on(path.parent):
             numbers = {"designed on": day, **numbers}
-        for name, known in report.sources(path.parent).items():
-            numbers[f"file {name}"] = f"SHA-256 {known}"
+        for name, known_digest in report.sources(path.parent).items():
+            numbers[f"file {name}"] = f"SHA-256 {known_digest}"
     nearly = sum(bool(row.get("within_tolerance")) for row in rows)
     met = (
         f"{len(rows) - nearly} of {len(rows)} met, and {nearly} more {PAST}"
         if nearly
         else f"all {len(rows)} met"
     )
-    judged = {"requirements": unmet_text(rows) or met} if rows else {}
+    judged = {"requirements": designed.verdict.unmet or met} if rows else {}
     result = (
         tomllib.loads(path.read_text(encoding="utf-8")).get("result", {}) if path.suffix == ".toml" else {}
     )
@@ -555,9 +556,20 @@ def run_design(context: typer.Context, o: options.RunOptions) -> int:
     acting = partial(without_effect_on_run, request.specification, robot, o.noise)
     refuse_stated(context, acting(commanded=True))  # before the controller is designed, where it has to be
     with file_warnings():  # `request_of` has told them
-        designed, (controller, *_) = fh.load_design(path), controller_of(path, tell=False)
+        designed, stored = fh.load_design(path), controller_of(path, tell=False)
+    controller = stored.controller
     refuse_stated(context, acting(commanded=has_integrals(controller.law), moving=controller.mode.moving))
-    prepared = prepare_run(controller, designed, robot, request.specification, o.noise, o.load, o.load_at)
+    prepared = prepare_run(
+        controller,
+        designed,
+        robot,
+        request.specification,
+        o.noise,
+        o.load,
+        o.load_at,
+        stored.verdict,
+        stored.length,
+    )
     with MuJoCoView(robot, prepared.box) if o.view else nullcontext() as viewer:
         run = fh.run_realtime(
             prepared.loop, **prepared.arguments, library=compiled, real_time=o.realtime, priority=o.priority,

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from itertools import islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import flexhinf as fh
 from flexhinf import export, pages, report
@@ -16,15 +16,29 @@ from flexhinf.cli.messages import note, step_progress
 from flexhinf.errors import refuse_if
 from flexhinf.validation import checked_path, nearest, value_text
 
+if TYPE_CHECKING:
+    from flexhinf.design.design_file import DesignRequest
+    from flexhinf.design.verdict import DesignVerdict
+
 
 class DesignedController(NamedTuple):
-    """A controller; its robot and specification, None of a controller's file; rows of `design_file.result_row`, its
+    """A controller; its robot and specification, None of a controller's file; rows of `design.verdict.result_row`, its
     judgement."""
 
     controller: fh.Controller
     robot: fh.Robot | None = None
     specification: fh.Specification | None = None
     rows: Sequence[Mapping[str, Any]] = ()
+    length: float = 0.0  # of the design's own step, s; 0 where it has none, or it is not known
+
+    @property
+    def verdict(self) -> DesignVerdict:
+        """On the design, in the units of its pages."""
+        from flexhinf.design.verdict import DesignVerdict
+
+        s, robot = self.specification, self.robot
+        degrees = s is not None and robot is not None and s.shows_degrees(robot)
+        return DesignVerdict.of(self.rows, degrees)
 
 
 def controller_file(source: str) -> Path:
@@ -45,7 +59,8 @@ def controller_file(source: str) -> Path:
 def controller_of(path: Path, tell: bool = True, limits: bool = False) -> DesignedController:
     """The controller of a report, of a file, or of a design that is made now, from a `controller_file`; `tell`:
     whether warnings about the robot's file are printed; `limits`: whether inputs without limits are refused."""
-    from flexhinf.design.design_file import has_controller, is_design_file, result_row, stored_rows, why_anew
+    from flexhinf.design.design_file import has_controller, is_design_file, why_anew
+    from flexhinf.design.verdict import result_row, stored_length, stored_rows
     from flexhinf.robot.parts import file_warnings
 
     if not is_design_file(path):
@@ -54,7 +69,8 @@ def controller_of(path: Path, tell: bool = True, limits: bool = False) -> Design
         robot, specification = fh.load_design(path)
     if has_controller(path):
         stored = fh.load_controller(path.parent / "controller")
-        return _checked(DesignedController(stored, robot, specification, stored_rows(path)), limits)
+        rows, length = stored_rows(path), stored_length(path) or 0.0
+        return _checked(DesignedController(stored, robot, specification, rows, length), limits)
     if why := why_anew(path, robot):
         note(f"{why}: it is designed anew.")
     if limits:  # before the work of a design
@@ -65,7 +81,23 @@ def controller_of(path: Path, tell: bool = True, limits: bool = False) -> Design
         result = fh.design(robot, specification, progress)
     note(pages.ending(result).text)
     rows = [result_row(line) for line in result.requirements]
-    return DesignedController(result.controller(), robot, specification, rows)
+    length = getattr(getattr(result, "scenario", None), "step_duration", 0.0)
+    return DesignedController(result.controller(), robot, specification, rows, length)
+
+
+def verdict_of(request: DesignRequest) -> DesignVerdict:
+    """The verdict on a requested design; not known where no unchanged report of the same design is named."""
+    from flexhinf.design.deployed_run import fields_text
+    from flexhinf.design.design_file import DESIGN_FILE, has_controller
+    from flexhinf.design.verdict import UNKNOWN, DesignVerdict, stored_rows
+
+    file, s = request.file, request.specification
+    if file is None or file.name != DESIGN_FILE or not has_controller(file):
+        return UNKNOWN
+    robot, own = fh.load_design(file)
+    if fields_text(own) != fields_text(s):
+        return UNKNOWN
+    return DesignVerdict.of(stored_rows(file), s.shows_degrees(robot))
 
 
 def _checked(designed: DesignedController, limits: bool) -> DesignedController:

@@ -29,12 +29,13 @@ from flexhinf.design import certification, checks, design_file, evaluation, laws
 from flexhinf.design.deployed_run import DesignCampaign, fields_text
 from flexhinf.design.synthesis.by_step import STATES
 from flexhinf.design.synthesis.steps import synthesise
+from flexhinf.design.verdict import UNKNOWN, DesignVerdict, stored_length, stored_rows
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.files import locked, write_file
 from flexhinf.loop import Controller, load_controller
 from flexhinf.options import CampaignOptions
 from flexhinf.plant import GeneralisedPlant, Penalty
-from flexhinf.validation import checked_path, read_toml
+from flexhinf.validation import checked_path
 
 #: Folders of the two campaigns, inside the folder of their comparison.
 FOLDERS = ("a", "b")
@@ -100,6 +101,15 @@ def _circumstances(side: DesignCampaign) -> dict[str, str]:
     }  # fmt: skip
 
 
+class DesignedLaw(NamedTuple):
+    """What a campaign runs: the controller of a design, the length of its runs, s, and the verdict on the design, which
+    is not known where the law was made for the campaign alone."""
+
+    controller: Controller
+    length: float
+    verdict: DesignVerdict = UNKNOWN
+
+
 #: Folder of the design file and the controller inside a campaign's, and their names.
 SETUP, CONTROLLER = "setup", "controller"
 
@@ -112,11 +122,11 @@ PATIENCE = 3600.0
 
 def open_campaign(
     request: DesignCampaign, folder: str | Path, command: Sequence[str] = (), progress: Callable[[str], None] = print,
-    designed: tuple[Controller, float] | None = None,
+    designed: DesignedLaw | None = None,
 ) -> tuple[Campaign, Journal]:  # fmt: skip
     """Open the campaign of a folder: design its controller and store it there, or resume with the stored one.
 
-    `designed`: for a new folder, the controller and the length of its runs (s), as from `designed_controller`.
+    `designed`: for a new folder, what it runs, as from `designed_controller`.
 
     InvalidInput before any work if the folder holds something else or a campaign with other settings; FlexhinfError as
     `flexhinf.design.design`.
@@ -127,17 +137,17 @@ def open_campaign(
         with locked(place / SETUP_LOCK, PATIENCE):
             journal = Journal.read(folder, (SETUP,))  # another driver of a job array may have been quicker
             if journal is None:
-                return _begun(request, place, command, *(designed or designed_controller(request, progress)))
+                return _begun(request, place, command, designed or designed_controller(request, progress))
     campaign = reopened(request, journal)
     journal.refuse_campaign(campaign)
     return campaign, journal
 
 
 def _begun(
-    request: DesignCampaign, place: Path, command: Sequence[str], controller: Controller, duration: float
+    request: DesignCampaign, place: Path, command: Sequence[str], designed: DesignedLaw
 ) -> tuple[Campaign, Journal]:
-    o, design, setup = request.options, request.request, place / SETUP
-    duration = duration if o.duration is None else o.duration
+    o, design, setup, controller = request.options, request.request, place / SETUP, designed.controller
+    duration = designed.length if o.duration is None else o.duration
     request.campaign(controller, duration)  # refuses what does not fit before anything is written
     document = design_file.request_document(
         design.specification, design.source, design.elastic, setup, design.payload, design.robot.links.slides
@@ -150,14 +160,18 @@ def _begun(
         "title": f"Campaign of the robot “{design.robot.name}”", "requirements": list(request.requirements),
         "nominal": {v.name: request.robot.nominal.get(v.name, 0.0) for v in request.variables},
         "options": {**vars(o), "tolerances": [list(tolerance) for tolerance in o.tolerances]},
+        "design": designed.verdict.numbers,
     }  # fmt: skip
     return campaign, Journal.opened(place, campaign, command, about)
 
 
-def designed_controller(
-    request: DesignCampaign, progress: Callable[[str], None] = print
-) -> tuple[Controller, float]:
-    """Controller and length of its runs, s: read from an unchanged report, or designed now.
+def verdict_of(journal: Journal) -> DesignVerdict | None:
+    """The verdict on the design of a campaign; None for a campaign of something else."""
+    return DesignVerdict.read(journal.about.get("design")) if "options" in journal.about else None
+
+
+def designed_controller(request: DesignCampaign, progress: Callable[[str], None] = print) -> DesignedLaw:
+    """What a campaign runs: read from an unchanged report, or designed now.
 
     A report's controller begins at the start of the step. For a move, a controller is designed that begins at its
     start.
@@ -165,16 +179,17 @@ def designed_controller(
     path, plan, robot, s = request.request.file, request.plan, request.request.robot, request.specification
     report = path if plan is None and path is not None and path.name == design_file.DESIGN_FILE else None
     if report and design_file.has_controller(report):
-        length = read_toml(report, "design file").get("result", {}).get("duration")
-        if isinstance(length, float) and fields_text(design_file.load_design(report)[1]) == fields_text(s):
-            return load_controller(report.parent / CONTROLLER), length
+        length = stored_length(report)
+        if length is not None and fields_text(design_file.load_design(report)[1]) == fields_text(s):
+            verdict = DesignVerdict.of(stored_rows(report), s.shows_degrees(robot))
+            return DesignedLaw(load_controller(report.parent / CONTROLLER), length, verdict)
     synthesis = synthesise(robot, s, progress)
     setup, _ = checks.end_limit_cycle(synthesis.setup(robot, s))
     length = pipeline.step_duration(evaluation.LawEvaluation(laws.DESIGN, setup), synthesis)
     if plan is None:
-        return setup.bumpless_controller, length
+        return DesignedLaw(setup.bumpless_controller, length)
     length = round((plan.duration + length) / s.period) * s.period
-    return setup.along(plan)["controller"], length
+    return DesignedLaw(setup.along(plan)["controller"], length)
 
 
 def reopened(request: DesignCampaign, journal: Journal) -> Campaign:
@@ -235,9 +250,9 @@ def open_pair(pair: DesignPair, progress: Callable[[str], None] = print) -> list
             for (side, _), journal in zip(places, journals)
         ]
         begun = [float(journal.settings["duration"]) for journal in journals if journal]
-        duration = begun[0] if begun else float(np.max([result[1] for result in designed if result]))
+        duration = begun[0] if begun else float(np.max([result.length for result in designed if result]))
         return [
-            open_campaign(side, place, pair.command, progress, result and (result[0], duration))
+            open_campaign(side, place, pair.command, progress, result and result._replace(length=duration))
             for (side, place), result in zip(places, designed)
         ]
 

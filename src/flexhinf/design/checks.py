@@ -29,6 +29,7 @@ from flexhinf.design import requirements as required
 from flexhinf.design.loop_setup import DEVIATIONS, LoopSetup
 from flexhinf.design.plans import has_integrals
 from flexhinf.design.responses import (
+    LONGEST,
     JointLimits,
     LoadResponse,
     Plan,
@@ -36,6 +37,8 @@ from flexhinf.design.responses import (
     Scenario,
     default_load,
     motion_metrics,
+    rests,
+    settled_run,
 )
 from flexhinf.design.specification import RINGS, TOLERANCE, Specification
 from flexhinf.errors import FlexhinfError, InvalidInput
@@ -87,11 +90,15 @@ class ImpulseRuns:
         return next(k for k, response in enumerate(self.responses) if response.diverged_at is not None)
 
     def requirement(self, s: Specification, damping: float) -> required.Requirement:
-        """The requirement on the damping after an impulse: that of every oscillation of the running loop."""
-        return required.REQUIREMENTS["ring_down"].judge(
-            s, damping, self.damping,
+        """The requirement on the damping after an impulse: that of the running loop, for the same oscillations."""
+        row, below, fit = required.REQUIREMENTS["ring_down"], s.damped_below_limit, self.ring_down
+        ratios = [] if fit is None else [fit.damping_of(k, below) for k in range(len(self.responses))]
+        worst = int(np.argmin(ratios)) if ratios else self.worst
+        return row.judge(
+            s, damping, ratios[worst] if ratios else -np.inf,
             "nonlinear loop at rest at the goal, impulse on one joint after the other, nominal robot, no noise",
-            joint=required.of_several(self.responses[0].joints, self.worst),
+            joint=required.of_several(self.responses[0].joints, worst),
+            criterion=row.criterion.format(below=below),
         )  # fmt: skip
 
     @property
@@ -165,6 +172,53 @@ def impulse_runs(
         for joint, name in enumerate(motors)
     ]
     return ImpulseRuns(runs, impulses, ring_down(stored, watched, runs[0].run.settings["period"]))
+
+
+# What a run is too short to tell --------------------------------------------------------------------------
+
+#: Requirements that are judged in the last moments of a run, at rest.
+STANDSTILL = {required.REQUIREMENTS[name].what for name in ("remaining", "ripple")}
+
+
+def judged_when_settled(
+    judge: Callable[[Response], list[required.Requirement]], run: Response, where: str,
+    again: Callable[[float], Response], begun: float = 0.0,
+) -> list[required.Requirement]:  # fmt: skip
+    """Requirements of a run to rest. Of a run that misses some of them before its transient is over, or that does not
+    settle, those of a longer one, so that its length decides nothing.
+
+    `judge`: requirements of a run. `where`: what the run is. `again`, `begun`: as of `settled_run`.
+    """
+    lines = judge(run)
+    early = [line for line in lines if line.missed and line.what in STANDSTILL and line.where == where]
+    longer = settled_run(run, again, begun) if early or not np.isfinite(run.settling.value) else run
+    if longer is run:
+        return lines
+    detail = f"run of {longer.run.time[-1]:.3g} s"
+    return [
+        replace(line, detail=detail) if line.where == where and line.what in STANDSTILL else line
+        for line in judge(longer)
+    ]
+
+
+def as_far_as_judged(
+    lines: Sequence[required.Requirement], run: Response, begun: float, enough: float, timed: bool = False
+) -> list[required.Requirement]:
+    """Requirements of a run that cannot be made again, without a judgement of those that it is too short for.
+
+    A run that ends before its command and some rest, or unsettled before `enough` s, judges only what it exceeds. One
+    that ends before its transient is over judges no error and no ripple at rest as missed; where the arm is given a
+    time to rest (`timed`), a run of `enough` s does.
+    """
+    if run.diverged_at is not None:
+        return list(lines)
+    length, settled = float(run.run.time[-1]) * (1.0 + metrics.ROUNDING), np.isfinite(run.settling.value)
+    short = length < begun + metrics.WINDOW or (not settled and length < enough)
+    early = short or (length < enough if timed else bool(settled) and not rests(run, begun))
+    open_ended = [
+        (line.missed and early and line.what in STANDSTILL) or (line.met and short) for line in lines
+    ]
+    return [replace(line, judged=not left) for line, left in zip(lines, open_ended, strict=True)]
 
 
 # A long run at rest with dry friction --------------------------------------------------------------------
@@ -471,15 +525,28 @@ def evaluate_payload(setup: LoopSetup, runs: Scenario, masses: Mapping[str, floa
     """The step and the load step with these masses (kg, by the robot's parameters) in the true robot."""
     robot, load_step = setup.robot, None
     true = robot.plant_parameters({**robot.nominal, **masses})
-    step = setup.step(runs.step_duration, values=true, sub_steps=runs.sub_steps)
+
+    def step_of(length: float) -> Response:
+        return setup.step(length, values=true, sub_steps=runs.sub_steps)
+
+    step = settled_run(step_of(runs.step_duration), step_of, setup.command_time)
     if any(mass > robot.nominal[name] for name, mass in masses.items()):
         nominal, loaded = (
             np.asarray(robot.links.gravity_torque(setup.goal, Parameters(p)), dtype=float)
             for p in (robot.plant_parameters(), true)
         )
-        load_step = setup.load_response(-(loaded - nominal), runs.load_duration, runs.sub_steps)
+        load_step = _back_at_rest(setup, -(loaded - nominal), runs)
     loop_margins = margins(setup.equilibrium_loop(values=true))
     return PayloadEvaluation(robot, masses, step, load_step, loop_margins)
+
+
+def _back_at_rest(setup: LoopSetup, load: np.ndarray, runs: Scenario) -> LoadResponse:
+    """The load step with torques (n,), in a run that is long enough for the links to come back where they do."""
+    length, found = runs.load_duration, setup.load_response(load, runs.load_duration, runs.sub_steps)
+    while found.metrics and not np.isfinite(found.recovery.value) and length < LONGEST:
+        length = min(2.0 * length, LONGEST)
+        found = setup.load_response(load, length, runs.sub_steps)
+    return found
 
 
 def payload_requirements(
@@ -498,8 +565,10 @@ def payload_requirements(
         *required.motion_requirements(s, limits, rows, resolution, where),
     ]
     least, below = min(RINGS, damping or 0.0), s.damped_below_limit
-    slow, place = load.margins.damping_about(below)[0], f"running loop at the goal {name}"
+    (slow, fast), place = load.margins.damping_about(below), f"running loop at the goal {name}"
     lines.append(required.damping_requirement(None, least, slow, below, place))
+    growing = required.fast_damping_requirement(fast, below, place)
+    lines += [line for line in growing if line.missed]
     if load.load_step is None:
         return lines
     where, remaining = f"gripping {load.mass:.3g} kg at the goal", load.load_step.remaining

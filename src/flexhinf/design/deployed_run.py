@@ -14,12 +14,22 @@ from typing import Any
 import numpy as np
 
 from flexhinf.campaign import Campaign, Sample, Tolerances, Variable
-from flexhinf.design import design_file, loop_setup, monte_carlo, plans, requirements as required, responses
+from flexhinf.design import (
+    checks,
+    design_file,
+    loop_setup,
+    monte_carlo,
+    plans,
+    requirements as required,
+    responses,
+)
 from flexhinf.design.specification import FIELDS, Specification, refuse_workspace
+from flexhinf.design.verdict import UNKNOWN, DesignVerdict
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.realtime import RealTimeRun
-from flexhinf.loop import Controller, Loop, Step
+from flexhinf.loop import Controller, Loop, Status, Step
 from flexhinf.loop.simulation.inputs import sample_count
+from flexhinf.loop.simulation.metrics import WINDOW
 from flexhinf.options import CampaignOptions, quantity
 from flexhinf.robot import MuJoCoPlant, Parameter, Robot, elastic, load_robot, signals
 from flexhinf.robot.parameters import per_joint
@@ -47,13 +57,17 @@ class DeployedRun:
     plan: responses.Plan | None  # The move; None for a step
     arguments: dict[str, Any]  # Of `flexhinf.run_realtime`
     rests: bool  # Whether a controller for a workspace moves: judged as the moves of its design are
+    design: DesignVerdict  # On the design whose controller runs
+    begun: float  # When the command ends, or the load begins, whichever is later, s
+    enough: float  # Length of a run in which a robot that comes to rest does so, s
 
     def response(self, run: RealTimeRun) -> responses.Response:
         """The run with its metrics for each joint."""
         return responses.Response(run.trajectory, self.goal, self.start, self.robot.joint_names)
 
     def requirements(self, run: RealTimeRun) -> list[required.Requirement]:
-        """The requirements of the specification, and the requirement that no deadline was missed."""
+        """The requirements of the specification, as far as the run is long enough to judge them, and the requirements
+        that no input swings at rest and that no deadline was missed."""
         s, limits, response = self.plants.specification, self.plants.limits, self.response(run)
         resolution = 0.0 if self.rests else self.plants.position_resolution(loop_setup.DEVIATIONS)
         if self.plan is None:
@@ -71,7 +85,11 @@ class DeployedRun:
             lines = required.move_requirements(s, limits, move, resolution, rests=self.rests)
         if self.rests:
             lines += required.saturation_requirement(limits, [response], WHERE)
+        if self.loop.controller.supervision is not None:
+            time = self.loop.controller.period * float(np.sum(run.status & Status.LIMIT_CYCLE > 0))
+            lines.append(required.REQUIREMENTS["swinging"].judge(None, 0.0, time, WHERE))
         lines = [replace(line, where=WHERE) for line in lines]
+        lines = checks.as_far_as_judged(lines, response, self.begun, self.enough, timed=self.rests)
         if run.timing.real_time:
             missed = 100.0 * float(np.mean(run.timing.missed))
             lines.insert(0, required.REQUIREMENTS["deadlines"].judge(None, 0.0, missed, WHERE))
@@ -81,6 +99,7 @@ class DeployedRun:
 def prepare_run(
     controller: Controller, designed: tuple[Robot, Specification], robot: Robot, specification: Specification,
     noise: bool = True, load: float | None = None, load_at: float | None = None,
+    verdict: DesignVerdict = UNKNOWN, length: float = 0.0,
 ) -> DeployedRun:  # fmt: skip
     """A run of the deployed controller from start to goal, or along a stated move in error coordinates.
 
@@ -89,6 +108,7 @@ def prepare_run(
     `designed`: robot and specification of the controller. `robot` is the driven robot, with `specification`.
     `noise`: whether measurements have the stated noise.
     `load`: torque on every link, N·m or N, from the time `load_at`, s, on; by default from the middle of the run.
+    `verdict`: on the design. `length`: of its own step, s; the run is by default at least as long.
     """
     (model, original), s = designed, specification
     plan, start, goal = plans.run_ends(model, s)
@@ -112,12 +132,14 @@ def prepare_run(
             )
         if command is not None:
             controller, reference = plans.driven(controller, model, command, s, plants.dry_friction)
-        duration = STEP_TIME + (0.0 if command is None else command.duration)
+        begun = 0.0 if command is None else command.duration
+        duration = max(STEP_TIME + begun, length)
     else:
         controller, reference = plans.driven(controller, model, plan, s, plants.dry_friction)
-        length = plan.duration + plans.STILL if rests else MOVE_TIMES * plan.duration
-        duration = s.period * round(length / s.period)
-    duration = duration if s.duration is None else s.duration
+        begun = plan.duration
+        still = plans.STILL if rests else max((MOVE_TIMES - 1.0) * begun, WINDOW)
+        duration = s.period * round((begun + still) / s.period)
+    enough, duration = duration, duration if s.duration is None else s.duration
     x, _ = robot.operating_point(start, s.extras)
     at = 0.5 * duration if load_at is None else load_at
     refuse_if(
@@ -125,6 +147,7 @@ def prepare_run(
         "The load begins outside of the run.", f"expected 0 to {duration:g} s, got {at:g} s",
         "--load-at 1s, or a longer --duration",
     )  # fmt: skip
+    begun = begun if load is None else max(begun, at)
     torques = signals.signal_names("link_torque", robot.joint_names)
     arguments = {
         "reference": reference, "duration": duration, "initial_state": x[: len(box.states)],
@@ -137,7 +160,7 @@ def prepare_run(
         arguments |= {"initial_input": holding_input} if not controller.first_input.is_zero else {}
         arguments |= {"initial_estimate": state} if controller.estimator is not None else {}
     loop = Loop(box, controller, quantisation=plants.quantisation, delay=s.unknown_delay)
-    return DeployedRun(robot, plants, box, loop, start, goal, plan, arguments, rests)
+    return DeployedRun(robot, plants, box, loop, start, goal, plan, arguments, rests, verdict, begun, enough)
 
 
 def perturbed(robot: Robot, changes: Sequence[str]) -> Robot:

@@ -114,9 +114,6 @@ def _parts(values: Any) -> tuple[Any, ...]:
     return values if isinstance(values, tuple) else (values,)
 
 
-#: Limits of angles and lengths below this one are shown in mrad and mm, rad or m.
-SMALL = 0.02
-
 TABLES = ("design", "result", "found")
 PLACES = ("robot", "elastic", "payload")
 
@@ -290,43 +287,6 @@ def _of_another(controller: Path, robot: Robot) -> bool:
 def has_controller(file: Path) -> bool:
     """Whether a design file lies in a report whose controller was made of it, and of its robot as it is now."""
     return unchanged(file.parent, (file.name, CONTROLLER_FILE)) and not why_anew(file)
-
-
-def small_unit(unit: str, limit: float) -> tuple[str, float]:
-    """Unit in which a number with this limit is shown, and the factor to it: small angles in mrad, lengths in mm."""
-    return (f"m{unit}", 1e3) if unit in ("rad", "m") and 0.0 < limit < SMALL else (unit, 1.0)
-
-
-def result_row(line: Any) -> dict[str, Any]:
-    """A judged requirement (`flexhinf.design.requirements.Requirement`) as a row of the table [result]."""
-    return {
-        "what": line.what, "limit": "at most" if line.at_most else "at least", "asked": line.limit,
-        "found": line.found, "unit": line.unit, "holds": line.met, "within_tolerance": line.within_tolerance,
-        "where": line.where, "by_default": line.stated_by == "default",
-    }  # fmt: skip
-
-
-def stored_rows(file: Path) -> list[dict[str, Any]]:
-    """The rows of the table [result] of a design file; empty where it has none."""
-    result = read_toml(file, "design file").get("result", {})
-    rows = result.get("specification", []) if isinstance(result, dict) else []
-    return [row for row in rows if isinstance(row, dict) and "holds" in row]
-
-
-def unmet_text(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Which requirements a design does not meet, by the rows of its result; "" if it meets all."""
-    missed = [row for row in rows if not row["holds"]]
-    names, texts = [row["what"] for row in missed], []
-    for row in missed:
-        unit, factor = small_unit(row["unit"], row["asked"])
-        found, limit = (f"{factor * row[key]:.3g}{' ' * bool(unit)}{unit}" for key in ("found", "asked"))
-        which = "at corners of the tolerances" if "corner" in row.get("where", "") else "nominal robot"
-        texts.append(
-            f"{row['what']}{f', {which}' if names.count(row['what']) > 1 else ''}: {found} ({row['limit']} {limit})"
-        )
-    several = len(missed) > 1
-    text = f"{len(missed)} requirement{'s' if several else ''} of this design {'are' if several else 'is'} not met"
-    return f"{text}: {'; '.join(dict.fromkeys(texts))}" if missed else ""
 
 
 #: Other names of fields: those of earlier versions, and of --peak-effort by the kind of drive.

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design import loop_setup, plans, responses
-from flexhinf.design.design_file import result_row, unmet_text
 from flexhinf.design.specification import Specification
+from flexhinf.design.verdict import DesignVerdict, result_row
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.web import LiveArm, write_page
 from flexhinf.loop import Controller, Loop, Waypoints
@@ -67,7 +67,8 @@ def export_web(design: Any, path: str | os.PathLike[str]) -> Path:
         "fh.design(robot, specification), or `flexhinf export web FOLDER` for the folder of a report",
     )
     verdict = [f"This design: {text}" for text in [getattr(design, "judgement", "")] if text]
-    not_met = unmet_text([result_row(line) for line in getattr(design, "requirements", ())])
+    rows = [result_row(line) for line in getattr(design, "requirements", ())]
+    not_met = DesignVerdict.of(rows, design.specification.shows_degrees(design.robot)).unmet
     return write_page(
         live_arm(design.controller(), design.robot, design.specification, verdict, not_met), path
     )

@@ -392,11 +392,18 @@ def _requirements(
             0, required.bandwidth_requirement(stated, target.bandwidth, evaluation.margins, setup.joints)
         )
         lines.append(evaluation.ring_down.requirement(s, damping))
+    elif evaluation.ring_down.ring_down is None:
+        lines.append(
+            required.REQUIREMENTS["diverged"].judge(None, 0.0, 1, "impulses on the links at the goal")
+        )
     lines += step
+    if not evaluation.load_response.metrics:
+        lines.append(required.REQUIREMENTS["diverged"].judge(None, 0.0, 1, "constant torques on the links"))
     if on_mujoco is not None:
-        lines += required.step_requirements(s, limits, on_mujoco, MUJOCO)
-        rows = responses.motion_metrics(limits, on_mujoco, setup.command)
-        lines += required.motion_requirements(s, limits, rows, resolution, MUJOCO)
+        lines += step_requirements(
+            setup, on_mujoco, MUJOCO,
+            lambda length: setup.step(length, plant=setup.mujoco_plant(setup.goal)),
+        )  # fmt: skip
     runs = evaluation.runs
     errors = None if s.move is None else checks.errors_after_move(setup, runs.plan, runs.dwell)
     lines += required.move_requirements(s, limits, evaluation.move, resolution, errors)
@@ -407,6 +414,24 @@ def _requirements(
     for payload in payloads:
         lines += checks.payload_requirements(s, limits, payload, damping, resolution)
     return (*lines, *robots)
+
+
+def step_requirements(
+    setup: LoopSetup, run: responses.Response, where: str, again: Callable[[float], responses.Response],
+    unlimited: responses.Response | None = None, remaining: tuple[np.ndarray, str] | None = None,
+) -> list[Requirement]:  # fmt: skip
+    """Requirements on the step, of which `again` makes a run of a length, s; `unlimited` and `remaining` as for
+    `step_requirements` and `motion_requirements`."""
+    s, limits, resolution = setup.specification, setup.limits, setup.position_resolution(DEVIATIONS)
+
+    def judge(run: responses.Response) -> list[Requirement]:
+        rows = responses.motion_metrics(limits, run, setup.command)
+        return [
+            *required.step_requirements(s, limits, run, where, unlimited),
+            *required.motion_requirements(s, limits, rows, resolution, where, remaining),
+        ]
+
+    return checks.judged_when_settled(judge, run, where, again, setup.command_time)
 
 
 def _law_requirements(
@@ -430,11 +455,10 @@ def _law_requirements(
             *required.margin_requirements(s, own, setup.joints, delay),
             *required.oscillation_requirements(s, own, damped, damping, ringing),
         ]
-    unlimited = evaluation.unlimited_step if limits.limits_peak else None
-    step = required.step_requirements(s, limits, evaluation.step, STEP, unlimited)
-    step += required.motion_requirements(
-        s, limits, evaluation.step_motion, setup.position_resolution(DEVIATIONS), STEP,
-        limit_cycle and limit_cycle.remaining,
+    step = step_requirements(
+        setup, evaluation.step, STEP,
+        lambda length: setup.step(length, sub_steps=evaluation.runs.sub_steps),
+        evaluation.unlimited_step if limits.limits_peak else None, limit_cycle and limit_cycle.remaining,
     )  # fmt: skip
     robots = [] if corners is None else [required.corner_requirement(corners)]
     robots += [] if samples is None else required.sample_requirements(s, limits, samples)

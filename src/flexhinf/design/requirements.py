@@ -27,7 +27,6 @@ from flexhinf.analysis import (
     frequency_response,
     margins,
 )
-from flexhinf.design.design_file import small_unit
 from flexhinf.design.monte_carlo import MonteCarlo
 from flexhinf.design.responses import (
     ROBOT,
@@ -47,10 +46,12 @@ from flexhinf.design.specification import (
     UNDERSHOOT,
     Specification,
 )
+from flexhinf.design.verdict import display_unit
 from flexhinf.loop import Supervision
 from flexhinf.loop.controller.status import NEAR_LIMIT
 from flexhinf.loop.simulation.metrics import SETTLING_BAND
 from flexhinf.notebook import Summarised
+from flexhinf.report import number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as MatplotlibFigure
@@ -96,12 +97,22 @@ class Requirement:
     field: str = ""  # Field of the specification that states the limit; "" if none does
     tolerance: float = TOLERANCE  # Relative
     detail: str = ""  # What else is known of `found`, a few words
+    judged: bool = True  # False: the run is too short to tell, so the requirement is neither met nor missed
+
+    @property
+    def _kept(self) -> bool:
+        low, high = self.limit * (1.0 - self.tolerance), self.limit * (1.0 + self.tolerance)
+        return bool(self.found <= high if self.at_most else self.found >= low)
 
     @property
     def met(self) -> bool:
-        """Whether the requirement is met, within its tolerance."""
-        low, high = self.limit * (1.0 - self.tolerance), self.limit * (1.0 + self.tolerance)
-        return bool(self.found <= high if self.at_most else self.found >= low)
+        """Whether the requirement is judged, and met within its tolerance."""
+        return self.judged and self._kept
+
+    @property
+    def missed(self) -> bool:
+        """Whether the requirement is judged, and not met."""
+        return self.judged and not self._kept
 
     @property
     def within_tolerance(self) -> bool:
@@ -110,25 +121,48 @@ class Requirement:
 
     @property
     def judgement(self) -> str:
-        """``met``, ``NOT MET``, or, for a value slightly beyond the limit, ``met within 2 %``."""
+        """``met``, ``NOT MET``, ``not judged``, or, for a value slightly beyond the limit, ``met within 2 %``."""
         met = f"met within {100.0 * TOLERANCE:g} %" if self.within_tolerance else "met"
-        return met if self.met else "NOT MET"
+        return met if self.met else "NOT MET" if self.judged else "not judged"
 
     def unit_text(self, value: float) -> str:
         """The unit as it stands behind a value: with a space, but for degrees; 1 sample, 2 samples."""
         unit = "sample" if (self.unit, value) == ("samples", 1.0) else self.unit
         return unit if unit in ("", "°") else f" {unit}"
 
+    @property
+    def limit_text(self) -> str:
+        """The limit with its sign and unit, for example ``≤ 60 V``."""
+        return f"{'≤' if self.at_most else '≥'} {number(self.limit, 3)}{self.unit_text(self.limit)}"
+
+    @property
+    def achieved_text(self) -> str:
+        """The value with its unit, the joint and time of the worst one, and what else is known of it."""
+        if np.isinf(self.found):
+            return "diverges" if self.at_most else "unlimited"
+        places = [self.joint, "" if self.at is None else f"at {number(self.at, 3)} s", self.detail]
+        where = f" ({', '.join(filter(None, places))})" if any(places) else ""
+        return f"{number(self.found, 3)}{self.unit_text(self.found)}{where}"
+
+    @property
+    def text(self) -> str:
+        """One phrase, for example ``overshoot: 9 % (at most 5 %; the step, nominal robot)``."""
+        limit = f"{'at most' if self.at_most else 'at least'} {self.limit_text.split(' ', 1)[1]}"
+        return f"{self.what}: {self.achieved_text} ({'; '.join(filter(None, (limit, self.where)))})"
+
+    def __str__(self) -> str:
+        """The phrase and the judgement; small angles and lengths are in mrad and mm."""
+        return f"{self.converted(degrees=False).text}: {self.judgement}"
+
     def converted(self, degrees: bool) -> Requirement:
         """The requirement with angles and speeds of links in `degrees` where the report has them; bandwidths stay.
         Without degrees small angles and lengths are in mrad and mm."""
-        unit, factor = small_unit(self.unit, self.limit)
-        if factor != 1.0 and not (degrees and self.unit == "rad"):
-            return replace(self, limit=factor * self.limit, found=factor * self.found, unit=unit)
-        if not degrees or not (self.unit == "rad" or (self.unit == "rad/s" and self.what == SPEED)):
-            return self
-        limit, found = math.degrees(self.limit), math.degrees(self.found)
-        return replace(self, limit=limit, found=found, unit=f"°{self.unit[3:]}")
+        unit, factor = display_unit(self.unit, self.limit, degrees)
+        if degrees and self.unit == "rad/s" and self.what == SPEED:
+            unit, factor = "°/s", math.degrees(1.0)
+        return self if unit == self.unit else replace(
+            self, limit=factor * self.limit, found=factor * self.found, unit=unit
+        )  # fmt: skip
 
     def judge(
         self, s: Specification | None, limit: float, value: float, where: str, **more: Any
@@ -183,12 +217,12 @@ class Judged(Reported):
     @property
     def missed(self) -> tuple[Requirement, ...]:
         """Requirements that are not met."""
-        return tuple(line for line in self.requirements if not line.met)
+        return tuple(line for line in self.requirements if line.missed)
 
     @property
     def met(self) -> bool:
         """Whether every requirement is met."""
-        return not self.missed
+        return all(line.met for line in self.requirements)
 
     @property
     def judgement(self) -> str:
@@ -203,11 +237,10 @@ _ROWS = {
     "damping": ("damping of oscillations", "", "≥", "damping",
         "smallest damping ratio of every oscillation below {below:.3g} rad/s, the estimator's included"),
     "fast_damping": ("damping of fast oscillations", "", "≥", "",
-        "smallest damping ratio from {below:.3g} rad/s on, where it has to be stable; {damped:.2g} with springs damped "
-        "by {percent:g} % more"),
+        "smallest damping ratio from {below:.3g} rad/s on, where the loop has to be stable"),
     "ring_down": ("damping in the ring-down", "", "≥", "damping",
-        "smallest damping ratio of every oscillation that makes up 5 % of the velocity or input of the joint with "
-        "the impulse"),
+        "smallest damping ratio of every oscillation below {below:.3g} rad/s that makes up 5 % of the velocity or "
+        "input of the joint with the impulse; faster ones only have to decay"),
     "peak_sensitivity": ("peak sensitivity", "", "≤", "peak_sensitivity",
         "largest singular value of S at the plant's inputs, over all frequencies"),
     "gain_margin": ("gain margin", "", "≥", "gain_margin",
@@ -218,6 +251,7 @@ _ROWS = {
     "overshoot": ("overshoot", "%", "≤", "overshoot", "largest of all joints, per cent of the joint's own step"),
     "unsettled": ("runs that do not settle", "", "≤", "",
         "runs that diverge, or are outside ±2 % of the step at their end"),
+    "diverged": ("runs that diverge", "", "≤", "", "runs that leave the finite numbers"),
     "peak": ("peak input", "", "≤", "", "largest |input| of all motors"),
     "at_limit": ("time at an input's limit", "s", "≤", "",
         "longest time for which an input stays at {share:g} % of its limit"),
@@ -240,6 +274,8 @@ _ROWS = {
         "position, or one step of its sensor"),
     "load_step": ("remaining deflection", "", "≤", "",
         "largest deviation of a link in the last tenth; the limit is 2 % of its step"),
+    "swinging": ("input that swings at rest", "s", "≤", "",
+        "time for which the controller reports a limit cycle: an input swings to and fro while the command rests"),
     "deadlines": ("missed deadlines", "%", "≤", "",
         "samples whose input was not there before the next sample was due"),
 }  # fmt: skip
@@ -285,15 +321,25 @@ def oscillation_requirements(
 ) -> list[Requirement]:
     """Damping of slow oscillations and, where there are any, of fast ones, each with its joint of `joints`. `damped`:
     margins with more damping of the springs."""
-    below, row = s.damped_below_limit, REQUIREMENTS["fast_damping"]
+    below = s.damped_below_limit
     slow, fast = margins.damping_about(below)
-    lines = [damping_requirement(s, required, slow, below, joint=joints[0])]
-    if fast < 1.0:
-        more = {"below": below, "damped": damped.damping_about(below)[1], "percent": 100.0 * SPRING_DAMPING}
-        lines.append(
-            row.judge(None, 0.0, fast, SAMPLED_LOOP, joint=joints[1], criterion=row.criterion.format(**more))
-        )
-    return lines
+    more = f"{damped.damping_about(below)[1]:.2g} with springs damped by {100.0 * SPRING_DAMPING:g} % more"
+    return [
+        damping_requirement(s, required, slow, below, joint=joints[0]),
+        *fast_damping_requirement(fast, below, SAMPLED_LOOP, more, joints[1]),
+    ]
+
+
+def fast_damping_requirement(
+    fast: float, below: float, where: str, beside: str = "", joint: str = ""
+) -> list[Requirement]:
+    """The requirement that oscillations from a frequency on, rad/s, are stable; none without such oscillations.
+
+    `fast`: their smallest damping ratio. `beside`: what else the criterion says.
+    """
+    row = REQUIREMENTS["fast_damping"]
+    criterion = "; ".join(filter(None, (row.criterion.format(below=below), beside)))
+    return [row.judge(None, 0.0, fast, where, joint=joint, criterion=criterion)] if fast < 1.0 else []
 
 
 def margin_requirements(

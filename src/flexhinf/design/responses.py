@@ -9,7 +9,7 @@ The limits of inputs, speeds and positions of each joint come from the specifica
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from operator import attrgetter
@@ -28,6 +28,10 @@ TURN, SLIDE = 0.1, 0.01
 
 #: Length of a run: in time constants of the slowest mode, and the shortest and longest run, s.
 TIME_CONSTANTS, SHORTEST, LONGEST = 8.0, 0.5, 20.0
+
+#: The transient of a run is over after this multiple of its settling time: an exponential that is within 2 % of its
+#: step by then is within 0.04 % after twice the time.
+TRANSIENT = 2.0
 
 #: Default load, as a fraction of the motor torque at the peak input of the step.
 LOAD_FRACTION = 0.1
@@ -208,6 +212,20 @@ class Response:
     )
     settling = _worst("settling_time_s", "Slowest settling to ±2 % of the joint's own step, s.")
     remaining = _worst("steady_state_error", "Largest error in the last tenth of the run, rad or m.")
+
+
+def rests(run: Response, begun: float = 0.0) -> bool:
+    """Whether the end of a run to rest, in which the remaining error and the ripple are judged, begins after its
+    transient; a longer run is no other where this one diverged. `begun`: when its command ends, s."""
+    over = begun + TRANSIENT * max(run.settling.value - begun, 0.0)
+    return run.diverged_at is not None or bool(run.run.time[-1] - metrics.WINDOW >= over - metrics.ROUNDING)
+
+
+def settled_run(run: Response, again: Callable[[float], Response], begun: float = 0.0) -> Response:
+    """The run, or the first longer one that `rests`, up to `LONGEST`; `again` makes one of a length, s."""
+    while not rests(run, begun) and (length := float(run.run.time[-1])) < LONGEST * (1.0 - metrics.ROUNDING):
+        run = again(min(2.0 * length, LONGEST))
+    return run
 
 
 @dataclass(frozen=True, eq=False)

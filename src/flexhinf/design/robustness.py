@@ -72,12 +72,10 @@ def robustness(design: WorkspaceDesign) -> Robustness:
 
     gains, filter = setup.law.gains, setup.filter if isinstance(setup.filter, ModalFilter) else None
     at = np.array(setup.workspace.home)
-    held = np.array([setup.robot.operating_point(pose)[1] for pose in design.poses])
-    heavy, unheld = (np.any(np.abs(held) > share * setup.limits.effort, axis=1) for share in (HOLD, 1.0))
     return Robustness(
         margin("late", LATEST), margin("damped_late", LATEST),
         margin("louder", np.log(LOUDEST)), margin("softer", -np.log(LOUDEST)),
-        int(heavy.sum()), int(unheld.sum()),
+        setup.needing(design.poses, HOLD), setup.needing(design.poses),
         error_tolerance(gains, FASTEST, s.known_latency, filter),
         proved_range(gains, 0.0, np.inf, s.known_latency, filter),
         np.vstack([setup.encoder_offsets(at, None)[0], setup.encoder_offsets(at)]),

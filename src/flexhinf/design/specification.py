@@ -424,6 +424,10 @@ class Specification:
         """Whether the report shows angles in degrees."""
         return self.angle_unit == "deg"
 
+    def shows_degrees(self, robot: Any) -> bool:
+        """Whether the report shows the angles of this robot in degrees: where every joint turns."""
+        return self.in_degrees and not any(robot.links.slides)
+
 
 FIELDS = declared(Specification)
 Specification.__doc__ = with_parameters(Specification)

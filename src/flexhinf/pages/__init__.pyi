@@ -3,11 +3,13 @@
 from .bode import bode_figure as bode_figure
 from .campaign import write_campaign as write_campaign
 from .campaign_parts import (
+    campaign_design as campaign_design,
     campaign_verdict as campaign_verdict,
     gain_replay_table as gain_replay_table,
     gain_text as gain_text,
     metric_text as metric_text,
     missed_by as missed_by,
+    pair_designs as pair_designs,
     pair_table as pair_table,
     pair_verdict as pair_verdict,
     replay_command as replay_command,

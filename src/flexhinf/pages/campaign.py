@@ -20,13 +20,14 @@ from flexhinf.campaign import (
 )
 from flexhinf.campaign.batches import PART, TRACE
 from flexhinf.campaign.metrics import COMPLETED, DIVERGED, NOT_RUN, UNDAMPED, UNSTABLE
-from flexhinf.design.campaign_folder import GainResults, stored_campaign, stored_gains
+from flexhinf.design.campaign_folder import GainResults, stored_campaign, stored_gains, verdict_of
 from flexhinf.loop import Trajectory
 from flexhinf.pages.campaign_parts import (
     METRIC_LABELS,
     NO_LIMIT,
     SPREAD,
     by_effect,
+    campaign_design,
     campaign_verdict,
     few_ticks,
     gain_changes,
@@ -58,6 +59,7 @@ from flexhinf.pages.drawing import (
     first_screen,
     legend_above,
 )
+from flexhinf.pages.page import design_statuses
 from flexhinf.report import (
     INK,
     SERIES,
@@ -136,7 +138,7 @@ def write_campaign(
             journal.about.get("title", "Campaign"),
             f"{judged.count} loops of {settings['duration']} s with the same controller, each with its own measurement "
             f"noise and with {len(table.names('parameter'))} numbers of its own{spread}.",
-            campaign_verdict(judged),
+            f"{campaign_verdict(judged)} {campaign_design(judged, brief=True)}".rstrip(),
             sections,
             Settings({name: group for name, group in groups.items() if group}),
             Provenance(shlex.join(journal.command), int(settings["seed"])), _key_numbers(judged),
@@ -174,9 +176,15 @@ def _statuses(judged: CampaignJudgement, cases: Sequence[WorstCase], gains: Gain
         for requirement in missed_by(case, judged.requirements)
     ]
     searched = " and the worst robot found by search" if cases else ""
-    met = f"Every one of {judged.count} samples{searched}; that is no proof for the robots between."
+    met = (
+        f"Every one of {judged.count} samples{searched} keeps the {len(judged.requirements)} requirements of this "
+        "campaign; that is no proof for the robots between."
+    )
+    own = verdict_of(judged.table.journal)
+    kept = [] if own is not None and own.missed else [Status("met", met)]
     return [
-        *([Status("not met", text) for text in missed] or [Status("met", met)]),
+        *([Status("not met", text) for text in missed] or kept),
+        *([] if own is None else design_statuses(own)),
         *(
             Status(
                 "not proved", "A disturbance attains more than the proved γ: the proof or the loop is wrong."
@@ -205,8 +213,8 @@ def _success(judged: CampaignJudgement) -> list[Any]:
     rows = [(*row, percent_text(1.0 - row[-1] / judged.count)) for row in kept]
     return [
         Paragraph(
-            "A sample is a success if its run reaches its end, is stable there, and keeps every requirement. "
-            f"{interval} "
+            "A sample is a success if its run reaches its end, is stable there, and keeps every requirement of this "
+            f"table. {interval} "
             "The rate is a statement about the sampled distribution, not a proof. A run is unstable if it diverges to "
             "numbers that are not finite, or if, in the last third of the time in which command and disturbance stand "
             "still, a joint still swings by more than the settling band of ±2 % of its step, by at least "

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -22,10 +23,13 @@ from flexhinf.campaign import (
     WorstCase,
 )
 from flexhinf.campaign.metrics import COMPLETED, DIVERGED, UNSTABLE
-from flexhinf.design.campaign_folder import FOLDERS, DesignPair, GainRow
+from flexhinf.design.campaign_folder import FOLDERS, DesignPair, GainRow, verdict_of
+from flexhinf.design.requirements import REQUIREMENTS
+from flexhinf.design.verdict import UNKNOWN
 from flexhinf.files import write_file
 from flexhinf.pages.design.step import histogram_bins
 from flexhinf.pages.drawing import DASHED, figure_block, framed
+from flexhinf.pages.page import design_statuses
 from flexhinf.report import (
     INK,
     SERIES,
@@ -54,6 +58,15 @@ METRIC_LABELS = {
     "speed_limit_use": "use of the speed's limit", "tracking_error_use": "use of the tracking error's limit",
     "tracking_error": "tracking error", "final_error_use": "use of the limit after the move",
     "final_error": "distance after the move",
+}  # fmt: skip
+
+#: The requirement of a design that a metric of its campaign judges.
+JUDGED = {
+    metric: REQUIREMENTS[name].what
+    for metric, name in {
+        "overshoot_percent": "overshoot", "settling_time_s": "unsettled", "input_limit_use": "peak",
+        "speed_limit_use": "speed", "tracking_error_use": "tracking", "final_error_use": "final",
+    }.items()
 }  # fmt: skip
 
 #: How samples are spread, in a sentence.
@@ -161,6 +174,13 @@ def campaign_verdict(judged: CampaignJudgement) -> str:
         return f"{text}."
     value = value_text(float(judged.column(judged.main)[worst]), judged.table.unit(judged.main))
     return f"{text}; worst {metric_text(judged.main)} {value}, at {sample_changes(judged, worst)} (sample {worst})."
+
+
+def campaign_design(judged: CampaignJudgement, brief: bool = False) -> str:
+    """What is known of the design itself, beside its campaign; "" for a campaign of something else."""
+    verdict = verdict_of(judged.table.journal)
+    names = (JUDGED.get(rule.metric, "") for rule in judged.requirements)
+    return "" if verdict is None else verdict.beside(names, brief)
 
 
 def unstable_text(judged: CampaignJudgement) -> str:
@@ -346,6 +366,11 @@ def write_pair(result: DesignPair) -> Path:
                     for metric in varied[:2]
                 ),
             ],
+            [
+                replace(status, text=f"{side}: {status.text}")
+                for side, judged in zip("AB", result.judged)
+                for status in design_statuses(verdict_of(judged.table.journal) or UNKNOWN)
+            ],
         ),
     )  # fmt: skip
 
@@ -368,6 +393,11 @@ def pair_verdict(result: DesignPair) -> str:
         f"{_signed(metric.median, metric.unit)} at the median ({_interval_text(result, metric)}); A is better in "
         f"{better[0]} of the pairs, B in {better[1]}."
     )
+
+
+def pair_designs(result: DesignPair) -> list[str]:
+    """The verdict on each of the two designs."""
+    return [f"{side}: {campaign_design(judged)}" for side, judged in zip("AB", result.judged)]
 
 
 def _p_text(p: float) -> str:

@@ -23,6 +23,7 @@ from flexhinf.certify.certificate import (
 from flexhinf.certify.starts import Slice
 from flexhinf.design.certification import CertifiedDegree, Evidence
 from flexhinf.design.specification import Specification
+from flexhinf.design.verdict import UNKNOWN, DesignVerdict
 from flexhinf.pages.design.region import rule_text
 from flexhinf.pages.drawing import (
     DASHED,
@@ -35,6 +36,7 @@ from flexhinf.pages.drawing import (
     reference_line,
     thin,
 )
+from flexhinf.pages.page import design_statuses
 from flexhinf.pages.terminal import Ending, screen, wrapped
 from flexhinf.report import (
     INK,
@@ -80,8 +82,10 @@ def certificate_page(
     evidence: Evidence,
     s: Specification,
     command: Sequence[str],
+    verdict: DesignVerdict = UNKNOWN,
 ) -> Page:
-    """The page of a certificate, with the proofs of all degrees and the command that makes it again."""
+    """The page of a certificate, with the proofs of all degrees, the command that makes it again and the verdict on the
+    design."""
     claim = evidence.certificate
     smaller = [
         Note(f"Degree {high.choice.degree} proves a smaller step than degree {low.choice.degree}.")
@@ -135,7 +139,7 @@ def certificate_page(
             *(Setting(name, value) for name, value in claim.provenance.items()),
         ]}), Provenance(shlex.join(command), s.seed), _numbers(law, claim),
         [Status("proved", "By arithmetic that cannot round the wrong way."),
-         Status("not proved", _missing_text(claim))], (), lead,
+         Status("not proved", _missing_text(claim)), *design_statuses(verdict)], (), lead,
     )  # fmt: skip
 
 
@@ -537,9 +541,16 @@ def certification_tables(laws: Sequence[CertifiedDegree]) -> list[Any]:
     return [table.terminal() for table in (_degree_table(laws), *steps)]
 
 
-def certification_ending(laws: Sequence[CertifiedDegree], claim: Certificate) -> Ending:
-    """What a terminal says at the end: what is proved of the law of each degree, for whom, and what is not."""
-    parts = _proved_text(claim), _whom_text(claim), f"Not proved: {_missing_text(claim)}"
+def certification_ending(
+    laws: Sequence[CertifiedDegree], claim: Certificate, verdict: DesignVerdict
+) -> Ending:
+    """What a terminal says at the end: what is proved of the law of each degree, for whom, what is not, and the verdict
+    on the design."""
+    own = verdict.unmet or verdict.brief
+    parts = (
+        _proved_text(claim), _whom_text(claim), f"Not proved: {_missing_text(claim)}",
+        f"{own[:1].upper()}{own[1:]}.",
+    )  # fmt: skip
     return screen(lambda _: _degree_table(laws), [1], parts, certification_notes(laws))
 
 

@@ -18,6 +18,7 @@ from flexhinf.design.tuning import (
     ranked,
     unstable_corners,
 )
+from flexhinf.design.verdict import UNKNOWN, DesignVerdict
 from flexhinf.pages.comparison_figures import ranking_figure, responses_figure, trade_off_figure
 from flexhinf.pages.design.frequency import Loop, frequency_figures
 from flexhinf.pages.drawing import (
@@ -28,7 +29,7 @@ from flexhinf.pages.drawing import (
     pose_text,
     units_of,
 )
-from flexhinf.pages.page import files_section, limit_text, requirement_text
+from flexhinf.pages.page import design_statuses, files_section
 from flexhinf.pages.settings import comparison_settings
 from flexhinf.report import (
     Cell,
@@ -128,9 +129,10 @@ def comparison_verdict(comparison: Comparison) -> str:
 
 # Page --------------------------------------------------------------------------------------------------------
 def comparison_page(
-    comparison: Comparison, command: Sequence[str], warnings: Sequence[str] = (), files: Sequence[str] = ()
-) -> Page:
-    """The page of a comparison; parameters as for `flexhinf.pages.page.design_page`."""
+    comparison: Comparison, command: Sequence[str], warnings: Sequence[str] = (), files: Sequence[str] = (),
+    verdict: DesignVerdict = UNKNOWN,
+) -> Page:  # fmt: skip
+    """The page of a comparison; parameters as for `flexhinf.pages.page.design_page`, and the verdict on the design."""
     own, s, robot = comparison.own.evaluation, comparison.specification, comparison.robot
     assert own is not None
     start, goal = (
@@ -164,7 +166,7 @@ def comparison_page(
         ("frequency", "Frequency responses"): _frequency(comparison),
         ("laws", "The laws and how they were tuned"): _laws(comparison),
     }.items() if parts]  # fmt: skip
-    missed = [line.converted(units_of(own).degrees) for line in comparison.own.requirements if not line.met]
+    own_missed = any(line.missed for line in comparison.own.requirements)
     return Page(
         f"Control laws compared on {robot.name}",
         f"{robot.name}, {joint_count(len(own.setup.joints))}, {robot.drive} driven; step from {start} to {goal}. "
@@ -177,12 +179,23 @@ def comparison_page(
         (*sections, *([files_section(files)] if files else [])), Settings(comparison_settings(comparison)),
         Provenance(shlex.join(command), s.seed), _key_numbers(comparison),
         [
-            Status("not met", f"The design as it is: {'; '.join(map(requirement_text, missed))}.") if missed else
-            Status("met", f"The design meets {len(comparison.own.requirements)} requirements."),
+            *([] if verdict.missed else [Status("not met" if own_missed else "met", comparison_design(comparison))]),
+            *(design_statuses(verdict) if verdict.names else []),
             Status("not proved", "All numbers are of simulated runs, of sampled robots and of the linear loop."),
         ],
         list(map(_whole, said[1:])), [ranking_figure(comparison, ordered)],
     )  # fmt: skip
+
+
+def comparison_design(comparison: Comparison) -> str:
+    """What the design as it is misses of the requirements that every law is judged by; a design has more."""
+    lines, own = comparison.own.requirements, comparison.own.evaluation
+    degrees = own is not None and units_of(own).degrees
+    missed = [line.converted(degrees).text for line in lines if line.missed]
+    if not missed:
+        return f"The design as it is meets the {len(lines)} requirements judged here; flexhinf design judges more."
+    judged = f"{len(missed)} of the {len(lines)} requirements judged here"
+    return f"The design as it is does not meet {judged}: {'; '.join(missed)}."
 
 
 def comparison_notes(comparison: Comparison) -> list[str]:
@@ -429,7 +442,7 @@ def metric_table(
     judged = [{(line.what, line.where): line for line in law.requirements} for law in laws]
     for key, first in {key: line for law in judged for key, line in law.items()}.items():
         sampled = ", sampled" if "robots sampled" in first.where else ""
-        name = f"{first.what} {limit_text(first.converted(units_of(own).degrees))}{sampled}"
+        name = f"{first.what} {first.converted(units_of(own).degrees).limit_text}{sampled}"
         rows.append((name, *(law[key].judgement if key in law else "–" for law in judged)))
     for heading, group in METRICS.items():
         entries = []

@@ -20,6 +20,7 @@ from flexhinf.design.pipeline import ComparedLaw, Comparison, Design
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import ROBOT
 from flexhinf.design.tuning import best_rival, pareto_front
+from flexhinf.design.verdict import UNKNOWN, DesignVerdict, result_row
 from flexhinf.design.workspace.design import WorkspaceDesign
 from flexhinf.errors import InvalidInput
 from flexhinf.pages.comparison import comparison_page
@@ -86,17 +87,20 @@ def _workspace_files(
 
 
 def comparison_files(
-    comparison: Comparison, command: Sequence[str], warnings: Sequence[str] = (), beside: Sequence[str] = ()
-) -> dict[str, str | bytes]:
+    comparison: Comparison, command: Sequence[str], warnings: Sequence[str] = (), beside: Sequence[str] = (),
+    verdict: DesignVerdict = UNKNOWN,
+) -> dict[str, str | bytes]:  # fmt: skip
     """Files of a report: index.html, comparison.json, and every run of the nominal robot, in a folder for each law;
-    parameters as for `design_files`."""
+    parameters as for `design_files`, and the verdict on the design."""
     saved = {
         f"runs/{row.name}/{name}.{ENDING}": response.run.save
         for row in comparison.compared
         for name, response in _picked(row.evaluation, RUNS).items()
     }
-    files = {"comparison.json": to_json(comparison_numbers(comparison)), **_saved(saved)}
-    return {"index.html": comparison_page(comparison, command, warnings, (*files, *beside)).html(), **files}
+    numbers = comparison_numbers(comparison, verdict)
+    files = {"comparison.json": to_json(numbers), **_saved(saved)}
+    page = comparison_page(comparison, command, warnings, (*files, *beside), verdict)
+    return {"index.html": page.html(), **files}
 
 
 def write_report(result: Design | WorkspaceDesign | Comparison, folder: str | Path) -> Path:
@@ -178,7 +182,7 @@ def design_text(
     document.add(tomlkit.comment("What came of it. This part is not read: changing it changes nothing."))
     own = isinstance(design, WorkspaceDesign)
     table = {"verdict": workspace_verdict(design), "met": design.met} if own else _result(design)
-    table["specification"] = [design_file.result_row(line) for line in design.requirements]
+    table["specification"] = [result_row(line) for line in design.requirements]
     document.add("result", design_file.toml_table({k: v for k, v in table.items() if v is not None}))
     return tomlkit.dumps(document)
 
@@ -398,7 +402,7 @@ def _estimator_noise(design: Design) -> dict[str, Any]:
     }
 
 
-def comparison_numbers(comparison: Comparison) -> dict[str, Any]:
+def comparison_numbers(comparison: Comparison, verdict: DesignVerdict = UNKNOWN) -> dict[str, Any]:
     """Numbers of comparison.json; metrics by the keys of `LawEvaluation.metrics`."""
     criterion, runs = comparison.criterion, comparison.scenario
     tuned = [row.tuned for row in comparison.compared if row.tuned is not None]
@@ -417,6 +421,7 @@ def comparison_numbers(comparison: Comparison) -> dict[str, Any]:
         "design": {
             **_picked(comparison.synthesis.design_problem, "preset gamma_star gamma"),
             "degree": comparison.synthesis.chosen.degree,
+            "verdict": verdict.numbers,
         },
         **_picked(comparison.synthesis, "start goal"),
         **_picked(runs, "duration_s=step_duration load move_s=plan.duration"),

@@ -17,6 +17,7 @@ from flexhinf.design.pipeline import Design
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
 from flexhinf.design.specification import FIELDS, TOLERANCE
+from flexhinf.design.verdict import DesignVerdict
 from flexhinf.loop.simulation.metrics import peak_of
 from flexhinf.pages.design import frequency, law, overview, region, runs, step, weights
 from flexhinf.pages.drawing import (
@@ -87,31 +88,10 @@ def requirements(design: Design) -> Blocks:
     )  # fmt: skip
 
 
-def limit_text(line: Requirement) -> str:
-    """The limit with its sign and unit, for example ``≤ 60 V``."""
-    return f"{'≤' if line.at_most else '≥'} {number(line.limit, 3)}{line.unit_text(line.limit)}"
-
-
-def achieved_text(line: Requirement) -> str:
-    """The achieved value with its unit, the joint of the worst value, and what else is known of it."""
-    if np.isinf(line.found):
-        return "diverges" if line.at_most else "unlimited"
-    places = [line.joint, "" if line.at is None else f"at {number(line.at, 3)} s", line.detail]
-    where = f" ({', '.join(filter(None, places))})" if any(places) else ""
-    return f"{number(line.found, 3)}{line.unit_text(line.found)}{where}"
-
-
-def requirement_text(line: Requirement) -> str:
-    """A requirement in one phrase, for example ``overshoot: 9 % (at most 5 %; nominal robot)``."""
-    line = line.converted(degrees=False)
-    limit = f"{'at most' if line.at_most else 'at least'} {limit_text(line).split(' ', 1)[1]}"
-    return f"{line.what}: {achieved_text(line)} ({limit}; {line.where})"
-
-
 def requirement_table(lines: Iterable[Requirement], degrees: bool = False, title: str = "") -> Table:
-    """Requirements grouped by where they hold; those that are not met, and their groups, first."""
+    """Requirements grouped by where they hold; those that are not met or not judged, and their groups, first."""
     groups: dict[str, list[Requirement]] = {}
-    for line in sorted(lines, key=lambda line: line.met):
+    for line in sorted(lines, key=lambda line: (not line.missed, line.met)):
         groups.setdefault(line.where, []).append(line.converted(degrees))
     rows: list[Any] = []
     for where, group in groups.items():
@@ -119,10 +99,10 @@ def requirement_table(lines: Iterable[Requirement], degrees: bool = False, title
         for line in group:
             judged = Cell(line.judgement, {"met": "green", "NOT MET": "red"}.get(line.judgement, "yellow"))
             source = f"`{line.stated_by}`" if line.stated_by.startswith("--") else line.stated_by
-            limit = limit_text(line)
+            limit = line.limit_text
             if source == "default":
                 source, limit = "our default", f"{limit}*"
-            rows.append((line.what, limit, achieved_text(line), judged, line.criterion, source))
+            rows.append((line.what, limit, line.achieved_text, judged, line.criterion, source))
     return Table(
         (
             "requirement", Column("required", right=True), Column("achieved", right=True), "met",
@@ -324,12 +304,27 @@ def _details(design: Design) -> list[str]:
     return list(filter(None, [*parts, region.proof_text(design)]))
 
 
-def requirements_text(lines: Sequence[Requirement]) -> str:
-    """Whether the requirements are met, or the kinds of those that are not."""
-    missed = [line for line in lines if not line.met]
-    names = list(dict.fromkeys(line.what for line in missed))
-    named = ", ".join([*names[:BRIEF], *([f"and {len(names) - BRIEF} more"] if names[BRIEF:] else [])])
-    return f"Not met: {named}." if missed else f"All {len(lines)} requirements are met."
+def design_statuses(verdict: DesignVerdict) -> list[Status]:
+    """Entries about the design at the top of the page of something that is made of it; none where it is met."""
+    if verdict.missed:
+        return [Status("not met", f"{verdict.unmet}.")]
+    return [] if verdict.met else [Status("not judged", f"{verdict.brief}.")]
+
+
+def requirements_text(lines: Sequence[Requirement], of: str = "") -> str:
+    """Whether the requirements are met, or the kinds of those that are not, and of those that are not judged.
+
+    `of`: whose requirements they are, where the design has more.
+    """
+    texts = []
+    for verdict, some in {
+        "Not met": [line for line in lines if line.missed],
+        "Not judged, because the run ends too soon (--duration)": [line for line in lines if not line.judged],
+    }.items():
+        names = list(dict.fromkeys(line.what for line in some))
+        named = ", ".join([*names[:BRIEF], *([f"and {len(names) - BRIEF} more"] if names[BRIEF:] else [])])
+        texts += [f"{verdict}: {named}."] if some else []
+    return " ".join(texts) or f"All {len(lines)} requirements{of and f' of {of}'} are met."
 
 
 def sampled_text(design: Design) -> str:

@@ -91,6 +91,9 @@ OPEN = (
 )
 
 
+#: Pose about which the paper's problem is solved.
+HANGING = "at the hanging rest (0°)"
+
 #: Colours of the laws, and of the places of a torque.
 COLOURS = {
     "nonlinear": SERIES[0], "linear": SERIES[1], "link_torque": SERIES[0], "motor_torque": SERIES[1],
@@ -414,7 +417,11 @@ def _numbered(block: Figure | Table, counters: Mapping[str, Iterator[int]]) -> F
 def _key_numbers(setup: PaperSetup) -> list[KeyNumber]:
     ratio = f"{setup.settings.gamma_ratio:g} γ*; the paper gives none"
     numbers = [
-        KeyNumber("γ* of the paper's problem", f"{setup.gamma_star:.4f}", note="the smallest feasible one, at 0°"),
+        KeyNumber(
+            "γ* of the paper's problem",
+            f"{setup.gamma_star:.4f}",
+            note=f"the smallest feasible one, {HANGING}",
+        ),
         KeyNumber("γ of the paper's law here", f"{setup.gamma:.4f}", note=ratio),
     ]
     for goal, runs in (("180°", setup.runs("03")), ("90°", setup.runs("05"))):
@@ -444,7 +451,7 @@ def _settings(setup: PaperSetup) -> dict[str, list[Setting]]:
         ],
         "Synthesis": [
             ("penalty", "(60 x1, 0, 0, 0, 300 x5), R2 = 10", "", "Eq. (11)"),
-            ("γ* of the paper's problem", setup.gamma_star, "", "bisection, relative 1e-8"),
+            (f"γ* of the paper's problem, {HANGING}", setup.gamma_star, "", "bisection, relative 1e-8"),
             ("γ", setup.gamma, "", "ours"),
             ("expansion", "about the hanging rest", "", "Sec. 6"),
         ],

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -31,7 +32,12 @@ from flexhinf.pages.drawing import (
     rounded,
     settling_text,
 )
-from flexhinf.pages.page import files_section, requirement_table, requirement_text, requirements_text
+from flexhinf.pages.page import (
+    design_statuses,
+    files_section,
+    requirement_table,
+    requirements_text,
+)
 from flexhinf.pages.settings import loop_rows, robot_rows, sensor_rows, settings_in_groups
 from flexhinf.pages.terminal import Ending, requirements_screen
 from flexhinf.report import (
@@ -59,6 +65,9 @@ from flexhinf.robot.signals import signal_names
 
 #: Places of missed deadlines that are listed, the latest first.
 LISTED = 5
+
+#: Whose requirements are judged, where the design has more.
+THIS = "this run"
 
 #: A run that takes this many times its own time did not keep up, beyond single late samples.
 SLOW = 1.01
@@ -142,7 +151,8 @@ def _times_table(timing: Timing) -> Table:
 def run_ending(prepared: DeployedRun, run: RealTimeRun) -> Ending:
     """What a terminal says at the end: requirements that are missed or nearly missed, what the robot did, notes."""
     lines = judged_requirements(prepared, run)
-    parts = [run_verdict(prepared, run), requirements_text(lines) if lines else ""]
+    own = _of_design(prepared, lines)
+    parts = [run_verdict(prepared, run), requirements_text(lines, THIS) if lines else "", own]
     return requirements_screen(lines, _units(prepared).degrees, parts, run_notes(run))
 
 
@@ -278,10 +288,6 @@ def run_page(
         parts.append(("status", "What the controller says", _status(run), False, ""))
     s_rows = [(name.replace("_", " "), value, "", "") for name, value in stated.items()]
     verdict, more = _sentences(prepared, run)
-    missed = "; ".join(requirement_text(line) for line in lines if not line.met)
-    status = [
-        PageStatus("not met", f"{missed}.") if missed else PageStatus("met", f"{len(lines)} requirements.")
-    ]
     return Page(
         f"A run of the {kind} on {robot.name}",
         f"The deployed controller drives the robot “{robot.name}” in MuJoCo, "
@@ -300,10 +306,34 @@ def run_page(
         })),
         Provenance(shlex.join(command), s.seed),
         _key_numbers(prepared, run),
-        status if lines else [],
+        _statuses(prepared, lines),
         [*more, *run_notes(run)],
         _lead(prepared, run) if _tracked(run) else [],
     )  # fmt: skip
+
+
+def _of_design(prepared: DeployedRun, lines: Sequence[Requirement], brief: bool = False) -> str:
+    """The verdict on the design, and how much of it this run judges."""
+    return prepared.design.beside((line.what for line in lines if line.judged), brief)
+
+
+def _statuses(prepared: DeployedRun, lines: Sequence[Requirement]) -> list[PageStatus]:
+    """What the run misses, or cannot judge, and the design's own verdict; met only where the design is too."""
+    degrees, own = _units(prepared).degrees, prepared.design
+    kinds = {
+        "not met": [line for line in lines if line.missed],
+        "not judged": [line for line in lines if not line.judged],
+    }
+    found = [
+        PageStatus(
+            kind, f"This run: {'; '.join(replace(line.converted(degrees), where='').text for line in some)}."
+        )
+        for kind, some in kinds.items()
+        if some
+    ]
+    if lines and not found and not own.missed:
+        found = [PageStatus("met", f"The {len(lines)} requirements of this run.")]
+    return [*found, *design_statuses(own)]
 
 
 def _sentences(prepared: DeployedRun, run: RealTimeRun) -> tuple[str, list[str]]:
@@ -313,7 +343,8 @@ def _sentences(prepared: DeployedRun, run: RealTimeRun) -> tuple[str, list[str]]
         return run_verdict(prepared, run), []
     deadlines = _real_time(run.timing)
     moved = run_verdict(prepared, run).removeprefix(deadlines).strip()
-    return f"{requirements_text(lines)} {moved}", [deadlines]
+    own = _of_design(prepared, lines, brief=True)
+    return f"{requirements_text(lines, THIS)} {own} {moved}", [deadlines]
 
 
 def _key_numbers(prepared: DeployedRun, run: RealTimeRun) -> list[KeyNumber]:
@@ -481,11 +512,12 @@ def _highest(values: np.ndarray, points: int = 800) -> np.ndarray:
 
 def _numbers(prepared: DeployedRun, run: RealTimeRun) -> dict[str, Any]:
     """Every number of the page, SI units."""
-    timing, keys = run.timing, ("what", "where", "limit", "found", "unit", "met")
+    timing, keys = run.timing, ("what", "where", "limit", "found", "unit", "met", "judged")
     lines = judged_requirements(prepared, run)
     return finite({
         "version": 1, "robot": prepared.robot.name, "kind": "step" if prepared.plan is None else "move",
-        "verdict": run_verdict(prepared, run), "met": run_met(prepared, run), "stopped_by_signal": run.stopped,
+        "verdict": run_verdict(prepared, run), "met": run_met(prepared, run), "design": prepared.design.numbers,
+        "stopped_by_signal": run.stopped,
         "start": prepared.start, "goal": prepared.goal, "notes": run_notes(run),
         "requirements": [{key: getattr(line, key) for key in keys} for line in lines],
         "joints": prepared.response(run).metrics if _tracked(run) else [],

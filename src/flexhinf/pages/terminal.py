@@ -20,7 +20,15 @@ from flexhinf.design.problem.weights import vibration_text
 from flexhinf.design.requirements import REQUIREMENTS, STANDSTILL_SHARE, Requirement
 from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.design.tuning import RATIOS
-from flexhinf.pages.comparison import METRICS, cell, comparison_notes, comparison_verdict, unit_of
+from flexhinf.design.verdict import UNKNOWN, DesignVerdict
+from flexhinf.pages.comparison import (
+    METRICS,
+    cell,
+    comparison_design,
+    comparison_notes,
+    comparison_verdict,
+    unit_of,
+)
 from flexhinf.pages.design import region
 from flexhinf.pages.drawing import count_text, listed, range_text, units_of
 from flexhinf.pages.page import (
@@ -115,8 +123,8 @@ def requirements_screen(
 ) -> Ending:
     """Requirements that are not met or near their limits, the worst of each kind that is missed and as many others as
     there is room for, above the paragraphs."""
-    near = sorted(filter(_near, lines), key=lambda line: line.met)
-    kinds = {line.what: line for line in sorted(near, key=_missed_by) if not line.met}
+    near = sorted(filter(_near, lines), key=lambda line: (not line.missed, line.met))
+    kinds = {line.what: line for line in sorted(near, key=_missed_by) if line.missed}
     near.sort(key=lambda line: kinds.get(line.what) is not line)
     least, title = max(len(kinds), 1), "Requirements that are missed or nearly missed (* our default)"
 
@@ -252,7 +260,7 @@ def _vibration(design: Design) -> str:
 
 def _advice(design: Design) -> str:
     """What to try where a requirement is not met; nothing otherwise."""
-    missed = [line for line in design.requirements if not line.met]
+    missed = design.missed
     fields = {line.field for line in missed}
     several = any("corner" in line.where or "sampled" in line.where for line in missed)
     first = {
@@ -264,9 +272,14 @@ def _advice(design: Design) -> str:
     return advice_text(missed, design.specification, first, {tolerances_text(design.robot): several})
 
 
-def comparison_ending(comparison: Comparison) -> Ending:
-    """What a terminal says at the end: the laws by the criterion, the verdict, and what was not compared."""
-    count, parts = len(comparison.compared), [comparison_verdict(comparison)]
+def comparison_ending(comparison: Comparison, verdict: DesignVerdict = UNKNOWN) -> Ending:
+    """What a terminal says at the end: the laws by the criterion, the verdict, that on the design, and what was not
+    compared."""
+    count = len(comparison.compared)
+    parts = [
+        comparison_verdict(comparison),
+        f"{verdict.unmet}." if verdict.missed else comparison_design(comparison),
+    ]
     sizes = range(count, min(2, count) - 1, -1)
     return screen(lambda size: _brief_table(comparison, size), sizes, parts, comparison_notes(comparison))
 
@@ -281,7 +294,7 @@ def _brief_table(comparison: Comparison, count: int) -> Table:
         (
             law.name, number(law.tuned.cost, 3) if law.tuned else "–",
             *(cell(metrics[key], law.metrics.get(key), comparison) for key in COLUMNS),
-            str(sum(not line.met for line in law.requirements)),
+            str(sum(line.missed for line in law.requirements)),
         )
         for law in tables
     ]  # fmt: skip

@@ -31,7 +31,6 @@ from flexhinf.pages.design.overview import moves_lead
 from flexhinf.pages.drawing import (
     Line,
     Panel,
-    Units,
     count_text,
     draw_figure,
     effort_text,
@@ -51,6 +50,7 @@ from flexhinf.pages.workspace_summary import (
     range_of,
     requirements_with_margins,
     scope_text,
+    units_in,
     worst_motion,
 )
 from flexhinf.report import (
@@ -87,11 +87,11 @@ def workspace_page(
             robot,
             (*design.moves, *design.sampled),
             _worst_move(design),
-            Units(setup.model, setup.joints, s.in_degrees),
+            units_in(design),
         )
         sections = (
             Section("Requirements", (
-                requirement_table(requirements_with_margins(design), s.in_degrees),
+                requirement_table(requirements_with_margins(design), units_in(design).degrees),
                 *(Paragraph(" ".join(text.split())) for text in warnings),
             ), "specification", True,
                 brief=f"{sum(line.met for line in design.requirements)} of {len(design.requirements)} met"),
@@ -252,7 +252,7 @@ def _worst_move(design: WorkspaceDesign) -> int:
 def _move_figure(design: WorkspaceDesign) -> Any:
     """The move in which most error remains."""
     moves, worst = (*design.moves, *design.sampled), _worst_move(design)
-    move, joints, units = moves[worst], design.setup.joints, Units(design.setup.model, design.setup.joints)
+    move, joints, units = moves[worst], design.setup.joints, units_in(design)
     run, (small, factor), limited = move.response, units.small, design.setup.limits.limits_effort
     time = run.run.time
     inputs = 100.0 * run.inputs / design.setup.authority if limited else run.inputs
@@ -277,7 +277,7 @@ def _power_on(design: WorkspaceDesign) -> list[Paragraph]:
     run = design.power_on
     if run is None:
         return []
-    swing, units = peak_of(run.positions - run.goal), Units(design.setup.model, design.setup.joints)
+    swing, units = peak_of(run.positions - run.goal), units_in(design)
     worst, least = int(np.argmax(swing)), "" if run.diverged_at is None else "at least "
     return [
         Paragraph(
@@ -305,7 +305,7 @@ def _offsets(design: WorkspaceDesign, tolerated: Robustness) -> list[Paragraph]:
     """What offsets of the encoders do."""
     if design.specification.estimator == "none" or not np.isfinite(tolerated.offsets).all():
         return []
-    units, worst = Units(design.setup.model, design.setup.joints), int(np.argmax(tolerated.offsets[1]))
+    units, worst = units_in(design), int(np.argmax(tolerated.offsets[1]))
     sudden, slow, remaining = (units.small_text(row[worst], 2) for row in tolerated.offsets.round(9))
     measured = {name.rsplit("_position")[0] for name in design.setup.model.outputs if "_position" in name}
     which = "motors" if "motor" in measured else "links"
@@ -384,7 +384,7 @@ def _law_table(design: WorkspaceDesign) -> Table:
             ("random torques on links and motors, each sample", f"{own} of the limits", "searched with the bandwidth"),
         ]  # fmt: skip
     if not np.isfinite(setup.limits.effort).all():
-        limits = f"{effort_text(np.round(setup.authority, 2))} {Units(setup.model, setup.joints).effort}"
+        limits = f"{effort_text(np.round(setup.authority, 2))} {units_in(design).effort}"
         why = f"assumed where none is stated: weight and {ACCELERATION:g} rad/s² (m/s²)"
         rows.append(("limits of the motors, for ripple and estimator", limits, why))
     caption = (
@@ -399,7 +399,7 @@ def _watched(design: WorkspaceDesign) -> Paragraph:
     """What the controller watches at run time, what it does then, and what it does not watch."""
     setup, box, watch = design.setup, design.setup.workspace.box, design.setup.supervision
     tool = "" if box is None else "It does not watch whether the tool is in the stated box in space. "
-    swing = f"{effort_text(0.1 * setup.authority.round(2))} {Units(setup.model, setup.joints).effort}"
+    swing = f"{effort_text(0.1 * setup.authority.round(2))} {units_in(design).effort}"
     watched = [
         f"whether the commanded joints are within {watch.text} (rad, m)",
         f"whether an input swings to and fro by more than {swing} at rest",

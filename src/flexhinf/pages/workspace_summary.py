@@ -16,7 +16,7 @@ from flexhinf.design.workspace.search import BANDWIDTHS, motors_alone
 from flexhinf.design.workspace.setup import OFFSET
 from flexhinf.loop.simulation.metrics import peak_of
 from flexhinf.pages.drawing import Units, count_text, listed
-from flexhinf.pages.page import requirement_table, requirement_text, requirements_text
+from flexhinf.pages.page import requirement_table, requirements_text
 from flexhinf.pages.terminal import (
     Ending,
     advice_text,
@@ -31,10 +31,10 @@ from flexhinf.robot.elastic import left_out
 from flexhinf.robot.kinematics import heavy_motors
 from flexhinf.robot.waypoints import LIMITS
 
-#: Columns of the table of moves: key of `motion_metrics`, heading, unit, factor of the number that is shown.
+#: Columns of the table of moves: key of `motion_metrics`, heading, unit; "" for that of small deviations.
 COLUMNS = {
-    "remaining_error": ("remaining error", "{small}", 1e3), "wrong_way_percent": ("motion the wrong way", "%", 1.0),
-    "path_distance": ("distance from the path", "{small}", 1e3), "ripple_percent": ("ripple of the motors", "%", 1.0),
+    "remaining_error": ("remaining error", ""), "wrong_way_percent": ("motion the wrong way", "%"),
+    "path_distance": ("distance from the path", ""), "ripple_percent": ("ripple of the motors", "%"),
 }  # fmt: skip
 
 #: Motion at power-on, or by offsets of the encoders, that a terminal names, rad or m.
@@ -45,6 +45,11 @@ SPEED_SAMPLES = 201
 
 #: Fast vibrations with less damping are named beside the verdict.
 HARDLY = 0.05
+
+
+def units_in(design: WorkspaceDesign) -> Units:
+    """Units of the signals of a design, angles as the user gave them."""
+    return Units(design.setup.model, design.setup.joints, design.specification.in_degrees)
 
 
 def workspace_verdict(design: WorkspaceDesign) -> str:
@@ -67,10 +72,8 @@ def scope_text(design: WorkspaceDesign) -> str:
     if unheld := robustness(design).unheld:
         scope += f" {unheld} of these poses need{'s' * (unheld == 1)} more than the motors have."
     fast = min(loop.fast_damping for loop in (*design.loops, *design.corner_loops))
-    limit = f"{design.specification.damped_below_limit:g} rad/s"
-    if fast < 0.0:
-        scope += f" UNSTABLE above {limit} (damping {number(fast, 2)})."
-    elif fast < HARDLY:
+    if 0.0 <= fast < HARDLY:  # below 0 a requirement is not met
+        limit = f"{design.specification.damped_below_limit:g} rad/s"
         scope += f" Vibrations above {limit} are hardly damped (damping {number(fast, 2)})."
     return scope
 
@@ -94,7 +97,7 @@ def cause_text(design: WorkspaceDesign) -> str:
     if not any(line.what == REQUIREMENTS["remaining"].what for line in design.missed):
         return ""
     cause, setup = remaining_cause(design), design.setup
-    units, joint = Units(setup.model, setup.joints), setup.joints[cause.joint]
+    units, joint = units_in(design), setup.joints[cause.joint]
     error, left = (units.small_text(size, 3) for size in (cause.error, cause.without))
     if not cause.kind:
         return f"No tolerance, and neither dry friction nor a short rest, is by itself behind the {error} of {joint}."
@@ -131,7 +134,8 @@ def vibration_text(design: WorkspaceDesign) -> str:
 
 def missed_text(design: WorkspaceDesign) -> str:
     """The requirements that are not met, in one phrase each."""
-    return "; ".join(map(requirement_text, design.missed))
+    degrees = units_in(design).degrees
+    return "; ".join(line.converted(degrees).text for line in design.missed)
 
 
 def advice(design: WorkspaceDesign) -> str:
@@ -176,7 +180,7 @@ def workspace_ending(design: WorkspaceDesign) -> Ending:
         advice(design),
     )
     lines, s = requirements_with_margins(design), design.specification
-    return requirements_screen(lines, s.in_degrees, parts, damping_notes(design.robot, s))
+    return requirements_screen(lines, units_in(design).degrees, parts, damping_notes(design.robot, s))
 
 
 def damping_notes(robot: Robot, s: Specification) -> list[str]:
@@ -188,7 +192,7 @@ def damping_notes(robot: Robot, s: Specification) -> list[str]:
 def every_requirement(design: WorkspaceDesign) -> Table:
     """All requirements, met or not, for a terminal."""
     lines = requirements_with_margins(design)
-    return requirement_table(lines, design.specification.in_degrees, "Requirements (* our default)")
+    return requirement_table(lines, units_in(design).degrees, "Requirements (* our default)")
 
 
 def requirements_with_margins(design: WorkspaceDesign) -> list[Requirement]:
@@ -206,7 +210,7 @@ def requirements_with_margins(design: WorkspaceDesign) -> list[Requirement]:
 def _starts(design: WorkspaceDesign) -> str:
     """How far links move by an unknown load at power-on, and by offsets of the encoders, where it is much."""
     setup, run, texts = design.setup, design.power_on, []
-    units, offsets = Units(setup.model, setup.joints), robustness(design).offsets[1]
+    units, offsets = units_in(design), robustness(design).offsets[1]
     sizes = {
         "at power-on {} in the first second": 0.0 * offsets
         if run is None
@@ -244,10 +248,12 @@ def worst_motion(moves: Sequence[Move]) -> list[dict[str, float]]:
 
 def columns_of(design: WorkspaceDesign) -> dict[str, tuple[str, str, float]]:
     """Those of `COLUMNS` that the robot has, small deviations in the units of the joints."""
-    setup = design.setup
-    small, limited = Units(setup.model, setup.joints).small[0], setup.limits.limits_effort
+    small, limited = units_in(design).small, design.setup.limits.limits_effort
     kept = {key: row for key, row in COLUMNS.items() if limited or key != "ripple_percent"}
-    return {key: (title, unit.format(small=small), factor) for key, (title, unit, factor) in kept.items()}
+    return {
+        key: (title, unit, 1.0) if unit else (title, small[0], small[1])
+        for key, (title, unit) in kept.items()
+    }
 
 
 def _largest(values: Sequence[float | None], exists: bool = True) -> float:

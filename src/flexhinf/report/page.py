@@ -156,16 +156,15 @@ def badge(kind: str) -> str:
 
 @dataclass(frozen=True)
 class Status:
-    """An entry at the top that says how far a result can be relied on: met, proved, not met, not proved or
-    risky. Another kind is refused with `InvalidInput`."""
+    """An entry at the top that says how far a result can be relied on: met, proved, not met, not proved, not judged
+    or risky. Another kind is refused with `InvalidInput`."""
 
     kind: str
     text: str
 
     def __post_init__(self) -> None:
-        one_of(
-            "There is no such status.", self.kind, [kind for kind in _BADGES if kind not in get_args(Verdict)]
-        )
+        own = set(get_args(Verdict)) - {"not judged"}
+        one_of("There is no such status.", self.kind, [kind for kind in _BADGES if kind not in own])
 
 
 class KeyNumber(Setting):

@@ -16,15 +16,13 @@ import numpy as np
 from flexhinf.analysis import FrequencyResponse
 from flexhinf.design import checks, pipeline, responses
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.loop_setup import DEVIATIONS, LoopSetup
+from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.monte_carlo import MonteCarlo, sampled_runs
 from flexhinf.design.requirements import (
     Requirement,
     margin_requirements,
-    motion_requirements,
     oscillation_requirements,
     sample_requirements,
-    step_requirements,
 )
 from flexhinf.design.responses import Response
 from flexhinf.design.specification import Specification
@@ -79,15 +77,11 @@ class Nominal:
     @cached_property
     def requirements(self) -> list[Requirement]:
         """Requirements on the step, as `flexhinf design` judges them."""
-        setup, s = self.setup, self.setup.specification
-        where, rows = pipeline.STEP, responses.motion_metrics(setup.limits, self.step, setup.command)
-        return [
-            *step_requirements(s, setup.limits, self.step, where),
-            *motion_requirements(
-                s, setup.limits, rows, setup.position_resolution(DEVIATIONS), where,
-                self.limit_cycle and self.limit_cycle.remaining,
-            ),
-        ]  # fmt: skip
+        return pipeline.step_requirements(
+            self.setup, self.step, pipeline.STEP,
+            lambda length: self.setup.step(length, sub_steps=_sub_steps(self.step)),
+            remaining=self.limit_cycle and self.limit_cycle.remaining,
+        )  # fmt: skip
 
     def controller(self) -> Controller:
         """A new controller as it is deployed, as `Design.controller`."""

@@ -70,7 +70,7 @@ def _kept(lines: list[Requirement], key: str) -> bool | None:
 
 
 def _verdict(lines: list[Requirement], complete: bool) -> Tile:
-    missed = [line for line in lines if not line.met]
+    missed = [line for line in lines if line.missed]
     names = ", ".join(dict.fromkeys(line.what for line in missed))
     if missed:
         return Tile(f"{len(missed)} of {len(lines)} not met", names, False)

@@ -53,13 +53,14 @@ def test_each_run_is_judged_by_what_is_seen_in_it() -> None:
     assert found.damping_of(0) == pytest.approx(0.4, rel=1e-6)
     assert found.damping_of(1) == pytest.approx(0.05, rel=1e-6)
     assert (found.worst, found.rests) == (1, True)
+    assert found.damping_of(1, below=60.0 * 0.9) == 1.0
 
 
 def test_a_growing_oscillation_has_a_negative_damping() -> None:
     a = expm(PERIOD * np.array([[0.0, 1.0], [-900.0, 3.0]]))
     run = np.array([np.linalg.matrix_power(a, k) @ [0.0, 1.0] for k in range(1000)])
     found = ring_down([run], [[1]], PERIOD)
-    assert found.damping == pytest.approx(-0.05, rel=1e-6)
+    assert found.damping == found.damping_of(0, below=1.0) == pytest.approx(-0.05, rel=1e-6)
     assert not found.rests
 
 

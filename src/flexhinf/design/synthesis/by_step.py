@@ -266,7 +266,7 @@ class _Trial:
                 setup, sample_robots(setup.robot, SAMPLES, s.seed), self.length, step.run.settings["sub_steps"],
             )  # fmt: skip
             lines += sample_requirements(s, limits, runs)
-        return frozenset(line.what for line in lines if not line.met)
+        return frozenset(line.what for line in lines if line.missed)
 
 
 # Bandwidths within the limits of the joints --------------------------------------------------------------

@@ -22,6 +22,7 @@ from flexhinf.design.responses import Move, Response, joint_limits
 from flexhinf.design.specification import Specification
 from flexhinf.design.workspace.judgement import (
     corner_requirements,
+    holding_requirement,
     move_requirements,
     pose_requirements,
     standstill_requirement,
@@ -150,7 +151,9 @@ def design_workspace(
     goals = setup.goals(GOALS + 1, GOALS_SEED + 100 * s.seed)
     nominal = [(goals[k : k + 2], None, k) for k in range(GOALS)]
     moves, sampled, power_on = tuple(setup.move(*one) for one in nominal), (), None
-    lines = (*pose_requirements(s, loops), *corner_requirements(s, cornered))
+    lines = (
+        *pose_requirements(s, loops), *holding_requirement(setup, poses), *corner_requirements(s, cornered)
+    )  # fmt: skip
     lines += tuple(move_requirements(setup, moves, "nominal robot"))
     robots = robot.random_corners(sampled_moves(robot, s), SAMPLED_SEED + 100 * s.seed)
     others = [(nominal[k % GOALS][0], values, k) for k, values in enumerate(robots)]

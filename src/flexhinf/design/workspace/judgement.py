@@ -50,7 +50,18 @@ def pose_requirements(s: Specification, loops: Sequence[PoseLoop]) -> list[Requi
         required.damping_requirement(s, damping, min(l.damping for l in loops), s.damped_below_limit, where),
         REQUIREMENTS["ripple"].judge(s, ripple, max(loop.ripple for loop in loops), where,
             criterion="largest standard deviation of an input by the noise of the sensors, per cent of its limit"),
+        *_growing(s, min(loop.fast_damping for loop in loops), where),
     ]  # fmt: skip
+
+
+def holding_requirement(setup: WorkspaceSetup, poses: np.ndarray) -> list[Requirement]:
+    """The requirement that the motors hold the robot at poses (N, n), where it is not met."""
+    row = replace(
+        REQUIREMENTS["corners"], what="poses that the motors cannot hold",
+        criterion="poses at which the nominal robot needs more than a motor's limit to rest",
+    )  # fmt: skip
+    line = row.judge(None, 0.0, setup.needing(poses), f"{len(poses)} random poses, at rest")
+    return [line] if line.missed else []
 
 
 def corner_requirements(s: Specification, loops: Sequence[CornerLoop]) -> list[Requirement]:
@@ -63,7 +74,14 @@ def corner_requirements(s: Specification, loops: Sequence[CornerLoop]) -> list[R
     return [
         REQUIREMENTS["corners"].judge(None, 0.0, unstable, where),
         required.damping_requirement(None, corner_damping(s), damping, s.damped_below_limit, where),
+        *_growing(s, min(loop.fast_damping for loop in loops), where),
     ]
+
+
+def _growing(s: Specification, fast: float, where: str) -> list[Requirement]:
+    """The requirement on fast oscillations where it is not met."""
+    lines = required.fast_damping_requirement(fast, s.damped_below_limit, where)
+    return [line for line in lines if line.missed]
 
 
 def move_requirements(setup: WorkspaceSetup, moves: Sequence[Move], which: str) -> list[Requirement]:

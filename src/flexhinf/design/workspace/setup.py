@@ -284,6 +284,11 @@ class WorkspaceSetup(LoopPlants):
             largest = np.maximum(largest, np.abs(chain.c @ state).sum(axis=1))
         return np.array([largest, remaining])
 
+    def needing(self, poses: np.ndarray, share: float = 1.0) -> int:
+        """How many of some poses (N, n) need more than this share of a motor's limit to be held."""
+        held = np.array([self.robot.operating_point(pose)[1] for pose in poses])
+        return int(np.any(np.abs(held) > share * self.limits.effort, axis=1).sum())
+
     # Moves --------------------------------------------------------------------------------------------
     def goals(self, count: int, seed: int) -> np.ndarray:
         """Goals (count, n) that the motors hold with `HOLD` of their limits."""

@@ -51,10 +51,15 @@ class RingDown:
     error: float
     rests: bool
 
-    def damping_of(self, run: int) -> float:
-        """Smallest damping ratio visible in a run; 1 where nothing oscillates, 0 where runs are no decaying
-        oscillations and do not come to rest."""
-        lowest = min((oscillation.damping for oscillation in self.oscillations[run]), default=1.0)
+    def damping_of(self, run: int, below: float = np.inf) -> float:
+        """Smallest damping ratio visible in a run, of oscillations below a frequency, rad/s, and of those that grow; 1
+        where nothing oscillates, 0 where runs are no decaying oscillations and do not come to rest."""
+        counted = (
+            oscillation.damping
+            for oscillation in self.oscillations[run]
+            if 2.0 * np.pi * oscillation.frequency < below or oscillation.damping < 0.0
+        )
+        lowest = min(counted, default=1.0)
         return lowest if self.error <= FITS or self.rests else 0.0
 
     @property

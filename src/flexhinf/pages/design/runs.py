@@ -3,7 +3,7 @@ the margins along it, and a long run at rest with dry friction."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -40,6 +40,7 @@ from flexhinf.pages.drawing import (
     units_of,
 )
 from flexhinf.report import MUTED, SERIES, Column, Figure, Paragraph, Table, finite, number
+from flexhinf.robot import Weighing
 from flexhinf.robot.elastic import DRY
 
 #: Margins along a move, and what they are called.
@@ -118,13 +119,7 @@ def payload(design: Design) -> Blocks:
     )
     text = f"Payload on {ranges}. Law and estimator know the model's mass alone; integral action compensates the rest."
     if (weighed := heaviest.weighed) is not None:
-        weights = ", ".join(f"{number(mass, 3)} kg" for mass in weighed.masses.values())
-        hidden = max(weighed.hidden.values())
-        friction = f", of which dry friction may hide {number(hidden, 2)} kg" if hidden > 0.0 else ""
-        text += (
-            f" At rest the motor torques correspond to {weights} for the heaviest{friction}. "
-            "flexhinf.robot.weigh_payload weighs, and a design for that mass is one more call."
-        )
+        text += f" {_weighing_text(heaviest.masses, weighed)}"
     yield Paragraph(text)
     if load_run is not None:
         yield lambda: _load_figure(
@@ -162,6 +157,20 @@ def payload(design: Design) -> Blocks:
     )  # fmt: skip
 
 
+def _weighing_text(masses: Mapping[str, float], weighed: Weighing) -> str:
+    """What the motor torques at rest say of payloads, kg by name, beside how much dry friction may hide of it."""
+    pairs = [(masses.get(name, mass), mass, weighed.hidden[name]) for name, mass in weighed.masses.items()]
+    phrase = listed([f"{number(true, 3)} kg as {number(mass, 3)} kg" for true, mass, _ in pairs])
+    text = f"From the motor torques at rest with the heaviest payload, flexhinf.robot.weigh_payload finds {phrase}"
+    hidden = max(hidden for *_, hidden in pairs)
+    if any(hidden >= true > 0.0 for true, _, hidden in pairs):
+        return (
+            f"{text}: here this is no weighing, because dry friction can hide up to {number(hidden, 2)} kg."
+        )
+    friction = f", within the {number(hidden, 2)} kg that dry friction can hide" if hidden > 0.0 else ""
+    return f"{text}{friction}; a design for that mass is one more call."
+
+
 def _payload_notes(design: Design) -> Blocks:
     for case in design.payloads:
         load_step = case.load_step
@@ -175,7 +184,7 @@ def _payload_notes(design: Design) -> Blocks:
     places = {
         line.where for case in design.payloads for line in payload_requirements(s, limits, case, RINGS, 0.0)
     }
-    missed = dict.fromkeys(line.what for line in design.requirements if not line.met and line.where in places)
+    missed = dict.fromkeys(line.what for line in design.requirements if line.missed and line.where in places)
     if missed:
         yield note(
             f"With a payload that the model does not know, requirements are not met: {listed(list(missed))}. Try a "

@@ -1,0 +1,120 @@
+"""What a design's own judgement says, for everything that is made of the design: code, runs, campaigns, pages.
+
+The judgement is in the table [result] of a design file, one row for each requirement. A run or a campaign judges some
+of the requirements again, in its own runs; what it says stands beside the verdict on the design.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from flexhinf.validation import read_toml
+
+#: Limits of angles and lengths below this one are shown in mrad and mm, rad or m.
+SMALL = 0.02
+
+
+def display_unit(unit: str, limit: float, degrees: bool = False) -> tuple[str, float]:
+    """Unit in which a number with this limit is shown, and the factor to it: angles in degrees where the user gave
+    these, else small angles in mrad; small lengths in mm."""
+    if degrees and unit == "rad":
+        return "°", 180.0 / math.pi
+    return (f"m{unit}", 1e3) if unit in ("rad", "m") and 0.0 < limit < SMALL else (unit, 1.0)
+
+
+def result_row(line: Any) -> dict[str, Any]:
+    """A judged requirement (`flexhinf.design.requirements.Requirement`) as a row of the table [result]."""
+    return {
+        "what": line.what, "limit": "at most" if line.at_most else "at least", "asked": line.limit,
+        "found": line.found, "unit": line.unit, "holds": line.met, "within_tolerance": line.within_tolerance,
+        "where": line.where, "by_default": line.stated_by == "default",
+    }  # fmt: skip
+
+
+def stored_rows(file: Path) -> list[dict[str, Any]]:
+    """The rows of the table [result] of a design file; empty where it has none."""
+    result = read_toml(file, "design file").get("result", {})
+    rows = result.get("specification", []) if isinstance(result, dict) else []
+    return [row for row in rows if isinstance(row, dict) and "holds" in row]
+
+
+def stored_length(file: Path) -> float | None:
+    """Length of the step of a design file's result, s; None where it has none."""
+    result = read_toml(file, "design file").get("result", {})
+    length = result.get("duration") if isinstance(result, dict) else None
+    return length if isinstance(length, float) else None
+
+
+@dataclass(frozen=True)
+class DesignVerdict:
+    """The verdict on a design, by its own requirements."""
+
+    names: tuple[str, ...] = ()  # of all its requirements; none where its judgement is not known
+    missed: tuple[str, ...] = ()  # a phrase for each that is not met
+
+    @staticmethod
+    def of(rows: Sequence[Mapping[str, Any]], degrees: bool = False) -> DesignVerdict:
+        """By the rows of a result; `degrees`: whether angles are shown in degrees, as on the pages of the design."""
+        missed = [row for row in rows if not row["holds"]]
+        names, texts = [row["what"] for row in missed], []
+        for row in missed:
+            unit, factor = display_unit(row["unit"], row["asked"], degrees)
+            space = "" if unit in ("", "°") else " "
+            found, limit = (f"{factor * row[key]:.3g}{space}{unit}" for key in ("found", "asked"))
+            found = "diverges" if math.isinf(row["found"]) else found
+            where = f", {row.get('where') or 'nominal robot'}" if names.count(row["what"]) > 1 else ""
+            texts.append(f"{row['what']}{where}: {found} ({row['limit']} {limit})")
+        return DesignVerdict(tuple(str(row["what"]) for row in rows), tuple(texts))
+
+    @staticmethod
+    def read(stored: Any) -> DesignVerdict:
+        """As `numbers` wrote it; not known where it is something else."""
+        parts = (
+            [stored.get(key) for key in ("requirements", "not_met")] if isinstance(stored, dict) else [None]
+        )
+        lists = [tuple(map(str, part)) for part in parts if isinstance(part, list)]
+        return DesignVerdict(*lists) if len(lists) == 2 else DesignVerdict()
+
+    @property
+    def numbers(self) -> dict[str, Any] | None:
+        """For a file: whether the design is met, all its requirements, and those not met; None where not known."""
+        if not self.names:
+            return None
+        return {"met": self.met, "requirements": list(self.names), "not_met": list(self.missed)}
+
+    @property
+    def met(self) -> bool:
+        """Whether the design is known to meet all its requirements."""
+        return bool(self.names) and not self.missed
+
+    @property
+    def brief(self) -> str:
+        """The verdict in one phrase, without what is not met."""
+        count = len(self.missed)
+        if not self.names:
+            return "the design itself is not judged here: flexhinf design judges it"
+        if not count:
+            return f"all {len(self.names)} requirements of this design are met"
+        return f"{count} of {len(self.names)} requirements of this design {'is' if count == 1 else 'are'} not met"
+
+    @property
+    def unmet(self) -> str:
+        """Which requirements the design does not meet; "" if it meets all, or nothing is known."""
+        return f"{self.brief}: {'; '.join(dict.fromkeys(self.missed))}" if self.missed else ""
+
+    def beside(self, names: Iterable[str], brief: bool = False) -> str:
+        """Sentences beside a judgement of what is made of the design: how many of its requirements are judged again,
+        by their names, and the verdict."""
+        here = {*names}
+        count = sum(name in here for name in dict.fromkeys(self.names))
+        judged = f"{count} of the design's {len(self.names)} requirements are judged here. "
+        verdict = self.brief if brief else self.unmet or self.brief
+        return f"{judged if self.names else ''}{verdict[:1].upper()}{verdict[1:]}."
+
+
+#: Of a design that is not judged.
+UNKNOWN = DesignVerdict()
