@@ -361,11 +361,11 @@ def laws() -> str:
     counts = iter((float(np.abs(found.scenario.load).max()), len(found.scenario.robots), corners.count))
     titles = [title.format(next(counts)) if "{" in title else title for title in head]
     lines = ["| " + " | ".join(titles) + " |", "|---" * len(head) + "|"]
-    for row in sorted(found.compared, key=lambda row: row.tuned.cost):
+    for row in sorted(found.compared, key=lambda row: (bool(row.tuned.missed), row.tuned.cost)):
         m = row.evaluation.metrics
         cells = (
             f"`{row.name}`: {', '.join(row.tuned.sensors).replace('_', ' ')}",
-            f"{row.tuned.cost:.2f}",
+            f"{row.tuned.cost:.2f}" if not row.tuned.missed else f"({row.tuned.cost:.2f})",
             f"{1e3 * m['load_deviation']:.0f}, {1e3 * m['load_remaining']:.2g} mrad",
             f"{m['step_peak_input']:.0f} V, {m['step_overshoot_percent']:.0f} %, {m['step_settling_s']:.2f} s",
             f"{1e3 * m['move_error']:.1f}, {1e3 * m['drawn_worst_move_error']:.0f} mrad",
@@ -376,7 +376,12 @@ def laws() -> str:
         lines.append("| " + " | ".join(cells) + " |")
     limits = "\n".join(f"- {limit.text}" for limit in found.criterion.limits)
     return "\n\n".join(
-        [f"**{comparison_verdict(found)}**", "Every law keeps these limits:", limits, "\n".join(lines)]
+        [
+            f"**{comparison_verdict(found)}**",
+            "The limits are these; a criterion in brackets is of a law that misses one:",
+            limits,
+            "\n".join(lines),
+        ]
     )
 
 

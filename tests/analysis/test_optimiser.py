@@ -116,6 +116,14 @@ def test_a_search_that_is_not_well_posed_is_refused(wrong: dict) -> None:
         minimise(lambda p: Judgement(1.0), **settings)
 
 
+def test_what_a_search_ends_with_another_may_begin_with() -> None:
+    """exp(ln(1e4)) is 1e4 and a rounding: old code refused it as a start outside its bounds."""
+    bounds = {"a": (1e-4, 1e4)}
+    found = minimise(lambda values: Judgement(1.0 / values["a"], {}), {"a": 1.0}, bounds, 40)
+    assert found.best.parameters == {"a": 1e4}
+    assert minimise(lambda values: Judgement(1.0, {}), dict(found.best.parameters), bounds, 1).candidates
+
+
 def test_candidates_that_are_given_are_tried_within_the_bounds() -> None:
     others = [{"a": 7.0, "b": 0.3}, {"a": 1e6, "b": 1.0}]
     found = minimise(lambda p: Judgement(1.0), {"a": 1.0, "b": 1.0}, BOUNDS, 0, others)

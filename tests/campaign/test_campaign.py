@@ -7,12 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import xarray as xr
 from tests.campaign.conftest import OPTIONS, Feedback, made_campaign, made_loop, tolerances
 from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.campaign import DOUBTFUL, STANDARD, Campaign, Metrics, Sample, run_batch, run_campaign
 from flexhinf.campaign.batches import ALONE, rows_of
+from flexhinf.campaign.draws import sample_seeds
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import BlackBox
 
@@ -83,6 +85,15 @@ def test_the_dataset_says_what_it_holds(loop):
     assert trace.shape == (20, len(found.time))
     assert found.time.values[[0, -1]].tolist() == [0.0, 0.4]
     assert found.attrs["method"] == "random"
+
+
+def test_the_dataset_is_read_from_netcdf_as_it_was_written(loop, tmp_path):
+    """Old code had seeds of 64 bits without a sign, which no NetCDF 3 has: xarray refused to write the file."""
+    found = run_campaign(loop, tolerances(), 3, duration=0.05)
+    found.to_netcdf(tmp_path / "campaign.nc", engine="scipy")
+    with xr.open_dataset(tmp_path / "campaign.nc", engine="scipy") as again:
+        xr.testing.assert_identical(again.load(), found)
+    assert [int(seed) for seed in again.seed] == sample_seeds(0, range(3)).tolist()
 
 
 def test_a_plant_that_diverges_is_a_status():

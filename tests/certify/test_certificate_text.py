@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from tests.refusals import unnamed
+from tests.refusals import refused_with, unnamed
 
 import flexhinf.certify.checker as checker
 from flexhinf.certify import Certificate, Parameter, Signal, Start, Term, load_certificate
@@ -313,8 +313,20 @@ def test_a_mode_decays_however_slowly_it_does() -> None:
             linear.check()
 
 
-PROSE = "every input whatever, also saturated,", "two words", "a=b", "a,b", ""
-UNITS = "rad], proved for all robots and delays [rad", "kg, any", "N m", "rad\nProved", "x" * 21
+PROSE = (
+    "every input whatever, also saturated,", "two words", "a=b", "a,b", "", "0", "2*mass", "mass^2", "-x", "joint-1.x",
+    "m\u0430ss",  # the second letter is Cyrillic
+)  # fmt: skip
+UNITS = (
+    "rad], proved for all robots and delays [rad",
+    "kg, any",
+    "N m",
+    "rad\nProved",
+    "x" * 21,
+    "000",
+    "*0",
+    "^2",
+)
 
 
 def test_no_name_and_no_unit_can_be_read_as_a_part_of_the_theorem(tmp_path: Path) -> None:
@@ -327,7 +339,7 @@ def test_no_name_and_no_unit_can_be_read_as_a_part_of_the_theorem(tmp_path: Path
             with pytest.raises(InvalidInput, match="unit"):
                 made()
     for unit in ("", "N·m·s/rad", "kg·m²", "µV^2", "rad/s³", "°", "m⁻¹", "1/s", "%"):
-        assert Signal("joint-1.link_position", unit).unit == unit
+        assert Signal("link_position", unit).unit == unit
     path = tmp_path / "edited.json"
     text = CUBIC.text().replace(f'"name":"{CUBIC.inputs[0].name}"', f'"name":"{PROSE[0]}"')
     path.write_text(text, encoding="utf-8")
@@ -335,6 +347,21 @@ def test_no_name_and_no_unit_can_be_read_as_a_part_of_the_theorem(tmp_path: Path
         load_certificate(path)
     assert caught.value.found
     assert caught.value.advice
+
+
+def test_a_name_stands_for_one_thing_in_the_whole_theorem(tmp_path: Path) -> None:
+    """Old code printed a parameter that had the name of a state, or of a function, as if it were that."""
+    (state,), (push,), (wind,) = CUBIC.states, CUBIC.inputs, CUBIC.disturbances
+    for names in ({"states": (Signal("pi"),)}, {"inputs": (Signal("sin"),)}, {"states": (Signal("V"),)}):
+        with refused_with(InvalidInput, "certificate", next(iter(names.values()))[0].name):
+            replace(CUBIC, **names)
+    for name in (state.name, push.name, wind.name, "cos", "a"):
+        with refused_with(InvalidInput, "certificate", name):
+            replace(CUBIC, parameters=(Parameter(name, 1.0, 1.0),))
+    path = tmp_path / "renamed.json"
+    path.write_text(CUBIC.text().replace(f'"name":"{state.name}"', '"name":"0"'), encoding="utf-8")
+    with refused_with(InvalidInput, "renamed.json", "'0'"):
+        load_certificate(path)
 
 
 def test_rounding_of_the_penalty_is_no_part_of_a_claim() -> None:

@@ -56,6 +56,8 @@ def test_a_sentence_and_what_is_missing_agree(name: str) -> None:
     assert unnamed(found.text, *words) == []
     assert (unnamed(found.text, "nothing") == []) != proved
     if proved:
+        assert found.missing  # a proof of the fed-back state says nothing of the running loop
+        assert ("simulated" in found.missing[0]) == proof.lasts
         assert not any("outside" in one for one in found.missing)
     elif "outside" in name:
         assert found.missing

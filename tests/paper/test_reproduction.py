@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from html import escape
 from typing import Any
 
 import pytest
@@ -90,6 +91,32 @@ def test_verdicts_at_the_default_settings(metrics: dict[str, Any]) -> None:
     expected |= {"tracks-sine": "fails", "withstands-tolerances": "fails", "ukf-better-than-ekf": "ties"}
     expected |= {"beats-linear-about-the-goal": "fails"}
     assert verdicts == expected
+
+
+def test_a_claim_about_several_steps_has_a_verdict_for_each(
+    metrics: dict[str, Any], reproduction: Reproduction
+) -> None:
+    """Old code let a claim fail that fails at 180° alone, and said nothing of 180° where 90° was judged."""
+    alone = {c["id"]: c["by_step"] for c in (*metrics["claims"], *metrics["our_questions"]) if "by_step" in c}
+    assert alone["withstands-tolerances"] == {"90°": "holds", "180°": "fails"}
+    assert alone["beats-linear"] == {"90°": "holds", "180°": "holds"}
+    assert set(alone) >= {
+        "link-weight-reduces-overshoot",
+        "integral-weight-is-fast",
+        "beats-linear-about-the-goal",
+    }
+    page = reproduction.files["index.html"]
+    for claim in reproduction.claims:
+        assert page.count(claim.parts_text) >= 1
+
+
+def test_what_no_claim_judges_is_said(metrics: dict[str, Any], reproduction: Reproduction) -> None:
+    said = " ".join(entry["said"] for entry in metrics["not_judged"])
+    assert (
+        unnamed(said, "n links", "Figs. 1 and 2", "feedback linearisation", "bias", "farther from x = 0")
+        == []
+    )
+    assert all(escape(entry["said"]) in reproduction.files["index.html"] for entry in metrics["not_judged"])
 
 
 def test_the_page_says_first_what_it_did_not_do_and_what_fails(reproduction: Reproduction) -> None:

@@ -115,7 +115,7 @@ class Optimum:
 def excess(value: float, limit: float) -> float:
     """ln(value / limit) where a value is above its limit, else 0; infinite for a value that is not finite.
 
-    A value within rounding of its limit keeps it: where a limit is the design's own value, the design itself does.
+    A value within rounding of its limit keeps it: the same value computed in another way does.
     """
     if not isfinite(value):
         return inf
@@ -160,7 +160,8 @@ def minimise(
 
     def better(x: np.ndarray, exact: Mapping[str, float] | None = None) -> bool:
         nonlocal point, least
-        parameters = exact or dict(zip(start, np.exp(x).tolist()))
+        # exp(log(bound)) may lie a rounding beyond it, where a later search may not start
+        parameters = exact or {n: float(np.clip(value, *bounds[n])) for n, value in zip(start, np.exp(x))}
         try:
             judgement = judge(parameters)
         except FlexhinfError as error:

@@ -342,9 +342,9 @@ def run_campaign(
     Returns
     -------
     xarray.Dataset
-        Dimension ``sample``: parameters, ``seed`` (of `Loop.run`, for the noise), ``status`` ("completed", "diverged",
-        "not run"), ``diverged_at_s``, metrics (NaN for a run that did not come to its end; infinite for a time that is
-        never reached). Dimensions ``kept`` and ``time``: signals of the first runs, as ``trace.<state>``.
+        Dimension ``sample``: parameters, ``seed`` (of `Loop.run`, for the noise; as text), ``status`` ("completed",
+        "diverged", "not run"), ``diverged_at_s``, metrics (NaN for a run that did not come to its end; infinite for a
+        time that is never reached). Dimensions ``kept`` and ``time``: signals of the first runs, as ``trace.<state>``.
 
     Raises
     ------

@@ -191,12 +191,16 @@ class StoredColumns(Mapping[str, np.ndarray]):
 def labelled(
     rows: Mapping[str, np.ndarray], columns: Sequence[Column], time: np.ndarray, settings: Mapping[str, str]
 ) -> xr.Dataset:
-    """Rows as an xarray Dataset of dimension ``sample``, kept signals with ``kept`` runs and ``time`` (s) instead."""
+    """Rows as an xarray Dataset of dimension ``sample``, kept signals with ``kept`` runs and ``time`` (s) instead.
+
+    Seeds are text: they have 64 bits, of which NetCDF 3 and a double would lose some.
+    """
     import xarray as xr
 
     variables, coordinates = {}, {"sample": rows["sample"]}
     for column in columns:
         values = rows[column.name]
+        values = values.astype(str) if column.name == "seed" else values
         attributes = {"units": column.unit, "kind": column.kind}
         if column.kind == "trace":
             variables[column.name] = (("kept", "time"), values, attributes)
@@ -548,6 +552,10 @@ def _table(source: xr.Dataset | MergedTable) -> CampaignTable:
     ]
     return CampaignTable(
         described,
-        {column.name: source[column.name].values for column in described},
+        {
+            column.name: values.astype(np.uint64) if column.name == "seed" else values
+            for column in described
+            for values in (source[column.name].values,)
+        },
         {str(k): str(v) for k, v in source.attrs.items()},
     )

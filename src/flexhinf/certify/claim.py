@@ -22,7 +22,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, ConfigDict, Field, PlainSerializer, Strict
 
 from flexhinf.errors import InvalidInput
-from flexhinf.validation import HUGE, LONGEST_NAME, checked_name, checked_text, distinct, value_text
+from flexhinf.validation import HUGE, LONGEST_NAME, checked_text, distinct, value_text
 
 #: Elementary functions that may stand in a vector field; the checker has a bound on the derivatives of each.
 FUNCTIONS = ("sin", "cos", "exp", "tanh", "arctan", "log")
@@ -34,8 +34,15 @@ HIGHEST_DEGREE = 10
 
 _LONGEST_LINE = 1000
 
-_UNIT = re.compile(r"(?:[^\W_]|[·⋅/^°*().%⁻-]){0,20}")
+#: A unit does not begin with a digit, which would continue the number before it; "1/s" does not either.
+_UNIT = re.compile(r"|(?:1/)?(?:[^\W\d_]|[°%(])(?:[^\W_]|[·⋅/^°*().%⁻-]){0,17}")
+_IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+
 _HEXADECIMAL = re.compile(r"-?0x[01](\.[0-9a-f]{1,13})?p[+-]\d{1,4}")
+
+#: Names that the formulas of the theorem have for something else; and those that no parameter may have beside: the
+#: amplitude of a path of starts, and the vectors of states, inputs and disturbances.
+_OF_THEOREM, _NO_PARAMETERS = (*FUNCTIONS, "pi", "gamma", "z", "V", "S", "R2"), ("a", "x", "u", "d")
 
 
 def _double(value: Any) -> Any:
@@ -214,10 +221,32 @@ class Observer(Part):
 
 
 def check_named(what: str, name: str, unit: str) -> None:
-    """Raise for a name of several words or a unit that is prose, as both are printed in the theorem."""
-    checked_name(f"a {what} of the certificate", name, without=",=", longest=2 * LONGEST_NAME)
+    """Raise for a name that is no identifier or a unit that is prose: both stand in the formulas of the theorem, which
+    a name such as ``2*mass`` or ``0`` would make another one."""
+    if not (_IDENTIFIER.fullmatch(name) and len(name) <= 2 * LONGEST_NAME):
+        raise InvalidInput(
+            f"A {what} of the certificate has no usable name.",
+            f"expected at most {2 * LONGEST_NAME} letters without accents, digits and underscores, no digit first, got "
+            f"{value_text(name, 60)}",
+            "a name such as 'link_position'",
+        )
     expected = f"a unit of at most 20 letters, digits and marks such as · / ^ ² ° for the {what} {name}"
     require((_UNIT.fullmatch(unit) is not None, expected, value_text(unit, 60)))
+
+
+def check_names(**names: Sequence[str]) -> None:
+    """Refuse a name that stands twice among all that the theorem prints, or that the theorem itself has for something
+    else; names by what they are of: state, input, disturbance, parameter."""
+    distinct("The certificate's name", [name for part in names.values() for name in part])
+    for what, part in names.items():
+        taken = {*_OF_THEOREM, *(_NO_PARAMETERS if what == "parameter" else ())}
+        for name in part:
+            if name in taken:
+                raise InvalidInput(
+                    f"A {what} of the certificate has the name of something else in its theorem.",
+                    f"expected none of {', '.join(sorted(taken))}, got {value_text(name, 60)}",
+                    f"another name, such as '{what}_{name}'",
+                )
 
 
 def check_line(what: str, text: str) -> None:
@@ -362,11 +391,10 @@ class Claim(Part):
             rows_fit("coordinates", self.coordinates, n, n),
             rows_fit("r2", self.r2, m, m),
         )
-        distinct(
-            "The certificate's signal",
-            [signal.name for signal in (*self.states, *self.inputs, *self.disturbances)],
-        )
-        distinct("The certificate's parameter", [p.name for p in self.parameters])
+        check_names(
+            state=[s.name for s in self.states], input=[s.name for s in self.inputs],
+            disturbance=[s.name for s in self.disturbances], parameter=[p.name for p in self.parameters],
+        )  # fmt: skip
         self._check_feedback()
         self._check_terms(n)
 

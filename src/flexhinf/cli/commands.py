@@ -72,10 +72,11 @@ COMMANDS = {
         compare,
         "flexhinf compare paper --pose 90deg",
         "flexhinf compare planar-two-link --pose 35deg,20deg --laws pd,pid,flatness-i --measured motor_position",
-        "flexhinf compare flexhinf-design/design.toml --tune bandwidth",
+        "flexhinf compare flexhinf-design/design.toml --tune none",
     ),
     "certify": (
         certify,
+        "flexhinf certify paper --preset damped --degrees 2",
         "flexhinf certify design.toml --out proof",
         "flexhinf certify paper --pose 180deg --preset robust --degree 6",
         "flexhinf certify paper --pose 180deg --start 0 --preset damped --degrees 2 --tolerances",
@@ -150,7 +151,7 @@ def root(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
     ] = False,
 ) -> None:
-    """Design, test and prove controllers for robot arms with elastic joints, and export them as C.
+    """Design and test controllers for robot arms with elastic joints, prove bounds for one joint, and export them as C.
 
     Exit codes: 0 done; 1 done, and the loop does not meet its specification;
     2 a mistake that can be put right, nothing written; 130 interrupted,

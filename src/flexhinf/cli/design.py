@@ -156,6 +156,7 @@ def paper(context: typer.Context, o: options.PaperOptions) -> None:
     stated = PaperSettings(**settings)
     with judged_apart(stated) as apart:
         from flexhinf.paper import STAGES, reproduce  # while the other process loads it too
+        from flexhinf.paper.claims import NOT_JUDGED
 
         with step_progress(STAGES) as progress:
             result = reproduce(stated, ["flexhinf", "paper", *settings_text, *out], progress, apart)
@@ -170,10 +171,13 @@ def paper(context: typer.Context, o: options.PaperOptions) -> None:
         table.add_column("verdict", no_wrap=True)
         for claim in report.by_verdict(claims):
             text = f"{escape(claim.text)}\n[dim]{escape(claim.criterion)}[/]"
-            table.add_row(text, f"[{COLOURS[claim.verdict]}]{claim.verdict}[/]")
+            alone = "".join(f"\n{escape(part)}: {verdict}" for part, verdict in claim.parts.items())
+            table.add_row(text, f"[{COLOURS[claim.verdict]}]{claim.verdict}[/]{alone}")
         show([table])
         if claims is result.claims:
             show([f"{report.summary(claims)} No printed curve was compared with a computed one."])
+            said = "".join(f"\n- {escape(what)}" for what, _ in NOT_JUDGED)
+            show([f"Not judged (the page says why):{said}"])
     typer.echo(f"report: {folder / 'index.html'}")
 
 
@@ -191,7 +195,8 @@ def certify(context: typer.Context, o: options.CertifyOptions) -> int:
     and the weights are those of --checked-gamma-ratio and --checked-penalty. The
     true state is fed back; with --observer the proof covers an observer too.
     With --tolerances it proves the step of the design for every robot within its
-    tolerances. For robots of more joints a region can only be sampled:
+    tolerances. Weights that leave a state out, such as the paper's own, have no
+    margin that could be proved: --preset damped finds others. For robots of more joints a region can only be sampled:
     `flexhinf design ROBOT --degrees 2 --damping 0.3 --rays 50`.
 
     With --check, an independent program checks a certificate and reads nothing

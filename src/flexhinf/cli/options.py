@@ -168,10 +168,9 @@ class CompareOptions(RobotOptions, VerboseOptions):
         "Names of laws between commas: pd,pid. Default: all. They are "
         f"{NL_HINF}, {', '.join(RIVALS)}; and {NL_HINF}-2 … {NL_HINF}-{LARGEST_DEGREE} for one degree of V.", "pd,pid")
     tune: Text = option("peak", COMPARED,
-        "What all laws share when they are tuned: peak (largest input), bandwidth, or none. The peak is that of the "
-        "step as deployed: at most the limit asked for or the saturation, or that of the design where it is larger. "
-        "The bandwidth is that of the linear loop: at most the one asked for, or that of the design. Every law keeps "
-        "the limits of the margins too, and lets no more measurement noise through to the motor than the design.",
+        "What limits all laws when they are tuned: peak, the largest input of the step, as the motors or "
+        "--peak-effort limit it; bandwidth, at most the --bandwidth that is asked for; or none. The limits of "
+        "margins, damping and noise at the motors (--ripple) hold too. All limits are of the specification.",
         "bandwidth")
     same_sensors: bool = option(False, COMPARED,
         "Every law measures what the design measures. Without this option each law has the sensors that its proponents "

@@ -53,7 +53,8 @@ class Attenuation:
 
     @property
     def lasts(self) -> bool:
-        """Whether the sum of all terms of the budget stays within the region's level for the whole step."""
+        """Whether the sum of all terms of the budget stays within the region's level in the simulated run of the
+        step."""
         return not self.budget or bool(self.budget[-1].budget.kept)
 
 
@@ -296,7 +297,8 @@ class DesignProof:
 
     @property
     def lasts(self) -> bool:
-        """Whether the proved level covers the step with hold, delay, estimator and limits."""
+        """Whether hold, delay, estimator and limits spent less than the proved level leaves, in the one run of the step
+        that was simulated."""
         return bool(self.budget) and self.inside and self.budget[-1].budget.kept
 
 
@@ -326,7 +328,12 @@ def step_proof(proof: DesignProof, chosen: DegreeChoice, inside: bool | None) ->
         if certificate is not None and not proof.inside:
             text += ", but starts outside the region that is proved for the nominal robot's own V"
         elif proof.budget:
-            missing = () if proof.lasts else (f"{loop}, which spends more than the proved level",)
+            spent = (
+                "is within the proved level in one simulated run"
+                if proof.lasts
+                else "spends more than that level"
+            )
+            missing = (f"{loop}, which {spent}",)
         return StepProof(True, f"The step that is asked for {text}.", missing)
     missing = ()
     if certificate is not None:

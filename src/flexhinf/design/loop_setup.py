@@ -378,6 +378,7 @@ class LoopSetup(LoopPlants):
     chosen_zone: np.ndarray | None = None  # (n,), where none is stated, see `design.checks`
     quiet: bool = False  # no measurement noise in runs of the nominal robot; runs of sampled robots have it
     unlimited: bool = False  # no limits of the inputs, which would hide the peak that a law demands
+    blend_time: float | None = None  # s, of the bias with which a law without integrals takes over
 
     # Parts of the loop --------------------------------------------------------------------------------
     @property
@@ -429,6 +430,7 @@ class LoopSetup(LoopPlants):
             self.law, self.estimator(at, deployed=True), self.specification.period,
             None if self.unlimited else self.limits.saturated,
             moving=moving, start=start or ("zero" if moving else "bumpless"),
+            blend_time=None if (start or moving) and start != "bumpless" else self.blend_time,
             integral_dead_zone=self.dead_zone if has_integrals(self.law) else None,
             before_first=self.robot.operating_point(at)[1], latency=self.specification.known_latency,
             supervision=self.supervision if supervised else None,

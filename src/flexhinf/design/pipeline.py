@@ -143,7 +143,7 @@ class ComparedLaw:
     """One row of a comparison."""
 
     kind: LawKind
-    # The law, its parameters and its evaluation; None for a law that could not be made, or tuned within the limits
+    # The law, its parameters and its evaluation; None for a law that could not be made
     tuned: tuning.TunedLaw | None = None
     # Requirements of the specification on margins, step, corners and sampled robots, judged as by `design`
     requirements: tuple[Requirement, ...] = ()
@@ -153,7 +153,7 @@ class ComparedLaw:
 
     @property
     def evaluation(self) -> LawEvaluation | None:
-        """Evaluation of the law; None for a law that is not compared."""
+        """Evaluation of the law; None for a law that could not be made."""
         return None if self.tuned is None else self.tuned.evaluation
 
     @property
@@ -178,18 +178,21 @@ class Comparison(Reported):
     robot: Robot
     specification: Specification
     synthesis: steps.Synthesis  # Of the design's own law
-    criterion: tuning.Criterion  # The criterion that every law is tuned for, and the limits that it keeps
+    criterion: (
+        tuning.Criterion
+    )  # The criterion that every law is tuned for, and the limits of the specification
     rows: tuple[ComparedLaw, ...]  # The design as it is first, then nonlinear H∞ tuned as the others are
     scenario: responses.Scenario
 
     def summary(self) -> dict[str, str]:
-        """Robot, and the laws by the criterion (less is better)."""
+        """Robot, the laws by the criterion (less is better), and those that miss a limit or could not be made."""
         tuned = sorted((row.tuned for row in self.rows if row.tuned is not None), key=lambda law: law.cost)
-        costs = ", ".join(f"{law.name} {law.cost:.3g}" for law in tuned)
-        lost = ", ".join(row.name for row in self.rows if row.failure)
-        return {"robot": self.robot.name, "laws by the criterion": costs} | (
-            {"not compared": lost} if lost else {}
-        )
+        parts = {
+            "laws by the criterion": [f"{law.name} {law.cost:.3g}" for law in tuned if not law.missed],
+            "not ranked": [f"{law.name} {law.cost:.3g} ({law.missed})" for law in tuned if law.missed],
+            "not compared": [row.name for row in self.rows if row.failure],
+        }
+        return {"robot": self.robot.name} | {what: ", ".join(laws) for what, laws in parts.items() if laws}
 
     @property
     def own(self) -> ComparedLaw:
@@ -518,7 +521,8 @@ def compare(
         Names, see `flexhinf.design.laws`; always among them are the design's own law as it is (``design``), the
         reference of the criterion, and the nonlinear H∞ law tuned for the criterion as the others are (``nl-hinf``).
     tune : {"peak", "bandwidth", "none"}
-        What the laws share with the design: a limit beside those of the specification.
+        Which limit of the specification holds beside the margins and the noise at the motors: of the peak input, the
+        stated bandwidth as the largest, or none.
     progress : callable, optional
         Called with what comes next, about `stages` times in all.
     same_sensors : bool
@@ -532,8 +536,8 @@ def compare(
     Raises
     ------
     InvalidInput
-        For a name or a way to tune that is not known, nothing to move, a design whose own loop diverges, or a law that
-        was asked for and does not fit the robot.
+        For a name or a way to tune that is not known, a bandwidth as limit where none is stated, nothing to move, a
+        design whose own loop diverges, or a law that was asked for and does not fit the robot.
     FlexhinfError
         As `design`.
 
@@ -548,7 +552,7 @@ def compare(
     s, kinds = checked_specification(robot, specification), [law_kind(name) for name in law_names(laws)]
     refuse_workspace(s, "A comparison of laws")
     progress = progress or (lambda text: None)
-    tuning.check_mode(tune, "tune='peak'")
+    tuning.check_mode(tune, "tune='peak'", s.bandwidth is not None)
     progress("equilibrium, and weights")
     synthesis = steps.synthesise(robot, replace(s, rays=0), progress)  # no region is compared
     setup, _ = checks.end_limit_cycle(synthesis.setup(robot, s))
@@ -558,7 +562,7 @@ def compare(
     unit = synthesis.problem.plant.unit(synthesis.problem.input_names[0])
     limits, resolution = tuning.stated_limits(s, setup.limits, unit), setup.position_resolution()
     criterion = tuning.criterion_for(
-        tune, tuning.reference_metrics(own), own.runs.step_duration, limits, unit, resolution
+        tune, tuning.reference_metrics(own), own.runs.step_duration, limits, resolution
     )
     # initial value of searches over bandwidths
     bandwidth = float(np.exp(np.mean(np.log(_followed(linear, synthesis)))))
@@ -569,10 +573,9 @@ def compare(
 
 
 def _row(kind: LawKind, tuned: tuning.TunedLaw | str, progress: Progress) -> ComparedLaw:
-    failure = tuned if isinstance(tuned, str) else tuned.failure
-    if isinstance(tuned, str) or failure:
+    if isinstance(tuned, str):
         progress(f"{kind.name}: not compared")
-        return ComparedLaw(kind, failure=failure)
+        return ComparedLaw(kind, failure=tuned)
     progress(f"{kind.name}: step, load and move")
     evaluation, runs = tuned.evaluation, tuned.evaluation.scenario
     evaluation.compute("worst")

@@ -2,9 +2,10 @@
 
 docs/comparison.md has the criterion, the limits and the three rounds with their reasons.
 In short: the criterion is the geometric mean of four metrics of a law over those of the design, from runs of the
-nominal robot without measurement noise, so that it depends on no seed. Each limit is the specification's or the
-design's own value, whichever is wider. A candidate is infeasible if its loop cannot be linearised, diverges or does not
-settle.
+nominal robot without measurement noise, so that it depends on no seed. Each limit is the specification's, as `design`
+judges it; no limit is taken from a result of the design. A candidate is infeasible if its loop cannot be linearised or
+diverges. A law of which no tuning keeps every limit stays in the comparison by the tuning that exceeds them least; it
+is not ranked.
 
 Round 1 tunes each law by itself. Two further rounds, in the order of the number of parameters, start from its best
 candidate, from the laws that it contains, and from the best other laws' values of the shared parameters. The cost has
@@ -33,9 +34,10 @@ from flexhinf.design.laws import (
     is_hinf,
 )
 from flexhinf.design.loop_setup import LoopSetup, other_quantisation
+from flexhinf.design.plans import has_integrals
 from flexhinf.design.requirements import peak_option
 from flexhinf.design.responses import JointLimits, forwarded
-from flexhinf.design.specification import Specification
+from flexhinf.design.specification import FIELDS, MIN_DAMPING, RIPPLE, TOLERANCE, Specification
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure, refuse_if
 
 #: Runs of the criterion, by the metric that is infinite where one diverged.
@@ -49,14 +51,15 @@ RATIOS = {
     "remaining_error": "remaining error",
 }  # fmt: skip
 
-#: The metric that all laws share with the design: values of `tune` of a comparison.
+#: What limits the effort of all laws alike, beside the margins: values of `tune` of a comparison.
 MODES = ("peak", "bandwidth", "none")
+
+#: Longest time constant of the bias with which a law without integrals takes over, s, and so many of it fit into the
+#: step: a bias that is still there at its end would be counted as an error of the law.
+BLEND, BLENDS = 0.5, 8.0
 
 #: A candidate that exceeds a limit by more than this factor is judged without further runs.
 FAR = 1.25
-
-#: Smallest damping ratio of the running loop where the specification states none: an oscillation halves in each period.
-MIN_DAMPING = 0.1
 
 #: Settling time of a run that does not settle, as a multiple of its length; it orders candidates that keep no limit.
 UNSETTLED = 2.0
@@ -68,8 +71,10 @@ class LawMetrics:
 
     peak_sensitivity: float
     gain_margin: float  # smallest factor by which the gain of one input may not rise or fall
-    damping: float  # smallest ratio of the running loop with its estimator; NaN without oscillation
-    input_noise: float  # RMS of the noisiest input, V or N·m
+    damping: (
+        float  # smallest ratio of the running loop's oscillations that have to be damped; NaN without any
+    )
+    noise_percent: float  # RMS of the noisiest input, per cent of its motor's limit; 0 where no motor has one
     bandwidth: float  # of the slowest joint, rad/s
     peak_input: float = math.nan  # of the step, V or N·m, see `JointLimits.equivalent_peak`; NaN: not run
     settling: float = math.nan  # of the step, s; NaN where it was not run
@@ -92,7 +97,7 @@ def metrics_of(
     With a `criterion`, a loop far beyond its limits is not run, or not beyond the step. Raises `FlexhinfError` if the
     loop cannot be linearised or is unstable.
     """
-    metrics = linear
+    metrics, s = linear, evaluation.setup.specification
     if metrics is None:
         margins = evaluation.margins
         if not margins.stable:
@@ -101,13 +106,13 @@ def metrics_of(
                 "expected all eigenvalues inside the unit circle",
                 "other parameters",
             )
+        noises = 0.0 if evaluation.input_noises is None else evaluation.input_noises
         metrics = LawMetrics(
-            margins.peak_sensitivity, margins.gain_margin, margins.damping, evaluation.input_noise,
-            margins.slowest_bandwidth,
+            margins.peak_sensitivity, margins.gain_margin, margins.damping_about(s.damped_below_limit)[0],
+            100.0 * float(np.max(noises / evaluation.setup.limits.effort)), margins.slowest_bandwidth,
         )  # fmt: skip
-        if (least := evaluation.setup.specification.delay_margin_limit) is not None:
-            period = evaluation.setup.specification.period
-            metrics = replace(metrics, delay_margin=margins.delay_margin_within(least * period) / period)
+        if (least := s.delay_margin_limit) is not None:
+            metrics = replace(metrics, delay_margin=margins.delay_margin_within(least * s.period) / s.period)
     if criterion is not None and criterion.is_far(metrics):
         return metrics
     quiet, limits = evaluation.quiet, evaluation.setup.limits
@@ -152,21 +157,22 @@ def reference_metrics(evaluation: LawEvaluation) -> LawMetrics:
 
 @dataclass(frozen=True)
 class Limit:
-    """One limit that all laws keep."""
+    """One limit of the specification, for all laws alike."""
 
     metric: str  # attribute of `LawMetrics`
     label: str
     unit: str
     value: float
-    origin: str  # where the value comes from
+    origin: str  # the option that states the value, the robot, or "default"
     at_least: bool = False  # whether the metric is to be at least the value instead of at most
+    tolerance: float = TOLERANCE  # relative, as `Requirement.met` has it
 
     def excess(self, metrics: LawMetrics) -> float:
-        """ln of the factor by which the limit is exceeded; 0 where it is kept."""
+        """ln of the factor by which the limit is exceeded beyond its tolerance; 0 where it is kept."""
         value = getattr(metrics, self.metric)
         if not self.at_least:
-            return excess(value, self.value)
-        short = math.inf if value <= 0.0 else excess(self.value, value)
+            return excess(value, self.value * (1.0 + self.tolerance))
+        short = math.inf if value <= 0.0 else excess(self.value * (1.0 - self.tolerance), value)
         return 0.0 if math.isnan(value) else short
 
     @property
@@ -183,13 +189,13 @@ class Criterion:
     mode: str  # one of `MODES`
     own: LawMetrics  # of the design's own law, by which deviation, settling time and errors are divided
     linear: tuple[Limit, ...]  # of the linearised loop
-    shared: tuple[Limit, ...]  # the one that the user chose, of the runs or of the loop
+    shared: tuple[Limit, ...]  # the one by `mode`, of the runs or of the loop
     length: float  # of the step, s
     resolution: float = 0.0  # deviations and errors below count as this, rad or m
 
     @property
     def limits(self) -> tuple[Limit, ...]:
-        """All limits: those of the linearised loop, and the shared one."""
+        """All limits: those of the linearised loop, and the one of the mode."""
         return (*self.linear, *self.shared)
 
     @property
@@ -239,84 +245,76 @@ class Criterion:
     def judge(self, metrics: LawMetrics) -> Judgement:
         """Judgement of metrics: the cost, and the excess over each limit."""
         beyond = {
-            f"not kept: {limit.text}, found {value:.3g}": limit.excess(metrics)
+            f"{limit.text}, found {value:.3g}": limit.excess(metrics)
             for limit in self.limits
             if not math.isnan(value := getattr(metrics, limit.metric))
         }
-        if math.isinf(metrics.settling):
-            beyond[f"not kept: the step settles within {self.length:g} s"] = 1.0
         if math.isinf(metrics.peak_input) or math.isinf(metrics.load_deviation):
-            beyond["not kept: no run diverges"] = math.inf
+            beyond["no run diverges"] = math.inf
         return Judgement(self.cost(metrics), beyond, metrics)
 
 
 def criterion_for(
-    mode: str, own: LawMetrics, length: float, limits: Mapping[str, tuple[float, str] | None], unit: str,
-    resolution: float = 0.0,
-) -> Criterion:  # fmt: skip
-    """The criterion of a comparison, by the metrics of the design and the length of the step, s.
+    mode: str, own: LawMetrics, length: float, limits: Mapping[str, Limit], resolution: float = 0.0
+) -> Criterion:
+    """The criterion of a comparison, by the metrics of the design, to which costs are relative, and the length of the
+    step, s.
 
-    `limits` are those of the specification, see `stated_limits`; `unit` is that of the inputs. Raises `InvalidInput`
-    for another mode than `MODES`, or where there is nothing to share: no such limit is stated and the design has no
-    such metric.
+    `limits` are those of the specification by their metrics, see `stated_limits`. Raises `InvalidInput` for another
+    mode than `MODES`, or for a bandwidth as limit where none is stated.
     """
-    check_mode(mode, "--tune peak")
-    limits = {"damping": (MIN_DAMPING, "default"), **limits}
-
-    def wider(metric: str, label: str, unit: str, at_least: bool = False) -> tuple[Limit, ...]:
-        stated, mine = limits.get(metric), getattr(own, metric)
-        usable = math.isfinite(mine) and mine > 0.0
-        if stated is not None and (not usable or (mine >= stated[0] if at_least else mine <= stated[0])):
-            return (Limit(metric, label, unit, *stated, at_least),)
-        if not usable:
-            return ()
-        origin = f"the design's own; {stated[1]}: {stated[0]:.3g}" if stated else "the design's own"
-        return (Limit(metric, label, unit, mine, origin, at_least),)
-
-    shared = {
-        "peak": wider("peak_input", "peak input of the step", unit),
-        "bandwidth": wider("bandwidth", "bandwidth of the slowest joint", "rad/s"),
-        "none": (),
-    }[mode]
-    refuse_if(
-        mode != "none" and not shared,
-        f"There is no {mode} that the laws could share.",
-        "expected one in the specification, or a design whose step does not diverge and whose loop is stable",
-        "--tune none, a start nearer to the goal (--start), or another design",
-    )
-    linear = (
-        *wider("peak_sensitivity", "peak sensitivity", ""),
-        *wider("gain_margin", "gain margin, up and down, a factor of", "", at_least=True),
-        *(
-            wider("delay_margin", "delay margin in samples", "", at_least=True)
-            if "delay_margin" in limits
-            else ()
-        ),
-        *wider("damping", "damping ratio of every oscillation", "", at_least=True),
-        *wider("input_noise", "noise at the motor, rms,", unit),
-    )
+    check_mode(mode, "--tune peak", "bandwidth" in limits)
+    metric = {"peak": "peak_input", "bandwidth": "bandwidth"}.get(mode)
+    shared = tuple(limit for limit in limits.values() if limit.metric == metric)
+    linear = tuple(limit for limit in limits.values() if limit.metric not in ("peak_input", "bandwidth"))
     return Criterion(mode, own, linear, shared, length, resolution)
 
 
-def check_mode(mode: str, advice: str) -> None:
-    """Refuse a mode of tuning that is not in `MODES`."""
+def check_mode(mode: str, advice: str, bandwidth: bool) -> None:
+    """Refuse a mode of tuning that is not in `MODES`, and a `bandwidth` as limit where the specification has none."""
     refuse_if(
         mode not in MODES, "There is no such mode of tuning.", f"expected {', '.join(MODES)}, got {mode!r}", advice,
     )  # fmt: skip
+    refuse_if(
+        mode == "bandwidth" and not bandwidth,
+        "There is no bandwidth that could limit the laws.",
+        "expected one in the specification, got none",
+        "--bandwidth 4, or --tune peak",
+    )
 
 
-def stated_limits(s: Specification, joints: JointLimits, unit: str) -> dict[str, tuple[float, str] | None]:
-    """Limits of the specification and of the joints, with where they come from: what `criterion_for` takes."""
-    peak = peak_option(unit, joints.peak_source) if joints.limits_peak else joints.saturation_source
-    limits = {
-        "peak_sensitivity": (s.peak_sensitivity_limit, s.peak_sensitivity and "--peak-sensitivity"),
-        "gain_margin": (s.gain_margin_limit, s.gain_margin and "--gain-margin"),
-        "delay_margin": s.delay_margin_limit and (s.delay_margin_limit, s.delay_margin and "--delay-margin"),
-        "peak_input": (joints.strongest, peak) if joints.limits_effort else None,
-        "damping": (s.damping, "--damping") if s.damping else None,
-        "bandwidth": None if s.bandwidth is None else (float(np.min(s.bandwidth)), "--bandwidth"),
-    }
-    return {name: (limit[0], limit[1] or "default") for name, limit in limits.items() if limit is not None}
+def stated_limits(s: Specification, joints: JointLimits, unit: str) -> dict[str, Limit]:
+    """Limits of the specification and of the joints by their metrics; `unit` is that of the inputs.
+
+    Where no motor has a limit there is none of the peak input, nor of the noise, which is stated as a part of it.
+    """
+
+    def of(field: str) -> str:
+        stated = getattr(s, field) != FIELDS[field].default
+        return FIELDS[field].option if stated else "default"
+
+    damping, below = max(s.damping or 0.0, MIN_DAMPING), f"{s.damped_below_limit:.3g} rad/s"
+    limits = [
+        Limit("peak_sensitivity", "peak sensitivity", "", s.peak_sensitivity_limit, of("peak_sensitivity")),
+        Limit("gain_margin", "gain margin, up and down, a factor of", "", s.gain_margin_limit, of("gain_margin"), True),
+        Limit(
+            "damping", f"damping ratio of every oscillation below {below}", "", damping, of("damping"), True,
+            0.0 if damping == MIN_DAMPING else TOLERANCE,
+        ),
+    ]  # fmt: skip
+    if (delay := s.delay_margin_limit) is not None:
+        limits.append(Limit("delay_margin", "delay margin in samples", "", delay, of("delay_margin"), True))
+    if joints.limits_effort:
+        share, label = RIPPLE if s.ripple is None else s.ripple, "noise at the motor, rms, of its limit,"
+        source = peak_option(unit, joints.peak_source) if joints.limits_peak else joints.saturation_source
+        limits += [
+            Limit("noise_percent", label, "%", share, of("ripple")),
+            Limit("peak_input", "peak input of the step", unit, joints.strongest, source),
+        ]
+    if s.bandwidth is not None:
+        least = float(np.min(s.bandwidth))
+        limits.append(Limit("bandwidth", "bandwidth of the slowest joint", "rad/s", least, of("bandwidth")))
+    return {limit.metric: limit for limit in limits}
 
 
 def pareto_front(metrics: Sequence[LawMetrics], criterion: Criterion) -> tuple[LawMetrics, ...]:
@@ -358,7 +356,7 @@ class TunedLaw:
     metrics: LawMetrics
     cost: float  # of the criterion; 1 for the design
     feasible: bool  # whether every limit is kept
-    reason: str = ""  # limits that are not kept
+    reason: str = ""  # limits that are not kept, with what was found
     tried: tuple[LawMetrics, ...] = ()  # of all candidates that were run
     search: Optimum | None = None  # all candidates, run or not; None for the design's own law
 
@@ -368,12 +366,12 @@ class TunedLaw:
         return 0 if self.search is None else len(self.search.candidates)
 
     @property
-    def failure(self) -> str:
-        """Why the law is not compared: no candidate keeps every limit; empty for a law that does."""
-        text = (
-            f"none of {self.candidates} tunings keeps every limit, and figures of another would be arbitrary"
-        )
-        return "" if self.feasible else f"{text}; the nearest: {self.reason}"
+    def missed(self) -> str:
+        """Why the law is not ranked: limits that it does not keep, and unstable corners of the tolerances; empty for a
+        law that is ranked."""
+        unstable = unstable_corners(self.evaluation)
+        corners = f"unstable corners of the tolerances at most 0, found {unstable}" if unstable else ""
+        return "; ".join(filter(None, (self.reason, corners)))
 
     name = forwarded("kind.name", str, "Name of the law.")
     setup = forwarded("evaluation.setup", LoopSetup, "The law's own loop.")
@@ -437,8 +435,8 @@ class Tuner:
         Raises `FlexhinfError` if no law of this kind can be made and judged at all.
         """
         if kind.name == DESIGN:
-            metrics = self.criterion.own
-            return TunedLaw(kind, self.own, metrics, self.criterion.cost(metrics), True)
+            metrics, judged = self.criterion.own, self.criterion.judge(self.criterion.own)
+            return TunedLaw(kind, self.own, metrics, judged.cost, judged.excess == 0.0, judged.reason)
         s = self.own.setup.specification
         sets = (() if self.same_sensors or s.estimator == "none" else kind.sensors) or (tuple(s.measured),)
         laws = (self._search(kind, sensors) for sensors in sets)
@@ -458,16 +456,15 @@ class Tuner:
         return 2 if self.factory.states > MANY_STATES else None
 
     def _robust_best(self, kind: LawKind, sensors: tuple[str, ...], tuning: Optimum) -> Candidate:
-        """The cheapest feasible candidate that has no more unstable corners than the design, so that corners exclude no
-        law that has such a candidate. Without one among the `LOOKED_AT` cheapest: the design's own parameters, if the
-        design has a law of this kind and it is feasible, else the cheapest candidate."""
+        """The cheapest feasible candidate without an unstable corner, so that corners exclude no law that has such a
+        candidate. Without one among the `LOOKED_AT` cheapest: the design's own parameters, if the design has a law of
+        this kind and it is feasible, else the cheapest candidate."""
         if not tuning.best.feasible or not self.own.setup.robot.uncertain:
             return tuning.best
-        allowed = unstable_corners(self.own)
         feasible = sorted((c for c in tuning.candidates if c.feasible), key=lambda c: c.order)
         for candidate in feasible[:LOOKED_AT]:
             evaluation = self.evaluation(kind, sensors, candidate.parameters, self._degree)
-            if unstable_corners(evaluation) <= allowed:
+            if not unstable_corners(evaluation):
                 return candidate
         return next((own for own in self._own_candidate(kind) if own.feasible), tuning.best)
 
@@ -555,17 +552,15 @@ class Tuner:
         setup = replace(
             own, law=law, specification=replace(s, measured=sensors, quantisation=steps),
             estimator_noise=own.process_noise.scaled(*factors, "tuned"), linear_model=kind.linear_estimator,
+            blend_time=None if has_integrals(law) else min(BLEND, self.criterion.length / BLENDS),
         )  # fmt: skip
         return LawEvaluation(kind.name, setup, self.own.scenario, values, other_noise=False)
 
 
 def ranked(laws: Sequence[TunedLaw]) -> list[TunedLaw]:
-    """Laws with no more unstable corners of the tolerances than the design, best first by the criterion; the design
+    """Laws that keep every limit and have no unstable corner of the tolerances, best first by the criterion; the design
     itself is not ranked."""
-    design = next((law for law in laws if law.name == DESIGN), None)
-    allowed = 0 if design is None else unstable_corners(design.evaluation)
-    rivals = (law for law in laws if law.name != DESIGN and law.feasible)
-    return sorted((x for x in rivals if unstable_corners(x.evaluation) <= allowed), key=lambda law: law.cost)
+    return sorted((law for law in laws if law.name != DESIGN and not law.missed), key=lambda law: law.cost)
 
 
 def best_rival(laws: Sequence[TunedLaw]) -> TunedLaw | None:

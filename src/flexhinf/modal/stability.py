@@ -19,7 +19,8 @@ between its values at the ends by at most a quarter of (length)² times its seco
 enclose.
 
 The proof is of small motions of an arm at rest, at any pose whose λ are in the range, with motors alike (J = K/κ,
-B = βJ), springs without damping and gravity without slope. The filter's model is the pair's exact one over a period.
+B = βJ), springs without damping, no dry friction, and gravity without slope. The filter's model is the pair's exact
+one over a period.
 """
 
 from __future__ import annotations

@@ -10,7 +10,8 @@ theorem the arm is stable if at every frequency there is a number s > 0 with
 
 The scaling by s commutes with a Δ that mixes pairs, but neither links with motors nor frequencies, other than those
 that sampling makes equal: one that does not change with time. With one s for all frequencies, Δ may change with time.
-The statement holds for all poses whose λ are in the range. Between samples, d and a are lifted to pieces of a period
+The statement holds for small motions about rest, at all poses whose λ are in the range, with motors alike, springs
+without damping, no dry friction, and gravity without slope. Between samples, d and a are lifted to pieces of a period
 [chen1995]; the norms of their blocks bound σ̄. `flexhinf.modal.stability` proves the second case in ball arithmetic.
 """
 

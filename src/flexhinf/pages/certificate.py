@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.certify import Certificate, Verification
+from flexhinf.certify import Certificate, Start, Verification
 from flexhinf.certify.certificate import (
     AUTHOR,
     NO_LATENCY,
@@ -20,7 +20,7 @@ from flexhinf.certify.certificate import (
     theorem_parts,
     verification_text,
 )
-from flexhinf.certify.starts import Slice
+from flexhinf.certify.starts import SMALLEST_VALUE, UNCHANGED_INPUT, Slice
 from flexhinf.design.certification import CertifiedDegree, Evidence
 from flexhinf.design.specification import Specification
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict
@@ -120,6 +120,7 @@ def certificate_page(
                 "check",
             ),
         ]
+    missing = _missing_text(claim)
     # Of the theorem, what is proved is open; the hypotheses and the equations are for those who check it.
     lead, sections = first_screen(sections, ("starts", "worst"), ("proved", "starts"))
     return Page(
@@ -138,8 +139,9 @@ def certificate_page(
             ),
             *(Setting(name, value) for name, value in claim.provenance.items()),
         ]}), Provenance(shlex.join(command), s.seed), _numbers(law, claim),
-        [Status("proved", "By arithmetic that cannot round the wrong way."),
-         Status("not proved", _missing_text(claim)), *design_statuses(verdict)], (), lead,
+        [Status("proved", f"{_parts_text(claim)}, by arithmetic that cannot round the wrong way."),
+         *design_statuses(verdict)],
+        (f"The proof does not cover {missing[0].lower()}{missing[1:]}",), lead,
     )  # fmt: skip
 
 
@@ -154,6 +156,14 @@ def _whom_text(claim: Certificate) -> str:
 def _proved_text(claim: Certificate) -> str:
     reach = f", and steps of up to {_steps_text(claim)} stay" if claim.starts else ""
     return f"Proved: the gain is at most γ = {at_most(claim.gamma)}{reach} in the region."
+
+
+def _parts_text(claim: Certificate) -> str:
+    """The statements that are proved, by name, and for whom."""
+    proved = dict(theorem_parts(claim, claim.stated))["Proved"]
+    names = [line.partition(". ")[2].partition(":")[0].lower() for line in proved]
+    whom = _whom_text(claim).rstrip(".")
+    return f"{', '.join(names).capitalize()}, {whom[0].lower()}{whom[1:]}"
 
 
 def _missing_text(claim: Certificate) -> str:
@@ -176,11 +186,20 @@ def _steps_text(claim: Certificate) -> str:
     return " or ".join(f"{_angle(claim, s.amplitude)} ({rule_text(s)})" for s in claim.starts)
 
 
+def _start_text(start: Start) -> str:
+    """What the rule by which a step starts its integrator means."""
+    return {
+        UNCHANGED_INPUT: "the controller starts its integrator so that the input goes on as it was",
+        SMALLEST_VALUE: "the integrator starts where V is smallest: there the region reaches furthest, and the input "
+        "need not go on as it was",
+    }.get(start.rule, start.rule)
+
+
 def _numbers(law: CertifiedDegree, claim: Certificate) -> list[KeyNumber]:
     effort, gain, sampled = claim.inputs[0].unit, claim.attained_gain, claim.sampled_level
     return [
         *(
-            KeyNumber("largest proved step", _angle(claim, s.amplitude), "", rule_text(s))
+            KeyNumber(f"largest proved step, {rule_text(s)}", _angle(claim, s.amplitude), "", _start_text(s))
             for s in claim.starts
         ),
         KeyNumber(

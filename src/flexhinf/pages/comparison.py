@@ -16,7 +16,6 @@ from flexhinf.design.tuning import (
     TunedLaw,
     best_rival,
     ranked,
-    unstable_corners,
 )
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict
 from flexhinf.pages.comparison_figures import ranking_figure, responses_figure, trade_off_figure
@@ -68,11 +67,22 @@ def tuned_laws(comparison: Comparison) -> list[TunedLaw]:
 
 
 def best_hinf_law(comparison: Comparison) -> TunedLaw:
-    """The best nonlinear H∞ law tuned as the rivals are; the design itself where that keeps no limit or is worse."""
-    design = comparison.own.tuned
-    assert design is not None
-    tuned = (law for law in ranked(tuned_laws(comparison)) if is_hinf(law.name))
-    return min([*tuned, design], key=lambda law: law.cost)
+    """The best nonlinear H∞ law that keeps every limit, the design as it is among them; the best of all where none
+    does."""
+    ours = (law for law in tuned_laws(comparison) if is_hinf(law.name))
+    return min(ours, key=lambda law: (bool(law.missed), law.cost))
+
+
+def nearest_rival(comparison: Comparison) -> TunedLaw | None:
+    """The best rival; where none keeps every limit, that with the smallest criterion; None where none could be made."""
+    laws = [law for law in tuned_laws(comparison) if not is_hinf(law.name)]
+    return best_rival(laws) or min(laws, key=lambda law: law.cost, default=None)
+
+
+def is_ranked(comparison: Comparison) -> bool:
+    """Whether a rival and a nonlinear H∞ law keep every limit, so that the one can be ranked against the other."""
+    rival = nearest_rival(comparison)
+    return rival is not None and not rival.missed and not best_hinf_law(comparison).missed
 
 
 def _whole(text: str) -> str:
@@ -83,23 +93,12 @@ def _whole(text: str) -> str:
 
 def comparison_verdict(comparison: Comparison) -> str:
     """The best rival against nonlinear H∞, both tuned alike; where ours loses, the first sentence says so."""
-    laws, own_law = tuned_laws(comparison), best_hinf_law(comparison)
-    rival, name = best_rival(laws), "the design" if own_law.name == DESIGN else own_law.name
-    if all(is_hinf(row.name) for row in comparison.rows):
-        return f"No other law could be compared with {name}."
+    laws, own_law, rival = tuned_laws(comparison), best_hinf_law(comparison), nearest_rival(comparison)
+    name = "the design" if own_law.name == DESIGN else own_law.name
     if rival is None:
-        text = (
-            "No other law keeps every limit with at most as many unstable corners as the design, so none is ranked "
-            f"against {name}."
-        )
-        others, own = [law for law in laws if not is_hinf(law.name)], comparison.own.evaluation
-        if others and own is not None:
-            law = min(others, key=lambda law: law.cost)
-            text += (
-                f" The smallest criterion has {law.name} ({number(law.cost, 3)}), with "
-                f"{unstable_corners(law.evaluation)} unstable corners against {unstable_corners(own)}."
-            )
-        return text
+        return f"No other law could be compared with {name}."
+    if not is_ranked(comparison):
+        return _unranked(own_law, rival, name)
     costs = f"{number(rival.cost, 3)} against {number(own_law.cost, 3)}; less is better"
     nothing = "so by this criterion nonlinear H∞ buys nothing on this robot."
     if rival.cost < own_law.cost * (1.0 - EQUAL):
@@ -127,6 +126,24 @@ def comparison_verdict(comparison: Comparison) -> str:
     return text
 
 
+def _unranked(own_law: TunedLaw, rival: TunedLaw, name: str) -> str:
+    """The verdict where a rival, nonlinear H∞ or both miss a limit: what each has, and what it misses."""
+    costs = f"{rival.name} has {number(rival.cost, 3)} by the criterion, {name} {number(own_law.cost, 3)}"
+    if rival.missed and own_law.missed:
+        text = "No law keeps every limit, so none is ranked."
+    elif rival.missed:
+        text = f"No other law keeps every limit, so none is ranked against {name}."
+    else:
+        text = (
+            f"The best rival, {rival.name}, keeps every limit, and {name} does not, so by these limits nonlinear H∞ "
+            "buys nothing on this robot."
+        )
+    missed = [
+        f"{what} misses: {law.missed}." for law, what in ((rival, rival.name), (own_law, name)) if law.missed
+    ]
+    return " ".join([text, f"{costs}; less is better.", *missed])
+
+
 # Page --------------------------------------------------------------------------------------------------------
 def comparison_page(
     comparison: Comparison, command: Sequence[str], warnings: Sequence[str] = (), files: Sequence[str] = (),
@@ -138,7 +155,7 @@ def comparison_page(
     start, goal = (
         pose_text(pose, robot.links.slides, s.in_degrees) for pose in (own.setup.start, own.setup.goal)
     )
-    trade_off, ordered = trade_off_figure(comparison, tuned_laws(comparison)), _ordered(comparison)
+    trade_off, ordered = trade_off_figure(comparison, tuned_laws(comparison)), ordered_laws(comparison)
     said = [f"{part.rstrip('.')}." for part in comparison_verdict(comparison).split(". ")]
     sections = [Section(title, tuple(parts), anchor, anchor in OPEN) for (anchor, title), parts in {
         ("criterion", "Laws by the criterion"): (
@@ -153,9 +170,9 @@ def comparison_page(
             ),
             Paragraph(
                 "The four columns of ratios are over those of the design as it is; the criterion is their geometric "
-                "mean, and less is better; differences of less than 10 % say nothing. Every law here keeps every "
-                "limit. One with more unstable corners of the tolerances than the design is not ranked; a law of "
-                "which no tuning keeps every limit is named with the reason below."
+                "mean, and less is better; differences of less than 10 % say nothing. The limits are those of the "
+                "specification; 2 % past one count as kept. A law that misses one, or has an unstable corner of the "
+                "tolerances, is not ranked: its row and its curves are of the tuning that exceeds the limits least."
             ),
             _ranking(comparison),
             *map(Note, (*comparison_notes(comparison), *(" ".join(text.split()) for text in warnings))),
@@ -166,7 +183,6 @@ def comparison_page(
         ("frequency", "Frequency responses"): _frequency(comparison),
         ("laws", "The laws and how they were tuned"): _laws(comparison),
     }.items() if parts]  # fmt: skip
-    own_missed = any(line.missed for line in comparison.own.requirements)
     return Page(
         f"Control laws compared on {robot.name}",
         f"{robot.name}, {joint_count(len(own.setup.joints))}, {robot.drive} driven; step from {start} to {goal}. "
@@ -179,8 +195,7 @@ def comparison_page(
         (*sections, *([files_section(files)] if files else [])), Settings(comparison_settings(comparison)),
         Provenance(shlex.join(command), s.seed), _key_numbers(comparison),
         [
-            *([] if verdict.missed else [Status("not met" if own_missed else "met", comparison_design(comparison))]),
-            *(design_statuses(verdict) if verdict.names else []),
+            *_status(comparison, said[0], verdict),
             Status("not proved", "All numbers are of simulated runs, of sampled robots and of the linear loop."),
         ],
         list(map(_whole, said[1:])), [ranking_figure(comparison, ordered)],
@@ -198,12 +213,28 @@ def comparison_design(comparison: Comparison) -> str:
     return f"The design as it is does not meet {judged}: {'; '.join(missed)}."
 
 
+def _status(comparison: Comparison, text: str, verdict: DesignVerdict) -> list[Status]:
+    """Whether the laws could be ranked, and what the design as it is misses; “met” only where neither is wanting."""
+    statuses = [] if is_ranked(comparison) else [Status("risky", f"Not ranked: {text}")]
+    if any(line.missed for line in comparison.own.requirements):
+        if not verdict.missed:  # which would name more of them
+            statuses.append(Status("not met", comparison_design(comparison)))
+    elif not statuses and not verdict.missed:
+        laws = ordered_laws(comparison)
+        kept = f"{sum(kept for _, kept in laws)} of {count_text(len(laws), 'law')} keep every limit"
+        statuses.append(Status("met", f"{kept}. {comparison_design(comparison)}"))
+    return [*statuses, *(design_statuses(verdict) if verdict.names else [])]
+
+
 def comparison_notes(comparison: Comparison) -> list[str]:
     """Limits of the comparison that the reader must know."""
     notes, own, s = [], comparison.own.evaluation, comparison.specification
     for row in comparison.rows:
         if row.failure:
             notes.append(f"{row.name} was not compared: {row.failure.rstrip('.')}.")
+        if row.tuned is not None and row.tuned.missed:
+            tried = f" with any of {row.tuned.candidates} tunings" if row.tuned.candidates else ""
+            notes.append(f"{row.name} is not ranked, as it does not keep{tried}: {row.tuned.missed}.")
         if row.evaluation is not None and row.evaluation.linear_failure:
             notes.append(
                 f"The loop of {row.name} could not be linearised: {row.evaluation.linear_failure.rstrip('.')}."
@@ -211,6 +242,11 @@ def comparison_notes(comparison: Comparison) -> list[str]:
     if own is not None and own.setup.left_out:
         names = " and ".join(own.setup.left_out).replace("_", " ")
         notes.append(f"The linear loops leave out {names}, as in flexhinf design; the runs have it.")
+    if not any(limit.metric == "noise_percent" for limit in comparison.criterion.limits):
+        notes.append(
+            "No motor has a limit, so neither the peak input nor the noise at the motors limits a law; --peak-effort "
+            "states one."
+        )
     if comparison.synthesis.chosen.degree == 2 and any(row.name == "hinf" for row in comparison.compared):
         notes.append("The design chose degree 2: it is a linear law, as hinf is.")
     if s.via:
@@ -219,20 +255,18 @@ def comparison_notes(comparison: Comparison) -> list[str]:
 
 
 # Sections --------------------------------------------------------------------------------------------------
-def _ordered(comparison: Comparison) -> list[tuple[TunedLaw, bool]]:
-    """The laws by their criterion, those that are not ranked last, and whether each is ranked."""
-    laws = tuned_laws(comparison)
-    first = {law.name for law in ranked(laws)} | {DESIGN}
-    ordered = sorted(laws, key=lambda law: (law.name not in first, law.cost))
-    return [(law, law.name in first) for law in ordered]
+def ordered_laws(comparison: Comparison) -> list[tuple[TunedLaw, bool]]:
+    """The laws by their criterion, those that miss a limit last, and whether each keeps every limit."""
+    ordered = sorted(tuned_laws(comparison), key=lambda law: (bool(law.missed), law.cost))
+    return [(law, not law.missed) for law in ordered]
 
 
 def _ranking(comparison: Comparison) -> Table:
-    ordered = _ordered(comparison)
+    ordered = ordered_laws(comparison)
     return Table(
         (
             "law", *(Column(name, "", 2) for name in ("criterion", *RATIOS.values())), "unstable corners", "measured",
-            "ranked",
+            "ranked, or what it misses",
         ),
         [
             (
@@ -240,9 +274,9 @@ def _ranking(comparison: Comparison) -> Table:
                 *finite([law.cost, *(ratios[name] for name in RATIOS)]),
                 "–" if law.evaluation.corners is None else law.evaluation.corners.unstable,
                 ", ".join(law.sensors).replace("_", " ") or "true state",
-                "yes" if is_ranked else "no: more unstable corners than the design",
+                f"no: {law.missed}" if law.missed else "the unit" if law.name == DESIGN else "yes",
             )
-            for law, is_ranked in ordered
+            for law, _ in ordered
             for ratios in (comparison.criterion.ratios(law.metrics),)
         ],
         "", "table-criterion", stacks=True,
@@ -260,9 +294,10 @@ def _frequency(comparison: Comparison) -> list[Any]:
 
 
 def _key_numbers(comparison: Comparison) -> list[KeyNumber]:
-    rival, own_law = best_rival(tuned_laws(comparison)), best_hinf_law(comparison)
+    rival, own_law = nearest_rival(comparison), best_hinf_law(comparison)
     metrics, numbers = {metric.key: metric for group in METRICS.values() for metric in group}, []
     called = "the design" if own_law.name == DESIGN else _whole(own_law.name)
+    theirs_called = "" if rival is None else f"{_whole(rival.name)}{' (not ranked)' if rival.missed else ''}"
     for key in (
         "load_deviation", "step_settling_s", "move_error", "load_remaining", "peak_sensitivity", "unstable_corners",
         "input_noise",
@@ -271,9 +306,7 @@ def _key_numbers(comparison: Comparison) -> list[KeyNumber]:
         mine, theirs = (cell(metrics[key], value, comparison) for value in values)
         if values[0] is not None:
             name, unit = f"{called}: {metrics[key].label}", unit_of(metrics[key], comparison)
-            numbers.append(
-                KeyNumber(name, mine, unit, "" if rival is None else f"{_whole(rival.name)}: {theirs}")
-            )
+            numbers.append(KeyNumber(name, mine, unit, "" if rival is None else f"{theirs_called}: {theirs}"))
     return numbers
 
 
@@ -304,8 +337,8 @@ def _laws(comparison: Comparison) -> list[Any]:
             "Every law but the design as it is, is tuned over all its parameters and the noise levels of its "
             "estimator, in three rounds with as many candidates per parameter, with the sensors that its proponents "
             "would choose. The step begins as it would be deployed: the input continues from what held the robot, by "
-            "the integrals, and by a bias that fades where a law has none. The move is followed in error coordinates, "
-            "(x_d, u_d) from the elastic inverse dynamics."
+            "the integrals, and by a bias that fades within the run where a law has none. The move is followed in "
+            "error coordinates, (x_d, u_d) from the elastic inverse dynamics."
         ),
         Table(
             ("law", "what it is", "tuned", "candidates", "measured", "needs of the state", "knows", "source"),
@@ -434,10 +467,12 @@ def metric_table(
         "running loop, linearised": "Running loop, linearised at the goal, with its estimator and delay",
         "cost": "Cost",
     }
+    eligible = [law.name for law in comparison.compared if law.tuned is not None and not law.tuned.missed]
     costs = (law.tuned.cost if law.tuned else np.nan for law in laws)
     rows: list[Any] = [
         "criterion" if short else "Criterion and limits",
         ("criterion, design = 1", *(number(c, 3) if np.isfinite(c) else "diverges" for c in costs)),
+        ("keeps every limit", *("yes" if law.name in eligible else "no" for law in laws)),
     ]
     judged = [{(line.what, line.where): line for line in law.requirements} for law in laws]
     for key, first in {key: line for law in judged for key, line in law.items()}.items():
@@ -450,16 +485,18 @@ def metric_table(
             values = {law.name: law.metrics.get(metric.key) for law in comparison.compared}
             if set(values.values()) == {None}:
                 continue
-            best = dict(zip(values, best_of(metric, list(values.values()))))
+            kept = {name: values[name] for name in eligible}
+            best = dict(zip(kept, best_of(metric, list(kept.values()))))
             cells = (
-                Cell(cell(metric, values[law.name], comparison), "best" if best[law.name] else "")
+                Cell(cell(metric, values[law.name], comparison), "best" if best.get(law.name) else "")
                 for law in laws
             )
             entries.append((", ".join(filter(None, (metric.label, unit_of(metric, comparison)))), *cells))
         rows += [heading if short else titles[heading], *entries] if entries else []
     return Table(
         ("", *(Column(law.name.replace("-", NO_BREAK), brief=law.name, right=True) for law in laws)), rows,
-        "The same commands, load, move, robots and seeds for all. “best”: of its row, or as good", "figures-of-merit",
+        "The same commands, load, move, robots and seeds for all. “best”: in its row, of the laws that keep every "
+        "limit, or as good", "figures-of-merit",
         title=title,
     )  # fmt: skip
 
@@ -470,7 +507,7 @@ def comparison_tables(comparison: Comparison, width: int = WIDTH) -> list[Any]:
 
     first, parts, legend = comparison.tuned_design, [], "* best of its row, or as good as the best"
     title = f"{comparison.robot.name}: laws in the same runs; {legend}"
-    order = sorted(comparison.compared, key=lambda law: law.tuned.cost if law.tuned else np.inf)
+    order = [comparison.row(law.name) for law, _ in ordered_laws(comparison)]
     part, table = [first], metric_table(comparison, [first], True, title).terminal(wide=True)
     for law in (law for law in order if law is not first):
         wider = metric_table(comparison, [*part, law], True, title).terminal(wide=True)

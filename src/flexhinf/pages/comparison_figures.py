@@ -31,7 +31,7 @@ FARTHEST = 20.0
 def ranking_figure(comparison: Comparison, laws: Sequence[tuple[TunedLaw, bool]]) -> Figure:
     """Laws beside each other: a bar for the criterion of each, marks for the ratios that it is the mean of.
 
-    `laws`: in the order of the bars, from above, each with whether it is ranked.
+    `laws`: in the order of the bars, from above, each with whether it keeps every limit.
     """
     figure, ((axes,),) = panels(1, 1, 1.4 + 0.36 * len(laws))
     places = np.arange(len(laws))[::-1]
@@ -60,7 +60,7 @@ def ranking_figure(comparison: Comparison, laws: Sequence[tuple[TunedLaw, bool]]
     return figure_block(
         "ranking", figure,
         "Bars: the criterion, the geometric mean of the four ratios that the marks show. Blue: nonlinear H∞. Dashed: "
-        "the design as it is. A law that is not ranked has more unstable corners of the tolerances than the design.",
+        "the design as it is. A law that is not ranked misses a limit, or has an unstable corner of the tolerances.",
         "Laws side by side",
     )  # fmt: skip
 
@@ -138,7 +138,8 @@ def responses_figure(comparison: Comparison) -> Figure:
     return figure_block(
         "laws", figure,
         "True link positions in the nonlinear loop with estimator and measurement noise. Left: the step. Middle: the "
-        f"torque on the links at the goal. Right: the planned move. {thick.name} is in every row (thick)."
+        f"torque on the links at the goal. Right: the planned move. {thick.name} is in every row (thick). A law that "
+        "misses a limit is shown too, by the tuning that exceeds the limits least."
         f"{which if len(joints) > 1 else ''}",
         "Laws in the same runs",
     )  # fmt: skip

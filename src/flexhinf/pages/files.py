@@ -23,7 +23,7 @@ from flexhinf.design.tuning import best_rival, pareto_front
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict, result_row
 from flexhinf.design.workspace.design import WorkspaceDesign
 from flexhinf.errors import InvalidInput
-from flexhinf.pages.comparison import comparison_page
+from flexhinf.pages.comparison import comparison_page, is_ranked
 from flexhinf.pages.design.frequency import corner_rows
 from flexhinf.pages.design.region import BOX_FILE, budget_of, proof_numbers
 from flexhinf.pages.design.runs import MARGINS as ALONG, long_run_rows, ring_down_rows
@@ -408,7 +408,8 @@ def comparison_numbers(comparison: Comparison, verdict: DesignVerdict = UNKNOWN)
     tuned = [row.tuned for row in comparison.compared if row.tuned is not None]
     rival = best_rival(tuned)
     numbers = {
-        "version": 4,
+        "version": 5,
+        "ranked": is_ranked(comparison),
         **_picked(comparison, "robot=robot.name joints=robot.joint_names"),
         "unit": comparison.units()["input"],
         "tune": {
@@ -448,7 +449,7 @@ def _law(row: ComparedLaw) -> dict[str, Any]:
         **_picked(row, "name what=kind.description"),
         "compared": e is not None,
         "failure": row.failure or ("" if e is None else e.linear_failure),
-        "tuned": row.tuned and _picked(row.tuned, "cost candidates parameters sensors"),
+        "tuned": row.tuned and _picked(row.tuned, "cost candidates parameters sensors missed"),
         "figures": dict(metrics),
         "figure_joints": {} if e is None else {key: worst.joint for key, worst in e.worst.items()},
         "infinite": [key for key, value in metrics.items() if value is not None and np.isinf(value)],

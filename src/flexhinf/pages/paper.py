@@ -14,6 +14,7 @@ import numpy as np
 from flexhinf.analysis import FORMS
 from flexhinf.loop import Trajectory
 from flexhinf.options import option_name
+from flexhinf.paper.claims import NOT_JUDGED
 from flexhinf.paper.loop_setup import (
     FREQUENCY,
     GOALS,
@@ -73,6 +74,15 @@ MISPRINTS = (
     ("Eq. (8)", "g2 R2⁻¹ g2", "g2 R2⁻¹ g2ᵀ"),
     ("Eq. (10) with Table 3", "five sigma points", "2n + 1 = 9 for n = 4; λ = 0, W0ᵐ = 0, W0ᶜ = 2, Wᵢ = 1/8"),
     ("Sec. 2", "gravity inside C, and G", "gravity once"),
+    ("Eq. (2) against Sec. 5", "u, a torque", "the motor's voltage V; its torque is k_m (V − k_b ẋ4)/R"),
+    ("Eqs. (3) and (5)", "the disturbance is ω, then d", "one signal, d"),
+    ("Eqs. (3), (7) and (8)", "h1, then h", "one penalty, h"),
+    ("Eq. (6)", "pᵀ(f(x)) + g1 d + g2 u)", "pᵀ(f + g1 d + g2 u)"),
+    ("Sec. 5, states of the UKF", "x1, x3, x3, x4", "x1, x2, x3, x4"),
+    ("Sec. 6, f", "fifth row x1", "x1; −x_d comes in through g1"),
+    ("Sec. 6, ẋ4 and Table 2", "b, and B", "one friction constant, 0.1"),
+    ("Figs. 3–12 and Secs. 5–6", "degrees, and radians", "radians; figures show degrees"),
+    ("Sec. 1", "four sections", "Secs. 1–6; the conclusion, a second Sec. 6, is called Sec. 7 here"),
     ("Sec. 3", "asymptotically stable at u = 0", "with u = k(x): x5 is an integrator"),
     ("Figs. 7, 9, 10, 12", "captions lost", "tracking; tolerances, measured and estimated; sine disturbance"),
 )
@@ -376,6 +386,10 @@ def _page(reproduction: Reproduction) -> Page:
                     "unstable is by the growth rates of the linear loop, the rest by runs and searches."
                 ),
                 Claims(claims),
+                Table(
+                    ("the paper says", "why it is not judged"), NOT_JUDGED,
+                    "What no claim here judges.", "table-not-judged", stacks=True,
+                ),
             ), "claims", True),
             Section("Figures 3–12", tuple(figures), "figures", True),
             Section("Evidence, claim by claim", paper, "evidence"),

@@ -36,9 +36,14 @@ def comparison_settings(comparison: Comparison) -> dict[str, list[Setting]]:
             (x.label, f"{'≥' if x.at_least else '≤'} {x.value:.4g}", x.unit, x.origin)
             for x in criterion.limits
         ),
-        ("shared limit", criterion.mode, "", "option --tune"),
+        ("limit beside margins and noise", criterion.mode, "", "option --tune"),
         ("measurement noise", "of the sampled robots only, not of the nominal one", "", "ours"),
-        ("command", "the whole step at once, integrals at zero, for every law", "", "ours"),
+        (
+            "command",
+            "the whole step at once; the input continues from the one that held the robot",
+            "",
+            "ours",
+        ),
         ("load begins at", "a tenth of its run", "", f"{runs.load_duration:g} s, in equilibrium at the goal"),
         ("plan of the move", float(runs.plan.duration), "s", "the same for every law"),
         ("sensors", "those of the design or of the law's proponents", "", "see the table of laws"),

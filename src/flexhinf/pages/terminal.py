@@ -19,7 +19,7 @@ from flexhinf.design.pipeline import Comparison, Design
 from flexhinf.design.problem.weights import vibration_text
 from flexhinf.design.requirements import REQUIREMENTS, STANDSTILL_SHARE, Requirement
 from flexhinf.design.specification import FIELDS, Specification
-from flexhinf.design.tuning import RATIOS
+from flexhinf.design.tuning import RATIOS, TunedLaw
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict
 from flexhinf.pages.comparison import (
     METRICS,
@@ -27,6 +27,7 @@ from flexhinf.pages.comparison import (
     comparison_design,
     comparison_notes,
     comparison_verdict,
+    ordered_laws,
     unit_of,
 )
 from flexhinf.pages.design import region
@@ -284,15 +285,22 @@ def comparison_ending(comparison: Comparison, verdict: DesignVerdict = UNKNOWN) 
     return screen(lambda size: _brief_table(comparison, size), sizes, parts, comparison_notes(comparison))
 
 
+def _criterion_text(law: TunedLaw | None) -> str:
+    if law is None:
+        return "–"
+    return f"({number(law.cost, 3)})" if law.missed else number(law.cost, 3)
+
+
 def _brief_table(comparison: Comparison, count: int) -> Table:
-    """The best laws by the criterion, the design among them, with a few numbers of each."""
+    """The best laws by the criterion, the design among them, with a few numbers of each; those that miss a limit are
+    last, with their criterion in brackets."""
     metrics = {metric.key: metric for group in METRICS.values() for metric in group}
-    ordered = sorted(comparison.compared, key=lambda law: law.tuned.cost if law.tuned else np.inf)
+    ordered = [comparison.row(law.name) for law, _ in ordered_laws(comparison)]
     others = [law for law in ordered if law is not comparison.tuned_design][: count - 1]
     tables = [law for law in ordered if law is comparison.tuned_design or law in others]
     rows: list[Any] = [
         (
-            law.name, number(law.tuned.cost, 3) if law.tuned else "–",
+            law.name, _criterion_text(law.tuned),
             *(cell(metrics[key], law.metrics.get(key), comparison) for key in COLUMNS),
             str(sum(line.missed for line in law.requirements)),
         )
@@ -311,6 +319,7 @@ def _brief_table(comparison: Comparison, count: int) -> Table:
         rows,
         title=wrapped(
             f"{comparison.robot.name}, {which}. Criterion: geometric mean of {listed(list(RATIOS.values()))}, each "
-            "relative to the design; less is better. Every law is tuned for it within the same limits."
+            "relative to the design; less is better; (in brackets): misses a limit. Every law is tuned for it within "
+            "the specification's limits."
         ),
     )

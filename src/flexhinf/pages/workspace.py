@@ -343,8 +343,8 @@ def _pair_table(design: WorkspaceDesign, tolerated: Robustness) -> Table:
         ),
     ]  # fmt: skip
     caption = (
-        "For motors made alike, gravity without slope, springs without damping, small motions. An error of an "
-        "acceleration is that of a mass, a spring or a motor: 10 % more mass at all links is one of 9 %."
+        "For motors made alike, gravity without slope, springs without damping, no dry friction, small motions. An "
+        "error of an acceleration is that of a mass, a spring or a motor: 10 % more mass at all links is one of 9 %."
     )
     return Table(("each vibration by itself", "range or size", "how it is known"), rows, caption, stacks=True)
 

@@ -316,13 +316,15 @@ def affordable(wanted: int, period: float, duration: float = LONG) -> int:
 # Claims --------------------------------------------------------------------------------------------------
 class Finding(NamedTuple):
     """Result of computing one claim's criterion: whether it is met ("ties" or "not judged" where it cannot be said),
-    the numbers behind that in a sentence, a table, numbers for ``metrics.json``, and what the page draws."""
+    the numbers behind that in a sentence, a table, numbers for ``metrics.json``, what the page draws, and whether it is
+    met for each step alone."""
 
     verdict: bool | Verdict
     evidence: str
     table: Table | None = None
     numbers: Mapping[str, Any] = MappingProxyType({})
     data: Any = None
+    steps: Mapping[str, bool] = MappingProxyType({})
 
 
 class StatedClaim(NamedTuple):
@@ -335,11 +337,17 @@ class StatedClaim(NamedTuple):
     figures: tuple[str, ...] = ()  # anchors of the paper's figures that show it
 
 
+_VERDICTS: dict[bool, Verdict] = {True: "holds", False: "fails"}
+
+
 def judge(setup: PaperSetup, stated: StatedClaim) -> Claim:
     """Compute the criterion of a claim, and return the claim with its verdict."""
-    verdict, evidence, table, *more = stated.compute(setup)
+    verdict, evidence, table, numbers, data, steps = stated.compute(setup)
     if not isinstance(verdict, str):
-        verdict = "holds" if verdict else "fails"
+        verdict = _VERDICTS[verdict]
+    parts = {step: _VERDICTS[met] for step, met in steps.items()}
     kind, tables = setup.settings.estimator, () if table is None else (table,)
     text = stated.text.format(feedback="the true state" if kind == "none" else f"the {kind.upper()}")
-    return Claim(stated.id, text, verdict, evidence, stated.figures, stated.criterion, tables, *more)
+    return Claim(
+        stated.id, text, verdict, evidence, stated.figures, stated.criterion, tables, numbers, data, parts
+    )

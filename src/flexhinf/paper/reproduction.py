@@ -9,7 +9,7 @@ from importlib import import_module
 from typing import Any
 
 from flexhinf.paper.apart import Apart
-from flexhinf.paper.claims import BY_LENGTH, CLAIMS
+from flexhinf.paper.claims import BY_LENGTH, CLAIMS, NOT_JUDGED
 from flexhinf.paper.loop_setup import FIGURE_NUMBERS, PaperSetup, StatedClaim, figure_numbers, judge
 from flexhinf.paper.settings import PaperSettings
 from flexhinf.report import Claim
@@ -49,6 +49,7 @@ class Reproduction:
             "figures": self.figures,
             "claims": [claim.as_dict() for claim in self.claims],
             "our_questions": [claim.as_dict() for claim in self.questions],
+            "not_judged": [{"said": said, "why": why} for said, why in NOT_JUDGED],
         }
 
 

@@ -187,6 +187,7 @@ def _robust_to_tolerances(setup: PaperSetup) -> Finding:
             "runs_that_agree": agree,
         },
         study,
+        {name_goal(goal): rates.unstable == 0 for goal, rates in chosen.items()},
     )
 
 

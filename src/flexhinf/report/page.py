@@ -58,6 +58,7 @@ class Claim(Anchored):
     `id` is its name in ``metrics.json`` and, after ``claim-``, its anchor; `evidence` the numbers behind the verdict;
     `figures` anchors of the figures that show it; `criterion` is fixed before the result and shown before the verdict;
     `blocks` are tables and figures of its own, `numbers` what else ``metrics.json`` holds, `data` what a page draws.
+    `parts` are the verdicts of the same criterion for each step alone, where it is about several or could be.
     """
 
     id: str
@@ -69,10 +70,17 @@ class Claim(Anchored):
     blocks: Sequence[Block] = ()
     numbers: Mapping[str, Any] = field(default_factory=dict)
     data: Any = None
+    parts: Mapping[str, Verdict] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        one_of("There is no such verdict.", self.verdict, get_args(Verdict))
+        for verdict in (self.verdict, *self.parts.values()):
+            one_of("There is no such verdict.", verdict, get_args(Verdict))
+
+    @property
+    def parts_text(self) -> str:
+        """The verdict for each step alone, such as ``90°: holds, 180°: fails``; empty for a claim without parts."""
+        return ", ".join(f"{part}: {verdict}" for part, verdict in self.parts.items())
 
     def as_dict(self) -> dict[str, Any]:
         """The claim as it stands in ``metrics.json``."""
@@ -81,6 +89,7 @@ class Claim(Anchored):
             "text": self.text,
             **({"criterion": self.criterion} if self.criterion else {}),
             "verdict": self.verdict,
+            **({"by_step": dict(self.parts)} if self.parts else {}),
             "evidence": self.evidence,
             **({"numbers": self.numbers} if self.numbers else {}),
         }
@@ -96,11 +105,13 @@ class Claim(Anchored):
             word, _, tail = name.partition("-")  # figure-03 is read as Figure 3
             spoken = f"{word.capitalize()} {tail.lstrip('0') or tail}".strip()
             links.append(f'<a href="#{name}">{escape(spoken)}</a>')
+        alone = f" ({prose(self.parts_text)})" if self.parts else ""
         seen = f' <span class="seen">See {", ".join(links)}.</span>' if links else ""
         return "\n".join(filter(None, (
             f'<article class="claim" id="claim-{self.id}"><h3>{prose(self.text)}</h3>',
             f"<p><strong>Criterion.</strong> {prose(self.criterion)}</p>" if self.criterion else "",
-            f"<p>{badge(self.verdict)} {prose(self.evidence)}{seen}</p>", *(block.html() for block in self.blocks),
+            f"<p>{badge(self.verdict)}{alone} {prose(self.evidence)}{seen}</p>",
+            *(block.html() for block in self.blocks),
             "</article>",
         )))  # fmt: skip
 
@@ -115,7 +126,9 @@ class Claims(Block):
         """The table as HTML."""
         rows = "".join(
             f'<tr><td><a href="#claim-{claim.id}">{prose(claim.text)}</a></td><td data-label="Criterion">'
-            f"{prose(claim.criterion)}</td><td>{badge(claim.verdict)}</td></tr>"
+            f"{prose(claim.criterion)}</td><td>{badge(claim.verdict)}"
+            + "".join(f"<br>{prose(f'{part}: {verdict}')}" for part, verdict in claim.parts.items())
+            + "</td></tr>"
             for claim in by_verdict(self.claims)
         )
         return (

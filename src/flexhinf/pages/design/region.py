@@ -48,10 +48,16 @@ from flexhinf.report.blocks import WIDTH
 BOX_FILE = "certificate-tolerances.json"
 
 
+#: The rules by which steps start their integrators, as keys of design.json, and in words.
+RULES = {
+    SMALLEST_VALUE: ("V smallest", "input may jump, V smallest"),
+    UNCHANGED_INPUT: ("input unchanged", "input without a jump"),
+}
+
+
 def rule_text(start: Any) -> str:
-    """The rule by which a step starts its integrators, in short."""
-    rule: str = start.rule
-    return {SMALLEST_VALUE: "V smallest", UNCHANGED_INPUT: "input unchanged"}.get(rule, rule)
+    """The rule by which a step starts its integrators, in a few words."""
+    return RULES.get(start.rule, (start.rule, start.rule))[1]
 
 
 # What is proved -----------------------------------------------------------------------------------------
@@ -93,8 +99,9 @@ def proof_text(design: Design) -> str:
             for value in (proof.budget[-1].budget.total, certificate.level - proof.start)
         )
         texts.append(
-            f"The step leaves {left} % of the level, which {'covers' if proof.lasts else 'does not cover'} the "
-            f"{spent} % that {listed([term.name for term in proof.budget])} spend."
+            f"Not proved, as it is of one simulated run of the step: {listed([term.name for term in proof.budget])} "
+            f"spend {spent} % of the level there, of which the step leaves {left} %"
+            f"{'' if proof.lasts else ', too little'}."
         )
     elif proof.inside:
         texts.append("What the estimator and the sampling spend is not covered.")
@@ -138,7 +145,7 @@ def proof_numbers(design: Design) -> dict[str, Any]:
         "strength": "Certificate", "proved": True, "feedback": certificate.feedback,
         "parameters": "tolerances" if covers_tolerances(design) else "nominal",
         "gamma": certificate.gamma, "level": certificate.level, "sampled_level": certificate.sampled_level,
-        "steps": {rule_text(start): start.amplitude for start in certificate.starts},
+        "steps": {RULES.get(s.rule, (s.rule,))[0]: s.amplitude for s in certificate.starts},
         "step_proved": design.step_proof.proved,
         "latency_samples": 0, "start": proof.start, "starts_inside": proof.inside,
         "spent": proof.budget[-1].budget.total if proof.budget else math.nan, "lasts": proof.lasts,
@@ -248,7 +255,8 @@ def _proof(design: Design) -> Blocks:
         others = "parameters outside the tolerances" if covers else "other values of the parameters"
         yield Paragraph(
             f"Not covered by the proof: {others}; estimator, sampling, hold, delay, limits and noise"
-            f"{'' if covers else ' beyond the budget below'}. A planned move and payloads are judged by runs."
+            f"{'' if covers else ', of which the budget below looks at one simulated run'}. A planned move and "
+            "payloads are judged by runs."
         )
     if box is not None:
         yield from (
@@ -357,7 +365,8 @@ def _budget(design: Design) -> Blocks:
     yield Paragraph(
         "Dissipation budget. What makes the input differ by v from the law's own, on the true state at every instant, "
         "uses ½∫vᵀR2v of the level. While V(x0) and this stay below it, the inequality holds for the controller as it "
-        f"runs. For the step of the nominal robot, extras left out, {outcome}"
+        f"runs. In one simulated run of the step of the nominal robot, extras left out, {outcome} Of other runs and "
+        "other noise this says nothing."
     )
     what = {
         "sampling": "the input is held between samples", "delay": "the input is delayed",
