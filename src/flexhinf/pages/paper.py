@@ -414,7 +414,9 @@ def _numbered(block: Figure | Table, counters: Mapping[str, Iterator[int]]) -> F
 def _key_numbers(setup: PaperSetup) -> list[KeyNumber]:
     ratio = f"{setup.settings.gamma_ratio:g} γ*; the paper gives none"
     numbers = [
-        KeyNumber("γ* of the paper's problem", f"{setup.gamma_star:.4f}", note="the smallest feasible one, at 0°"),
+        KeyNumber(
+            "γ* of the paper's problem", f"{setup.gamma_star:.4f}", note="the smallest feasible one, at 0°"
+        ),
         KeyNumber("γ of the paper's law here", f"{setup.gamma:.4f}", note=ratio),
     ]
     for goal, runs in (("180°", setup.runs("03")), ("90°", setup.runs("05"))):
