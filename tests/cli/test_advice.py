@@ -52,7 +52,7 @@ class Started(Exception):
         (["--measured", "link_position_shoulder,motor_position"], ("--measured motor_position,", "--pose")),
         (["--measured", "link_position_shoulder,motor_position_elbow"], ("one pose", "--pose")),
         (["--measured", "motor_positon"], ("--measured motor_position",)),
-        (["--measured", "joint_torque"], ("No sensor sees",)),
+        (["--measured", "joint_torque"], ("sensor",)),
         (["--latency", "1ms"], ("samples",)),
         (["--unknown-delay", "5"], ("5ms",)),
         (["--period", "1"], ("0.1 s",)),

@@ -16,11 +16,12 @@ import flexhinf as fh
 from flexhinf.cli.arguments import _value
 from flexhinf.cli.messages import error_text
 from flexhinf.design import Specification, design
-from flexhinf.design.design_file import check_stated_units, read_request
+from flexhinf.design.design_file import read_request
 from flexhinf.design.loop_setup import LoopSetup, other_quantisation, sensor_steps
 from flexhinf.design.plans import plan_move
 from flexhinf.design.responses import ROBOT, joint_limits
 from flexhinf.design.specification import FIELDS, SpecificationError
+from flexhinf.design.stated_units import check_stated_units
 from flexhinf.design.synthesis.by_step import COARSE, MIN_FRACTION, WIDTH, _BandwidthSearch
 from flexhinf.design.synthesis.steps import _refuse_early
 from flexhinf.errors import InvalidInput

@@ -106,6 +106,7 @@ motor_inertia = 0.1
 
 SPRINGS = elastic("a", "b", "f", "g")
 TINY = urdf_link("G", 1e-8).replace("0.02", "1e-8").replace("0.01", "1e-8")
+PLACED = 'name = "b"\naxis = [0, 1, 0]\nxyz = [0.0, 0.0, 0.2]'
 MIMIC = '<mimic joint="f" multiplier="-1"/>'
 BALL = '<joint name="f" type="ball"/>'
 
@@ -142,10 +143,10 @@ BALL = '<joint name="f" type="ball"/>'
         (OWN, "stiffness = 800.0", 'stiffness = "800 Nm"', ("'stiffness'", "800 Nm")),
         (OWN, "rotor_inertia = 1e-5\ngear_ratio = 100.0", "rotor_inertia = 1e-5", ("gear ratio",)),
         (OWN, "stiffness = 800.0", "stiffness = 8.0", ("'a'", "twists")),
-        (OWN, 'name = "b"\naxis = [0, 1, 0]\nxyz = [0.0, 0.0, 0.2]', 'axis = [0, 1, 0]\nname = "b"',
+        (OWN, PLACED, 'axis = [0, 1, 0]\nname = "b"',
          ("'b'", "xyz = [0.0, 0.0, 0.2]")),
-        (ONE, "mass = 2.0\n", "", ("length and no mass",)),
-        (ONE, "length = 0.3\n", "", ("mass and no length",)),
+        (ONE, "mass = 2.0\n", "", ("mass = 1.0",)),
+        (ONE, "length = 0.3\n", "", ("length = 0.1",)),
     ],
     ids=lambda value: " ".join(map(str, value)) if isinstance(value, tuple) else "",
 )  # fmt: skip

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import EquilibriumLoop
-from flexhinf.design.design_file import per_signal
 from flexhinf.design.plans import has_integrals, move_reference, step_command
 from flexhinf.design.responses import (
     LOAD_START,
@@ -29,6 +28,7 @@ from flexhinf.design.responses import (
     with_values,
 )
 from flexhinf.design.specification import TORQUE_NOISE, Specification, SpecificationError
+from flexhinf.design.stated_units import per_signal
 from flexhinf.estimation import (
     ExtendedKalmanFilter,
     OutputInjectionObserver,

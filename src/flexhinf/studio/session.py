@@ -11,7 +11,7 @@ from typing import Any
 import tomlkit
 
 from flexhinf import export, pages, report
-from flexhinf.design import design, design_file, stages as design_stages
+from flexhinf.design import design, stages as design_stages
 from flexhinf.design.design_file import (
     DesignRequest,
     is_design_file,
@@ -22,6 +22,7 @@ from flexhinf.design.design_file import (
 from flexhinf.design.loop_setup import TORQUE_NOISE
 from flexhinf.design.responses import Response, default_start
 from flexhinf.design.specification import Specification
+from flexhinf.design.stated_units import check_stated_units
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.files import write_file
 from flexhinf.studio import controls
@@ -119,7 +120,7 @@ class Session:
             self._scale(text)
             return
         s = controls.changed(self.specification, control, text, self.robot)
-        design_file.check_stated_units(self.robot, s)
+        check_stated_units(self.robot, s)
         self.request = replace(self.request, specification=s)
 
     def _scale(self, text: str) -> None:

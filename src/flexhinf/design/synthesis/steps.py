@@ -30,11 +30,12 @@ from flexhinf.analysis import (
     margins,
     minimise,
 )
-from flexhinf.design import checks, design_file, monte_carlo, plans, proved_step, responses
+from flexhinf.design import checks, monte_carlo, plans, proved_step, responses
 from flexhinf.design.loop_setup import EstimatorNoise, LoopPlants, LoopSetup, sensor_steps
 from flexhinf.design.problem.presets import DesignProblem, preset_of, required_damping, tolerance_channels
 from flexhinf.design.problem.weights import Candidate, SearchResult, behaviour_of
 from flexhinf.design.specification import MIN_DAMPING, RINGS, TOLERANCE, Specification, SpecificationError
+from flexhinf.design.stated_units import check_stated_units
 from flexhinf.design.synthesis import by_step
 from flexhinf.design.synthesis.by_step import DegreeChoice, Task
 from flexhinf.design.synthesis.noise import NO_DELAY, NoiseSearch, search_noise
@@ -334,7 +335,7 @@ def synthesise(robot: Robot, s: Specification, progress: Callable[[str], None]) 
 
     Raises `InvalidInput`, `InfeasibleGamma`, `NotStabilisable` or `NotDetectable` with what to change.
     """
-    design_file.check_stated_units(robot, s)
+    check_stated_units(robot, s)
     move = plans.stated_move(robot, s)
     start, goal = responses.start_and_goal(robot, s, move)
     kinematics.check_fast(robot, s.period)

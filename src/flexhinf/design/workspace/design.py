@@ -15,11 +15,12 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import LinearLoop
-from flexhinf.design.design_file import check_stated_units, tool_of
+from flexhinf.design.design_file import tool_of
 from flexhinf.design.loop_setup import sensor_steps
 from flexhinf.design.requirements import Judged, Requirement
 from flexhinf.design.responses import Move, Response, joint_limits
 from flexhinf.design.specification import Specification
+from flexhinf.design.stated_units import check_stated_units
 from flexhinf.design.workspace.judgement import (
     corner_requirements,
     holding_requirement,
