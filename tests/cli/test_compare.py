@@ -70,6 +70,7 @@ def test_a_design_file_is_what_the_others_are_compared_with(
     )
     found = json.loads((folder / "against" / "comparison.json").read_text(encoding="utf-8"))
     assert found["design"]["preset"] == "damped"
+    assert len(found["design"]["verdict"]["requirements"]) > 5  # the design's own verdict stands beside
     assert found["goal"] == [0.3]
     assert found["tune"]["mode"] == "none"
     assert found["drawn"] == 0

@@ -90,11 +90,13 @@ def verdict_of(request: DesignRequest) -> DesignVerdict:
     from flexhinf.design.deployed_run import fields_text
     from flexhinf.design.design_file import DESIGN_FILE, has_controller
     from flexhinf.design.verdict import UNKNOWN, DesignVerdict, stored_rows
+    from flexhinf.robot.parts import file_warnings
 
     file, s = request.file, request.specification
     if file is None or file.name != DESIGN_FILE or not has_controller(file):
         return UNKNOWN
-    robot, own = fh.load_design(file)
+    with file_warnings(str):  # the request has told them
+        robot, own = fh.load_design(file)
     if fields_text(own) != fields_text(s):
         return UNKNOWN
     return DesignVerdict.of(stored_rows(file), s.shows_degrees(robot))

@@ -535,12 +535,12 @@ def evaluate_payload(setup: LoopSetup, runs: Scenario, masses: Mapping[str, floa
             np.asarray(robot.links.gravity_torque(setup.goal, Parameters(p)), dtype=float)
             for p in (robot.plant_parameters(), true)
         )
-        load_step = _back_at_rest(setup, -(loaded - nominal), runs)
+        load_step = _recovered_load_step(setup, -(loaded - nominal), runs)
     loop_margins = margins(setup.equilibrium_loop(values=true))
     return PayloadEvaluation(robot, masses, step, load_step, loop_margins)
 
 
-def _back_at_rest(setup: LoopSetup, load: np.ndarray, runs: Scenario) -> LoadResponse:
+def _recovered_load_step(setup: LoopSetup, load: np.ndarray, runs: Scenario) -> LoadResponse:
     """The load step with torques (n,), in a run that is long enough for the links to come back where they do."""
     length, found = runs.load_duration, setup.load_response(load, runs.load_duration, runs.sub_steps)
     while found.metrics and not np.isfinite(found.recovery.value) and length < LONGEST:
