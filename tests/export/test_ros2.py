@@ -16,14 +16,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from tests.export.test_rest import controller_of, elastic_controller, robot_of
-from tests.refusals import refused_with
+from tests.export.test_rest import controller_of, robot_of
 
 import flexhinf as fh
-from flexhinf.errors import InvalidInput
 from flexhinf.export import export_c
-from flexhinf.export.controller_c import code_of
-from flexhinf.export.ros2 import ros2_files
 from flexhinf.robot import MuJoCoPlant
 
 yaml = pytest.importorskip("yaml")
@@ -502,40 +498,6 @@ def test_no_update_allocates(
     found = subprocess.run([program], check=True, capture_output=True, text=True)
     assert found.stdout.split() == ["9", "0"]
     assert found.stderr.count("ERROR") == 1
-
-
-def test_interfaces_are_named_after_the_joints_of_the_robot(tmp_path: Path) -> None:
-    """Two joints whose names in C are one had each other's interfaces."""
-    joints, file = ("left/j1", "left_j1"), tmp_path / "arm.toml"
-    text = (Path(fh.__file__).parent / "robot/catalogue/planar-two-link.toml").read_text()
-    file.write_text(text.replace('"shoulder"', f'"{joints[0]}"').replace('"elbow"', f'"{joints[1]}"'))
-    robot = fh.load_robot(file)
-    code = code_of(elastic_controller(robot), "arm", "double", robot)
-    files = ros2_files(code, np.zeros(1))
-    stated = yaml.safe_load(files["ros2/config/arm_controller.yaml"])["arm_controller"]["ros__parameters"]
-    for kind, quantities in (("measurements", ("position", "motor_position")), ("inputs", ("voltage",))):
-        interfaces = [group["interface"] for group in stated[kind].values()]
-        assert interfaces == [f"{joint}/{quantity}" for quantity in quantities for joint in joints]
-        assert (
-            "{" + ", ".join(f'"{interface}"' for interface in interfaces) + "}"
-            in (files["ros2/src/controller.cpp"])
-        )
-
-
-class Twins(fh.Law):
-    """A law of two states that are both the position of the only joint."""
-
-    state_names, input_names = ("link_position", "link_position_joint"), ("u",)
-    operating_point, operating_input, law_data = np.zeros(2), np.zeros(1), np.ones(2)
-
-    def evaluate_law(self, x: Any, data: Any) -> Any:
-        return np.array([-(data @ x)])
-
-
-def test_two_signals_of_one_interface_are_refused_by_name() -> None:
-    code = code_of(fh.Controller(Twins(), None, PERIOD, 1.0), "arm", "double")
-    with refused_with(InvalidInput, "joint/position", "'link_position'", "'link_position_joint'"):
-        ros2_files(code, np.zeros(1))
 
 
 @pytest.mark.ci("3,400 samples of two joints with MuJoCo")
