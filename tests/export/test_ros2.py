@@ -448,44 +448,56 @@ def test_without_measurements_it_ends_until_it_is_activated_again(arm: Callable[
     assert one.update([0.1]) == 0
 
 
-def test_inputs_fall_to_zero_at_once_or_along_the_stated_ramp_and_a_position_stays(
-    arm: Callable[[], Manager], capfd: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("ramp", "shares"), [(0.0, [0.0] * 7), (5 * PERIOD, [1.0, 0.8, 0.6, 0.4, 0.2, 0.0, 0.0])]
+)
+def test_inputs_fall_to_zero_at_once_or_along_the_stated_ramp(
+    ramp: float, shares: list[float], arm: Callable[[], Manager], capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """As joint_trajectory_controller ends: a position holds the measured one, and every other command is 0."""
-    ramp = 5 * PERIOD
-    for stated, expected in (
-        ({}, [0.0] * 7),
-        ({"stop_ramp": ramp}, [1.0, 0.8, 0.6, 0.4, 0.2, 0.0, 0.0]),
-        ({"inputs__motor_voltage__interface": "joint/position"}, "place"),
-    ):
-        one = arm()
-        assert one.configure(**stated) == 0
-        assert one.activate([0.1]) == 0
-        assert one.update([0.1]) == 0
-        assert [one.update([math.nan]) for _ in range(10)] == [0] * 10
-        last, found, codes = one.input(), [], []
-        for y in (math.nan, *[0.7] * 6):
-            codes.append(one.update([y]))
-            found.append(one.input())
-        if expected == "place":  # no measurement at the fault: the last command stays
-            assert_near(np.array(found), np.tile(last, (7, 1)))
-            assert one("deactivate") == 0
-            assert one.input() == last
-            assert one.activate([0.3]) == 0
-            assert one.update([0.3]) == 0
-            assert one("deactivate") == 0
-            assert one.input() == 0.3
-            continue
-        assert last != 0.0
-        assert_near(np.array(found), np.outer(expected, last))
-        assert codes == [0 if share > 1e-9 else 1 for share in expected]
-        assert one("deactivate") == 0
-        assert one.input() == 0.0
-    assert capfd.readouterr().err.count("ERROR") == 3
+    """A fault left the last voltage, and a deactivation did."""
+    one = arm()
+    assert one.configure(stop_ramp=ramp) == 0
+    assert one.activate([0.1]) == 0
+    assert one.update([0.1]) == 0
+    assert [one.update([math.nan]) for _ in range(10)] == [0] * 10
+    last, found, codes = one.input(), [], []
+    for y in (math.nan, *[0.7] * 6):
+        codes.append(one.update([y]))
+        found.append(one.input())
+    assert last != 0.0
+    assert_near(np.array(found), np.outer(shares, last))
+    assert codes == [0 if share > 1e-9 else 1 for share in shares]
+    assert capfd.readouterr().err.count("ERROR") == 1
+    assert one.activate([0.1]) == 0
+    assert one.update([0.1]) == 0
+    assert one.input() != 0.0
+    assert one("deactivate") == 0
+    assert one.input() == 0.0
+
+
+def test_a_commanded_position_stays_where_it_is_measured(arm: Callable[[], Manager]) -> None:
+    """As joint_trajectory_controller holds one; without a measurement it is the last one."""
+    one = arm()
+    assert one.configure(inputs__motor_voltage__interface="joint/position") == 0
+    assert one.activate([0.1]) == 0
+    for y in (0.1, *[math.nan] * 10):
+        assert one.update([y]) == 0
+    last = one.input()
+    assert one.update([math.nan]) == 1
+    assert one.input() == last
+    assert one("deactivate") == 0
+    assert one.activate([0.3]) == 0
+    assert one.update([0.3]) == 0
+    assert one("deactivate") == 0
+    assert one.input() == 0.3
 
 
 @pytest.mark.parametrize(
-    "version", ["HUMBLE", pytest.param("JAZZY", marks=pytest.mark.ci("builds one more package"))]
+    "version",
+    [
+        pytest.param("HUMBLE", marks=pytest.mark.costs("links a program")),
+        pytest.param("JAZZY", marks=pytest.mark.ci("builds one more package")),
+    ],
 )
 def test_no_update_allocates(
     version: str, managed: Callable[..., Callable[[], Manager]], tmp_path: Path
