@@ -163,7 +163,7 @@ def measure(links: int | str, real: str, machine: str, program: str = "") -> dic
         folder = export_c(one, Path(work) / "c", "arm", real, limits=False)
         if program:
             peer(links, program).write(folder, real)
-        measured = on_pc(folder) if machine == "x86-64" else on_cortex_m(folder, machine)
+        measured = on_pc(folder) if machine == "x86-64" else on_cortex_m(folder, machine, not program)
         if not program and real == "double":
             measured |= other_flags(folder, machine)
     return {"links": links, "real": real, "machine": machine, "program": program} | measured
@@ -253,8 +253,10 @@ def processor() -> str:
 
 
 # A Cortex-M ---------------------------------------------------------------------------------------------
-def on_cortex_m(folder: Path, machine: str) -> dict[str, Any]:
-    """By ``make cortex-m4`` of the exported folder, then on a Cortex-M4F by a trace of some steps for the cycles."""
+def on_cortex_m(folder: Path, machine: str, rehearses: bool) -> dict[str, Any]:
+    """By ``make cortex-m4`` of the exported folder, then on a Cortex-M4F by a trace of some steps for the cycles.
+
+    `rehearses`: Whether its rehearsal runs too; other programs have none."""
     board, flags = BOARDS[machine]
     qemu = f"{' '.join(emulated(board))} -icount shift=10 -semihosting-config enable=on,target=native"
     words = (f"CFLAGS={CORTEX_M}", f"CORTEX_M4={flags} -ffunction-sections -fdata-sections", f"QEMU={qemu}")
@@ -270,10 +272,7 @@ def on_cortex_m(folder: Path, machine: str) -> dict[str, Any]:
     symbols = run("arm-none-eabi-nm", "--print-size", "arm_m4.elf", folder=folder)
     state = re.search(r"^\w+ (\w+) b state$", symbols, re.MULTILINE)
     assert state is not None
-    rehearsal = folder / "arm_contract.c"  # of the exported C alone
-    rehearsed = (
-        costs_in(run("make", *words, "cortex-m4-contract", folder=folder))[1] if rehearsal.exists() else 0
-    )
+    rehearsed = costs_in(run("make", *words, "cortex-m4-contract", folder=folder))[1] if rehearses else 0
     return {
         "code": int(sizes[1]) + int(sizes[2]), "state": int(state[1], 16), "stack": stack, "instructions": mean,
         "most": most, **({"rehearsed": rehearsed} if rehearsed else {}),

@@ -16,14 +16,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from tests.export.test_rest import controller_of, elastic_controller, robot_of
-from tests.refusals import refused_with
+from tests.export.test_rest import controller_of, robot_of
 
 import flexhinf as fh
-from flexhinf.errors import InvalidInput
 from flexhinf.export import export_c
-from flexhinf.export.controller_c import code_of
-from flexhinf.export.ros2 import ros2_files
 from flexhinf.robot import MuJoCoPlant
 
 yaml = pytest.importorskip("yaml")
@@ -452,44 +448,56 @@ def test_without_measurements_it_ends_until_it_is_activated_again(arm: Callable[
     assert one.update([0.1]) == 0
 
 
-def test_inputs_fall_to_zero_at_once_or_along_the_stated_ramp_and_a_position_stays(
-    arm: Callable[[], Manager], capfd: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("ramp", "shares"), [(0.0, [0.0] * 7), (5 * PERIOD, [1.0, 0.8, 0.6, 0.4, 0.2, 0.0, 0.0])]
+)
+def test_inputs_fall_to_zero_at_once_or_along_the_stated_ramp(
+    ramp: float, shares: list[float], arm: Callable[[], Manager], capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """As joint_trajectory_controller ends: a position holds the measured one, and every other command is 0."""
-    ramp = 5 * PERIOD
-    for stated, expected in (
-        ({}, [0.0] * 7),
-        ({"stop_ramp": ramp}, [1.0, 0.8, 0.6, 0.4, 0.2, 0.0, 0.0]),
-        ({"inputs__motor_voltage__interface": "joint/position"}, "place"),
-    ):
-        one = arm()
-        assert one.configure(**stated) == 0
-        assert one.activate([0.1]) == 0
-        assert one.update([0.1]) == 0
-        assert [one.update([math.nan]) for _ in range(10)] == [0] * 10
-        last, found, codes = one.input(), [], []
-        for y in (math.nan, *[0.7] * 6):
-            codes.append(one.update([y]))
-            found.append(one.input())
-        if expected == "place":  # no measurement at the fault: the last command stays
-            assert_near(np.array(found), np.tile(last, (7, 1)))
-            assert one("deactivate") == 0
-            assert one.input() == last
-            assert one.activate([0.3]) == 0
-            assert one.update([0.3]) == 0
-            assert one("deactivate") == 0
-            assert one.input() == 0.3
-            continue
-        assert last != 0.0
-        assert_near(np.array(found), np.outer(expected, last))
-        assert codes == [0 if share > 1e-9 else 1 for share in expected]
-        assert one("deactivate") == 0
-        assert one.input() == 0.0
-    assert capfd.readouterr().err.count("ERROR") == 3
+    """A fault left the last voltage, and a deactivation did."""
+    one = arm()
+    assert one.configure(stop_ramp=ramp) == 0
+    assert one.activate([0.1]) == 0
+    assert one.update([0.1]) == 0
+    assert [one.update([math.nan]) for _ in range(10)] == [0] * 10
+    last, found, codes = one.input(), [], []
+    for y in (math.nan, *[0.7] * 6):
+        codes.append(one.update([y]))
+        found.append(one.input())
+    assert last != 0.0
+    assert_near(np.array(found), np.outer(shares, last))
+    assert codes == [0 if share > 1e-9 else 1 for share in shares]
+    assert capfd.readouterr().err.count("ERROR") == 1
+    assert one.activate([0.1]) == 0
+    assert one.update([0.1]) == 0
+    assert one.input() != 0.0
+    assert one("deactivate") == 0
+    assert one.input() == 0.0
+
+
+def test_a_commanded_position_stays_where_it_is_measured(arm: Callable[[], Manager]) -> None:
+    """As joint_trajectory_controller holds one; without a measurement it is the last one."""
+    one = arm()
+    assert one.configure(inputs__motor_voltage__interface="joint/position") == 0
+    assert one.activate([0.1]) == 0
+    for y in (0.1, *[math.nan] * 10):
+        assert one.update([y]) == 0
+    last = one.input()
+    assert one.update([math.nan]) == 1
+    assert one.input() == last
+    assert one("deactivate") == 0
+    assert one.activate([0.3]) == 0
+    assert one.update([0.3]) == 0
+    assert one("deactivate") == 0
+    assert one.input() == 0.3
 
 
 @pytest.mark.parametrize(
-    "version", ["HUMBLE", pytest.param("JAZZY", marks=pytest.mark.ci("builds one more package"))]
+    "version",
+    [
+        pytest.param("HUMBLE", marks=pytest.mark.costs("links a program")),
+        pytest.param("JAZZY", marks=pytest.mark.ci("builds one more package")),
+    ],
 )
 def test_no_update_allocates(
     version: str, managed: Callable[..., Callable[[], Manager]], tmp_path: Path
@@ -502,40 +510,6 @@ def test_no_update_allocates(
     found = subprocess.run([program], check=True, capture_output=True, text=True)
     assert found.stdout.split() == ["9", "0"]
     assert found.stderr.count("ERROR") == 1
-
-
-def test_interfaces_are_named_after_the_joints_of_the_robot(tmp_path: Path) -> None:
-    """Two joints whose names in C are one had each other's interfaces."""
-    joints, file = ("left/j1", "left_j1"), tmp_path / "arm.toml"
-    text = (Path(fh.__file__).parent / "robot/catalogue/planar-two-link.toml").read_text()
-    file.write_text(text.replace('"shoulder"', f'"{joints[0]}"').replace('"elbow"', f'"{joints[1]}"'))
-    robot = fh.load_robot(file)
-    code = code_of(elastic_controller(robot), "arm", "double", robot)
-    files = ros2_files(code, np.zeros(1))
-    stated = yaml.safe_load(files["ros2/config/arm_controller.yaml"])["arm_controller"]["ros__parameters"]
-    for kind, quantities in (("measurements", ("position", "motor_position")), ("inputs", ("voltage",))):
-        interfaces = [group["interface"] for group in stated[kind].values()]
-        assert interfaces == [f"{joint}/{quantity}" for quantity in quantities for joint in joints]
-        assert (
-            "{" + ", ".join(f'"{interface}"' for interface in interfaces) + "}"
-            in (files["ros2/src/controller.cpp"])
-        )
-
-
-class Twins(fh.Law):
-    """A law of two states that are both the position of the only joint."""
-
-    state_names, input_names = ("link_position", "link_position_joint"), ("u",)
-    operating_point, operating_input, law_data = np.zeros(2), np.zeros(1), np.ones(2)
-
-    def evaluate_law(self, x: Any, data: Any) -> Any:
-        return np.array([-(data @ x)])
-
-
-def test_two_signals_of_one_interface_are_refused_by_name() -> None:
-    code = code_of(fh.Controller(Twins(), None, PERIOD, 1.0), "arm", "double")
-    with refused_with(InvalidInput, "joint/position", "'link_position'", "'link_position_joint'"):
-        ros2_files(code, np.zeros(1))
 
 
 @pytest.mark.ci("3,400 samples of two joints with MuJoCo")

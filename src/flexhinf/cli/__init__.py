@@ -21,8 +21,8 @@ _ENDING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if 
 #: Seconds between two looks whether an interruption was lost on its way.
 _LOOK_AGAIN = 1.0
 
-#: Seconds that a signal may take to reach the main thread: a compiler may be busy for longer, and `docker stop` waits
-#: for ten.
+#: Seconds that a command may take to end after a signal: a compiler may be busy for longer, on the main thread or on
+#: one that this waits for, and `docker stop` waits for ten.
 _PATIENCE = 5.0
 
 #: Exit code where nobody reads the output any more, as under ``| head -1``: that of the shells for SIGPIPE.
@@ -113,7 +113,6 @@ def _ended_in_order(received: list[int]) -> Iterator[None]:
     """
 
     def end(number: int, frame: object) -> None:
-        reached.set()
         received.append(number)
         for other in handled.keys() - {signal.SIGINT}:
             signal.signal(other, signal.SIG_IGN)
@@ -121,7 +120,6 @@ def _ended_in_order(received: list[int]) -> Iterator[None]:
             signal.setitimer(signal.ITIMER_REAL, _LOOK_AGAIN, _LOOK_AGAIN)
         raise KeyboardInterrupt
 
-    reached = threading.Event()
     own = threading.current_thread() is threading.main_thread()
     usual = (signal.SIG_DFL, signal.default_int_handler)
     handled = {n: signal.getsignal(n) for n in _ENDING if own and signal.getsignal(n) in usual}
@@ -132,7 +130,7 @@ def _ended_in_order(received: list[int]) -> Iterator[None]:
         signal.signal(number, end)
     unraisable, sys.unraisablehook = sys.unraisablehook, _quiet
     try:
-        with _ended_in_any_case(end, reached) if watched else nullcontext():
+        with _ended_in_any_case(end) if watched else nullcontext():
             yield
     finally:
         sys.unraisablehook = unraisable
@@ -144,9 +142,10 @@ def _ended_in_order(received: list[int]) -> Iterator[None]:
 
 
 @contextmanager
-def _ended_in_any_case(handler: Callable[[int, Any], object], reached: threading.Event) -> Iterator[None]:
-    """End the process where a signal of this handler does not reach it, as it waits for the main thread, and that for a
-    compiled function: `reached` is set where it does. The system tells another thread of every signal by a pipe."""
+def _ended_in_any_case(handler: Callable[[int, Any], object]) -> Iterator[None]:
+    """End the process where a signal of this handler has not ended the block, which waits for a compiled function. The
+    system tells another thread of every signal by a pipe."""
+    over = threading.Event()
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
     before = signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
@@ -154,7 +153,7 @@ def _ended_in_any_case(handler: Callable[[int, Any], object], reached: threading
     def watch() -> None:
         while numbers := os.read(reader, 16):
             for number in numbers:
-                if signal.getsignal(number) is handler and not reached.wait(_PATIENCE):
+                if signal.getsignal(number) is handler and not over.wait(_PATIENCE):
                     with suppress(OSError):
                         os.write(
                             2,
@@ -167,6 +166,7 @@ def _ended_in_any_case(handler: Callable[[int, Any], object], reached: threading
     try:
         yield
     finally:
+        over.set()
         signal.set_wakeup_fd(before)
         os.close(writer)
         thread.join()

@@ -39,7 +39,6 @@ from flexhinf.robot import Robot, catalogue, kinematics, load_robot
 from flexhinf.robot.waypoints import ORIGIN, Tool, WaypointTable, in_space, reached_waypoints, states_range
 from flexhinf.validation import checked_path, file_digest, nearest, read_toml, value_text, within_proportion
 
-
 TABLES = ("design", "result", "found")
 PLACES = ("robot", "elastic", "payload")
 

@@ -153,9 +153,10 @@ def _joints(controller: Controller, robot: Robot, speeds: np.ndarray | None) -> 
         return robot[name].interval if name in robot.nominal else (0.0, 0.0)
 
     found = {}
-    for joint, *both, torque in zip(joints, links.tolist(), motors.tolist(), torques.tolist(), strict=True):
+    columns = (links.tolist(), motors.tolist(), torques.tolist())
+    for joint, speed, motor_speed, torque in zip(joints, *columns, strict=True):
         low, high = plant.limits.get(per_joint("link_position", joint, len(joints)), (-np.inf, np.inf))
         soft, stiff = interval("stiffness", joint)
         twist = 0.0 if joint in robot.rigid else torque / soft + interval("backlash", joint)[1]
-        found[joint] = Ranges(low, high, *both, torque, twist, stiff)
+        found[joint] = Ranges(low, high, speed, motor_speed, torque, twist, stiff)
     return found

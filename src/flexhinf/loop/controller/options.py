@@ -490,8 +490,8 @@ def controller_facts(c: Any) -> dict[str, str]:
         "offsets": f"decay with {c.offset_time:g} s" if mode.has_offset else "",
         "measurements": ", ".join(
             f"{name} {text}"
-            for name, *limits in zip(c.measured, *c.measurement_limits)
-            if (text := _plausible_text(*limits, units.get(name, "")))
+            for name, low, high, rate in zip(c.measured, *c.measurement_limits)
+            if (text := _plausible_text(low, high, rate, units.get(name, "")))
         ) if c.measurement_limits is not None else "",
         "latency": f"{mode.latency} sample{'s' * (mode.latency > 1)}" if mode.latency else "",
     }  # fmt: skip

@@ -1,0 +1,63 @@
+"""Interfaces of the package for ROS 2 have the names of the joints, each once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.export.test_rest import elastic_controller
+from tests.refusals import refused_with
+
+import flexhinf as fh
+from flexhinf.errors import InvalidInput
+from flexhinf.export.controller_c import code_of
+from flexhinf.export.names import distinct_names
+from flexhinf.export.ros2 import ros2_files
+
+yaml = pytest.importorskip("yaml")
+
+PERIOD = 1e-3
+
+
+def test_names_are_distinct_whatever_they_are() -> None:
+    """The number behind a name made it one that was there already."""
+    names = ["a", "a_2", "a", "a_2", "a_2_3"]
+    found = distinct_names(names)
+    assert len(set(found)) == len(names)
+    assert found[:2] == names[:2]
+
+
+def test_interfaces_are_named_after_the_joints_of_the_robot(tmp_path: Path) -> None:
+    """Two joints whose names in C are one had each other's interfaces."""
+    joints, file = ("left/j1", "left_j1"), tmp_path / "arm.toml"
+    text = (Path(fh.__file__).parent / "robot/catalogue/planar-two-link.toml").read_text()
+    file.write_text(text.replace('"shoulder"', f'"{joints[0]}"').replace('"elbow"', f'"{joints[1]}"'))
+    robot = fh.load_robot(file)
+    code = code_of(elastic_controller(robot), "arm", "double", robot)
+    files = ros2_files(code, np.zeros(1))
+    stated = yaml.safe_load(files["ros2/config/arm_controller.yaml"])["arm_controller"]["ros__parameters"]
+    for kind, quantities in (("measurements", ("position", "motor_position")), ("inputs", ("voltage",))):
+        interfaces = [group["interface"] for group in stated[kind].values()]
+        assert interfaces == [f"{joint}/{quantity}" for quantity in quantities for joint in joints]
+        assert (
+            "{" + ", ".join(f'"{interface}"' for interface in interfaces) + "}"
+            in (files["ros2/src/controller.cpp"])
+        )
+
+
+class Twins(fh.Law):
+    """A law of two states that are both the position of the only joint."""
+
+    state_names, input_names = ("link_position", "link_position_joint"), ("u",)
+    operating_point, operating_input, law_data = np.zeros(2), np.zeros(1), np.ones(2)
+
+    def evaluate_law(self, x: Any, data: Any) -> Any:
+        return np.array([-(data @ x)])
+
+
+def test_two_signals_of_one_interface_are_refused_by_name() -> None:
+    code = code_of(fh.Controller(Twins(), None, PERIOD, 1.0), "arm", "double")
+    with refused_with(InvalidInput, "joint/position", "'link_position'", "'link_position_joint'"):
+        ros2_files(code, np.zeros(1))
