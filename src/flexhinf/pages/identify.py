@@ -88,7 +88,9 @@ def _misfit_texts(result: IdentifiedRobot) -> Iterator[str]:
     found = result.found
     yield "The model does not fit the log: numbers may be wrong by more than their intervals."
     yield from result.filtered.remarks
-    if found.alternative is not None and not result.filtered.remarks:  # a gap makes many logs likelier
+    if result.filtered.remarks:
+        yield "That may be the reason for all else: try a log without it first."
+    if found.alternative is not None:
         yield f"{found.alternative.text[0].upper()}{found.alternative.text[1:]}."
     if found.absorbing:
         name, (level, assumed) = max(found.disturbances.items(), key=lambda each: each[1][0] / each[1][1])
@@ -120,8 +122,6 @@ def _misfit_texts(result: IdentifiedRobot) -> Iterator[str]:
 def _advice(result: IdentifiedRobot) -> list[str]:
     """What to try where the model does not fit."""
     other = result.found.alternative
-    if result.filtered.remarks:
-        return ["To try: first a log without that."]
     if other is not None:
         is_input, samples = other.signal in result.found.plant.inputs, abs(other.samples)
         if other.kind == "sign":
