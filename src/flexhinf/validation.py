@@ -353,9 +353,9 @@ def read_text(path: Path, largest: int, kind: str, what: str = "file") -> str:
         return content.decode("utf-8").replace("\r\n", "\n")
     except UnicodeDecodeError as error:
         raise InvalidInput(
-            f"{path.name}: this is no {kind}.",
-            f"expected text in UTF-8, got byte {error.object[error.start]:#04x} at position {error.start}",
-            f"save it as {kind} in UTF-8",
+            f"{path.name}: this is no text in UTF-8.",
+            f"expected {kind} in UTF-8, got byte {error.object[error.start]:#04x} at position {error.start}",
+            "the same text, saved in UTF-8",
         ) from None
 
 

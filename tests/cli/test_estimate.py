@@ -191,6 +191,7 @@ def test_a_design_states_sensors_noises_and_latency(
     ("words", "what"),
     [
         (["run.csv"], ("--robot", "flexhinf robots")),
+        (["arm.toml", "run.csv"], ("estimate run.csv --robot arm.toml",)),
         (["none.csv", "--robot", "paper"], ("none.csv",)),
         (["run.csv", "--robot", "papre"], ("papre", "paper")),
         (["run.csv", "--robot", "paper", "--column", "motor_position"], ("--column", "motor_position")),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import shutil
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,6 +19,7 @@ from tests.refusals import unnamed
 
 import flexhinf as fh
 from flexhinf.cli import main
+from flexhinf.identification.consistency import Consistency, OutputConsistency, SquaredError, whiteness
 from flexhinf.pages import IdentifiedRobot, identified_ending
 from flexhinf.pages.identify import identified_table
 
@@ -153,6 +155,16 @@ def test_an_ending_fits_a_screen_and_names_what_the_model_leaves_out(
     assert "…" not in shown
 
 
+FILTERED: Any = SimpleNamespace(remarks=())
+
+
+def correlated() -> Consistency:
+    """What innovations say that follow each other."""
+    test = whiteness(np.repeat(np.random.default_rng(0).normal(size=100), 3))
+    output = OutputConsistency("motor_position", "rad", 300, 1.0, 1.0, 1.0, 0.0, 0.95, test)
+    return Consistency((output,), SquaredError(1.5, (0.9, 1.1), 300, 300), None)
+
+
 @pytest.mark.parametrize("share", [0.3, 1e-2, 1e-4, 1e-6])
 def test_both_ends_of_an_interval_are_told_apart(share: float) -> None:
     robot, names = fh.load_robot("paper"), ("stiffness", "friction")
@@ -176,9 +188,10 @@ def test_the_table_of_two_joints_is_read_at_80_columns() -> None:
         names=names, hidden=(), consistent=False, values={name: robot[name].value for name in names},
         standard_errors={name: 0.0123456 * robot[name].value for name in names},
         intervals={name: (0.987654 * robot[name].value, 1.0123456 * robot[name].value) for name in names},
-        unidentifiable=(),
+        unidentifiable=(), alternative=None, absorbing=True, consistency=correlated(),
+        disturbances={"motor_torque_shoulder": (0.5, 0.01)},
     )  # fmt: skip
-    result = IdentifiedRobot(robot, found, cast(Any, None), None, ())
+    result = IdentifiedRobot(robot, found, FILTERED, None, ())
     (table,) = identified_ending(result).tables
     console = Console(width=80, file=io.StringIO(), record=True)
     console.print(table)
@@ -189,12 +202,46 @@ def test_the_table_of_two_joints_is_read_at_80_columns() -> None:
     assert max(map(len, text.splitlines())) <= 80
     verdict = identified_ending(result).text
     assert unnamed(verdict, "joint_damping", "coulomb_friction") == []
+    assert unnamed(verdict, "shoulder", 50, "NIS", 1.5, 0.9, 1.1, "motor position", 0.1) == []
+
+
+def test_without_parameters_a_robot_without_tolerances_is_refused(
+    logged: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (logged / "wrong.toml").read_text(encoding="utf-8")
+    (logged / "wrong.toml").write_text(re.sub(r", tolerance = [\d.]+", "", text), encoding="utf-8")
+    assert main(WORDS) == 2
+    assert unnamed(capsys.readouterr().err, "--parameters", "tolerances") == []
+
+
+@pytest.mark.ci("identifies two numbers of a log twice")
+def test_parameters_and_noises_as_they_are_stated(logged: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Numbers with a tolerance are sought; a noise that is stated is not, and is that of the page's filter."""
+    text = (logged / "wrong.toml").read_text(encoding="utf-8")
+    kept = [
+        line if re.match(r"(stiffness|friction) ", line) else re.sub(r", tolerance = [\d.]+", "", line)
+        for line in text.splitlines()
+    ]
+    (logged / "wrong.toml").write_text("\n".join(kept), encoding="utf-8")
+    noises = ["--measurement-noise", "0.2mrad", "--torque-noise", "1e-10"]
+    for words, level in (([], 1e-4), (noises, 2e-4)):
+        main([*WORDS, *words])
+        numbers = json.loads((logged / "flexhinf-identify" / "identify.json").read_text(encoding="utf-8"))
+        assert set(numbers["numbers"]) == {"stiffness", "friction"}
+        assert numbers["noise"]["motor_position"] == pytest.approx(level, rel=1e-9 if words else 0.1)
+        assert numbers["outputs"]["motor_position"]["whiteness"]["correlations"]
+    assert numbers["disturbances"] == {"process noise": {"found": 1.0, "assumed": 1.0}}
 
 
 @pytest.mark.parametrize(
     ("words", "anchors"),
     [
-        (["--parameters", ""], ("--parameters",)),
+        (
+            ["--parameters", "stiffness", "--sensor-delay", "motor_position"],
+            ("--sensor-delay", "motor_position"),
+        ),
+        (["--parameters", "stiffness", "--sensor-delay", "motr=1"], ("motr", "motor_position")),
+        (["--parameters", "stiffness", "--measurement-noise", "1,2,3"], ("noise", 3)),
         (["--parameters", "stifness"], ("stifness", "stiffness")),
         (["--parameters", "stiffness", "--robot", ""], ("--robot",)),
         (["--parameters", "stiffness", "--column", "motor_position=angle"], ("angle", "motor_position")),

@@ -128,3 +128,18 @@ def test_what_needs_an_input_is_refused():
         tracker(target(True, ("torque",))).predict()
     with refused_with(InvalidInput, "inputs", "(240, 0)", "(240,)", "None"):
         fh.filter_log(tracker(target(True)), (PERIOD * np.arange(COUNT), np.zeros(COUNT), np.zeros(COUNT)))
+
+
+@pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter])
+def test_a_late_sensor_of_what_nothing_drives(kind):
+    """As with an input that does nothing."""
+    late = fh.Sensor("seen", delay=3 * PERIOD, noise=0.03)
+    alone, driven = (
+        kind(target(True, inputs), PERIOD, [1e-6, 1e-4], None, [0.5, 0.0], [0.1, 0.1], sensors=late)
+        for inputs in ((), ("unused",))
+    )
+    for y in (0.4, 0.38, 0.35):
+        for filter, u in ((alone, None), (driven, [0.0])):
+            filter.correct([y])
+            filter.predict(u)
+    np.testing.assert_array_equal(alone.mean, driven.mean)

@@ -192,6 +192,37 @@ def test_a_controller_of_a_late_sensor_is_saved_and_compiled(tmp_path, kalman):
     np.testing.assert_allclose(*stood, rtol=1e-6)
 
 
+# A filter without a loop ------------------------------------------------------------------------------------
+@pytest.mark.parametrize("form", ["covariance", "square_root"])
+@pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter])
+def test_a_value_that_is_held_counts_once(kind, form):
+    """By NumPy in the first calls, then by machine code; and in a log, where a row is a sample."""
+    plant = fh.Plant(
+        lambda x, u, d, p: np.array([x[1], u[0] - x[0]]),
+        lambda x, u, p: x,
+        ("a", "b"),
+        ("force",),
+        outputs=("a", "b"),
+    )
+    own = (fh.Sensor("a", noise=0.1, period=4 * PERIOD), fh.Sensor("b", noise=0.2))
+    slow = kind(plant, PERIOD, 1e-4, None, [0.0, 0.0], 1.0, form=form, sensors=own)
+    plain = kind(plant, PERIOD, 1e-4, [0.01, 0.04], [0.0, 0.0], 1.0, form=form)
+    rows, means = np.random.default_rng(0).normal(size=(140, 2)), []
+    for k, y in enumerate(rows):
+        slow.correct(y)
+        plain.correct(y if k % 4 == 0 else [np.nan, y[1]])
+        means.append(slow.mean)
+        np.testing.assert_allclose(slow.mean, plain.mean, rtol=1e-12)
+        for one in (slow, plain):
+            one.predict([1.0])
+    assert slow.repairs == plain.repairs
+    slow.reset()
+    slow.correct([1.0, np.nan])
+    assert slow.mean[0] > 0.5
+    log = PERIOD * np.arange(len(rows)), np.ones(len(rows)), rows
+    np.testing.assert_allclose(fh.filter_log(slow, log)["estimate"].values, means, rtol=1e-6, atol=1e-9)
+
+
 # What does not fit -----------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("given", "anchors"),

@@ -115,6 +115,45 @@ def test_stamps_since_1970_keep_their_nanoseconds(
     np.testing.assert_allclose(log.times, 1e-9 * steps, rtol=1e-15)
 
 
+@pytest.mark.parametrize(
+    "date",
+    [
+        "2024-10-27T02:59:59.{ms:03d}+02:00", "2024-10-27 00:59:59,{ms:03d}Z", "27.10.2024 00:59:59,{ms:03d}",
+        "27.10.2024 00:59:59.{ms:03d}", "2024-10-26T20:59:59.{ms:03d}000000-0400",
+    ],
+)  # fmt: skip
+def test_dates_as_people_write_them(log_of: Callable[..., fh.Log], date: str) -> None:
+    """With an offset from UTC, or the day first; decimal commas beside them are read all the same."""
+    rows = "".join(f"{date.format(ms=ms)};0,5;1;2,25\n" for ms in (0, 7, 19, 998))
+    log = log_of("time;motor_voltage;motor_position;link_position\n" + rows)
+    np.testing.assert_allclose(log.times, [0.0, 7e-3, 19e-3, 0.998], rtol=1e-12)
+    np.testing.assert_array_equal(log.outputs[0], [1.0, 2.25])
+    earlier = log_of(
+        "time;motor_voltage;motor_position;link_position\n" + "2024-10-27T00:59:58.5;1;2;3\n" + rows
+    )
+    assert earlier.times[1] == pytest.approx(0.5)
+
+
+def test_a_unit_at_the_end_of_a_name_is_its_unit(log_of: Callable[..., fh.Log]) -> None:
+    text = csv_text(
+        {"time_ms": 1e3 * TIMES, "u_V": VOLTS, "motor_position_deg": np.degrees(MOTOR), "q_2": LINK}
+    )
+    columns = {"motor_voltage": "u_V", "motor_position": "motor_position_deg", "link_position": "q_2"}
+    log = log_of(text, columns=columns, time="time_ms")
+    np.testing.assert_allclose(log.times, TIMES - TIMES[0], atol=1e-14)
+    np.testing.assert_allclose(log.outputs, np.column_stack([MOTOR, LINK]), rtol=1e-14)
+
+
+def test_late_sensors_are_moved_back(log_of: Callable[..., fh.Log]) -> None:
+    log = log_of(csv_text(PLAIN), delays={"motor_position": 2})
+    np.testing.assert_array_equal(log.outputs[:-2, 0], MOTOR[2:])
+    assert np.isnan(log.outputs[-2:, 0]).all()
+    np.testing.assert_array_equal(log.outputs[:, 1], LINK)
+    for delays, anchors in (({"motor": 1}, ("motor", "motor_position")), ({"motor_position": -1}, (-1,))):
+        with refused_with(InvalidInput, *anchors):
+            log_of(csv_text(PLAIN), delays=delays)
+
+
 @pytest.mark.parametrize(("unit", "size"), [("us", 1e-6), ("ms", 1e-3)])
 def test_other_stamps_since_1970_are_known_by_their_size(
     log_of: Callable[..., fh.Log], unit: str, size: float
@@ -218,84 +257,6 @@ def test_parquet_by_pandas(stamps: str, tmp_path: Path) -> None:
     (tmp_path / "log.parquet").write_bytes((tmp_path / "log.parquet").read_bytes()[:-20])
     with refused_with(InvalidInput, "log.parquet", "Parquet"):
         fh.read_log(tmp_path / "log.parquet", PLANT)
-
-
-JOINT_STATE = """std_msgs/Header header
-string[] name
-float64[] position
-float64[] velocity
-float64[] effort
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec"""
-
-
-@pytest.mark.oracle
-def test_mcap_of_ros_2_by_its_own_writer(tmp_path: Path) -> None:
-    """Joint states at one rate and a command in JSON at another: rows at all times, the input as it was held."""
-    for package in ("mcap", "zstandard"):
-        pytest.importorskip(package)
-    writing: Any = pytest.importorskip("mcap_ros2.writer")
-    began = 1530821160 * 10**9
-    stamps = began + np.arange(30) * 10_000_000
-    with (tmp_path / "bag.mcap").open("wb") as file:
-        writer = writing.Writer(file)
-        schema = writer.register_msgdef("sensor_msgs/JointState", JOINT_STATE)
-        command = writer.register_msgdef("std_msgs/Float64", "float64 data")
-        for k, stamp in enumerate(stamps.tolist()):
-            header = {"stamp": {"sec": stamp // 10**9, "nanosec": stamp % 10**9}, "frame_id": ""}
-            message = {"header": header, "name": ["elbow", "wrist"], "position": [MOTOR[k], 90.0 * LINK[k]]}
-            writer.write_message(
-                "/joint_states", schema, {**message, "velocity": [], "effort": []}, stamp, stamp
-            )
-            if k % 3 == 1:
-                writer.write_message("/command", command, {"data": VOLTS[k]}, stamp + 4_000_000, stamp)
-        writer.finish()
-    columns = {
-        "motor_position": "joint_states/position/elbow", "link_position": "joint_states/position/wrist [deg]",
-        "motor_voltage": "command/data",
-    }  # fmt: skip
-    with refused_with(InvalidInput, "motor_voltage", "hold_inputs"):
-        fh.read_log(tmp_path / "bag.mcap", PLANT, columns)
-    log = fh.read_log(tmp_path / "bag.mcap", PLANT, columns, hold_inputs=True)
-    rows = sorted([(int(s), 0, k) for k, s in enumerate(stamps)] + [
-        (int(s) + 4_000_000, 1, k) for k, s in enumerate(stamps) if k % 3 == 1
-    ])[2:]  # fmt: skip
-    np.testing.assert_allclose(log.times, [1e-9 * (s - rows[0][0]) for s, _, _ in rows], rtol=1e-13)
-    volts, current = [], math.nan
-    for _, commanded, k in rows:
-        current = VOLTS[k] if commanded else current
-        volts.append(current)
-    np.testing.assert_array_equal(log.inputs[:, 0], volts)
-    expected = [[math.nan] * 2 if c else [MOTOR[k], math.radians(90.0 * LINK[k])] for _, c, k in rows]
-    np.testing.assert_allclose(log.outputs, expected, rtol=1e-14)
-    with refused_with(InvalidInput, "joint_states/position/elbow", "joint_states/position/elbo"):
-        fh.read_log(tmp_path / "bag.mcap", PLANT, {**columns, "motor_position": "joint_states/position/elbo"})
-    (tmp_path / "bag.mcap").write_bytes(b"\x89MCAP0\r\n" + bytes(50))
-    with refused_with(InvalidInput, "bag.mcap", "MCAP"):
-        fh.read_log(tmp_path / "bag.mcap", PLANT, columns)
-
-
-def test_mcap_in_json_with_two_messages_at_one_time(tmp_path: Path) -> None:
-    pytest.importorskip("zstandard")
-    writing: Any = pytest.importorskip("mcap.writer")
-    with (tmp_path / "log.mcap").open("wb") as file:
-        writer = writing.Writer(file)
-        writer.start(profile="", library="")
-        schema = writer.register_schema("any", "jsonschema", b"{}")
-        channel = writer.register_channel("/arm", "json", schema)
-        for k in (0, 1, 1, 2):
-            message = {"motor_voltage": 1.0, "q": [k, 2.0], "text": "x"}
-            writer.add_message(channel, k * 10**7, json.dumps(message).encode(), k * 10**7)
-        writer.finish()
-    columns = {"motor_voltage": "arm/motor_voltage", "motor_position": "arm/q/0", "link_position": "arm/q/1"}
-    with refused_with(InvalidInput, "log.mcap", "same time", 1):
-        fh.read_log(tmp_path / "log.mcap", PLANT, columns)
 
 
 @pytest.mark.parametrize("more", [(), ("state.link_position",), ("spare", "mode")])

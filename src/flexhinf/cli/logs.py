@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import typer
 
 import flexhinf as fh
@@ -25,6 +26,7 @@ if TYPE_CHECKING:  # what computes is loaded by the command that needs it
 _SYNTAX = (
     (r"columns=\{'([^']*)': '([^']*)'\}", r'--column "\1=\2"'),
     (r"units=\{'([^']*)': '([^']*)'\}", r'--column "SIGNAL=\1 [\2]"'),
+    (r"delays=\{'([^']*)': (\d+)\}", r"--sensor-delay \1=\2"),
     (r"hold_inputs=True", "--hold-inputs"),
     (r"\btime=('[^']*')", r"--time \1"),
     (r"robot\.plant\(measured=\.\.\.\)", "--measured"),
@@ -47,9 +49,8 @@ def estimate(context: typer.Context, o: options.EstimateOptions) -> None:
     Exit code: 0 when the report is written; 2 for a mistake (nothing is written);
     130 if interrupted.
     """
-    _check_robot(o)
     fields, columns = stated_fields(context), _columns(o.column)
-    request = read_source(o.robot, o.elastic, fields, o.payload)
+    request = read_source(_robot(o), o.elastic, fields, o.payload)
     if o.table == "parquet":
         extra_package("pyarrow", "log", "Estimates in Parquet need another package.")
     folder = report.check(o.out)
@@ -62,7 +63,8 @@ def estimate(context: typer.Context, o: options.EstimateOptions) -> None:
         progress("filter")
         filter, sources = _filter(o, request, plant, log, fields, bounds)
         data = fh.filter_log(filter, log, o.smooth)
-        result = pages.FilteredLog(request.robot, log, filter, data, fh.consistency(data), sources)
+        remarks = pages.log_remarks(request.robot, log)
+        result = pages.FilteredLog(request.robot, log, filter, data, fh.consistency(data), sources, remarks)
         progress("report")
         notes = pages.left_out_notes(request.robot, request.specification.extras, "the model")
         files = pages.estimate_files(result, reproduce_command(context), [*request.warnings, *notes], o.table)
@@ -72,13 +74,14 @@ def estimate(context: typer.Context, o: options.EstimateOptions) -> None:
     typer.echo(f"{ending.text}\nreport: {folder / 'index.html'}")
 
 
-def _check_robot(o: options.LogOptions) -> None:
+def _robot(o: options.LogOptions) -> str:
     refuse_if(
         not o.robot,
         "The robot of the log is not stated.",
         "expected --robot, got none",
         "--robot arm.toml, or a name that `flexhinf robots` lists",
     )
+    return o.robot
 
 
 @with_options(lambda: (options.IdentifyOptions, options.IDENTIFY_FIELDS))
@@ -92,24 +95,26 @@ def identify(context: typer.Context, o: options.IdentifyOptions) -> None:
     that would determine it, if there is one. Where the model does not fit the log,
     numbers may be wrong by more than their intervals.
 
+    Without --parameters they are those that have a tolerance in the robot's file.
+
     Exit code: 0 when the report is written; 1 if the log does not determine some
     number, or the model does not fit the log; 2 for a mistake (nothing is
     written); 130 if interrupted.
     """
-    _check_robot(o)
-    names = [name for name in map(str.strip, o.parameters.split(",")) if name]
-    refuse_if(
-        not names,
-        "No number is to be identified.",
-        "expected --parameters, got none",
-        "--parameters stiffness,friction,motor_inertia",
-    )
-    from flexhinf.identification.unknowns import extras_of, model_of
+    from flexhinf.identification.unknowns import extras_of, model_of, uncertain_numbers
     from flexhinf.robot.saved_file import robot_text
 
     fields, columns = stated_fields(context), _columns(o.column)
-    request = read_source(o.robot, o.elastic, fields, o.payload)
+    request = read_source(_robot(o), o.elastic, fields, o.payload)
     robot, s = request.robot, request.specification
+    stated = [name for name in map(str.strip, o.parameters.split(",")) if name]
+    names = stated or list(uncertain_numbers(robot))
+    refuse_if(
+        not names,
+        "No number is to be identified.",
+        "expected --parameters, or a robot whose numbers have tolerances, got neither",
+        "--parameters stiffness,friction,motor_inertia",
+    )
     folder = report.check(o.out)
     plant, numbers = model_of(robot, names, s.measured, s.extras)
     extras = extras_of(robot, numbers, s.extras)
@@ -119,17 +124,28 @@ def identify(context: typer.Context, o: options.IdentifyOptions) -> None:
         latency = s.known_latency if request.file is not None else 0
         log = _read(o, robot, plant, columns, latency if o.latency is None else o.latency)
         progress("identify")
-        found = fh.identify(robot, log, names, measured=plant.outputs, extras=s.extras)
-        filter = found.filter(log.period)
+        process, sensors = _stated_noises(request, plant, fields)
+        found = fh.identify(
+            robot, log, names, measured=plant.outputs, extras=s.extras, sensors=sensors, process_noise=process
+        )
+        filter = found.filter(log.period, as_expected=True)
         data = fh.filter_log(filter, log)
-        sources: dict[str, str] = dict.fromkeys(("period", "process noise", "measurement noise"), "the log")
-        filtered = pages.FilteredLog(found.robot, log, filter, data, fh.consistency(data), sources)
+        sources = {"period": "the log"} | {
+            name: "option" if is_stated else "the log"
+            for name, is_stated in (
+                ("process noise", process is not None), ("measurement noise", "measurement_noise" in fields),
+            )
+        }  # fmt: skip
+        remarks = pages.log_remarks(robot, log)
+        filtered = pages.FilteredLog(found.robot, log, filter, data, found.consistency, sources, remarks)
         progress("motion")
         motion = None
         if found.unidentifiable:
+            known = {*plant.outputs, *plant.disturbances}  # and not R^v, where that is stated
             motion = fh.excitation(
                 robot, names, duration=o.motion, period=min(log.period, 0.01), measured=plant.outputs,
-                extras=s.extras, noise=found.noise, seed=o.seed,
+                extras=s.extras, noise={name: level for name, level in found.noise.items() if name in known},
+                seed=o.seed,
             )  # fmt: skip
         result = pages.IdentifiedRobot(robot, found, filtered, motion, extras)
         progress("report")
@@ -151,7 +167,8 @@ def _read(
     from flexhinf.identification.plausibility import check_plausible
 
     try:
-        log = fh.read_log(o.log, plant, columns, o.time or None, None, o.hold_inputs, latency)
+        delays = _delays(o.sensor_delay)
+        log = fh.read_log(o.log, plant, columns, o.time or None, None, o.hold_inputs, latency, delays)
         check_plausible(robot, log)
         return log
     except InvalidInput as error:
@@ -159,6 +176,27 @@ def _read(
         for pattern, option in _SYNTAX:
             texts = [re.sub(pattern, option, text) for text in texts]
         raise InvalidInput(*texts) from None
+
+
+def _stated_noises(
+    request: DesignRequest, plant: fh.Plant, fields: Mapping[str, Any]
+) -> tuple[Any, tuple[fh.Sensor, ...]]:
+    """R^v (n, n) per row, None if no option states it, and the sensors whose noise or step an option states."""
+    from flexhinf.design.loop_setup import EstimatorNoise, LoopPlants, sensor_steps
+
+    s, robot = request.specification, request.robot
+    process = None
+    if {"process_noise", "torque_noise"} & {*fields}:
+        process = EstimatorNoise.stated(s).covariance(plant.states)
+    noise, steps = np.zeros(len(plant.outputs)), np.zeros(len(plant.outputs))
+    if "measurement_noise" in fields:
+        noise = np.sqrt(LoopPlants(robot, s).noise_variances)
+    if "quantisation" in fields:
+        steps = np.broadcast_to(sensor_steps(robot, s.measured, s.quantisation, s.estimator), len(steps))
+    return process, tuple(
+        fh.Sensor(name, noise=float(deviation), quantisation=float(step))
+        for name, deviation, step in zip(plant.outputs, noise, steps)
+    )
 
 
 def _filter(
@@ -212,6 +250,21 @@ def _bounds(stated: Sequence[str], plant: fh.Plant) -> Bounds:
             one_of(f"--bounds: there is no state {value_text(one, 60)}.", one, plant.states)
             bounds[one] = within
     return bounds
+
+
+def _delays(stated: Sequence[str]) -> dict[str, int]:
+    """Samples by signal, of ``signal=samples``."""
+    delays: dict[str, int] = {}
+    for text in stated:
+        name, _, samples = (part.strip() for part in text.partition("="))
+        refuse_if(
+            not (name and samples.isascii() and samples.isdigit()) or name in delays,
+            f"--sensor-delay {'names ' + repr(name) + ' twice' if name in delays else 'cannot be used'}.",
+            f"expected signal=samples, each signal once, got {value_text(text, 60)}",
+            "--sensor-delay motor_position=1",
+        )
+        delays[name] = int(samples[:9])
+    return delays
 
 
 def _columns(stated: Sequence[str]) -> dict[str, str]:

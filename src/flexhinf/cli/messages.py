@@ -28,6 +28,9 @@ else:  # the help of all commands takes no declaration of an option
 #: the shells' code for an interruption.
 NOT_MET, USER_ERROR, INTERRUPTED = 1, 2, 130
 
+#: Endings of logs.
+LOG_ENDINGS = (".csv", ".txt", ".tsv", ".parquet", ".mcap")
+
 #: Options of earlier versions, and what they are called now: an option has the name of its field.
 RENAMED = {
     "--goal": "--pose", "--goal-xyz": "--pose-xyz", "--from-pose": "--start", "--friction": "--friction-model",
@@ -153,7 +156,10 @@ def parser_error(error: TyperException, arguments: Sequence[str]) -> str:
     apart = next(
         (pair for pair in pairwise(arguments) if _NUMBERS.match(pair[0]) and _UNIT.fullmatch(pair[1])), ()
     )
-    if path in commands and option != typed:
+    robot = _robot_of_log(path, arguments)
+    if robot and "extra argument" in what:
+        expected, advice = "one log, and the robot by --robot", robot
+    elif path in commands and option != typed:
         what, expected, advice = f"{typed} is called {option}", option, f"{option} in the place of {typed}"
     elif commands and path not in commands:
         why, instead = "change nothing there", "without it"
@@ -168,6 +174,15 @@ def parser_error(error: TyperException, arguments: Sequence[str]) -> str:
     return str(
         FlexhinfError(f"{what.rstrip('.')}.", f"expected {expected}, got: {' '.join(arguments)}", advice)
     )
+
+
+def _robot_of_log(path: str, arguments: Sequence[str]) -> str:
+    """The command with the file that is no log as its robot, of a command that reads a log and got two files."""
+    files = [word for word in arguments[:3] if not word.startswith("-")][1:]
+    logs = [file for file in files if file.lower().endswith(LOG_ENDINGS)]
+    if path.split()[-1] not in ("estimate", "identify") or len(files) != 2 or len(logs) != 1:
+        return ""
+    return f"{path} {logs[0]} --robot {next(file for file in files if file != logs[0])}"
 
 
 def _with_option(command: Any, path: str, option: str) -> list[str]:

@@ -33,6 +33,7 @@ from flexhinf.options import (
     Period,
     Positive,
     Probability,
+    Quanta,
     Real,
     Seconds,
     Text,
@@ -68,7 +69,9 @@ RUN_FIELDS = (
 ESTIMATE_FIELDS = ("measured", "extras", "period", "process_noise", "torque_noise", "measurement_noise")
 
 #: Fields that the model of an identification is made of.
-IDENTIFY_FIELDS = ("measured", "extras")
+IDENTIFY_FIELDS = (
+    "measured", "extras", "process_noise", "torque_noise", "measurement_noise", "quantisation",
+)  # fmt: skip
 
 #: An option of its own for the largest input by the kind of drive, beside ``--peak-effort``.
 PEAKS = {
@@ -382,6 +385,9 @@ class LogOptions(ElasticOptions):
         "Samples from the row of an input to the row from which on it acts. It is 1 where a controller logs what it "
         "sends and it acts a sample later, as in logs of `flexhinf run`.", "1", "samples",
         default="that of the design, or 0")
+    sensor_delay: list[Text] = option(list, LOGGED,
+        "Samples by which a sensor is late: motor_position=1. Its values are moved back in the log. Repeat the option "
+        "for more.", "motor_position=1", "signal=samples")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -424,7 +430,19 @@ class IdentifyOptions(LogOptions):
 
     parameters: Text = option("", ROBOT,
         "What to identify: stiffness for all joints, stiffness_elbow for one. The names are those of the robot's file.",
-        "stiffness,friction", "LIST")
+        "stiffness,friction", "LIST", default="numbers that have a tolerance in the robot's file")
+    process_noise: NotNegative | None = option(None, ADVANCED,
+        "q of R^v = q I, the variance added to every state per row. It then is not searched.", "1e-10",
+        default="searched: level of each disturbance")
+    torque_noise: NotNegative | None = option(None, ADVANCED,
+        "Variance added to the velocities alone per row, where unknown torques act. It then is not searched.", "1e-7",
+        default="searched: level of each disturbance")
+    measurement_noise: Variances | None = option(None, ADVANCED,
+        "Noise of the sensors, as for `flexhinf estimate`: 0.1mrad. It then is not searched.", "0.1mrad", "rad²",
+        default="searched, at least that of the smallest step in the log")
+    quantisation: Quanta | None = option(None, ADVANCED,
+        "Resolution of the sensors, as for `flexhinf design`: 0.01deg. Noise is at least that of a step.", "1e-4",
+        "rad, m, …", default="the smallest step in the log")
     motion: Seconds = option(10.0, WRITTEN,
         "Longest duration of a motion that is proposed where the log does not determine a parameter.", "5", "s")
     seed: Whole = option(0, ADVANCED, "Seed of the motions that are tried.", "1")

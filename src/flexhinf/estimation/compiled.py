@@ -61,6 +61,8 @@ class CompiledUpdates:
         facts = self.arrays["facts"]
         fill_input = _filler(self.arrays["u"], filter._input)
         fill_measurement = _filler(self.arrays["y"], filter._measurement)
+        seen, periods = self.arrays["y"], filter.sample_periods
+        slower = bool((periods > 1).any())
 
         def predict(u: Any = None) -> bool:
             fill_input(u)
@@ -71,6 +73,8 @@ class CompiledUpdates:
 
         def correct(y: Any) -> bool:
             fill_measurement(y)
+            if slower:
+                seen[self.step % periods != 0] = math.nan
             code = run_correction()
             if code == EMPTY:
                 self.skipped += 1

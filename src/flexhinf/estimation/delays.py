@@ -73,7 +73,7 @@ class LateOutputs:
 
         output = self.plant.traced_output
         x, u, p = (ca.SX.sym(name, output.size1_in(k)) for k, name in enumerate("xup"))
-        depends = ca.which_depends(output(x, u, p), u, 1, True) if u.numel() else []
+        depends = ca.which_depends(output(x, u, p), u, 1, True) if u.numel() else [False] * len(self.delays)
         bad = [self.plant.outputs[i] for i, delay in enumerate(self.delays) if delay and depends[i]]
         if bad:
             raise InvalidInput(

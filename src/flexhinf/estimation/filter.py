@@ -254,8 +254,9 @@ class RecursiveFilter(Shell, Estimator):
         thousand for an outlier. `rejected` counts them. A filter that is wrong about its model rejects all that could
         correct it, so look at the counts. By default nothing is rejected.
     sensors : sequence of flexhinf.Sensor, optional
-        One for each measured signal, instead of `measurement_noise`: noise and quantisation are R^n. A signal that is
-        not there at every sample is NaN in between. Where signals are late, the filter's `plant` is a map with past
+        One for each measured signal, instead of `measurement_noise`: noise and quantisation are R^n. Of a sensor with a
+        period `predict` and `correct` take the samples 0, period, … alone, counted from `reset`; a value that is held
+        in between counts once. Where signals are late, the filter's `plant` is a map with past
         outputs as further states, see `flexhinf.estimation.delays`: the estimate has them too.
     bounds : mapping of str to (float, float), optional
         Intervals of states, best of parameters and states that are not measured. Outside of them, after a prediction or
@@ -292,6 +293,7 @@ class RecursiveFilter(Shell, Estimator):
         checked_kind("An estimator needs a model.", plant, Plant, "a Plant", "robot.plant()")
         self.period = checked_positive("The sampling period", period, "seconds", "1e-3 for 1 kHz")
         self._clipped: tuple[Diagnosis, ...] = ()
+        self.sample_periods = read_only(np.ones(len(plant.outputs), dtype=int))
         if sensors is not None:
             plant, process_noise, measurement_noise, mean, covariance = self._sensed(
                 plant, sensors, process_noise, measurement_noise, mean, covariance
@@ -339,6 +341,7 @@ class RecursiveFilter(Shell, Estimator):
             "fh.Sensor(name, noise=…), whose noise is a standard deviation",
         )
         table = SensorTable.of(sensors, plant.outputs, plant.expanded, self.period)
+        self.sample_periods = read_only(table.periods)
         # A sensor without a noise is one whose noise was forgotten: exact ones are stated by `measurement_noise`.
         covariance_matrix(table.variances, len(plant.outputs), "measurement noise R^n", definite=True)
         if not table.delays.any():

@@ -53,6 +53,7 @@ class Shell:
         _exact: bool
         process_noise: np.ndarray
         measurement_noise: np.ndarray
+        sample_periods: np.ndarray
         time_update: Any
         innovate: Any
         _parameters: Any
@@ -122,7 +123,7 @@ class Shell:
         if compiled is not None and compiled.correct(y):
             return
         self._settle()
-        y = self._measurement(y)
+        y = self.new_values(self._measurement(y), self._step)
         there = np.count_nonzero(np.isfinite(y))
         if not there:
             self.log_likelihood, self._repairs = 0.0, _counted(self._repairs, skipped=1)
@@ -147,6 +148,13 @@ class Shell:
             if squares > innovation_limit(len(y)):
                 self._record("innovations")
         self.log_likelihood = float(likelihood)
+
+    def new_values(self, y: np.ndarray, steps: int | np.ndarray) -> np.ndarray:
+        """Measurements (p,) at a sample, or (N, p) at samples (N,), with NaN where a sensor with a period has no new
+        one."""
+        if (self.sample_periods == 1).all():
+            return y
+        return np.where(np.asarray(steps)[..., None] % self.sample_periods == 0, y, np.nan)
 
     # Machine code -----------------------------------------------------------------------------------
     def _prepared(self) -> CompiledUpdates | None:

@@ -9,7 +9,8 @@ from flexhinf.identification.consistency import consistency
 from flexhinf.identification.excitation import Excitation, excitation
 from flexhinf.identification.filtering import filter_log
 from flexhinf.identification.identify import Identification, identify
-from flexhinf.identification.log import Log, read_log
+from flexhinf.identification.log import Log
+from flexhinf.identification.log_reader import read_log
 
 __all__ = [
     "Excitation",

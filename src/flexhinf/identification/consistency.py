@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from flexhinf.errors import refuse_if
+from flexhinf.identification.quantisation import autocorrelations, rounding_correlations, smallest_step
 from flexhinf.validation import value_text
 
 if TYPE_CHECKING:
@@ -31,19 +32,27 @@ SLOW = 2.0
 #: Innovations so much larger or smaller than expected are of no consequence.
 SMALL_FACTOR = 1.1
 
+#: A sensor is coarse whose rounding is more than this share of the innovations' standard deviation. Errors of the
+#: filter follow its steps too, so that slow changes may have so much more power.
+COARSE, SLOW_STEPS = 0.5, 4.0
+
 
 @dataclass(frozen=True, eq=False)
 class Whiteness:
     """Autocorrelations r(1) … r(L) of a sequence, and the test that all of them are zero.
 
     `correlations`: (L,). `bound`: 95 % of those of white noise are within ± this. `statistic`: Ljung's and Box's,
-    χ² with L degrees of freedom for white noise. `p_value`: the probability that it is as large.
+    χ² with L degrees of freedom for white noise. `p_value`: the probability that it is as large. `rounding`: the part
+    of r(1) that the steps of the sensor explain; `correlations` are without it. `slowest`: below this is `slow` of no
+    consequence.
     """
 
     correlations: np.ndarray
     bound: float
     statistic: float
     p_value: float
+    rounding: float = 0.0
+    slowest: float = SLOW
 
     @property
     def slow(self) -> float:
@@ -53,14 +62,18 @@ class Whiteness:
     @property
     def white(self) -> bool:
         """Whether correlations are not certain, or of no consequence: each and all together are small."""
-        small = bool(np.abs(self.correlations).max() < SMALL_CORRELATION) and self.slow < SLOW
+        small = bool(np.abs(self.correlations).max() < SMALL_CORRELATION) and self.slow < self.slowest
         return self.p_value > 1.0 - CONFIDENCE or small
 
 
-def whiteness(values: np.ndarray, lags: int = LAGS) -> Whiteness | None:
+def whiteness(
+    values: np.ndarray, lags: int = LAGS, explained: np.ndarray | None = None, slowest: float = SLOW
+) -> Whiteness | None:
     """The test of Ljung and Box [ljung1978] on a sequence (N,), whose missing values (NaN) are left out.
 
-    `lags`: at most so many, and at most a tenth of the values. None for fewer than ten values, or constant ones.
+    `lags`: at most so many, and at most a tenth of the values. `explained`: (L,) at least, correlations that are known
+    to have another cause; they are taken off those of their sign. `slowest`: see `Whiteness`. None for
+    fewer than ten values, or constant ones.
 
     Examples
     --------
@@ -76,11 +89,18 @@ def whiteness(values: np.ndarray, lags: int = LAGS) -> Whiteness | None:
     lags = min(lags, count // 10)
     if lags < 1 or not power > 0.0:
         return None
-    correlations = np.array([centred[lag:] @ centred[:-lag] for lag in range(1, lags + 1)]) / power
+    seen = autocorrelations(known, lags)
+    part = (
+        np.zeros(lags)
+        if explained is None
+        else np.where(seen * explained[:lags] > 0.0, explained[:lags], 0.0)
+    )
+    correlations = np.sign(seen) * np.maximum(0.0, np.abs(seen) - np.abs(part))
     statistic = float(count * (count + 2) * np.sum(correlations**2 / (count - np.arange(1, lags + 1))))
     return Whiteness(
-        correlations, DEVIATIONS / float(np.sqrt(count)), statistic, float(chi2.sf(statistic, lags))
-    )
+        correlations, DEVIATIONS / float(np.sqrt(count)), statistic, float(chi2.sf(statistic, lags)),
+        float(seen[0] - correlations[0]), slowest,
+    )  # fmt: skip
 
 
 def squared_errors(errors: np.ndarray, covariances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -159,7 +179,7 @@ class OutputConsistency:
     deviations, which the first samples do not move. `factor`: root mean square of innovations over their standard
     deviations, 1 where they are as expected.
     `bias`: mean of the same, 0 where they are. `inside`: share of the innovations in their 95 % bands. `whiteness`: of
-    the same, None of too few.
+    the same, None of too few. `step`: the smallest one between two measurements.
     """
 
     name: str
@@ -171,6 +191,12 @@ class OutputConsistency:
     bias: float
     inside: float
     whiteness: Whiteness | None
+    step: float = 0.0
+
+    @property
+    def coarse(self) -> bool:
+        """Whether the steps of the sensor are most of its noise."""
+        return _is_coarse(self.step, self.expected)
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,9 +213,27 @@ class Consistency:
         return tuple(each for each in self.outputs if each.whiteness and not each.whiteness.white)
 
     @property
+    def size_fits(self) -> bool:
+        """Whether innovations are as large as the filter says; of coarse sensors they may be smaller.
+
+        The error of rounding has its variance q²/12 over all places in a step; at rest it is that of one place.
+        """
+        judgement = self.nis.judgement
+        return judgement == "as expected" or (
+            judgement == "smaller" and any(each.coarse for each in self.outputs)
+        )
+
+    @property
     def innovations_fit(self) -> bool:
-        """Whether innovations are as large as the filter says, and white."""
-        return self.nis.judgement == "as expected" and not self.correlated
+        """Whether innovations are as large as the filter says, and white but for the steps of the sensors."""
+        return self.size_fits and not self.correlated
+
+    @property
+    def rounded(self) -> bool:
+        """Whether innovations follow each other by the steps of the sensors."""
+        return any(
+            each.whiteness and abs(each.whiteness.rounding) > each.whiteness.bound for each in self.outputs
+        )
 
 
 def consistency(data: xr.Dataset) -> Consistency:
@@ -208,7 +252,9 @@ def consistency(data: xr.Dataset) -> Consistency:
     >>> fh.consistency(fh.filter_log(ekf, run)).outputs[0].name
     'link_position'
     """
-    needed = ("innovation", "innovation_standard_deviation", "nis", "measured", "output_name", "output_unit")
+    needed = (
+        "innovation", "innovation_standard_deviation", "nis", "measured", "prediction", "output_name", "output_unit",
+    )  # fmt: skip
     refuse_if(
         not set(needed) <= {str(name) for name in getattr(data, "variables", ())},
         "This is no table of a filter's innovations.",
@@ -216,7 +262,8 @@ def consistency(data: xr.Dataset) -> Consistency:
         "consistency(filter_log(filter, log))",
     )
     innovations = (
-        data[name].values for name in ("innovation", "innovation_standard_deviation", "nis", "measured")
+        data[name].values
+        for name in ("innovation", "innovation_standard_deviation", "nis", "measured", "prediction")
     )
     nees = squared_error(data["nees"].values, data["known"].values) if "nees" in data else None
     names, units = (data[f"output_{what}"].values.tolist() for what in ("name", "unit"))
@@ -230,10 +277,12 @@ def innovation_consistency(
     deviations: np.ndarray,
     squared: np.ndarray,
     measured: np.ndarray,
+    predicted: np.ndarray,
 ) -> tuple[tuple[OutputConsistency, ...], SquaredError]:
     """What innovations (N, p) with these standard deviations (N, p) say of each output, and their NIS.
 
     NaN stands where nothing was measured. `squared`: (N,), over their covariance. `measured`: how many are in each.
+    `predicted`: (N, p), the outputs that the filter expects.
     """
     with np.errstate(divide="ignore", invalid="ignore"):  # a deviation of zero expects no error at all
         white = innovations / deviations
@@ -246,15 +295,24 @@ def innovation_consistency(
             not count, f"There are no innovations of {name!r}.", f"got none in {len(known)} samples",
             "a log that measures it",
         )  # fmt: skip
+        step, expected = smallest_step(predicted[:, k] + innovation), float(np.median(deviations[known, k]))
+        explained = (
+            rounding_correlations(innovation, predicted[:, k], deviations[:, k], step, LAGS) if step else None
+        )
+        slowest = SLOW_STEPS if _is_coarse(step, expected) else SLOW
         outputs.append(
             OutputConsistency(
-                name, str(unit), count, _rms(innovation[known]), float(np.median(deviations[known, k])),
-                _rms(normal[known]),
-                float(normal[known].mean()), float(np.mean(np.abs(normal[known]) <= DEVIATIONS)), whiteness(normal),
+                name, str(unit), count, _rms(innovation[known]), expected, _rms(normal[known]),
+                float(normal[known].mean()), float(np.mean(np.abs(normal[known]) <= DEVIATIONS)),
+                whiteness(normal, explained=explained, slowest=slowest), step,
             )
         )  # fmt: skip
     nis: Any = squared_error(squared, measured)
     return tuple(outputs), nis
+
+
+def _is_coarse(step: float, expected: float) -> bool:
+    return bool(step / np.sqrt(12.0) > COARSE * expected)
 
 
 def _rms(values: np.ndarray) -> float:

@@ -8,32 +8,41 @@ import numpy as np
 
 from flexhinf.estimation import ExtendedKalmanFilter
 from flexhinf.estimation.filter import Form, RecursiveFilter
+from flexhinf.identification.quantisation import smallest_step
 from flexhinf.plant import Plant
 
 #: Standard deviation of the first state, SI units, and of the torques (or other disturbances) that a model leaves out,
 #: as a share of the input's; without disturbances, of each state per second.
 UNKNOWN, LEFT_OUT = 1.0, 0.01
 
+#: Frequency at which disturbances and inputs are compared, rad/s.
+SLOW = 1.0
+
 #: Iterations of the first state towards the first measurement.
 ITERATIONS = 20
+
+
+def smallest_variances(outputs: np.ndarray) -> np.ndarray:
+    """Variances (p,) that the noise of outputs (N, p) has at least: q²/12 of the smallest step q of each."""
+    steps = [
+        max(smallest_step(column), 1e-9 * float(np.ptp(column[np.isfinite(column)])), 1e-12)
+        if np.isfinite(column).any() else 1e-12
+        for column in outputs.T
+    ]  # fmt: skip
+    return np.square(steps) / 12.0
 
 
 def measurement_variances(outputs: np.ndarray) -> np.ndarray:
     """Variances (p,) of the noise of outputs (N, p), from what is left of neighbours by third differences, robustly.
 
-    A cubic through four neighbours has none; of noise it is √20 of its deviation. It is at least that of the smallest
-    step between two values, q²/12.
+    A cubic through four neighbours has none; of noise it is √20 of its deviation. It is at least that of the steps.
     """
-    variances = []
+    noises = []
     for column in outputs.T:
         values = column[np.isfinite(column)]
-        steps = np.abs(np.diff(np.unique(values)))
-        quantum = steps.min(initial=np.inf) if steps.size else 0.0
         left = np.abs(np.diff(values, 3)) if values.size > 3 else np.zeros(1)
-        noise = 1.4826 * np.median(left) / np.sqrt(20.0)
-        floor = max(quantum, 1e-9 * float(np.ptp(values)) if values.size else 0.0, 1e-12)
-        variances.append(noise**2 + floor**2 / 12.0)
-    return np.array(variances)
+        noises.append(1.4826 * np.median(left) / np.sqrt(20.0))
+    return np.maximum(np.square(noises), smallest_variances(outputs))
 
 
 def process_covariance(plant: Plant, x: np.ndarray, levels: np.ndarray, period: float) -> np.ndarray:
@@ -43,13 +52,25 @@ def process_covariance(plant: Plant, x: np.ndarray, levels: np.ndarray, period: 
     return spread @ spread.T * (1.0 if plant.sampled else period)
 
 
-def disturbance_levels(plant: Plant, inputs: np.ndarray, period: float) -> np.ndarray:
-    """Levels (k,) of the disturbances at first: `LEFT_OUT` of the inputs' deviation (without inputs, of 1), held for a
-    period; of a map the deviations themselves."""
-    size = max(float(np.sqrt(np.mean(np.square(inputs)))), 1e-3) if inputs.size else 1.0
-    return np.full(
-        len(plant.disturbances) or plant.n, LEFT_OUT * size * (1.0 if plant.sampled else np.sqrt(period))
-    )
+def disturbance_levels(plant: Plant, x: np.ndarray, inputs: np.ndarray, period: float) -> np.ndarray:
+    """Levels (k,) of the disturbances at first: `LEFT_OUT` of what acts like the inputs (N, m), held for a period; of a
+    map the deviations themselves.
+
+    A disturbance acts like the inputs if it moves the outputs as far in slow motions about the state x (n,): 1 V of a
+    motor is so many N·m. Without inputs, or a disturbance that moves nothing, it is 1 in the unit of the disturbance.
+    """
+    size = np.sqrt(np.mean(np.square(inputs), axis=0)) if inputs.size else np.ones(0)
+    usual = max(float(np.sqrt(np.mean(np.square(size)))), 1e-3) if size.size else 1.0
+    sizes = np.full(len(plant.disturbances) or plant.n, usual)
+    if plant.disturbances and size.size:
+        a, b, g, c = plant.slopes(x)[:4]
+        turning = np.exp(1j * SLOW * period) if plant.sampled else 1j * SLOW
+        whole = turning * np.eye(plant.n) - a
+        by_inputs = np.linalg.norm(c @ np.linalg.lstsq(whole, b * size, rcond=None)[0])
+        by_each = np.linalg.norm(c @ np.linalg.lstsq(whole, g.astype(complex), rcond=None)[0], axis=0)
+        clear = (by_each > 0.0) & (by_inputs > 0.0)
+        sizes = np.where(clear, by_inputs / np.where(clear, by_each, 1.0), usual)
+    return LEFT_OUT * sizes * (1.0 if plant.sampled else np.sqrt(period))
 
 
 def first_state(plant: Plant, outputs: np.ndarray) -> np.ndarray:
@@ -94,6 +115,8 @@ def default_filter(
     period = float(np.median(np.diff(times))) if period is None else period
     start = first_state(plant, outputs)
     if process_noise is None:
-        process_noise = process_covariance(plant, start, disturbance_levels(plant, inputs, period), period)
+        process_noise = process_covariance(
+            plant, start, disturbance_levels(plant, start, inputs, period), period
+        )
     noise = measurement_variances(outputs) if measurement_noise is None else measurement_noise
     return kind(plant, period, process_noise, noise, start, UNKNOWN**2, form=form, **others)

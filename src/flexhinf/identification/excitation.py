@@ -238,7 +238,7 @@ def _judged(
     vector = plant.parameters.vector()
     outputs = np.array([plant.evaluate_output(x, u, vector) for x, u in zip(states, inputs)])
     sizes = [noise.get(name, ENCODER) for name in plant.outputs]
-    usual = disturbance_levels(plant, inputs, period)
+    usual = disturbance_levels(plant, states[0], inputs, period)
     levels = np.array(
         [
             max(noise.get(name, float(level)), 1e-12)

@@ -149,6 +149,8 @@ def filter_log(filter: RecursiveFilter | Plant, log: Any, smooth: bool = False) 
     """
     plant = filter if isinstance(filter, Plant) else Recursion(filter).filter.plant
     times, inputs, outputs = log_arrays(log, plant)
+    if not isinstance(filter, Plant):
+        outputs = filter.new_values(outputs, np.rint((times - times[0]) / filter.period).astype(int))
     recursion = Recursion(
         default_filter(plant, times, inputs, outputs) if isinstance(filter, Plant) else filter
     )

@@ -1,176 +1,66 @@
 """`identify`: the numbers of a model under which a log is most likely, how sure they are, and what it does not tell.
 
-Fisher scoring with damping in the manner of Levenberg and Marquardt, on the innovations of the extended filter
+Fisher scoring (`flexhinf.identification.search`) on the innovations of the extended filter
 (`flexhinf.identification.likelihood`). A number that must be positive is sought by its logarithm. The levels of the
 measurement noise and of the disturbances that the model leaves out are sought beside.
 
-Intervals hold if the model does. Whether it does, the innovations of the filter that was found say: where they are not
-white or not as large as it expects, intervals are widened for scores that are correlated over a long time [white1982],
-and the result is marked. A number may still be wrong by more, since it also explains what the model lacks: dry friction
-that is left out becomes viscous friction.
+Intervals hold if the model does. Whether it does, three things say. The innovations of the filter that was found are
+white, and as large as it expects, with disturbances that are no larger than those that were assumed: larger ones absorb
+what the model lacks. And no log is likelier whose sensor or input acts some samples earlier or later
+(`flexhinf.identification.alternatives`). Else the result is marked, and where innovations are not white, intervals are
+widened for scores that are correlated over a long time [white1982]. A number may still be wrong by more, since it also
+explains what the model lacks: dry friction that is left out becomes viscous friction.
 """
 
 from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.estimation import ExtendedKalmanFilter, RecursiveFilter
+from flexhinf.identification.alternatives import Alternative, Shifts, likelier
 from flexhinf.identification.consistency import DEVIATIONS, Consistency, innovation_consistency
-from flexhinf.identification.defaults import UNKNOWN, default_filter, disturbance_levels
+from flexhinf.identification.defaults import (
+    UNKNOWN,
+    default_filter,
+    disturbance_levels,
+    measurement_variances,
+    smallest_variances,
+)
 from flexhinf.identification.filtering import log_arrays
 from flexhinf.identification.information import Information, Unidentifiable
 from flexhinf.identification.likelihood import Evaluation, Likelihood
 from flexhinf.identification.recursion import check_spacing, rows_of
+from flexhinf.identification.search import confirmed, restricted, searched
+from flexhinf.identification.sensing import at_their_times, known_sensors
 from flexhinf.identification.unknowns import (
     Noises,
     Unknowns,
     model_of,
     plant_numbers,
+    uncertain_numbers,
 )
 from flexhinf.notebook import Summarised, number_text
-from flexhinf.plant import Plant
+from flexhinf.plant import Plant, Sensor
 from flexhinf.robot import Parameter, Robot, load_robot
 from flexhinf.validation import checked_kind, checked_names
 
-#: Iterations at most; damping at first, its factors after a better and a worse trial, and at most; the longest step, in
-#: parts of a number; and the expected gain of the log-likelihood at which the search ends.
-ITERATIONS, DAMPING, EASIER, HARDER, STIFFEST, LONGEST, GAIN = 200, 1e-3, 0.2, 8.0, 1e12, 1.0, 1e-6
 
-#: Rounds towards the restricted likelihood, and the change of a noise's logarithm for its slope.
-ROUNDS, TURN = 4, 1e-2
-
-#: Distance to other numbers, in standard errors, and at least as a share; how much less likely the log must
-#: be there; and iterations of all else.
-FAR, APART, DROP, TRIES = 8.0, 0.5, 12.0, 20
-
-#: Information that is none: of a standard error of 100 times the number.
-LITTLE = 1e-4
-
-
-def searched(
-    likelihood: Likelihood,
-    unknowns: Unknowns,
-    start: np.ndarray,
-    iterations: int = ITERATIONS,
-    held: int | None = None,
-) -> tuple[np.ndarray, Evaluation, int]:
-    """The most likely unknowns (k,), the evaluation there, and the iterations; with the one of the place `held` as it
-    is."""
-    z = start
-    best = likelihood.evaluate(*unknowns.model(z))
-    if best is None:
-        raise NumericalFailure(
-            "The log cannot be filtered with the model's first values.",
-            "the extended filter diverges",
-            "values that are nearer, or filter= with larger noises",
-        )
-    damping = DAMPING
-    for iteration in range(1, iterations + 1):
-        free = np.setdiff1d(unknowns.free(z, best.gradient), [] if held is None else [held])
-        scale, slope, shape = scaled(unknowns, z, best.gradient, best.information, free)
-        gain = 0.5 * slope @ np.linalg.lstsq(shape + 1e-9 * np.eye(len(slope)), slope, rcond=None)[0]
-        if gain < GAIN:
-            return z, best, iteration
-        found, most = None, LONGEST * unknowns.sizes(z)[free]
-        while found is None or found.value <= best.value:
-            if damping > STIFFEST:  # no better point: rounding
-                return z, best, iteration
-            trial = z.copy()
-            step = np.linalg.solve(shape + damping * np.eye(len(slope)), slope) / scale
-            trial[free] += np.clip(step, -most, most)
-            trial = unknowns.inside(trial)
-            found = likelihood.evaluate(*unknowns.model(trial))
-            damping *= HARDER
-        z, best, damping = trial, found, max(1e-9, EASIER * damping / HARDER)
-    return z, best, iterations
-
-
-def scaled(
-    unknowns: Unknowns, z: np.ndarray, gradient: np.ndarray, information: np.ndarray, free: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of the `free` unknowns: units in which the information's diagonal is one, the gradient and the information."""
-    scale = np.sqrt(np.diag(information) + LITTLE / unknowns.sizes(z) ** 2)
-    shape = information / scale / scale[:, None]
-    return scale[free], (gradient / scale)[free], shape[np.ix_(free, free)]
-
-
-def restricted(
-    likelihood: Likelihood, unknowns: Unknowns, z: np.ndarray, best: Evaluation
-) -> tuple[np.ndarray, Evaluation]:
-    """The unknowns with noises of the restricted likelihood ℓ − ½ log det I, I of the numbers [harville1977].
-
-    The most likely noises are too small, as if the numbers had been known; intervals then promise too much.
-    """
-    count = len(unknowns.numbers)
-    for _ in range(ROUNDS if count < len(z) else 0):
-        sizes = unknowns.sizes(z)[:count]
-        inverse = np.linalg.pinv(
-            best.information[:count, :count] * sizes * sizes[:, None], rcond=1e-8, hermitian=True
-        )
-        gradient = best.gradient.copy()
-        for k in range(count, len(z)):
-            ends = [
-                likelihood.evaluate(*unknowns.model(z + sign * TURN * np.eye(len(z))[k]))
-                for sign in (-1.0, 1.0)
-            ]
-            if ends[0] is None or ends[1] is None:
-                return z, best
-            slope = (ends[1].information - ends[0].information)[:count, :count] / (2.0 * TURN)
-            gradient[k] -= 0.5 * np.sum(inverse * (slope * sizes * sizes[:, None]))
-        free = unknowns.free(z, gradient)
-        scale, slope, shape = scaled(unknowns, z, gradient, best.information, free)
-        step = np.linalg.solve(shape + 1e-6 * np.eye(len(free)), slope) / scale
-        most = 0.5 * unknowns.sizes(z)[free]
-        trial = z.copy()
-        trial[free] += np.clip(step, -most, most)
-        trial = unknowns.inside(trial)
-        found = likelihood.evaluate(*unknowns.model(trial))
-        if found is None:
-            return z, best
-        z, best = trial, found
-    return z, best
-
-
-def confirmed(likelihood: Likelihood, unknowns: Unknowns, z: np.ndarray, best: Evaluation) -> np.ndarray:
-    """Which numbers (k,) the log tells from others far away, all else as likely as it can be.
-
-    The curvature of the likelihood is not enough: of a robot at rest some vibration always fits the noise best, and a
-    narrow peak is found there, a few units high.
-    """
-    count, every = len(unknowns.numbers), np.arange(len(z))
-    scale, _, shape = scaled(unknowns, z, best.gradient, best.information, every)
-    covariance = np.linalg.inv(shape + 1e-9 * np.eye(len(z)))
-    clear, most = np.ones(count, dtype=bool), 5.0 * unknowns.sizes(z)
-    for k in range(count):
-        # a standard error of this one, the others as it asks
-        away = covariance[k] / np.sqrt(covariance[k, k]) / scale
-        away = away * max(FAR, APART * unknowns.sizes(z)[k] / abs(away[k]))
-        step = np.clip(away, -most, most)
-        step[count:] = 0.0
-        for end in (unknowns.inside(z + step), unknowns.inside(z - step)):
-            if abs(end[k] - z[k]) < 0.5 * abs(step[k]) or not clear[k]:
-                continue
-            with suppress(NumericalFailure):  # nothing can be filtered so far away
-                clear[k] = best.value - searched(likelihood, unknowns, end, TRIES, k)[1].value > DROP
-    return clear
-
-
-def judgement(evaluation: Evaluation, plant: Plant) -> Consistency:
-    """Whether the innovations of an evaluation are as large as its filter expects, and white."""
+def judgement(evaluation: Evaluation, plant: Plant, outputs: np.ndarray) -> Consistency:
+    """Whether the innovations of an evaluation, of outputs (N, p), are as large as its filter expects, and white."""
     measured = np.isfinite(evaluation.innovations).sum(axis=1)
     units = [plant.unit(name) for name in plant.outputs]
     parts = innovation_consistency(
-        plant.outputs, units, evaluation.innovations, evaluation.deviations, evaluation.squared, measured
-    )
+        plant.outputs, units, evaluation.innovations, evaluation.deviations, evaluation.squared, measured,
+        outputs - evaluation.innovations,
+    )  # fmt: skip
     return Consistency(*parts, None)
 
 
@@ -180,7 +70,9 @@ class Identification(Summarised):
 
     `unknowns`, `found` (k,): what was sought, and its most likely value. `first`: the first state (n,). `information`:
     what the log has of the numbers. `log_likelihood`, `samples`, `iterations`: of the search. `period`: of its filter,
-    s. `consistency`: of its innovations.
+    s. `consistency`: of its innovations with disturbances that are no larger than assumed, at the unknowns `expected`
+    (k,) that then are most likely. `absorbing`: whether innovations fit with larger ones alone. `alternative`: a log
+    with a signal at another time or of another sign that is likelier by far, or None.
 
     Examples
     --------
@@ -207,15 +99,25 @@ class Identification(Summarised):
     iterations: int
     period: float
     consistency: Consistency
+    expected: np.ndarray
+    absorbing: bool = False
+    alternative: Alternative | None = None
 
     @property
     def consistent(self) -> bool:
-        """Whether the model fits the log: innovations are white, and as large as the filter expects.
+        """Whether the model fits the log: innovations are white, and as large as the filter expects, with disturbances
+        as they were assumed; and no signal that is late or early makes the log likelier.
 
-        If not, numbers may be wrong by more than their intervals say. Try what the model leaves out (`extras`), or
-        other sensors.
+        If not, numbers may be wrong by more than their intervals say. Try what the model leaves out (`extras`), the
+        delay of a sensor (`sensors`), or other sensors.
         """
-        return self.consistency.innovations_fit
+        return self.consistency.innovations_fit and self.alternative is None
+
+    @property
+    def disturbances(self) -> dict[str, tuple[float, float]]:
+        """Levels of the disturbances by name, unit √s: found, and assumed or stated at first."""
+        found, noises = self.unknowns.noise_levels(self.found)[1], self.unknowns.noises
+        return dict(zip(noises.names, zip(found.tolist(), noises.levels.tolist()), strict=True))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -294,14 +196,17 @@ class Identification(Summarised):
             )
         return robot.with_parameters(*self._parameters())
 
-    def filter(self, period: float) -> ExtendedKalmanFilter:
-        """The extended filter of the plant with these numbers and noises, for samples of a `period`, s.
+    def filter(self, period: float, as_expected: bool = False) -> ExtendedKalmanFilter:
+        """The extended filter of the plant with these numbers and noises, for samples of a `period`, s; `as_expected`,
+        with those of disturbances that are no larger than assumed: the filter that is judged.
 
         Raises InvalidInput: of a map, for another period than the log's.
         """
-        check_spacing(self.plant, self.period, np.array([period]))
-        added, noise = self.unknowns.noises.matrices(*self.unknowns.noise_levels(self.found))
-        return ExtendedKalmanFilter(self.plant, period, added * period, noise, self.first, UNKNOWN**2)
+        z = self.expected if as_expected else self.found
+        plant = self.unknowns.at(z)
+        check_spacing(plant, self.period, np.array([period]))
+        added, noise = self.unknowns.noises.matrices(*self.unknowns.noise_levels(z))
+        return ExtendedKalmanFilter(plant, period, added * period, noise, self.first, UNKNOWN**2)
 
     def summary(self) -> dict[str, str]:
         """Numbers with their intervals, noises, and what the log does not tell."""
@@ -316,6 +221,8 @@ class Identification(Summarised):
         rows |= {f"not identifiable, {k + 1}": each.text for k, each in enumerate(self.unidentifiable)}
         if not self.consistent:
             rows["the model does not fit the log"] = "numbers may be wrong by more than their intervals"
+        if self.alternative is not None:
+            rows["likelier"] = self.alternative.text
         rows["samples"] = f"{self.samples}, log-likelihood {self.log_likelihood:.6g}"
         return rows
 
@@ -354,12 +261,14 @@ def _rounded(value: float, width: float) -> float:
 def identify(
     model: Robot | Plant | str | os.PathLike[str],
     log: Any,
-    parameters: str | Sequence[str],
+    parameters: str | Sequence[str] | None = None,
     *,
     measured: str | Sequence[str] | None = None,
     extras: str | Sequence[str] = (),
     filter: RecursiveFilter | None = None,
     noise: bool = True,
+    sensors: Sequence[Sensor] | Sensor = (),
+    process_noise: Any = None,
 ) -> Identification:
     """The numbers of a robot or a plant under which a log is most likely.
 
@@ -371,7 +280,7 @@ def identify(
         Times (N,), s, inputs (N, m) and outputs (N, p), see `filter_log`.
     parameters : sequence of str
         Names of numbers: of the robot's (``stiffness`` for all joints, ``stiffness_elbow`` for one), or of the plant's
-        (``name[2]`` is the second of an array).
+        (``name[2]`` is the second of an array). By default those of a robot that have tolerances.
     measured : sequence of str, optional
         Of a robot: its measured signals, as for `Robot.plant`; those that the log names by default.
     extras : sequence of str
@@ -380,6 +289,12 @@ def identify(
         Mean and covariance of the first state, the noises at first, and the period; by default from the log.
     noise : bool
         Whether the levels of measurement noise and disturbances are sought too; else they are the filter's.
+    sensors : sequence of Sensor, optional
+        What is known of sensors: a delay, by which values are moved back in the log; a period, between whose samples
+        values are held and none counts; the noise, which then is not sought; a quantisation, if the log's smallest step
+        is not it.
+    process_noise : float, (n,) or (n, n) array, optional
+        R^v per period, which then is not sought.
 
     Raises
     ------
@@ -409,9 +324,11 @@ def identify(
         "a Robot or a Plant",
         'fh.load_robot("arm.toml")',
     )
+    if parameters is None:
+        parameters = uncertain_numbers(model) if isinstance(model, Robot) else ()
     refuse_if(
         not checked_names("The numbers to identify", parameters), "No number is to be identified.",
-        "expected parameters=(...), got none", "parameters=('stiffness',)",
+        "expected parameters=(...), or a robot whose numbers have tolerances, got none", "parameters=('stiffness',)",
     )  # fmt: skip
     robot = model if isinstance(model, Robot) else None
     if isinstance(model, Robot):
@@ -425,28 +342,57 @@ def identify(
             "leave them out, or identify(robot, ...)",
         )
         plant, numbers = model, plant_numbers(model, checked_names("The numbers to identify", parameters))
+    refuse_if(
+        filter is not None and (bool(sensors) or process_noise is not None),
+        "The noises are stated twice.",
+        "expected sensors and process_noise, or a filter, got both",
+        "the filter alone",
+    )
     times, inputs, outputs = log_arrays(log, plant)
+    known = known_sensors(sensors, plant, float(np.median(np.diff(times))))
+    outputs = at_their_times(outputs, known)
+    if filter is not None:
+        outputs = filter.new_values(outputs, np.rint((times - times[0]) / filter.period).astype(int))
     chosen: ExtendedKalmanFilter = (
-        default_filter(plant, times, inputs, outputs, form="covariance")
+        default_filter(
+            plant, times, inputs, outputs, form="covariance", process_noise=process_noise,
+            measurement_noise=np.where(known.deviations > 0.0, known.variances, measurement_variances(outputs)),
+        )
         if filter is None
         else ExtendedKalmanFilter(
             plant, filter.period, filter.process_noise, filter.measurement_noise, filter.initial.mean,
             filter.initial.covariance, form="covariance",
         )
     )  # fmt: skip
-    levels = None if filter is not None else disturbance_levels(plant, inputs, chosen.period)
-    unknowns = Unknowns(plant, robot, numbers, Noises.of(chosen, levels, noise))
+    levels = None
+    if filter is None and process_noise is None:
+        levels = disturbance_levels(plant, chosen.initial.mean, inputs, chosen.period)
+    sought = (known.deviations == 0.0) & noise, noise and process_noise is None
+    least = np.sqrt(np.maximum(smallest_variances(outputs), known.quanta**2 / 12.0))
+    unknowns = Unknowns(plant, robot, numbers, Noises.of(chosen, levels, sought, least))
     rows = rows_of(times, inputs, outputs, chosen.period)
     check_spacing(plant, chosen.period, rows.seconds[:, 0])
     likelihood = Likelihood(chosen, rows, len(unknowns.names))
-    found, evaluation, iterations = searched(likelihood, unknowns, unknowns.start)
+    found, evaluation, iterations = searched(likelihood, unknowns, unknowns.inside(unknowns.start))
     found, evaluation = restricted(likelihood, unknowns, found, evaluation)
+    own = judgement(evaluation, plant, outputs)
+    expected, judged = found, own
+    bounded = replace(unknowns, bounded=True)
+    if (bounded.inside(found) < found).any():
+        expected, other, _ = searched(likelihood, bounded, bounded.inside(found))
+        expected, other = restricted(likelihood, bounded, expected, other)
+        judged = judgement(other, plant, outputs)
+        if judged.innovations_fit:  # larger disturbances explained steps of sensors, or nothing
+            unknowns, found, evaluation = bounded, expected, other
     clear = confirmed(likelihood, unknowns, found, evaluation)
-    judged = judgement(evaluation, plant)
+    slow = max((each.whiteness.slow for each in own.outputs if each.whiteness), default=1.0)
+    shifts = Shifts(chosen, unknowns, found, times, inputs, outputs)
+    white = judged if found is expected else own
     information = Information.of(
-        evaluation, unknowns.names, unknowns.sizes(found), clear, judged.innovations_fit
+        evaluation, unknowns.names, unknowns.sizes(found), clear, white.innovations_fit and not white.rounded
     )
     return Identification(
         unknowns, found, chosen.initial.mean, information, evaluation.value, len(times), iterations,
-        chosen.period, judged,
+        chosen.period, judged, expected, own.innovations_fit and not judged.innovations_fit,
+        likelier(shifts, judged.innovations_fit, slow),
     )  # fmt: skip

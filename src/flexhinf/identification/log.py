@@ -1,46 +1,27 @@
-"""Logs of a robot: when which input acted and what the sensors measured, read from a file by the names of a plant."""
+"""Logs of a robot: when which input acted, what the sensors measured, and the true state where it is known."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from flexhinf.errors import InvalidInput, refuse_if
-from flexhinf.identification.log_files import FileColumns, Loaded, file_columns
 from flexhinf.notebook import Summarised, names_text, number_text
-from flexhinf.plant import Plant
-from flexhinf.robot.parameters import SECONDS, measured, respelled
-from flexhinf.robot.table import name_and_unit
 from flexhinf.validation import (
     HUGE,
     checked_array,
     checked_kind,
-    checked_path,
-    is_integer,
-    is_real,
-    nearest,
     read_only,
     real_array,
-    real_number,
     value_text,
 )
 
-#: Names of the column of times that need not be stated.
-TIMES = ("time", "t", "timestamp", "stamp")
-
-#: What stands before a signal's name in files that flexhinf writes, by its kind: ``state.link_velocity [rad/s]`` in a
-#: report's folder, ``measured/link_position[rad]`` in the log of a run.
-PREFIXES = {"input": ("input.", "input/"), "output": ("output.", "measured/"), "state": ("state.", "state/")}
-
 #: Fewest rows, and the longest gap relative to the time between most samples (the 90 % quantile).
 FEWEST_ROWS, LONGEST_GAP = 3, 1000.0
-
-MOST_LATENCY = 1000  # samples: a second at 1 kHz
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -94,7 +75,7 @@ class Log(Summarised):
             f"expected times (N,) of at least {FEWEST_ROWS} samples, got shape {times.shape}",
             "a log of some seconds, at the rate of the controller",
         )
-        _check_times(times, lambda k: f"sample {k + 1}")
+        check_times(times, lambda k: f"sample {k + 1}")
         arrays = {"times": times}
         for what in ("inputs", "outputs", "truth"):
             if what == "truth" and self.truth is None:
@@ -198,7 +179,7 @@ def check_increasing(times: np.ndarray, place: Callable[[int], str]) -> None:
     )
 
 
-def _check_times(times: np.ndarray, place: Callable[[int], str]) -> None:
+def check_times(times: np.ndarray, place: Callable[[int], str]) -> None:
     """Refuse times that are not finite or do not increase, and gaps that belong between two logs."""
     checked_array(
         "The times of the log are no numbers.", times, times.shape, "finite seconds", "times in s from 0 on", HUGE
@@ -212,100 +193,6 @@ def _check_times(times: np.ndarray, place: Callable[[int], str]) -> None:
         f"expected at most {LONGEST_GAP:g} times the {usual:.3g} s between most samples, got {steps[gap]:.6g} s",
         f"two logs: log[:{gap + 1}] and log[{gap + 1}:]",
     )
-
-
-def read_log(
-    path: str | os.PathLike[str],
-    plant: Plant,
-    columns: Mapping[str, str] | None = None,
-    time: str | None = None,
-    units: Mapping[str, str | float] | None = None,
-    hold_inputs: bool = False,
-    latency: int = 0,
-) -> Log:
-    """A log from a file: CSV, Parquet (columns) or MCAP (messages in JSON, or of ROS 2).
-
-    A column with the name of an input or an output of the plant is that signal; ``state.link_velocity`` is a true
-    state, to judge estimates by. Without ``state.`` it is none: what a drive calls its velocity has errors of its own.
-    Names of files that flexhinf writes are known: ``measured/link_position[rad]``, ``state/link_position[rad]``. Every
-    input and every output of the plant needs a column, whose values may be missing where a sensor is slower than
-    others.
-
-    Numbers are in SI units, or in the unit behind the column's name: ``link_position [deg]``. Times of the day or since
-    1970 begin with 0 at the first row; differences are taken of all their digits. Without a unit stamps of the size of
-    milliseconds, microseconds or nanoseconds since 1970 are such, and others seconds.
-
-    Parameters
-    ----------
-    path : path
-        .csv, .txt or .tsv: a header, then rows of numbers with decimal points between commas, semicolons or tabs,
-        nothing or nan where a value is missing. .parquet and .mcap need ``flexhinf[log]``. In MCAP a column is
-        ``topic/field``, of several topics at their own times.
-    plant : Plant
-        ``robot.plant(measured=...)``.
-    columns : mapping of str to str, optional
-        Columns by the signal's name: ``{"motor_position": "motor/pos", "drive_torque": "effort [mNm]"}``; a number in
-        the place of a unit is what one is in the signal's SI unit, ``"counts [0.00153]"``. ``state.NAME`` is a true
-        state.
-    time : str, optional
-        The column of times, also with its unit, ``"stamp [ms]"``; by default one called time, t, timestamp or stamp.
-    units : mapping of str to str or float, optional
-        Units by the name of a column or of a signal: ``{"pos": "deg"}``.
-    hold_inputs : bool
-        Whether an input acts until the next row that has one; rows before the first one are left out. Without it a row
-        without an input is refused.
-    latency : int
-        Samples from the row of an input to the row from which on it acts: 1 where a controller writes down what it
-        sends and the drive gets it a sample later, as in files of flexhinf's own runs. So many first rows are left out.
-
-    Raises
-    ------
-    InvalidInput
-        For a file that cannot be read, columns or units that are not known or do not fit, text among numbers, inputs
-        that are missing, times that do not increase, and what `Log` refuses. The message names line and column.
-
-    Examples
-    --------
-    >>> import flexhinf as fh
-    >>> import tempfile
-    >>> from pathlib import Path
-    >>> text = "time [ms],motor_voltage,link_position [deg]\\n0,1,0\\n10,1,0.5\\n20,1,1.5\\n"
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     written = Path(folder, "log.csv").write_text(text)
-    ...     log = fh.read_log(f"{folder}/log.csv", fh.paper_arm().plant())
-    >>> log.times.tolist()
-    [0.0, 0.01, 0.02]
-    """
-    checked_kind(
-        "A log is read for a plant.", plant, Plant, "a Plant", "robot.plant(measured=('motor_position',))"
-    )
-    for what, mapping in (("columns", columns), ("units", units)):
-        checked_kind(
-            f"The {what} of a log are no mapping.", {} if mapping is None else mapping, Mapping, "a mapping by name",
-            "columns={'motor_position': 'pos [deg]'}",
-        )  # fmt: skip
-    refuse_if(
-        not is_integer(latency) or not 0 <= latency <= MOST_LATENCY,
-        "The latency of a log is a number of samples.",
-        f"expected an integer from 0 to {MOST_LATENCY}, got {value_text(latency)}",
-        "1, where an input acts from the next sample on",
-    )
-    file = file_columns(checked_path("The log", path))
-    heading = _Heading(file, units or {})
-    stamp = heading.stamp(time)
-    chosen = _chosen(heading, plant, columns or {}, stamp)
-    loaded = file.load(stamp.place, [column.place for column in chosen.values()])
-    times = loaded.stamps * heading.seconds(stamp, loaded)
-    refuse_if(
-        len(times) < FEWEST_ROWS,
-        f"{file.path.name} has too few rows.",
-        f"expected at least {FEWEST_ROWS} below the header, got {len(times)}",
-        "a log of some seconds, at the rate of the controller",
-    )
-    _check_times(times, lambda k: f"{file.path.name}, {loaded.place(k)}")
-    scales = [heading.scale(column, signal, plant) for signal, column in chosen.items()]
-    values = loaded.values * np.array(scales)
-    return delayed_inputs(_log(file, plant, chosen, times, values, loaded, hold_inputs), latency)
 
 
 def delayed_inputs(log: Log, latency: int) -> Log:
@@ -322,276 +209,3 @@ def delayed_inputs(log: Log, latency: int) -> Log:
         if latency
         else log
     )
-
-
-class Signal(NamedTuple):
-    """A signal of a plant: "input", "output" or "state", and its place there."""
-
-    kind: str
-    index: int
-    name: str
-
-
-class _Column(NamedTuple):
-    """A column of the file: its place, its name without the unit, and the unit or number that stands there."""
-
-    place: int
-    name: str
-    unit: str
-
-
-class _Heading:
-    """The columns of a file, by the names that people call them."""
-
-    def __init__(self, file: FileColumns, units: Mapping[str, str | float]) -> None:
-        self.file, self.units = file, units
-        self.columns = []
-        for place, text in enumerate(file.names):
-            name, unit = name_and_unit(text)
-            if unit.isdigit():  # position[0] of an array
-                name, unit = text.strip(), ""
-            self.columns.append(_Column(place, name, unit))
-        self._unused = dict.fromkeys(map(str, units))
-
-    def named(self, text: str) -> list[_Column]:
-        """The columns that are called so, with their unit or without it."""
-        exact = [column for column in self.columns if self.file.names[column.place].strip() == text.strip()]
-        return exact or [column for column in self.columns if column.name == text.strip()]
-
-    def column(self, text: Any, what: str) -> _Column:
-        """The column of a stated name, with the unit that is stated behind it."""
-        checked_kind(f"The column of {what} has no name.", text, str, "text", "'pos' or 'pos [deg]'")
-        columns, (name, unit) = self.named(text), name_and_unit(text)
-        if not columns and unit:
-            columns = [column._replace(unit=unit) for column in self.named(name)]
-        if len(columns) != 1:
-            names = [name.strip() for name in self.file.names]
-            raise InvalidInput(
-                f"{self.file.path.name} has {'several columns' if columns else 'no column'} {value_text(text, 60)} for "
-                f"{what}.",
-                f"expected one of {names}",
-                nearest(name, [column.name for column in self.columns], "a name of the header"),
-            )
-        return columns[0]
-
-    def in_stated_unit(self, column: _Column, signal: str = "") -> _Column:
-        """The column with the unit that is stated for it or for its signal, else as it is."""
-        for key in (signal, column.name, self.file.names[column.place].strip()):
-            if key in self.units:
-                self._unused.pop(key, None)
-                unit = self.units[key]
-                text = unit if isinstance(unit, str) else repr(float(unit)) if is_real(unit) else ""
-                refuse_if(
-                    not text, f"The unit of {key!r} is none.", f"expected text or a number, got {value_text(unit)}",
-                    f"units={{{key!r}: 'deg'}}",
-                )  # fmt: skip
-                column = column._replace(unit=text.strip())
-        return column
-
-    def check_units(self) -> None:
-        """Refuse units of columns and signals that are not read."""
-        for key in self._unused:
-            names = [column.name for column in self.columns]
-            raise InvalidInput(
-                f"A unit is stated for {value_text(key, 60)}, which is not read from {self.file.path.name}.",
-                f"expected a signal of the plant or one of {names}",
-                nearest(key, names, "leave it out"),
-            )
-
-    def stamp(self, time: str | None) -> _Column:
-        """The column of times."""
-        if time is not None:
-            return self.in_stated_unit(self.column(time, "the time"))
-        columns = [column for name in TIMES for column in self.columns if column.name.casefold() == name]
-        if not columns:
-            names = [column.name for column in self.columns]
-            raise InvalidInput(
-                f"{self.file.path.name} has no column of times.",
-                f"expected one of {list(TIMES)}, got {names}",
-                f"time={nearest('time', names, repr(names[0]))}, or time='stamp [ms]'",
-            )
-        return self.in_stated_unit(columns[0])
-
-    def seconds(self, stamp: _Column, loaded: Loaded) -> float:
-        """What a unit of the stamps is in seconds."""
-        return self.size(stamp, "the time", ("s",)) if stamp.unit else SECONDS[loaded.unit()]
-
-    def scale(self, column: _Column, signal: Signal, plant: Plant) -> float:
-        """What a unit of the column is in the unit of the plant's signal."""
-        if not column.unit:
-            return 1.0
-        unit = plant.unit(signal.name)
-        return self.size(column, f"the {signal.kind} {signal.name!r}", (unit,) if unit else ())
-
-    def size(self, column: _Column, what: str, si: Sequence[str]) -> float:
-        """What a unit of the column is in one of these SI units; a plant without units takes SI units as they are."""
-        text = column.unit.replace("_per_", "/").replace("_", " ")
-        size = real_number(_float(text))
-        if np.isfinite(size) and size != 0.0:
-            return size
-        try:
-            return measured(f"1 {text}", *si)
-        except ValueError:
-            pass
-        meant = [spelled.removeprefix("1 ") for spelled in respelled(f"1 {text}", *si)]
-        raise InvalidInput(
-            f"{self.file.path.name}: the unit of {column.name!r} does not fit {what}.",
-            f"expected {' or '.join(si) or 'the unit of a plant that states one'}, or what measures the same, got "
-            f"{column.unit!r}",
-            meant[0]
-            if meant
-            else f"'{column.name} [{si[0] if si else '1.0'}]', or a number: what one is in "
-            f"{si[0] if si else 'the unit of the plant'}",
-        )
-
-
-def _float(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return float("nan")
-
-
-def _signals(plant: Plant) -> dict[str, Signal]:
-    """Signals by every name that a column of theirs may have; a plain name is that of an input or an output."""
-    known: dict[str, Signal] = {}
-    kinds = (("input", plant.inputs), ("output", plant.outputs), ("state", plant.states))
-    for kind, names in kinds:
-        for index, name in enumerate(names):
-            signal = Signal(kind, index, name)
-            if kind != "state":
-                known.setdefault(name, signal)
-            known |= {f"{prefix}{name}": signal for prefix in PREFIXES[kind]}
-    return known
-
-
-def _chosen(
-    heading: _Heading, plant: Plant, columns: Mapping[str, str], stamp: _Column
-) -> dict[Signal, _Column]:
-    """The column of each signal, those of all inputs and outputs first, in the plant's order."""
-    known, chosen = _signals(plant), dict[Signal, list[_Column]]()
-    for name, text in columns.items():
-        if name not in known:
-            raise InvalidInput(
-                f"The plant has no signal {value_text(name, 60)}.",
-                f"expected one of the inputs {list(plant.inputs)}, the outputs {list(plant.outputs)}, or a true state "
-                f"of {['state.' + state for state in plant.states]}",
-                nearest(name, known),
-            )
-        chosen.setdefault(known[name], []).append(heading.column(text, repr(name)))
-    stated, used = (
-        set(chosen),
-        {column.place for several in chosen.values() for column in several} | {stamp.place},
-    )
-    for column in heading.columns:
-        signal = known.get(column.name)
-        if signal is not None and signal not in stated and column.place not in used:
-            chosen.setdefault(signal, []).append(column)
-    file = heading.file.path.name
-    for signal, several in chosen.items():
-        refuse_if(
-            len(several) > 1,
-            f"{file} has two columns for the {signal.kind} {signal.name!r}.",
-            f"expected one, got {[heading.file.names[column.place] for column in several]}",
-            f"columns={{{signal.name!r}: {several[0].name!r}}}",
-        )
-    places = [column.place for several in chosen.values() for column in several] + [stamp.place]
-    twice = next((place for place in places if places.count(place) > 1), None)
-    refuse_if(
-        twice is not None,
-        f"{file}: one column is used for two signals: {heading.file.names[twice or 0]!r}.",
-        f"expected a column for each, got {dict(columns)}",
-        "the name of the other column",
-    )
-    _check_complete(heading, plant, chosen, places)
-    order = sorted(chosen, key=lambda signal: (list(PREFIXES).index(signal.kind), signal.index))
-    read = {signal: heading.in_stated_unit(chosen[signal][0], signal.name) for signal in order}
-    heading.check_units()
-    return read
-
-
-def _check_complete(
-    heading: _Heading, plant: Plant, chosen: Collection[Signal], used: Collection[int]
-) -> None:
-    names = [column.name for column in heading.columns]
-    free = [
-        column.name
-        for column in heading.columns
-        if column.place not in used and column.name not in plant.states
-    ]
-    for kind, signals in (("input", plant.inputs), ("output", plant.outputs)):
-        for index, name in enumerate(signals):
-            if Signal(kind, index, name) in chosen:
-                continue
-            why = "the model needs every input at every sample"
-            if kind == "output":
-                why = "the plant measures it; a plant that does not: robot.plant(measured=...)"
-            like = nearest(name, free, repr(free[0] if len(free) == 1 else "COLUMN"))
-            others = f", where COLUMN is one of {free}" if free else ", where COLUMN is that of another file"
-            raise InvalidInput(
-                f"{heading.file.path.name} has no column for the {kind} {name!r}.",
-                f"expected a column of that name ({why}); those of the file are {names}",
-                f"columns={{{name!r}: {like}}}{others if 'COLUMN' in like else ''}",
-            )
-
-
-def _log(
-    file: FileColumns,
-    plant: Plant,
-    chosen: Mapping[Signal, _Column],
-    times: np.ndarray,
-    values: np.ndarray,
-    loaded: Loaded,
-    hold_inputs: bool,
-) -> Log:
-    """The log of a table whose columns are in the order of `chosen`."""
-    tables = {
-        "input": np.zeros((len(times), len(plant.inputs))),
-        "output": np.zeros((len(times), len(plant.outputs))),
-        "state": np.full((len(times), plant.n), np.nan),
-    }
-    for signal, column in zip(chosen, values.T):
-        tables[signal.kind][:, signal.index] = column
-    name = file.path.name
-    for index, output in enumerate(plant.outputs):
-        refuse_if(
-            np.isnan(tables["output"][:, index]).all(),
-            f"{name}: the output {output!r} has no value at all.",
-            f"expected numbers in {_place_of(chosen, 'output', index)!r}, got {len(times)} missing ones",
-            "another column, or a plant that does not measure it",
-        )
-    if hold_inputs and plant.inputs:
-        tables["input"] = np.column_stack([_previous(column) for column in tables["input"].T])
-    missing = np.isnan(tables["input"])
-    first = 0
-    if hold_inputs and missing.any():
-        first = len(times) if missing.all(axis=0).any() else int(np.argmin(missing.any(axis=1)))
-    if missing[first:].any() or first == len(times):
-        row, index = np.argwhere(missing)[0].tolist()
-        raise InvalidInput(
-            f"{name}, {loaded.place(row)}: the input {plant.inputs[index]!r} is missing.",
-            f"expected a number in every row of {_place_of(chosen, 'input', index)!r}: the model needs every input at "
-            f"every sample; got {int(missing[:, index].sum())} of {len(times)} rows without one",
-            "hold_inputs=True, if an input acts until the next one, or another column",
-        )
-    known = not np.isnan(tables["state"]).all()
-    return Log(
-        times[first:] - times[first],
-        tables["input"][first:],
-        tables["output"][first:],
-        tables["state"][first:] if known else None,
-        {"input": tuple(plant.inputs), "output": tuple(plant.outputs), "state": tuple(plant.states)},
-        name,
-    )
-
-
-def _place_of(chosen: Mapping[Signal, _Column], kind: str, index: int) -> str:
-    return next(
-        column.name for signal, column in chosen.items() if (signal.kind, signal.index) == (kind, index)
-    )
-
-
-def _previous(column: np.ndarray) -> np.ndarray:
-    """Each missing value as the last one before it that is not; those before the first stay missing."""
-    last = np.maximum.accumulate(np.where(np.isnan(column), -1, np.arange(len(column))))
-    return np.where(last >= 0, column[last], np.nan)

@@ -10,12 +10,13 @@ import contextlib
 import io
 import json
 import math
+import re
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -35,8 +36,17 @@ MISSING = ("", "nan", "na", "n/a", "null", "none", "-")
 #: Most numbers of an array in a message: the joints of a robot, not the points of a cloud.
 MOST_ELEMENTS = 100
 
-#: The name under which the times of an MCAP file's messages are a column.
-LOG_TIME = "time"
+#: The name under which the times of an MCAP file's messages are a column, and that of those in their headers.
+LOG_TIME, STAMP = "time", "header/stamp"
+
+#: A date with a time, the year first or, with points, the day; and whatever else may be meant as one.
+_DATE = re.compile(
+    r"(?:(?P<year>\d{4})-(?P<month>\d\d)-(?P<day>\d\d)"
+    r"|(?P<day_last>\d\d?)\.(?P<month_last>\d\d?)\.(?P<year_last>\d{4}))"
+    r"(?:(?:T|\s+)(?P<hours>\d\d?):(?P<minutes>\d\d)(?::(?P<seconds>\d\d)(?:[.,](?P<fraction>\d{1,18}))?)?"
+    r"\s*(?P<zone>Z|UTC|[+-]\d\d(?::?\d\d)?)?)?\Z"
+)
+_LIKE_DATE = re.compile(r"[A-Za-z]*,?\s*\d{1,4}[-/. ]\w{1,9}[-/. ,]\s?\d{1,4}")
 
 #: Seconds from 1970 to between 1973 and 2286, as a number of each unit: stamps of such a size are of that unit.
 _EPOCHS = {"ns": (1e17, 1e19), "us": (1e14, 1e16), "ms": (1e11, 1e13)}
@@ -120,7 +130,8 @@ def _csv_columns(path: Path) -> FileColumns:
             for column, k in zip(cells, needed):
                 column.append(row[k])
         names = [heading[k].strip() for k in needed]
-        if separator != "," and _decimal_commas(cells):
+        dated = bool(cells[0]) and _date(cells[0][0]) is not None
+        if separator != "," and _decimal_commas(cells[1:] if dated else cells):
             cells = [[cell.replace(",", ".", 1) for cell in column] for column in cells]
 
         def where(row: int) -> str:
@@ -208,21 +219,40 @@ def _stamps_of_text(
 
 
 def _date(cell: str) -> np.datetime64 | None:
-    text = cell.strip().removesuffix("Z").removesuffix("+00:00")
+    """A date with a time in UTC: 2026-01-31T12:00:00.5+02:00, or with the day first, 31.01.2026 12:00:00,5; else None.
+
+    Digits behind the ninth of a second are left out.
+    """
+    match = _DATE.match(cell.strip())
+    if match is None:
+        return None
+    part = match.groupdict()
+    seconds = (part["fraction"] or "")[:9].ljust(9, "0")
+    year, month, day = (part[name] or part[f"{name}_last"] for name in ("year", "month", "day"))
+    text = (
+        f"{year}-{month.zfill(2)}-{day.zfill(2)}T{(part['hours'] or '0').zfill(2)}:{part['minutes'] or '00'}"
+    )
     try:
-        return np.datetime64(text, "ns") if text[:4].isdigit() and "-" in text else None
+        stamp = np.datetime64(f"{text}:{part['seconds'] or '00'}.{seconds}", "ns")
     except ValueError:
         return None
+    zone = (part["zone"] or "").replace(":", "").removeprefix("Z").ljust(5, "0")
+    ahead = int(f"{zone[0]}1") * (60 * int(zone[1:3]) + int(zone[3:5])) if zone[0] in "+-" else 0
+    return stamp - np.timedelta64(ahead, "m")
 
 
 def _no_stamp(file: str, name: str, place: str, value: Any) -> InvalidInput:
+    text = value.strip() if isinstance(value, str) else ""
+    advice = "leave the row out"
+    if "," in text and _is_number(text.replace(",", ".", 1)):
+        advice = f"a decimal point: {text.replace(',', '.')}"
+    elif _LIKE_DATE.match(text):
+        advice = "dates as 2026-01-31T12:00:00.5, year, month and day in this order"
     return InvalidInput(
         f"{file}, {place}: this is no time.",
         f"expected a finite number in every row of the column {value_text(name, 60)}, or a date such as "
-        f"2026-01-31T12:00:00.5 in UTC in every row; got {value_text(value, 60)}",
-        f"a decimal point: {value.strip().replace(',', '.')}"
-        if isinstance(value, str) and "," in value and _is_number(value.replace(",", ".", 1))
-        else "leave the row out",
+        f"2026-01-31T12:00:00.5 or 31.01.2026 12:00:00,5 in every row; got {value_text(value, 60)}",
+        advice,
     )
 
 
@@ -344,44 +374,78 @@ def _mcap_columns(path: Path) -> FileColumns:
 
     Messages in JSON, and those of ROS 2. In messages with arrays and as many names, as those of joints, the names stand
     in the column's; else the places from 0 on. The times of the messages are the column `LOG_TIME`, in nanoseconds.
+    With the column ``topic/header/stamp`` as time each topic has the times of its headers, and those of the log where
+    it has no headers.
     """
-    columns: dict[str, tuple[list[int], list[float]]] = defaultdict(lambda: ([], []))
+    columns: dict[str, _Values] = defaultdict(lambda: _Values([], [], []))
+    stamped = set[str]()
     with _foreign(path, "MCAP"):
         decoders: dict[int, Callable[[bytes], Any] | None] = {}
         for schema, channel, message in _messages(path):
             if channel.id not in decoders:
                 decoders[channel.id] = _decoder(channel.message_encoding, schema)
-            decode = decoders[channel.id]
-            for name, value in _fields(channel.topic.strip("/"), decode(message.data)) if decode else ():
-                times, values = columns[name]
-                times.append(message.log_time)
-                values.append(value)
+            decode, topic = decoders[channel.id], channel.topic.strip("/")
+            content = decode(message.data) if decode else {}
+            stamp = _stamp(content)
+            numbers = list(_fields(topic, content)) if decode else []
+            if stamp is not None:
+                stamped.add(f"{topic}/{STAMP}")
+                numbers.append((f"{topic}/{STAMP}", float(stamp)))
+            for name, value in numbers:
+                columns[name].times.append(message.log_time)
+                columns[name].stamps.append(message.log_time if stamp is None else stamp)
+                columns[name].values.append(value)
     names = tuple(columns)
 
     def load(time: int, places: Sequence[int]) -> Loaded:
+        by_header = time > 0 and names[time - 1] in stamped
         chosen = [columns[names[k - 1]] for k in places]
-        if time:
+        if time and not by_header:
             chosen.append(columns[names[time - 1]])
-        every = [np.array(times, dtype=np.int64) for times, _ in chosen]
+        every = [np.array(each.stamps if by_header else each.times, dtype=np.int64) for each in chosen]
         stamps = np.unique(np.concatenate(every)) if every else np.zeros(0, dtype=np.int64)
         table = np.full((len(stamps), len(chosen)), np.nan)
-        for k, (times, (_, values)) in enumerate(zip(every, chosen)):
+        for k, (times, each) in enumerate(zip(every, chosen)):
             again = np.diff(np.sort(times)) == 0
             refuse_if(
                 again.any(), f"{path.name}: two messages of one topic have the same time.",
                 f"expected increasing times of {names[(*places, time)[k] - 1]!r}, got {int(again.sum())} repeated ones",
-                "a log with one message of a topic at a time",
+                "the times of the log, which need no time='...'" if by_header
+                else "a log with one message of a topic at a time",
             )  # fmt: skip
-            table[np.searchsorted(stamps, times), k] = values
+            table[np.searchsorted(stamps, times), k] = each.values
         infinite = _first(np.asarray(np.isinf(table).any(axis=1)))
         if infinite is not None:
             raise _no_number(path.name, "of a message", _row(infinite), math.inf)
-        if not time:
+        if not time or by_header:
             return Loaded(*_stamps_of_numbers(stamps), table, _row)
         known = np.isfinite(table[:, -1])
         return Loaded(*_stamps_of_numbers(table[known, -1]), table[known, :-1], _row)
 
-    return FileColumns(path, (f"{LOG_TIME} [ns]", *names) if names else (), load)
+    headings = (f"{name} [ns]" if name in stamped else name for name in names)
+    return FileColumns(path, (f"{LOG_TIME} [ns]", *headings) if names else (), load)
+
+
+class _Values(NamedTuple):
+    """Numbers of a column, with the times of the messages in the log and in their headers, ns."""
+
+    times: list[int]
+    stamps: list[int]
+    values: list[float]
+
+
+def _stamp(message: Any) -> int | None:
+    """The stamp of a message's header, ns, as ROS writes it; None where it has none."""
+
+    def entry(of: Any, *names: str) -> Any:
+        found = (of.get(name) if isinstance(of, Mapping) else getattr(of, name, None) for name in names)
+        return next((value for value in found if value is not None), None)
+
+    stamp = entry(entry(message, "header"), "stamp")
+    parts = entry(stamp, "sec", "secs"), entry(stamp, "nanosec", "nsec", "nsecs")
+    if not all(isinstance(part, int) and abs(part) < 1 << 33 for part in parts):
+        return None
+    return 1_000_000_000 * parts[0] + parts[1]
 
 
 def _messages(path: Path) -> Iterator[tuple[Any, Any, Any]]:

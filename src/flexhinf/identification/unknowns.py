@@ -66,6 +66,11 @@ def robot_numbers(robot: Robot, names: Sequence[str]) -> list[Number]:
     return list(found.values())
 
 
+def uncertain_numbers(robot: Robot) -> tuple[str, ...]:
+    """Names of a robot's numbers that have a tolerance or a range: what is not known of it."""
+    return tuple(each.name for each in robot.parameters if each.interval[0] < each.interval[1])
+
+
 def plant_numbers(plant: Plant, names: Sequence[str]) -> list[Number]:
     """Numbers of a plant by name; ``name[2]`` is the second of an array, and ``name`` all of them.
 
@@ -112,7 +117,7 @@ class Noises:
     """R^n = D C D with deviations D and correlations C, and R^v = Σ σᵢ² Bᵢ per second, and what D and σ are at first.
 
     `correlations`: C (p, p). `deviations`: (p,). `bases`: B (c, n, n). `levels`: σ (c,). `names`: of the levels.
-    `sought`: whether D and σ are unknowns.
+    `sought`: (p + c,), which of D and σ are unknowns. `least`: (p,), smallest D that is looked for.
     """
 
     correlations: np.ndarray
@@ -120,11 +125,21 @@ class Noises:
     bases: np.ndarray
     levels: np.ndarray
     names: tuple[str, ...]
-    sought: bool
+    sought: np.ndarray
+    least: np.ndarray
 
     @staticmethod
-    def of(filter: RecursiveFilter, levels: np.ndarray | None, sought: bool) -> Noises:
-        """Those of a filter; with `levels` (c,) of its plant's disturbances (or states) instead of its R^v."""
+    def of(
+        filter: RecursiveFilter,
+        levels: np.ndarray | None,
+        sought: bool | tuple[np.ndarray, bool],
+        least: np.ndarray | None = None,
+    ) -> Noises:
+        """Those of a filter; with `levels` (c,) of its plant's disturbances (or states) instead of its R^v.
+
+        `sought`: whether they are unknowns, all of them or, as a pair, each deviation (p,) and all levels. `least`:
+        (p,), the smallest deviations.
+        """
         plant, r = filter.plant, filter.measurement_noise
         deviations = np.sqrt(np.diag(r))
         bases, names = (filter.process_noise / filter.period)[None], ("process noise",)
@@ -134,7 +149,12 @@ class Noises:
             bases = np.array([np.outer(column, column) for column in spread.T]) / lasting
             names = tuple(plant.disturbances or plant.states)
         first = np.ones(1) if levels is None else levels
-        return Noises(r / deviations / deviations[:, None], deviations, bases, first, names, sought)
+        each, every = sought if isinstance(sought, tuple) else (np.full(len(r), sought), sought)
+        lowest = np.zeros(len(r)) if least is None else np.where(each, least, 0.0)
+        return Noises(
+            r / deviations / deviations[:, None], np.maximum(deviations, lowest), bases, first, names,
+            np.append(each, np.full(len(first), every)), lowest,
+        )  # fmt: skip
 
     def matrices(self, deviations: np.ndarray, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """R^v (n, n) per second, and R^n (p, p)."""
@@ -146,19 +166,22 @@ class Noises:
 class Unknowns:
     """What is sought, and the model's numbers as functions of it.
 
-    `plant`: the model; of a `robot`, its plant. `numbers`: the physical ones. `noises`: beside them.
+    `plant`: the model; of a `robot`, its plant. `numbers`: the physical ones. `noises`: beside them. `bounded`: whether
+    disturbances are at most those that were assumed at first.
     """
 
     plant: Plant
     robot: Robot | None
     numbers: Sequence[Number]
     noises: Noises
+    bounded: bool = False
 
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the unknowns; of a noise that of its signal, with "noise of " before it."""
-        beside = (*self.plant.outputs, *self.noises.names) if self.noises.sought else ()
-        return (*(number.name for number in self.numbers), *(f"noise of {name}" for name in beside))
+        beside = (*self.plant.outputs, *self.noises.names)
+        sought = (f"noise of {name}" for name, is_sought in zip(beside, self.noises.sought) if is_sought)
+        return (*(number.name for number in self.numbers), *sought)
 
     @cached_property
     def logarithmic(self) -> np.ndarray:
@@ -170,8 +193,11 @@ class Unknowns:
     def start(self) -> np.ndarray:
         """The unknowns (k,) at first."""
         physical = [np.log(n.value) if n.sign == "positive" else n.value for n in self.numbers]
-        beside = [np.log(self.noises.deviations), np.log(self.noises.levels)] if self.noises.sought else []
-        return np.concatenate([physical, *beside])
+        return np.append(physical, np.log(self._stated_noises[self.noises.sought]))
+
+    @property
+    def _stated_noises(self) -> np.ndarray:
+        return np.append(self.noises.deviations, self.noises.levels)
 
     def sizes(self, z: np.ndarray) -> np.ndarray:
         """What a change of each unknown (k,) by a hundred per cent is: 1 for a logarithm."""
@@ -185,22 +211,36 @@ class Unknowns:
 
     def noise_levels(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Standard deviations (p,) of the measurements, and levels (c,) of R^v."""
-        if not self.noises.sought:
-            return self.noises.deviations, self.noises.levels
-        beside, count = np.exp(z[len(self.numbers) :]), len(self.noises.deviations)
-        return beside[:count], beside[count:]
+        levels, count = self._stated_noises, len(self.noises.deviations)
+        levels[self.noises.sought] = np.exp(z[len(self.numbers) :])
+        return levels[:count], levels[count:]
+
+    @cached_property
+    def lowest(self) -> np.ndarray:
+        """What the unknowns (k,) are at least: zero of a number that must not be negative, the steps of a sensor."""
+        numbers = [0.0 if number.sign == "not negative" else -np.inf for number in self.numbers]
+        noises = np.append(self.noises.least, np.zeros(len(self.noises.levels)))[self.noises.sought]
+        with np.errstate(divide="ignore"):
+            return np.append(numbers, np.log(noises))
+
+    @cached_property
+    def highest(self) -> np.ndarray:
+        """What the unknowns (k,) are at most: the disturbances as they were assumed at first, where those are a
+        bound."""
+        noises = np.append(np.full(len(self.noises.deviations), np.inf), self.noises.levels)
+        numbers = np.full(len(self.numbers), np.inf)
+        with np.errstate(divide="ignore"):
+            highest = np.append(numbers, np.log(noises[self.noises.sought]))
+        return highest if self.bounded else np.full(len(highest), np.inf)
 
     def inside(self, z: np.ndarray) -> np.ndarray:
-        """The unknowns with those that must not be negative at zero at least."""
-        lower = [0.0 if number.sign == "not negative" else -np.inf for number in self.numbers]
-        return np.maximum(z, [*lower, *[-np.inf] * (len(z) - len(lower))])
+        """The unknowns between their lowest and highest."""
+        return np.minimum(np.maximum(z, self.lowest), self.highest)
 
     def free(self, z: np.ndarray, gradient: np.ndarray) -> np.ndarray:
         """Places of the unknowns that a step may move: not those at a bound that the gradient (k,) points out of."""
-        held = [
-            k for k, n in enumerate(self.numbers) if n.sign == "not negative" and z[k] <= 0.0 > gradient[k]
-        ]
-        return np.setdiff1d(np.arange(len(z)), held)
+        up, down = (z < self.highest) | (gradient <= 0.0), (z > self.lowest) | (gradient >= 0.0)
+        return np.flatnonzero(up & down)
 
     def at(self, z: np.ndarray) -> Plant:
         """The plant with these numbers."""
@@ -222,7 +262,7 @@ class Unknowns:
     def model(self, z: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
         """(parameters (flat), R^v (n, n) per second, R^n (p, p)), and their derivatives (size, k), one below the
         other."""
-        vector, count = self.at(z).parameters.vector(), len(self.numbers)
+        vector = self.at(z).parameters.vector()
         deviations, levels = self.noise_levels(z)
         q, r = self.noises.matrices(deviations, levels)
         columns = []
@@ -230,10 +270,10 @@ class Unknowns:
             step = STEP if number.sign == "positive" else STEP * max(abs(z[k]), abs(number.value), 1e-3)
             ends = [self.at(z + sign * step * np.eye(len(z))[k]).parameters.vector() for sign in (-1.0, 1.0)]
             columns.append(((ends[1] - ends[0]) / (2.0 * step), 0.0 * q, 0.0 * r))
-        for k in range(len(deviations) if len(z) > count else 0):
+        for k in np.flatnonzero(self.noises.sought[: len(deviations)]):
             unit = np.eye(len(deviations))[k]
             columns.append((0.0 * vector, 0.0 * q, r * (unit + unit[:, None])))
-        for level, base in zip(levels if len(z) > count else (), self.noises.bases):
-            columns.append((0.0 * vector, 2.0 * level**2 * base, 0.0 * r))
+        for k in np.flatnonzero(self.noises.sought[len(deviations) :]):
+            columns.append((0.0 * vector, 2.0 * levels[k] ** 2 * self.noises.bases[k], 0.0 * r))
         directions = np.array([np.concatenate([part.ravel() for part in column]) for column in columns]).T
         return (vector, q, r), directions

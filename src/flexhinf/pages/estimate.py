@@ -49,14 +49,19 @@ BIAS = 0.2
 
 # What the innovations say -----------------------------------------------------------------------------
 def judgement(result: FilteredLog) -> tuple[bool, list[str]]:
-    """Whether the filter fits the log, and what the innovations say, in sentences, the main ones first."""
+    """Whether the filter fits the log, and what the log and the innovations say, in sentences, the main ones first."""
     judged = result.judged
-    nis, texts = judged.nis, []
+    nis, texts = judged.nis, list(result.remarks)
     low, high = (number(end, 3) for end in nis.interval)
     mean = f"(mean NIS {number(nis.mean, 3)} of 1, consistent from {low} to {high})"
     correlated = judged.correlated
     if nis.judgement == "as expected":
         texts.append(f"Innovations are as large as the filter expects {mean}.")
+    elif judged.size_fits:
+        coarse = listed([signal_label(output.name) for output in judged.outputs if output.coarse])
+        texts.append(
+            f"Innovations are smaller than the filter expects {mean}, as the steps of {coarse} make them."
+        )
     else:
         factor = nis.factor if nis.judgement == "larger" else 1.0 / nis.factor
         texts.append(
@@ -66,8 +71,9 @@ def judgement(result: FilteredLog) -> tuple[bool, list[str]]:
             small, scale = "too small" if nis.judgement == "larger" else "too large", number(factor**2, 2)
             texts.append(f"They are white, so Rⁿ and Rᵛ are both {small}, by a factor of about {scale}.")
     texts += _correlation_texts(correlated)
-    if not correlated and nis.judgement == "as expected":
-        texts.append("They are white: the filter takes all that the log says.")
+    if not correlated and judged.size_fits:
+        steps = " but for the steps of the sensors" if judged.rounded else ""
+        texts.append(f"They are white{steps}: the filter takes all that the log says.")
     if judged.nees is not None:
         texts.append(_nees_text(judged.nees))
     texts += [
@@ -164,7 +170,7 @@ def innovation_table(result: FilteredLog) -> Table:
         rows,
         "Innovations, measured minus predicted, beside what the filter expects of them. White: no correlation over the "
         "first lags (Ljung and Box) that is certain and above 0.1, and slow changes with less than twice the power "
-        "of white noise",
+        "of white noise; what the steps of a sensor explain is taken off",
         "table-innovations", title="Innovations: measured minus predicted",
     )  # fmt: skip
 
@@ -197,7 +203,8 @@ def log_table(result: FilteredLog) -> Table:
     return Table(("", "in the log"), rows, f"The log {log.source}", "table-log", stacks=True)
 
 
-def _innovations(result: FilteredLog) -> Blocks:
+def innovations(result: FilteredLog) -> Blocks:
+    """The table of the innovations, and their figures."""
     yield innovation_table(result)
     yield from innovation_blocks(result)
 
@@ -213,7 +220,7 @@ def estimate_page(
         sections = [
             Section(title, tuple(with_figures(blocks(result))), anchor)
             for anchor, title, blocks in (
-                ("innovations", "Do the innovations fit the filter?", _innovations),
+                ("innovations", "Do the innovations fit the filter?", innovations),
                 ("signals", "Measured and predicted", measured_blocks),
                 ("states", "Estimated states", estimate_blocks),
             )
@@ -278,10 +285,9 @@ def _key_numbers(result: FilteredLog) -> list[KeyNumber]:
     return numbers
 
 
-def estimate_numbers(result: FilteredLog) -> dict[str, Any]:
-    """Every number of the page, for estimate.json."""
-    log, filter, judged, data = result.log, result.filter, result.judged, result.data
-    last = data.isel(time=-1)
+def innovation_numbers(result: FilteredLog) -> dict[str, Any]:
+    """What decides whether innovations fit, for the JSON of a page."""
+    judged = result.judged
 
     def of(error: Any) -> dict[str, Any] | None:
         return error and {
@@ -289,6 +295,26 @@ def estimate_numbers(result: FilteredLog) -> dict[str, Any]:
             "judgement": error.judgement,
         }  # fmt: skip
 
+    return {
+        "nis": of(judged.nis), "nees": of(judged.nees),
+        "outputs": {
+            output.name: {
+                "unit": output.unit, "samples": output.samples, "rms": output.rms, "expected": output.expected,
+                "factor": output.factor, "bias": output.bias, "inside": output.inside,
+                "rejected": rejected(result).get(output.name, 0), "step": output.step,
+                "whiteness": output.whiteness and {
+                    "white": output.whiteness.white, "p_value": output.whiteness.p_value,
+                    "correlations": output.whiteness.correlations, "rounding": output.whiteness.rounding,
+                },
+            } for output in judged.outputs
+        },
+    }  # fmt: skip
+
+
+def estimate_numbers(result: FilteredLog) -> dict[str, Any]:
+    """Every number of the page, for estimate.json."""
+    log, filter, data = result.log, result.filter, result.data
+    last = data.isel(time=-1)
     fits, texts = judgement(result)
     return finite({
         "log": {
@@ -303,18 +329,7 @@ def estimate_numbers(result: FilteredLog) -> dict[str, Any]:
             "bounds": {name: list(ends) for name, ends in filter.bounds.items()},
         },
         "fits": fits, "says": texts,
-        "nis": of(judged.nis), "nees": of(judged.nees), "log_likelihood": data.attrs["log_likelihood"],
-        "outputs": {
-            output.name: {
-                "unit": output.unit, "samples": output.samples, "rms": output.rms, "expected": output.expected,
-                "factor": output.factor, "bias": output.bias, "inside": output.inside,
-                "rejected": rejected(result).get(output.name, 0),
-                "whiteness": output.whiteness and {
-                    "white": output.whiteness.white, "p_value": output.whiteness.p_value,
-                    "correlations": output.whiteness.correlations,
-                },
-            } for output in judged.outputs
-        },
+        "log_likelihood": data.attrs["log_likelihood"], **innovation_numbers(result),
         "last_estimate": {
             name: {"value": float(value), "standard_deviation": float(deviation), "unit": filter.plant.unit(name)}
             for name, value, deviation in zip(

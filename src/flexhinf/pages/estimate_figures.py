@@ -36,7 +36,7 @@ class FilteredLog:
     """A log with what a filter made of it: what the page, the files and the terminal show.
 
     `data`: as `filter_log` returns it. `judged`: its `consistency`. `sources`: who states the period, R^v and R^n, by
-    "period", "process noise" and "measurement noise".
+    "period", "process noise" and "measurement noise". `remarks`: what the log shows of itself, as `log_remarks` says.
     """
 
     robot: Robot
@@ -45,6 +45,7 @@ class FilteredLog:
     data: xr.Dataset
     judged: Consistency
     sources: Mapping[str, str]
+    remarks: Sequence[str] = ()
 
     @property
     def name(self) -> str:

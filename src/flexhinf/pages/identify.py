@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from flexhinf.identification import Excitation, Identification
+from flexhinf.identification.consistency import SMALL_CORRELATION
 from flexhinf.pages.drawing import Line, Panel, draw_figure, first_screen, listed, note, with_figures
-from flexhinf.pages.estimate import FilteredLog, innovation_blocks, log_table, measured_blocks
+from flexhinf.pages.estimate import (
+    FilteredLog,
+    innovation_numbers,
+    innovations,
+    log_table,
+    measured_blocks,
+)
 from flexhinf.pages.estimate_figures import signal_label
 from flexhinf.pages.page import files_section
 from flexhinf.pages.settings import robot_rows, settings_in_groups
@@ -63,29 +70,80 @@ def identified_verdict(result: IdentifiedRobot) -> list[str]:
     """What the log tells and what not, in sentences."""
     found = result.found
     clear = [signal_label(name) for name in found.names if name not in found.hidden]
-    texts = []
-    if clear and found.consistent:
-        texts.append(f"The log tells {listed(clear)}, if the other numbers of the robot are right.")
     if not found.consistent:
-        texts.append(
-            "The model does not fit the log: innovations are not white, or not as large as the filter expects. Numbers "
-            "may be wrong by more than their intervals."
-        )
+        return [*_misfit_texts(result), *_advice(result)]
+    texts = list(result.filtered.remarks)
+    if clear:
+        texts.append(f"The log tells {listed(clear)}, if the other numbers of the robot are right.")
     if found.hidden:
         texts.append(f"It does not tell {listed([signal_label(name) for name in found.hidden])}.")
     texts += [f"{each.text[0].upper()}{each.text[1:]}." for each in found.unidentifiable]
     if result.motion is not None and result.telling is None:
         texts.append("No motion tells them with these sensors: state some of them, or measure more.")
-    if not found.consistent:
-        left = left_out(result.stated.nominal, result.extras)
-        quick = [name for name in left if name != "inductance"] or left  # stiff: it takes ten times as long
-        extras = (
-            f"`--extras {','.join(quick)}`, which the robot states and the model leaves out; " if left else ""
-        )
-        texts.append(
-            f"To try: {extras}another `--latency`, another sensor in `--measured`, more `--parameters`."
-        )
     return texts
+
+
+def _misfit_texts(result: IdentifiedRobot) -> Iterator[str]:
+    """That the model does not fit, and the numbers and limits that say so."""
+    found = result.found
+    yield "The model does not fit the log: numbers may be wrong by more than their intervals."
+    yield from result.filtered.remarks
+    if result.filtered.remarks:
+        yield "That may be the reason for all else: try a log without it first."
+    if found.alternative is not None:
+        yield f"{found.alternative.text[0].upper()}{found.alternative.text[1:]}."
+    if found.absorbing:
+        name, (level, assumed) = max(found.disturbances.items(), key=lambda each: each[1][0] / each[1][1])
+        yield (
+            f"Innovations fit only with a disturbance {signal_label(name)} {number(level / assumed, 3)} times as large "
+            "as assumed (1 % of the input, if none is stated): it absorbs what the model lacks. What follows is with "
+            "the assumed ones."
+        )
+    nis = found.consistency.nis
+    if not found.consistency.size_fits:
+        low, high = (number(end, 3) for end in nis.interval)
+        yield f"The mean NIS is {number(nis.mean, 3)}, and {low} to {high} is consistent."
+    for output in found.consistency.correlated:
+        test = output.whiteness
+        if test is None:
+            continue
+        worst = int(np.argmax(np.abs(test.correlations)))
+        size = (
+            f"{number(float(test.correlations[worst]), 2)} at lag {worst + 1} (at most {SMALL_CORRELATION:g})"
+        )
+        slow = f"slow changes have {number(test.slow, 2)} times the power of white noise (below {test.slowest:g})"
+        large = abs(test.correlations[worst]) >= SMALL_CORRELATION
+        yield f"Innovations of {signal_label(output.name)} are not white: {size if large else slow}."
+    if found.hidden:
+        names = listed([signal_label(name) for name in found.hidden])
+        yield f"What the log tells of {names} cannot be said before the model fits."
+
+
+def _advice(result: IdentifiedRobot) -> list[str]:
+    """What to try where the model does not fit."""
+    other = result.found.alternative
+    if other is not None:
+        is_input, samples = other.signal in result.found.plant.inputs, abs(other.samples)
+        if other.kind == "sign":
+            return [f'To try: `--column "{other.signal}=COLUMN [-1]"`.']
+        if other.kind == "moving":
+            return [
+                "To try: a log with a row whenever the input changes, or the mean of the input between two rows."
+            ]
+        if is_input:
+            return [
+                f"To try: a `--latency` that is {samples:g} {'larger' if other.samples > 0 else 'smaller'}."
+            ]
+        if other.samples > 0:
+            return [f"To try: `--sensor-delay {other.signal}={samples:g}`."]
+    left = left_out(result.stated.nominal, result.extras)
+    quick = [name for name in left if name != "inductance"] or left  # stiff: it takes ten times as long
+    extras = (
+        f"`--extras {','.join(quick)}`, which the robot states and the model leaves out; " if left else ""
+    )
+    more = "another `--latency`, another sensor in `--measured`, more `--parameters`"
+    noise = "; `--torque-noise`, if so much disturbs it" if result.found.absorbing else ""
+    return [f"To try: {extras}{more}{noise}."]
 
 
 def identified_table(result: IdentifiedRobot) -> Table:
@@ -209,7 +267,7 @@ def identified_page(
         sections += [
             Section(title, tuple(with_figures(blocks(filtered))), anchor)
             for anchor, title, blocks in (
-                ("innovations", "Does the model fit the log?", innovation_blocks),
+                ("innovations", "Does the model fit the log?", innovations),
                 ("signals", "Measured and predicted", measured_blocks),
             )
         ]
@@ -258,7 +316,14 @@ def identified_numbers(result: IdentifiedRobot) -> dict[str, Any]:
     return finite({
         "robot": result.stated.name, "log": result.filtered.log.source, "samples": found.samples,
         "log_likelihood": found.log_likelihood, "says": identified_verdict(result),
-        "model_fits": found.consistent,
+        "model_fits": found.consistent, **innovation_numbers(result.filtered),
+        "disturbances": {
+            name: {"found": level, "assumed": assumed} for name, (level, assumed) in found.disturbances.items()
+        },
+        "likelier": found.alternative and {
+            "signal": found.alternative.signal, "kind": found.alternative.kind,
+            "samples": found.alternative.samples, "gain": found.alternative.gain,
+        },
         "numbers": {
             name: {
                 "stated": result.stated[name].value, "value": value, "standard_error": found.standard_errors[name],

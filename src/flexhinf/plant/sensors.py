@@ -96,11 +96,12 @@ class SensorTable:
         outputs: Sequence[str],
         expanded: Callable[[str], tuple[str, ...]],
         period: float,
+        near: float = WHOLE,
     ) -> SensorTable:
         """The table of these outputs, sampled every `period`, s; `expanded` gives the signals of a group.
 
-        Raises InvalidInput: if an output has no sensor, or two; for a name that is none; and for a period or delay that
-        is not a whole number of samples.
+        A time within `near` samples of a whole number of them is one. Raises InvalidInput: if an output has no sensor,
+        or two; for a name that is none; and for a period or delay that is not a whole number of samples.
         """
         several = (sensors,) if isinstance(sensors, Sensor) else sensors
         checked_kind(
@@ -127,7 +128,9 @@ class SensorTable:
         )
         rows = [table[name] for name in outputs]
         periods, delays = (
-            np.array([_samples(sensor, what, getattr(sensor, what), period) for sensor in rows], dtype=int)
+            np.array(
+                [_samples(sensor, what, getattr(sensor, what), period, near) for sensor in rows], dtype=int
+            )
             for what in ("period", "delay")
         )
         deviations, quanta = (
@@ -141,10 +144,10 @@ class SensorTable:
         return self.deviations**2 + self.quanta**2 / 12.0
 
 
-def _samples(sensor: Sensor, what: str, seconds: float | None, period: float) -> int:
+def _samples(sensor: Sensor, what: str, seconds: float | None, period: float, near: float) -> int:
     seconds = period if seconds is None else seconds
     number, most = seconds / period, {"period": LONGEST_PERIOD, "delay": LONGEST_DELAY}[what]
-    if not abs(number - round(number)) <= WHOLE or round(number) > most:
+    if not abs(number - round(number)) <= near or round(number) > most:
         raise InvalidInput(
             f"The {what} of the sensor {sensor.name!r} is not a whole number of samples.",
             f"expected a multiple of {period:g} s, at most {most * period:g} s, got {seconds:g} s",

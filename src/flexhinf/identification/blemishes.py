@@ -1,0 +1,61 @@
+"""What a log shows of itself before any model is blamed: dead sensors, gaps, turns that begin anew, rows far apart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexhinf.identification.log import Log
+from flexhinf.identification.plausibility import vibration_periods
+from flexhinf.robot import Robot
+
+#: A gap is so many times as long as the time between most samples; a jump is this share of all that a signal spans, and
+#: so many times as far as it usually moves; rows show a vibration that are at most this share of its period apart.
+GAP, JUMP, FAR, SEEN = 10.0, 0.7, 20.0, 0.5
+
+
+@dataclass(frozen=True)
+class Turns:
+    """Jumps of a signal from one end of a turn to the other: how many, and how far."""
+
+    count: int
+    size: float
+
+
+@dataclass(frozen=True)
+class Blemishes:
+    """What is conspicuous in a log.
+
+    `dead`: signals that never change, with their value. `gaps`: number, and the longest, s, with its time, s. `turns`:
+    by signal. `apart`: the time between rows, and the period of the fastest vibration that they do not show, s.
+    """
+
+    dead: dict[str, float]
+    gaps: tuple[int, float, float] | None
+    turns: dict[str, Turns]
+    apart: tuple[float, float] | None
+
+
+def blemishes(robot: Robot, log: Log) -> Blemishes:
+    """What is conspicuous in a log of a robot."""
+    names = log.names.get("output", tuple(f"output {k + 1}" for k in range(log.outputs.shape[1])))
+    columns = {name: column[np.isfinite(column)] for name, column in zip(names, log.outputs.T)}
+    dead = {
+        name: float(known[0]) for name, known in columns.items() if known.size > 1 and not np.ptp(known) > 0.0
+    }
+    turns = {name: found for name, known in columns.items() if (found := _turns(known)) is not None}
+    steps, fastest = np.diff(log.times), float(vibration_periods(robot)[0])
+    long = steps > GAP * np.median(steps)
+    longest = int(np.argmax(steps))
+    gaps = (int(long.sum()), float(steps[longest]), float(log.times[longest])) if long.any() else None
+    return Blemishes(dead, gaps, turns, (log.period, fastest) if log.period > SEEN * fastest else None)
+
+
+def _turns(known: np.ndarray) -> Turns | None:
+    """Jumps of values (N,) by nearly all that they span, beside which they move little."""
+    if known.size < 3:
+        return None
+    moves = np.abs(np.diff(known))
+    far = moves > max(JUMP * float(np.ptp(known)), FAR * float(np.median(moves)), 1e-9)
+    return Turns(int(far.sum()), float(np.median(moves[far]))) if far.any() else None

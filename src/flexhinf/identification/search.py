@@ -1,0 +1,136 @@
+"""Search for the unknowns under which a log is most likely: Fisher scoring, damped as by Levenberg and Marquardt.
+
+The noises are then turned towards the restricted likelihood, and each number is tried far away.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+import numpy as np
+
+from flexhinf.errors import NumericalFailure
+from flexhinf.identification.likelihood import Evaluation, Likelihood
+from flexhinf.identification.unknowns import Unknowns
+
+#: Iterations at most; damping at first, its factors after a better and a worse trial, and at most; the longest step, in
+#: parts of a number; and the expected gain of the log-likelihood at which the search ends.
+ITERATIONS, DAMPING, EASIER, HARDER, STIFFEST, LONGEST, GAIN = 200, 1e-3, 0.2, 8.0, 1e12, 1.0, 1e-6
+
+#: Rounds towards the restricted likelihood, and the change of a noise's logarithm for its slope.
+ROUNDS, TURN = 4, 1e-2
+
+#: Distance to other numbers, in standard errors, and at least as a share; how much less likely the log must
+#: be there; and iterations of all else.
+FAR, APART, DROP, TRIES = 8.0, 0.5, 12.0, 20
+
+#: Information that is none: of a standard error of 100 times the number.
+LITTLE = 1e-4
+
+
+def searched(
+    likelihood: Likelihood,
+    unknowns: Unknowns,
+    start: np.ndarray,
+    iterations: int = ITERATIONS,
+    held: int | None = None,
+) -> tuple[np.ndarray, Evaluation, int]:
+    """The most likely unknowns (k,), the evaluation there, and the iterations; with the one of the place `held` as it
+    is."""
+    z = start
+    best = likelihood.evaluate(*unknowns.model(z))
+    if best is None:
+        raise NumericalFailure(
+            "The log cannot be filtered with the model's first values.",
+            "the extended filter diverges",
+            "values that are nearer, or filter= with larger noises",
+        )
+    damping = DAMPING
+    for iteration in range(1, iterations + 1):
+        free = np.setdiff1d(unknowns.free(z, best.gradient), [] if held is None else [held])
+        scale, slope, shape = scaled(unknowns, z, best.gradient, best.information, free)
+        gain = 0.5 * slope @ np.linalg.lstsq(shape + 1e-9 * np.eye(len(slope)), slope, rcond=None)[0]
+        if gain < GAIN:
+            return z, best, iteration
+        found, most = None, LONGEST * unknowns.sizes(z)[free]
+        while found is None or found.value <= best.value:
+            if damping > STIFFEST:  # no better point: rounding
+                return z, best, iteration
+            trial = z.copy()
+            step = np.linalg.solve(shape + damping * np.eye(len(slope)), slope) / scale
+            trial[free] += np.clip(step, -most, most)
+            trial = unknowns.inside(trial)
+            found = likelihood.evaluate(*unknowns.model(trial))
+            damping *= HARDER
+        z, best, damping = trial, found, max(1e-9, EASIER * damping / HARDER)
+    return z, best, iterations
+
+
+def scaled(
+    unknowns: Unknowns, z: np.ndarray, gradient: np.ndarray, information: np.ndarray, free: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of the `free` unknowns: units in which the information's diagonal is one, the gradient and the information."""
+    scale = np.sqrt(np.diag(information) + LITTLE / unknowns.sizes(z) ** 2)
+    shape = information / scale / scale[:, None]
+    return scale[free], (gradient / scale)[free], shape[np.ix_(free, free)]
+
+
+def restricted(
+    likelihood: Likelihood, unknowns: Unknowns, z: np.ndarray, best: Evaluation
+) -> tuple[np.ndarray, Evaluation]:
+    """The unknowns with noises of the restricted likelihood ℓ − ½ log det I, I of the numbers [harville1977].
+
+    The most likely noises are too small, as if the numbers had been known; intervals then promise too much.
+    """
+    count = len(unknowns.numbers)
+    for _ in range(ROUNDS if count < len(z) else 0):
+        sizes = unknowns.sizes(z)[:count]
+        inverse = np.linalg.pinv(
+            best.information[:count, :count] * sizes * sizes[:, None], rcond=1e-8, hermitian=True
+        )
+        gradient = best.gradient.copy()
+        for k in range(count, len(z)):
+            ends = [
+                likelihood.evaluate(*unknowns.model(z + sign * TURN * np.eye(len(z))[k]))
+                for sign in (-1.0, 1.0)
+            ]
+            if ends[0] is None or ends[1] is None:
+                return z, best
+            slope = (ends[1].information - ends[0].information)[:count, :count] / (2.0 * TURN)
+            gradient[k] -= 0.5 * np.sum(inverse * (slope * sizes * sizes[:, None]))
+        free = unknowns.free(z, gradient)
+        scale, slope, shape = scaled(unknowns, z, gradient, best.information, free)
+        step = np.linalg.solve(shape + 1e-6 * np.eye(len(free)), slope) / scale
+        most = 0.5 * unknowns.sizes(z)[free]
+        trial = z.copy()
+        trial[free] += np.clip(step, -most, most)
+        trial = unknowns.inside(trial)
+        found = likelihood.evaluate(*unknowns.model(trial))
+        if found is None:
+            return z, best
+        z, best = trial, found
+    return z, best
+
+
+def confirmed(likelihood: Likelihood, unknowns: Unknowns, z: np.ndarray, best: Evaluation) -> np.ndarray:
+    """Which numbers (k,) the log tells from others far away, all else as likely as it can be.
+
+    The curvature of the likelihood is not enough: of a robot at rest some vibration always fits the noise best, and a
+    narrow peak is found there, a few units high.
+    """
+    count, every = len(unknowns.numbers), np.arange(len(z))
+    scale, _, shape = scaled(unknowns, z, best.gradient, best.information, every)
+    covariance = np.linalg.inv(shape + 1e-9 * np.eye(len(z)))
+    clear, most = np.ones(count, dtype=bool), 5.0 * unknowns.sizes(z)
+    for k in range(count):
+        # a standard error of this one, the others as it asks
+        away = covariance[k] / np.sqrt(covariance[k, k]) / scale
+        away = away * max(FAR, APART * unknowns.sizes(z)[k] / abs(away[k]))
+        step = np.clip(away, -most, most)
+        step[count:] = 0.0
+        for end in (unknowns.inside(z + step), unknowns.inside(z - step)):
+            if abs(end[k] - z[k]) < 0.5 * abs(step[k]) or not clear[k]:
+                continue
+            with suppress(NumericalFailure):  # nothing can be filtered so far away
+                clear[k] = best.value - searched(likelihood, unknowns, end, TRIES, k)[1].value > DROP
+    return clear

@@ -1,0 +1,39 @@
+"""Sentences about what a log shows of itself: they come before anything that blames the model."""
+
+from __future__ import annotations
+
+from flexhinf.identification import Log
+from flexhinf.identification.blemishes import blemishes
+from flexhinf.pages.estimate_figures import signal_label
+from flexhinf.report import number
+from flexhinf.robot import Robot
+
+
+def log_remarks(robot: Robot, log: Log) -> list[str]:
+    """What is conspicuous in a log of a robot, in sentences."""
+    found, units = blemishes(robot, log), robot.plant(log.names.get("output") or ("link_position",)).unit
+    texts = [
+        f"{signal_label(name).capitalize()} never changes in the log, it is always {number(value, 4)} {units(name)}: "
+        "the sensor may be dead, or the column another one."
+        for name, value in found.dead.items()
+    ]
+    texts += [
+        f"{signal_label(name).capitalize()} jumps by {number(turns.size, 3)} {units(name)} in {turns.count} "
+        f"{'place' if turns.count == 1 else 'places'}, as an encoder does that begins anew after a turn: it must go on "
+        "counting, as numpy.unwrap makes it."
+        for name, turns in found.turns.items()
+    ]
+    if found.gaps is not None:
+        count, longest, at = found.gaps
+        many = "a gap" if count == 1 else f"{count} gaps, the longest"
+        texts.append(
+            f"The log has {many} of {number(longest, 3)} s after {number(at, 4)} s. The last input was held over it; "
+            "where another acted, cut the log there."
+        )
+    if found.apart is not None:
+        apart, fastest = found.apart
+        texts.append(
+            f"Rows are {number(1e3 * apart, 3)} ms apart, and the robot's fastest vibration has a period of "
+            f"{number(1e3 * fastest, 3)} ms: the log does not show it, or the unit of its times is another one."
+        )
+    return texts

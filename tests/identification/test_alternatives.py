@@ -1,0 +1,145 @@
+"""Logs with a late signal, a signal of the other sign, and coarse encoders: what fits, and what is named."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.identification.simulated import arm_log, linear_log, oscillator
+
+import flexhinf as fh
+from flexhinf.identification.alternatives import Alternative
+
+SENSORS, NAMES = ("motor_position", "link_position"), ("stiffness", "friction", "motor_inertia")
+COUNT = 2.0 * np.pi / 2048.0
+
+
+def late(column, samples):
+    """Values of a sensor (N,) so many samples later."""
+    return np.append(np.repeat(column[:1], samples), column[: len(column) - samples])
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return fh.load_robot("paper")
+
+
+def found(arm, log, **options):
+    guess = arm.with_values({"stiffness": 80.0, "friction": 0.2, "motor_inertia": 1.2})
+    return fh.identify(guess, log, NAMES, measured=SENSORS, **options)
+
+
+@pytest.mark.costs("identifies an arm with every signal at other times")
+@pytest.mark.parametrize(
+    ("signal", "samples"),
+    [
+        (0, 1),
+        pytest.param(0, 3, marks=pytest.mark.ci("again")),
+        pytest.param(1, 2, marks=pytest.mark.ci("again")),
+    ],
+)
+def test_a_late_sensor_is_named_and_its_delay_may_be_stated(arm, signal, samples):
+    """Friction and disturbances explain it so well that innovations are white: that is no fit."""
+    times, u, y = arm_log(arm, count=1200, measured=SENSORS)
+    y[:, signal] = late(y[:, signal], samples)
+    wrong = found(arm, (times, u, y))
+    assert not wrong.consistent
+    assert wrong.absorbing
+    assert wrong.alternative is not None
+    assert (wrong.alternative.signal, wrong.alternative.samples) == (SENSORS[signal], samples)
+    right = found(arm, (times, u, y), sensors=fh.Sensor(SENSORS[signal], delay=1e-3 * samples))
+    assert right.consistent
+    low, high = right.intervals["friction"]
+    assert low - (high - low) < 0.1 < high + (high - low)
+
+
+@pytest.mark.ci("identifies logs of an arm")
+@pytest.mark.parametrize("samples", [1, 3, -1])
+def test_an_input_that_acts_later_or_earlier_is_named(arm, samples):
+    times, u, y = arm_log(arm, count=2000, measured=SENSORS)
+    wrong = found(arm, (times, np.roll(u, -samples), y))
+    assert not wrong.consistent
+    assert wrong.alternative is not None
+    assert (wrong.alternative.signal, wrong.alternative.samples) == ("motor_voltage", samples)
+
+
+@pytest.mark.ci("identifies logs of an arm")
+@pytest.mark.parametrize("signal", ["motor_voltage", "link_position"])
+def test_the_other_sign_is_named(arm, signal):
+    times, u, y = arm_log(arm, count=1200, measured=SENSORS)
+    signs = np.array([-1.0 if name == signal else 1.0 for name in SENSORS])
+    wrong = found(arm, (times, -u if signal == "motor_voltage" else u, signs * y))
+    assert not wrong.consistent
+    assert isinstance(wrong.alternative, Alternative)
+    assert (wrong.alternative.signal, wrong.alternative.kind) == (signal, "sign")
+
+
+def test_an_input_that_is_not_held_is_named():
+    """The oscillator's input goes in a straight line from row to row: half a period earlier than if it were held."""
+    count, fine = 1200, 10
+    times, u, _ = linear_log(0, count=count, noise=0.0, level=0.0)
+    between = np.interp(np.arange(count * fine) / fine, np.arange(count), u[:, 0])
+    x, rows, step = np.zeros(2), [], 0.01 / fine
+    for k, force in enumerate(between):
+        if k % fine == 0:
+            rows.append(x[0])
+        x = x + step * np.array(
+            [x[1] + step / 2 * (1.5 * force - 40.0 * x[0]), 1.5 * force - 40.0 * x[0] - 0.8 * x[1]]
+        )
+    y = np.array(rows)[:, None] + 1e-5 * np.random.default_rng(0).normal(size=(count, 1))
+    wrong = fh.identify(oscillator(), (times, u, y), ("damping",))
+    assert not wrong.consistent
+    assert wrong.alternative is not None
+    assert (wrong.alternative.signal, wrong.alternative.kind) == ("force", "moving")
+
+
+@pytest.mark.ci("identifies logs of an arm")
+@pytest.mark.parametrize("noise", [1e-6, 1e-3, 1e-2])
+def test_a_right_model_fits_the_log_of_a_coarse_encoder(arm, noise):
+    """2048 counts a turn; noise far below a count, near it, and above it."""
+    times, u, y = arm_log(arm, seed=3, count=1500, noise=noise, measured=SENSORS)
+    right = found(arm, (times, u, COUNT * np.rint(y / COUNT)))
+    assert right.consistent
+    assert right.alternative is None
+    assert min(right.noise[name] for name in SENSORS) >= 0.999 * COUNT / np.sqrt(12.0)
+    for name, (low, high) in right.intervals.items():
+        assert low - 0.01 * abs(low) <= arm.nominal[name] <= high + 0.01 * abs(high)
+
+
+def test_noise_is_never_below_that_of_a_step():
+    """A disturbance of any size would explain each count, and the noise would end at nothing."""
+    times, u, y = linear_log(5, noise=0.0, level=0.0)
+    step = 0.05
+    right = fh.identify(oscillator(), (times, u, step * np.rint(y / step)), ("stiffness", "damping"))
+    assert right.noise["position"] >= 0.999 * step / np.sqrt(12.0)
+    assert right.consistent
+
+
+def test_large_disturbances_fit_where_they_are_stated():
+    """Forces of a fifth of the input are no part of the model, unless somebody says so."""
+    log = linear_log(3, count=1200, noise=1e-4, level=0.3)
+    free = fh.identify(oscillator(), log, ("stiffness", "damping", "gain"))
+    assert not free.consistent
+    level, assumed = free.disturbances["load"]
+    assert level > 10.0 * assumed
+    stated = fh.identify(
+        oscillator(), log, ("stiffness", "damping", "gain"), process_noise=np.diag([0.0, 0.3**2 * 0.01])
+    )
+    assert stated.consistent
+
+
+@pytest.mark.parametrize(
+    "sensors", [fh.Sensor("position", period=0.04), fh.Sensor("position", delay=0.02, noise=0.01)]
+)
+def test_what_is_known_of_a_sensor_counts(sensors):
+    """Held values count once, late ones at their time, and a noise that is stated is not sought."""
+    times, u, y = linear_log(9, count=800, noise=0.01, level=0.0)
+    shown = y.copy()
+    if sensors.period:
+        shown = y[np.arange(800) // 4 * 4]
+    else:
+        shown[:, 0] = late(y[:, 0], 2)
+    right = fh.identify(oscillator(stiffness=50.0), (times, u, shown), ("stiffness",), sensors=sensors)
+    assert right.consistent
+    assert right.noise["position"] == pytest.approx(0.01, rel=1e-12 if sensors.noise else 0.2)
+    low, high = right.intervals["stiffness"]
+    assert low - (high - low) < 40.0 < high + (high - low)
