@@ -68,8 +68,8 @@ def tuned_laws(comparison: Comparison) -> list[TunedLaw]:
 def best_hinf_law(comparison: Comparison) -> TunedLaw:
     """The best nonlinear H∞ law that keeps every limit, the design as it is among them; the best of all where none
     does."""
-    ours = (law for law in tuned_laws(comparison) if is_hinf(law.name))
-    return min(ours, key=lambda law: (bool(law.missed), law.cost))
+    laws = (law for law in tuned_laws(comparison) if is_hinf(law.name))
+    return min(laws, key=lambda law: (bool(law.missed), law.cost))
 
 
 def nearest_rival(comparison: Comparison) -> TunedLaw | None:
