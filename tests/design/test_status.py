@@ -57,12 +57,8 @@ def judged(
 @pytest.mark.parametrize(
     ("start", "spent", "words"),
     [
-        (0.5, 0.4, ()),
-        (
-            0.5,
-            0.6,
-            ("level",),
-        ),
+        (0.5, 0.4, ("one simulated run",)),  # which says nothing of other runs
+        (0.5, 0.6, ("spends more",)),
         (1.1, 0.0, ("proved region",)),
     ],
 )

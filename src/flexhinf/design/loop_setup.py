@@ -426,14 +426,13 @@ class LoopSetup(LoopPlants):
         `start` is "zero" for integrals at zero, the default of a moving reference, or "bumpless": the first input
         is the one that holds the model at `at`. `supervised`: with the `supervision` of the design.
         """
+        start = start or ("zero" if moving else "bumpless")
         return Controller(
             self.law, self.estimator(at, deployed=True), self.specification.period,
-            None if self.unlimited else self.limits.saturated,
-            moving=moving, start=start or ("zero" if moving else "bumpless"),
-            blend_time=None if (start or moving) and start != "bumpless" else self.blend_time,
+            None if self.unlimited else self.limits.saturated, moving=moving, start=start,
             integral_dead_zone=self.dead_zone if has_integrals(self.law) else None,
-            before_first=self.robot.operating_point(at)[1], latency=self.specification.known_latency,
-            supervision=self.supervision if supervised else None,
+            before_first=self.robot.operating_point(at)[1], blend_time=self.blend_time if start == "bumpless" else None,
+            latency=self.specification.known_latency, supervision=self.supervision if supervised else None,
         )  # fmt: skip
 
     @property
@@ -540,10 +539,7 @@ class LoopSetup(LoopPlants):
         )
 
     def step(self, duration: float, values: Mapping[str, Any] | None = None, **options: Any) -> Response:
-        """The step from start to goal along `command`, as deployed: the input starts without a jump.
-
-        Arguments as for `run`.
-        """
+        """The step from start to goal along `command`, as deployed: the input starts without a jump; see `run`."""
         return self.run(**self.step_arguments(duration), values=values, **options)
 
     @property

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexhinf.design.laws import DEFAULT_LAWS, DESIGN, NL_HINF, is_hinf
+from flexhinf.design.laws import DEFAULT_LAWS, DESIGN, NL_HINF, RIVALS, is_hinf
 from flexhinf.design.pipeline import ComparedLaw, Comparison
 from flexhinf.design.tuning import (
     RATIOS,
@@ -69,8 +69,8 @@ def tuned_laws(comparison: Comparison) -> list[TunedLaw]:
 def best_hinf_law(comparison: Comparison) -> TunedLaw:
     """The best nonlinear H∞ law that keeps every limit, the design as it is among them; the best of all where none
     does."""
-    ours = (law for law in tuned_laws(comparison) if is_hinf(law.name))
-    return min(ours, key=lambda law: (bool(law.missed), law.cost))
+    laws = (law for law in tuned_laws(comparison) if is_hinf(law.name))
+    return min(laws, key=lambda law: (bool(law.missed), law.cost))
 
 
 def nearest_rival(comparison: Comparison) -> TunedLaw | None:
@@ -239,6 +239,9 @@ def comparison_notes(comparison: Comparison) -> list[str]:
             notes.append(
                 f"The loop of {row.name} could not be linearised: {row.evaluation.linear_failure.rstrip('.')}."
             )
+    compared = {row.name for row in comparison.rows}
+    if others := [name for name in RIVALS if name not in compared]:
+        notes.append(f"Not asked for, and so not compared: {', '.join(others)}.")
     if own is not None and own.setup.left_out:
         names = " and ".join(own.setup.left_out).replace("_", " ")
         notes.append(f"The linear loops leave out {names}, as in flexhinf design; the runs have it.")

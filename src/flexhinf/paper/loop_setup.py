@@ -345,7 +345,7 @@ def judge(setup: PaperSetup, stated: StatedClaim) -> Claim:
     verdict, evidence, table, numbers, data, steps = stated.compute(setup)
     if not isinstance(verdict, str):
         verdict = _VERDICTS[verdict]
-    parts = {step: _VERDICTS[met] for step, met in steps.items()}
+    parts: dict[str, Verdict] = {step: _VERDICTS[met] for step, met in steps.items()}
     kind, tables = setup.settings.estimator, () if table is None else (table,)
     text = stated.text.format(feedback="the true state" if kind == "none" else f"the {kind.upper()}")
     return Claim(
