@@ -54,6 +54,7 @@ stiffness = 100.0
 motor_inertia = 0.1
 [[joint]]
 name = "other"
+xyz = [0.4, 0.0, 0.0]
 [joint.link]
 mass = 1.0
 centre_of_mass = [0.2, 0.0, 0.0]

@@ -288,18 +288,18 @@ def test_numbers_of_joints_and_actuators_that_are_not_read_are_refused(write, ol
 SCENE = """<mujoco><compiler angle="radian"/><worldbody>
 <body name="A"><joint name="a" axis="0 1 0" range="-2 2"/>
   <inertial pos="0 0 0.15" mass="1" diaginertia="0.02 0.02 0.004"/>
+  <body name="G" pos="0 0.05 0.2"><joint type="ball"/>
+    <inertial pos="0 0.1 0" mass="0.1" diaginertia="1e-3 1e-3 1e-3"/></body>
   <body name="B" pos="0 0 0.3">
-    <joint name="b" axis="1 0 0" pos="0 0.01 0" range="-2 2"/>
+    <joint name="b" axis="1 0 0" pos="0 0.01 0" range="-2 2" damping="0.7"/>
     <joint name="slide" type="slide" axis="0 0.6 0.8" range="0.1 0.2" stiffness="50"/>
     <joint name="twist" axis="0 0 1" pos="0.02 0 0" ref="0.3"/>
     <inertial pos="0 0.02 0.1" mass="0.5" diaginertia="0.01 0.01 0.002"/>
     <body name="F" pos="0 0 0.2"><joint name="f" axis="1 0 0" springdamper="1 1"/>
       <inertial pos="0 0.1 0" mass="0.2" diaginertia="1e-3 1e-3 1e-3"/></body>
-    <body name="G" pos="0 0.05 0.2"><joint type="ball"/>
-      <inertial pos="0 0.1 0" mass="0.1" diaginertia="1e-3 1e-3 1e-3"/></body>
   </body></body>
 {scene}</worldbody>
-<equality><connect body1="F" body2="G" anchor="0 0 0"/><joint joint1="f" joint2="slide"/></equality></mujoco>"""
+<equality><connect body1="A" body2="G" anchor="0 0 0"/><joint joint1="f" joint2="slide"/></equality></mujoco>"""
 THINGS = """<body name="cup" pos="1 0 0"><freejoint/><geom size="0.1"/>
   <body><joint name="lid"/><joint type="ball" axis="1 0 0"/><geom size="0.05"/></body></body>
 <body name="table" pos="0 0 -1"><geom type="box" size="1 1 0.1"/></body>"""
@@ -312,7 +312,9 @@ def test_a_scene_is_left_out_and_what_is_locked_stands_still(write):
     with pytest.warns(RobotFileWarning) as told:
         arm = read_mjcf(read_xml(path), ["a", "b"], {"twist": 0.7})
     assert unnamed(" ".join(str(each.message) for each in told), "cup", "ball", "'of body G'") == []
+    assert arm.motors == {"a": {}, "b": {"friction": 0.7}}
     model = mujoco.MjModel.from_xml_string(SCENE.format(scene=""))
+    dofs = [model.joint(name).dofadr[0] for name in ("a", "b")]
     data, tree = mujoco.MjData(model), Tree(arm.joints)
     bodies = bodies_of(tree, *zip(*((link.mass, link.centre_of_mass, link.inertia) for link in arm.links)))
     for q in np.random.default_rng(4).uniform(-1.0, 1.0, (5, 2)):
@@ -320,7 +322,7 @@ def test_a_scene_is_left_out_and_what_is_locked_stands_still(write):
             data.qpos[model.joint(name).qposadr[0]] = value
         mujoco.mj_forward(model, data)
         weight = inverse_dynamics(tree, bodies, q, [0.0] * 2, [0.0] * 2, (0.0, 0.0, -9.81))
-        np.testing.assert_allclose(np.array(weight, dtype=float), data.qfrc_bias[:2], atol=1e-12)
+        np.testing.assert_allclose(np.array(weight, dtype=float), data.qfrc_bias[dofs], atol=1e-12)
     with refused_with(InvalidInput, "'cup'", "floats"), pytest.warns(RobotFileWarning, match="'A'"):
         read_mjcf(read_xml(path), ["lid"])
     with refused_with(InvalidInput, "'B'", "'b', 'slide', 'twist'"):

@@ -119,7 +119,7 @@ def read_mjcf(
     _check_elements(root, REFUSED)
     spec = _by_mujoco(mujoco.MjSpec.from_string, ElementTree.tostring(_kept(root), encoding="unicode"))
     _check(spec, moving)
-    _hold(spec, moving, joints is not None or bool(locked))
+    _check_still(spec, moving, joints is not None or bool(locked))
     spec.compiler.fusestatic = spec.compiler.discardvisual = False
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)  # shapes may overlap
     _check_couplings(root, moving)
@@ -165,8 +165,8 @@ def _arm_of(root: Element, moving: Collection[str]) -> Element:
     return root
 
 
-def _hold(spec: Any, moving: Sequence[str], chosen: bool) -> None:
-    """Make balls stand still where some joints were chosen to move; refuse a base that floats, and balls else."""
+def _check_still(spec: Any, moving: Sequence[str], chosen: bool) -> None:
+    """Let balls stand still where some joints were chosen to move; refuse a base that floats, and balls else."""
     free, balls = (
         [(body.name, joint) for body in spec.bodies for joint in body.joints if joint.type.name == kind]
         for kind in ("mjJNT_FREE", "mjJNT_BALL")
@@ -190,8 +190,6 @@ def _hold(spec: Any, moving: Sequence[str], chosen: bool) -> None:
         "expected hinge or slide joints",
         "the file without it",
     )
-    for _, joint in balls:
-        spec.delete(joint)
 
 
 def _by_mujoco(read: Callable[..., Any], *texts: str) -> Any:
@@ -452,12 +450,15 @@ def _filled(arm: RigidArm, model: Any) -> RigidArm:
         carrier, above = places[model.body_parentid[k]]
         place = above.then(_placement(model.body_pos[k], model.body_quat[k]))
         for j in range(model.body_jntadr[k], model.body_jntadr[k] + model.body_jntnum[k]):
+            if model.jnt_type[j] < 2:
+                continue  # a ball, which stands still
             joint, axis = model.joint(j).name, tuple(model.jnt_axis[j].tolist())
+            at, dof = int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j])
             kind = "revolute" if model.jnt_type[j] == 3 else "prismatic"
             limits: Any = range_of(*model.jnt_range[j].tolist()) if model.jnt_limited[j] else None
             anchor = model.jnt_pos[j].tolist()
             place = place.then(Placement(translation=tuple(anchor))).then(
-                moved(kind, axis, -float(model.qpos0[j]))
+                moved(kind, axis, -float(model.qpos0[at]))
             )
             kind = "continuous" if kind == "revolute" and limits is None else kind
             carrier, place = arm.add_joint(carrier, joint, kind, axis, place, limits)
@@ -467,7 +468,9 @@ def _filled(arm: RigidArm, model: Any) -> RigidArm:
                     "motor_inertia": model.dof_armature, "friction": model.dof_damping,
                     "coulomb_friction": model.dof_frictionloss,
                 }  # fmt: skip
-                arm.motors[joint] = {name: float(column[j]) for name, column in columns.items() if column[j]}
+                arm.motors[joint] = {
+                    name: float(column[dof]) for name, column in columns.items() if column[dof]
+                }
                 arm.frames[joint] = Frame(joint, Placement())
             place = place.then(Placement(translation=tuple(-x for x in anchor)))  # type: ignore[arg-type]
         places.append((carrier, place))
