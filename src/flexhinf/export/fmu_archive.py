@@ -134,8 +134,9 @@ def _description(
             f'dependencies="{" ".join(map(str, sorted(ids[one] for one in variable.starts_from)))}"/>'
             for variable in outputs if variable.starts_from is not None
         ),
-        ABOUT=quoteattr(about), TIME=len(variables),
+        TIME=len(variables),
         users={
+            "ABOUT": quoteattr(about),
             "UNITS": "\n".join([
                 "  <UnitDefinitions>", *(f"    <Unit name={quoteattr(unit)}/>" for unit in units),
                 "  </UnitDefinitions>", "",
