@@ -18,8 +18,7 @@ from tests.refusals import unnamed
 import flexhinf as fh
 from flexhinf import report
 from flexhinf.cli import main
-from flexhinf.cli.design import DesignedController
-from flexhinf.cli.designs import refuse_unlimited
+from flexhinf.cli.designs import DesignedController, refuse_unlimited
 from flexhinf.design.design_file import robot_digests
 from flexhinf.design.responses import joint_limits
 from flexhinf.design.verdict import DesignVerdict
@@ -57,7 +56,7 @@ def test_the_file_of_a_controller(
 
 def test_a_controller_that_is_there_needs_neither_a_synthesis_nor_pages(controller: Path) -> None:
     code = (
-        "import sys; from pathlib import Path; from flexhinf.cli.design import controller_of;"
+        "import sys; from pathlib import Path; from flexhinf.cli.designs import controller_of;"
         f"controller_of(Path({str(controller)!r}));"
         "print({'flexhinf.design.pipeline', 'flexhinf.pages.page', 'scipy', 'matplotlib'} & set(sys.modules))"
     )
@@ -330,7 +329,7 @@ def test_the_gear_ratios_of_the_robot_are_stated(
     for k, (one, text) in enumerate(
         [(found, "(motor angle / 70)"), (DesignedController(found[0], None), "after the gear")]
     ):
-        monkeypatch.setattr("flexhinf.cli.design.controller_of", lambda path, limits, one=one: one)
+        monkeypatch.setattr("flexhinf.cli.exports.controller_of", lambda path, limits, one=one: one)
         assert main(["export", "c", str(controller), "--out", str(tmp_path / str(k))]) == 0
         assert text in (tmp_path / str(k) / "README.md").read_text()
 

@@ -54,6 +54,7 @@ WHOLE = {
     "arcmin": (21_600, TURN), "arcsec": (1_296_000, TURN), "m": (1, 1.0), "mm": (1000, 1.0),
     "rad/s": (1, 1.0), "deg/s": (360, TURN), "°/s": (360, TURN), "rpm": (60, TURN), "Hz": (1, TURN),
     "m/s": (1, 1.0), "mm/s": (1000, 1.0), "N·m": (1, 1.0), "Nm": (1, 1.0), "N*m": (1, 1.0), "N": (1, 1.0),
+    "mN·m": (1000, 1.0), "mNm": (1000, 1.0),
 }  # fmt: skip
 TABLES = {
     seconds: (units.SECONDS,),

@@ -175,8 +175,14 @@ def test_the_advice_for_sensors_works_as_it_is_typed(robot_of: Named, measured: 
     assert len(what) < 80
     assert len(found) < 300
     option, typed = advice.split()[-2:]
-    assert option == "--measured"
-    check_loop(robot, fh.Specification(workspace="limits", measured=tuple(typed.split(","))))
+    if option == "--measured":
+        check_loop(robot, fh.Specification(workspace="limits", measured=tuple(typed.split(","))))
+        return
+    assert "--pose" in advice  # a design with these sensors: they tell the whole state at the pose
+    plant, (x, u) = robot.plant(tuple(measured.split(","))), robot.operating_point()
+    a, *_, c = plant.linearise(x, u)
+    seen = np.vstack([c @ np.linalg.matrix_power(a, k) for k in range(len(x))])
+    assert np.linalg.matrix_rank(seen / np.linalg.norm(seen, axis=1)[:, None]) == len(x)
 
 
 # Workspaces as people state them -------------------------------------------------------------------------

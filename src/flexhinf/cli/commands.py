@@ -21,7 +21,8 @@ from typer.main import get_command
 from flexhinf import __version__, pages
 from flexhinf.cli.arguments import Command, Group
 from flexhinf.cli.campaign import app as campaign
-from flexhinf.cli.design import app as export, certify, compare, compile_design, design, paper, run_design
+from flexhinf.cli.design import certify, compare, design, paper, run_design
+from flexhinf.cli.exports import app as export, compile_design
 from flexhinf.cli.logs import estimate, identify
 from flexhinf.cli.messages import (
     INTERRUPTED,

@@ -1,0 +1,232 @@
+"""``flexhinf export`` with ``flexhinf compile``: a controller as code for a machine."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from shlex import join, quote
+from typing import Any
+
+import typer
+
+import flexhinf as fh
+from flexhinf import export, report
+from flexhinf.cli.arguments import (
+    Command,
+    Group,
+    with_options,
+)
+from flexhinf.cli.designs import (
+    DesignedController,
+    controller_file,
+    controller_of,
+    file_of,
+)
+from flexhinf.cli.messages import note, options
+from flexhinf.errors import refuse_if
+from flexhinf.validation import file_digest
+
+app = typer.Typer(
+    cls=Group, help="Export the controller of a design: C source, an FMU, or a page in which the arm moves."
+)
+
+
+@app.command("c", cls=Command)
+@with_options(lambda: (options.ExportCOptions, ()))
+def export_c(context: typer.Context, o: options.ExportCOptions) -> None:
+    """Export the controller as C99 without dependencies, with a test and what firmware needs around it.
+
+    `make test` in the folder compiles them and runs the recorded samples: the
+    numbers are those of the simulation. README.md there has signals, units,
+    memory and cost.
+    """
+    from flexhinf.design.responses import joint_limits
+
+    if o.name:
+        export.checked_identifier(o.name)
+    path = controller_file(o.source)  # the input first: a misspelt name is no matter of the output
+    out = o.out or _named_after(o.source, "-c")
+    folder = export.checked_folder(out, o.force)
+    designed = controller_of(path, limits=o.limits)
+    controller, robot, s = designed.controller, designed.robot, designed.specification
+    name = o.name or _identifier(robot)
+    _note_doubts(designed)
+    if o.check_measurements:
+        speeds = None if robot is None or s is None else joint_limits(robot, s).speed
+        controller = export.with_measurement_limits(controller, robot, speeds)
+    if uncounted := export.check_room(controller, o.real, period=o.period, flash=o.flash, ram=o.ram):
+        note(uncounted)
+    stated = {"--check-measurements": o.check_measurements, "--no-limits": not o.limits}
+    chosen = [option for option, there in stated.items() if there]
+    again = join(("flexhinf", "export", "c", o.source, "--name", name, "--real", o.real, *chosen))
+    origin = _origin(path, again, designed)
+    export.write_files(
+        folder,
+        export.controller_files(controller, name, o.real, robot, origin, _design_files(path, designed.rows)),
+    )
+    typer.echo(f"{name}.h, {name}.c and what goes with them: {folder}\ntest:  make -C {quote(str(out))} test")
+
+
+@app.command("fmu", cls=Command)
+@with_options(lambda: (options.ExportFmuOptions, ()))
+def export_fmu(context: typer.Context, o: options.ExportFmuOptions) -> None:
+    """Export the controller as an FMU for co-simulation (FMI 2.0 or 3.0), for Simulink, OpenModelica and others.
+
+    One communication step is one sample. With --plant the FMU is the robot:
+    motor inputs and disturbances in, measurements and states out, its
+    parameters to be set. It needs a C compiler.
+    """
+    from flexhinf.robot.parts import file_warnings
+
+    out = o.out or _named_after(o.source, "-plant.fmu" if o.plant else ".fmu")
+    if o.plant:
+        refuse_if(
+            not o.limits,
+            "--no-limits has no effect on a plant.",
+            "expected it with a controller, whose inputs have limits; got it with --plant",
+            "leave out --no-limits",
+        )
+        path = file_of(o.source, "A plant is that of a design file.", "flexhinf export fmu DIR --plant")
+        with file_warnings(note):
+            robot, s = fh.load_design(path)
+        equilibrium = robot.operating_point(s.pose if s.start is None else s.start, s.extras)
+        name = o.name or export.identifier_of(robot.name)
+        written = export.export_plant_fmu(
+            robot.plant(s.measured, extras=s.extras), out, name, s.period, *equilibrium, fmi=o.fmi
+        )
+    else:
+        controller, robot, *_ = designed = controller_of(controller_file(o.source), limits=o.limits)
+        _note_doubts(designed)
+        name = o.name or _identifier(robot)
+        written = export.export_fmu(controller, out, name, o.fmi, limits=False)
+    typer.echo(f"FMU: {written}")
+
+
+@app.command("web", cls=Command)
+@with_options(lambda: (options.ExportWebOptions, ()))
+def export_web(context: typer.Context, o: options.ExportWebOptions) -> None:
+    """One page in which the arm runs in real time in the browser; no server, no network.
+
+    Pull the link with the mouse, move the goal, change the arm by sliders; the
+    same arm with a tuned PD moves beside it. The controller's and the plant's C
+    are compiled to WebAssembly, which needs clang and wasm-ld.
+    """
+    from flexhinf.design.live_page import live_arm
+    from flexhinf.export.web import check_compiler, write_page
+
+    path = file_of(o.source, "A page needs a design, which states the robot.", "flexhinf export web DIR")
+    out = o.out or _named_after(o.source, ".html")
+    refuse_if(
+        out.exists() and not o.force,
+        "The page is there already.",
+        f"expected a new file, got {out.absolute()}",
+        "another name, or --force, which replaces it",
+    )
+    check_compiler()
+    designed = controller_of(path)
+    controller, robot, s = designed.controller, designed.robot, designed.specification
+    assert robot is not None  # of a design file
+    assert s is not None
+    _note_doubts(designed)
+    arm = live_arm(controller, robot, s, not_met=designed.verdict.unmet)
+    page = write_page(arm, out)
+    typer.echo(f"page: {page} ({page.stat().st_size / 1e3:.0f} kB)")
+
+
+@with_options(lambda: (options.CompileOptions, ()))
+def compile_design(context: typer.Context, o: options.CompileOptions) -> None:
+    """Compile the controller to a shared library that starts in milliseconds.
+
+    fh.load_compiled(FILE) steps it from Python, without LLVM and CasADi; every
+    output is the simulation's. For this platform; needs a C compiler.
+    """
+    designed = controller_of(controller_file(o.source))
+    _note_doubts(designed)
+    out = o.out or _named_after(o.source, ".so")
+    typer.echo(f"library: {export.compile_controller(designed.controller, out, o.processor)}")
+
+
+def _named_after(source: str, ending: str) -> Path:
+    """What is made of a design, in the working folder: under the name of its folder, or of its file where that has a
+    name of its own."""
+    place = Path(source).resolve()
+    own = place.is_dir() or place.name not in ("design.toml", "controller")
+    return Path((place if place.is_dir() else place.with_suffix("") if own else place.parent).name + ending)
+
+
+def _note_doubts(designed: DesignedController) -> None:
+    """Print what speaks against a controller that leaves for a machine."""
+    if text := designed.verdict.unmet:
+        note(f"{text}.")
+    if free := export.unlimited_inputs(designed.controller):
+        note(f"NOTHING LIMITS {', '.join(free)}: the controller may ask for any value.")
+
+
+def _origin(path: Path, command: str, designed: DesignedController) -> dict[str, str]:
+    """Lines of exported C that say which design it is: its file and SHA-256, the command that exports it again, whether
+    it met its requirements, and what it says of itself."""
+    from flexhinf.design.design_file import has_controller
+    from flexhinf.design.specification import PAST
+
+    digest, numbers, rows = file_digest(path), {}, designed.rows
+    if has_controller(path) and report.unchanged(path.parent, ("design.json",)):
+        known = json.loads((path.parent / "design.json").read_text(encoding="utf-8"))
+        numbers = {name: f"{known[name]:.6g}" for name in ("gamma", "degree") if known.get(name) is not None}
+        if day := report.written_on(path.parent):
+            numbers = {"designed on": day, **numbers}
+        for name, known_digest in report.sources(path.parent).items():
+            numbers[f"file {name}"] = f"SHA-256 {known_digest}"
+    nearly = sum(bool(row.get("within_tolerance")) for row in rows)
+    met = (
+        f"{len(rows) - nearly} of {len(rows)} met, and {nearly} more {PAST}"
+        if nearly
+        else f"all {len(rows)} met"
+    )
+    judged = {"requirements": designed.verdict.unmet or met} if rows else {}
+    result = (
+        tomllib.loads(path.read_text(encoding="utf-8")).get("result", {}) if path.suffix == ".toml" else {}
+    )
+    if verdict := result.get("verdict"):
+        judged["what the design says"] = verdict
+    return {"design": f"{path.name}, SHA-256 {digest}", "made by": command, **judged, **numbers}
+
+
+def _design_files(path: Path, rows: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    """The design file, the robot file that it names, and a table of the requirements with what was found, by name."""
+    from flexhinf.design.design_file import has_controller
+    from flexhinf.robot import catalogue
+
+    if not has_controller(path):
+        return {}
+    text = path.read_text(encoding="utf-8")
+    named = str(tomllib.loads(text)["design"].get("robot", ""))
+    robot = catalogue().get(named, path.parent / named)
+    files = {robot.name: robot.read_text(encoding="utf-8")} if robot.is_file() else {}
+    head = "| requirement | limit | found | met | where |\n|---|---|---|---|---|\n"
+    return files | {"design.toml": text, "requirements.md": head + "".join(map(_requirement_line, rows))}
+
+
+def _short(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else f"{value}"
+
+
+def _requirement_line(row: Mapping[str, Any]) -> str:
+    """A judged requirement as a line of a table; a file of an older version may lack a column."""
+    from flexhinf.design.specification import PAST
+
+    unit, met = row.get("unit", ""), PAST if row.get("within_tolerance") else "yes"
+    cells = (
+        f"{row.get('what', '')}",
+        f"{row.get('limit', '')} {_short(row.get('asked', ''))} {unit}".strip(),
+        f"{_short(row.get('found', ''))} {unit}".strip(),
+        met if row["holds"] else "no",
+        f"{row.get('where', '')}",
+    )
+    return f"| {' | '.join(cells)} |\n"
+
+
+def _identifier(robot: fh.Robot | None) -> str:
+    """The name of exported code, by the robot, as far as it is known."""
+    return export.identifier_of("controller" if robot is None else robot.name)
