@@ -49,7 +49,7 @@ class Started(Exception):
         (["--peak-current", "48V"], ("current", "'48V'", "--peak-current in A")),
         (["--peak-voltage", "48"], ("current", "--peak-current")),
         (["--peak-speed", "2m/s"], ("rad/s", "'2m/s'")),
-        (["--measured", "link_position_shoulder,motor_position"], ("--measured motor_position,", "--pose")),
+        (["--measured", "link_position_shoulder,motor_position"], ("--measured motor_position", "--pose")),
         (["--measured", "link_position_shoulder,motor_position_elbow"], ("one pose", "--pose")),
         (["--measured", "motor_positon"], ("--measured motor_position",)),
         (["--measured", "joint_torque"], ("sensor",)),
@@ -99,7 +99,7 @@ def followed(message: str, words: list[str]) -> list[str]:
     option, value = words[0], words[-1]
     if unit := re.match(rf"{option} in (\S+?),", advice):  # the number is that of a data sheet
         return [option, ",".join(["7" + unit[1].replace("·", "")] * (value.count(",") + 1))]
-    if "one pose, --pose ..." in advice and not advice.startswith("--"):
+    if "one pose, --pose ..." in advice and "what all joints have" not in advice:
         return [*words, "--pose", "0.1,0.1"]
     if renamed := re.match(r"(--\S+) in the place of", advice):
         return [renamed[1], value]

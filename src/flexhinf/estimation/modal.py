@@ -284,12 +284,21 @@ def pair_sensors(
     kinds = [next((kind for kind in SENSORS if plant.expanded(kind) == names), None)
              for names in (tuple(plant.outputs[i : i + n]) for i in range(0, len(plant.outputs), n))]  # fmt: skip
     if None in kinds:
-        everywhere = tuple(kind for kind in SENSORS if {*plant.expanded(kind)} <= {*plant.outputs})
-        usable = any("position" in kind for kind in everywhere)
+        seen = [kind for kind in SENSORS if {*plant.expanded(kind)} & {*plant.outputs}]
+        shared = [kind for kind in seen if {*plant.expanded(kind)} <= {*plant.outputs}]
+        usable = any("position" in kind for kind in shared)
+        whole = (
+            shared
+            if usable
+            else seen
+            if any("position" in kind for kind in seen)
+            else ["motor_position", *seen]
+        )
         raise InvalidInput(
             "The joints do not all have the same sensors.",
             f"expected signals of {list(SENSORS)}, each of all joints, got {list(plant.outputs)}",
-            (f"measured={everywhere}, which all joints have; or " if usable else "") + elsewhere,
+            f"{elsewhere}; or {'what all joints have' if usable else 'the same at all joints'}: "
+            f"measured={tuple(whole)}",
         )
     refuse_if(
         not any("position" in name for name in plant.outputs),
