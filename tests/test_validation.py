@@ -231,7 +231,7 @@ def test_what_cannot_be_read_is_refused(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.toml")
     (tmp_path / "bytes.toml").write_bytes(b"x = '\xff'")
     for name, what in (
-        ("bytes.toml", "no TOML"),
+        ("bytes.toml", "UTF-8"),
         ("nowhere.toml", "nowhere.toml"),
         ("pipe.toml", "pipe.toml"),
         ("", "robot file"),

@@ -321,7 +321,7 @@ def test_settings_say_who_states_the_workspace(made, design):
 
 def test_both_required_dampings_are_drawn(design):
     svg = page._pose_figure(design).svg
-    assert unnamed(text_of(f"{svg}".replace("svg", "g")), "required", "required at corners") == []
+    assert unnamed(text_of(f"{svg}".replace("svg", "g")), "required", "at corners") == []
 
 
 def test_the_numbers_of_the_page_are_in_its_file(design, tolerated):

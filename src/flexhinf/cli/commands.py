@@ -152,7 +152,7 @@ def root(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
     ] = False,
 ) -> None:
-    """Design and test controllers for robot arms with elastic joints, prove bounds for one joint, and export them as C.
+    """Design, test and export controllers for robot arms with elastic joints; prove bounds for one joint.
 
     Exit codes: 0 done; 1 done, and the loop does not meet its specification;
     2 a mistake that can be put right, nothing written; 130 interrupted,

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import typer
 
 import flexhinf as fh
@@ -182,6 +181,8 @@ def _stated_noises(
     request: DesignRequest, plant: fh.Plant, fields: Mapping[str, Any]
 ) -> tuple[Any, tuple[fh.Sensor, ...]]:
     """R^v (n, n) per row, None if no option states it, and the sensors whose noise or step an option states."""
+    import numpy as np  # here, as --help needs none
+
     from flexhinf.design.loop_setup import EstimatorNoise, LoopPlants, sensor_steps
 
     s, robot = request.specification, request.robot

@@ -380,6 +380,7 @@ class RecursiveFilter(Shell, Estimator):
             measurement_noise=read_only(state["measurement_noise"]),
             initial=read_only(state["initial"]),
             _start=read_only(state["_start"]),
+            sample_periods=read_only(state["sample_periods"]),
         )
 
     def settings(self) -> dict[str, Any]:
