@@ -65,6 +65,7 @@ def test_many_robots_are_the_same_robots_alone(setup: LoopSetup, drawn: MonteCar
         assert alone.peak.value == drawn.peak[k]
 
 
+@pytest.mark.costs("the runs that all tests here share")
 @pytest.mark.parametrize("k", [0, 5])
 def test_each_is_the_robot_of_its_values_run_by_hand(setup: LoopSetup, drawn: MonteCarlo, k: int) -> None:
     """A controller and a loop of our own round the plant of these parameters, in its equilibrium at the start; the

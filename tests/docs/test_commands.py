@@ -41,7 +41,7 @@ NIGHTLY = {
     "docs/comparison.md": "tunes fourteen laws; tests/cli/test_compare.py compares fewer",
     "docs/theorem.md": "checks every cell in rationals; docs/certificate.md checks a sample",
 }
-LONG = {"design", "compare", "paper", "campaign", "estimate", "identify"}
+LONG = {"design", "compare", "paper", "campaign", "estimate", "identify", "certify"}
 
 _FENCE = re.compile(r"^```(\w*|\{[\w-]+\}[^\n]*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 _FILE = re.compile(r"^(?:#|<!--) file: (\S+)")

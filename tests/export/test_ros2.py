@@ -495,7 +495,7 @@ def test_a_commanded_position_stays_where_it_is_measured(arm: Callable[[], Manag
 @pytest.mark.parametrize(
     "version",
     [
-        pytest.param("HUMBLE", marks=pytest.mark.costs("links a program")),
+        pytest.param("HUMBLE", marks=pytest.mark.ci("links a program")),
         pytest.param("JAZZY", marks=pytest.mark.ci("builds one more package")),
     ],
 )

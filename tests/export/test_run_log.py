@@ -35,6 +35,7 @@ def expected(run: RealTimeRun, kind: str, name: str) -> np.ndarray:
     return next(column.values for column in log_columns(run) if (column.kind, column.name) == (kind, name))
 
 
+@pytest.mark.costs("the run that all tests here share")
 def test_everything_is_logged(run: RealTimeRun) -> None:
     found = {(column.kind, column.name, column.unit) for column in log_columns(run)}
     for name in ("link_position", "motor_position"):

@@ -261,7 +261,7 @@ def test_a_rigid_joint_has_the_gains_of_a_spring_as_stiff_for_its_motor_as_the_o
     )
 
 
-@pytest.mark.costs("gains of three ranges of pairs")
+@pytest.mark.ci("gains of three ranges of pairs")
 def test_a_spring_too_fast_for_its_samples_is_named_with_what_helps(made):
     """A wrist of 1.3e-4 kg·m² on a usual spring, as of an arm without a tool, vibrates beyond what samples show."""
     robot, penalty = fh.load_robot("planar-two-link"), {"link_position": 1.0}

@@ -60,7 +60,7 @@ def test_a_payload_is_part_of_its_link(two_links: LiveArm) -> None:
 @pytest.mark.parametrize(
     ("name", "extras"),
     [
-        ("paper", ()),
+        pytest.param("paper", (), marks=pytest.mark.costs("compiles a plant")),
         pytest.param("planar-two-link", ("inductance",), marks=CI),
         pytest.param("scara", ("coulomb_friction",), marks=CI),
         pytest.param("spatial-three-link", (), marks=CI),
