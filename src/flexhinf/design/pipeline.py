@@ -185,11 +185,11 @@ class Comparison(Reported):
     scenario: responses.Scenario
 
     def summary(self) -> dict[str, str]:
-        """Robot, the laws by the criterion (less is better), and those that miss a limit or could not be made."""
+        """Robot, the laws by the criterion (less is better), those that miss a limit, and those that could not be made."""
         tuned = sorted((row.tuned for row in self.rows if row.tuned is not None), key=lambda law: law.cost)
         parts = {
             "laws by the criterion": [f"{law.name} {law.cost:.3g}" for law in tuned if not law.missed],
-            "not ranked": [f"{law.name} {law.cost:.3g} ({law.missed})" for law in tuned if law.missed],
+            "not ranked": [f"{law.name} {law.cost:.3g}" for law in tuned if law.missed],
             "not compared": [row.name for row in self.rows if row.failure],
         }
         return {"robot": self.robot.name} | {what: ", ".join(laws) for what, laws in parts.items() if laws}
