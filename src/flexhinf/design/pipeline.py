@@ -185,7 +185,7 @@ class Comparison(Reported):
     scenario: responses.Scenario
 
     def summary(self) -> dict[str, str]:
-        """Robot, the laws by the criterion (less is better), those that miss a limit, and those that could not be made."""
+        """Robot, laws by the criterion (less is better), those that miss a limit, and those that could not be made."""
         tuned = sorted((row.tuned for row in self.rows if row.tuned is not None), key=lambda law: law.cost)
         parts = {
             "laws by the criterion": [f"{law.name} {law.cost:.3g}" for law in tuned if not law.missed],
