@@ -363,7 +363,7 @@ def test_a_million_steps_take_no_memory(made):
                 step(y, 0.2)
             for _ in range(10):
                 step(None)
-            for bad in [-np.inf, np.inf] * 5:
+            for bad in [-1.7e308, 1.7e308] * 5:
                 with pytest.raises(NumericalFailure):
                     step(bad)
                 step(y)
