@@ -203,8 +203,9 @@ def _real_time(timing: Timing) -> str:
             number(1e3 * float(np.median(part)), 2) for part in (timing.computed, timing.over - timing.ready)
         )
         return (
-            f"Real time was not kept: {length} s took {elapsed} s. Of a period of {number(1e3 * timing.period)} ms the "
-            f"controller's step takes {step} ms and the simulated robot {robot} ms (medians)."
+            f"Real time was not kept: {length} s took {elapsed} s, and {missed} of {count} deadlines were missed. "
+            f"Of a period of {number(1e3 * timing.period)} ms the controller's step takes {step} ms and the simulated "
+            f"robot {robot} ms (medians)."
         )
     if not missed:
         return f"Every deadline was met: {count} samples at {rate} Hz in {number(timing.elapsed)} s."
