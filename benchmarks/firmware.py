@@ -483,8 +483,8 @@ def notes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
         f"(`gcc -O2 -mfma`): {pairs}. That is {ratios} times as many.{lengths * bool(equal)}",
         *(duration(row) for row in own if row["links"] == 7 and "times" in row),
         f"- In `float` on the Cortex-M4F ({named(small['links'])}) an instruction takes {cycles / most:.1f} cycles on "
-        f"average. A step of the test vector takes at most {100 * cycles / period:.0f} % of 1 ms at 168 MHz, and with five "
-        f"cycles of waiting for every instruction {100 * (cycles + 5 * most) / period:.0f} %.",
+        f"average. A step of the test vector takes at most {100 * cycles / period:.0f} % of 1 ms at 168 MHz, and "
+        f"with five cycles of waiting for every instruction {100 * (cycles + 5 * most) / period:.0f} %.",
         f"- The longest steps are those of the rehearsal: {min(worst):.1f} to {max(worst):.1f} times as many "
         "instructions as the longest one of the test vector, and at the same cost of each so many times its cycles. "
         "Leave room for them, not for those of the test vector.",
