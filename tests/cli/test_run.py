@@ -54,7 +54,7 @@ def test_a_run_with_its_log(design: str, folder: Path, capsys: pytest.CaptureFix
     assert main(words) in (0, 1)
     told = capsys.readouterr()
     kept = ("201 samples at 1000 Hz", "of 201 deadlines", "not kept: 0.2 s")
-    assert sum(text in told.out for text in kept) == 1, "as busy as the machine is"
+    assert any(text in told.out for text in kept), "as busy as the machine is"
     assert "lateness" in told.out
     assert "run.csv" in told.out
     assert len((folder / "run.csv").read_text().splitlines()) == 202

@@ -44,6 +44,12 @@ def driven(robot, motion, seed, noise=1e-4):
     return motion.times, motion.inputs, np.array(rows)
 
 
+def test_currents_of_motors_follow_the_motion():
+    motion = fh.excitation(fh.load_robot("paper"), ("inductance",), duration=0.5, candidates=1)
+    assert 0.0 < motion.standard_errors["inductance"] < 1.0
+    assert not motion.unidentifiable
+
+
 @pytest.mark.ci("identifies four numbers of 4 s")
 def test_what_it_promises_is_what_a_log_of_it_gives(proposed):
     robot, names, motion = proposed

@@ -85,8 +85,13 @@ class DeployedRun:
             lines = required.move_requirements(s, limits, move, resolution, rests=self.rests)
         if self.rests:
             lines += required.saturation_requirement(limits, [response], WHERE)
-        if self.loop.controller.supervision is not None:
-            time = self.loop.controller.period * float(np.sum(run.status & Status.LIMIT_CYCLE > 0))
+        if (watch := self.loop.controller.supervision) is not None:
+            # The status outlasts the last swing; what swings while a robot still moves to its goal is no limit cycle.
+            over = responses.transient_end(response, self.begun) + watch.longest_swing
+            swings = (run.status & Status.LIMIT_CYCLE > 0) & (
+                run.trajectory.time > (over if np.isfinite(over) else 0.0)
+            )
+            time = self.loop.controller.period * float(np.sum(swings))
             lines.append(required.REQUIREMENTS["swinging"].judge(None, 0.0, time, WHERE))
         lines = [replace(line, where=WHERE) for line in lines]
         lines = checks.as_far_as_judged(lines, response, self.begun, self.enough, timed=self.rests)

@@ -275,7 +275,7 @@ _ROWS = {
     "load_step": ("remaining deflection", "", "≤", "",
         "largest deviation of a link in the last tenth; the limit is 2 % of its step"),
     "swinging": ("input that swings at rest", "s", "≤", "",
-        "time for which the controller reports a limit cycle: an input swings to and fro while the command rests"),
+        "time for which the controller reports a limit cycle, an input that swings to and fro, after the transient"),
     "deadlines": ("missed deadlines", "%", "≤", "",
         "samples whose input was not there before the next sample was due"),
 }  # fmt: skip

@@ -217,8 +217,13 @@ class Response:
 def rests(run: Response, begun: float = 0.0) -> bool:
     """Whether the end of a run to rest, in which the remaining error and the ripple are judged, begins after its
     transient; a longer run is no other where this one diverged. `begun`: when its command ends, s."""
-    over = begun + TRANSIENT * max(run.settling.value - begun, 0.0)
+    over = transient_end(run, begun)
     return run.diverged_at is not None or bool(run.run.time[-1] - metrics.WINDOW >= over - metrics.ROUNDING)
+
+
+def transient_end(run: Response, begun: float = 0.0) -> float:
+    """When the transient of a run to rest is over, s; infinite where it does not settle. `begun` as of `rests`."""
+    return begun + TRANSIENT * max(run.settling.value - begun, 0.0)
 
 
 def settled_run(run: Response, again: Callable[[float], Response], begun: float = 0.0) -> Response:

@@ -235,7 +235,7 @@ def _judged(
     motion: Waypoints, times: np.ndarray, positions: np.ndarray, states: np.ndarray, inputs: np.ndarray,
 ) -> Excitation:  # fmt: skip
     """What a motion tells."""
-    vector = plant.parameters.vector()
+    vector, states = plant.parameters.vector(), _whole_states(robot, plant, states, inputs)
     outputs = np.array([plant.evaluate_output(x, u, vector) for x, u in zip(states, inputs)])
     sizes = [noise.get(name, ENCODER) for name in plant.outputs]
     usual = disturbance_levels(plant, states[0], inputs, period)
@@ -258,3 +258,16 @@ def _judged(
     found = Information.expected(evaluation, unknowns.names, size, len(numbers))
     errors = dict(zip((number.name for number in numbers), found.standard_errors.tolist()))
     return Excitation(robot, motion, times, positions, inputs, errors, found.unidentifiable)
+
+
+def _whole_states(robot: Robot, plant: Plant, states: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+    """States (N, n) of a plant that has more of them than a motion gives, such as motor currents: these follow at once,
+    so that they stand where they would come to rest."""
+    known = [plant.states.index(name) for name in robot.plant().states]
+    fast = [k for k in range(plant.n) if k not in known]
+    whole = np.zeros((len(states), plant.n))
+    whole[:, known] = states
+    if fast:
+        slope = plant.slopes(whole[0], inputs[0])[0][np.ix_(fast, fast)]
+        whole[:, fast] = -np.linalg.solve(slope, plant.derivative(whole, inputs)[:, fast].T).T
+    return whole

@@ -130,13 +130,13 @@ def _unranked(own_law: TunedLaw, rival: TunedLaw, name: str) -> str:
     """The verdict where a rival, nonlinear H∞ or both miss a limit: what each has, and what it misses."""
     costs = f"{rival.name} has {number(rival.cost, 3)} by the criterion, {name} {number(own_law.cost, 3)}"
     if rival.missed and own_law.missed:
-        text = "No law keeps every limit, so none is ranked."
+        text = "No law keeps every limit of the tuning, so none is ranked."
     elif rival.missed:
-        text = f"No other law keeps every limit, so none is ranked against {name}."
+        text = f"No other law keeps every limit of the tuning, so none is ranked against {name}."
     else:
         text = (
-            f"The best rival, {rival.name}, keeps every limit, and {name} does not, so by these limits nonlinear H∞ "
-            "buys nothing on this robot."
+            f"The best rival, {rival.name}, keeps every limit of the tuning, and {name} does not, so by these limits "
+            "nonlinear H∞ buys nothing on this robot."
         )
     missed = [
         f"{what} misses: {law.missed}." for law, what in ((rival, rival.name), (own_law, name)) if law.missed
@@ -216,12 +216,23 @@ def comparison_design(comparison: Comparison) -> str:
 def _status(comparison: Comparison, text: str, verdict: DesignVerdict) -> list[Status]:
     """Whether the laws could be ranked, and what the design as it is misses; “met” only where neither is wanting."""
     statuses = [] if is_ranked(comparison) else [Status("risky", f"Not ranked: {text}")]
+    beyond = [
+        f"{row.name} ({count})"
+        for row in comparison.rows
+        if row.name != DESIGN and row.tuned is not None and not row.tuned.missed
+        if (count := sum(line.missed for line in row.requirements))
+    ]
+    if beyond:
+        laws_text = ", ".join(beyond)
+        statuses.append(
+            Status("risky", f"Within the limits of the tuning, other requirements are missed: {laws_text}.")
+        )
     if any(line.missed for line in comparison.own.requirements):
         if not verdict.missed:  # which would name more of them
             statuses.append(Status("not met", comparison_design(comparison)))
     elif not statuses and not verdict.missed:
         laws = ordered_laws(comparison)
-        kept = f"{sum(kept for _, kept in laws)} of {count_text(len(laws), 'law')} keep every limit"
+        kept = f"{sum(kept for _, kept in laws)} of {count_text(len(laws), 'law')} keep every limit of the tuning"
         statuses.append(Status("met", f"{kept}. {comparison_design(comparison)}"))
     return [*statuses, *(design_statuses(verdict) if verdict.names else [])]
 
@@ -475,7 +486,7 @@ def metric_table(
     rows: list[Any] = [
         "criterion" if short else "Criterion and limits",
         ("criterion, design = 1", *(number(c, 3) if np.isfinite(c) else "diverges" for c in costs)),
-        ("keeps every limit", *("yes" if law.name in eligible else "no" for law in laws)),
+        ("keeps every limit of the tuning", *("yes" if law.name in eligible else "no" for law in laws)),
     ]
     judged = [{(line.what, line.where): line for line in law.requirements} for law in laws]
     for key, first in {key: line for law in judged for key, line in law.items()}.items():

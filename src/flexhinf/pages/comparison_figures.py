@@ -60,7 +60,8 @@ def ranking_figure(comparison: Comparison, laws: Sequence[tuple[TunedLaw, bool]]
     return figure_block(
         "ranking", figure,
         "Bars: the criterion, the geometric mean of the four ratios that the marks show. Blue: nonlinear H∞. Dashed: "
-        "the design as it is. A law that is not ranked misses a limit, or has an unstable corner of the tolerances.",
+        "the design as it is. A law that is not ranked misses a limit, or has an unstable corner of the tolerances. "
+        f"What is further than {FARTHEST:g} times off stands at {FARTHEST:g} times.",
         "Laws side by side",
     )  # fmt: skip
 

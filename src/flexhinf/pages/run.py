@@ -242,7 +242,9 @@ def run_notes(run: RealTimeRun) -> list[str]:
     for bit in Status:
         samples = int(np.sum(run.status & bit > 0))
         if samples:
-            notes.append(f"{STATUS_SENTENCES[bit]} in {count_text(samples, 'sample')}.")
+            notes.append(
+                f"{STATUS_SENTENCES[bit].rstrip(',')}: the status says so in {count_text(samples, 'sample')}."
+            )
     return notes + [
         f"The controller's step ended with {run.code_names[int(code)]} in {int(np.sum(run.codes == code))} samples."
         for code in np.unique(run.codes)
