@@ -30,6 +30,8 @@ TIMES = 2e-3 * np.arange(4000)
 def test_nothing_is_said_of_a_good_log() -> None:
     assert remarks(TIMES) == ""
     assert remarks(TIMES, link=np.where(np.arange(4000) % 10, np.nan, np.sin(TIMES))) == ""
+    toggling = np.random.default_rng(1).random(4000) < 0.3
+    assert remarks(TIMES, link=1.5e-3 * toggling) == "", "an encoder at rest"
 
 
 @pytest.mark.parametrize(

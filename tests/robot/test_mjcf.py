@@ -168,6 +168,7 @@ def test_motors_limits_and_gravity_are_those_of_the_file(write):
         ('name="fore"', 'name="upper"', "repeated name 'upper'"),
         ('name="fore"', 'name="&#x202e;"', r"body[\s\S]*printable.*'\\u202e'"),
         ("<worldbody>", '<worldbody><joint name="base"/>', "World body"),
+        ('<option gravity="0.5 0 -9.7"/>', '<option><flag damper="disable"/></option>', "switches off the damping"),
         ('range="-90 45"', 'range="45 -90"', r" range.*'elbow'[\s\S]* 45 to -90"),
         ('range="-90 45"', 'range="-90 45" limited="perhaps"', "keyword: 'perhaps'"),
         ('axis="0.1 1 0"', 'axis="0.1 1 0" actuatorfrcrange="3 1"', r"actfrcrange.*'shoulder'[\s\S]* 3 to 1"),
@@ -248,19 +249,28 @@ BOTH = "".join(
         ),
         ('<motor joint="a" ctrllimited="true" ctrlrange="-5 20"/>', (5.0, np.inf)),
         ('<motor joint="a" forcerange="-5 20" gear="3"/>', (15.0, np.inf)),
-        ('<motor joint="a" forcerange="0 20"/>', (np.inf, np.inf)),
+        ('<motor joint="a" forcerange="0 20"/><motor joint="a" forcerange="-20 0"/>', (20.0, np.inf)),
+        ('<motor joint="a" forcerange="-5 20"/><motor joint="a" forcerange="-20 5"/>', (25.0, np.inf)),
         ('<motor jointinparent="a" forcerange="-4 4"/>', (4.0, np.inf)),
     ],
-    ids=["class", "control on one side", "force on one side", "one direction", "in the parent"],
+    ids=["class", "control on one side", "force on one side", "two against", "two together", "in the parent"],
 )
 def test_motors_give_in_both_directions_what_their_actuators_can(write, actuators, efforts):
     robot = load_robot(write(TWO.format(actuators)), elastic=write(BOTH, "joints.toml"))
     assert tuple(robot.effort_limits) == efforts
 
 
-def test_an_actuator_that_is_not_understood_is_told_and_the_elastic_file_states_its_limit(write):
-    arm = write(TWO.format('<motor tendon="rope" name="puller" forcerange="-4 4"/>'))
-    with pytest.warns(RobotFileWarning, match="puller"):
+@pytest.mark.parametrize(
+    "actuator",
+    [
+        '<motor tendon="rope" name="puller" forcerange="-4 4"/>',
+        '<motor joint="b" name="pusher" forcerange="0 20"/>',
+        '<general joint="b" name="puller" dyntype="integrator" ctrllimited="true" ctrlrange="-2 2"/>',
+    ],
+)
+def test_an_actuator_that_is_not_understood_is_told_and_the_elastic_file_states_its_limit(write, actuator):
+    arm = write(TWO.format(actuator))
+    with pytest.warns(RobotFileWarning, match="puller|push one way"):
         robot = load_robot(arm, elastic=write(BOTH, "joints.toml"))
     assert robot.effort_limits[1] == np.inf
 

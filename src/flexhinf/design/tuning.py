@@ -106,10 +106,13 @@ def metrics_of(
                 "expected all eigenvalues inside the unit circle",
                 "other parameters",
             )
-        noises = 0.0 if evaluation.input_noises is None else evaluation.input_noises
+        effort = np.asarray(evaluation.setup.limits.effort, dtype=float)
+        noises = np.zeros_like(effort) if evaluation.input_noises is None else evaluation.input_noises
+        # A motor without a limit has no share, whatever its noise, which may be infinite too.
+        shares = np.divide(noises, effort, out=np.zeros_like(effort), where=np.isfinite(effort))
         metrics = LawMetrics(
             margins.peak_sensitivity, margins.gain_margin, margins.damping_about(s.damped_below_limit)[0],
-            100.0 * float(np.max(noises / evaluation.setup.limits.effort)), margins.slowest_bandwidth,
+            100.0 * float(np.max(shares)), margins.slowest_bandwidth,
         )  # fmt: skip
         if (least := s.delay_margin_limit) is not None:
             metrics = replace(metrics, delay_margin=margins.delay_margin_within(least * s.period) / s.period)

@@ -8,6 +8,7 @@ import numpy as np
 
 from flexhinf.identification.log import Log
 from flexhinf.identification.plausibility import vibration_periods
+from flexhinf.identification.quantisation import smallest_step
 from flexhinf.robot import Robot
 
 #: A gap is so many times as long as the time between most samples; a jump is this share of all that a signal spans, and
@@ -57,5 +58,6 @@ def _turns(known: np.ndarray) -> Turns | None:
     if known.size < 3:
         return None
     moves = np.abs(np.diff(known))
-    far = moves > max(JUMP * float(np.ptp(known)), FAR * float(np.median(moves)), 1e-9)
+    step = smallest_step(known)  # a sensor at rest changes by one
+    far = moves > max(JUMP * float(np.ptp(known)), FAR * max(float(np.median(moves)), step), 1e-9)
     return Turns(int(far.sum()), float(np.median(moves[far]))) if far.any() else None

@@ -62,6 +62,8 @@ def judgement(result: FilteredLog) -> tuple[bool, list[str]]:
         texts.append(
             f"Innovations are smaller than the filter expects {mean}, as the steps of {coarse} make them."
         )
+    elif nis.factor == 0.0:
+        texts.append(f"Innovations are zero {mean}: nothing in the log moves.")
     else:
         factor = nis.factor if nis.judgement == "larger" else 1.0 / nis.factor
         texts.append(

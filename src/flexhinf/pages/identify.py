@@ -125,7 +125,9 @@ def _advice(result: IdentifiedRobot) -> list[str]:
     if other is not None:
         is_input, samples = other.signal in result.found.plant.inputs, abs(other.samples)
         if other.kind == "sign":
-            return [f'To try: `--column "{other.signal}=COLUMN [-1]"`.']
+            return [
+                f"To try: {other.signal} times −1: its column with [-1] behind the name, as a unit, in --column."
+            ]
         if other.kind == "moving":
             return [
                 "To try: a log with a row whenever the input changes, or the mean of the input between two rows."

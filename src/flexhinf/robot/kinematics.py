@@ -25,6 +25,7 @@ from flexhinf.robot.dynamics import bodies_of, frames_of, mass_matrix, matrix_of
 from flexhinf.robot.elastic import DRIVES
 from flexhinf.robot.parameters import checked_limits, per_joint
 from flexhinf.robot.parts import ask
+from flexhinf.robot.rigid_arm import NO_LIMIT
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.signals import UNITS, signal_names
 from flexhinf.validation import HUGE, checked_array, checked_positive, one_of
@@ -404,6 +405,13 @@ def check_geometry(robot: Robot, file: str) -> None:
     tree, masses, centres, inertias = robot.links.rigid(Parameters(robot.plant_parameters()))
     for joint, limits in zip(tree.joints, robot.links.limits):
         low, high = limits or (0.0, 0.0)
+        refuse_if(
+            max(-low, high) >= NO_LIMIT,
+            f"{file}: the joint {joint.name!r} has a limit on one side only.",
+            f"expected two ends, or none, got {low:g} to {high:g}",
+            f"a range as far as the joint moves, such as {min(max(low, -3.0), 0.0):g} to {max(min(high, 3.0), 0.0):g}; "
+            "or a continuous joint, which has no limits",
+        )
         ask(
             not joint.slides and max(abs(low), abs(high)) > TURNS,
             f"{file}: the limits of joint {joint.name!r} are many turns apart.",

@@ -307,6 +307,13 @@ def _check(spec: Any, moving: Sequence[str]) -> None:
         "<option> without density and viscosity",
     )
     joints = [joint for joint in spec.joints if joint.name in moving]
+    for bits, key in ((_NO_FRICTION, "frictionloss"), (_NO_DAMPING, "damping")):
+        refuse_if(
+            bool(spec.option.disableflags & bits) and any(np.any(getattr(joint, key)) for joint in joints),
+            f"<option><flag> switches off the {key} that joints state.",
+            f"expected joints without {key}, or no such flag",
+            f"the file without this flag, or without {key}",
+        )
     for kind, named in (("joint", joints), ("body", [body for body in spec.bodies[1:] if body.name])):
         for part in named:
             checked_name(f"a {kind}", part.name, spaces=True)
@@ -489,6 +496,7 @@ def _filled(arm: RigidArm, model: Any) -> RigidArm:
 
 
 _NO_GRAVITY = 1 << 7  # mjDSBL_GRAVITY
+_NO_FRICTION, _NO_DAMPING = 1 | 1 << 2, 1 << 6  # mjDSBL_CONSTRAINT, mjDSBL_FRICTIONLOSS; mjDSBL_DAMPER
 
 
 def _placement(position: np.ndarray, quaternion: np.ndarray) -> Placement:
@@ -507,24 +515,37 @@ def _placement(position: np.ndarray, quaternion: np.ndarray) -> Placement:
 def _effort(model: Any, joint: int) -> float:
     """Largest torque or force that the actuators of a joint give in both directions; infinite where one of them has no
     limit that is known, or there is none."""
-    total = 0.0
-    for k in np.flatnonzero((model.actuator_trnid[:, 0] == joint) & (model.actuator_trntype <= _ON_JOINT)):
-        gear = abs(float(model.actuator_gear[k, 0]))
+    low = high = 0.0
+    acting = np.flatnonzero((model.actuator_trnid[:, 0] == joint) & (model.actuator_trntype <= _ON_JOINT))
+    unclear = list[str]()
+    for k in acting:
+        gear, ends = float(model.actuator_gear[k, 0]), np.array([-np.inf, np.inf])
+        understood = not model.actuator_gaintype[k] and model.actuator_dyntype[k] in _DIRECT
         if model.actuator_forcelimited[k]:
-            total += gear * _usable_limit(model.actuator_forcerange[k])
-        elif model.actuator_ctrllimited[k] and not (model.actuator_gaintype[k] or model.actuator_biastype[k]):
-            gain = gear * abs(float(model.actuator_gainprm[k, 0]))
-            total += gain * _usable_limit(model.actuator_ctrlrange[k])
-        else:
-            total = np.inf
-    own = _usable_limit(model.jnt_actfrcrange[joint]) if model.jnt_actfrclimited[joint] else np.inf
-    return min(total or np.inf, own or np.inf)
+            ends = model.actuator_forcerange[k]
+        elif understood and model.actuator_ctrllimited[k] and not model.actuator_biastype[k]:
+            gear, ends = gear * float(model.actuator_gainprm[k, 0]), model.actuator_ctrlrange[k]
+        elif not understood:
+            unclear.append(model.actuator(k).name or f"number {k + 1}")
+        if gear:
+            least, most = sorted(gear * float(end) for end in ends)
+            low, high = low + least, high + most
+    if not acting.size:
+        low, high = -np.inf, np.inf
+    if model.jnt_actfrclimited[joint]:
+        own = model.jnt_actfrcrange[joint].tolist()
+        low, high = max(low, own[0]), min(high, own[1])
+    name = model.joint(joint).name
+    one_way = acting.size and not low < 0.0 < high
+    ask(
+        one_way or (unclear and np.isinf(min(-low, high))),
+        f"The motor limit of the joint {name!r} is unknown: "
+        + ("its actuators push one way." if one_way else f"actuator {', '.join(unclear)} is not understood."),
+        f"expected actuators with forcerange, or <motor> with ctrlrange, got {low:g} to {high:g}",
+        f"effort_limit = … for {name!r} in [[joint]] of the elastic file",
+    )
+    return np.inf if one_way else min(-low, high)
 
 
 _ON_JOINT = 1  # mjTRN_JOINT, mjTRN_JOINTINPARENT
-
-
-def _usable_limit(ends: np.ndarray) -> float:
-    """What a range allows in both directions: the nearer end; 0 of a range that does not contain 0."""
-    low, high = map(float, ends)
-    return max(0.0, min(-low, high))
+_DIRECT = (0, 2, 3)  # mjDYN_NONE, mjDYN_FILTER, mjDYN_FILTEREXACT: the control is a force, if late

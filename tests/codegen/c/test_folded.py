@@ -30,3 +30,10 @@ def test_strings_are_not_cut_and_comments_of_both_kinds_are() -> None:
 def test_no_line_has_the_end_of_a_comment_alone() -> None:
     text = "/* " + "a" * 58 + " " + "b" * 57 + " */"
     assert folded(text).split("\n") == ["/* " + "a" * 58, " * " + "b" * 57 + " */"]
+
+
+def test_a_word_that_is_longer_than_a_line_stands_whole() -> None:
+    word = "j" * 130
+    assert word in folded(
+        f"/* {word} is a joint of a robot whose names are long, and so is this comment of it */"
+    )

@@ -112,6 +112,8 @@ def _folded(line: str, inside: str = "") -> list[str]:
         cut = line.rfind(" ", 0, WIDTH + 1)
         cut = line.rfind(" ", 0, cut) if line[cut:] == " */" else cut
         sign = " * " if mark == "/* " else mark or "* "
+        if cut <= len(indent) + len(sign):  # a word that no line takes
+            return [line]
         return [line[:cut], *_folded(indent + sign + line[cut + 1 :])]
     inside = inside or indent + " " * 8
     for sign in CUTS:

@@ -536,7 +536,8 @@ class Controller(Summarised):
     @property
     def path_rate(self) -> float:
         """By which fraction of a period the time along a path advances to the next command: 1 but for braking."""
-        return float(self._history.memory[self.memory.places["stop"]][2]) if self.mode.reacts else 1.0
+        rate = float(self._history.memory[self.memory.places["stop"]][2]) if self.mode.reacts else 1.0
+        return min(max(rate, 0.0), 1.0)  # as in C: rounding may leave −5e-15
 
     def reset(self, state: Any = None, input: Any = None, *, pose: Any = None) -> None:
         """Forget: integrals zero, no command, belief initial, with the mean at `state` if given, one number for each of
