@@ -9,9 +9,11 @@ import csv
 import html
 import io
 import json
+import re
 import tempfile
 import warnings
 from html.parser import HTMLParser
+from importlib.resources import files
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -20,6 +22,8 @@ from rich.console import Console
 
 import flexhinf as fh
 from flexhinf import report
+from flexhinf.codegen.c import Real
+from flexhinf.export.filling import fill
 from flexhinf.loop.simulation import trajectory
 from flexhinf.pages import design_tables
 from flexhinf.robot.dynamics import Joint
@@ -36,7 +40,17 @@ PIECES = (
     "\u2028", "\u200b", "\u202e", "\u2066", "\u0301", "\ufeff", "\ue000", "\ud800",
 )  # fmt: skip
 
-WHOLE = '$x_1$[/red]url(http://a)</text>&"#肘😀'
+#: Templates of exports by their paths, and every mark that one of them replaces.
+TEMPLATES = {
+    str(path.relative_to(FOLDER)): path.read_text(encoding="utf-8")
+    for FOLDER in [Path(str(files("flexhinf.export"))) / "templates"]
+    for path in sorted(FOLDER.rglob("*"))
+    if path.is_file()
+}
+MARK = re.compile(r"@[A-Z][A-Z0-9_]*@")
+MARKS = tuple(sorted({mark for text in TEMPLATES.values() for mark in MARK.findall(text)}))
+
+WHOLE = '$x_1$[/red]url(http://a)</text>&"#肘😀@NAME@'
 """Of the joint of the one design that is made and reported whole."""
 
 ROBOT = """name = {robot}
@@ -69,10 +83,11 @@ motor_inertia = 0.1
 def run(attempts: int, seed: int) -> Tally:
     """One name of up to six pieces at a time, through one way in and one way out."""
     tally, rng = Tally("names of joints, signals, parameters and files"), np.random.default_rng([seed, 2])
-    ways = (_robot, _table, _figure, _page, _csv, _plant, _file, _metrics, _parameter)
+    ways = (_robot, _table, _figure, _page, _csv, _plant, _file, _metrics, _parameter, _template)
     with tempfile.TemporaryDirectory() as folder:
         for attempt in range(attempts):
-            name = "".join(PIECES[k] for k in rng.integers(len(PIECES), size=rng.integers(1, 7)))
+            pieces = (*PIECES, *rng.choice(MARKS, size=len(PIECES) // 6))
+            name = "".join(pieces[k] for k in rng.integers(len(pieces), size=rng.integers(1, 7)))
             name *= int(10 ** rng.uniform(1, 6)) if rng.random() < 0.03 else 1
             way = ways[rng.integers(len(ways))]
             how = f"seed {seed}, attempt {attempt}, {way.__name__} {ascii(name)[:80]}"
@@ -185,6 +200,15 @@ def _csv(name: str, folder: Path) -> str:
     labels = ["time [s]", f"state.link_position_{name} [rad]", "b"]
     text = ",".join(map(trajectory._csv_cell, labels))
     return "" if next(csv.reader([text])) == labels else "another head"
+
+
+def _template(name: str, folder: Path) -> str:
+    """A template of an export, where the name stands for every mark: no part of it is read for another one."""
+    texts = list(TEMPLATES.values())
+    text = texts[len(name) % len(texts)]
+    filled = fill(text, "arm", Real("double"), users={mark.strip("@"): name for mark in MARK.findall(text)})
+    own = {"@NAME@": "arm", "@BIG@": "ARM", "@REAL@": "double"}
+    return "" if filled == MARK.sub(lambda mark: own.get(mark[0], name), text) else "a name that changed"
 
 
 def _metrics(name: str, folder: Path) -> str:
