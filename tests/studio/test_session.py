@@ -256,6 +256,37 @@ def asked(app: Any, kind: str, headers: dict[str, str], query: str = "") -> list
     return sent
 
 
+@pytest.mark.parametrize(
+    ("frame", "is_own"),
+    [
+        *(
+            ({"text": text}, True)
+            for text in ("3", "2probe", "40", "41", '421["handshake",{"a":[1]}]', '42["event",{}]')
+        ),
+        *(
+            ({"text": text}, False)
+            for text in ("", "7", "42[]", '42["event",5]', "42[1,{}]", "42[", "43", "4")
+        ),
+        ({"bytes": b"\xff\x00"}, False),
+    ],
+)
+def test_a_frame_that_no_page_sends_ends_the_socket(frame: dict[str, Any], is_own: bool) -> None:
+    """Tasks of the library would stumble over it, each with a traceback."""
+    got: list[dict[str, Any]] = []
+
+    async def page(scope: Any, receive: Any, send: Any) -> None:
+        got.append(await receive())
+
+    async def receive() -> dict[str, Any]:
+        return {"type": "websocket.receive", **frame}
+
+    app, host = OwnPages(page, "secret"), "127.0.0.1:8080"
+    headers = {b"host": host.encode(), b"cookie": b"flexhinf-studio-8080=secret"}
+    scope = {"type": "websocket", "headers": list(headers.items()), "query_string": b""}
+    asyncio.run(app(scope, receive, None))
+    assert got[0]["type"] == ("websocket.receive" if is_own else "websocket.disconnect")
+
+
 def test_the_studio_answers_who_has_its_secret() -> None:
     """Every user of the computer reaches the port."""
     seen: list[str] = []

@@ -7,8 +7,10 @@ The first page exchanges it for a cookie, which every later request must have.
 from __future__ import annotations
 
 import errno
+import json
 import logging
 import os
+import re
 import secrets
 import socket
 import webbrowser
@@ -149,8 +151,15 @@ class OwnPages:
 
     async def _answer(self, scope: Any, receive: Any, send: Any) -> None:
         """Answer a request; frames of a socket that are no messages end it, and nothing else."""
+
+        async def received() -> Any:
+            """The next frame; one that no page of ours sends ends the socket, before other tasks stumble over it."""
+            message = await receive()
+            foreign = message["type"] == "websocket.receive" and not _is_frame(message.get("text"))
+            return {"type": "websocket.disconnect", "code": 1003} if foreign else message
+
         try:
-            await self.app(scope, receive, send)
+            await self.app(scope, received if scope["type"] == "websocket" else receive, send)
         except Exception:
             if scope["type"] != "websocket":
                 raise
@@ -172,6 +181,24 @@ class OwnPages:
         host = headers.get(b"host", b"").decode("latin-1")
         origin = headers.get(b"origin", b"").decode("latin-1")
         return host.rpartition(":")[0] in NAMES and origin in ("", f"http://{host}")
+
+
+#: Frames of Engine.IO that are no message, and of Socket.IO to connect and to end; then an event with its number.
+_PLAIN, _EVENT = re.compile(r"[12356](probe)?|40(\{[^{}]*\})?|41"), re.compile(r"42(\d*)(\[.*\])", re.DOTALL)
+
+
+def _is_frame(text: str | None) -> bool:
+    """Whether a page of the studio may have sent it: an event is a name with one mapping."""
+    if text is None:
+        return False
+    event = _EVENT.fullmatch(text)
+    if event is None:
+        return _PLAIN.fullmatch(text) is not None
+    try:
+        parts = json.loads(event[2])
+    except ValueError:
+        return False
+    return len(parts) == 2 and isinstance(parts[0], str) and isinstance(parts[1], dict)
 
 
 def _query(scope: Any) -> str:
