@@ -30,7 +30,7 @@ from flexhinf.paper import PaperSettings
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 #: Files that read every field to write it, to copy it or to check it, and compute nothing.
-WRITERS = ("dataclasses.py", "options.py", "design_file.py", "arguments.py")
+WRITERS = ("dataclasses.py", "options.py", "design_file.py", "stated_units.py", "arguments.py")
 
 #: Properties of a specification that stand for a field.
 BEHIND = {
