@@ -168,7 +168,7 @@ def test_motors_limits_and_gravity_are_those_of_the_file(write):
         ('name="fore"', 'name="upper"', "repeated name 'upper'"),
         ('name="fore"', 'name="&#x202e;"', r"body[\s\S]*printable.*'\\u202e'"),
         ("<worldbody>", '<worldbody><joint name="base"/>', "World body"),
-        ('<option gravity="0.5 0 -9.7"/>', '<option><flag damper="disable"/></option>', "switches off the damping"),
+        ('<option gravity="0.5 0 -9.7"/>', '<option><flag damper="disable"/></option>', "flag.*damping"),
         ('range="-90 45"', 'range="45 -90"', r" range.*'elbow'[\s\S]* 45 to -90"),
         ('range="-90 45"', 'range="-90 45" limited="perhaps"', "keyword: 'perhaps'"),
         ('axis="0.1 1 0"', 'axis="0.1 1 0" actuatorfrcrange="3 1"', r"actfrcrange.*'shoulder'[\s\S]* 3 to 1"),
@@ -270,7 +270,7 @@ def test_motors_give_in_both_directions_what_their_actuators_can(write, actuator
 )
 def test_an_actuator_that_is_not_understood_is_told_and_the_elastic_file_states_its_limit(write, actuator):
     arm = write(TWO.format(actuator))
-    with pytest.warns(RobotFileWarning, match="puller|push one way"):
+    with pytest.warns(RobotFileWarning, match="puller|'b'"):
         robot = load_robot(arm, elastic=write(BOTH, "joints.toml"))
     assert robot.effort_limits[1] == np.inf
 

@@ -536,15 +536,19 @@ def _effort(model: Any, joint: int) -> float:
         own = model.jnt_actfrcrange[joint].tolist()
         low, high = max(low, own[0]), min(high, own[1])
     name = model.joint(joint).name
-    one_way = acting.size and not low < 0.0 < high
+    same_sign = acting.size and not low < 0.0 < high
     ask(
-        one_way or (unclear and np.isinf(min(-low, high))),
+        same_sign or (unclear and np.isinf(min(-low, high))),
         f"The motor limit of the joint {name!r} is unknown: "
-        + ("its actuators push one way." if one_way else f"actuator {', '.join(unclear)} is not understood."),
+        + (
+            "its actuators push one way."
+            if same_sign
+            else f"actuator {', '.join(unclear)} is not understood."
+        ),
         f"expected actuators with forcerange, or <motor> with ctrlrange, got {low:g} to {high:g}",
         f"effort_limit = … for {name!r} in [[joint]] of the elastic file",
     )
-    return np.inf if one_way else min(-low, high)
+    return np.inf if same_sign else min(-low, high)
 
 
 _ON_JOINT = 1  # mjTRN_JOINT, mjTRN_JOINTINPARENT
