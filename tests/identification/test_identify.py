@@ -181,10 +181,10 @@ def test_a_plant_has_no_sensors_to_choose_and_no_file():
         fh.identify(oscillator(), log, ("stiffness",)).save("arm.toml")
 
 
-@pytest.mark.ci("identifies 200 logs, as a share of 95 % needs")
+@pytest.mark.ci("identifies 400 logs, as a share of 95 % needs")
 def test_intervals_hold_the_truth_as_often_as_they_say():
     inside = []
-    for seed in range(200):
+    for seed in range(400):
         found = fh.identify(oscillator(**WRONG), linear_log(1000 + seed), tuple(WRONG))
         inside.append([low <= TRUE[name] <= high for name, (low, high) in found.intervals.items()])
     shares = np.mean(inside, axis=0)
