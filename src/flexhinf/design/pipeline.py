@@ -178,9 +178,7 @@ class Comparison(Reported):
     robot: Robot
     specification: Specification
     synthesis: steps.Synthesis  # Of the design's own law
-    criterion: (
-        tuning.Criterion
-    )  # The criterion that every law is tuned for, and the limits of the specification
+    criterion: tuning.Criterion  # What every law is tuned for, and the limits of the specification
     rows: tuple[ComparedLaw, ...]  # The design as it is first, then nonlinear H∞ tuned as the others are
     scenario: responses.Scenario
 

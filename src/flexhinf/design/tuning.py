@@ -71,9 +71,7 @@ class LawMetrics:
 
     peak_sensitivity: float
     gain_margin: float  # smallest factor by which the gain of one input may not rise or fall
-    damping: (
-        float  # smallest ratio of the running loop's oscillations that have to be damped; NaN without any
-    )
+    damping: float  # smallest ratio of the oscillations that have to be damped; NaN without any
     noise_percent: float  # RMS of the noisiest input, per cent of its motor's limit; 0 where no motor has one
     bandwidth: float  # of the slowest joint, rad/s
     peak_input: float = math.nan  # of the step, V or N·m, see `JointLimits.equivalent_peak`; NaN: not run

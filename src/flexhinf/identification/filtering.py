@@ -11,6 +11,7 @@ from flexhinf.identification.consistency import squared_errors
 from flexhinf.identification.defaults import default_filter
 from flexhinf.identification.log import check_increasing, log_numbers
 from flexhinf.identification.recursion import Recursion, rows_of
+from flexhinf.identification.sensing import new_at_their_times
 from flexhinf.identification.smoothing import Smoother
 from flexhinf.plant import Plant
 from flexhinf.validation import value_text
@@ -150,7 +151,7 @@ def filter_log(filter: RecursiveFilter | Plant, log: Any, smooth: bool = False) 
     plant = filter if isinstance(filter, Plant) else Recursion(filter).filter.plant
     times, inputs, outputs = log_arrays(log, plant)
     if not isinstance(filter, Plant):
-        outputs = filter.new_values(outputs, np.rint((times - times[0]) / filter.period).astype(int))
+        outputs = new_at_their_times(filter, times, outputs)
     recursion = Recursion(
         default_filter(plant, times, inputs, outputs) if isinstance(filter, Plant) else filter
     )

@@ -39,7 +39,7 @@ from flexhinf.identification.information import Information, Unidentifiable
 from flexhinf.identification.likelihood import Evaluation, Likelihood
 from flexhinf.identification.recursion import check_spacing, rows_of
 from flexhinf.identification.search import confirmed, restricted, searched
-from flexhinf.identification.sensing import at_their_times, known_sensors
+from flexhinf.identification.sensing import at_their_times, known_sensors, new_at_their_times
 from flexhinf.identification.unknowns import (
     Noises,
     Unknowns,
@@ -352,7 +352,7 @@ def identify(
     known = known_sensors(sensors, plant, float(np.median(np.diff(times))))
     outputs = at_their_times(outputs, known)
     if filter is not None:
-        outputs = filter.new_values(outputs, np.rint((times - times[0]) / filter.period).astype(int))
+        outputs = new_at_their_times(filter, times, outputs)
     chosen: ExtendedKalmanFilter = (
         default_filter(
             plant, times, inputs, outputs, form="covariance", process_noise=process_noise,

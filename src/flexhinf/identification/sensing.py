@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from flexhinf.plant import Plant, Sensor, SensorTable
+
+if TYPE_CHECKING:
+    from flexhinf.estimation.filter import RecursiveFilter
 
 #: A period or delay that is so close to a whole number of the log's samples is one: times of a log are not exact.
 NEAR = 0.05
@@ -35,3 +39,8 @@ def moved_back(outputs: np.ndarray, delays: np.ndarray) -> np.ndarray:
     for k, delay in enumerate(delays.tolist()):
         moved[: max(0, len(outputs) - delay), k] = outputs[delay:, k]
     return moved
+
+
+def new_at_their_times(filter: RecursiveFilter, times: np.ndarray, outputs: np.ndarray) -> np.ndarray:
+    """Outputs (N, p) at times (N,), s, with NaN where a sensor of the filter has no new value."""
+    return filter.new_values(outputs, np.rint((times - times[0]) / filter.period).astype(int))

@@ -66,17 +66,22 @@ def compliances(plant: Plant, poses: Any) -> np.ndarray:
 
 def modes(plant: Plant, poses: Any, stiffness: Any) -> np.ndarray:
     """λ (N, n), 1/s², ascending, at link positions (N, n): squares of the frequencies of links against fixed motors."""
+    return _squares(compliances(plant, poses), stiffness)
+
+
+def _squares(matrices: np.ndarray, stiffness: Any) -> np.ndarray:
+    """λ (N, n) of compliances (N, n, n)."""
     root = np.sqrt(stiffness)
-    return np.linalg.eigvalsh(root[:, None] * compliances(plant, poses) * root)
+    return np.linalg.eigvalsh(root[:, None] * matrices * root)
 
 
-def check_folded(plant: Plant, joints: ElasticJoints, poses: np.ndarray, period: float) -> None:
+def check_folded(plant: Plant, joints: ElasticJoints, matrices: np.ndarray, period: float) -> None:
     """Refuse a spring that vibrates beyond `FOLDED`, so that a law sampled with the period, s, would excite it.
 
-    Links may be lighter by `MARGIN` than at the poses (N, n). Raises NumericalFailure, which names the joint.
+    Links may be lighter by `MARGIN` than the compliances (N, n, n) say. Raises NumericalFailure, which names the joint.
     """
     link, _, motor, _ = joint_places(plant)
-    own, rotors, matrices = link != motor, joints.motor_inertia, compliances(plant, poses)
+    own, rotors = link != motor, joints.motor_inertia
     if not own.all():  # rotors of rigid joints turn with the links
         matrices = np.linalg.inv(np.linalg.inv(matrices) + np.diag(np.where(own, 0.0, rotors)))
     matrices, rotors, stiffness = matrices[:, own][:, :, own], rotors[own], joints.stiffness[own]
@@ -89,9 +94,8 @@ def check_folded(plant: Plant, joints: ElasticJoints, poses: np.ndarray, period:
         return
     spring = int(np.argmax(np.abs(vectors[1, worst, :, -1])))
     name = plant.expanded("link_position")[np.flatnonzero(own)[spring]].removeprefix("link_position_")
-    allowed = (FOLDED / period) ** 2 / stiffness[spring] - 1.0 / rotors[
-        spring
-    ]  # MARGIN over the inertia of the links
+    # MARGIN over the inertia of the links
+    allowed = (FOLDED / period) ** 2 / stiffness[spring] - 1.0 / rotors[spring]
     heavier = (
         f"; or a link or payload with {1.05 * MARGIN / allowed:.2g} kg·m² about it" if allowed > 0.0 else ""
     )
@@ -159,8 +163,9 @@ class ModalLaw(PlacedLaw):
         poses = workspace(plant) if poses is None else np.atleast_2d(np.asarray(poses, dtype=float))
         what, advice = "The poses do not fit the robot.", "one row of link positions per pose"
         poses = checked_array(what, poses, (len(poses), n), f"(N, {n}) numbers", advice)
-        check_folded(plant, joints, poses, period)
-        found = modes(plant, poses, joints.stiffness)
+        matrices = compliances(plant, poses)
+        check_folded(plant, joints, matrices, period)
+        found = _squares(matrices, joints.stiffness)
         kappa = float(np.exp(np.log(joints.stiffness / joints.motor_inertia).mean()))
         beta = float((joints.motor_damping / joints.motor_inertia).mean())
         gains = _kept_gains((found.min() / MARGIN, found.max() * MARGIN), kappa, beta, period, weights)
