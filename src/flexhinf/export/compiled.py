@@ -338,7 +338,7 @@ class CompiledController:
     def path_rate(self) -> float:
         """As `Controller.path_rate`."""
         place = self._status_places[1]
-        return 1.0 if place is None else float(self._state[place + 2])
+        return 1.0 if place is None else min(max(float(self._state[place + 2]), 0.0), 1.0)
 
     def reset(self, state: Any = None, input: Any = None) -> None:
         """Forget; the estimate starts at `state` (n,) and the input before the first sample is `input` (m,), if given.
