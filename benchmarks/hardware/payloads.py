@@ -34,7 +34,7 @@ def carried(setup: WorkspaceSetup, masses: list[float]) -> list[dict[str, Any]]:
     full = replace(
         setup, robot=robot.with_values({name: max(masses)})
     )  # its goals are held with any of the masses
-    goals, poses = full.goals(MOVES + 1, GOALS_SEED), setup.workspace.sample(POSES, POSES_SEED)
+    (goals, _), poses = full.goals(MOVES + 1, GOALS_SEED), setup.workspace.sample(POSES, POSES_SEED)
     rows = []
     for mass in masses:
         true = robot.plant_parameters({**robot.nominal, name: mass})
@@ -71,7 +71,7 @@ def _gripped(setup: WorkspaceSetup, true: dict[str, Any]) -> dict[str, Any]:
     torques = dict(
         zip(signal_names("link_torque", setup.joints), (fh.Step(-float(w), at=AT) for w in weight))
     )
-    (extras, plant, parts), plan = setup.dry_plant, quintic_move(setup.limits, home, home)
+    (extras, plant, parts), plan = setup.dry_plant, quintic_move(setup.robot, setup.limits, home, home)
     run = fh.Loop(plant, setup.controller(home), parts).run(
         reference=move_reference(robot, plan, setup.dry_friction), disturbance=torques, noise=setup.noise,
         duration=LONG, seed=setup.specification.seed, initial_state=robot.operating_point(home, extras)[0],

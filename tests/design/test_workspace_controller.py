@@ -51,7 +51,7 @@ def made(name: str = "planar-two-link", bandwidth: float = 15.0, **fields: Any) 
 
 def deployed(setup: WorkspaceSetup, at: Any = None, **options: Any) -> fh.Controller:
     empty = np.zeros((0, len(setup.joints)))
-    return WorkspaceDesign(setup, empty, (), (), (), (), None, ()).controller(at, **options)
+    return WorkspaceDesign(setup, empty, (), (), (), 0, (), None, ()).controller(at, **options)
 
 
 def reference(pose: Any, name: str = "planar-two-link") -> np.ndarray:
@@ -422,7 +422,7 @@ def test_the_filter_is_stable_at_any_period(
 )  # fmt: skip
 def test_a_move_arrives(name: str, fields: dict[str, Any]) -> None:
     setup = made(name, 20.0, **fields)
-    goals = setup.goals(2, 7)
+    goals, _ = setup.goals(2, 7)
     last = setup.move(goals).response.run.signals["state"][
         -round(0.3 / setup.specification.period) :, : len(setup.joints)
     ]
@@ -441,7 +441,7 @@ def test_what_cannot_be_estimated_is_refused() -> None:
 def test_a_payload_is_carried_from_the_start() -> None:
     """Half a kilogram that no model knows: the arm arrives, and starts with less error than without the ramp."""
     setup, heavy, peaks = made(saturation=24.0), fh.load_robot("planar-two-link", payload="0.5kg"), []
-    start, goal = setup.goals(2, 7)
+    (start, goal), _ = setup.goals(2, 7)
     plan = fh.Waypoints([0.0, 0.5, 2.0], [start, start, goal], "quintic")
     for time in (None, OFFSET_TIME):
         run = fh.Loop(heavy.plant(BOTH), deployed(setup, start, offset_time=time)).run(
@@ -458,7 +458,7 @@ def test_a_payload_is_carried_from_the_start() -> None:
 @pytest.mark.ci("a kernel for a campaign; campaigns have quick tests of their own")
 def test_a_campaign_of_robots_makes_a_move() -> None:
     setup = made(saturation=24.0)
-    start, goal = setup.goals(2, 7)
+    (start, goal), _ = setup.goals(2, 7)
     plan = fh.Waypoints([0.0, 1.5], [start, goal], "quintic")
     loop = fh.Loop(setup.true_plant, deployed(setup, start))
     found = fh.run_campaign(

@@ -90,7 +90,7 @@ def test_a_rigid_joint_is_served_too(robot_of: Named) -> None:
     loops = [setup.at_pose(pose) for pose in setup.workspace.sample(10, 3)]
     assert max(loop.late for loop in loops) < 1.0
     assert min(loop.damping for loop in loops) > 0.2
-    move = setup.move(setup.goals(2, 5))
+    move = setup.move(setup.goals(2, 5)[0])
     for row in motion_metrics(setup.limits, move.response, move.plan):
         assert row["remaining_error"] < 1e-3
 

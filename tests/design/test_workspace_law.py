@@ -332,7 +332,7 @@ def test_requirements_at_poses_are_those_of_the_worst(changes, missed):
 
 def test_requirements_of_moves_are_those_of_the_worst():
     made = setup()
-    goals = made.goals(4, 7)
+    goals, _ = made.goals(4, 7)
     moves = [made.move(goals[k : k + 2], seed=k) for k in range(3)]
     lines = {line.what: line for line in move_requirements(made, moves, "nominal robot")}
     assert all(line.met for line in lines.values())

@@ -122,7 +122,7 @@ def prepare_run(
     begun, aim = responses.start_and_goal(model, original, plans.stated_move(model, original))
     rests = controller.mode.moving
     if rests and plan is None:
-        plan = plans.quintic_move(plants.limits, start, goal)
+        plan = plans.quintic_move(model, plants.limits, start, goal)
     if plan is None:
         command = plans.step_command(model, s, start, goal, controller.law)
         reference: Any = None

@@ -48,6 +48,9 @@ CORRECTIONS = 4
 #: feedback. The second factor slows the move until it keeps this, at most as often as the third number says.
 EFFORT_FRACTION, STRETCH, STRETCHES = 0.7, 1.15, 25
 
+#: Instants at which a move of a workspace is checked.
+ON_THE_WAY = 41
+
 #: Smallest travel of a joint for the limits of its plan, as a fraction of the largest travel: also a resting joint
 #: needs limits.
 MIN_TRAVEL = 1e-3
@@ -111,11 +114,32 @@ def plan_move(
     raise AssertionError("unreachable")
 
 
-def quintic_move(limits: JointLimits, start: np.ndarray, goal: np.ndarray) -> Waypoints:
-    """A quintic from pose to pose (n,) at half the speed limits: how a controller for a workspace is sent anywhere."""
+def shortest_time(limits: JointLimits, start: np.ndarray, goal: np.ndarray) -> float:
+    """The duration of a quintic from pose to pose (n,) at half the speed limits, s."""
     speed = np.where(np.isfinite(limits.speed), limits.speed, UNLIMITED)
-    duration = max(SHORTEST, float(np.max(1.875 * np.abs(goal - start) / (SPEED * speed))))
-    return Waypoints([0.0, duration], [start, goal], "quintic")
+    return max(SHORTEST, float(np.max(1.875 * np.abs(goal - start) / (SPEED * speed))))
+
+
+def quintic_move(robot: Robot, limits: JointLimits, start: np.ndarray, goal: np.ndarray) -> Waypoints:
+    """A quintic from pose to pose (n,): how a controller for a workspace is sent anywhere.
+
+    It keeps half the speed limits, and is slowed down while a motor of the heaviest robot of the tolerances would need
+    more than `EFFORT_FRACTION` of what its weight leaves of the limit.
+    """
+    shortest = shortest_time(limits, start, goal)
+    plans = [Waypoints([0.0, shortest * STRETCH**k], [start, goal], "quintic") for k in range(STRETCHES)]
+    return next((plan for plan in plans if _spares(robot, limits, plan)), plans[0])
+
+
+def _spares(robot: Robot, limits: JointLimits, plan: Waypoints) -> bool:
+    """Whether the motors of the heaviest robot move it along a plan with a part of what its weight leaves of them."""
+    if not limits.limits_effort:
+        return True
+    motion = plan.derivatives(np.linspace(0.0, plan.duration, ON_THE_WAY))
+    weight, whole = (
+        np.abs(robot.inverse_dynamics(*rows, parameters=robot.heaviest)[1]) for rows in (motion[:1], motion)
+    )
+    return bool(np.all(whole <= weight + EFFORT_FRACTION * np.maximum(limits.effort - weight, 0.0)))
 
 
 def stated_move(robot: Robot, s: Specification) -> Plan | None:

@@ -39,8 +39,8 @@ class Robustness(NamedTuple):
     damped_delay: float  # the same with springs that are damped more
     louder: float  # factor of all inputs until the first pose is unstable
     softer: float  # the same below 1
-    heavy: int  # number of the judged poses that need more than `HOLD` of a motor's limit
-    unheld: int  # number of those that need more than the limit
+    heavy: int  # number of the judged poses at which the heaviest robot needs more than `HOLD` of a motor's limit
+    unheld: int  # number of those at which it needs more than the limit
     tolerance: Tolerance  # errors of the accelerations, pairs up to `FASTEST`
     proved: ProvedRange  # pairs whose stability is proved, latency and filter included
     # (3, n), by offsets of encoders at home, rad or m: transient, at once and as deployed; rest
@@ -70,12 +70,13 @@ def robustness(design: WorkspaceDesign) -> Robustness:
                 least, _ = bisected(partial(stable, k), 0.0, least, ACCURACY * abs(end), relative=False)
         return least if late else float(np.exp(least))
 
+    needs = setup.needs(design.poses, design.robot.heaviest)
     gains, filter = setup.law.gains, setup.filter if isinstance(setup.filter, ModalFilter) else None
     at = np.array(setup.workspace.home)
     return Robustness(
         margin("late", LATEST), margin("damped_late", LATEST),
         margin("louder", np.log(LOUDEST)), margin("softer", -np.log(LOUDEST)),
-        setup.needing(design.poses, HOLD), setup.needing(design.poses),
+        int(np.sum(needs > HOLD)), int(np.sum(needs > 1.0)),
         error_tolerance(gains, FASTEST, s.known_latency, filter),
         proved_range(gains, 0.0, np.inf, s.known_latency, filter),
         np.vstack([setup.encoder_offsets(at, None)[0], setup.encoder_offsets(at)]),

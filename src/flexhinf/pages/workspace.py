@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.plans import SPEED, STILL, UNLIMITED
+from flexhinf.design.plans import SPEED, STILL, UNLIMITED, shortest_time
 from flexhinf.design.robustness import FASTEST, LATEST, LOUDEST, Robustness, robustness
 from flexhinf.design.specification import FIELDS
 from flexhinf.design.workspace.design import GOALS_SEED, POSES_SEED, SAMPLED_SEED, WorkspaceDesign
@@ -236,11 +236,25 @@ def _goals(design: WorkspaceDesign, tolerated: Robustness) -> Paragraph:
         "Each move begins where the one before it ended, and goes to a random pose: `goals` in design.json."
     )
     if design.setup.limits.limits_effort:
-        left = f"{tolerated.heavy} of the {len(design.loops)}" if tolerated.heavy else "none of the"
+        which = "the heaviest robot of the tolerances" if design.robot.uncertain else "the robot"
+        heavy = f"{tolerated.heavy} of the {len(design.loops)}" if tolerated.heavy else "none of the"
         text += (
-            f" The motors hold them with {100.0 * HOLD:g} % of their limits; {left} poses above need more."
+            f" To hold {which} there and on the way, motors need at most {100.0 * HOLD:g} % of their limits; {heavy} "
+            "poses above need more."
         )
+        if design.left_out:
+            text += f" Goals left out because they need more: {design.left_out}."
+        if slower := _slower_moves(design):
+            text += f" Moves slowed down until their motors can: {slower} of {len(design.moves)}."
     return Paragraph(text)
+
+
+def _slower_moves(design: WorkspaceDesign) -> int:
+    """How many moves of the nominal robot are slower than their speed limits ask for."""
+    return sum(
+        move.plan.duration > shortest_time(design.setup.limits, move.response.start, move.response.goal)
+        for move in design.moves
+    )
 
 
 def _worst_move(design: WorkspaceDesign) -> int:
@@ -454,7 +468,7 @@ def workspace_numbers(design: WorkspaceDesign) -> dict[str, Any]:
             for pose, loop in zip(design.poses, design.loops)
         ],
         "corner_poses": [dict(zip(loop._fields, finite(list(loop)))) for loop in design.corner_loops],
-        "goals": _ends_of_moves(design),
+        "goals": _ends_of_moves(design), "left_out": design.left_out,
         "tolerated": finite(t._asdict() | {"tolerance": t.tolerance._asdict(), "proved": t.proved._asdict()}),
         "power_on": None if run is None else finite(peak_of(run.positions - run.goal)),
         "moves": _known(worst_motion(design.moves)),

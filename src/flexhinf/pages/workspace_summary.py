@@ -70,7 +70,8 @@ def scope_text(design: WorkspaceDesign) -> str:
         tested += f"; the fastest reached {speed_text(design)}: a larger speed_limit or --peak-speed tests faster ones"
     scope = f"One controller for {range_of(design)}, tested at {tested}. {noise_text(design.setup)}".rstrip()
     if unheld := robustness(design).unheld:
-        scope += f" {unheld} of these poses need{'s' * (unheld == 1)} more than the motors have."
+        whose = ", with the largest masses of the tolerances" if design.robot.uncertain else ""
+        scope += f" {unheld} of these poses need{'s' * (unheld == 1)} more than the motors have{whose}."
     fast = min(loop.fast_damping for loop in (*design.loops, *design.corner_loops))
     if 0.0 <= fast < HARDLY:  # below 0 a requirement is not met
         limit = f"{design.specification.damped_below_limit:g} rad/s"

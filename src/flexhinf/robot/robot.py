@@ -349,15 +349,15 @@ class Robot(Summarised):
 
     def inverse_dynamics(
         self, q: Any, dq: Any = None, ddq: Any = None, dddq: Any = None, ddddq: Any = None,
-        extras: str | Sequence[str] = (),
+        extras: str | Sequence[str] = (), parameters: Mapping[str, Any] | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
         """State and input of a motion of the links: elastic inverse dynamics [deluca2016], exact.
 
         Link positions q (rad, m) and four time derivatives, (n,) or (N, n) each and zero by default, give the state,
         (4n,) or (N, 4n), and the input, (n,) or (N, n), V, A, or N·m (N), of `plant`. Of the `extras` only dry friction
-        is modelled; others are refused by name.
+        is modelled; others are refused by name. `parameters` are those of `operating_point`.
         """
-        table = ParameterTable(self.plant_parameters())
+        table = ParameterTable({**self.plant_parameters(), **(parameters or {})})
         flow = InverseFlow(
             self.links, self.drive, checked_extras(extras, False, table.values, self.name), self.layout.rigid
         )
@@ -499,6 +499,12 @@ class Robot(Summarised):
                     "−1, 0 or 1",
                 )
         return self.plant_parameters({p.name: p.at(float(signs.get(p.name, 0.0))) for p in self.parameters})
+
+    @cached_property
+    def heaviest(self) -> dict[str, Any]:
+        """Parameters as of `corner`, with masses and payloads at the upper ends of their tolerances."""
+        heavy = [p.name for p in self.uncertain if p.name.startswith(("mass", "payload_mass"))]
+        return self.corner(dict.fromkeys(heavy, 1.0))
 
     def random_corners(self, count: int, seed: int) -> list[dict[str, Any]]:
         """Parameters as of `corner` at random corners of the tolerances; none without tolerances.

@@ -19,7 +19,7 @@ from flexhinf.design.design_file import tool_of
 from flexhinf.design.loop_setup import sensor_steps
 from flexhinf.design.requirements import Judged, Requirement
 from flexhinf.design.responses import Move, Response, joint_limits
-from flexhinf.design.specification import Specification
+from flexhinf.design.specification import TOLERANCE, Specification
 from flexhinf.design.stated_units import check_stated_units
 from flexhinf.design.workspace.judgement import (
     corner_requirements,
@@ -65,6 +65,7 @@ class WorkspaceDesign(Judged):
     loops: tuple[PoseLoop, ...]  # linearised and sampled, at rest at each pose
     corner_loops: tuple[CornerLoop, ...]  # of robots at corners of their tolerances; none without tolerances
     moves: tuple[Move, ...]  # of the nominal robot
+    left_out: int  # goals between theirs to which the motors do not carry the heaviest robot
     sampled: tuple[Move, ...]  # the same, of robots at corners of their tolerances; none without tolerances
     power_on: Response | None  # at rest, of the sampled robot whose weight the model knows least
     requirements: tuple[Requirement, ...]
@@ -145,11 +146,11 @@ def design_workspace(
     setup = tuned_setup(robot, s, stated_workspace(robot, s.workspace), progress)
     progress(f"loops at {POSES} poses")
     poses = setup.workspace.sample(POSES, POSES_SEED + 100 * s.seed)
-    loops = tuple(map(setup.at_pose, poses))
+    loops = tuple(setup.at_pose(pose, TOLERANCE) for pose in poses)
     corners = robot.random_corners(POSES, POSES_SEED + 100 * s.seed)
     cornered = tuple(map(setup.at_corner, poses, corners))
     progress(f"moves between {GOALS} goals")
-    goals = setup.goals(GOALS + 1, GOALS_SEED + 100 * s.seed)
+    goals, left_out = setup.goals(GOALS + 1, GOALS_SEED + 100 * s.seed)
     nominal = [(goals[k : k + 2], None, k) for k in range(GOALS)]
     moves, sampled, power_on = tuple(setup.move(*one) for one in nominal), (), None
     lines = (
@@ -165,7 +166,7 @@ def design_workspace(
         power_on = setup.power_on(*max(others, key=lambda one: setup.unknown_load(*one[:2])))
     if setup.dry_plant[2] is not None:  # dry friction
         lines += (standstill_requirement(setup, [*nominal, *others], [*moves, *sampled]),)
-    return WorkspaceDesign(setup, poses, loops, cornered, moves, sampled, power_on, lines)
+    return WorkspaceDesign(setup, poses, loops, cornered, moves, left_out, sampled, power_on, lines)
 
 
 def stated_workspace(robot: Robot, stated: Any) -> Workspace:

@@ -115,7 +115,7 @@ def tolerates(setup: WorkspaceSetup, gain: float) -> bool:
 def missed(setup: WorkspaceSetup) -> float:
     """Worst of what is required of motions, found over allowed, in some moves of robots at corners of their tolerances;
     at most 1 where all is met."""
-    s, limits, goals = setup.specification, setup.limits, setup.goals(TRIED_MOVES + 1, CHOSEN_SEED)
+    s, limits, (goals, _) = setup.specification, setup.limits, setup.goals(TRIED_MOVES + 1, CHOSEN_SEED)
     robots = setup.robot.random_corners(TRIED_MOVES, CHOSEN_SEED) or [None] * TRIED_MOVES
     motions = [setup.move(goals[k : k + 2], values).motion for k, values in enumerate(robots)]
     lines = [

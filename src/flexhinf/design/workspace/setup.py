@@ -42,8 +42,9 @@ OFFSET_TIME, OFFSET, LEFT, LASTS = 0.5, 5e-4, 1e-3, 20.0
 #: Acceleration that a motor without a stated limit is assumed to have, rad/s² or m/s². Stated limits allow up to twice.
 ROUNDING, ACCELERATION = 1e-6, 50.0
 
-#: A goal is left out if holding the arm there needs more than this share of a limit.
-HOLD = 0.7
+#: A goal is left out if holding the heaviest robot of the tolerances, there or on the way, needs more than this share
+#: of a limit; instants of the way.
+HOLD, ON_THE_WAY = 0.7, 21
 
 #: Plans that are kept for sampled robots, which make the same moves.
 PLANS = 32
@@ -234,19 +235,20 @@ class WorkspaceSetup(LoopPlants):
         growth, limit = float(np.abs(loop.multipliers).max()), self.specification.damped_below_limit
         return CornerLoop(growth, *loop.damping_about(limit))
 
-    def at_pose(self, at: np.ndarray) -> PoseLoop:
-        """The loop at rest at a pose (n,)."""
+    def at_pose(self, at: np.ndarray, tolerance: float = 0.0) -> PoseLoop:
+        """The loop at rest at a pose (n,), with margins that are smaller than required by a relative tolerance."""
         s, loop = self.specification, self.linear(at)
         soft = damped_springs(loop, self.smooth_plant, self.joints)
-        extra = (s.delay_margin_limit or 0.0) * s.period
+        extra, louder = (
+            (1.0 - tolerance) * limit for limit in ((s.delay_margin_limit or 0.0) * s.period, gain_limit(s))
+        )
 
         def growth(loop: LinearLoop, extra: float = 0.0) -> float:
             return float(np.abs(loop.system(loop.delay + extra).multipliers).max())
 
         ripple = float((self.noise_spread(loop)[0] / self.authority).max())
         damping, fast = loop.closed_loop.damping_about(s.damped_below_limit)
-        factors = gain_limit(s), 1.0 / gain_limit(s)
-        louder, softer = (growth(replace(loop, b=k * loop.b, d=k * loop.d)) for k in factors)
+        louder, softer = (growth(replace(loop, b=k * loop.b, d=k * loop.d)) for k in (louder, 1.0 / louder))
         return PoseLoop(
             growth=float(np.abs(loop.closed_loop.multipliers).max()), damping=damping, fast_damping=fast,
             damped_fast=soft.closed_loop.damping_about(s.damped_below_limit)[1], late=growth(loop, extra),
@@ -284,23 +286,27 @@ class WorkspaceSetup(LoopPlants):
             largest = np.maximum(largest, np.abs(chain.c @ state).sum(axis=1))
         return np.array([largest, remaining])
 
-    def needing(self, poses: np.ndarray, share: float = 1.0) -> int:
-        """How many of some poses (N, n) need more than this share of a motor's limit to be held."""
-        held = np.array([self.robot.operating_point(pose)[1] for pose in poses])
-        return int(np.any(np.abs(held) > share * self.limits.effort, axis=1).sum())
+    def needs(self, poses: np.ndarray, values: Mapping[str, Any] | None = None) -> np.ndarray:
+        """The largest share (N,) of a motor's limit that holds a robot with the parameters `values` at poses (N, n)."""
+        return np.max(
+            np.abs(self.robot.inverse_dynamics(poses, parameters=values)[1]) / self.limits.effort, axis=1
+        )
 
     # Moves --------------------------------------------------------------------------------------------
-    def goals(self, count: int, seed: int) -> np.ndarray:
-        """Goals (count, n) that the motors hold with `HOLD` of their limits."""
+    def goals(self, count: int, seed: int) -> tuple[np.ndarray, int]:
+        """Goals (count, n), one after another, and how many poses were left out between them: those to which the motors
+        do not carry the heaviest robot of the tolerances with `HOLD` of their limits, straight on."""
         kept: list[np.ndarray] = []
-        for pose in self.workspace.sample(50 * count, seed):
-            if np.all(np.abs(self.robot.operating_point(pose)[1]) <= HOLD * self.limits.effort):
+        for tried, pose in enumerate(self.workspace.sample(50 * count, seed)):
+            way = np.linspace(kept[-1] if kept else pose, pose, ON_THE_WAY)
+            if np.all(self.needs(way, self.robot.heaviest) <= HOLD):
                 kept.append(pose)
                 if len(kept) == count:
-                    return np.array(kept)
+                    return np.array(kept), tried + 1 - count
         raise NumericalFailure(
             "The motors hold hardly any pose of the workspace.",
-            f"{len(kept)} of {50 * count} random poses need at most {100.0 * HOLD:g} % of the limits",
+            f"{len(kept)} of {50 * count} random poses are reached with at most {100.0 * HOLD:g} % of the limits, "
+            "with the largest masses and payload",
             "a smaller workspace, a lighter payload, or larger limits",
         )
 
@@ -316,7 +322,7 @@ class WorkspaceSetup(LoopPlants):
 
         @lru_cache(PLANS)
         def command(*ends: bytes) -> tuple[Waypoints, Moving]:
-            plan = quintic_move(self.limits, *map(np.frombuffer, ends))
+            plan = quintic_move(self.robot, self.limits, *map(np.frombuffer, ends))
             return plan, move_reference(self.robot, plan, self.dry_friction)
 
         return command
