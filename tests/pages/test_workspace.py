@@ -386,6 +386,9 @@ def test_the_cause_of_the_remaining_error_is_found_by_a_move_without_it(design, 
         assert unnamed(summary.cause_text(bad), "2 mrad", *words) == []
         said = {"stiffness": "stiffness: measure", "dry friction": "coulomb_friction", "rest": "longer rest"}
         assert unnamed(summary.advice(bad), said.get(kind, "To try")) == []
+        swinging = REQUIREMENTS["limit_cycle"].judge(None, 1e-3, 2e-3, "after the worst move")
+        swinging = dataclasses.replace(bad, requirements=(*bad.requirements, swinging))
+        assert unnamed(summary.advice(swinging), said["rest"]) == [said["rest"]]
     assert quantity_of("motor_inertia_elbow", ("shoulder", "elbow")) == "motor inertia"
 
 

@@ -111,8 +111,11 @@ def cause_text(design: WorkspaceDesign) -> str:
 def _cause_advice(design: WorkspaceDesign) -> str:
     """What lessens the cause of the remaining error; "" where there is none that was found."""
     cause = remaining_cause(design) if cause_text(design) else None
-    if cause is None or not cause.kind or cause.kind == "rest":
-        return "" if cause is None or not cause.kind else "a longer rest before a goal counts as reached"
+    if cause is None or not cause.kind:
+        return ""
+    if cause.kind == "rest":  # no rest is long enough for a limit cycle
+        swings = any(line.what == REQUIREMENTS["limit_cycle"].what for line in design.missed)
+        return "" if swings else "a longer rest before a goal counts as reached"
     if cause.tolerance and cause.kind.startswith("payload"):
         return "a smaller range of the payload"
     if cause.tolerance:
