@@ -12,6 +12,7 @@ from flexhinf.design.responses import Move
 from flexhinf.design.robustness import LATEST, LONGER, LOUDEST, remaining_cause, robustness
 from flexhinf.design.specification import Specification
 from flexhinf.design.workspace.design import WorkspaceDesign
+from flexhinf.design.workspace.judgement import UNHELD
 from flexhinf.design.workspace.search import BANDWIDTHS, motors_alone
 from flexhinf.design.workspace.setup import OFFSET
 from flexhinf.loop.simulation.metrics import peak_of
@@ -143,34 +144,34 @@ def missed_text(design: WorkspaceDesign) -> str:
 
 
 def advice(design: WorkspaceDesign) -> str:
-    """What to try where a requirement is not met, or the motors cannot hold a pose; nothing otherwise."""
-    s, missed, unheld = design.specification, design.missed, robustness(design).unheld
+    """What to try where a requirement is not met; nothing otherwise."""
+    s, missed = design.specification, design.missed
     slow = design.setup.law.gains.weights.bandwidth < max(BANDWIDTHS)
     alone, margins = motors_alone(design.robot, s), ("gain_margin", "delay_margin", "ripple")
     loud = slow or any(line.field in margins for line in missed)
     finer = "finer sensors (--measurement-noise)"
     full = any(line.what == REQUIREMENTS["at_limit"].what for line in missed)
-    if not missed and not unheld:
+    weak = full or any(line.what == UNHELD for line in missed)
+    if not missed:
         return ""
     heavy = heavy_motors(design.robot)
     cause = _cause_advice(design)
     first = {
         cause: bool(cause),
-        f"a smaller inertia of the motor of {listed(heavy)} (is it in kg·m²?)": bool(heavy)
-        and (unheld > 0 or full),
-        "larger limits of the motors (is effort_limit as seen from the link?)": unheld > 0 or full,
+        f"a smaller inertia of the motor of {listed(heavy)} (is it in kg·m²?)": bool(heavy) and weak,
+        "larger limits of the motors (is effort_limit as seen from the link?)": weak,
         "slower moves (--peak-speed)": full,
     }
     last = {
-        finer: bool(missed) and loud and s.estimator != "none",
+        finer: loud and s.estimator != "none",
         tolerances_text(design.robot): not cause and any("corner" in line.where for line in missed),
-        "a smaller --workspace": unheld > 0 or any("pose" in line.where for line in missed),
+        "a smaller --workspace": any("pose" in line.where for line in missed),
     }
     simpler = (
         " With motor encoders alone PD + gravity compensation is simpler and may do as well, see “Which law, and when” "
         "in the documentation."
     )
-    return advice_text(missed, s, first, last) + simpler * (alone and bool(missed))
+    return advice_text(missed, s, first, last) + simpler * alone
 
 
 def workspace_ending(design: WorkspaceDesign) -> Ending:

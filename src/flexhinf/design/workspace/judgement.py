@@ -32,6 +32,9 @@ UNSEEN = (
     "near the limit another seed may judge otherwise"
 )
 
+#: The requirement that the motors hold the robot.
+UNHELD = "poses that the motors cannot hold"
+
 
 def pose_requirements(s: Specification, loops: Sequence[PoseLoop]) -> list[Requirement]:
     """Requirements on the loops at all poses."""
@@ -64,7 +67,7 @@ def pose_requirements(s: Specification, loops: Sequence[PoseLoop]) -> list[Requi
 def holding_requirement(setup: WorkspaceSetup, poses: np.ndarray) -> list[Requirement]:
     """The requirement that the motors hold the robot at poses (N, n), where it is not met."""
     row = replace(
-        REQUIREMENTS["corners"], what="poses that the motors cannot hold",
+        REQUIREMENTS["corners"], what=UNHELD,
         criterion="poses at which the nominal robot needs more than a motor's limit to rest",
     )  # fmt: skip
     unheld = int(np.sum(setup.needs(poses) > 1.0))
