@@ -34,8 +34,7 @@ def plain(made, commands, x, last=(0.0, 0.0), range=(LOW, HIGH), rate=RATE, inpu
         wanted = law.gain @ np.append(x, integral + growth)
         limited = np.clip(wanted, -INPUT, INPUT)
         limited = np.clip(limited, u - H * input_rate, u + H * input_rate)
-        if growth * ((wanted - limited) @ law.gain[:, 4]) <= 0.0:
-            integral += growth
+        integral += growth - made.taken_back(law.gain[:, 4], wanted - limited, INPUT)
         u = limited
         rows.append((x, u, r, integral))
         before = x[0], r

@@ -30,15 +30,14 @@ def commands(times):
 
 
 def plain_law(gain, states, positions, references, limit):
-    """u of every sample: error coordinates, trapezoidal integral of the error, conditional integration."""
+    """u of every sample: error coordinates, trapezoidal integral of the error, back-calculation."""
     integral, inputs, before = 0.0, [], None
     for x, position, r in zip(states, positions, references):
         error = position - r[0]
         growth = 0.0 if before is None else 0.5 * H * (before + error)
         wanted = r[4:] + gain @ np.append(x - r[:4], integral + growth)
         u = np.clip(wanted, -limit, limit)
-        if growth * ((wanted - u) @ gain[:, 4]) <= 0.0:
-            integral += growth
+        integral += growth - 0.2 * (wanted - u)[0] / gain[0, 4]
         inputs.append(u)
         before = error
     return np.array(inputs)
@@ -58,7 +57,7 @@ def test_state_feedback_of_a_linear_law(made, limit):
         growth = 0.0 if before is None else 0.5 * H * (before + error)
         wanted = r[k, 4:] + law.gain @ np.append(x - r[k, :4], integral + growth)
         u = np.clip(wanted, -limit, limit)
-        integral += growth if growth * ((wanted - u) @ law.gain[:, 4]) <= 0.0 else 0.0
+        integral += growth - made.taken_back(law.gain[:, 4], wanted - u, limit)
         states.append(x)
         inputs.append(u)
         rate = np.array([u[0] + 0.7, 2.0 * u[1]])  # exact between samples

@@ -75,8 +75,9 @@ class Controller(Summarised):
     period : float
         Sampling period, s; that of the estimator.
     saturation : None, float, (m,) array or tuple (lower, upper)
-        Limits of the input; a number or an array means ±. An integral that would push a saturated input further stands
-        still (anti-windup); without limits, integral action is bounded as `flexhinf.loop.controller.options` says.
+        Limits of the input; a number or an array means ±. What an input lacks is taken back of its own integral, a
+        fifth per sample (anti-windup); without limits, integral action is bounded as
+        `flexhinf.loop.controller.options` says.
     moving : bool
         The law in error coordinates about a moving reference: the command of a sample is (x_d, u_d), (n + m,), the
         states of the law's plant without integrals and the inputs, and u = u_d + k(x − x_d, e) with ė = x_i − x_di of

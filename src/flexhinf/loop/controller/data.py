@@ -10,7 +10,7 @@ import numpy as np
 from flexhinf.loop.controller.law_code import LawCode
 from flexhinf.loop.controller.laws import Schedule
 from flexhinf.loop.controller.memory import shaped
-from flexhinf.loop.controller.step import inverse_slope
+from flexhinf.loop.controller.step import RELIEF, inverse_slope
 from flexhinf.plant import rcond_limit
 
 
@@ -23,12 +23,15 @@ def data_values(controller: Any, slopes: Sequence[np.ndarray]) -> dict[str, np.n
         return np.stack(parts) if mode.laws > 1 else np.asarray(parts[0])
 
     n, m, p = len(c.states), len(c.law.input_names), len(c.measured)
+    room = 0.5 * (limits.upper - limits.lower)
+    room = np.minimum(room, c.windup.limit) if mode.bounds_windup else room
     gains, whole, estimated = [slope[:, n:] for slope in slopes], n + len(c.tracked), len(c.estimated)
     values: dict[str, Any] = {
         "period": [c.period], "law": np.concatenate([code.data for code in codes]),
         "operating_point": rows([shaped("operating_point", law.operating_point, (whole,)) for law in c.laws]),
         "operating_input": rows([shaped("operating_input", law.operating_input, (m,)) for law in c.laws]),
-        "lower": limits.lower, "upper": limits.upper, "integral_gain": rows(gains),
+        "lower": limits.lower, "upper": limits.upper,
+        "integral_relief": rows([integral_relief(gain, room) for gain in gains]),
     }  # fmt: skip
     if c.estimator is not None:
         values |= {
@@ -58,8 +61,48 @@ def data_values(controller: Any, slopes: Sequence[np.ndarray]) -> dict[str, np.n
         values["integral_dead_zone"] = c.integral_dead_zone
     if mode.bounds_windup:
         bound = c.windup
-        values |= {"windup_line": bound.line, "windup_spread": bound.spread, "windup_limit": bound.limit}
+        values |= {
+            "integral_gain": rows(gains),
+            "windup_line": bound.line,
+            "windup_spread": bound.spread,
+            "windup_limit": bound.limit,
+        }
     if mode.compensated:
         state, push = c.balance
         values |= {"balance_state": state, "balance_input": push}
     return {name: np.asarray(value) for name, value in values.items()}
+
+
+def integral_relief(slope: np.ndarray, room: np.ndarray) -> np.ndarray:
+    """What the excess of an input takes back of the integrals, (k, m): zero but for ρ/K_ji of each integral i and its
+    own input j.
+
+    Anti-windup by back-calculation [astrom1997], of the integrals' slopes K = ∂u/∂e (m, k) and how far each input may
+    go, (m,). The integral of a joint asks for an acceleration of that joint, and K has the inputs of the others that
+    belong to it. So only the excess of the joint's own motor takes it back, and the others' inputs follow as they
+    should: a pseudo-inverse of K would keep theirs, for an acceleration that does not come.
+
+    Own inputs are, of all ways to give every integral one, those with the largest product of slopes. Units do not
+    matter to it, and where K is a diagonal times a positive definite matrix, as the laws of joints are, it is the
+    diagonal. With more integrals than inputs, the others share the input that they move most of its room.
+
+    While inputs stay at limits, integrals follow e⁺ = (1 − ρ Λ) e + …, where Λ = diag(K_ji)⁻¹ K has rows of the inputs
+    beyond their limits and zeros. Of such K, Λ has real eigenvalues from 0 to its spectral radius, so integrals decay,
+    to where the excess is what the errors add in 1/ρ samples. ρ is `RELIEF`, and less where the radius is above 1/ρ.
+    """
+    from scipy.optimize import linear_sum_assignment
+
+    moved = np.abs(slope) / np.where(np.isfinite(room) & (room > 0.0), room, 1.0)[:, None]
+    largest = np.max(moved, axis=0, initial=0.0)
+    moved = moved / np.where(largest > 0.0, largest, 1.0)
+    own = np.argmax(moved, axis=0) if moved.size else np.zeros(0, dtype=int)
+    inputs, integrals = linear_sum_assignment(np.log(moved + np.finfo(float).tiny), maximize=True)
+    own[integrals] = inputs
+    columns = np.arange(slope.shape[1])
+    gains = slope[own, columns]
+    used = gains != 0.0
+    inverse = np.where(used, 1.0 / np.where(used, gains, 1.0), 0.0)
+    radius = np.abs(np.linalg.eigvals(np.abs(slope[own] * inverse[:, None]))).max(initial=0.0)
+    relief = np.zeros(slope.T.shape)
+    relief[columns, own] = min(RELIEF, 1.0 / max(radius, 1.0)) * inverse
+    return relief

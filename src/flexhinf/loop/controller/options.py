@@ -11,13 +11,13 @@ that sticks is an error that never ends: without a bound, its integral grows to 
 anti-windup of the step is the bound; without, this one is, and where a limit lies further from the operating input than
 the number w below. The integral action is c = K_e (e − e*), with the law's slope K at its operating point. At rest at a
 command r the law needs c = G (r − r*), G = ∂u/∂r − K ∂x/∂r, on the line of equilibria x(r), u(r) of the model through
-the operating point; a nonlinear law, gravity, loads and errors of the model need something more or less. So an integral
-that would push c further from G (r − r*) than
+the operating point; a nonlinear law, gravity, loads and errors of the model need something more or less. So what c is
+further from G (r − r*) than
 
     w + S |r − r*|,  w = Σᵢ sᵢ (|∂u/∂rᵢ| + ½ |K ∂x/∂rᵢ|),  S = ½ |G|,
 
-stands still, with the travel sᵢ of the tracked state i: w is the input that holds the robot over its travel, plus the
-law's output for an error of half of it. The input itself is not limited.
+is taken back of the integrals as an excess of the input is, with the travel sᵢ of the tracked state i: w is the input
+that holds the robot over its travel, plus the law's output for an error of half of it. The input itself is not limited.
 
 A law of no known model has no such line: there G = 0, and w and S have Σⱼ |Kⱼ| of all states in place of the slopes.
 """

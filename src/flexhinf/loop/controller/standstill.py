@@ -75,10 +75,18 @@ def equilibrium_integrals(law: Law, x: np.ndarray, u: np.ndarray) -> np.ndarray:
 
     for _ in range(ROUNDS):
         deviation = np.concatenate([x, integrals]) - point
-        _, _, integrals, bias = bumpless_transfer(
-            DIRECT, value, np.ones(1), deviation, value(deviation), wanted, inverse, 0.0 * integrals, 0.0 * u, point,
+        _, integrals, bias = bumpless_transfer(
+            DIRECT,
+            value,
+            np.ones(1),
+            deviation,
+            value(deviation),
+            wanted,
+            inverse,
+            0.0 * u,
+            point,
             np.zeros(1),
-        )  # fmt: skip
+        )
     refuse_if(
         np.abs(bias).max() > TOLERANCE * (1.0 + np.abs(u).max()),
         "This law cannot hold the robot at rest there.",

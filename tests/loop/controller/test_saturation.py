@@ -1,0 +1,156 @@
+"""Motors that saturate all at once: unlike motors, random holds, jumps of the command, for arms of several joints."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.linalg import expm, solve_continuous_are
+
+import flexhinf as fh
+from flexhinf.loop.controller.data import integral_relief
+from flexhinf.loop.controller.step import RELIEF
+from flexhinf.plant import Plant
+
+H = 2e-3
+
+
+class Arm:
+    """Rigid joints whose inertia couples them, N·m per rad/s², and the law of a regulator that weighs each motor in
+    units of its limit; the law is about a moving reference."""
+
+    def __init__(self, linear: Any, mass: np.ndarray, effort: np.ndarray, bandwidth: float = 20.0) -> None:
+        n = self.n = len(mass)
+        self.effort, none = effort, np.zeros((n, n))
+        flow = np.block([[none, np.eye(n)], [none, none]])
+        push = np.vstack([none, np.linalg.inv(mass)])
+        whole = expm(H * np.block([[flow, push], [np.zeros((n, 3 * n))]]))
+        self.step = whole[: 2 * n, : 2 * n], whole[: 2 * n, 2 * n :]
+        a = np.block([[flow, np.zeros((2 * n, n))], [np.eye(n), np.zeros((n, 2 * n))]])
+        b = np.vstack([push, none])
+        # Diagonal weights: the fastest that a motor reaches alone sets how much an error may cost.
+        ease = np.diag(mass) / effort
+        weights = np.concatenate([bandwidth**4 * ease**2, 0.0 * ease, bandwidth**6 * ease**2])
+        p = solve_continuous_are(a, b, np.diag(weights), np.diag(effort**-2.0))
+        self.gain = -np.diag(effort**2.0) @ b.T @ p
+        names = [f"{kind}_{k}" for kind in ("angle", "speed") for k in range(n)]
+        inputs = tuple(f"torque_{k}" for k in range(n))
+        self.plant = Plant(
+            lambda x, u, d, p: flow @ x + push @ u, lambda x, u, p: x[:n], tuple(names), inputs
+        )
+        self.law = linear((*names, *(f"angle_{k}_integral" for k in range(n))), inputs, self.gain)
+
+    def run(
+        self, goals: np.ndarray, held: tuple[int, int] = (0, 0), strong: float = 1.0, weight: Any = 0.0
+    ) -> np.ndarray:
+        """Angles (N, n) under commands (N, n), held by brakes from and to a sample; `strong` scales the motors'
+        limits, `weight` (n,) is a load that nobody knows, N·m."""
+        control = fh.Controller(self.law, None, H, strong * self.effort, moving=True)
+        x, angles = np.zeros(2 * self.n), []
+        for k, goal in enumerate(goals):
+            angles.append(x[: self.n])
+            u = control.step(x, np.concatenate([goal, np.zeros(2 * self.n)]))
+            x = self.step[0] @ x + self.step[1] @ (u - weight)
+            x = np.concatenate([angles[-1], np.zeros(self.n)]) if held[0] <= k < held[1] else x
+        return np.array(angles)
+
+
+def chain(inertias: np.ndarray, coupling: float) -> np.ndarray:
+    """A positive definite inertia matrix whose first joints carry the others."""
+    tails = np.cumsum(inertias[::-1])[::-1]
+    size = len(inertias)
+    mixed = np.array([[tails[max(i, j)] for j in range(size)] for i in range(size)])
+    return coupling * mixed + (1.0 - coupling) * np.diag(np.diag(mixed))
+
+
+#: A SCARA with a small wrist, a palletiser with joints alike, and an arm of five joints.
+ARMS = {
+    "scara": (np.array([2.4, 0.5, 0.012]), np.array([160.0, 60.0, 7.0]), 0.6),
+    "palletiser": (np.array([40.0, 30.0, 20.0, 0.5]), np.array([900.0, 800.0, 700.0, 40.0]), 0.8),
+    "five": (np.array([3.0, 2.0, 0.6, 0.05, 0.01]), np.array([180.0, 180.0, 110.0, 40.0, 12.0]), 0.7),
+}
+
+
+@pytest.fixture(scope="module", params=list(ARMS))
+def arm(request: pytest.FixtureRequest, made: Any) -> Arm:
+    inertias, effort, coupling = ARMS[request.param]
+    return Arm(made.LinearLaw, chain(inertias, coupling), effort)
+
+
+@pytest.mark.parametrize("what", ["brakes", "jump", "undersized"])
+def test_all_motors_at_their_limits_at_once(arm: Arm, what: str) -> None:
+    """All joints are commanded elsewhere at once: with brakes closed for half a second at a random instant, as they
+    are, or with motors of 30 %. No joint goes further beyond than it was to go, and all come to rest at the goal."""
+    rng = np.random.default_rng(4)
+    for _ in range(3):
+        goal = rng.choice([-1.0, 1.0], arm.n) * rng.uniform(0.3, 1.0, arm.n)
+        begin = int(rng.integers(0, 40)) if what == "brakes" else 0
+        held = (begin, begin + 250 * (what == "brakes"))
+        angles = arm.run(np.tile(goal, (2400, 1)), held, 0.3 if what == "undersized" else 1.0)
+        assert (np.sign(goal) * (angles - goal)).max() < 1.0
+        assert np.abs(angles[-100:] - goal).max() < 2e-3
+
+
+def test_a_joint_far_from_its_goal_does_not_drop_what_others_hold(arm: Arm) -> None:
+    """The first motor alone is at its limit; the others hold an unknown load of 30 % of theirs by their integrals."""
+    load = 0.3 * arm.effort * (np.arange(arm.n) > 0)
+    goals = np.zeros((1500, arm.n))
+    goals[700:, 0] = 0.5
+    angles = arm.run(goals, weight=load)
+    assert np.abs(angles[650:, 1:] - angles[650, 1:]).max() < 0.09
+    assert angles[:, 0].max() < 0.55
+
+
+def test_integrals_wait_at_a_limit_for_as_long_as_it_lasts(arm: Arm) -> None:
+    """Brakes closed for 4 s leave no more behind than for 0.4 s."""
+    goal = np.tile(np.full(arm.n, 0.4), (3200, 1))
+    short, long = (arm.run(goal, (0, held))[held : held + 1000] for held in (200, 2000))
+    np.testing.assert_allclose(long, short, atol=2e-3)
+
+
+# What is taken back of which integral ---------------------------------------------------------------
+def joints(rng: np.random.Generator, n: int) -> np.ndarray:
+    """Slopes of a law of joints: a diagonal times a positive definite matrix; in units that differ by 1e6."""
+    root = rng.standard_normal((n, n))
+    return -(10.0 ** rng.uniform(-3, 3, (n, 1))) * (root @ root.T + 0.05 * np.eye(n))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_every_integral_has_the_input_of_its_own_joint(seed: int) -> None:
+    """Whatever the order of the inputs, and the units of inputs and integrals."""
+    rng = np.random.default_rng(seed)
+    n = 2 + seed
+    slope, order = joints(rng, n) * 10.0 ** rng.uniform(-3, 3, n), rng.permutation(n)
+    relief = integral_relief(slope[order], 10.0 ** rng.uniform(-2, 2, n))
+    np.testing.assert_array_equal(relief != 0.0, np.eye(n)[:, order] != 0.0)
+    np.testing.assert_allclose((relief @ slope[order]).diagonal(), RELIEF)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_set_of_motors_at_limits_drives_the_integrals(seed: int) -> None:
+    """The map e - relief (K e - sat(K e)) brings no two integrals further apart, in the norm of the joints' matrix."""
+    rng = np.random.default_rng(seed)
+    n = 2 + seed
+    slope = joints(rng, n)
+    relief, limit = integral_relief(slope, np.ones(n)), np.abs(slope).sum(axis=1)
+    symmetric = slope / slope.diagonal()[:, None]  # times a diagonal, which makes it symmetric:
+    scale = symmetric[:, 0] / symmetric[0]
+    norm = np.linalg.cholesky(symmetric / scale[:, None]).T
+    for _ in range(50):
+        e = rng.standard_normal((2, n, 1)) * 10.0 ** rng.uniform(-1, 1, (2, n, 1))
+        wanted = slope @ e
+        after = e - relief @ (wanted - np.clip(wanted, -limit[:, None], limit[:, None]))
+        apart, before = (np.linalg.norm(norm @ (pair[0] - pair[1])) for pair in (after, e))
+        assert apart <= before * (1.0 + 1e-12)
+
+
+def test_integrals_and_inputs_of_other_numbers() -> None:
+    """More inputs, more integrals, an integral that moves nothing, and none at all."""
+    column = np.array([[-4.0], [30.0]])
+    np.testing.assert_allclose(integral_relief(column, np.array([1.0, 100.0])), [[-RELIEF / 4.0, 0.0]])
+    np.testing.assert_allclose(integral_relief(column.T, np.ones(1)), [[-RELIEF / 4.0], [RELIEF / 30.0]])
+    np.testing.assert_array_equal(integral_relief(np.zeros((2, 1)), np.full(2, np.inf)), np.zeros((1, 2)))
+    assert integral_relief(np.zeros((2, 0)), np.ones(2)).shape == (0, 2)
+    many = integral_relief(np.ones((1, 20)), np.ones(1))
+    np.testing.assert_allclose(many.sum(), 1.0)  # of one input, no more than all of its excess
