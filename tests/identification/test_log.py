@@ -16,7 +16,7 @@ from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
-from flexhinf.identification import log_files
+from flexhinf.identification import log_columns, log_files, log_messages
 
 PLANT = fh.paper_arm().plant(("motor_position", "link_position"))
 N = 40
@@ -461,7 +461,7 @@ def test_what_unpacks_to_too_much_is_refused_by_its_footer(
 ) -> None:
     """A file of megabytes may be one of gigabytes when it is unpacked: nothing is, before it is counted."""
     arrow, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
-    monkeypatch.setattr(log_files, "MOST_ROWS", 1000)
+    monkeypatch.setattr(log_columns, "MOST_ROWS", 1000)
     monkeypatch.setattr(parquet.ParquetFile, "read", None)  # it is not read
     names = ("time", *PLANT.inputs, *PLANT.outputs)
     columns = {name: arrow.array(np.zeros(1001)) for name in names}
@@ -473,9 +473,13 @@ def test_what_unpacks_to_too_much_is_refused_by_its_footer(
     parquet.write_table(arrow.table({**few, names[1]: arrow.array([[0.0] * 5] * 10)}), path)
     with refused_with(InvalidInput, names[1], "list"):
         fh.read_log(path, PLANT)
-    parquet.write_table(
-        arrow.table({**few, names[1]: arrow.array(["x" * 9_000_000] * 10)}), path, use_dictionary=False
-    )
+    long = arrow.array(["x" * 1_000_000] * 10)  # the file has it once, and the footer counts it once
+    for texts in (long, long.dictionary_encode(), long.cast("binary")):
+        parquet.write_table(arrow.table({**few, names[1]: texts}), path)
+        with refused_with(InvalidInput, "log.parquet", names[1], str(texts.type)):
+            fh.read_log(path, PLANT)
+    monkeypatch.setattr(log_files, "LARGEST_CELL", 0)
+    parquet.write_table(arrow.table(few), path)
     with refused_with(InvalidInput, "log.parquet", "large"):
         fh.read_log(path, PLANT)
 
@@ -501,9 +505,21 @@ def test_messages_are_counted_and_chunks_have_a_size(
 
     columns = {"motor_voltage": "arm/motor_voltage", "motor_position": "arm/q/0", "link_position": "arm/q/1"}
     assert len(fh.read_log(write(20, 10), PLANT, columns).times) == 20
-    monkeypatch.setattr(log_files, "LARGEST_CHUNK", 5000)
+    monkeypatch.setattr(log_messages, "LARGEST_CHUNK", 5000)
     with refused_with(InvalidInput, "log.mcap", 5000):
         fh.read_log(write(20, 1000), PLANT, columns)
-    monkeypatch.setattr(log_files, "MOST_ROWS", 10)
+    for limit, most in (("LARGEST_CHUNK", 10**6), ("LARGEST_UNPACKED", 5000)):
+        monkeypatch.setattr(log_messages, limit, most)
+    with refused_with(InvalidInput, "log.mcap", "messages", 5000):
+        fh.read_log(write(20, 1000), PLANT, columns)
+    monkeypatch.setattr(log_messages, "LARGEST_UNPACKED", 10**6)
+    for limit, most in (("MOST_COLUMNS", 2), ("MOST_NUMBERS", 50)):
+        with monkeypatch.context() as patch, refused_with(InvalidInput, "log.mcap", limit[5:].lower(), most):
+            patch.setattr(log_messages, limit, most)
+            fh.read_log(write(20, 10), PLANT, columns)
+    monkeypatch.setattr(log_messages, "LARGEST_MESSAGE", 500)
+    with refused_with(InvalidInput, "log.mcap"):  # a topic of pictures has no columns
+        fh.read_log(write(20, 1000), PLANT, columns)
+    monkeypatch.setattr(log_columns, "MOST_ROWS", 10)
     with refused_with(InvalidInput, "log.mcap", 10, 20):
         fh.read_log(write(20, 10), PLANT, columns)

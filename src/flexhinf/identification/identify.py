@@ -7,9 +7,10 @@ measurement noise and of the disturbances that the model leaves out are sought b
 Intervals hold if the model does. Whether it does, three things say. The innovations of the filter that was found are
 white, and as large as it expects, with disturbances that are no larger than those that were assumed: larger ones absorb
 what the model lacks. And no log is likelier whose sensor or input acts some samples earlier or later
-(`flexhinf.identification.alternatives`). Else the result is marked, and where innovations are not white, intervals are
-widened for scores that are correlated over a long time [white1982]. A number may still be wrong by more, since it also
-explains what the model lacks: dry friction that is left out becomes viscous friction.
+(`flexhinf.identification.alternatives`); where such a log is as likely, intervals hold its numbers too. Else the result
+is marked, and where innovations are not white, intervals are widened for scores that are correlated over a long time
+[white1982]. A number may still be wrong by more, since it also explains what the model lacks: dry friction that is left
+out becomes viscous friction.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.estimation import ExtendedKalmanFilter, RecursiveFilter
-from flexhinf.identification.alternatives import Alternative, Shifts, likelier
+from flexhinf.identification.alternatives import Alternative, Shifts, alternatives
 from flexhinf.identification.consistency import DEVIATIONS, Consistency, innovation_consistency
 from flexhinf.identification.defaults import (
     UNKNOWN,
@@ -72,7 +73,8 @@ class Identification(Summarised):
     what the log has of the numbers. `log_likelihood`, `samples`, `iterations`: of the search. `period`: of its filter,
     s. `consistency`: of its innovations with disturbances that are no larger than assumed, at the unknowns `expected`
     (k,) that then are most likely. `absorbing`: whether innovations fit with larger ones alone. `alternative`: a log
-    with a signal at another time or of another sign that is likelier by far, or None.
+    with a signal at another time or of another sign that is likelier by far, or None. `undecided`: such logs that are
+    as likely and tell other numbers: the log is too short to tell when its signals were true.
 
     Examples
     --------
@@ -102,6 +104,7 @@ class Identification(Summarised):
     expected: np.ndarray
     absorbing: bool = False
     alternative: Alternative | None = None
+    undecided: tuple[Alternative, ...] = ()
 
     @property
     def consistent(self) -> bool:
@@ -146,12 +149,17 @@ class Identification(Summarised):
 
     @property
     def intervals(self) -> dict[str, tuple[float, float]]:
-        """The numbers that the log agrees with, 95 %, by name; of a positive number from its logarithm."""
+        """The numbers that the log agrees with, 95 %, by name; of a positive number from its logarithm.
+
+        Where it is `undecided` when a signal was true, those of each time that may be.
+        """
         found = {}
         for number, z, error in zip(
             self.unknowns.numbers, self.found, self.information.standard_errors * self._parts
         ):
-            ends = [z - DEVIATIONS * error, z + DEVIATIONS * error]
+            others = [each.values[number.name] for each in self.undecided]
+            middles = [z, *(np.log(others) if number.sign == "positive" else others)]
+            ends = [min(middles) - DEVIATIONS * error, max(middles) + DEVIATIONS * error]
             if number.sign == "positive":
                 with np.errstate(over="ignore"):
                     ends = np.exp(ends).tolist()
@@ -223,6 +231,7 @@ class Identification(Summarised):
             rows["the model does not fit the log"] = "numbers may be wrong by more than their intervals"
         if self.alternative is not None:
             rows["likelier"] = self.alternative.text
+        rows |= {f"as likely, {k + 1}": each.what for k, each in enumerate(self.undecided)}
         rows["samples"] = f"{self.samples}, log-likelihood {self.log_likelihood:.6g}"
         return rows
 
@@ -385,14 +394,15 @@ def identify(
         if judged.innovations_fit:  # larger disturbances explained steps of sensors, or nothing
             unknowns, found, evaluation = bounded, expected, other
     clear = confirmed(likelihood, unknowns, found, evaluation)
-    slow = max((each.whiteness.slow for each in own.outputs if each.whiteness), default=1.0)
-    shifts = Shifts(chosen, unknowns, found, times, inputs, outputs)
     white = judged if found is expected else own
     information = Information.of(
         evaluation, unknowns.names, unknowns.sizes(found), clear, white.innovations_fit and not white.rounded
     )
+    slow = max((each.whiteness.slow for each in own.outputs if each.whiteness), default=1.0)
+    shifts = Shifts(chosen, unknowns, found, times, inputs, outputs)
+    spread = DEVIATIONS * information.standard_errors * unknowns.sizes(found)[: len(unknowns.numbers)]
     return Identification(
         unknowns, found, chosen.initial.mean, information, evaluation.value, len(times), iterations,
         chosen.period, judged, expected, own.innovations_fit and not judged.innovations_fit,
-        likelier(shifts, judged.innovations_fit, slow),
+        *alternatives(shifts, spread, judged.innovations_fit, slow),
     )  # fmt: skip

@@ -198,15 +198,24 @@ class _Heading:
         columns, (name, unit) = self.named(text), name_and_unit(text)
         if not columns and unit:
             columns = [column._replace(unit=unit) for column in self.named(name)]
-        if len(columns) != 1:
-            names = [name.strip() for name in self.file.names]
+        if not columns:
             raise InvalidInput(
-                f"{self.file.path.name} has {'several columns' if columns else 'no column'} {value_text(text, 60)} for "
-                f"{what}.",
-                f"expected one of {names}",
-                _renamed(columns) if columns
-                else nearest(name, [column.name for column in self.columns], "a name of the header"),
-            )  # fmt: skip
+                f"{self.file.path.name} has no column {value_text(text, 60)} for {what}.",
+                f"expected one of {[name.strip() for name in self.file.names]}",
+                nearest(name, [column.name for column in self.columns], "a name of the header"),
+            )
+        return self.only(columns, what)
+
+    def only(self, columns: Sequence[_Column], what: str) -> _Column:
+        """The one of several columns of a name; refused if there are more."""
+        count = {2: "two", 3: "three"}.get(len(columns), str(len(columns)))
+        places = ", ".join(f"column {column.place + 1}" for column in columns)
+        refuse_if(
+            len(columns) > 1,
+            f"{self.file.path.name} has {count} columns for {what}: {places}.",
+            f"expected one, got {[self.file.names[column.place].strip() for column in columns]}",
+            f"other names in the file for all but one of the columns {columns[0].name!r}",
+        )
         return columns[0]
 
     def in_stated_unit(self, column: _Column, signal: str = "") -> _Column:
@@ -237,7 +246,8 @@ class _Heading:
         """The column of times."""
         if time is not None:
             return self.in_stated_unit(self.column(time, "the time"))
-        columns = [column for name in TIMES for column in self.columns if column.name.casefold() == name]
+        called = [[column for column in self.columns if column.name.casefold() == name] for name in TIMES]
+        columns = next(filter(None, called), [])
         if not columns:
             names = [column.name for column in self.columns]
             like = [f"{column.name} [{unit}]" for column in self.columns if (unit := _unit_in(column, "s"))]
@@ -247,7 +257,7 @@ class _Heading:
                 f"expected one of {list(TIMES)}, got {names}",
                 f"time={name!r}" + ("" if like else f", or with the unit of its numbers: time='{name} [ms]'"),
             )
-        return self.in_stated_unit(columns[0])
+        return self.in_stated_unit(self.only(columns, "the time"))
 
     def seconds(self, stamp: _Column, loaded: Loaded) -> float:
         """What a unit of the stamps is in seconds."""
@@ -296,10 +306,6 @@ def _unit_in(column: _Column, si: str) -> str:
     return ""
 
 
-def _renamed(columns: Sequence[_Column]) -> str:
-    return f"other names in the header for all but one of the {len(columns)} columns {columns[0].name!r}"
-
-
 def _float(text: str) -> float:
     try:
         return float(text)
@@ -342,16 +348,16 @@ def _chosen(
         signal = known.get(column.name)
         if signal is not None and signal not in stated and column.place not in used:
             chosen.setdefault(signal, []).append(column)
-    file = heading.file.path.name
     for signal, several in chosen.items():
+        one = several[0]
         refuse_if(
-            len(several) > 1,
-            f"{file} has two columns for the {signal.kind} {signal.name!r}.",
+            len(several) > 1 and len(heading.named(one.name)) == 1,
+            f"{heading.file.path.name} has two columns for the {signal.kind} {signal.name!r}.",
             f"expected one, got {[heading.file.names[column.place] for column in several]}",
-            f"columns={{{signal.name!r}: {several[0].name!r}}}"
-            if len(heading.named(several[0].name)) == 1
-            else _renamed(several),
+            f"columns={{{signal.name!r}: {one.name!r}}}",
         )
+        heading.only(several, f"the {signal.kind} {signal.name!r}")
+    file = heading.file.path.name
     places = [column.place for several in chosen.values() for column in several] + [stamp.place]
     twice = next((place for place in places if places.count(place) > 1), None)
     refuse_if(

@@ -72,7 +72,7 @@ def identified_verdict(result: IdentifiedRobot) -> list[str]:
     clear = [signal_label(name) for name in found.names if name not in found.hidden]
     if not found.consistent:
         return [*_misfit_texts(result), *_advice(result)]
-    texts = list(result.filtered.remarks)
+    texts = [*result.filtered.remarks, *_undecided_texts(found)]
     if clear:
         texts.append(f"The log tells {listed(clear)}, if the other numbers of the robot are right.")
     if found.hidden:
@@ -81,6 +81,29 @@ def identified_verdict(result: IdentifiedRobot) -> list[str]:
     if result.motion is not None and result.telling is None:
         texts.append("No motion tells them with these sensors: state some of them, or measure more.")
     return texts
+
+
+def _undecided_texts(found: Identification) -> Iterator[str]:
+    """That the log may be right with a signal at another time, and what numbers then are."""
+    if not found.undecided:
+        return
+    whats = dict.fromkeys((each.signal, each.kind, each.samples > 0) for each in found.undecided)
+    how = {
+        "late": lambda later: f"comes {'later' if later else 'earlier'} than its row says",
+        "moving": lambda _: "moves between rows",
+        "sign": lambda _: "has the other sign",
+    }
+    texts = [f"{signal} {how[kind](later)}" for signal, kind, later in whats]
+    ranges = []
+    for name, value in found.values.items():
+        others = [each.values[name] for each in found.undecided]
+        if name not in found.hidden:
+            ranges.append(f"{signal_label(name)} {_interval_text(min(value, *others), max(value, *others))}")
+    yield (
+        f"The log is too short to tell whether {' or '.join(texts)}: it is as likely then. Depending on that, the most "
+        f"likely numbers are {listed(ranges)}; the intervals hold all of them. A longer log, or one that moves more, "
+        "tells it."
+    )
 
 
 def _misfit_texts(result: IdentifiedRobot) -> Iterator[str]:
@@ -290,6 +313,7 @@ def identified_page(
     many = f"{count - unclear} of {count} numbers" if unclear else "all numbers"
     states = [
         *([Status("risky", "The model does not fit the log.")] if not found.consistent else []),
+        *([Status("risky", "The log does not tell when its signals were true.")] if found.undecided else []),
         *(
             [Status("risky" if unclear else "met", f"The log tells {many}.")]
             if unclear or found.consistent
@@ -326,6 +350,10 @@ def identified_numbers(result: IdentifiedRobot) -> dict[str, Any]:
             "signal": found.alternative.signal, "kind": found.alternative.kind,
             "samples": found.alternative.samples, "gain": found.alternative.gain,
         },
+        "undecided": [
+            {"signal": each.signal, "kind": each.kind, "samples": each.samples, "gain": each.gain, "values": {**each.values}}
+            for each in found.undecided
+        ],
         "numbers": {
             name: {
                 "stated": result.stated[name].value, "value": value, "standard_error": found.standard_errors[name],
