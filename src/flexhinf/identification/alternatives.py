@@ -134,8 +134,9 @@ class Shifts:
             turned = self.evaluated(self.likelihood(), self.found + turn)
             if turned is not None:
                 changes.append((_white(turned, base) - _white(base, base)) / TURN)
-        known = np.array(changes).reshape(len(changes), -1).T
-        white = _without(known, _white(base, base))
+        own = _white(base, base)
+        known = np.array(changes).reshape(len(changes), own.size).T
+        white = _without(known, own)
         for signal in range(self.inputs.shape[1] + self.outputs.shape[1]):
             ends = [self.evaluated(self.likelihood(signal, samples), self.found) for samples in (-1.0, 1.0)]
             if ends[0] is None or ends[1] is None:

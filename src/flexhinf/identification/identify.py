@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -24,12 +25,14 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
 from flexhinf.estimation import ExtendedKalmanFilter, RecursiveFilter
 from flexhinf.identification.alternatives import Alternative, Shifts, alternatives
 from flexhinf.identification.consistency import DEVIATIONS, Consistency, innovation_consistency
 from flexhinf.identification.defaults import (
+    LEFT_OUT,
     UNKNOWN,
+    at_rest,
     default_filter,
     disturbance_levels,
     measurement_variances,
@@ -51,7 +54,10 @@ from flexhinf.identification.unknowns import (
 from flexhinf.notebook import Summarised, number_text
 from flexhinf.plant import Plant, Sensor
 from flexhinf.robot import Parameter, Robot, load_robot
-from flexhinf.validation import checked_kind, checked_names
+from flexhinf.validation import checked_kind, checked_names, real_number, value_text
+
+#: Largest plant whose logs are compared with others before a number is sought: three joints.
+MOST_STATES = 12
 
 
 def judgement(evaluation: Evaluation, plant: Plant, outputs: np.ndarray) -> Consistency:
@@ -74,7 +80,8 @@ class Identification(Summarised):
     s. `consistency`: of its innovations with disturbances that are no larger than assumed, at the unknowns `expected`
     (k,) that then are most likely. `absorbing`: whether innovations fit with larger ones alone. `alternative`: a log
     with a signal at another time or of another sign that is likelier by far, or None. `undecided`: such logs that are
-    as likely and tell other numbers: the log is too short to tell when its signals were true.
+    as likely and tell other numbers: the log is too short to tell when its signals were true. `disturbance`: how large
+    disturbances are at most, as a share of the inputs.
 
     Examples
     --------
@@ -105,6 +112,7 @@ class Identification(Summarised):
     absorbing: bool = False
     alternative: Alternative | None = None
     undecided: tuple[Alternative, ...] = ()
+    disturbance: float = LEFT_OUT
 
     @property
     def consistent(self) -> bool:
@@ -278,6 +286,7 @@ def identify(
     noise: bool = True,
     sensors: Sequence[Sensor] | Sensor = (),
     process_noise: Any = None,
+    disturbance: float = LEFT_OUT,
 ) -> Identification:
     """The numbers of a robot or a plant under which a log is most likely.
 
@@ -304,6 +313,8 @@ def identify(
         is not it.
     process_noise : float, (n,) or (n, n) array, optional
         R^v per period, which then is not sought.
+    disturbance : float
+        How large disturbances are at most where the model fits, as a share of the inputs.
 
     Raises
     ------
@@ -357,6 +368,19 @@ def identify(
         "expected sensors and process_noise, or a filter, got both",
         "the filter alone",
     )
+    size = real_number(disturbance)
+    refuse_if(
+        not 0.0 < size < np.inf,
+        "The largest disturbance is a share of the inputs.",
+        f"expected a number > 0, got {value_text(disturbance)}",
+        "disturbance=0.05, of 5 %",
+    )
+    refuse_if(
+        size != LEFT_OUT and (filter is not None or process_noise is not None),
+        "The disturbances are stated twice.",
+        "expected the largest one, or process_noise or a filter, got both",
+        "the largest one alone: their level then is sought",
+    )
     times, inputs, outputs = log_arrays(log, plant)
     known = known_sensors(sensors, plant, float(np.median(np.diff(times))))
     outputs = at_their_times(outputs, known)
@@ -375,7 +399,7 @@ def identify(
     )  # fmt: skip
     levels = None
     if filter is None and process_noise is None:
-        levels = disturbance_levels(plant, chosen.initial.mean, inputs, chosen.period)
+        levels = disturbance_levels(plant, chosen.initial.mean, inputs, chosen.period, size)
     sought = (known.deviations == 0.0) & noise, noise and process_noise is None
     least = np.sqrt(np.maximum(smallest_variances(outputs), known.quanta**2 / 12.0))
     unknowns = Unknowns(plant, robot, numbers, Noises.of(chosen, levels, sought, least))
@@ -393,7 +417,9 @@ def identify(
         judged = judgement(other, plant, outputs)
         if judged.innovations_fit:  # larger disturbances explained steps of sensors, or nothing
             unknowns, found, evaluation = bounded, expected, other
-    clear = confirmed(likelihood, unknowns, found, evaluation)
+    clear = np.zeros(len(unknowns.numbers), dtype=bool)
+    if not at_rest(inputs, outputs):
+        clear = confirmed(likelihood, unknowns, found, evaluation)
     white = judged if found is expected else own
     information = Information.of(
         evaluation, unknowns.names, unknowns.sizes(found), clear, white.innovations_fit and not white.rounded
@@ -404,5 +430,27 @@ def identify(
     return Identification(
         unknowns, found, chosen.initial.mean, information, evaluation.value, len(times), iterations,
         chosen.period, judged, expected, own.innovations_fit and not judged.innovations_fit,
-        *alternatives(shifts, spread, judged.innovations_fit, slow),
+        *alternatives(shifts, spread, judged.innovations_fit, slow), size,
     )  # fmt: skip
+
+
+def likelier_log(plant: Plant, log: Any) -> Alternative | None:
+    """The log with a signal at another time or of another sign that is likelier by far with the plant's own numbers.
+
+    Noises are sought; of a plant with more than `MOST_STATES` states nothing is tried. See `identify` for the log.
+    """
+    if plant.n > MOST_STATES:
+        return None
+    times, inputs, outputs = log_arrays(log, plant)
+    chosen: ExtendedKalmanFilter = default_filter(plant, times, inputs, outputs, form="covariance")
+    levels = disturbance_levels(plant, chosen.initial.mean, inputs, chosen.period)
+    noises = Noises.of(chosen, levels, True, np.sqrt(smallest_variances(outputs)))
+    unknowns = Unknowns(plant, None, (), noises)
+    likelihood = Likelihood(chosen, rows_of(times, inputs, outputs, chosen.period), len(unknowns.names))
+    with suppress(NumericalFailure):
+        found, evaluation, _ = searched(likelihood, unknowns, unknowns.inside(unknowns.start))
+        white = judgement(evaluation, plant, outputs).outputs
+        slow = max((each.whiteness.slow for each in white if each.whiteness), default=1.0)
+        shifts = Shifts(chosen, unknowns, found, times, inputs, outputs)
+        return alternatives(shifts, np.zeros(0), False, slow).likelier
+    return None

@@ -20,6 +20,7 @@ from flexhinf.pages.estimate import (
     measured_blocks,
 )
 from flexhinf.pages.estimate_figures import signal_label
+from flexhinf.pages.log_remarks import alternative_advice
 from flexhinf.pages.page import files_section
 from flexhinf.pages.settings import robot_rows, settings_in_groups
 from flexhinf.pages.terminal import Ending, table_screen
@@ -64,6 +65,10 @@ class IdentifiedRobot:
             return None
         errors = self.motion.standard_errors
         return self.motion if any(np.isfinite(errors[name]) for name in self.found.hidden) else None
+
+
+#: The largest disturbance that is advised, beside the one that was found.
+DISTURBED = 1.2
 
 
 def identified_verdict(result: IdentifiedRobot) -> list[str]:
@@ -116,11 +121,14 @@ def _misfit_texts(result: IdentifiedRobot) -> Iterator[str]:
     if found.alternative is not None:
         yield f"{found.alternative.text[0].upper()}{found.alternative.text[1:]}."
     if found.absorbing:
-        name, (level, assumed) = max(found.disturbances.items(), key=lambda each: each[1][0] / each[1][1])
+        name, level, assumed = _largest_disturbance(found)
+        unit = f"{found.plant.unit(name)}·√s".lstrip("·")
+        share = 100.0 * found.disturbance
         yield (
-            f"Innovations fit only with a disturbance {signal_label(name)} {number(level / assumed, 3)} times as large "
-            "as assumed (1 % of the input, if none is stated): it absorbs what the model lacks. What follows is with "
-            "the assumed ones."
+            f"Innovations fit only with a disturbance {signal_label(name)} of {number(level, 3)} {unit}, "
+            f"{number(share * level / assumed, 3)} % of the input, and at most {number(assumed, 3)} {unit}, "
+            f"{number(share, 3)} %, is assumed: a larger one absorbs what the model lacks. What follows is with the "
+            "assumed ones."
         )
     nis = found.consistency.nis
     if not found.consistency.size_fits:
@@ -142,32 +150,28 @@ def _misfit_texts(result: IdentifiedRobot) -> Iterator[str]:
         yield f"What the log tells of {names} cannot be said before the model fits."
 
 
+def _largest_disturbance(found: Identification) -> tuple[str, float, float]:
+    """The disturbance that is largest beside what is assumed: its name, and its level as found and as assumed."""
+    name, (level, assumed) = max(found.disturbances.items(), key=lambda each: each[1][0] / each[1][1])
+    return name, level, assumed
+
+
 def _advice(result: IdentifiedRobot) -> list[str]:
     """What to try where the model does not fit."""
     other = result.found.alternative
-    if other is not None:
-        is_input, samples = other.signal in result.found.plant.inputs, abs(other.samples)
-        if other.kind == "sign":
-            return [
-                f"To try: {other.signal} times −1: its column with [-1] behind the name, as a unit, in --column."
-            ]
-        if other.kind == "moving":
-            return [
-                "To try: a log with a row whenever the input changes, or the mean of the input between two rows."
-            ]
-        if is_input:
-            return [
-                f"To try: a `--latency` that is {samples:g} {'larger' if other.samples > 0 else 'smaller'}."
-            ]
-        if other.samples > 0:
-            return [f"To try: `--sensor-delay {other.signal}={samples:g}`."]
+    if other is not None and (advice := alternative_advice(other, result.found.plant)):
+        return [advice]
     left = left_out(result.stated.nominal, result.extras)
     quick = [name for name in left if name != "inductance"] or left  # stiff: it takes ten times as long
     extras = (
         f"`--extras {','.join(quick)}`, which the robot states and the model leaves out; " if left else ""
     )
     more = "another `--latency`, another sensor in `--measured`, more `--parameters`"
-    noise = "; `--torque-noise`, if so much disturbs it" if result.found.absorbing else ""
+    noise = ""
+    if result.found.absorbing:
+        _, level, assumed = _largest_disturbance(result.found)
+        share = 100.0 * DISTURBED * result.found.disturbance * level / assumed
+        noise = f"; `--disturbance {share:.2g}`, if the robot is disturbed by so much"
     return [f"To try: {extras}{more}{noise}."]
 
 
@@ -351,7 +355,10 @@ def identified_numbers(result: IdentifiedRobot) -> dict[str, Any]:
             "samples": found.alternative.samples, "gain": found.alternative.gain,
         },
         "undecided": [
-            {"signal": each.signal, "kind": each.kind, "samples": each.samples, "gain": each.gain, "values": {**each.values}}
+            {
+                "signal": each.signal, "kind": each.kind, "samples": each.samples, "gain": each.gain,
+                "values": {**each.values},
+            }
             for each in found.undecided
         ],
         "numbers": {
