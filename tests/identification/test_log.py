@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import json
 import math
 import os
@@ -113,6 +114,42 @@ def test_stamps_since_1970_keep_their_nanoseconds(
     rows = [f"{stamp.format(s=1530821160, ns=ns, date='2018-07-05T20:06:00')},1,2,3" for ns in steps]
     log = log_of(f"{head},motor_voltage,motor_position,link_position\n" + "\n".join(rows))
     np.testing.assert_allclose(log.times, 1e-9 * steps, rtol=1e-15)
+
+
+def test_times_of_the_day_go_on_after_midnight(log_of: Callable[..., fh.Log], tmp_path: Path) -> None:
+    """In text with either decimal mark, and as times and durations of Parquet."""
+    clocks = ("23:59:59,5", "23:59:59,998", "0:00:00,006", "00:00:01")
+    rows = "".join(f"{clock};0,5;1;2,25\n" for clock in clocks)
+    exact = [0.0, 0.498, 0.506, 1.5]
+    log = log_of("Time;motor_voltage;motor_position;link_position\n" + rows)
+    np.testing.assert_allclose(log.times, exact, rtol=1e-12)
+    arrow, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    times = [datetime.time(23, 59, 59, 500_000), datetime.time(23, 59, 59, 998_000),
+             datetime.time(0, 0, 0, 6_000), datetime.time(0, 0, 1)]  # fmt: skip
+    durations = np.array(exact) * 1e9
+    ones = {name: arrow.array(np.ones(4)) for name in (*PLANT.inputs, *PLANT.outputs)}
+    for column in (arrow.array(times), arrow.array(durations.round().astype("timedelta64[ns]"))):
+        parquet.write_table(arrow.table({"time": column, **ones}), tmp_path / "log.parquet")
+        np.testing.assert_allclose(fh.read_log(tmp_path / "log.parquet", PLANT).times, exact, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("head", "row"),
+    [
+        ("time,motor_voltage,motor_position,link_position\nms,V,deg,\n", "{ms},1,90,2"),  # a row of units
+        ("time,motor_voltage,motor_position,link_position\n[ms],[V],[deg],-\n", "{ms},1,90,2"),
+        ("# a rig\n# time [ms],motor_voltage,motor_position [deg],link_position\n", "{ms},1,90,2"),  # by savetxt
+        ("# time motor_voltage motor_position[deg] link_position\n", "{s} 1 90 2"),
+        ("time   motor_voltage motor_position[deg] link_position\n", " {s}  1   90.0 2 "),  # by spaces
+        ("%time,motor_voltage,motor_position[deg],link_position\n", "17000000000{ms:02d}000000,1,90,2,"),
+        ("__time,motor_voltage,motor_position[deg],link_position\n", "{s},1,90,2"),
+    ],
+)  # fmt: skip
+def test_headers_as_tools_write_them(log_of: Callable[..., fh.Log], head: str, row: str) -> None:
+    """Units below the names, a header that begins with #, spaces, a separator behind the last value, names of times."""
+    log = log_of(head + "".join(row.format(ms=ms, s=1e-3 * ms) + "\n" for ms in (10, 30, 45)))
+    np.testing.assert_allclose(log.times, [0.0, 0.02, 0.035], rtol=1e-12)
+    np.testing.assert_allclose(log.outputs[0], [np.pi / 2, 2.0])
 
 
 @pytest.mark.parametrize(
@@ -250,9 +287,9 @@ def test_parquet_by_pandas(stamps: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(log.outputs[:, 0], MOTOR, rtol=1e-14)
     np.testing.assert_array_equal(log.outputs[:, 1], np.where(np.arange(N) % 3, np.nan, 2.0))
     for bad in ("mode",):
-        with refused_with(InvalidInput, "mode", "row 1"):
+        with refused_with(InvalidInput, "mode", "no numbers", "string", "to_numeric"):
             fh.read_log(tmp_path / "log.parquet", PLANT, columns={"link_position": bad})
-    with refused_with(InvalidInput, "mode"):
+    with refused_with(InvalidInput, "mode", "to_datetime"):
         fh.read_log(tmp_path / "log.parquet", PLANT, time="mode")
     (tmp_path / "log.parquet").write_bytes((tmp_path / "log.parquet").read_bytes()[:-20])
     with refused_with(InvalidInput, "log.parquet", "Parquet"):

@@ -32,6 +32,7 @@ EDITS: dict[str, Callable[[str], str]] = {
     "times of the day as 23:59:59.5": lambda text: re.sub(r"12:00 PM,(\d)", r"12:00:0\1,1", text),
     "dates as 2026-01-31T12:00:00.5": lambda text: re.sub(r"(\d\d)/(\d\d)/(\d{4}) ", r"\3-\1-\2T", text),
     "a log of some seconds": lambda text: HEAD + ROWS,
+    "a column 'time [ns]'": lambda text: HEAD + ROWS,
     "a header 'time,motor_torque": lambda text: HEAD + ROWS,
     "the same text, saved in UTF-8": lambda text: text,
 }
@@ -96,6 +97,9 @@ def refused(file: Path, options: dict[str, Any]) -> InvalidInput | None:
             {"columns": {"link_position": "pos"}},
         ),
         (HEAD.replace("\n", ",time\n") + ROWS.replace("\n", ",4\n"), {}),
+        (ROWS, {}),
+        ("Rig 3\n\n" + HEAD + ROWS, {}),
+        (HEAD.replace("time", "stamp.sec,stamp.nanosec") + ROWS.replace(",1,", ",5,1,"), {}),
         (HEAD + "".join(f"12:00 PM,{k},2,3\n" for k in range(5)), {}),
         (HEAD + "".join(f"10/27/2024 12:00:0{k},1,2,3\n" for k in range(5)), {}),
     ],

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Callable, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.identification.log_columns import (
     LARGEST,
+    MISSING,
     MOST_ROWS,
     FileColumns,
     Loaded,
@@ -23,6 +25,7 @@ from flexhinf.identification.log_columns import (
     date_of,
     first_place,
     foreign_errors,
+    is_number,
     no_number,
     no_stamp,
     numbers_of,
@@ -33,7 +36,7 @@ from flexhinf.identification.log_columns import (
     stamps_of_text,
 )
 from flexhinf.identification.log_messages import mcap_columns
-from flexhinf.robot.table import read_table
+from flexhinf.robot.table import name_and_unit, read_table
 from flexhinf.validation import extra_package, open_regular, value_text
 
 #: Most bytes of a row of a Parquet column when it is unpacked.
@@ -74,6 +77,14 @@ def file_columns(path: Path) -> FileColumns:
 # CSV ------------------------------------------------------------------------------------------------
 def _csv_columns(path: Path) -> FileColumns:
     heading, rows, separator = read_table(path, LARGEST, MOST_ROWS, "a log as CSV")
+    first = next(rows, None)
+    if first is not None and (units := _units_of(first.cells)):
+        heading = [
+            f"{name.strip()} [{unit}]" if unit and not name_and_unit(name)[1] else name
+            for name, unit in zip(heading, units)
+        ]
+    elif first is not None:
+        rows = chain([first], rows)
 
     def load(time: int, places: Sequence[int]) -> Loaded:
         lines, needed = [], (time, *places)
@@ -95,6 +106,15 @@ def _csv_columns(path: Path) -> FileColumns:
         return Loaded(stamps, first, is_date, _stacked(values, len(lines)), where)
 
     return FileColumns(path, tuple(heading), load)
+
+
+def _units_of(cells: Sequence[str]) -> list[str]:
+    """The units of a row below the header that has nothing else; none if it is one of values."""
+    texts = [cell.strip() for cell in cells]
+    known = [text for text in texts if text.casefold() not in MISSING]
+    if not known or any(is_number(text.replace(",", ".", 1)) for text in known):
+        return []
+    return [text.strip("[]()") if text in known else "" for text in texts]
 
 
 def _decimal_commas(columns: Sequence[Sequence[str]]) -> bool:

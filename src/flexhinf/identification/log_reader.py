@@ -245,11 +245,24 @@ class _Heading:
     def stamp(self, time: str | None) -> _Column:
         """The column of times."""
         if time is not None:
-            return self.in_stated_unit(self.column(time, "the time"))
-        called = [[column for column in self.columns if column.name.casefold() == name] for name in TIMES]
+            stated = self.column(time, "the time")
+            self._check_whole(stated)
+            return self.in_stated_unit(stated)
+        called = [
+            [column for column in self.columns if column.name.casefold().lstrip("%_ ") == name]
+            for name in TIMES
+        ]
         columns = next(filter(None, called), [])
         if not columns:
             names = [column.name for column in self.columns]
+            refuse_if(
+                len(names) == 1 or all(_is_finite(name) for name in names),
+                f"{self.file.path.name} has no header.",
+                f"expected the names of columns in the first row, got {names}",
+                "a header 'time,motor_torque,motor_position' as the first row; what stands before it begins with #",
+            )
+            for column in self.columns:
+                self._check_whole(column)
             like = [f"{column.name} [{unit}]" for column in self.columns if (unit := _unit_in(column, "s"))]
             name = like[0] if like else nearest("time", names, repr(names[0])).strip("'")
             raise InvalidInput(
@@ -258,6 +271,18 @@ class _Heading:
                 f"time={name!r}" + ("" if like else f", or with the unit of its numbers: time='{name} [ms]'"),
             )
         return self.in_stated_unit(self.only(columns, "the time"))
+
+    def _check_whole(self, stamp: _Column) -> None:
+        """Refuse seconds whose fractions are another column's."""
+        start = re.sub(r"secs?$", "", stamp.name)
+        beside = {f"{start}{part}" for part in ("nanosec", "nsec", "nsecs")} if start != stamp.name else set()
+        parts = [column.name for column in self.columns if column.name in beside]
+        refuse_if(
+            bool(parts),
+            f"{self.file.path.name}: the times are in two columns.",
+            f"expected one, got {[stamp.name, *parts]}",
+            f"a column 'time [ns]' of 1000000000 * {stamp.name} + {''.join(parts[:1])}, in whole numbers",
+        )
 
     def seconds(self, stamp: _Column, loaded: Loaded) -> float:
         """What a unit of the stamps is in seconds."""
@@ -304,6 +329,10 @@ def _unit_in(column: _Column, si: str) -> str:
         measured(f"1 {unit}", si)
         return unit
     return ""
+
+
+def _is_finite(text: str) -> bool:
+    return bool(np.isfinite(_float(text)))
 
 
 def _float(text: str) -> float:
