@@ -188,7 +188,8 @@ def test_the_table_of_two_joints_is_read_at_80_columns() -> None:
         names=names, hidden=(), consistent=False, values={name: robot[name].value for name in names},
         standard_errors={name: 0.0123456 * robot[name].value for name in names},
         intervals={name: (0.987654 * robot[name].value, 1.0123456 * robot[name].value) for name in names},
-        unidentifiable=(), alternative=None, absorbing=True, consistency=correlated(),
+        unidentifiable=(), alternative=None, absorbing=True, consistency=correlated(), disturbance=0.01,
+        plant=robot.plant(),
         disturbances={"motor_torque_shoulder": (0.5, 0.01)},
     )  # fmt: skip
     result = IdentifiedRobot(robot, found, FILTERED, None, ())

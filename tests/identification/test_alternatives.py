@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import re
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from tests.identification.simulated import arm_log, linear_log, oscillator
+from tests.refusals import refused_with, unnamed
 
 import flexhinf as fh
+from flexhinf.errors import InvalidInput
 from flexhinf.identification.alternatives import Alternative
+from flexhinf.pages.identify import identified_verdict
 
 SENSORS, NAMES = ("motor_position", "link_position"), ("stiffness", "friction", "motor_inertia")
 COUNT = 2.0 * np.pi / 2048.0
@@ -114,13 +121,24 @@ def test_noise_is_never_below_that_of_a_step():
     assert right.consistent
 
 
-def test_large_disturbances_fit_where_they_are_stated():
+def test_large_disturbances_fit_where_they_are_stated(arm):
     """Forces of a fifth of the input are no part of the model, unless somebody says so."""
     log = linear_log(3, count=1200, noise=1e-4, level=0.3)
     free = fh.identify(oscillator(), log, ("stiffness", "damping", "gain"))
     assert not free.consistent
     level, assumed = free.disturbances["load"]
     assert level > 10.0 * assumed
+    result: Any = SimpleNamespace(found=free, filtered=SimpleNamespace(remarks=[]), stated=arm, extras=())
+    said = " ".join(identified_verdict(result))
+    share = re.search(r"`--disturbance (\S+)`", said)
+    assert share is not None
+    assert unnamed(said, f"{level:.3g}", f"{assumed:.3g}", "at most", f"{level / assumed:.3g} %") == []
+    advised = fh.identify(
+        oscillator(), log, ("stiffness", "damping", "gain"), disturbance=0.01 * float(share[1])
+    )
+    assert advised.consistent
+    with refused_with(InvalidInput, "twice"):
+        fh.identify(oscillator(), log, "gain", disturbance=0.1, process_noise=1.0)
     stated = fh.identify(
         oscillator(), log, ("stiffness", "damping", "gain"), process_noise=np.diag([0.0, 0.3**2 * 0.01])
     )

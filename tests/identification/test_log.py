@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import json
 import math
 import os
@@ -16,7 +17,7 @@ from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
-from flexhinf.identification import log_files
+from flexhinf.identification import log_columns, log_files, log_messages
 
 PLANT = fh.paper_arm().plant(("motor_position", "link_position"))
 N = 40
@@ -113,6 +114,42 @@ def test_stamps_since_1970_keep_their_nanoseconds(
     rows = [f"{stamp.format(s=1530821160, ns=ns, date='2018-07-05T20:06:00')},1,2,3" for ns in steps]
     log = log_of(f"{head},motor_voltage,motor_position,link_position\n" + "\n".join(rows))
     np.testing.assert_allclose(log.times, 1e-9 * steps, rtol=1e-15)
+
+
+def test_times_of_the_day_go_on_after_midnight(log_of: Callable[..., fh.Log], tmp_path: Path) -> None:
+    """In text with either decimal mark, and as times and durations of Parquet."""
+    clocks = ("23:59:59,5", "23:59:59,998", "0:00:00,006", "00:00:01")
+    rows = "".join(f"{clock};0,5;1;2,25\n" for clock in clocks)
+    exact = [0.0, 0.498, 0.506, 1.5]
+    log = log_of("Time;motor_voltage;motor_position;link_position\n" + rows)
+    np.testing.assert_allclose(log.times, exact, rtol=1e-12)
+    arrow, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    times = [datetime.time(23, 59, 59, 500_000), datetime.time(23, 59, 59, 998_000),
+             datetime.time(0, 0, 0, 6_000), datetime.time(0, 0, 1)]  # fmt: skip
+    durations = np.array(exact) * 1e9
+    ones = {name: arrow.array(np.ones(4)) for name in (*PLANT.inputs, *PLANT.outputs)}
+    for column in (arrow.array(times), arrow.array(durations.round().astype("timedelta64[ns]"))):
+        parquet.write_table(arrow.table({"time": column, **ones}), tmp_path / "log.parquet")
+        np.testing.assert_allclose(fh.read_log(tmp_path / "log.parquet", PLANT).times, exact, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("head", "row"),
+    [
+        ("time,motor_voltage,motor_position,link_position\nms,V,deg,\n", "{ms},1,90,2"),  # a row of units
+        ("time,motor_voltage,motor_position,link_position\n[ms],[V],[deg],-\n", "{ms},1,90,2"),
+        ("# a rig\n# time [ms],motor_voltage,motor_position [deg],link_position\n", "{ms},1,90,2"),  # by savetxt
+        ("# time motor_voltage motor_position[deg] link_position\n", "{s} 1 90 2"),
+        ("time   motor_voltage motor_position[deg] link_position\n", " {s}  1   90.0 2 "),  # by spaces
+        ("%time,motor_voltage,motor_position[deg],link_position\n", "17000000000{ms:02d}000000,1,90,2,"),
+        ("__time,motor_voltage,motor_position[deg],link_position\n", "{s},1,90,2"),
+    ],
+)  # fmt: skip
+def test_headers_as_tools_write_them(log_of: Callable[..., fh.Log], head: str, row: str) -> None:
+    """Units below the names, a header that begins with #, spaces, a separator behind the last value, names of times."""
+    log = log_of(head + "".join(row.format(ms=ms, s=1e-3 * ms) + "\n" for ms in (10, 30, 45)))
+    np.testing.assert_allclose(log.times, [0.0, 0.02, 0.035], rtol=1e-12)
+    np.testing.assert_allclose(log.outputs[0], [np.pi / 2, 2.0])
 
 
 @pytest.mark.parametrize(
@@ -250,9 +287,9 @@ def test_parquet_by_pandas(stamps: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(log.outputs[:, 0], MOTOR, rtol=1e-14)
     np.testing.assert_array_equal(log.outputs[:, 1], np.where(np.arange(N) % 3, np.nan, 2.0))
     for bad in ("mode",):
-        with refused_with(InvalidInput, "mode", "row 1"):
+        with refused_with(InvalidInput, "mode", "no numbers", "string", "to_numeric"):
             fh.read_log(tmp_path / "log.parquet", PLANT, columns={"link_position": bad})
-    with refused_with(InvalidInput, "mode"):
+    with refused_with(InvalidInput, "mode", "to_datetime"):
         fh.read_log(tmp_path / "log.parquet", PLANT, time="mode")
     (tmp_path / "log.parquet").write_bytes((tmp_path / "log.parquet").read_bytes()[:-20])
     with refused_with(InvalidInput, "log.parquet", "Parquet"):
@@ -461,7 +498,7 @@ def test_what_unpacks_to_too_much_is_refused_by_its_footer(
 ) -> None:
     """A file of megabytes may be one of gigabytes when it is unpacked: nothing is, before it is counted."""
     arrow, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
-    monkeypatch.setattr(log_files, "MOST_ROWS", 1000)
+    monkeypatch.setattr(log_columns, "MOST_ROWS", 1000)
     monkeypatch.setattr(parquet.ParquetFile, "read", None)  # it is not read
     names = ("time", *PLANT.inputs, *PLANT.outputs)
     columns = {name: arrow.array(np.zeros(1001)) for name in names}
@@ -473,9 +510,13 @@ def test_what_unpacks_to_too_much_is_refused_by_its_footer(
     parquet.write_table(arrow.table({**few, names[1]: arrow.array([[0.0] * 5] * 10)}), path)
     with refused_with(InvalidInput, names[1], "list"):
         fh.read_log(path, PLANT)
-    parquet.write_table(
-        arrow.table({**few, names[1]: arrow.array(["x" * 9_000_000] * 10)}), path, use_dictionary=False
-    )
+    long = arrow.array(["x" * 1_000_000] * 10)  # the file has it once, and the footer counts it once
+    for texts in (long, long.dictionary_encode(), long.cast("binary")):
+        parquet.write_table(arrow.table({**few, names[1]: texts}), path)
+        with refused_with(InvalidInput, "log.parquet", names[1], str(texts.type)):
+            fh.read_log(path, PLANT)
+    monkeypatch.setattr(log_files, "LARGEST_CELL", 0)
+    parquet.write_table(arrow.table(few), path)
     with refused_with(InvalidInput, "log.parquet", "large"):
         fh.read_log(path, PLANT)
 
@@ -501,9 +542,21 @@ def test_messages_are_counted_and_chunks_have_a_size(
 
     columns = {"motor_voltage": "arm/motor_voltage", "motor_position": "arm/q/0", "link_position": "arm/q/1"}
     assert len(fh.read_log(write(20, 10), PLANT, columns).times) == 20
-    monkeypatch.setattr(log_files, "LARGEST_CHUNK", 5000)
+    monkeypatch.setattr(log_messages, "LARGEST_CHUNK", 5000)
     with refused_with(InvalidInput, "log.mcap", 5000):
         fh.read_log(write(20, 1000), PLANT, columns)
-    monkeypatch.setattr(log_files, "MOST_ROWS", 10)
+    for limit, most in (("LARGEST_CHUNK", 10**6), ("LARGEST_UNPACKED", 5000)):
+        monkeypatch.setattr(log_messages, limit, most)
+    with refused_with(InvalidInput, "log.mcap", "messages", 5000):
+        fh.read_log(write(20, 1000), PLANT, columns)
+    monkeypatch.setattr(log_messages, "LARGEST_UNPACKED", 10**6)
+    for limit, most in (("MOST_COLUMNS", 2), ("MOST_NUMBERS", 50)):
+        with monkeypatch.context() as patch, refused_with(InvalidInput, "log.mcap", limit[5:].lower(), most):
+            patch.setattr(log_messages, limit, most)
+            fh.read_log(write(20, 10), PLANT, columns)
+    monkeypatch.setattr(log_messages, "LARGEST_MESSAGE", 500)
+    with refused_with(InvalidInput, "log.mcap"):  # a topic of pictures has no columns
+        fh.read_log(write(20, 1000), PLANT, columns)
+    monkeypatch.setattr(log_columns, "MOST_ROWS", 10)
     with refused_with(InvalidInput, "log.mcap", 10, 20):
         fh.read_log(write(20, 10), PLANT, columns)

@@ -23,14 +23,16 @@ UNITS = HEAD.replace("time", "t_ms").replace("motor_position", "motor_position_d
 #: What an advice says of a file, and how a user follows it.
 EDITS: dict[str, Callable[[str], str]] = {
     "one value for each column": lambda text: text.rstrip("\n") + ",3\n",
-    "other names in the header": lambda text: text.replace("\n", "_second\n", 1),
+    "other names in the file": lambda text: text.replace("\n", "_second\n", 1),
     "leave the row out": lambda text: "".join(text.splitlines(keepends=True)[:-1]),
     "sort the rows, and drop repeated times": lambda text: "".join(text.splitlines(keepends=True)[:-1]),
     "a decimal point": lambda text: re.sub(r"(\d),(\d)", r"\1.\2", text),
     "0.5, or an empty cell": lambda text: re.sub(r"fast|inf", "", text),
     "two logs: log[:10]": lambda text: "".join(text.splitlines(keepends=True)[:11]),
+    "times of the day as 23:59:59.5": lambda text: re.sub(r"12:00 PM,(\d)", r"12:00:0\1,1", text),
     "dates as 2026-01-31T12:00:00.5": lambda text: re.sub(r"(\d\d)/(\d\d)/(\d{4}) ", r"\3-\1-\2T", text),
     "a log of some seconds": lambda text: HEAD + ROWS,
+    "a column 'time [ns]'": lambda text: HEAD + ROWS,
     "a header 'time,motor_torque": lambda text: HEAD + ROWS,
     "the same text, saved in UTF-8": lambda text: text,
 }
@@ -94,6 +96,11 @@ def refused(file: Path, options: dict[str, Any]) -> InvalidInput | None:
             HEAD.replace("\n", ",pos,pos\n") + ROWS.replace("\n", ",4,5\n"),
             {"columns": {"link_position": "pos"}},
         ),
+        (HEAD.replace("\n", ",time\n") + ROWS.replace("\n", ",4\n"), {}),
+        (ROWS, {}),
+        ("Rig 3\n\n" + HEAD + ROWS, {}),
+        (HEAD.replace("time", "stamp.sec,stamp.nanosec") + ROWS.replace(",1,", ",5,1,"), {}),
+        (HEAD + "".join(f"12:00 PM,{k},2,3\n" for k in range(5)), {}),
         (HEAD + "".join(f"10/27/2024 12:00:0{k},1,2,3\n" for k in range(5)), {}),
     ],
 )

@@ -33,6 +33,20 @@ def test_times_in_another_unit_are_refused(scale: float) -> None:
         check_plausible(arm(), log_of(scale))
 
 
+@pytest.mark.parametrize("counts", [256, 2048, 100_000])
+def test_counts_of_an_encoder_are_named_and_the_advice_has_its_column(counts: int) -> None:
+    """As fast as they change, it is not the times that are wrong."""
+    counted = log_of(gear=counts / (2.0 * np.pi))
+    whole = fh.Log(counted.times, counted.inputs, np.rint(counted.outputs), names=counted.names)
+    with refused_with(
+        InvalidInput, "'motor_position'", "counts", "columns={'motor_position': 'enc [0.00306796]'}"
+    ):
+        check_plausible(arm(), whole, {"motor_position": "enc"})
+    check_plausible(
+        arm(), fh.Log(whole.times, whole.inputs, whole.outputs * 2 * np.pi / counts, names=whole.names)
+    )
+
+
 def test_positions_before_a_gear_are_refused() -> None:
     limited = fh.load_robot("planar-two-link")
     names = {"input": limited.plant().inputs, "output": ("motor_position_elbow",)}

@@ -48,6 +48,8 @@ def estimate(context: typer.Context, o: options.EstimateOptions) -> None:
     Exit code: 0 when the report is written; 2 for a mistake (nothing is written);
     130 if interrupted.
     """
+    from flexhinf.identification.identify import likelier_log
+
     fields, columns = stated_fields(context), _columns(o.column)
     request = read_source(_robot(o), o.elastic, fields, o.payload)
     if o.table == "parquet":
@@ -62,8 +64,10 @@ def estimate(context: typer.Context, o: options.EstimateOptions) -> None:
         progress("filter")
         filter, sources = _filter(o, request, plant, log, fields, bounds)
         data = fh.filter_log(filter, log, o.smooth)
-        remarks = pages.log_remarks(request.robot, log)
-        result = pages.FilteredLog(request.robot, log, filter, data, fh.consistency(data), sources, remarks)
+        judged = fh.consistency(data)
+        likelier = None if judged.innovations_fit else likelier_log(plant, log)
+        remarks = pages.log_remarks(request.robot, log, likelier)
+        result = pages.FilteredLog(request.robot, log, filter, data, judged, sources, remarks)
         progress("report")
         notes = pages.left_out_notes(request.robot, request.specification.extras, "the model")
         files = pages.estimate_files(result, reproduce_command(context), [*request.warnings, *notes], o.table)
@@ -125,7 +129,14 @@ def identify(context: typer.Context, o: options.IdentifyOptions) -> None:
         progress("identify")
         process, sensors = _stated_noises(request, plant, fields)
         found = fh.identify(
-            robot, log, names, measured=plant.outputs, extras=s.extras, sensors=sensors, process_noise=process
+            robot,
+            log,
+            names,
+            measured=plant.outputs,
+            extras=s.extras,
+            sensors=sensors,
+            process_noise=process,
+            disturbance=0.01 * o.disturbance,
         )
         filter = found.filter(log.period, as_expected=True)
         data = fh.filter_log(filter, log)
@@ -168,7 +179,7 @@ def _read(
     try:
         delays = _delays(o.sensor_delay)
         log = fh.read_log(o.log, plant, columns, o.time or None, None, o.hold_inputs, latency, delays)
-        check_plausible(robot, log)
+        check_plausible(robot, log, columns)
         return log
     except InvalidInput as error:
         texts = [error.what, error.found, error.advice]

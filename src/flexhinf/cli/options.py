@@ -437,6 +437,9 @@ class IdentifyOptions(LogOptions):
     torque_noise: NotNegative | None = option(None, ADVANCED,
         "Variance added to the velocities alone per row, where unknown torques act. It then is not searched.", "1e-7",
         default="searched: level of each disturbance")
+    disturbance: Positive = option(1.0, ADVANCED,
+        "Largest disturbances with which the model fits, in per cent of the input. Larger ones absorb what it lacks.",
+        "5", "%")
     measurement_noise: Variances | None = option(None, ADVANCED,
         "Noise of the sensors, as for `flexhinf estimate`: 0.1mrad. It then is not searched.", "0.1mrad", "rad²",
         default="searched, at least that of the smallest step in the log")

@@ -15,6 +15,9 @@ from flexhinf.plant import Plant
 #: as a share of the input's; without disturbances, of each state per second.
 UNKNOWN, LEFT_OUT = 1.0, 0.01
 
+#: Outputs of a robot at rest spread over at most so many times the noise between neighbours.
+RESTING = 1.5
+
 #: Frequency at which disturbances and inputs are compared, rad/s.
 SLOW = 1.0
 
@@ -45,6 +48,12 @@ def measurement_variances(outputs: np.ndarray) -> np.ndarray:
     return np.maximum(np.square(noises), smallest_variances(outputs))
 
 
+def at_rest(inputs: np.ndarray, outputs: np.ndarray) -> bool:
+    """Whether nothing happens in a log: inputs (N, m) are constant, and outputs (N, p) no more than their noise."""
+    spread, noise = np.nanvar(outputs, axis=0), measurement_variances(outputs)
+    return bool((np.ptp(inputs, axis=0) == 0.0).all() and (spread < RESTING**2 * noise).all())
+
+
 def process_covariance(plant: Plant, x: np.ndarray, levels: np.ndarray, period: float) -> np.ndarray:
     """R^v (n, n) per period of disturbances with levels (k,), unit √s, of a map deviations; without disturbances, of
     each state."""
@@ -52,8 +61,10 @@ def process_covariance(plant: Plant, x: np.ndarray, levels: np.ndarray, period: 
     return spread @ spread.T * (1.0 if plant.sampled else period)
 
 
-def disturbance_levels(plant: Plant, x: np.ndarray, inputs: np.ndarray, period: float) -> np.ndarray:
-    """Levels (k,) of the disturbances at first: `LEFT_OUT` of what acts like the inputs (N, m), held for a period; of a
+def disturbance_levels(
+    plant: Plant, x: np.ndarray, inputs: np.ndarray, period: float, share: float = LEFT_OUT
+) -> np.ndarray:
+    """Levels (k,) of the disturbances at first: a `share` of what acts like the inputs (N, m), held for a period; of a
     map the deviations themselves.
 
     A disturbance acts like the inputs if it moves the outputs as far in slow motions about the state x (n,): 1 V of a
@@ -70,7 +81,7 @@ def disturbance_levels(plant: Plant, x: np.ndarray, inputs: np.ndarray, period: 
         by_each = np.linalg.norm(c @ np.linalg.lstsq(whole, g.astype(complex), rcond=None)[0], axis=0)
         clear = (by_each > 0.0) & (by_inputs > 0.0)
         sizes = np.where(clear, by_inputs / np.where(clear, by_each, 1.0), usual)
-    return LEFT_OUT * sizes * (1.0 if plant.sampled else np.sqrt(period))
+    return share * sizes * (1.0 if plant.sampled else np.sqrt(period))
 
 
 def first_state(plant: Plant, outputs: np.ndarray) -> np.ndarray:

@@ -7,15 +7,17 @@ measurement noise and of the disturbances that the model leaves out are sought b
 Intervals hold if the model does. Whether it does, three things say. The innovations of the filter that was found are
 white, and as large as it expects, with disturbances that are no larger than those that were assumed: larger ones absorb
 what the model lacks. And no log is likelier whose sensor or input acts some samples earlier or later
-(`flexhinf.identification.alternatives`). Else the result is marked, and where innovations are not white, intervals are
-widened for scores that are correlated over a long time [white1982]. A number may still be wrong by more, since it also
-explains what the model lacks: dry friction that is left out becomes viscous friction.
+(`flexhinf.identification.alternatives`); where such a log is as likely, intervals hold its numbers too. Else the result
+is marked, and where innovations are not white, intervals are widened for scores that are correlated over a long time
+[white1982]. A number may still be wrong by more, since it also explains what the model lacks: dry friction that is left
+out becomes viscous friction.
 """
 
 from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -23,12 +25,14 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
 from flexhinf.estimation import ExtendedKalmanFilter, RecursiveFilter
-from flexhinf.identification.alternatives import Alternative, Shifts, likelier
+from flexhinf.identification.alternatives import Alternative, Shifts, alternatives
 from flexhinf.identification.consistency import DEVIATIONS, Consistency, innovation_consistency
 from flexhinf.identification.defaults import (
+    LEFT_OUT,
     UNKNOWN,
+    at_rest,
     default_filter,
     disturbance_levels,
     measurement_variances,
@@ -50,7 +54,10 @@ from flexhinf.identification.unknowns import (
 from flexhinf.notebook import Summarised, number_text
 from flexhinf.plant import Plant, Sensor
 from flexhinf.robot import Parameter, Robot, load_robot
-from flexhinf.validation import checked_kind, checked_names
+from flexhinf.validation import checked_kind, checked_names, real_number, value_text
+
+#: Largest plant whose logs are compared with others before a number is sought: three joints.
+MOST_STATES = 12
 
 
 def judgement(evaluation: Evaluation, plant: Plant, outputs: np.ndarray) -> Consistency:
@@ -72,7 +79,9 @@ class Identification(Summarised):
     what the log has of the numbers. `log_likelihood`, `samples`, `iterations`: of the search. `period`: of its filter,
     s. `consistency`: of its innovations with disturbances that are no larger than assumed, at the unknowns `expected`
     (k,) that then are most likely. `absorbing`: whether innovations fit with larger ones alone. `alternative`: a log
-    with a signal at another time or of another sign that is likelier by far, or None.
+    with a signal at another time or of another sign that is likelier by far, or None. `undecided`: such logs that are
+    as likely and tell other numbers: the log is too short to tell when its signals were true. `disturbance`: how large
+    disturbances are at most, as a share of the inputs.
 
     Examples
     --------
@@ -102,6 +111,8 @@ class Identification(Summarised):
     expected: np.ndarray
     absorbing: bool = False
     alternative: Alternative | None = None
+    undecided: tuple[Alternative, ...] = ()
+    disturbance: float = LEFT_OUT
 
     @property
     def consistent(self) -> bool:
@@ -146,12 +157,17 @@ class Identification(Summarised):
 
     @property
     def intervals(self) -> dict[str, tuple[float, float]]:
-        """The numbers that the log agrees with, 95 %, by name; of a positive number from its logarithm."""
+        """The numbers that the log agrees with, 95 %, by name; of a positive number from its logarithm.
+
+        Where it is `undecided` when a signal was true, those of each time that may be.
+        """
         found = {}
         for number, z, error in zip(
             self.unknowns.numbers, self.found, self.information.standard_errors * self._parts
         ):
-            ends = [z - DEVIATIONS * error, z + DEVIATIONS * error]
+            others = [each.values[number.name] for each in self.undecided]
+            middles = [z, *(np.log(others) if number.sign == "positive" else others)]
+            ends = [min(middles) - DEVIATIONS * error, max(middles) + DEVIATIONS * error]
             if number.sign == "positive":
                 with np.errstate(over="ignore"):
                     ends = np.exp(ends).tolist()
@@ -223,6 +239,7 @@ class Identification(Summarised):
             rows["the model does not fit the log"] = "numbers may be wrong by more than their intervals"
         if self.alternative is not None:
             rows["likelier"] = self.alternative.text
+        rows |= {f"as likely, {k + 1}": each.what for k, each in enumerate(self.undecided)}
         rows["samples"] = f"{self.samples}, log-likelihood {self.log_likelihood:.6g}"
         return rows
 
@@ -269,6 +286,7 @@ def identify(
     noise: bool = True,
     sensors: Sequence[Sensor] | Sensor = (),
     process_noise: Any = None,
+    disturbance: float = LEFT_OUT,
 ) -> Identification:
     """The numbers of a robot or a plant under which a log is most likely.
 
@@ -295,6 +313,8 @@ def identify(
         is not it.
     process_noise : float, (n,) or (n, n) array, optional
         R^v per period, which then is not sought.
+    disturbance : float
+        How large disturbances are at most where the model fits, as a share of the inputs.
 
     Raises
     ------
@@ -348,6 +368,19 @@ def identify(
         "expected sensors and process_noise, or a filter, got both",
         "the filter alone",
     )
+    size = real_number(disturbance)
+    refuse_if(
+        not 0.0 < size < np.inf,
+        "The largest disturbance is a share of the inputs.",
+        f"expected a number > 0, got {value_text(disturbance)}",
+        "disturbance=0.05, of 5 %",
+    )
+    refuse_if(
+        size != LEFT_OUT and (filter is not None or process_noise is not None),
+        "The disturbances are stated twice.",
+        "expected the largest one, or process_noise or a filter, got both",
+        "the largest one alone: their level then is sought",
+    )
     times, inputs, outputs = log_arrays(log, plant)
     known = known_sensors(sensors, plant, float(np.median(np.diff(times))))
     outputs = at_their_times(outputs, known)
@@ -366,7 +399,7 @@ def identify(
     )  # fmt: skip
     levels = None
     if filter is None and process_noise is None:
-        levels = disturbance_levels(plant, chosen.initial.mean, inputs, chosen.period)
+        levels = disturbance_levels(plant, chosen.initial.mean, inputs, chosen.period, size)
     sought = (known.deviations == 0.0) & noise, noise and process_noise is None
     least = np.sqrt(np.maximum(smallest_variances(outputs), known.quanta**2 / 12.0))
     unknowns = Unknowns(plant, robot, numbers, Noises.of(chosen, levels, sought, least))
@@ -384,15 +417,40 @@ def identify(
         judged = judgement(other, plant, outputs)
         if judged.innovations_fit:  # larger disturbances explained steps of sensors, or nothing
             unknowns, found, evaluation = bounded, expected, other
-    clear = confirmed(likelihood, unknowns, found, evaluation)
-    slow = max((each.whiteness.slow for each in own.outputs if each.whiteness), default=1.0)
-    shifts = Shifts(chosen, unknowns, found, times, inputs, outputs)
+    clear = np.zeros(len(unknowns.numbers), dtype=bool)
+    if not at_rest(inputs, outputs):
+        clear = confirmed(likelihood, unknowns, found, evaluation)
     white = judged if found is expected else own
     information = Information.of(
         evaluation, unknowns.names, unknowns.sizes(found), clear, white.innovations_fit and not white.rounded
     )
+    slow = max((each.whiteness.slow for each in own.outputs if each.whiteness), default=1.0)
+    shifts = Shifts(chosen, unknowns, found, times, inputs, outputs)
+    spread = DEVIATIONS * information.standard_errors * unknowns.sizes(found)[: len(unknowns.numbers)]
     return Identification(
         unknowns, found, chosen.initial.mean, information, evaluation.value, len(times), iterations,
         chosen.period, judged, expected, own.innovations_fit and not judged.innovations_fit,
-        likelier(shifts, judged.innovations_fit, slow),
+        *alternatives(shifts, spread, judged.innovations_fit, slow), size,
     )  # fmt: skip
+
+
+def likelier_log(plant: Plant, log: Any) -> Alternative | None:
+    """The log with a signal at another time or of another sign that is likelier by far with the plant's own numbers.
+
+    Noises are sought; of a plant with more than `MOST_STATES` states nothing is tried. See `identify` for the log.
+    """
+    if plant.n > MOST_STATES:
+        return None
+    times, inputs, outputs = log_arrays(log, plant)
+    chosen: ExtendedKalmanFilter = default_filter(plant, times, inputs, outputs, form="covariance")
+    levels = disturbance_levels(plant, chosen.initial.mean, inputs, chosen.period)
+    noises = Noises.of(chosen, levels, True, np.sqrt(smallest_variances(outputs)))
+    unknowns = Unknowns(plant, None, (), noises)
+    likelihood = Likelihood(chosen, rows_of(times, inputs, outputs, chosen.period), len(unknowns.names))
+    with suppress(NumericalFailure):
+        found, evaluation, _ = searched(likelihood, unknowns, unknowns.inside(unknowns.start))
+        white = judgement(evaluation, plant, outputs).outputs
+        slow = max((each.whiteness.slow for each in white if each.whiteness), default=1.0)
+        shifts = Shifts(chosen, unknowns, found, times, inputs, outputs)
+        return alternatives(shifts, np.zeros(0), False, slow).likelier
+    return None

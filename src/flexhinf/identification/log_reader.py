@@ -198,15 +198,24 @@ class _Heading:
         columns, (name, unit) = self.named(text), name_and_unit(text)
         if not columns and unit:
             columns = [column._replace(unit=unit) for column in self.named(name)]
-        if len(columns) != 1:
-            names = [name.strip() for name in self.file.names]
+        if not columns:
             raise InvalidInput(
-                f"{self.file.path.name} has {'several columns' if columns else 'no column'} {value_text(text, 60)} for "
-                f"{what}.",
-                f"expected one of {names}",
-                _renamed(columns) if columns
-                else nearest(name, [column.name for column in self.columns], "a name of the header"),
-            )  # fmt: skip
+                f"{self.file.path.name} has no column {value_text(text, 60)} for {what}.",
+                f"expected one of {[name.strip() for name in self.file.names]}",
+                nearest(name, [column.name for column in self.columns], "a name of the header"),
+            )
+        return self.only(columns, what)
+
+    def only(self, columns: Sequence[_Column], what: str) -> _Column:
+        """The one of several columns of a name; refused if there are more."""
+        count = {2: "two", 3: "three"}.get(len(columns), str(len(columns)))
+        places = ", ".join(f"column {column.place + 1}" for column in columns)
+        refuse_if(
+            len(columns) > 1,
+            f"{self.file.path.name} has {count} columns for {what}: {places}.",
+            f"expected one, got {[self.file.names[column.place].strip() for column in columns]}",
+            f"other names in the file for all but one of the columns {columns[0].name!r}",
+        )
         return columns[0]
 
     def in_stated_unit(self, column: _Column, signal: str = "") -> _Column:
@@ -236,10 +245,24 @@ class _Heading:
     def stamp(self, time: str | None) -> _Column:
         """The column of times."""
         if time is not None:
-            return self.in_stated_unit(self.column(time, "the time"))
-        columns = [column for name in TIMES for column in self.columns if column.name.casefold() == name]
+            stated = self.column(time, "the time")
+            self._check_whole(stated)
+            return self.in_stated_unit(stated)
+        called = [
+            [column for column in self.columns if column.name.casefold().lstrip("%_ ") == name]
+            for name in TIMES
+        ]
+        columns = next(filter(None, called), [])
         if not columns:
             names = [column.name for column in self.columns]
+            refuse_if(
+                len(names) == 1 or all(_is_finite(name) for name in names),
+                f"{self.file.path.name} has no header.",
+                f"expected the names of columns in the first row, got {names}",
+                "a header 'time,motor_torque,motor_position' as the first row; what stands before it begins with #",
+            )
+            for column in self.columns:
+                self._check_whole(column)
             like = [f"{column.name} [{unit}]" for column in self.columns if (unit := _unit_in(column, "s"))]
             name = like[0] if like else nearest("time", names, repr(names[0])).strip("'")
             raise InvalidInput(
@@ -247,7 +270,19 @@ class _Heading:
                 f"expected one of {list(TIMES)}, got {names}",
                 f"time={name!r}" + ("" if like else f", or with the unit of its numbers: time='{name} [ms]'"),
             )
-        return self.in_stated_unit(columns[0])
+        return self.in_stated_unit(self.only(columns, "the time"))
+
+    def _check_whole(self, stamp: _Column) -> None:
+        """Refuse seconds whose fractions are another column's."""
+        start = re.sub(r"secs?$", "", stamp.name)
+        beside = {f"{start}{part}" for part in ("nanosec", "nsec", "nsecs")} if start != stamp.name else set()
+        parts = [column.name for column in self.columns if column.name in beside]
+        refuse_if(
+            bool(parts),
+            f"{self.file.path.name}: the times are in two columns.",
+            f"expected one, got {[stamp.name, *parts]}",
+            f"a column 'time [ns]' of 1000000000 * {stamp.name} + {''.join(parts[:1])}, in whole numbers",
+        )
 
     def seconds(self, stamp: _Column, loaded: Loaded) -> float:
         """What a unit of the stamps is in seconds."""
@@ -296,8 +331,8 @@ def _unit_in(column: _Column, si: str) -> str:
     return ""
 
 
-def _renamed(columns: Sequence[_Column]) -> str:
-    return f"other names in the header for all but one of the {len(columns)} columns {columns[0].name!r}"
+def _is_finite(text: str) -> bool:
+    return bool(np.isfinite(_float(text)))
 
 
 def _float(text: str) -> float:
@@ -342,16 +377,16 @@ def _chosen(
         signal = known.get(column.name)
         if signal is not None and signal not in stated and column.place not in used:
             chosen.setdefault(signal, []).append(column)
-    file = heading.file.path.name
     for signal, several in chosen.items():
+        one = several[0]
         refuse_if(
-            len(several) > 1,
-            f"{file} has two columns for the {signal.kind} {signal.name!r}.",
+            len(several) > 1 and len(heading.named(one.name)) == 1,
+            f"{heading.file.path.name} has two columns for the {signal.kind} {signal.name!r}.",
             f"expected one, got {[heading.file.names[column.place] for column in several]}",
-            f"columns={{{signal.name!r}: {several[0].name!r}}}"
-            if len(heading.named(several[0].name)) == 1
-            else _renamed(several),
+            f"columns={{{signal.name!r}: {one.name!r}}}",
         )
+        heading.only(several, f"the {signal.kind} {signal.name!r}")
+    file = heading.file.path.name
     places = [column.place for several in chosen.values() for column in several] + [stamp.place]
     twice = next((place for place in places if places.count(place) > 1), None)
     refuse_if(

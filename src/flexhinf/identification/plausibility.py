@@ -5,15 +5,21 @@ A wrong unit is no mistake that a filter can see: it takes the log for that of a
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from flexhinf.errors import refuse_if
 from flexhinf.identification.log import Log
 from flexhinf.robot import Robot
+from flexhinf.robot.table import name_and_unit
 
 #: Rows further apart than so many periods of the slowest vibration show nothing of it; a link that moves faster, rad/s
 #: or m/s, is none; and nor are positions that span so many times a joint's range.
 APART, FAST, BEYOND = 5.0, 100.0, 4.0
+
+#: Whole numbers that span so many are no rad; so many first values are looked at for different ones.
+COUNTS, COUNTED = 30.0, 100_000
 
 
 def vibration_periods(robot: Robot) -> np.ndarray:
@@ -24,8 +30,11 @@ def vibration_periods(robot: Robot) -> np.ndarray:
     return np.sort(2.0 * np.pi / fast) if fast.size else np.array([0.1])
 
 
-def check_plausible(robot: Robot, log: Log) -> None:
-    """Refuse a log of named columns whose times or positions cannot be in the units that they are taken in."""
+def check_plausible(robot: Robot, log: Log, columns: Mapping[str, str] | None = None) -> None:
+    """Refuse a log of named columns whose times or positions cannot be in the units that they are taken in.
+
+    `columns`: the file's names by signal, for the advice.
+    """
     step, slowest = log.period, float(vibration_periods(robot)[-1])
     unit = "the unit of the times, as time='stamp [us]' or time='stamp [ms]'"
     refuse_if(
@@ -42,11 +51,13 @@ def check_plausible(robot: Robot, log: Log) -> None:
         speed = np.abs(np.diff(values[known])) / np.diff(log.times[known])
         moving = speed[speed > 0.0]
         fast = float(np.median(moving)) if moving.size else 0.0
+        column = name_and_unit((columns or {}).get(name, name))[0]
+        _check_counts(name, values[known], column, fast)
         refuse_if(
             fast > FAST,
             "The times of the log do not fit its positions.",
             f"expected a {kind} that moves by less than {FAST:g} rad/s or m/s, got {fast:.3g} in {name!r}",
-            unit,
+            f"{unit}; or that of the positions, as columns={{{name!r}: '{column} [deg]'}}",
         )
         joints = robot.joint_names
         limits = robot.links.limits[joints.index(joint[1:]) if joint[1:] in joints else 0]
@@ -56,5 +67,18 @@ def check_plausible(robot: Robot, log: Log) -> None:
             f"{name!r} goes too far for its joint.",
             f"expected a span within the joint's range of {range_:.4g} rad or m, got {span:.4g}",
             "its unit, or what one of it is behind the gear: encoder degrees of a motor before a gear of 80 are "
-            f"columns={{{name!r}: 'COLUMN [0.000218166]'}}, π/180/80",
+            f"columns={{{name!r}: '{column} [0.000218166]'}}, π/180/80",
         )
+
+
+def _check_counts(name: str, values: np.ndarray, column: str, fast: float) -> None:
+    """Refuse positions (N,) that are whole numbers and go far, or as `fast`, rad/s, as no joint does."""
+    whole = np.array_equal(values, np.rint(values)) and len(np.unique(values[:COUNTED])) > 2
+    low, high = (float(end) for end in (values.min(), values.max())) if values.size else (0.0, 0.0)
+    refuse_if(
+        whole and (fast > FAST or high - low > COUNTS),
+        f"{name!r} has whole numbers alone: counts of an encoder, or degrees, and no rad or m.",
+        f"expected positions in rad or m, got whole numbers from {low:g} to {high:g}",
+        f"what a count is: columns={{{name!r}: '{column} [0.00306796]'}} of 2048 counts a turn, 2π/2048 (over the "
+        f"ratio of a gear that comes after the encoder); or '{column} [deg]'",
+    )

@@ -20,9 +20,10 @@ ITERATIONS, DAMPING, EASIER, HARDER, STIFFEST, LONGEST, GAIN = 200, 1e-3, 0.2, 8
 #: Rounds towards the restricted likelihood, and the change of a noise's logarithm for its slope.
 ROUNDS, TURN = 4, 1e-2
 
-#: Distance to other numbers, in standard errors, and at least as a share; how much less likely the log must
-#: be there; and iterations of all else.
-FAR, APART, DROP, TRIES = 8.0, 0.5, 12.0, 20
+#: Distance to other numbers, in standard errors, and at least as a share; how much less likely the log must be there;
+#: the distance from the stated number from which on it counts, in standard errors, and is far, in sizes of the number;
+#: and iterations of all else.
+FAR, APART, DROP, NEAR, TRIES = 8.0, 0.5, 12.0, 2.0, 20
 
 #: Information that is none: of a standard error of 100 times the number.
 LITTLE = 1e-4
@@ -113,10 +114,11 @@ def restricted(
 
 
 def confirmed(likelihood: Likelihood, unknowns: Unknowns, z: np.ndarray, best: Evaluation) -> np.ndarray:
-    """Which numbers (k,) the log tells from others far away, all else as likely as it can be.
+    """Which numbers (k,) the log tells from others far away and from the stated one, all else as likely as it can be.
 
     The curvature of the likelihood is not enough: of a robot at rest some vibration always fits the noise best, and a
-    narrow peak is found there, a few units high.
+    narrow peak is found there, a few units high. A number that is near to what was stated need not be so much likelier:
+    half of what the curvature says will do.
     """
     count, every = len(unknowns.numbers), np.arange(len(z))
     scale, _, shape = scaled(unknowns, z, best.gradient, best.information, every)
@@ -125,7 +127,8 @@ def confirmed(likelihood: Likelihood, unknowns: Unknowns, z: np.ndarray, best: E
     for k in range(count):
         # a standard error of this one, the others as it asks
         away = covariance[k] / np.sqrt(covariance[k, k]) / scale
-        away = away * max(FAR, APART * unknowns.sizes(z)[k] / abs(away[k]))
+        error = abs(away[k])
+        away = away * max(FAR, APART * unknowns.sizes(z)[k] / error)
         step = np.clip(away, -most, most)
         step[count:] = 0.0
         for end in (unknowns.inside(z + step), unknowns.inside(z - step)):
@@ -133,4 +136,12 @@ def confirmed(likelihood: Likelihood, unknowns: Unknowns, z: np.ndarray, best: E
                 continue
             with suppress(NumericalFailure):  # nothing can be filtered so far away
                 clear[k] = best.value - searched(likelihood, unknowns, end, TRIES, k)[1].value > DROP
+        stated = np.where(every == k, unknowns.start, z)
+        apart = abs(stated[k] - z[k])
+        if apart < NEAR * error or not clear[k]:
+            continue
+        is_far = apart > NEAR * unknowns.sizes(unknowns.start)[k]
+        with suppress(NumericalFailure):
+            drop = best.value - searched(likelihood, unknowns, stated, TRIES, k)[1].value
+            clear[k] = drop > (DROP if is_far else min(DROP, 0.25 * (apart / error) ** 2))
     return clear

@@ -179,7 +179,7 @@ def innovation_table(result: FilteredLog) -> Table:
 
 def estimate_ending(result: FilteredLog, notes: Sequence[str] = ()) -> Ending:
     """What a terminal says at the end: the innovations of the first signals, what they say, and notes."""
-    return table_screen(innovation_table(result), [" ".join(judgement(result)[1]), *notes])
+    return table_screen(innovation_table(result), [" ".join(judgement(result)[1]).replace("`", ""), *notes])
 
 
 def log_table(result: FilteredLog) -> Table:

@@ -20,6 +20,7 @@ from flexhinf.pages.estimate import (
     measured_blocks,
 )
 from flexhinf.pages.estimate_figures import signal_label
+from flexhinf.pages.log_remarks import alternative_advice
 from flexhinf.pages.page import files_section
 from flexhinf.pages.settings import robot_rows, settings_in_groups
 from flexhinf.pages.terminal import Ending, table_screen
@@ -66,13 +67,17 @@ class IdentifiedRobot:
         return self.motion if any(np.isfinite(errors[name]) for name in self.found.hidden) else None
 
 
+#: The largest disturbance that is advised, beside the one that was found.
+DISTURBED = 1.2
+
+
 def identified_verdict(result: IdentifiedRobot) -> list[str]:
     """What the log tells and what not, in sentences."""
     found = result.found
     clear = [signal_label(name) for name in found.names if name not in found.hidden]
     if not found.consistent:
         return [*_misfit_texts(result), *_advice(result)]
-    texts = list(result.filtered.remarks)
+    texts = [*result.filtered.remarks, *_undecided_texts(found)]
     if clear:
         texts.append(f"The log tells {listed(clear)}, if the other numbers of the robot are right.")
     if found.hidden:
@@ -81,6 +86,29 @@ def identified_verdict(result: IdentifiedRobot) -> list[str]:
     if result.motion is not None and result.telling is None:
         texts.append("No motion tells them with these sensors: state some of them, or measure more.")
     return texts
+
+
+def _undecided_texts(found: Identification) -> Iterator[str]:
+    """That the log may be right with a signal at another time, and what numbers then are."""
+    if not found.undecided:
+        return
+    whats = dict.fromkeys((each.signal, each.kind, each.samples > 0) for each in found.undecided)
+    how = {
+        "late": lambda later: f"comes {'later' if later else 'earlier'} than its row says",
+        "moving": lambda _: "moves between rows",
+        "sign": lambda _: "has the other sign",
+    }
+    texts = [f"{signal} {how[kind](later)}" for signal, kind, later in whats]
+    ranges = []
+    for name, value in found.values.items():
+        others = [each.values[name] for each in found.undecided]
+        if name not in found.hidden:
+            ranges.append(f"{signal_label(name)} {_interval_text(min(value, *others), max(value, *others))}")
+    yield (
+        f"The log is too short to tell whether {' or '.join(texts)}: it is as likely then. Depending on that, the most "
+        f"likely numbers are {listed(ranges)}; the intervals hold all of them. A longer log, or one that moves more, "
+        "tells it."
+    )
 
 
 def _misfit_texts(result: IdentifiedRobot) -> Iterator[str]:
@@ -93,11 +121,14 @@ def _misfit_texts(result: IdentifiedRobot) -> Iterator[str]:
     if found.alternative is not None:
         yield f"{found.alternative.text[0].upper()}{found.alternative.text[1:]}."
     if found.absorbing:
-        name, (level, assumed) = max(found.disturbances.items(), key=lambda each: each[1][0] / each[1][1])
+        name, level, assumed = _largest_disturbance(found)
+        unit = f"{found.plant.unit(name)}·√s".lstrip("·")
+        share = 100.0 * found.disturbance
         yield (
-            f"Innovations fit only with a disturbance {signal_label(name)} {number(level / assumed, 3)} times as large "
-            "as assumed (1 % of the input, if none is stated): it absorbs what the model lacks. What follows is with "
-            "the assumed ones."
+            f"Innovations fit only with a disturbance {signal_label(name)} of {number(level, 3)} {unit}, "
+            f"{number(share * level / assumed, 3)} % of the input, and at most {number(assumed, 3)} {unit}, "
+            f"{number(share, 3)} %, is assumed: a larger one absorbs what the model lacks. What follows is with the "
+            "assumed ones."
         )
     nis = found.consistency.nis
     if not found.consistency.size_fits:
@@ -119,32 +150,28 @@ def _misfit_texts(result: IdentifiedRobot) -> Iterator[str]:
         yield f"What the log tells of {names} cannot be said before the model fits."
 
 
+def _largest_disturbance(found: Identification) -> tuple[str, float, float]:
+    """The disturbance that is largest beside what is assumed: its name, and its level as found and as assumed."""
+    name, (level, assumed) = max(found.disturbances.items(), key=lambda each: each[1][0] / each[1][1])
+    return name, level, assumed
+
+
 def _advice(result: IdentifiedRobot) -> list[str]:
     """What to try where the model does not fit."""
     other = result.found.alternative
-    if other is not None:
-        is_input, samples = other.signal in result.found.plant.inputs, abs(other.samples)
-        if other.kind == "sign":
-            return [
-                f"To try: {other.signal} times −1: its column with [-1] behind the name, as a unit, in --column."
-            ]
-        if other.kind == "moving":
-            return [
-                "To try: a log with a row whenever the input changes, or the mean of the input between two rows."
-            ]
-        if is_input:
-            return [
-                f"To try: a `--latency` that is {samples:g} {'larger' if other.samples > 0 else 'smaller'}."
-            ]
-        if other.samples > 0:
-            return [f"To try: `--sensor-delay {other.signal}={samples:g}`."]
+    if other is not None and (advice := alternative_advice(other, result.found.plant)):
+        return [advice]
     left = left_out(result.stated.nominal, result.extras)
     quick = [name for name in left if name != "inductance"] or left  # stiff: it takes ten times as long
     extras = (
         f"`--extras {','.join(quick)}`, which the robot states and the model leaves out; " if left else ""
     )
     more = "another `--latency`, another sensor in `--measured`, more `--parameters`"
-    noise = "; `--torque-noise`, if so much disturbs it" if result.found.absorbing else ""
+    noise = ""
+    if result.found.absorbing:
+        _, level, assumed = _largest_disturbance(result.found)
+        share = 100.0 * DISTURBED * result.found.disturbance * level / assumed
+        noise = f"; `--disturbance {share:.2g}`, if the robot is disturbed by so much"
     return [f"To try: {extras}{more}{noise}."]
 
 
@@ -290,6 +317,7 @@ def identified_page(
     many = f"{count - unclear} of {count} numbers" if unclear else "all numbers"
     states = [
         *([Status("risky", "The model does not fit the log.")] if not found.consistent else []),
+        *([Status("risky", "The log does not tell when its signals were true.")] if found.undecided else []),
         *(
             [Status("risky" if unclear else "met", f"The log tells {many}.")]
             if unclear or found.consistent
@@ -326,6 +354,13 @@ def identified_numbers(result: IdentifiedRobot) -> dict[str, Any]:
             "signal": found.alternative.signal, "kind": found.alternative.kind,
             "samples": found.alternative.samples, "gain": found.alternative.gain,
         },
+        "undecided": [
+            {
+                "signal": each.signal, "kind": each.kind, "samples": each.samples, "gain": each.gain,
+                "values": {**each.values},
+            }
+            for each in found.undecided
+        ],
         "numbers": {
             name: {
                 "stated": result.stated[name].value, "value": value, "standard_error": found.standard_errors[name],

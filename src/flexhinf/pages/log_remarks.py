@@ -3,14 +3,35 @@
 from __future__ import annotations
 
 from flexhinf.identification import Log
+from flexhinf.identification.alternatives import Alternative
 from flexhinf.identification.blemishes import blemishes
 from flexhinf.pages.estimate_figures import signal_label
+from flexhinf.plant import Plant
 from flexhinf.report import number
 from flexhinf.robot import Robot
 
 
-def log_remarks(robot: Robot, log: Log) -> list[str]:
-    """What is conspicuous in a log of a robot, in sentences."""
+def alternative_advice(other: Alternative, plant: Plant) -> str:
+    """What to try where a log with a signal at another time, or of another sign, is likelier; nothing if no option
+    does it."""
+    samples = abs(other.samples)
+    if other.kind == "sign":
+        return (
+            f"To try: {other.signal} times −1: its column with [-1] behind the name, as a unit, in --column."
+        )
+    if other.kind == "moving":
+        return (
+            "To try: a log with a row whenever the input changes, or the mean of the input between two rows."
+        )
+    if other.signal in plant.inputs:
+        return f"To try: a `--latency` that is {samples:g} {'larger' if other.samples > 0 else 'smaller'}."
+    if other.samples > 0:
+        return f"To try: `--sensor-delay {other.signal}={samples:g}`."
+    return ""
+
+
+def log_remarks(robot: Robot, log: Log, likelier: Alternative | None = None) -> list[str]:
+    """What is conspicuous in a log of a robot, in sentences; and the log that is `likelier` with the robot as it is."""
     found, units = blemishes(robot, log), robot.plant(log.names.get("output") or ("link_position",)).unit
     texts = [
         f"{signal_label(name).capitalize()} never changes in the log, it is always {number(value, 4)} {units(name)}: "
@@ -36,4 +57,7 @@ def log_remarks(robot: Robot, log: Log) -> list[str]:
             f"Rows are {number(1e3 * apart, 3)} ms apart, and the robot's fastest vibration has a period of "
             f"{number(1e3 * fastest, 3)} ms: the log does not show it, or the unit of its times is another one."
         )
+    if likelier is not None:
+        advice = alternative_advice(likelier, robot.plant(log.names.get("output") or ("link_position",)))
+        texts.append(f"{likelier.text[0].upper()}{likelier.text[1:]}. {advice}".strip())
     return texts

@@ -3,21 +3,23 @@
     time [s], shoulder [deg], elbow [deg]
     0,        0,              0
 
-Columns are separated by commas, semicolons or tabs, and lines that begin with # are comments. How numbers are written,
-who reads them decides.
+Columns are separated by commas, semicolons or tabs, where there are none by spaces. Lines that begin with # are
+comments; one right above numbers, with as many cells, is their header. How numbers are written, who reads them decides.
 """
 
 from __future__ import annotations
 
 import csv
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.validation import read_text
 
-#: What separates columns; the one that is most often in the header does, of two as frequent ones the first.
+#: What separates columns; the one that is most often in the header does, of two as frequent ones the first. Spaces do
+#: where a header has none of them.
 SEPARATORS = (";", "\t", ",")
 
 
@@ -43,6 +45,16 @@ def read_table(
     kept = [k for k, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")]
     first = lines[kept[0]] if kept else ""
     separator = max(SEPARATORS, key=first.count)
+    second = lines[kept[1]].split() if len(kept) > 1 else []
+    if separator not in first and len(first.split()) == len(second) and _are_numbers(second):
+        separator = " "
+    if kept and kept[0] and lines[kept[0] - 1].lstrip().startswith("#"):
+        named = lines[kept[0] - 1].strip().lstrip("#").strip()
+        if _are_numbers(_cells(first, separator)) and len(_cells(named, separator)) == len(
+            _cells(first, separator)
+        ):
+            lines[kept[0] - 1] = named
+            kept.insert(0, kept[0] - 1)
     rows = _rows(path.name, lines, kept, separator)
     heading = next(rows, TableRow(1, ())).cells
     refuse_if(
@@ -54,8 +66,20 @@ def read_table(
     return list(heading), _even(path.name, rows, len(heading)), separator
 
 
+def _cells(line: str, separator: str) -> list[str]:
+    return line.split() if separator == " " else line.split(separator)
+
+
+def _are_numbers(cells: Sequence[str]) -> bool:
+    with suppress(ValueError):
+        return bool([float(cell.replace(",", ".")) for cell in cells])
+    return False
+
+
 def _rows(name: str, lines: Sequence[str], kept: Sequence[int], separator: str) -> Iterator[TableRow]:
-    cells = csv.reader((lines[k] for k in kept), delimiter=separator)
+    spaced = separator == " "
+    texts = (lines[k].strip() if spaced else lines[k] for k in kept)
+    cells = csv.reader(texts, delimiter=separator, skipinitialspace=spaced)
     for place, k in enumerate(kept, 1):
         try:
             row = next(cells)
@@ -76,6 +100,8 @@ def _unreadable(name: str, line: int, got: str) -> InvalidInput:
 
 def _even(name: str, rows: Iterator[TableRow], count: int) -> Iterator[TableRow]:
     for row in rows:
+        if len(row.cells) == count + 1 and not row.cells[-1].strip():  # a separator behind the last value
+            row = row._replace(cells=row.cells[:-1])
         if len(row.cells) != count:
             raise InvalidInput(
                 f"{name}, line {row.line}: the number of values is not that of the columns.",
