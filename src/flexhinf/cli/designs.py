@@ -14,6 +14,7 @@ import flexhinf as fh
 from flexhinf import export, pages, report
 from flexhinf.cli.messages import note, step_progress
 from flexhinf.errors import refuse_if
+from flexhinf.robot.robot_file import usable_below
 from flexhinf.validation import checked_path, nearest, value_text
 
 if TYPE_CHECKING:
@@ -129,11 +130,14 @@ def file_of(source: str, only_design: str = "", then: str = "") -> Path:
     path = checked_path("The design", source)
     file = path / "design.toml" if os.path.isdir(path) else path
     what = "path leads to no file and no" if file == path else f"folder {value_text(source, 120)} holds no"
+    below = usable_below(path) if file != path else []
     refuse_if(
         not os.path.exists(file) and source not in fh.catalogue(),
         f"There is no file or design {value_text(source, 120)}.",
         f"expected design.toml, the folder of a report or the file of a controller; the {what} design.toml",
-        nearest(
+        below[0]
+        if below
+        else nearest(
             path.name, _designs_beside(path), "flexhinf design ROBOT --out DIR, then DIR in its place"
         ).strip("'"),
     )

@@ -21,10 +21,10 @@ from flexhinf.analysis import Attained, BudgetTerm, budget_terms, worst_disturba
 from flexhinf.certify import Certificate, cells, claim, starts
 from flexhinf.certify.box import parameter_ranges
 from flexhinf.certify.proof import certify, check_decay
-from flexhinf.design import proved_step
+from flexhinf.design import plans, proved_step
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.problem.presets import measured_problem
-from flexhinf.design.specification import Specification, refuse_workspace
+from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis.steps import DegreeChoice, Synthesis, checked_penalty, synthesise
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure, refuse_if
 from flexhinf.hinf import HJISolution
@@ -146,7 +146,6 @@ def certify_design(
     `tolerances`: whether to prove the design's step for all robots within the tolerances, instead of a region of the
     nominal robot. The preset proved always does.
     """
-    refuse_workspace(s, "A proof")
     if len(robot.joint_names) > 1:
         raise SeveralJoints(
             "A proof in so many states would not end.",
@@ -154,6 +153,7 @@ def certify_design(
             "joints: cells grow 10 to 23 times with each state",
             SAMPLED_ADVICE.format("a design with degrees = (2,), damping = 0.3 and rays = 50"),
         )
+    plans.refuse_workspace(s, robot, "A proof")
     check_decay(decay)
     refuse_if(
         tolerances and not robot.uncertain,

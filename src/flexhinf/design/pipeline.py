@@ -20,7 +20,7 @@ from flexhinf.design.problem import presets
 from flexhinf.design.requirements import Judged, Reported, Requirement
 from flexhinf.design.responses import forwarded
 from flexhinf.design.rigid import RigidComparison, compare_rigid
-from flexhinf.design.specification import Specification, is_for_workspace, refuse_workspace
+from flexhinf.design.specification import Specification, is_for_workspace
 from flexhinf.design.status import Status, in_brackets, status_of
 from flexhinf.design.synthesis import by_step, steps
 from flexhinf.design.workspace.design import design_workspace, workspace_stages
@@ -548,7 +548,7 @@ def compare(
     ['design', 'nl-hinf', 'pd']
     """
     s, kinds = checked_specification(robot, specification), [law_kind(name) for name in law_names(laws)]
-    refuse_workspace(s, "A comparison of laws")
+    plans.refuse_workspace(s, robot, "A comparison of laws")
     progress = progress or (lambda text: None)
     tuning.check_mode(tune, "tune='peak'", s.bandwidth is not None)
     progress("equilibrium, and weights")
