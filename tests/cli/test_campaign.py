@@ -82,7 +82,7 @@ def test_run_again_and_replay(judged: Path, capsys: pytest.CaptureFixture[str]) 
     assert "damaged" in said(capsys)
     assert (judged / "runs" / "samples.parquet").read_bytes() == table
     assert main(["campaign", "replay", "runs", "--sample", "23", "--out", "run.nc"]) == 0
-    assert unnamed(said(capsys), "sample 23", "completed", "same") == []
+    assert unnamed(said(capsys), "sample 23", "completed", "same", "The design") == []
     (worst,) = re.findall(r"\(sample (\d+)\)", text)
     (line,) = re.findall(r"^replay: flexhinf (.*)$", text, re.MULTILINE)
     assert main(shlex.split(line)) == 0
