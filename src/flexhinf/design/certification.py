@@ -119,6 +119,10 @@ class SeveralJoints(InvalidInput):
     """The refusal of a robot whose law has too many states for a proof."""
 
 
+class NothingProved(InvalidInput):
+    """No level of a law is proved; its advice begins with the options of a command that may prove one."""
+
+
 @dataclass(frozen=True, eq=False)
 class CertifiedDegree:
     """The proof of the law of one degree of V; `used` says whether the design uses this law."""
@@ -227,7 +231,7 @@ def proved(
             f"expected a gain that can be proved of {what}, got: {reason}",
             f"{others[-1]}, which is proved" if others else "--preset proved, or --degrees 2",
         )
-    raise InvalidInput(
+    raise NothingProved(
         f"Nothing is proved of {what}.",
         f"expected a level that can be proved, got: {reason}",
         f"{others[-1]}, of which a level is proved" if others
