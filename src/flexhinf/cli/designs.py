@@ -6,9 +6,10 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import flexhinf as fh
 from flexhinf import export, pages, report
@@ -22,7 +23,8 @@ if TYPE_CHECKING:
     from flexhinf.design.verdict import DesignVerdict
 
 
-class DesignedController(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class DesignedController:
     """A controller; its robot and specification, None of a controller's file; rows of `design.verdict.result_row`, its
     judgement."""
 

@@ -101,7 +101,8 @@ def _circumstances(side: DesignCampaign) -> dict[str, str]:
     }  # fmt: skip
 
 
-class DesignedLaw(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class DesignedLaw:
     """What a campaign runs: the controller of a design, the length of its runs, s, and the verdict on the design, which
     is not known where the law was made for the campaign alone."""
 
@@ -252,7 +253,7 @@ def open_pair(pair: DesignPair, progress: Callable[[str], None] = print) -> list
         begun = [float(journal.settings["duration"]) for journal in journals if journal]
         duration = begun[0] if begun else float(np.max([result.length for result in designed if result]))
         return [
-            open_campaign(side, place, pair.command, progress, result and result._replace(length=duration))
+            open_campaign(side, place, pair.command, progress, result and replace(result, length=duration))
             for (side, place), result in zip(places, designed)
         ]
 
