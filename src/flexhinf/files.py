@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from flexhinf.errors import InvalidInput, refuse_if
-from flexhinf.validation import array_of, checked_path, late_package, read_bytes
+from flexhinf.validation import array_of, checked_path, late_package, read_bytes, way_to_read
 
 if TYPE_CHECKING:
     import hashlib
@@ -280,7 +280,8 @@ def read_arrays(path: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], bo
     except FileNotFoundError as error:
         raise _unreadable("no such file") from error
     except (OSError, ValueError) as error:
-        raise _unreadable(getattr(error, "strerror", None) or str(error)) from error
+        told, advice = getattr(error, "strerror", None) or str(error), way_to_read(Path(path), error)
+        raise _unreadable(f"{told} (try: {advice})" if advice else told) from error
     if len(content) > _LARGEST_FILE:
         raise _unreadable(f"more than {_LARGEST_FILE} bytes")
     whole = content[-_DIGEST:] == hashlib.sha256(memoryview(content)[:-_DIGEST]).hexdigest().encode()

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import difflib
+import errno
 import io
 import math
 import os
 import re
+import shlex
 import stat
 import unicodedata
 from collections import Counter
@@ -341,7 +343,7 @@ def read_text(path: Path, largest: int, kind: str, what: str = "file") -> str:
         raise InvalidInput(
             f"There is no {what} {value_text(str(path), 120)} that can be read.",
             f"expected {kind}, got: {getattr(error, 'strerror', None) or error}",
-            "the path of a file that you may read",
+            way_to_read(path, error) or "the path of a file that you may read",
         ) from error
     refuse_if(
         len(content) > largest,
@@ -455,6 +457,64 @@ def read_bytes(path: Path, most: int) -> bytes:
             parts.append(part)
             left -= len(part) if left > 0 else 0
     return parts[0] if len(parts) == 1 else b"".join(parts)
+
+
+class NotReadable(InvalidInput):
+    """The system does not let us read a file just now: of its content nothing is known."""
+
+
+@contextmanager
+def reading(path: Path, whole: Path | None = None) -> Iterator[None]:
+    """Refuse what the system does not let us read just now.
+
+    An error that tells what is there passes: no such file, or a folder in its place. `whole`: the folder whose files
+    one command makes readable, by default the file alone. Raises NotReadable.
+    """
+    try:
+        yield
+    except OSError as error:
+        if not (advice := way_to_read(path, error, whole)):
+            raise
+        raise NotReadable(
+            "A file cannot be read just now.",
+            f"{path}: {error.strerror or error}; nothing was changed",
+            advice,
+        ) from error
+
+
+def way_to_read(path: Path, error: Exception, whole: Path | None = None) -> str:
+    """How a file becomes readable that the system does not give, and who can do it; empty where that is no remedy."""
+    told = isinstance(error, OSError) and error.errno
+    if not told or told in (errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.ENAMETOOLONG, errno.ELOOP):
+        return ""
+    if told not in (errno.EACCES, errno.EPERM):
+        return (
+            f"ls -l {shlex.quote(str(path))}, and the same command when that answers: its disk or file server does "
+            "not give it"
+        )
+    closed = next(
+        (place for place in reversed(path.absolute().parents) if not os.access(place, os.X_OK)), path
+    )
+    inside = whole is not None and closed.is_relative_to(whole)
+    name = shlex.quote(str(whole if inside else closed))
+    mine = owner_of(closed) == "you"
+    return (
+        f"chmod {'-R ' if inside else ''}{'u' if mine else 'a'}+{'rX' if inside or closed == path else 'x'} {name}, "
+        f"which {owner_of(closed)} can do, and the same command"
+    )
+
+
+def owner_of(path: Path) -> str:
+    """Who owns a file or folder, as a message says it."""
+    try:
+        return "you" if path.stat().st_uid == os.geteuid() else path.owner()
+    except (
+        OSError,
+        KeyError,
+        NotImplementedError,
+        AttributeError,
+    ):  # not to be seen, without a name, no POSIX
+        return "its owner"
 
 
 def file_digest(path: Path) -> str:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
+import os
 import random
+import shlex
 import shutil
+import subprocess
 import tracemalloc
 from collections.abc import Callable
 from contextlib import suppress
@@ -15,13 +19,15 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.campaign.conftest import made_campaign, tolerances
-from tests.refusals import refused_with
+from tests.refusals import refused_with, unnamed
 
-from flexhinf.campaign import Campaign, Journal, drive, journal, merged
+from flexhinf.campaign import Campaign, Journal, drive, journal, manifest, merged
 from flexhinf.campaign.draws import campaign_digest
-from flexhinf.campaign.journal import MANIFEST, SHARDS, TABLE, read_sealed, sealed
+from flexhinf.campaign.journal import MANIFEST, SHARDS, TABLE
+from flexhinf.campaign.manifest import read_sealed, sealed
 from flexhinf.campaign.results import Replayed
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.validation import read_bytes
 
 pa = pytest.importorskip("pyarrow")
 pq = pytest.importorskip("pyarrow.parquet")
@@ -437,6 +443,46 @@ def test_what_cannot_be_read_just_now_refuses_and_stays(
         drive(campaign, found)
     monkeypatch.undo()
     assert {path: path.read_bytes() for path in (folder / SHARDS).iterdir()} == before
+
+
+@pytest.mark.skipif(os.name != "posix", reason="modes of files")
+@pytest.mark.parametrize("closed", ["shards/*.parquet", "campaign.json"])
+def test_what_to_do_about_a_closed_file_names_its_owner_and_works(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, closed: str
+) -> None:
+    """As a user who may not do everything: the tests may run as one who may."""
+
+    def read(path: Path, most: int) -> bytes:
+        if not path.stat().st_mode & 0o400:
+            raise PermissionError(errno.EACCES, "Permission denied")
+        return read_bytes(path, most)
+
+    campaign = made_campaign()
+    for path in folder.glob(closed):
+        path.chmod(0)
+    for module in (journal, manifest):
+        monkeypatch.setattr(module, "read_bytes", read)
+    with pytest.raises(InvalidInput) as refused:
+        drive(campaign, Journal.opened(folder, campaign))
+    command, _, rest = refused.value.advice.partition(", which ")
+    assert unnamed(rest, "you can do") == []
+    subprocess.run(shlex.split(command), check=True)
+    assert drive(campaign, Journal.opened(folder, campaign)) is not None
+
+
+def test_a_folder_of_another_user_goes_on_in_a_copy(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def closed(*_: object) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    campaign, copy = made_campaign(), folder.with_name("copy of it")
+    part(folder, 1).unlink()
+    monkeypatch.setattr(journal, "publish_whole", closed)
+    with pytest.raises(FlexhinfError) as refused:
+        drive(campaign, Journal.opened(folder, campaign))
+    monkeypatch.undo()
+    command = refused.value.advice.partition(", and ")[0].replace("COPY", shlex.quote(str(copy)))
+    subprocess.run(shlex.split(command), check=True)
+    assert drive(campaign, Journal.opened(copy, campaign)) is not None
 
 
 def test_wrong_files_are_set_aside_and_none_is_deleted(whole: Path, folder: Path) -> None:

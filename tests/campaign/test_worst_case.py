@@ -24,7 +24,7 @@ from flexhinf.campaign import (
     stored_worsts,
     worst_case,
 )
-from flexhinf.campaign.journal import sealed
+from flexhinf.campaign.manifest import sealed
 from flexhinf.errors import InvalidInput
 
 #: The file, beside the function of the same name.

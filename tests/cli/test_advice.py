@@ -93,6 +93,49 @@ def test_advice_on_an_option_works(
     assert unnamed("".join(told[:1]), *named) == [], told
 
 
+@pytest.mark.parametrize("command", ["campaign run", "compare", "certify", "campaign run ws/runs"])
+def test_advice_on_a_folder_of_another_kind_works(
+    command: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A workspace where one pose is looked at, and the folder of a campaign."""
+
+    def started(*arguments: object) -> None:
+        raise Started
+
+    monkeypatch.setattr(design, "tuned_setup", started)
+    monkeypatch.setattr(steps._Steps, "synthesis", started)
+    one = f"[[joint]]{CURRENT.split('[[joint]]')[1]}"
+    loose = one.replace("stiffness = 800.0", "stiffness = {value = 800.0, tolerance = 10}")
+    (folder / "arm.toml").write_text(loose, encoding="utf-8")
+    document = '[design]\nrobot = "{}arm.toml"\n{}\n'
+    for place, text in (
+        ("ws", document.format("../", 'workspace = "limits"')),
+        ("one", document.format("../", 'pose = "0.5"')),
+        ("ws/runs/setup", document.format("../../../", 'pose = "0.5"')),
+    ):
+        (folder / place).mkdir(parents=True)
+        (folder / place / "design.toml").write_text(text, encoding="utf-8")
+    words = [*command.split(), *([] if "ws" in command else ["ws"])]
+    assert main(words) == 2
+    message = " ".join(capsys.readouterr().err.split())
+    advice = message.partition("try: ")[2]
+    if "ws/runs" in command:
+        assert unnamed(message.lower(), "folder", "'ws/runs'") == []
+        followed = [[*words[:-1], advice]]
+    elif command == "campaign run":
+        followed = [
+            shlex.split(text) for text in re.findall(r"flexhinf ((?:design|campaign)[^,:;]*)", advice)
+        ]
+        assert [row[0] for row in followed] == ["design", "design", "campaign"]
+    else:
+        followed = [[*words, *shlex.split(advice.partition(":")[0])]]
+    for row in followed:
+        if row[-2:] == ["--out", "one"]:  # whose folder stands for what this command leaves
+            row[-1] = "other"
+        with pytest.raises(Started):
+            main(row)
+
+
 def followed(message: str, words: list[str]) -> list[str]:
     """The options as the last part of a message says."""
     advice = " ".join(message.partition("try:")[2].split())

@@ -23,7 +23,8 @@ from flexhinf import report
 from flexhinf.campaign import METHODS, Journal, run_batch
 from flexhinf.campaign.batches import ALONE
 from flexhinf.campaign.driver import in_this_process
-from flexhinf.campaign.journal import read_columns, read_sealed, sealed
+from flexhinf.campaign.journal import read_columns
+from flexhinf.campaign.manifest import read_sealed, sealed
 from flexhinf.cli import main
 from flexhinf.design.campaign_folder import stored_campaign, stored_gains, stored_request
 from flexhinf.design.design_file import meant_file, read_request
@@ -81,7 +82,7 @@ def test_run_again_and_replay(judged: Path, capsys: pytest.CaptureFixture[str]) 
     assert "damaged" in said(capsys)
     assert (judged / "runs" / "samples.parquet").read_bytes() == table
     assert main(["campaign", "replay", "runs", "--sample", "23", "--out", "run.nc"]) == 0
-    assert unnamed(said(capsys), "sample 23", "completed", "same") == []
+    assert unnamed(said(capsys), "sample 23", "completed", "same", "The design") == []
     (worst,) = re.findall(r"\(sample (\d+)\)", text)
     (line,) = re.findall(r"^replay: flexhinf (.*)$", text, re.MULTILINE)
     assert main(shlex.split(line)) == 0

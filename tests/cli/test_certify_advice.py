@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import shlex
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 import flexhinf as fh
 from flexhinf.cli import main
+from flexhinf.design import certification
 
 
 def advised(capsys: pytest.CaptureFixture[str]) -> list[str]:
@@ -49,6 +51,32 @@ def test_the_advice_names_the_file_that_was_typed_and_keeps_what_was_asked_for(
         "--rays",
         "50",
     ]
+
+
+@pytest.mark.parametrize("words", [["paper"], ["paper", "--degree", "4", "--pose", "90deg", "--effort", "9"]])
+def test_where_nothing_is_proved_the_advice_is_the_whole_command(
+    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`flexhinf certify paper`, which is tried first. With the advised options it may come to a proof, or say more."""
+    known = list[fh.Specification]()
+
+    def tried(robot: fh.Robot, s: fh.Specification, *_: object, **__: object) -> tuple[object, ...]:
+        known.append(s)
+        choice = SimpleNamespace(degree=4)
+        return (SimpleNamespace(used=True, certificate=None, reason="no margin", box=None, choice=choice),)
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(certification, "certify_design", tried)
+    assert main(["certify", *words]) == 2
+    command = shlex.split(
+        " ".join(capsys.readouterr().err.split()).partition("try: ")[2].partition(", or ")[0]
+    )
+    assert command[:3] == ["flexhinf", "certify", "paper"]
+    assert main(command[1:]) == 2
+    assert (known[1].preset, known[1].degrees, known[1].pose) == ("damped", (2,), known[0].pose)
+    again = " ".join(capsys.readouterr().err.split()).partition("try: ")[2]
+    assert "flexhinf" not in again
+    assert again
 
 
 @pytest.mark.parametrize(

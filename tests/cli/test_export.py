@@ -327,7 +327,7 @@ def test_the_gear_ratios_of_the_robot_are_stated(
     """The robot of a report's design file; the file of a controller has none."""
     found = DesignedController(fh.load_controller(controller), fh.load_robot("quanser-rotflex"))
     for k, (one, text) in enumerate(
-        [(found, "(motor angle / 70)"), (DesignedController(found[0], None), "after the gear")]
+        [(found, "(motor angle / 70)"), (DesignedController(found.controller), "after the gear")]
     ):
         monkeypatch.setattr("flexhinf.cli.exports.controller_of", lambda path, limits, one=one: one)
         assert main(["export", "c", str(controller), "--out", str(tmp_path / str(k))]) == 0

@@ -4,14 +4,23 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from tests.refusals import refused_with, unnamed
 
+from flexhinf.design.requirements import oscillation_requirements
 from flexhinf.design.responses import joint_limits
 from flexhinf.design.specification import Specification
-from flexhinf.design.tuning import Criterion, LawMetrics, criterion_for, pareto_front, stated_limits
+from flexhinf.design.tuning import (
+    Criterion,
+    LawMetrics,
+    criterion_for,
+    metrics_of,
+    pareto_front,
+    stated_limits,
+)
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import load_robot
 
@@ -90,6 +99,31 @@ def test_every_limit_is_the_specification_s_whatever_the_design_does() -> None:
     assert not any(limit.metric == "delay_margin" for limit in made(estimator="none").limits)
     unlimited = {limit.metric for limit in made(peak_effort=None).limits}
     assert unlimited == {"peak_sensitivity", "gain_margin", "damping", "delay_margin"}
+
+
+def test_the_limit_of_damping_exempts_the_oscillations_that_the_requirement_exempts() -> None:
+    """A vibration of 147 Hz with a ratio of 0.009 is "met" as a fast one; the limit of tuning judges the slow ones."""
+    s = Specification(damping=0.2)
+    asked: list[float] = []
+
+    def about(below: float) -> tuple[float, float]:
+        asked.append(below)
+        return 0.4, 0.009
+
+    margins: Any = SimpleNamespace(
+        stable=True, peak_sensitivity=1.5, gain_margin=3.0, slowest_bandwidth=9.0, damping_about=about,
+        delay_margin_within=lambda seconds: seconds,
+    )  # fmt: skip
+    setup = SimpleNamespace(specification=s, limits=SimpleNamespace(effort=[264.0]))
+    evaluation: Any = SimpleNamespace(margins=margins, setup=setup, input_noises=None)
+    far: Any = SimpleNamespace(is_far=lambda metrics: True)  # nothing is run
+    found = metrics_of(evaluation, far)
+    slow, fast = oscillation_requirements(s, margins, margins, 0.2, ("", ""))[:2]
+    assert (slow.found, fast.found, found.damping) == (0.4, 0.009, 0.4)
+    assert slow.met
+    assert fast.met
+    assert made(damping=0.2).judge(replace(OWN, damping=found.damping)).excess == 0.0
+    assert set(asked) == {s.damped_below_limit}
 
 
 def test_a_law_keeps_a_limit_that_a_requirement_counts_as_met() -> None:

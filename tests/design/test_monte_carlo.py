@@ -65,6 +65,19 @@ def test_many_robots_are_the_same_robots_alone(setup: LoopSetup, drawn: MonteCar
         assert alone.peak.value == drawn.peak[k]
 
 
+def test_a_robot_that_settles_after_the_step_is_judged_by_a_longer_run(
+    setup: LoopSetup, drawn: MonteCarlo
+) -> None:
+    """A step that ends before all robots have settled, and before some have: the longer run has their own noise."""
+    short = 0.5 * float(drawn.settling.min() + drawn.settling.max())
+    for length in (0.9 * float(drawn.settling.min()), short):
+        runs = sampled_steps(setup, 8, length, STEPS)
+        assert runs.unsettled == 0
+        late = drawn.settling > length
+        assert np.array_equal(runs.settling[late], drawn.settling[late])
+        assert len(runs.positions) == 8
+
+
 @pytest.mark.costs("the runs that all tests here share")
 @pytest.mark.parametrize("k", [0, 5])
 def test_each_is_the_robot_of_its_values_run_by_hand(setup: LoopSetup, drawn: MonteCarlo, k: int) -> None:

@@ -10,12 +10,13 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from tests.refusals import refused_with
+from tests.refusals import refused_with, unnamed
 
 import flexhinf as fh
 from flexhinf.cli.messages import error_text
 from flexhinf.design import Specification
 from flexhinf.design.monte_carlo import MonteCarlo
+from flexhinf.design.pipeline import diverged_requirements
 from flexhinf.design.requirements import (
     REQUIREMENTS,
     Requirement,
@@ -36,6 +37,7 @@ from flexhinf.design.specification import (
     TOLERANCE,
     SpecificationError,
 )
+from flexhinf.design.workspace.judgement import holding_requirement
 from flexhinf.pages.page import requirement_table
 from flexhinf.report import Cell
 
@@ -360,3 +362,26 @@ def test_another_number_of_limits_than_joints_is_refused_in_the_syntax_of_the_us
 )
 def test_one_sample_is_no_plural(key: str, value: float, text: str) -> None:
     assert REQUIREMENTS[key].unit_text(value) == text
+
+
+@pytest.mark.parametrize("impulses", [True, False])
+def test_runs_that_diverge_are_missed_by_name(impulses: bool) -> None:
+    """Those on the links; impulses where no other requirement is on their damping."""
+    kept: Any = SimpleNamespace(
+        ring_down=SimpleNamespace(ring_down=object()), load_response=SimpleNamespace(metrics=[1])
+    )
+    assert diverged_requirements(kept, impulses) == []
+    gone: Any = SimpleNamespace(
+        ring_down=SimpleNamespace(ring_down=None), load_response=SimpleNamespace(metrics=[])
+    )
+    lines = diverged_requirements(gone, impulses)
+    assert [line.missed for line in lines] == [True] * (1 + impulses)
+    assert unnamed(str(lines), "torques", *["impulses"] * impulses) == []
+
+
+def test_poses_that_the_motors_cannot_hold_are_missed_by_number() -> None:
+    for needing in (0, 2):
+        setup: Any = SimpleNamespace(needing=lambda poses, needing=needing: needing)
+        lines = holding_requirement(setup, np.zeros((5, 2)))
+        assert [(line.missed, line.found) for line in lines] == [(True, 2.0)] * (needing > 0)
+        assert unnamed(str(lines), *["cannot hold", "5 random poses"] * (needing > 0)) == []

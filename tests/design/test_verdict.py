@@ -14,7 +14,7 @@ from tests.refusals import unnamed
 from flexhinf.design.requirements import REQUIREMENTS
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict, result_row, stored_rows
 from flexhinf.pages.campaign import _statuses
-from flexhinf.pages.campaign_parts import campaign_design
+from flexhinf.pages.campaign_parts import campaign_design, journal_design
 from flexhinf.pages.page import design_statuses
 
 LINES = [
@@ -39,7 +39,7 @@ def test_what_is_not_met_is_counted_and_named_in_the_units_of_the_design() -> No
 
 def test_a_subset_is_called_one() -> None:
     text = DesignVerdict.of(ROWS).beside(["overshoot", "missed deadlines"])
-    assert unnamed(text, "1 of", "4 requirements", "3 of 4") == []
+    assert unnamed(text, "a part of", "1 of", "3 kinds", "1 more", "the other 2", "3 of 4") == []
     assert unnamed(DesignVerdict.of(ROWS[3:]).beside(["overshoot"]), "all 1") == []
     assert unnamed(UNKNOWN.beside(["overshoot"]), "not judged", "flexhinf design") == []
 
@@ -65,9 +65,11 @@ def test_a_campaign_without_a_failure_is_green_for_a_design_that_is_met(
     found = _statuses(judged, [], SimpleNamespace(rows=()))  # type: ignore[arg-type]
     assert [status.kind for status in found] == kinds
     text = campaign_design(judged)
-    assert ("1 of the design's" in text) == bool(rows)
+    assert (unnamed(text, "a part of", "1 of", "kinds") == []) == bool(rows)
+    replayed = journal_design(judged.table.journal)
+    assert unnamed(replayed, "design", *(["3 of 4", "corners: 44"] if len(rows) > 1 else [])) == []
     about.pop("options")  # a campaign of something else says nothing of a design
-    assert campaign_design(judged) == ""
+    assert campaign_design(judged) == journal_design(judged.table.journal) == ""
 
 
 def test_a_page_about_a_design_begins_with_its_verdict() -> None:

@@ -6,12 +6,14 @@ import dataclasses
 import io
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 from rich.console import Console
 from tests.refusals import unnamed
 
 import flexhinf as fh
 from flexhinf.design import Comparison, Design, Specification
+from flexhinf.design.problem.presets import robust_applies
 from flexhinf.design.requirements import REQUIREMENTS
 from flexhinf.pages import comparison_ending, ending
 from flexhinf.pages.terminal import SCREEN, Ending, advice_text, screen, tolerances_text
@@ -126,3 +128,27 @@ def test_narrower_tolerances_name_the_way_to_them() -> None:
     assert unnamed(tolerances_text(robot), "flexhinf identify") == []
     assert "payload" not in tolerances_text(robot)
     assert "payload" in tolerances_text(fh.load_robot("planar-two-link", payload="0..1kg"))
+
+
+@pytest.mark.parametrize(
+    ("settings", "tolerance", "applies"),
+    [
+        ({}, "stiffness", True),
+        ({"preset": "damped"}, "stiffness", True),
+        ({"preset": "robust"}, "stiffness", False),
+        ({"effort": 10.0}, "stiffness", False),  # which contradicts it
+        ({}, "", False),
+        ({}, "gravity", False),  # which does not move the links at this pose
+    ],
+)
+def test_the_preset_robust_is_advised_where_it_changes_the_design(
+    settings: dict[str, object], tolerance: str, applies: bool
+) -> None:
+    robot = fh.load_robot("paper")
+    parameters = [
+        dataclasses.replace(p, tolerance=p.tolerance if p.name == tolerance else 0.0)
+        for p in robot.parameters
+    ]
+    robot = dataclasses.replace(robot, parameters=tuple(parameters))
+    goal = np.full(1, np.pi / 2)
+    assert robust_applies(robot, Specification(**settings), goal) is applies

@@ -169,6 +169,7 @@ def test_dark_colours_are_for_screens_and_cover_every_role_of_a_drawing(page_htm
 def test_the_status_is_a_badge_at_the_top_and_a_sentence_in_the_summary() -> None:
     lines = (
         report.Status("not met", "Overshoot 9 % (at most 5 %)."),
+        report.Status("not met", "3 of 19 requirements of this design are not met."),
         report.Status("risky", "Rᵛ was not varied."),
     )
     html = report.Page(
@@ -176,6 +177,8 @@ def test_the_status_is_a_badge_at_the_top_and_a_sentence_in_the_summary() -> Non
     ).html()
     top, summary = html[html.index("<header") :].split('id="summary"')
     assert top.index('class="verdict"') < top.index("not met</span>") < top.index("risky</span>")
+    assert top.count("not met</span>") == 1
+    assert summary.count("not met</span>") == 2
     assert "Overshoot 9" not in top
     assert "Overshoot 9" in summary
     assert "R<sup>v</sup>" in html

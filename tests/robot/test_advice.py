@@ -108,6 +108,7 @@ SPRINGS = elastic("a", "b", "f", "g")
 TINY = urdf_link("G", 1e-8).replace("0.02", "1e-8").replace("0.01", "1e-8")
 PLACED = 'name = "b"\naxis = [0, 1, 0]\nxyz = [0.0, 0.0, 0.2]'
 MIMIC = '<mimic joint="f" multiplier="-1"/>'
+TENDON = "<tendon><fixed name='t' range='-1 1'><joint joint='a' coef='1'/></fixed></tendon>"
 BALL = '<joint name="f" type="ball"/>'
 
 
@@ -126,6 +127,12 @@ BALL = '<joint name="f" type="ball"/>'
         (URDF, 'ixx="0.02" iyy="0.02" izz="0.01"', 'ixx="0.02" iyy="0.02" izz="0.1"', ("'A'", "nearest")),
         (URDF, 'name="a" type="revolute"', 'name="a" type="floating"', ("'floating'", "'a'")),
         (URDF, urdf_link("G", 0.05), TINY, ("'g'", "placeholder", "rigid = true")),
+        (URDF, 'xyz="0 0 0.1"', 'xzy="0 0 0.1"', ("'A'", "origin", "xzy")),
+        (URDF, '<mass value="1.0"/>', '<mass value="1.0" unit="g"/>', ("'A'", "mass", "unit")),
+        (URDF, "<axis", '<dynamics damp="0.7"/>\n<axis', ("'a'", "dynamics", "damp", "damping='0.7'")),
+        (URDF, "<axis", '<dynamics frictoin="0.7"/>\n<axis', ("'a'", "dynamics", "friction='0.7'")),
+        (URDF, 'upper="2" effort="30"', 'uper="2" effort="30"', ("'a'", "limit", "upper='2'")),
+        (URDF, "<axis", f'{MIMIC.replace("multiplier", "multipler")}\n<axis', ("'a'", "mimic", "multipler")),
         # springs beside a URDF
         (SPRINGS, elastic("f"), "", ("'f'", "no stiffness", "joints = [")),
         (SPRINGS, elastic("a"), "locked = {f = 9.0}\n" + elastic("a"), ("'f'", "-2 to 2, got 9", "locked = {f = 2}")),
@@ -135,6 +142,7 @@ BALL = '<joint name="f" type="ball"/>'
         (MJCF, '<joint name="f" type="slide"/>', '<joint name="f" type="slide" stiffness="9"/>', ("'f'", 9)),
         (MJCF, "</worldbody>", "</worldbody><equality><joint joint1='f' joint2='b'/></equality>", ("f, b",)),
         (MJCF, "</worldbody>", "</worldbody><option density='1.2'/>", ("density", 1.2)),
+        (MJCF, "<mujoco>", f"<mujoco>{TENDON}", ("t", "-1 1")),
         # robot files
         (OWN, "gear_ratio = 100.0", "gear_ratio = -100.0", ("'gear_ratio_a'", "> 0, got -100")),
         (OWN, "gear_ratio = 100.0", 'gear_ratio = "100 s"', ("'gear_ratio'", "100 s")),

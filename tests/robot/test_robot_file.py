@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 import pytest
-from tests.refusals import refused_with
+from tests.refusals import refused_with, unnamed
 
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import RobotFileWarning, catalogue, load_robot, paper_arm
@@ -283,17 +283,25 @@ def test_half_a_weight_is_refused_and_its_advice_works(stated, tmp_path):
     assert load_robot(path).nominal[stated] == 0.1
 
 
-def test_a_home_outside_the_limits_names_the_joints_and_the_line_to_write(tmp_path):
+@pytest.mark.parametrize(
+    ("stated", "named", "taken"),
+    [
+        ("", ("'shoulder'", "'elbow'", "0.5 to 1.5 rad", 0.0), [1.0, 1.0]),
+        ('home = ["100deg", 0.7]\n', ("'shoulder'", "0.5 to 1.5 rad", 1.74533), [1.0, 0.7]),
+        ("home = [0.6, 60]\n", ("'elbow'", "60 rad", "degrees"), [0.6, 1.047]),
+    ],
+)
+def test_a_home_outside_the_limits_names_the_joints_and_the_line_to_write(tmp_path, stated, named, taken):
     robot = load_robot("planar-two-link")
     path = tmp_path / "arm.toml"
     robot.save(path)
     text = re.sub(r"(?m)^home = .*\n", "", path.read_text(encoding="utf-8"))
     text = re.sub(r"(?m)^(kind = .*)$", r"\1", text)
     text = re.sub(r"(?m)^limits = .*$", "limits = [0.5, 1.5]", text)
-    path.write_text(text, encoding="utf-8")
+    path.write_text(stated + text, encoding="utf-8")
     with pytest.raises(InvalidInput) as raised:
         load_robot(path)
-    assert all(repr(name) in str(raised.value) for name in robot.joint_names)
+    assert unnamed(str(raised.value), *named) == []
     home = raised.value.advice.partition(" at the top")[0]
     path.write_text(f"{home}\n{text}", encoding="utf-8")
-    assert list(load_robot(path).home) == [1.0, 1.0]
+    assert list(load_robot(path).home) == taken

@@ -195,6 +195,17 @@ def test_a_massless_body_keeps_its_inertia(tmp_path):
     assert inertias[1][0] - inertias[0][0] == pytest.approx(0.0002)
 
 
+def test_elements_stand_once_and_numbers_of_other_programs_are_told(tmp_path):
+    for tag in ("dynamics", "limit", "axis", "mimic", "origin"):
+        twice = ARM.replace('<child link="upper"/>', f'<child link="upper"/><{tag}/><{tag}/>')
+        refused(tmp_path / "arm.urdf", twice, f"<{tag}>.* 'shoulder'")
+    text = ARM.replace('<child link="upper"/>', '<child link="upper"/><dynamics damping="1" K="7000"/>')
+    (tmp_path / "arm.urdf").write_text(text, encoding="utf-8")
+    with pytest.warns(RobotFileWarning, match="K of <dynamics> in 'shoulder'"):
+        arm = read_urdf(read_xml(tmp_path / "arm.urdf"), joints=["shoulder"])
+    assert arm.motors["shoulder"] == {"friction": 1.0}
+
+
 # Hostile files ------------------------------------------------------------------------------------
 LINK = '<link name="{}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1"/></inertial></link>'
 

@@ -101,6 +101,27 @@ def browser() -> Iterator[Any]:
         yield running
 
 
+#: Keeps every text that is drawn on a canvas.
+HEARD = """window.drawnTexts = [];
+const draw = CanvasRenderingContext2D.prototype.fillText;
+CanvasRenderingContext2D.prototype.fillText = function (text, ...place) {
+  window.drawnTexts.push(text);
+  return draw.call(this, text, ...place);
+};"""
+
+
+def test_a_figure_without_numbers_says_so_and_makes_none_up(browser: Any, address: str) -> None:
+    context = browser.new_context(viewport={"width": 1280, "height": 900})
+    context.add_init_script(HEARD)
+    page = context.new_page()
+    page.set_default_timeout(PATIENCE)
+    page.goto(address)
+    page.wait_for_function("window.drawnTexts.length >= 5")
+    first = page.evaluate("window.drawnTexts.slice(0, 5)")
+    context.close()
+    assert {*first} == {"no curves yet", "no run yet"}
+
+
 @contextmanager
 def tabs(browser: Any, address: str) -> Iterator[Open]:
     """Tabs whose scripts must not fail."""

@@ -13,10 +13,10 @@ from __future__ import annotations
 
 import errno
 import hashlib
-import json
 import math
 import os
 import re
+import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -26,12 +26,21 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from flexhinf.campaign.batches import INSTANTS, OWN, PART, Campaign, Column, Rows, check_counts
-from flexhinf.campaign.draws import Tolerances, campaign_digest, sample_seeds
+from flexhinf.campaign.batches import OWN, Campaign, Column, Rows
+from flexhinf.campaign.draws import Tolerances, sample_seeds
+from flexhinf.campaign.manifest import KIND, MOST_BYTES, UNREADABLE, check_manifest, read_sealed, sealed
 from flexhinf.campaign.metrics import COMPLETED, DIVERGED, NOT_RUN, UNSTABLE
 from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 from flexhinf.files import locked, make_durable, note_written, part_file
-from flexhinf.validation import checked_path, extra_package, read_bytes, value_text
+from flexhinf.validation import (
+    NotReadable,
+    checked_path,
+    extra_package,
+    owner_of,
+    read_bytes,
+    reading,
+    value_text,
+)
 
 Stored = TypeVar("Stored")
 
@@ -47,9 +56,9 @@ def read_columns(path: Any, names: Sequence[str] | None = None) -> Any:
     from pyarrow import ArrowException, parquet
 
     try:
-        with parquet.ParquetFile(path) as file:
+        with reading(path), parquet.ParquetFile(path) as file:
             return file.read(columns=None if names is None else list(names))
-    except MemoryError:  # an exception of Arrow is one of these too
+    except (MemoryError, NotReadable):  # an exception of Arrow is one of MemoryError too
         raise
     except (OSError, ValueError, KeyError, ArrowException) as error:
         raise InvalidInput(
@@ -110,76 +119,19 @@ def disk_refusals(folder: Path) -> Iterator[None]:
         yield
     except OSError as error:
         full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+        ours = error.errno in (errno.EACCES, errno.EPERM, errno.EROFS)
         raise FlexhinfError(
             "The disk of the campaign is full." if full else "The campaign's folder cannot be written.",
             f"{folder}: {error.strerror or error}; every batch that was written before is whole and stays",
-            "more room, and the same command: it goes on where it stopped",
+            f"cp -r {shlex.quote(str(folder))} COPY, and the same command with COPY in its place; or as "
+            f"{owner_of(folder)}, who owns it"
+            if ours
+            else f"{'more room, and the' if full else 'the'} same command: it goes on where it stopped",
         ) from error
 
 
-#: Errors of reading a damaged file; FlexhinfError for a number out of range.
-UNREADABLE = (
-    OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError, FlexhinfError,
-)  # fmt: skip
-
-#: Format and version of a manifest, and the entry with the digest of all others. Since version 2 the digests cover the
-#: whole manifest and the batch of each part.
-_KIND, _SEAL = {"what": "flexhinf campaign", "version": 2}, "sha256"
-
-#: Largest size, bytes, of a text file and of a shard that is read; of a shard beyond its rows; and of one text.
-MOST_BYTES, _MOST_SHARD, _SPARE, _LONGEST_TEXT = 10_000_000, 4 << 30, 1_000_000, 16_384
-
-
-def sealed(content: Mapping[str, Any]) -> bytes:
-    """Content of a JSON file: an object, with the SHA-256 of all its entries beside them."""
-    plain = json.loads(json.dumps(content))
-    return (json.dumps({**plain, _SEAL: _digest(plain)}, indent=1) + "\n").encode()
-
-
-def read_sealed(path: Path, most: int = MOST_BYTES, kind: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Read a file of at most `most` bytes that `sealed` made; a file of another `kind` is refused first."""
-    stated = json.loads(read_bytes(path, most))
-    if not isinstance(stated, dict):
-        raise ValueError("it is no object of JSON")
-    for name, value in (kind or {}).items():
-        if type(stated.get(name)) is not type(value) or stated[name] != value:
-            raise ValueError(f"expected {name} {value}, got {value_text(stated.get(name), 60)}")
-    if stated.pop(_SEAL, None) != _digest(stated):
-        raise ValueError("its entries are not those of its digest")
-    return stated
-
-
-def _digest(content: Mapping[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-
-
-def _check_manifest(stated: Mapping[str, Any]) -> None:
-    settings, columns, time, about = (stated[name] for name in ("settings", "columns", "time_s", "about"))
-
-    def texts(values: Any, kind: type = list) -> bool:
-        several = values.values() if isinstance(values, dict) else values
-        return isinstance(values, kind) and all(isinstance(text, str) for text in several)
-
-    def numbers(values: Iterable[Any]) -> bool:
-        return all(type(value) in (int, float) and math.isfinite(value) for value in values)
-
-    names, kinds, _ = zip(*columns, strict=True)
-    nominal = about.get("nominal", {})
-    fine = {
-        "settings": texts(settings, dict) and math.isfinite(float(settings["duration"])),
-        "columns": isinstance(columns, list) and all(map(texts, columns)) and set(OWN) <= set(names)
-        and len(set(names)) == len(names) and set(kinds) <= {"own", "parameter", "metric", PART, "trace"},
-        "time_s": isinstance(time, list) and 0 < len(time) <= INSTANTS and numbers(time),
-        "command": texts(stated["command"]),
-        "title": isinstance(about.get("title", ""), str), "requirements": texts(about.get("requirements", [])),
-        "nominal numbers": isinstance(nominal, dict) and numbers(nominal.values()),
-        "options": isinstance(about.get("options", {}), dict),
-        "digest": stated["digest"] == campaign_digest(settings, columns, time),
-    }  # fmt: skip
-    if wrong := [name for name, good in fine.items() if not good]:
-        raise ValueError(f"its {', '.join(wrong)} are none that a campaign has")
-    check_counts(*(int(settings[name]) for name in ("samples", "seed", "batch")))
-
+#: Largest size, bytes, of a shard that is read; of a shard beyond its rows; and of one text.
+_MOST_SHARD, _SPARE, _LONGEST_TEXT = 4 << 30, 1_000_000, 16_384
 
 MANIFEST, SHARDS, TABLE, LOCK = "campaign.json", "shards", "samples.parquet", ".campaign-lock"
 
@@ -238,11 +190,14 @@ class Journal:
         """
         place = checked_path("The campaign's folder", folder).expanduser().absolute()
         try:
-            stated = read_sealed(place / MANIFEST, kind=_KIND)
-            _check_manifest(stated)
+            with reading(place / MANIFEST, place):
+                stated = read_sealed(place / MANIFEST, kind=KIND)
+            check_manifest(stated)
         except (FileNotFoundError, NotADirectoryError):
             check_own_folder(place, "campaign", (MANIFEST, SHARDS, *beside))
             return None
+        except NotReadable:
+            raise
         except UNREADABLE as error:
             raise InvalidInput(
                 "The manifest of the campaign cannot be read.",
@@ -274,7 +229,7 @@ class Journal:
         journal = Journal.read(folder, [name for name in beside if name != MANIFEST])
         if journal is None:
             manifest = {
-                **_KIND, "digest": campaign.digest, "command": list(command), "settings": campaign.settings,
+                **KIND, "digest": campaign.digest, "command": list(command), "settings": campaign.settings,
                 "about": dict(about or {}), "columns": [[c.name, c.kind, c.unit] for c in campaign.columns],
                 "time_s": campaign.time.tolist(),
             }  # fmt: skip
@@ -369,13 +324,7 @@ class Journal:
         """
         good: dict[int, Path] = {}
         bad: list[tuple[Path, str]] = []
-        for path in sorted((self.folder / SHARDS).glob("batch-*.parquet")):
-            refuse_if(
-                path.is_dir() and not path.is_symlink(),
-                "A folder stands where a file of the campaign belongs.",
-                f"expected a file of rows, got the folder {path}",
-                "move or delete that folder, and the same command again",
-            )
+        for path in self._parts():
             match = _SHARD.match(path.name)
             batch = int(match[1]) if match else -1
             wrong = self._wrong(path, batch, match[2]) if match else "no name of a shard"
@@ -391,6 +340,24 @@ class Journal:
             )
         return good, bad
 
+    def _parts(self) -> list[Path]:
+        """What has the name of a batch's file; refuses a folder among them, and one that cannot be listed."""
+        place = self.folder / SHARDS
+        with reading(place, self.folder):
+            parts = (
+                sorted(path for path in place.iterdir() if path.match("batch-*.parquet"))
+                if place.exists()
+                else []
+            )
+            folders = [path for path in parts if path.is_dir() and not path.is_symlink()]
+        refuse_if(
+            folders,
+            "A folder stands where a file of the campaign belongs.",
+            f"expected a file of rows, got the folder {', '.join(map(str, folders[:1]))}",
+            "move or delete that folder, and the same command again",
+        )
+        return parts
+
     def set_aside(self, path: Path) -> Path:
         """Give a file among the shards a free name that is none of a shard; returns it."""
         names = (path.with_name(f"{path.name}.aside{k or ''}") for k in count())
@@ -399,7 +366,7 @@ class Journal:
     def _wrong(self, path: Path, batch: int, digest: str) -> str:
         """The defect of a batch's file whose name has this digest; empty for a valid file.
 
-        InvalidInput for a file that cannot be read just now: nothing is known of its rows. MemoryError likewise.
+        NotReadable for a file that cannot be read just now, and MemoryError: nothing is known of its rows.
 
         In a valid file, columns, metadata, indices and seeds are those of the campaign, and the size is plausible when
         unpacked. The status of every run is known, and failure, time of divergence and metrics agree with it. If the
@@ -413,8 +380,10 @@ class Journal:
         samples, seed = range(first, first + self.size(batch)), int(self.settings["seed"])
         span = f"not the samples {samples[0]} to {samples[-1]}"
         schema = self._schema(batch=str(batch))
-        content = _content(path)
-        if content is None or hashlib.sha256(content).hexdigest()[:16] != digest:
+        with reading(path, self.folder):
+            usable = path.is_file() and path.stat().st_size <= _MOST_SHARD
+            content = read_bytes(path, _MOST_SHARD) if usable else b""
+        if hashlib.sha256(content).hexdigest()[:16] != digest:
             return "damaged: its bytes are not those of its digest"
         try:
             with parquet.ParquetFile(BufferReader(content)) as file:
@@ -518,10 +487,11 @@ class Journal:
 
     def stored(self, name: Path, kind: type[Stored], most: int = MOST_BYTES) -> Stored:
         """Read a dataclass from a file of `store`, with a limit of its size; raises one of `UNREADABLE` for another
-        file."""
+        file, and NotReadable."""
         from pydantic import TypeAdapter
 
-        return TypeAdapter(kind).validate_python(read_sealed(self.folder / name, most))
+        with reading(self.folder / name, self.folder):
+            return TypeAdapter(kind).validate_python(read_sealed(self.folder / name, most))
 
     def take(self, other: Journal) -> int:
         """Copy missing shards from another folder of the same campaign; returns their number.
@@ -568,19 +538,6 @@ class Journal:
                         group.clear()
             publish_whole(name, path)
         return path
-
-
-def _content(path: Path) -> bytes | None:
-    """The bytes of a shard, None of what is none or too large for one; InvalidInput where they cannot be read."""
-    try:
-        usable = path.is_file() and path.stat().st_size <= _MOST_SHARD
-        return read_bytes(path, _MOST_SHARD) if usable else None
-    except OSError as error:
-        raise InvalidInput(
-            "A file of the campaign cannot be read just now.",
-            f"{path}: {error.strerror or error}",
-            "the same command when it can be read, as the user who wrote it; nothing was changed",
-        ) from error
 
 
 def _first(problems: Mapping[str, bool]) -> str:

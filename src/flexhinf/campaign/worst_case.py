@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -20,10 +19,12 @@ import numpy as np
 from flexhinf.analysis.search import box_corners, climb
 from flexhinf.campaign.batches import Campaign, checked_integer, rows_of, run_batch
 from flexhinf.campaign.draws import Tolerances
-from flexhinf.campaign.journal import UNREADABLE, Journal
+from flexhinf.campaign.journal import Journal
+from flexhinf.campaign.manifest import UNREADABLE
 from flexhinf.campaign.metrics import COMPLETED, known_metric
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop import Trajectory
+from flexhinf.validation import NotReadable
 
 #: All corners are run if there are at most so many.
 MOST_CORNERS = 1024
@@ -137,9 +138,13 @@ def worst_case(
     settings = {
         "campaign": campaign.digest, "metric": metric, "least": str(least), "starts": str(starts), "seed": str(seed),
     }  # fmt: skip
-    with suppress(InvalidInput):  # no file, or a damaged one: search
+    try:
         if journal is not None and (stored := stored_worst(journal, metric)).settings == settings:
             return stored
+    except NotReadable:
+        raise
+    except InvalidInput:  # no file, or a damaged one: search
+        pass
     names = [variable.name for variable in box.variables]
     low, high = np.array([(variable.low, variable.high) for variable in box.variables], dtype=float).T
     table = _columns(campaign, rows, [metric, "status", *names])
@@ -266,6 +271,8 @@ def stored_worst(journal: Journal, metric: str) -> WorstCase:
             f"expected one of {', '.join(known) or 'none'}",
             f"the campaign's command with --worst-case --metric {metric}",
         ) from None
+    except NotReadable:
+        raise
     except UNREADABLE as error:
         raise InvalidInput(
             f"The worst case of {metric!r} cannot be read.",
@@ -278,6 +285,10 @@ def stored_worsts(journal: Journal) -> list[WorstCase]:
     """Every stored worst case that can be read, in the order of the metrics."""
     cases = []
     for metric in journal.metrics:
-        with suppress(InvalidInput):  # the command that searches reports a damaged file and repairs it
+        try:
             cases.append(stored_worst(journal, metric))
+        except NotReadable:
+            raise
+        except InvalidInput:  # the command that searches reports a damaged file and repairs it
+            continue
     return cases

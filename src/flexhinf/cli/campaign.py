@@ -206,6 +206,7 @@ def replay(context: typer.Context, o: options.ReplayOptions) -> None:
         )
         search = GainSearch(stored_request(journal), float(journal.settings["duration"]))
         show([pages.gain_replay_table(rows, [search.again(row) for row in rows])])
+        typer.echo(pages.wrapped(pages.journal_design(journal)))
         return
     if o.sample is not None:
         replayed = campaigns.Replayed(campaign, journal, o.sample)
@@ -218,6 +219,7 @@ def replay(context: typer.Context, o: options.ReplayOptions) -> None:
     if o.out is not None and run is not None:
         run.save(o.out)
     show([table])
+    typer.echo(pages.wrapped(pages.journal_design(journal)))
     if not same:
         note(f"the numbers differ in their last bits: another kind of processor, or other versions, {origin}")
 

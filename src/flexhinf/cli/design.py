@@ -215,6 +215,7 @@ def certify(context: typer.Context, o: options.CertifyOptions) -> int:
     from flexhinf.certify.certificate import theorem_text
     from flexhinf.design.certification import (
         SAMPLED_ADVICE,
+        NothingProved,
         SeveralJoints,
         certify_design,
         evidence,
@@ -248,7 +249,10 @@ def certify(context: typer.Context, o: options.CertifyOptions) -> int:
             command[command.index("certify")] = "design"
             again = join([*command, "--degrees", "2", "--damping", "0.3", "--rays", "50"])
             raise InvalidInput(error.what, error.found, SAMPLED_ADVICE.format(again)) from None
-        law = proved(laws, o.degree, o.tolerances or laws[0].box is not None)
+        try:
+            law = proved(laws, o.degree, o.tolerances or laws[0].box is not None)
+        except NothingProved as error:
+            raise InvalidInput(error.what, error.found, _whole_command(context, error.advice)) from None
         bar.step("pictures, and the worst disturbance")
         result = evidence(request.robot, request.specification, law)
         verdict = verdict_of(request)
@@ -268,6 +272,19 @@ def certify(context: typer.Context, o: options.CertifyOptions) -> int:
         f"check:       {join(['flexhinf', 'certify', '--check', str(file)])}"
     )
     return 0
+
+
+def _whole_command(context: typer.Context, advice: str) -> str:
+    """An advice that begins with options, as this command with them; only the rest of it where they are stated."""
+    options, comma, rest = advice.partition(", ")
+    words = options.split()
+    names = {word.removeprefix("--").replace("-", "_") for word in words if word.startswith("--")}
+    out = {"preset": ("penalty", "effort"), "degrees": ("degree",)}  # what contradicts an option
+    gone = {*names, *(other for name in names for other in out.get(name, ()))}
+    command, now = [*reproduce_command(context, gone), *words], reproduce_command(context)
+    if sorted(command) == sorted(now):
+        return rest.removeprefix("or ")
+    return f"{join(command)}{comma}{rest}"
 
 
 def _check(context: typer.Context, path: Path, o: options.CertifyOptions) -> int:

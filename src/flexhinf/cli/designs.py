@@ -6,14 +6,16 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import flexhinf as fh
 from flexhinf import export, pages, report
 from flexhinf.cli.messages import note, step_progress
 from flexhinf.errors import refuse_if
+from flexhinf.robot.robot_file import usable_below
 from flexhinf.validation import checked_path, nearest, value_text
 
 if TYPE_CHECKING:
@@ -21,7 +23,8 @@ if TYPE_CHECKING:
     from flexhinf.design.verdict import DesignVerdict
 
 
-class DesignedController(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class DesignedController:
     """A controller; its robot and specification, None of a controller's file; rows of `design.verdict.result_row`, its
     judgement."""
 
@@ -129,11 +132,14 @@ def file_of(source: str, only_design: str = "", then: str = "") -> Path:
     path = checked_path("The design", source)
     file = path / "design.toml" if os.path.isdir(path) else path
     what = "path leads to no file and no" if file == path else f"folder {value_text(source, 120)} holds no"
+    below = usable_below(path) if file != path else []
     refuse_if(
         not os.path.exists(file) and source not in fh.catalogue(),
         f"There is no file or design {value_text(source, 120)}.",
         f"expected design.toml, the folder of a report or the file of a controller; the {what} design.toml",
-        nearest(
+        below[0]
+        if below
+        else nearest(
             path.name, _designs_beside(path), "flexhinf design ROBOT --out DIR, then DIR in its place"
         ).strip("'"),
     )

@@ -97,10 +97,10 @@ def export_fmu(context: typer.Context, o: options.ExportFmuOptions) -> None:
             robot.plant(s.measured, extras=s.extras), out, name, s.period, *equilibrium, fmi=o.fmi
         )
     else:
-        controller, robot, *_ = designed = controller_of(controller_file(o.source), limits=o.limits)
+        designed = controller_of(controller_file(o.source), limits=o.limits)
         _note_doubts(designed)
-        name = o.name or _identifier(robot)
-        written = export.export_fmu(controller, out, name, o.fmi, limits=False)
+        name = o.name or _identifier(designed.robot)
+        written = export.export_fmu(designed.controller, out, name, o.fmi, limits=False)
     typer.echo(f"FMU: {written}")
 
 

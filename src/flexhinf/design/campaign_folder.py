@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -23,7 +22,8 @@ import tomlkit
 from flexhinf.analysis import Attained, worst_disturbance
 from flexhinf.analysis.worst_disturbance import DisturbanceRuns, MovedLaw, worst_gain
 from flexhinf.campaign import Campaign, CampaignJudgement, Journal, PairedCampaigns
-from flexhinf.campaign.journal import UNREADABLE, check_own_folder, differing, listed
+from flexhinf.campaign.journal import check_own_folder, differing, listed
+from flexhinf.campaign.manifest import UNREADABLE
 from flexhinf.certify.certificate import linear_part
 from flexhinf.design import certification, checks, design_file, evaluation, laws, pipeline
 from flexhinf.design.deployed_run import DesignCampaign, fields_text
@@ -35,7 +35,7 @@ from flexhinf.files import locked, write_file
 from flexhinf.loop import Controller, load_controller
 from flexhinf.options import CampaignOptions
 from flexhinf.plant import GeneralisedPlant, Penalty
-from flexhinf.validation import checked_path
+from flexhinf.validation import NotReadable, checked_path
 
 #: Folders of the two campaigns, inside the folder of their comparison.
 FOLDERS = ("a", "b")
@@ -101,7 +101,8 @@ def _circumstances(side: DesignCampaign) -> dict[str, str]:
     }  # fmt: skip
 
 
-class DesignedLaw(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class DesignedLaw:
     """What a campaign runs: the controller of a design, the length of its runs, s, and the verdict on the design, which
     is not known where the law was made for the campaign alone."""
 
@@ -252,7 +253,7 @@ def open_pair(pair: DesignPair, progress: Callable[[str], None] = print) -> list
         begun = [float(journal.settings["duration"]) for journal in journals if journal]
         duration = begun[0] if begun else float(np.max([result.length for result in designed if result]))
         return [
-            open_campaign(side, place, pair.command, progress, result and result._replace(length=duration))
+            open_campaign(side, place, pair.command, progress, result and replace(result, length=duration))
             for (side, place), result in zip(places, designed)
         ]
 
@@ -458,8 +459,10 @@ def search_gain(
 
 def stored_gains(journal: Journal) -> GainResults:
     """The results in a campaign's folder; no rows where nothing was searched, or the file is damaged."""
-    with suppress(*UNREADABLE):
+    try:
         results = journal.stored(FILE, GainResults, _MOST_FILE)
-        if results.campaign == journal.digest:
-            return results
-    return GainResults()
+        return results if results.campaign == journal.digest else GainResults()
+    except NotReadable:
+        raise
+    except UNREADABLE:
+        return GainResults()

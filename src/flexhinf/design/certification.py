@@ -21,10 +21,10 @@ from flexhinf.analysis import Attained, BudgetTerm, budget_terms, worst_disturba
 from flexhinf.certify import Certificate, cells, claim, starts
 from flexhinf.certify.box import parameter_ranges
 from flexhinf.certify.proof import certify, check_decay
-from flexhinf.design import proved_step
+from flexhinf.design import plans, proved_step
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.problem.presets import measured_problem
-from flexhinf.design.specification import Specification, refuse_workspace
+from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis.steps import DegreeChoice, Synthesis, checked_penalty, synthesise
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure, refuse_if
 from flexhinf.hinf import HJISolution
@@ -119,6 +119,10 @@ class SeveralJoints(InvalidInput):
     """The refusal of a robot whose law has too many states for a proof."""
 
 
+class NothingProved(InvalidInput):
+    """No level of a law is proved; its advice begins with the options of a command that may prove one."""
+
+
 @dataclass(frozen=True, eq=False)
 class CertifiedDegree:
     """The proof of the law of one degree of V; `used` says whether the design uses this law."""
@@ -146,7 +150,6 @@ def certify_design(
     `tolerances`: whether to prove the design's step for all robots within the tolerances, instead of a region of the
     nominal robot. The preset proved always does.
     """
-    refuse_workspace(s, "A proof")
     if len(robot.joint_names) > 1:
         raise SeveralJoints(
             "A proof in so many states would not end.",
@@ -154,6 +157,7 @@ def certify_design(
             "joints: cells grow 10 to 23 times with each state",
             SAMPLED_ADVICE.format("a design with degrees = (2,), damping = 0.3 and rays = 50"),
         )
+    plans.refuse_workspace(s, robot, "A proof")
     check_decay(decay)
     refuse_if(
         tolerances and not robot.uncertain,
@@ -227,7 +231,7 @@ def proved(
             f"expected a gain that can be proved of {what}, got: {reason}",
             f"{others[-1]}, which is proved" if others else "--preset proved, or --degrees 2",
         )
-    raise InvalidInput(
+    raise NothingProved(
         f"Nothing is proved of {what}.",
         f"expected a level that can be proved, got: {reason}",
         f"{others[-1]}, of which a level is proved" if others

@@ -23,7 +23,7 @@ from flexhinf.design import (
     requirements as required,
     responses,
 )
-from flexhinf.design.specification import FIELDS, Specification, refuse_workspace
+from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.realtime import RealTimeRun
@@ -275,9 +275,11 @@ class DesignCampaign:
             fit the period.
         """
         s, robot = design.specification, design.robot
-        refuse_workspace(
-            s, "A campaign", "flexhinf design FOLDER --draws 1000, whose robots make a move each; or "
-        )
+        plans.refuse_workspace(
+            s, robot, "A campaign",
+            f"flexhinf design {design.words} --draws 1000, whose robots make a move each; or flexhinf design "
+            f"{design.words} --pose {{pose}} --out one, then flexhinf campaign run one",
+        )  # fmt: skip
         plan, start, goal = plans.run_ends(robot, s)
         limits = responses.joint_limits(robot, s)
         metrics = monte_carlo.RunMetrics(limits, (start, goal))

@@ -18,6 +18,7 @@ import difflib
 import itertools
 import math
 import os
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -62,6 +63,14 @@ class DesignRequest:
     payload: str | None = None
     warnings: tuple[str, ...] = ()  # Warnings of the robot's file, for the report
     file: Path | None = None  # The design file, beside which a controller may be
+
+    @property
+    def words(self) -> str:
+        """How a command names it: its design file or the folder of that, or the robot's files."""
+        if self.file is not None:
+            return shlex.quote(str(self.file.parent if self.file.name == DESIGN_FILE else self.file))
+        springs = "" if self.elastic is None else f" --elastic {shlex.quote(self.elastic)}"
+        return f"{shlex.quote(self.source)}{springs}"
 
 
 def load_design(path: str | Path) -> tuple[Robot, Specification]:

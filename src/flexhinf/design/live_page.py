@@ -94,7 +94,7 @@ def live_arm(
         command = plans.step_command(robot, s, start, goal, controller.law)
         if command is None:
             speed, shortest = np.full(len(start), np.inf), 0.0
-            rival_time = _equal_peak(controller, plants, start, goal)
+            rival_time = quickest_move(controller, plants, start, goal)
         else:
             controller, _ = plans.driven(controller, robot, command, s, plants.dry_friction)
             shortest = command.duration
@@ -104,25 +104,27 @@ def live_arm(
     )  # fmt: skip
 
 
-def _equal_peak(
+def quickest_move(
     controller: Controller, plants: loop_setup.LoopPlants, start: np.ndarray, goal: np.ndarray
 ) -> float:
-    """Duration of the quickest quintic from start to goal, s, whose inputs are no larger than those of the controller.
+    """Duration of the quickest quintic from start to goal, s, whose inputs are within the limits of the specification,
+    as those of compared laws are; where a motor has none, within those of the controller's own step.
 
-    The controller makes the step of its design, the command of which jumps; a PD is not sent anywhere by a jump.
+    The command of that step jumps; a PD is not sent anywhere by a jump.
     """
-    robot, s = plants.robot, plants.specification
-    x, u = robot.operating_point(start, s.extras)
-    reference = dict(zip(controller.commanded, goal.tolist(), strict=False)) or None
-    run = Loop(plants.true_plant, controller.fresh(), delay=s.unknown_delay).run(
-        reference=reference, duration=STEP, initial_state=x, initial_input=u
-    )
-    peak = np.abs(run.signals["input"]).max(axis=0)
+    robot, s, most = plants.robot, plants.specification, plants.limits.effort
+    if not np.isfinite(most).all():
+        x, u = robot.operating_point(start, s.extras)
+        reference = dict(zip(controller.commanded, goal.tolist(), strict=False)) or None
+        run = Loop(plants.true_plant, controller.fresh(), delay=s.unknown_delay).run(
+            reference=reference, duration=STEP, initial_state=x, initial_input=u
+        )
+        most = np.where(np.isfinite(most), most, np.abs(run.signals["input"]).max(axis=0))
     for duration in TIMES:
         motion = Waypoints([0.0, duration], [start, goal], "quintic").derivatives(
             np.linspace(0.0, duration, 50), 4
         )
-        if (np.abs(robot.inverse_dynamics(*motion)[1]).max(axis=0) <= peak).all():
+        if (np.abs(robot.inverse_dynamics(*motion)[1]).max(axis=0) <= most).all():
             return float(duration)
     return float(TIMES[-1])
 

@@ -525,16 +525,17 @@ class LoopSetup(LoopPlants):
 
     def ensemble(
         self, robots: Sequence[Mapping[str, Any]], sub_steps: int, controller: Controller, at: np.ndarray,
-        duration: float, **options: Any,
+        duration: float, numbers: Sequence[int] | None = None, **options: Any,
     ) -> EnsembleResult:  # fmt: skip
         """The same run for each robot, by its parameters, each with its own noise; options of `Loop.ensemble`.
 
-        All runs have the `sub_steps` of the nominal plant, so that they share one kernel.
+        `numbers`: of the robots, by which they have their noise; counted by default. All runs have the `sub_steps` of
+        the nominal plant, so that they share one kernel.
         """
         loop, seed = self.loop(controller, None, sub_steps), 1 + self.specification.seed
         return loop.ensemble(noise=self.noise, duration=duration, **options).run(
             [self.true_plant.parameters.known(values) for values in robots],
-            range(seed, seed + len(robots)),
+            [seed + k for k in (range(len(robots)) if numbers is None else numbers)],
             np.array([self.equilibrium(at, values)[0] for values in robots]),
         )
 

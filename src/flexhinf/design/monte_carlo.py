@@ -4,7 +4,7 @@ the designed one."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -12,13 +12,16 @@ import numpy as np
 
 from flexhinf.campaign import Metrics
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.responses import JointLimits
+from flexhinf.design.responses import LONGEST, JointLimits
 from flexhinf.loop import EnsembleResult, Instant, Reduction
 from flexhinf.loop.simulation.metrics import Command, step_reduction, updated_late_error, updated_peak
 from flexhinf.robot.signals import signal_names
 
 #: Largest number of instants of a run that are kept.
 KEPT = 400
+
+#: A sampled robot that has not settled at the end of the step gets a run of so many times its length.
+LONGER = 4.0
 
 #: Metrics of the step of one joint that moves.
 STEP_UNITS = {"overshoot_percent": "%", "settling_time_s": "s", "rise_time_s": "s"}
@@ -69,12 +72,33 @@ def sampled_runs(
 ) -> MonteCarlo:
     """The step of each robot (by its parameters) with the deployed controller, each with its own noise.
 
-    `duration`, s. `sub_steps` are those of the nominal plant, so that all runs share one kernel.
+    `duration`, s: robots that have not settled then are judged by a run of `LONGER` times this length. `sub_steps` are
+    those of the nominal plant, so that all runs share one kernel.
     """
+    first = _runs(setup, robots, range(len(robots)), duration, sub_steps)
+    late = np.flatnonzero(np.isinf(first.settling) & np.isfinite(first.overshoot)).tolist()
+    longer = min(LONGER * duration, LONGEST)
+    if not late or longer <= duration:
+        return first
+    again = _runs(setup, [robots[k] for k in late], late, longer, sub_steps)
+    arrays, joints = dict[str, np.ndarray](), dict(first.joints)
+    for name in ("overshoot", "settling", "peak", "inputs", "speeds"):
+        arrays[name] = getattr(first, name).copy()
+        arrays[name][late] = getattr(again, name)
+    for name, worst in again.joints.items():
+        named = dict(zip(late, worst, strict=True))
+        joints[name] = tuple(named.get(k, joint) for k, joint in enumerate(first.joints[name]))
+    return replace(first, joints=joints, **arrays)
+
+
+def _runs(
+    setup: LoopSetup, robots: Sequence[Mapping[str, Any]], numbers: Sequence[int], duration: float, sub_steps: int
+) -> MonteCarlo:  # fmt: skip
+    """As `sampled_runs`, all of one length; by their `numbers` robots have their noise."""
     n, samples = len(setup.goal), round(duration / setup.specification.period)
     instants = np.arange(0, samples, max(1, -(-samples // KEPT)))  # evenly apart
     runs = setup.ensemble(
-        robots, sub_steps, **setup.step_arguments(duration),
+        robots, sub_steps, **setup.step_arguments(duration), numbers=numbers,
         reductions=run_reductions((setup.start, setup.goal)), kept=setup.true_plant.states[:n], instants=instants,
     )  # fmt: skip
     numbers = {name: np.where(np.isnan(values), np.inf, values) for name, values in runs.common.items()}

@@ -20,7 +20,7 @@ from flexhinf.design.problem import presets
 from flexhinf.design.requirements import Judged, Reported, Requirement
 from flexhinf.design.responses import forwarded
 from flexhinf.design.rigid import RigidComparison, compare_rigid
-from flexhinf.design.specification import Specification, is_for_workspace, refuse_workspace
+from flexhinf.design.specification import Specification, is_for_workspace
 from flexhinf.design.status import Status, in_brackets, status_of
 from flexhinf.design.synthesis import by_step, steps
 from flexhinf.design.workspace.design import design_workspace, workspace_stages
@@ -334,6 +334,18 @@ def _law_modes(evaluation: LawEvaluation, synthesis: steps.Synthesis) -> tuple[m
     return modes.modes_of(loop, evaluation.setup.joints, *evaluation.energy)
 
 
+def diverged_requirements(evaluation: LawEvaluation, impulses: bool) -> list[Requirement]:
+    """The requirement that no run diverges, for those after the step that do; `impulses`: whether no other requirement
+    is on their damping."""
+    gone = {
+        "impulses on the links at the goal": impulses and evaluation.ring_down.ring_down is None,
+        "constant torques on the links": not evaluation.load_response.metrics,
+    }
+    return [
+        required.REQUIREMENTS["diverged"].judge(None, 0.0, 1, where) for where, lost in gone.items() if lost
+    ]
+
+
 def step_duration(linear: LawEvaluation, synthesis: steps.Synthesis) -> float:
     """Duration of the step, s: as stated, or by the slowest mode of the law, after the command."""
     stated = linear.setup.specification.duration
@@ -393,13 +405,8 @@ def _requirements(
             0, required.bandwidth_requirement(stated, target.bandwidth, evaluation.margins, setup.joints)
         )
         lines.append(evaluation.ring_down.requirement(s, damping))
-    elif evaluation.ring_down.ring_down is None:
-        lines.append(
-            required.REQUIREMENTS["diverged"].judge(None, 0.0, 1, "impulses on the links at the goal")
-        )
     lines += step
-    if not evaluation.load_response.metrics:
-        lines.append(required.REQUIREMENTS["diverged"].judge(None, 0.0, 1, "constant torques on the links"))
+    lines += diverged_requirements(evaluation, damping is None)
     if on_mujoco is not None:
         lines += step_requirements(
             setup, on_mujoco, MUJOCO,
@@ -548,7 +555,7 @@ def compare(
     ['design', 'nl-hinf', 'pd']
     """
     s, kinds = checked_specification(robot, specification), [law_kind(name) for name in law_names(laws)]
-    refuse_workspace(s, "A comparison of laws")
+    plans.refuse_workspace(s, robot, "A comparison of laws")
     progress = progress or (lambda text: None)
     tuning.check_mode(tune, "tune='peak'", s.bandwidth is not None)
     progress("equilibrium, and weights")

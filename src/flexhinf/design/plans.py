@@ -20,6 +20,8 @@ from flexhinf.loop import Controller, JerkLimited, Moving, Waypoints
 from flexhinf.plant import Law
 from flexhinf.robot import Robot, check_reference, kinematics
 from flexhinf.robot.waypoints import WaypointError, WaypointTable
+from flexhinf.robot.workspace import ranges
+from flexhinf.validation import value_text
 
 #: Duration of a quintic times the bandwidth, such that the quintic keeps the limits below.
 QUINTIC_TIME = 4.7
@@ -172,6 +174,21 @@ def run_ends(robot: Robot, s: Specification) -> tuple[Plan | None, np.ndarray, n
     """The stated move, None for a step, and the link positions (n,) where a run begins and should end, rad or m."""
     plan = stated_move(robot, s)
     return (plan, *(start_and_goal(robot, s, None) if plan is None else plan_ends(plan)))
+
+
+def refuse_workspace(s: Specification, robot: Robot, what: str, advice: str = "`pose` {pose}") -> None:
+    """Refuse a workspace where only one pose is looked at; `what` that is, and what to try, with a `{pose}` to move
+    to."""
+    if s.workspace is None:
+        return
+    home, (low, high) = np.array(robot.home), ranges(robot)
+    goal = 0.5 * (home + np.where(high - home >= home - low, high, low))
+    pose = ",".join(f"{position:.3g}" for position in goal)
+    raise InvalidInput(
+        f"{what} is of one pose.",
+        f"expected no workspace, got {value_text(s.workspace, 60)}",
+        f"{advice.format(pose=pose)}: another goal or this one, in the place of the workspace",
+    )
 
 
 def move_reference(robot: Robot, plan: Plan, dry_friction: Sequence[str]) -> Moving:

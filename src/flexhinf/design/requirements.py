@@ -250,7 +250,7 @@ _ROWS = {
     "corners": ("unstable corners", "", "≤", "", "corners with a pole outside the unit circle"),
     "overshoot": ("overshoot", "%", "≤", "overshoot", "largest of all joints, per cent of the joint's own step"),
     "unsettled": ("runs that do not settle", "", "≤", "",
-        "runs that diverge, or are outside ±2 % of the step at their end"),
+        "runs that diverge, or are outside ±2 % of the step even after four times its length"),
     "diverged": ("runs that diverge", "", "≤", "", "runs that leave the finite numbers"),
     "peak": ("peak input", "", "≤", "", "largest |input| of all motors"),
     "at_limit": ("time at an input's limit", "s", "≤", "",

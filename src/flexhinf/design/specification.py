@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from flexhinf import options
-from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.errors import InvalidInput
 from flexhinf.options import (
     ADVANCED,
     LIMITS,
@@ -460,16 +460,6 @@ def is_for_workspace(s: Specification) -> bool:
             f"leave out `workspace`, or {', '.join(f'`{name}`' for name in stated)}",
         )  # fmt: skip
     return not stated
-
-
-def refuse_workspace(s: Specification, what: str, advice: str = "") -> None:
-    """Refuse a workspace where only one pose is looked at; `what` that is, and what to try first."""
-    refuse_if(
-        s.workspace is not None,
-        f"{what} is of one pose.",
-        f"expected no workspace, got {value_text(s.workspace, 60)}",
-        f"{advice}the goal as `pose`, in the place of the workspace",
-    )
 
 
 # Errors ---------------------------------------------------------------------------------------------

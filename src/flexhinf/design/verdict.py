@@ -107,11 +107,16 @@ class DesignVerdict:
         return f"{self.brief}: {'; '.join(dict.fromkeys(self.missed))}" if self.missed else ""
 
     def beside(self, names: Iterable[str], brief: bool = False) -> str:
-        """Sentences beside a judgement of what is made of the design: how many of its requirements are judged again,
-        by their names, and the verdict."""
-        here = {*names}
-        count = sum(name in here for name in dict.fromkeys(self.names))
-        judged = f"{count} of the design's {len(self.names)} requirements are judged here. "
+        """Sentences beside a judgement of what is made of the design: how many kinds of its requirements are judged
+        again, by their `names`, how many are not, and the verdict."""
+        here, kinds = dict.fromkeys(name for name in names if name), dict.fromkeys(self.names)
+        count = sum(name in here for name in kinds)
+        own, left = len(here) - count, len(kinds) - count
+        judged = (
+            f"That is a part of the design's judgement: {count} of its {len(kinds)} kinds of requirements"
+        )
+        judged += f", and {own} more that it does not have" if own else ""
+        judged += f"; the other {left} need other tests, which flexhinf design makes. " if left else ". "
         verdict = self.brief if brief else self.unmet or self.brief
         return f"{judged if self.names else ''}{verdict[:1].upper()}{verdict[1:]}."
 

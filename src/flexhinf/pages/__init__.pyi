@@ -7,6 +7,7 @@ from .campaign_parts import (
     campaign_verdict as campaign_verdict,
     gain_replay_table as gain_replay_table,
     gain_text as gain_text,
+    journal_design as journal_design,
     metric_text as metric_text,
     missed_by as missed_by,
     pair_designs as pair_designs,

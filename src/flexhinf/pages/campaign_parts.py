@@ -17,6 +17,7 @@ from flexhinf.campaign import (
     CampaignJudgement,
     EvaluatedPlant,
     Interval,
+    Journal,
     PairedMetric,
     Replayed,
     Requirement,
@@ -181,6 +182,12 @@ def campaign_design(judged: CampaignJudgement, brief: bool = False) -> str:
     verdict = verdict_of(judged.table.journal)
     names = (JUDGED.get(rule.metric, "") for rule in judged.requirements)
     return "" if verdict is None else verdict.beside(names, brief)
+
+
+def journal_design(journal: Journal) -> str:
+    """The verdict on the design of a campaign, for one of its runs; "" for a campaign of something else."""
+    verdict = verdict_of(journal)
+    return "" if verdict is None else f"The design: {verdict.unmet or verdict.brief}."
 
 
 def unstable_text(judged: CampaignJudgement) -> str:

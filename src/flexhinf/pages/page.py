@@ -166,10 +166,7 @@ PARTS = {
     "along": Part("Margins along the move", runs.margins_along, group="Robustness"),
     "margins": Part("Margins of the running loop", lambda design: frequency.margins(design.evaluation)),
     "modes": Part("Poles", law.poles),
-    "corners": Part(
-        "Corners of the tolerances",
-        lambda design: frequency.corners(design.evaluation, design.design_problem.preset == "robust"),
-    ),
+    "corners": Part("Corners of the tolerances", lambda design: frequency.corners(design.evaluation)),
     "weights": Part("Weights", weights.weights, group="Law and proof"),
     "noise": Part("Noise levels of the estimator", weights.noise_levels),
     "region": Part("Region: proved, sampled, dissipation", region.region),

@@ -16,6 +16,7 @@ import numpy as np
 from flexhinf.analysis.modes import JointScales
 from flexhinf.design.loop_setup import LoopPlants
 from flexhinf.design.pipeline import Comparison, Design
+from flexhinf.design.problem.presets import robust_applies
 from flexhinf.design.problem.weights import vibration_text
 from flexhinf.design.requirements import REQUIREMENTS, STANDSTILL_SHARE, Requirement
 from flexhinf.design.specification import FIELDS, Specification
@@ -268,7 +269,7 @@ def _advice(design: Design) -> str:
         "a lower --bandwidth": bool(
             fields & {"peak_effort", "peak_sensitivity", "gain_margin", "delay_margin"}
         ),
-        "--preset robust": several and design.design_problem.preset != "robust",
+        "--preset robust": several and robust_applies(design.robot, design.specification, design.goal),
     }
     return advice_text(missed, design.specification, first, {tolerances_text(design.robot): several})
 

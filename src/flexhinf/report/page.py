@@ -276,7 +276,8 @@ class Page:
 
     def _header(self) -> str:
         """The first screen."""
-        kinds = "".join(f'<a href="#summary">{badge(line.kind)}</a>' for line in self.status)
+        named = dict.fromkeys(line.kind for line in self.status)  # once, however many entries are of a kind
+        kinds = "".join(f'<a href="#summary">{badge(kind)}</a>' for kind in named)
         kinds = f'<p class="kinds">{kinds}</p>\n' if kinds else ""
         strip = "".join(
             f"<div><dt>{prose(n.name)}</dt><dd>{escape(scalar(n.value))}{unit_html(n.unit)}</dd>"

@@ -343,7 +343,6 @@ def checked_pose(pose: Any, default: np.ndarray, links: Any, robot: str) -> np.n
     """Link positions (n,) within the limits, from a sequence, a mapping by joint, a number for one joint, or None."""
     names = links.tree.names
     if pose is None:
-        _check_home(default, links)
         pose = default
     if isinstance(pose, Mapping):
         named = {name.removeprefix("link_position_"): value for name, value in pose.items()}
@@ -376,19 +375,27 @@ def checked_pose(pose: Any, default: np.ndarray, links: Any, robot: str) -> np.n
     return values
 
 
-def _check_home(home: np.ndarray, links: Any) -> None:
-    """Refuse a home pose outside the limits, with the line that a robot file needs."""
-    ends = [limits or (-np.inf, np.inf) for limits in links.limits]
-    outside = [name for name, (low, high), q in zip(links.tree.names, ends, home) if not low <= q <= high]
-    within = [
-        float(f"{q if low <= q <= high else (low + high) / 2.0:.4g}") for (low, high), q in zip(ends, home)
-    ]
+def checked_home(home: Any, links: Any, robot: str) -> np.ndarray:
+    """Link positions (n,) of a robot's home, zeros by default; refused outside the limits, with the line to write."""
+    names = links.tree.names
+    values = np.zeros(len(names)) if home is None else pose_values(home, names, f"robot {robot!r}")
+    expected, got, within = list[str](), list[str](), list[float]()
+    for name, limits, slides, value in zip(names, links.limits, links.slides, values.tolist()):
+        low, high = limits or ((-np.inf, np.inf) if slides else (-TURN, TURN))
+        unit, inside = "m" if slides else "rad", low <= value <= high
+        degrees = not slides and abs(value) > TURN and low <= np.deg2rad(value) <= high
+        if not inside:
+            expected.append(f"{low:.6g} to {high:.6g} {unit} for {name!r}")
+            got.append(f"{value:g} {unit} for {name!r}{' (were degrees meant?)' if degrees else ''}")
+        middle = np.deg2rad(value) if degrees else (low + high) / 2.0
+        within.append(value if inside else float(f"{middle:.4g}"))
     refuse_if(
-        outside,
-        f"The home pose is outside the limits of the joints {', '.join(map(repr, outside))}.",
-        f"expected {', '.join(f'{low:g} to {high:g}' for low, high in ends)}, got {home.tolist()}",
+        got,
+        f"The home pose is outside the limits: {', '.join(text.rpartition(' for ')[2] for text in expected)}.",
+        f"expected {', '.join(expected)}, got {', '.join(got)}",
         f"home = {within} at the top of the robot file",
     )
+    return values
 
 
 #: What a real joint adds that the inverse dynamics cannot follow; they can follow a torque of the motor's velocity.

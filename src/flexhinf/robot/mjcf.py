@@ -409,12 +409,21 @@ def _check_couplings(root: Element, moving: Sequence[str]) -> None:
             if element.tag == "joint" and free
             else "active='false' in it: the robot without it",
         )
+    by_hand = any(part.get("autolimits") == "false" for part in root.iter("compiler"))
+    automatic = "" if by_hand else "auto"
     for element in [*tendons.values(), *(part for part in root.iter("tendon") if len(part) == 0 and tendons)]:
-        for key in ("stiffness", "damping", "frictionloss", "armature"):
-            refuse_if(
-                (element.tag == "tendon" or on_moving(element))
-                and any(_number(word) != 0.0 for word in element.get(key, "").split()),
-                f"a tendon has {key}.",
+        if element.tag != "tendon" and not on_moving(element):
+            continue  # a <tendon> without parts is a default of all of them
+        acting = [
+            key
+            for key in ("stiffness", "damping", "frictionloss", "armature")
+            if any(_number(word) != 0.0 for word in element.get(key, "").split())
+        ]
+        if element.get("range") and element.get("limited", "auto") in ("true", automatic):
+            acting.append("range")
+        for key in acting[:1]:
+            raise InvalidInput(
+                f"a tendon has {key}: {value_text(element.get('name', 'the default of tendons'), 60)}.",
                 f"expected joints that are coupled by links alone, got {key}={element.get(key)!r}",
                 f"the tendon without {key}",
             )

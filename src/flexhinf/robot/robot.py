@@ -25,6 +25,7 @@ from flexhinf.robot.elastic import (
     Layout,
     Sticking,
     checked_extras,
+    checked_home,
     checked_pose,
     reflected,
     required_of_drive,
@@ -153,7 +154,7 @@ class Robot(Summarised):
             f"add {missing}" if missing else "each name once",
         )
         check_parameters(self.name, self.parameters, dict(zip(self.joint_names, self.links.slides)))
-        home = checked_pose(self.home, np.zeros(len(self.joint_names)), self.links, self.name)
+        home = checked_home(self.home, self.links, self.name)
         object.__setattr__(self, "home", tuple(home.tolist()))
         for kind in ("effort_limits", "speed_limits"):
             what = f"The {kind.replace('_', ' ')} of the robot {self.name!r}"

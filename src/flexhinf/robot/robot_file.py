@@ -135,6 +135,12 @@ def _existing(source: str | Path) -> Path:
             return path
     except (OSError, ValueError):  # a name that no file can have
         pass
+    if below := usable_below(path):
+        raise InvalidInput(
+            f"The folder {value_text(str(source), 120)} is neither a robot nor a design.",
+            f"expected a file, or a folder with design.toml, got a folder with {', '.join(below)}",
+            below[0],
+        )
     raise InvalidInput(
         f"There is no robot file {value_text(str(source), 120)}.",
         f"expected a file, or a name of the catalogue: {list(shipped)}",
@@ -145,6 +151,15 @@ def _existing(source: str | Path) -> Path:
             "the working folder or at the root",
         ),
     )
+
+
+def usable_below(folder: Path) -> list[str]:
+    """Paths in a folder that stand for a robot or a design, at most ten: folders of designs, as a campaign's setup,
+    and files of robots."""
+    with suppress(OSError, ValueError):
+        designs = sorted(str(path.parent) for path in islice(folder.glob("*/design.toml"), 100))
+        return [*designs, *robot_files(folder)][:10]
+    return []
 
 
 def robot_files(folder: Path) -> list[str]:

@@ -14,6 +14,7 @@ from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.robot.arm import Frame
 from flexhinf.robot.dynamics import KINDS, ZERO, Placement, matrix_of
 from flexhinf.robot.parameters import INERTIA
+from flexhinf.robot.parts import ask
 from flexhinf.robot.rigid_arm import (
     MOST_LINKS,
     RigidArm,
@@ -28,10 +29,10 @@ from flexhinf.validation import HUGE, checked_name, distinct, value_text
 #: What may stand in an element, and only once, with what else a URDF has there.
 ONCE = {
     "link": ("inertial",),
-    "joint": ("origin", "parent", "child", "axis", "limit", "mimic"),
+    "joint": ("origin", "parent", "child", "axis", "limit", "dynamics", "mimic"),
     "inertial": ("origin", "mass", "inertia"),
 }
-OTHERS = {"link": ("visual", "collision"), "joint": ("dynamics", "calibration", "safety_controller")}
+OTHERS = {"link": ("visual", "collision"), "joint": ("calibration", "safety_controller")}
 
 #: Attributes of the elements that are read: the first ones are required, the others are not.
 ATTRIBUTES = {
@@ -41,7 +42,13 @@ ATTRIBUTES = {
     "axis": (("xyz",), ()),
     "parent": (("link",), ()),
     "child": (("link",), ()),
+    "mimic": (("joint",), ("multiplier", "offset")),
+    "limit": ((), ("lower", "upper", "effort", "velocity")),
+    "dynamics": ((), ("damping", "friction")),
 }
+
+#: Elements where other programs have attributes of their own: only what looks like one of ours is a mistake there.
+OPEN = ("limit", "dynamics")
 
 #: A number as XML writes it. Python's own takes 2_5 for 25, and digits of other scripts.
 NUMBER = re.compile(r"[+-]?(?:[0-9]++\.?[0-9]*+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?")
@@ -106,6 +113,7 @@ def read_urdf(
                 arm.tips.append(link)
         ahead += [(after, carrier, place) for after in reversed(behind.get(link, []))]
     _check_mimics(elements, movable, arm.locked)
+    _tell_unread({joint.name: elements[joint.name] for joint in arm.joints})
     arm.efforts, arm.speeds = (
         [_largest(joint.name, elements[joint.name], key) for joint in arm.joints]
         for key in ("effort", "velocity")
@@ -179,17 +187,50 @@ def _check_element(name: str, element: Element) -> None:
     for child in element:
         if child.tag == "inertial":
             _check_element(name, child)
-        required, optional = ATTRIBUTES.get(child.tag, ((), tuple(child.attrib)))
-        missing = [key for key in required if key not in child.attrib]
-        unknown = [key for key in child.attrib if key not in (*required, *optional)]
-        if missing or unknown:
-            fault = f"no {missing[0]!r}" if missing else f"an unknown attribute {value_text(unknown[0], 60)}"
-            raise InvalidInput(
-                f"<{child.tag}> in {name!r} has {fault}.",
-                f"expected {' '.join([*required, *(f'[{key}]' for key in optional)])}, got "
-                f"{value_text(list(child.attrib), 120)}",
-                f"{missing[0]}='…'" if missing else "leave it out, or correct its name",
-            )
+        _check_attributes(name, child)
+
+
+def _check_attributes(name: str, element: Element) -> None:
+    required, optional = ATTRIBUTES.get(element.tag, ((), tuple(element.attrib)))
+    absent = [key for key in (*required, *optional) if key not in element.attrib]
+    expected = (
+        f"expected {' '.join([*required, *(f'[{key}]' for key in optional)])}, got "
+        f"{value_text(list(element.attrib), 120)}"
+    )
+    for key in [key for key in required if key in absent]:
+        raise InvalidInput(f"<{element.tag}> in {name!r} has no {key!r}.", expected, f"{key}='…'")
+    for key in _unread(element):
+        close = difflib.get_close_matches(key[:60].lower(), absent, n=1)
+        refuse_if(
+            close or element.tag not in OPEN,
+            f"<{element.tag}> in {name!r} has an unknown attribute {value_text(key, 60)}.",
+            expected,
+            "".join(f"{meant}={value_text(element.get(key), 60)}, or " for meant in close)
+            + f"the file without {key[:60]}",
+        )
+
+
+def _unread(element: Element) -> list[str]:
+    """Attributes that this reader does not know; those of a namespace are another program's."""
+    required, optional = ATTRIBUTES.get(element.tag, ((), tuple(element.attrib)))
+    return [key for key in element.attrib if key not in (*required, *optional) and "{" not in key]
+
+
+def _tell_unread(moving: Mapping[str, Element]) -> None:
+    """Say which attributes of joints that move belong to other programs, and are not in the model."""
+    unread = [
+        f"{key} of <{part.tag}> in {name!r}"
+        for name, joint in moving.items()
+        for part in joint
+        if part.tag in OPEN
+        for key in _unread(part)
+    ]
+    ask(
+        unread,
+        f"{len(unread)} attributes are not read: {value_text(', '.join(unread), 200)}.",
+        "expected " + ", ".join(f"<{tag} {' '.join(ATTRIBUTES[tag][1])}>" for tag in OPEN),
+        "friction, coulomb_friction, stiffness and limits, where they are meant, in [[joint]] of the elastic file",
+    )
 
 
 # Numbers ------------------------------------------------------------------------------------------

@@ -139,8 +139,12 @@ export default {
       const pen = canvas.getContext("2d"), style = getComputedStyle(canvas);
       pen.setTransform(ratio, 0, 0, ratio, 0, 0);
       pen.clearRect(0, 0, width, height);
-      if (!this.run) return;
       const colour = (name) => style.getPropertyValue(`--studio-${name}`).trim();
+      if (!this.run) {
+        [pen.font, pen.fillStyle, pen.textAlign, pen.textBaseline] = ["12px system-ui, sans-serif", colour("text"), "center", "middle"];
+        pen.fillText(this.description, width / 2, height / 2);
+        return;
+      }
       const scale = (0.42 * Math.min(width, height)) / this.run.reach;
       const [cy, sy, cp, sp] = [Math.cos(this.yaw), Math.sin(this.yaw), Math.cos(this.pitch), Math.sin(this.pitch)];
       const project = (points, k) => {

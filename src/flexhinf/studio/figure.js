@@ -134,6 +134,12 @@ export default {
       pen.setTransform(ratio, 0, 0, ratio, 0, 0);
       pen.clearRect(0, 0, width, height);
       const all = this.ordered(), range = this.ranges(all);
+      if (!all.length) {
+        // no axes, whose numbers would be made up
+        [pen.font, pen.fillStyle, pen.textAlign, pen.textBaseline] = [FONT, colour("text"), "center", "middle"];
+        pen.fillText(this.description, width / 2, height / 2);
+        return;
+      }
       const inner = { w: width - ROOM.left - ROOM.right, h: height - ROOM.top - ROOM.bottom };
       const px = (v) => ROOM.left + (inner.w * ((this.logx ? Math.log10(v) : v) - range.x[0])) / (range.x[1] - range.x[0]);
       const py = (v) => ROOM.top + inner.h - (inner.h * ((this.logy ? Math.log10(Math.max(v, 1e-12)) : v) - range.y[0])) / (range.y[1] - range.y[0]);

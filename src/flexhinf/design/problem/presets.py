@@ -322,6 +322,16 @@ def preset_of(robot: Robot, s: Specification) -> str:
     return s.preset or ("given" if s.penalty is not None else default)
 
 
+def robust_applies(robot: Robot, s: Specification, goal: np.ndarray) -> bool:
+    """Whether a specification can have the preset robust instead, and the robot tolerances that it stands for at the
+    goal (n,)."""
+    try:
+        own, other = preset_of(robot, s), preset_of(robot, replace(s, preset="robust"))
+    except InvalidInput:  # it contradicts the stated weights
+        return False
+    return own != other and bool(channels(robot, [goal]))
+
+
 def required_damping(stated: float | None, target: TargetBehaviour | None = None) -> float:
     """Required damping ratio of every oscillation: the stated one, else `DAMPING`, or what the search lowered it to, at
     least `RINGS`; see `flexhinf.design.synthesis.steps`."""

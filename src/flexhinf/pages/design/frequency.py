@@ -10,6 +10,7 @@ import numpy as np
 
 from flexhinf.analysis import FrequencyResponse, GrowthRates, Margins
 from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.problem.presets import robust_applies
 from flexhinf.design.status import FEW_PERIODS, NOISE_FRACTION
 from flexhinf.pages.drawing import (
     DASHED,
@@ -306,8 +307,8 @@ def _decibel(values: np.ndarray) -> np.ndarray:
 
 
 # Corners of the tolerances ------------------------------------------------------------------------------
-def corners(e: LawEvaluation, robust: bool) -> Blocks:
-    """Table of the unstable corners of the tolerances; nothing for a robot without; `robust`: with that preset."""
+def corners(e: LawEvaluation) -> Blocks:
+    """Table of the unstable corners of the tolerances; nothing for a robot without."""
     cases, state = e.corners, e.state_corners
     if cases is None:
         return
@@ -317,7 +318,8 @@ def corners(e: LawEvaluation, robust: bool) -> Blocks:
             if state is not None and state.unstable > 0
             else "the estimator causes it: try another --torque-noise or --estimator"
         )
-        preset = "" if robust else ", or --preset robust"
+        applies = robust_applies(e.setup.robot, e.setup.specification, e.setup.goal)
+        preset = ", or --preset robust" if applies else ""
         yield note(
             f"{cases.unstable} of {cases.count} corners of the tolerances are unstable with this estimator; "
             f"{advice}{preset}."

@@ -10,6 +10,7 @@ import numpy as np
 
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.monte_carlo import MonteCarlo
+from flexhinf.design.problem.presets import robust_applies
 from flexhinf.design.responses import ROBOT, Response
 from flexhinf.pages.drawing import (
     DASHED,
@@ -329,9 +330,10 @@ def samples(e: LawEvaluation) -> Blocks:
     if runs is None or not len(runs):
         return
     if runs.diverged:
+        applies = robust_applies(e.setup.robot, e.setup.specification, e.setup.goal)
         yield note(
-            f"{runs.diverged} of {len(runs)} robots within their tolerances diverge with this controller. "
-            "--preset robust includes the tolerances in the synthesis."
+            f"{runs.diverged} of {len(runs)} robots within their tolerances diverge with this controller."
+            + " --preset robust includes the tolerances in the synthesis." * applies
         )
     robot, extras = e.setup.robot, e.setup.specification.extras
     which = (

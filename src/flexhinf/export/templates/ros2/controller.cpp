@@ -351,7 +351,7 @@ CallbackReturn Controller::on_deactivate(const rclcpp_lifecycle::State &)
   if (!is_stopped_) {
     hold_positions();
   }
-  write_stop(0.0);  // nothing writes from here on
+  write_stop(0.0);  // whatever the ramp: the manager calls update no more, and nothing writes from here on
   tell();
   return CallbackReturn::SUCCESS;
 }
