@@ -21,19 +21,17 @@ PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
 SCREENSHOTS = "FLEXHINF_SCREENSHOTS"
 
 
-@contextmanager
-def chromium() -> Iterator[Any]:
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
     """A browser of Playwright, without a window."""
     api = pytest.importorskip("playwright.sync_api", reason="missing: playwright")
     path = next(filter(None, map(shutil.which, PROGRAMS)), None)
     if path is None:
         pytest.skip("missing: chromium")
     with api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
-        try:
-            yield browser
-        finally:
-            browser.close()
+        started = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        yield started
+        started.close()
 
 
 @contextmanager

@@ -23,6 +23,7 @@ import pytest
 from _pytest.doctest import DoctestModule
 from hypothesis import HealthCheck, settings
 from hypothesis.internal.conjecture import providers
+from tests.browser import browser  # noqa: F401 - a fixture of all rooms
 from tests.costs import Costs
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -270,6 +271,8 @@ def _has_none(file: Path, tier: str) -> bool:
     text = file.read_text(encoding="utf-8")
     if tier == QUICK:
         return _LATER.search(text) is not None
+    if tier in (CI, NIGHTLY) and "ci_and_night" in text:
+        return False
     if tier == CI:
         return "mark.ci" not in text and "quick_cases" not in text
     return tier == NIGHTLY and "mark.nightly" not in text
@@ -316,13 +319,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Cases beyond `quick_cases` are of `make ci`, and so is the example of `flexhinf.compare`, which tunes a law.
-
-    All are sorted by file, since workers collect in other orders.
-    """
-    tuned = [item for item in items if item.name == "flexhinf.design.pipeline.compare"]
-    for item in tuned:
-        item.add_marker(pytest.mark.ci("tunes a law"))
+    """Cases beyond `quick_cases` are of `make ci`. All are sorted by file, since workers collect in other orders."""
     for item in _later_cases(items):
         item.add_marker(pytest.mark.ci("one more case of a test whose other cases are quick"))
     items.sort(key=lambda item: str(item.path))

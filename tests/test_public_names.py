@@ -15,8 +15,11 @@ import flexhinf as fh
 # A kernel of each class that runs once or twice: 4 s instead of 5 s
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-#: Names whose example takes long, or needs another compiler.
-SKIPPED = {"Comparison", "WorkspaceDesign", "compare", "export_web"}
+#: Names whose examples take long, or need another compiler; those that are one example together.
+LONG = [("Comparison", "compare"), ("WorkspaceDesign",), ("export_web",)]
+
+#: Of tests that look at an object of each public class.
+SHOWN = pytest.mark.ci("makes all of them: designs, filters, identifies, proves, compiles")
 
 #: Rows and columns of a terminal.
 ROWS, COLUMNS = 24, 80
@@ -39,21 +42,22 @@ def test_every_public_name_has_an_example(name: str) -> None:
 
 
 @pytest.mark.ci("designs, compares laws and compiles for the web")
-@pytest.mark.parametrize("name", sorted(SKIPPED))
-def test_examples_that_take_long_run_too(name: str) -> None:
-    """They are skipped where the others are run."""
-    if name == "export_web" and not (shutil.which("clang") and shutil.which("wasm-ld")):
+@pytest.mark.parametrize("names", LONG, ids=" ".join)
+def test_examples_that_take_long_run_too(names: tuple[str, ...]) -> None:
+    """They are skipped where the others are run; a line that two of them have runs once."""
+    if "export_web" in names and not (shutil.which("clang") and shutil.which("wasm-ld")):
         pytest.skip("missing: clang or wasm-ld")
     parser, runner = doctest.DocTestParser(), doctest.DocTestRunner()
-    text = own(name)
-    assert "# doctest: +SKIP" in text
-    test = parser.get_doctest(text.replace("# doctest: +SKIP", ""), {}, name, None, 0)
+    assert all("# doctest: +SKIP" in own(name) for name in names)
+    text = "\n\n".join(map(own, names)).replace("# doctest: +SKIP", "")
+    test = parser.get_doctest(text, {}, names[0], None, 0)
+    test.examples = list({example.source: example for example in test.examples}.values())
     assert runner.run(test).failed == 0
 
 
 def test_only_those_are_skipped() -> None:
     skipped = {name for name in fh.__all__ if "+SKIP" in own(name)}
-    assert skipped == SKIPPED
+    assert skipped == {name for names in LONG for name in names}
 
 
 # Reprs ------------------------------------------------------------------------------------------------
@@ -111,12 +115,13 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     }  # fmt: skip
 
 
-@pytest.mark.costs("makes an object of each public class: designs, filters, identifies, proves, compiles")
+@SHOWN
 def test_a_repr_fills_a_screen_at_most(results: dict[str, Any]) -> None:
     shown = {name: screen_lines(repr(result)) for name, result in results.items() if name != "filter_log"}
     assert {name: lines for name, lines in shown.items() if lines > ROWS} == {}
 
 
+@SHOWN
 def test_every_public_class_is_shown(results: dict[str, Any]) -> None:
     bases = {"BlackBox", "Estimator", "Law"}
     long = {"Comparison", "WorkspaceDesign"}  # tests/design
@@ -128,6 +133,7 @@ def test_every_public_class_is_shown(results: dict[str, Any]) -> None:
     assert classes - bases - long <= set(results)
 
 
+@SHOWN
 def test_tables_of_a_notebook_are_as_short(results: dict[str, Any]) -> None:
     for result in results.values():
         if hasattr(result, "summary"):

@@ -11,6 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from tests.refusals import refused_with
+from tests.tiers import ci_and_night
 
 from flexhinf.analysis import budget_terms, dissipation_budget
 from flexhinf.errors import InvalidInput
@@ -62,9 +63,11 @@ def finely(arm: Robot, law: HJISolution, run: Trajectory, applied: np.ndarray, i
     return float(z[5])
 
 
-@pytest.mark.ci("integrates 2,000 to 4,000 samples one by one")
 @pytest.mark.oracle
-@pytest.mark.parametrize(("late", "limit", "period"), [(0, None, 1e-3), (2, None, 2e-3), (1, 25.0, 2e-3)])
+@pytest.mark.parametrize(
+    ("late", "limit", "period"),
+    ci_and_night("2,000 samples one by one", [(1, 25.0, 2e-3)], [(0, None, 1e-3), (2, None, 2e-3)]),
+)
 def test_spent_is_that_of_a_fine_integration(
     arm: Robot, law: HJISolution, late: int, limit: float | None, period: float
 ) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.refusals import refused_with
+from tests.tiers import ci_and_night
 
 from flexhinf.analysis import DisturbanceSearch, worst_disturbance
 from flexhinf.analysis.worst_disturbance import DisturbanceRuns, ZeroOrderHold, gradient, small_motions
@@ -129,8 +130,7 @@ def test_small_motions_are_those_of_a_run(
     assert np.allclose(measured, expected, atol=1e-4 * np.abs(measured).max())
 
 
-@pytest.mark.ci("three ascents of eight turns")
-@pytest.mark.parametrize("degree", [2, 4, 6])
+@pytest.mark.parametrize("degree", ci_and_night("three ascents of eight turns", [4], [2, 6]))
 def test_no_disturbance_of_the_arm_attains_gamma_inside_its_region(
     torques: GeneralisedPlant, degree: int
 ) -> None:
@@ -146,7 +146,9 @@ def test_no_disturbance_of_the_arm_attains_gamma_inside_its_region(
     assert found.largest_value > 0.05 * level
 
 
-@pytest.mark.ci("a law of degree 4 of two links, its region, and two ascents")
+@pytest.mark.nightly(
+    "a law of degree 4 of two links, its region, and two ascents; the arm has one link above"
+)
 def test_no_disturbance_of_two_links_attains_gamma(two_link: Robot) -> None:
     weights = {"link_position": 30, "link_velocity": 5, "motor_position": 20, "motor_velocity": 5}
     penalty = Penalty({**weights, "link_position_integral": 60})  # on every state: the margin is definite

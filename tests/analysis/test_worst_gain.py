@@ -60,7 +60,7 @@ def norm(problem: GeneralisedPlant, gain: np.ndarray) -> float:
     )
 
 
-@pytest.mark.ci("eight ascents at the corners of a box")
+@pytest.mark.nightly("eight ascents at corners; tests/certify/test_attained_gain.py has others")
 @pytest.mark.oracle
 def test_the_gain_is_the_largest_norm_of_a_grid_over_the_box(problem, law):
     """The weight bends every equilibrium away from the nominal one; the loop is linear about each of them."""

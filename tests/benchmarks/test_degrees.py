@@ -41,7 +41,9 @@ def test_a_nonlinear_law_that_the_rule_uses_pays_on_the_page(repository: Path) -
         assert cost <= 1.0 - GAIN
 
 
-@pytest.mark.ci("designs with several degrees, twice")
+@pytest.mark.nightly(
+    "designs with several degrees; tests/benchmarks/test_workspace_rows.py goes on with quick rows"
+)
 def test_two_cases_are_computed_again_and_go_on_where_they_were_interrupted(
     module: Any, repository: Path, tmp_path: Path
 ) -> None:

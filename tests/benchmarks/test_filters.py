@@ -85,7 +85,7 @@ def test_the_kept_rows_are_those_of_every_method_and_filter():
             assert row["right"] >= 0.98 * (row["right"] + row["flagged"])
 
 
-@pytest.mark.ci("eleven filters against 600 bits")
+@pytest.mark.nightly("eleven filters against 600 bits; tests/estimation/test_hostile.py has others")
 @pytest.mark.oracle
 def test_some_of_the_kept_rows_are_counted_again():
     """Of every tenth kept filter no more are silently wrong than there may be."""

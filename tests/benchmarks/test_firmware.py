@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import shutil
+from itertools import product
 
 import pytest
 from benchmarks import firmware_peers
 from benchmarks.firmware import CLOCK, RATE, ROWS, cost_of, kept_rows, key, measure, table
+from tests.tiers import ci_and_night
 
 ROOM_IN_FLASH = 32_000  # bytes
 
@@ -97,14 +99,13 @@ def test_the_best_stands_first_and_losses_are_named() -> None:
 
 #: What counts the instructions of each machine.
 TOOLS = {"x86-64": ("gcc", "valgrind"), "Cortex-M4F": ("arm-none-eabi-gcc", "qemu-system-arm")}
-own = pytest.mark.ci("solves, exports and counts every instruction of a run")
-peers = pytest.mark.nightly("rows of peers; our own are measured in `make ci`")
+OWN = ("Cortex-M4F", "")
+OTHERS = [row for row in product(TOOLS, ("", "CasADi", "ADMM")) if row != OWN]
 
 
-@pytest.mark.parametrize("machine", TOOLS)
 @pytest.mark.parametrize(
-    "program",
-    [pytest.param("", marks=own), pytest.param("CasADi", marks=peers), pytest.param("ADMM", marks=peers)],
+    ("machine", "program"),
+    ci_and_night("counts every instruction of a run", [OWN], OTHERS),
 )
 def test_a_row_measured_again(machine: str, program: str) -> None:
     for tool in TOOLS[machine]:

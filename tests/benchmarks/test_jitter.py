@@ -44,7 +44,7 @@ def test_a_step_leaves_nothing_and_collects_nothing(module: Any, tmp_path: Path)
         assert found["bytes_grown"] < 200, kind
 
 
-@pytest.mark.costs("compiles a controller, and counts what a run allocates")
+@pytest.mark.ci("compiles a controller, and counts what a run allocates")
 def test_what_allocates_is_counted(module: Any) -> None:
     """The counts are not zero where they must not be: rows that stay, rings of lists that only the collector ends."""
     stream, kept = module.Stream("paper", 2), []

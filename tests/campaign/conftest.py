@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 import signal
 
@@ -83,8 +82,8 @@ def made_campaign(samples=50, batch=16, seed=1, **changes):
 
 @pytest.fixture(autouse=True)
 def lanes(monkeypatch):
-    """Also these few samples run in lanes; in other processes, and in fixtures of modules, each is run alone."""
-    monkeypatch.setattr(importlib.import_module("flexhinf.loop.simulation.ensemble"), "WORTH", 0)
+    """Also these few samples run in lanes; in fixtures of modules each is run alone."""
+    monkeypatch.setenv("FLEXHINF_LANES_FROM", "0")
 
 
 @pytest.fixture(scope="session")

@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from tests.tiers import ci_and_night
 
 import flexhinf as fh
 from flexhinf.certify import Certificate
@@ -16,8 +17,7 @@ from flexhinf.design.problem.presets import choose
 from flexhinf.design.specification import Specification
 
 
-@pytest.mark.ci("searches the largest level of two laws of degree four")
-@pytest.mark.parametrize("goal", [90, 180])
+@pytest.mark.parametrize("goal", ci_and_night("searches the largest level of a law of degree 4", [90], [180]))
 def test_what_the_search_proves_is_proved_again_for_the_paper_s_arm(goal: int) -> None:
     """13 s of CPU each."""
     arm = fh.paper_arm()

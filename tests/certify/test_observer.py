@@ -195,7 +195,7 @@ def test_an_observer_needs_a_bandwidth() -> None:
         replace(proved(False), feedback="state")
 
 
-@pytest.mark.ci("a proof of degree four with an observer")
+@pytest.mark.nightly("a proof of degree four; those of degree two are above")
 def test_a_law_of_degree_three_is_covered_for_smaller_errors() -> None:
     """180°, V of degree four, on the hull of S and its estimates: 6 s of CPU."""
     arm = fh.paper_arm()

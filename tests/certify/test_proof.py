@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from tests.tiers import ci_and_night
 
 import flexhinf as fh
 from flexhinf.certify.certificate import persistent_bound
@@ -95,8 +96,9 @@ def test_the_paper_s_own_weights_have_no_margin_to_prove() -> None:
         found.certify(gamma=gamma, penalty=PENALTY)
 
 
-@pytest.mark.ci("proofs of degree six")
-@pytest.mark.parametrize(("goal", "torque"), [(90, 10.8), (180, 22.9)])
+@pytest.mark.parametrize(
+    ("goal", "torque"), ci_and_night("proofs of degree six", [(90, 10.8)], [(180, 22.9)])
+)
 def test_the_region_is_not_left_under_disturbances_that_persist(goal: int, torque: float) -> None:
     found, gamma = solution(goal, 6, HEAVY, True)
     sampled = found.sampled_region(gamma=gamma, penalty=PENALTY)

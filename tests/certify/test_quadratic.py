@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from flint import arb, fmpq
+from tests.tiers import ci_and_night
 
 import flexhinf as fh
 from flexhinf.certify import Certificate, Function, Term, checker
@@ -42,8 +43,7 @@ def whole_box(goal: int) -> Certificate:
     return certify_tolerances(solution, measured, ranges, gamma, step=pose[0], p=found.p(1.02), most_cells=1)
 
 
-@pytest.mark.ci("2,000 corners in rationals, of two designs for all tolerances")
-@pytest.mark.parametrize("goal", [90, 180])
+@pytest.mark.parametrize("goal", ci_and_night("2,000 corners in rationals", [90], [180]))
 def test_the_step_is_proved_for_all_tolerances_within_two_per_cent_of_the_matrices_gain(goal: int) -> None:
     found = whole_box(goal)
     again = found.check()

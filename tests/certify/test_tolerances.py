@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 from flint import arb
+from tests.tiers import ci_and_night
 
 import flexhinf as fh
 from flexhinf.certify.box import parameter_groups, parameter_ranges, tolerance_statement
@@ -121,8 +122,10 @@ def test_ranges_are_the_tolerances_of_the_tables() -> None:
     assert ranges(0.1)["mass"] == pytest.approx((0.995, 1.005))
 
 
-@pytest.mark.ci("cells of boxes of parameters for two laws")
-@pytest.mark.parametrize(("goal", "share", "step"), [(90, 0.02, 0.15), (180, 0.02, 0.2)])
+@pytest.mark.parametrize(
+    ("goal", "share", "step"),
+    ci_and_night("cells of boxes of parameters", [(90, 0.02, 0.15)], [(180, 0.02, 0.2)]),
+)
 def test_a_part_of_the_tolerances_is_proved_with_plain_weights_and_the_whole_is_refused(
     goal: int, share: float, step: float
 ) -> None:
@@ -162,7 +165,7 @@ def test_a_nonlinear_law_needs_an_equilibrium_that_stays() -> None:
 
 
 # The theorems of the paper's arm ------------------------------------------------------------------------
-@pytest.mark.ci("cells of the whole box of parameters")
+@pytest.mark.nightly("the theorems of the pages; tests/cli/test_certify.py proves a shorter step")
 @pytest.mark.parametrize(
     ("goal", "damping", "gamma", "level"), [(180, 0.4, 380.0, 225_000.0), (90, None, 242.0, 22_600.0)]
 )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import importlib
 import json
 import math
 import pickle
@@ -186,7 +185,7 @@ def test_lanes_say_what_the_signals_of_each_run_say(judged: Path, monkeypatch: p
     campaign, journal = stored_campaign(judged / "runs")
     assert ALONE not in campaign.modes([campaign.sample(0)])
     travelled = pickle.loads(pickle.dumps(campaign))
-    monkeypatch.setattr(importlib.import_module("flexhinf.loop.simulation.ensemble"), "WORTH", 0)
+    monkeypatch.setenv("FLEXHINF_LANES_FROM", "0")
     lanes = run_batch(travelled, 1)
     monkeypatch.undo()
     check_by_signals(stored_request(journal), campaign, lanes)

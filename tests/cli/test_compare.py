@@ -18,14 +18,8 @@ pytestmark = pytest.mark.usefixtures("unoptimised")
 
 WORDS = [
     "compare", "vertical-rig", "--pose", "0.8", "--start", "0.3", "--degrees", "2",
-    "--estimator", "ekf", "--draws", "2", "--duration", "4",
+    "--estimator", "ekf", "--draws", "2", "--duration", "4", "--candidates", "0,0",
 ]  # fmt: skip
-
-
-@pytest.fixture(autouse=True)
-def short(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No search, only the starts."""
-    monkeypatch.setattr(tuning, "BUDGET", ((10_000, 0, 0),))
 
 
 @pytest.mark.ci("tunes three laws")
@@ -64,10 +58,8 @@ def test_a_design_file_is_what_the_others_are_compared_with(
     (folder / "arm.toml").write_text(arm, encoding="utf-8")
     design = ["design", "arm.toml", "--pose", "0.3", "--degrees", "2", "--rays", "0", "--bandwidth", "4"]
     assert main([*design, "--no-compare-rigid", "--duration", "1"]) in (0, 1)
-    assert (
-        main(["compare", "flexhinf-design/design.toml", "--laws", "pd", "--tune", "none", "--out", "against"])
-        == 0
-    )
+    against = ["compare", "flexhinf-design/design.toml", "--out", "against", "--candidates", "0,0"]
+    assert main([*against, "--laws", "pd", "--tune", "none"]) == 0
     found = json.loads((folder / "against" / "comparison.json").read_text(encoding="utf-8"))
     assert found["design"]["preset"] == "damped"
     assert len(found["design"]["verdict"]["requirements"]) > 5  # the design's own verdict stands beside
@@ -82,6 +74,8 @@ def test_a_design_file_is_what_the_others_are_compared_with(
         (["--laws", "pd,lqr-gravty"], "lqr-gravity"),
         (["--laws", "nl-hinf-1"], "nl-hinf-2"),
         (["--tune", "volts"], "bandwidth"),
+        (["--candidates", "4"], "--candidates 4,2"),
+        (["--candidates", "4,x"], "--candidates 4,2"),
         (["--peak-voltage", "3"], "--peak-torque"),
     ],
 )

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from tests.refusals import unnamed
+from tests.tiers import ci_and_night
 
 from flexhinf import report
 from flexhinf.cli import main
@@ -53,9 +54,11 @@ def test_a_design_is_told_and_written(folder: Path, capsys: pytest.CaptureFixtur
     assert again in (folder / "flexhinf-design-paper" / "index.html").read_text(encoding="utf-8")
 
 
-@pytest.mark.ci("whole designs")
 @pytest.mark.parametrize(
-    "words", ["paper --pose 90deg", "planar-two-link --damping 0.6 --draws 2", "vertical-rig"]
+    "words",
+    ci_and_night(
+        "a whole design", ["paper --pose 90deg", "planar-two-link --damping 0.6 --draws 2"], ["vertical-rig"]
+    ),
 )
 def test_all_that_a_design_prints_is_one_screen(
     words: str, folder: Path, capsys: pytest.CaptureFixture[str]

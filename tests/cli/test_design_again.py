@@ -28,7 +28,7 @@ def file_of(folder: Path) -> dict:
     return tomllib.loads((folder / "design.toml").read_text(encoding="utf-8"))
 
 
-@pytest.mark.ci("the same robust design, three times")
+@pytest.mark.nightly("the same robust design, three times; below are others that are made twice")
 def test_the_same_design_is_made_again(arm: str, folder: Path) -> None:
     (folder / "arm.toml").write_text(
         arm.replace("100.0", "{value = 100.0, tolerance = 10}"), encoding="utf-8"

@@ -170,7 +170,7 @@ def test_parquet(run: Any, folder: Path, capsys: pytest.CaptureFixture[str]) -> 
     assert len(table) == 1500
 
 
-@pytest.mark.costs("a loop, a filter over its log, and a page of eight figures")
+@pytest.mark.ci("a loop, a filter over its log, and a page of eight figures")
 def test_a_design_states_sensors_noises_and_latency(
     run: Any, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

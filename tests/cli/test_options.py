@@ -82,7 +82,8 @@ def test_a_field_that_is_only_copied_is_not_recorded(read: set[str]) -> None:
 
 
 SMALL: dict[str, Any] = {"degrees": "2", "rays": 5, "draws": 0, "estimator": "ekf"}
-PROVED: dict[str, Any] = {"degrees": "2", "draws": 0, "estimator": "ekf"}
+#: With which the search for a proof has one law to try.
+STATED = {"bandwidth": "4", "damping": "0.3", "gamma_ratio": "2"}
 
 
 #: Set to 0 on the way to a certificate or a comparison, which have no sampled region.
@@ -110,25 +111,37 @@ def test_certify_takes_what_it_reads(read: set[str], monkeypatch: pytest.MonkeyP
     assert set(CERTIFY_FIELDS) - read == {"proof_seconds"} | of_moves
 
 
-@pytest.mark.ci("searches weights for a certificate")
-@pytest.mark.parametrize("preset", ["damped", "robust", "proved"])
-def test_certify_takes_what_it_reads_with_a_search(read: set[str], preset: str) -> None:
-    certified(pose="20deg", degrees="2", preset=preset)
+@pytest.mark.parametrize(
+    ("preset", "stated"),
+    [
+        pytest.param("damped", {}, marks=pytest.mark.ci("searches weights for a certificate")),
+        pytest.param("proved", STATED, marks=pytest.mark.ci("searches the step of a law")),
+        pytest.param("robust", {}, marks=pytest.mark.nightly("searches as damped, over the tolerances")),
+    ],
+)
+def test_certify_takes_what_it_reads_with_a_search(
+    read: set[str], preset: str, stated: dict[str, str]
+) -> None:
+    certified(pose="20deg", degrees="2", preset=preset, **stated)
     assert read - set(CERTIFY_FIELDS) <= REPLACED
     assert ("proof_seconds" in read) == (preset == "proved")
 
 
-@pytest.mark.ci("two comparisons, one with a search for a proof")
+@pytest.mark.ci("a comparison and its page")
 def test_compare_takes_what_it_reads(read: set[str], tmp_path: Path) -> None:
     """--proof-seconds is of the preset proved, and --checked-penalty of its proof."""
     way = tmp_path / "way.csv"
     way.write_text("time,link [deg]\n0,0\n2,20\n")
     s = Specification(move=str(way), shaping="quintic", preset="damped", start="0", **SMALL)
-    fh.compare(fh.load_robot("vertical-rig"), s, ("pd",), "none").save(tmp_path / "report")
+    fh.compare(fh.load_robot("vertical-rig"), s, ("pd",), "none", candidates=(0, 0)).save(tmp_path / "report")
     assert read - set(COMPARE_FIELDS) <= REPLACED
     assert set(COMPARE_FIELDS) - read == {"proof_seconds", "checked_penalty"}
-    s = Specification(preset="proved", pose="20deg", bandwidth="4", damping="0.3", gamma_ratio="2", **PROVED)
-    fh.compare(fh.load_robot("paper"), s, ("pd",), "none")
+
+
+@pytest.mark.nightly("a comparison with a search for a proof, of which `certify` reads the same fields")
+def test_compare_takes_what_a_proof_reads(read: set[str]) -> None:
+    s = Specification(preset="proved", pose="20deg", degrees="2", draws=0, estimator="ekf", **STATED)
+    fh.compare(fh.load_robot("paper"), s, ("pd",), "none", candidates=(0, 0))
     contradicts = {"checked_gamma_ratio"}  # the preset proved refuses it
     assert {"proof_seconds", "checked_penalty"} <= read <= {*COMPARE_FIELDS, *REPLACED, *contradicts}
 

@@ -33,7 +33,7 @@ print("fine")
 """
 
 
-@pytest.mark.costs("compiles two loops in a process of its own")
+@pytest.mark.ci("compiles two loops in a process of its own")
 def test_kernels_are_linked_in_a_process_with_large_arrays(tmp_path):
     environment = {**os.environ, "FLEXHINF_CACHE": str(tmp_path)}
     outcome = subprocess.run(

@@ -10,6 +10,7 @@ import casadi
 import numpy as np
 import pytest
 from tests.interpreter import interpret
+from tests.tiers import ci_and_night
 
 import flexhinf as fh
 from flexhinf.codegen import (
@@ -112,8 +113,7 @@ def test_what_a_loop_or_a_condition_leaves_as_it_is_stays_readable() -> None:
         np.testing.assert_array_equal(found[0], found[1])
 
 
-@pytest.mark.ci("compiles the step of an unscented filter, whole and in stages")
-@pytest.mark.parametrize("fused", [True, False])
+@pytest.mark.parametrize("fused", ci_and_night("compiles the step of an unscented filter", [True], [False]))
 def test_a_function_in_its_stages_gives_the_same_bits(controller: fh.Controller, fused: bool) -> None:
     """Where its rare part counts, at the first sample, and elsewhere; products are fused with the same sums."""
     given, parted = whole(controller), code_of(controller, "arm", "double").program

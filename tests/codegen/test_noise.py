@@ -143,7 +143,7 @@ def test_distribution_of_few():
     assert np.abs([np.corrcoef(c[:-1], c[1:])[0, 1] for c in z.T]).max() < 0.02
 
 
-@pytest.mark.ci("ten million normal numbers")
+@pytest.mark.nightly("ten million normal numbers; the test above has 120,000")
 @pytest.mark.oracle
 def test_distribution_of_ten_million():
     """1e7 draws of the kernel: moments, tails and correlations within four sigma, and the distribution."""

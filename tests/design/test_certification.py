@@ -194,7 +194,7 @@ def test_the_budget_is_claimed_for_the_law_of_its_v_alone() -> None:
         assert ("Budget" in shown) == claimed
 
 
-@pytest.mark.ci("a proof over a box of all tolerances, of a whole design")
+@pytest.mark.nightly("a proof for all tolerances; tests/design/test_step_proof.py has one of a whole design")
 def test_a_design_that_searches_weights_is_proved_for_all_tolerances() -> None:
     """90°, the last 10 degrees, damping 0.4: the time is enough by far."""
     asked = Specification(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -28,20 +28,14 @@ QUICK: dict[str, Any] = {
 RIG: dict[str, Any] = {**QUICK, "pose": (0.8,), "start": (0.3,)}
 
 
-@pytest.fixture(scope="module", autouse=True)
-def short() -> Iterator[None]:
-    """No search, only the starts: how laws are tuned is tested beside this."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tuning, "BUDGET", ((10_000, 0, 0),))
-        yield
-
-
 @pytest.fixture(scope="module")
 def made() -> Callable[..., Comparison]:
-    """A comparison on the vertical rig: names of laws, the way to tune, options of the specification."""
+    """A comparison on the vertical rig: names of laws, the way to tune, options of the specification. Laws have their
+    starting values: how they are tuned is tested beside this."""
 
     def make(laws: Sequence[str], tune: str = "peak", **options: Any) -> Comparison:
-        return compare(fh.load_robot("vertical-rig"), Specification(**{**RIG, **options}), laws, tune)
+        s = Specification(**{**RIG, **options})
+        return compare(fh.load_robot("vertical-rig"), s, laws, tune, candidates=(0, 0))
 
     return make
 
@@ -49,9 +43,7 @@ def made() -> Callable[..., Comparison]:
 @pytest.fixture(scope="module")
 def rig(made: Callable[..., Comparison]) -> Comparison:
     """Laws of all kinds, with a short search; nothing may change it."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tuning, "BUDGET", ((10_000, 0, 0),))
-        return made(["hinf", "nlqr", "lqr-gravity", "lqg", "pd", "pid", "torque", "flatness-i"])
+    return made(["hinf", "nlqr", "lqr-gravity", "lqg", "pd", "pid", "torque", "flatness-i"])
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +54,7 @@ def pd(made: Callable[..., Comparison]) -> Comparison:
 # What is refused, and what is told ------------------------------------------------------------------------
 def test_every_stage_is_told() -> None:
     robot, s, told = fh.load_robot("vertical-rig"), Specification(**RIG), []
-    found = compare(robot, s, ["lqr"], progress=told.append)
+    found = compare(robot, s, ["lqr"], progress=told.append, candidates=(0, 0))
     announced = stages(robot, s, law_names(["lqr"]))
     assert abs(len(told) - len(announced)) <= 1
     assert [
@@ -101,7 +93,7 @@ def test_a_law_that_does_not_fit_is_a_mistake_if_asked_for_and_a_row_that_says_s
 
     monkeypatch.setattr(tuning.Tuner, "tune", tuned)
     monkeypatch.setattr(pipeline, "law_names", lambda names: law_names(names or ["pd", "lqr"]))
-    result = compare(fh.load_robot("vertical-rig"), Specification(**{**RIG, "draws": 0}))
+    result = compare(fh.load_robot("vertical-rig"), Specification(**{**RIG, "draws": 0}), candidates=(0, 0))
     assert [row.name for row in result.rows] == [DESIGN, NL_HINF, "pd", "lqr"]
     assert "pd" not in [row.name for row in result.compared]
     assert "springs" in result.rows[2].failure
@@ -200,7 +192,7 @@ def test_one_law_has_the_same_figures_in_a_design_and_in_a_comparison(
         "proof_seconds": 0.0,
     }
     robot, s = fh.load_robot(name), Specification(**{**fields, **options, "compare_rigid": False})
-    compared, designed = compare(robot, s, ["lqr"]).own, fh.design(robot, s)
+    compared, designed = compare(robot, s, ["lqr"], candidates=(0, 0)).own, fh.design(robot, s)
     own = compared.evaluation
     assert own is not None
     assert dict(own.metrics) == dict(designed.evaluation.metrics)
@@ -263,7 +255,7 @@ def test_no_seed_has_a_part_in_the_criterion(made: Callable[..., Comparison], pd
 @pytest.mark.ci("compares laws")
 def test_a_joint_that_slides_beside_one_that_turns(robot_of: Callable[[str], Any]) -> None:
     s = Specification(**{**QUICK, "degrees": (2,), "duration": 1.0}, pose=(0.1, 0.4), start=(0.0, 0.3))
-    result = compare(robot_of("cart"), s, ["pd"])
+    result = compare(robot_of("cart"), s, ["pd"], candidates=(0, 0))
     units = result.units()
     assert (units["position"], units["torque"]) == ("rad or m", "N·m or N")
     assert all(len(row.evaluation.step.metrics) == 2 for row in result.compared if row.evaluation)
@@ -272,7 +264,7 @@ def test_a_joint_that_slides_beside_one_that_turns(robot_of: Callable[[str], Any
 @pytest.mark.nightly("seven links")
 def test_seven_links() -> None:
     s = Specification(rays=0, degrees=(2,), draws=2, duration=1.0, torque_noise=1e-7)
-    result = compare(fh.load_robot("seven-link"), s, ["lqr", "pd", "flatness"])
+    result = compare(fh.load_robot("seven-link"), s, ["lqr", "pd", "flatness"], candidates=(0, 0))
     assert [row.name for row in result.rows] == [DESIGN, NL_HINF, "lqr", "pd", "flatness"]
     for row in result.rows:
         assert (row.tuned is None) is bool(row.failure), row.name

@@ -64,7 +64,7 @@ def prepared(
     return prepare_run(controller, (model, original), robot or model, s, **(conditions or {}))
 
 
-@pytest.mark.costs("two loops: on MuJoCo's robot and on ours")
+@pytest.mark.ci("two loops: on MuJoCo's robot and on ours")
 @pytest.mark.oracle
 def test_the_step_is_that_of_the_loop_on_our_own_plant(paper: tuple[fh.Robot, fh.Controller]) -> None:
     """MuJoCo's robot against ours, integrated by our Runge–Kutta steps: the same noise, the same command."""

@@ -39,7 +39,7 @@ def evaluation() -> LawEvaluation:
     return LawEvaluation("law", setup, RUNS)
 
 
-@pytest.mark.costs("four runs, two of them with a load")
+@pytest.mark.ci("four runs, two of them with a load")
 def test_both_ends_of_the_range_are_carried(evaluation: LawEvaluation) -> None:
     light, heavy = evaluate_payloads(evaluation.setup, RUNS)
     assert (light.mass, heavy.mass) == (0.0, pytest.approx(0.1))

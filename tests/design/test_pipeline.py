@@ -14,10 +14,11 @@ import pytest
 from scipy.linalg import expm
 from scipy.optimize import fsolve
 from tests.refusals import unnamed
+from tests.tiers import ci_and_night
 
 import flexhinf as fh
 from flexhinf.analysis.modes import closed_loop
-from flexhinf.design import Design, Specification, design, stages, tuning
+from flexhinf.design import Design, Specification, design, stages
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.loop_setup import EstimatorNoise
 from flexhinf.errors import NotDetectable
@@ -131,7 +132,7 @@ def test_the_report_has_the_numbers_and_their_sources(two: Design) -> None:
     assert len(numbers["closed_modes"]) >= 5
 
 
-@pytest.mark.ci("a whole design")
+@pytest.mark.nightly("one more design; tests/cli/test_design_again.py makes others again")
 def test_the_same_specification_gives_the_same_report(at_a_pose: Any) -> None:
     one = at_a_pose.design
     pages = {
@@ -238,18 +239,19 @@ def test_a_loop_that_diverges_is_told_and_not_hidden() -> None:
     assert "diverges" in design_files(result, ["flexhinf"])["index.html"]
 
 
-@pytest.mark.ci("four designs")
 @pytest.mark.parametrize(
     "options",
-    [
-        {"rays": 20, "degrees": (2, 4), "draws": 2, "compare_rigid": True},
-        {"preset": "damped", "peak_effort": 0.6, "draws": 12},
-        {"preset": "damped", "via": ((0.3,), (0.1,)), "pose": (0.5,), "start": (0.0,)},
-        pytest.param(
+    ci_and_night(
+        "a design of each kind",
+        [
+            {"rays": 20, "degrees": (2, 4), "draws": 2, "compare_rigid": True},
+            {"preset": "damped", "via": ((0.3,), (0.1,)), "pose": (0.5,), "start": (0.0,)},
+        ],
+        [
+            {"preset": "damped", "peak_effort": 0.6, "draws": 12},
             {"preset": "robust", "pose": (3.0,), "start": (2.9,), "draws": 1},
-            marks=pytest.mark.nightly("the preset robust"),
-        ),
-    ],
+        ],
+    ),
 )
 def test_about_as_many_stages_are_told_as_announced(options: dict[str, Any]) -> None:
     robot, told = fh.load_robot("vertical-rig"), []
@@ -332,9 +334,7 @@ def test_a_joints_limit_in_the_search_for_a_disturbance_is_a_result(tmp_path: An
 
 
 @pytest.mark.nightly("friction and delay in a design and a comparison; ci compares without")
-def test_design_and_compare_show_the_same_margins_with_friction_and_delay(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_design_and_compare_show_the_same_margins_with_friction_and_delay() -> None:
     """223 against 92 ms of delay margin, 3.2 against 5.3 rad/s: two linear loops, of which one dropped the friction."""
     asked = Specification(
         extras=("coulomb_friction",),
@@ -346,8 +346,8 @@ def test_design_and_compare_show_the_same_margins_with_friction_and_delay(
         duration=0.5,
     )
     robot = fh.load_robot("planar-two-link")
-    monkeypatch.setattr(tuning, "BUDGET", ((10_000, 0, 0),))
-    one, two = design(robot, asked).evaluation, fh.compare(robot, asked, ("nl-hinf",), "none").own.evaluation
+    compared = fh.compare(robot, asked, ("nl-hinf",), "none", candidates=(0, 0))
+    one, two = design(robot, asked).evaluation, compared.own.evaluation
     assert two is not None
     for key in (
         "delay_margin_s",

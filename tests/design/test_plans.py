@@ -91,7 +91,7 @@ def test_a_joint_that_stays_has_a_tracking_error_that_can_be_met(robot_of: Calla
     np.testing.assert_allclose(tracking, [2e-3, 5e-4])
 
 
-@pytest.mark.costs("weights are searched")
+@pytest.mark.ci("weights are searched")
 def test_the_tracking_error_is_a_requirement_of_each_joint(setup_of: Benches) -> None:
     setup = setup_of(
         "planar-two-link", (0.4, 0.6), estimator="none", move=WAY, tracking_error=("1e-9", "10deg")

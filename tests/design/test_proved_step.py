@@ -23,7 +23,7 @@ from flexhinf.errors import InvalidInput
 ARM = fh.paper_arm()
 
 
-@pytest.mark.ci("proves many candidates")
+@pytest.mark.nightly("proves many candidates; others of this file are found among fewer")
 def test_the_smaller_gain_of_two_laws_is_proved_for_a_wanted_step() -> None:
     one = {"tolerances": 0.0, "bandwidths": (1.0,), "dampings": (None,), "step": 1.0, "most_cells": 300_000}
     alone = search_proved_step(ARM, (np.pi,), degrees=(2,), ratios=(2.0,), **one)

@@ -70,7 +70,7 @@ def test_noise_acts_where_the_torques_act(mixed: Robot) -> None:
     np.testing.assert_allclose(noise_variances(plant, 1e-8)[:2], 1e-8 * stiffness**2)
 
 
-@pytest.mark.ci("a whole design")
+@pytest.mark.nightly("a whole design; tests/design/test_must_show.py has one of two links")
 def test_a_design_meets_its_specification_on_mujoco_and_within_the_tolerances(mixed: Robot) -> None:
     pytest.importorskip("mujoco")
     specification = fh.Specification(

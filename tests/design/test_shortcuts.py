@@ -92,7 +92,7 @@ def test_a_design_of_one_pose_has_one_loop(at_a_pose: Any) -> None:
     assert design.move().tracked("link_position")[-1] == pytest.approx(np.radians(30.0), abs=2e-3)
 
 
-@pytest.mark.costs("a whole design for a workspace")
+@pytest.mark.ci("a whole design for a workspace")
 def test_a_design_of_a_workspace_has_a_loop_at_each_pose(in_a_workspace: Any) -> None:
     design, goal = in_a_workspace, (0.3, -0.5)
     for loop, pose in zip(design.loops, design.poses):

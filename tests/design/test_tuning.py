@@ -45,11 +45,14 @@ def tuner() -> Callable[..., Tuner]:
     """What tunes laws on the vertical rig, by mode, sensors and estimator."""
     made = functools.cache(lambda estimator: evaluation_of(estimator=estimator, torque_noise=1e-7))
 
-    def make(mode: str = "peak", same_sensors: bool = False, estimator: str = "ekf") -> Tuner:
+    def make(
+        mode: str = "peak", same_sensors: bool = False, estimator: str = "ekf",
+        candidates: tuple[int, int] | None = (1, 1),
+    ) -> Tuner:  # fmt: skip
         evaluation, synthesis = made(estimator)
         s, joints = replace(evaluation.setup.specification, bandwidth=6.0), evaluation.setup.limits
         criterion = criterion_for(mode, own_metrics(evaluation), 3.0, stated_limits(s, joints, "N·m"))
-        return Tuner(LawFactory(synthesis, 5.0), evaluation, criterion, same_sensors)
+        return Tuner(LawFactory(synthesis, 5.0), evaluation, criterion, same_sensors, candidates)
 
     return make
 
@@ -77,21 +80,19 @@ def evaluation_of(**options: Any) -> tuple[LawEvaluation, Any]:
 
 @pytest.fixture(scope="module")
 def rig(tuner: Callable[..., Tuner]) -> Tuner:
-    return tuner()
+    return tuner(candidates=None)
 
 
 @pytest.fixture
-def short(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A search of a few candidates."""
-    monkeypatch.setattr(tuning, "BUDGET", ((10_000, 1, 1),))
+def short(rig: Tuner) -> Tuner:
+    """Its search has a few candidates."""
+    return replace(rig, candidates=(1, 1))
 
 
 @pytest.fixture(scope="module")
 def pd(rig: Tuner) -> Any:
     """Tuned with a third of the usual candidates."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tuning, "BUDGET", ((10_000, 10, 1),))
-        return rig.tune(law_kind("pd"))
+    return replace(rig, candidates=(10, 1)).tune(law_kind("pd"))
 
 
 @pytest.mark.ci("tunes a law")
@@ -155,29 +156,24 @@ def test_the_encoder_of_the_motor_spares_a_pd_the_sag_of_a_filter_on_the_link(ri
 
 
 @pytest.mark.ci("tunes a law")
-def test_the_user_may_insist_on_one_set_of_sensors(tuner: Callable[..., Tuner], short: None) -> None:
+def test_the_user_may_insist_on_one_set_of_sensors(tuner: Callable[..., Tuner]) -> None:
     found = tuner(same_sensors=True).tune(law_kind("pd"))
     assert found.sensors == ("link_position",)
 
 
 @pytest.mark.ci("tunes a law")
-def test_with_the_true_state_there_are_no_sensors_and_no_noise_levels(
-    tuner: Callable[..., Tuner], short: None
-) -> None:
+def test_with_the_true_state_there_are_no_sensors_and_no_noise_levels(tuner: Callable[..., Tuner]) -> None:
     found = tuner(estimator="none").tune(law_kind("pd"))
     assert found.sensors == ()
     assert set(found.parameters) == {"bandwidth", "damping"}
 
 
 @pytest.mark.nightly("three laws that are tuned")
-def test_a_law_that_contains_another_one_is_not_tuned_worse(
-    rig: Tuner, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_law_that_contains_another_one_is_not_tuned_worse(rig: Tuner) -> None:
     """Torque feedback with the real rotor is a PD; a search of its own once ended at 1.24 where a PID had 0.97."""
-    monkeypatch.setattr(tuning, "BUDGET", ((10_000, 10, 1),))
-    contained = rig.tune(law_kind("pd-gravity"))
+    contained = replace(rig, candidates=(10, 1)).tune(law_kind("pd-gravity"))
     assert contained.feasible
-    monkeypatch.setattr(tuning, "BUDGET", ((10_000, 0, 1),))
+    rig = replace(rig, candidates=(0, 1))
     kind = replace(law_kind("torque"), sensors=contained.kind.sensors)
     found = rig.again(rig.tune(kind), [rig.tune(law_kind(DESIGN)), contained])
     alike = {**rig.factory.start(kind), **contained.parameters, "rotor_inertia": 1.0}
@@ -188,27 +184,24 @@ def test_a_law_that_contains_another_one_is_not_tuned_worse(
 
 
 @pytest.mark.ci("tunes a law")
-def test_what_one_search_came_upon_serves_every_law_with_such_parameters(rig: Tuner, short: None) -> None:
+def test_what_one_search_came_upon_serves_every_law_with_such_parameters(short: Tuner) -> None:
     """By the seed nl-hinf ended at 0.74 and lqr-gravity at 0.89, or at 0.79 and 0.76: old code gave the values of a law
     to those only that contain it, and a PID's to no PD."""
-    wider = replace(rig.tune(law_kind("pid")), feasible=True)
-    own = rig.tune(law_kind("pd"))
-    found: Any = rig.again(own, [wider, own])
+    wider = replace(short.tune(law_kind("pid")), feasible=True)
+    own = short.tune(law_kind("pd"))
+    found: Any = short.again(own, [wider, own])
     shared = {name: wider.parameters[name] for name in own.parameters}
     assert any(dict(one.parameters) == pytest.approx(shared) for one in found.search.candidates)
     assert found.cost <= own.cost or not own.feasible
 
 
 @pytest.mark.nightly("the preset robust, four laws")
-def test_nonlinear_h_infinity_does_not_end_behind_the_nonlinear_lqr_that_it_contains(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_nonlinear_h_infinity_does_not_end_behind_the_nonlinear_lqr_that_it_contains() -> None:
     """Old code kept the channels of the tolerances in nl-hinf: on the paper's arm it ended at 0.90, nlqr at 0.78."""
-    monkeypatch.setattr(tuning, "BUDGET", ((10_000, 2, 0),))
     evaluation, synthesis = evaluation_of(preset="robust", estimator="ekf", torque_noise=1e-7)
     limits = stated_limits(evaluation.setup.specification, evaluation.setup.limits, "V")
     criterion = criterion_for("peak", own_metrics(evaluation), 3.0, limits)
-    rig = Tuner(LawFactory(synthesis, 5.0), evaluation, criterion)
+    rig = Tuner(LawFactory(synthesis, 5.0), evaluation, criterion, candidates=(2, 0))
     found: dict[str, Any] = rig.tune_all([law_kind(name) for name in (NL_HINF, "nlqr", "lqr", "hinf")])
     for wider, contained in ((NL_HINF, "nlqr"), (NL_HINF, "hinf"), ("nlqr", "lqr"), ("hinf", "lqr")):
         assert found[contained].feasible
@@ -218,7 +211,7 @@ def test_nonlinear_h_infinity_does_not_end_behind_the_nonlinear_lqr_that_it_cont
 
 @pytest.mark.costs("a design that all quick tests of tuning share")
 def test_a_loop_that_cannot_be_linearised_is_not_feasible(
-    rig: Tuner, short: None, monkeypatch: pytest.MonkeyPatch
+    short: Tuner, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Old code read a sensitivity of zero there, and so tuned `flatness` to 0.0094 rad/s."""
     plain = tuning.LawEvaluation.margins.func  # type: ignore[attr-defined]
@@ -229,11 +222,11 @@ def test_a_loop_that_cannot_be_linearised_is_not_feasible(
         return plain(self)
 
     monkeypatch.setattr(tuning.LawEvaluation, "margins", property(failing))
-    found = rig.tune(law_kind("flatness"))
+    found = short.tune(law_kind("flatness"))
     assert found.parameters["bandwidth"] >= 4.0
-    low = {**rig.factory.start(law_kind("flatness")), "bandwidth": 2.0}
+    low = {**short.factory.start(law_kind("flatness")), "bandwidth": 2.0}
     with pytest.raises(NumericalFailure, match="rest"):
-        metrics_of(rig.evaluation(law_kind("flatness"), ("link_position",), low))
+        metrics_of(short.evaluation(law_kind("flatness"), ("link_position",), low))
 
 
 def test_an_unstable_loop_has_no_figures_in_its_favour(rig: Tuner) -> None:
@@ -260,17 +253,17 @@ def test_a_design_with_a_run_that_diverges_measures_no_law(
         reference_metrics(rig.own)
 
 
-def test_a_law_that_keeps_no_limit_is_told_with_what_it_exceeds(rig: Tuner, short: None) -> None:
+def test_a_law_that_keeps_no_limit_is_told_with_what_it_exceeds(short: Tuner) -> None:
     """A `pid` once was driven to a damping of 0.026 for a peak that it could not reach."""
     tight = replace(
-        rig.criterion, linear=tuple(replace(x, value=1.001) if x.metric == "peak_sensitivity" else x
-        for x in rig.criterion.linear),
+        short.criterion, linear=tuple(replace(x, value=1.001) if x.metric == "peak_sensitivity" else x
+        for x in short.criterion.linear),
     )  # fmt: skip
-    found = replace(rig, criterion=tight).tune(law_kind("pid"))
+    found = replace(short, criterion=tight).tune(law_kind("pid"))
     assert not found.feasible
     assert unnamed(found.missed, "peak sensitivity", "1", f"{found.metrics.peak_sensitivity:.3g}") == []
     assert np.isfinite(found.metrics.load_deviation)  # the nearest is run all the same
-    assert best_rival([rig.tune(law_kind(DESIGN)), found]) is None
+    assert best_rival([short.tune(law_kind(DESIGN)), found]) is None
 
 
 def test_the_design_s_own_law_is_judged_and_not_tuned(rig: Tuner) -> None:
@@ -284,14 +277,14 @@ def test_the_design_s_own_law_is_judged_and_not_tuned(rig: Tuner) -> None:
 
 
 @pytest.mark.ci("tunes a law")
-def test_every_law_has_the_same_scenario(rig: Tuner, pd: Any, short: None) -> None:
+def test_every_law_has_the_same_scenario(pd: Any, short: Tuner) -> None:
     for name in ("lqr", "flatness-i"):
-        evaluation = rig.tune(law_kind(name)).evaluation
-        assert evaluation.scenario is rig.own.scenario is pd.evaluation.scenario
+        evaluation = short.tune(law_kind(name)).evaluation
+        assert evaluation.scenario is short.own.scenario is pd.evaluation.scenario
 
 
 @pytest.mark.ci("tunes a law for another criterion")
-def test_by_bandwidth_and_by_nothing(tuner: Callable[..., Tuner], short: None) -> None:
+def test_by_bandwidth_and_by_nothing(tuner: Callable[..., Tuner]) -> None:
     by = tuner("bandwidth")
     found = by.tune(law_kind("pd"))
     assert not found.feasible or found.metrics.bandwidth <= 6.0 * 1.02
@@ -301,39 +294,39 @@ def test_by_bandwidth_and_by_nothing(tuner: Callable[..., Tuner], short: None) -
 
 @pytest.mark.ci("tunes a law")
 def test_many_states_are_searched_by_the_linear_part_and_judged_by_the_law_itself(
-    rig: Tuner, short: None, monkeypatch: pytest.MonkeyPatch
+    short: Tuner, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tuning, "MANY_STATES", 4)
-    found = rig.tune(law_kind("nlqr"))
+    found = short.tune(law_kind("nlqr"))
     law: Any = found.setup.law
     assert law.degree == 4
-    again = metrics_of(LawEvaluation("again", found.setup, rig.own.scenario))
+    again = metrics_of(LawEvaluation("again", found.setup, short.own.scenario))
     assert found.metrics == again
 
 
 def test_a_law_of_which_no_candidate_can_be_judged_is_an_error(
-    rig: Tuner, short: None, monkeypatch: pytest.MonkeyPatch
+    short: Tuner, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def never(*arguments: Any) -> Any:
         raise NumericalFailure("Never.", "", "")
 
     monkeypatch.setattr(LawFactory, "make", never)
     with refused_with(FlexhinfError, "law 'pd'", "Never"):
-        rig.tune(law_kind("pd"))
+        short.tune(law_kind("pd"))
 
 
 @pytest.mark.ci("tunes a law")
-def test_nonlinear_h_infinity_is_tuned_as_the_others_are(rig: Tuner, short: None) -> None:
+def test_nonlinear_h_infinity_is_tuned_as_the_others_are(short: Tuner) -> None:
     """Old code held the design itself, which was never tuned for the criterion, against laws that were."""
     kind = law_kind(NL_HINF)
-    ours, theirs = set(rig.factory.start(kind)), set(rig.factory.start(law_kind("nlqr")))
+    ours, theirs = set(short.factory.start(kind)), set(short.factory.start(law_kind("nlqr")))
     assert theirs | {"gamma_ratio"} == ours
     assert {"degree", ESTIMATOR_NOISE, MOTOR_NOISE} <= ours
-    found, other = rig.tune(kind), rig.tune(law_kind("nlqr"))
+    found, other = short.tune(kind), short.tune(law_kind("nlqr"))
     assert found.parameters["degree"] == round(found.parameters["degree"])
     assert found.setup.law.degree == found.parameters["degree"]  # type: ignore[attr-defined]
     assert found.candidates <= other.candidates / len(theirs) * len(ours) + 3.0
-    again = rig.again(found, [found, other, rig.tune(law_kind(DESIGN))])
+    again = short.again(found, [found, other, short.tune(law_kind(DESIGN))])
     assert again.candidates > found.candidates
     assert (not again.feasible, again.cost) <= (not found.feasible, found.cost)
 
@@ -387,13 +380,10 @@ def test_trade_offs_have_the_law_as_tuned_and_a_curve_of_what_was_tried(rig: Tun
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("name", [NL_HINF, "nl-hinf-4"])
-def test_nonlinear_h_infinity_does_not_end_behind_the_design_that_it_contains(
-    rig: Tuner, name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nonlinear_h_infinity_does_not_end_behind_the_design_that_it_contains(rig: Tuner, name: str) -> None:
     """Old code added weights of velocities to every candidate, and R2, γ and degree of the design never met again."""
-    monkeypatch.setattr(tuning, "BUDGET", ((10_000, 0, 0),))
     kind = law_kind(name)
-    found = rig.tune(kind)
+    found = replace(rig, candidates=(0, 0)).tune(kind)
     assert found.feasible
     assert found.cost <= 1.0
     sensors = tuple(rig.own.setup.specification.measured)
@@ -404,14 +394,14 @@ def test_nonlinear_h_infinity_does_not_end_behind_the_design_that_it_contains(
 
 
 def test_the_design_s_own_law_is_taken_where_all_others_break_a_limit_or_a_corner(
-    rig: Tuner, short: None, monkeypatch: pytest.MonkeyPatch
+    short: Tuner, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     kind, robot = law_kind(NL_HINF), SimpleNamespace(uncertain=("stiffness",))
-    found = rig.tune(kind)
+    found = short.tune(kind)
     assert found.search is not None
-    uncertain = replace(rig, own=replace(rig.own, setup=replace(rig.own.setup, robot=robot)))
+    uncertain = replace(short, own=replace(short.own, setup=replace(short.own.setup, robot=robot)))
     monkeypatch.setattr(tuning, "unstable_corners", lambda e: 0 if e.name == DESIGN else 1)
     chosen = uncertain._robust_best(kind, ("link_position",), found.search)
-    assert chosen.parameters == rig.factory.own(kind)
-    assert rig.factory.make(kind, chosen.parameters) is rig.factory.synthesis.law
-    assert rig.factory.make(kind, {**chosen.parameters, "effort": 2.0}) is not rig.factory.synthesis.law
+    assert chosen.parameters == short.factory.own(kind)
+    assert short.factory.make(kind, chosen.parameters) is short.factory.synthesis.law
+    assert short.factory.make(kind, {**chosen.parameters, "effort": 2.0}) is not short.factory.synthesis.law

@@ -110,7 +110,7 @@ def test_it_watches_the_box_of_its_workspace(tmp_path: Path) -> None:
     assert controller.path_rate < 1.0
 
 
-@pytest.mark.costs("C of a controller is compiled")
+@pytest.mark.ci("C of a controller is compiled")
 def test_a_stated_reaction_brakes_along_the_path_also_in_c(
     needs_compiler: Callable[..., None], braking: Callable[[], Any]
 ) -> None:

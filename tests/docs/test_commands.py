@@ -36,10 +36,24 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 LANGUAGES = {"sh", "python", "toml", "xml", "csv", "c", "text"}
 #: The program of each package that a command may need.
 PROGRAMS = {"clang": "clang", "lld": "wasm-ld"}
-#: Pages whose commands run by night, and why; those of other pages do the same with less.
+#: Blocks that run by night, each alone in a folder with the files of its page, and what does the same with less.
 NIGHTLY = {
-    "docs/comparison.md": "tunes fourteen laws; tests/cli/test_compare.py compares fewer",
-    "docs/theorem.md": "checks every cell in rationals; docs/certificate.md checks a sample",
+    "docs/campaigns.md-4": "searches a disturbance; so does tests/cli/test_campaign.py",
+    "docs/campaigns.md-7": "designs two laws; tests/cli/test_campaign_compare.py compares smaller ones",
+    "docs/comparison.md-1": "tunes fourteen laws; tests/cli/test_compare.py compares fewer",
+    "docs/design.md-2": "a design of one pose, as that of docs/guides/specify.md",
+    "docs/design.md-3": "a design of one pose, as that of docs/guides/specify.md",
+    "docs/hardware.md-2": "designs seven joints; docs/guides/limits_and_payload.md has two and a payload",
+    "docs/identify.md-4": "the commands of tests/identification/test_circle.py",
+    "docs/moves.md-6": "goals in space; docs/moves.md-4 has others, tests/design/test_cartesian.py these",
+    "docs/moves.md-7": "one more command; docs/moves.md-4 has another, tests/design/test_plans.py shapes steps",
+    "docs/package.md-2": "two designs, one as in README.md-2, one as in docs/robots.md-6",
+    "docs/robots.md-4": "as the program of that page, docs/robots.md-6",
+    "docs/robots.md-5": "extras, as in tests/design/test_limit_cycle.py",
+    "docs/robots.md-9": "reads a URDF, as docs/start/own_arm.md does",
+    "docs/robots.md-17": "reads a URDF, as docs/start/own_arm.md does",
+    "docs/theorem.md-1": "checks every cell in rationals; docs/certificate.md checks a sample",
+    "docs/weights.md-1": "a proof for all tolerances, as in tests/design/test_proved_step.py",
 }
 LONG = {"design", "compare", "paper", "campaign", "estimate", "identify", "certify"}
 
@@ -199,29 +213,21 @@ BLOCKS = [block for page in PAGES for block in blocks_of(page)]
 BLOCKS += [block for example in EXAMPLES for block in docstring_blocks(example)]
 
 
-def _tier(page: str) -> pytest.MarkDecorator:
-    """When the commands of a page run that design."""
-    if page in NIGHTLY:
-        return pytest.mark.nightly(NIGHTLY[page])
-    return pytest.mark.ci("runs each command of the page")
+def _tier(name: str, blocks: list[Block]) -> list[pytest.MarkDecorator]:
+    """When commands run; those that design are long."""
+    if name in NIGHTLY:
+        return [pytest.mark.nightly(NIGHTLY[name])]
+    long = any(command.long for block in blocks for command in block.commands)
+    return [pytest.mark.ci("runs each command of the page")] * long
 
 
 def chains() -> list[object]:
-    """The blocks of commands of each page, in its order; pages that design are long."""
+    """The blocks of commands of each page, in its order, but those that run by night."""
     pages: dict[str, list[Block]] = {}
     for block in BLOCKS:
         if block.language == "sh":
-            pages.setdefault(block.page, []).append(block)
-    return [
-        pytest.param(
-            blocks,
-            id=page,
-            marks=[_tier(page)]
-            if any(command.long for block in blocks for command in block.commands)
-            else [],
-        )
-        for page, blocks in pages.items()
-    ]
+            pages.setdefault(block.name if block.name in NIGHTLY else block.page, []).append(block)
+    return [pytest.param(blocks, id=name, marks=_tier(name, blocks)) for name, blocks in pages.items()]
 
 
 def programs() -> list[object]:
@@ -229,9 +235,10 @@ def programs() -> list[object]:
         pytest.param(
             block,
             id=block.name,
-            marks=[pytest.mark.ci("designs, compiles or runs hundreds of robots")]
-            if any(call in block.text for call in LONG_CALLS)
-            else [],
+            marks=[pytest.mark.nightly(NIGHTLY[block.name])]
+            if block.name in NIGHTLY
+            else [pytest.mark.ci("designs, compiles or runs hundreds of robots")]
+            * any(call in block.text for call in LONG_CALLS),
         )
         for block in BLOCKS
         if block.language == "python"
@@ -353,7 +360,7 @@ def test_every_command_of_a_page_runs_as_it_is_printed(blocks: list[Block], tmp_
 
 
 @pytest.mark.costs("starts an interpreter for each program")
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("block", programs())
 def test_every_program_runs_as_it_is_printed(block: Block, tmp_path: Path) -> None:
     write_files(block.page, tmp_path)
@@ -415,6 +422,7 @@ def test_what_a_page_quotes_must_be_printed(tmp_path: Path) -> None:
 def test_no_block_is_left_out() -> None:
     assert {block.language for block in BLOCKS} <= LANGUAGES  # none without: it would not be run
     assert len(chains()) > 10
+    assert {block.name for block in BLOCKS} >= NIGHTLY.keys()
     assert len(programs()) >= 4
     nameless = [block.name for block in BLOCKS if block.language in ("toml", "xml", "csv") and not block.file]
     assert nameless == []

@@ -55,7 +55,8 @@ def test_the_table_of_sizes_is_near_the_sizes(repository: Path) -> None:
 #: Parts of several designs; those of one are computed in `make ci`.
 BY_NIGHT = {
     "presets": "designs the arm eight times", "laws": "tunes every law",
-    "circle": "identifies and designs twice", "augmentation": "simulates every choice of noise",
+    "circle": "identifies and designs twice", "step": "designs two links, and a rigid one",
+    "moves": "designs two links", "augmentation": "simulates every choice of noise",
 }  # fmt: skip
 
 

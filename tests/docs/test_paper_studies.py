@@ -76,7 +76,7 @@ def test_the_norm_is_that_of_the_continuous_linear_loop(setup: PaperSetup) -> No
     assert measured["gain"] < measured["norm"] < setup.gamma
 
 
-@pytest.mark.ci("laws over γ and R2, for two seeds")
+@pytest.mark.nightly("laws over γ and R2, for two seeds; the other tests of this file have one")
 def test_the_answer_is_the_same_for_another_seed(setup: PaperSetup) -> None:
     ratios = []
     for each in (setup, PaperSetup(PaperSettings(seed=3))):

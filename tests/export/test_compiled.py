@@ -209,7 +209,7 @@ def test_there_is_no_other_choice_of_processors(controller: fh.Controller, tmp_p
         fh.compile_controller(controller, tmp_path / "arm.so", processor="avx512")
 
 
-@pytest.mark.costs("compiles a library")
+@pytest.mark.ci("compiles a library")
 def test_flags_that_change_results_are_told_at_the_start(
     controller: fh.Controller,
     needs_compiler: Callable[..., None],

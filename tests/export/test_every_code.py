@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.export.test_rest import elastic_controller, robot_of
+from tests.tiers import ci_and_night
 
 import flexhinf as fh
 from flexhinf.errors import NumericalFailure
@@ -90,16 +91,14 @@ def steps(
         yield held, code
 
 
-@pytest.mark.costs("20,000 samples, and compiles an unscented filter")
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     ("limit", "samples"),
-    [
-        (None, 20_000),
-        pytest.param(48.0, 20_000, marks=pytest.mark.ci("20,000 samples more")),
-        pytest.param(None, 1_000_000, marks=pytest.mark.nightly("fifty times the samples")),
-        pytest.param(48.0, 1_000_000, marks=pytest.mark.nightly("fifty times the samples")),
-    ],
+    ci_and_night(
+        "compiles an unscented filter, and so many samples",
+        [(None, 20_000), (48.0, 20_000)],
+        [(None, 1_000_000), (48.0, 1_000_000)],
+    ),
 )
 def test_every_code_is_reached_with_the_same_bits(
     limit: float | None, samples: int, build: Callable[..., Any]

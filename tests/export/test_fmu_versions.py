@@ -124,7 +124,7 @@ def test_a_loop_of_fmus_moves_as_simulated_in_both_versions(
     np.testing.assert_allclose(found["3.0"], expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
-@pytest.mark.costs("exports and checks four FMUs")
+@pytest.mark.ci("exports and checks four FMUs")
 @pytest.mark.oracle
 def test_fmpy_finds_nothing_wrong_with_fmi_3_and_simulates_it_alike(
     files: dict[tuple[str, str], Path],

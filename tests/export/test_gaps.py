@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.estimation import test_angles
+from tests.tiers import ci_and_night
 
 import flexhinf as fh
 from flexhinf.baselines import lqr
@@ -45,8 +46,9 @@ def samples(count: int, gap: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 
 @pytest.mark.ci("compiles a step for each kind")
 @pytest.mark.oracle
-@pytest.mark.parametrize("offset_time", [None, 0.05])
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    ("kind", "offset_time"), [("ukf", None), ("ukf, rows", 0.05), ("ekf", 0.05), ("ekf, rows", None)]
+)
 def test_the_exported_step_does_without_what_is_missing(
     kind: str, offset_time: float | None, build: Callable[..., Any]
 ) -> None:
@@ -88,9 +90,10 @@ def test_the_exported_step_counts_the_turns_of_an_angle(kind: str, build: Callab
         np.testing.assert_array_equal(u[k], stepped.step(y[k], 4.0))
 
 
-@pytest.mark.ci("compiles a step and a library for each kind")
 @pytest.mark.oracle
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "kind", ci_and_night("compiles a step and a library", ["ukf, rows", "ekf"], ["ukf", "ekf, rows"])
+)
 def test_the_exported_step_rejects_and_counts_outliers(
     kind: str, build: Callable[..., Any], compiler: str, tmp_path: Path
 ) -> None:

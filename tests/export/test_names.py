@@ -171,7 +171,7 @@ def written(folder: Path, sign: str) -> Path:
     return path
 
 
-@pytest.mark.costs("exports two controllers and two FMUs, with marks and without")
+@pytest.mark.ci("exports two controllers and two FMUs, with marks and without")
 def test_what_looks_like_a_mark_in_a_name_stands_there_as_it_is(tmp_path: Path) -> None:
     """Marks of templates are replaced once, before anything that users wrote: a name runs no code."""
     one, other = (exported(tmp_path, sign) for sign in "@#")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.tiers import ci_and_night
 
 import flexhinf as fh
 from flexhinf.export import export_c
@@ -53,8 +54,10 @@ def linear(name: str) -> fh.Controller:
     return fh.Controller(law, ukf, 1e-3, 24.0)
 
 
-@pytest.mark.ci("compiles seven joints for two machines")
-@pytest.mark.parametrize(("name", "most"), [("planar-two-link", 2048), ("seven-link", 8192)])
+@pytest.mark.parametrize(
+    ("name", "most"),
+    ci_and_night("compiles for two machines", [("planar-two-link", 2048)], [("seven-link", 8192)]),
+)
 def test_large_estimators_need_little_stack(name: str, most: int) -> None:
     code = code_of(linear(name), "arm", "double")
     assert code.translator.room > most / 8  # what lay on the stack is the caller's memory

@@ -50,8 +50,7 @@ def samples(count: int) -> list[tuple[float | None, float]]:
     ]  # fmt: skip
 
 
-@pytest.mark.costs("3,000 samples, and compiles a library")
-@pytest.mark.quick_cases(1)
+@pytest.mark.ci("3,000 samples, and compiles a library")
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_library_says_and_does_the_same(
     kind: str, controller: fh.Controller, compiler: str, tmp_path: Path

@@ -8,6 +8,7 @@ import re
 import numpy as np
 import pytest
 from tests.refusals import refused_with
+from tests.tiers import ci_and_night
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
@@ -183,10 +184,13 @@ def test_forty_digits_confirm_a_violation_far_inside_the_level_once_found(arm):
 SEEDS = ((0, 500), (1, 20), (2, 2000), (3, 500), (4, 100))  # seed and number of rays
 
 
-@pytest.mark.ci("five regions of each of three laws")
 @pytest.mark.parametrize(
     ("weights", "goal", "degree"),
-    [((65.0, 9, 30, 9, 310), 90, 6), ((75.0, 27, 90, 27, 330), 180, 6), ((65.0, 9, 30, 9, 310), 180, 4)],
+    ci_and_night(
+        "five regions of a law",
+        [((75.0, 27, 90, 27, 330), 180, 6)],
+        [((65.0, 9, 30, 9, 310), 90, 6), ((65.0, 9, 30, 9, 310), 180, 4)],
+    ),
 )
 def test_the_level_is_the_same_for_any_seed_and_number_of_rays(weights, goal, degree):
     problem = fh.paper_arm().problem(fh.Penalty(weights, effort=10.0), pose=[np.radians(goal)])
@@ -197,8 +201,7 @@ def test_the_level_is_the_same_for_any_seed_and_number_of_rays(weights, goal, de
     assert levels == pytest.approx([levels[0]] * len(levels), rel=1e-6)
 
 
-@pytest.mark.ci("three regions of each of four systems")
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", ci_and_night("three regions of a system", [0, 1], [2, 3]))
 def test_random_systems_have_the_same_level_for_any_seed(random_plant, seed):
     plant = random_plant(np.random.default_rng(seed), 4)
     solution = solve_hji(plant, 2 * smallest_gamma(plant), 4)

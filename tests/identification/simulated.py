@@ -12,6 +12,12 @@ PERIOD = 0.01
 TRUE = {"stiffness": 40.0, "damping": 0.8, "gain": 1.5}
 
 
+def share(trials):
+    """Least and largest share of intervals that hold: 92 to 98 %, or three standard deviations where these are more."""
+    spread = 3.0 * np.sqrt(0.95 * 0.05 / trials)
+    return min(0.92, 0.95 - spread), max(0.98, 0.95 + spread)
+
+
 def oscillator(**values):
     return fh.Plant(
         lambda x, u, d, p: np.array([x[1], -p.stiffness * x[0] - p.damping * x[1] + p.gain * u[0] + d[0]]),

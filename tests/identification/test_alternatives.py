@@ -35,15 +35,8 @@ def found(arm, log, **options):
     return fh.identify(guess, log, NAMES, measured=SENSORS, **options)
 
 
-@pytest.mark.costs("identifies an arm with every signal at other times")
-@pytest.mark.parametrize(
-    ("signal", "samples"),
-    [
-        (0, 1),
-        pytest.param(0, 3, marks=pytest.mark.ci("again")),
-        pytest.param(1, 2, marks=pytest.mark.ci("again")),
-    ],
-)
+@pytest.mark.ci("identifies an arm with every signal at other times")
+@pytest.mark.parametrize(("signal", "samples"), [(0, 1), (0, 3), (1, 2)])
 def test_a_late_sensor_is_named_and_its_delay_may_be_stated(arm, signal, samples):
     """Friction and disturbances explain it so well that innovations are white: that is no fit."""
     times, u, y = arm_log(arm, count=1200, measured=SENSORS)

@@ -38,7 +38,7 @@ def gain_found(log):
 
 
 @pytest.mark.oracle
-@pytest.mark.costs("identifies 21 logs, each with its signals at other times")
+@pytest.mark.ci("identifies 21 logs, each with its signals at other times")
 def test_the_standard_error_is_that_of_correlated_errors():
     """Least squares with errors of a known correlation has a variance in closed form."""
     log = gain_log(0)
@@ -52,7 +52,7 @@ def test_the_standard_error_is_that_of_correlated_errors():
     assert white.standard_errors["gain"] == pytest.approx(0.1 / np.sqrt(u @ u), rel=0.1)
 
 
-@pytest.mark.costs("identifies 40 logs, each with its signals at other times")
+@pytest.mark.ci("identifies 40 logs, each with its signals at other times")
 def test_intervals_hold_the_truth_though_errors_are_correlated():
     inside = []
     for seed in range(40):

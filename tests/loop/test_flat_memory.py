@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.tiers import ci_and_night
 
 import flexhinf as fh
 from flexhinf.codegen import shared
@@ -17,10 +18,7 @@ from flexhinf.plant import Plant
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 
-NUMBERS = pytest.mark.parametrize("number", [
-    pytest.param(50, marks=pytest.mark.ci("50 designs")),
-    pytest.param(200, marks=pytest.mark.nightly("four times as many designs, to tell a slower growth")),
-])  # fmt: skip
+NUMBERS = pytest.mark.parametrize("number", ci_and_night("so many designs", [50], [200]))
 
 GRAVITY = 9.81
 

@@ -12,7 +12,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.certify.starts import limit_slice, proved_steps, start_surface, worst_step
-from flexhinf.design import Comparison, Design, Specification, compare, design, tuning
+from flexhinf.design import Comparison, Design, Specification, compare, design
 from flexhinf.design.certification import CertifiedDegree, Evidence
 from flexhinf.design.synthesis.by_step import DegreeChoice
 
@@ -72,8 +72,7 @@ def report_comparison(robot_of: Callable[[str], Any], only_uncertain: Callable[.
     )  # fmt: skip
     with pytest.MonkeyPatch.context() as patch:  # how laws are tuned is tested elsewhere
         patch.setenv("FLEXHINF_OPTIMISATION", "0")
-        patch.setattr(tuning, "BUDGET", ((10_000, 0, 0),))
-        return compare(robot, s, ["hinf", "lqr", "pd", "pid"])
+        return compare(robot, s, ["hinf", "lqr", "pd", "pid"], candidates=(0, 0))
 
 
 #: Weights of a law about upright, and those of the penalty whose gain is proved.

@@ -5,13 +5,13 @@ With ``FLEXHINF_SCREENSHOTS=folder`` the pictures are kept there: each page at t
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from tests.browser import WINDOWS, chromium, kept, opened, serious
+from tests.browser import WINDOWS, kept, opened, serious
 from tests.report.test_browser import LEGIBLE, LETTERS, UNFOLD
 
 import flexhinf as fh
@@ -52,12 +52,6 @@ DEAR = {
 def cases(names: Iterable[str]) -> list[Any]:
     each = pytest.mark.ci("a browser, and a command that writes a page")
     return [pytest.param(name, marks=DEAR.get(name, each)) for name in names]
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")
@@ -120,12 +114,16 @@ def test_a_page_of_a_design_is_eight_screens_at_most(browser: Any, page_of: Any,
 def test_pages_have_no_serious_problem_and_legible_letters(
     browser: Any, page_of: Any, folder: Path, kind: str
 ) -> None:
+    """Problems are looked for in the narrowest window, light, and in the widest, dark."""
     file = page_of(kind)
     for width in WINDOWS:
-        for scheme in ("light", "dark"):
-            with opened(browser, file, width, color_scheme=scheme) as page:
+        with opened(browser, file, width) as page:
+            for scheme in ("light", "dark"):
+                page.emulate_media(color_scheme=scheme)
                 page.screenshot(path=kept(folder / "screenshots", f"{kind}-{width}-{scheme}"))
-                assert page.evaluate("document.documentElement.scrollWidth") <= width
-                page.evaluate(UNFOLD)
+            assert page.evaluate("document.documentElement.scrollWidth") <= width
+            page.evaluate(UNFOLD)
+            if width != 1280:
+                page.emulate_media(color_scheme="light" if width < 1280 else "dark")
                 assert serious(page) == []
-                assert min([LEGIBLE, *page.evaluate(LETTERS)]) >= LEGIBLE
+            assert min([LEGIBLE, *page.evaluate(LETTERS)]) >= LEGIBLE

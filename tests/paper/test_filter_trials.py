@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.stats import chi2
+from tests.tiers import ci_and_night
 
 from flexhinf.paper.estimators import Trial, run_trial
 from flexhinf.paper.loop_setup import PaperSettings, PaperSetup
@@ -49,9 +50,8 @@ def test_seeds_are_paired_and_matter(trial: Trial) -> None:
     assert not np.allclose(one[0], one[1])
 
 
-@pytest.mark.ci("two filters, 21 sets of 200 runs")
 @pytest.mark.oracle
-@pytest.mark.parametrize("period", [1e-3, 1e-2, 5e-2])
+@pytest.mark.parametrize("period", ci_and_night("21 sets of 200 runs", [1e-2], [1e-3, 5e-2]))
 def test_nees_of_200_runs_is_chi_squared(trial: Trial, period: float) -> None:
     """At the end of 2 s within the 95 % band in 17 of 20 sets at least, and never with a wrong stiffness."""
     runs, n, steps = 200, 4, round(2.0 / period)

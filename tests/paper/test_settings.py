@@ -10,9 +10,14 @@ import pytest
 
 from flexhinf.paper import PaperSettings, reproduce
 
-pytestmark = pytest.mark.paper
+pytestmark = [
+    pytest.mark.paper,
+    pytest.mark.nightly(
+        "the whole paper with each setting; tests/paper/test_claims.py judges claims with others"
+    ),
+]
 
-#: Each setting away from its default; the last two have few samples.
+#: Each setting away from its default.
 OTHERS = [
     {"estimator": "none"},
     {"estimator": "ekf"},
@@ -28,19 +33,12 @@ OTHERS = [
     {"measurement_noise": 1e-2},
     {"seed": 7},
     {"estimator": "none", "degree": 3},
-    {"estimator": "ekf", "degree": 3, "period": 0.05},
     {"measurement_noise": 1.0, "gamma_ratio": 1.01, "period": 0.05},
+    {"estimator": "ekf", "degree": 3, "period": 0.05},
 ]
-few_samples = pytest.mark.ci("reproduces the whole paper with few samples")
-by_night = pytest.mark.nightly("reproduces the whole paper with one more setting")
 
 
-@pytest.mark.parametrize(
-    "options",
-    [pytest.param(options, marks=by_night) for options in OTHERS[:-2]]
-    + [pytest.param(options, marks=few_samples) for options in OTHERS[-2:]],
-    ids=str,
-)
+@pytest.mark.parametrize("options", OTHERS, ids=str)
 def test_other_settings_give_a_report_too(options: dict[str, Any]) -> None:
     def refuse(constant: str) -> None:
         raise AssertionError(f"metrics.json holds {constant}")

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.browser import WINDOWS, chromium, opened
+from tests.browser import WINDOWS, opened
 
 pytestmark = pytest.mark.ci("a browser")
 
@@ -19,12 +18,6 @@ LETTERS = """() => [...document.querySelectorAll("figure svg text")].map((text) 
     Math.hypot(text.getScreenCTM().a, text.getScreenCTM().b) * parseFloat(getComputedStyle(text).fontSize))"""
 
 UNFOLD = "() => document.querySelectorAll('details').forEach((fold) => { fold.open = true; })"
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")

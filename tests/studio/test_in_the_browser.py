@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.browser import chromium, kept, serious
+from tests.browser import kept, serious
 from tests.refusals import unnamed
 
 from flexhinf.studio.controls import CONTROLS
@@ -93,12 +93,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def address(browser: Any, folder: Path) -> Iterator[str]:
     with studio(folder) as found:
         yield found
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as running:
-        yield running
 
 
 #: Keeps every text that is drawn on a canvas.

@@ -113,7 +113,10 @@ def compare(context: typer.Context, o: options.CompareOptions) -> None:
     other = other_robot(folder, request.robot.name)
     steps = stages(request.robot, request.specification, law_names(chosen))
     with step_progress([*steps, ("report", 3.0)], lines=True) as progress:
-        result = fh.compare(request.robot, request.specification, chosen, o.tune, progress, o.same_sensors)
+        counts = o.candidates.split(",") if o.candidates else None
+        result = fh.compare(
+            request.robot, request.specification, chosen, o.tune, progress, o.same_sensors, counts
+        )
         progress("report")
         verdict = verdict_of(request)
         files = pages.comparison_files(result, reproduce_command(context), request.warnings, verdict=verdict)

@@ -178,6 +178,9 @@ class CompareOptions(RobotOptions, VerboseOptions):
     same_sensors: bool = option(False, COMPARED,
         "Every law measures what the design measures. Without this option each law has the sensors that its proponents "
         "would choose, such as an encoder on the motor for a PD.")
+    candidates: Text = option("", COMPARED,
+        "Candidates per parameter when a law is tuned: in the first round, and in each of the two later ones. Fewer "
+        "take less time; 0,0 tries the starting values of each law alone.", "4,2", default="16,10; large models 3,2")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -170,7 +170,8 @@ class Comparison(Reported):
     --------
     >>> import flexhinf as fh
     >>> spec = fh.Specification(pose="10deg", start="0", degrees="2", draws=0, rays=0, estimator="none")
-    >>> comparison = fh.compare(fh.load_robot("paper"), spec, laws=("pd",), tune="none")  # doctest: +SKIP
+    >>> paper = fh.load_robot("paper")
+    >>> comparison = fh.compare(paper, spec, ["pd"], "none", candidates=(0, 0))  # doctest: +SKIP
     >>> comparison.row("pd").evaluation.step.run.status  # doctest: +SKIP
     'completed'
     """
@@ -513,6 +514,7 @@ def stages(
 def compare(
     robot: Robot, specification: Specification, laws: Sequence[str] | None = None, tune: str = "peak",
     progress: Progress | None = None, same_sensors: bool = False,
+    candidates: Sequence[int | str] | None = None,
 ) -> Comparison:  # fmt: skip
     """Compare laws on one robot, each tuned for the same criterion and evaluated in the same runs; nothing is written.
 
@@ -532,6 +534,9 @@ def compare(
         Called with what comes next, about `stages` times in all.
     same_sensors : bool
         Every law measures what the design measures, instead of what its proponents would choose.
+    candidates : (int, int), optional
+        Candidates per parameter of a law, in the first round and in each of the two later ones. By default 16 and 10,
+        for models of more than 15 states 3 and 2. With (0, 0) a law tries its starting values, and is not searched.
 
     Returns
     -------
@@ -541,8 +546,8 @@ def compare(
     Raises
     ------
     InvalidInput
-        For a name or a way to tune that is not known, a bandwidth as limit where none is stated, nothing to move, a
-        design whose own loop diverges, or a law that was asked for and does not fit the robot.
+        For a name, a way to tune or a search that is not known, a bandwidth as limit where none is stated, nothing to
+        move, a design whose own loop diverges, or a law that was asked for and does not fit the robot.
     FlexhinfError
         As `design`.
 
@@ -550,12 +555,14 @@ def compare(
     --------
     >>> import flexhinf as fh
     >>> spec = fh.Specification(pose="10deg", start="0", degrees="2", draws=0, rays=0, estimator="none")
-    >>> comparison = fh.compare(fh.load_robot("paper"), spec, laws=("pd",), tune="none")  # doctest: +SKIP
+    >>> paper = fh.load_robot("paper")
+    >>> comparison = fh.compare(paper, spec, ["pd"], "none", candidates=(0, 0))  # doctest: +SKIP
     >>> [row.name for row in comparison.rows]  # doctest: +SKIP
     ['design', 'nl-hinf', 'pd']
     """
     s, kinds = checked_specification(robot, specification), [law_kind(name) for name in law_names(laws)]
     plans.refuse_workspace(s, robot, "A comparison of laws")
+    counts = tuning.checked_candidates(candidates)
     progress = progress or (lambda text: None)
     tuning.check_mode(tune, "tune='peak'", s.bandwidth is not None)
     progress("equilibrium, and weights")
@@ -571,7 +578,7 @@ def compare(
     )
     # initial value of searches over bandwidths
     bandwidth = float(np.exp(np.mean(np.log(_followed(linear, synthesis)))))
-    tuner = tuning.Tuner(LawFactory(synthesis, bandwidth), own, criterion, same_sensors)
+    tuner = tuning.Tuner(LawFactory(synthesis, bandwidth), own, criterion, same_sensors, counts)
     tuned = tuner.tune_all(kinds, laws or (), progress)
     rows = tuple(_row(kind, tuned[kind.name], progress) for kind in kinds)
     return Comparison(robot, s, synthesis, criterion, rows, own.runs)

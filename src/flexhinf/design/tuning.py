@@ -284,6 +284,24 @@ def check_mode(mode: str, advice: str, bandwidth: bool) -> None:
     )
 
 
+def checked_candidates(stated: Sequence[int | str] | None) -> tuple[int, int] | None:
+    """Candidates per parameter, of the first round and of each later one, as they are stated; None: not stated.
+
+    Raises InvalidInput: for anything but two whole numbers from 0 to `MOST_CANDIDATES`.
+    """
+    if stated is None:
+        return None
+    words = [str(number).strip() for number in stated]
+    right = len(words) == 2 and all(word.isascii() and word.isdecimal() and len(word) <= 4 for word in words)
+    refuse_if(
+        not right or max(map(int, words)) > MOST_CANDIDATES,
+        "There is no such search of the laws.",
+        f"expected two whole numbers of candidates from 0 to {MOST_CANDIDATES}, got {','.join(words)[:40]!r}",
+        "--candidates 4,2",
+    )
+    return int(words[0]), int(words[1])
+
+
 def stated_limits(s: Specification, joints: JointLimits, unit: str) -> dict[str, Limit]:
     """Limits of the specification and of the joints by their metrics; `unit` is that of the inputs.
 
@@ -331,8 +349,11 @@ def pareto_front(metrics: Sequence[LawMetrics], criterion: Criterion) -> tuple[L
     return tuple(front)
 
 
-#: Candidates per parameter: (largest number of states, in the first round, in each of the two later ones).
+#: Candidates per parameter where none are stated: (largest number of states, first round, each of the two later ones).
 BUDGET = ((15, 16, 10), (10_000, 3, 2))
+
+#: The most candidates per parameter and round that may be stated.
+MOST_CANDIDATES = 1000
 
 #: One candidate of the first round in so many is scattered about the start.
 SCATTERED = 4
@@ -397,6 +418,7 @@ class Tuner:
     own: LawEvaluation  # of the design's own law: its loop, and the scenario of all laws
     criterion: Criterion
     same_sensors: bool = False  # all laws measure what the design measures
+    candidates: tuple[int, int] | None = None  # per parameter, as in `BUDGET`
 
     def tune_all(
         self, kinds: Sequence[LawKind], wanted: Sequence[str] = (),
@@ -504,7 +526,8 @@ class Tuner:
                 metrics_of(self.evaluation(kind, sensors, values, degree), self.criterion)
             )
 
-        first, later = next(counts for most, *counts in BUDGET if self.factory.states <= most)
+        usual = next((first, later) for most, first, later in BUDGET if self.factory.states <= most)
+        first, later = usual if self.candidates is None else self.candidates
         budget = len(start) * (first if before is None else later)
         bounds = {name: limits[name] for name in start}
         if before is None and budget >= SCATTERED:  # also from a Latin hypercube about the start

@@ -355,9 +355,9 @@ def test_fused_random_functions_follow_casadi(function, x):
     assert (np.abs(got - expected) <= 1e-9 * (1 + np.abs(expected)) + slack)[tame].all()
 
 
-@pytest.mark.costs("compiles 60 drawn functions, each for two numbers of lanes")
+@pytest.mark.costs("compiles 40 drawn functions, each for two numbers of lanes")
 @pytest.mark.property
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(functions(SMOOTH + WAVES + PIECES), POINTS)
 def test_random_functions_do_not_depend_on_the_lanes(function, x):
     together = evaluate(compile_program, function, x)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.refusals import refused_with, unnamed
+from tests.tiers import ci_and_night
 
 import flexhinf as fh
 from flexhinf.analysis.modes import closed_loop
@@ -158,6 +159,9 @@ def test_every_robot_of_the_catalogue_gets_a_damped_loop_without_being_told_how(
 
 
 # Disturbances ---------------------------------------------------------------------------------------
+TORQUES = ("link_torque", "motor_torque")
+
+
 @pytest.mark.ci("searches weights")
 @pytest.mark.parametrize("preset", ["paper", "damped", "robust"])
 @pytest.mark.parametrize(
@@ -178,11 +182,14 @@ def test_disturbances_are_those_asked_for(
     assert fh.solve_hji(game.problem, game.gamma, 4).degree == 4
 
 
-@pytest.mark.ci("searches weights")
 @pytest.mark.oracle
-@pytest.mark.parametrize("disturbances", [None, ("link_torque", "motor_torque")])
 @pytest.mark.parametrize(
-    "name", ["paper", "cart", pytest.param("planar-two-link", marks=pytest.mark.nightly("two links"))]
+    ("name", "disturbances"),
+    ci_and_night(
+        "searches weights",
+        [("paper", TORQUES), ("cart", None)],
+        [("paper", None), ("cart", TORQUES), ("planar-two-link", None), ("planar-two-link", TORQUES)],
+    ),
 )
 def test_the_game_of_the_search_is_the_game_that_is_solved(
     problem_of: Games, name: str, disturbances: tuple[str, ...] | None

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.browser import WINDOWS, chromium, kept, serious
+from tests.browser import WINDOWS, kept, serious
 from tests.export.web.conftest import moving_live_arm, paper_live_arm
 
 from flexhinf.export.web import write_page
@@ -17,12 +17,6 @@ pytestmark = pytest.mark.ci("Chromium")
 
 #: Opens the page of a robot, with options of Chromium's context.
 Open = Callable[..., Any]
-
-
-@pytest.fixture(scope="module")
-def browser(webassembly_compiler: None) -> Iterator[Any]:
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.export.web.conftest import Run, moving_live_arm
+from tests.tiers import ci_and_night
 
 import flexhinf as fh
 from flexhinf.export.web import LiveArm
@@ -62,7 +63,7 @@ def test_a_payload_is_part_of_its_link(two_links: LiveArm) -> None:
     [
         pytest.param("paper", (), marks=pytest.mark.costs("compiles a plant")),
         pytest.param("planar-two-link", ("inductance",), marks=CI),
-        pytest.param("scara", ("coulomb_friction",), marks=CI),
+        pytest.param("scara", ("coulomb_friction",), marks=pytest.mark.nightly("one more robot")),
         pytest.param("spatial-three-link", (), marks=CI),
     ],
 )
@@ -164,9 +165,8 @@ def test_the_controller_of_a_motion_is_that_of_python(two_links: LiveArm, run: R
     assert np.abs(states[-1][:2] - goal).max() < 1e-3
 
 
-@CI
 @pytest.mark.oracle
-@pytest.mark.parametrize("name", ["paper", "scara", "spatial-three-link"])
+@pytest.mark.parametrize("name", ci_and_night("compiles an arm", ["paper", "spatial-three-link"], ["scara"]))
 def test_the_frames_are_those_of_the_kinematics(name: str, run: Run) -> None:
     arm = moving_live_arm(name)
     q = np.array(arm.start) + 0.3
@@ -228,8 +228,7 @@ def test_links_of_a_stiff_pd_swing_after_a_fast_move(two_links: LiveArm, run: Ru
     assert resting < 1e-3
 
 
-@CI
-@pytest.mark.parametrize("times", [1.0, 20.0])
+@pytest.mark.parametrize("times", ci_and_night("compiles an arm, runs it in Node", [1.0], [20.0]))
 def test_the_tuned_pd_comes_to_rest_at_every_pose(times: float, run: Run) -> None:
     """After a push, at start, goal and ends of the joints' ranges, with perturbed arms too."""
     arm = moving_live_arm("spatial-three-link")

@@ -1,7 +1,5 @@
 """Quantised measurements and delayed inputs."""
 
-import importlib
-
 import numpy as np
 import pytest
 from tests.interpreter import interpret
@@ -142,7 +140,7 @@ def test_two_motors_wait_for_their_own_inputs(made):
 @pytest.mark.parametrize("samples", [0, 1, 7, 60])
 def test_interpreter_and_lanes_delay_alike(made, samples, monkeypatch):
     """Machine code for one run and for eight, and CasADi's evaluator."""
-    monkeypatch.setattr(importlib.import_module("flexhinf.loop.simulation.ensemble"), "WORTH", 0)
+    monkeypatch.setenv("FLEXHINF_LANES_FROM", "0")
     loop = Loop(paper_arm().plant(), Controller(made.law, None), sub_steps=2, delay=samples * 1e-3)
     prepared = loop.prepared(Step(0.5), duration=0.05, initial_state=[0.2, 0.0, 0.1, 0.0])
     alone, walked = prepared.run()[0], prepared.run(interpret(prepared.code.program))[0]

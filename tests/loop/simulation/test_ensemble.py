@@ -1,7 +1,5 @@
 """Many plants in lanes: each run is that of `Loop.run`, bit by bit, whatever the lanes, the threads and the others."""
 
-import importlib
-
 import numpy as np
 import pytest
 
@@ -15,15 +13,14 @@ COUNT, TORN, DURATION = 11, 2, 0.3
 
 
 #: Ways to make the runs: few of them alone, or as many as are worth it in lanes.
-MANY, FEW = 0, 10**9
+MANY, FEW = "0", str(10**9)
 
 
 @pytest.fixture(autouse=True)
 def worth(monkeypatch, request):
     """Also these few runs go in lanes, unless a test says otherwise."""
-    module = importlib.import_module("flexhinf.loop.simulation.ensemble")
-    monkeypatch.setattr(module, "WORTH", MANY)
-    return lambda value: monkeypatch.setattr(module, "WORTH", value)
+    monkeypatch.setenv("FLEXHINF_LANES_FROM", MANY)
+    return lambda value: monkeypatch.setenv("FLEXHINF_LANES_FROM", value)
 
 
 def stiffness(k):

@@ -1,7 +1,5 @@
 """Few plants or many, numbers or signals: an ensemble makes its runs in several ways, with the same bits."""
 
-import importlib
-
 import numpy as np
 import pytest
 
@@ -13,8 +11,6 @@ from flexhinf.robot import paper_arm
 # Kernels that run once each, in lanes: 1 s instead of 2 s; those of `test_ensemble.py` are as they ship.
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-ENSEMBLE = "flexhinf.loop.simulation.ensemble"
-
 #: The third arm is so soft that it is torn apart.
 COUNT, TORN = LANES + 3, 2
 PLANTS = [{"stiffness": -1e7 if k == TORN else 100.0 - k} for k in range(COUNT)]
@@ -25,7 +21,7 @@ LOADED = {"disturbance": {"link_torque": Step(0.2, at=0.1)}}
 @pytest.fixture
 def lanes(monkeypatch):
     """Call it, and also few samples are worth the lanes; with a number, so many are."""
-    return lambda worth=0: monkeypatch.setattr(importlib.import_module(ENSEMBLE), "WORTH", worth)
+    return lambda worth="0": monkeypatch.setenv("FLEXHINF_LANES_FROM", worth)
 
 
 def looped(made, estimator=True, **options):
@@ -51,7 +47,7 @@ def same(one, other):
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("options", [{}, {"delay": 2e-3, "quantisation": 1e-4}])
-@pytest.mark.parametrize("worth", [0, 10**9])
+@pytest.mark.parametrize("worth", ["0", str(10**9)])
 def test_signals_are_those_of_a_loop_alone(made, lanes, options, worth):
     lanes(worth)
     loop = looped(made, **options)
@@ -109,7 +105,7 @@ def test_few_runs_and_few_samples_are_made_alone(made, lanes, monkeypatch):
     loop = looped(made)
     ensemble = loop.ensemble(**RUN)
     monkeypatch.setattr(type(ensemble), "_in_lanes", lambda *given: pytest.fail("not worth a kernel"))
-    lanes(LANES * 301 + 1)
+    lanes(str(LANES * 301 + 1))
     ensemble.run(PLANTS[:LANES])
     assert len(list(ensemble.trajectories(PLANTS[:LANES]))) == LANES
     assert list(ensemble.trajectories([])) == []

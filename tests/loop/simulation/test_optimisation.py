@@ -1,6 +1,5 @@
 """How hard machine code is optimised changes no bit: `FLEXHINF_OPTIMISATION` limits it."""
 
-import importlib
 import os
 
 import numpy as np
@@ -23,7 +22,7 @@ def test_the_level_of_optimisation_changes_no_bit(made, lanes, monkeypatch):
         return assemble(text, level)
 
     monkeypatch.setattr(machine, "assemble", recorded)
-    monkeypatch.setattr(importlib.import_module("flexhinf.loop.simulation.ensemble"), "WORTH", 0)
+    monkeypatch.setenv("FLEXHINF_LANES_FROM", "0")
     monkeypatch.setenv("FLEXHINF_CACHE", os.devnull)  # nothing is kept: all is compiled
     runs = []
     for level in (None, "0"):

@@ -9,6 +9,7 @@ that of a single run, and their signals are reduced afterwards, to the same bits
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -51,6 +52,23 @@ THREADS = 2
 
 #: Samples of all runs together from which on a kernel of its own is worth compiling: a second, once on a machine.
 WORTH = 50_000
+
+
+def worth_lanes() -> int:
+    """Samples of all runs together from which on they go side by side.
+
+    It is the environment variable ``FLEXHINF_LANES_FROM``, without which it is `WORTH`. No number that is computed
+    depends on it. Raises InvalidInput: for another value than a whole number.
+    """
+    stated = os.environ.get("FLEXHINF_LANES_FROM", str(WORTH))
+    refuse_if(
+        not (stated.isdecimal() and stated.isascii() and len(stated) <= 18),
+        "FLEXHINF_LANES_FROM is no number of samples.",
+        f"expected a whole number such as {WORTH}, got {stated[:40]!r}",
+        "unset FLEXHINF_LANES_FROM, for the fastest runs",
+    )
+    return int(stated)
+
 
 #: Values of the disturbance by the number of sub-steps; empty without one.
 Disturbances = Mapping[int, np.ndarray]
@@ -277,7 +295,7 @@ class Ensemble:
 
     # Execution modes --------------------------------------------------------------------------------
     def _few(self, plants: EnsemblePlants) -> bool:
-        return len(plants) < LANES or len(plants) * self.command.samples < WORTH
+        return len(plants) < LANES or len(plants) * self.command.samples < worth_lanes()
 
     def _room(self, count: int) -> Recorded:
         kept, memories = (count, len(self.instants), len(self.kept)), (len(self.reduction_memory), count)
