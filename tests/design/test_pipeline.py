@@ -132,16 +132,6 @@ def test_the_report_has_the_numbers_and_their_sources(two: Design) -> None:
     assert len(numbers["closed_modes"]) >= 5
 
 
-@pytest.mark.nightly("one more design; tests/cli/test_design_again.py makes others again")
-def test_the_same_specification_gives_the_same_report(at_a_pose: Any) -> None:
-    one = at_a_pose.design
-    pages = {
-        design_files(made, ["flexhinf"])["design.json"]
-        for made in (one, design(one.robot, one.specification))
-    }
-    assert len(pages) == 1
-
-
 @pytest.mark.nightly("seven links")
 def test_seven_links_move_between_two_poses_with_the_motors_measured(seven: Design) -> None:
     result = seven

@@ -382,8 +382,8 @@ def test_trade_offs_have_the_law_as_tuned_and_a_curve_of_what_was_tried(rig: Tun
 @pytest.mark.parametrize("name", [NL_HINF, "nl-hinf-4"])
 def test_nonlinear_h_infinity_does_not_end_behind_the_design_that_it_contains(rig: Tuner, name: str) -> None:
     """Old code added weights of velocities to every candidate, and R2, γ and degree of the design never met again."""
-    kind = law_kind(name)
-    found = replace(rig, candidates=(0, 0)).tune(kind)
+    kind, rig = law_kind(name), replace(rig, candidates=(0, 0))
+    found = rig.tune(kind)
     assert found.feasible
     assert found.cost <= 1.0
     sensors = tuple(rig.own.setup.specification.measured)

@@ -44,7 +44,7 @@ NIGHTLY = {
     "docs/design.md-2": "a design of one pose, as that of docs/guides/specify.md",
     "docs/design.md-3": "a design of one pose, as that of docs/guides/specify.md",
     "docs/hardware.md-2": "designs seven joints; docs/guides/limits_and_payload.md has two and a payload",
-    "docs/identify.md-4": "the commands of tests/identification/test_circle.py",
+    "docs/identify.md-4": "designs twice; tests/identification/test_circle.py does it in Python",
     "docs/moves.md-6": "goals in space; docs/moves.md-4 has others, tests/design/test_cartesian.py these",
     "docs/moves.md-7": "one more command; docs/moves.md-4 has another, tests/design/test_plans.py shapes steps",
     "docs/package.md-2": "two designs, one as in README.md-2, one as in docs/robots.md-6",

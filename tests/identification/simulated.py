@@ -26,6 +26,16 @@ def oscillator(**values):
     )  # fmt: skip
 
 
+def undisturbed(measured=("position",)):
+    """The oscillator without a disturbance, its position or velocity or both measured."""
+    rows = {"position": [1.0, 0.0], "velocity": [0.0, 1.0]}
+    return fh.Plant(
+        lambda x, u, d, p: np.array([x[1], -p.stiffness * x[0] - p.damping * x[1] + u[0]]),
+        lambda x, u, p: np.array([np.dot(rows[name], x) for name in measured]),
+        ("position", "velocity"), ("force",), parameters={"stiffness": 40.0, "damping": 0.3}, outputs=measured,
+    )  # fmt: skip
+
+
 def excitation(times):
     return 4.0 * np.sin(2.0 * times) + 3.0 * np.sin(5.3 * times) + 3.0 * np.sign(np.sin(7.9 * times))
 

@@ -1,20 +1,18 @@
 """The full circle: a design by a wrong file misses what it has to be on the robot; the file of a log makes it meet it.
 
-Once in Python, with a first design under which the robot does not settle, so that the motion is driven without
-feedback; once by the commands, with MuJoCo's robot, closed loop.
+With a first design under which the robot does not settle, so that the motion is driven without feedback. The commands
+of docs/identify.md do it with MuJoCo's robot, closed loop.
 """
 
 from __future__ import annotations
 
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.identification.test_excitation import ENCODERS, driven
 
 import flexhinf as fh
-from flexhinf.cli import main
 
 NAMES = ("stiffness", "friction", "motor_inertia")
 
@@ -68,30 +66,6 @@ def test_a_log_of_the_proposed_motion_makes_a_design_that_works(tmp_path):
     assert first > 1.2 * allowed
     assert second < 0.5 * allowed
     assert left < 1e-3
-
-
-@pytest.mark.nightly("the circle above by seven commands, with MuJoCo's robot and all degrees")
-def test_the_commands_go_from_a_wrong_file_to_one_that_works(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    true = fh.load_robot("paper")
-    guess = true.with_values({"stiffness": 130.0, "friction": 0.07, "motor_inertia": 1.3})
-    guess.save("guess.toml")
-    fh.excitation(guess, NAMES, duration=6.0).save("motion.csv")
-    quick = ["--draws", "0", "--rays", "0", "--no-compare-rigid"]
-    asked = ["--pose", "90deg", "--start", "0", "--bandwidth", "5.5", *quick]
-    robot = [
-        "--mujoco",
-        "--no-realtime",
-        *(w for n in NAMES for w in ("--perturb", f"{n}={true.nominal[n]}")),
-    ]
-    assert main(["design", "guess.toml", *asked]) == 0
-    assert main(["run", "flexhinf-design", *robot]) == 1
-    assert main(["run", "flexhinf-design", *robot, "--move", "motion.csv", "--log", "moved.csv"]) == 0
-    assert main(["identify", "moved.csv", "--robot", "flexhinf-design", "--parameters", ",".join(NAMES)]) == 0
-    for name, stated in numbers_of(Path("flexhinf-identify/robot.toml")).items():
-        assert stated["value"] == pytest.approx(true.nominal[name], rel=5e-3)
-    assert main(["design", "flexhinf-identify/robot.toml", *asked, "--out", "better"]) == 0
-    assert main(["run", "better", *robot]) == 0
 
 
 def disturbed_logs(robot, motion, seed, count, level=0.002, noise=1e-4, parts=4):

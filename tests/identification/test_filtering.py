@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.linalg import expm
+from tests.identification.simulated import PERIOD, undisturbed
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -12,17 +13,6 @@ from flexhinf.identification.recursion import rows_of
 
 # A filter for each test, compiled for 60 samples: compiled in half the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")
-
-PERIOD = 0.01
-
-
-def oscillator(measured=("position",)):
-    rows = {"position": [1.0, 0.0], "velocity": [0.0, 1.0]}
-    return fh.Plant(
-        lambda x, u, d, p: np.array([x[1], -p.stiffness * x[0] - p.damping * x[1] + u[0]]),
-        lambda x, u, p: np.array([np.dot(rows[name], x) for name in measured]),
-        ("position", "velocity"), ("force",), parameters={"stiffness": 40.0, "damping": 0.3}, outputs=measured,
-    )  # fmt: skip
 
 
 def samples(count, outputs=1, seed=0):
@@ -35,7 +25,7 @@ def samples(count, outputs=1, seed=0):
 @pytest.mark.parametrize("kind", [fh.ExtendedKalmanFilter, fh.UnscentedKalmanFilter])
 @pytest.mark.parametrize("measured", [("position",), ("position", "velocity")])
 def test_a_log_is_filtered_as_its_samples_one_by_one(kind, form, measured):
-    filter = kind(oscillator(measured), PERIOD, 1e-4, 1e-3, [0.1, 0.0], 1.0, form=form)
+    filter = kind(undisturbed(measured), PERIOD, 1e-4, 1e-3, [0.1, 0.0], 1.0, form=form)
     u, y = samples(60, len(measured))
     data = fh.filter_log(filter, (PERIOD * np.arange(60), u, y))
     total = 0.0
@@ -53,7 +43,7 @@ def test_a_log_is_filtered_as_its_samples_one_by_one(kind, form, measured):
 
 
 def test_what_a_gate_rejects_is_not_in_the_likelihood():
-    filter = fh.ExtendedKalmanFilter(oscillator(), PERIOD, 1e-4, 1e-3, [0.1, 0.0], 1.0, gate=0.99)
+    filter = fh.ExtendedKalmanFilter(undisturbed(), PERIOD, 1e-4, 1e-3, [0.1, 0.0], 1.0, gate=0.99)
     u, y = samples(60)
     y[30] = 50.0
     data = fh.filter_log(filter, (PERIOD * np.arange(60), u, y))
@@ -74,7 +64,9 @@ def test_irregular_times_and_gaps_are_those_of_the_exact_linear_filter():
     u, y = samples(81, seed=4)
     y[::7] = np.nan
     level, noise = 1e-3, 1e-3
-    filter = fh.ExtendedKalmanFilter(oscillator(), PERIOD, level * PERIOD * np.eye(2), noise, [0.1, 0.0], 1.0)
+    filter = fh.ExtendedKalmanFilter(
+        undisturbed(), PERIOD, level * PERIOD * np.eye(2), noise, [0.1, 0.0], 1.0
+    )
     data = fh.filter_log(filter, (times, u, y))
     drift, drive = np.array([[0.0, 1.0], [-40.0, -0.3]]), np.array([[0.0], [1.0]])
     x, p, c = np.array([0.1, 0.0]), np.eye(2), np.array([[1.0, 0.0]])
@@ -141,7 +133,7 @@ def test_a_run_is_a_log():
     ],
 )
 def test_what_is_no_log_is_refused(times, inputs, outputs, anchors):
-    filter = fh.ExtendedKalmanFilter(oscillator(), PERIOD, 1e-4, 1e-3, [0.0, 0.0], 1.0)
+    filter = fh.ExtendedKalmanFilter(undisturbed(), PERIOD, 1e-4, 1e-3, [0.0, 0.0], 1.0)
     with refused_with(fh.InvalidInput, *anchors):
         fh.filter_log(filter, (times, inputs, outputs))
 

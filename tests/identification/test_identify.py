@@ -192,4 +192,4 @@ def test_intervals_hold_the_truth_as_often_as_they_say(logs):
     shares = np.mean(inside, axis=0)
     least, most = share(np.size(inside))
     assert least <= shares.mean() <= most, shares
-    assert shares.min() > min(0.9, share(logs)[0])
+    assert shares.min() > (0.9 if logs > 60 else 0.8)  # among 60, 90 % have a standard deviation of 4 %

@@ -7,6 +7,7 @@ import warnings
 
 import numpy as np
 import pytest
+from tests.identification.simulated import PERIOD, undisturbed
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -14,17 +15,6 @@ from flexhinf.identification.smoothing import solved_rows
 
 # A filter for each test, compiled for one short log: compiled in half the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")
-
-PERIOD = 0.01
-
-
-def oscillator(measured=("position",)):
-    rows = {"position": [1.0, 0.0], "velocity": [0.0, 1.0]}
-    return fh.Plant(
-        lambda x, u, d, p: np.array([x[1], -p.stiffness * x[0] - p.damping * x[1] + u[0]]),
-        lambda x, u, p: np.array([np.dot(rows[name], x) for name in measured]),
-        ("position", "velocity"), ("force",), parameters={"stiffness": 40.0, "damping": 0.3}, outputs=measured,
-    )  # fmt: skip
 
 
 def batch(filter, times, u, y, mean, start, q, r):
@@ -83,7 +73,7 @@ def test_a_linear_log_is_smoothed_as_by_least_squares(kind, form, measured):
     y[::5, 0] = np.nan
     q = np.array([[2e-4, 1e-4], [1e-4, 3e-3]])
     r, mean, start = 1e-3 * np.eye(len(measured)), np.array([0.1, -0.2]), np.diag([0.5, 2.0])
-    filter = kind(oscillator(measured), PERIOD, q, r, mean, start, form=form)
+    filter = kind(undisturbed(measured), PERIOD, q, r, mean, start, form=form)
     data = fh.filter_log(filter, (times, u, y), smooth=True)
     states, covariances = batch(filter, times, u, y, mean, start, q, r)
     np.testing.assert_allclose(data.smoothed.values, states, rtol=1e-9, atol=1e-10)
@@ -104,7 +94,7 @@ def test_a_gap_is_gone_back_over():
     u[20:30] = u[20]
     y[21:30] = np.nan
     kept = np.r_[0:21, 30:50]
-    filter = fh.UnscentedKalmanFilter(oscillator(), PERIOD, 1e-4, 1e-3, [0.1, 0.0], 1.0, form="square_root")
+    filter = fh.UnscentedKalmanFilter(undisturbed(), PERIOD, 1e-4, 1e-3, [0.1, 0.0], 1.0, form="square_root")
     whole = fh.filter_log(filter, (times, u, y), smooth=True)
     short = fh.filter_log(filter, (times[kept], u[kept], y[kept]), smooth=True)
     for name in ("smoothed", "smoothed_standard_deviation"):
@@ -162,7 +152,7 @@ def test_filters_that_have_no_smoother():
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)
             filter = fh.UnscentedKalmanFilter(
-                oscillator(), PERIOD, 1e-4, 1e-3, [0.0, 0.0], 1.0, **options, form="covariance"
+                undisturbed(), PERIOD, 1e-4, 1e-3, [0.0, 0.0], 1.0, **options, form="covariance"
             )
         with refused_with(fh.InvalidInput, "smoother", "redraw"):
             fh.filter_log(filter, log, smooth=True)

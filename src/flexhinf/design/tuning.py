@@ -291,15 +291,15 @@ def checked_candidates(stated: Sequence[int | str] | None) -> tuple[int, int] | 
     """
     if stated is None:
         return None
-    words = [str(number).strip() for number in stated]
-    right = len(words) == 2 and all(word.isascii() and word.isdecimal() and len(word) <= 4 for word in words)
+    numbers = [str(number).strip() for number in stated]
+    right = len(numbers) == 2 and all(n.isascii() and n.isdecimal() and len(n) <= 4 for n in numbers)
     refuse_if(
-        not right or max(map(int, words)) > MOST_CANDIDATES,
+        not right or max(map(int, numbers)) > MOST_CANDIDATES,
         "There is no such search of the laws.",
-        f"expected two whole numbers of candidates from 0 to {MOST_CANDIDATES}, got {','.join(words)[:40]!r}",
+        f"expected two whole numbers of candidates from 0 to {MOST_CANDIDATES}, got {','.join(numbers)[:40]!r}",
         "--candidates 4,2",
     )
-    return int(words[0]), int(words[1])
+    return int(numbers[0]), int(numbers[1])
 
 
 def stated_limits(s: Specification, joints: JointLimits, unit: str) -> dict[str, Limit]:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tests.refusals import refused_with
 
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Controller, Loop, Step
@@ -111,6 +112,9 @@ def test_few_runs_and_few_samples_are_made_alone(made, lanes, monkeypatch):
     assert list(ensemble.trajectories([])) == []
     lanes()
     ensemble.run(PLANTS[: LANES - 1])
+    lanes("many")
+    with refused_with(InvalidInput, "FLEXHINF_LANES_FROM", "50000", "'many'"):
+        ensemble.run(PLANTS)
 
 
 def test_undisturbed_runs_read_one_array_of_zeros(made):
