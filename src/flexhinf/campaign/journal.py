@@ -210,6 +210,21 @@ class Journal:
         )  # fmt: skip
 
     @staticmethod
+    def existing(folder: str | os.PathLike[str]) -> Journal:
+        """Read the journal in a folder; InvalidInput as `read`, and where there is none, whatever else is there."""
+        place = checked_path("The campaign's folder", folder).expanduser().absolute()
+        journal = Journal.read(folder, [path.name for path in place.iterdir()] if place.is_dir() else [])
+        if journal is None:
+            raise InvalidInput(
+                "There is no campaign.",
+                f"expected a folder with campaign.json, as flexhinf campaign writes it, got {folder}",
+                f"flexhinf campaign run {shlex.quote(str(folder))}, and then the folder of its --out"
+                if (place / "design.toml").is_file()
+                else "the folder of its --out",
+            )
+        return journal
+
+    @staticmethod
     def opened(
         folder: str | os.PathLike[str],
         campaign: Campaign,
