@@ -280,8 +280,8 @@ def read_arrays(path: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], bo
     except FileNotFoundError as error:
         raise _unreadable("no such file") from error
     except (OSError, ValueError) as error:
-        told, advice = getattr(error, "strerror", None) or str(error), way_to_read(Path(path), error)
-        raise _unreadable(f"{told} (try: {advice})" if advice else told) from error
+        reason, advice = getattr(error, "strerror", None) or str(error), way_to_read(Path(path), error)
+        raise _unreadable(f"{reason} (try: {advice})" if advice else reason) from error
     if len(content) > _LARGEST_FILE:
         raise _unreadable(f"more than {_LARGEST_FILE} bytes")
     whole = content[-_DIGEST:] == hashlib.sha256(memoryview(content)[:-_DIGEST]).hexdigest().encode()

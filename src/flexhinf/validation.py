@@ -464,7 +464,7 @@ class NotReadable(InvalidInput):
 
 
 @contextmanager
-def reading(path: Path, whole: Path | None = None) -> Iterator[None]:
+def access_to(path: Path, whole: Path | None = None) -> Iterator[None]:
     """Refuse what the system does not let us read just now.
 
     An error that tells what is there passes: no such file, or a folder in its place. `whole`: the folder whose files
@@ -484,10 +484,10 @@ def reading(path: Path, whole: Path | None = None) -> Iterator[None]:
 
 def way_to_read(path: Path, error: Exception, whole: Path | None = None) -> str:
     """How a file becomes readable that the system does not give, and who can do it; empty where that is no remedy."""
-    told = isinstance(error, OSError) and error.errno
-    if not told or told in (errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.ENAMETOOLONG, errno.ELOOP):
+    number = isinstance(error, OSError) and error.errno
+    if not number or number in (errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.ENAMETOOLONG, errno.ELOOP):
         return ""
-    if told not in (errno.EACCES, errno.EPERM):
+    if number not in (errno.EACCES, errno.EPERM):
         return (
             f"ls -l {shlex.quote(str(path))}, and the same command when that answers: its disk or file server does "
             "not give it"

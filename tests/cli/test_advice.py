@@ -93,7 +93,9 @@ def test_advice_on_an_option_works(
     assert unnamed("".join(told[:1]), *named) == [], told
 
 
-@pytest.mark.parametrize("command", ["campaign run", "compare", "certify", "campaign run ws/runs"])
+@pytest.mark.parametrize(
+    "command", ["campaign run", "compare", "certify", "campaign run ws/runs", "campaign merge"]
+)
 def test_advice_on_a_folder_of_another_kind_works(
     command: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -122,6 +124,11 @@ def test_advice_on_a_folder_of_another_kind_works(
     if "ws/runs" in command:
         assert unnamed(message.lower(), "folder", "'ws/runs'") == []
         followed = [[*words[:-1], advice]]
+    elif command == "campaign merge":
+        assert (
+            main(shlex.split(advice.partition(",")[0])[1:]) == 2
+        )  # which says what a workspace can have instead
+        followed = []
     elif command == "campaign run":
         followed = [
             shlex.split(text) for text in re.findall(r"flexhinf ((?:design|campaign)[^,:;]*)", advice)

@@ -13,7 +13,7 @@ from scipy.linalg import expm, solve_discrete_are
 
 import flexhinf as fh
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.monte_carlo import MonteCarlo, sampled_runs
+from flexhinf.design.monte_carlo import MonteCarlo, judged_runs, sampled_runs
 from flexhinf.design.responses import sample_robots
 
 Benches = Callable[..., LoopSetup]
@@ -71,7 +71,7 @@ def test_a_robot_that_settles_after_the_step_is_judged_by_a_longer_run(
     """A step that ends before all robots have settled, and before some have: the longer run has their own noise."""
     short = 0.5 * float(drawn.settling.min() + drawn.settling.max())
     for length in (0.9 * float(drawn.settling.min()), short):
-        runs = sampled_steps(setup, 8, length, STEPS)
+        runs = judged_runs(setup, drawn.values, length, STEPS)
         assert runs.unsettled == 0
         late = drawn.settling > length
         assert np.array_equal(runs.settling[late], drawn.settling[late])

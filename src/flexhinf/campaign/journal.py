@@ -34,11 +34,11 @@ from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 from flexhinf.files import locked, make_durable, note_written, part_file
 from flexhinf.validation import (
     NotReadable,
+    access_to,
     checked_path,
     extra_package,
     owner_of,
     read_bytes,
-    reading,
     value_text,
 )
 
@@ -56,7 +56,7 @@ def read_columns(path: Any, names: Sequence[str] | None = None) -> Any:
     from pyarrow import ArrowException, parquet
 
     try:
-        with reading(path), parquet.ParquetFile(path) as file:
+        with access_to(path), parquet.ParquetFile(path) as file:
             return file.read(columns=None if names is None else list(names))
     except (MemoryError, NotReadable):  # an exception of Arrow is one of MemoryError too
         raise
@@ -119,13 +119,13 @@ def disk_refusals(folder: Path) -> Iterator[None]:
         yield
     except OSError as error:
         full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-        ours = error.errno in (errno.EACCES, errno.EPERM, errno.EROFS)
+        denied = error.errno in (errno.EACCES, errno.EPERM, errno.EROFS)
         raise FlexhinfError(
             "The disk of the campaign is full." if full else "The campaign's folder cannot be written.",
             f"{folder}: {error.strerror or error}; every batch that was written before is whole and stays",
             f"cp -r {shlex.quote(str(folder))} COPY, and the same command with COPY in its place; or as "
             f"{owner_of(folder)}, who owns it"
-            if ours
+            if denied
             else f"{'more room, and the' if full else 'the'} same command: it goes on where it stopped",
         ) from error
 
@@ -190,7 +190,7 @@ class Journal:
         """
         place = checked_path("The campaign's folder", folder).expanduser().absolute()
         try:
-            with reading(place / MANIFEST, place):
+            with access_to(place / MANIFEST, place):
                 stated = read_sealed(place / MANIFEST, kind=KIND)
             check_manifest(stated)
         except (FileNotFoundError, NotADirectoryError):
@@ -208,6 +208,21 @@ class Journal:
             place, stated["settings"], stated["digest"], tuple(Column(*column) for column in stated["columns"]),
             np.array(stated["time_s"], dtype=float), stated["command"], stated["about"],
         )  # fmt: skip
+
+    @staticmethod
+    def existing(folder: str | os.PathLike[str]) -> Journal:
+        """Read the journal in a folder; InvalidInput as `read`, and where there is none, whatever else is there."""
+        place = checked_path("The campaign's folder", folder).expanduser().absolute()
+        journal = Journal.read(folder, [path.name for path in place.iterdir()] if place.is_dir() else [])
+        if journal is None:
+            raise InvalidInput(
+                "There is no campaign.",
+                f"expected a folder with campaign.json, as flexhinf campaign writes it, got {folder}",
+                f"flexhinf campaign run {shlex.quote(str(folder))}, and then the folder of its --out"
+                if (place / "design.toml").is_file()
+                else "the folder of its --out",
+            )
+        return journal
 
     @staticmethod
     def opened(
@@ -343,7 +358,7 @@ class Journal:
     def _parts(self) -> list[Path]:
         """What has the name of a batch's file; refuses a folder among them, and one that cannot be listed."""
         place = self.folder / SHARDS
-        with reading(place, self.folder):
+        with access_to(place, self.folder):
             parts = (
                 sorted(path for path in place.iterdir() if path.match("batch-*.parquet"))
                 if place.exists()
@@ -380,7 +395,7 @@ class Journal:
         samples, seed = range(first, first + self.size(batch)), int(self.settings["seed"])
         span = f"not the samples {samples[0]} to {samples[-1]}"
         schema = self._schema(batch=str(batch))
-        with reading(path, self.folder):
+        with access_to(path, self.folder):
             usable = path.is_file() and path.stat().st_size <= _MOST_SHARD
             content = read_bytes(path, _MOST_SHARD) if usable else b""
         if hashlib.sha256(content).hexdigest()[:16] != digest:
@@ -490,7 +505,7 @@ class Journal:
         file, and NotReadable."""
         from pydantic import TypeAdapter
 
-        with reading(self.folder / name, self.folder):
+        with access_to(self.folder / name, self.folder):
             return TypeAdapter(kind).validate_python(read_sealed(self.folder / name, most))
 
     def take(self, other: Journal) -> int:

@@ -17,7 +17,7 @@ import typer
 from flexhinf import campaign as campaigns, pages
 from flexhinf.cli.arguments import Command, Group, read_source, refuse_stated, reproduce_command, with_options
 from flexhinf.cli.messages import NOT_MET, note, options, progress_bar, show, step_progress
-from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.errors import refuse_if
 from flexhinf.options import CampaignOptions
 
 if TYPE_CHECKING:
@@ -155,13 +155,7 @@ def merge(context: typer.Context, o: options.MergeOptions) -> int:
     Shards of other folders are copied into the first one. Every file is
     checked, byte for byte; what is missing or damaged is named.
     """
-    journals = []
-    for folder in (o.folder, *o.others):
-        if (stored := campaigns.Journal.read(folder)) is None:
-            raise InvalidInput(
-                "There is no campaign.", f"expected its folder, got {folder}", "the --out of its command"
-            )
-        journals.append(stored)
+    journals = [campaigns.Journal.existing(folder) for folder in (o.folder, *o.others)]
     journal = journals[0]
     checked = [
         campaigns.Requirement.of(text, journal.metrics)

@@ -279,15 +279,15 @@ def certify(context: typer.Context, o: options.CertifyOptions) -> int:
 
 def _whole_command(context: typer.Context, advice: str) -> str:
     """An advice that begins with options, as this command with them; only the rest of it where they are stated."""
-    options, comma, rest = advice.partition(", ")
-    words = options.split()
-    names = {word.removeprefix("--").replace("-", "_") for word in words if word.startswith("--")}
+    stated, comma, others = advice.partition(", ")
+    arguments = stated.split()
+    names = {word.removeprefix("--").replace("-", "_") for word in arguments if word.startswith("--")}
     out = {"preset": ("penalty", "effort"), "degrees": ("degree",)}  # what contradicts an option
     gone = {*names, *(other for name in names for other in out.get(name, ()))}
-    command, now = [*reproduce_command(context, gone), *words], reproduce_command(context)
+    command, now = [*reproduce_command(context, gone), *arguments], reproduce_command(context)
     if sorted(command) == sorted(now):
-        return rest.removeprefix("or ")
-    return f"{join(command)}{comma}{rest}"
+        return others.removeprefix("or ")
+    return f"{join(command)}{comma}{others}"
 
 
 def _check(context: typer.Context, path: Path, o: options.CertifyOptions) -> int:

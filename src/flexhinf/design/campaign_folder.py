@@ -205,8 +205,8 @@ def stored_campaign(folder: str | Path) -> tuple[Campaign, Journal]:
 
     InvalidInput if it holds no campaign of a design, or the robot's file was changed since.
     """
-    journal = Journal.read(folder)
-    if journal is None or "options" not in journal.about:
+    journal = Journal.existing(folder)
+    if "options" not in journal.about:
         raise InvalidInput(
             "The folder holds no campaign of a design.",
             f"expected a folder that `flexhinf campaign` wrote, got {folder}",

@@ -277,8 +277,8 @@ class DesignCampaign:
         s, robot = design.specification, design.robot
         plans.refuse_workspace(
             s, robot, "A campaign",
-            f"flexhinf design {design.words} --draws 1000, whose robots make a move each; or flexhinf design "
-            f"{design.words} --pose {{pose}} --out one, then flexhinf campaign run one",
+            f"flexhinf design {design.argument} --draws 1000, whose robots make a move each; or flexhinf design "
+            f"{design.argument} --pose {{pose}} --out one, then flexhinf campaign run one",
         )  # fmt: skip
         plan, start, goal = plans.run_ends(robot, s)
         limits = responses.joint_limits(robot, s)

@@ -65,7 +65,7 @@ class DesignRequest:
     file: Path | None = None  # The design file, beside which a controller may be
 
     @property
-    def words(self) -> str:
+    def argument(self) -> str:
         """How a command names it: its design file or the folder of that, or the robot's files."""
         if self.file is not None:
             return shlex.quote(str(self.file.parent if self.file.name == DESIGN_FILE else self.file))

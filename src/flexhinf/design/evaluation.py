@@ -123,7 +123,7 @@ class LawEvaluation:
         """The steps of the sampled robots with the deployed controller; None without sampled robots."""
         runs, setup = self.runs, self.setup
         return (
-            monte_carlo.sampled_runs(setup, runs.robots, runs.step_duration, runs.sub_steps)
+            monte_carlo.judged_runs(setup, runs.robots, runs.step_duration, runs.sub_steps)
             if runs.robots
             else None
         )

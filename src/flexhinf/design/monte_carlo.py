@@ -67,20 +67,16 @@ class MonteCarlo:
         return max(range(len(self)), key=lambda k: (self.settling[k], self.overshoot[k]))
 
 
-def sampled_runs(
+def judged_runs(
     setup: LoopSetup, robots: Sequence[Mapping[str, Any]], duration: float, sub_steps: int
 ) -> MonteCarlo:
-    """The step of each robot (by its parameters) with the deployed controller, each with its own noise.
-
-    `duration`, s: robots that have not settled then are judged by a run of `LONGER` times this length. `sub_steps` are
-    those of the nominal plant, so that all runs share one kernel.
-    """
-    first = _runs(setup, robots, range(len(robots)), duration, sub_steps)
+    """As `sampled_runs`; robots that have not settled after `duration`, s, are judged by runs of `LONGER` times it."""
+    first = sampled_runs(setup, robots, duration, sub_steps)
     late = np.flatnonzero(np.isinf(first.settling) & np.isfinite(first.overshoot)).tolist()
     longer = min(LONGER * duration, LONGEST)
     if not late or longer <= duration:
         return first
-    again = _runs(setup, [robots[k] for k in late], late, longer, sub_steps)
+    again = sampled_runs(setup, [robots[k] for k in late], longer, sub_steps, late)
     arrays, joints = dict[str, np.ndarray](), dict(first.joints)
     for name in ("overshoot", "settling", "peak", "inputs", "speeds"):
         arrays[name] = getattr(first, name).copy()
@@ -91,14 +87,19 @@ def sampled_runs(
     return replace(first, joints=joints, **arrays)
 
 
-def _runs(
-    setup: LoopSetup, robots: Sequence[Mapping[str, Any]], numbers: Sequence[int], duration: float, sub_steps: int
+def sampled_runs(
+    setup: LoopSetup, robots: Sequence[Mapping[str, Any]], duration: float, sub_steps: int,
+    indices: Sequence[int] | None = None,
 ) -> MonteCarlo:  # fmt: skip
-    """As `sampled_runs`, all of one length; by their `numbers` robots have their noise."""
+    """The step of each robot (by its parameters) with the deployed controller, each with its own noise.
+
+    `duration`, s. `sub_steps` are those of the nominal plant, so that all runs share one kernel. `indices`: of the
+    robots, by which they have their noise; counted by default.
+    """
     n, samples = len(setup.goal), round(duration / setup.specification.period)
     instants = np.arange(0, samples, max(1, -(-samples // KEPT)))  # evenly apart
     runs = setup.ensemble(
-        robots, sub_steps, **setup.step_arguments(duration), numbers=numbers,
+        robots, sub_steps, **setup.step_arguments(duration), numbers=indices,
         reductions=run_reductions((setup.start, setup.goal)), kept=setup.true_plant.states[:n], instants=instants,
     )  # fmt: skip
     numbers = {name: np.where(np.isnan(values), np.inf, values) for name, values in runs.common.items()}
