@@ -74,6 +74,8 @@ def test_a_latency_that_is_left_out_shows(run: Any, folder: Path, capsys: pytest
     numbers = json.loads((folder / "flexhinf-estimate" / "estimate.json").read_text(encoding="utf-8"))
     assert not numbers["fits"]
     assert numbers["nees"]["judgement"] == "larger"
+    told = " ".join(capsys.readouterr().out.split())
+    assert unnamed(told, "motor_voltage", "1 sample later", "--latency", "1 larger") == []
 
 
 @pytest.mark.ci("filters a log twice, and draws its page")

@@ -14,7 +14,9 @@ from tests.refusals import refused_with, unnamed
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.identification.alternatives import Alternative
+from flexhinf.identification.identify import likelier_log
 from flexhinf.pages.identify import identified_verdict
+from flexhinf.pages.log_remarks import alternative_advice
 
 SENSORS, NAMES = ("motor_position", "link_position"), ("stiffness", "friction", "motor_inertia")
 COUNT = 2.0 * np.pi / 2048.0
@@ -50,6 +52,44 @@ def test_a_late_sensor_is_named_and_its_delay_may_be_stated(arm, signal, samples
     assert right.consistent
     low, high = right.intervals["friction"]
     assert low - (high - low) < 0.1 < high + (high - low)
+
+
+@pytest.mark.costs("identifies short logs of an arm")
+def test_a_short_log_does_not_tell_a_late_sensor_and_its_intervals_say_so(arm):
+    """A spring of 100 N·m/rad is 98.3 ± 0.4 then, with white innovations; in twice as long a log it is named."""
+    times, u, y = arm_log(arm, seed=1, count=250, measured=SENSORS)
+    y[:, 1] = late(y[:, 1], 1)
+    short = found(arm, (times, u, y))
+    assert short.consistent
+    assert ("link_position", "late", 1.0) in [
+        (each.signal, each.kind, each.samples) for each in short.undecided
+    ]
+    assert short.values["stiffness"] < 99.0
+    low, high = short.intervals["stiffness"]
+    assert low < 100.0 < high
+    result: Any = SimpleNamespace(found=short, filtered=SimpleNamespace(remarks=[]), stated=arm, motion=None)
+    said = " ".join(identified_verdict(result))
+    assert unnamed(said, "too short", "link_position comes later", "stiffness", "intervals") == []
+    stiff = arm.with_values({"stiffness": 300.0, "friction": 1.5, "motor_inertia": 0.3})
+    times, u, y = arm_log(stiff, seed=1, count=250, measured=SENSORS)
+    right = fh.identify(stiff, (times, u, y), NAMES, measured=SENSORS)
+    assert right.consistent
+    assert not right.undecided
+    y[:, 1] = late(y[:, 1], 1)
+    assert not fh.identify(stiff, (times, u, y), NAMES, measured=SENSORS).consistent
+
+
+@pytest.mark.costs("compiles the likelihood of an arm")
+def test_with_known_numbers_a_late_sensor_is_named_too(arm):
+    """As `flexhinf estimate` has them."""
+    times, u, y = arm_log(arm, count=600, measured=SENSORS)
+    plant = arm.plant(SENSORS)
+    assert likelier_log(plant, (times, u, y)) is None
+    y[:, 1] = late(y[:, 1], 2)
+    other = likelier_log(plant, (times, u, y))
+    assert other is not None
+    assert (other.signal, other.samples) == ("link_position", 2.0)
+    assert alternative_advice(other, plant) == "To try: `--sensor-delay link_position=2`."
 
 
 @pytest.mark.ci("identifies logs of an arm")

@@ -65,8 +65,9 @@ def estimate(context: typer.Context, o: options.EstimateOptions) -> None:
         filter, sources = _filter(o, request, plant, log, fields, bounds)
         data = fh.filter_log(filter, log, o.smooth)
         judged = fh.consistency(data)
-        likelier = None if judged.innovations_fit else likelier_log(plant, log)
-        remarks = pages.log_remarks(request.robot, log, likelier)
+        remarks = pages.log_remarks(request.robot, log)
+        if not judged.innovations_fit and not remarks and (other := likelier_log(plant, log)) is not None:
+            remarks = [pages.likelier_remark(other, plant)]
         result = pages.FilteredLog(request.robot, log, filter, data, judged, sources, remarks)
         progress("report")
         notes = pages.left_out_notes(request.robot, request.specification.extras, "the model")

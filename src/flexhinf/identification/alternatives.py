@@ -207,10 +207,10 @@ def alternatives(shifts: Shifts, spread: np.ndarray, fits: bool, slow: float) ->
     best = max((each for each, _ in found), key=lambda each: each.gain, default=None)
     if best is not None and best.gain > DROP * max(1.0, slow):
         return Alternatives(best, ())
-    told = np.isfinite(spread)
+    finite = np.isfinite(spread)
 
     def differs(z: np.ndarray) -> bool:
-        return bool((np.abs(z - shifts.found)[: len(spread)][told] > spread[told]).any())
+        return bool((np.abs(z - shifts.found)[: len(spread)][finite] > spread[finite]).any())
 
     left = [each for each, z in found if fits and each.gain > -REFUTED and differs(z)]
     return Alternatives(None, tuple(sorted(left, key=lambda each: -each.gain)))

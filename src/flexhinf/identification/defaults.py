@@ -48,7 +48,7 @@ def measurement_variances(outputs: np.ndarray) -> np.ndarray:
     return np.maximum(np.square(noises), smallest_variances(outputs))
 
 
-def at_rest(inputs: np.ndarray, outputs: np.ndarray) -> bool:
+def standing(inputs: np.ndarray, outputs: np.ndarray) -> bool:
     """Whether nothing happens in a log: inputs (N, m) are constant, and outputs (N, p) no more than their noise."""
     spread, noise = np.nanvar(outputs, axis=0), measurement_variances(outputs)
     return bool((np.ptp(inputs, axis=0) == 0.0).all() and (spread < RESTING**2 * noise).all())

@@ -32,11 +32,11 @@ from flexhinf.identification.consistency import DEVIATIONS, Consistency, innovat
 from flexhinf.identification.defaults import (
     LEFT_OUT,
     UNKNOWN,
-    at_rest,
     default_filter,
     disturbance_levels,
     measurement_variances,
     smallest_variances,
+    standing,
 )
 from flexhinf.identification.filtering import log_arrays
 from flexhinf.identification.information import Information, Unidentifiable
@@ -418,7 +418,7 @@ def identify(
         if judged.innovations_fit:  # larger disturbances explained steps of sensors, or nothing
             unknowns, found, evaluation = bounded, expected, other
     clear = np.zeros(len(unknowns.numbers), dtype=bool)
-    if not at_rest(inputs, outputs):
+    if not standing(inputs, outputs):
         clear = confirmed(likelihood, unknowns, found, evaluation)
     white = judged if found is expected else own
     information = Information.of(

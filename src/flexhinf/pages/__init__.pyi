@@ -53,7 +53,7 @@ from .identify import (
     identified_ending as identified_ending,
     identified_files as identified_files,
 )
-from .log_remarks import log_remarks as log_remarks
+from .log_remarks import likelier_remark as likelier_remark, log_remarks as log_remarks
 from .page import (
     design_page as design_page,
     design_tables as design_tables,

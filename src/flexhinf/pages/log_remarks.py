@@ -30,8 +30,13 @@ def alternative_advice(other: Alternative, plant: Plant) -> str:
     return ""
 
 
-def log_remarks(robot: Robot, log: Log, likelier: Alternative | None = None) -> list[str]:
-    """What is conspicuous in a log of a robot, in sentences; and the log that is `likelier` with the robot as it is."""
+def likelier_remark(other: Alternative, plant: Plant) -> str:
+    """The log that is likelier, and what to try."""
+    return f"{other.text[0].upper()}{other.text[1:]}. {alternative_advice(other, plant)}".strip()
+
+
+def log_remarks(robot: Robot, log: Log) -> list[str]:
+    """What is conspicuous in a log of a robot, in sentences."""
     found, units = blemishes(robot, log), robot.plant(log.names.get("output") or ("link_position",)).unit
     texts = [
         f"{signal_label(name).capitalize()} never changes in the log, it is always {number(value, 4)} {units(name)}: "
@@ -57,7 +62,4 @@ def log_remarks(robot: Robot, log: Log, likelier: Alternative | None = None) -> 
             f"Rows are {number(1e3 * apart, 3)} ms apart, and the robot's fastest vibration has a period of "
             f"{number(1e3 * fastest, 3)} ms: the log does not show it, or the unit of its times is another one."
         )
-    if likelier is not None:
-        advice = alternative_advice(likelier, robot.plant(log.names.get("output") or ("link_position",)))
-        texts.append(f"{likelier.text[0].upper()}{likelier.text[1:]}. {advice}".strip())
     return texts
