@@ -287,8 +287,9 @@ def rich(moving: bool) -> fh.Controller:
     box, sides = ([-1.0, -1.0], [1.0, 1.0]), ({"command_range": 2.0, "command_rate": 9.0}, {})
     hold = {"workspace": "hold", "limit_cycle": "hold", "saturation": "brake"}
     watch = fh.Supervision(
-        box, reactions={"workspace": "brake", "saturation": "brake"} if moving else hold, braking_time=0.1
-    )
+        box, saturation_time=0.01, braking_time=0.1,
+        reactions={"workspace": "brake", "saturation": "brake"} if moving else hold,
+    )  # fmt: skip
     return elastic_controller(robot_of("planar-two-link"), moving, watch).fresh(
         latency=2, start="bumpless", blend_time=0.2, input_rate=4e4, integral_dead_zone=1e-4, offset_time=0.5,
         measurement_limits=(-4.0, math.inf, [50.0, 50.0, math.inf, math.inf]), **sides[moving],

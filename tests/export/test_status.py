@@ -24,7 +24,7 @@ KINDS = {
     "watched": {"supervision": fh.Supervision(workspace=(-0.02, 0.02), swing=0.01, damping=0.6)},
     "held": {
         "supervision": fh.Supervision(
-            workspace=(-0.02, 0.02), swing=0.01, damping=0.6, saturation_time=0.05,
+            workspace=(-0.02, 0.02), swing=0.01, damping=0.6, saturation_time=0.02,
             reactions={"workspace": "hold", "limit_cycle": "hold", "saturation": "brake"},
         ),
         "offset_time": 0.1, "latency": 1,

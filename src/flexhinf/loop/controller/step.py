@@ -373,12 +373,17 @@ def _limited_input(
         last, period, rate = rates
         u = clip(u, last - period * rate, last + period * rate)
     excess = wanted - u + bounds[0] if bounded else wanted - u
-    return u, integral - relief @ excess, np.ones(1)  # anti-windup by back-calculation
+    # Anti-windup by back-calculation. A wild estimate makes 1e18 V, which would be the integrals' for long.
+    most = WILD * (upper - lower)
+    return u, integral - relief @ clip(excess, -most, most), np.ones(1)
 
 
 #: Fraction of an input's excess that is taken back of its integral per sample. With 0.05, four joints with motors of a
 #: third of their torque swung for 5 s about their goal; more is hardly better, and hears more of an input's noise.
 RELIEF = 0.2
+
+#: Excess of an input, in units of its range, of which no more is taken back. An error of a radian makes some 70.
+WILD = 100.0
 
 #: Broyden's steps. One integral needs about five to a relative 1e-12, far from the operating point too.
 STEPS = 10
