@@ -88,7 +88,7 @@ OSCILLATING = {"limited": limited((60.0, -6.0, 300.0), 4.0), "growing": made_loo
 
 
 @pytest.mark.parametrize("name", OSCILLATING)
-@pytest.mark.parametrize("duration", [1.5, 4.0])
+@pytest.mark.parametrize("duration", [2.0, 4.0])
 def test_robots_that_oscillate_without_end_are_unstable_and_not_diverged(name, duration):
     found = run_campaign(OSCILLATING[name], tolerances(), 24, seed=2, reference=0.1, duration=duration)
     assert set(found.status.values) == {"unstable"}

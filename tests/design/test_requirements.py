@@ -381,7 +381,8 @@ def test_runs_that_diverge_are_missed_by_name(impulses: bool) -> None:
 
 def test_poses_that_the_motors_cannot_hold_are_missed_by_number() -> None:
     for needing in (0, 2):
-        setup: Any = SimpleNamespace(needing=lambda poses, needing=needing: needing)
+        shares = np.array([0.2, 0.9, 1.0, 1.01, 3.0][: 3 + needing])
+        setup: Any = SimpleNamespace(needs=lambda poses, shares=shares: shares)
         lines = holding_requirement(setup, np.zeros((5, 2)))
         assert [(line.missed, line.found) for line in lines] == [(True, 2.0)] * (needing > 0)
         assert unnamed(str(lines), *["cannot hold", "5 random poses"] * (needing > 0)) == []

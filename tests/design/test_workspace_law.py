@@ -199,7 +199,8 @@ def test_the_search_sees_the_corners_of_a_rotary_joint() -> None:
 
 
 def test_bare_steps_that_saturate_a_soft_arm_come_to_rest(monkeypatch: pytest.MonkeyPatch) -> None:
-    """48 V drive the paper's arm. With twice √λ a step of half a radian ends in a limit cycle of more than a radian."""
+    """48 V drive the paper's arm half a radian, also with a law of twice √λ, which would not come to rest if integrals
+    grew while the motor cannot follow."""
     robot, largest = replace(fh.paper_arm(), effort_limits=(48.0,)), []
     s = fh.Specification(workspace="limits", measured=BOTH, measurement_noise=1e-10)
     for shares in ((2.0, 2.0), search.SHARE):
@@ -216,8 +217,7 @@ def test_bare_steps_that_saturate_a_soft_arm_come_to_rest(monkeypatch: pytest.Mo
         )
         late = run.time > 3.0
         largest.append(np.abs(run.signals["state"][late, 0] - 2.5).max())
-    assert largest[0] > 1.0
-    assert largest[1] < 1e-3
+    assert max(largest) < 1e-3
 
 
 UNLIKE = """

@@ -105,7 +105,7 @@ def test_the_header_names_the_bits_and_strict_compilers_take_the_source(
     subprocess.run([compiler, *STRICT, "-c", "arm.c", "-o", "arm.o"], cwd=tmp_path, check=True)
     for name, bit in fh.Status.__members__.items():
         assert f"ARM_{name} = {int(bit)}" in code.header
-    assert unnamed(code.header, "reactions:", "hold", "brake", "0.05 s", "path_rate", "arm_start") == []
+    assert unnamed(code.header, "reactions:", "hold", "brake", "0.02 s", "path_rate", "arm_start") == []
 
 
 @pytest.mark.ci("exports an FMU")

@@ -15,7 +15,6 @@ import flexhinf as fh
 from flexhinf import export, pages, report
 from flexhinf.cli.messages import note, step_progress
 from flexhinf.errors import refuse_if
-from flexhinf.robot.robot_file import usable_below
 from flexhinf.validation import checked_path, nearest, value_text
 
 if TYPE_CHECKING:
@@ -128,6 +127,7 @@ def file_of(source: str, only_design: str = "", then: str = "") -> Path:
     With `only_design`, the first sentence of the refusal, and the command `then`: also where it is no design file.
     """
     from flexhinf.design.design_file import is_design_file
+    from flexhinf.robot.robot_file import usable_below
 
     path = checked_path("The design", source)
     file = path / "design.toml" if os.path.isdir(path) else path

@@ -332,6 +332,7 @@ def evaluate(make, function: casadi.Function, x: np.ndarray) -> np.ndarray:
     return y
 
 
+@pytest.mark.costs("compiles 60 drawn functions")
 @pytest.mark.property
 @pytest.mark.oracle
 @settings(max_examples=60, deadline=None)

@@ -34,7 +34,8 @@ BANDWIDTHS, INTEGRAL, GAMMA = (40.0, 28.0, 20.0, 14.0, 10.0, 7.0), 0.5, 1.5
 
 #: Largest bandwidth of a soft pair, as a multiple of √λ, without and with dry friction. Friction nearly holds a motor
 #: in small motions; the link then vibrates at √λ, and a law that is faster excites it: a limit cycle. Without friction,
-#: twice √λ and more holds unknown loads better, but a bare step that saturates the motors ends in a limit cycle.
+#: twice √λ and more holds unknown loads better; 1.5 was chosen when bare steps at the motors' limits did not come to
+#: rest above it, before integrals followed their motors.
 SHARE = (1.5, 1.0)
 
 #: Weights with encoders of the motors alone: a soft spring that is not seen is moved slower than it vibrates, and no
