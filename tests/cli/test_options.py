@@ -32,6 +32,9 @@ pytestmark = pytest.mark.usefixtures("unoptimised")
 #: Files that read every field to write it, to copy it or to check it, and compute nothing.
 WRITERS = ("dataclasses.py", "options.py", "design_file.py", "stated_units.py", "arguments.py")
 
+#: Functions that refuse a field whatever it is.
+REFUSERS = ("refuse_workspace",)
+
 #: Properties of a specification that stand for a field.
 BEHIND = {
     "peak_sensitivity_limit": "peak_sensitivity",
@@ -62,8 +65,11 @@ def read(monkeypatch: pytest.MonkeyPatch) -> set[str]:
     found: set[str] = set()
 
     def recorded(s: Specification, name: str) -> Any:
-        file = Path(sys._getframe(1).f_code.co_filename).name
-        if name in BEHIND or (name in FIELDS and file not in (*WRITERS, "specification.py")):
+        code = sys._getframe(1).f_code
+        computes = (
+            Path(code.co_filename).name not in (*WRITERS, "specification.py") and code.co_name not in REFUSERS
+        )
+        if name in BEHIND or (name in FIELDS and computes):
             found.add(BEHIND.get(name, name))
         return object.__getattribute__(s, name)
 

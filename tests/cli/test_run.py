@@ -38,6 +38,7 @@ def design(folder: Path) -> str:
     return "arm"
 
 
+@pytest.mark.costs("compiles a loop with MuJoCo's robot")
 def test_a_run_with_its_log(design: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = [
         "run",

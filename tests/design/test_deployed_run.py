@@ -77,7 +77,7 @@ def test_the_step_is_that_of_the_loop_on_our_own_plant(paper: tuple[fh.Robot, fh
         np.testing.assert_allclose(found.signals[kind], ours.signals[kind], rtol=0, atol=1e-6 * size)
 
 
-@pytest.mark.costs("runs of two robots, and a design that other tests share")
+@pytest.mark.ci("runs of two robots")
 def test_another_robot_a_load_no_noise(paper: tuple[fh.Robot, fh.Controller]) -> None:
     softer = perturbed(paper[0], ["stiffness=-20%"])
     loaded = {"noise": False, "load": 0.5, "load_at": 0.1}

@@ -147,6 +147,7 @@ def test_fmpy_finds_nothing_wrong_with_fmi_3_and_simulates_it_alike(
     assert all(np.array_equal(results[0][name], results[1][name]) for name in results[0].dtype.names)
 
 
+@pytest.mark.costs("the first exports of this file")
 @pytest.mark.parametrize("fmi", VERSIONS)
 @pytest.mark.parametrize("kind", ["controller", "plant"])
 def test_outputs_depend_on_what_is_stated_and_on_nothing_else(

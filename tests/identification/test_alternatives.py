@@ -54,7 +54,7 @@ def test_a_late_sensor_is_named_and_its_delay_may_be_stated(arm, signal, samples
     assert low - (high - low) < 0.1 < high + (high - low)
 
 
-@pytest.mark.costs("identifies short logs of an arm")
+@pytest.mark.ci("identifies short logs of an arm")
 def test_a_short_log_does_not_tell_a_late_sensor_and_its_intervals_say_so(arm):
     """A spring of 100 N·m/rad is 98.3 ± 0.4 then, with white innovations; in twice as long a log it is named."""
     times, u, y = arm_log(arm, seed=1, count=250, measured=SENSORS)

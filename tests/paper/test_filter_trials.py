@@ -69,6 +69,7 @@ def test_nees_of_200_runs_is_chi_squared(trial: Trial, period: float) -> None:
         assert scores.nees_of_samples[:, -1].sum() > 1.1 * totals.max()
 
 
+@pytest.mark.ci("a trial of both forms")
 def test_both_forms_err_alike(trial: Trial) -> None:
     for one, other in zip(
         run_trial(trial, VOLTS, 5, 1), run_trial(replace(trial, form="square_root"), VOLTS, 5, 1), strict=True
