@@ -146,8 +146,8 @@ def exported(folder: Path, sign: str) -> dict[str, str]:
     state = f"@DIGEST@ @GUID@ {CLOSES}".replace("@", sign)
     plant = fh.Plant(
         lambda x, u, d, p: np.array([x[1], u[0] + d[0] - p.stiffness * x[0]]), lambda x, u, p: x[:1],
-        states=(state, "speed"), inputs=(f"{sign}UNITS{sign}",), disturbances=("d",), parameters={"stiffness": 2.0},
-        units={state: f"rad {sign}VARIABLES{sign}"},
+        states=(state, f"{sign}NAME{sign}"), inputs=(f"{sign}UNITS{sign}",), disturbances=("d",),
+        parameters={"stiffness": 2.0}, units={state: f"rad {sign}VARIABLES{sign}"},
     )  # fmt: skip
     own = fh.linear_law(plant.with_objective([1.0, 1.0]), gamma=math.inf)
     ekf = fh.ExtendedKalmanFilter(plant, 1e-3, 1e-6, 1e-6, np.zeros(2), 1e-4)
@@ -158,6 +158,8 @@ def exported(folder: Path, sign: str) -> dict[str, str]:
         f"robot/{file}": text
         for file, text in controller_files(fh.Controller(law, one, 1e-3, 5.0), "arm", robot=robot).items()
     }
+    library = fh.load_compiled(fh.compile_controller(controller, folder / "arm.so"))
+    texts["library"] = f"{library.states} {library.inputs} {library.units}"
     for fmi in ("2.0", "3.0"):
         with zipfile.ZipFile(fh.export_fmu(controller, folder / "arm.fmu", "arm", fmi)) as archive:
             names = [name for name in archive.namelist() if not name.startswith("binaries")]
@@ -171,7 +173,7 @@ def written(folder: Path, sign: str) -> Path:
     return path
 
 
-@pytest.mark.ci("exports two controllers and two FMUs, with marks and without")
+@pytest.mark.ci("exports two controllers, libraries and FMUs, with marks and without")
 def test_what_looks_like_a_mark_in_a_name_stands_there_as_it_is(tmp_path: Path) -> None:
     """Marks of templates are replaced once, before anything that users wrote: a name runs no code."""
     one, other = (exported(tmp_path, sign) for sign in "@#")

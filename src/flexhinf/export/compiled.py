@@ -80,9 +80,9 @@ def compile_controller(
     sets = "\n".join(f'#ifdef {macro}\n    " {name}"\n#endif' for macro, name in INSTRUCTIONS.items())
     entry = fill(
         template("library.c"), code.name, code.real, MARK=MARK.strip().decode() + r"\n", INSTRUCTIONS=sets,
-        # twice: a string of C is one of JSON in ASCII
-        DESCRIPTION=json.dumps(json.dumps(about)).replace("??", '?""?'),
         REFERENCE=c.memory.places["reference"].start,
+        # twice: a string of C is one of JSON in ASCII
+        users={"DESCRIPTION": json.dumps(json.dumps(about)).replace("??", '?""?')},
     )  # fmt: skip
     sources = {"controller.h": code.header, "controller.c": code.source, "entry.c": entry}
     try:
