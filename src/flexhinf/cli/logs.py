@@ -23,7 +23,7 @@ if TYPE_CHECKING:  # what computes is loaded by the command that needs it
 
 #: How what an error of `flexhinf.read_log` advises is written at the command line.
 _SYNTAX = (
-    (r"columns=\{'([^']*)': '([^']*)'\}", r'--column "\1=\2"'),
+    (r"columns=\{'([^']*)': '?([^'}]*)'?\}", r'--column "\1=\2"'),
     (r"units=\{'([^']*)': '([^']*)'\}", r'--column "SIGNAL=\1 [\2]"'),
     (r"delays=\{'([^']*)': (\d+)\}", r"--sensor-delay \1=\2"),
     (r"hold_inputs=True", "--hold-inputs"),
