@@ -327,7 +327,7 @@ ROWS = "".join(f"{0.01 * k},1,2,3\n" for k in range(10))
         (HEAD + "0,1,2,3\n0.1,1,2,3\n", {}, ["too few", 2]),
         (HEAD + ROWS + "0.05,1,2,3\n", {}, ["line 12", "backwards", 0.05, 0.09]),
         (HEAD + ROWS + "0.09,1,2,3\n", {}, ["line 12", "repeat", 0.09]),
-        (HEAD + ROWS + "11,1,2,3\n", {}, ["line 12", "gap", 1000, 0.01, "log[:10]"]),
+        (HEAD + ROWS + "11,1,2,3\n", {}, ["line 12", "gap", 1000, 0.01, "first 10 rows"]),
         (HEAD + ROWS + ",1,2,3\n", {}, ["line 12", "time"]),
         (HEAD + ROWS + "inf,1,2,3\n", {}, ["line 12", "time", "inf"]),
         (HEAD + ROWS + "0.2,1,fast,3\n", {}, ["line 12", "motor_position", "fast"]),

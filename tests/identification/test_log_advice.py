@@ -30,7 +30,7 @@ EDITS: dict[str, Callable[[str], str]] = {
     "sort the rows, and drop repeated times": lambda text: "".join(text.splitlines(keepends=True)[:-1]),
     "a decimal point": lambda text: re.sub(r"(\d),(\d)", r"\1.\2", text),
     "0.5, or an empty cell": lambda text: re.sub(r"fast|inf", "", text),
-    "two logs: log[:10]": lambda text: "".join(text.splitlines(keepends=True)[:11]),
+    "two logs: the first 10 rows": lambda text: "".join(text.splitlines(keepends=True)[:11]),
     "times of the day as 23:59:59.5": lambda text: re.sub(r"12:00 PM,(\d)", r"12:00:0\1,1", text),
     "dates as 2026-01-31T12:00:00.5": lambda text: re.sub(r"(\d\d)/(\d\d)/(\d{4}) ", r"\3-\1-\2T", text),
     "a log of some seconds": lambda text: HEAD + ROWS,
