@@ -21,7 +21,7 @@ COMMON = {
 }  # fmt: skip
 
 #: Words for units, in small letters: those that prefixes stand before, and those that stand alone.
-_WORDS = {
+_SPELLINGS = {
     "s": ("sec", "secs", "second", "seconds"), "rad": ("rads", "radian", "radians"),
     "deg": ("degs", "degree", "degrees"), "m": ("meter", "meters", "metre", "metres"), "V": ("volt", "volts"),
     "A": ("amp", "amps", "ampere", "amperes"), "N": ("newton", "newtons"),
@@ -39,7 +39,7 @@ _PREFIXES = {
 }
 _TURN = f"{2.0 * math.pi!r} rad"
 _SPELLED = {
-    **{prefix + word: f"{size!r} {unit}" for unit, words in _WORDS.items() for word in words
+    **{prefix + word: f"{size!r} {unit}" for unit, names in _SPELLINGS.items() for word in names
        for prefix, size in {"": 1.0, **_PREFIXES}.items()},
     **{prefix + unit: f"{size!r} {unit}" for unit in ("rad", "deg") for prefix, size in _PREFIXES.items()
        if len(prefix) == 1},
@@ -107,9 +107,9 @@ def named_unit(name: str) -> tuple[str, str]:
     >>> named_unit("time_msec"), named_unit("motorPositionDeg"), named_unit("time_0.1ms"), named_unit("speed_index")
     (('msec', 's'), ('Deg', 'rad'), ('0.0001', 's'), ('', ''))
     """
-    words = [(tail, alone) for tail, alone in _tails(name)]
+    tails = [(tail, alone) for tail, alone in _tails(name)]
     first = _SEPARATORS.split(name)[0]
-    for text, alone in [*words, (first, False)]:
+    for text, alone in [*tails, (first, False)]:
         counted = _COUNTED.match(text)
         unit = counted[2] if counted else text
         if re.search(r"\d", unit) or not (alone or len(unit) > 1):
@@ -138,23 +138,23 @@ def is_other(name: str, stated: str, signal: str, si: str) -> bool:
             return unit_size(stated, tuple(COMMON)).si != si
     unit, measures = named_unit(name)
     clear = len(unit) > 1 or unit.isupper()
-    words, own = _words(name), _words(signal)
-    said = (words & _QUANTITIES) - own
-    return bool((si and unit and clear and measures != si) or (said and not words & own & _QUANTITIES))
+    parts, own = _parts(name), _parts(signal)
+    said = (parts & _QUANTITIES) - own
+    return bool((si and unit and clear and measures != si) or (said and not parts & own & _QUANTITIES))
 
 
 def is_plain(name: str, known: Iterable[str]) -> bool:
     """Whether a name ends with a word of known names, as it stands or with a letter less or wrong, or with a number."""
     end = [word for word in _SEPARATORS.split(_BEGIN.sub(" ", name)) if word][-1:]
-    words = set[str]().union(*map(_words, known))
+    parts = set[str]().union(*map(_parts, known))
     return not end or end[0].isdigit() or any(
         end[0].casefold() == word
         or (len(end[0]) <= len(word) and difflib.SequenceMatcher(None, end[0].casefold(), word).ratio() > 0.75)
-        for word in words
+        for word in parts
     )  # fmt: skip
 
 
-def _words(name: str) -> set[str]:
+def _parts(name: str) -> set[str]:
     """Words of a name in small letters."""
     return {word.casefold() for word in _SEPARATORS.split(_BEGIN.sub(" ", name)) if word}
 
