@@ -75,7 +75,7 @@ def test_a_latency_that_is_left_out_shows(run: Any, folder: Path, capsys: pytest
     assert not numbers["fits"]
     assert numbers["nees"]["judgement"] == "larger"
     told = " ".join(capsys.readouterr().out.split())
-    assert unnamed(told, "motor_voltage", "1 sample later", "--latency", "1 larger") == []
+    assert unnamed(told, "motor_voltage", "1 sample later", "--latency 1") == []
 
 
 @pytest.mark.ci("filters a log twice, and draws its page")

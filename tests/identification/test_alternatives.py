@@ -92,6 +92,24 @@ def test_with_known_numbers_a_late_sensor_is_named_too(arm):
     assert alternative_advice(other, plant) == "To try: `--sensor-delay link_position=2`."
 
 
+@pytest.mark.parametrize(
+    ("signal", "samples", "late", "option"),
+    [
+        ("motor_voltage", 1, {}, "`--latency 1`"), ("motor_voltage", 1, {"motor_voltage": 1}, "`--latency 2`"),
+        ("motor_voltage", -1, {"motor_voltage": 1}, "`--latency 0`"), ("motor_voltage", -1, {}, "moved up by 1 row "),
+        ("motor_voltage", -2, {"motor_voltage": 1}, "`--latency 0`, and the column of motor_voltage moved up"),
+        ("link_position", 1, {"link_position": 1}, "`--sensor-delay link_position=2`"),
+        ("link_position", -2, {}, "moved down by 2 rows "),
+    ],
+)  # fmt: skip
+def test_what_is_advised_for_other_times_can_be_done(arm, signal, samples, late, option):
+    """An option counts what was stated already, and is none below 0, where the file says it."""
+    other = Alternative(signal, "late", float(samples), 10.0, {})
+    said = alternative_advice(other, arm.plant(SENSORS), late)
+    assert option in said
+    assert not re.search(r"=?-\d|larger|smaller", said)
+
+
 @pytest.mark.ci("identifies logs of an arm")
 @pytest.mark.parametrize("samples", [1, 3, -1])
 def test_an_input_that_acts_later_or_earlier_is_named(arm, samples):

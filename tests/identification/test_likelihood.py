@@ -8,7 +8,7 @@ from scipy.linalg import expm
 from tests.identification.simulated import PERIOD, TRUE, linear_log, oscillator
 
 import flexhinf as fh
-from flexhinf.identification.defaults import default_filter
+from flexhinf.identification.defaults import default_filter, measurement_variances
 from flexhinf.identification.likelihood import Likelihood
 from flexhinf.identification.recursion import rows_of
 from flexhinf.identification.unknowns import Noises, Unknowns, plant_numbers
@@ -80,3 +80,12 @@ def test_information_is_the_covariance_of_the_scores():
     found = np.cov(scores.T) / size / size[:, None]
     np.testing.assert_allclose(found, information / size / size[:, None], atol=0.3)
     assert np.abs(scores.mean(axis=0) / size * np.sqrt(len(scores))).max() < 4.0
+
+
+@pytest.mark.parametrize("missing", [0.0, 0.2, 0.5, 0.7])
+def test_missing_values_are_no_noise(missing):
+    """Values that lie apart are no neighbours: the noise stays 1e-4 rad though the signal moves far."""
+    rng, times = np.random.default_rng(0), 1e-3 * np.arange(4000)
+    values = np.sin(3.0 * times) + 0.2 * np.sin(23.0 * times) + 1e-4 * rng.normal(size=len(times))
+    values[rng.random(len(times)) < missing] = np.nan
+    assert np.sqrt(measurement_variances(values[:, None])) == pytest.approx(1e-4, rel=0.3)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import ast
+import math
 import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from tests.refusals import unnamed
 
@@ -28,7 +30,7 @@ EDITS: dict[str, Callable[[str], str]] = {
     "sort the rows, and drop repeated times": lambda text: "".join(text.splitlines(keepends=True)[:-1]),
     "a decimal point": lambda text: re.sub(r"(\d),(\d)", r"\1.\2", text),
     "0.5, or an empty cell": lambda text: re.sub(r"fast|inf", "", text),
-    "two logs: log[:10]": lambda text: "".join(text.splitlines(keepends=True)[:11]),
+    "two logs: the first 10 rows": lambda text: "".join(text.splitlines(keepends=True)[:11]),
     "times of the day as 23:59:59.5": lambda text: re.sub(r"12:00 PM,(\d)", r"12:00:0\1,1", text),
     "dates as 2026-01-31T12:00:00.5": lambda text: re.sub(r"(\d\d)/(\d\d)/(\d{4}) ", r"\3-\1-\2T", text),
     "a log of some seconds": lambda text: HEAD + ROWS,
@@ -53,7 +55,7 @@ def followed(advice: str, text: str, options: dict[str, Any]) -> tuple[str, dict
         signal, column = next(iter(wrong.items()))
         known = signal in ("motor_voltage", *PLANT.outputs)
         return text, {"columns": {signal: quoted[1]} if known else {quoted[1]: column}}
-    value = ast.literal_eval(found[2])
+    value = ast.literal_eval(found[2].replace("UNIT", "s" if found[1] == "time" else "deg"))
     if isinstance(value, dict):
         value = {**options.get(found[1], {}), **value}
     return text, {**options, found[1]: value}
@@ -124,6 +126,47 @@ def test_degrees_and_milliseconds_are_advised_as_such(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput) as raised:
         fh.read_log(tmp_path / "log.csv", PLANT, time="t_ms [ms]")
     assert raised.value.advice == "columns={'motor_position': 'motor_position_deg [deg]'}"
+
+
+DEG = 180.0 / math.pi
+SPELLED = [
+    *((name, 1e3) for name in (
+        "time_msec", "time_MS", "timeMs", "t_millis", "time_milliseconds", "ms", "time/ms", "millis", "stamp-ms",
+    )),
+    ("time_usec", 1e6), ("time_min", 1 / 60), ("time_0.1ms", 1e4), ("time_seconds", 1.0),
+    *((f"motor_voltage{end}", 1e3) for end in ("_mv", "_millivolt", "/mV", "Mv")), ("mV", 1e3),
+    ("motor_voltage_MV", None),
+    *((f"motor_position{end}", DEG) for end in ("_degree", "_degrees", "Deg", "/deg", "°", " [degrees]")),
+    ("deg_motor_position", DEG), ("motor_position_rev", 0.5 / math.pi), ("position [rev]", 0.5 / math.pi),
+    ("motor_position_urad", 1e6), ("motor_position_gon", DEG / 0.9),
+    ("motor_position_grad", None), ("motor_position_counts", None), ("timems", None), ("motor_current_mA", None),
+    ("motor_current", None),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "size"), SPELLED)
+def test_units_as_people_spell_them(tmp_path: Path, name: str, size: float | None) -> None:
+    """The first advice to the letter gives the right number; None: it asks for the unit, or another column."""
+    quantity = "motor_voltage" if "A" in name or "current" in name else "time"
+    si = {"time": 0.01, "motor_voltage": 3.0, "motor_position": 0.5, "link_position": 0.25}
+    for other, words in (("motor_voltage", "mV|voltage"), ("motor_position", "position")):
+        quantity = other if re.search(words, name) else quantity
+    head = ",".join(name if column == quantity else column for column in si)
+    values = {column: value * (size or 1.0) if column == quantity else value for column, value in si.items()}
+    rows = [",".join(repr(v * k if c == "time" else v) for c, v in values.items()) for k in range(5)]
+    (tmp_path / "log.csv").write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
+    options: dict[str, Any] = {}
+    refusal = refused(tmp_path / "log.csv", options)
+    if refusal is not None:
+        found = re.match(r"(columns|time)=(\{[^}]*\}|'[^']*')", refusal.advice)
+        asks = ("[UNIT]", "COLUMN")
+        assert (size is None) == any(word in refusal.advice for word in asks), refusal.advice
+        if size is None or found is None:
+            return
+        options = {found[1]: ast.literal_eval(found[2])}
+    log = fh.read_log(tmp_path / "log.csv", PLANT, **options)
+    read = [log.times[1], log.inputs[0, 0], *log.outputs[0]]
+    np.testing.assert_allclose(read, list(si.values()), rtol=1e-9)
 
 
 def test_text_that_is_no_utf_8_is_said_in_english(tmp_path: Path) -> None:

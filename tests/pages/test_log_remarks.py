@@ -40,6 +40,11 @@ def test_nothing_is_said_of_a_good_log() -> None:
         (TIMES, {"link": np.full(4000, 0.1)}, ("link position", 0.1, "rad")),
         (np.delete(TIMES, slice(700, 1100)), {}, ("gap", 0.802, "held")),
         (TIMES, {"motor": (4.0 * np.sin(2.0 * TIMES)) % (2.0 * np.pi)}, ("motor position", "unwrap")),
+        (
+            TIMES,
+            {"link": np.where(np.arange(4000) == 900, -9999.0, np.sin(TIMES))},
+            ("link position", -9999, "lost"),
+        ),
         (300.0 * TIMES, {}, (600, "ms", "period")),
     ],
 )

@@ -23,7 +23,7 @@ if TYPE_CHECKING:  # what computes is loaded by the command that needs it
 
 #: How what an error of `flexhinf.read_log` advises is written at the command line.
 _SYNTAX = (
-    (r"columns=\{'([^']*)': '([^']*)'\}", r'--column "\1=\2"'),
+    (r"columns=\{'([^']*)': '?([^'}]*)'?\}", r'--column "\1=\2"'),
     (r"units=\{'([^']*)': '([^']*)'\}", r'--column "SIGNAL=\1 [\2]"'),
     (r"delays=\{'([^']*)': (\d+)\}", r"--sensor-delay \1=\2"),
     (r"hold_inputs=True", "--hold-inputs"),
@@ -59,15 +59,16 @@ def estimate(context: typer.Context, o: options.EstimateOptions) -> None:
     bounds = _bounds(o.bounds, plant)
     with step_progress(3) as progress:
         progress(f"read {o.log.name}")
-        latency = request.specification.known_latency if request.file is not None else 0
-        log = _read(o, request.robot, plant, columns, latency if o.latency is None else o.latency)
+        known = request.specification.known_latency if request.file is not None else 0
+        latency = known if o.latency is None else o.latency
+        log = _read(o, request.robot, plant, columns, latency)
         progress("filter")
         filter, sources = _filter(o, request, plant, log, fields, bounds)
         data = fh.filter_log(filter, log, o.smooth)
         judged = fh.consistency(data)
         remarks = pages.log_remarks(request.robot, log)
         if not judged.innovations_fit and not remarks and (other := likelier_log(plant, log)) is not None:
-            remarks = [pages.likelier_remark(other, plant)]
+            remarks = [pages.likelier_remark(other, plant, _late(o, plant, latency))]
         result = pages.FilteredLog(request.robot, log, filter, data, judged, sources, remarks)
         progress("report")
         notes = pages.left_out_notes(request.robot, request.specification.extras, "the model")
@@ -125,8 +126,9 @@ def identify(context: typer.Context, o: options.IdentifyOptions) -> None:
     robot_text(robot, folder)  # refuses a robot that has no file, before any work
     with step_progress(4) as progress:
         progress(f"read {o.log.name}")
-        latency = s.known_latency if request.file is not None else 0
-        log = _read(o, robot, plant, columns, latency if o.latency is None else o.latency)
+        known_latency = s.known_latency if request.file is not None else 0
+        latency = known_latency if o.latency is None else o.latency
+        log = _read(o, robot, plant, columns, latency)
         progress("identify")
         process, sensors = _stated_noises(request, plant, fields)
         found = fh.identify(
@@ -158,7 +160,7 @@ def identify(context: typer.Context, o: options.IdentifyOptions) -> None:
                 extras=s.extras, noise={name: level for name, level in found.noise.items() if name in known},
                 seed=o.seed,
             )  # fmt: skip
-        result = pages.IdentifiedRobot(robot, found, filtered, motion, extras)
+        result = pages.IdentifiedRobot(robot, found, filtered, motion, extras, _late(o, plant, latency))
         progress("report")
         text = robot_text(found.robot, folder)
         notes = pages.left_out_notes(robot, extras, "the model")
@@ -278,6 +280,14 @@ def _delays(stated: Sequence[str]) -> dict[str, int]:
         )
         delays[name] = int(samples[:9])
     return delays
+
+
+def _late(o: options.LogOptions, plant: fh.Plant, latency: int) -> dict[str, int]:
+    """Samples by which signals are stated late, by name: inputs by the latency."""
+    delays = _delays(o.sensor_delay)
+    return dict.fromkeys(plant.inputs, latency) | {
+        one: samples for name, samples in delays.items() for one in plant.expanded(name) or (name,)
+    }
 
 
 def _columns(stated: Sequence[str]) -> dict[str, str]:

@@ -18,6 +18,9 @@ UNKNOWN, LEFT_OUT = 1.0, 0.01
 #: Outputs of a robot at rest spread over at most so many times the noise between neighbours.
 RESTING = 1.5
 
+#: Fewest fours of values from which the noise is taken, if there are as many.
+NEIGHBOURS = 100
+
 #: Frequency at which disturbances and inputs are compared, rad/s.
 SLOW = 1.0
 
@@ -38,14 +41,25 @@ def smallest_variances(outputs: np.ndarray) -> np.ndarray:
 def measurement_variances(outputs: np.ndarray) -> np.ndarray:
     """Variances (p,) of the noise of outputs (N, p), from what is left of neighbours by third differences, robustly.
 
-    A cubic through four neighbours has none; of noise it is √20 of its deviation. It is at least that of the steps.
+    A parabola through four neighbours has none. They are consecutive rows where there are `NEIGHBOURS` such fours;
+    else, of a sensor that is slow or often missing, those nearest to each other, by their divided differences: a signal
+    that moves much between them counts as noise. It is at least that of the steps.
     """
-    noises = []
-    for column in outputs.T:
-        values = column[np.isfinite(column)]
-        left = np.abs(np.diff(values, 3)) if values.size > 3 else np.zeros(1)
-        noises.append(1.4826 * np.median(left) / np.sqrt(20.0))
+    noises = [1.4826 * np.median(_third_differences(column)) for column in outputs.T]
     return np.maximum(np.square(noises), smallest_variances(outputs))
+
+
+def _third_differences(column: np.ndarray) -> np.ndarray:
+    """Third divided differences (K,) of the closest fours of known values of (N,), as large as the noise of one."""
+    rows = np.flatnonzero(np.isfinite(column))
+    if rows.size < 4:
+        return np.zeros(1)
+    fours = np.lib.stride_tricks.sliding_window_view(rows, 4)
+    span = fours[:, 3] - fours[:, 0]
+    fours = fours[span <= np.sort(span)[min(NEIGHBOURS, len(span)) - 1]]
+    apart = (fours[:, :, None] - fours[:, None, :]).astype(float) + np.eye(4)
+    weights = 1.0 / apart.prod(axis=2)
+    return np.abs((weights * column[fours]).sum(axis=1)) / np.linalg.norm(weights, axis=1)
 
 
 def standing(inputs: np.ndarray, outputs: np.ndarray) -> bool:

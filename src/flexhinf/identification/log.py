@@ -191,7 +191,7 @@ def check_times(times: np.ndarray, place: Callable[[int], str]) -> None:
         steps[gap] > LONGEST_GAP * usual,
         f"The log has a gap: {place(gap + 1)}.",
         f"expected at most {LONGEST_GAP:g} times the {usual:.3g} s between most samples, got {steps[gap]:.6g} s",
-        f"two logs: log[:{gap + 1}] and log[{gap + 1}:]",
+        f"two logs: the first {gap + 1} rows, and those behind them (in files each below the header)",
     )
 
 

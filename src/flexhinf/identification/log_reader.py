@@ -14,9 +14,10 @@ import numpy as np
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.identification.log import FEWEST_ROWS, Log, check_times, delayed_inputs
 from flexhinf.identification.log_files import FileColumns, Loaded, file_columns
+from flexhinf.identification.log_units import is_other, unit_in, unit_size, units_of, with_unit
 from flexhinf.identification.sensing import moved_back
 from flexhinf.plant import Plant
-from flexhinf.robot.parameters import SECONDS, measured, respelled
+from flexhinf.robot.parameters import SECONDS, respelled
 from flexhinf.robot.table import name_and_unit
 from flexhinf.validation import (
     checked_kind,
@@ -35,9 +36,6 @@ TIMES = ("time", "t", "timestamp", "stamp")
 #: What stands before a signal's name in files that flexhinf writes, by its kind: ``state.link_velocity [rad/s]`` in a
 #: report's folder, ``measured/link_position[rad]`` in the log of a run.
 PREFIXES = {"input": ("input.", "input/"), "output": ("output.", "measured/"), "state": ("state.", "state/")}
-
-#: What is no unit at the end of a name: a number.
-_NO_WORD = re.compile(r"\d")
 
 MOST_LATENCY = 1000  # samples: a second at 1 kHz
 
@@ -263,14 +261,23 @@ class _Heading:
             )
             for column in self.columns:
                 self._check_whole(column)
-            like = [f"{column.name} [{unit}]" for column in self.columns if (unit := _unit_in(column, "s"))]
-            name = like[0] if like else nearest("time", names, repr(names[0])).strip("'")
             raise InvalidInput(
                 f"{self.file.path.name} has no column of times.",
                 f"expected one of {list(TIMES)}, got {names}",
-                f"time={name!r}" + ("" if like else f", or with the unit of its numbers: time='{name} [ms]'"),
+                self._advised_time(),
             )
         return self.in_stated_unit(self.only(columns, "the time"))
+
+    def _advised_time(self) -> str:
+        """What to state where no column has a name of times: one with a unit of times before all others."""
+        free = [column for column in self.columns if not is_other(column.name, column.unit, "time", "s")]
+        names = [column.name for column in free or self.columns]
+        inside = [column.name for column in free if unit_in(column.unit or column.name, "s")]
+        name = inside[0] if inside else nearest("time", names, repr(names[0])).strip("'")
+        column = self.named(name)[0]
+        text, what = (f"{name} [{column.unit}]", "") if column.unit else with_unit(name, "s", TIMES)
+        plain = text == name
+        return f"time={text!r}{what}" + f", or with the unit of its numbers: time='{name} [ms]'" * plain
 
     def _check_whole(self, stamp: _Column) -> None:
         """Refuse seconds whose fractions are another column's."""
@@ -286,49 +293,34 @@ class _Heading:
 
     def seconds(self, stamp: _Column, loaded: Loaded) -> float:
         """What a unit of the stamps is in seconds."""
-        unit = stamp.unit or _unit_in(stamp, "s")
+        unit = stamp.unit or unit_in(stamp.name, "s")
         return self.size(stamp._replace(unit=unit), "the time", ("s",)) if unit else SECONDS[loaded.unit()]
 
     def scale(self, column: _Column, signal: Signal, plant: Plant) -> float:
         """What a unit of the column is in the unit of the plant's signal: ``pos_deg`` is in deg."""
         unit = plant.unit(signal.name)
         if not column.unit and column.name not in _signals(plant):
-            column = column._replace(unit=_unit_in(column, unit))
+            column = column._replace(unit=unit_in(column.name, unit))
         if not column.unit:
             return 1.0
         return self.size(column, f"the {signal.kind} {signal.name!r}", (unit,) if unit else ())
 
     def size(self, column: _Column, what: str, si: Sequence[str]) -> float:
         """What a unit of the column is in one of these SI units; a plant without units takes SI units as they are."""
-        text = column.unit.replace("_per_", "/").replace("_", " ")
-        size = real_number(_float(text))
+        size = real_number(_float(column.unit.strip()))
         if np.isfinite(size) and size != 0.0:
             return size
-        try:
-            return measured(f"1 {text}", *si)
-        except ValueError:
-            pass
-        meant = [spelled.removeprefix("1 ") for spelled in respelled(f"1 {text}", *si)]
+        with suppress(ValueError):
+            return unit_size(column.unit, si)
+        meant = [spelled.removeprefix("1 ") for spelled in respelled(f"1 {column.unit.strip()}", *si)]
         raise InvalidInput(
             f"{self.file.path.name}: the unit of {column.name!r} does not fit {what}.",
             f"expected {' or '.join(si) or 'the unit of a plant that states one'}, or what measures the same, got "
             f"{column.unit!r}",
-            meant[0]
-            if meant
-            else f"'{column.name} [{si[0] if si else '1.0'}]', or a number: what one is in "
-            f"{si[0] if si else 'the unit of the plant'}",
+            " or ".join(meant)
+            or f"in the place of {column.unit!r} "
+            + (units_of(si[0]) if si else "a number: what one is in the unit of the plant"),
         )
-
-
-def _unit_in(column: _Column, si: str) -> str:
-    """The unit that is stated for a column, or that its name ends with, if it measures what the SI unit does."""
-    unit = column.unit or re.split(r"[_ .]", column.name)[-1]
-    if not si or unit == column.name or _NO_WORD.search(unit):
-        return ""
-    with suppress(ValueError):
-        measured(f"1 {unit}", si)
-        return unit
-    return ""
 
 
 def _is_finite(text: str) -> bool:
@@ -407,9 +399,7 @@ def _check_complete(
 ) -> None:
     names = [column.name for column in heading.columns]
     free = [
-        column.name
-        for column in heading.columns
-        if column.place not in used and column.name not in plant.states
+        column for column in heading.columns if column.place not in used and column.name not in plant.states
     ]
     for kind, signals in (("input", plant.inputs), ("output", plant.outputs)):
         for index, name in enumerate(signals):
@@ -418,20 +408,26 @@ def _check_complete(
             why = "the model needs every input at every sample"
             if kind == "output":
                 why = "the plant measures it; a plant that does not: robot.plant(measured=...)"
-            like = nearest(name, free, repr(free[0] if len(free) == 1 else "COLUMN"))
-            for column in heading.columns:
-                if (
-                    repr(column.name) == like
-                    and not column.unit
-                    and (unit := _unit_in(column, plant.unit(name)))
-                ):
-                    like = repr(f"{column.name} [{unit}]")
-            others = f", where COLUMN is one of {free}" if free else ", where COLUMN is that of another file"
             raise InvalidInput(
                 f"{heading.file.path.name} has no column for the {kind} {name!r}.",
                 f"expected a column of that name ({why}); those of the file are {names}",
-                f"columns={{{name!r}: {like}}}{others if 'COLUMN' in like else ''}",
+                _advised_column(name, plant.unit(name), free),
             )
+
+
+def _advised_column(signal: str, si: str, free: Sequence[_Column]) -> str:
+    """What to state for a signal without a column: the free one most like it, of those that may measure it."""
+    fitting = [column for column in free if not is_other(column.name, column.unit, signal, si)]
+    names = [column.name for column in fitting]
+    inside = [column.name for column in fitting if si and unit_in(column.unit or column.name, si)]
+    only = names if len(names) == 1 else inside if len(inside) == 1 else ["COLUMN"]
+    like = nearest(signal, names, repr(only[0])).strip("'")
+    column = next((column for column in fitting if column.name == like), None)
+    if column is None:
+        others = f"one of {names}" if names else "that of another file"
+        return f"columns={{{signal!r}: COLUMN}}, where COLUMN is {others}"
+    text, what = (like, "") if column.unit else with_unit(like, si, (signal,))
+    return f"columns={{{signal!r}: {text!r}}}{what}"
 
 
 def _log(

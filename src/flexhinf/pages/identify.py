@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -49,7 +49,8 @@ class IdentifiedRobot:
     """What `identify` found in a log, for the page, the files and the terminal.
 
     `stated`: the robot before. `found`: the identification. `filtered`: the log through the filter of what was found.
-    `motion`: what is proposed where the log does not tell a number, or None. `extras`: of the model.
+    `motion`: what is proposed where the log does not tell a number, or None. `extras`: of the model. `late`: samples by
+    which signals were stated late, by name.
     """
 
     stated: Robot
@@ -57,6 +58,7 @@ class IdentifiedRobot:
     filtered: FilteredLog
     motion: Excitation | None
     extras: tuple[str, ...] = ()
+    late: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def telling(self) -> Excitation | None:
@@ -159,8 +161,8 @@ def _largest_disturbance(found: Identification) -> tuple[str, float, float]:
 def _advice(result: IdentifiedRobot) -> list[str]:
     """What to try where the model does not fit."""
     other = result.found.alternative
-    if other is not None and (advice := alternative_advice(other, result.found.plant)):
-        return [advice]
+    if other is not None:
+        return [alternative_advice(other, result.found.plant, result.late)]
     left = left_out(result.stated.nominal, result.extras)
     quick = [name for name in left if name != "inductance"] or left  # stiff: it takes ten times as long
     extras = (
