@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import warnings
 
 import numpy as np
 import pytest
@@ -258,6 +259,45 @@ BOTH = "".join(
 def test_motors_give_in_both_directions_what_their_actuators_can(write, actuators, efforts):
     robot = load_robot(write(TWO.format(actuators)), elastic=write(BOTH, "joints.toml"))
     assert tuple(robot.effort_limits) == efforts
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize(
+    "actuator",
+    [
+        '<motor {} gear="100" ctrlrange="-1 1" forcerange="-2 2"/>',
+        '<motor {} gear="100" ctrlrange="-1 1" forcerange="-0.5 0.5"/>',
+        '<general {} gainprm="50" ctrlrange="-.5 .5" forcerange="-40 40"/>',
+        '<general {} gainprm="-50" gear="-3" ctrlrange="-.5 .7" forcerange="-30 20"/>',
+        '<general {} class="both" gear="87"/>',
+        '<position {} kp="100" ctrlrange="-1 1" forcerange="-12 12"/>',
+        '<velocity {} kv="5" ctrlrange="-9 9" forcerange="-12 12" gear="2"/>',
+        '<cylinder {} timeconst="1e-9" area="30" ctrlrange="-1 1" forcerange="-60 60"/>',
+        '<motor {} ctrlrange="-1 1" forcerange="-2 2"/><option><flag clampctrl="disable"/></option>',
+    ],
+)
+def test_motors_limits_are_the_largest_torques_that_mujoco_gives(write, actuator):
+    """With both ranges the control is cut first, then the force, then it passes the gear."""
+    mujoco = pytest.importorskip("mujoco")
+    motor, _, option = actuator.format('joint="a"').partition("<option>")
+    text = TWO.format(motor).replace(
+        "<worldbody>", f"<option>{option}<worldbody>" if option else "<worldbody>"
+    )
+    both = (
+        '<default class="both"><general ctrlrange="-1 1" forcerange="-150 150"/></default></default>\n<world'
+    )
+    text = text.replace("</default>\n<world", both)
+    with warnings.catch_warnings(action="ignore"):
+        effort = read_mjcf(read_xml(write(text))).efforts[0]
+    model = mujoco.MjModel.from_xml_string(text)
+    data, torques = mujoco.MjData(model), []
+    for control in (-1e6, 1e6):
+        data.ctrl[:] = data.act[:] = control
+        if model.na and model.actuator_ctrllimited[0]:  # where a filter ends up
+            data.act[:] = np.clip(control, *model.actuator_ctrlrange[0])
+        mujoco.mj_forward(model, data)
+        torques.append(abs(data.qfrc_actuator[0]))
+    assert effort == pytest.approx(min(torques))
 
 
 @pytest.mark.parametrize(

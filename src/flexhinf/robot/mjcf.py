@@ -530,10 +530,12 @@ def _effort(model: Any, joint: int) -> float:
     for k in acting:
         gear, ends = float(model.actuator_gear[k, 0]), np.array([-np.inf, np.inf])
         understood = not model.actuator_gaintype[k] and model.actuator_dyntype[k] in _DIRECT
-        if model.actuator_forcelimited[k]:
-            ends = model.actuator_forcerange[k]
-        elif understood and model.actuator_ctrllimited[k] and not model.actuator_biastype[k]:
-            gear, ends = gear * float(model.actuator_gainprm[k, 0]), model.actuator_ctrlrange[k]
+        kind, clamped = model.actuator_biastype[k], not model.opt.disableflags & _NO_CLAMP
+        unbiased = not kind or (kind == _AFFINE and not np.any(model.actuator_biasprm[k, :3]))
+        if understood and unbiased and model.actuator_ctrllimited[k] and clamped:
+            ends = np.sort(model.actuator_gainprm[k, 0] * model.actuator_ctrlrange[k])
+        if model.actuator_forcelimited[k]:  # which cuts the force before the gear
+            ends = np.clip(ends, *model.actuator_forcerange[k])
         elif not understood:
             unclear.append(model.actuator(k).name or f"number {k + 1}")
         if gear:
@@ -561,4 +563,5 @@ def _effort(model: Any, joint: int) -> float:
 
 
 _ON_JOINT = 1  # mjTRN_JOINT, mjTRN_JOINTINPARENT
+_AFFINE, _NO_CLAMP = 1, 1 << 8  # mjBIAS_AFFINE; mjDSBL_CLAMPCTRL
 _DIRECT = (0, 2, 3)  # mjDYN_NONE, mjDYN_FILTER, mjDYN_FILTEREXACT: the control is a force, if late
