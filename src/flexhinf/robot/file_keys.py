@@ -157,6 +157,19 @@ def _quantity(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) ->
     return file.table(value, {"value": entry, **TOLERANCE, **ends}, place)
 
 
+def _fall(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
+    if isinstance(value, list):
+        numbers = [real_number(entry) for entry in value]
+        size = math.hypot(*numbers) if len(numbers) == 3 else math.nan
+        advice = (
+            f"{size:.6g} and down = {[float(f'{x / size:.6g}') for x in numbers]}"
+            if 0.0 < size < math.inf
+            else ""
+        )
+        raise Unusable("one number in m/s², its size; 'down' is its direction", advice)
+    return _quantity(file, value, key, place)
+
+
 def _numbers(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> float | list[float]:
     return (_list if isinstance(value, list) else _number)(file, value, key, place)
 
@@ -204,7 +217,7 @@ _OF_JOINT = {
 TABLES: dict[str, dict[str, Key]] = {
     "": {
         "name": _TEXT._replace(default=""), "description": _TEXT._replace(default=""),
-        "gravity": Key(_quantity, ("m/s²",)), "down": Key(_list, size=3), "home": Key(_list, _POSITION),
+        "gravity": Key(_fall, ("m/s²",)), "down": Key(_list, size=3), "home": Key(_list, _POSITION),
         "urdf": _TEXT, "mjcf": _TEXT, "joints": Key(
             usable=lambda value: isinstance(value, list) and all(isinstance(entry, str) for entry in value),
             expected="a list of names",
