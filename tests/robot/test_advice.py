@@ -18,6 +18,7 @@ from tests.refusals import Anchor, unnamed
 
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import RobotFileWarning, load_robot
+from flexhinf.robot.file_keys import TABLES, key_advice
 from flexhinf.robot.urdf import read_urdf
 
 
@@ -161,6 +162,7 @@ BALL = '<joint name="f" type="ball"/>'
         (OWN, "stiffness = 800.0", "stiffness = 8.0", ("'a'", "twists")),
         (OWN, PLACED, 'axis = [0, 1, 0]\nname = "b"',
          ("'b'", "xyz = [0.0, 0.0, 0.2]")),
+        (ONE, "axis_inertia = 0.5", "axis_inertia = 0.1", ("'a'", 0.18, 0.1, "axis_inertia = 0.28")),
         (ONE, "mass = 2.0\n", "", ("mass = 1.0",)),
         (ONE, "length = 0.3\n", "", ("length = 0.1",)),
     ],
@@ -182,6 +184,43 @@ def test_advice_on_a_robot_file_works(
         told.append(message)
         follow(message, files, new or "[joint.link]\n")
     assert unnamed("".join(told[:1]), *named) == [], told
+
+
+@pytest.mark.parametrize(
+    ("limits", "home", "places"), [("0.5, 1e16", 0.5, "0.5 to 3.5"), ("-1e16, -0.5", -0.5, "-3.5 to -0.5")]
+)
+def test_a_limit_on_one_side_advises_places_near_the_other(
+    limits: str, home: float, places: str, tmp_path: Path
+) -> None:
+    text = OWN.replace("axis = [0, 1, 0]", f"axis = [0, 1, 0]\nlimits = [{limits}]", 1)
+    line = f"home = [{home}, 0.0]"
+    assert unnamed(load(tmp_path, {"own.toml": text}, True), line) == []
+    message = load(tmp_path, {"own.toml": f"{line}\n{text}"}, True)
+    assert unnamed(message.partition("try:")[2], places) == []
+
+
+@pytest.mark.parametrize(
+    ("table", "others", "meant"),
+    [
+        ("motor", "viscous_friction damping Friction friktion", "'friction'"),
+        ("motor", "dry_friction friction_torque frictionloss stiction coulombFriction", "'coulomb_friction'"),
+        ("motor", "reduction ratio gear-ratio gear_ration", "'gear_ratio'"),
+        ("motor", "armature inertia", "'motor_inertia'"),
+        ("motor", "max_velocity", "speed_limit in [[joint]], below its name"),
+        ("joint", "velocity_limit max_velocity speed_limt", "'speed_limit'"),
+        ("joint", "torque_limit max_torque Effort", "'effort_limit'"),
+        ("joint", "reduction", "gear_ratio in [joint.motor]"),
+        ("joint", "damping", "damping in [joint.spring]"),
+        ("spring", "spring_constant stifness", "'stiffness'"),
+        ("link", "center_of_mass com", "'centre_of_mass'"),
+    ],
+)
+def test_a_key_by_another_name_is_advised_as_the_one_of_its_quantity(
+    table: str, others: str, meant: str
+) -> None:
+    assert {other: key_advice(other, TABLES[table], False) for other in others.split()} == dict.fromkeys(
+        others.split(), meant
+    )
 
 
 @pytest.mark.parametrize(

@@ -453,12 +453,20 @@ class RobotFile:
 def whole_weight(stated: Mapping[str, Any]) -> Mapping[str, Any]:
     """What is stated of a single link; refuses one of which mass or length was forgotten: it would weigh nothing."""
     half = {"mass", "length"} & set(stated)
-    refuse_if(
-        len(half) == 1,
-        f"A link has a {'mass and no length' if 'mass' in half else 'length and no mass'}.",
-        f"expected both, whose product is its weight about the axis, or none for a vertical axis; got {list(stated)}",
-        f"add {'length = 0.1' if 'mass' in half else 'mass = 1.0'}",
-    )
+    if len(half) == 1:
+        has = half.pop()
+        inertia, other = (abs(stated[key]["value"]) for key in ("axis_inertia", has))
+        most = (
+            0.75 * inertia / max(other**2 if has == "length" else other, 1e-30)
+        )  # a uniform rod: I = 4/3 m l²
+        number = min(1.0, most) if has == "length" else min(0.1, most**0.5)
+        lacks = "mass" if has == "length" else "length"
+        raise InvalidInput(
+            f"A link has a {has} and no {lacks}.",
+            "expected both, whose product is its weight about the axis, or none for a vertical axis; got "
+            f"{list(stated)}",
+            f"add {lacks} = {float(f'{number:.3g}')}",
+        )
     return stated
 
 
