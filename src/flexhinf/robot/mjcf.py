@@ -127,6 +127,7 @@ def read_mjcf(
     model = _by_mujoco(spec.compile)
     _check_arrays(mujoco, model, moving)
     _warn_of_actuators(root, moving)
+    arm.locked = _with_followers(root, arm.locked, model)
     return _filled(arm, model)
 
 
@@ -458,6 +459,33 @@ def _use_shapes(spec: Any, moving: Collection[str]) -> None:
             )
 
 
+def _with_followers(root: Element, locked: Mapping[str, float | None], model: Any) -> dict[str, float | None]:
+    """Locked joints; those that nobody placed and <equality> couples to one of them stand within limits where it says."""
+    placed, names = dict(locked), {model.joint(j).name for j in range(model.njnt)}
+    parts = [part for group in root.findall("equality") for part in group.iter("joint")]
+    active = [part for part in parts if part.get("active") != "false" and part.get("joint1") in names]
+    coupled = {} if model.opt.disableflags & _NO_COUPLING else {part.get("joint1"): part for part in active}
+
+    def stand(name: str, behind: Collection[str] = ()) -> float:
+        if (value := placed.get(name)) is not None:
+            return value
+        (zero,), place = model.qpos0[model.joint(name).qposadr], 0.0
+        if name in coupled and name not in behind:
+            words, leader, off = coupled[name].get("polycoef", "").split(), coupled[name].get("joint2"), 0.0
+            if leader in names:
+                off = stand(leader, {*behind, name}) - float(model.qpos0[model.joint(leader).qposadr[0]])
+            terms = [*map(_number, words), *(0.0, 1.0, 0.0, 0.0, 0.0)[len(words) :]]
+            place = zero + sum(term * off**power for power, term in enumerate(terms))
+            found = f"expected up to 5 numbers, got {value_text(words, 60)}"
+            refuse_if(
+                not abs(place) <= HUGE, f"polycoef of {name!r} cannot be read.", found, 'polycoef="0 1"'
+            )
+        low, high = model.joint(name).range if model.joint(name).limited[0] else (place, place)
+        return float(min(max(place, low), high))
+
+    return {name: stand(name) if name in coupled else value for name, value in placed.items()}
+
+
 # From MuJoCo's model ------------------------------------------------------------------------------
 def _filled(arm: RigidArm, model: Any) -> RigidArm:
     places: list[tuple[int | None, Placement]] = [(None, Placement())]
@@ -504,7 +532,7 @@ def _filled(arm: RigidArm, model: Any) -> RigidArm:
     return arm.merge()
 
 
-_NO_GRAVITY = 1 << 7  # mjDSBL_GRAVITY
+_NO_GRAVITY, _NO_COUPLING = 1 << 7, 1 | 1 << 1  # mjDSBL_GRAVITY; mjDSBL_CONSTRAINT, mjDSBL_EQUALITY
 _NO_FRICTION, _NO_DAMPING = 1 | 1 << 2, 1 << 6  # mjDSBL_CONSTRAINT, mjDSBL_FRICTIONLOSS; mjDSBL_DAMPER
 
 

@@ -337,18 +337,30 @@ def _with_mimics(
 ) -> dict[str, float | None]:
     """Locked joints, of which those that mimic a locked one stand where it takes them, or as near as they can, if
     nobody placed them."""
-    placed = dict(locked)
+    placed, left = dict(locked), dict[str, str]()
     for _ in range(len(placed)):  # a leader may follow another one
         for name in [name for name, value in placed.items() if value is None]:
             mimic, place = elements[name].find("mimic"), 0.0
-            if mimic is not None and (led_by := mimic.get("joint", "")) in placed:
+            led_by = "" if mimic is None else mimic.get("joint", "")
+            if mimic is not None and led_by in placed:
                 leader = placed[led_by]
                 if leader is None:
                     continue
                 factor = 1.0 if mimic.get("multiplier") is None else _number(name, mimic, "multiplier")
                 place = factor * leader + _number(name, mimic, "offset", _slides(elements[name]))
+            elif led_by in elements:
+                left[name] = led_by
             low, high = _limits(name, elements[name], True) or (place, place)
             placed[name] = min(max(place, low), high)
+    still = ", ".join(f"{toml_key(name)} = {placed[name]:g}" for name in left)
+    ask(
+        left,
+        f"Joints stand still although their leaders move: {', '.join(map(repr, left))}.",
+        "expected <mimic> of joints that are locked, got "
+        + ", ".join(f"{name!r} that mimics {leader!r}" for name, leader in left.items()),
+        f"locked = {{{still}}} at the top of the robot file, where they may stand still; or joints "
+        f"without {', '.join(map(repr, dict.fromkeys(left.values())))}, which are then locked too",
+    )
     return placed
 
 
