@@ -460,7 +460,7 @@ def _use_shapes(spec: Any, moving: Collection[str]) -> None:
 
 
 def _with_followers(root: Element, locked: Mapping[str, float | None], model: Any) -> dict[str, float | None]:
-    """Locked joints; those that nobody placed and <equality> couples to one of them stand within limits where it says."""
+    """Locked joints; those that nobody placed and <equality> couples to one of them stand where it takes them."""
     placed, names = dict(locked), {model.joint(j).name for j in range(model.njnt)}
     parts = [part for group in root.findall("equality") for part in group.iter("joint")]
     active = [part for part in parts if part.get("active") != "false" and part.get("joint1") in names]
