@@ -471,12 +471,12 @@ def _with_followers(root: Element, locked: Mapping[str, float | None], model: An
             return value
         (zero,), place = model.qpos0[model.joint(name).qposadr], 0.0
         if name in coupled and name not in behind:
-            words, leader, off = coupled[name].get("polycoef", "").split(), coupled[name].get("joint2"), 0.0
-            if leader in names:
+            stated, leader, off = coupled[name].get("polycoef", "").split(), coupled[name].get("joint2"), 0.0
+            if leader is not None and leader in names:
                 off = stand(leader, {*behind, name}) - float(model.qpos0[model.joint(leader).qposadr[0]])
-            terms = [*map(_number, words), *(0.0, 1.0, 0.0, 0.0, 0.0)[len(words) :]]
+            terms = [*map(_number, stated), *(0.0, 1.0, 0.0, 0.0, 0.0)[len(stated) :]]
             place = zero + sum(term * off**power for power, term in enumerate(terms))
-            found = f"expected up to 5 numbers, got {value_text(words, 60)}"
+            found = f"expected up to 5 numbers, got {value_text(stated, 60)}"
             refuse_if(
                 not abs(place) <= HUGE, f"polycoef of {name!r} cannot be read.", found, 'polycoef="0 1"'
             )

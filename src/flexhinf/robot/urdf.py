@@ -59,7 +59,7 @@ NUMBER = re.compile(r"[+-]?(?:[0-9]++\.?[0-9]*+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?"
 _PI = re.compile(
     r"(?:\$\{)?([+-]?)(?:([0-9]++\.?[0-9]*+)\*?)?(?:pi|PI|Pi|M_PI|π)(?:/([0-9]++\.?[0-9]*+))?\}?"
 )
-_ENDLESS = re.compile(r"[+-]?(?:inf|infinity|∞|none|unlimited|nan)", re.IGNORECASE)
+_INFINITE = re.compile(r"[+-]?(?:inf|infinity|∞|none|unlimited|nan)", re.IGNORECASE)
 
 #: Units of numbers: of a joint that turns, and one that slides.
 UNITS = {
@@ -283,13 +283,13 @@ def _vector(
 def _meant(key: str, text: str, count: int, unit: str) -> str:
     """What to write for numbers that cannot be read, in `unit`; an ellipsis where nobody knows what was meant."""
     text = re.sub(r"(?<=[0-9.])[ \t]+(?=[^\W\d_]|°)", "", text[:200]).strip(" \t\n()[]{}")  # 50 g is one word
-    words = [word for part in text.split() if (word := part.strip(",;"))]
-    words = words if len(words) == count else [word for word in re.split(r"[,;\s]+", text) if word]
-    values = [_read_as(word, unit) for word in words]
+    tokens = [word for part in text.split() if (word := part.strip(",;"))]
+    tokens = tokens if len(tokens) == count else [word for word in re.split(r"[,;\s]+", text) if word]
+    values = [_read_as(word, unit) for word in tokens]
     if count == len(values) and None not in values:
         return f"{key}='{' '.join(map(str, values))}'"
     none = NO_LIMITS.get(key)
-    if none and count == 1 and (_ENDLESS.fullmatch(text) or _too_large(text)):
+    if none and count == 1 and (_INFINITE.fullmatch(text) or _too_large(text)):
         sign = "-" if text.startswith("-") and key in ("lower", "upper") else ""
         return f"{key}='{sign}{none}', which stands for none; or the limit{f' in {unit}' if unit else ''}"
     how = f"its {'value' if count == 1 else f'{count} values'}{f' in {unit}' if unit else ''}"
