@@ -475,11 +475,10 @@ def _with_followers(root: Element, locked: Mapping[str, float | None], model: An
             if leader is not None and leader in names:
                 off = stand(leader, {*behind, name}) - float(model.qpos0[model.joint(leader).qposadr[0]])
             terms = [*map(_number, stated), *(0.0, 1.0, 0.0, 0.0, 0.0)[len(stated) :]]
-            place = zero + sum(term * off**power for power, term in enumerate(terms))
+            place = zero + sum(term * off**power for power, term in enumerate(terms[:5]))
             found = f"expected up to 5 numbers, got {value_text(stated, 60)}"
-            refuse_if(
-                not abs(place) <= HUGE, f"polycoef of {name!r} cannot be read.", found, 'polycoef="0 1"'
-            )
+            unclear = len(stated) > 5 or not abs(place) <= HUGE
+            refuse_if(unclear, f"polycoef of {name!r} cannot be read.", found, 'polycoef="0 1"')
         low, high = model.joint(name).range if model.joint(name).limited[0] else (place, place)
         return float(min(max(place, low), high))
 
