@@ -6,15 +6,20 @@ file, a key or an attribute goes where the mistake is. A robot may need more tha
 
 from __future__ import annotations
 
+import math
 import re
 import warnings
 from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
 
 import pytest
 from tests.refusals import Anchor, unnamed
 
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import RobotFileWarning, load_robot
+from flexhinf.robot.file_keys import TABLES, key_advice
+from flexhinf.robot.urdf import read_urdf
 
 
 def urdf_link(name: str, mass: float = 1.0) -> str:
@@ -133,6 +138,7 @@ BALL = '<joint name="f" type="ball"/>'
         (URDF, "<axis", '<dynamics frictoin="0.7"/>\n<axis', ("'a'", "dynamics", "friction='0.7'")),
         (URDF, 'upper="2" effort="30"', 'uper="2" effort="30"', ("'a'", "limit", "upper='2'")),
         (URDF, "<axis", f'{MIMIC.replace("multiplier", "multipler")}\n<axis', ("'a'", "mimic", "multipler")),
+        (URDF, '"a" type="revolute"', '"a" type="Revolute"', ("'Revolute'", "type='revolute'")),
         # springs beside a URDF
         (SPRINGS, elastic("f"), "", ("'f'", "no stiffness", "joints = [")),
         (SPRINGS, elastic("a"), "locked = {f = 9.0}\n" + elastic("a"), ("'f'", "-2 to 2, got 9", "locked = {f = 2}")),
@@ -148,11 +154,15 @@ BALL = '<joint name="f" type="ball"/>'
         (OWN, "gear_ratio = 100.0", 'gear_ratio = "100 s"', ("'gear_ratio'", "100 s")),
         (OWN, "friction = 0.5", "friction = -0.5", ("'friction_a'", -0.5)),
         (OWN, "friction = 0.5", "frition = 0.5", ("'frition'", "friction")),
+        (OWN, 'name = "own"', "gravity = -9.81", ("'gravity'", -9.81, "9.81", "'down'")),
+        (OWN, 'name = "own"', "gravity = [0, 0, -9.81]", ("'gravity'", "down = [0.0, 0.0, -1.0]")),
+        (OWN, "axis = [0, 1, 0]", "rpy = [0.0, 90.0, 0.0]", ("'a'", "degrees", 1.5708)),
         (OWN, "stiffness = 800.0", 'stiffness = "800 Nm"', ("'stiffness'", "800 Nm")),
         (OWN, "rotor_inertia = 1e-5\ngear_ratio = 100.0", "rotor_inertia = 1e-5", ("gear ratio",)),
         (OWN, "stiffness = 800.0", "stiffness = 8.0", ("'a'", "twists")),
         (OWN, PLACED, 'axis = [0, 1, 0]\nname = "b"',
          ("'b'", "xyz = [0.0, 0.0, 0.2]")),
+        (ONE, "axis_inertia = 0.5", "axis_inertia = 0.1", ("'a'", 0.18, 0.1, "axis_inertia = 0.28")),
         (ONE, "mass = 2.0\n", "", ("mass = 1.0",)),
         (ONE, "length = 0.3\n", "", ("length = 0.1",)),
     ],
@@ -174,6 +184,102 @@ def test_advice_on_a_robot_file_works(
         told.append(message)
         follow(message, files, new or "[joint.link]\n")
     assert unnamed("".join(told[:1]), *named) == [], told
+
+
+@pytest.mark.parametrize(
+    ("limits", "home", "places"), [("0.5, 1e16", 0.5, "0.5 to 3.5"), ("-1e16, -0.5", -0.5, "-3.5 to -0.5")]
+)
+def test_a_limit_on_one_side_advises_places_near_the_other(
+    limits: str, home: float, places: str, tmp_path: Path
+) -> None:
+    text = OWN.replace("axis = [0, 1, 0]", f"axis = [0, 1, 0]\nlimits = [{limits}]", 1)
+    line = f"home = [{home}, 0.0]"
+    assert unnamed(load(tmp_path, {"own.toml": text}, True), line) == []
+    message = load(tmp_path, {"own.toml": f"{line}\n{text}"}, True)
+    assert unnamed(message.partition("try:")[2], places) == []
+
+
+@pytest.mark.parametrize(
+    ("table", "others", "meant"),
+    [
+        ("motor", "viscous_friction damping Friction friktion", "'friction'"),
+        ("motor", "dry_friction friction_torque frictionloss stiction coulombFriction", "'coulomb_friction'"),
+        ("motor", "reduction ratio gear-ratio gear_ration", "'gear_ratio'"),
+        ("motor", "armature inertia", "'motor_inertia'"),
+        ("motor", "max_velocity", "speed_limit in [[joint]], below its name"),
+        ("joint", "velocity_limit max_velocity speed_limt", "'speed_limit'"),
+        ("joint", "torque_limit max_torque Effort", "'effort_limit'"),
+        ("joint", "reduction", "gear_ratio in [joint.motor]"),
+        ("joint", "damping", "damping in [joint.spring]"),
+        ("spring", "spring_constant stifness", "'stiffness'"),
+        ("link", "center_of_mass com", "'centre_of_mass'"),
+    ],
+)
+def test_a_key_by_another_name_is_advised_as_the_one_of_its_quantity(
+    table: str, others: str, meant: str
+) -> None:
+    assert {other: key_advice(other, TABLES[table], False) for other in others.split()} == dict.fromkeys(
+        others.split(), meant
+    )
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place", "meant"),
+    [
+        ('effort="30"', 'effort="inf"', "efforts", math.inf),
+        ('effort="30"', 'effort="1e308"', "efforts", math.inf),
+        ('effort="30"', 'effort="30,5"', "efforts", 30.5),
+        ('effort="30"', 'effort="0.5 kNm"', "efforts", 500.0),
+        ('velocity="3"', 'velocity="Infinity"', "speeds", math.inf),
+        ('velocity="3"', 'velocity="30rpm"', "speeds", math.pi),
+        ('lower="-2"', 'lower="-pi"', "limits", (-math.pi, 2.0)),
+        ('lower="-2"', 'lower="-90deg"', "limits", (-math.pi / 2.0, 2.0)),
+        ('lower="-2" upper="2"', 'lower="-inf" upper="inf"', "limits", None),
+        ('<mass value="1.0"/>', '<mass value="50g"/>', "mass", 0.05),
+        ('<mass value="1.0"/>', '<mass value="50 Nm"/>', "mass", "kg"),
+        ('<mass value="1.0"/>', '<mass value="1,000"/>', "mass", "kg"),
+        ('rpy="0 0 0"', 'rpy="0 0 90deg"', "turn", math.pi / 2.0),
+        ('rpy="0 0 0"', 'rpy="0 0 90"', "turn", math.pi / 2.0),
+        ('rpy="0 0 0"', 'rpy="0, 0, ${pi/2}"', "turn", math.pi / 2.0),
+        ('xyz="0 0 0.2"', 'xyz="0 0 -300mm"', "height", -0.3),
+        ('xyz="0 0 0.2"', 'xyz="0,0 0,0 0,2"', "height", 0.2),
+        ('xyz="0 0 0.2"', 'xyz="0 0.2"', "height", "m"),
+        ('<axis xyz="0 1 0"/>', '<axis xyz="0 1"/>', "axis", "3"),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_a_number_of_a_urdf_that_cannot_be_read_is_advised_as_it_was_meant(
+    old: str, new: str, place: str, meant: Any
+) -> None:
+    """A text keeps its unit; where nobody knows what was meant, the unit is named and no number is made up."""
+    assert old in URDF
+    text = URDF.replace(old, new, 1)
+    while advice := advice_on(text):
+        if isinstance(meant, str):
+            assert unnamed(advice, meant) == []
+            assert not re.search(r"='[^'…]+'", advice)
+            return
+        key, value = re.findall(r"(\w+)='([^']*)'", advice)[0]
+        edited = re.sub(rf'\b{key}="[^"]*"', f'{key}="{value}"', new)
+        assert edited != new, advice
+        text, new = text.replace(new, edited, 1), edited
+    arm = read_urdf(ElementTree.fromstring(text))
+    joint = arm.joints[0]
+    found = {
+        "efforts": arm.efforts[0], "speeds": arm.speeds[0], "limits": joint.limits, "mass": arm.links[0].mass,
+        "turn": math.atan2(joint.placement.rotation[1][0], joint.placement.rotation[0][0]),
+        "height": joint.placement.translation[2],
+    }[place]  # fmt: skip
+    assert found == (meant if meant is None else pytest.approx(meant, rel=1e-5))
+
+
+def advice_on(text: str) -> str:
+    """What the refusal of a URDF advises; "" for one that is read."""
+    try:
+        read_urdf(ElementTree.fromstring(text))
+    except InvalidInput as error:
+        return error.advice
+    return ""
 
 
 def load(folder: Path, files: dict[str, str], followed: bool) -> str:

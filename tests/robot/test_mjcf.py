@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import warnings
 
 import numpy as np
 import pytest
@@ -260,6 +261,45 @@ def test_motors_give_in_both_directions_what_their_actuators_can(write, actuator
     assert tuple(robot.effort_limits) == efforts
 
 
+@pytest.mark.oracle
+@pytest.mark.parametrize(
+    "actuator",
+    [
+        '<motor {} gear="100" ctrlrange="-1 1" forcerange="-2 2"/>',
+        '<motor {} gear="100" ctrlrange="-1 1" forcerange="-0.5 0.5"/>',
+        '<general {} gainprm="50" ctrlrange="-.5 .5" forcerange="-40 40"/>',
+        '<general {} gainprm="-50" gear="-3" ctrlrange="-.5 .7" forcerange="-30 20"/>',
+        '<general {} class="both" gear="87"/>',
+        '<position {} kp="100" ctrlrange="-1 1" forcerange="-12 12"/>',
+        '<velocity {} kv="5" ctrlrange="-9 9" forcerange="-12 12" gear="2"/>',
+        '<cylinder {} timeconst="1e-9" area="30" ctrlrange="-1 1" forcerange="-60 60"/>',
+        '<motor {} ctrlrange="-1 1" forcerange="-2 2"/><option><flag clampctrl="disable"/></option>',
+    ],
+)
+def test_motors_limits_are_the_largest_torques_that_mujoco_gives(write, actuator):
+    """With both ranges the control is cut first, then the force, then it passes the gear."""
+    mujoco = pytest.importorskip("mujoco")
+    motor, _, option = actuator.format('joint="a"').partition("<option>")
+    text = TWO.format(motor).replace(
+        "<worldbody>", f"<option>{option}<worldbody>" if option else "<worldbody>"
+    )
+    both = (
+        '<default class="both"><general ctrlrange="-1 1" forcerange="-150 150"/></default></default>\n<world'
+    )
+    text = text.replace("</default>\n<world", both)
+    with warnings.catch_warnings(action="ignore"):
+        effort = read_mjcf(read_xml(write(text))).efforts[0]
+    model = mujoco.MjModel.from_xml_string(text)
+    data, torques = mujoco.MjData(model), []
+    for control in (-1e6, 1e6):
+        data.ctrl[:] = data.act[:] = control
+        if model.na and model.actuator_ctrllimited[0]:  # where a filter ends up
+            data.act[:] = np.clip(control, *model.actuator_ctrlrange[0])
+        mujoco.mj_forward(model, data)
+        torques.append(abs(data.qfrc_actuator[0]))
+    assert effort == pytest.approx(min(torques))
+
+
 @pytest.mark.parametrize(
     "actuator",
     [
@@ -317,7 +357,7 @@ THINGS = """<body name="cup" pos="1 0 0"><freejoint/><geom size="0.1"/>
 
 @pytest.mark.oracle
 def test_a_scene_is_left_out_and_what_is_locked_stands_still(write):
-    """Springs, balls and couplings of what does not move, several joints of a body, and free things do not matter."""
+    """Springs and balls that do not move, several joints of a body, and free things do not matter; f follows slide."""
     mujoco, path = pytest.importorskip("mujoco"), write(SCENE.format(scene=THINGS))
     with pytest.warns(RobotFileWarning) as told:
         arm = read_mjcf(read_xml(path), ["a", "b"], {"twist": 0.7})
@@ -328,7 +368,7 @@ def test_a_scene_is_left_out_and_what_is_locked_stands_still(write):
     data, tree = mujoco.MjData(model), Tree(arm.joints)
     bodies = bodies_of(tree, *zip(*((link.mass, link.centre_of_mass, link.inertia) for link in arm.links)))
     for q in np.random.default_rng(4).uniform(-1.0, 1.0, (5, 2)):
-        for name, value in {"a": q[0], "b": q[1], "slide": 0.1, "twist": 0.7, "f": 0.0}.items():
+        for name, value in {"a": q[0], "b": q[1], "slide": 0.1, "twist": 0.7, "f": 0.1}.items():
             data.qpos[model.joint(name).qposadr[0]] = value
         mujoco.mj_forward(model, data)
         weight = inverse_dynamics(tree, bodies, q, [0.0] * 2, [0.0] * 2, (0.0, 0.0, -9.81))
@@ -337,3 +377,36 @@ def test_a_scene_is_left_out_and_what_is_locked_stands_still(write):
         read_mjcf(read_xml(path), ["lid"])
     with refused_with(InvalidInput, "'B'", "'b', 'slide', 'twist'"):
         read_mjcf(read_xml(write(SCENE.format(scene=""))))
+
+
+GRIPPER = """<mujoco><compiler angle="radian"/><worldbody><body><joint name="a" axis="0 1 0"/>
+<inertial pos="0 0 0.1" mass="1" diaginertia="0.02 0.02 0.01"/>
+<body pos="0 0 0.2"><joint name="f" type="slide" axis="1 0 0" range="-0.1 0.1" ref="0.01"/>
+<inertial pos="0 0 0" mass="0.1" diaginertia="1e-3 1e-3 1e-3"/></body>
+<body pos="0 0 0.3"><joint name="g" type="slide" axis="1 0 0" range="-0.2 0.2" limited="true" ref="-0.02"/>
+<inertial pos="0 0 0" mass="0.2" diaginertia="1e-3 1e-3 1e-3"/></body>
+<body pos="0 0 0.4"><joint name="h" axis="1 0 0"/>
+<inertial pos="0 0.1 0" mass="0.2" diaginertia="1e-3 1e-3 1e-3"/></body></body></worldbody>
+<equality><joint joint1="g" joint2="f" polycoef="{}"/><joint joint1="h" joint2="g"/></equality></mujoco>"""
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize(
+    ("polynomial", "locked"),
+    [("0 1 0 0 0", {"f": 0.05}), ("0.01 -2 3 -1 2", {"f": 0.05}), ("0.02", {"f": 0.05}), ("0.1 2 0 0 0", {})],
+)
+def test_what_follows_a_locked_joint_stands_where_mujoco_wants_it(write, polynomial, locked):
+    mujoco, text = pytest.importorskip("mujoco"), GRIPPER.format(polynomial)
+    arm = read_mjcf(read_xml(write(text)), ["a"], locked)
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    for name, value in arm.locked.items():
+        data.qpos[model.joint(name).qposadr[0]] = value or 0.0
+    mujoco.mj_forward(model, data)
+    assert data.ne == 2
+    np.testing.assert_allclose(data.efc_pos[: data.ne], 0.0, atol=1e-12)
+    placed = {name: value or 0.0 for name, value in arm.locked.items()}
+    placed_arm = read_mjcf(read_xml(write(text)), ["a"], placed)
+    assert arm.links[0].centre_of_mass == pytest.approx(placed_arm.links[0].centre_of_mass, abs=1e-15)
+    with refused_with(InvalidInput, "polycoef", "'g'"):
+        read_mjcf(read_xml(write(GRIPPER.format("0 x"))), ["a"])

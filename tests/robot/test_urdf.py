@@ -392,6 +392,16 @@ def test_what_stands_where_nobody_placed_it(urdf):
     assert read_urdf(root, moving).links[-1].centre_of_mass[0] != 0.0
 
 
+def test_a_follower_of_a_joint_that_moves_is_told_to_stand_still_unless_it_is_placed(urdf):
+    root, moving = read_xml(urdf), ["shoulder", "grip"]
+    with pytest.warns(RobotFileWarning) as told:
+        assert read_urdf(root, moving).locked["follow"] == 0.0
+    message = str(told[0].message)
+    assert unnamed(message, "'follow'", "mimic", "'grip'", "locked = {follow = 0}") == []
+    read_urdf(root, moving, {"follow": 0.0})  # warnings are errors in tests
+    read_urdf(root, ["shoulder"])  # the leader is left out too
+
+
 def test_friction_of_dynamics_is_taken_where_the_elastic_file_states_none(urdf, tmp_path):
     changed(urdf, ('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><dynamics damping="7" friction="3"/>'))
     joints = tmp_path / "joints.toml"

@@ -375,6 +375,10 @@ def checked_pose(pose: Any, default: np.ndarray, links: Any, robot: str) -> np.n
     return values
 
 
+#: Range of a joint, rad or m, beyond which one of its ends stands for none.
+FARTHEST = 1e3
+
+
 def checked_home(home: Any, links: Any, robot: str) -> np.ndarray:
     """Link positions (n,) of a robot's home, zeros by default; refused outside the limits, with the line to write."""
     names = links.tree.names
@@ -388,6 +392,8 @@ def checked_home(home: Any, links: Any, robot: str) -> np.ndarray:
             expected.append(f"{low:.6g} to {high:.6g} {unit} for {name!r}")
             got.append(f"{value:g} {unit} for {name!r}{' (were degrees meant?)' if degrees else ''}")
         middle = np.deg2rad(value) if degrees else (low + high) / 2.0
+        if not degrees and high - low > FARTHEST:  # an end stands for none: the nearer one is a place
+            middle = min(max(value, low), high)
         within.append(value if inside else float(f"{middle:.4g}"))
     refuse_if(
         got,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields
@@ -157,6 +158,19 @@ def _quantity(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) ->
     return file.table(value, {"value": entry, **TOLERANCE, **ends}, place)
 
 
+def _fall(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
+    if isinstance(value, list):
+        numbers = [real_number(entry) for entry in value]
+        size = math.hypot(*numbers) if len(numbers) == 3 else math.nan
+        advice = (
+            f"{size:.6g} and down = {[float(f'{x / size:.6g}') for x in numbers]}"
+            if 0.0 < size < math.inf
+            else ""
+        )
+        raise Unusable("one number in m/s², its size; 'down' is its direction", advice)
+    return _quantity(file, value, key, place)
+
+
 def _numbers(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> float | list[float]:
     return (_list if isinstance(value, list) else _number)(file, value, key, place)
 
@@ -204,7 +218,7 @@ _OF_JOINT = {
 TABLES: dict[str, dict[str, Key]] = {
     "": {
         "name": _TEXT._replace(default=""), "description": _TEXT._replace(default=""),
-        "gravity": Key(_quantity, ("m/s²",)), "down": Key(_list, size=3), "home": Key(_list, _POSITION),
+        "gravity": Key(_fall, ("m/s²",)), "down": Key(_list, size=3), "home": Key(_list, _POSITION),
         "urdf": _TEXT, "mjcf": _TEXT, "joints": Key(
             usable=lambda value: isinstance(value, list) and all(isinstance(entry, str) for entry in value),
             expected="a list of names",
@@ -251,13 +265,47 @@ def is_table(value: Any) -> bool:
     return isinstance(value, dict) or (isinstance(value, list) and any(isinstance(x, dict) for x in value))
 
 
+#: What other programs and data sheets call our keys.
+SYNONYMS = {
+    other: key
+    for key, others in {
+        "friction": "viscous_friction viscous_damping viscous motor_friction motor_damping damping",
+        "coulomb_friction": "dry_friction friction_torque frictionloss friction_loss stiction breakaway_torque",
+        "damping": "spring_damping joint_damping damping_coefficient",
+        "stiffness": "spring_constant spring_stiffness spring_rate joint_stiffness torsional_stiffness k",
+        "speed_limit": "velocity_limit max_velocity max_speed maximum_speed maximum_velocity velocity speed vel_limit",
+        "effort_limit": "torque_limit max_torque maximum_torque peak_torque force_limit max_force max_effort effort "
+        "torque voltage_limit max_voltage current_limit max_current",
+        "limits": "limit range position_limits joint_limits angle_limits",
+        "gear_ratio": "reduction ratio gear gearing gear_reduction reduction_ratio transmission_ratio",
+        "gear_efficiency": "efficiency",
+        "motor_inertia": "armature reflected_inertia inertia",
+        "torque_constant": "kt k_t motor_constant",
+        "back_emf_constant": "ke k_e kb back_emf emf_constant",
+        "resistance": "armature_resistance winding_resistance coil_resistance r",
+        "inductance": "armature_inductance winding_inductance l",
+        "centre_of_mass": "center_of_mass com cog centre_of_gravity center_of_gravity",
+        "xyz": "position pos origin translation",
+        "rpy": "orientation rotation euler",
+        "kind": "type joint_type",
+        "down": "gravity_direction",
+    }.items()
+    for other in others.split()
+}
+
+
 def key_advice(key: str, keys: Mapping[str, Key], table: bool) -> str:
-    """What to write for an unknown key: the table of a joint that has it, else the key that is most like it."""
+    """What to write for an unknown key: one that is called so elsewhere, the table of a joint that has it, else the key
+    that is most like it."""
     homes = {"joint": "[[joint]], below its name", **{x: f"[joint.{x}]" for x in ("link", "spring", "motor")}}
-    found = [text for name, text in homes.items() if key in TABLES[name]]
-    if found and not table:
-        return f"{key} in {' or '.join(found)}"
-    return nearest(key, keys, NESTING if table else "one of these keys")
+    plain = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", key[:200]).replace("-", "_").replace(" ", "_").lower()
+    same = SYNONYMS.get(plain, plain)
+    if same in keys and (not table or plain == same):
+        return repr(same)
+    for name in (plain, same) if not table else ():
+        if found := [text for home, text in homes.items() if name in TABLES[home]]:
+            return f"{name} in {' or '.join(found)}"
+    return nearest(plain, keys, NESTING if table else "one of these keys")
 
 
 def place_text(location: tuple[Any, ...], data: dict[str, Any]) -> str:

@@ -409,8 +409,8 @@ def check_geometry(robot: Robot, file: str) -> None:
             max(-low, high) >= NO_LIMIT,
             f"{file}: the joint {joint.name!r} has a limit on one side only.",
             f"expected two ends, or none, got {low:g} to {high:g}",
-            f"a range as far as the joint moves, such as {min(max(low, -3.0), 0.0):g} to {max(min(high, 3.0), 0.0):g}; "
-            "or a continuous joint, which has no limits",
+            f"{max(low, min(high, 0.0) - 3.0):g} to {min(high, max(low, 0.0) + 3.0):g} if it moves as far; or a "
+            "continuous joint, which has no limits",
         )
         ask(
             not joint.slides and max(abs(low), abs(high)) > TURNS,

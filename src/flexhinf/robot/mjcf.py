@@ -127,6 +127,7 @@ def read_mjcf(
     model = _by_mujoco(spec.compile)
     _check_arrays(mujoco, model, moving)
     _warn_of_actuators(root, moving)
+    arm.locked = _with_followers(root, arm.locked, model)
     return _filled(arm, model)
 
 
@@ -458,6 +459,32 @@ def _use_shapes(spec: Any, moving: Collection[str]) -> None:
             )
 
 
+def _with_followers(root: Element, locked: Mapping[str, float | None], model: Any) -> dict[str, float | None]:
+    """Locked joints; those that nobody placed and <equality> couples to one of them stand where it takes them."""
+    placed, names = dict(locked), {model.joint(j).name for j in range(model.njnt)}
+    parts = [part for group in root.findall("equality") for part in group.iter("joint")]
+    active = [part for part in parts if part.get("active") != "false" and part.get("joint1") in names]
+    coupled = {} if model.opt.disableflags & _NO_COUPLING else {part.get("joint1"): part for part in active}
+
+    def stand(name: str, behind: Collection[str] = ()) -> float:
+        if (value := placed.get(name)) is not None:
+            return value
+        (zero,), place = model.qpos0[model.joint(name).qposadr], 0.0
+        if name in coupled and name not in behind:
+            stated, leader, off = coupled[name].get("polycoef", "").split(), coupled[name].get("joint2"), 0.0
+            if leader is not None and leader in names:
+                off = stand(leader, {*behind, name}) - float(model.qpos0[model.joint(leader).qposadr[0]])
+            terms = [*map(_number, stated), *(0.0, 1.0, 0.0, 0.0, 0.0)[len(stated) :]]
+            place = zero + sum(term * off**power for power, term in enumerate(terms[:5]))
+            found = f"expected up to 5 numbers, got {value_text(stated, 60)}"
+            unclear = len(stated) > 5 or not abs(place) <= HUGE
+            refuse_if(unclear, f"polycoef of {name!r} cannot be read.", found, 'polycoef="0 1"')
+        low, high = model.joint(name).range if model.joint(name).limited[0] else (place, place)
+        return float(min(max(place, low), high))
+
+    return {name: stand(name) if name in coupled else value for name, value in placed.items()}
+
+
 # From MuJoCo's model ------------------------------------------------------------------------------
 def _filled(arm: RigidArm, model: Any) -> RigidArm:
     places: list[tuple[int | None, Placement]] = [(None, Placement())]
@@ -504,7 +531,7 @@ def _filled(arm: RigidArm, model: Any) -> RigidArm:
     return arm.merge()
 
 
-_NO_GRAVITY = 1 << 7  # mjDSBL_GRAVITY
+_NO_GRAVITY, _NO_COUPLING = 1 << 7, 1 | 1 << 1  # mjDSBL_GRAVITY; mjDSBL_CONSTRAINT, mjDSBL_EQUALITY
 _NO_FRICTION, _NO_DAMPING = 1 | 1 << 2, 1 << 6  # mjDSBL_CONSTRAINT, mjDSBL_FRICTIONLOSS; mjDSBL_DAMPER
 
 
@@ -530,10 +557,12 @@ def _effort(model: Any, joint: int) -> float:
     for k in acting:
         gear, ends = float(model.actuator_gear[k, 0]), np.array([-np.inf, np.inf])
         understood = not model.actuator_gaintype[k] and model.actuator_dyntype[k] in _DIRECT
-        if model.actuator_forcelimited[k]:
-            ends = model.actuator_forcerange[k]
-        elif understood and model.actuator_ctrllimited[k] and not model.actuator_biastype[k]:
-            gear, ends = gear * float(model.actuator_gainprm[k, 0]), model.actuator_ctrlrange[k]
+        kind, clamped = model.actuator_biastype[k], not model.opt.disableflags & _NO_CLAMP
+        unbiased = not kind or (kind == _AFFINE and not np.any(model.actuator_biasprm[k, :3]))
+        if understood and unbiased and model.actuator_ctrllimited[k] and clamped:
+            ends = np.sort(model.actuator_gainprm[k, 0] * model.actuator_ctrlrange[k])
+        if model.actuator_forcelimited[k]:  # which cuts the force before the gear
+            ends = np.clip(ends, *model.actuator_forcerange[k])
         elif not understood:
             unclear.append(model.actuator(k).name or f"number {k + 1}")
         if gear:
@@ -561,4 +590,5 @@ def _effort(model: Any, joint: int) -> float:
 
 
 _ON_JOINT = 1  # mjTRN_JOINT, mjTRN_JOINTINPARENT
+_AFFINE, _NO_CLAMP = 1, 1 << 8  # mjBIAS_AFFINE; mjDSBL_CLAMPCTRL
 _DIRECT = (0, 2, 3)  # mjDYN_NONE, mjDYN_FILTER, mjDYN_FILTEREXACT: the control is a force, if late

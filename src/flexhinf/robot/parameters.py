@@ -46,7 +46,7 @@ class Quantity(NamedTuple):
 VECTOR, INERTIA = ("x", "y", "z"), ("xx", "xy", "xz", "yy", "yz", "zz")
 
 QUANTITIES: dict[str, Quantity] = {
-    "gravity": Quantity("m/s²", "m/s²"),
+    "gravity": Quantity("m/s²", "m/s²", "not negative"),  # its size; "down" is its direction
     # links
     "mass": Quantity("kg", "kg", "not negative"),
     **{f"centre_of_mass_{axis}": Quantity("m", "m") for axis in VECTOR},
@@ -144,7 +144,8 @@ def check_parameters(robot: str, parameters: Sequence[Parameter], slides: Mappin
                 raise InvalidInput(
                     f"{what} must {'be positive' if positive else 'not be negative'}.",
                     f"expected {'> 0' if positive else '>= 0'}{unit}, got {value:g}{unit}{where}",
-                    f"{abs(value):g}" if value and not where else "correct the value",
+                    (f"{abs(value):g}" if value and not where else "correct the value")
+                    + ("; 'down' is the direction of gravity" if quantity == "gravity" else ""),
                 )
             if not within_proportion(value, positive=positive):
                 raise InvalidInput(

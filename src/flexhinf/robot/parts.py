@@ -260,6 +260,13 @@ def single_link_robot(
         "expected an elastic joint, got none",
         "[joint.spring] with stiffness = … (N·m/rad)",
     )
+    inertia, least = value_of(link.inertia), value_of(link.mass) * value_of(link.length) ** 2
+    ask(
+        0.0 < inertia < least * (1.0 - TRIANGLE_SLACK),
+        f"The link of joint {joint.name!r} has less inertia about its axis than a point of its mass.",
+        f"expected axis_inertia >= mass length² = {least:.6g} kg·m², got {inertia:g}: is it about the centre of mass?",
+        f"axis_inertia = {inertia + least:.6g}, with mass length² added; or the mass and the length as they are",
+    )
     numbers = {"mass": link.mass, "length": link.length, "gravity": gravity, "link_inertia": link.inertia}
     numbers |= vars(elastic)
     return Robot(

@@ -266,6 +266,17 @@ def moved(kind: str, axis: Sequence[float], value: float) -> Placement:
     return Placement(tuple(map(tuple, rotation.tolist())))
 
 
+def check_turns(where: str, angles: Sequence[float], line: str) -> None:
+    """Refuse roll, pitch and yaw, rad, beyond one turn: degrees; `line` is what to write, with {0}, {1} and {2}."""
+    radians = [float(f"{math.radians(angle):.6g}") for angle in angles]
+    refuse_if(
+        max(map(abs, angles)) > 2.0 * math.pi * (1.0 + 1e-6),
+        f"{where}: roll, pitch and yaw turn by more than once around.",
+        f"expected angles in rad within ±2π, got {list(angles)}; were degrees meant?",
+        f"{line.format(*radians)} for {list(angles)}°",
+    )
+
+
 def range_of(lower: float, upper: float) -> tuple[float, float] | None:
     """The range of a joint; None where its ends are so far away that there is none."""
     return None if lower <= -NO_LIMIT and upper >= NO_LIMIT else (lower, upper)

@@ -24,11 +24,11 @@ from flexhinf.robot.file_keys import (
     number_in,
     place_text,
 )
-from flexhinf.robot.kinematics import DEGREES, check_geometry, check_load
+from flexhinf.robot.kinematics import check_geometry, check_load
 from flexhinf.robot.mjcf import read_mjcf
 from flexhinf.robot.parameters import INERTIA, Parameter, Stated, per_joint, unit_of
 from flexhinf.robot.parts import ElasticJoint, Link, SingleLink, ask, assembled, single_link_robot, value_of
-from flexhinf.robot.rigid_arm import GRAVITY, MOST_JOINTS, RigidArm, check_count, selection
+from flexhinf.robot.rigid_arm import GRAVITY, MOST_JOINTS, RigidArm, check_count, check_turns, selection
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.signals import UNITS
 from flexhinf.robot.urdf import read_urdf
@@ -165,12 +165,7 @@ class RobotFile:
         joints = []
         for row in table["joint"]:
             angles = row.get("rpy", [0.0, 0.0, 0.0])
-            refuse_if(
-                max(map(abs, angles)) > 2.0 * np.pi * (1.0 + 1e-6),
-                f"{file}: joint {row['name']!r}: roll, pitch and yaw turn by more than once around.",
-                f"expected angles in rad within ±2π, got {angles}; were degrees meant?",
-                f"{[float(f'{angle / DEGREES:.6g}') for angle in angles]} for {angles}°",
-            )
+            check_turns(f"{file}: joint {row['name']!r}", angles, "rpy = [{}, {}, {}]")
             stated = {key: row[key] for key in ("kind", "axis", "limits", "parent") if key in row}
             with located(file):
                 joints.append(
@@ -458,12 +453,20 @@ class RobotFile:
 def whole_weight(stated: Mapping[str, Any]) -> Mapping[str, Any]:
     """What is stated of a single link; refuses one of which mass or length was forgotten: it would weigh nothing."""
     half = {"mass", "length"} & set(stated)
-    refuse_if(
-        len(half) == 1,
-        f"A link has a {'mass and no length' if 'mass' in half else 'length and no mass'}.",
-        f"expected both, whose product is its weight about the axis, or none for a vertical axis; got {list(stated)}",
-        f"add {'length = 0.1' if 'mass' in half else 'mass = 1.0'}",
-    )
+    if len(half) == 1:
+        has = half.pop()
+        inertia, other = (abs(stated[key]["value"]) for key in ("axis_inertia", has))
+        most = (
+            0.75 * inertia / max(other**2 if has == "length" else other, 1e-30)
+        )  # a uniform rod: I = 4/3 m l²
+        number = min(1.0, most) if has == "length" else min(0.1, most**0.5)
+        lacks = "mass" if has == "length" else "length"
+        raise InvalidInput(
+            f"A link has a {has} and no {lacks}.",
+            "expected both, whose product is its weight about the axis, or none for a vertical axis; got "
+            f"{list(stated)}",
+            f"add {lacks} = {float(f'{number:.3g}')}",
+        )
     return stated
 
 

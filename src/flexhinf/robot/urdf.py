@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 import re
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -13,12 +14,13 @@ import numpy as np
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.robot.arm import Frame
 from flexhinf.robot.dynamics import KINDS, ZERO, Placement, matrix_of
-from flexhinf.robot.parameters import INERTIA
+from flexhinf.robot.parameters import INERTIA, measured
 from flexhinf.robot.parts import ask
 from flexhinf.robot.rigid_arm import (
     MOST_LINKS,
     RigidArm,
     check_count,
+    check_turns,
     locked_joints,
     range_of,
     selection,
@@ -52,6 +54,29 @@ OPEN = ("limit", "dynamics")
 
 #: A number as XML writes it. Python's own takes 2_5 for 25, and digits of other scripts.
 NUMBER = re.compile(r"[+-]?(?:[0-9]++\.?[0-9]*+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?")
+
+#: What follows a sign where π is written, with a factor before it and a divisor behind it.
+_PI = re.compile(
+    r"(?:\$\{)?([+-]?)(?:([0-9]++\.?[0-9]*+)\*?)?(?:pi|PI|Pi|M_PI|π)(?:/([0-9]++\.?[0-9]*+))?\}?"
+)
+_INFINITE = re.compile(r"[+-]?(?:inf|infinity|∞|none|unlimited|nan)", re.IGNORECASE)
+
+#: Units of numbers: of a joint that turns, and one that slides.
+UNITS = {
+    ("origin", "xyz"): ("m", "m"),
+    ("origin", "rpy"): ("rad", "rad"),
+    ("mass", "value"): ("kg", "kg"),
+    **{("inertia", f"i{axes}"): ("kg·m²", "kg·m²") for axes in INERTIA},
+    ("mimic", "offset"): ("rad", "m"),
+    **{("limit", key): ("rad", "m") for key in ("lower", "upper")},
+    ("limit", "effort"): ("N·m", "N"),
+    ("limit", "velocity"): ("rad/s", "m/s"),
+    ("dynamics", "damping"): ("N·m·s/rad", "N·s/m"),
+    ("dynamics", "friction"): ("N·m", "N"),
+}
+
+#: What stands for no limit.
+NO_LIMITS = {"effort": "0", "velocity": "0", "lower": "1e16", "upper": "1e16"}
 
 #: N·m, N, rad/s or m/s that no motor of a robot has: a placeholder.
 NO_MOTOR = 1e9
@@ -91,7 +116,9 @@ def read_urdf(
             kind not in (*KINDS, "fixed"),
             f"The joint {name!r} is of kind {value_text(kind, 60)}.",
             f"expected fixed or one of {list(KINDS)}, got {value_text(kind, 60)}",
-            f"type='fixed' in the <joint name={name!r}>, where the base, or what is behind it, stands still",
+            f"type='{close[0]}' in the <joint name={name!r}>"
+            if (close := difflib.get_close_matches(kind[:60].strip().lower(), (*KINDS, "fixed"), n=1))
+            else f"type='fixed' in the <joint name={name!r}>, where the base, or what is behind it, stands still",
         )
         if kind != "fixed":
             axis = _vector(name, element.find("axis"), "xyz", (1.0, 0.0, 0.0))
@@ -234,28 +261,75 @@ def _tell_unread(moving: Mapping[str, Element]) -> None:
 
 
 # Numbers ------------------------------------------------------------------------------------------
-def _vector(name: str, element: Element | None, key: str, default: Sequence[float]) -> Any:
+def _vector(
+    name: str, element: Element | None, key: str, default: Sequence[float], slides: bool = False
+) -> Any:
     if element is None or element.get(key) is None:
         return default
-    tokens = str(element.get(key)).split()
+    text = str(element.get(key))
+    tokens = text.split()
     numbers = tuple(float(word) for word in tokens) if all(map(NUMBER.fullmatch, tokens)) else ()
-    found = NUMBER.findall(str(element.get(key)))  # between commas, or with a unit behind
-    meant = found if len(found) == len(default) else "001" if len(default) == 3 else ["1.0"]
-    refuse_if(
-        len(numbers) != len(default) or not all(abs(number) <= HUGE for number in numbers),
-        f"{key} of <{element.tag}> in {name!r} cannot be read.",
-        f"expected {len(default)} numbers of at most {HUGE:g}, got {value_text(element.get(key))}",
-        f"{key}='{' '.join(meant)}'",
-    )
+    if len(numbers) != len(default) or not all(abs(number) <= HUGE for number in numbers):
+        unit = UNITS.get((element.tag, key), ("", ""))[slides]
+        raise InvalidInput(
+            f"{key} of <{element.tag}> in {name!r} cannot be read.",
+            f"expected {len(default)} numbers{f' in {unit}' if unit else ''} of at most {HUGE:g}, got "
+            f"{value_text(text)}",
+            _meant(key, text, len(default), unit),
+        )
     return numbers
 
 
-def _number(name: str, element: Element | None, key: str) -> float:
-    return _vector(name, element, key, (0.0,))[0]
+def _meant(key: str, text: str, count: int, unit: str) -> str:
+    """What to write for numbers that cannot be read, in `unit`; an ellipsis where nobody knows what was meant."""
+    text = re.sub(r"(?<=[0-9.])[ \t]+(?=[^\W\d_]|°)", "", text[:200]).strip(" \t\n()[]{}")  # 50 g is one word
+    tokens = [word for part in text.split() if (word := part.strip(",;"))]
+    tokens = tokens if len(tokens) == count else [word for word in re.split(r"[,;\s]+", text) if word]
+    values = [_read_as(word, unit) for word in tokens]
+    if count == len(values) and None not in values:
+        return f"{key}='{' '.join(map(str, values))}'"
+    none = NO_LIMITS.get(key)
+    if none and count == 1 and (_INFINITE.fullmatch(text) or _too_large(text)):
+        sign = "-" if text.startswith("-") and key in ("lower", "upper") else ""
+        return f"{key}='{sign}{none}', which stands for none; or the limit{f' in {unit}' if unit else ''}"
+    how = f"its {'value' if count == 1 else f'{count} values'}{f' in {unit}' if unit else ''}"
+    return f"{how}, with a decimal point and nothing else: {key}='{' '.join(['…'] * count)}'"
+
+
+def _too_large(text: str) -> bool:
+    return bool(NUMBER.fullmatch(text)) and abs(float(text)) > HUGE
+
+
+def _read_as(word: str, unit: str) -> str | None:
+    """One number as XML writes it, of a text with a unit, a decimal comma, or π; None where it is none."""
+    comma = re.fullmatch(r"([+-]?[0-9]*),([0-9]+)(.*)", word, re.DOTALL)
+    if comma and "," not in comma[3] and len(comma[2]) != 3:  # 1,000 may be a thousand
+        word = f"{comma[1] or '0'}.{comma[2]}{comma[3]}"
+    if NUMBER.fullmatch(word):
+        return word if abs(float(word)) <= HUGE else None
+    if turn := _PI.fullmatch(word):
+        value = float(turn[2] or 1.0) * math.pi / float(turn[3] or 1.0) if float(turn[3] or 1.0) else math.inf
+        value = -value if turn[1] == "-" else value
+    else:
+        try:
+            value = float(measured(word, unit))
+        except ValueError:
+            return None
+    return f"{value:.6g}" if abs(value) <= HUGE else None
+
+
+def _number(name: str, element: Element | None, key: str, slides: bool = False) -> float:
+    return _vector(name, element, key, (0.0,), slides)[0]
+
+
+def _slides(joint: Element) -> bool:
+    return joint.get("type") == "prismatic"
 
 
 def _origin(name: str, element: Element) -> Placement:
-    return Placement.of(*(_vector(name, element.find("origin"), key, ZERO) for key in ("xyz", "rpy")))
+    place, angles = (_vector(name, element.find("origin"), key, ZERO) for key in ("xyz", "rpy"))
+    check_turns(f"<origin> in {name!r}", angles, "rpy='{} {} {}'")
+    return Placement.of(place, angles)
 
 
 def _with_mimics(
@@ -263,18 +337,30 @@ def _with_mimics(
 ) -> dict[str, float | None]:
     """Locked joints, of which those that mimic a locked one stand where it takes them, or as near as they can, if
     nobody placed them."""
-    placed = dict(locked)
+    placed, left = dict(locked), dict[str, str]()
     for _ in range(len(placed)):  # a leader may follow another one
         for name in [name for name, value in placed.items() if value is None]:
             mimic, place = elements[name].find("mimic"), 0.0
-            if mimic is not None and (led_by := mimic.get("joint", "")) in placed:
+            led_by = "" if mimic is None else mimic.get("joint", "")
+            if mimic is not None and led_by in placed:
                 leader = placed[led_by]
                 if leader is None:
                     continue
                 factor = 1.0 if mimic.get("multiplier") is None else _number(name, mimic, "multiplier")
-                place = factor * leader + _number(name, mimic, "offset")
+                place = factor * leader + _number(name, mimic, "offset", _slides(elements[name]))
+            elif led_by in elements:
+                left[name] = led_by
             low, high = _limits(name, elements[name], True) or (place, place)
             placed[name] = min(max(place, low), high)
+    still = ", ".join(f"{toml_key(name)} = {placed[name]:g}" for name in left)
+    ask(
+        left,
+        f"Joints stand still although their leaders move: {', '.join(map(repr, left))}.",
+        "expected <mimic> of joints that are locked, got "
+        + ", ".join(f"{name!r} that mimics {leader!r}" for name, leader in left.items()),
+        f"locked = {{{still}}} at the top of the robot file, where they may stand still; or joints "
+        f"without {', '.join(map(repr, dict.fromkeys(left.values())))}, which are then locked too",
+    )
     return placed
 
 
@@ -301,8 +387,8 @@ def _check_mimics(
 def _dynamics(name: str, joint: Element) -> dict[str, float]:
     """Friction of a joint, viscous and dry, as <dynamics damping friction> states it, by its names in a robot file."""
     stated = {
-        "friction": _number(name, joint.find("dynamics"), "damping"),
-        "coulomb_friction": _number(name, joint.find("dynamics"), "friction"),
+        "friction": _number(name, joint.find("dynamics"), "damping", _slides(joint)),
+        "coulomb_friction": _number(name, joint.find("dynamics"), "friction", _slides(joint)),
     }
     refuse_if(
         min(stated.values()) < 0.0,
@@ -317,7 +403,7 @@ def _limits(name: str, joint: Element, locked: bool) -> tuple[float, float] | No
     """Range of a joint, rad or m; None where there is none: also of lower = upper = 0, which exporters write then."""
     if joint.get("type") == "continuous":
         return None
-    lower, upper = (_number(name, joint.find("limit"), key) for key in ("lower", "upper"))
+    lower, upper = (_number(name, joint.find("limit"), key, _slides(joint)) for key in ("lower", "upper"))
     refuse_if(
         lower > upper or (lower == upper != 0.0 and not locked),
         f"The limits of the joint {name!r} leave no room.",
@@ -332,7 +418,7 @@ def _limits(name: str, joint: Element, locked: bool) -> tuple[float, float] | No
 def _largest(name: str, joint: Element, key: str) -> float:
     """The limit that <limit effort velocity> states; infinite without one, and for 0 and -1, which exporters write
     then, and for what is beyond all motors."""
-    stated = _number(name, joint.find("limit"), key)
+    stated = _number(name, joint.find("limit"), key, _slides(joint))
     refuse_if(
         stated < 0.0 and stated != -1.0,
         f"The {key} limit of the joint {name!r} is negative.",
