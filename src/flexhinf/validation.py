@@ -508,12 +508,8 @@ def owner_of(path: Path) -> str:
     """Who owns a file or folder, as a message says it."""
     try:
         return "you" if path.stat().st_uid == os.geteuid() else path.owner()
-    except (
-        OSError,
-        KeyError,
-        NotImplementedError,
-        AttributeError,
-    ):  # not to be seen, without a name, no POSIX
+    # not to be seen, without a name, no POSIX
+    except (OSError, KeyError, NotImplementedError, AttributeError):
         return "its owner"
 
 

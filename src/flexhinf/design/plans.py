@@ -129,8 +129,12 @@ def quintic_move(robot: Robot, limits: JointLimits, start: np.ndarray, goal: np.
     more than `EFFORT_FRACTION` of what its weight leaves of the limit.
     """
     shortest = shortest_time(limits, start, goal)
-    plans = [Waypoints([0.0, shortest * STRETCH**k], [start, goal], "quintic") for k in range(STRETCHES)]
-    return next((plan for plan in plans if _spares(robot, limits, plan)), plans[0])
+
+    def plan(stretch: int) -> Waypoints:
+        return Waypoints([0.0, shortest * STRETCH**stretch], [start, goal], "quintic")
+
+    slower = (each for each in map(plan, range(STRETCHES)) if _spares(robot, limits, each))
+    return next(slower, None) or plan(0)
 
 
 def _spares(robot: Robot, limits: JointLimits, plan: Waypoints) -> bool:

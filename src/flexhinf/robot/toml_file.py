@@ -456,9 +456,8 @@ def whole_weight(stated: Mapping[str, Any]) -> Mapping[str, Any]:
     if len(half) == 1:
         has = half.pop()
         inertia, other = (abs(stated[key]["value"]) for key in ("axis_inertia", has))
-        most = (
-            0.75 * inertia / max(other**2 if has == "length" else other, 1e-30)
-        )  # a uniform rod: I = 4/3 m l²
+        # of a uniform rod, I = 4/3 m l²
+        most = 0.75 * inertia / max(other**2 if has == "length" else other, 1e-30)
         number = min(1.0, most) if has == "length" else min(0.1, most**0.5)
         lacks = "mass" if has == "length" else "length"
         raise InvalidInput(

@@ -40,17 +40,13 @@ def pose_requirements(s: Specification, loops: Sequence[PoseLoop]) -> list[Requi
     """Requirements on the loops at all poses."""
     where, (damping, ripple), gain = f"{len(loops)} random poses, sampled loop", pose_limits(s), gain_limit(s)
     extra = 1e3 * s.period * (s.delay_margin_limit or 0.0)
+    late = [loop.late for loop in loops]
     gains = [max(loop.louder, loop.softer) for loop in loops]
     outside = "a pole outside the unit circle"
     nearly = f"{outside} with {100.0 * (1.0 - TOLERANCE):g} % of it: what lacks less counts as met"
     unstable = (
         ("unstable poses", "", outside, [loop.growth for loop in loops]),
-        (
-            f"poses unstable with {extra:g} ms more delay",
-            "delay_margin",
-            nearly,
-            [loop.late for loop in loops],
-        ),
+        (f"poses unstable with {extra:g} ms more delay", "delay_margin", nearly, late),
         (f"poses unstable with a gain of {gain:g} or {1.0 / gain:.3g}", "gain_margin", nearly, gains),
     )
     row = REQUIREMENTS["corners"]

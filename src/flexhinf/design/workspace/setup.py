@@ -239,16 +239,15 @@ class WorkspaceSetup(LoopPlants):
         """The loop at rest at a pose (n,), with margins that are smaller than required by a relative tolerance."""
         s, loop = self.specification, self.linear(at)
         soft = damped_springs(loop, self.smooth_plant, self.joints)
-        extra, louder = (
-            (1.0 - tolerance) * limit for limit in ((s.delay_margin_limit or 0.0) * s.period, gain_limit(s))
-        )
+        extra = (1.0 - tolerance) * ((s.delay_margin_limit or 0.0) * s.period)
+        gain = (1.0 - tolerance) * gain_limit(s)
 
         def growth(loop: LinearLoop, extra: float = 0.0) -> float:
             return float(np.abs(loop.system(loop.delay + extra).multipliers).max())
 
         ripple = float((self.noise_spread(loop)[0] / self.authority).max())
         damping, fast = loop.closed_loop.damping_about(s.damped_below_limit)
-        louder, softer = (growth(replace(loop, b=k * loop.b, d=k * loop.d)) for k in (louder, 1.0 / louder))
+        louder, softer = (growth(replace(loop, b=k * loop.b, d=k * loop.d)) for k in (gain, 1.0 / gain))
         return PoseLoop(
             growth=float(np.abs(loop.closed_loop.multipliers).max()), damping=damping, fast_damping=fast,
             damped_fast=soft.closed_loop.damping_about(s.damped_below_limit)[1], late=growth(loop, extra),
