@@ -257,6 +257,7 @@ drive(campaign, Journal.opened(sys.argv[1], campaign), executor=two_and_one_in_f
 """
 
 
+@pytest.mark.ci("starts processes")
 def test_a_driver_killed_by_sigkill_loses_the_batch_in_flight_only(whole: Path, tmp_path: Path) -> None:
     folder = tmp_path / "campaign"
     driver = started(DRIVER, folder)

@@ -110,6 +110,7 @@ def test_designs_that_do_not_share_robot_sensors_and_step_are_refused(
     assert not (judged / "both").exists()
 
 
+@pytest.mark.ci("runs two campaigns")
 def test_other_folders_and_options_are_refused(judged: Path, refused: Callable[..., str]) -> None:
     refused([*WORDS[:-1], "ekf"], "comparison", judged)
     refused([*WORDS, "--samples", "0"], "samples", judged)

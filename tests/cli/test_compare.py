@@ -86,7 +86,7 @@ def test_mistakes_come_before_the_work(
     assert not (folder / "flexhinf-compare").exists()
 
 
-@pytest.mark.costs("a design before what is interrupted")
+@pytest.mark.ci("a design before what is interrupted")
 def test_interrupted_nothing_is_written(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

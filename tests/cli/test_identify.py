@@ -47,7 +47,7 @@ def logged(folder: Path, log_file: Path) -> Path:
     return folder
 
 
-@pytest.mark.costs("simulates a log, identifies it, and draws its page")
+@pytest.mark.ci("simulates a log, identifies it, and draws its page")
 def test_the_robot_file_has_the_numbers_of_the_log(logged: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*WORDS, "--parameters", "stiffness,friction"]) == 0
     report = logged / "flexhinf-identify"

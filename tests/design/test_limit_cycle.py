@@ -120,6 +120,7 @@ def test_feedforward_with_friction_follows_the_move_better(setup):
     assert errors[0] < 0.75 * errors[1]
 
 
+@pytest.mark.ci("runs three commands")
 def test_every_report_says_which_joint_oscillates(setup):
     """The section of the page, its note, the table of the terminal and the numbers, from the run alone."""
     run = check_limit_cycle(setup)

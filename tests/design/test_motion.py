@@ -79,7 +79,7 @@ def row(**changes: float) -> dict[str, Any]:
     } | changes
 
 
-@pytest.mark.costs("weights are searched, which other tests share")
+@pytest.mark.ci("weights are searched")
 def test_each_number_is_judged_for_the_joint_that_is_nearest_to_its_limit(setup_of: Any) -> None:
     limits = setup_of("planar-two-link", (0.4, 0.6)).limits
     rows = [row(), row(wrong_way_percent=6.0, remaining_error=2e-3, ripple_percent=5.2)]

@@ -56,7 +56,7 @@ def test_both_ends_of_the_range_are_carried(evaluation: LawEvaluation) -> None:
         assert one.weighed.masses[NAME] == pytest.approx(one.mass, abs=1e-3)
 
 
-@pytest.mark.costs("a step and a load step, made again until they rest")
+@pytest.mark.ci("a step and a load step, made again until they rest")
 def test_a_step_with_a_payload_is_long_enough_to_rest(evaluation: LawEvaluation) -> None:
     """Also where that of the model's payload is short: its remaining error is no part of the transient."""
     short = replace(RUNS, step_duration=0.3, load_duration=0.4)

@@ -209,7 +209,7 @@ def test_nonlinear_h_infinity_does_not_end_behind_the_nonlinear_lqr_that_it_cont
         assert found[wider].cost <= found[contained].cost
 
 
-@pytest.mark.costs("a design that all quick tests of tuning share")
+@pytest.mark.ci("tunes a law")
 def test_a_loop_that_cannot_be_linearised_is_not_feasible(
     short: Tuner, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -196,7 +196,7 @@ def test_an_input_at_its_limit_for_long_brakes_the_move() -> None:
     assert np.ptp(commanded[since + 310 :], axis=0).max() < 1e-12
 
 
-@pytest.mark.costs("compiles the controller that brakes")
+@pytest.mark.ci("compiles the controller that brakes")
 def test_after_braking_it_begins_again_where_it_rests_and_may_come_back(
     needs_compiler: Callable[..., None], braking: Callable[[], Any]
 ) -> None:

@@ -32,7 +32,7 @@ def setup() -> PaperSetup:
     return PaperSetup(PaperSettings())
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.ci("solves the paper's problem for other weights")
 @pytest.mark.oracle
 @pytest.mark.parametrize("ratio", [2.0, 1.5])
 def test_at_the_same_voltage_the_nonlinear_lqr_deviates_less(setup: PaperSetup, ratio: float) -> None:

@@ -214,6 +214,7 @@ def test_in_c_it_steps_as_in_python(tmp_path, robot):
         np.testing.assert_array_equal(u, run.u[k])
 
 
+@pytest.mark.ci("compiles seven links")
 def test_a_loop_runs_it_in_its_kernel():
     filter, (x, u) = modal("scara"), arm("scara").operating_point()
     one = controller(filter, "scara")

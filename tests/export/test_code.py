@@ -177,7 +177,7 @@ def test_what_would_remove_the_checks_is_refused(compiler: str, flag: str, expor
     assert unnamed(done.stderr, "#error", "finite") == []
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.ci("compiles for each")
 @pytest.mark.oracle
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 @pytest.mark.parametrize("flags", [(), ("-march=native",)])

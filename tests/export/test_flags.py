@@ -230,7 +230,7 @@ int main(void)
 """
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.ci("builds FMUs")
 @pytest.mark.parametrize("kind", ["controller", "plant"])
 def test_an_fmu_refuses_such_flags_too(
     kind: str, compiler: str, needs_compiler: Callable[..., None], tmp_path: Path

@@ -79,7 +79,7 @@ def test_a_short_log_does_not_tell_a_late_sensor_and_its_intervals_say_so(arm):
     assert not fh.identify(stiff, (times, u, y), NAMES, measured=SENSORS).consistent
 
 
-@pytest.mark.costs("compiles the likelihood of an arm")
+@pytest.mark.ci("compiles the likelihood of an arm")
 def test_with_known_numbers_a_late_sensor_is_named_too(arm):
     """As `flexhinf estimate` has them."""
     times, u, y = arm_log(arm, count=600, measured=SENSORS)

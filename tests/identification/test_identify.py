@@ -64,7 +64,7 @@ def test_noise_levels_are_those_of_the_truth_though_numbers_are_sought_beside():
     assert np.mean(levels) == pytest.approx(0.1, rel=0.1)
 
 
-@pytest.mark.costs("simulates two seconds of the arm, and finds four numbers")
+@pytest.mark.ci("simulates two seconds of the arm, and finds four numbers")
 def test_an_arm_s_numbers_are_found_from_wrong_ones(arm, found):
     robot, _, log = arm
     assert not found.unidentifiable
@@ -126,6 +126,7 @@ def test_a_robot_that_stands_tells_nothing_of_its_friction(seed, amplitude, name
     assert found.hidden == names
 
 
+@pytest.mark.ci("fits a log twice")
 def test_numbers_that_must_not_be_negative_are_not(arm):
     robot, _, _ = arm
     smooth = robot.with_values({"friction": 0.0})

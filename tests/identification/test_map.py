@@ -57,6 +57,7 @@ def test_the_numbers_are_those_of_another_optimiser():
         assert found.noise[name] == pytest.approx(true, rel=0.2)
 
 
+@pytest.mark.ci("fits a log twice")
 @pytest.mark.oracle
 def test_a_map_that_is_the_plant_s_step_has_the_plant_s_numbers():
     """The oscillator by four Runge–Kutta steps of a period, as the filter integrates it; only R^v comes otherwise."""

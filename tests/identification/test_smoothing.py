@@ -101,7 +101,7 @@ def test_a_gap_is_gone_back_over():
         np.testing.assert_allclose(short[name].values, whole[name].values[kept], rtol=1e-8, atol=1e-11)
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.ci("smooths logs of every filter")
 @pytest.mark.parametrize("form", ["covariance", "square_root"])
 @pytest.mark.parametrize("kind", [fh.ExtendedKalmanFilter, fh.UnscentedKalmanFilter])
 def test_smoothed_states_of_an_arm_are_nearer_to_the_truth(kind, form):

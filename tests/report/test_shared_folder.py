@@ -49,6 +49,7 @@ def holder(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
     process.communicate()
 
 
+@pytest.mark.ci("starts processes")
 @posix
 def test_what_another_run_is_writing_is_not_cleared_away(
     tmp_path: Path, holder: subprocess.Popen[str], monkeypatch: pytest.MonkeyPatch

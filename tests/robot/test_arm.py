@@ -133,7 +133,7 @@ def test_a_robot_without_a_penalty_asks_for_one():
         replace(PLANAR, penalty=None).problem()
 
 
-@pytest.mark.costs("solves for 28 states")
+@pytest.mark.ci("solves for 28 states")
 def test_seven_links_from_the_file_to_a_law_that_holds_the_arm():
     robot = load_robot("seven-link")
     problem = robot.problem()

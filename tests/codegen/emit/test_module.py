@@ -332,7 +332,7 @@ def evaluate(make, function: casadi.Function, x: np.ndarray) -> np.ndarray:
     return y
 
 
-@pytest.mark.costs("compiles 60 drawn functions")
+@pytest.mark.ci("compiles 60 drawn functions")
 @pytest.mark.property
 @pytest.mark.oracle
 @settings(max_examples=60, deadline=None)
@@ -356,7 +356,7 @@ def test_fused_random_functions_follow_casadi(function, x):
     assert (np.abs(got - expected) <= 1e-9 * (1 + np.abs(expected)) + slack)[tame].all()
 
 
-@pytest.mark.costs("compiles 40 drawn functions, each for two numbers of lanes")
+@pytest.mark.ci("compiles 40 drawn functions, each for two numbers of lanes")
 @pytest.mark.property
 @settings(max_examples=40, deadline=None)
 @given(functions(SMOOTH + WAVES + PIECES), POINTS)

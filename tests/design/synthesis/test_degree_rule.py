@@ -60,8 +60,7 @@ def test_a_long_step_against_gravity_takes_the_cubic_law(name: str, seed: int) -
     assert quintic.cost > (1.0 - GAIN) * cubic.cost, "one degree more saves nothing"
 
 
-@pytest.mark.costs("weights are searched, a loop compiled")
-@pytest.mark.quick_cases(1)
+@pytest.mark.ci("weights are searched, a loop compiled")
 @pytest.mark.parametrize("name", ["paper", "vertical-rig"])
 def test_a_short_step_takes_the_linear_law_without_a_run_of_the_others(name: str) -> None:
     used, (linear, *higher), _ = decided(fh.load_robot(name), pose="90deg", start="80deg")

@@ -25,6 +25,7 @@ from flexhinf.export.web.rival import stiff_gains, tuned_gains
 from flexhinf.plant.joints import elastic_joints, joint_places
 
 
+@pytest.mark.ci("makes the live page")
 def test_it_is_one_file_without_the_network(paper: LiveArm) -> None:
     text = page.page_text(paper, b"\0asm")
     for word in (

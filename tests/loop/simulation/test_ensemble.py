@@ -86,7 +86,7 @@ def test_runs_are_those_of_a_loop(made, options):
             np.testing.assert_allclose(metrics[name], expected, rtol=exact, atol=0.0, err_msg=name)
 
 
-@pytest.mark.costs("compiles an ensemble of every width, as it ships")
+@pytest.mark.ci("compiles an ensemble of every width, as it ships")
 def test_neither_lanes_nor_threads_nor_other_runs_matter(made):
     loop, arguments = prepared(made)
     ensemble = loop.ensemble(**arguments, kept=["link_position"], instants=[0, 100, 300])

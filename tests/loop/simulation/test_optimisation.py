@@ -1,11 +1,12 @@
 """How hard machine code is optimised changes no bit: `FLEXHINF_OPTIMISATION` limits it."""
 
 import os
+from collections import OrderedDict
 
 import numpy as np
 import pytest
 
-from flexhinf.codegen import machine
+from flexhinf.codegen import machine, shared
 from flexhinf.loop import Controller, Loop, Step
 from flexhinf.loop.simulation.ensemble import LANES
 from flexhinf.robot import paper_arm
@@ -24,6 +25,7 @@ def test_the_level_of_optimisation_changes_no_bit(made, lanes, monkeypatch):
     monkeypatch.setattr(machine, "assemble", recorded)
     monkeypatch.setenv("FLEXHINF_LANES_FROM", "0")
     monkeypatch.setenv("FLEXHINF_CACHE", os.devnull)  # nothing is kept: all is compiled
+    monkeypatch.setattr(shared, "_kept", OrderedDict())  # nor is what other tests of this process built
     runs = []
     for level in (None, "0"):
         with pytest.MonkeyPatch.context() as patch:
