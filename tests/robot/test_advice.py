@@ -160,7 +160,7 @@ BALL = '<joint name="f" type="ball"/>'
         (OWN, "stiffness = 800.0", 'stiffness = "800 Nm"', ("'stiffness'", "800 Nm")),
         (OWN, "rotor_inertia = 1e-5\ngear_ratio = 100.0", "rotor_inertia = 1e-5", ("gear ratio",)),
         (OWN, "stiffness = 800.0", "stiffness = 8.0", ("'a'", "twists")),
-        (OWN, PLACED, 'axis = [0, 1, 0]\nname = "b"',
+        (OWN, PLACED, 'axis = [1, 0, 0]\nname = "b"',
          ("'b'", "xyz = [0.0, 0.0, 0.2]")),
         (ONE, "axis_inertia = 0.5", "axis_inertia = 0.1", ("'a'", 0.18, 0.1, "axis_inertia = 0.28")),
         (ONE, "mass = 2.0\n", "", ("mass = 1.0",)),

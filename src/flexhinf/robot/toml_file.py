@@ -7,8 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from flexhinf.errors import InvalidInput, located, refuse_if
 from flexhinf.plant import Penalty
 from flexhinf.robot.arm import SHAPES, Frame, Payload, Pendulum, inertia_of_shape, payload_from_text
@@ -358,20 +356,17 @@ class RobotFile:
 
     # Parts ----------------------------------------------------------------------------------------
     def _ask_places(self, joints: Sequence[Joint], links: Sequence[Any]) -> None:
-        """Warn of joints whose place is not stated, where they would then turn about the axis of the joint before."""
+        """Warn of joints whose place is not stated: a wrist would then stand in the elbow."""
         tree, missing, ends = Tree(tuple(joints)), list[str](), [0.0, 0.0, 0.0]
         for joint, parent, row in zip(joints, tree.parents, self.root["joint"]):
             if parent < 0 or "xyz" in row or joint.slides or joints[parent].slides:
-                continue
-            axis = np.array(joint.placement.rotation) @ np.array(joint.axis)
-            if np.linalg.norm(np.cross(axis, joints[parent].axis)) > 1e-6:
                 continue
             if not missing and isinstance(links[parent], Link):
                 ends = [float(f"{2.0 * value_of(x):.4g}") for x in links[parent].centre_of_mass]
             missing.append(joint.name)
         ask(
             missing,
-            f"{self.file}: joints turn about the axis of the joint before: {', '.join(map(repr, missing))}.",
+            f"{self.file}: joints stand where the joint before stands: {', '.join(map(repr, missing))}.",
             "expected xyz, m, their place in the frame of the link that carries them, got none: taken as [0, 0, 0]",
             f"xyz = {ends} at the end of that link; xyz = [0.0, 0.0, 0.0] if they do",
         )
