@@ -50,6 +50,7 @@ from flexhinf.robot.signals import (
     signal_names,
     units_of,
 )
+from flexhinf.robot.springs import assumed_damping
 from flexhinf.scalars import derivative, series
 from flexhinf.validation import (
     checked_kind,
@@ -201,6 +202,12 @@ class Robot(Summarised):
     def with_parameters(self, *parameters: Parameter) -> Robot:
         """The same robot with these parameters, in place of those of the same name or beside them."""
         return replace(self, parameters=tuple({p.name: p for p in (*self.parameters, *parameters)}.values()))
+
+    @cached_property
+    def damped(self) -> Robot:
+        """The same robot; springs of which it states no damping are damped by 0.5 % of their own vibration at home, see
+        `flexhinf.robot.springs`."""
+        return self.with_parameters(*assumed_damping(self).values())
 
     def save(self, path: str | os.PathLike[str], like: str | os.PathLike[str] | None = None) -> None:
         """Write a robot file: `file` (or the file `like`) with this robot's numbers, tolerances and ranges.
