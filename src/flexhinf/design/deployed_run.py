@@ -23,9 +23,8 @@ from flexhinf.design import (
     requirements as required,
     responses,
 )
-from flexhinf.design.specification import FIELDS, Specification, is_for_workspace
+from flexhinf.design.specification import FIELDS, Specification, is_for_workspace, with_damping
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict
-from flexhinf.design.workspace.setup import with_damping
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.realtime import RealTimeRun
 from flexhinf.loop import Controller, Loop, Status, Step

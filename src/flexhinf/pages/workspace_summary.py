@@ -29,7 +29,7 @@ from flexhinf.pages.terminal import (
 from flexhinf.report import KeyNumber, Table, number
 from flexhinf.robot import Robot
 from flexhinf.robot.kinematics import heavy_motors
-from flexhinf.robot.springs import SPRING_DAMPING, assumed_damping
+from flexhinf.robot.springs import SPRING_DAMPING
 from flexhinf.robot.waypoints import LIMITS
 
 #: Columns of the table of moves: key of `motion_metrics`, heading, unit; "" for that of small deviations.
@@ -45,7 +45,7 @@ FAR = 0.01
 SPEED_SAMPLES = 201
 
 #: A period that shows a vibration, in parts of a period of the vibration; half a period shows it barely.
-SHOWN = 0.4
+PERIODS = 0.4
 
 #: Fast vibrations with less damping are named beside the verdict.
 HARDLY = 0.05
@@ -88,12 +88,12 @@ def nyquist_text(design: WorkspaceDesign) -> str:
     (frequency, joint), period = robustness(design).fastest, design.specification.period
     if frequency <= 0.5 / period:
         return ""
-    shown = 1e3 * SHOWN / frequency
-    step = 10.0 ** (math.floor(math.log10(shown)) - 1)
+    longest = 1e3 * PERIODS / frequency
+    step = 10.0 ** (math.floor(math.log10(longest)) - 1)
     return (
         f"{joint} vibrates at {number(frequency, 3)} Hz, beyond half the sampling frequency, "
         f"{number(0.5 / period, 3)} Hz (Nyquist): samples do not show it, and no law damps it. "
-        f"--period {math.floor(shown / step) * step:.2g}ms shows it."
+        f"--period {math.floor(longest / step) * step:.2g}ms shows it."
     )
 
 
@@ -208,7 +208,7 @@ def workspace_ending(design: WorkspaceDesign) -> Ending:
 
 def damping_text(robot: Robot) -> str:
     """With which damping of its springs the robot is judged."""
-    assumed, elastic = assumed_damping(robot), [name for name in robot.joint_names if name not in robot.rigid]
+    assumed, elastic = robot.assumed_damping, [name for name in robot.joint_names if name not in robot.rigid]
     stated = [name for name in elastic if name not in assumed]
     if not assumed:
         return "Springs are damped as the file states."

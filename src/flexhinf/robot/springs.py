@@ -1,18 +1,14 @@
-"""The damping of springs: what a robot's file states, or what no real spring is without."""
+"""Springs of a linearised plant, with the damping that no real spring is without."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from flexhinf.robot.elastic import EXTRAS
-from flexhinf.robot.parameters import Parameter, per_joint
 from flexhinf.robot.signals import signal_names
-
-if TYPE_CHECKING:
-    from flexhinf.robot.robot import Robot
 
 #: Damping ratio of its own vibration that a spring is given where none is stated, and in addition for a second look at
 #: the delay margin of one pose: undamped vibrations decide it, and no real spring is undamped.
@@ -40,18 +36,4 @@ def springs_of(a: np.ndarray, plant: Any, joints: Sequence[str]) -> list[Spring]
             motor, motor_rate, link_rate = map(plant.index, names)
             time = 2.0 * SPRING_DAMPING / float(np.sqrt(a[link_rate, motor] - a[motor_rate, motor]))
             found.append(Spring(joint, time, motor, motor_rate, link_rate))
-    return found
-
-
-def assumed_damping(robot: Robot) -> dict[str, Parameter]:
-    """Damping D = τ K by elastic joint of which the robot states none, N·m·s/rad or N·s/m; 0 counts as stated.
-
-    τ is that of `springs_of` at home.
-    """
-    joints, plant = robot.joint_names, robot.plant()
-    found = {}
-    for spring in springs_of(plant.linearise(*robot.operating_point())[0], plant, joints):
-        name, stiffness = (per_joint(each, spring.joint, len(joints)) for each in (DAMPING, "stiffness"))
-        if name not in robot.nominal:
-            found[spring.joint] = Parameter(name, spring.time * robot.nominal[stiffness], source="assumption")
     return found

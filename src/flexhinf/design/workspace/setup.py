@@ -14,7 +14,7 @@ from flexhinf.analysis.linear_loop import exponential
 from flexhinf.design.loop_setup import SMOOTH_EXTRAS, EstimatorNoise, LoopPlants
 from flexhinf.design.plans import BEYOND, STILL, move_reference, quintic_move, settled
 from flexhinf.design.responses import Move, Response, with_values
-from flexhinf.design.specification import RINGS, RIPPLE, Specification
+from flexhinf.design.specification import RINGS, RIPPLE, Specification, with_damping
 from flexhinf.errors import NumericalFailure
 from flexhinf.estimation import ExtendedKalmanFilter, ModalFilter, stationary_gain
 from flexhinf.loop import Controller, Loop, Moving, Supervision, Waypoints
@@ -58,11 +58,6 @@ def pose_limits(s: Specification) -> tuple[float, float]:
 def corner_damping(s: Specification) -> float:
     """Least damping of slow oscillations of robots at corners of their tolerances; a smaller one rings."""
     return min(RINGS, pose_limits(s)[0])
-
-
-def with_damping(s: Specification) -> Specification:
-    """That of the true robot of a workspace, whose plants have damped springs."""
-    return replace(s, extras=tuple(dict.fromkeys((*s.extras, DAMPED))))
 
 
 def gain_limit(s: Specification) -> float:
