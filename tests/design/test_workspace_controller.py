@@ -51,7 +51,7 @@ def made(name: str = "planar-two-link", bandwidth: float = 15.0, **fields: Any) 
 
 def deployed(setup: WorkspaceSetup, at: Any = None, **options: Any) -> fh.Controller:
     empty = np.zeros((0, len(setup.joints)))
-    return WorkspaceDesign(setup, empty, (), (), (), 0, (), None, ()).controller(at, **options)
+    return WorkspaceDesign(setup, empty, (), (), ((), ()), (), 0, (), None, ()).controller(at, **options)
 
 
 def reference(pose: Any, name: str = "planar-two-link") -> np.ndarray:

@@ -33,7 +33,7 @@ from flexhinf.robot.workspace import workspace_of
 
 BOTH = ("link_position", "motor_position")
 GOOD = PoseLoop(
-    growth=0.98, damping=0.3, fast_damping=0.1, damped_fast=0.12, late=0.99, damped_late=0.995, louder=0.985,
+    growth=0.98, damping=0.3, fast_damping=0.1, late=0.99, later=0.995, louder=0.985,
     softer=0.985, ripple=0.8,
 )  # fmt: skip
 

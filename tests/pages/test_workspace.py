@@ -363,11 +363,29 @@ def test_the_worst_ripple_is_that_of_poses_too(design, monkeypatch):
     assert (number.value, number.unit) == ("7.1", "%")
 
 
-def test_damping_that_the_design_leaves_out_is_named():
-    robot = fh.load_robot("planar-two-link")
-    assert unnamed(" ".join(summary.damping_notes(robot, Specification())), "--extras joint_damping") == []
-    assert summary.damping_notes(robot, Specification(extras=("joint_damping",))) == []
-    assert summary.damping_notes(fh.paper_arm(), Specification()) == []
+def test_the_damping_of_springs_is_named_and_what_is_unstable_without(design):
+    """An assumption says of which joints; the verdict without damping counts, and is no requirement."""
+    robot, loop = fh.load_robot("planar-two-link"), design.undamped[0][0]
+    assert unnamed(summary.damping_text(robot), "states") == []
+    elbow = dataclasses.replace(robot, parameters=[p for p in robot.parameters if p.name != "damping_elbow"])
+    assert unnamed(summary.damping_text(elbow), "0.5 %", "elbow", "shoulder") == []
+    loops = (design.undamped[0], (*design.undamped[1][1:], loop._replace(growth=1.01)))
+    changed = dataclasses.replace(design, undamped=loops)
+    assert unnamed(summary.undamped_text(changed), "1 of 6") == []
+    assert (changed.missed, changed.met) == (design.missed, design.met)
+    shown = page.workspace_page(design, ()).html()
+    assert unnamed(shown, summary.damping_text(design.robot), summary.undamped_text(design)) == []
+
+
+def test_a_vibration_beyond_half_the_sampling_frequency_is_named(design, tolerated, monkeypatch):
+    frequency, joint = tolerated.fastest
+    modes = [mode for pose in design.poses for mode in design.robot.modes(pose)]
+    assert joint == design.robot.joint_names[0]
+    assert frequency >= max(abs(mode.eigenvalue.imag) for mode in modes) / (2.0 * np.pi)
+    assert summary.nyquist_text(design) == ""
+    monkeypatch.setattr(summary, "robustness", lambda of: tolerated._replace(fastest=(623.0, "wrist")))
+    assert unnamed(summary.nyquist_text(design), "wrist", "623 Hz", "500 Hz", "--period 0.64ms") == []
+    assert summary.nyquist_text(design) in summary.workspace_verdict(design)
 
 
 @pytest.mark.ci("makes the moves of a design again")

@@ -23,7 +23,7 @@ from flexhinf.design import (
     requirements as required,
     responses,
 )
-from flexhinf.design.specification import FIELDS, Specification
+from flexhinf.design.specification import FIELDS, Specification, is_for_workspace, with_damping
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.realtime import RealTimeRun
@@ -118,7 +118,9 @@ def prepare_run(
     (model, original), s = designed, specification
     plan, start, goal = plans.run_ends(model, s)
     plants = loop_setup.LoopPlants(model, s)
-    box = loop_setup.LoopPlants(robot, s).mujoco_plant(goal)
+    workspace = is_for_workspace(original)
+    robot, true = (robot.damped, with_damping(s)) if workspace else (robot, s)  # as its design is judged
+    box = loop_setup.LoopPlants(robot, true).mujoco_plant(goal)
     begun, aim = responses.start_and_goal(model, original, plans.stated_move(model, original))
     rests = controller.mode.moving
     if rests and plan is None:
@@ -145,7 +147,7 @@ def prepare_run(
         still = plans.STILL if rests else max((MOVE_TIMES - 1.0) * begun, WINDOW)
         duration = s.period * round((begun + still) / s.period)
     enough, duration = duration, duration if s.duration is None else s.duration
-    x, _ = robot.operating_point(start, s.extras)
+    x, _ = robot.operating_point(start, true.extras)
     at = 0.5 * duration if load_at is None else load_at
     refuse_if(
         load is not None and not 0.0 <= at < duration,

@@ -14,12 +14,12 @@ import numpy as np
 
 from flexhinf import analysis
 from flexhinf.analysis import modes, sampled_controller
-from flexhinf.design import checks, monte_carlo, requirements as required, responses
+from flexhinf.design import checks, monte_carlo, responses
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.errors import FlexhinfError
 from flexhinf.estimation import stationary_gain
 from flexhinf.plant import Law
-from flexhinf.robot.signals import signal_names
+from flexhinf.robot.springs import springs_of
 from flexhinf.scalars import trace
 
 #: Ratios of R^v to R^n for which corners are computed, by the number of states of the linear loop: large loops afford
@@ -37,18 +37,15 @@ NEGLIGIBLE = 1e-12
 
 
 def damped_springs(linear: analysis.LinearLoop, plant: Any, joints: Sequence[str]) -> analysis.LinearLoop:
-    """A loop of this plant with every spring damped by another `requirements.SPRING_DAMPING`.
+    """A loop of this plant with every spring damped by another `SPRING_DAMPING`.
 
     Its torque K δ becomes K (δ + τ δ̇), with τ = 2ζ/ω for the vibration ω of link and motor on this spring alone.
     """
-    a, kinds = linear.a.copy(), ("motor_position", "motor_velocity", "link_velocity")
-    for names in zip(*(signal_names(kind, joints) for kind in kinds)):
-        if names[0] in plant.states:  # else a rigid joint
-            motor, motor_rate, link_rate = map(plant.index, names)
-            pull = linear.a[:, motor]
-            damped = 2.0 * required.SPRING_DAMPING / np.sqrt(pull[link_rate] - pull[motor_rate]) * pull
-            a[:, motor_rate] += damped
-            a[:, link_rate] -= damped
+    a = linear.a.copy()
+    for spring in springs_of(linear.a, plant, joints):
+        damped = spring.time * linear.a[:, spring.motor]
+        a[:, spring.motor_rate] += damped
+        a[:, spring.link_rate] -= damped
     return replace(linear, a=a)
 
 

@@ -52,16 +52,13 @@ from flexhinf.loop.controller.status import NEAR_LIMIT
 from flexhinf.loop.simulation.metrics import SETTLING_BAND
 from flexhinf.notebook import Summarised
 from flexhinf.report import number
+from flexhinf.robot.springs import SPRING_DAMPING
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as MatplotlibFigure
 
 #: The room whose pages show results. It reads designs, so it is loaded when one is saved.
 PAGES = "flexhinf.pages"
-
-#: Damping ratio of its own vibration that every spring is given in addition, for a second look at the delay margin:
-#: undamped vibrations decide it, and no real spring is undamped.
-SPRING_DAMPING = 5e-3
 
 #: Default remaining error of a run that ends soon after its motion, as a fraction of the joint's travel.
 REMAINING_SHARE = 5e-3

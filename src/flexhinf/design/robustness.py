@@ -11,11 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from flexhinf.analysis import LinearLoop
 from flexhinf.analysis.optimiser import bisected
-from flexhinf.design.evaluation import damped_springs
 from flexhinf.design.plans import STILL
-from flexhinf.design.responses import Move
-from flexhinf.design.workspace.design import SAMPLED_SEED, WorkspaceDesign
+from flexhinf.design.responses import Move, with_values
+from flexhinf.design.workspace.design import POSES_SEED, SAMPLED_SEED, WorkspaceDesign
 from flexhinf.design.workspace.setup import HOLD
 from flexhinf.estimation import ModalFilter
 from flexhinf.modal import ProvedRange, Tolerance, error_tolerance, proved_range
@@ -36,11 +36,14 @@ class Robustness(NamedTuple):
     """What a controller of a workspace tolerates, beyond what is required of it."""
 
     delay: float  # extra delay until the first pose is unstable, samples
-    damped_delay: float  # the same with springs that are damped more
+    undamped_delay: float  # the same with springs that nothing damps; 0 where one is unstable as it is
     louder: float  # factor of all inputs until the first pose is unstable
     softer: float  # the same below 1
     heavy: int  # number of the judged poses at which the heaviest robot needs more than `HOLD` of a motor's limit
     unheld: int  # number of those at which it needs more than the limit
+    fastest: tuple[
+        float, str
+    ]  # frequency of the fastest vibration of the robot and its corners, Hz, and its joint
     tolerance: Tolerance  # errors of the accelerations, pairs up to `FASTEST`
     proved: ProvedRange  # pairs whose stability is proved, latency and filter included
     # (3, n), by offsets of encoders at home, rad or m: transient, at once and as deployed; rest
@@ -53,11 +56,11 @@ def robustness(design: WorkspaceDesign) -> Robustness:
     setup, s = design.setup, design.specification
 
     loops = [setup.linear(pose) for pose in design.poses]
-    soft = [damped_springs(loop, setup.smooth_plant, setup.joints) for loop in loops]
+    free = [setup.linear(pose, damped=False) for pose in design.poses]
 
-    def margin(key: str, end: float) -> float:
+    def margin(key: str, end: float, tried: list[LinearLoop]) -> float:
         """Samples of delay, or the factor of the inputs, `end` its logarithm, at which the first loop is unstable."""
-        late, tried = key.endswith("late"), soft if key.startswith("damped") else loops
+        late = key == "late"
 
         def stable(k: int, size: float) -> bool:
             by, extra = (1.0, size * s.period) if late else (np.exp(size), 0.0)
@@ -74,13 +77,28 @@ def robustness(design: WorkspaceDesign) -> Robustness:
     gains, filter = setup.law.gains, setup.filter if isinstance(setup.filter, ModalFilter) else None
     at = np.array(setup.workspace.home)
     return Robustness(
-        margin("late", LATEST), margin("damped_late", LATEST),
-        margin("louder", np.log(LOUDEST)), margin("softer", -np.log(LOUDEST)),
-        int(np.sum(needs > HOLD)), int(np.sum(needs > 1.0)),
+        margin("late", LATEST, loops),
+        0.0 if max(loop.growth for loop in design.undamped[0]) >= 1.0 else margin("late", LATEST, free),
+        margin("louder", np.log(LOUDEST), loops), margin("softer", -np.log(LOUDEST), loops),
+        int(np.sum(needs > HOLD)), int(np.sum(needs > 1.0)), fastest_vibration(design),
         error_tolerance(gains, FASTEST, s.known_latency, filter),
         proved_range(gains, 0.0, np.inf, s.known_latency, filter),
         np.vstack([setup.encoder_offsets(at, None)[0], setup.encoder_offsets(at)]),
     )  # fmt: skip
+
+
+def fastest_vibration(design: WorkspaceDesign) -> tuple[float, str]:
+    """Frequency of the fastest vibration at the judged poses, Hz, with free motors and springs without damping, and the
+    joint that moves most; of the robot and of those at corners of its tolerances."""
+    robot, plant, s = design.robot, design.robot.plant(), design.specification
+    corners = robot.random_corners(len(design.poses), POSES_SEED + 100 * s.seed)
+    fastest, worst = -1.0, (design.poses[0], None)
+    for pose, values in [*((pose, None) for pose in design.poses), *zip(design.poses, corners)]:
+        a, *_ = with_values(plant, values).linearise(*robot.operating_point(pose, (), values))
+        if (rate := float(np.abs(np.linalg.eigvals(a).imag).max())) > fastest:
+            fastest, worst = rate, (pose, values)
+    joint = max(robot.modes(*worst), key=lambda mode: abs(mode.eigenvalue.imag)).joint
+    return fastest / (2.0 * np.pi), joint
 
 
 class Cause(NamedTuple):
@@ -107,19 +125,19 @@ def remaining_cause(design: WorkspaceDesign) -> Cause:
     joint, move = int(np.argmax(found[worst])), moves[worst]
     error = float(found[worst][joint])
     ends, seed = np.array([move.response.start, move.response.goal]), worst - nominal * (worst >= nominal)
-    corners = design.robot.random_corners(len(design.sampled), SAMPLED_SEED + 100 * s.seed)
-    own = design.robot.nominal if worst < nominal else corners[seed].numbers
+    corners = setup.true.robot.random_corners(len(design.sampled), SAMPLED_SEED + 100 * s.seed)
+    own = setup.true.robot.nominal if worst < nominal else corners[seed].numbers
     tried: dict[str, tuple[dict[str, float], float]] = {"rest": (own, LONGER)}
     if setup.dry_plant[2] is not None:
         still = {name: 0.0 for name in own if name.startswith(DRY_FRICTION)}
         tried["dry friction"] = {**own, **still}, STILL
-    changed = {name for name, value in own.items() if value != design.robot.nominal[name]}
+    changed = {name for name, value in own.items() if value != setup.true.robot.nominal[name]}
     kinds = {name: quantity_of(name, setup.joints) for name in sorted(changed)}
     for kind in dict.fromkeys(kinds.values()):
-        tried[kind] = {**own, **{k: design.robot.nominal[k] for k in kinds if kinds[k] == kind}}, STILL
+        tried[kind] = {**own, **{k: setup.true.robot.nominal[k] for k in kinds if kinds[k] == kind}}, STILL
     left = {
         kind: float(remaining_errors(
-            setup.move(ends, setup.robot.plant_parameters(values), seed, dwell))[joint])
+            setup.move(ends, setup.true.robot.plant_parameters(values), seed, dwell))[joint])
         for kind, (values, dwell) in tried.items()
     }  # fmt: skip
     least = min(left, key=lambda kind: left[kind])

@@ -32,6 +32,7 @@ from flexhinf.options import (
     refused,
     with_parameters,
 )
+from flexhinf.robot.springs import DAMPED
 from flexhinf.robot.waypoints import WaypointError, stated_workspace, waypoints
 from flexhinf.validation import late_package, nearest, value_text
 
@@ -292,7 +293,7 @@ class Specification:
         default="the robot's effort limits, or none")
     extras: options.Names = option((), UNCERTAIN,
         "What the true robot has and the model has not: inductance, joint_damping, spring_hardening, backlash, "
-        "coulomb_friction, stribeck_friction.", "coulomb_friction")
+        "coulomb_friction, stribeck_friction. Over a workspace it always has joint_damping.", "coulomb_friction")
     latency: options.Count | None = option(None, SENSORS,
         "Samples between a measurement and the effect of its input, at most 10. The estimator predicts over them.",
         "1", "samples", default=f"{LATENCY}, or 0 where the true state is fed back")
@@ -460,6 +461,11 @@ def is_for_workspace(s: Specification) -> bool:
             f"leave out `workspace`, or {', '.join(f'`{name}`' for name in stated)}",
         )  # fmt: skip
     return not stated
+
+
+def with_damping(s: Specification) -> Specification:
+    """The specification whose true plants have damped springs, as over a workspace."""
+    return replace(s, extras=tuple(dict.fromkeys((*s.extras, DAMPED))))
 
 
 # Errors ---------------------------------------------------------------------------------------------

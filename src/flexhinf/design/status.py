@@ -12,6 +12,7 @@ from flexhinf.design import certification, requirements as required
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.specification import MIN_DAMPING, PAST, RINGS
 from flexhinf.design.synthesis import by_step
+from flexhinf.robot.springs import SPRING_DAMPING
 
 #: Smallest extra delay, in periods, below which a late computation or a slow bus endangers the loop.
 FEW_PERIODS = 3.0
@@ -89,7 +90,7 @@ def _risks(lines: Sequence[required.Requirement], evaluation: LawEvaluation) -> 
             damped = evaluation.damped_margins.damping_about(setup.specification.damped_below_limit)[fast]
             risks.append(
                 f"an oscillation of the running loop at {mode.frequency:.3g} Hz{of(mode.joint)} is damped by "
-                f"{mode.damping:.2g} only, {damped:.2g} with springs damped by {100.0 * required.SPRING_DAMPING:g} % "
+                f"{mode.damping:.2g} only, {damped:.2g} with springs damped by {100.0 * SPRING_DAMPING:g} % "
                 "more"
             )
     if margins.stable and margins.delay_margin_s < FEW_PERIODS * period:

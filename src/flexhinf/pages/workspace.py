@@ -44,12 +44,14 @@ from flexhinf.pages.settings import loop_rows, robot_rows, sensor_rows, settings
 from flexhinf.pages.workspace_summary import (
     advice,
     columns_of,
+    damping_text,
     key_numbers,
     margin_text,
     missed_text,
     range_of,
     requirements_with_margins,
     scope_text,
+    undamped_text,
     units_in,
     worst_motion,
 )
@@ -95,7 +97,11 @@ def workspace_page(
                 *(Paragraph(" ".join(text.split())) for text in warnings),
             ), "specification", True,
                 brief=f"{sum(line.met for line in design.requirements)} of {len(design.requirements)} met"),
-            Section(f"Loops at {len(loops)} poses", (_pose_figure(design), _pose_table(design)), "poses", True),
+            Section(f"Loops at {len(loops)} poses", (
+                _pose_figure(design), _pose_table(design),
+                Paragraph(f"{damping_text(robot)} {undamped_text(design)} The feedforward, the law and its estimator "
+                          "know no damping of springs."),
+            ), "poses", True),
             Section(f"{count_text(len(design.moves), 'move')} between random goals", (
                 _move_figure(design), _move_table(design), _joint_table(design), _goals(design, tolerated),
                 *_power_on(design),
@@ -115,7 +121,7 @@ def workspace_page(
         f"{requirements_text(design.requirements)} One controller serves {range_of(design)}.",
         (*sections, *([files_section(files)] if files else [])),
         Settings(settings_in_groups({
-            "Robot": robot_rows(robot),
+            "Robot": robot_rows(setup.true.robot),
             "Estimator": [] if s.estimator == "none" else sensor_rows(setup),
             "Loop and samples": [*loop_rows(setup), *_sample_rows(design)],
         })),
@@ -140,7 +146,8 @@ def _pose_table(design: WorkspaceDesign) -> Table:
         *([(f"{least}, robots at corners of their tolerances", *_ends([loop.damping for loop in corners]),
             f"≥ {corner_damping(s):g}")] if corners else []),
         *([("damping ratio above it", *_ends([loop.fast_damping for loop in loops]), "stable"),
-           ("damping ratio above it, springs damped by 0.5 % more", *_ends([loop.damped_fast for loop in loops]), "")]
+           ("damping ratio above it, springs without damping",
+            *_ends([loop.fast_damping for loop in design.undamped[0]]), "")]
           if _oscillates(loops) else []),
         ("ripple by the sensors' noise, %", *_ends([loop.ripple for loop in loops]), f"≤ {ripple:g}"),
         ("time constant of the slowest mode, s", *_ends(slowest), "stable"),
@@ -307,7 +314,7 @@ def _margin_table(design: WorkspaceDesign, tolerated: Robustness) -> Table:
     extra, gain = s.delay_margin_limit or 0.0, gain_limit(s)
     rows = [
         ("extra delay on top of the latency, samples", margin_text(tolerated.delay, LATEST), f"≥ {extra:g}"),
-        ("the same, springs damped by 0.5 % more", margin_text(tolerated.damped_delay, LATEST), ""),
+        ("the same, springs without damping", margin_text(tolerated.undamped_delay, LATEST), ""),
         ("largest factor of all inputs at once", margin_text(tolerated.louder, LOUDEST), f"≥ {gain:g}"),
         ("smallest factor", margin_text(1.0 / tolerated.softer, LOUDEST, "1/"), f"≤ 1/{gain:g}"),
     ]
@@ -467,6 +474,7 @@ def workspace_numbers(design: WorkspaceDesign) -> dict[str, Any]:
             {"pose": pose.tolist(), **dict(zip(loop._fields, finite(list(loop))))}
             for pose, loop in zip(design.poses, design.loops)
         ],
+        "undamped": [[finite(loop.growth) for loop in loops] for loops in design.undamped],
         "corner_poses": [dict(zip(loop._fields, finite(list(loop)))) for loop in design.corner_loops],
         "goals": _ends_of_moves(design), "left_out": design.left_out,
         "tolerated": finite(t._asdict() | {"tolerance": t.tolerance._asdict(), "proved": t.proved._asdict()}),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -10,7 +11,6 @@ import numpy as np
 from flexhinf.design.requirements import REQUIREMENTS, Requirement
 from flexhinf.design.responses import Move
 from flexhinf.design.robustness import LATEST, LONGER, LOUDEST, remaining_cause, robustness
-from flexhinf.design.specification import Specification
 from flexhinf.design.workspace.design import WorkspaceDesign
 from flexhinf.design.workspace.judgement import UNHELD
 from flexhinf.design.workspace.search import BANDWIDTHS, motors_alone
@@ -28,8 +28,8 @@ from flexhinf.pages.terminal import (
 )
 from flexhinf.report import KeyNumber, Table, number
 from flexhinf.robot import Robot
-from flexhinf.robot.elastic import left_out
 from flexhinf.robot.kinematics import heavy_motors
+from flexhinf.robot.springs import SPRING_DAMPING
 from flexhinf.robot.waypoints import LIMITS
 
 #: Columns of the table of moves: key of `motion_metrics`, heading, unit; "" for that of small deviations.
@@ -43,6 +43,9 @@ FAR = 0.01
 
 #: Samples of a plan by which its speed is found.
 SPEED_SAMPLES = 201
+
+#: A period that shows a vibration, in parts of a period of the vibration; half a period shows it barely.
+PERIODS = 0.4
 
 #: Fast vibrations with less damping are named beside the verdict.
 HARDLY = 0.05
@@ -77,7 +80,21 @@ def scope_text(design: WorkspaceDesign) -> str:
     if 0.0 <= fast < HARDLY:  # below 0 a requirement is not met
         limit = f"{design.specification.damped_below_limit:g} rad/s"
         scope += f" Vibrations above {limit} are hardly damped (damping {number(fast, 2)})."
-    return scope
+    return f"{scope} {nyquist_text(design)}".rstrip()
+
+
+def nyquist_text(design: WorkspaceDesign) -> str:
+    """The fastest vibration where it lies beyond half the sampling frequency, and a period whose samples show it."""
+    (frequency, joint), period = robustness(design).fastest, design.specification.period
+    if frequency <= 0.5 / period:
+        return ""
+    longest = 1e3 * PERIODS / frequency
+    step = 10.0 ** (math.floor(math.log10(longest)) - 1)
+    return (
+        f"{joint} vibrates at {number(frequency, 3)} Hz, beyond half the sampling frequency, "
+        f"{number(0.5 / period, 3)} Hz (Nyquist): samples do not show it, and no law damps it. "
+        f"--period {math.floor(longest / step) * step:.2g}ms shows it."
+    )
 
 
 def speed_text(design: WorkspaceDesign) -> str:
@@ -184,14 +201,35 @@ def workspace_ending(design: WorkspaceDesign) -> Ending:
         _starts(design),
         advice(design),
     )
-    lines, s = requirements_with_margins(design), design.specification
-    return requirements_screen(lines, units_in(design).degrees, parts, damping_notes(design.robot, s))
+    lines = requirements_with_margins(design)
+    notes = [damping_text(design.robot), undamped_text(design)]
+    return requirements_screen(lines, units_in(design).degrees, parts, notes)
 
 
-def damping_notes(robot: Robot, s: Specification) -> list[str]:
-    """A sentence where the robot states damping of its springs and the design leaves it out."""
-    damped = "joint_damping" in left_out(robot.nominal, s.extras)
-    return ["The file states damping of the springs. --extras joint_damping includes it."] * damped
+def damping_text(robot: Robot) -> str:
+    """With which damping of its springs the robot is judged."""
+    assumed, elastic = robot.assumed_damping, [name for name in robot.joint_names if name not in robot.rigid]
+    stated = [name for name in elastic if name not in assumed]
+    if not assumed:
+        return "Springs are damped as the file states."
+    share = f"{100.0 * SPRING_DAMPING:g} %"
+    beside = f"; that of {listed(stated)} is stated" if stated else ""
+    return (
+        f"Springs are assumed to be damped by {share} of their own vibration, since the file states no damping of "
+        f"{listed(list(assumed))}{beside}."
+    )
+
+
+def undamped_text(design: WorkspaceDesign) -> str:
+    """What is unstable where nothing damps the springs, which decides nothing."""
+    counts = [
+        f"{sum(loop.growth >= 1.0 for loop in loops) or 'none'} of {len(loops)} {what}"
+        for loops, what in zip(design.undamped, ("poses", "robots at corners of the tolerances"))
+        if loops
+    ]
+    least = min(loop.fast_damping for loops in design.undamped for loop in loops)
+    fast = f", damping of fast vibrations {number(least, 2)}" if least < 1.0 else ""
+    return f"Without damping of the springs: {' and '.join(counts)} unstable{fast} (decides nothing)."
 
 
 def every_requirement(design: WorkspaceDesign) -> Table:

@@ -37,7 +37,9 @@ from flexhinf.robot.parameters import (
     PlantValues,
     check_parameters,
     checked_limits,
+    per_joint,
     random_signs,
+    unit_of,
 )
 from flexhinf.robot.saved_file import save_robot
 from flexhinf.robot.signals import (
@@ -50,6 +52,7 @@ from flexhinf.robot.signals import (
     signal_names,
     units_of,
 )
+from flexhinf.robot.springs import DAMPING, springs_of
 from flexhinf.scalars import derivative, series
 from flexhinf.validation import (
     checked_kind,
@@ -201,6 +204,23 @@ class Robot(Summarised):
     def with_parameters(self, *parameters: Parameter) -> Robot:
         """The same robot with these parameters, in place of those of the same name or beside them."""
         return replace(self, parameters=tuple({p.name: p for p in (*self.parameters, *parameters)}.values()))
+
+    @cached_property
+    def assumed_damping(self) -> dict[str, Parameter]:
+        """Damping D = τ K by elastic joint of which the robot states none, N·m·s/rad or N·s/m; 0 counts as stated. τ is
+        that of `flexhinf.robot.springs` at home."""
+        joints, plant, found = self.joint_names, self.plant(), {}
+        for spring in springs_of(plant.linearise(*self.operating_point())[0], plant, joints):
+            name, stiffness = (per_joint(each, spring.joint, len(joints)) for each in (DAMPING, "stiffness"))
+            if name not in self.nominal:
+                unit = unit_of(DAMPING, self.links.slides[joints.index(spring.joint)])
+                found[spring.joint] = Parameter(name, spring.time * self.nominal[stiffness], unit=unit)
+        return found
+
+    @cached_property
+    def damped(self) -> Robot:
+        """The same robot with `assumed_damping`."""
+        return self.with_parameters(*self.assumed_damping.values())
 
     def save(self, path: str | os.PathLike[str], like: str | os.PathLike[str] | None = None) -> None:
         """Write a robot file: `file` (or the file `like`) with this robot's numbers, tolerances and ranges.

@@ -64,6 +64,8 @@ class WorkspaceDesign(Judged):
     poses: np.ndarray  # (N, n), link positions, rad or m
     loops: tuple[PoseLoop, ...]  # linearised and sampled, at rest at each pose
     corner_loops: tuple[CornerLoop, ...]  # of robots at corners of their tolerances; none without tolerances
+    # the loops of both, whose springs nothing damps: they decide nothing
+    undamped: tuple[tuple[CornerLoop, ...], tuple[CornerLoop, ...]]
     moves: tuple[Move, ...]  # of the nominal robot
     left_out: int  # goals between theirs to which the motors do not carry the heaviest robot
     sampled: tuple[Move, ...]  # the same, of robots at corners of their tolerances; none without tolerances
@@ -96,7 +98,7 @@ class WorkspaceDesign(Judged):
         The robot is the nominal one, with the sensors' noise and the dry friction that it states. A step asks for more
         than a robot can do at once; `move` is what the design is judged by.
         """
-        robot, begin, extras = self.robot, self._pose(start), self.setup.dry_plant[0]
+        robot, begin, extras = self.setup.true.robot, self._pose(start), self.setup.dry_plant[0]
         controller, end = self.controller(begin), np.concatenate(robot.operating_point(goal))
         return self.setup.loop(controller).run(
             dict(zip(controller.commanded, end.tolist())), noise=self.setup.noise, duration=duration,
@@ -147,8 +149,13 @@ def design_workspace(
     progress(f"loops at {POSES} poses")
     poses = setup.workspace.sample(POSES, POSES_SEED + 100 * s.seed)
     loops = tuple(setup.at_pose(pose, TOLERANCE) for pose in poses)
-    corners = robot.random_corners(POSES, POSES_SEED + 100 * s.seed)
+    true = setup.true.robot
+    corners = true.random_corners(POSES, POSES_SEED + 100 * s.seed)
     cornered = tuple(map(setup.at_corner, poses, corners))
+    undamped = tuple(
+        tuple(setup.at_corner(*one, damped=False) for one in zip(poses, each))
+        for each in ([None] * len(poses), corners)
+    )
     progress(f"moves between {GOALS} goals")
     goals, left_out = setup.goals(GOALS + 1, GOALS_SEED + 100 * s.seed)
     nominal = [(goals[k : k + 2], None, k) for k in range(GOALS)]
@@ -157,7 +164,7 @@ def design_workspace(
         *pose_requirements(s, loops), *holding_requirement(setup, poses), *corner_requirements(s, cornered)
     )  # fmt: skip
     lines += tuple(move_requirements(setup, moves, "nominal robot"))
-    robots = robot.random_corners(sampled_moves(robot, s), SAMPLED_SEED + 100 * s.seed)
+    robots = true.random_corners(sampled_moves(robot, s), SAMPLED_SEED + 100 * s.seed)
     others = [(nominal[k % GOALS][0], values, k) for k, values in enumerate(robots)]
     if others:
         progress("moves of sampled robots")
@@ -166,7 +173,9 @@ def design_workspace(
         power_on = setup.power_on(*max(others, key=lambda one: setup.unknown_load(*one[:2])))
     if setup.dry_plant[2] is not None:  # dry friction
         lines += (standstill_requirement(setup, [*nominal, *others], [*moves, *sampled]),)
-    return WorkspaceDesign(setup, poses, loops, cornered, moves, left_out, sampled, power_on, lines)
+    return WorkspaceDesign(
+        setup, poses, loops, cornered, (undamped[0], undamped[1]), moves, left_out, sampled, power_on, lines
+    )  # fmt: skip
 
 
 def stated_workspace(robot: Robot, stated: Any) -> Workspace:

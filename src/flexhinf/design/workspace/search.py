@@ -70,7 +70,7 @@ def tuned_setup(
     some at corners of the tolerances, with the best estimator for it; or the nearest to it. With encoders of the motors
     alone what is only preferred does not count: it would cost bandwidth."""
     poses, (damping, ripple) = workspace.sample(CHOSEN_POSES, CHOSEN_SEED), pose_limits(s)
-    corners, delay = robot.random_corners(CORNERS * CHOSEN_POSES, CHOSEN_SEED), s.delay_margin_limit
+    corners, delay = robot.damped.random_corners(CORNERS * CHOSEN_POSES, CHOSEN_SEED), s.delay_margin_limit
     wanted = replace(
         s, damping=min(1.0, RESERVE * damping), ripple=ripple / RESERVE, gain_margin=RESERVE * gain_limit(s),
         delay_margin=None if delay is None else RESERVE * delay,
@@ -117,7 +117,7 @@ def missed(setup: WorkspaceSetup) -> float:
     """Worst of what is required of motions, found over allowed, in some moves of robots at corners of their tolerances;
     at most 1 where all is met."""
     s, limits, (goals, _) = setup.specification, setup.limits, setup.goals(TRIED_MOVES + 1, CHOSEN_SEED)
-    robots = setup.robot.random_corners(TRIED_MOVES, CHOSEN_SEED) or [None] * TRIED_MOVES
+    robots = setup.true.robot.random_corners(TRIED_MOVES, CHOSEN_SEED) or [None] * TRIED_MOVES
     motions = [setup.move(goals[k : k + 2], values).motion for k, values in enumerate(robots)]
     lines = [
         line for motion in motions for line in motion_requirements(s, limits, motion, 0.0, "", rests=True)

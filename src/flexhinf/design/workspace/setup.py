@@ -11,16 +11,16 @@ import numpy as np
 
 from flexhinf.analysis import LinearLoop
 from flexhinf.analysis.linear_loop import exponential
-from flexhinf.design.evaluation import damped_springs
-from flexhinf.design.loop_setup import EstimatorNoise, LoopPlants
+from flexhinf.design.loop_setup import SMOOTH_EXTRAS, EstimatorNoise, LoopPlants
 from flexhinf.design.plans import BEYOND, STILL, move_reference, quintic_move, settled
 from flexhinf.design.responses import Move, Response, with_values
-from flexhinf.design.specification import RINGS, RIPPLE, Specification
+from flexhinf.design.specification import RINGS, RIPPLE, Specification, with_damping
 from flexhinf.errors import NumericalFailure
 from flexhinf.estimation import ExtendedKalmanFilter, ModalFilter, stationary_gain
 from flexhinf.loop import Controller, Loop, Moving, Supervision, Waypoints
 from flexhinf.modal import ModalLaw
 from flexhinf.plant import Plant
+from flexhinf.robot.springs import DAMPED
 from flexhinf.robot.workspace import Workspace
 
 #: Poses by which a law is chosen, and their seed; a ripple below which an estimator is preferred, per cent.
@@ -79,18 +79,17 @@ class PoseLoop(NamedTuple):
     growth: float
     damping: float  # smallest damping ratio of slow oscillations, see `Specification.damped_below_limit`
     fast_damping: float  # smallest of faster ones
-    damped_fast: float  # the same with springs that are damped more
     late: float  # growth with the extra delay that is required
-    damped_late: float  # the same with twice that delay and springs that are damped more
+    later: float  # the same with twice that delay
     louder: float  # growth with all inputs times the gain margin that is required
     softer: float  # and divided by it
     ripple: float  # largest deviation of an input by the noise of the sensors, per cent of its limit
 
     def excess(self, damping: float, ripple: float, period: float) -> np.ndarray:
         """How far it misses, (4,), in order of importance: stability with the extra delay (1/s), damping and ripple
-        (relative); the gain margins (1/s); twice the delay with damped springs (1/s), and a ripple of `QUIET`, which
-        are only preferred. At most 0 where it misses nothing."""
-        late, gain, wished = np.log([self.late, max(self.louder, self.softer), self.damped_late]) / period
+        (relative); the gain margins (1/s); twice the delay (1/s), and a ripple of `QUIET`, which are only preferred. At
+        most 0 where it misses nothing."""
+        late, gain, wished = np.log([self.late, max(self.louder, self.softer), self.later]) / period
         loud = np.log(np.clip(self.ripple, 1e-9, 1e5) / np.array([ripple, QUIET]))
         needed = max(np.log(self.growth) / period, late, 1.0 - self.damping / damping, loud[0])
         return np.array([needed, gain, wished, loud[1]])
@@ -107,6 +106,32 @@ class WorkspaceSetup(LoopPlants):
     workspace: Workspace
     law: ModalLaw
     random: tuple[float, float] = EXPECTED
+
+    @cached_property
+    def true(self) -> LoopPlants:
+        """Plants of the true robot, whose springs are damped as the file states, or as no real spring is without. Law,
+        estimator and feedforward know no damping."""
+        return LoopPlants(self.robot.damped, with_damping(self.specification))
+
+    @cached_property
+    def true_plant(self) -> Plant:
+        """The true robot with the extras."""
+        return self.true.true_plant
+
+    @cached_property
+    def smooth_plant(self) -> Plant:
+        """The true plant of the linear loop."""
+        return self.true.smooth_plant
+
+    @cached_property
+    def undamped_plant(self) -> Plant:
+        """That of the linear loop with springs that nothing damps."""
+        extras = tuple(name for name in self.specification.extras if name in SMOOTH_EXTRAS and name != DAMPED)
+        return self.robot.plant(self.specification.measured, extras=extras)
+
+    def plant_with_friction(self, at: np.ndarray) -> tuple[tuple[str, ...], Plant, int] | None:
+        """As that of the true robot."""
+        return self.true.plant_with_friction(at)
 
     @cached_property
     def noise_levels(self) -> EstimatorNoise:
@@ -174,14 +199,18 @@ class WorkspaceSetup(LoopPlants):
         """The estimator at home, from which `linear` takes the gains."""
         return self.estimator(np.asarray(self.robot.home))
 
-    def linear(self, at: np.ndarray, values: Mapping[str, Any] | None = None) -> LinearLoop:
-        """The sampled loop linearised at rest at a pose (n,), of a robot with the parameters `values`.
+    def linear(
+        self, at: np.ndarray, values: Mapping[str, Any] | None = None, damped: bool = True
+    ) -> LinearLoop:
+        """The sampled loop linearised at rest at a pose (n,), of a robot with the parameters `values`, whose springs
+        may be without damping.
 
         It is built from the gains of law and filter. `EquilibriumLoop` gives the same from derivatives of the traced
         step, more slowly.
         """
-        s, states, plant = self.specification, self.model.states, with_values(self.smooth_plant, values)
-        smooth, n = tuple(name for name in s.extras if name not in self.left_out), len(self.joints)
+        s, states, n = self.specification, self.model.states, len(self.joints)
+        plant = with_values(self.smooth_plant if damped else self.undamped_plant, values)
+        smooth = tuple(name for name in s.extras if name in SMOOTH_EXTRAS)
         a, b, g, c = plant.linearise(*self.robot.operating_point(at, smooth, values))
         whole = np.eye(plant.n)[[plant.index(name) for name in states]]
         c = whole if self.filter is None else c
@@ -229,16 +258,15 @@ class WorkspaceSetup(LoopPlants):
         memory = [moved @ estimate + driven @ waiting[0], *waiting[1:], integral + 2.0 * half]
         return np.vstack(memory), waiting[-1]
 
-    def at_corner(self, at: np.ndarray, values: Mapping[str, Any]) -> CornerLoop:
-        """The loop at rest at a pose (n,), of a robot with the parameters `values`."""
-        loop = self.linear(at, values).closed_loop
+    def at_corner(self, at: np.ndarray, values: Mapping[str, Any] | None, damped: bool = True) -> CornerLoop:
+        """The loop at rest at a pose (n,), of a robot with the parameters `values`, as for `linear`."""
+        loop = self.linear(at, values, damped).closed_loop
         growth, limit = float(np.abs(loop.multipliers).max()), self.specification.damped_below_limit
         return CornerLoop(growth, *loop.damping_about(limit))
 
     def at_pose(self, at: np.ndarray, tolerance: float = 0.0) -> PoseLoop:
         """The loop at rest at a pose (n,), with margins that are smaller than required by a relative tolerance."""
         s, loop = self.specification, self.linear(at)
-        soft = damped_springs(loop, self.smooth_plant, self.joints)
         extra = (1.0 - tolerance) * ((s.delay_margin_limit or 0.0) * s.period)
         gain = (1.0 - tolerance) * gain_limit(s)
 
@@ -250,8 +278,8 @@ class WorkspaceSetup(LoopPlants):
         louder, softer = (growth(replace(loop, b=k * loop.b, d=k * loop.d)) for k in (gain, 1.0 / gain))
         return PoseLoop(
             growth=float(np.abs(loop.closed_loop.multipliers).max()), damping=damping, fast_damping=fast,
-            damped_fast=soft.closed_loop.damping_about(s.damped_below_limit)[1], late=growth(loop, extra),
-            damped_late=growth(soft, 2.0 * extra), louder=louder, softer=softer, ripple=100.0 * ripple,
+            late=growth(loop, extra), later=growth(loop, 2.0 * extra), louder=louder, softer=softer,
+            ripple=100.0 * ripple,
         )  # fmt: skip
 
     def noise_spread(self, loop: LinearLoop) -> np.ndarray:
@@ -312,7 +340,7 @@ class WorkspaceSetup(LoopPlants):
     @cached_property
     def dry_plant(self) -> tuple[tuple[str, ...], Plant, int | None]:
         """Extras of the true robot, dry friction included; its plant, and Runge–Kutta steps per period."""
-        extras = self.specification.extras
+        extras = self.true.specification.extras
         return self.plant_with_friction(np.array(self.robot.home)) or (extras, self.true_plant, None)
 
     @cached_property
@@ -334,7 +362,7 @@ class WorkspaceSetup(LoopPlants):
         s, (start, goal) = self.specification, ends
         (plan, reference), controller = self._command(*map(bytes, ends)), self.controller(start)
         linear, extras = self.linear(start, values), self.dry_plant[0]
-        state, held, memory = settled(self.robot, self.limits, controller, linear, start, extras, values)
+        state, held, memory = settled(self.true.robot, self.limits, controller, linear, start, extras, values)
         run = self.loop(controller, values).prepared(
             reference=reference, noise=self.noise,
             duration=s.period * round((plan.duration + dwell) / s.period), seed=s.seed + seed,
@@ -348,7 +376,7 @@ class WorkspaceSetup(LoopPlants):
         s, at = self.specification, ends[0]
         run = self.loop(self.controller(at), values).run(
             noise=self.noise, duration=s.period * round(STILL / s.period), seed=s.seed + seed,
-            initial_state=self.robot.operating_point(at, self.dry_plant[0], values)[0],
+            initial_state=self.true.robot.operating_point(at, self.dry_plant[0], values)[0],
         )  # fmt: skip
         return Response(run, at, at, self.joints)
 

@@ -1,0 +1,39 @@
+"""Springs of a linearised plant, with the damping that no real spring is without."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from flexhinf.robot.elastic import EXTRAS
+from flexhinf.robot.signals import signal_names
+
+#: Damping ratio of its own vibration that a spring is given where none is stated, and in addition for a second look at
+#: the delay margin of one pose: undamped vibrations decide it, and no real spring is undamped.
+SPRING_DAMPING = 5e-3
+
+#: The extra of a plant whose springs are damped, and the quantity that states by how much.
+DAMPED, DAMPING = "joint_damping", EXTRAS["joint_damping"]
+
+
+class Spring(NamedTuple):
+    """One elastic joint in a linearised plant."""
+
+    joint: str
+    time: float  # τ = 2ζ/ω, s, with ζ of `SPRING_DAMPING`
+    motor: int  # places of states
+    motor_rate: int
+    link_rate: int
+
+
+def springs_of(a: np.ndarray, plant: Any, joints: Sequence[str]) -> list[Spring]:
+    """Springs of a plant linearised as `a` (n, n); ω is the vibration of link and motor on this spring alone."""
+    found, kinds = list[Spring](), ("motor_position", "motor_velocity", "link_velocity")
+    for joint, *names in zip(joints, *(signal_names(kind, joints) for kind in kinds)):
+        if names[0] in plant.states:  # else a rigid joint
+            motor, motor_rate, link_rate = map(plant.index, names)
+            time = 2.0 * SPRING_DAMPING / float(np.sqrt(a[link_rate, motor] - a[motor_rate, motor]))
+            found.append(Spring(joint, time, motor, motor_rate, link_rate))
+    return found
