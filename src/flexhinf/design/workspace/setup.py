@@ -13,7 +13,14 @@ from flexhinf.analysis import LinearLoop
 from flexhinf.analysis.linear_loop import exponential
 from flexhinf.design.evaluation import damped_springs
 from flexhinf.design.loop_setup import EstimatorNoise, LoopPlants
-from flexhinf.design.plans import BEYOND, STILL, move_reference, quintic_move, settled
+from flexhinf.design.plans import (
+    BEYOND,
+    STILL,
+    move_reference,
+    quintic_move,
+    settled,
+    stated_dry_friction,
+)
 from flexhinf.design.responses import Move, Response, with_values
 from flexhinf.design.specification import RINGS, RIPPLE, Specification
 from flexhinf.errors import NumericalFailure
@@ -165,7 +172,7 @@ class WorkspaceSetup(LoopPlants):
         options = {"offset_time": None if s.estimator == "none" else OFFSET_TIME, **options}
         return Controller(
             replace(self.law, equilibrium=held), self.estimator(at), s.period, self.limits.saturated, moving=True,
-            start="zero", latency=s.known_latency, **options,
+            start="zero", latency=s.known_latency, dry_friction=stated_dry_friction(self.robot), **options,
         )  # fmt: skip
 
     # At rest ------------------------------------------------------------------------------------------
@@ -322,7 +329,7 @@ class WorkspaceSetup(LoopPlants):
         @lru_cache(PLANS)
         def command(*ends: bytes) -> tuple[Waypoints, Moving]:
             plan = quintic_move(self.robot, self.limits, *map(np.frombuffer, ends))
-            return plan, move_reference(self.robot, plan, self.dry_friction)
+            return plan, move_reference(self.robot, plan, ())
 
         return command
 
