@@ -3,11 +3,12 @@
 A command (x_d, u_d) is a motion of a robot without dry friction. The step adds what turning a motor at its commanded
 speed v takes beside that, in units of the input:
 
-    u_F = F tanh(w / v₀),    w = v − clip(v, −v₀, v₀)
+    u_F = F tanh((4 v / v₀)³)
 
-F is Coulomb's friction and v₀ the velocity over which the robot's model smooths it. So a command that rests, or whose
-noise stays below v₀, adds nothing, and nothing jumps. It is the commanded speed and not the measured one, so no loop is
-closed by it. The estimator's model has no dry friction: what it is told of an input is the rest of it.
+F is Coulomb's friction and v₀ the velocity over which the robot's model smooths it. A command that rests adds nothing,
+and one with noise below v₀/12 less than 4 % of F. From v₀/3 on it is all of F: where it ended earlier before a goal,
+the motor would stick so much before it. It is the commanded speed and not the measured one, so no loop is closed by it.
+The estimator's model has no dry friction: what it is told of an input is the rest of it.
 """
 
 from __future__ import annotations
@@ -20,8 +21,10 @@ import numpy as np
 
 from flexhinf.codegen import gives
 from flexhinf.errors import InvalidInput, refuse_if
-from flexhinf.scalars import clip
 from flexhinf.validation import real_array, value_text
+
+#: The model's smoothing over that of the feedforward. With 1, a wrist that came in slowly stuck 1.2 mrad before a goal.
+SHARPNESS = 4.0
 
 
 @dataclass(frozen=True)
@@ -79,8 +82,8 @@ class DryFriction:
 
 def friction_input(places: Sequence[int], command: Any, level: Any, smoothing: Any) -> Any:
     """What the motors need beside u_d of a command (x_d, u_d), (m,), on any element."""
-    speed = command[list(places)]
-    return level * np.tanh((speed - clip(speed, -smoothing, smoothing)) / smoothing)
+    ratio = SHARPNESS * command[list(places)] / smoothing
+    return level * np.tanh(ratio * ratio * ratio)
 
 
 def overcoming(places: Sequence[int], input: Any, *command: Any) -> Any:
