@@ -284,7 +284,12 @@ def test_a_start_that_is_told_has_its_own_input_with_the_same_bits(
 
 def rich(moving: bool) -> fh.Controller:
     """Two links with two sensors each, and every option that a controller has beside the other."""
-    box, sides = ([-1.0, -1.0], [1.0, 1.0]), ({"command_range": 2.0, "command_rate": 9.0}, {})
+    motors = ["motor_velocity_shoulder", "motor_velocity_elbow"]
+    friction = fh.loop.DryFriction([1.0, 0.5], [0.01, 0.02], motors)
+    box, sides = (
+        ([-1.0, -1.0], [1.0, 1.0]),
+        ({"command_range": 2.0, "command_rate": 9.0}, {"dry_friction": friction}),
+    )
     hold = {"workspace": "hold", "limit_cycle": "hold", "saturation": "brake"}
     watch = fh.Supervision(
         box, saturation_time=0.01, braking_time=0.1,
@@ -319,6 +324,9 @@ def test_the_richest_controllers_agree_on_hostile_samples(
             library.reset(rest[:8])
             held = controller.input_before(None, rest[:8])
         measured, command = y + 1e-4 * rng.standard_normal(4), r + 0.0
+        command[6:8] += (
+            0.02 * rng.standard_normal(2) if moving else 0.0
+        )  # about what dry friction is smoothed over
         spell = rng.integers(40) if k % 60 == 0 else spell
         some = rng.random(4) < (0.1 if spell % 2 else 1.0)
         if spell < 12:

@@ -327,7 +327,7 @@ def _active(s: Specification, idle: Mapping[str, str]) -> dict[str, str]:  # a s
 
 
 def _of_workspace(robot: Robot, s: Specification) -> dict[str, str]:
-    kept = {"ripple"} | ({"estimator"} if s.estimator == "none" else set())
+    kept = {"ripple", "tracking_error"} | ({"estimator"} if s.estimator == "none" else set())
     idle = dict.fromkeys(
         {*specification.FIELDS} - {*specification.OF_WORKSPACE} | {"estimator"},
         "a design of one pose (--pose)",
@@ -341,7 +341,7 @@ def _of_loop(robot: Robot, s: Specification) -> dict[str, str]:
 
     idle = {} if joint_limits(robot, s).limits_effort else {"ripple": "limits of the motors (--saturation)"}
     if s.move is None:
-        idle["tracking_error"] = "a move (--move)"
+        idle["tracking_error"] = "a move (--move), or a workspace"
     if s.disturbances is None:
         idle["command"] = "--disturbances: without them the command is the disturbance anyway"
     if s.estimator == "none":

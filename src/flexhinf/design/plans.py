@@ -16,9 +16,10 @@ from flexhinf.design.problem.weights import required_bandwidth
 from flexhinf.design.responses import JointLimits, Plan, joint_limits, plan_ends, start_and_goal
 from flexhinf.design.specification import RUN_SAMPLES, Specification
 from flexhinf.errors import InvalidInput
-from flexhinf.loop import Controller, JerkLimited, Moving, Waypoints
-from flexhinf.plant import Law
-from flexhinf.robot import Robot, check_reference, kinematics
+from flexhinf.loop import Controller, DryFriction, JerkLimited, Moving, Waypoints
+from flexhinf.plant import Law, Parameters
+from flexhinf.robot import Robot, check_reference, elastic, kinematics
+from flexhinf.robot.parameters import per_joint
 from flexhinf.robot.waypoints import WaypointError, WaypointTable
 from flexhinf.robot.workspace import ranges
 from flexhinf.validation import value_text
@@ -195,9 +196,21 @@ def refuse_workspace(s: Specification, robot: Robot, what: str, advice: str = "`
     )
 
 
+def stated_dry_friction(robot: Robot) -> DryFriction | None:
+    """Coulomb's friction of a robot's file, for a controller that overcomes it; None without any."""
+    values, joints = robot.plant_parameters(), robot.joint_names
+    level, p = np.broadcast_to(values.get("coulomb_friction", 0.0), len(joints)), Parameters(values)
+    if not np.any(level > 0.0):
+        return None
+    level = level / elastic.torque_per_input(robot.drive, p)
+    quantities = ("link_velocity" if joint in robot.rigid else "motor_velocity" for joint in joints)
+    speeds = [per_joint(name, joint, len(joints)) for name, joint in zip(quantities, joints)]
+    return DryFriction(level, np.broadcast_to(p.friction_smoothing, len(joints)), speeds)
+
+
 def move_reference(robot: Robot, plan: Plan, dry_friction: Sequence[str]) -> Moving:
     """A planned move with feedforward by inverse dynamics of the elastic robot, including these kinds of dry
-    friction."""
+    friction, which a controller with `dry_friction` adds itself."""
     return Moving(plan, partial(robot.inverse_dynamics, extras=tuple(dry_friction)))
 
 
@@ -215,7 +228,7 @@ def driven(
                 latency=controller.mode.latency, offset_time=controller.offset_time,
                 supervision=controller.supervision and replace(controller.supervision, reactions={}),
             )  # fmt: skip
-        return controller, move_reference(robot, plan, dry_friction)
+        return controller, move_reference(robot, plan, () if controller.dry_friction else dry_friction)
     return controller, plan
 
 

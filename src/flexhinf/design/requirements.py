@@ -66,6 +66,9 @@ REMAINING_SHARE = 5e-3
 #: Largest amplitude of a link at rest, with dry friction and noise, in parts of the remaining error that is allowed.
 STANDSTILL_SHARE = 0.25
 
+#: Default largest error on the way of a move of a workspace, as a multiple of the remaining error that is allowed.
+TRACKING_TIMES = 5.0
+
 #: Relative tolerance of a count of samples as a time: rounding.
 EXACT = 1e-9
 
@@ -394,8 +397,8 @@ def motion_requirements(
     s: Specification, limits: JointLimits, rows: Sequence[Mapping[str, Any]], resolution: float, where: str,
     errors: tuple[np.ndarray, str] | None = None, always: bool = True, rests: bool = False,
 ) -> list[Requirement]:  # fmt: skip
-    """Requirements on the motion of one run, by its `motion_metrics`: the wrong way, distance from the path, remaining
-    error, ripple.
+    """Requirements on the motion of one run, by its `motion_metrics`: the wrong way, distance from the path, tracking
+    error of a move that `rests`, remaining error, ripple.
 
     `resolution`: of a link position, rad or m; a default remaining error is not smaller, nor than `REMAINING_SHARE` of
     the joint's travel, of which a step of eight time constants keeps some.
@@ -407,9 +410,11 @@ def motion_requirements(
     remaining = s.remaining_error or np.maximum(default, REMAINING_SHARE * travel)
     if errors is not None:
         ends, end = [{"remaining_error": error} for error in errors[0].tolist()], errors[1]
+    tracking = s.tracking_error or TRACKING_TIMES * per_joint(limits.joints, "remaining_error", remaining)
     judged = [
         ("undershoot", "wrong_way_percent", rows, where, s.undershoot or UNDERSHOOT),
         ("path", "path_distance", rows, where, s.path_distance),
+        ("tracking", "tracking_error", rows, where, tracking if rests else None),
         ("remaining", "remaining_error", ends, end, remaining),
         ("ripple", "ripple_percent", rows, where, s.ripple or RIPPLE),
     ]  # fmt: skip

@@ -471,6 +471,7 @@ def motion_metrics(limits: JointLimits, run: Response, plan: Plan | None = None)
     Keys: joint, travel (rad or m), wrong_way_percent (of a joint that moves), excursion_percent (of one that should
     rest; None where no travel compares with it), path_distance and remaining_error (rad or m), ripple_percent (of a
     motor with a limit). The last two are those of joints at rest, so a run that ends too soon after its plan has none.
+    Along a plan also tracking_error (rad or m), the largest distance from where the plan is at the same time.
     """
     if run.diverged_at is not None:
         return []
@@ -493,6 +494,8 @@ def motion_metrics(limits: JointLimits, run: Response, plan: Plan | None = None)
             away = metrics.excursion(q, path[0, k], largest[k]) if largest[k] > STILL else None
             own = {"excursion_percent": away}
         own |= {"travel": float(travel[k]), "path_distance": float(distances[k])}
+        if plan is not None:
+            own["tracking_error"] = float(metrics.peak_of(q - planned[:, k]))
         if rests:
             own["remaining_error"] = float(errors[k])
             own |= {"ripple_percent": float(ripples[k])} if np.isfinite(limits.effort[k]) else {}

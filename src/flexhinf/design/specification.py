@@ -62,9 +62,9 @@ AngleUnit = Annotated[Literal["rad", "deg"], options.CHOICE]
 #: Fields that a design for a workspace reads. With any other field a design is of one pose.
 OF_WORKSPACE = (
     "workspace", "damping", "damped_below", "peak_effort", "peak_speed", "undershoot", "path_distance",
-    "remaining_error", "ripple", "gain_margin", "delay_margin", "measured", "estimator", "period", "process_noise",
-    "torque_noise", "measurement_noise", "saturation", "extras", "latency", "unknown_delay", "quantisation", "draws",
-    "seed", "angle_unit",
+    "tracking_error", "remaining_error", "ripple", "gain_margin", "delay_margin", "measured", "estimator", "period",
+    "process_noise", "torque_noise", "measurement_noise", "saturation", "extras", "latency", "unknown_delay",
+    "quantisation", "integral_dead_zone", "draws", "seed", "angle_unit",
 )  # fmt: skip
 
 #: Estimators of a design of one pose alone.
@@ -190,8 +190,9 @@ class Specification:
         "it. The goal is by default its last waypoint.", "waypoints.csv", "s; rad, m",
         default="the way from start to goal, not judged")
     tracking_error: options.Tolerances | None = option(None, LOOP,
-        "Largest distance of a link from the move: 1deg, or one per joint 1deg,2mm.", "0.5deg", "rad, m",
-        default="5 % of the joint's way along the move")
+        "Largest distance of a link from where the move is at the same time: 1deg, or one per joint 1deg,2mm.",
+        "0.5deg", "rad, m",
+        default="5 % of the joint's way along the move; in a workspace 5 times the remaining error")
     angle_unit: AngleUnit | None = option(None, WRITTEN, "Unit of angles in the report: rad or deg.", "deg",
         default="the unit of the poses")
     preset: PresetName | None = option(None, SEARCH,
@@ -306,7 +307,7 @@ class Specification:
     integral_dead_zone: options.Distances | None = option(None, ADVANCED,
         "Errors up to this size are not integrated, against limit cycles: 1e-3 (rad, m), 0.05deg, or one per joint; "
         "0: none.", "1e-3", "rad, m",
-        default="none, or the amplitude of the limit cycle that dry friction causes")
+        default="none, or the amplitude of the limit cycle that dry friction causes; in a workspace half the backlash")
     load: options.Number | None = option(None, SEARCH, "Torque on every link in the load response.", "1", "N·m or N",
         default="a tenth of what the motors give at the peak input of the step")
     draws: options.Count | None = option(None, SEARCH,

@@ -54,7 +54,7 @@ SCREEN = 23
 
 
 #: Fields whose limits are of errors, so that more of them makes nothing else worse.
-ERRORS = ("remaining_error", "path_distance", "undershoot")
+ERRORS = ("remaining_error", "tracking_error", "path_distance", "undershoot")
 
 #: A limit is offered that is at most so many times the present one.
 WITHIN = 3.0

@@ -34,8 +34,9 @@ from flexhinf.robot.waypoints import LIMITS
 
 #: Columns of the table of moves: key of `motion_metrics`, heading, unit; "" for that of small deviations.
 COLUMNS = {
-    "remaining_error": ("remaining error", ""), "wrong_way_percent": ("motion the wrong way", "%"),
-    "path_distance": ("distance from the path", ""), "ripple_percent": ("ripple of the motors", "%"),
+    "remaining_error": ("remaining error", ""), "tracking_error": ("tracking error", ""),
+    "wrong_way_percent": ("motion the wrong way", "%"), "path_distance": ("distance from the path", ""),
+    "ripple_percent": ("ripple of the motors", "%"),
 }  # fmt: skip
 
 #: Motion at power-on, or by offsets of the encoders, that a terminal names, rad or m.

@@ -171,7 +171,7 @@ def design_workspace(
         sampled = tuple(setup.move(*one) for one in others)
         lines += tuple(move_requirements(setup, sampled, "robots at corners of their tolerances"))
         power_on = setup.power_on(*max(others, key=lambda one: setup.unknown_load(*one[:2])))
-    if setup.dry_plant[2] is not None:  # dry friction
+    if setup.may_swing:
         lines += (standstill_requirement(setup, [*nominal, *others], [*moves, *sampled]),)
     return WorkspaceDesign(
         setup, poses, loops, cornered, (undamped[0], undamped[1]), moves, left_out, sampled, power_on, lines

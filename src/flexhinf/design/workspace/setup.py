@@ -12,8 +12,15 @@ import numpy as np
 from flexhinf.analysis import LinearLoop
 from flexhinf.analysis.linear_loop import exponential
 from flexhinf.design.loop_setup import SMOOTH_EXTRAS, EstimatorNoise, LoopPlants
-from flexhinf.design.plans import BEYOND, STILL, move_reference, quintic_move, settled
-from flexhinf.design.responses import Move, Response, with_values
+from flexhinf.design.plans import (
+    BEYOND,
+    STILL,
+    move_reference,
+    quintic_move,
+    settled,
+    stated_dry_friction,
+)
+from flexhinf.design.responses import Move, Response, integral_dead_zone, with_values
 from flexhinf.design.specification import RINGS, RIPPLE, Specification, with_damping
 from flexhinf.errors import NumericalFailure
 from flexhinf.estimation import ExtendedKalmanFilter, ModalFilter, stationary_gain
@@ -190,7 +197,8 @@ class WorkspaceSetup(LoopPlants):
         options = {"offset_time": None if s.estimator == "none" else OFFSET_TIME, **options}
         return Controller(
             replace(self.law, equilibrium=held), self.estimator(at), s.period, self.limits.saturated, moving=True,
-            start="zero", latency=s.known_latency, **options,
+            start="zero", latency=s.known_latency, integral_dead_zone=self.dead_zone,
+            dry_friction=stated_dry_friction(self.robot), **options,
         )  # fmt: skip
 
     # At rest ------------------------------------------------------------------------------------------
@@ -339,9 +347,29 @@ class WorkspaceSetup(LoopPlants):
 
     @cached_property
     def dry_plant(self) -> tuple[tuple[str, ...], Plant, int | None]:
-        """Extras of the true robot, dry friction included; its plant, and Runge–Kutta steps per period."""
-        extras = self.true.specification.extras
-        return self.plant_with_friction(np.array(self.robot.home)) or (extras, self.true_plant, None)
+        """Extras of the true robot, with the dry friction and the backlash that it states; its plant, and Runge–Kutta
+        steps per period, None without dry friction."""
+        s, gaps = self.true.specification, ("backlash",) if np.any(self.backlash > 0.0) else ()
+        own = LoopPlants(self.true.robot, replace(s, extras=tuple(dict.fromkeys((*s.extras, *gaps)))))
+        extras = own.specification.extras
+        return own.plant_with_friction(np.array(self.robot.home)) or (extras, own.true_plant, None)
+
+    @property
+    def may_swing(self) -> bool:
+        """Whether the true robot has what makes a loop with integrals swing at rest: dry friction, or backlash."""
+        return self.dry_plant[2] is not None or "backlash" in self.dry_plant[0]
+
+    @cached_property
+    def backlash(self) -> np.ndarray:
+        """Width of each joint's gap (n,), rad or m; 0 where the robot states none."""
+        width, own = np.zeros(len(self.joints)), self.robot.plant_parameters().get("backlash", 0.0)
+        width[self.robot.layout.elastic] = own
+        return width
+
+    @property
+    def dead_zone(self) -> np.ndarray | None:
+        """Errors (n,) that are not integrated, rad or m: as stated, or half the backlash; None without any."""
+        return integral_dead_zone(self.joints, self.specification.integral_dead_zone, 0.5 * self.backlash)
 
     @cached_property
     def _command(self) -> Callable[[bytes, bytes], tuple[Waypoints, Moving]]:
@@ -350,7 +378,7 @@ class WorkspaceSetup(LoopPlants):
         @lru_cache(PLANS)
         def command(*ends: bytes) -> tuple[Waypoints, Moving]:
             plan = quintic_move(self.robot, self.limits, *map(np.frombuffer, ends))
-            return plan, move_reference(self.robot, plan, self.dry_friction)
+            return plan, move_reference(self.robot, plan, ())
 
         return command
 

@@ -16,6 +16,7 @@ from flexhinf.codegen.shared import share
 from flexhinf.errors import ControllerInUse, InvalidInput
 from flexhinf.loop.controller.data import data_values
 from flexhinf.loop.controller.estimated import EstimatedStates, balance, compensated_places
+from flexhinf.loop.controller.friction import DryFriction
 from flexhinf.loop.controller.law_code import LawCode, law_slope
 from flexhinf.loop.controller.laws import Schedule, check_kinds, read_controller, write_controller
 from flexhinf.loop.controller.measured import Source, within
@@ -118,6 +119,8 @@ class Controller(Summarised):
         estimator.
     windup : Windup, optional
         The bound of integral action stored in a file; by default it follows from law and model.
+    dry_friction : DryFriction, optional
+        What the input has beside u_d of a moving reference, see `flexhinf.loop.controller.friction`.
     measurement_limits : tuple (lower, upper, rate), optional
         Least and largest measurement and largest change per s, numbers or (p,) each, infinite for none. An element
         beyond them, or that moved faster since it was last plausible, is missing, and counted in `rejected`.
@@ -164,6 +167,7 @@ class Controller(Summarised):
         windup: Windup | None = None,
         compensate: Sequence[str] | str | None = None,
         measurement_limits: Any = None,
+        dry_friction: DryFriction | None = None,
     ) -> None:
         self.law, self.estimator = solution, estimator
         self.gaps = estimator is not None  # elements of a measurement may be missing
@@ -182,7 +186,7 @@ class Controller(Summarised):
         compensated = compensated_places(compensate, solution, estimator)
         if compensated and estimator is not None:
             self.balance = balance(self.laws, estimator, self.estimated_states, compensated)
-        self.supervision, self._windup_option = supervision, windup
+        self.supervision, self._windup_option, self.dry_friction = supervision, windup, dry_friction
         self.watched = watched_numbers(supervision, self.limits, len(self.tracked), self.period)
         self.offset_time = checked_offset_time(offset_time, estimator)
         self.measurement_limits = checked_measurement_limits(measurement_limits, estimator)
@@ -195,6 +199,7 @@ class Controller(Summarised):
             self.integral_dead_zone is not None, bool(self.tracked) and bool(np.isfinite(self.windup.limit).any()),
             checked_latency(latency, estimator), () if supervision is None else supervision.modes(moving),
             offset_time is not None, self.estimated_states.places, compensated, self.measurement_limits is not None,
+            dry_friction.places(self.states, solution.input_names, moving) if dry_friction else (),
         )  # fmt: skip
         self.first_input = FirstInput(before_first, solution, estimator, self.limits)
         self.blend_time = checked_blend_time(blend_time, self.mode.takes_over)
@@ -243,8 +248,8 @@ class Controller(Summarised):
             **({"command_range": (command.lower, command.upper), "command_rate": command.rate}
                if mode.limits_command else {}),
             **({"integral_dead_zone": self.integral_dead_zone} if mode.has_dead_zone else {}),
-            **({"supervision": self.supervision} if self.supervision else {}),
             **({"offset_time": self.offset_time} if mode.has_offset else {}),
+            **{name: each for name in ("supervision", "dry_friction") if (each := getattr(self, name))},
             **({"measurement_limits": self.measurement_limits} if mode.checks_measurements else {}),
             **({"windup": self.windup} if mode.bounds_windup or self._windup_option is not None else {}),
             **({"compensate": tuple(self.estimated[k] for k in mode.compensated)} if mode.compensated else {}),

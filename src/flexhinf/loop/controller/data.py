@@ -59,6 +59,8 @@ def data_values(controller: Any, slopes: Sequence[np.ndarray]) -> dict[str, np.n
         values["offset_decay"] = [np.exp(-c.period / c.offset_time)]
     if mode.has_dead_zone:
         values["integral_dead_zone"] = c.integral_dead_zone
+    if mode.speeds:
+        values |= {"friction_level": c.dry_friction.level, "friction_smoothing": c.dry_friction.smoothing}
     if mode.bounds_windup:
         bound = c.windup
         values |= {

@@ -21,6 +21,7 @@ import numpy as np
 
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import read_arrays, write_arrays
+from flexhinf.loop.controller.friction import DryFriction
 from flexhinf.loop.controller.options import Windup
 from flexhinf.loop.controller.status import Supervision
 from flexhinf.plant import Estimator, Law, ParameterTable, Plant, StoredCode
@@ -264,6 +265,9 @@ PAIRS = {
 }  # fmt: skip
 ARRAYS = ("input_rate", "command_rate", "integral_dead_zone", "before_first")
 
+#: Options that are made of several named ones.
+NAMED: dict[str, Callable[..., Any]] = {"supervision": Supervision, "dry_friction": DryFriction}
+
 #: Options that have another name in a file.
 IN_FILE = {"blend_time": "fade"}
 
@@ -290,7 +294,7 @@ def write_controller(
             arrays |= dict(zip(PAIRS[name], option))
         elif isinstance(option, Windup):
             arrays |= _prefixed(f"{name}.", vars(option))
-        elif isinstance(option, Supervision):
+        elif isinstance(option, (Supervision, DryFriction)):
             plain[name] = option.settings()
         elif isinstance(option, np.ndarray):
             arrays[name] = option
@@ -352,7 +356,7 @@ def _arguments(header: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]
         **({"windup": Windup(**_below("windup.", arrays))} if "windup.limit" in arrays else {}),
         "latency": 0,
         **{
-            str(names.get(name, name)): Supervision(**option) if name == "supervision" else option
+            str(names.get(name, name)): NAMED[name](**option) if name in NAMED else option
             for name, option in header["options"].items()
         },
     }

@@ -32,6 +32,7 @@ import numpy as np
 
 from flexhinf.codegen import DIRECT, gives
 from flexhinf.errors import InvalidInput
+from flexhinf.loop.controller.friction import modelled, overcoming
 from flexhinf.loop.controller.law_code import LawCode
 from flexhinf.loop.controller.measured import Source, corrected, faded, plausible, positions, refusals
 from flexhinf.loop.controller.status import doubted, observed, reaction
@@ -52,6 +53,7 @@ class Mode:
     `flexhinf.loop.controller.status`, empty without a supervision. `has_offset`: offsets of the first measurement are
     taken in slowly. `own`: places of the law's states in the estimate, where that has more; `compensated`: those of
     loads that the input balances. `checks_measurements`: what is out of its range, or moves too fast, is missing.
+    `speeds`: places of the motors' velocities, where dry friction is overcome by them.
     """
 
     moving: bool = False
@@ -67,6 +69,7 @@ class Mode:
     own: tuple[int, ...] = ()
     compensated: tuple[int, ...] = ()
     checks_measurements: bool = False
+    speeds: tuple[int, ...] = ()
 
     @property
     def command_lead(self) -> int:
@@ -138,6 +141,11 @@ def controller_step(
     if mode.latency:
         run.section("Inputs that wait for their instant, and the one that acted until this sample")
         queue, *waiting, acted = run.call(_waiting, memory.u, memory.queue)
+    level = (data.friction_level, data.friction_smoothing) if mode.speeds else ()
+    if mode.speeds and estimator is not None:
+        run.section("These inputs less what dry friction takes, which the estimator's model does not have")
+        commands = (memory.reference, *((memory.commands,) if mode.latency else ()))
+        *waiting, acted = run.call(partial(modelled, mode.speeds), *level, *commands, *waiting, acted)
     beliefs, ahead, push, doubt, seen = [], estimate, None, None, None
     offset = [memory.offset, memory.offset_known] if mode.has_offset else [None, None]
     if estimator is not None:
@@ -200,6 +208,8 @@ def controller_step(
         taken = run.call(partial(np.subtract, 1.0), memory.started)  # 1 at the first sample, else 0
     operating_input = r[len(estimate) :] if mode.moving else operating_input
     operating_input = operating_input if push is None else run.call(np.add, operating_input, push)
+    if mode.speeds:
+        operating_input = run.call(partial(overcoming, mode.speeds), operating_input, r, *level)
     wanted, commands = r, None
     if mode.command_lead:
         commands, wanted, held = run.call(_passed, memory.started, r, held, memory.commands)
@@ -246,8 +256,10 @@ def controller_step(
             memory.watch, data.lower, data.upper, data.workspace, data.swings, data.watching, *stop,
         )  # fmt: skip
     if estimator is not None:
+        if mode.speeds and not beliefs:
+            (u,) = run.call(partial(modelled, mode.speeds), *level, r, u)
         after["belief"] = (beliefs or predict_ahead(run, estimator, belief, [u], data))[0]
-    return u, whole, after
+    return after["u"], whole, after
 
 
 def _elements(places: Sequence[int], x: Any) -> Any:
