@@ -61,8 +61,8 @@ def standstill_memory(
 
 
 def velocity_places(states: Sequence[str]) -> tuple[int, ...]:
-    """Places of the states that are named velocities, which are zero at rest."""
-    return tuple(k for k, name in enumerate(states) if "velocity" in name.split("_"))
+    """Places of the states that are named velocities or speeds, which are zero at rest."""
+    return tuple(k for k, name in enumerate(states) if {"velocity", "speed"} & set(name.split("_")))
 
 
 def equilibrium_integrals(law: Law, x: np.ndarray, u: np.ndarray) -> np.ndarray:
