@@ -186,9 +186,8 @@ class Supervision:
 
     @property
     def _following_text(self) -> str:
-        return " or ".join(
-            f"{size:.3g}" for size in np.atleast_1d(self.following if self.following is not None else np.inf)
-        )
+        sizes = np.atleast_1d(np.inf if self.following is None else self.following)
+        return " or ".join(dict.fromkeys(f"{size:.3g}" for size in sizes))
 
     def modes(self, moving: bool) -> tuple[str, ...]:
         """The reaction to each of `REACTIONS`; one that a moving reference (or a standing command) cannot have is
