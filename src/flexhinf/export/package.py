@@ -25,6 +25,7 @@ from flexhinf.export.stack import stack_text
 from flexhinf.files import write_folder
 from flexhinf.loop import Controller
 from flexhinf.loop.controller.memory import SPACING
+from flexhinf.plant.joints import joint_places
 from flexhinf.validation import checked_path
 
 if TYPE_CHECKING:
@@ -233,7 +234,7 @@ def _begin_here(code: ControllerCode) -> tuple[str, str]:
     if code.standstill is None or c.estimator is None:
         return AS_BEFORE, DESIGNED.format(command=command)
     states = c.estimator.plant.states
-    links = states[: code.standstill.size1_in(0)]
+    links = [states[place] for place in joint_places(c.estimator.plant)[0].tolist()]
     if not set(links) <= set(measured):
         return AS_BEFORE, DESIGNED.format(command=command)
     places = range(code.sizes["r"]) if code.rests else [states.index(name) for name in c.commanded]
