@@ -67,7 +67,7 @@ def resting(pose: Any) -> np.ndarray:
 def braking(tmp_path_factory: pytest.TempPathFactory) -> Callable[[], tuple[fh.Controller, Any]]:
     """A controller that comes to rest within 20 ms of leaving its box, in Python and as the same compiled C."""
     setup, _, _ = leaving()
-    watch = replace(setup.supervision, reactions={"workspace": "brake"}, braking_time=0.02)
+    watch = replace(setup.supervision, reactions={"workspace": "brake"}, braking_time=0.02, following=None)
     library: list[Any] = []
 
     def fresh() -> tuple[fh.Controller, Any]:
@@ -93,7 +93,7 @@ def test_it_watches_the_box_of_its_workspace(tmp_path: Path) -> None:
     for text, box in spaces.items():
         watch = replace(made(), workspace=workspace_of(arm(), text)).supervision
         assert np.array(watch.workspace) == pytest.approx(np.array(box), abs=1e-5)
-        assert watch.modes(moving=True) == ("brake", "none", "none")
+        assert watch.modes(moving=True) == ("brake", "none", "none", "brake")
     along = replace(made(), workspace=workspace_of(arm(), table)).supervision
     spans = BEYOND * np.ptp(poses, axis=0)
     assert np.array(along.workspace) == pytest.approx(
@@ -102,11 +102,11 @@ def test_it_watches_the_box_of_its_workspace(tmp_path: Path) -> None:
 
     deployed(made(), AWAY).save(tmp_path / "controller")
     controller = fh.load_controller(tmp_path / "controller")
-    controller.step(resting(AWAY), reference((3.0, -2.6)))
-    assert controller.status == fh.Status(0)
+    controller.step(resting((3.0, -2.6)), reference((3.0, -2.6)))
+    assert not controller.status & fh.Status.OUTSIDE_WORKSPACE
     outside = reference((3.0, -2.6)) + np.eye(10)[0] * 1e-4
-    controller.step(resting(AWAY), outside)
-    assert controller.status == fh.Status.OUTSIDE_WORKSPACE | fh.Status.REACTING
+    controller.step(resting((3.0, -2.6)), outside)
+    assert fh.Status.OUTSIDE_WORKSPACE | fh.Status.REACTING in controller.status
     assert controller.path_rate < 1.0
 
 
@@ -185,7 +185,8 @@ def test_an_input_at_its_limit_for_long_brakes_the_move() -> None:
     """A stuck elbow: a load that the motor cannot move away."""
     setup = made(saturation=24.0)
     plan = fh.Waypoints([0.0, 3.0], [AWAY, (0.9, -1.1)], "quintic")
-    run = fh.Loop(setup.true_plant, deployed(setup, AWAY)).run(
+    watch = replace(setup.supervision, reactions={"saturation": "brake"})
+    run = fh.Loop(setup.true_plant, deployed(setup, AWAY, supervision=watch)).run(
         fh.Moving(plan, arm().inverse_dynamics), {"link_torque_elbow": fh.Step(60.0, at=0.5)}, duration=2.5,
         initial_state=arm().operating_point(AWAY)[0],
     )  # fmt: skip
@@ -194,6 +195,24 @@ def test_an_input_at_its_limit_for_long_brakes_the_move() -> None:
     commanded = run.signals["reference"][:, :2]
     assert commanded[:since] == pytest.approx(np.reshape(plan(run.time), (-1, 2))[:since], abs=1e-12)
     assert np.ptp(commanded[since + 310 :], axis=0).max() < 1e-12
+
+
+@pytest.mark.parametrize("what", ["no power", "elsewhere"])
+def test_an_arm_that_does_not_follow_is_said_and_slows_its_path(what: str) -> None:
+    """Motors without power, as of a brake that stays closed; and a robot that stands 0.35 rad beside its start."""
+    setup, away = made(peak_speed=3.0), 0.35 * (what == "elsewhere")
+    plan = fh.Waypoints([0.0, 2.0], [AWAY, (0.9, -1.1)], "quintic")
+    controller, time = deployed(setup, AWAY), 0.0
+    for k in range(1500):
+        pose = np.reshape(plan(time), -1)
+        controller.step(resting((AWAY[0] + away, AWAY[1])), reference(pose if away == 0.0 else AWAY))
+        apart = max(np.abs(pose - AWAY)) if away == 0.0 else away
+        if k > 1 and abs(apart - 0.3) > 2e-3:  # a sample of latency
+            assert bool(controller.status & fh.Status.FOLLOWING_ERROR) == (apart > 0.3)
+        time += 1e-3 * controller.path_rate
+    assert controller.status & fh.Status.FOLLOWING_ERROR
+    assert controller.path_rate == pytest.approx(0.0, abs=1e-12)
+    assert time < 0.9
 
 
 @pytest.mark.ci("compiles the controller that brakes")
@@ -236,14 +255,15 @@ def test_a_limit_cycle_and_lasting_saturation_are_said() -> None:
 
 
 @pytest.mark.ci("drives MuJoCo's robot")
-@pytest.mark.parametrize("limit", [None, 24.0])
-def test_swings_at_rest_are_watched_without_limits_too(limit: float | None) -> None:
-    """Encoders that swing by 20 mrad at 5 Hz make a limit cycle of the status; their noise makes none in 5 s."""
+@pytest.mark.parametrize(("limit", "size"), [(None, 0.02), (24.0, 1.5e-3)])
+def test_swings_at_rest_are_watched_without_limits_too(limit: float | None, size: float) -> None:
+    """Encoders that swing by ±20 mrad at 5 Hz, or by 3 mrad in all, make a limit cycle of the status; their noise makes
+    none in 5 s."""
     setup = made(saturation=limit)
     assert setup.supervision.modes(moving=True)[2] == ("none" if limit is None else "brake")
     one, held, told = deployed(setup), resting(None), fh.Status(0)
-    for k in range(4000):
-        one.step(held + 0.02 * math.sin(2.0 * math.pi * 5.0 * 1e-3 * k), reference(None))
+    for k in range(5000):
+        one.step(held + size * math.sin(2.0 * math.pi * 5.0 * 1e-3 * k), reference(None))
         told |= one.status
     assert fh.Status.LIMIT_CYCLE in told
     x, _ = arm().operating_point()

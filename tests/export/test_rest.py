@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -106,6 +107,7 @@ BOARD = """
 #include "arm.h"
 static int samples;
 void wait_for_sample(void) { if (samples++ == 50) exit(0); }
+int drives_enabled(void) { return samples > OFF; }
 int read_sensors(arm_real *y) { static const arm_real at[] = {AT}; for (int i = 0; i < 4; ++i) y[i] = at[i]; return 1; }
 void read_command(arm_real *r, arm_real path_rate) { (void)r; (void)path_rate; }
 void drive_motors(const arm_real *u) { printf("%.17g %.17g\\n", u[0], u[1]); }
@@ -116,16 +118,22 @@ void brake(int code) { printf("code %d\\n", code); }
 
 
 @pytest.mark.ci("builds the main program of an export")
-def test_the_main_program_rests_at_the_start_until_there_is_a_command(compiler: str, tmp_path: Path) -> None:
-    """The weight is held; zeros behind the positions would ask for another motion."""
+@pytest.mark.parametrize(("pose", "off"), [(None, 0), ((-0.7, 0.9), 20)])
+def test_the_main_program_rests_at_the_start_until_there_is_a_command(
+    pose: Any, off: int, compiler: str, tmp_path: Path
+) -> None:
+    """The weight is held; zeros behind the positions would ask for another motion. Where the robot was moved while its
+    drives were off, it is held where it is measured, from the sample on at which they are enabled."""
     folder = fh.export_c(controller_of("planar-two-link"), tmp_path / "c", "arm")
-    x, u = robot_of("planar-two-link").operating_point()
+    x, u = robot_of("planar-two-link").operating_point(pose)
     at = ", ".join(repr(float(value)) for value in x[[0, 1, 4, 5]])
-    (folder / "board.c").write_text(BOARD.replace("AT", at))
+    (folder / "board.c").write_text(BOARD.replace("AT", at).replace("OFF", str(off)))
     words = ("-std=c99", "-O0", "main.c", "arm.c", "board.c", "-lm", "-o", "firmware")
     subprocess.run([compiler, *words], cwd=folder, check=True)
     said = subprocess.run([folder / "firmware"], capture_output=True, text=True, check=True).stdout
-    assert np.loadtxt(said.splitlines()) == pytest.approx(np.tile(u, (50, 1)), rel=1e-6)
+    driven = np.loadtxt(said.splitlines())[off:]
+    assert driven == pytest.approx(np.tile(u, (len(driven), 1)), rel=1e-6)
+    assert len(driven) == 50 - off
 
 
 @pytest.mark.ci("an export with its test vector")

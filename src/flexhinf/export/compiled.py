@@ -62,6 +62,7 @@ def compile_controller(
     """
     from flexhinf.export.controller_c import code_of
     from flexhinf.export.filling import fill, template
+    from flexhinf.loop.controller.status import WATCHED
 
     target, flags = checked_path("The library", path), compiler_flags(processor)
     check_replaceable(target, "library", lambda content: MARK in content)
@@ -74,7 +75,7 @@ def compile_controller(
         "codes": {str(row.value): name for name, row in code.codes.items()},
         "starts_anywhere": code.starts_anywhere, "digest": code.digest,
         "status": [c.memory.places[name].start if name in c.memory.places else None for name in ("status", "stop")],
-        "rejected": code.rejected, "doubt": code.doubt,
+        "bits": [int(bit) for bit in WATCHED], "rejected": code.rejected, "doubt": code.doubt,
     }  # fmt: skip
     # strings, each the name of a set that the compiler may use, with a space before it
     sets = "\n".join(f'#ifdef {macro}\n    " {name}"\n#endif' for macro, name in INSTRUCTIONS.items())
@@ -262,6 +263,7 @@ class CompiledController:
         )
         self.digest = str(about["digest"])
         self._status_places: list[int | None] = about["status"]
+        self._bits = np.array(about["bits"], dtype=float)
         self._rejected_place: int | None = about.get("rejected")
         self._doubt_place: int | None = about.get("doubt")
         self.units: dict[str, str] = dict(about["units"])
@@ -320,7 +322,7 @@ class CompiledController:
     def status(self) -> int:
         """The bits of `Controller.status`: the memory is the first part of the state."""
         place, doubt = self._status_places[0], self._doubt_place
-        watched = 0 if place is None else int(self._state[place : place + 4] @ [1.0, 2.0, 4.0, 8.0])
+        watched = 0 if place is None else int(self._state[place : place + len(self._bits)] @ self._bits)
         return watched if doubt is None else watched | int(16.0 * self._state[doubt])
 
     @property

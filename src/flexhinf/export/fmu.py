@@ -102,7 +102,7 @@ def export_fmu(
             "output",
             0,
             kind="Integer",
-            about="bits: outside workspace, limit cycle, saturation, reacting, doubtful estimate",
+            about="bits: outside workspace, limit cycle, saturation, reacting, doubtful estimate, following error",
         ),
         *(Variable(name, "output", 0, kind="Integer", about=about) for name, about in _counts(code).items()),
         Variable("is_measured", "input", 1, kind="Boolean", about="whether there is a measurement"),

@@ -188,12 +188,12 @@ STOP_KEPT = """        const real now = state->memory[i];
 #: Where the design states no limits, infinite ones of the caller are none that an input can have.
 FINITE = "        to[i] = (isfinite(to[i]) != 0) ? to[i] : SAFE[i];\n"
 
-#: Bits of the status, whose four numbers are a part of the memory.
+#: Bits of the status, whose numbers are a part of the memory.
 STATUS_BITS = """
-    static const int bits[4] = {
-        @BIG@_OUTSIDE_WORKSPACE, @BIG@_LIMIT_CYCLE, @BIG@_SATURATION, @BIG@_REACTING
+    static const int bits[5] = {
+        @BIG@_OUTSIDE_WORKSPACE, @BIG@_LIMIT_CYCLE, @BIG@_SATURATION, @BIG@_REACTING, @BIG@_FOLLOWING_ERROR
     };
-    for (int i = 0; i < 4; ++i) {
+    for (int i = 0; i < 5; ++i) {
         output->status += (state->memory[AT_STATUS + i] > @ZERO@) ? bits[i] : 0;
     }"""
 
@@ -230,10 +230,11 @@ NEVER = "always 0 here, not watched"
 #: What these bits say.
 STATUS = (
     "the command is outside of the positions that the design is for",
-    "an input swings to and fro while the command rests",
+    "an input, or a tracked position, swings to and fro while the command rests",
     "an input has been at a limit for long",
     "the command is replaced, or the path rate falls",
     "the estimate is in doubt: rounding may move it by over 0.001 of its standard deviation, or it was repaired",
+    "a tracked position is far from its command",
 )
 
 #: Whether something is measured; and the step where nothing is, in which a finite result has a code of its own.

@@ -96,8 +96,11 @@ PARTS = {
     "measurement_upper": "largest measurement, likewise",
     "measurement_rate": "largest change of a measurement, per s, since it was last plausible, likewise",
     "workspace": "least and largest commanded positions that the design is for",
-    "swings": "of each input: how near to a limit counts as at it, the smallest swing, and how many make a limit cycle",
-    "watching": "samples of the longest swing and of a saturation that lasts; fraction of the braking per sample",
+    "swings": "of each input, then of each tracked position: how near to a limit counts as at it, the smallest swing, "
+    "and how many make a limit cycle",
+    "watching": "samples of the longest swing and of a saturation that lasts; fraction of the braking per sample, and "
+    "the factor of what eases the input",
+    "following": "largest distance of each tracked position from its command; infinite: it is not watched",
     "offset_decay": "factor per sample of the offsets of the first measurement",
     "integral_dead_zone": "errors up to this size are not integrated",
     "friction_level": "what dry friction takes of each input where its motor is commanded to move",
@@ -121,7 +124,8 @@ MEMORY = {
     "bias": "what the input still has beside that of the law, after a law took over",
     "active": "which law acts",
     "command": "the last command, within its limits",
-    "watch": "of each input: what is counted of its swings and of its saturation",
+    "watch": "of each input, then of each tracked position: what is counted of its swings and of its saturation",
+    "ease": "what the input still has beside that of the law, after a following error",
     "status": "bits of the status, one by one",
     "stop": "whether the command is held; the path rate",
     "offset": "offsets of the first measurement",
@@ -135,12 +139,12 @@ MEMORY = {
 #: Rows of the parts that are tables.
 ROWS = {
     "watch": {
-        "extreme": "last extreme of each input", "direction": "1 or -1, since it", "swings": "swings so far",
+        "extreme": "last extreme of each signal", "direction": "1 or -1, since it", "swings": "swings so far",
         "since": "samples since the last swing ended", "at_limit": "samples at a limit",
     },
     "status": {
         "outside": "bits of the status: 1 or 0", "limit_cycle": "likewise", "saturation": "likewise",
-        "reacting": "likewise",
+        "reacting": "likewise", "following_error": "likewise",
     },
     "stop": {
         "held": "whether the command is held", "braked": "fraction of the braking that is done",
@@ -152,6 +156,7 @@ ROWS = {
     },
     "watching": {
         "longest_swing": "samples", "longest_saturation": "samples", "braking": "fraction of the braking per sample",
+        "easing": "factor per sample of what eases the input",
     },
 }  # fmt: skip
 

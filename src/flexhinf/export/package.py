@@ -25,6 +25,7 @@ from flexhinf.export.stack import stack_text
 from flexhinf.files import write_folder
 from flexhinf.loop import Controller
 from flexhinf.loop.controller.memory import SPACING
+from flexhinf.plant.joints import joint_places
 from flexhinf.validation import checked_path
 
 if TYPE_CHECKING:
@@ -173,6 +174,8 @@ THEN_SLOWED = ", and where that is below 1, @NAME@_slowed"
 def _around(code: ControllerCode, file: str, marks: Mapping[str, Any]) -> str:
     """A file around the controller, made of a template; lines of C are folded."""
     text = template(file).replace("@STANDSTILL@", _standstill(code, file)).replace("@MAY_ACT@", MAY_ACT)
+    about, statements = _begin_here(code)
+    text = text.replace("@BEGINS_HERE@", about).replace("@BEGIN_HERE@", statements)
     text = text.replace("@THEN_SLOWED@", THEN_SLOWED * code.slows)
     filled = fill(text, code.name, code.real, **marks)
     return folded(filled) if file.endswith((".c", ".ino")) else filled
@@ -203,6 +206,43 @@ def _standstill(code: ControllerCode, file: str) -> str:
     if code.rests:
         return f"@NAME@_rest(&@NAME@_defaults, home, {r});"
     return f"for (int i = 0; i < @BIG@_COMMANDS; ++i) {{ {r}[i] = home[i]; }}"
+
+
+#: How main.c begins when drives become enabled: at rest where the links are measured, or as it is designed.
+HERE = "When the drives become enabled: the robot rests where it is measured, and the command is that."
+FROM_LINKS = """    @NAME@_real rest[@BIG@_STATES + @BIG@_INPUTS] = {{0}};
+    static const int links[] = {{{links}}}; /* which measurements are the links' positions */
+    for (int i = 0; i < {count}; ++i) {{
+        rest[i] = input->y[links[i]];
+    }}
+    if (measured == 0 || @NAME@_rest(&@NAME@_defaults, rest, rest) != @BIG@_OK ||
+        @NAME@_start(&state, &@NAME@_defaults, rest, rest + @BIG@_STATES) != @BIG@_OK) {{
+        return 0;
+    }}
+{command}"""
+AS_BEFORE = "When the drives become enabled, as at first: the robot must be where @NAME@.h says."
+DESIGNED = """    if (begin_with(&state) != @BIG@_OK) {{
+        return 0;
+    }}
+    {command} /* the command until there is another */"""
+
+
+def _begin_here(code: ControllerCode) -> tuple[str, str]:
+    """A sentence and statements of main.c for drives that become enabled."""
+    c, measured = code.controller, list(code.signals["Y"])
+    command = _standstill(code, "main.c").replace("input.r", "input->r")
+    if code.standstill is None or c.estimator is None:
+        return AS_BEFORE, DESIGNED.format(command=command)
+    states = c.estimator.plant.states
+    links = [states[place] for place in joint_places(c.estimator.plant)[0].tolist()]
+    if not set(links) <= set(measured):
+        return AS_BEFORE, DESIGNED.format(command=command)
+    places = range(code.sizes["r"]) if code.rests else [states.index(name) for name in c.commanded]
+    lines = [f"    input->r[{k}] = rest[{place}];" for k, place in enumerate(places)]
+    if code.rests:
+        lines = ["    for (int i = 0; i < @BIG@_COMMANDS; ++i) {", "        input->r[i] = rest[i];", "    }"]
+    numbers = ", ".join(str(measured.index(name)) for name in links)
+    return HERE, FROM_LINKS.format(links=numbers, count=len(links), command="\n".join(lines))
 
 
 #: What the time of a sine depends on, of each type.

@@ -219,10 +219,11 @@ def _real_time(timing: Timing) -> str:
 #: What the bits of a controller's status say.
 STATUS_SENTENCES = {
     Status.OUTSIDE_WORKSPACE: "The command lay outside of the workspace that the controller is designed for",
-    Status.LIMIT_CYCLE: "An input swung to and fro while the command rested (limit cycle)",
+    Status.LIMIT_CYCLE: "An input or a joint swung to and fro while the command rested (limit cycle)",
     Status.SATURATION: "An input had been at a limit for long",
     Status.REACTING: "The controller reacted: it replaced the command, or slowed it to rest along its path,",
     Status.DOUBTFUL_ESTIMATE: "The estimate was in doubt: rounding may have moved it, or a covariance was repaired,",
+    Status.FOLLOWING_ERROR: "A joint was farther from its command than the limit of its following error",
 }
 
 

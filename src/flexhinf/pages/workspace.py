@@ -423,8 +423,10 @@ def _watched(design: WorkspaceDesign) -> Paragraph:
     swing = f"{effort_text(0.1 * setup.authority.round(2))} {units_in(design).effort}"
     watched = [
         f"whether the commanded joints are within {watch.text} (rad, m)",
-        f"whether an input swings to and fro by more than {swing} at rest",
-        *(["whether one stays at a limit"] if setup.limits.saturated is not None else []),
+        f"whether an input swings to and fro by more than {swing} at rest, or a joint by more than "
+        f"{effort_text(np.round(0.5 * setup.hunting, 6))} (rad, m)",
+        *(["whether an input stays at a limit"] if setup.limits.saturated is not None else []),
+        f"whether a joint is further than {effort_text(np.round(setup.following, 4))} (rad, m) from its command",
     ]
     return Paragraph(
         f"At run time the controller watches {listed(watched)}; its status says so. {tool}Reactions: "

@@ -211,7 +211,13 @@ def test_random_moves_with_noise_and_dry_friction_raise_no_alarm(count: int) -> 
         x, u = robot.operating_point(begin)
         ukf = fh.UnscentedKalmanFilter(robot.plant(sensors), 1e-3, [0, 0, 1e-7, 1e-7] * 2, 1e-8, x, 1e-6)
         controller = fh.Controller(
-            law, ukf, 1e-3, 24.0, moving=True, latency=1, supervision=fh.Supervision(workspace=(-1.2, 1.2))
+            law,
+            ukf,
+            1e-3,
+            24.0,
+            moving=True,
+            latency=1,
+            supervision=fh.Supervision(workspace=(-1.2, 1.2), hunting=2e-3, following=0.2),
         )
         duration = round(last + 1.1, 3)
         run = fh.Loop(true, controller).run(
@@ -345,6 +351,9 @@ def test_braking_slows_the_path_and_the_signal_that_is_braked_stops_where_it_say
         ({"reactions": {"noise": "hold"}}, ["noise", "saturation"]),
         ({"reactions": {"limit_cycle": "brake"}}, ["limit_cycle", "hold"]),
         ({"reactions": {"workspace": "hold"}}, ["workspace", "hold"]),
+        ({"reactions": {"following": "hold"}}, ["following", "hold"]),
+        ({"following": -0.1}, ["following"]),
+        ({"hunting": [1.0, 2.0]}, ["hunting", 1]),
         ({"moving": True, "workspace": (0.0, 1.0), "reactions": {"workspace": "hold"}}, ["moving", "brake"]),
     ],
 )
@@ -368,7 +377,10 @@ def test_numbers_traced_functions_and_kernels_step_alike(pieces: bool) -> None:
     """The memory after each sample, by NumPy on numbers, by one CasADi function, and by the compiled kernel."""
     controller = fh.Controller(
         arm_law(), arm_ukf(), 1e-3, 0.5, latency=1, offset_time=0.1,
-        supervision=fh.Supervision((-0.02, 0.02), swing=0.05, damping=0.5, saturation_time=0.01, reactions=EVERY),
+        supervision=fh.Supervision(
+            (-0.02, 0.02), swing=0.05, damping=0.5, saturation_time=0.01, hunting=0.03, following=0.15,
+            reactions=EVERY | {"following": "hold"},
+        ),
     )  # fmt: skip
     controller = controller.in_pieces() if pieces else controller
     rng, seen = np.random.default_rng(1), 0
@@ -384,9 +396,9 @@ def test_numbers_traced_functions_and_kernels_step_alike(pieces: bool) -> None:
         assert traced_u == pytest.approx(own, abs=1e-7)
         for place in (layout.places["status"], layout.places["stop"]):
             assert np.array_equal(plain[place], traced[place])
-        assert int(controller.status) == plain[layout.places["status"]] @ [1, 2, 4, 8]
+        assert int(controller.status) == plain[layout.places["status"]] @ [1, 2, 4, 8, 32]
         seen |= int(controller.status)
-    assert seen == 15
+    assert seen == 47
 
 
 @pytest.mark.ci("a kernel of an ensemble")

@@ -11,10 +11,12 @@ import numpy as np
 
 from flexhinf.analysis import LinearLoop
 from flexhinf.analysis.linear_loop import exponential
-from flexhinf.design.loop_setup import SMOOTH_EXTRAS, EstimatorNoise, LoopPlants
+from flexhinf.design.loop_setup import RADIAN, SMOOTH_EXTRAS, EstimatorNoise, LoopPlants
 from flexhinf.design.plans import (
     BEYOND,
+    SPEED,
     STILL,
+    UNLIMITED,
     move_reference,
     quintic_move,
     settled,
@@ -52,6 +54,10 @@ ROUNDING, ACCELERATION = 1e-6, 50.0
 #: A goal is left out if holding the heaviest robot of the tolerances, there or on the way, needs more than this share
 #: of a limit; instants of the way.
 HOLD, ON_THE_WAY = 0.7, 21
+
+#: A joint may be beside its command by what it moves at its speed limit in this time, s, and at least so far, rad; a
+#: joint that hunts swings by so much, rad, or so many standard deviations of its noise, peak to peak.
+FOLLOWING_TIME, FOLLOWING, HUNTING, HUNTING_NOISE = 0.1, 0.1, 2e-3, 14.0
 
 #: Plans that are kept for sampled robots, which make the same moves.
 PLANS = 32
@@ -181,14 +187,34 @@ class WorkspaceSetup(LoopPlants):
     @property
     def supervision(self) -> Supervision:
         """What a deployed controller watches: commands outside the box of the workspace (of a path with room for what a
-        spline swings beyond its points), limit cycles by a tenth of `authority`, and saturation. It brakes along the
-        path where a command leaves the box, or an input is at its limit for long."""
+        spline swings beyond its points), limit cycles by a tenth of `authority` or by `hunting`, saturation, and
+        following errors. It brakes along the path where a command leaves the box, an input is at its limit for long, or
+        a joint is far from its command."""
         space = self.workspace
         share = ROUNDING if space.path is None else BEYOND
         margin = np.maximum(share * (space.upper - space.lower), ROUNDING)
         box = space.lower - margin, space.upper + margin
-        watched = ("workspace", *(["saturation"] if self.limits.saturated is not None else []))
-        return Supervision(box, swing=0.2 * self.authority, reactions=dict.fromkeys(watched, "brake"))
+        watched = ("workspace", *(["saturation"] if self.limits.saturated is not None else []), "following")
+        return Supervision(
+            box, swing=0.2 * self.authority, reactions=dict.fromkeys(watched, "brake"), hunting=self.hunting,
+            following=self.following,
+        )  # fmt: skip
+
+    @property
+    def following(self) -> np.ndarray:
+        """Distance of a joint from its command (n,) from which on it does not follow, rad or m."""
+        speed = np.where(np.isfinite(self.limits.speed), self.limits.speed, UNLIMITED / SPEED)
+        return np.maximum(FOLLOWING_TIME * speed, FOLLOWING * self._radian)
+
+    @property
+    def hunting(self) -> np.ndarray:
+        """Smallest swing of a joint (n,) that counts, peak to peak, rad or m: above the noise of its sensor."""
+        noise, coarse = np.sqrt(self.position_noise), self.position_resolution(0.0)
+        return np.maximum(HUNTING * self._radian, np.maximum(HUNTING_NOISE * noise, 3.0 * coarse))
+
+    @property
+    def _radian(self) -> np.ndarray:  # what is a radian of others, of a joint that slides in m
+        return np.where(self.robot.links.slides, RADIAN, 1.0)
 
     def controller(self, at: np.ndarray, **options: Any) -> Controller:
         """A controller that begins at rest at a pose (n,), with the input that holds the model there, and holds it

@@ -44,7 +44,7 @@ from flexhinf.loop.controller.options import (
     controller_facts,
     dead_zone,
 )
-from flexhinf.loop.controller.standstill import standstill_memory
+from flexhinf.loop.controller.standstill import standstill_memory, velocity_places
 from flexhinf.loop.controller.status import Status, Supervision, first_counters, status_of, watched_numbers
 from flexhinf.loop.controller.step import STEPS, Mode, controller_step
 from flexhinf.notebook import Summarised
@@ -200,6 +200,7 @@ class Controller(Summarised):
             checked_latency(latency, estimator), () if supervision is None else supervision.modes(moving),
             offset_time is not None, self.estimated_states.places, compensated, self.measurement_limits is not None,
             dry_friction.places(self.states, solution.input_names, moving) if dry_friction else (),
+            velocity_places(self.states) if moving and self.supervision else (),
         )  # fmt: skip
         self.first_input = FirstInput(before_first, solution, estimator, self.limits)
         self.blend_time = checked_blend_time(blend_time, self.mode.takes_over)
@@ -354,8 +355,8 @@ class Controller(Summarised):
             **belief, "u": u, "integral": zeros, "position": zeros, "reference": self.operating_reference,
             "started": np.zeros(1), **({"bias": np.zeros(len(u))} if mode.takes_over else {}),
             **({"active": np.eye(mode.laws)[0]} if mode.laws > 1 else {}),
-            **({"command": zeros} if mode.changes_command else {}),
-            **first_counters(len(u), mode.reactions),
+            **({"command": self.operating_reference if mode.moving else zeros} if mode.changes_command else {}),
+            **first_counters(len(u), len(zeros), mode.reactions),
             **(dict.fromkeys(("offset", "offset_known"), np.zeros(len(self.measured))) if mode.has_offset else {}),
             **({"queue": np.tile(u, (mode.latency, 1))} if mode.latency else {}),
             **({"commands": np.tile(self.operating_reference, (mode.command_lead, 1))} if mode.command_lead else {}),

@@ -6,6 +6,7 @@ equilibrium (x, u) of the model at that pose. A polynomial law without such a ro
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -57,6 +58,11 @@ def standstill_memory(
     else:
         integrals, command = equilibrium_integrals(law, x, u), position
     return whole, u, {"integral": integrals, "position": position, "reference": command}
+
+
+def velocity_places(states: Sequence[str]) -> tuple[int, ...]:
+    """Places of the states that are named velocities or speeds, which are zero at rest."""
+    return tuple(k for k, name in enumerate(states) if {"velocity", "speed"} & set(name.split("_")))
 
 
 def equilibrium_integrals(law: Law, x: np.ndarray, u: np.ndarray) -> np.ndarray:

@@ -1,14 +1,19 @@
 """What a controller says of its own state after a step, and how it reacts: plain functions with counters for memory.
 
-Three things are watched (`Supervision`), at a fixed number of operations and five numbers of memory per input:
+Four things are watched (`Supervision`), at a fixed number of operations and five numbers of memory for each input and
+tracked position:
 
 - A command *outside the workspace*, a box of the commanded positions. The box is a statement of the design.
 - A *limit cycle*: some input swings to and fro while the command rests. A swing ends where the input has come back by
   more than `swing` from its last extreme, so noise and small ripple make none. It is a limit cycle when more swings
   follow each other, each within `longest_swing`, than a linear loop can make whose oscillations are damped by at least
   `damping`: its swings shrink by exp(−πζ/√(1 − ζ²)) each, and an input within its limits starts with at most the whole
-  range, so ln(range/swing) √(1 − ζ²)/(πζ) of them are larger than `swing`.
+  range, so ln(range/swing) √(1 − ζ²)/(πζ) of them are larger than `swing`. A tracked position is watched likewise
+  where `hunting` is stated; it has no range, and begins with at most `UNLIMITED` times that.
 - *Saturation that lasts*: an input has been at 99.9 % of a limit for longer than `saturation_time`.
+- A *following error*: a tracked position is farther than `following` from the command of its instant. So are joints
+  that something blocks, motors without power, and a robot that does not stand where the controller begins: what counts
+  is the measurement itself, without the offset that `offset_time` takes in slowly.
 
 Whether the *estimate is in doubt* is said without a supervision too, of estimators that know it: at this sample
 rounding may move the estimate by more than a thousandth of its standard deviation, or a covariance had to be repaired,
@@ -49,13 +54,20 @@ class Status(enum.IntFlag):
     SATURATION = 4
     REACTING = 8
     DOUBTFUL_ESTIMATE = 16
+    FOLLOWING_ERROR = 32
 
 
-#: What can be reacted to, in the order of the bits, and how: about a standing command, and about a moving reference.
+#: The bits of what is watched, in the order of their flags in the memory.
+WATCHED = (
+    Status.OUTSIDE_WORKSPACE, Status.LIMIT_CYCLE, Status.SATURATION, Status.REACTING, Status.FOLLOWING_ERROR,
+)  # fmt: skip
+
+#: What can be reacted to, in the order of the flags, and how: about a standing command, and about a moving reference.
 REACTIONS = {
     "workspace": (("none", "hold", "limit", "brake"), ("none", "brake")),
     "limit_cycle": (("none", "hold"), ("none",)),
     "saturation": (("none", "hold", "brake"), ("none", "brake")),
+    "following": (("none", "hold", "brake"), ("none", "hold", "brake")),
 }
 
 #: Fraction of half of an input's range that counts as its limit; the range over a swing where there is no limit.
@@ -73,19 +85,26 @@ class Supervision:
     swing : float or (m,), optional
         Smallest swing of an input that counts, peak to peak; by default a tenth of its range (± 10 % of its limit), and
         an input without limits is not watched.
+    hunting : float or (k,), optional
+        Smallest swing of a tracked position that counts, peak to peak, rad or m; None: positions are not watched.
     damping : float
         Least damping ratio of oscillations that count as settling: sets how many swings make a limit cycle.
     longest_swing : float
         s; half a period of the slowest oscillation that is noticed.
     saturation_time : float
         s.
+    following : float or (k,), optional
+        Largest distance of a tracked position from its command, rad or m; None: it is not watched. A command that jumps
+        by more exceeds it.
     reactions : mapping
-        Of "workspace", "limit_cycle" and "saturation" to "none" (the default), "hold", "limit" or "brake".
-        "hold": the last command inside the workspace stays; at a limit cycle or saturation the command becomes the
-        position at that sample, until `Controller.reset`. "limit": the command is moved to the nearest one in the box.
+        Of "workspace", "limit_cycle", "saturation" and "following" to "none" (the default), "hold", "limit" or "brake".
+        "hold": the last command inside the workspace stays; at another event the command becomes the position at that
+        sample, until `Controller.reset`. At a following error the input goes on without a jump: what the law then asks
+        for less decays with `braking_time`; and a moving reference becomes the estimated state there without its
+        velocities, with the input that it had. "limit": the command is moved to the nearest one in the box.
         "brake": `Controller.path_rate` falls from 1 to 0, until `Controller.reset`, and whoever makes the command
         advances its time along the path by that fraction of a period. A command that is outside of the workspace from
-        the first sample on may come back. A moving reference can be braked only, as it has
+        the first sample on may come back. A moving reference is else braked only, as it has
         velocities; a limit cycle is noticed at a command that rests, where there is nothing to brake.
     braking_time : float
         s; from the path rate 1 to 0.
@@ -116,6 +135,8 @@ class Supervision:
     saturation_time: float = 0.2
     reactions: Mapping[str, str] = field(default_factory=dict)
     braking_time: float = 0.3
+    hunting: Any = None
+    following: Any = None
 
     def __post_init__(self) -> None:
         for name in ("damping", "longest_swing", "saturation_time", "braking_time"):
@@ -139,8 +160,11 @@ class Supervision:
     def settings(self) -> dict[str, Any]:
         """Arguments as numbers, lists and texts, for a file."""
         box = None if self.workspace is None else [real_array(end).tolist() for end in self.workspace]
-        swing = None if self.swing is None else real_array(self.swing).tolist()
-        return {**asdict(self), "workspace": box, "swing": swing, "reactions": dict(self.reactions)}
+        sizes = {
+            name: None if (size := getattr(self, name)) is None else real_array(size).tolist()
+            for name in ("swing", "hunting", "following")
+        }
+        return {**asdict(self), "workspace": box, **sizes, "reactions": dict(self.reactions)}
 
     @property
     def text(self) -> str:
@@ -154,10 +178,16 @@ class Supervision:
     def reaction_text(self) -> str:
         """The reactions, for a summary."""
         events = {
-            "workspace": "a command leaves the workspace", "limit_cycle": "an input swings to and fro at rest",
+            "workspace": "a command leaves the workspace", "limit_cycle": "a signal swings to and fro at rest",
             "saturation": f"an input is at a limit for {self.saturation_time:g} s",
+            "following": f"a position is beyond {self._following_text} from its command",
         }  # fmt: skip
         return ", ".join(f"{kind} where {events[e]}" for e, kind in self.reactions.items() if kind != "none")
+
+    @property
+    def _following_text(self) -> str:
+        sizes = np.atleast_1d(np.inf if self.following is None else self.following)
+        return " or ".join(dict.fromkeys(f"{size:.3g}" for size in sizes))
 
     def modes(self, moving: bool) -> tuple[str, ...]:
         """The reaction to each of `REACTIONS`; one that a moving reference (or a standing command) cannot have is
@@ -173,14 +203,22 @@ class Supervision:
             modes[0] != "none" and self.workspace is None, "A reaction is stated to leaving a workspace that is not.",
             f"expected a workspace with the reaction {modes[0]!r}, got None", "workspace=(lower, upper)",
         )  # fmt: skip
+        refuse_if(
+            modes[3] != "none" and self.following is None, "A reaction is stated to a following error without a limit.",
+            f"expected following=… with the reaction {modes[3]!r}, got None", "following=0.3",
+        )  # fmt: skip
         return modes
 
     def data(self, limits: Any, commanded: int, period: float) -> dict[str, Any]:
         """Numbers of the step for inputs within `Limits`, and so many commanded positions."""
         ends: Any = (-np.inf, np.inf) if self.workspace is None else self.workspace
-        span = limits.upper - limits.lower
+        span = np.append(limits.upper - limits.lower, np.full(commanded, np.inf))
         low, high = box = np.array([_spread(end, commanded) for end in ends])
-        swing = _spread(0.1 * span if self.swing is None else self.swing, len(span))
+        inputs = len(span) - commanded
+        swing = _spread(0.1 * span[:inputs] if self.swing is None else self.swing, inputs)
+        hunting, following = (
+            _spread(np.inf if size is None else size, commanded) for size in (self.hunting, self.following)
+        )
         refuse_if(
             not np.all(low < high) or (self.workspace is not None and not commanded),
             "The workspace does not fit the command.",
@@ -189,9 +227,18 @@ class Supervision:
         )
         refuse_if(
             not np.all(swing > 0.0), "The swing of a supervision is not positive.",
-            f"expected numbers > 0, one or {len(span)}, got {value_text(self.swing)}",
+            f"expected numbers > 0, one or {inputs}, got {value_text(self.swing)}",
             "swing=None: a tenth of the range",
         )  # fmt: skip
+        for name, sizes in (("hunting", hunting), ("following", following)):
+            stated = getattr(self, name)
+            refuse_if(
+                not np.all(sizes > 0.0) or (stated is not None and not commanded),
+                f"The limit {name!r} of a supervision does not fit the tracked positions.",
+                f"expected numbers > 0, one or {commanded}, got {value_text(stated)}",
+                f"{name}=None: it is not watched",
+            )  # fmt: skip
+        swing = np.append(swing, hunting)
         shrinking = math.pi * self.damping / math.sqrt(1.0 - self.damping**2)
         ratio = np.where(np.isfinite(span), span, UNLIMITED * swing) / np.where(
             np.isfinite(swing), swing, 1.0
@@ -199,8 +246,10 @@ class Supervision:
         swings = 1.0 + np.ceil(np.log(np.maximum(ratio, 1.0)) / shrinking)
         swings = np.where(np.isfinite(swing), swings, np.inf)
         edge = np.where(np.isfinite(span), 0.5 * NEAR_LIMIT * span, 0.0)
-        samples = [self.longest_swing / period, self.saturation_time / period, period / self.braking_time]
-        return {"workspace": box, "swings": np.array([edge, swing, swings]), "watching": samples}
+        braking = period / self.braking_time
+        samples = [self.longest_swing / period, self.saturation_time / period, braking, math.exp(-braking)]
+        table = np.array([edge, swing, swings])
+        return {"workspace": box, "swings": table, "watching": samples, "following": following}
 
 
 def possible_status(
@@ -217,6 +266,7 @@ def possible_status(
         "workspace": (Status.OUTSIDE_WORKSPACE, supervision.workspace is not None),
         "limit_cycle": (Status.LIMIT_CYCLE, np.isfinite(watched["swings"][2]).any()),
         "saturation": (Status.SATURATION, np.isfinite([limits.lower, limits.upper]).any()),
+        "following": (Status.FOLLOWING_ERROR, np.isfinite(watched["following"]).any()),
     }
     for event, (bit, possible) in bits.items():
         if possible:
@@ -239,12 +289,19 @@ def _spread(value: Any, size: int) -> np.ndarray:
     return np.broadcast_to(array if array.shape in ((), (size,)) else np.nan, (size,))
 
 
-def first_counters(inputs: int, reactions: tuple[str, ...]) -> dict[str, np.ndarray]:
+def first_counters(inputs: int, tracked: int, reactions: tuple[str, ...]) -> dict[str, np.ndarray]:
     """Parts of the memory before the first sample, which itself counts no swing."""
     if not reactions:
         return {}
-    counters = {"watch": np.outer([0.0, 1.0, 0.0, 0.0, 0.0], np.ones(inputs)), "status": np.zeros(4)}
-    return counters | ({} if set(reactions) == {"none"} else {"stop": np.array([0.0, 0.0, 1.0])})
+    signals = np.ones(inputs + tracked)
+    counters = {"watch": np.outer([0.0, 1.0, 0.0, 0.0, 0.0], signals), "status": np.zeros(len(WATCHED))}
+    counters |= {} if set(reactions) == {"none"} else {"stop": np.array([0.0, 0.0, 1.0])}
+    return counters | ({"ease": np.zeros(inputs)} if eases(reactions) else {})
+
+
+def eases(reactions: tuple[str, ...]) -> bool:
+    """Whether some reaction holds the robot without a jump of the input."""
+    return reactions[3:] == ("hold",)
 
 
 def _any(flags: Sequence[Any]) -> Any:
@@ -271,15 +328,16 @@ def reaction(
     """The command (k,) after the reactions, and the state of the stop (3,): whether the command is frozen, the fraction
     of the braking that is done, and the path rate.
 
-    `last` (k,) is the command on which the law acted, `position` (k,) where the joints are, `status` (4,) that after
-    the last sample; of a moving reference, r is what it is, and its positions are at `places`.
+    `last` (k,) is the command on which the law acted, `position` (k,) the one that rests where the joints are, `status`
+    (5,) that after the last sample; of a moving reference, r is what it is, and its positions are at `places`.
     """
     positions = [r[place] for place in places]
-    beyond = [_outside(positions, box), *status[1:3]]
+    events = (*status[1:3], status[4])
+    beyond = [_outside(positions, box), *events]
     leaving = where(started[0] > 0.5, beyond[0] - status[0], 0.0)
     frozen, braked, _ = stop
     freezing = _any([flag for flag, kind in zip(beyond[1:], reactions[1:]) if kind == "hold"])
-    slowing = zip((leaving, *status[1:3]), reactions)
+    slowing = zip((leaving, *events), reactions)
     braking = _any([braked, *(flag for flag, kind in slowing if kind == "brake")])
     braked = where(braking > 0.0, minimum(braked + watching[2], 1.0), 0.0)
     slope = [k * c for k, c in enumerate(BRAKING)][:0:-1]
@@ -293,6 +351,20 @@ def reaction(
     return r, np.array([maximum(frozen, freezing), braked, rate])
 
 
+@gives("feedback_eased", "ease_next")
+def eased(
+    feedback: Any, operating: Any, last: Any, ease: Any, before: Any, now: Any, status: Any, watching: Any
+) -> tuple[Any, Any]:
+    """The feedback (m,) with what keeps the input continuous where a following error froze the command, and that (m,).
+
+    `operating` is the input to which the feedback adds, `last` the input before; `before` and `now` (3,) are the states
+    of the stop, `status` (5,) that after the last sample.
+    """
+    begins = status[4] * (now[0] - before[0]) > 0.5
+    ease = where(begins, last - operating - feedback, watching[3] * ease)
+    return feedback + ease, ease
+
+
 @gives("watch_next", "status_next")
 def observed(
     places: Sequence[int],
@@ -300,6 +372,8 @@ def observed(
     u: Any,
     r: Any,
     last: Any,
+    position: Any,
+    wanted: Any,
     started: Any,
     watch: Any,
     lower: Any,
@@ -307,29 +381,46 @@ def observed(
     box: Any,
     swings: Any,
     watching: Any,
+    following: Any,
     *stop: Any,
 ) -> tuple[Any, Any]:
-    """Counters (5, m) and status (4,) after an input u (m,); `r` and `last` are this command and the one before.
+    """Counters (5, m + k) and status (5,) after an input u (m,); `r` and `last` are this command and the one before.
 
-    Counters of an input: its last extreme, the direction since (±1), swings so far, samples since the last one ended,
-    samples at a limit.
+    `position` (k,) is where the joints are, `wanted` the command that the law acts on for this instant. Counters of an
+    input, and of a position: its last extreme, the direction since (±1), swings so far, samples since the last one
+    ended, samples at a limit.
     """
     resting = where(absolute(np.asarray(r) - last).sum() > 0.0, 0.0, started[0])
-    columns = zip(u, lower, upper, *swings, *watch)
-    rows = [_counted(resting, watching[0], *column) for column in columns]
+    columns = list(zip(*swings, *watch))
+    rows = [
+        _counted(resting, watching[0], *ends, *column) for ends, column in zip(zip(u, lower, upper), columns)
+    ]
+    rows += [
+        [*_swung(resting, watching[0], place, column[1], *column[3:7]), 0.0]
+        for place, column in zip(position, columns[len(rows) :])
+    ]
+    apart = zip(position, [wanted[place] for place in places], following)
+    lost = _any([where(absolute(is_at - told) > limit, 1.0, 0.0) for is_at, told, limit in apart])
     beyond = _outside([r[place] for place in places], box)
     cycles = _any([where(row[2] >= most, 1.0, 0.0) for row, most in zip(rows, swings[2])])
     full = _any([where(row[4] > watching[1], 1.0, 0.0) for row in rows])
     reacting = _any(
         [beyond if reactions[0] in ("hold", "limit") else 0.0, *(s for part in stop for s in part[:2])]
     )
-    return np.array(rows).T, np.array([beyond, cycles, full, where(reacting > 0.0, 1.0, 0.0)])
+    return np.array(rows).T, np.array([beyond, cycles, full, where(reacting > 0.0, 1.0, 0.0), lost])
 
 
 def _counted(
     resting: Any, longest: Any, u: Any, lower: Any, upper: Any, edge: Any, swing: Any, most: Any, extreme: Any,
     direction: Any, count: Any, since: Any, full: Any,
 ) -> list[Any]:  # fmt: skip
+    at_limit = where(u >= upper - edge, full + 1.0, where(u <= lower + edge, full + 1.0, 0.0))
+    return [*_swung(resting, longest, u, swing, extreme, direction, count, since), at_limit]
+
+
+def _swung(
+    resting: Any, longest: Any, u: Any, swing: Any, extreme: Any, direction: Any, count: Any, since: Any
+) -> list[Any]:
     back = direction * (extreme - u)  # how far it has come back from the extreme
     turned = back > swing
     since = where(turned, 0.0, since + 1.0)
@@ -338,7 +429,6 @@ def _counted(
         where(turned, -direction, direction),
         resting * where(turned, count + 1.0, where(since > longest, 0.0, count)),
         since,
-        where(u >= upper - edge, full + 1.0, where(u <= lower + edge, full + 1.0, 0.0)),
     ]
 
 
@@ -349,7 +439,7 @@ def doubted(rcond: Any, least: Any, before: Any) -> Any:
 
 
 def status_of(watched: Any, doubt: Any) -> Status:
-    """The status of numbers in the memory: the four that are watched, and whether the estimate is in doubt; either may
-    be empty."""
-    flags = [*(watched if len(watched) else np.zeros(4)), *doubt[:1]]
-    return Status(sum(bit for bit, flag in zip(Status, flags) if flag > 0.5))
+    """The status of numbers in the memory: the flags of what is watched, and whether the estimate is in doubt; either
+    may be empty."""
+    pairs = [*zip(WATCHED, watched), *zip([Status.DOUBTFUL_ESTIMATE], doubt)]
+    return Status(sum(bit for bit, flag in pairs if flag > 0.5))

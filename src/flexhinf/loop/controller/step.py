@@ -35,7 +35,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.friction import modelled, overcoming
 from flexhinf.loop.controller.law_code import LawCode
 from flexhinf.loop.controller.measured import Source, corrected, faded, plausible, positions, refusals
-from flexhinf.loop.controller.status import doubted, observed, reaction
+from flexhinf.loop.controller.status import doubted, eased, eases, observed, reaction
 from flexhinf.plant import Estimator
 from flexhinf.scalars import absolute, clip, where
 from flexhinf.validation import checked_kind, value_text
@@ -54,6 +54,7 @@ class Mode:
     taken in slowly. `own`: places of the law's states in the estimate, where that has more; `compensated`: those of
     loads that the input balances. `checks_measurements`: what is out of its range, or moves too fast, is missing.
     `speeds`: places of the motors' velocities, where dry friction is overcome by them.
+    `velocities`: places of the law's states that are zero at rest, where a moving reference may be held.
     """
 
     moving: bool = False
@@ -70,6 +71,12 @@ class Mode:
     compensated: tuple[int, ...] = ()
     checks_measurements: bool = False
     speeds: tuple[int, ...] = ()
+    velocities: tuple[int, ...] = ()
+
+    @property
+    def eases(self) -> bool:
+        """Whether some reaction holds the robot without a jump of the input."""
+        return eases(self.reactions)
 
     @property
     def command_lead(self) -> int:
@@ -181,7 +188,11 @@ def controller_step(
         held = memory.command
     boxed, stop = [source.state for source in tracked] if mode.moving else range(len(tracked)), []
     if mode.reacts:
-        position = run.call(partial(positions, tracked), y, estimate) if "hold" in mode.reactions else r
+        position = r
+        if "hold" in mode.reactions and mode.moving:
+            position = run.call(partial(_at_rest, tracked, mode.velocities), y, estimate, r)
+        elif "hold" in mode.reactions:
+            position = run.call(partial(positions, tracked), y, estimate)
         run.section(
             "Reactions: a command that leaves the workspace, and what lasts, hold the command or brake"
         )
@@ -213,6 +224,7 @@ def controller_step(
     wanted, commands = r, None
     if mode.command_lead:
         commands, wanted, held = run.call(_passed, memory.started, r, held, memory.commands)
+    commanded = wanted
     others = (
         *((r, wanted) if mode.moving else ()),
         *((data.integral_dead_zone,) if mode.has_dead_zone else ()),
@@ -238,6 +250,18 @@ def controller_step(
         feedback, integral, after["bias"] = bumpless_transfer(
             run, law_of, taken, deviation, feedback, wanted, inverse, memory.bias, point, data.decay
         )
+    if mode.eases:
+        feedback, after["ease"] = run.call(
+            eased,
+            feedback,
+            operating_input,
+            memory.u,
+            memory.ease,
+            memory.stop,
+            *stop,
+            memory.status,
+            data.watching,
+        )
     rates, bounds = (memory.u, data.period, data.input_rate) if mode.limits_input_rate else (), ()
     if mode.bounds_windup:
         places = None if mode.moving else [source.state for source in tracked]
@@ -251,15 +275,34 @@ def controller_step(
     u = after["u"]
     if mode.reactions:
         run.section("What is watched, and the status")
+        if mode.has_offset:
+            position = run.call(partial(_as_measured, tracked), y, offset[0], estimate)
         after["watch"], after["status"] = run.call(
-            partial(observed, boxed, mode.reactions), u, requested, memory.reference, memory.started,
-            memory.watch, data.lower, data.upper, data.workspace, data.swings, data.watching, *stop,
+            partial(observed, boxed, mode.reactions), u, requested, memory.reference, position, commanded,
+            memory.started, memory.watch, data.lower, data.upper, data.workspace, data.swings, data.watching,
+            data.following, *stop,
         )  # fmt: skip
     if estimator is not None:
         if mode.speeds and not beliefs:
             (u,) = run.call(partial(modelled, mode.speeds), *level, r, u)
         after["belief"] = (beliefs or predict_ahead(run, estimator, belief, [u], data))[0]
     return after["u"], whole, after
+
+
+def _at_rest(tracked: Sequence[Source], velocities: Sequence[int], y: Any, estimate: Any, r: Any) -> Any:
+    """The moving reference (n + m,) that rests where the joints are: their measured positions, the other estimated
+    states, no velocities, and the input of the reference r."""
+    still = list(estimate)
+    for place in velocities:
+        still[place] = 0.0
+    for source, seen in zip(tracked, positions(tracked, y, estimate)):
+        still[source.state] = seen
+    return np.array([*still, *r[len(still) :]])
+
+
+def _as_measured(tracked: Sequence[Source], y: Any, offset: Any, estimate: Any) -> Any:
+    """The tracked positions (k,) with the offset (p,) that was taken from their measurement."""
+    return positions(tracked, y + offset, estimate)
 
 
 def _elements(places: Sequence[int], x: Any) -> Any:
