@@ -10,6 +10,7 @@ import pytest
 from tests import workspaces
 from tests.refusals import unnamed
 
+import flexhinf as fh
 from flexhinf.cli import main
 from flexhinf.design.workspace import advice
 
@@ -67,3 +68,27 @@ def test_an_interruption_keeps_the_design_and_without_advice_nothing_is_tried(
     assert (folder / "flexhinf-design" / "design.toml").exists()
     assert main(["design", robot, "--no-advice"]) == 1
     assert "Tried" not in capsys.readouterr().out
+
+
+@pytest.mark.ci("designs a workspace of two joints three times")
+def test_joints_that_are_tried_rigid_have_a_file_that_the_command_takes(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The file lies in the report's folder, which the command does not replace."""
+    monkeypatch.setattr(advice, "unseen", lambda robot, period: () if robot.rigid else ("elbow",))
+    met = advice.Trial.met.fget
+    monkeypatch.setattr(advice.Trial, "met", property(lambda trial: trial.whole or met(trial)))
+    monkeypatch.setattr(advice, "relaxable", lambda line: True)
+    assert (
+        main(["design", "planar-two-link", "--gain-margin", "9", "--draws", "0", "--saturation", "48"]) == 1
+    )
+    told = re.search(r"next: (flexhinf design .*)  # meets", capsys.readouterr().out)
+    assert told
+    command = shlex.split(told[1])
+    robot = folder / command[2]
+    assert fh.load_robot(robot).rigid == ("elbow",)
+    assert command[-2:] == ["--out", "flexhinf-design-rigid"]
+    assert {"--gain-margin", "--draws", "--saturation"} < {*command}
+    assert main([*command[1:], "--no-advice"]) in (0, 1)
+    assert robot.exists()
+    assert (folder / "flexhinf-design-rigid" / "index.html").exists()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections.abc import Callable
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,7 +15,7 @@ import pytest
 import flexhinf as fh
 from flexhinf.design.requirements import REQUIREMENTS, Requirement
 from flexhinf.design.workspace import advice
-from flexhinf.design.workspace.advice import Trial, advise, changes, relaxable, with_room
+from flexhinf.design.workspace.advice import Trial, advise, changes, relaxable, unseen, with_room
 
 
 @pytest.mark.parametrize("tail", ["exponential", "half-normal", "uniform"])
@@ -66,6 +67,23 @@ def test_changes_are_of_what_is_missed_and_can_be_followed(
     assert encoders.to(fh.Specification()).measured == ("link_position", "motor_position")
 
 
+def test_joints_that_samples_do_not_show_are_tried_rigid_by_a_file(
+    robot_of: Callable[[str], Any], tmp_path: Path
+) -> None:
+    """First of all changes, by the eigenvalues of the plant; the file that is written is that robot."""
+    arm = robot_of("planar-two-link")
+    fastest = np.abs(np.linalg.eigvals(arm.plant().linearise(*arm.operating_point())[0]).imag).max()
+    assert unseen(arm, 0.9 * np.pi / fastest) == ()
+    period = 1.1 * np.pi / fastest
+    assert len(unseen(arm, period)) == 1
+    change = next(changes(fake(arm, [missed("corners", 3.0)], period=period)))
+    assert (change.rigid, change.fields) == (unseen(arm, period), {})
+    arm.with_rigid(*change.rigid).save(tmp_path / "rigid.toml")
+    saved = fh.load_robot(tmp_path / "rigid.toml")
+    assert saved.rigid == change.rigid
+    assert saved == arm.with_rigid(*change.rigid)
+
+
 def test_limits_that_would_be_far_away_are_not_offered() -> None:
     assert relaxable(missed("remaining", 2.9))
     assert not relaxable(missed("remaining", 3.1))
@@ -81,6 +99,8 @@ def test_trials_end_with_their_time_and_the_first_that_meets_all(
     monkeypatch.setattr(advice.time, "process_time", lambda: next(clock))
     lines = [missed("speed", 2.0), missed("corners", 2.0)]
     design, tried = fake(robot_of("planar-two-link"), lines), []
+
+    monkeypatch.setattr(advice, "unseen", lambda robot, period: ())
 
     def designed(robot: Any, s: Any, progress: Any, watch: Any, like: Any, changed: Any) -> Any:
         tried.append(tuple(changed))

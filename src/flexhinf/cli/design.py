@@ -43,6 +43,9 @@ if TYPE_CHECKING:
 #: Steps by which the bar of advice moves; a trial has about five, and some end early.
 TRIAL_STEPS = 12
 
+#: In the folder of a report: the robot's file with joints that are rigid, where that was tried and meets all.
+RIGID_FILE = "rigid.toml"
+
 #: Of verdicts.
 COLOURS = {"holds": "green", "fails": "red", "ties": "yellow", "not judged": "bright_black"}
 
@@ -68,6 +71,7 @@ def design(context: typer.Context, o: options.DesignOptions) -> int:
     from flexhinf.design import stages
     from flexhinf.design.design_file import robot_digests
     from flexhinf.design.robustness import robustness
+    from flexhinf.robot.saved_file import robot_text
 
     request = request_of(context, o, o.robot, o.elastic)
     refuse_idle(context, request)
@@ -80,6 +84,9 @@ def design(context: typer.Context, o: options.DesignOptions) -> int:
     def written(result: fh.Design | fh.WorkspaceDesign, advice: Advice | None = None) -> None:
         files = pages.design_files(result, command, request.warnings, ("design.toml",), advice)
         files["design.toml"] = pages.design_text(result, request, folder)
+        if advice is not None and advice.found is not None and advice.found.change.rigid:
+            rigid = request.robot.with_rigid(*advice.found.change.rigid)
+            files[RIGID_FILE] = robot_text(rigid, folder)
         report.write(folder, files, origins)
 
     with step_progress([*stages(request.robot, request.specification), *ending]) as progress:
@@ -93,7 +100,8 @@ def design(context: typer.Context, o: options.DesignOptions) -> int:
     advice = None
     if o.advice and isinstance(result, fh.WorkspaceDesign) and not result.met:
         try:
-            advice = _advice(context, result, process_time() - begun)
+            own = request.file is None and request.elastic is None and result.robot.file is not None
+            advice = _advice(context, result, process_time() - begun, o.out, joints=own)
         except KeyboardInterrupt:  # the report is written, and the user has not seen it yet
             _show_design(result, folder, o, None)
             raise
@@ -102,17 +110,28 @@ def design(context: typer.Context, o: options.DesignOptions) -> int:
     return 0 if result.met else NOT_MET
 
 
-def _advice(context: typer.Context, design: fh.WorkspaceDesign, seconds: float) -> Advice:
-    """What is tried after a design that misses a requirement, in so much CPU time, with the command that meets all."""
+def _advice(
+    context: typer.Context, design: fh.WorkspaceDesign, seconds: float, out: Path, joints: bool
+) -> Advice:
+    """What is tried after a design that misses a requirement, in so much CPU time, with the command that meets all.
+
+    `joints`: whether a file with rigid joints can be written into `out`, which that command does not replace.
+    """
     from flexhinf.design import advise
 
     with step_progress([("try", 1.0)] * TRIAL_STEPS) as progress:
-        advice = advise(design, seconds, progress)
+        advice = advise(design, seconds, progress, joints)
     if advice.found is None:
         return advice
     fields = advice.found.change.fields
     options = [word for name, value in fields.items() for word in (option_name(name), value)]
-    command = reproduce_command(context, {*fields, "advice"})
+    if advice.found.change.rigid:
+        own = reproduce_command(context, {*fields, "advice", "robot", "out"})
+        place = own.index("design") + 1
+        options += ["--out", f"{out}-rigid"]
+        command = [*own[:place], str(out / RIGID_FILE), *own[place:]]
+    else:
+        command = reproduce_command(context, {*fields, "advice"})
     return replace(advice, command=(*command, *options))
 
 

@@ -20,6 +20,7 @@ from flexhinf.robot.elastic import (
     DRIVES,
     DRY,
     ORDERS,
+    SPRING,
     ElasticFlow,
     InverseFlow,
     Layout,
@@ -37,6 +38,7 @@ from flexhinf.robot.parameters import (
     PlantValues,
     check_parameters,
     checked_limits,
+    per_joint,
     random_signs,
 )
 from flexhinf.robot.saved_file import save_robot
@@ -201,6 +203,12 @@ class Robot(Summarised):
     def with_parameters(self, *parameters: Parameter) -> Robot:
         """The same robot with these parameters, in place of those of the same name or beside them."""
         return replace(self, parameters=tuple({p.name: p for p in (*self.parameters, *parameters)}.values()))
+
+    def with_rigid(self, *joints: str) -> Robot:
+        """The same robot with these joints rigid too: the numbers of their springs are left out."""
+        springs = {per_joint(name, joint, len(self.joint_names)) for name in SPRING for joint in joints}
+        kept = tuple(parameter for parameter in self.parameters if parameter.name not in springs)
+        return replace(self, parameters=kept, rigid=(*self.rigid, *joints))
 
     def save(self, path: str | os.PathLike[str], like: str | os.PathLike[str] | None = None) -> None:
         """Write a robot file: `file` (or the file `like`) with this robot's numbers, tolerances and ranges.

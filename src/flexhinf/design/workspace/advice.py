@@ -22,6 +22,8 @@ from flexhinf.design.specification import FIELDS, RINGS, Specification
 from flexhinf.design.workspace.design import WorkspaceDesign, design_workspace
 from flexhinf.design.workspace.search import TOLERATED, motors_alone
 from flexhinf.errors import FlexhinfError
+from flexhinf.robot import Robot
+from flexhinf.robot.modes import modes_of, stiffness_and_inertia
 
 #: A limit of moves is offered with room for this share of all moves: the worst of 20 moves was passed by 6 of 40 later
 #: ones. Confidence of the mean tail; nine of ten limits have the share, as the median is estimated too.
@@ -47,15 +49,18 @@ MOVING = tuple(
 
 @dataclass(frozen=True)
 class Change:
-    """Fields of a specification that are stated otherwise, as texts of the command line, and what that is."""
+    """Fields of a specification that are stated otherwise, as texts of the command line, joints of the robot that are
+    rigid, and what that is."""
 
     what: str
     fields: Mapping[str, str]
+    rigid: tuple[str, ...] = ()
 
     @property
     def text(self) -> str:
-        """The options, ``--peak-speed 0.5``."""
-        return " ".join(f"{FIELDS[name].option} {value}" for name, value in self.fields.items())
+        """The options, ``--peak-speed 0.5``, and what the robot's file says."""
+        joints = [f"rigid = true for {', '.join(self.rigid)}"] * bool(self.rigid)
+        return " ".join([*joints, *(f"{FIELDS[name].option} {value}" for name, value in self.fields.items())])
 
     def to(self, s: Specification) -> Specification:
         """A specification with the change."""
@@ -117,8 +122,9 @@ class _Ended(Exception):
 
 
 def advise(
-    design: WorkspaceDesign, seconds: float, progress: Callable[[str], None] = lambda text: None
-) -> Advice:
+    design: WorkspaceDesign, seconds: float, progress: Callable[[str], None] = lambda text: None,
+    joints: bool = True,
+) -> Advice:  # fmt: skip
     """Try changes after a design that misses a requirement, until one meets all or the CPU time is spent.
 
     A limit of moves is offered with room for `QUANTILE` of them, see `with_room`.
@@ -131,9 +137,11 @@ def advise(
         CPU time of the process that may be spent, s.
     progress : callable, optional
         Called with what comes next.
+    joints : bool
+        Whether joints may be made rigid, which is a change of the robot's file.
     """
     s, end, trials = design.specification, time.process_time() + seconds, list[Trial]()
-    waiting = list(changes(design)) if design.missed else []
+    waiting = [each for each in changes(design) if joints or not each.rigid] if design.missed else []
 
     def watch(lines: Sequence[Requirement]) -> None:
         spent = time.process_time() > end
@@ -150,7 +158,7 @@ def advise(
         if trial.met:
             waiting.clear()
         if made is not None and (room := limit_change(made, margins=False)) is not None:
-            both = Change(f"{change.what}; {room.what}", {**change.fields, **room.fields})
+            both = Change(f"{change.what}; {room.what}", {**change.fields, **room.fields}, change.rigid)
             waiting += [both] * (both.to(s) != change.to(s))
     return Advice(tuple(trials), tuple(waiting), seconds)
 
@@ -159,13 +167,14 @@ def _tried(
     design: WorkspaceDesign, change: Change, progress: Callable[[str], None], watch: Any
 ) -> tuple[Trial | None, WorkspaceDesign | None]:
     """A change tried, and its design if that was judged to its end; no trial where its time was spent before."""
+    robot = design.robot.with_rigid(*change.rigid) if change.rigid else design.robot
     try:
         made = design_workspace(  # as by the command
-            design.robot,
+            robot,
             change.to(design.specification),
             lambda text: progress(f"try {change.text}: {text}"),
             watch,
-            design,
+            None if change.rigid else design,
             change.fields,
         )
     except _Ended as ended:
@@ -177,13 +186,16 @@ def _tried(
 
 # What may be changed ------------------------------------------------------------------------------------
 def changes(design: WorkspaceDesign) -> Iterator[Change]:
-    """Changes that may help against what is missed, in the order of what they cost: time of the moves, a faster
+    """Changes that may help against what is missed, in the order of what they cost: nothing, slower moves, a faster
     computer, less accuracy, more encoders."""
     s, missed = design.specification, design.missed
+    looped = any(line.what not in MOVING and line.field not in OF_MOVES for line in missed)
+    if looped and (rigid := unseen(design.robot, s.period)):
+        yield Change("joints whose vibration is faster than samples show", {}, rigid)
     moving = any(line.what in MOVING or line.field == "path_distance" for line in missed)
     if moving:
         yield slower_moves(design, SLOWER[0])
-    if any(line.what not in MOVING and line.field not in OF_MOVES for line in missed):
+    if looped:
         yield Change("a shorter period", {"period": f"{1e3 * SHORTER * s.period:g}ms"})
     if (room := limit_change(design)) is not None:
         yield room
@@ -193,6 +205,21 @@ def changes(design: WorkspaceDesign) -> Iterator[Change]:
         alike = not any(isinstance(value, tuple) for value in (s.measurement_noise, s.quantisation))
         if alike and s.estimator != "none":
             yield Change("encoders on links and motors", {"measured": "link_position,motor_position"})
+
+
+def unseen(robot: Robot, period: float) -> tuple[str, ...]:
+    """Joints that vibrate, at home, faster than samples of a period, s, show (Nyquist), the fastest first; one joint
+    stays elastic."""
+    found = list[str]()
+    while len(robot.joint_names) - len(robot.rigid) > 1:
+        plant, at = robot.plant(), robot.operating_point()
+        modes = modes_of(plant.linearise(*at)[0], robot.joint_names, *stiffness_and_inertia(plant, at))
+        vibrations = [mode for mode in modes if mode.vibration]
+        if not vibrations or abs(vibrations[-1].eigenvalue) <= math.pi / period:
+            break
+        found.append(vibrations[-1].joint)
+        robot = robot.with_rigid(vibrations[-1].joint)
+    return tuple(found)
 
 
 def slower_moves(design: WorkspaceDesign, factor: float) -> Change:
