@@ -18,6 +18,7 @@ from flexhinf.design import Specification, design_workspace
 from flexhinf.design.requirements import REQUIREMENTS
 from flexhinf.design.responses import motion_metrics
 from flexhinf.design.robustness import LATEST, quantity_of, remaining_cause, remaining_errors, robustness
+from flexhinf.design.workspace.advice import Advice, Change, Trial
 from flexhinf.design.workspace.design import GOALS_SEED, POSES_SEED, SAMPLED_SEED
 from flexhinf.design.workspace.judgement import holding_requirement
 from flexhinf.design.workspace.setup import CHOSEN_SEED, OFFSET_TIME
@@ -223,7 +224,7 @@ def test_the_terminal_shows_every_kind_that_is_missed(design, count):
     assert len(text.splitlines()) < (25 if count < 4 else 40)
     assert max(map(len, text.splitlines())) <= 80
     assert unnamed(text, "joint ranges", "remaining error") == []
-    assert (unnamed(text, "NOT MET") == []) == (unnamed(text, "--workspace") == []) == (count > 0)
+    assert (unnamed(text, "NOT MET") == []) == (count > 0)
     table = re.sub(r"\s+", " ", text.split("Not met")[0])
     assert table.count("NOT MET") >= len(kinds)
     assert unnamed(table, *(kind.split()[0] for kind in kinds)) == []
@@ -254,20 +255,32 @@ def missing(design, what="poses unstable with a gain of 2 or 0.5"):
 
 
 @pytest.mark.ci("margins at every pose")
-def test_what_to_try_helps_where_it_is_said(design, tolerated, monkeypatch):
-    """Finer sensors for gain and delay at the top bandwidth too, with the noise that was looked at; the workspace
-    last."""
-    monkeypatch.setattr(summary, "BANDWIDTHS", (design.setup.law.gains.weights.bandwidth,))
-    assert summary.advice(design) == ""
-    text = summary.advice(missing(design))
-    assert unnamed(text, "--measurement-noise") == []
+def test_what_was_tried_is_told_and_no_option_that_was_not(design, tolerated):
+    """Without trials only numbers of the robot are named; with them the change that meets all, or how far each came."""
+    assert summary.workspace_advice(design, None) == ""
+    bad = missing(design)
+    assert "--" not in summary.workspace_advice(bad, None)
     assert unnamed(summary.scope_text(design), "0.1 mrad", "assumed") == []
-    assert text.index("--measurement-noise") < text.index("--workspace")
-    assert unnamed(summary.advice(missing(design, REQUIREMENTS["damping"].what)), "--measurement-noise") != []
     full = REQUIREMENTS["at_limit"].judge(None, 0.2, 0.5, "a move")
     weak = dataclasses.replace(design, requirements=(*design.requirements, full))
-    assert unnamed(summary.advice(weak), "effort_limit", "--peak-speed") == []
-    assert unnamed(text, "effort_limit") != []
+    assert unnamed(summary.workspace_advice(weak, None), "effort_limit") == []
+    assert unnamed(summary.workspace_advice(bad, None), "effort_limit") != []
+    slow, fast = Change("slower moves", {"peak_speed": "0.5"}), Change("shorter", {"period": "0.5ms"})
+    near, far = (full.judge(None, 0.2, found, "a move") for found in (0.3, 0.9))
+    trials = tuple(Trial(change, (line,), whole=True) for change, line in ((fast, far), (slow, near)))
+    text = summary.workspace_advice(weak, Advice(trials, (Change("limit", {"ripple": "6"}),), 20.0))
+    assert unnamed(text, "--peak-speed 0.5 misses least", "0.3 s", "0.9 s", "--ripple 6", "20 s") == []
+    kept = dataclasses.replace(full, found=0.1)
+    found = Advice(
+        (trials[0], Trial(slow, (kept,), whole=True)), (), 20.0, ("flexhinf", "design", "my arm.toml")
+    )
+    assert (
+        unnamed(summary.workspace_advice(weak, found), "--peak-speed 0.5", "0.1 s", "required ≤ 0.2 s") == []
+    )
+    status = next(
+        each for each in page.workspace_page(weak, (), advice=found).status if each.kind == "not met"
+    )
+    assert unnamed(status.text, "flexhinf design 'my arm.toml'") == []
     stated = dataclasses.replace(design.specification, measurement_noise=1e-10)
     finer = dataclasses.replace(design, setup=dataclasses.replace(design.setup, specification=stated))
     assert unnamed(summary.scope_text(finer), "0.01 mrad", "stated") == []
@@ -283,11 +296,12 @@ def test_poses_that_the_motors_cannot_hold_are_counted(design):
     weak = dataclasses.replace(design, setup=dataclasses.replace(design.setup, specification=weak))
     assert robustness(weak).unheld == 2
     assert unnamed(summary.workspace_verdict(weak), " 2 of", "motors have") == []
-    assert summary.advice(weak) == ""
+    assert summary.workspace_advice(weak, None) == ""
     unheld = tuple(holding_requirement(weak.setup, design.poses))
-    assert unnamed(summary.advice(dataclasses.replace(weak, requirements=unheld)), "effort_limit") == []
+    unheld = dataclasses.replace(weak, requirements=unheld)
+    assert unnamed(summary.workspace_advice(unheld, None), "effort_limit") == []
     assert unnamed(summary.workspace_verdict(design), "motors have") != []
-    assert unnamed(summary.advice(missing(design)), "effort_limit") != []
+    assert unnamed(summary.workspace_advice(missing(design), None), "effort_limit") != []
 
 
 def test_large_motions_at_the_start_are_told(design, tolerated, monkeypatch):
@@ -405,11 +419,13 @@ def test_the_cause_of_the_remaining_error_is_found_by_a_move_without_it(design, 
         found = cause._replace(kind=kind, tolerance=tolerance, error=2e-3, without=1e-4)
         monkeypatch.setattr(summary, "remaining_cause", lambda of, found=found: found)
         assert unnamed(summary.cause_text(bad), "2 mrad", *words) == []
-        said = {"stiffness": "stiffness: measure", "dry friction": "coulomb_friction", "rest": "longer rest"}
-        assert unnamed(summary.advice(bad), said.get(kind, "To try")) == []
+        said = {"stiffness": "stiffness: a measured one", "dry friction": "coulomb_friction"}
+        assert unnamed(summary.workspace_advice(bad, None), *filter(None, [said.get(kind)])) == []
         swinging = REQUIREMENTS["limit_cycle"].judge(None, 1e-3, 2e-3, "after the worst move")
         swinging = dataclasses.replace(bad, requirements=(*bad.requirements, swinging))
-        assert unnamed(summary.advice(swinging), said["rest"]) == [said["rest"]]
+        told = summary.cause_text(swinging) + summary.workspace_advice(swinging, None)
+        assert "rest of" not in told  # no rest is long enough for a limit cycle
+        assert "longer rest" not in told
     assert quantity_of("motor_inertia_elbow", ("shoulder", "elbow")) == "motor inertia"
 
 

@@ -7,11 +7,12 @@
 from __future__ import annotations
 
 from contextlib import nullcontext
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from shlex import join, quote
-from typing import Any
+from time import process_time
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -35,6 +36,15 @@ from flexhinf.cli.designs import (
 from flexhinf.cli.messages import NOT_MET, ProofProgress, note, options, show, step_progress
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.options import option_name
+
+if TYPE_CHECKING:
+    from flexhinf.design import Advice
+
+#: Steps by which the bar of advice moves; a trial has about five, and some end early.
+TRIAL_STEPS = 12
+
+#: In the folder of a report: the robot's file with joints that are rigid, where that was tried and meets all.
+RIGID_FILE = "rigid.toml"
 
 #: Of verdicts.
 COLOURS = {"holds": "green", "fails": "red", "ties": "yellow", "not judged": "bright_black"}
@@ -61,6 +71,7 @@ def design(context: typer.Context, o: options.DesignOptions) -> int:
     from flexhinf.design import stages
     from flexhinf.design.design_file import robot_digests
     from flexhinf.design.robustness import robustness
+    from flexhinf.robot.saved_file import robot_text
 
     request = request_of(context, o, o.robot, o.elastic)
     refuse_idle(context, request)
@@ -68,26 +79,78 @@ def design(context: typer.Context, o: options.DesignOptions) -> int:
     other = other_robot(folder, request.robot.name)
     origins = robot_digests(request.source, request.elastic, folder)
     ending = [("what holds for all poses", 2.5), ("report", 2.5)]
+    begun, command = process_time(), reproduce_command(context)
+
+    def written(result: fh.Design | fh.WorkspaceDesign, advice: Advice | None = None) -> None:
+        files = pages.design_files(result, command, request.warnings, ("design.toml",), advice)
+        files["design.toml"] = pages.design_text(result, request, folder)
+        if advice is not None and advice.found is not None and advice.found.change.rigid:
+            rigid = request.robot.with_rigid(*advice.found.change.rigid)
+            files[RIGID_FILE] = robot_text(rigid, folder)
+        report.write(folder, files, origins)
+
     with step_progress([*stages(request.robot, request.specification), *ending]) as progress:
         result = fh.design(request.robot, request.specification, progress)
         if isinstance(result, fh.WorkspaceDesign):
             progress("what holds for all poses: margins, and a proof")
             robustness(result)
         progress("report")
-        files = pages.design_files(result, reproduce_command(context), request.warnings, ("design.toml",))
-        files["design.toml"] = pages.design_text(result, request, folder)
-    keep(folder, other)
-    report.write(folder, files, origins)
+        keep(folder, other)
+        written(result)
+    advice = None
+    if o.advice and isinstance(result, fh.WorkspaceDesign) and not result.met:
+        try:
+            own = request.file is None and request.elastic is None and result.robot.file is not None
+            advice = _advice(context, result, process_time() - begun, o.out, joints=own)
+        except KeyboardInterrupt:  # the report is written, and the user has not seen it yet
+            _show_design(result, folder, o, None)
+            raise
+        written(result, advice)
+    _show_design(result, folder, o, advice)
+    return 0 if result.met else NOT_MET
+
+
+def _advice(
+    context: typer.Context, design: fh.WorkspaceDesign, seconds: float, out: Path, joints: bool
+) -> Advice:
+    """What is tried after a design that misses a requirement, in so much CPU time, with the command that meets all.
+
+    `joints`: whether a file with rigid joints can be written into `out`, which that command does not replace.
+    """
+    from flexhinf.design import advise
+
+    with step_progress([("try", 1.0)] * TRIAL_STEPS) as progress:
+        advice = advise(design, seconds, progress, joints)
+    if advice.found is None:
+        return advice
+    fields = advice.found.change.fields
+    options = [word for name, value in fields.items() for word in (option_name(name), value)]
+    if advice.found.change.rigid:
+        own = reproduce_command(context, {*fields, "advice", "robot", "out"})
+        place = own.index("design") + 1
+        options += ["--out", f"{out}-rigid"]
+        command = [*own[:place], str(out / RIGID_FILE), *own[place:]]
+    else:
+        command = reproduce_command(context, {*fields, "advice"})
+    return replace(advice, command=(*command, *options))
+
+
+def _show_design(
+    result: fh.Design | fh.WorkspaceDesign, folder: Path, o: options.DesignOptions, advice: Advice | None
+) -> None:
+    """The verdict, and what to do next."""
     if o.verbose:
         tables, notes, text = pages.details(result)
         show(tables, notes)
         typer.echo(f"{text}\n")
-    tables, text = pages.ending(result)
+    tables, text = pages.ending(result, advice)
     show(tables)
     typer.echo(f"{text}\nreport: {folder / 'index.html'}")
+    if advice is not None and advice.command:
+        typer.echo(f"next: {join(advice.command)}  # meets every requirement")
+        return
     why = "" if result.met else "  # shows this design as it is"
     typer.echo(f"next: flexhinf export web {quote(str(o.out))}{why}")
-    return 0 if result.met else NOT_MET
 
 
 @with_options(lambda: (options.CompareOptions, options.COMPARE_FIELDS))

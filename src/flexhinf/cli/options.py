@@ -28,6 +28,7 @@ from flexhinf.options import (
     WRITTEN,
     CampaignOptions,
     Duration,
+    Flag,
     NotNegative,
     Number,
     Period,
@@ -160,6 +161,9 @@ class DesignOptions(RobotOptions, VerboseOptions):
     """Options of ``flexhinf design``."""
 
     out: Path = option(Path("flexhinf-design"), WRITTEN, FOLDER)
+    advice: Flag = option(True, SEARCH,
+        "Whether changes are tried where a design for a workspace misses a requirement: slower moves, a shorter "
+        "period, a limit with room. They take at most as much CPU time again. The cheapest that meets all is named.")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -34,4 +34,5 @@ from .synthesis.by_step import (
     shrinking as shrinking,
     try_degrees as try_degrees,
 )
+from .workspace.advice import Advice as Advice, advise as advise
 from .workspace.design import WorkspaceDesign as WorkspaceDesign, design_workspace as design_workspace

@@ -21,6 +21,7 @@ from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import ROBOT
 from flexhinf.design.tuning import best_rival, pareto_front
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict, result_row
+from flexhinf.design.workspace.advice import Advice
 from flexhinf.design.workspace.design import WorkspaceDesign
 from flexhinf.errors import InvalidInput
 from flexhinf.pages.comparison import comparison_page, is_ranked
@@ -48,14 +49,16 @@ def design_files(
     command: Sequence[str],
     warnings: Sequence[str] = (),
     beside: Sequence[str] = (),
+    advice: Advice | None = None,
 ) -> dict[str, str | bytes]:
     """Files of a report: index.html, design.json, controller, runs of the nominal robot, proof as certificate.json.
 
     `command` makes the report again (none for one that is written from Python), `warnings` are about the robot's file,
-    and `beside` names files that the caller writes into the same folder: the page lists them.
+    and `beside` names files that the caller writes into the same folder: the page lists them. `advice` is what was
+    tried after a design for a workspace.
     """
     if isinstance(design, WorkspaceDesign):
-        return _workspace_files(design, command, warnings, beside)
+        return _workspace_files(design, command, warnings, beside, advice)
     e, proof = design.evaluation, design.proof
     runs = {
         **_picked(e, RUNS),
@@ -76,14 +79,16 @@ def design_files(
 
 
 def _workspace_files(
-    design: WorkspaceDesign, command: Sequence[str], warnings: Sequence[str], beside: Sequence[str]
-) -> dict[str, str | bytes]:
+    design: WorkspaceDesign, command: Sequence[str], warnings: Sequence[str], beside: Sequence[str],
+    advice: Advice | None,
+) -> dict[str, str | bytes]:  # fmt: skip
     saved = {f"runs/move-{k}.{ENDING}": move.response.run.save for k, move in enumerate(design.moves, 1)}
     files = {
         "design.json": to_json(workspace_numbers(design)),
         **_saved({"controller": design.controller().save, **saved}),
     }
-    return {"index.html": workspace_page(design, command, warnings, (*files, *beside)).html(), **files}
+    page = workspace_page(design, command, warnings, (*files, *beside), advice)
+    return {"index.html": page.html(), **files}
 
 
 def comparison_files(
@@ -143,9 +148,9 @@ def details(design: Design | WorkspaceDesign) -> tuple[list[Any], list[str], str
     return design_tables(design), notes(design), verdict(design)
 
 
-def ending(design: Design | WorkspaceDesign) -> Ending:
-    """What a terminal says of a design at the end."""
-    return workspace_ending(design) if isinstance(design, WorkspaceDesign) else design_ending(design)
+def ending(design: Design | WorkspaceDesign, advice: Advice | None = None) -> Ending:
+    """What a terminal says of a design at the end, with what was tried after one for a workspace."""
+    return workspace_ending(design, advice) if isinstance(design, WorkspaceDesign) else design_ending(design)
 
 
 def _saved(files: Mapping[str, Callable[[Path], object]]) -> dict[str, str | bytes]:

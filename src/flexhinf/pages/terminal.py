@@ -22,6 +22,7 @@ from flexhinf.design.requirements import REQUIREMENTS, STANDSTILL_SHARE, Require
 from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.design.tuning import RATIOS, TunedLaw
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict
+from flexhinf.design.workspace.advice import missed_by
 from flexhinf.pages.comparison import (
     METRICS,
     cell,
@@ -126,7 +127,7 @@ def requirements_screen(
     """Requirements that are not met or near their limits, the worst of each kind that is missed and as many others as
     there is room for, above the paragraphs."""
     near = sorted(filter(_near, lines), key=lambda line: (not line.missed, line.met))
-    kinds = {line.what: line for line in sorted(near, key=_missed_by) if line.missed}
+    kinds = {line.what: line for line in sorted(near, key=missed_by) if line.missed}
     near.sort(key=lambda line: kinds.get(line.what) is not line)
     least, title = max(len(kinds), 1), "Requirements that are missed or nearly missed (* our default)"
 
@@ -146,12 +147,6 @@ def requirements_screen(
 
 def _near(line: Requirement) -> bool:
     return not line.met or (line.limit > 0.0 and abs(line.found / line.limit - 1.0) <= NEAR)
-
-
-def _missed_by(line: Requirement) -> float:
-    """How far a requirement is missed, found over allowed or the other way round; a limit of 0 counts as one of 1."""
-    found, limit = (line.found, line.limit) if line.at_most else (line.limit, line.found)
-    return found / limit if limit > 0.0 else 1.0 + found if line.at_most else np.inf
 
 
 def numbers_text(numbers: Sequence[KeyNumber]) -> str:

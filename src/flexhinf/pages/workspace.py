@@ -11,6 +11,7 @@ import numpy as np
 from flexhinf.design.plans import SPEED, STILL, UNLIMITED, shortest_time
 from flexhinf.design.robustness import FASTEST, LATEST, LOUDEST, Robustness, robustness
 from flexhinf.design.specification import FIELDS
+from flexhinf.design.workspace.advice import Advice
 from flexhinf.design.workspace.design import GOALS_SEED, POSES_SEED, SAMPLED_SEED, WorkspaceDesign
 from flexhinf.design.workspace.search import BANDWIDTHS
 from flexhinf.design.workspace.setup import (
@@ -42,7 +43,6 @@ from flexhinf.pages.drawing import (
 from flexhinf.pages.page import files_section, requirement_table, requirements_text
 from flexhinf.pages.settings import loop_rows, robot_rows, sensor_rows, settings_in_groups
 from flexhinf.pages.workspace_summary import (
-    advice,
     columns_of,
     damping_text,
     key_numbers,
@@ -53,6 +53,7 @@ from flexhinf.pages.workspace_summary import (
     scope_text,
     undamped_text,
     units_in,
+    workspace_advice,
     worst_motion,
 )
 from flexhinf.report import (
@@ -79,8 +80,9 @@ PAIRS = (
 
 
 def workspace_page(
-    design: WorkspaceDesign, command: Sequence[str], warnings: Sequence[str] = (), files: Sequence[str] = ()
-) -> Page:
+    design: WorkspaceDesign, command: Sequence[str], warnings: Sequence[str] = (), files: Sequence[str] = (),
+    advice: Advice | None = None,
+) -> Page:  # fmt: skip
     """The page of a controller for a workspace; parameters as for `flexhinf.pages.page.design_page`."""
     setup, loops = design.setup, design.loops
     robot, s, tolerated = setup.robot, setup.specification, robustness(design)
@@ -129,11 +131,18 @@ def workspace_page(
         key_numbers(design),
         [
             Status("met", f"{len(design.requirements)} requirements.") if design.met else
-            Status("not met", f"{missed_text(design)}. {advice(design)}"),
+            Status("not met", f"{missed_text(design)}. {workspace_advice(design, advice)}{_command(advice)}"),
             Status("not proved", _not_proved(design, tolerated)),
         ],
         [scope_text(design)], lead,
     )  # fmt: skip
+
+
+def _command(advice: Advice | None) -> str:
+    """The command of the change that meets all, where one was found and there is a command."""
+    return (
+        f" The whole command: {shlex.join(advice.command)}" if advice is not None and advice.command else ""
+    )
 
 
 def _pose_table(design: WorkspaceDesign) -> Table:

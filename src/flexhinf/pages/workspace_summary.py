@@ -1,4 +1,4 @@
-"""What a controller for a workspace was found to do, in words: its verdict, the worst numbers, and what to try."""
+"""What a controller for a workspace was found to do, in words: its verdict, the worst numbers, and what was tried."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ import numpy as np
 from flexhinf.design.requirements import REQUIREMENTS, Requirement
 from flexhinf.design.responses import Move
 from flexhinf.design.robustness import LATEST, LONGER, LOUDEST, remaining_cause, robustness
+from flexhinf.design.workspace.advice import Advice, Trial, missed_by
 from flexhinf.design.workspace.design import WorkspaceDesign
 from flexhinf.design.workspace.judgement import UNHELD
-from flexhinf.design.workspace.search import BANDWIDTHS, motors_alone
+from flexhinf.design.workspace.search import motors_alone
 from flexhinf.design.workspace.setup import OFFSET
 from flexhinf.loop.simulation.metrics import peak_of
 from flexhinf.pages.drawing import Units, count_text, listed
 from flexhinf.pages.page import requirement_table, requirements_text
 from flexhinf.pages.terminal import (
     Ending,
-    advice_text,
     noise_text,
     numbers_text,
     requirements_screen,
@@ -47,6 +47,8 @@ SPEED_SAMPLES = 201
 
 #: A period that shows a vibration, in parts of a period of the vibration; half a period shows it barely.
 PERIODS = 0.4
+#: Changes without success that a terminal lists.
+TRIED = 3
 
 #: Fast vibrations with less damping are named beside the verdict.
 HARDLY = 0.05
@@ -122,24 +124,23 @@ def cause_text(design: WorkspaceDesign) -> str:
     if not cause.kind:
         return f"No tolerance, and neither dry friction nor a short rest, is by itself behind the {error} of {joint}."
     if cause.kind == "rest":
+        if any(line.what == REQUIREMENTS["limit_cycle"].what for line in design.missed):
+            return ""  # no rest is long enough for a limit cycle
         return f"The remaining error of {joint}, {error}, falls to {left} in a rest of {LONGER:g} s."
     name = f"the tolerance of the {cause.kind}" if cause.tolerance else cause.kind
     return f"The remaining error of {joint}, {error}, comes mostly from {name}: {left} without it."
 
 
-def _cause_advice(design: WorkspaceDesign) -> str:
-    """What lessens the cause of the remaining error; "" where there is none that was found."""
+def _cause_check(design: WorkspaceDesign) -> str:
+    """What to look at for the cause of the remaining error; "" where there is none that the robot's file states."""
     cause = remaining_cause(design) if cause_text(design) else None
-    if cause is None or not cause.kind:
+    if cause is None or cause.kind in ("", "rest"):
         return ""
-    if cause.kind == "rest":  # no rest is long enough for a limit cycle
-        swings = any(line.what == REQUIREMENTS["limit_cycle"].what for line in design.missed)
-        return "" if swings else "a longer rest before a goal counts as reached"
     if cause.tolerance and cause.kind.startswith("payload"):
-        return "a smaller range of the payload"
+        return "the range of the payload (is it as wide?)"
     if cause.tolerance:
-        return f"a narrower tolerance of the {cause.kind}: measure it (flexhinf identify)"
-    return "joints with less dry friction (coulomb_friction in the file: is it measured?)"
+        return f"the tolerance of the {cause.kind}: a measured one may be narrower (flexhinf identify)"
+    return "dry friction of the joints (coulomb_friction in the file: is it measured?)"
 
 
 def vibration_text(design: WorkspaceDesign) -> str:
@@ -149,9 +150,11 @@ def vibration_text(design: WorkspaceDesign) -> str:
     fastest = (
         "" if design.robot.rigid else f" to {high} (fastest)"
     )  # a rigid joint has a pair and no vibration
+    seen = np.pi / design.specification.period
+    hidden = f" Samples show no vibration beyond {seen:.0f} rad/s." if np.sqrt(gains.ends[1]) > seen else ""
     return (
         f"The arm vibrates at {low} rad/s (slowest){fastest}; the controller follows commands up to "
-        f"{gains.weights.bandwidth:g} rad/s."
+        f"{gains.weights.bandwidth:g} rad/s.{hidden}"
     )
 
 
@@ -161,46 +164,91 @@ def missed_text(design: WorkspaceDesign) -> str:
     return "; ".join(line.converted(degrees).text for line in design.missed)
 
 
-def advice(design: WorkspaceDesign) -> str:
-    """What to try where a requirement is not met; nothing otherwise."""
-    s, missed = design.specification, design.missed
-    slow = design.setup.law.gains.weights.bandwidth < max(BANDWIDTHS)
-    alone, margins = motors_alone(design.robot, s), ("gain_margin", "delay_margin", "ripple")
-    loud = slow or any(line.field in margins for line in missed)
-    finer = "finer sensors (--measurement-noise)"
-    full = any(line.what == REQUIREMENTS["at_limit"].what for line in missed)
-    weak = full or any(line.what == UNHELD for line in missed)
-    if not missed:
+def workspace_advice(design: WorkspaceDesign, advice: Advice | None, most: int | None = None) -> str:
+    """What was tried where a requirement is not met, and what to check in the robot's file; nothing otherwise.
+
+    `most`: changes without success that are listed, the nearest first.
+    """
+    if not design.missed:
         return ""
-    heavy = heavy_motors(design.robot)
-    cause = _cause_advice(design)
-    first = {
-        cause: bool(cause),
-        f"a smaller inertia of the motor of {listed(heavy)} (is it in kg·m²?)": bool(heavy) and weak,
-        "larger limits of the motors (is effort_limit as seen from the link?)": weak,
-        "slower moves (--peak-speed)": full,
-    }
-    last = {
-        finer: loud and s.estimator != "none",
-        tolerances_text(design.robot): not cause and any("corner" in line.where for line in missed),
-        "a smaller --workspace": any("pose" in line.where for line in missed),
-    }
     simpler = (
-        " With motor encoders alone PD + gravity compensation is simpler and may do as well, see “Which law, and when” "
+        "With motor encoders alone PD + gravity compensation is simpler and may do as well, see “Which law, and when” "
         "in the documentation."
     )
-    return advice_text(missed, s, first, last) + simpler * alone
+    alone = motors_alone(design.robot, design.specification)
+    parts = ("" if advice is None else tried_text(design, advice, most), _to_check(design), simpler * alone)
+    return " ".join(filter(None, parts))
 
 
-def workspace_ending(design: WorkspaceDesign) -> Ending:
-    """What a terminal says at the end: what is met, the worst numbers, what to try."""
+def tried_text(design: WorkspaceDesign, advice: Advice, most: int | None = None) -> str:
+    """The change that meets all, with the numbers of what was missed; or how far each came, the nearest first."""
+    if (found := advice.found) is not None:
+        what = {line.what for line in design.missed}
+        lines = [line for line in found.requirements if line.what in what]
+        return (
+            f"Tried, and meets all {len(found.requirements)} requirements: {found.change.text} ({found.change.what})."
+            f"{_numbers(design, lines)}"
+        )
+    trials = sorted(advice.trials, key=lambda trial: (bool(trial.refused), trial.distance))
+    texts = [f"{trial.change.text} ({_misses(design, trial)})" for trial in trials[:most]]
+    texts += [f"{len(trials) - len(texts)} more on the page"] * (len(trials) > len(texts))
+    nearest = advice.nearest
+    parts = [
+        f"Tried without meeting all: {'; '.join(texts)}." if texts else "",
+        f"{nearest.change.text} misses least." if nearest is not None and len(texts) > 1 else "",
+        f"No CPU time was left, of {advice.seconds:.0f} s, for {listed([each.text for each in advice.left])}."
+        if advice.left
+        else "",
+        "" if texts or advice.left else "No option is known that might help.",
+    ]
+    return " ".join(filter(None, parts))
+
+
+def _numbers(design: WorkspaceDesign, lines: Sequence[Requirement]) -> str:
+    """What is achieved of some requirements, the worst of each kind; "" where none of them was judged."""
+    worst = {line.what: line for line in sorted(lines, key=missed_by)}
+    shown = [line.converted(units_in(design).degrees) for line in worst.values()]
+    text = "; ".join(f"{line.what} {line.achieved_text}, required {line.limit_text}" for line in shown)
+    return f" There: {text}." if text else ""
+
+
+def _misses(design: WorkspaceDesign, trial: Trial) -> str:
+    """What a change misses most, and how much else."""
+    if trial.refused:
+        return f"refused: {trial.refused.rstrip('.')}"
+    worst, *others = sorted(trial.missed, key=missed_by, reverse=True)
+    line = worst.converted(units_in(design).degrees)
+    kinds = len({each.what for each in others} - {line.what})
+    return (
+        f"{line.what} {line.achieved_text}, required {line.limit_text}{f', and {kinds} more' * bool(kinds)}"
+    )
+
+
+def _to_check(design: WorkspaceDesign) -> str:
+    """Numbers of the robot that decide what is missed, which only a look at the robot can improve."""
+    missed, heavy = design.missed, heavy_motors(design.robot)
+    full = any(line.what == REQUIREMENTS["at_limit"].what for line in missed)
+    weak, cause = full or any(line.what == UNHELD for line in missed), _cause_check(design)
+    cornered = not cause and any("corner" in line.where for line in missed)
+    texts = {
+        cause: bool(cause),
+        f"the inertia of the motor of {listed(heavy)} (is it in kg·m²?)": bool(heavy) and weak,
+        "the limits of the motors (is effort_limit as seen from the link?)": weak,
+        tolerances_text(design.robot): cornered,
+    }
+    chosen = [text for text, applies in texts.items() if applies]
+    return f"To check: {'; '.join(chosen)}." if chosen else ""
+
+
+def workspace_ending(design: WorkspaceDesign, advice: Advice | None = None) -> Ending:
+    """What a terminal says at the end: what is met, the worst numbers, what was tried and what to check."""
     worst = f"At worst: {numbers_text(key_numbers(design))}."
     parts = (
         f"{requirements_text(design.requirements)} {scope_text(design)}",
         f"{worst} {vibration_text(design)}",
         cause_text(design),
         _starts(design),
-        advice(design),
+        workspace_advice(design, advice, TRIED),
     )
     lines = requirements_with_margins(design)
     notes = [damping_text(design.robot), undamped_text(design)]

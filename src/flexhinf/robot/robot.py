@@ -20,6 +20,7 @@ from flexhinf.robot.elastic import (
     DRIVES,
     DRY,
     ORDERS,
+    SPRING,
     ElasticFlow,
     InverseFlow,
     Layout,
@@ -221,6 +222,12 @@ class Robot(Summarised):
     def damped(self) -> Robot:
         """The same robot with `assumed_damping`."""
         return self.with_parameters(*self.assumed_damping.values())
+
+    def with_rigid(self, *joints: str) -> Robot:
+        """The same robot with these joints rigid too: the numbers of their springs are left out."""
+        springs = {per_joint(name, joint, len(self.joint_names)) for name in SPRING for joint in joints}
+        kept = tuple(parameter for parameter in self.parameters if parameter.name not in springs)
+        return replace(self, parameters=kept, rigid=(*self.rigid, *joints))
 
     def save(self, path: str | os.PathLike[str], like: str | os.PathLike[str] | None = None) -> None:
         """Write a robot file: `file` (or the file `like`) with this robot's numbers, tolerances and ranges.

@@ -9,6 +9,7 @@ from typing import Any
 
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.files import write_file
+from flexhinf.robot.elastic import SPRING
 from flexhinf.robot.parameters import QUANTITIES, Parameter, per_joint
 from flexhinf.validation import checked_path
 
@@ -36,6 +37,12 @@ def robot_text(robot: Any, folder: Path, like: str | os.PathLike[str] | None = N
         )
     document = tomlkit.parse(source.read_text(encoding="utf-8"))
     before = {} if robot.reader is None else {each.name: each for each in robot.reader(source).parameters}
+    for row in document.get("joint", ()):
+        if row["name"] in robot.rigid and "spring" in row:
+            del row["spring"]
+            row["rigid"] = True
+            for quantity in SPRING:
+                before.pop(per_joint(quantity, str(row["name"]), len(robot.joint_names)), None)
     others = sorted(set(before) - set(robot.nominal))
     refuse_if(
         others,

@@ -7,10 +7,10 @@ judgement uses other poses, and moves. The words are those of docs/workspace.md.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -37,6 +37,14 @@ from flexhinf.robot.elastic import checked_pose
 from flexhinf.robot.signals import SENSORS, expanded
 from flexhinf.robot.waypoints import LIMITS
 from flexhinf.robot.workspace import Workspace, workspace_of
+
+#: Limits by which loops and moves are judged, and which change neither.
+JUDGED = ("damping", "ripple", "undershoot", "path_distance", "remaining_error")
+
+T = TypeVar("T")
+
+#: Called between poses, moves and candidates with the requirements judged so far; what it raises ends the work.
+Watch = Callable[[Sequence[Requirement]], None]
 
 #: Poses and goals that are judged, and seeds, to which 100 times the seed of the specification is added.
 POSES, GOALS = 200, 20
@@ -122,8 +130,9 @@ class WorkspaceDesign(Judged):
 
 
 def design_workspace(
-    robot: Robot, s: Specification, progress: Callable[[str], None] = lambda text: None
-) -> WorkspaceDesign:
+    robot: Robot, s: Specification, progress: Callable[[str], None] = lambda text: None,
+    watch: Watch = lambda lines: None, like: WorkspaceDesign | None = None, changed: Collection[str] = (),
+) -> WorkspaceDesign:  # fmt: skip
     """Design one controller for a workspace, and judge it at poses and in moves that the search did not use.
 
     Parameters
@@ -135,6 +144,11 @@ def design_workspace(
         period and latency.
     progress : callable, optional
         Called with what comes next.
+    watch : callable, optional
+        See `Watch`.
+    like, changed : WorkspaceDesign and names of fields, optional
+        A design of the same robot whose specification differs in these fields alone. Loops and moves that the search
+        finds again are taken from it.
 
     Raises
     ------
@@ -145,37 +159,60 @@ def design_workspace(
     """
     check_loop(robot, s)
     s = replace(s, workspace=LIMITS) if s.workspace is None else s
-    setup = tuned_setup(robot, s, stated_workspace(robot, s.workspace), progress)
+    setup = tuned_setup(robot, s, stated_workspace(robot, s.workspace), progress, lambda: watch(()))
+    lines: list[Requirement] = []
+
+    def watched(items: Iterable[T]) -> Iterator[T]:
+        for item in items:
+            watch(lines)
+            yield item
+
+    known, ran = (None, None) if like is None else _found_again(like, setup, changed)
     progress(f"loops at {POSES} poses")
     poses = setup.workspace.sample(POSES, POSES_SEED + 100 * s.seed)
-    loops = tuple(setup.at_pose(pose, TOLERANCE) for pose in poses)
+    loops = known.loops if known else tuple(setup.at_pose(pose, TOLERANCE) for pose in watched(poses))
+    lines += (*pose_requirements(s, loops), *holding_requirement(setup, poses))
     true = setup.true.robot
     corners = true.random_corners(POSES, POSES_SEED + 100 * s.seed)
-    cornered = tuple(map(setup.at_corner, poses, corners))
-    undamped = tuple(
-        tuple(setup.at_corner(*one, damped=False) for one in zip(poses, each))
-        for each in ([None] * len(poses), corners)
+    cornered = known.corner_loops if known else tuple(map(setup.at_corner, watched(poses), corners))
+    lines += corner_requirements(s, cornered)
+    undamped = (
+        known.undamped
+        if known
+        else (
+            tuple(setup.at_corner(pose, None, damped=False) for pose in poses),
+            tuple(setup.at_corner(*one, damped=False) for one in zip(poses, corners)),
+        )
     )
     progress(f"moves between {GOALS} goals")
     goals, left_out = setup.goals(GOALS + 1, GOALS_SEED + 100 * s.seed)
     nominal = [(goals[k : k + 2], None, k) for k in range(GOALS)]
-    moves, sampled, power_on = tuple(setup.move(*one) for one in nominal), (), None
-    lines = (
-        *pose_requirements(s, loops), *holding_requirement(setup, poses), *corner_requirements(s, cornered)
-    )  # fmt: skip
-    lines += tuple(move_requirements(setup, moves, "nominal robot"))
+    moves = ran.moves if ran else tuple(setup.move(*one) for one in watched(nominal))
+    sampled, power_on = (), None
+    lines += move_requirements(setup, moves, "nominal robot")
     robots = true.random_corners(sampled_moves(robot, s), SAMPLED_SEED + 100 * s.seed)
     others = [(nominal[k % GOALS][0], values, k) for k, values in enumerate(robots)]
     if others:
         progress("moves of sampled robots")
-        sampled = tuple(setup.move(*one) for one in others)
-        lines += tuple(move_requirements(setup, sampled, "robots at corners of their tolerances"))
+        sampled = ran.sampled if ran else tuple(setup.move(*one) for one in watched(others))
+        lines += move_requirements(setup, sampled, "robots at corners of their tolerances")
         power_on = setup.power_on(*max(others, key=lambda one: setup.unknown_load(*one[:2])))
     if setup.may_swing:
-        lines += (standstill_requirement(setup, [*nominal, *others], [*moves, *sampled]),)
+        watch(lines)
+        lines.append(standstill_requirement(setup, [*nominal, *others], [*moves, *sampled]))
     return WorkspaceDesign(
-        setup, poses, loops, cornered, (undamped[0], undamped[1]), moves, left_out, sampled, power_on, lines
+        setup, poses, loops, cornered, undamped, moves, left_out, sampled, power_on, tuple(lines)
     )  # fmt: skip
+
+
+def _found_again(
+    like: WorkspaceDesign, setup: WorkspaceSetup, changed: Collection[str]
+) -> tuple[WorkspaceDesign | None, WorkspaceDesign | None]:
+    """The design whose loops, and whose moves, are those of a setup of which only the fields `changed` differ."""
+    before = like.setup
+    same = (before.law.gains.weights, before.random) == (setup.law.gains.weights, setup.random)
+    loops = like if same and {*changed} <= {*JUDGED, "peak_speed"} else None
+    return loops, loops if {*changed} <= {*JUDGED} else None
 
 
 def stated_workspace(robot: Robot, stated: Any) -> Workspace:

@@ -64,11 +64,15 @@ TOLERATED, TRIED_MOVES = 1.5, 4
 
 
 def tuned_setup(
-    robot: Robot, s: Specification, workspace: Workspace, progress: Callable[[str], None] = lambda text: None
-) -> WorkspaceSetup:
+    robot: Robot, s: Specification, workspace: Workspace, progress: Callable[[str], None] = lambda text: None,
+    tick: Callable[[], None] = lambda: None,
+) -> WorkspaceSetup:  # fmt: skip
     """The fastest law whose loops at some random poses meet the requirements with a reserve, for the nominal robot and
     some at corners of the tolerances, with the best estimator for it; or the nearest to it. With encoders of the motors
-    alone what is only preferred does not count: it would cost bandwidth."""
+    alone what is only preferred does not count: it would cost bandwidth.
+
+    `tick` is called before each pose; what it raises ends the search.
+    """
     poses, (damping, ripple) = workspace.sample(CHOSEN_POSES, CHOSEN_SEED), pose_limits(s)
     corners, delay = robot.damped.random_corners(CORNERS * CHOSEN_POSES, CHOSEN_SEED), s.delay_margin_limit
     wanted = replace(
@@ -84,6 +88,7 @@ def tuned_setup(
             break
         excess = np.zeros(4)
         for k, (pose, others) in enumerate(order):
+            tick()
             found = setup.at_pose(pose).excess(*pose_limits(wanted), s.period)
             found[counted:] = 0.0
             for loop in (setup.at_corner(pose, corner) for corner in others):

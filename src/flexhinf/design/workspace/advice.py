@@ -1,0 +1,321 @@
+"""Changes that are tried where a design for a workspace misses a requirement, the cheapest for its user first.
+
+Each is designed and judged again as the command that states it would do, so what is said of it holds for that command.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2
+
+from flexhinf.design.plans import UNLIMITED
+from flexhinf.design.requirements import REQUIREMENTS, STANDSTILL_SHARE, Requirement
+from flexhinf.design.responses import joint_limits
+from flexhinf.design.robustness import robustness
+from flexhinf.design.specification import FIELDS, RINGS, Specification
+from flexhinf.design.workspace.design import WorkspaceDesign, design_workspace
+from flexhinf.design.workspace.search import TOLERATED, motors_alone
+from flexhinf.errors import FlexhinfError
+from flexhinf.robot import Robot
+from flexhinf.robot.modes import modes_of, stiffness_and_inertia
+
+#: A limit of moves is offered with room for this share of all moves: the worst of 20 moves was passed by 6 of 40 later
+#: ones. Confidence of the mean tail; nine of ten limits have the share, as the median is estimated too.
+QUANTILE, CONFIDENCE = 0.99, 0.95
+
+#: A limit is offered that is at most so many times the present one; room of a limit of poses, of which there are enough
+#: for their worst; least margins that are offered.
+WITHIN, ROOM, MARGINS = 3.0, 1.05, {"gain_margin": TOLERATED, "delay_margin": 0.5}
+
+#: Limits of moves, by what `motion_metrics` calls their numbers.
+OF_MOVES = {
+    "remaining_error": "remaining_error", "path_distance": "path_distance", "undershoot": "wrong_way_percent",
+}  # fmt: skip
+
+#: Factors of the speed limits with which moves are tried, and of the period.
+SLOWER, SHORTER = (0.5, 0.25), 0.5
+
+#: Names of requirements on moves, which slower ones may keep.
+MOVING = tuple(
+    REQUIREMENTS[name].what for name in ("undershoot", "path", "at_limit", "speed", "range", "peak")
+)
+
+
+@dataclass(frozen=True)
+class Change:
+    """Fields of a specification that are stated otherwise, as texts of the command line, joints of the robot that are
+    rigid, and what that is."""
+
+    what: str
+    fields: Mapping[str, str]
+    rigid: tuple[str, ...] = ()
+
+    @property
+    def text(self) -> str:
+        """The options, ``--peak-speed 0.5``, and what the robot's file says."""
+        joints = [f"rigid = true for {', '.join(self.rigid)}"] * bool(self.rigid)
+        return " ".join([*joints, *(f"{FIELDS[name].option} {value}" for name, value in self.fields.items())])
+
+    def to(self, s: Specification) -> Specification:
+        """A specification with the change."""
+        return replace(s, **dict[str, Any](self.fields))
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What came of a change: all requirements, or those up to the first that no limit can keep."""
+
+    change: Change
+    requirements: tuple[Requirement, ...]
+    whole: bool  # whether all requirements were judged
+    refused: str = ""  # why there is no design with the change
+
+    @property
+    def met(self) -> bool:
+        """Whether all requirements are met."""
+        return self.whole and all(line.met for line in self.requirements)
+
+    @property
+    def missed(self) -> tuple[Requirement, ...]:
+        """Requirements that are not met."""
+        return tuple(line for line in self.requirements if line.missed)
+
+    @property
+    def distance(self) -> tuple[bool, float, int]:
+        """How far it misses, for comparisons: whether it was judged to its end, the worst ratio, how many lines."""
+        return not self.whole, max(map(missed_by, self.missed), default=math.inf), len(self.missed)
+
+
+@dataclass(frozen=True)
+class Advice:
+    """What was tried after a design that misses a requirement."""
+
+    trials: tuple[Trial, ...]
+    left: tuple[Change, ...]  # for which there was no time
+    seconds: float  # CPU time that was allowed
+    command: tuple[str, ...] = field(default=())  # the command of the change that meets all; none in Python
+
+    @property
+    def found(self) -> Trial | None:
+        """The change with which all requirements are met."""
+        return next((trial for trial in self.trials if trial.met), None)
+
+    @property
+    def nearest(self) -> Trial | None:
+        """The change that misses least; None where each was refused, or none was tried."""
+        made = [trial for trial in self.trials if not trial.refused]
+        return min(made, key=lambda trial: trial.distance, default=None)
+
+
+class _Ended(Exception):
+    """A trial ends early: a requirement is missed that no change of a limit keeps, or the time is spent."""
+
+    def __init__(self, lines: Sequence[Requirement], spent: bool) -> None:
+        super().__init__()
+        self.lines, self.spent = tuple(lines), spent
+
+
+def advise(
+    design: WorkspaceDesign, seconds: float, progress: Callable[[str], None] = lambda text: None,
+    joints: bool = True,
+) -> Advice:  # fmt: skip
+    """Try changes after a design that misses a requirement, until one meets all or the CPU time is spent.
+
+    A limit of moves is offered with room for `QUANTILE` of them, see `with_room`.
+
+    Parameters
+    ----------
+    design : WorkspaceDesign
+        The design; nothing is tried where it meets all requirements.
+    seconds : float
+        CPU time of the process that may be spent, s.
+    progress : callable, optional
+        Called with what comes next.
+    joints : bool
+        Whether joints may be made rigid, which is a change of the robot's file.
+    """
+    s, end, trials = design.specification, time.process_time() + seconds, list[Trial]()
+    waiting = [each for each in changes(design) if joints or not each.rigid] if design.missed else []
+
+    def watch(lines: Sequence[Requirement]) -> None:
+        spent = time.process_time() > end
+        if spent or any(line.missed and not relaxable(line) for line in lines):
+            raise _Ended(lines, spent)
+
+    while waiting and time.process_time() <= end:
+        change = waiting[0]
+        trial, made = _tried(design, change, progress, watch)
+        if trial is None:  # no time for it
+            break
+        trials.append(trial)
+        del waiting[0]
+        if trial.met:
+            waiting.clear()
+        if made is not None and (room := limit_change(made, margins=False)) is not None:
+            both = Change(f"{change.what}; {room.what}", {**change.fields, **room.fields}, change.rigid)
+            waiting += [both] * (both.to(s) != change.to(s))
+    return Advice(tuple(trials), tuple(waiting), seconds)
+
+
+def _tried(
+    design: WorkspaceDesign, change: Change, progress: Callable[[str], None], watch: Any
+) -> tuple[Trial | None, WorkspaceDesign | None]:
+    """A change tried, and its design if that was judged to its end; no trial where its time was spent before."""
+    robot = design.robot.with_rigid(*change.rigid) if change.rigid else design.robot
+    try:
+        made = design_workspace(  # as by the command
+            robot,
+            change.to(design.specification),
+            lambda text: progress(f"try {change.text}: {text}"),
+            watch,
+            None if change.rigid else design,
+            change.fields,
+        )
+    except _Ended as ended:
+        return (None if ended.spent else Trial(change, ended.lines, whole=False)), None
+    except FlexhinfError as error:
+        return Trial(change, (), whole=False, refused=error.what), None
+    return Trial(change, made.requirements, whole=True), made
+
+
+# What may be changed ------------------------------------------------------------------------------------
+def changes(design: WorkspaceDesign) -> Iterator[Change]:
+    """Changes that may help against what is missed, in the order of what they cost: nothing, slower moves, a faster
+    computer, less accuracy, more encoders."""
+    s, missed = design.specification, design.missed
+    looped = any(line.what not in MOVING and line.field not in OF_MOVES for line in missed)
+    if looped and (rigid := unseen(design.robot, s.period)):
+        yield Change("joints whose vibration is faster than samples show", {}, rigid)
+    moving = any(line.what in MOVING or line.field == "path_distance" for line in missed)
+    if moving:
+        yield slower_moves(design, SLOWER[0])
+    if looped:
+        yield Change("a shorter period", {"period": f"{1e3 * SHORTER * s.period:g}ms"})
+    if (room := limit_change(design)) is not None:
+        yield room
+    if moving:
+        yield from (slower_moves(design, factor) for factor in SLOWER[1:])
+    if motors_alone(design.robot, s) or [*s.measured] == ["link_position"]:
+        alike = not any(isinstance(value, tuple) for value in (s.measurement_noise, s.quantisation))
+        if alike and s.estimator != "none":
+            yield Change("encoders on links and motors", {"measured": "link_position,motor_position"})
+
+
+def unseen(robot: Robot, period: float) -> tuple[str, ...]:
+    """Joints that vibrate, at home, faster than samples of a period, s, show (Nyquist), the fastest first; one joint
+    stays elastic."""
+    found = list[str]()
+    while len(robot.joint_names) - len(robot.rigid) > 1:
+        plant, at = robot.plant(), robot.operating_point()
+        modes = modes_of(plant.linearise(*at)[0], robot.joint_names, *stiffness_and_inertia(plant, at))
+        vibrations = [mode for mode in modes if mode.vibration]
+        if not vibrations or abs(vibrations[-1].eigenvalue) <= math.pi / period:
+            break
+        found.append(vibrations[-1].joint)
+        robot = robot.with_rigid(vibrations[-1].joint)
+    return tuple(found)
+
+
+def slower_moves(design: WorkspaceDesign, factor: float) -> Change:
+    """Smaller speed limits; moves are planned with a share of these."""
+    speed = joint_limits(design.robot, design.specification).speed
+    speeds = [f"{factor * each:.3g}" for each in np.where(np.isfinite(speed), speed, UNLIMITED).tolist()]
+    return Change("slower moves", {"peak_speed": speeds[0] if len({*speeds}) == 1 else ",".join(speeds)})
+
+
+def relaxable(line: Requirement) -> bool:
+    """Whether a missed requirement may be kept by another limit, at most `WITHIN` times this one."""
+    by_margin = line.field in MARGINS  # poses are counted; the margins say how far
+    near = line.field in (*OF_MOVES, "ripple") and line.found <= WITHIN * line.limit
+    return bool(by_margin or near or (line.field == "damping" and line.found > RINGS))
+
+
+def limit_change(design: WorkspaceDesign, margins: bool = True) -> Change | None:
+    """Limits with room with which the design, as it is, misses nothing; None where they are not enough.
+
+    `margins`: of gain and delay too, whose search takes as long as a third of a design where it was not made before.
+    """
+    values = {line.field: "" for line in design.missed if relaxable(line)}
+    if not values or not all(map(relaxable, design.missed)) or (not margins and {*values} & {*MARGINS}):
+        return None
+    values = {name: _looser(design, name) for name in values}
+    if not all(values.values()):
+        return None
+    moves, told = len(design.moves) + len(design.sampled), []
+    if {*values} & {*OF_MOVES}:
+        told.append(f"for {100.0 * QUANTILE:g} % of all moves, by {moves} of them")
+    if {*values} - {*OF_MOVES}:
+        told.append(f"with room for what {len(design.loops)} poses show")
+    return Change(f"{'a limit' if len(values) == 1 else 'limits'} {' and '.join(told)}", values)
+
+
+def _looser(design: WorkspaceDesign, name: str) -> str:
+    """A limit with room, as text; "" where it would be too far from the present one."""
+    lines = [line for line in design.missed if line.field == name]
+    if name in OF_MOVES:
+        return _of_moves(design, name, lines)
+    if name == "ripple":
+        value = ROOM * max(line.found for line in lines)
+        return f"{_up(value):g}" if value <= WITHIN * lines[0].limit else ""
+    if name == "damping":
+        value, least = min(line.found for line in lines), RINGS
+    else:
+        margin = robustness(design)
+        tolerated = {"gain_margin": min(margin.louder, 1.0 / margin.softer), "delay_margin": margin.delay}
+        value, least = tolerated[name], MARGINS[name]
+    value = math.floor(100.0 * value / ROOM) / 100.0
+    return f"{value:g}" if value >= least else ""
+
+
+def _of_moves(design: WorkspaceDesign, name: str, lines: Sequence[Requirement]) -> str:
+    """A limit of moves with room for `QUANTILE` of them; one that each joint has of its own is kept in proportion."""
+    stated = getattr(design.specification, name)
+    own = np.atleast_1d(np.array(stated if stated is not None else lines[0].limit, dtype=float))
+    several = len(own) > 1
+    scale = own if several else np.ones(1)
+    rows = [move.motion for move in (*design.moves, *design.sampled)]
+    values = [
+        float(np.max(np.array([joint[OF_MOVES[name]] for joint in row]) / scale)) if row else math.inf
+        for row in rows
+    ]
+    value, worst = with_room(values), max(values)
+    for line in lines:
+        if line.what == REQUIREMENTS["limit_cycle"].what:  # a share of this limit, seen in one move
+            cycle = line.found / STANDSTILL_SHARE / (own.min() if several else 1.0)
+            value = max(value, cycle * max(value / worst, ROOM))
+    if not value <= WITHIN * (1.0 if several else float(own[0])):
+        return ""
+    return ",".join(f"{_up(value * each):g}" for each in scale.tolist())
+
+
+def with_room(values: Sequence[float]) -> float:
+    """What at most a share `1 - QUANTILE` of all moves passes, by those that were made; in nine of ten cases.
+
+    The larger half of the values lies beyond their median as exponential numbers do (tails of moves by a law that is
+    stable are not longer), whose mean has a χ² bound; never less than the largest value. No rule without a tail has an
+    answer: 40 values alone tell the share of 94 %.
+    """
+    middle = float(np.median(values))
+    beyond = [value - middle for value in values if value > middle]
+    if not beyond or not math.isfinite(max(values)):
+        return max(values)
+    mean = 2.0 * sum(beyond) / float(chi2.ppf(1.0 - CONFIDENCE, 2 * len(beyond)))
+    return max(max(values), middle + mean * math.log(0.5 / (1.0 - QUANTILE)))
+
+
+def missed_by(line: Requirement) -> float:
+    """How far a requirement is missed, found over allowed or the other way round; a limit of 0 counts as one of 1."""
+    found, limit = (line.found, line.limit) if line.at_most else (line.limit, line.found)
+    return found / limit if limit > 0.0 else 1.0 + found if line.at_most else math.inf
+
+
+def _up(value: float) -> float:
+    """The number with two digits that is not less."""
+    unit = 10.0 ** (math.floor(math.log10(value)) - 1.0)
+    return float(f"{math.ceil(value / unit * (1.0 - 1e-9)) * unit:.2g}")
