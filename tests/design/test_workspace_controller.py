@@ -520,6 +520,8 @@ def test_a_run_rests_for_a_second_and_is_judged_as_the_moves_of_its_design(kind:
     prepared = prepare_run(deployed(setup), (arm(), setup.specification), arm(), s)
     assert prepared.plan is not None
     assert prepared.arguments["duration"] == pytest.approx(prepared.plan.duration + 1.0)
+    stated = [arm().nominal[f"damping_{joint}"] for joint in arm().joint_names]
+    np.testing.assert_allclose(prepared.box.model.tendon_damping, stated)  # as its design is judged
     run = fh.run_realtime(prepared.loop, **prepared.arguments, real_time=False)
     lines = {line.what: line for line in prepared.requirements(run)}
     assert lines["remaining error"].limit == pytest.approx(1e-3)
