@@ -12,7 +12,7 @@ from tests.refusals import unnamed
 
 import flexhinf as fh
 from flexhinf.cli import main
-from flexhinf.design.workspace import advice
+from flexhinf.design import advice
 
 # Every design compiles its loops for a few runs: compiled in half the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")

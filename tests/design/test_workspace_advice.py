@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
+from flexhinf.design import advice
+from flexhinf.design.advice import Trial, advise, changes, relaxable, unseen, with_room
 from flexhinf.design.requirements import REQUIREMENTS, Requirement
-from flexhinf.design.workspace import advice
-from flexhinf.design.workspace.advice import Trial, advise, changes, relaxable, unseen, with_room
 
 
 @pytest.mark.parametrize("tail", ["exponential", "half-normal", "uniform"])

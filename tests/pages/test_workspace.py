@@ -15,10 +15,10 @@ from tests.refusals import unnamed
 
 import flexhinf as fh
 from flexhinf.design import Specification, design_workspace
+from flexhinf.design.advice import Advice, Change, Trial
 from flexhinf.design.requirements import REQUIREMENTS
 from flexhinf.design.responses import motion_metrics
 from flexhinf.design.robustness import LATEST, quantity_of, remaining_cause, remaining_errors, robustness
-from flexhinf.design.workspace.advice import Advice, Change, Trial
 from flexhinf.design.workspace.design import GOALS_SEED, POSES_SEED, SAMPLED_SEED
 from flexhinf.design.workspace.judgement import holding_requirement
 from flexhinf.design.workspace.setup import CHOSEN_SEED, OFFSET_TIME

@@ -1,5 +1,6 @@
 """The room's public names and the files that they come from; read when a name is first used."""
 
+from .advice import Advice as Advice, advise as advise
 from .campaign_folder import (
     DesignPair as DesignPair,
     open_campaign as open_campaign,
@@ -34,5 +35,4 @@ from .synthesis.by_step import (
     shrinking as shrinking,
     try_degrees as try_degrees,
 )
-from .workspace.advice import Advice as Advice, advise as advise
 from .workspace.design import WorkspaceDesign as WorkspaceDesign, design_workspace as design_workspace

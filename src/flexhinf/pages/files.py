@@ -16,12 +16,12 @@ import tomlkit
 
 from flexhinf.analysis import Margins
 from flexhinf.design import design_file
+from flexhinf.design.advice import Advice
 from flexhinf.design.pipeline import ComparedLaw, Comparison, Design
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import ROBOT
 from flexhinf.design.tuning import best_rival, pareto_front
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict, result_row
-from flexhinf.design.workspace.advice import Advice
 from flexhinf.design.workspace.design import WorkspaceDesign
 from flexhinf.errors import InvalidInput
 from flexhinf.pages.comparison import comparison_page, is_ranked

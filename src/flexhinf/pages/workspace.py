@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.design.advice import Advice
 from flexhinf.design.plans import SPEED, STILL, UNLIMITED, shortest_time
 from flexhinf.design.robustness import FASTEST, LATEST, LOUDEST, Robustness, robustness
 from flexhinf.design.specification import FIELDS
-from flexhinf.design.workspace.advice import Advice
 from flexhinf.design.workspace.design import GOALS_SEED, POSES_SEED, SAMPLED_SEED, WorkspaceDesign
 from flexhinf.design.workspace.search import BANDWIDTHS
 from flexhinf.design.workspace.setup import (

@@ -8,10 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from flexhinf.design.advice import Advice, Trial, missed_by
 from flexhinf.design.requirements import REQUIREMENTS, Requirement
 from flexhinf.design.responses import Move
 from flexhinf.design.robustness import LATEST, LONGER, LOUDEST, remaining_cause, robustness
-from flexhinf.design.workspace.advice import Advice, Trial, missed_by
+from flexhinf.design.specification import Specification
 from flexhinf.design.workspace.design import WorkspaceDesign
 from flexhinf.design.workspace.judgement import UNHELD
 from flexhinf.design.workspace.search import motors_alone
@@ -176,7 +177,9 @@ def workspace_advice(design: WorkspaceDesign, advice: Advice | None, most: int |
         "in the documentation."
     )
     alone = motors_alone(design.robot, design.specification)
-    parts = ("" if advice is None else tried_text(design, advice, most), _to_check(design), simpler * alone)
+    found = advice is not None and advice.found is not None
+    parts = ("" if advice is None else tried_text(design, advice, most), "" if found else _to_check(design))
+    parts = (*parts, simpler * (alone and not found))
     return " ".join(filter(None, parts))
 
 
