@@ -73,7 +73,7 @@ def _gripped(setup: WorkspaceSetup, true: dict[str, Any]) -> dict[str, Any]:
     )
     (extras, plant, parts), plan = setup.dry_plant, quintic_move(setup.robot, setup.limits, home, home)
     run = fh.Loop(plant, setup.controller(home), parts).run(
-        reference=move_reference(robot, plan, setup.dry_friction), disturbance=torques, noise=setup.noise,
+        reference=move_reference(robot, plan, ()), disturbance=torques, noise=setup.noise,
         duration=LONG, seed=setup.specification.seed, initial_state=setup.true.robot.operating_point(home, extras)[0],
     )  # fmt: skip
     error = np.abs(Response(run, home, home, setup.joints).positions - home)

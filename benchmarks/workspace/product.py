@@ -130,7 +130,7 @@ class OverWorkspace(Product):
 
     def designed(self) -> tuple[fh.Controller, dict[str, Any]]:
         """Its controller."""
-        return self.setup.controller(self.arm.home), {}
+        return self.setup.controller(self.arm.home, dry_friction=None), {}  # as all laws of the tables
 
     def loop(self, q: np.ndarray) -> LinearLoop:
         """By the design, which is made anew where the controller is loaded: much faster than from the controller."""

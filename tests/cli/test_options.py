@@ -261,7 +261,7 @@ def test_what_a_run_does_not_depend_on() -> None:
 @pytest.mark.parametrize(
     ("words", "option"),
     [
-        ("design paper --tracking-error 1deg", "--tracking-error"),
+        ("design paper --pose 90deg --tracking-error 1deg", "--tracking-error"),
         ("design arm.toml --draws 5", "--draws"),
         ("design paper --estimator none --rays 0 --draws 0 --seed 5", "--seed"),
         ("design paper --estimator none --measured motor_position,link_position", "--measured"),

@@ -18,6 +18,7 @@ from flexhinf.design.workspace.judgement import move_requirements, pose_requirem
 from flexhinf.design.workspace.search import tuned_setup
 from flexhinf.design.workspace.setup import CornerLoop, PoseLoop, WorkspaceSetup, pose_limits
 from flexhinf.plant.joints import elastic_joints
+from flexhinf.robot import Parameter
 from flexhinf.robot.workspace import workspace_of
 
 BOTH = ("link_position", "motor_position")
@@ -353,6 +354,40 @@ def test_requirements_of_moves_are_those_of_the_worst():
     last = [move.response.run.data.state.values[-300:, : len(made.joints)] for move in moves]
     remains = max(np.abs(rows - goals[k + 1]).max() for k, rows in enumerate(last))
     assert remains < 1e-3
+
+
+def test_the_tracking_error_of_moves_is_judged_at_each_instant():
+    """By the run's signals: five times the remaining error that is allowed, or as stated per joint."""
+    made = setup()
+    (start, goal), _ = made.goals(2, 7)
+    move = made.move(np.array([start, goal]))
+    run = move.response.run
+    position = np.stack([run.signal("state", f"link_position_{j}") for j in made.joints], axis=1)
+    s = run.time / move.plan.duration
+    share = np.where(s < 1.0, 10 * s**3 - 15 * s**4 + 6 * s**5, 1.0)
+    peaks = np.abs(position - start - share[:, None] * (goal - start)).max(axis=0)
+    tight = {"remaining_error": (1e-4, 2e-4)}
+    for stated, most in (({}, 5e-3), (tight, (5e-4, 1e-3)), ({"tracking_error": 1e-5}, 1e-5)):
+        judged = replace(made, specification=replace(made.specification, **stated))
+        (line,) = [line for line in move_requirements(judged, [move], "") if line.what == "tracking error"]
+        worst = int(np.argmax(peaks / most))
+        assert (line.joint, line.limit) == (made.joints[worst], np.broadcast_to(most, 2)[worst])
+        np.testing.assert_allclose(line.found, peaks[worst], rtol=1e-9)
+        assert line.missed is bool(peaks[worst] > 1.02 * line.limit)
+
+
+def test_backlash_that_the_file_states_is_in_the_true_robot_and_half_of_it_in_the_dead_zone():
+    robot = fh.load_robot("planar-two-link").with_parameters(Parameter("backlash_elbow", 4e-4))
+    plain = setup()
+    for stated, zone in ((None, (0.0, 2e-4)), (1e-3, (1e-3, 1e-3)), (0.0, None)):
+        s = replace(plain.specification, integral_dead_zone=stated)
+        made = replace(plain, robot=robot, specification=s)
+        assert set(made.dry_plant[0]) == {"backlash", "coulomb_friction"}
+        assert made.may_swing
+        kept = made.controller(np.array(robot.home)).integral_dead_zone
+        assert (kept if zone is None else tuple(kept)) == zone
+    assert plain.dry_plant[0] == ("coulomb_friction",)
+    assert plain.controller(np.array(robot.home)).integral_dead_zone is None
 
 
 def test_bandwidths_that_the_samples_do_not_carry_are_left_out():

@@ -410,11 +410,14 @@ def motion_requirements(
     remaining = s.remaining_error or np.maximum(default, REMAINING_SHARE * travel)
     if errors is not None:
         ends, end = [{"remaining_error": error} for error in errors[0].tolist()], errors[1]
-    tracking = s.tracking_error or TRACKING_TIMES * per_joint(limits.joints, "remaining_error", remaining)
+    tracking = None
+    if rests:
+        most = per_joint(limits.joints, "remaining_error", remaining)
+        tracking = s.tracking_error or TRACKING_TIMES * most
     judged = [
         ("undershoot", "wrong_way_percent", rows, where, s.undershoot or UNDERSHOOT),
         ("path", "path_distance", rows, where, s.path_distance),
-        ("tracking", "tracking_error", rows, where, tracking if rests else None),
+        ("tracking", "tracking_error", rows, where, tracking),
         ("remaining", "remaining_error", ends, end, remaining),
         ("ripple", "ripple_percent", rows, where, s.ripple or RIPPLE),
     ]  # fmt: skip

@@ -12,7 +12,6 @@ from flexhinf.design.advice import Advice, Trial, missed_by
 from flexhinf.design.requirements import REQUIREMENTS, Requirement
 from flexhinf.design.responses import Move
 from flexhinf.design.robustness import LATEST, LONGER, LOUDEST, remaining_cause, robustness
-from flexhinf.design.specification import Specification
 from flexhinf.design.workspace.design import WorkspaceDesign
 from flexhinf.design.workspace.judgement import UNHELD
 from flexhinf.design.workspace.search import motors_alone

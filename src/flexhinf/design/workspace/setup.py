@@ -220,11 +220,13 @@ class WorkspaceSetup(LoopPlants):
         """A controller that begins at rest at a pose (n,), with the input that holds the model there, and holds it
         until there is a command; with further options of `flexhinf.Controller`."""
         s, held = self.specification, self.robot.operating_point(at)
-        options = {"offset_time": None if s.estimator == "none" else OFFSET_TIME, **options}
+        own = {
+            "offset_time": None if s.estimator == "none" else OFFSET_TIME, "integral_dead_zone": self.dead_zone,
+            "dry_friction": stated_dry_friction(self.robot),
+        }  # fmt: skip
         return Controller(
             replace(self.law, equilibrium=held), self.estimator(at), s.period, self.limits.saturated, moving=True,
-            start="zero", latency=s.known_latency, integral_dead_zone=self.dead_zone,
-            dry_friction=stated_dry_friction(self.robot), **options,
+            start="zero", latency=s.known_latency, **(own | options),
         )  # fmt: skip
 
     # At rest ------------------------------------------------------------------------------------------
