@@ -29,6 +29,12 @@ KINDS = {
         ),
         "offset_time": 0.1, "latency": 1,
     },
+    "followed": {
+        "supervision": fh.Supervision(
+            following=0.05, hunting=0.04, reactions={"following": "hold"}, braking_time=0.05
+        ),
+        "offset_time": 0.1, "latency": 1,
+    },
     "limited": {
         "supervision": fh.Supervision(workspace=(-0.02, 0.02), reactions={"workspace": "limit"}),
         "command_rate": 0.5, "start": "bumpless",
@@ -69,9 +75,19 @@ def test_the_library_says_and_does_the_same(
             assert library.path_rate == one.path_rate
             assert one.status in able
             seen.add(library.status)
-    expected = {"nothing": {0}, "watched": {0, 1, 3}, "held": {9, 15}, "limited": {0, 1 + 8}}[kind]
+    expected = {
+        "nothing": {0},
+        "watched": {0, 1, 3},
+        "held": {9, 15},
+        "followed": {8, 32, 40},
+        "limited": {0, 1 + 8},
+    }[kind]
     assert expected <= seen
-    assert able == {"nothing": 0, "watched": 7, "held": 15, "limited": 15}[kind] | fh.Status.DOUBTFUL_ESTIMATE
+    assert (
+        able
+        == {"nothing": 0, "watched": 7, "held": 15, "followed": 46, "limited": 15}[kind]
+        | fh.Status.DOUBTFUL_ESTIMATE
+    )
 
 
 @pytest.mark.ci("writes the code of four controllers")

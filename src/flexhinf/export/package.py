@@ -234,10 +234,10 @@ def _begin_here(code: ControllerCode) -> tuple[str, str]:
     if code.standstill is None or c.estimator is None:
         return AS_BEFORE, DESIGNED.format(command=command)
     states = c.estimator.plant.states
-    links = [states[place] for place in joint_places(c.estimator.plant)[0].tolist()]
+    links = [states[int(place)] for place in joint_places(c.estimator.plant)[0].tolist()]
     if not set(links) <= set(measured):
         return AS_BEFORE, DESIGNED.format(command=command)
-    places = range(code.sizes["r"]) if code.rests else [states.index(name) for name in c.commanded]
+    places = range(code.sizes["r"]) if code.rests else [states.index(name) for name in c.tracked]
     lines = [f"    input->r[{k}] = rest[{place}];" for k, place in enumerate(places)]
     if code.rests:
         lines = ["    for (int i = 0; i < @BIG@_COMMANDS; ++i) {", "        input->r[i] = rest[i];", "    }"]
