@@ -126,7 +126,7 @@ def remaining_cause(design: WorkspaceDesign) -> Cause:
     error = float(found[worst][joint])
     ends, seed = np.array([move.response.start, move.response.goal]), worst - nominal * (worst >= nominal)
     corners = setup.true.robot.random_corners(len(design.sampled), SAMPLED_SEED + 100 * s.seed)
-    own = setup.true.robot.nominal if worst < nominal else dict(corners[seed])
+    own = setup.true.robot.nominal if worst < nominal else corners[seed].numbers
     tried: dict[str, tuple[dict[str, float], float]] = {"rest": (own, LONGER)}
     if setup.dry_plant[2] is not None:
         still = {name: 0.0 for name in own if name.startswith(DRY_FRICTION)}

@@ -100,9 +100,8 @@ class Controller(Summarised):
         The input changes by at most so much per second, from that before the first sample on (see `reset`); integrals
         as with `saturation`.
     integral_dead_zone : float or (k,) array, optional
-        Errors up to this size are not integrated, and of larger ones what lies beyond it: an error within the zone
-        stays. Against limit cycles, where dry friction holds a joint beside the command until the integral has broken
-        it loose.
+        Errors up to this size stay and are not integrated, and of larger ones only what lies beyond it. Against limit
+        cycles, where dry friction holds a joint beside the command until the integral has broken it loose.
     before_first : {"hold", "zero"} or (m,) array
         The input until the first good measurement, from which the first output continues: the one that holds the robot
         at the initial estimate (by its model; without one the operating input), zero, or these numbers.
