@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -125,7 +125,7 @@ def remaining_cause(design: WorkspaceDesign) -> Cause:
     joint, move = int(np.argmax(found[worst])), moves[worst]
     error = float(found[worst][joint])
     ends, seed = np.array([move.response.start, move.response.goal]), worst - nominal * (worst >= nominal)
-    corners: Sequence[Any] = setup.true.robot.random_corners(len(design.sampled), SAMPLED_SEED + 100 * s.seed)
+    corners = setup.true.robot.random_corners(len(design.sampled), SAMPLED_SEED + 100 * s.seed)
     own = setup.true.robot.nominal if worst < nominal else corners[seed].numbers
     tried: dict[str, tuple[dict[str, float], float]] = {"rest": (own, LONGER)}
     if setup.dry_plant[2] is not None:

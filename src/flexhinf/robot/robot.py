@@ -497,7 +497,7 @@ class Robot(Summarised):
             {**self.nominal, **{p.name: float(rng.uniform(*p.interval)) for p in self.uncertain}}
         )
 
-    def corner(self, signs: Mapping[str, float] | Sequence[float]) -> dict[str, Any]:
+    def corner(self, signs: Mapping[str, float] | Sequence[float]) -> PlantValues:
         """Parameters of a plant (`Plant.with_parameters`), the uncertain ones at one end of their intervals.
 
         Signs come by name (0 if absent), or one for each uncertain parameter: −1, 0 or 1 for the lower end, nominal and
@@ -527,7 +527,7 @@ class Robot(Summarised):
         heavy = [p.name for p in self.uncertain if p.name.startswith(("mass", "payload_mass"))]
         return self.corner(dict.fromkeys(heavy, 1.0))
 
-    def random_corners(self, count: int, seed: int) -> list[dict[str, Any]]:
+    def random_corners(self, count: int, seed: int) -> list[PlantValues]:
         """Parameters as of `corner` at random corners of the tolerances; none without tolerances.
 
         All moments of inertia of a link are at their large or at their small ends: otherwise they may be those of no
