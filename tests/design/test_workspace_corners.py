@@ -180,6 +180,9 @@ def test_a_law_that_is_faster_than_a_soft_arm_swings_at_rest(monkeypatch: pytest
     """Dry friction nearly holds the motors; the requirement sees the cycle of links and integrals, and the share of the
     bandwidth for a robot with dry friction ends it."""
     robot, found = fh.load_robot("planar-two-link"), []
+    robot = robot.with_values(
+        {"damping_shoulder": 0.0, "damping_elbow": 0.0}
+    )  # what it states ends the cycle
     s = fh.Specification(workspace="limits", measured=BOTH, measurement_noise=1e-8)
     for shares in ((2.0, 2.0), search.SHARE):
         monkeypatch.setattr(search, "SHARE", shares)
