@@ -109,8 +109,8 @@ class Advice:
     @property
     def nearest(self) -> Trial | None:
         """The change that misses least; None where each was refused, or none was tried."""
-        made = [trial for trial in self.trials if not trial.refused]
-        return min(made, key=lambda trial: trial.distance, default=None)
+        tried = [trial for trial in self.trials if not trial.refused]
+        return min(tried, key=lambda trial: trial.distance, default=None)
 
 
 class _Ended(Exception):
@@ -150,14 +150,14 @@ def advise(
 
     while waiting and time.process_time() <= end:
         change = waiting[0]
-        trial, made = _tried(design, change, progress, watch)
+        trial, other = _tried(design, change, progress, watch)
         if trial is None:  # no time for it
             break
         trials.append(trial)
         del waiting[0]
         if trial.met:
             waiting.clear()
-        if made is not None and (room := limit_change(made, margins=False)) is not None:
+        if other is not None and (room := limit_change(other, margins=False)) is not None:
             both = Change(f"{change.what}; {room.what}", {**change.fields, **room.fields}, change.rigid)
             waiting += [both] * (both.to(s) != change.to(s))
     return Advice(tuple(trials), tuple(waiting), seconds)
@@ -169,7 +169,7 @@ def _tried(
     """A change tried, and its design if that was judged to its end; no trial where its time was spent before."""
     robot = design.robot.with_rigid(*change.rigid) if change.rigid else design.robot
     try:
-        made = design_workspace(  # as by the command
+        other = design_workspace(  # as by the command
             robot,
             change.to(design.specification),
             lambda text: progress(f"try {change.text}: {text}"),
@@ -181,7 +181,7 @@ def _tried(
         return (None if ended.spent else Trial(change, ended.lines, whole=False)), None
     except FlexhinfError as error:
         return Trial(change, (), whole=False, refused=error.what), None
-    return Trial(change, made.requirements, whole=True), made
+    return Trial(change, other.requirements, whole=True), other
 
 
 # What may be changed ------------------------------------------------------------------------------------
@@ -247,12 +247,12 @@ def limit_change(design: WorkspaceDesign, margins: bool = True) -> Change | None
     values = {name: _looser(design, name) for name in values}
     if not all(values.values()):
         return None
-    moves, told = len(design.moves) + len(design.sampled), []
+    moves, origin = len(design.moves) + len(design.sampled), []
     if {*values} & {*OF_MOVES}:
-        told.append(f"for {100.0 * QUANTILE:g} % of all moves, by {moves} of them")
+        origin.append(f"for {100.0 * QUANTILE:g} % of all moves, by {moves} of them")
     if {*values} - {*OF_MOVES}:
-        told.append(f"with room for what {len(design.loops)} poses show")
-    return Change(f"{'a limit' if len(values) == 1 else 'limits'} {' and '.join(told)}", values)
+        origin.append(f"with room for what {len(design.loops)} poses show")
+    return Change(f"{'a limit' if len(values) == 1 else 'limits'} {' and '.join(origin)}", values)
 
 
 def _looser(design: WorkspaceDesign, name: str) -> str:

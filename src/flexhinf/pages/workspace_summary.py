@@ -209,8 +209,8 @@ def tried_text(design: WorkspaceDesign, advice: Advice, most: int | None = None)
 def _numbers(design: WorkspaceDesign, lines: Sequence[Requirement]) -> str:
     """What is achieved of some requirements, the worst of each kind; "" where none of them was judged."""
     worst = {line.what: line for line in sorted(lines, key=missed_by)}
-    shown = [line.converted(units_in(design).degrees) for line in worst.values()]
-    text = "; ".join(f"{line.what} {line.achieved_text}, required {line.limit_text}" for line in shown)
+    rows = [line.converted(units_in(design).degrees) for line in worst.values()]
+    text = "; ".join(f"{line.what} {line.achieved_text}, required {line.limit_text}" for line in rows)
     return f" There: {text}." if text else ""
 
 

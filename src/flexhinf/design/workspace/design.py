@@ -167,7 +167,7 @@ def design_workspace(
             watch(lines)
             yield item
 
-    known, ran = (None, None) if like is None else _found_again(like, setup, changed)
+    known, ran = (None, None) if like is None else _reused(like, setup, changed)
     progress(f"loops at {POSES} poses")
     poses = setup.workspace.sample(POSES, POSES_SEED + 100 * s.seed)
     loops = known.loops if known else tuple(setup.at_pose(pose, TOLERANCE) for pose in watched(poses))
@@ -205,7 +205,7 @@ def design_workspace(
     )  # fmt: skip
 
 
-def _found_again(
+def _reused(
     like: WorkspaceDesign, setup: WorkspaceSetup, changed: Collection[str]
 ) -> tuple[WorkspaceDesign | None, WorkspaceDesign | None]:
     """The design whose loops, and whose moves, are those of a setup of which only the fields `changed` differ."""
