@@ -205,7 +205,8 @@ def stated_dry_friction(robot: Robot) -> DryFriction | None:
     level = level / elastic.torque_per_input(robot.drive, p)
     quantities = ("link_velocity" if joint in robot.rigid else "motor_velocity" for joint in joints)
     speeds = [per_joint(name, joint, len(joints)) for name, joint in zip(quantities, joints)]
-    return DryFriction(level, np.broadcast_to(p.friction_smoothing, len(joints)), speeds)
+    smoothing = np.broadcast_to(p.friction_smoothing, len(joints))
+    return DryFriction(level.tolist(), smoothing.tolist(), speeds)
 
 
 def move_reference(robot: Robot, plan: Plan, dry_friction: Sequence[str]) -> Moving:
