@@ -286,9 +286,9 @@ def rich(moving: bool) -> fh.Controller:
     """Two links with two sensors each, and every option that a controller has beside the other."""
     motors = ["motor_velocity_shoulder", "motor_velocity_elbow"]
     friction = fh.loop.DryFriction([1.0, 0.5], [0.01, 0.02], motors)
-    box, sides = (
-        ([-1.0, -1.0], [1.0, 1.0]),
-        ({"command_range": 2.0, "command_rate": 9.0}, {"dry_friction": friction}),
+    box: tuple[list[float], list[float]] = ([-1.0, -1.0], [1.0, 1.0])
+    own: dict[str, Any] = (
+        {"dry_friction": friction} if moving else {"command_range": 2.0, "command_rate": 9.0}
     )
     hold = {"workspace": "hold", "limit_cycle": "hold", "saturation": "brake"}
     watch = fh.Supervision(
@@ -297,7 +297,7 @@ def rich(moving: bool) -> fh.Controller:
     )  # fmt: skip
     return elastic_controller(robot_of("planar-two-link"), moving, watch).fresh(
         latency=2, start="bumpless", blend_time=0.2, input_rate=4e4, integral_dead_zone=1e-4, offset_time=0.5,
-        measurement_limits=(-4.0, math.inf, [50.0, 50.0, math.inf, math.inf]), **sides[moving],
+        measurement_limits=(-4.0, math.inf, [50.0, 50.0, math.inf, math.inf]), **own,
     )  # fmt: skip
 
 

@@ -1,5 +1,7 @@
 """The feedforward of dry friction, against its formula and a joint that SciPy integrates."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -24,7 +26,11 @@ class MotorPD(fh.Law):
     state_names = ("link_position", "link_velocity", "motor_position", "motor_velocity")
     input_names = ("motor_voltage",)
     operating_point, operating_input = np.zeros(4), np.zeros(1)
-    law_data, law_key = np.array([10.0, 5.0]), "PD of the tests of dry friction"
+    law_key: Any = "PD of the tests of dry friction"
+
+    @property
+    def law_data(self) -> np.ndarray:
+        return np.array([10.0, 5.0])
 
     def evaluate_law(self, x: np.ndarray, data: np.ndarray) -> np.ndarray:
         return np.array([-(data[0] * x[2] + data[1] * x[3])])
