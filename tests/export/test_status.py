@@ -31,7 +31,7 @@ KINDS = {
     },
     "followed": {
         "supervision": fh.Supervision(
-            following=0.05, hunting=0.04, reactions={"following": "hold"}, braking_time=0.05
+            following=0.05, position_swing=0.04, reactions={"following": "hold"}, braking_time=0.05
         ),
         "offset_time": 0.1, "latency": 1,
     },

@@ -433,7 +433,7 @@ def _watched(design: WorkspaceDesign) -> Paragraph:
     watched = [
         f"whether the commanded joints are within {watch.text} (rad, m)",
         f"whether an input swings to and fro by more than {swing} at rest, or a joint by more than "
-        f"{effort_text(np.round(0.5 * setup.hunting, 6))} (rad, m)",
+        f"{effort_text(np.round(0.5 * setup.position_swing, 6))} (rad, m)",
         *(["whether an input stays at a limit"] if setup.limits.saturated is not None else []),
         f"whether a joint is further than {effort_text(np.round(setup.following, 4))} (rad, m) from its command",
     ]

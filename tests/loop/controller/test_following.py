@@ -87,7 +87,7 @@ def test_a_robot_that_is_not_where_the_controller_begins_is_noticed_at_the_first
 @pytest.mark.parametrize(("size", "said"), [(1.5e-3, True), (0.9e-3, False)])
 def test_a_joint_that_hunts_is_a_limit_cycle_whatever_its_input(size: float, said: bool) -> None:
     """±1.5 mrad at 5 Hz, which is some per cent of a tenth of the input's limit; ±0.9 mrad is less than is stated."""
-    watch = fh.Supervision(hunting=2e-3, reactions={})
+    watch = fh.Supervision(position_swing=2e-3, reactions={})
     one = fh.Controller(two_inputs()[1], None, 1e-3, 100.0, supervision=watch)
     bits = []
     for k in range(6000):

@@ -217,7 +217,7 @@ def test_random_moves_with_noise_and_dry_friction_raise_no_alarm(count: int) -> 
             24.0,
             moving=True,
             latency=1,
-            supervision=fh.Supervision(workspace=(-1.2, 1.2), hunting=2e-3, following=0.2),
+            supervision=fh.Supervision(workspace=(-1.2, 1.2), position_swing=2e-3, following=0.2),
         )
         duration = round(last + 1.1, 3)
         run = fh.Loop(true, controller).run(
@@ -353,7 +353,7 @@ def test_braking_slows_the_path_and_the_signal_that_is_braked_stops_where_it_say
         ({"reactions": {"workspace": "hold"}}, ["workspace", "hold"]),
         ({"reactions": {"following": "hold"}}, ["following", "hold"]),
         ({"following": -0.1}, ["following"]),
-        ({"hunting": [1.0, 2.0]}, ["hunting", 1]),
+        ({"position_swing": [1.0, 2.0]}, ["position_swing", 1]),
         ({"moving": True, "workspace": (0.0, 1.0), "reactions": {"workspace": "hold"}}, ["moving", "brake"]),
     ],
 )
@@ -378,7 +378,7 @@ def test_numbers_traced_functions_and_kernels_step_alike(pieces: bool) -> None:
     controller = fh.Controller(
         arm_law(), arm_ukf(), 1e-3, 0.5, latency=1, offset_time=0.1,
         supervision=fh.Supervision(
-            (-0.02, 0.02), swing=0.05, damping=0.5, saturation_time=0.01, hunting=0.03, following=0.15,
+            (-0.02, 0.02), swing=0.05, damping=0.5, saturation_time=0.01, position_swing=0.03, following=0.15,
             reactions=EVERY | {"following": "hold"},
         ),
     )  # fmt: skip

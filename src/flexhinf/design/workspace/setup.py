@@ -57,7 +57,7 @@ HOLD, ON_THE_WAY = 0.7, 21
 
 #: A joint may be beside its command by what it moves at its speed limit in this time, s, and at least so far, rad; a
 #: joint that hunts swings by so much, rad, or so many standard deviations of its noise, peak to peak.
-FOLLOWING_TIME, FOLLOWING, HUNTING, HUNTING_NOISE = 0.1, 0.1, 2e-3, 14.0
+FOLLOWING_TIME, FOLLOWING, POSITION_SWING, SWING_NOISE = 0.1, 0.1, 2e-3, 14.0
 
 #: Plans that are kept for sampled robots, which make the same moves.
 PLANS = 32
@@ -187,7 +187,7 @@ class WorkspaceSetup(LoopPlants):
     @property
     def supervision(self) -> Supervision:
         """What a deployed controller watches: commands outside the box of the workspace (of a path with room for what a
-        spline swings beyond its points), limit cycles by a tenth of `authority` or by `hunting`, saturation, and
+        spline swings beyond its points), limit cycles by a tenth of `authority` or by `position_swing`, saturation, and
         following errors. It brakes along the path where a command leaves the box, an input is at its limit for long, or
         a joint is far from its command."""
         space = self.workspace
@@ -196,8 +196,8 @@ class WorkspaceSetup(LoopPlants):
         box = space.lower - margin, space.upper + margin
         watched = ("workspace", *(["saturation"] if self.limits.saturated is not None else []), "following")
         return Supervision(
-            box, swing=0.2 * self.authority, reactions=dict.fromkeys(watched, "brake"), hunting=self.hunting,
-            following=self.following,
+            box, swing=0.2 * self.authority, reactions=dict.fromkeys(watched, "brake"),
+            position_swing=self.position_swing, following=self.following,
         )  # fmt: skip
 
     @property
@@ -207,10 +207,10 @@ class WorkspaceSetup(LoopPlants):
         return np.maximum(FOLLOWING_TIME * speed, FOLLOWING * self._radian)
 
     @property
-    def hunting(self) -> np.ndarray:
+    def position_swing(self) -> np.ndarray:
         """Smallest swing of a joint (n,) that counts, peak to peak, rad or m: above the noise of its sensor."""
         noise, coarse = np.sqrt(self.position_noise), self.position_resolution(0.0)
-        return np.maximum(HUNTING * self._radian, np.maximum(HUNTING_NOISE * noise, 3.0 * coarse))
+        return np.maximum(POSITION_SWING * self._radian, np.maximum(SWING_NOISE * noise, 3.0 * coarse))
 
     @property
     def _radian(self) -> np.ndarray:  # what is a radian of others, of a joint that slides in m

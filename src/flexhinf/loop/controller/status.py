@@ -9,7 +9,7 @@ tracked position:
   follow each other, each within `longest_swing`, than a linear loop can make whose oscillations are damped by at least
   `damping`: its swings shrink by exp(−πζ/√(1 − ζ²)) each, and an input within its limits starts with at most the whole
   range, so ln(range/swing) √(1 − ζ²)/(πζ) of them are larger than `swing`. A tracked position is watched likewise
-  where `hunting` is stated; it has no range, and begins with at most `UNLIMITED` times that.
+  where `position_swing` is stated; it has no range, and begins with at most `UNLIMITED` times that.
 - *Saturation that lasts*: an input has been at 99.9 % of a limit for longer than `saturation_time`.
 - A *following error*: a tracked position is farther than `following` from the command of its instant. So are joints
   that something blocks, motors without power, and a robot that does not stand where the controller begins: what counts
@@ -85,7 +85,7 @@ class Supervision:
     swing : float or (m,), optional
         Smallest swing of an input that counts, peak to peak; by default a tenth of its range (± 10 % of its limit), and
         an input without limits is not watched.
-    hunting : float or (k,), optional
+    position_swing : float or (k,), optional
         Smallest swing of a tracked position that counts, peak to peak, rad or m; None: positions are not watched.
     damping : float
         Least damping ratio of oscillations that count as settling: sets how many swings make a limit cycle.
@@ -135,7 +135,7 @@ class Supervision:
     saturation_time: float = 0.2
     reactions: Mapping[str, str] = field(default_factory=dict)
     braking_time: float = 0.3
-    hunting: Any = None
+    position_swing: Any = None
     following: Any = None
 
     def __post_init__(self) -> None:
@@ -162,7 +162,7 @@ class Supervision:
         box = None if self.workspace is None else [real_array(end).tolist() for end in self.workspace]
         sizes = {
             name: None if (size := getattr(self, name)) is None else real_array(size).tolist()
-            for name in ("swing", "hunting", "following")
+            for name in ("swing", "position_swing", "following")
         }
         return {**asdict(self), "workspace": box, **sizes, "reactions": dict(self.reactions)}
 
@@ -216,8 +216,9 @@ class Supervision:
         low, high = box = np.array([_spread(end, commanded) for end in ends])
         inputs = len(span) - commanded
         swing = _spread(0.1 * span[:inputs] if self.swing is None else self.swing, inputs)
-        hunting, following = (
-            _spread(np.inf if size is None else size, commanded) for size in (self.hunting, self.following)
+        position_swing, following = (
+            _spread(np.inf if size is None else size, commanded)
+            for size in (self.position_swing, self.following)
         )
         refuse_if(
             not np.all(low < high) or (self.workspace is not None and not commanded),
@@ -230,7 +231,7 @@ class Supervision:
             f"expected numbers > 0, one or {inputs}, got {value_text(self.swing)}",
             "swing=None: a tenth of the range",
         )  # fmt: skip
-        for name, sizes in (("hunting", hunting), ("following", following)):
+        for name, sizes in (("position_swing", position_swing), ("following", following)):
             stated = getattr(self, name)
             refuse_if(
                 not np.all(sizes > 0.0) or (stated is not None and not commanded),
@@ -238,7 +239,7 @@ class Supervision:
                 f"expected numbers > 0, one or {commanded}, got {value_text(stated)}",
                 f"{name}=None: it is not watched",
             )  # fmt: skip
-        swing = np.append(swing, hunting)
+        swing = np.append(swing, position_swing)
         shrinking = math.pi * self.damping / math.sqrt(1.0 - self.damping**2)
         ratio = np.where(np.isfinite(span), span, UNLIMITED * swing) / np.where(
             np.isfinite(swing), swing, 1.0
@@ -400,7 +401,7 @@ def observed(
         for place, column in zip(position, columns[len(rows) :])
     ]
     apart = zip(position, [wanted[place] for place in places], following)
-    lost = _any([where(absolute(is_at - told) > limit, 1.0, 0.0) for is_at, told, limit in apart])
+    lost = _any([where(absolute(is_at - goal) > limit, 1.0, 0.0) for is_at, goal, limit in apart])
     beyond = _outside([r[place] for place in places], box)
     cycles = _any([where(row[2] >= most, 1.0, 0.0) for row, most in zip(rows, swings[2])])
     full = _any([where(row[4] > watching[1], 1.0, 0.0) for row in rows])

@@ -190,7 +190,7 @@ def controller_step(
     if mode.reacts:
         position = r
         if "hold" in mode.reactions and mode.moving:
-            position = run.call(partial(_at_rest, tracked, mode.velocities), y, estimate, r)
+            position = run.call(partial(_standing, tracked, mode.velocities), y, estimate, r)
         elif "hold" in mode.reactions:
             position = run.call(partial(positions, tracked), y, estimate)
         run.section(
@@ -289,7 +289,7 @@ def controller_step(
     return after["u"], whole, after
 
 
-def _at_rest(tracked: Sequence[Source], velocities: Sequence[int], y: Any, estimate: Any, r: Any) -> Any:
+def _standing(tracked: Sequence[Source], velocities: Sequence[int], y: Any, estimate: Any, r: Any) -> Any:
     """The moving reference (n + m,) that rests where the joints are: their measured positions, the other estimated
     states, no velocities, and the input of the reference r."""
     still = list(estimate)
