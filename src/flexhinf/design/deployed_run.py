@@ -23,7 +23,7 @@ from flexhinf.design import (
     requirements as required,
     responses,
 )
-from flexhinf.design.specification import FIELDS, Specification, is_for_workspace, with_damping
+from flexhinf.design.specification import FIELDS, Specification, is_for_workspace
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.realtime import RealTimeRun
@@ -119,7 +119,9 @@ def prepare_run(
     plan, start, goal = plans.run_ends(model, s)
     plants = loop_setup.LoopPlants(model, s)
     workspace = is_for_workspace(original)
-    robot, true = (robot.damped, with_damping(s)) if workspace else (robot, s)  # as its design is judged
+    robot, true = (
+        (robot.damped, plans.with_damping(s)) if workspace else (robot, s)
+    )  # as its design is judged
     box = loop_setup.LoopPlants(robot, true).mujoco_plant(goal)
     begun, aim = responses.start_and_goal(model, original, plans.stated_move(model, original))
     rests = controller.mode.moving

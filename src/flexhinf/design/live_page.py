@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design import loop_setup, plans, responses
-from flexhinf.design.specification import Specification, is_for_workspace, with_damping
+from flexhinf.design.specification import Specification, is_for_workspace
 from flexhinf.design.verdict import DesignVerdict, result_row
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.web import LiveArm, write_page
@@ -82,7 +82,7 @@ def live_arm(
     `not_met`: which requirements the design does not meet; empty if it meets all.
     """
     robot, s = (
-        (robot.damped, with_damping(s)) if is_for_workspace(s) else (robot, s)
+        (robot.damped, plans.with_damping(s)) if is_for_workspace(s) else (robot, s)
     )  # as its design is judged
     plants = loop_setup.LoopPlants(robot, s)
     plan, start, goal = plans.run_ends(robot, s)

@@ -20,6 +20,7 @@ from flexhinf.loop import Controller, DryFriction, JerkLimited, Moving, Waypoint
 from flexhinf.plant import Law, Parameters
 from flexhinf.robot import Robot, check_reference, elastic, kinematics
 from flexhinf.robot.parameters import per_joint
+from flexhinf.robot.springs import DAMPED
 from flexhinf.robot.waypoints import WaypointError, WaypointTable
 from flexhinf.robot.workspace import ranges
 from flexhinf.validation import value_text
@@ -194,6 +195,11 @@ def refuse_workspace(s: Specification, robot: Robot, what: str, advice: str = "`
         f"expected no workspace, got {value_text(s.workspace, 60)}",
         f"{advice.format(pose=pose)}: another goal or this one, in the place of the workspace",
     )
+
+
+def with_damping(s: Specification) -> Specification:
+    """The specification whose true plants have damped springs, as over a workspace."""
+    return replace(s, extras=tuple(dict.fromkeys((*s.extras, DAMPED))))
 
 
 def stated_dry_friction(robot: Robot) -> DryFriction | None:

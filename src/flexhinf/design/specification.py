@@ -32,7 +32,6 @@ from flexhinf.options import (
     refused,
     with_parameters,
 )
-from flexhinf.robot.springs import DAMPED
 from flexhinf.robot.waypoints import WaypointError, stated_workspace, waypoints
 from flexhinf.validation import late_package, nearest, value_text
 
@@ -462,11 +461,6 @@ def is_for_workspace(s: Specification) -> bool:
             f"leave out `workspace`, or {', '.join(f'`{name}`' for name in stated)}",
         )  # fmt: skip
     return not stated
-
-
-def with_damping(s: Specification) -> Specification:
-    """The specification whose true plants have damped springs, as over a workspace."""
-    return replace(s, extras=tuple(dict.fromkeys((*s.extras, DAMPED))))
 
 
 # Errors ---------------------------------------------------------------------------------------------

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexhinf.robot.elastic import EXTRAS
 from flexhinf.robot.signals import signal_names
 
 #: Damping ratio of its own vibration that a spring is given where none is stated, and in addition for a second look at
@@ -15,7 +14,7 @@ from flexhinf.robot.signals import signal_names
 SPRING_DAMPING = 5e-3
 
 #: The extra of a plant whose springs are damped, and the quantity that states by how much.
-DAMPED, DAMPING = "joint_damping", EXTRAS["joint_damping"]
+DAMPED, DAMPING = "joint_damping", "damping"
 
 
 class Spring(NamedTuple):

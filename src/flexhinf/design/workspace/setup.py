@@ -21,9 +21,10 @@ from flexhinf.design.plans import (
     quintic_move,
     settled,
     stated_dry_friction,
+    with_damping,
 )
 from flexhinf.design.responses import Move, Response, integral_dead_zone, with_values
-from flexhinf.design.specification import RINGS, RIPPLE, Specification, with_damping
+from flexhinf.design.specification import RINGS, RIPPLE, Specification
 from flexhinf.errors import NumericalFailure
 from flexhinf.estimation import ExtendedKalmanFilter, ModalFilter, stationary_gain
 from flexhinf.loop import Controller, Loop, Moving, Supervision, Waypoints
