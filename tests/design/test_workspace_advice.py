@@ -53,9 +53,12 @@ def test_changes_are_of_what_is_missed_and_can_be_followed(
     arm, both = robot_of("planar-two-link"), ("link_position", "motor_position")
     for lines, said in (
         ([missed("at_limit", 2.0)], ["peak_speed", "peak_speed"]),
-        ([missed("corners", 3.0)], ["period"]),
-        ([missed("remaining", 2.0)], []),
-        ([missed("speed", 2.0), missed("corners", 2.0)], ["peak_speed", "period", "peak_speed"]),
+        ([missed("corners", 3.0)], ["measurement_noise", "period"]),
+        ([missed("remaining", 2.0)], ["measurement_noise"]),
+        (
+            [missed("speed", 2.0), missed("corners", 2.0)],
+            ["measurement_noise", "peak_speed", "period", "peak_speed"],
+        ),
     ):
         found = list(changes(fake(arm, lines, measured=both)))
         assert [name for change in found for name in change.fields] == said
@@ -98,7 +101,7 @@ def test_trials_end_with_their_time_and_the_first_that_meets_all(
     clock = itertools.count()
     monkeypatch.setattr(advice.time, "process_time", lambda: next(clock))
     lines = [missed("speed", 2.0), missed("corners", 2.0)]
-    design, tried = fake(robot_of("planar-two-link"), lines), []
+    design, tried = fake(robot_of("planar-two-link"), lines, measurement_noise=1e-10), []
 
     monkeypatch.setattr(advice, "unseen", lambda robot, period: ())
 
@@ -123,3 +126,26 @@ def test_trials_end_with_their_time_and_the_first_that_meets_all(
     assert next(clock) - begun < 8
     assert short.nearest is short.trials[0]
     assert not Trial(short.left[0], (), whole=False).met
+
+
+@pytest.mark.parametrize(("helps", "named"), [("period", "period"), ("nothing", "remaining_error")])
+def test_other_limits_are_tried_first_and_named_where_nothing_cheaper_meets_all(
+    robot_of: Callable[[str], Any], monkeypatch: pytest.MonkeyPatch, helps: str, named: str
+) -> None:
+    """They need no other law, so that time is left for what costs the user less; what costs more is not tried."""
+    lines = [missed("remaining", 2.0), missed("corners", 2.0, field="gain_margin"), missed("speed", 2.0)]
+    design, tried = fake(robot_of("planar-two-link"), lines, measurement_noise=1e-10), []
+    room = advice.Change("a limit", {"remaining_error": "0.002"})
+    monkeypatch.setattr(advice, "limit_change", lambda made, margins=True: room if made is design else None)
+
+    def designed(robot: Any, s: Any, progress: Any, watch: Any, like: Any, changed: Any) -> Any:
+        tried.append(*changed)
+        met = {*changed} & {helps, "remaining_error"}
+        return SimpleNamespace(requirements=() if met else lines, missed=() if met else lines)
+
+    monkeypatch.setattr(advice, "design_workspace", designed)
+    found = advise(design, 1e3)
+    assert tried == ["remaining_error", "peak_speed", "period"]
+    assert found.found is not None
+    assert [*found.found.change.fields] == [named]
+    assert found.left == ()

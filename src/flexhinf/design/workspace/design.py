@@ -39,7 +39,8 @@ from flexhinf.robot.waypoints import LIMITS
 from flexhinf.robot.workspace import Workspace, workspace_of
 
 #: Limits by which loops and moves are judged, and which change neither.
-JUDGED = ("damping", "ripple", "undershoot", "path_distance", "remaining_error")
+JUDGED = ("damping", "ripple", "undershoot", "path_distance", "remaining_error", "tracking_error")
+MARGINS = ("gain_margin", "delay_margin")
 
 T = TypeVar("T")
 
@@ -212,7 +213,7 @@ def _reused(
     before = like.setup
     same = (before.law.gains.weights, before.random) == (setup.law.gains.weights, setup.random)
     loops = like if same and {*changed} <= {*JUDGED, "peak_speed"} else None
-    return loops, loops if {*changed} <= {*JUDGED} else None
+    return loops, like if same and {*changed} <= {*JUDGED, *MARGINS} else None
 
 
 def stated_workspace(robot: Robot, stated: Any) -> Workspace:
