@@ -149,3 +149,24 @@ def test_other_limits_are_tried_first_and_named_where_nothing_cheaper_meets_all(
     assert found.found is not None
     assert [*found.found.change.fields] == [named]
     assert found.left == ()
+
+
+def test_a_change_and_limits_that_its_design_would_keep_are_one_command(
+    robot_of: Callable[[str], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lines = [missed("corners", 2.0, field="gain_margin"), missed("speed", 2.0)]
+    design, tried = fake(robot_of("planar-two-link"), lines, measurement_noise=1e-10), []
+    room = advice.Change("a limit", {"remaining_error": "0.002"})
+    monkeypatch.setattr(advice, "limit_change", lambda made, margins=True: None if made is design else room)
+
+    def designed(robot: Any, s: Any, progress: Any, watch: Any, like: Any, changed: Any) -> Any:
+        tried.append((*changed, s.remaining_error, s.peak_speed is not None))
+        missing = [] if "remaining_error" in changed else lines
+        return SimpleNamespace(requirements=missing, missed=missing, specification=s, robot=robot)
+
+    monkeypatch.setattr(advice, "design_workspace", designed)
+    found = advise(design, 1e3)
+    assert found.found is not None
+    assert [*found.found.change.fields] == ["peak_speed", "remaining_error"]
+    assert tried[:2] == [("peak_speed", None, True), ("remaining_error", (0.002,), True)]
+    assert [line[0] for line in tried[2:]] == ["period", "peak_speed", "measured"]

@@ -149,7 +149,7 @@ def advise(
     joints : bool
         Whether joints may be made rigid, which is a change of the robot's file.
     """
-    s, end, trials = design.specification, time.process_time() + seconds, list[Trial]()
+    end, trials = time.process_time() + seconds, list[Trial]()
     waiting = [each for each in changes(design) if joints or not each.rigid] if design.missed else []
 
     def watch(lines: Sequence[Requirement]) -> None:
@@ -157,28 +157,36 @@ def advise(
         if spent or any(line.missed and not relaxable(line) for line in lines):
             raise _Ended(lines, spent)
 
-    room, kept = next((each for each in waiting if each.is_limit), None), None
-    left = sorted(
-        waiting, key=lambda each: each is not room
-    )  # with other limits law and moves are mostly the same
+    room = next((each for each in waiting if each.is_limit), None)
+    # With other limits law and moves are mostly those of a design that is there, so these are tried at once.
+    left = sorted(waiting, key=lambda each: each is not room)
+    kept: Trial | None = None  # named where nothing meets all that costs less
     while left and time.process_time() <= end:
         change = left[0]
         trial, other = _tried(design, change, progress, watch)
         if trial is None:  # no time for it
             break
         del left[0]
-        if change is room and trial.met:  # named where nothing meets all that costs less
+        if room is not None and change is room and trial.met:
             kept, left = trial, waiting[: waiting.index(room)]
             continue
         trials.append(trial)
         if trial.met:
             left.clear()
-        both = None if kept or other is None else limit_change(other, margins=False)
-        if both is not None:
-            both = Change(f"{change.what}; {both.what}", {**change.fields, **both.fields}, change.rigid)
-            left += [both] * (both.to(s) != change.to(s))
-    trials += [kept] * (kept is not None and not any(trial.met for trial in trials))
+        elif kept is None and other is not None and (more := limit_change(other, margins=False)) is not None:
+            kept = _with_limits(change, other, more, progress, watch)
+    if kept is not None and not any(trial.met for trial in trials):
+        trials.append(kept)
     return Advice(tuple(trials), tuple(left), seconds)
+
+
+def _with_limits(
+    change: Change, other: WorkspaceDesign, limits: Change, progress: Callable[[str], None], watch: Any
+) -> Trial | None:
+    """The trial of a change together with limits that its design would keep; None where that misses something."""
+    both = Change(f"{change.what}; {limits.what}", {**change.fields, **limits.fields}, change.rigid)
+    trial, _ = _tried(other, limits, progress, watch)
+    return replace(trial, change=both) if trial is not None and trial.met else None
 
 
 def _tried(
