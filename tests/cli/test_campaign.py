@@ -209,7 +209,7 @@ def test_shards_of_jobs_are_merged_to_the_same_table(
     assert (judged / "a" / "samples.parquet").read_bytes() == whole
 
 
-@pytest.mark.costs("a campaign and two pages")
+@pytest.mark.ci("a campaign and two pages")
 def test_requirements_decide_the_exit_code(judged: Path, capsys: pytest.CaptureFixture[str]) -> None:
     easy, hard = ["--require", "peak_speed<=1e6"], ["--require", "peak_speed<=0"]
     assert main([*WORDS, *easy]) == 0
@@ -365,6 +365,7 @@ def test_mistakes_are_told_before_any_work(
     refused([*WORDS, *more], what, judged)
 
 
+@pytest.mark.ci("runs campaigns")
 def test_another_campaign_in_the_folder_is_refused(judged: Path, refused: Callable[..., str]) -> None:
     assert main(WORDS) in (0, 1)
     message = refused([*WORDS, "--samples", "41", "--tolerance", "mass=7%"], ("another", "settings"), judged)

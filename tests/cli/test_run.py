@@ -112,6 +112,7 @@ def test_a_folder_of_others_is_not_overwritten(design: str, folder: Path) -> Non
     assert [path.name for path in (folder / "mine").iterdir()] == ["thesis.tex"]
 
 
+@pytest.mark.ci("draws a film")
 def test_a_film(
     design: str, folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -229,6 +229,7 @@ def test_a_loop_that_cannot_be_linearised_is_not_feasible(
         metrics_of(short.evaluation(law_kind("flatness"), ("link_position",), low))
 
 
+@pytest.mark.ci("tunes a law")
 def test_an_unstable_loop_has_no_figures_in_its_favour(rig: Tuner) -> None:
     kind = law_kind("pd")
     fast = rig.evaluation(kind, ("link_position",), {**rig.factory.start(kind), "bandwidth": 400.0})
@@ -393,6 +394,7 @@ def test_nonlinear_h_infinity_does_not_end_behind_the_design_that_it_contains(ri
     assert again.cost <= found.cost
 
 
+@pytest.mark.ci("tunes a law")
 def test_the_design_s_own_law_is_taken_where_all_others_break_a_limit_or_a_corner(
     short: Tuner, monkeypatch: pytest.MonkeyPatch
 ) -> None:

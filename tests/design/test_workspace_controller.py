@@ -197,6 +197,7 @@ def test_an_input_at_its_limit_for_long_brakes_the_move() -> None:
     assert np.ptp(commanded[since + 310 :], axis=0).max() < 1e-12
 
 
+@pytest.mark.ci("compiles a controller that watches")
 @pytest.mark.parametrize("what", ["no power", "elsewhere"])
 def test_an_arm_that_does_not_follow_is_said_and_slows_its_path(what: str) -> None:
     """Motors without power, as of a brake that stays closed; and a robot that stands 0.35 rad beside its start."""

@@ -390,6 +390,7 @@ def test_backlash_that_the_file_states_is_in_the_true_robot_and_half_of_it_in_th
     assert plain.controller(np.array(robot.home)).integral_dead_zone is None
 
 
+@pytest.mark.ci("tries several laws")
 def test_bandwidths_that_the_samples_do_not_carry_are_left_out():
     """At 40 ms the sampled loops of 40 and 28 rad/s are unstable, which the search used to end with."""
     robot = fh.load_robot("planar-two-link")

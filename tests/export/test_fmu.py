@@ -65,7 +65,7 @@ def end(model: Any) -> None:
     model.freeInstance()
 
 
-@pytest.mark.costs("exports the FMUs of all tests here")
+@pytest.mark.ci("exports the FMUs of all tests here")
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ["controller", "plant"])
 def test_fmpy_finds_nothing_wrong(name: str, files: dict[str, Path]) -> None:

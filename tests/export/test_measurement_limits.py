@@ -58,6 +58,7 @@ def spiked(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return bad, gaps
 
 
+@pytest.mark.ci("compiles two controllers")
 def test_limits_that_are_kept_change_no_bit() -> None:
     for pieces in (False, True):
         plain, checked = made(None), made()

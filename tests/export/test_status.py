@@ -111,6 +111,7 @@ def test_bits_that_nothing_can_set_are_told(controller: fh.Controller) -> None:
             assert (NEVER in about) == (bit not in code.able)
 
 
+@pytest.mark.ci("compiles C with every strict flag")
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_the_header_names_the_bits_and_strict_compilers_take_the_source(
     real: str, controller: fh.Controller, compiler: str, tmp_path: Path
@@ -169,7 +170,7 @@ int main(void)
 """
 
 
-@pytest.mark.costs("compiles an unscented filter")
+@pytest.mark.ci("compiles an unscented filter")
 def test_a_brake_under_way_goes_on_where_the_memory_goes_back(
     controller: fh.Controller, compiler: str, tmp_path: Path
 ) -> None:

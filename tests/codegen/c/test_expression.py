@@ -65,6 +65,7 @@ def test_a_condition_that_is_used_twice_is_a_bool() -> None:
     assert sum("c1 ? in0" in line for line in found) == 2
 
 
+@pytest.mark.ci("traces large functions")
 def test_expressions_and_functions_are_bounded() -> None:
     """Of one sum of 4,000 products, whatever is nested inside."""
     total, factor = X[0], X[1]

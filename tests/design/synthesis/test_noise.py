@@ -131,6 +131,7 @@ def test_where_corners_stay_unstable_levels_with_few_of_them_are_taken(
     assert 0 < found.chosen.unstable <= 210
 
 
+@pytest.mark.ci("simulates a swinging load")
 @pytest.mark.oracle
 def test_the_compliance_is_that_of_a_run_with_a_swinging_load(soft: Any) -> None:
     """Of the nonlinear loop, at the frequencies where the linear one is most compliant, over that without estimator."""

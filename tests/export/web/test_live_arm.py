@@ -57,11 +57,11 @@ def test_a_payload_is_part_of_its_link(two_links: LiveArm) -> None:
     assert packed.inertia == pytest.approx(loaded.plant_parameters()["inertia"], rel=1e-12)
 
 
+@pytest.mark.ci("compiles a plant")
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     ("name", "extras"),
     [
-        pytest.param("paper", (), marks=pytest.mark.costs("compiles a plant")),
         pytest.param("planar-two-link", ("inductance",), marks=CI),
         pytest.param("scara", ("coulomb_friction",), marks=pytest.mark.nightly("one more robot")),
         pytest.param("spatial-three-link", (), marks=CI),
