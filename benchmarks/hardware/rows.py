@@ -14,7 +14,6 @@ import flexhinf as fh
 from benchmarks.hardware.payloads import MOVES, POSES, carried
 from flexhinf.design import Specification
 from flexhinf.design.workspace.search import tuned_setup
-from flexhinf.pages.page import achieved_text, limit_text
 from flexhinf.robot.workspace import workspace_of
 
 __all__ = ["measure"]
@@ -51,7 +50,7 @@ def _workspace(task: dict[str, Any]) -> dict[str, Any]:
         design = fh.design(robot, specification, _said)
         setup = design.setup
         lines = [
-            (line.where, line.what, limit_text(line), achieved_text(line), line.judgement)
+            (line.where, line.what, line.limit_text, line.achieved_text, line.judgement)
             for line in design.requirements
         ]
     else:
