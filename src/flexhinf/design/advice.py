@@ -29,9 +29,9 @@ from flexhinf.robot.modes import modes_of, stiffness_and_inertia
 #: ones. Confidence of the mean tail; nine of ten limits have the share, as the median is estimated too.
 QUANTILE, CONFIDENCE = 0.99, 0.95
 
-#: A limit is offered that is at most so many times the present one; room of a limit of poses, of which there are enough
-#: for their worst; least margins that are offered.
-WITHIN, ROOM, MARGINS = 3.0, 1.05, {"gain_margin": TOLERATED, "delay_margin": 0.5}
+#: A limit is offered that is at most so many times the present one, of the error on the way so many; room of a limit of
+#: poses, of which there are enough for their worst; least margins that are offered.
+WITHIN, ON_THE_WAY, ROOM, MARGINS = 3.0, 10.0, 1.05, {"gain_margin": TOLERATED, "delay_margin": 0.5}
 
 #: Limits of moves, by what `motion_metrics` calls their numbers.
 OF_MOVES = {
@@ -261,8 +261,12 @@ def slower_moves(design: WorkspaceDesign, factor: float) -> Change:
 def relaxable(line: Requirement) -> bool:
     """Whether a missed requirement may be kept by another limit, at most `WITHIN` times this one."""
     by_margin = line.field in MARGINS  # poses are counted; the margins say how far
-    near = line.field in (*OF_MOVES, "ripple") and line.found <= WITHIN * line.limit
+    near = line.field in (*OF_MOVES, "ripple") and line.found <= _within(line.field) * line.limit
     return bool(by_margin or near or (line.field == "damping" and line.found > RINGS))
+
+
+def _within(name: str) -> float:
+    return ON_THE_WAY if name == "tracking_error" else WITHIN
 
 
 def limit_change(design: WorkspaceDesign, margins: bool = True) -> Change | None:
@@ -318,7 +322,7 @@ def _of_moves(design: WorkspaceDesign, name: str, lines: Sequence[Requirement]) 
         if line.what == REQUIREMENTS["limit_cycle"].what:  # a share of this limit, seen in one move
             cycle = line.found / STANDSTILL_SHARE / (own.min() if several else 1.0)
             value = max(value, cycle * max(value / worst, ROOM))
-    if not value <= WITHIN * (1.0 if several else float(own[0])):
+    if not value <= _within(name) * (1.0 if several else float(own[0])):
         return ""
     return ",".join(f"{_up(value * each):g}" for each in scale.tolist())
 
