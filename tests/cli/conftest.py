@@ -39,6 +39,19 @@ def arm() -> str:
 
 
 @pytest.fixture
+def uncertain_arm(folder: Path) -> Callable[[str], str]:
+    """``uncertain_arm(name)`` writes the arm's file with a tolerance and a limit of its motor; the name."""
+
+    def write(name: str) -> str:
+        text = ARM.replace("stiffness = 100.0", "stiffness = {value = 100.0, tolerance = 10}")
+        text = text.replace("limits = [-1.0, 1.0]", "limits = [-1.0, 1.0]\neffort_limit = 20.0")
+        (folder / name).write_text(f"gravity = 0.0\n{text}")
+        return name
+
+    return write
+
+
+@pytest.fixture
 def refused(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
     """``refused(words, what, before)``: code 2, three parts with (every one of) `what`, no new file; the message."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -25,13 +26,9 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def robot(arm: str, folder: Path) -> str:
+def robot(uncertain_arm: Callable[[str], str]) -> str:
     """A robot's file with tolerances, whose gain margin is below 2."""
-    text = arm.replace("stiffness = 100.0", "stiffness = {value = 100.0, tolerance = 10}")
-    (folder / "my arm.toml").write_text(
-        "gravity = 0.0\n" + text.replace("limits = [-1.0, 1.0]", "limits = [-1.0, 1.0]\neffort_limit = 20.0")
-    )
-    return "my arm.toml"
+    return uncertain_arm("my arm.toml")
 
 
 @pytest.mark.ci("designs a workspace three times")

@@ -26,13 +26,9 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def robot(arm: str, folder: Path) -> str:
+def robot(uncertain_arm: Callable[[str], str]) -> str:
     """A robot's file, with tolerances and a limit of its motor."""
-    text = arm.replace("stiffness = 100.0", "stiffness = {value = 100.0, tolerance = 10}")
-    (folder / "arm.toml").write_text(
-        "gravity = 0.0\n" + text.replace("limits = [-1.0, 1.0]", "limits = [-1.0, 1.0]\neffort_limit = 20.0")
-    )
-    return "arm.toml"
+    return uncertain_arm("arm.toml")
 
 
 def stored(folder: Path) -> tuple[dict, dict]:

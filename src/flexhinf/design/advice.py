@@ -19,7 +19,7 @@ from flexhinf.design.requirements import REQUIREMENTS, STANDSTILL_SHARE, Require
 from flexhinf.design.responses import joint_limits
 from flexhinf.design.robustness import robustness
 from flexhinf.design.specification import FIELDS, RINGS, Specification
-from flexhinf.design.workspace.design import WorkspaceDesign, design_workspace
+from flexhinf.design.workspace.design import JUDGED, MARGINS, WorkspaceDesign, design_workspace
 from flexhinf.design.workspace.search import TOLERATED, motors_alone
 from flexhinf.errors import FlexhinfError
 from flexhinf.robot import Robot
@@ -30,8 +30,11 @@ from flexhinf.robot.modes import modes_of, stiffness_and_inertia
 QUANTILE, CONFIDENCE = 0.99, 0.95
 
 #: A limit is offered that is at most so many times the present one, of the error on the way so many; room of a limit of
-#: poses, of which there are enough for their worst; least margins that are offered.
-WITHIN, ON_THE_WAY, ROOM, MARGINS = 3.0, 10.0, 1.05, {"gain_margin": TOLERATED, "delay_margin": 0.5}
+#: poses, of which there are enough for their worst.
+WITHIN, ON_THE_WAY, ROOM = 3.0, 10.0, 1.05
+
+#: Least margins that are offered.
+SMALLEST_MARGINS: dict[str, float] = dict(zip(MARGINS, (TOLERATED, 0.5)))
 
 #: Limits of moves, by what `motion_metrics` calls their numbers.
 OF_MOVES = {
@@ -69,7 +72,7 @@ class Change:
     @property
     def is_limit(self) -> bool:
         """Whether it only states other limits."""
-        return bool(self.fields) and {*self.fields} <= {*OF_MOVES, *MARGINS, "ripple", "damping"}
+        return bool(self.fields) and {*self.fields} <= {*JUDGED, *MARGINS}
 
     def to(self, s: Specification) -> Specification:
         """A specification with the change."""
@@ -301,7 +304,7 @@ def _looser(design: WorkspaceDesign, name: str) -> str:
     else:
         margin = robustness(design)
         tolerated = {"gain_margin": min(margin.louder, 1.0 / margin.softer), "delay_margin": margin.delay}
-        value, least = tolerated[name], MARGINS[name]
+        value, least = tolerated[name], SMALLEST_MARGINS[name]
     value = math.floor(100.0 * value / ROOM) / 100.0
     return f"{value:g}" if value >= least else ""
 

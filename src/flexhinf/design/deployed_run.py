@@ -118,9 +118,8 @@ def prepare_run(
     (model, original), s = designed, specification
     plan, start, goal = plans.run_ends(model, s)
     plants = loop_setup.LoopPlants(model, s)
-    workspace = is_for_workspace(original)
     robot, true = (
-        (robot.damped, plans.with_damping(s)) if workspace else (robot, s)
+        plans.true_robot(robot, s) if is_for_workspace(original) else (robot, s)
     )  # as its design is judged
     box = loop_setup.LoopPlants(robot, true).mujoco_plant(goal)
     begun, aim = responses.start_and_goal(model, original, plans.stated_move(model, original))

@@ -197,9 +197,15 @@ def refuse_workspace(s: Specification, robot: Robot, what: str, advice: str = "`
     )
 
 
-def with_damping(s: Specification) -> Specification:
-    """The specification whose true plants have damped springs, as over a workspace."""
-    return replace(s, extras=tuple(dict.fromkeys((*s.extras, DAMPED))))
+def with_extras(s: Specification, *names: str) -> Specification:
+    """The specification whose true plants have these extras too."""
+    return replace(s, extras=tuple(dict.fromkeys((*s.extras, *names))))
+
+
+def true_robot(robot: Robot, s: Specification) -> tuple[Robot, Specification]:
+    """The robot by which a design for a workspace is judged, and the specification of its plants: springs are
+    damped as the robot states, or as no real spring is without."""
+    return robot.damped, with_extras(s, DAMPED)
 
 
 def stated_dry_friction(robot: Robot) -> DryFriction | None:

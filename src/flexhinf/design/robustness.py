@@ -56,7 +56,6 @@ def robustness(design: WorkspaceDesign) -> Robustness:
     setup, s = design.setup, design.specification
 
     loops = [setup.linear(pose) for pose in design.poses]
-    free = [setup.linear(pose, damped=False) for pose in design.poses]
 
     def margin(key: str, end: float, tried: list[LinearLoop]) -> float:
         """Samples of delay, or the factor of the inputs, `end` its logarithm, at which the first loop is unstable."""
@@ -76,9 +75,11 @@ def robustness(design: WorkspaceDesign) -> Robustness:
     needs = setup.needs(design.poses, design.robot.heaviest)
     gains, filter = setup.law.gains, setup.filter if isinstance(setup.filter, ModalFilter) else None
     at = np.array(setup.workspace.home)
+    undamped = 0.0
+    if max(loop.growth for loop in design.undamped[0]) < 1.0:
+        undamped = margin("late", LATEST, [setup.linear(pose, damped=False) for pose in design.poses])
     return Robustness(
-        margin("late", LATEST, loops),
-        0.0 if max(loop.growth for loop in design.undamped[0]) >= 1.0 else margin("late", LATEST, free),
+        margin("late", LATEST, loops), undamped,
         margin("louder", np.log(LOUDEST), loops), margin("softer", -np.log(LOUDEST), loops),
         int(np.sum(needs > HOLD)), int(np.sum(needs > 1.0)), fastest_vibration(design),
         error_tolerance(gains, FASTEST, s.known_latency, filter),

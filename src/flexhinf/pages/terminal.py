@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flexhinf.analysis.modes import JointScales
-from flexhinf.design.advice import missed_by
+from flexhinf.design.advice import OF_MOVES, WITHIN, missed_by
 from flexhinf.design.loop_setup import LoopPlants
 from flexhinf.design.pipeline import Comparison, Design
 from flexhinf.design.problem.presets import robust_applies
@@ -53,12 +53,6 @@ NEAR = 0.2
 #: Lines of a screen, without those of the report and of the next command.
 SCREEN = 23
 
-
-#: Fields whose limits are of errors, so that more of them makes nothing else worse.
-ERRORS = ("remaining_error", "tracking_error", "path_distance", "undershoot")
-
-#: A limit is offered that is at most so many times the present one.
-WITHIN = 3.0
 
 #: Metrics of a law in the table of a comparison, with their headings.
 COLUMNS = {
@@ -161,7 +155,7 @@ def advice_text(
     and other limits; or nothing."""
     both = {"link_position", "motor_position"} <= {*s.measured} or s.estimator == "none"
     options = dict.fromkeys(_limit_text(line.field, missed) for line in missed if line.field)
-    errors = all(line.field in ERRORS for line in missed if line.field)
+    errors = all(line.field in OF_MOVES for line in missed if line.field)
     tried = {
         enough_text(missed): True,
         **tried,
@@ -175,7 +169,7 @@ def advice_text(
 
 def enough_text(missed: Sequence[Requirement]) -> str:
     """Limits of errors with which the design, as it is, meets all; "" where other requirements are missed too."""
-    if not missed or not all(line.field in ERRORS for line in missed):
+    if not missed or not all(line.field in OF_MOVES for line in missed):
         return ""
     least: dict[str, float] = {}
     for line in missed:

@@ -38,7 +38,7 @@ from flexhinf.robot.signals import SENSORS, expanded
 from flexhinf.robot.waypoints import LIMITS
 from flexhinf.robot.workspace import Workspace, workspace_of
 
-#: Limits by which loops and moves are judged, and which change neither.
+#: Limits by which loops and moves are judged, and which change neither; margins with which loops are computed.
 JUDGED = ("damping", "ripple", "undershoot", "path_distance", "remaining_error", "tracking_error")
 MARGINS = ("gain_margin", "delay_margin")
 

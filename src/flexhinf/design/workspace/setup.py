@@ -21,7 +21,8 @@ from flexhinf.design.plans import (
     quintic_move,
     settled,
     stated_dry_friction,
-    with_damping,
+    true_robot,
+    with_extras,
 )
 from flexhinf.design.responses import Move, Response, integral_dead_zone, with_values
 from flexhinf.design.specification import RINGS, RIPPLE, Specification
@@ -125,7 +126,7 @@ class WorkspaceSetup(LoopPlants):
     def true(self) -> LoopPlants:
         """Plants of the true robot, whose springs are damped as the file states, or as no real spring is without. Law,
         estimator and feedforward know no damping."""
-        return LoopPlants(self.robot.damped, with_damping(self.specification))
+        return LoopPlants(*true_robot(self.robot, self.specification))
 
     @cached_property
     def true_plant(self) -> Plant:
@@ -379,7 +380,7 @@ class WorkspaceSetup(LoopPlants):
         """Extras of the true robot, with the dry friction and the backlash that it states; its plant, and Runge–Kutta
         steps per period, None without dry friction."""
         s, gaps = self.true.specification, ("backlash",) if np.any(self.backlash > 0.0) else ()
-        own = LoopPlants(self.true.robot, replace(s, extras=tuple(dict.fromkeys((*s.extras, *gaps)))))
+        own = LoopPlants(self.true.robot, with_extras(s, *gaps))
         extras = own.specification.extras
         return own.plant_with_friction(np.array(self.robot.home)) or (extras, own.true_plant, None)
 
