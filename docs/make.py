@@ -189,6 +189,12 @@ def size() -> str:
     return "\n".join(lines)
 
 
+def counts() -> str:
+    """What says how large and how tidy the package is."""
+    made: str = runpy.run_path(str(ROOT / "docs" / "counts.py"))["table"]()
+    return made
+
+
 #: Of the figure, px.
 WIDTH, HEIGHT, BOX, GAP = 860, 62, 96, 18
 
@@ -441,6 +447,7 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
     "options": ("docs/options.md", options),
     "rooms": ("docs/architecture.md", rooms),
     "size": ("docs/architecture.md", size),
+    "counts": ("docs/architecture.md", counts),
     "arm": ("docs/hardware.md", arm),
     "arm-result": ("docs/hardware.md", benchmark("benchmarks.hardware", "--table", "arm")),
     "robots": ("docs/hardware.md", benchmark("benchmarks.hardware", "--table", "robots")),

@@ -27,9 +27,13 @@ def numbers_apart(one: str, other: str) -> list[tuple[str, str]]:
     return apart
 
 
+#: Tables of counts: a line more or less is no news.
+COUNTED = ("size", "counts")
+
+
 @pytest.mark.costs("benchmarks make their tables in processes of their own")
 @pytest.mark.quick_cases(4)
-@pytest.mark.parametrize("name", [name for name in MAKE["QUICK"] if name != "size"])
+@pytest.mark.parametrize("name", [name for name in MAKE["QUICK"] if name not in COUNTED])
 def test_a_part_is_what_the_code_makes(name: str, repository: Path) -> None:
     page = repository / MAKE["QUICK"][name][0]
     MAKE["DRAWN"].clear()
@@ -39,17 +43,18 @@ def test_a_part_is_what_the_code_makes(name: str, repository: Path) -> None:
 
 
 @pytest.mark.ci("parses the package once more")
-def test_the_table_of_sizes_is_near_the_sizes(repository: Path) -> None:
-    """A line more or less is no news: the rooms are the same, the numbers agree within `ROUNDING`."""
+@pytest.mark.parametrize("name", COUNTED)
+def test_a_table_of_counts_is_near_the_counts(name: str, repository: Path) -> None:
+    """The rows are the same, the numbers agree within `ROUNDING`."""
     page, made = (
         text.replace(",", "").replace(" ", "")
         for text in (
-            (repository / MAKE["QUICK"]["size"][0]).read_text(encoding="utf-8"),
-            MAKE["written"]("size"),
+            (repository / MAKE["QUICK"][name][0]).read_text(encoding="utf-8"),
+            MAKE["written"](name),
         )
     )
-    assert NUMBER.sub("#", made) == NUMBER.sub("#", page), "run: python docs/make.py size"
-    assert numbers_apart(page, made) == [], "run: python docs/make.py size"
+    assert NUMBER.sub("#", made) == NUMBER.sub("#", page), f"run: python docs/make.py {name}"
+    assert numbers_apart(page, made) == [], f"run: python docs/make.py {name}"
 
 
 #: Parts of several designs; those of one are computed in `make ci`.
