@@ -16,7 +16,7 @@ from flexhinf.design.problem.weights import required_bandwidth
 from flexhinf.design.responses import JointLimits, Plan, joint_limits, plan_ends, start_and_goal
 from flexhinf.design.specification import RUN_SAMPLES, Specification
 from flexhinf.errors import InvalidInput
-from flexhinf.loop import Controller, DryFriction, JerkLimited, Moving, Waypoints
+from flexhinf.loop import Backlash, Controller, DryFriction, JerkLimited, Moving, Waypoints
 from flexhinf.plant import Law, Parameters
 from flexhinf.robot import Robot, check_reference, elastic, kinematics
 from flexhinf.robot.parameters import per_joint
@@ -219,6 +219,21 @@ def stated_dry_friction(robot: Robot) -> DryFriction | None:
     speeds = [per_joint(name, joint, len(joints)) for name, joint in zip(quantities, joints)]
     smoothing = np.broadcast_to(p.friction_smoothing, len(joints))
     return DryFriction(level.tolist(), smoothing.tolist(), speeds)
+
+
+def stated_backlash(robot: Robot, measured: Sequence[str]) -> Backlash | None:
+    """Backlash of a robot's file, for a controller with these measured signals; None without any that both sides of the
+    spring are measured of."""
+    width, joints = np.ravel(robot.plant_parameters().get("backlash", 0.0)), robot.joint_names
+    pairs = [
+        [per_joint(name, joint, len(joints)) for name in ("link_position", "motor_position")]
+        for joint in joints
+    ]
+    seen = [
+        (gap, *pair) for gap, pair in zip(width.tolist(), robot.layout.at_springs(np.array(pairs)).tolist())
+        if gap > 0.0 and {*pair} <= {*measured}
+    ]  # fmt: skip
+    return Backlash(*map(list, zip(*seen))) if seen else None
 
 
 def move_reference(robot: Robot, plan: Plan, dry_friction: Sequence[str]) -> Moving:

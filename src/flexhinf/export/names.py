@@ -103,6 +103,7 @@ PARTS = {
     "following": "largest distance of each tracked position from its command; infinite: it is not watched",
     "offset_decay": "factor per sample of the offsets of the first measurement",
     "integral_dead_zone": "errors up to this size are not integrated",
+    "backlash": "gaps between measured motors and links",
     "friction_level": "what dry friction takes of each input where its motor is commanded to move",
     "friction_smoothing": "commanded speed of a motor, from a third of which on it takes all; at rest it takes nothing",
     "windup_line": "what integrals push at rest, by command from the operating point: of inputs without near limits",

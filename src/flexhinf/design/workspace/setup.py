@@ -20,6 +20,7 @@ from flexhinf.design.plans import (
     move_reference,
     quintic_move,
     settled,
+    stated_backlash,
     stated_dry_friction,
     true_robot,
     with_extras,
@@ -225,6 +226,7 @@ class WorkspaceSetup(LoopPlants):
         own = {
             "offset_time": None if s.estimator == "none" else OFFSET_TIME, "integral_dead_zone": self.dead_zone,
             "dry_friction": stated_dry_friction(self.robot),
+            "backlash": None if s.estimator == "none" else stated_backlash(self.robot, self.model.outputs),
         }  # fmt: skip
         return Controller(
             replace(self.law, equilibrium=held), self.estimator(at), s.period, self.limits.saturated, moving=True,

@@ -32,6 +32,7 @@ import numpy as np
 
 from flexhinf.codegen import DIRECT, gives
 from flexhinf.errors import InvalidInput
+from flexhinf.loop.controller.backlash import Place, engaged
 from flexhinf.loop.controller.friction import modelled, overcoming
 from flexhinf.loop.controller.law_code import LawCode
 from flexhinf.loop.controller.measured import Source, corrected, faded, plausible, positions, refusals
@@ -55,6 +56,7 @@ class Mode:
     loads that the input balances. `checks_measurements`: what is out of its range, or moves too fast, is missing.
     `speeds`: places of the motors' velocities, where dry friction is overcome by them.
     `velocities`: places of the law's states that are zero at rest, where a moving reference may be held.
+    `gaps`: places of links and motors with backlash between them.
     """
 
     moving: bool = False
@@ -72,6 +74,7 @@ class Mode:
     checks_measurements: bool = False
     speeds: tuple[int, ...] = ()
     velocities: tuple[int, ...] = ()
+    gaps: tuple[Place, ...] = ()
 
     @property
     def eases(self) -> bool:
@@ -153,7 +156,7 @@ def controller_step(
         run.section("These inputs less what dry friction takes, which the estimator's model does not have")
         commands = (memory.reference, *((memory.commands,) if mode.latency else ()))
         *waiting, acted = run.call(partial(modelled, mode.speeds), *level, *commands, *waiting, acted)
-    beliefs, ahead, push, doubt, seen = [], estimate, None, None, None
+    beliefs, ahead, push, doubt, seen, gap = [], estimate, None, None, None, None
     offset = [memory.offset, memory.offset_known] if mode.has_offset else [None, None]
     if estimator is not None:
         belief = type(estimator.initial)(*memory.belief)
@@ -166,6 +169,8 @@ def controller_step(
         if mode.has_offset:
             expected = run.call(estimator.plant.evaluate_output, belief.mean, acted, data.parameters)
             y, *offset = run.call(partial(faded, turns), y, expected, *offset, data.offset_decay)
+        if mode.gaps:
+            y, gap = run.call(partial(engaged, mode.gaps, turns), y, r, data.backlash)
         belief, y = corrected(run, estimator, belief, y, acted, data)
         seen = run.call(refusals, seen, measurement, y) if mode.checks_measurements else None
         estimate = belief.mean
@@ -275,8 +280,11 @@ def controller_step(
     u = after["u"]
     if mode.reactions:
         run.section("What is watched, and the status")
+        y = y if gap is None else run.call(np.subtract, y, gap)
         if mode.has_offset:
             position = run.call(partial(_as_measured, tracked), y, offset[0], estimate)
+        elif gap is not None:
+            position = run.call(partial(positions, tracked), y, estimate)
         after["watch"], after["status"] = run.call(
             partial(observed, boxed, mode.reactions), u, requested, memory.reference, position, commanded,
             memory.started, memory.watch, data.lower, data.upper, data.workspace, data.swings, data.watching,
