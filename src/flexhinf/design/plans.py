@@ -209,16 +209,20 @@ def true_robot(robot: Robot, s: Specification) -> tuple[Robot, Specification]:
 
 
 def stated_dry_friction(robot: Robot) -> DryFriction | None:
-    """Coulomb's friction of a robot's file, for a controller that overcomes it; None without any."""
+    """Dry friction of a robot's file, for a controller that overcomes it; None without any."""
     values, joints = robot.plant_parameters(), robot.joint_names
-    level, p = np.broadcast_to(values.get("coulomb_friction", 0.0), len(joints)), Parameters(values)
-    if not np.any(level > 0.0):
+    if not (dry := elastic.stated_friction(values)):
         return None
-    level = level / elastic.torque_per_input(robot.drive, p)
+    p, gain = Parameters(values), elastic.torque_per_input(robot.drive, Parameters(values))
     quantities = ("link_velocity" if joint in robot.rigid else "motor_velocity" for joint in joints)
     speeds = [per_joint(name, joint, len(joints)) for name, joint in zip(quantities, joints)]
-    smoothing = np.broadcast_to(p.friction_smoothing, len(joints))
-    return DryFriction(level.tolist(), smoothing.tolist(), speeds)
+
+    def each(number: Any) -> list[float]:
+        return np.broadcast_to(number, len(joints)).tolist()
+
+    falls = "stribeck_friction" in dry
+    curve = (each(p.static_friction / gain), each(p.stribeck_velocity)) if falls else ()
+    return DryFriction(each(p.coulomb_friction / gain), each(p.friction_smoothing), speeds, *curve)
 
 
 def stated_backlash(robot: Robot, measured: Sequence[str]) -> Backlash | None:

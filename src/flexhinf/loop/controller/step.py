@@ -151,11 +151,13 @@ def controller_step(
     if mode.latency:
         run.section("Inputs that wait for their instant, and the one that acted until this sample")
         queue, *waiting, acted = run.call(_waiting, memory.u, memory.queue)
-    level = (data.friction_level, data.friction_smoothing) if mode.speeds else ()
     if mode.speeds and estimator is not None:
         run.section("These inputs less what dry friction takes, which the estimator's model does not have")
-        commands = (memory.reference, *((memory.commands,) if mode.latency else ()))
-        *waiting, acted = run.call(partial(modelled, mode.speeds), *level, *commands, *waiting, acted)
+        commands = [memory.reference, *(run.call(_rows, memory.commands) if mode.latency else ())]
+        *waiting, acted = (
+            run.call(partial(modelled, mode.speeds), u, command, data.dry_friction)
+            for u, command in zip([*waiting, acted], commands, strict=True)
+        )
     beliefs, ahead, push, doubt, seen, gap = [], estimate, None, None, None, None
     offset = [memory.offset, memory.offset_known] if mode.has_offset else [None, None]
     if estimator is not None:
@@ -225,7 +227,7 @@ def controller_step(
     operating_input = r[len(estimate) :] if mode.moving else operating_input
     operating_input = operating_input if push is None else run.call(np.add, operating_input, push)
     if mode.speeds:
-        operating_input = run.call(partial(overcoming, mode.speeds), operating_input, r, *level)
+        operating_input = run.call(partial(overcoming, mode.speeds), operating_input, r, data.dry_friction)
     wanted, commands = r, None
     if mode.command_lead:
         commands, wanted, held = run.call(_passed, memory.started, r, held, memory.commands)
@@ -292,7 +294,7 @@ def controller_step(
         )  # fmt: skip
     if estimator is not None:
         if mode.speeds and not beliefs:
-            (u,) = run.call(partial(modelled, mode.speeds), *level, r, u)
+            u = run.call(partial(modelled, mode.speeds), u, r, data.dry_friction)
         after["belief"] = (beliefs or predict_ahead(run, estimator, belief, [u], data))[0]
     return after["u"], whole, after
 
@@ -337,6 +339,11 @@ def _waiting(last: Any, queue: Any) -> tuple[Any, ...]:
     this sample."""
     rows = [last, *queue]
     return np.stack(rows[:-1]), *rows
+
+
+@gives("*command_before")
+def _rows(commands: Any) -> tuple[Any, ...]:
+    return tuple(commands)
 
 
 @gives("commands_next", "wanted", "held")
