@@ -87,6 +87,15 @@ def test_what_the_file_states_is_what_the_true_robot_has(setup: WorkspaceSetup) 
     assert {corner["damping"][1] for corner in some.damped.random_corners(8, 1)} == {assumed}
 
 
+def test_every_plant_is_of_the_true_robot(setup: WorkspaceSetup) -> None:
+    """Three were made anew for a workspace, and the one in MuJoCo was left with springs that nothing damps."""
+    assert setup.smooth_plant is setup.true_plant
+    assert setup.plant_with_friction(np.array(ARM.home))[0] == ("joint_damping", "coulomb_friction")
+    pytest.importorskip("mujoco")
+    springs = setup.mujoco_plant(np.array(ARM.home)).model.tendon_damping
+    np.testing.assert_array_equal(springs, setup.true.robot.plant_parameters()["damping"])
+
+
 def test_law_estimator_and_feedforward_know_no_damping(setup: WorkspaceSetup) -> None:
     assert setup.true_plant.parameters.values["damping"].shape == (2,)
     assert "damping" not in setup.model.parameters.values

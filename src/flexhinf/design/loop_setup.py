@@ -226,9 +226,14 @@ class LoopPlants:
         return self.robot.plant(self.specification.measured)
 
     @property
+    def true(self) -> LoopPlants:
+        """The true robot with the specification of its plants, of which all plants below are."""
+        return self
+
+    @property
     def dry_friction(self) -> tuple[str, ...]:
         """Extras of the true plant that are dry friction: the feedforward has them, the estimator on request."""
-        return tuple(name for name in self.specification.extras if name in elastic.DRY)
+        return tuple(name for name in self.true.specification.extras if name in elastic.DRY)
 
     @cached_property
     def estimator_model(self) -> Plant:
@@ -242,18 +247,18 @@ class LoopPlants:
     @cached_property
     def true_plant(self) -> Plant:
         """The nominal robot with the extras."""
-        s = self.specification
-        return self.robot.plant(s.measured, extras=s.extras)
+        return self.true.robot.plant(self.specification.measured, extras=self.true.specification.extras)
 
     def plant_with_friction(self, at: np.ndarray) -> tuple[tuple[str, ...], Plant, int] | None:
         """Extras, true plant with the dry friction that the robot states, which sticks, and its Runge–Kutta steps per
         period at a pose (n,); None for a robot without dry friction, or with none above zero."""
-        s, dry = self.specification, elastic.stated_friction(self.robot.plant_parameters())
+        s, robot = self.true.specification, self.true.robot
+        dry = elastic.stated_friction(robot.plant_parameters())
         if not dry:
             return None
         extras = tuple(dict.fromkeys((*s.extras, *(tuple(name for name in dry if name in s.extras) or dry))))
-        plant = self.robot.plant(s.measured, extras=extras, sticking=True)
-        fastest = plant.fastest_mode(*self.robot.operating_point(at, s.extras))
+        plant = robot.plant(s.measured, extras=extras, sticking=True)
+        fastest = plant.fastest_mode(*robot.operating_point(at, s.extras))
         return extras, plant, max(MIN_PARTS, sub_steps(s.period, fastest, RK4_STEP))
 
     def mujoco_plant(self, at: np.ndarray) -> MuJoCoPlant:
@@ -261,23 +266,25 @@ class LoopPlants:
 
         Raises `InvalidInput` if MuJoCo is not installed, or does not express the extras.
         """
-        s = self.specification
-        fastest = self.true_plant.fastest_mode(*self.robot.operating_point(at, s.extras))
+        s, robot = self.true.specification, self.true.robot
+        fastest = self.true_plant.fastest_mode(*robot.operating_point(at, s.extras))
         step = s.period / sub_steps(s.period, fastest, 0.1)
         measured = None if s.estimator == "none" else s.measured
-        return MuJoCoPlant(self.robot, measured=measured, step=step, extras=s.extras)
+        return MuJoCoPlant(robot, measured=measured, step=step, extras=s.extras)
 
     @cached_property
     def smooth_plant(self) -> Plant:
         """The true plant of the linear loop: without the extras that are not smooth at standstill."""
-        s = self.specification
+        s = self.true.specification
         smooth = tuple(name for name in s.extras if name in SMOOTH_EXTRAS)
-        return self.true_plant if smooth == tuple(s.extras) else self.robot.plant(s.measured, extras=smooth)
+        return (
+            self.true_plant if smooth == tuple(s.extras) else self.true.robot.plant(s.measured, extras=smooth)
+        )
 
     @property
     def left_out(self) -> tuple[str, ...]:
         """Extras of the true plant that the linear loop does not have."""
-        return tuple(name for name in self.specification.extras if name not in SMOOTH_EXTRAS)
+        return tuple(name for name in self.true.specification.extras if name not in SMOOTH_EXTRAS)
 
     @cached_property
     def limits(self) -> JointLimits:

@@ -125,29 +125,15 @@ class WorkspaceSetup(LoopPlants):
 
     @cached_property
     def true(self) -> LoopPlants:
-        """Plants of the true robot, whose springs are damped as the file states, or as no real spring is without. Law,
-        estimator and feedforward know no damping."""
+        """The robot whose springs are damped as the file states, or as no real spring is without. Law, estimator
+        and feedforward know no damping."""
         return LoopPlants(*true_robot(self.robot, self.specification))
-
-    @cached_property
-    def true_plant(self) -> Plant:
-        """The true robot with the extras."""
-        return self.true.true_plant
-
-    @cached_property
-    def smooth_plant(self) -> Plant:
-        """The true plant of the linear loop."""
-        return self.true.smooth_plant
 
     @cached_property
     def undamped_plant(self) -> Plant:
         """That of the linear loop with springs that nothing damps."""
         extras = tuple(name for name in self.specification.extras if name in SMOOTH_EXTRAS and name != DAMPED)
         return self.robot.plant(self.specification.measured, extras=extras)
-
-    def plant_with_friction(self, at: np.ndarray) -> tuple[tuple[str, ...], Plant, int] | None:
-        """As that of the true robot."""
-        return self.true.plant_with_friction(at)
 
     @cached_property
     def noise_levels(self) -> EstimatorNoise:
