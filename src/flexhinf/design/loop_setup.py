@@ -232,8 +232,8 @@ class LoopPlants:
 
     @property
     def dry_friction(self) -> tuple[str, ...]:
-        """Extras of the true plant that are dry friction: the feedforward has them, the estimator on request."""
-        return tuple(name for name in self.true.specification.extras if name in elastic.DRY)
+        """Stated extras that are dry friction: the feedforward has them, the estimator on request."""
+        return tuple(name for name in self.specification.extras if name in elastic.DRY)
 
     @cached_property
     def estimator_model(self) -> Plant:

@@ -23,7 +23,6 @@ from flexhinf.design.plans import (
     stated_backlash,
     stated_dry_friction,
     true_robot,
-    with_extras,
 )
 from flexhinf.design.responses import Move, Response, integral_dead_zone, with_values
 from flexhinf.design.specification import RINGS, RIPPLE, Specification
@@ -125,8 +124,7 @@ class WorkspaceSetup(LoopPlants):
 
     @cached_property
     def true(self) -> LoopPlants:
-        """The robot whose springs are damped as the file states, or as no real spring is without. Law, estimator
-        and feedforward know no damping."""
+        """The robot with what `true_robot` adds. Law, estimator and feedforward know no damping."""
         return LoopPlants(*true_robot(self.robot, self.specification))
 
     @cached_property
@@ -365,12 +363,10 @@ class WorkspaceSetup(LoopPlants):
 
     @cached_property
     def dry_plant(self) -> tuple[tuple[str, ...], Plant, int | None]:
-        """Extras of the true robot, with the dry friction and the backlash that it states; its plant, and Runge–Kutta
-        steps per period, None without dry friction."""
-        s, gaps = self.true.specification, ("backlash",) if np.any(self.backlash > 0.0) else ()
-        own = LoopPlants(self.true.robot, with_extras(s, *gaps))
-        extras = own.specification.extras
-        return own.plant_with_friction(np.array(self.robot.home)) or (extras, own.true_plant, None)
+        """Extras of the true robot; its plant, whose dry friction sticks, and Runge–Kutta steps per period, None
+        without dry friction."""
+        extras, home = self.true.specification.extras, np.array(self.robot.home)
+        return self.plant_with_friction(home) or (extras, self.true_plant, None)
 
     @property
     def may_swing(self) -> bool:
