@@ -195,7 +195,6 @@ def other_quantisation(
 #: the linear loop: their slope holds only below the smoothing velocity, as damping that a moving robot lacks.
 SMOOTH_EXTRAS = ("inductance", "joint_damping", "spring_hardening")
 
-
 #: Largest sub-step times the fastest mode, and smallest number of sub-steps per period, where joints stick. RK4 errs by
 #: 3e-6 per radian of phase; the time at which a joint reverses or sticks is known to one sub-step.
 RK4_STEP, MIN_PARTS = 0.2, 4
@@ -253,8 +252,7 @@ class LoopPlants:
         """Extras, true plant with the dry friction that the robot states, which sticks, and its Runge–Kutta steps per
         period at a pose (n,); None for a robot without dry friction, or with none above zero."""
         s, robot = self.true.specification, self.true.robot
-        dry = elastic.stated_friction(robot.plant_parameters())
-        if not dry:
+        if not (dry := elastic.stated_friction(robot.plant_parameters())):
             return None
         extras = tuple(dict.fromkeys((*s.extras, *(tuple(name for name in dry if name in s.extras) or dry))))
         plant = robot.plant(s.measured, extras=extras, sticking=True)
@@ -276,10 +274,7 @@ class LoopPlants:
     def smooth_plant(self) -> Plant:
         """The true plant of the linear loop: without the extras that are not smooth at standstill."""
         s = self.true.specification
-        smooth = tuple(name for name in s.extras if name in SMOOTH_EXTRAS)
-        return (
-            self.true_plant if smooth == tuple(s.extras) else self.true.robot.plant(s.measured, extras=smooth)
-        )
+        return self.true.robot.plant(s.measured, extras=[name for name in s.extras if name in SMOOTH_EXTRAS])
 
     @property
     def left_out(self) -> tuple[str, ...]:
@@ -330,8 +325,7 @@ class LoopPlants:
         return noise_variances(self.robot.plant(), level)
 
     def position_resolution(self, deviations: float = 1.0) -> float:
-        """Smallest measurable change of position: a multiple of the noise's standard deviation, or one sensor step, rad
-        or m."""
+        """Smallest measurable change of position, rad or m: so many deviations of the noise, or one sensor step."""
         names = self.model.outputs
         steps = np.broadcast_to(0.0 if self.quantisation is None else self.quantisation, len(names)).tolist()
         positions = [step for name, step in zip(names, steps) if "position" in name]
@@ -414,16 +408,16 @@ class LoopSetup(LoopPlants):
 
     @property
     def supervision(self) -> Supervision:
-        """What a deployed controller watches: its workspace lies between start, goal and the poses of the laws, with a
-        margin of `WORKSPACE_MARGIN`."""
+        """What a deployed controller watches: the box of start, goal and laws' poses, with a `WORKSPACE_MARGIN`."""
         names, laws = self.law.plant_states, self.law.laws if isinstance(self.law, Schedule) else (self.law,)
         places = [names.index(name) for name in self.law.tracked]
         ends = [self.robot.operating_point(at)[0] for at in (self.start, self.goal)]
         poses = np.array([np.asarray(end)[places] for end in (*ends, *(law.operating_point for law in laws))])
         share, smallest = WORKSPACE_MARGIN
         margin = max(share * float(np.ptp(poses, axis=0).max(initial=0.0)), smallest)
-        box = (poses.min(axis=0) - margin, poses.max(axis=0) + margin)
-        return Supervision(workspace=box if places else None)
+        return Supervision(
+            workspace=(poses.min(axis=0) - margin, poses.max(axis=0) + margin) if places else None
+        )
 
     def controller(
         self, at: np.ndarray, moving: bool = False, start: str | None = None, supervised: bool = False

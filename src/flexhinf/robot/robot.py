@@ -501,8 +501,8 @@ class Robot(Summarised):
 
     def draw(self, rng: np.random.Generator) -> dict[str, Any]:
         """Parameters of a plant (`Plant.with_parameters`), the uncertain ones uniform in their intervals."""
-        drawn = {p.name: float(rng.uniform(*p.interval)) for p in self.uncertain}
-        return self.plant_parameters(self.varied(drawn))
+        values = {p.name: float(rng.uniform(*p.interval)) for p in self.uncertain}
+        return self.plant_parameters(self.varied(values))
 
     @cached_property
     def dry_by_viscous(self) -> dict[str, str]:
