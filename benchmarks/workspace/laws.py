@@ -35,6 +35,7 @@ __all__ = [
     "DifferenceLaw",
     "FlatnessLaw",
     "Law",
+    "Overcoming",
     "QuadraticLaw",
     "bandwidths",
 ]
@@ -55,6 +56,8 @@ EVERY = 50
 NOISE, TORQUES = 1e-5, ((0.005, 0.03), (0.0006, 0.01), (0.0025, 0.03))
 #: Damping of a vibration that flatness leaves where it is.
 LEFT = 0.5
+#: Planned speed of a motor, rad/s (m/s), about which dry friction changes its sign.
+SLOW = 2.5e-3
 #: LQG: bandwidths, rad/s, weights of velocities, random torques of its filter, and the weight of the integral.
 RATES, VELOCITIES, SPREADS, INTEGRATED = (
     (56.0, 40.0, 28.0, 20.0, 14.0), (3.0, 5.0), ((0.0025, 0.03), (0.0006, 0.01), (0.005, 0.005)), 0.5,
@@ -329,6 +332,29 @@ class QuadraticLaw(FlatnessLaw):
         p = solve_discrete_are(f, g, weights.T @ weights + 1e-12 * np.eye(5 * n), cost)
         feedback = np.linalg.solve(cost + g.T @ p @ g, g.T @ p @ f)
         return feedback[:, : 4 * n], feedback[:, 4 * n :]
+
+
+class Overcoming:
+    """A law with feedforward of dry friction: F tanh((v / v₀)³) of each motor, by its planned speed v when the input
+    acts. All of it from 4/3 v₀ on, so that a motor that comes in slowly does not stick before its goal."""
+
+    def __init__(self, law: Law, arm: Arm) -> None:
+        self.law, self.level, self.n = law, arm.dry / arm.per_input, arm.n
+
+    def start(self, q: np.ndarray) -> None:
+        """Begin at rest."""
+        self.law.start(q)
+
+    def step(self, y: np.ndarray, reference: Reference) -> np.ndarray:
+        """Input for a measurement."""
+        ratio = reference.ahead[3 * self.n :] / SLOW
+        return self.law.step(
+            y, reference._replace(input=reference.input + self.level * np.tanh(ratio * ratio * ratio))
+        )
+
+    def linear(self, q: np.ndarray) -> Linear:
+        """That of the law: at rest it adds nothing."""
+        return self.law.linear(q)
 
 
 #: What a law is made with beside its robot and its sensors.

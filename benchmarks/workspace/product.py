@@ -30,6 +30,7 @@ from benchmarks.workspace.goals import Reference
 from benchmarks.workspace.linear import Linear
 from benchmarks.workspace.trip import NOISE, RESOLUTION
 from flexhinf.analysis import EquilibriumLoop, LinearLoop
+from flexhinf.design.plans import stated_dry_friction
 from flexhinf.design.workspace.search import tuned_setup
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.robot.workspace import LIMITS, workspace_of
@@ -73,6 +74,10 @@ class Product:
     def specification(self, **more: Any) -> fh.Specification:
         """What is asked of the design."""
         return fh.Specification(measured=self.measured, measurement_noise=VARIANCE, latency=LATENCY, **more)
+
+    def overcome(self) -> None:
+        """From now on with the dry friction of the robot's file, as a design deploys it."""
+        self.controller = self.controller.fresh(dry_friction=stated_dry_friction(self.arm.robot))
 
     def start(self, q: np.ndarray) -> None:
         """Begin at rest: the estimator is told the pose, as firmware would be."""
@@ -130,7 +135,7 @@ class OverWorkspace(Product):
 
     def designed(self) -> tuple[fh.Controller, dict[str, Any]]:
         """Its controller."""
-        return self.setup.controller(self.arm.home, dry_friction=None), {}  # as all laws of the tables
+        return self.setup.controller(self.arm.home, dry_friction=None), {}  # see `overcome`
 
     def loop(self, q: np.ndarray) -> LinearLoop:
         """By the design, which is made anew where the controller is loaded: much faster than from the controller."""

@@ -13,7 +13,7 @@ import numpy as np
 import flexhinf as fh
 from benchmarks.workspace import goals as the_goals
 from benchmarks.workspace.arm import Arm
-from benchmarks.workspace.laws import LAWS, TUNING, TUNING_SEED, Choice, Law, Numbers, bandwidths
+from benchmarks.workspace.laws import LAWS, TUNING, TUNING_SEED, Choice, Law, Numbers, Overcoming, bandwidths
 from benchmarks.workspace.linear import LEAST, MARGINS, PoseLoop, judged
 from benchmarks.workspace.metrics import MOST, summary
 from benchmarks.workspace.plants import PLANTS
@@ -159,9 +159,17 @@ def _judged(arm: Arm, choice: Choice, links: bool, numbers: Numbers) -> dict[str
     return {"numbers": numbers, "lines": sum(lines_of(loops).values())} | kept
 
 
-def made(choice: Choice, arm: Arm, links: bool, record: dict[str, Any], folder: Path) -> Law:
-    """The law of a record; one that is designed is loaded from the folder."""
-    return choice.make(arm, links, **record["numbers"]) if choice.tuned else choice.make(arm, links, folder)
+def made(
+    choice: Choice, arm: Arm, links: bool, record: dict[str, Any], folder: Path, overcomes: bool = False
+) -> Law:
+    """The law of a record, that may overcome dry friction; one that is designed is loaded from the folder."""
+    if choice.tuned:
+        law = choice.make(arm, links, **record["numbers"])
+        return Overcoming(law, arm) if overcomes else law
+    product: Any = choice.make(arm, links, folder)
+    if overcomes:
+        product.overcome()
+    return product
 
 
 def law_record(entry: Entry, choice: Choice, links: bool, poses: int, folder: Path) -> dict[str, Any]:
@@ -240,7 +248,7 @@ class Bench:
             return None
         entry = ROBOTS[robot]
         arm, (moves, left) = Arm.of(entry.robot()), self.moves(robot, how.steps)
-        controller = made(choice, arm, how.links, record, self.folder)
+        controller = made(choice, arm, how.links, record, self.folder, how.overcomes)
         arms = true_arms(entry, how.robots)
         found = trip(lambda true: PLANTS[plant](true, how.friction), controller, arms, moves, how, self.done)
         row = {

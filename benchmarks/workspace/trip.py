@@ -34,6 +34,7 @@ class Condition:
     latency: int = LATENCY  # samples; the law counts on `LATENCY`
     pushed: bool = False
     steps: bool = False  # bare steps of one joint, each from rest
+    overcomes: bool = False  # the law adds dry friction by the planned speeds of the motors
 
 
 #: By name.
@@ -44,6 +45,8 @@ CONDITIONS = {
     "late": Condition("a second sample of latency, unknown", latency=LATENCY + 1),
     "motors": Condition("motor encoders alone", links=False),
     "motors-payload": Condition("the same with the payload", robots="payload", links=False),
+    "overcome": Condition("dry friction fed forward by the planned speeds", overcomes=True),
+    "overcome-payload": Condition("the same with the payload", robots="payload", overcomes=True),
     "frictionless": Condition("without dry friction", friction=False),
     "push": Condition("30 % of the limits on all links for 50 ms, at rest", pushed=True),
     "steps": Condition("bare steps of one joint by 2 % of its range", steps=True),

@@ -12,12 +12,12 @@ import pytest
 from benchmarks.workspace import rows as the_rows
 from benchmarks.workspace.arm import PERIOD, Arm
 from benchmarks.workspace.goals import REST, Move, Reference, goals, moves, planned, poses, steps
-from benchmarks.workspace.laws import LAWS, SHARES, DifferenceLaw, FlatnessLaw, Law
+from benchmarks.workspace.laws import LAWS, SHARES, DifferenceLaw, FlatnessLaw, Law, Overcoming
 from benchmarks.workspace.linear import MARGINS, closed, damping, judged, late, outputs
 from benchmarks.workspace.metrics import PUSHED, TAIL, metrics, summary
 from benchmarks.workspace.plants import PLANTS, MuJoCo, RungeKutta
 from benchmarks.workspace.robots import ROBOTS, true_arms
-from benchmarks.workspace.trip import Condition, trip
+from benchmarks.workspace.trip import CONDITIONS, Condition, trip
 from scipy.integrate import solve_ivp
 
 import flexhinf as fh
@@ -173,6 +173,21 @@ def test_runge_kutta_is_scipys_solution(arms: dict[str, Arm]) -> None:
     wanted = solve_ivp(rate, (0.0, 0.05), x, rtol=1e-10, atol=1e-12).y[:, -1]
     assert np.abs(wanted[:n] - q).max() > 1e-3
     assert plant.x == pytest.approx(wanted, rel=1e-4, abs=1e-5)
+
+
+def test_a_law_that_overcomes_dry_friction_stays_nearer_to_its_path(arms: dict[str, Arm]) -> None:
+    """By the planned speed of each motor at the instant at which the input acts; at rest it adds nothing."""
+    arm = arms[PLANAR]
+    move = planned(arm, arm.home, arm.home + 0.2, 1, 0.5)
+    bare = DifferenceLaw(arm, True, 0.3)
+    errors = []
+    for law in (bare, Overcoming(bare, arm)):
+        run = trip(lambda true: PLANTS["mujoco"](true, True), law, [arm], [move], CONDITIONS["overcome"])
+        errors.append(run.moves[0].path)
+    assert errors[1] < 0.5 * errors[0]
+    law.start(move.goal)
+    y, held = np.concatenate([move.goal, arm.rest(move.goal)[0]]), arm.rest(move.goal)[1]
+    np.testing.assert_allclose(law.step(y, move.reference(len(move) - 1)), held, rtol=1e-6)
 
 
 def test_dry_friction_holds_a_motor_up_to_its_limit(arms: dict[str, Arm]) -> None:

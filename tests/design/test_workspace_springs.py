@@ -9,9 +9,12 @@ import pytest
 from scipy.linalg import expm
 
 import flexhinf as fh
+from flexhinf.design.deployed_run import prepare_run
+from flexhinf.design.live_page import live_arm
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.modal import ModalLaw
 from flexhinf.modal.pair import PairWeights
+from flexhinf.robot import Parameter
 from flexhinf.robot.workspace import workspace_of
 
 ARM = fh.load_robot("planar-two-link")
@@ -77,7 +80,7 @@ def test_what_the_file_states_is_what_the_true_robot_has(setup: WorkspaceSetup) 
     """Without --extras; zero is stated too. Corners of a robot that states some keep what is assumed of others."""
     assert ARM.damped == ARM
     assert setup_of(ARM).true_plant is ARM.damped.plant(
-        setup.specification.measured, extras=("joint_damping",)
+        setup.specification.measured, extras=("joint_damping", "coulomb_friction")
     )
     still = ARM.with_values({"damping_shoulder": 0.0, "damping_elbow": 0.0})
     assert still.damped.nominal["damping_elbow"] == 0.0
@@ -85,6 +88,37 @@ def test_what_the_file_states_is_what_the_true_robot_has(setup: WorkspaceSetup) 
     assumed = some.damped.nominal["damping_elbow"]
     assert assumed == pytest.approx(setup.robot.damped.nominal["damping_elbow"])
     assert {corner["damping"][1] for corner in some.damped.random_corners(8, 1)} == {assumed}
+
+
+def test_every_plant_is_of_the_true_robot(setup: WorkspaceSetup) -> None:
+    """Three were made anew for a workspace, and the one in MuJoCo was left with springs that nothing damps."""
+    assert setup.smooth_plant is setup.robot.damped.plant(
+        setup.specification.measured, extras="joint_damping"
+    )
+    assert setup.plant_with_friction(np.array(ARM.home))[0] == ("joint_damping", "coulomb_friction")
+    pytest.importorskip("mujoco")
+    springs = setup.mujoco_plant(np.array(ARM.home)).model.tendon_damping
+    np.testing.assert_array_equal(springs, setup.true.robot.plant_parameters()["damping"])
+
+
+def test_runs_outside_of_a_design_have_the_friction_that_its_controller_overcomes(
+    setup: WorkspaceSetup,
+) -> None:
+    """The arms of `flexhinf run` and of the web page had none, and were pushed by what the controller adds."""
+    home, s = np.array(ARM.home), setup.specification
+    friction = setup.controller(home).dry_friction
+    assert friction is not None
+    arm = live_arm(setup.controller(home), setup.robot, s)
+    assert "coulomb_friction" in arm.extras
+    assert "Both controllers add it" in arm.friction
+    np.testing.assert_array_equal(arm._dry[[0, 2]], [friction.level] * 2)
+    pytest.importorskip("mujoco")
+    static = setup.robot.with_parameters(
+        Parameter("static_friction_shoulder", 1.5)
+    )  # MuJoCo has no such curve
+    run = prepare_run(setup.controller(home), (static, s), static, s)
+    level = setup.robot.plant_parameters()["coulomb_friction"]
+    np.testing.assert_array_equal(run.box.model.dof_frictionloss[2:], level)
 
 
 def test_law_estimator_and_feedforward_know_no_damping(setup: WorkspaceSetup) -> None:

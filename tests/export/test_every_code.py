@@ -285,10 +285,13 @@ def test_a_start_that_is_told_has_its_own_input_with_the_same_bits(
 def rich(moving: bool) -> fh.Controller:
     """Two links with two sensors each, and every option that a controller has beside the other."""
     motors = ["motor_velocity_shoulder", "motor_velocity_elbow"]
-    friction = fh.loop.DryFriction([1.0, 0.5], [0.01, 0.02], motors)
+    friction = fh.loop.DryFriction([1.0, 0.5], [0.01, 0.02], motors, [1.5, 0.5], [0.05, 0.1])
+    gaps = fh.loop.Backlash([1e-4], ["link_position_elbow"], ["motor_position_elbow"])
     box: tuple[list[float], list[float]] = ([-1.0, -1.0], [1.0, 1.0])
     own: dict[str, Any] = (
-        {"dry_friction": friction} if moving else {"command_range": 2.0, "command_rate": 9.0}
+        {"dry_friction": friction, "backlash": gaps}
+        if moving
+        else {"command_range": 2.0, "command_rate": 9.0}
     )
     hold = {"workspace": "hold", "limit_cycle": "hold", "saturation": "brake"}
     watch = fh.Supervision(

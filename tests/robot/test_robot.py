@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from tests.refusals import refused_with
 
+from flexhinf.design.deployed_run import robot_sample
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Penalty
 from flexhinf.robot import Parameter, Robot, load_robot, paper_arm
+from flexhinf.robot.elastic import DRY
 from flexhinf.robot.parameters import parameter_units
 from flexhinf.robot.signals import SENSORS, expanded
 
@@ -34,6 +36,25 @@ def test_corners_by_name_and_in_order():
     assert arm.corner({"stiffness": 1.0})["mass"] == 1.0
     low = arm.corner([-1.0] * len(arm.uncertain))
     assert low == pytest.approx({p.name: p.interval[0] for p in arm.parameters})
+
+
+def test_dry_friction_without_a_tolerance_varies_with_the_viscous_one():
+    """In corners, in draws and in samples of a campaign; with one of its own it goes its own way."""
+    arm = load_robot("planar-two-link").with_parameters(
+        Parameter("coulomb_friction_shoulder", 2.0), Parameter("static_friction_shoulder", 3.0)
+    )
+    assert arm.dry_by_viscous == {
+        "coulomb_friction_shoulder": "friction_shoulder", "static_friction_shoulder": "friction_shoulder",
+    }  # fmt: skip
+    nominal, upper = arm.plant_parameters(), arm.corner({"friction_shoulder": 1.0, "friction_elbow": 1.0})
+    sampled = robot_sample(arm, np.array(arm.home), DRY, {"friction_shoulder": 1.05}).parameters
+    drawn = arm.draw(np.random.default_rng(1))
+    for kind in ("coulomb_friction", "static_friction"):
+        assert upper[kind] == pytest.approx(nominal[kind] * [1.15, 1.0])
+        for values in (sampled, drawn):
+            scale = np.divide(values["friction"], nominal["friction"])[0]
+            assert values[kind][0] == pytest.approx(nominal[kind][0] * scale)
+            assert scale != 1.0
 
 
 @pytest.mark.parametrize("signs", [[1.0], {"stifness": 1.0}, {"stiffness": 1.5}, {"stiffness": np.nan}])

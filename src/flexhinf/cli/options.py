@@ -217,7 +217,8 @@ class BatchOptions(ElasticOptions, RequiredOptions, CampaignOptions):
     """Options that a campaign and a comparison of two campaigns share."""
 
     tolerance: list[Text] = option(list, UNCERTAIN,
-        "Another tolerance of a parameter: stiffness=15% or mass=0.9..1.2. Repeat the option for more.",
+        "Another tolerance of a parameter: stiffness=15% or mass=0.9..1.2. That of friction means dry friction too. "
+        "Repeat the option for more.",
         "stiffness=15%", "name=x")
     workers: Whole = option(0, RUN, "Worker processes; 0: this process alone, with two threads.", "4")
     cluster: Text = option("", RUN, "Address of a Dask scheduler, whose workers run the batches.", unit="tcp://…")

@@ -32,6 +32,7 @@ from flexhinf.loop.simulation.inputs import sample_count
 from flexhinf.loop.simulation.metrics import WINDOW
 from flexhinf.options import CampaignOptions, quantity
 from flexhinf.robot import MuJoCoPlant, Parameter, Robot, elastic, load_robot, signals
+from flexhinf.robot.mujoco import EXPRESSED
 from flexhinf.robot.parameters import per_joint
 from flexhinf.validation import nearest, value_text
 
@@ -118,9 +119,8 @@ def prepare_run(
     (model, original), s = designed, specification
     plan, start, goal = plans.run_ends(model, s)
     plants = loop_setup.LoopPlants(model, s)
-    robot, true = (
-        plans.true_robot(robot, s) if is_for_workspace(original) else (robot, s)
-    )  # as its design is judged
+    robot, true = plans.true_robot(robot, s) if is_for_workspace(original) else (robot, s)  # as it is judged
+    true = replace(true, extras=tuple(name for name in true.extras if name in (*s.extras, *EXPRESSED)))
     box = loop_setup.LoopPlants(robot, true).mujoco_plant(goal)
     begun, aim = responses.start_and_goal(model, original, plans.stated_move(model, original))
     rests = controller.mode.moving
@@ -210,7 +210,7 @@ def robot_sample(
     The estimator starts at `start` (n,), rad or m. Raises an error if no input holds the robot there; the sample then
     fails.
     """
-    values = robot.plant_parameters(robot.nominal | {k: v for k, v in numbers.items() if k in robot.nominal})
+    values = robot.plant_parameters(robot.varied({k: v for k, v in numbers.items() if k in robot.nominal}))
     errors = [numbers.get(name, 0.0) for name in signals.signal_names(ERROR, robot.joint_names)]
     x, _ = robot.operating_point(start + errors, extras, values)
     loads = {

@@ -195,7 +195,6 @@ def other_quantisation(
 #: the linear loop: their slope holds only below the smoothing velocity, as damping that a moving robot lacks.
 SMOOTH_EXTRAS = ("inductance", "joint_damping", "spring_hardening")
 
-
 #: Largest sub-step times the fastest mode, and smallest number of sub-steps per period, where joints stick. RK4 errs by
 #: 3e-6 per radian of phase; the time at which a joint reverses or sticks is known to one sub-step.
 RK4_STEP, MIN_PARTS = 0.2, 4
@@ -226,8 +225,13 @@ class LoopPlants:
         return self.robot.plant(self.specification.measured)
 
     @property
+    def true(self) -> LoopPlants:
+        """The true robot with the specification of its plants, of which all plants below are."""
+        return self
+
+    @property
     def dry_friction(self) -> tuple[str, ...]:
-        """Extras of the true plant that are dry friction: the feedforward has them, the estimator on request."""
+        """Stated extras that are dry friction: the feedforward has them, the estimator on request."""
         return tuple(name for name in self.specification.extras if name in elastic.DRY)
 
     @cached_property
@@ -242,18 +246,17 @@ class LoopPlants:
     @cached_property
     def true_plant(self) -> Plant:
         """The nominal robot with the extras."""
-        s = self.specification
-        return self.robot.plant(s.measured, extras=s.extras)
+        return self.true.robot.plant(self.specification.measured, extras=self.true.specification.extras)
 
     def plant_with_friction(self, at: np.ndarray) -> tuple[tuple[str, ...], Plant, int] | None:
         """Extras, true plant with the dry friction that the robot states, which sticks, and its Runge–Kutta steps per
         period at a pose (n,); None for a robot without dry friction, or with none above zero."""
-        s, dry = self.specification, elastic.stated_friction(self.robot.plant_parameters())
-        if not dry:
+        s, robot = self.true.specification, self.true.robot
+        if not (dry := elastic.stated_friction(robot.plant_parameters())):
             return None
         extras = tuple(dict.fromkeys((*s.extras, *(tuple(name for name in dry if name in s.extras) or dry))))
-        plant = self.robot.plant(s.measured, extras=extras, sticking=True)
-        fastest = plant.fastest_mode(*self.robot.operating_point(at, s.extras))
+        plant = robot.plant(s.measured, extras=extras, sticking=True)
+        fastest = plant.fastest_mode(*robot.operating_point(at, s.extras))
         return extras, plant, max(MIN_PARTS, sub_steps(s.period, fastest, RK4_STEP))
 
     def mujoco_plant(self, at: np.ndarray) -> MuJoCoPlant:
@@ -261,23 +264,22 @@ class LoopPlants:
 
         Raises `InvalidInput` if MuJoCo is not installed, or does not express the extras.
         """
-        s = self.specification
-        fastest = self.true_plant.fastest_mode(*self.robot.operating_point(at, s.extras))
+        s, robot = self.true.specification, self.true.robot
+        fastest = self.true_plant.fastest_mode(*robot.operating_point(at, s.extras))
         step = s.period / sub_steps(s.period, fastest, 0.1)
         measured = None if s.estimator == "none" else s.measured
-        return MuJoCoPlant(self.robot, measured=measured, step=step, extras=s.extras)
+        return MuJoCoPlant(robot, measured=measured, step=step, extras=s.extras)
 
     @cached_property
     def smooth_plant(self) -> Plant:
         """The true plant of the linear loop: without the extras that are not smooth at standstill."""
-        s = self.specification
-        smooth = tuple(name for name in s.extras if name in SMOOTH_EXTRAS)
-        return self.true_plant if smooth == tuple(s.extras) else self.robot.plant(s.measured, extras=smooth)
+        s = self.true.specification
+        return self.true.robot.plant(s.measured, extras=[name for name in s.extras if name in SMOOTH_EXTRAS])
 
     @property
     def left_out(self) -> tuple[str, ...]:
         """Extras of the true plant that the linear loop does not have."""
-        return tuple(name for name in self.specification.extras if name not in SMOOTH_EXTRAS)
+        return tuple(name for name in self.true.specification.extras if name not in SMOOTH_EXTRAS)
 
     @cached_property
     def limits(self) -> JointLimits:
@@ -323,8 +325,7 @@ class LoopPlants:
         return noise_variances(self.robot.plant(), level)
 
     def position_resolution(self, deviations: float = 1.0) -> float:
-        """Smallest measurable change of position: a multiple of the noise's standard deviation, or one sensor step, rad
-        or m."""
+        """Smallest measurable change of position, rad or m: so many deviations of the noise, or one sensor step."""
         names = self.model.outputs
         steps = np.broadcast_to(0.0 if self.quantisation is None else self.quantisation, len(names)).tolist()
         positions = [step for name, step in zip(names, steps) if "position" in name]
@@ -407,16 +408,16 @@ class LoopSetup(LoopPlants):
 
     @property
     def supervision(self) -> Supervision:
-        """What a deployed controller watches: its workspace lies between start, goal and the poses of the laws, with a
-        margin of `WORKSPACE_MARGIN`."""
+        """What a deployed controller watches: the box of start, goal and laws' poses, with a `WORKSPACE_MARGIN`."""
         names, laws = self.law.plant_states, self.law.laws if isinstance(self.law, Schedule) else (self.law,)
         places = [names.index(name) for name in self.law.tracked]
         ends = [self.robot.operating_point(at)[0] for at in (self.start, self.goal)]
         poses = np.array([np.asarray(end)[places] for end in (*ends, *(law.operating_point for law in laws))])
         share, smallest = WORKSPACE_MARGIN
         margin = max(share * float(np.ptp(poses, axis=0).max(initial=0.0)), smallest)
-        box = (poses.min(axis=0) - margin, poses.max(axis=0) + margin)
-        return Supervision(workspace=box if places else None)
+        return Supervision(
+            workspace=(poses.min(axis=0) - margin, poses.max(axis=0) + margin) if places else None
+        )
 
     def controller(
         self, at: np.ndarray, moving: bool = False, start: str | None = None, supervised: bool = False

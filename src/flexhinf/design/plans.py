@@ -16,7 +16,7 @@ from flexhinf.design.problem.weights import required_bandwidth
 from flexhinf.design.responses import JointLimits, Plan, joint_limits, plan_ends, start_and_goal
 from flexhinf.design.specification import RUN_SAMPLES, Specification
 from flexhinf.errors import InvalidInput
-from flexhinf.loop import Controller, DryFriction, JerkLimited, Moving, Waypoints
+from flexhinf.loop import Backlash, Controller, DryFriction, JerkLimited, Moving, Waypoints
 from flexhinf.plant import Law, Parameters
 from flexhinf.robot import Robot, check_reference, elastic, kinematics
 from flexhinf.robot.parameters import per_joint
@@ -204,21 +204,44 @@ def with_extras(s: Specification, *names: str) -> Specification:
 
 def true_robot(robot: Robot, s: Specification) -> tuple[Robot, Specification]:
     """The robot by which a design for a workspace is judged, and the specification of its plants: springs are
-    damped as the robot states, or as no real spring is without."""
-    return robot.damped, with_extras(s, DAMPED)
+    damped as the robot states, or as no real spring is without, and it has the backlash and the dry friction that are
+    stated, of which `extras` may name one kind."""
+    values = robot.plant_parameters()
+    dry, gaps = elastic.stated_friction(values), np.any(np.asarray(values.get("backlash", 0.0)) > 0.0)
+    named = [name for name in dry if name in s.extras] or dry
+    return robot.damped, with_extras(s, DAMPED, *named, *(("backlash",) if gaps else ()))
 
 
 def stated_dry_friction(robot: Robot) -> DryFriction | None:
-    """Coulomb's friction of a robot's file, for a controller that overcomes it; None without any."""
+    """Dry friction of a robot's file, for a controller that overcomes it; None without any."""
     values, joints = robot.plant_parameters(), robot.joint_names
-    level, p = np.broadcast_to(values.get("coulomb_friction", 0.0), len(joints)), Parameters(values)
-    if not np.any(level > 0.0):
+    if not (dry := elastic.stated_friction(values)):
         return None
-    level = level / elastic.torque_per_input(robot.drive, p)
+    p, gain = Parameters(values), elastic.torque_per_input(robot.drive, Parameters(values))
     quantities = ("link_velocity" if joint in robot.rigid else "motor_velocity" for joint in joints)
     speeds = [per_joint(name, joint, len(joints)) for name, joint in zip(quantities, joints)]
-    smoothing = np.broadcast_to(p.friction_smoothing, len(joints))
-    return DryFriction(level.tolist(), smoothing.tolist(), speeds)
+
+    def each(number: Any) -> list[float]:
+        return np.broadcast_to(number, len(joints)).tolist()
+
+    falls = "stribeck_friction" in dry
+    curve = (each(p.static_friction / gain), each(p.stribeck_velocity)) if falls else ()
+    return DryFriction(each(p.coulomb_friction / gain), each(p.friction_smoothing), speeds, *curve)
+
+
+def stated_backlash(robot: Robot, measured: Sequence[str]) -> Backlash | None:
+    """Backlash of a robot's file, for a controller with these measured signals; None without any that both sides of the
+    spring are measured of."""
+    width, joints = np.ravel(robot.plant_parameters().get("backlash", 0.0)), robot.joint_names
+    pairs = [
+        [per_joint(name, joint, len(joints)) for name in ("link_position", "motor_position")]
+        for joint in joints
+    ]
+    seen = [
+        (gap, *pair) for gap, pair in zip(width.tolist(), robot.layout.at_springs(np.array(pairs)).tolist())
+        if gap > 0.0 and {*pair} <= {*measured}
+    ]  # fmt: skip
+    return Backlash(*map(list, zip(*seen))) if seen else None
 
 
 def move_reference(robot: Robot, plan: Plan, dry_friction: Sequence[str]) -> Moving:

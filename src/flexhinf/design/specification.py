@@ -293,7 +293,8 @@ class Specification:
         default="the robot's effort limits, or none")
     extras: options.Names = option((), UNCERTAIN,
         "What the true robot has and the model has not: inductance, joint_damping, spring_hardening, backlash, "
-        "coulomb_friction, stribeck_friction. Over a workspace it always has joint_damping.", "coulomb_friction")
+        "coulomb_friction, stribeck_friction. Over a workspace it always has joint_damping, and the backlash and dry "
+        "friction of the file.", "coulomb_friction")
     latency: options.Count | None = option(None, SENSORS,
         "Samples between a measurement and the effect of its input, at most 10. The estimator predicts over them.",
         "1", "samples", default=f"{LATENCY}, or 0 where the true state is fed back")

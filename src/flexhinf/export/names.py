@@ -103,8 +103,9 @@ PARTS = {
     "following": "largest distance of each tracked position from its command; infinite: it is not watched",
     "offset_decay": "factor per sample of the offsets of the first measurement",
     "integral_dead_zone": "errors up to this size are not integrated",
-    "friction_level": "what dry friction takes of each input where its motor is commanded to move",
-    "friction_smoothing": "commanded speed of a motor, from a third of which on it takes all; at rest it takes nothing",
+    "backlash": "gaps between measured motors and links",
+    "dry_friction": "what dry friction takes of each input where its motor is commanded to move; the commanded speed "
+    "from a third of which on it takes all; where stated, what it takes of slow motors, and how slow these are",
     "windup_line": "what integrals push at rest, by command from the operating point: of inputs without near limits",
     "windup_spread": "how much more they push, likewise",
     "windup_limit": "how much more they push at the operating point; infinite for an input that its limits keep nearer",

@@ -4,6 +4,7 @@
 are commands and disturbances. `simulation/` samples them, integrates the true plant and has the metrics.
 """
 
+from flexhinf.loop.controller.backlash import Backlash as Backlash
 from flexhinf.loop.controller.controller import Controller as Controller, load_controller as load_controller
 from flexhinf.loop.controller.friction import DryFriction as DryFriction
 from flexhinf.loop.controller.laws import Schedule as Schedule

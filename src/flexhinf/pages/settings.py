@@ -72,6 +72,8 @@ def settings_in_groups(groups: Mapping[str, Rows]) -> dict[str, list[Setting]]:
 def robot_rows(robot: Robot) -> Rows:
     """Settings: the joints and every number of a robot with its tolerance."""
     spreads = {p.name: f" ({p.spread})" if p.range is not None else f" {p.spread}" for p in robot.parameters}
+    for dry, wet in robot.dry_by_viscous.items():
+        spreads[dry] = f"{spreads[wet]} with its viscous friction" if spreads[wet].strip() else ""
     return [
         ("joints", list(robot.joint_names), "", robot.name),
         *(

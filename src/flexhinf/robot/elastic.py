@@ -213,6 +213,8 @@ def reflected(
                 continue
             if quantity == "motor_inertia" and per_joint("rotor_inertia", joint, len(joints)) in values:
                 column.append(ratio * ratio * of("rotor_inertia", joint) + of("hub_inertia", joint, 0.0))
+            elif quantity == "static_friction":  # of a joint that states none, it does not fall with speed
+                column.append(of(quantity, joint, of("coulomb_friction", joint, 0.0)))
             elif quantity in OPTIONAL and quantity != "inductance":
                 column.append(of(quantity, joint, DEFAULTS[quantity]))
             else:

@@ -19,6 +19,7 @@ from flexhinf.robot.arm import Arm, Links, Pendulum
 from flexhinf.robot.elastic import (
     DRIVES,
     DRY,
+    EXTRAS,
     ORDERS,
     SPRING,
     ElasticFlow,
@@ -500,9 +501,30 @@ class Robot(Summarised):
 
     def draw(self, rng: np.random.Generator) -> dict[str, Any]:
         """Parameters of a plant (`Plant.with_parameters`), the uncertain ones uniform in their intervals."""
-        return self.plant_parameters(
-            {**self.nominal, **{p.name: float(rng.uniform(*p.interval)) for p in self.uncertain}}
+        values = {p.name: float(rng.uniform(*p.interval)) for p in self.uncertain}
+        return self.plant_parameters(self.varied(values))
+
+    @cached_property
+    def dry_by_viscous(self) -> dict[str, str]:
+        """Names of dry friction that states no tolerance, and of the viscous friction of the same joint, in proportion
+        to which it varies."""
+        joints, own = (
+            self.joint_names,
+            {p.name for p in self.parameters if p.tolerance or p.range is not None},
         )
+        pairs = [
+            tuple(per_joint(name, joint, len(joints)) for name in (EXTRAS[kind], "friction"))
+            for kind in DRY for joint in joints
+        ]  # fmt: skip
+        return {dry: wet for dry, wet in pairs if dry in {*self.nominal} - own and self.nominal[wet] > 0.0}
+
+    def varied(self, values: Mapping[str, float]) -> dict[str, float]:
+        """All numbers by name, those of `values` in place of the nominal ones, with `dry_by_viscous`."""
+        dry = {
+            name: self.nominal[name] * values[wet] / self.nominal[wet]
+            for name, wet in self.dry_by_viscous.items() if wet in values
+        }  # fmt: skip
+        return {**self.nominal, **dry, **values}
 
     def corner(self, signs: Mapping[str, float] | Sequence[float]) -> PlantValues:
         """Parameters of a plant (`Plant.with_parameters`), the uncertain ones at one end of their intervals.
@@ -526,7 +548,8 @@ class Robot(Summarised):
                     f"expected −1 to 1, got {sign!r}",
                     "−1, 0 or 1",
                 )
-        return self.plant_parameters({p.name: p.at(float(signs.get(p.name, 0.0))) for p in self.parameters})
+        moved = {p.name: p.at(float(signs[p.name])) for p in self.uncertain if signs.get(p.name)}
+        return self.plant_parameters(self.varied(moved))
 
     @cached_property
     def heaviest(self) -> dict[str, Any]:

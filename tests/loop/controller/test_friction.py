@@ -12,7 +12,9 @@ from flexhinf.design.plans import stated_dry_friction
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import DryFriction
 from flexhinf.loop.controller.friction import friction_input
+from flexhinf.plant import Parameters
 from flexhinf.robot import Parameter
+from flexhinf.robot.elastic import torque_per_input
 
 FORCE, SMOOTHING, TIME, GOAL = 2.0, 0.02, 2.0, 1.0
 ARM = fh.paper_arm().with_parameters(
@@ -88,10 +90,30 @@ def test_it_is_the_formula_and_hardly_hears_noise_below_the_smoothing() -> None:
     commands = {
         speed: np.array([9.0, 9.0, *speed]) for speed in ((0.0, 0.0), (8e-4, -1.6e-3), (0.0025, -1.0))
     }
-    still, noisy, moving = (friction_input((2, 3), r, level, smoothing) for r in commands.values())
+    table = np.array([level, smoothing])
+    still, noisy, moving = (friction_input((2, 3), r, table) for r in commands.values())
     np.testing.assert_array_equal(still, 0.0)
     assert np.all(np.abs(noisy) < 0.04 * level)
     np.testing.assert_allclose(moving, [2.0 * np.tanh(1.0), -0.5], rtol=1e-12)
+    curve = np.array([*table, [3.0, 0.5], [0.5, 0.1]])
+    for speed in (0.1, 0.5, 3.0):  # Stribeck's, which falls from 3 to 2; the second motor states none
+        found = friction_input((2, 3), np.array([0.0, 0.0, speed, speed]), curve)
+        np.testing.assert_allclose(found, [2.0 + np.exp(-((speed / 0.5) ** 2)), 0.5], rtol=1e-12)
+
+
+def test_a_joint_without_a_static_friction_keeps_its_own_at_low_speeds() -> None:
+    """It had none there, in the true plant too, where another joint stated one."""
+    arm = fh.load_robot("planar-two-link").with_parameters(
+        Parameter("static_friction_shoulder", 1.5), Parameter("stribeck_velocity_shoulder", 0.2)
+    )
+    p = arm.plant_parameters()
+    gain = torque_per_input(arm.drive, Parameters(p))
+    np.testing.assert_array_equal(p["static_friction"], [1.5, arm.nominal["coulomb_friction_elbow"]])
+    friction = stated_dry_friction(arm)
+    assert friction is not None
+    np.testing.assert_allclose(friction.static, p["static_friction"] / gain)
+    np.testing.assert_allclose(friction.level, p["coulomb_friction"] / gain)
+    assert friction.stribeck == (0.2, 0.1)
 
 
 @pytest.mark.costs("compiles two steps of a filter with latency")

@@ -20,9 +20,9 @@ from flexhinf.design.plans import (
     move_reference,
     quintic_move,
     settled,
+    stated_backlash,
     stated_dry_friction,
     true_robot,
-    with_extras,
 )
 from flexhinf.design.responses import Move, Response, integral_dead_zone, with_values
 from flexhinf.design.specification import RINGS, RIPPLE, Specification
@@ -124,29 +124,14 @@ class WorkspaceSetup(LoopPlants):
 
     @cached_property
     def true(self) -> LoopPlants:
-        """Plants of the true robot, whose springs are damped as the file states, or as no real spring is without. Law,
-        estimator and feedforward know no damping."""
+        """The robot with what `true_robot` adds. Law, estimator and feedforward know no damping."""
         return LoopPlants(*true_robot(self.robot, self.specification))
-
-    @cached_property
-    def true_plant(self) -> Plant:
-        """The true robot with the extras."""
-        return self.true.true_plant
-
-    @cached_property
-    def smooth_plant(self) -> Plant:
-        """The true plant of the linear loop."""
-        return self.true.smooth_plant
 
     @cached_property
     def undamped_plant(self) -> Plant:
         """That of the linear loop with springs that nothing damps."""
         extras = tuple(name for name in self.specification.extras if name in SMOOTH_EXTRAS and name != DAMPED)
         return self.robot.plant(self.specification.measured, extras=extras)
-
-    def plant_with_friction(self, at: np.ndarray) -> tuple[tuple[str, ...], Plant, int] | None:
-        """As that of the true robot."""
-        return self.true.plant_with_friction(at)
 
     @cached_property
     def noise_levels(self) -> EstimatorNoise:
@@ -225,6 +210,7 @@ class WorkspaceSetup(LoopPlants):
         own = {
             "offset_time": None if s.estimator == "none" else OFFSET_TIME, "integral_dead_zone": self.dead_zone,
             "dry_friction": stated_dry_friction(self.robot),
+            "backlash": None if s.estimator == "none" else stated_backlash(self.robot, self.model.outputs),
         }  # fmt: skip
         return Controller(
             replace(self.law, equilibrium=held), self.estimator(at), s.period, self.limits.saturated, moving=True,
@@ -377,12 +363,10 @@ class WorkspaceSetup(LoopPlants):
 
     @cached_property
     def dry_plant(self) -> tuple[tuple[str, ...], Plant, int | None]:
-        """Extras of the true robot, with the dry friction and the backlash that it states; its plant, and Runge–Kutta
-        steps per period, None without dry friction."""
-        s, gaps = self.true.specification, ("backlash",) if np.any(self.backlash > 0.0) else ()
-        own = LoopPlants(self.true.robot, with_extras(s, *gaps))
-        extras = own.specification.extras
-        return own.plant_with_friction(np.array(self.robot.home)) or (extras, own.true_plant, None)
+        """Extras of the true robot; its plant, whose dry friction sticks, and Runge–Kutta steps per period, None
+        without dry friction."""
+        extras, home = self.true.specification.extras, np.array(self.robot.home)
+        return self.plant_with_friction(home) or (extras, self.true_plant, None)
 
     @property
     def may_swing(self) -> bool:

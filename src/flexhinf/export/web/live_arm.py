@@ -22,6 +22,7 @@ from flexhinf.export.controller_c import ControllerCode, code_of
 from flexhinf.export.filling import arithmetic, fill
 from flexhinf.export.web.rival import MotorGains, stiff_gains, tuned_gains, vibration_period
 from flexhinf.loop import Controller, Waypoints
+from flexhinf.loop.controller.friction import SHARPNESS
 from flexhinf.plant import Parameters, ParameterTable, Plant, sub_steps
 from flexhinf.plant.integration import fastest_modes
 from flexhinf.plant.joints import elastic_joints, joint_places, joint_ranges, standstill_function
@@ -196,7 +197,8 @@ class LiveArm:
     def friction(self) -> str:
         """Which friction acts on the arms, as a sentence."""
         if any(name in self.extras for name in DRY):
-            return "Both arms have the viscous and the dry friction of the robot file, the latter smoothed."
+            added = ". Both controllers add it" * (self.controller.dry_friction is not None)
+            return f"Both arms have the viscous and the dry friction of the robot file, the latter smoothed{added}."
         more = "the file's dry friction is left out" if self.left_out else "the file states no dry friction"
         return f"Both arms have the viscous friction of the robot file; {more}."
 
@@ -254,6 +256,7 @@ class LiveArm:
             STIFF_GAIN=_listed([*self.stiff.proportional, *self.stiff.derivative]),
             STIFF_CUTOFF=_listed(self.stiff.cutoff),
             GAIN=_listed([*gains.proportional, *gains.derivative]), CUTOFF=_listed(gains.cutoff),
+            DRY=_listed(self._dry.ravel()), SHARPNESS=constant(SHARPNESS, DOUBLE),
             LOWER=_listed(limits.lower), UPPER=_listed(limits.upper), COMMAND_OF=self._commanded,
             MOTOR_OF=", ".join(map(str, self._motors)),
             PARENTS=", ".join(str(parent) for parent in self.robot.links.tree.parents),
@@ -264,6 +267,13 @@ class LiveArm:
             OUTPUT=_call(output, ["a->x", "a->u", "a->p"], "a->y"), PACK=_call(pack, ["a->numbers"], "a->p"),
             FRAMES=_call(frames, ["q"], "out"), **self._beginning,
         )  # fmt: skip
+
+    @property
+    def _dry(self) -> np.ndarray:
+        """Numbers of dry friction (4, n) that the controller overcomes, and so the PD: as `DryFriction.table`."""
+        own, n = self.controller.dry_friction, len(self.robot.joint_names)
+        table = np.vstack([np.zeros(n), np.ones(n)]) if own is None else own.table
+        return table if len(table) == 4 else np.vstack([table, table[0], np.ones(n)])
 
     @property
     def _motors(self) -> list[int]:

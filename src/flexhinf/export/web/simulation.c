@@ -55,6 +55,8 @@ static int latency = LATENCY, sensing = 1, sub_steps = 1, ghost_sub_steps = 1;
 
 /* Where each command comes from: an element of the wanted state and, behind it, of the wanted input. */
 static const int command_of[COMMANDS ? COMMANDS : 1] = {@COMMAND_OF@};
+/* Dry friction that both controllers overcome: its level, smoothing speed, level at rest, and speed of its fall. */
+static const double dry[4 * JOINTS] = {@DRY@};
 /* The state that each joint's motor position and speed are; of a rigid joint those of its link. */
 static const int motor_of[2 * JOINTS] = {@MOTOR_OF@};
 
@@ -204,6 +206,14 @@ static void controlled(arm *a, @NAME@_state *state, const double *r)
     }
 }
 
+/* What dry friction takes of an input at a commanded speed, as in the controller. */
+static double overcome(int i, double speed)
+{
+    const double *level = dry, *smoothing = dry + JOINTS, *most = dry + 2 * JOINTS, *slow = dry + 3 * JOINTS;
+    const double ratio = @SHARPNESS@ * speed / smoothing[i], share = speed / slow[i];
+    return (level[i] + (most[i] - level[i]) * exp(-(share * share))) * tanh(ratio * ratio * ratio);
+}
+
 /* u = u_d - Kp (theta - theta_d) - Kd (rate - rate_d), within the limits; the rate is a filtered difference. */
 static void by_pd(arm *a, const double *xu)
 {
@@ -215,7 +225,7 @@ static void by_pd(arm *a, const double *xu)
         double u;
         a->rate[i] += (1.0 - exp(-cutoff[stiff][i] * period)) * ((theta - a->seen[i]) / period - a->rate[i]);
         a->seen[i] = theta;
-        u = xu[STATES + i] - kp[i] * (theta - aim) - kd[i] * (a->rate[i] - speed);
+        u = xu[STATES + i] + overcome(i, speed) - kp[i] * (theta - aim) - kd[i] * (a->rate[i] - speed);
         a->output[i] = u < lower[i] ? lower[i] : u > upper[i] ? upper[i] : u;
     }
 }

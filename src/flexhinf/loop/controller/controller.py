@@ -14,6 +14,7 @@ from flexhinf.codegen import DIRECT, Block, Buffer, Call, Composer, Direct, Slic
 from flexhinf.codegen.program import Step
 from flexhinf.codegen.shared import share
 from flexhinf.errors import ControllerInUse, InvalidInput
+from flexhinf.loop.controller.backlash import Backlash
 from flexhinf.loop.controller.data import data_values
 from flexhinf.loop.controller.estimated import EstimatedStates, balance, compensated_places
 from flexhinf.loop.controller.friction import DryFriction
@@ -114,12 +115,11 @@ class Controller(Summarised):
         What the controller watches and how it reacts, see `status`; by default nothing.
     offset_time : float, optional
         s. The first good measurement is taken for that of the state at which the controller starts, whatever the
-        offsets of the encoders; the difference decays with this time constant instead of acting at once. It needs an
-        estimator.
+        offsets of the encoders; the difference decays with this time constant. It needs an estimator.
     windup : Windup, optional
         The bound of integral action stored in a file; by default it follows from law and model.
-    dry_friction : DryFriction, optional
-        What the input has beside u_d of a moving reference, see `flexhinf.loop.controller.friction`.
+    dry_friction, backlash : DryFriction and Backlash, optional
+        What motors have beside a moving reference's model: `flexhinf.loop.controller.friction`, and `.backlash`.
     measurement_limits : tuple (lower, upper, rate), optional
         Least and largest measurement and largest change per s, numbers or (p,) each, infinite for none. An element
         beyond them, or that moved faster since it was last plausible, is missing, and counted in `rejected`.
@@ -167,6 +167,7 @@ class Controller(Summarised):
         compensate: Sequence[str] | str | None = None,
         measurement_limits: Any = None,
         dry_friction: DryFriction | None = None,
+        backlash: Backlash | None = None,
     ) -> None:
         self.law, self.estimator = solution, estimator
         self.gaps = estimator is not None  # elements of a measurement may be missing
@@ -185,7 +186,8 @@ class Controller(Summarised):
         compensated = compensated_places(compensate, solution, estimator)
         if compensated and estimator is not None:
             self.balance = balance(self.laws, estimator, self.estimated_states, compensated)
-        self.supervision, self._windup_option, self.dry_friction = supervision, windup, dry_friction
+        self.supervision, self._windup_option = supervision, windup
+        self.dry_friction, self.backlash = dry_friction, backlash
         self.watched = watched_numbers(supervision, self.limits, len(self.tracked), self.period)
         self.offset_time = checked_offset_time(offset_time, estimator)
         self.measurement_limits = checked_measurement_limits(measurement_limits, estimator)
@@ -200,6 +202,7 @@ class Controller(Summarised):
             offset_time is not None, self.estimated_states.places, compensated, self.measurement_limits is not None,
             dry_friction.places(self.states, solution.input_names, moving) if dry_friction else (),
             velocity_places(self.states) if moving and self.supervision else (),
+            backlash.places(estimator, self.states, moving) if backlash else (),
         )  # fmt: skip
         self.first_input = FirstInput(before_first, solution, estimator, self.limits)
         self.blend_time = checked_blend_time(blend_time, self.mode.takes_over)
@@ -249,7 +252,7 @@ class Controller(Summarised):
                if mode.limits_command else {}),
             **({"integral_dead_zone": self.integral_dead_zone} if mode.has_dead_zone else {}),
             **({"offset_time": self.offset_time} if mode.has_offset else {}),
-            **{name: each for name in ("supervision", "dry_friction") if (each := getattr(self, name))},
+            **{name: each for name in ("supervision", "dry_friction", "backlash") if (each := getattr(self, name))},
             **({"measurement_limits": self.measurement_limits} if mode.checks_measurements else {}),
             **({"windup": self.windup} if mode.bounds_windup or self._windup_option is not None else {}),
             **({"compensate": tuple(self.estimated[k] for k in mode.compensated)} if mode.compensated else {}),
@@ -387,8 +390,8 @@ class Controller(Summarised):
         )  # fmt: skip
 
     def _stepped(self, y: Any, r: Any, memory: Any, data: Any, run: Any = DIRECT) -> Any:
-        law, estimator = self.law_code, self.estimator
-        return controller_step(law, estimator, self._sources, y, r, memory, data, run, self.mode)
+        own = self.law_code, self.estimator, self._sources
+        return controller_step(*own, y, r, memory, data, run, self.mode)
 
     def traced(self, run: Direct = DIRECT) -> Any:
         """(y, r, memory, data) → (u, estimate, memory) as one CasADi function, after what the run records."""
@@ -443,8 +446,7 @@ class Controller(Summarised):
     def step(self, y: Any, reference: Any = None) -> np.ndarray:
         """Input u (m,) for the measurement y (p,) and the command (k,), or (n + m,) of a moving reference.
 
-        A plain number will do for one signal. Without a command the last one is kept (that of the operating
-        point at first).
+        A plain number will do for one signal. Without a command the last one, at first the operating point's, is kept.
 
         A step is made whole or not at all: where it raises, memory and estimate stay those of the last good sample. NaN
         or an infinite number in y means that this sensor gave nothing: the others correct the estimate, and integrals
@@ -546,8 +548,7 @@ class Controller(Summarised):
         return min(max(rate, 0.0), 1.0)  # as in C: rounding may leave −5e-15
 
     def reset(self, state: Any = None, input: Any = None, *, pose: Any = None) -> None:
-        """Forget: integrals zero, no command, belief initial, with the mean at `state` if given, one number for each of
-        `estimated`.
+        """Forget: integrals zero, no command, belief initial, with the mean at `state` if given, (N,) of `estimated`.
 
         With `pose` (k,), the tracked positions in place of the state, the controller starts at rest anywhere: belief
         and input are those of the model's equilibrium there, the command is the pose until there is another, and
@@ -583,8 +584,7 @@ class Controller(Summarised):
 
 
 def load_controller(path: str | os.PathLike[str]) -> Controller:
-    """A controller from a file of `Controller.save`, or from the folder of a report, at its start: its steps are the
-    same, bit by bit.
+    """A controller from a file of `Controller.save` or the folder of a report, at its start: its steps have its bits.
 
     An InvalidInput says that the file is not there, is no such file, is damaged, or is of another version.
 

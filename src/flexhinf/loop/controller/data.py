@@ -60,7 +60,9 @@ def data_values(controller: Any, slopes: Sequence[np.ndarray]) -> dict[str, np.n
     if mode.has_dead_zone:
         values["integral_dead_zone"] = c.integral_dead_zone
     if mode.speeds:
-        values |= {"friction_level": c.dry_friction.level, "friction_smoothing": c.dry_friction.smoothing}
+        values["dry_friction"] = c.dry_friction.table
+    if mode.gaps:
+        values["backlash"] = c.backlash.width
     if mode.bounds_windup:
         bound = c.windup
         values |= {

@@ -21,6 +21,7 @@ import numpy as np
 
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import read_arrays, write_arrays
+from flexhinf.loop.controller.backlash import Backlash
 from flexhinf.loop.controller.friction import DryFriction
 from flexhinf.loop.controller.options import Windup
 from flexhinf.loop.controller.status import Supervision
@@ -266,7 +267,9 @@ PAIRS = {
 ARRAYS = ("input_rate", "command_rate", "integral_dead_zone", "before_first")
 
 #: Options that are made of several named ones.
-NAMED: dict[str, Callable[..., Any]] = {"supervision": Supervision, "dry_friction": DryFriction}
+NAMED: dict[str, Callable[..., Any]] = {
+    "supervision": Supervision, "dry_friction": DryFriction, "backlash": Backlash,
+}  # fmt: skip
 
 #: Options that have another name in a file.
 IN_FILE = {"blend_time": "fade"}
@@ -294,7 +297,7 @@ def write_controller(
             arrays |= dict(zip(PAIRS[name], option))
         elif isinstance(option, Windup):
             arrays |= _prefixed(f"{name}.", vars(option))
-        elif isinstance(option, (Supervision, DryFriction)):
+        elif name in NAMED:
             plain[name] = option.settings()
         elif isinstance(option, np.ndarray):
             arrays[name] = option

@@ -32,6 +32,7 @@ import numpy as np
 
 from flexhinf.codegen import DIRECT, gives
 from flexhinf.errors import InvalidInput
+from flexhinf.loop.controller.backlash import Place, engaged
 from flexhinf.loop.controller.friction import modelled, overcoming
 from flexhinf.loop.controller.law_code import LawCode
 from flexhinf.loop.controller.measured import Source, corrected, faded, plausible, positions, refusals
@@ -55,6 +56,7 @@ class Mode:
     loads that the input balances. `checks_measurements`: what is out of its range, or moves too fast, is missing.
     `speeds`: places of the motors' velocities, where dry friction is overcome by them.
     `velocities`: places of the law's states that are zero at rest, where a moving reference may be held.
+    `gaps`: places of links and motors with backlash between them.
     """
 
     moving: bool = False
@@ -72,6 +74,7 @@ class Mode:
     checks_measurements: bool = False
     speeds: tuple[int, ...] = ()
     velocities: tuple[int, ...] = ()
+    gaps: tuple[Place, ...] = ()
 
     @property
     def eases(self) -> bool:
@@ -148,12 +151,14 @@ def controller_step(
     if mode.latency:
         run.section("Inputs that wait for their instant, and the one that acted until this sample")
         queue, *waiting, acted = run.call(_waiting, memory.u, memory.queue)
-    level = (data.friction_level, data.friction_smoothing) if mode.speeds else ()
     if mode.speeds and estimator is not None:
         run.section("These inputs less what dry friction takes, which the estimator's model does not have")
-        commands = (memory.reference, *((memory.commands,) if mode.latency else ()))
-        *waiting, acted = run.call(partial(modelled, mode.speeds), *level, *commands, *waiting, acted)
-    beliefs, ahead, push, doubt, seen = [], estimate, None, None, None
+        commands = [memory.reference, *(run.call(_rows, memory.commands) if mode.latency else ())]
+        *waiting, acted = (
+            run.call(partial(modelled, mode.speeds), u, command, data.dry_friction)
+            for u, command in zip([*waiting, acted], commands, strict=True)
+        )
+    beliefs, ahead, push, doubt, seen, gap = [], estimate, None, None, None, None
     offset = [memory.offset, memory.offset_known] if mode.has_offset else [None, None]
     if estimator is not None:
         belief = type(estimator.initial)(*memory.belief)
@@ -166,6 +171,8 @@ def controller_step(
         if mode.has_offset:
             expected = run.call(estimator.plant.evaluate_output, belief.mean, acted, data.parameters)
             y, *offset = run.call(partial(faded, turns), y, expected, *offset, data.offset_decay)
+        if mode.gaps:
+            y, gap = run.call(partial(engaged, mode.gaps, turns), y, r, data.backlash)
         belief, y = corrected(run, estimator, belief, y, acted, data)
         seen = run.call(refusals, seen, measurement, y) if mode.checks_measurements else None
         estimate = belief.mean
@@ -220,7 +227,7 @@ def controller_step(
     operating_input = r[len(estimate) :] if mode.moving else operating_input
     operating_input = operating_input if push is None else run.call(np.add, operating_input, push)
     if mode.speeds:
-        operating_input = run.call(partial(overcoming, mode.speeds), operating_input, r, *level)
+        operating_input = run.call(partial(overcoming, mode.speeds), operating_input, r, data.dry_friction)
     wanted, commands = r, None
     if mode.command_lead:
         commands, wanted, held = run.call(_passed, memory.started, r, held, memory.commands)
@@ -275,8 +282,11 @@ def controller_step(
     u = after["u"]
     if mode.reactions:
         run.section("What is watched, and the status")
+        y = y if gap is None else run.call(np.subtract, y, gap)
         if mode.has_offset:
             position = run.call(partial(_as_measured, tracked), y, offset[0], estimate)
+        elif gap is not None:
+            position = run.call(partial(positions, tracked), y, estimate)
         after["watch"], after["status"] = run.call(
             partial(observed, boxed, mode.reactions), u, requested, memory.reference, position, commanded,
             memory.started, memory.watch, data.lower, data.upper, data.workspace, data.swings, data.watching,
@@ -284,7 +294,7 @@ def controller_step(
         )  # fmt: skip
     if estimator is not None:
         if mode.speeds and not beliefs:
-            (u,) = run.call(partial(modelled, mode.speeds), *level, r, u)
+            u = run.call(partial(modelled, mode.speeds), u, r, data.dry_friction)
         after["belief"] = (beliefs or predict_ahead(run, estimator, belief, [u], data))[0]
     return after["u"], whole, after
 
@@ -329,6 +339,11 @@ def _waiting(last: Any, queue: Any) -> tuple[Any, ...]:
     this sample."""
     rows = [last, *queue]
     return np.stack(rows[:-1]), *rows
+
+
+@gives("*command_before")
+def _rows(commands: Any) -> tuple[Any, ...]:
+    return tuple(commands)
 
 
 @gives("commands_next", "wanted", "held")
