@@ -17,6 +17,7 @@ from flexhinf.errors import ControllerInUse, InvalidInput
 from flexhinf.loop.controller.data import data_values
 from flexhinf.loop.controller.estimated import EstimatedStates, balance, compensated_places
 from flexhinf.loop.controller.friction import DryFriction
+from flexhinf.loop.controller.governor import Governor
 from flexhinf.loop.controller.law_code import LawCode, law_slope
 from flexhinf.loop.controller.laws import Schedule, check_kinds, read_controller, write_controller
 from flexhinf.loop.controller.measured import Source, within
@@ -52,8 +53,7 @@ from flexhinf.plant import Estimator, Law, python_control
 from flexhinf.scalars import drop_empty, trace
 from flexhinf.validation import read_only, real_array, value_text
 
-#: Operations up to which a step is one trace: common subexpressions are then shared between all of its parts.
-#: Above, it is composed of pieces in loops.
+#: Operations up to which a step is one trace, whose parts share subexpressions; above, it is of pieces in loops.
 ONE_TRACE = 5_000
 
 READ, WRITTEN = ("y", "r", "memory", "data"), ("u", "estimate", "after")
@@ -93,15 +93,14 @@ class Controller(Summarised):
     command_range : None, float, (k,) array or tuple (lower, upper), optional
         The command is moved to the nearest position in this range. A number or an array means ±.
     command_rate : float or (k,) array, optional
-        The command moves by at most so much per second, from where the joints are at the first sample. The integrals
-        count the error to the command so limited, so that they do not wind up while the joints are on their way, or
-        cannot get there. Both limits are for standing commands; with `moving`, plan within them.
+        The command moves by at most so much per second, from where the joints are at the first sample. Integrals count
+        the error to this one, and do not wind up on the way. Both limits are for standing commands, not for `moving`.
     input_rate : float or (m,) array, optional
         The input changes by at most so much per second, from that before the first sample on (see `reset`); integrals
         as with `saturation`.
     integral_dead_zone : float or (k,) array, optional
-        Errors up to this size stay and are not integrated, and of larger ones only what lies beyond it. Against limit
-        cycles, where dry friction holds a joint beside the command until the integral has broken it loose.
+        Errors up to this size stay, and of larger ones only what lies beyond it is integrated. Against limit cycles,
+        where dry friction holds a joint beside the command until the integral has broken it loose.
     before_first : {"hold", "zero"} or (m,) array
         The input until the first good measurement, from which the first output continues: the one that holds the robot
         at the initial estimate (by its model; without one the operating input), zero, or these numbers.
@@ -118,8 +117,8 @@ class Controller(Summarised):
         estimator.
     windup : Windup, optional
         The bound of integral action stored in a file; by default it follows from law and model.
-    dry_friction : DryFriction, optional
-        What the input has beside u_d of a moving reference, see `flexhinf.loop.controller.friction`.
+    dry_friction, governor : DryFriction, Governor, optional
+        What the input has beside u_d of a moving reference, and how joints come back that are far from it.
     measurement_limits : tuple (lower, upper, rate), optional
         Least and largest measurement and largest change per s, numbers or (p,) each, infinite for none. An element
         beyond them, or that moved faster since it was last plausible, is missing, and counted in `rejected`.
@@ -167,6 +166,7 @@ class Controller(Summarised):
         compensate: Sequence[str] | str | None = None,
         measurement_limits: Any = None,
         dry_friction: DryFriction | None = None,
+        governor: Governor | None = None,
     ) -> None:
         self.law, self.estimator = solution, estimator
         self.gaps = estimator is not None  # elements of a measurement may be missing
@@ -185,7 +185,8 @@ class Controller(Summarised):
         compensated = compensated_places(compensate, solution, estimator)
         if compensated and estimator is not None:
             self.balance = balance(self.laws, estimator, self.estimated_states, compensated)
-        self.supervision, self._windup_option, self.dry_friction = supervision, windup, dry_friction
+        self.supervision, self._windup_option = supervision, windup
+        self.dry_friction, self.governor = dry_friction, governor
         self.watched = watched_numbers(supervision, self.limits, len(self.tracked), self.period)
         self.offset_time = checked_offset_time(offset_time, estimator)
         self.measurement_limits = checked_measurement_limits(measurement_limits, estimator)
@@ -200,6 +201,7 @@ class Controller(Summarised):
             offset_time is not None, self.estimated_states.places, compensated, self.measurement_limits is not None,
             dry_friction.places(self.states, solution.input_names, moving) if dry_friction else (),
             velocity_places(self.states) if moving and self.supervision else (),
+            governor.places(self.states, self.tracked, moving, supervision) if governor else (),
         )  # fmt: skip
         self.first_input = FirstInput(before_first, solution, estimator, self.limits)
         self.blend_time = checked_blend_time(blend_time, self.mode.takes_over)
@@ -249,7 +251,7 @@ class Controller(Summarised):
                if mode.limits_command else {}),
             **({"integral_dead_zone": self.integral_dead_zone} if mode.has_dead_zone else {}),
             **({"offset_time": self.offset_time} if mode.has_offset else {}),
-            **{name: each for name in ("supervision", "dry_friction") if (each := getattr(self, name))},
+            **{name: each for name in ("supervision", "dry_friction", "governor") if (each := getattr(self, name))},
             **({"measurement_limits": self.measurement_limits} if mode.checks_measurements else {}),
             **({"windup": self.windup} if mode.bounds_windup or self._windup_option is not None else {}),
             **({"compensate": tuple(self.estimated[k] for k in mode.compensated)} if mode.compensated else {}),
@@ -353,7 +355,7 @@ class Controller(Summarised):
         return {
             **belief, "u": u, "integral": zeros, "position": zeros, "reference": self.operating_reference,
             "started": np.zeros(1), **({"bias": np.zeros(len(u))} if mode.takes_over else {}),
-            **({"active": np.eye(mode.laws)[0]} if mode.laws > 1 else {}),
+            **({"active": np.eye(mode.laws)[0]} if mode.laws > 1 else {}), **({"far": zeros} if mode.governed else {}),
             **({"command": self.operating_reference if mode.moving else zeros} if mode.changes_command else {}),
             **first_counters(len(u), len(zeros), mode.reactions),
             **(dict.fromkeys(("offset", "offset_known"), np.zeros(len(self.measured))) if mode.has_offset else {}),
@@ -443,8 +445,7 @@ class Controller(Summarised):
     def step(self, y: Any, reference: Any = None) -> np.ndarray:
         """Input u (m,) for the measurement y (p,) and the command (k,), or (n + m,) of a moving reference.
 
-        A plain number will do for one signal. Without a command the last one is kept (that of the operating
-        point at first).
+        A plain number will do for one signal. Without a command the last one is kept, at first the operating point's.
 
         A step is made whole or not at all: where it raises, memory and estimate stay those of the last good sample. NaN
         or an infinite number in y means that this sensor gave nothing: the others correct the estimate, and integrals
@@ -546,8 +547,7 @@ class Controller(Summarised):
         return min(max(rate, 0.0), 1.0)  # as in C: rounding may leave −5e-15
 
     def reset(self, state: Any = None, input: Any = None, *, pose: Any = None) -> None:
-        """Forget: integrals zero, no command, belief initial, with the mean at `state` if given, one number for each of
-        `estimated`.
+        """Forget: integrals zero, no command, belief initial, with the mean at `state`, as `estimated`, if it is given.
 
         With `pose` (k,), the tracked positions in place of the state, the controller starts at rest anywhere: belief
         and input are those of the model's equilibrium there, the command is the pose until there is another, and

@@ -61,6 +61,8 @@ def data_values(controller: Any, slopes: Sequence[np.ndarray]) -> dict[str, np.n
         values["integral_dead_zone"] = c.integral_dead_zone
     if mode.speeds:
         values |= {"friction_level": c.dry_friction.level, "friction_smoothing": c.dry_friction.smoothing}
+    if mode.governed:
+        values["governor"] = c.governor.data(c.period)
     if mode.bounds_windup:
         bound = c.windup
         values |= {

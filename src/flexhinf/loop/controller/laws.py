@@ -22,6 +22,7 @@ import numpy as np
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import read_arrays, write_arrays
 from flexhinf.loop.controller.friction import DryFriction
+from flexhinf.loop.controller.governor import Governor
 from flexhinf.loop.controller.options import Windup
 from flexhinf.loop.controller.status import Supervision
 from flexhinf.plant import Estimator, Law, ParameterTable, Plant, StoredCode
@@ -266,7 +267,11 @@ PAIRS = {
 ARRAYS = ("input_rate", "command_rate", "integral_dead_zone", "before_first")
 
 #: Options that are made of several named ones.
-NAMED: dict[str, Callable[..., Any]] = {"supervision": Supervision, "dry_friction": DryFriction}
+NAMED: dict[str, Callable[..., Any]] = {
+    "supervision": Supervision,
+    "dry_friction": DryFriction,
+    "governor": Governor,
+}
 
 #: Options that have another name in a file.
 IN_FILE = {"blend_time": "fade"}
@@ -294,7 +299,7 @@ def write_controller(
             arrays |= dict(zip(PAIRS[name], option))
         elif isinstance(option, Windup):
             arrays |= _prefixed(f"{name}.", vars(option))
-        elif isinstance(option, (Supervision, DryFriction)):
+        elif isinstance(option, (Supervision, DryFriction, Governor)):
             plain[name] = option.settings()
         elif isinstance(option, np.ndarray):
             arrays[name] = option

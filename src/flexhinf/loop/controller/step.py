@@ -33,6 +33,7 @@ import numpy as np
 from flexhinf.codegen import DIRECT, gives
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.friction import modelled, overcoming
+from flexhinf.loop.controller.governor import governed, unwound
 from flexhinf.loop.controller.law_code import LawCode
 from flexhinf.loop.controller.measured import Source, corrected, faded, plausible, positions, refusals
 from flexhinf.loop.controller.status import doubted, eased, eases, observed, reaction
@@ -54,7 +55,8 @@ class Mode:
     taken in slowly. `own`: places of the law's states in the estimate, where that has more; `compensated`: those of
     loads that the input balances. `checks_measurements`: what is out of its range, or moves too fast, is missing.
     `speeds`: places of the motors' velocities, where dry friction is overcome by them.
-    `velocities`: places of the law's states that are zero at rest, where a moving reference may be held.
+    `velocities`: places of the law's states that are zero at rest, where a moving reference may be held. `governed`: of
+    each tracked position, those of the states that are shifted with it, where far joints are brought back slowly.
     """
 
     moving: bool = False
@@ -72,6 +74,7 @@ class Mode:
     checks_measurements: bool = False
     speeds: tuple[int, ...] = ()
     velocities: tuple[int, ...] = ()
+    governed: tuple[tuple[int, ...], ...] = ()
 
     @property
     def eases(self) -> bool:
@@ -96,7 +99,7 @@ class Mode:
     @property
     def changes_command(self) -> bool:
         """Whether the law may act on another command than was requested."""
-        return self.limits_command or bool({"hold", "limit"} & set(self.reactions))
+        return self.limits_command or bool(self.governed) or bool({"hold", "limit"} & set(self.reactions))
 
     def __post_init__(self) -> None:
         checked_kind(
@@ -151,7 +154,8 @@ def controller_step(
     level = (data.friction_level, data.friction_smoothing) if mode.speeds else ()
     if mode.speeds and estimator is not None:
         run.section("These inputs less what dry friction takes, which the estimator's model does not have")
-        commands = (memory.reference, *((memory.commands,) if mode.latency else ()))
+        acted_on = memory.command if mode.changes_command else memory.reference
+        commands = (acted_on, *((memory.commands,) if mode.latency else ()))
         *waiting, acted = run.call(partial(modelled, mode.speeds), *level, *commands, *waiting, acted)
     beliefs, ahead, push, doubt, seen = [], estimate, None, None, None
     offset = [memory.offset, memory.offset_known] if mode.has_offset else [None, None]
@@ -205,6 +209,13 @@ def controller_step(
             partial(_limited, tracked), y, estimate, r, held, memory.started, data.period, data.command_lower,
             data.command_upper, data.command_rate,
         )  # fmt: skip
+    far, lag = None, ()
+    if mode.governed:
+        run.section("Joints that are far from the command are shown one that brings them back slowly")
+        r, far, *lag = run.call(
+            partial(governed, tracked, mode.governed), y, estimate, r, memory.command, memory.far, memory.started,
+            data.period, data.governor,
+        )  # fmt: skip
     active: Any = None
     run.section("Tracked positions, their integrals, and the law's argument")
     point, operating_input, relief = data.operating_point, data.operating_input, data.integral_relief
@@ -224,14 +235,15 @@ def controller_step(
     wanted, commands = r, None
     if mode.command_lead:
         commands, wanted, held = run.call(_passed, memory.started, r, held, memory.commands)
-    commanded = wanted
+    commanded = requested if mode.governed else wanted
     others = (
         *((r, wanted) if mode.moving else ()),
         *((data.integral_dead_zone,) if mode.has_dead_zone else ()),
+        *lag,
     )
     position, integral, deviation = run.call(
-        partial(_deviation, tracked, mode.moving), y, estimate, ahead, memory.position, held, memory.integral,
-        memory.started, data.period, point, *others,
+        partial(_deviation, tracked, mode.moving, bool(lag)), y, estimate, ahead, memory.position, held,
+        memory.integral, memory.started, data.period, point, *others,
     )  # fmt: skip
     about: Any = None
     if mode.moving and law.law.depends_on_reference:
@@ -241,7 +253,7 @@ def controller_step(
     law_of = law.on(run, data.law, active, about)
     feedback = law_of(deviation)
     after = {"position": position, "reference": requested, "command": r, "active": active}
-    after |= {"queue": queue, "commands": commands, "doubt": doubt, "seen": seen}
+    after |= {"queue": queue, "commands": commands, "doubt": doubt, "seen": seen, "far": far}
     if mode.takes_over:
         run.section(
             "Where a law takes over: integrals that continue the last input, by Broyden's method, and a bias that fades"
@@ -342,6 +354,7 @@ def _passed(started: Any, r: Any, last: Any, queue: Any) -> tuple[Any, Any, Any]
 def _deviation(
     tracked: Sequence[Source],
     moving: bool,
+    governs: bool,
     y: Any,
     estimate: Any,
     ahead: Any,
@@ -363,6 +376,9 @@ def _deviation(
     else:
         # ė = x_i − x_d: the command is held between samples, as u is; x_i goes in by the trapezoidal rule.
         error = 0.5 * (last + position) - reference
+    if governs:
+        *others, lag = others
+        error = unwound(error, integral, lag)
     # What lies beyond the dead zone ±zone (k,), where there is one.
     for zone in others[2:] if moving else others:
         error = error - clip(error, -zone, zone)
