@@ -287,9 +287,9 @@ def rich(moving: bool) -> fh.Controller:
     motors = ["motor_velocity_shoulder", "motor_velocity_elbow"]
     friction = fh.loop.DryFriction([1.0, 0.5], [0.01, 0.02], motors)
     box: tuple[list[float], list[float]] = ([-1.0, -1.0], [1.0, 1.0])
-    own: dict[str, Any] = (
-        {"dry_friction": friction} if moving else {"command_range": 2.0, "command_rate": 9.0}
-    )
+    back = fh.loop.Governor([0.02] * 2, [2.0] * 2, [20.0] * 2, *box)
+    standing = {"command_range": 2.0, "command_rate": 9.0}
+    own: dict[str, Any] = {"dry_friction": friction, "governor": back} if moving else standing
     hold = {"workspace": "hold", "limit_cycle": "hold", "saturation": "brake"}
     watch = fh.Supervision(
         box, saturation_time=0.01, braking_time=0.1,
@@ -351,6 +351,8 @@ def test_the_richest_controllers_agree_on_hostile_samples(
         np.testing.assert_array_equal(library.rejected, controller.rejected)
         seen |= {"rejected"} if controller.rejected.any() else set()
         seen |= {"braked"} if controller.path_rate < 1.0 else set()
+        far = controller._history.memory[controller.memory.places.get("far", slice(0))]
+        seen |= {"brought back"} if far.any() or not moving else set()
     assert seen >= {
         "OK",
         "BAD_COMMAND",
@@ -360,4 +362,5 @@ def test_the_richest_controllers_agree_on_hostile_samples(
         "STOPPED",
         "rejected",
         "braked",
+        "brought back",
     }
