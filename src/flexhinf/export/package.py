@@ -210,7 +210,7 @@ def _standstill(code: ControllerCode, file: str) -> str:
 
 
 #: What main.c and the templates do about their drives.
-BEGIN_HERE = """/* 1 where the drives are enabled from the beginning on, and the robot is where @NAME@.h says: of a recorded one. */
+BEGIN_HERE = """/* 1 of a recorded robot: its drives are enabled at once, and it is where @NAME@.h says. */
 #ifndef @BIG@_ENABLED
 #define @BIG@_ENABLED 0
 #endif

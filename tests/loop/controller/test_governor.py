@@ -98,6 +98,35 @@ def test_an_arm_that_is_held_and_let_go_comes_back_slowly_and_says_what_happened
     assert own["q"][-1] == pytest.approx(GOAL, abs=1e-4)
 
 
+@pytest.mark.costs("moves against a stiff wall, in small steps")
+def test_an_arm_that_a_wall_blocks_lets_go_where_a_following_error_holds_it() -> None:
+    """Torque of the base on a wall of 2e5 N·m/rad that is put before it in mid-move, at 1.3 rad/s. It is said as soon
+    as the command is 0.15 rad further. Braked, the arm pushes on with up to its motor's limit; held, with nothing."""
+    pushed = {}
+    for reaction, governor in (("brake", BACK), ("hold", None)):
+        watch = fh.Supervision(following=0.1 * SPEED, reactions={"following": reaction})
+        controller, x, wall, rows = (
+            made(governor, supervision=watch),
+            np.append(START, [0.0, 0.0]),
+            np.inf,
+            [],
+        )
+        for k in range(2000):
+            u = controller.step(x, command(PERIOD * k))
+            wall = x[0] if k == HELD.start else wall
+            for _ in range(8):
+                inertia, torque = masses(x[:2], x[2:])
+                push = max(2e5 * (x[0] - wall) + 2e3 * x[2], 0.0) if x[0] > wall else 0.0
+                torque += np.array([6.0 * x[2] + push, 0.3 * x[3]])
+                x[2:] += 0.125 * PERIOD * np.linalg.solve(inertia, u - torque)
+                x[:2] += 0.125 * PERIOD * x[2:]
+            rows.append((push, fh.Status.FOLLOWING_ERROR in controller.status))
+        pushed[reaction], said = np.array(rows).T
+        assert 100 < np.flatnonzero(said)[0] - HELD.start < 130
+    assert 0.8 * EFFORT[0] < pushed["brake"][-300:].max() < 1.3 * EFFORT[0]
+    assert pushed["hold"][-500:].max() < 0.02 * EFFORT[0]
+
+
 @pytest.mark.costs("two moves of six seconds in Python")
 def test_a_load_that_it_does_not_know_is_carried_though_the_joint_falls_away() -> None:
     """0.6 of the motor's torque sags twice as far as the law is shown: integrals grow all the same."""

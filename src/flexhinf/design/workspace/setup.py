@@ -216,7 +216,8 @@ class WorkspaceSetup(LoopPlants):
         """How a deployed controller brings joints back that were held, or whose command jumps."""
         speed, space = BACK * self._speed, self.workspace
         distance = np.maximum(FAR_TIME * self._speed, FAR * self._radian)
-        return Governor(distance, speed, speed / BACK_TIME, space.lower, space.upper)
+        rows = distance, speed, speed / BACK_TIME, space.lower, space.upper
+        return Governor(*(row.tolist() for row in rows))
 
     @property
     def _speed(self) -> np.ndarray:

@@ -377,8 +377,7 @@ def _deviation(
         # ė = x_i − x_d: the command is held between samples, as u is; x_i goes in by the trapezoidal rule.
         error = 0.5 * (last + position) - reference
     if governs:
-        *others, lag = others
-        error = unwound(error, integral, lag)
+        error, others = unwound(error, integral, others[-1]), others[:-1]
     # What lies beyond the dead zone ±zone (k,), where there is one.
     for zone in others[2:] if moving else others:
         error = error - clip(error, -zone, zone)
