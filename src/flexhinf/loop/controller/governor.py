@@ -102,15 +102,15 @@ class Governor:
         reference does not move, or a following error holds the joints where they are."""
         rows = [[name.replace(KINDS[0], kind) for kind in KINDS] for name in tracked]
         own = [[n if n in states else n.replace("motor", "link") for n in row] for row in rows]
-        holds = supervision is not None and supervision.reactions.get("following") == "hold"
+        frozen = supervision is not None and supervision.reactions.get("following") == "hold"
         fits = len(rows) == len(self.distance) and all(set(row) <= set(states) for row in own)
-        if not (moving and fits and all(KINDS[0] in name for name in tracked)) or holds:
+        if not (moving and fits and all(KINDS[0] in name for name in tracked)) or frozen:
             raise InvalidInput(
                 "A governor does not fit the controller.",
                 f"expected moving=True, {len(self.distance)} tracked link positions with their velocities, and no "
                 f"reaction 'hold' to a following error, got moving={moving}, {list(tracked)} of {list(states)}"
                 + ", 'hold'"
-                * holds,
+                * frozen,
                 "governor=None; for commands that stand command_rate=…, and 'brake' in place of 'hold'",
             )
         return tuple(tuple(states.index(name) for name in row) for row in own)
@@ -121,7 +121,7 @@ class Governor:
         return np.array([self.distance, self.speed, self.acceleration, self.lower, self.upper, last])
 
 
-@gives("shown", "far_next", "unwinding")
+@gives("governed_command", "far_next", "unwinding")
 def governed(
     tracked: Sequence[Source],
     places: Sequence[Sequence[int]],
@@ -136,7 +136,7 @@ def governed(
 ) -> tuple[Any, Any, Any]:
     """The command (n + m,) that the law is shown in place of r, the joints that are brought back (k,), 1 or 0, and of
     those at the distance from it the lag (k,), else 0. `last` is the command that it was shown before."""
-    shown, flags, lags = list(r), [], []
+    command, flags, lags = list(r), [], []
     for row, seen, flag, *own in zip(places, positions(tracked, y, estimate), far, *numbers):
         link, turning, *_ = row
         before = where(started[0] > 0.5, last[link], seen)
@@ -148,10 +148,10 @@ def governed(
         flag = where(absolute(lag) > OVER * own[0], flag, flag * (1.0 - slow))
         lag, ahead = where(flag > 0.5, lag, 0.0), where(flag > 0.5, ahead, 0.0)
         for each, shift in dict(zip(row, (lag, ahead, lag, ahead))).items():
-            shown[each] = r[each] + shift
+            command[each] = r[each] + shift
         flags.append(flag)
         lags.append(where(clipped > 0.0, lag, 0.0))
-    return np.array(shown), np.array(flags), np.array(lags)
+    return np.array(command), np.array(flags), np.array(lags)
 
 
 def _followed(
