@@ -365,7 +365,7 @@ def test_templates_begin_with_one_export_alone_and_latch(exported: dict[str, Pat
     compiler, folder = tool("g++"), exported["double"]
     sketch = ARDUINO + (folder / "templates/arm.ino").read_text()
     for before, after in (
-        ("return true;", "return sample < 20 || sample >= 35;"),
+        ("    }\n    return true;", "    }\n    return sample < 20 || sample >= 35;"),
         ("(void)u;", "(void)u; last = sample;"),
         ("(void)code; // stops", 'std::printf("brake %d, last driven %d\\n", code, last); //'),
     ):

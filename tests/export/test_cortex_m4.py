@@ -102,7 +102,7 @@ def test_a_task_of_freertos_gives_the_same(folder: Path) -> None:
         "cortex_m4/board.c",
         FREERTOS / "kernel.c",
     )
-    compiler = ("arm-none-eabi-gcc", "-O2", *STRICT, *BOARD, "-I.", f"-I{FREERTOS}")
+    compiler = ("arm-none-eabi-gcc", "-O2", *STRICT, *BOARD, "-I.", f"-I{FREERTOS}", "-DARM_ENABLED=1")
     subprocess.run([*compiler, *sources, "-lm", "-o", "freertos.elf"], cwd=folder, check=True)
     done = subprocess.run(
         [*EMULATOR, "freertos.elf"], cwd=folder, capture_output=True, text=True, check=False, timeout=120

@@ -136,6 +136,74 @@ def test_the_main_program_rests_at_the_start_until_there_is_a_command(
     assert len(driven) == 50 - off
 
 
+#: A sketch, a task of FreeRTOS and a timer's interrupt on that board, on this machine: their waits count its samples.
+AROUND = {
+    "arm.ino": """extern "C" {
+#include "board.c"
+}
+unsigned long micros() { return 1000ul * (unsigned long)(samples - 1); }
+#include "changed.cpp"
+int main() { samples = 1; setup(); for (; samples <= 50; ++samples) loop(); }
+""",
+    "arm_freertos.c": """#include "FreeRTOS.h"
+#include "task.h"
+#include "board.c"
+#include "changed.c"
+static TaskFunction_t entry;
+TaskHandle_t xTaskCreateStatic(TaskFunction_t code, const char *const name, const uint32_t depth,
+    void *const parameters, UBaseType_t priority, StackType_t *const stack, StaticTask_t *const task)
+{ (void)name; (void)depth; (void)parameters; (void)priority; (void)stack; entry = code; return task; }
+TickType_t xTaskGetTickCount(void) { return 0; }
+BaseType_t xTaskDelayUntil(TickType_t *const last, const TickType_t step)
+{ (void)last; (void)step; wait_for_sample(); return pdTRUE; }
+void vTaskDelete(TaskHandle_t task) { (void)task; exit(1); }
+int main(void) { arm_task(); entry(NULL); }
+""",
+    "arm_periodic.c": """#include "board.c"
+#include "changed.c"
+int main(void) { for (;;) { wait_for_sample(); tick(); } }
+""",
+}
+
+
+@pytest.mark.ci("builds three programs around an export")
+def test_every_template_begins_where_the_robot_is_when_its_drives_become_enabled(
+    compiler: str, needs_compiler: Callable[..., None], tmp_path: Path
+) -> None:
+    """The sketch, the task and the interrupt asked nothing, and drove the robot back to where they believed it."""
+    needs_compiler("g++")
+    folder = fh.export_c(controller_of("planar-two-link"), tmp_path / "c", "arm")
+    x, u = robot_of("planar-two-link").operating_point((-0.7, 0.9))
+    board = BOARD.replace("AT", ", ".join(repr(float(value)) for value in x[[0, 1, 4, 5]])).replace(
+        "OFF", "20"
+    )
+    (folder / "board.c").write_text(board)
+    subprocess.run([compiler, "-std=c99", "-O0", "-c", "arm.c", "-o", "arm.o"], cwd=folder, check=True)
+    stubs = f"-I{Path(__file__).parent / 'freertos'}"
+    for name, around in AROUND.items():
+        place = folder / ("cortex_m4/periodic.c" if name == "arm_periodic.c" else f"templates/{name}")
+        text = place.read_text().replace("(*(volatile uint32_t *)(address))", "there").replace("wfi", "nop")
+        suffix, words = "c", [compiler, "-std=gnu99"]
+        if name == "arm_periodic.c":
+            text = "static unsigned there;\n" + text.replace("int main(", "int of_the_board(")
+        if name == "arm.ino":  # the functions of the board are its own
+            suffix, words = "cpp", ["g++", "-std=c++17", "-include", "arm.h"]
+            functions = "drives_enabled|read_sensors|read_command|drive_motors|report|restart_watchdog|brake"
+            text = text.split("static bool drives_enabled()\n{")[0]
+            text = ARDUINO + re.sub(rf"\nstatic \w+ ({functions})\([^\n]*", "", text)
+        (folder / f"changed.{suffix}").write_text(text)
+        (folder / f"run.{suffix}").write_text(around)
+        subprocess.run(
+            [*words, "-O0", "-I.", stubs, f"run.{suffix}", "arm.o", "-lm", "-o", "run"],
+            cwd=folder,
+            check=True,
+        )
+        said = subprocess.run([folder / "run"], capture_output=True, text=True, check=True).stdout
+        driven = np.loadtxt(said.splitlines())[20:]
+        assert driven == pytest.approx(np.tile(u, (len(driven), 1)), rel=1e-6), name
+        assert len(driven) == 30, name
+
+
 @pytest.mark.ci("an export with its test vector")
 def test_the_sketch_of_a_moving_command_compiles(tmp_path: Path, needs_compiler: Callable[..., None]) -> None:
     needs_compiler("g++")

@@ -106,6 +106,8 @@ PARTS = {
     "backlash": "gaps between measured motors and links",
     "dry_friction": "what dry friction takes of each input where its motor is commanded to move; the commanded speed "
     "from a third of which on it takes all; where stated, what it takes of slow motors, and how slow these are",
+    "governor": "of each tracked position: how far from its command it is brought back, the speed and acceleration of "
+    "that, its range, and how fast the last of it ends, 1/s",
     "windup_line": "what integrals push at rest, by command from the operating point: of inputs without near limits",
     "windup_spread": "how much more they push, likewise",
     "windup_limit": "how much more they push at the operating point; infinite for an input that its limits keep nearer",
@@ -124,7 +126,8 @@ MEMORY = {
     "started": "1 from the first sample on",
     "bias": "what the input still has beside that of the law, after a law took over",
     "active": "which law acts",
-    "command": "the last command, within its limits",
+    "command": "the last command, within its limits, or as the law is shown it",
+    "far": "of each tracked position, whether it is brought back to its command: 1 or 0",
     "watch": "of each input, then of each tracked position: what is counted of its swings and of its saturation",
     "ease": "what the input still has beside that of the law, after a following error",
     "status": "bits of the status, one by one",
@@ -150,6 +153,10 @@ ROWS = {
     "stop": {
         "held": "whether the command is held", "braked": "fraction of the braking that is done",
         "path_rate": "from 1 to 0",
+    },
+    "governor": {
+        "distance": "of each tracked position, rad or m", "speed": "per s", "acceleration": "per s^2",
+        "lower": "least position", "upper": "largest", "rate": "1/s",
     },
     "swings": {
         "near_limit": "how near to a limit counts as at it", "smallest": "smallest swing that counts",

@@ -175,7 +175,8 @@ def _around(code: ControllerCode, file: str, marks: Mapping[str, Any]) -> str:
     """A file around the controller, made of a template; lines of C are folded."""
     text = template(file).replace("@STANDSTILL@", _standstill(code, file)).replace("@MAY_ACT@", MAY_ACT)
     about, statements = _begin_here(code)
-    text = text.replace("@BEGINS_HERE@", about).replace("@BEGIN_HERE@", statements)
+    begins = BEGIN_HERE.replace("@BEGINS_HERE@", about).replace("@STATEMENTS@", statements)
+    text = text.replace("@BEGIN_HERE@", begins)
     text = text.replace("@THEN_SLOWED@", THEN_SLOWED * code.slows)
     filled = fill(text, code.name, code.real, **marks)
     return folded(filled) if file.endswith((".c", ".ino")) else filled
@@ -196,7 +197,7 @@ def _home(code: ControllerCode) -> tuple[str, np.ndarray]:
 
 #: The array of the command in the templates.
 COMMAND_ARRAYS = {
-    "main.c": "input.r", "sketch.ino": "r", "cortex_m4/periodic.c": "input.r", "freertos.c": "input.r",
+    "main.c": "input.r", "sketch.ino": "input.r", "cortex_m4/periodic.c": "input.r", "freertos.c": "input.r",
 }  # fmt: skip
 
 
@@ -208,7 +209,35 @@ def _standstill(code: ControllerCode, file: str) -> str:
     return f"for (int i = 0; i < @BIG@_COMMANDS; ++i) {{ {r}[i] = home[i]; }}"
 
 
-#: How main.c begins when drives become enabled: at rest where the links are measured, or as it is designed.
+#: What main.c and the templates do about their drives.
+BEGIN_HERE = """/* 1 of a recorded robot: its drives are enabled at once, and it is where @NAME@.h says. */
+#ifndef @BIG@_ENABLED
+#define @BIG@_ENABLED 0
+#endif
+
+/* @BEGINS_HERE@ Whether that is done: not before it is measured. */
+static int begin_here(@NAME@_input *input, @NAME@_output *output)
+{
+    const int measured = input->measured;
+@STATEMENTS@
+    input->measured = 0; /* the input before the first sample */
+    (void)@NAME@_step(&state, &@NAME@_defaults, input, output);
+    input->measured = measured;
+    return 1;
+}
+
+/* Whether the drives are enabled and it has begun there; until then, what is computed is not heard. */
+static int still_enabled(int enabled, @NAME@_input *input, @NAME@_output *output)
+{
+    int now = 0;
+    if (drives_enabled() != 0) {
+        now = (enabled != 0) ? 1 : begin_here(input, output);
+    }
+    return now;
+}
+"""
+
+#: How they begin when drives become enabled: at rest where the links are measured, or as it is designed.
 HERE = "When the drives become enabled: the robot rests where it is measured, and the command is that."
 FROM_LINKS = """    @NAME@_real rest[@BIG@_STATES + @BIG@_INPUTS] = {{0}};
     static const int links[] = {{{links}}}; /* which measurements are the links' positions */
@@ -228,7 +257,7 @@ DESIGNED = """    if (begin_with(&state) != @BIG@_OK) {{
 
 
 def _begin_here(code: ControllerCode) -> tuple[str, str]:
-    """A sentence and statements of main.c for drives that become enabled."""
+    """A sentence and statements of these for drives that become enabled."""
     c, measured = code.controller, list(code.signals["Y"])
     command = _standstill(code, "main.c").replace("input.r", "input->r")
     if code.standstill is None or c.estimator is None:

@@ -7,6 +7,7 @@ are commands and disturbances. `simulation/` samples them, integrates the true p
 from flexhinf.loop.controller.backlash import Backlash as Backlash
 from flexhinf.loop.controller.controller import Controller as Controller, load_controller as load_controller
 from flexhinf.loop.controller.friction import DryFriction as DryFriction
+from flexhinf.loop.controller.governor import Governor as Governor
 from flexhinf.loop.controller.laws import Schedule as Schedule
 from flexhinf.loop.controller.status import Status as Status, Supervision as Supervision
 from flexhinf.loop.signals.motions import JerkLimited as JerkLimited, Spline as Spline, Waypoints as Waypoints

@@ -440,8 +440,9 @@ def _watched(design: WorkspaceDesign) -> Paragraph:
     return Paragraph(
         f"At run time the controller watches {listed(watched)}; its status says so. {tool}Reactions: "
         f"{watch.reaction_text}. `path_rate` then falls to 0, and a command that advances so much of a period along "
-        "its path comes to rest. A program that does not read it is not braked. `reset` begins again, and "
-        "`controller(supervision=…)` states other reactions."
+        "its path comes to rest. A program that does not read it is not braked, but a joint that is further from its "
+        f"command than {effort_text(np.round(setup.governor.distance, 4))} (rad, m) comes back "
+        "slowly. `reset` begins again, and `controller(supervision=…)` states other reactions."
     )
 
 

@@ -28,7 +28,7 @@ from flexhinf.design.responses import Move, Response, integral_dead_zone, with_v
 from flexhinf.design.specification import RINGS, RIPPLE, Specification
 from flexhinf.errors import NumericalFailure
 from flexhinf.estimation import ExtendedKalmanFilter, ModalFilter, stationary_gain
-from flexhinf.loop import Controller, Loop, Moving, Supervision, Waypoints
+from flexhinf.loop import Controller, Governor, Loop, Moving, Supervision, Waypoints
 from flexhinf.modal import ModalLaw
 from flexhinf.plant import Plant
 from flexhinf.robot.springs import DAMPED
@@ -60,6 +60,10 @@ HOLD, ON_THE_WAY = 0.7, 21
 #: A joint may be beside its command by what it moves at its speed limit in this time, s, and at least so far, rad; a
 #: joint that hunts swings by so much, rad, or so many standard deviations of its noise, peak to peak.
 FOLLOWING_TIME, FOLLOWING, POSITION_SWING, SWING_NOISE = 0.1, 0.1, 2e-3, 14.0
+
+#: A joint that is farther from its command than it moves in this time, s, at its speed limit, and at least so far, rad,
+#: is brought back, at most with this share of its speed limit, which it reaches in the last time, s.
+FAR_TIME, FAR, BACK, BACK_TIME = 0.02, 0.02, 0.8, 0.3
 
 #: Plans that are kept for sampled robots, which make the same moves.
 PLANS = 32
@@ -190,8 +194,19 @@ class WorkspaceSetup(LoopPlants):
     @property
     def following(self) -> np.ndarray:
         """Distance of a joint from its command (n,) from which on it does not follow, rad or m."""
-        speed = np.where(np.isfinite(self.limits.speed), self.limits.speed, UNLIMITED / SPEED)
-        return np.maximum(FOLLOWING_TIME * speed, FOLLOWING * self._radian)
+        return np.maximum(FOLLOWING_TIME * self._speed, FOLLOWING * self._radian)
+
+    @property
+    def governor(self) -> Governor:
+        """How a deployed controller brings joints back that were held, or whose command jumps."""
+        speed, space = BACK * self._speed, self.workspace
+        distance = np.maximum(FAR_TIME * self._speed, FAR * self._radian)
+        rows = distance, speed, speed / BACK_TIME, space.lower, space.upper
+        return Governor(*(row.tolist() for row in rows))
+
+    @property
+    def _speed(self) -> np.ndarray:
+        return np.where(np.isfinite(self.limits.speed), self.limits.speed, UNLIMITED / SPEED)
 
     @property
     def position_swing(self) -> np.ndarray:
@@ -209,7 +224,7 @@ class WorkspaceSetup(LoopPlants):
         s, held = self.specification, self.robot.operating_point(at)
         own = {
             "offset_time": None if s.estimator == "none" else OFFSET_TIME, "integral_dead_zone": self.dead_zone,
-            "dry_friction": stated_dry_friction(self.robot),
+            "dry_friction": stated_dry_friction(self.robot), "governor": self.governor,
             "backlash": None if s.estimator == "none" else stated_backlash(self.robot, self.model.outputs),
         }  # fmt: skip
         return Controller(

@@ -18,6 +18,7 @@
 typedef char whole_ticks[(PERIOD_US * configTICK_RATE_HZ) % 1000000u == 0 && PERIOD_TICKS > 0 ? 1 : -1];
 
 /* Of your board, as in main.c. */
+extern int drives_enabled(void);
 extern int read_sensors(@NAME@_real *y);
 extern void read_command(@NAME@_real *r, @NAME@_real path_rate);
 extern void drive_motors(const @NAME@_real *u);
@@ -35,10 +36,12 @@ static StaticTask_t task;
 /* @HOME_TEXT@, where @NAME@_init believes the robot. */
 static const @NAME@_real home[] = {@HOME@};
 
+@BEGIN_HERE@
 static void control(void *unused)
 {
     @NAME@_input input = {0};
     @NAME@_output output = {0};
+    int enabled = @BIG@_ENABLED;
     TickType_t woken = xTaskGetTickCount();
     const int begun = begin_with(&state);
     (void)unused;
@@ -52,6 +55,7 @@ static void control(void *unused)
         const int in_time = xTaskDelayUntil(&woken, PERIOD_TICKS) == pdTRUE;
         int code;
         input.measured = read_sensors(input.y) && in_time; /* a period that was missed is predicted over */
+        enabled = still_enabled(enabled, &input, &output);
         read_command(input.r, output.path_rate);
         if (@BIG@_LATENCY > 0) { /* the input of the sample before acts from here on; further samples are the drive's */
             drive_motors(output.u);

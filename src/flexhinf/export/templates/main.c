@@ -19,22 +19,13 @@ static @NAME@_state state; /* too large for most stacks */
 static const @NAME@_real home[] = {@HOME@};
 
 @MAY_ACT@
-/* @BEGINS_HERE@ Whether that is done: not before it is measured. */
-static int begin_here(@NAME@_input *input, @NAME@_output *output)
-{
-    const int measured = input->measured;
 @BEGIN_HERE@
-    input->measured = 0; /* the input before the first sample */
-    (void)@NAME@_step(&state, &@NAME@_defaults, input, output);
-    input->measured = measured;
-    return 1;
-}
 
 int main(void)
 {
     @NAME@_input input = {0};
     @NAME@_output output = {0};
-    int enabled = 0;
+    int enabled = @BIG@_ENABLED;
     int acts = 1; /* once 0 it stays so: look at the robot, then begin again with @NAME@_start */
     const int begun = begin_with(&state);
     if (begun != @BIG@_OK) { /* two exports, or compiled with flags that change results */
@@ -47,13 +38,7 @@ int main(void)
         int code;
         wait_for_sample();
         input.measured = read_sensors(input.y);
-        if (drives_enabled() == 0) {
-            enabled = 0; /* what follows computes and is not heard */
-        } else if (enabled == 0) {
-            enabled = begin_here(&input, &output);
-        } else {
-            /* it goes on */
-        }
+        enabled = still_enabled(enabled, &input, &output);
         read_command(input.r, output.path_rate);
         if (@BIG@_LATENCY > 0) { /* the input of the sample before acts from here on; further samples are the drive's */
             drive_motors(output.u);

@@ -7,11 +7,13 @@ static @NAME@_state state;
 static @NAME@_input input;
 static @NAME@_output output;
 static unsigned long due_us;
+static int enabled;
 static bool acts; // once false it stays so: look at the robot, then begin again with @NAME@_start
 
 static const unsigned long PERIOD_US = @PERIOD_US@UL;
 
 // Of your board, in the order and the units of @NAME@.h.
+static bool drives_enabled(); // false while the motors have no power, or the brakes of the robot are closed
 static bool read_sensors(@NAME@_real *y);
 static void read_command(@NAME@_real *r, @NAME@_real path_rate);
 static void drive_motors(const @NAME@_real *u);
@@ -19,7 +21,11 @@ static void report(int code);
 static void restart_watchdog();
 static void brake(int code);
 
+// @HOME_TEXT@, where @NAME@_init believes the robot.
+static const @NAME@_real home[] = {@HOME@};
+
 @MAY_ACT@
+@BEGIN_HERE@
 void setup()
 {
     const int begun = begin_with(&state);
@@ -28,6 +34,8 @@ void setup()
         brake(begun);
         return;
     }
+    enabled = @BIG@_ENABLED;
+    @STANDSTILL@ // the command until there is another
     @NAME@_step(&state, &@NAME@_defaults, &input, &output); // without a measurement: the input before the first
     due_us = micros();
 }
@@ -41,6 +49,7 @@ void loop()
     // A period that was missed is made up for without a measurement: it is predicted over.
     const bool missed = (long)(micros() - due_us) >= 0;
     input.measured = (!missed && read_sensors(input.y)) ? 1 : 0;
+    enabled = still_enabled(enabled, &input, &output);
     read_command(input.r, output.path_rate);
     if (@BIG@_LATENCY > 0) { // the input of the sample before acts from here on; further samples are the drive's
         drive_motors(output.u);
@@ -58,6 +67,11 @@ void loop()
     }
 }
 
+static bool drives_enabled()
+{
+    return true;
+}
+
 static bool read_sensors(@NAME@_real *y)
 {
     for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
@@ -67,12 +81,11 @@ static bool read_sensors(@NAME@_real *y)
 }
 
 // The command path_rate periods further along its path@THEN_SLOWED@: less than one where the controller brakes.
-// Here it rests.
+// Here it stays.
 static void read_command(@NAME@_real *r, @NAME@_real path_rate)
 {
-    static const @NAME@_real home[] = {@HOME@}; // @HOME_TEXT@, where @NAME@_init believes the robot
+    (void)r;
     (void)path_rate;
-    @STANDSTILL@
 }
 
 static void drive_motors(const @NAME@_real *u)

@@ -18,8 +18,9 @@ from flexhinf.loop.controller.backlash import Backlash
 from flexhinf.loop.controller.data import data_values
 from flexhinf.loop.controller.estimated import EstimatedStates, balance, compensated_places
 from flexhinf.loop.controller.friction import DryFriction
+from flexhinf.loop.controller.governor import Governor
 from flexhinf.loop.controller.law_code import LawCode, law_slope
-from flexhinf.loop.controller.laws import Schedule, check_kinds, read_controller, write_controller
+from flexhinf.loop.controller.laws import NAMED, Schedule, check_kinds, read_controller, write_controller
 from flexhinf.loop.controller.measured import Source, within
 from flexhinf.loop.controller.memory import (
     Layout,
@@ -53,8 +54,7 @@ from flexhinf.plant import Estimator, Law, python_control
 from flexhinf.scalars import drop_empty, trace
 from flexhinf.validation import read_only, real_array, value_text
 
-#: Operations up to which a step is one trace: common subexpressions are then shared between all of its parts.
-#: Above, it is composed of pieces in loops.
+#: Operations up to which a step is one trace, whose parts share subexpressions; above, it is of pieces in loops.
 ONE_TRACE = 5_000
 
 READ, WRITTEN = ("y", "r", "memory", "data"), ("u", "estimate", "after")
@@ -94,15 +94,13 @@ class Controller(Summarised):
     command_range : None, float, (k,) array or tuple (lower, upper), optional
         The command is moved to the nearest position in this range. A number or an array means ±.
     command_rate : float or (k,) array, optional
-        The command moves by at most so much per second, from where the joints are at the first sample. The integrals
-        count the error to the command so limited, so that they do not wind up while the joints are on their way, or
-        cannot get there. Both limits are for standing commands; with `moving`, plan within them.
+        The command moves by at most so much per second, from where the joints are at the first sample. Integrals count
+        the error to this one, and do not wind up on the way. Both limits are for standing commands, not for `moving`.
     input_rate : float or (m,) array, optional
-        The input changes by at most so much per second, from that before the first sample on (see `reset`); integrals
-        as with `saturation`.
+        The input changes by at most so much per second, from that before the first sample on; integrals as above.
     integral_dead_zone : float or (k,) array, optional
-        Errors up to this size stay and are not integrated, and of larger ones only what lies beyond it. Against limit
-        cycles, where dry friction holds a joint beside the command until the integral has broken it loose.
+        Errors up to this size stay, and of larger ones only what lies beyond it is integrated. Against limit cycles,
+        where dry friction holds a joint beside the command until the integral has broken it loose.
     before_first : {"hold", "zero"} or (m,) array
         The input until the first good measurement, from which the first output continues: the one that holds the robot
         at the initial estimate (by its model; without one the operating input), zero, or these numbers.
@@ -118,8 +116,8 @@ class Controller(Summarised):
         offsets of the encoders; the difference decays with this time constant. It needs an estimator.
     windup : Windup, optional
         The bound of integral action stored in a file; by default it follows from law and model.
-    dry_friction, backlash : DryFriction and Backlash, optional
-        What motors have beside a moving reference's model: `flexhinf.loop.controller.friction`, and `.backlash`.
+    dry_friction, backlash, governor : DryFriction, Backlash, Governor, optional
+        What motors have beside a moving reference's model, and how joints come back that are far from it.
     measurement_limits : tuple (lower, upper, rate), optional
         Least and largest measurement and largest change per s, numbers or (p,) each, infinite for none. An element
         beyond them, or that moved faster since it was last plausible, is missing, and counted in `rejected`.
@@ -168,6 +166,7 @@ class Controller(Summarised):
         measurement_limits: Any = None,
         dry_friction: DryFriction | None = None,
         backlash: Backlash | None = None,
+        governor: Governor | None = None,
     ) -> None:
         self.law, self.estimator = solution, estimator
         self.gaps = estimator is not None  # elements of a measurement may be missing
@@ -186,7 +185,7 @@ class Controller(Summarised):
         compensated = compensated_places(compensate, solution, estimator)
         if compensated and estimator is not None:
             self.balance = balance(self.laws, estimator, self.estimated_states, compensated)
-        self.supervision, self._windup_option = supervision, windup
+        self.supervision, self._windup_option, self.governor = supervision, windup, governor
         self.dry_friction, self.backlash = dry_friction, backlash
         self.watched = watched_numbers(supervision, self.limits, len(self.tracked), self.period)
         self.offset_time = checked_offset_time(offset_time, estimator)
@@ -203,6 +202,7 @@ class Controller(Summarised):
             dry_friction.places(self.states, solution.input_names, moving) if dry_friction else (),
             velocity_places(self.states) if moving and self.supervision else (),
             backlash.places(estimator, self.states, moving) if backlash else (),
+            governor.places(self.states, self.tracked, moving, supervision) if governor else (),
         )  # fmt: skip
         self.first_input = FirstInput(before_first, solution, estimator, self.limits)
         self.blend_time = checked_blend_time(blend_time, self.mode.takes_over)
@@ -252,7 +252,7 @@ class Controller(Summarised):
                if mode.limits_command else {}),
             **({"integral_dead_zone": self.integral_dead_zone} if mode.has_dead_zone else {}),
             **({"offset_time": self.offset_time} if mode.has_offset else {}),
-            **{name: each for name in ("supervision", "dry_friction", "backlash") if (each := getattr(self, name))},
+            **{name: each for name in NAMED if (each := getattr(self, name))},
             **({"measurement_limits": self.measurement_limits} if mode.checks_measurements else {}),
             **({"windup": self.windup} if mode.bounds_windup or self._windup_option is not None else {}),
             **({"compensate": tuple(self.estimated[k] for k in mode.compensated)} if mode.compensated else {}),
@@ -356,7 +356,7 @@ class Controller(Summarised):
         return {
             **belief, "u": u, "integral": zeros, "position": zeros, "reference": self.operating_reference,
             "started": np.zeros(1), **({"bias": np.zeros(len(u))} if mode.takes_over else {}),
-            **({"active": np.eye(mode.laws)[0]} if mode.laws > 1 else {}),
+            **({"active": np.eye(mode.laws)[0]} if mode.laws > 1 else {}), **({"far": zeros} if mode.governed else {}),
             **({"command": self.operating_reference if mode.moving else zeros} if mode.changes_command else {}),
             **first_counters(len(u), len(zeros), mode.reactions),
             **(dict.fromkeys(("offset", "offset_known"), np.zeros(len(self.measured))) if mode.has_offset else {}),

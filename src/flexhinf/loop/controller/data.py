@@ -63,6 +63,8 @@ def data_values(controller: Any, slopes: Sequence[np.ndarray]) -> dict[str, np.n
         values["dry_friction"] = c.dry_friction.table
     if mode.gaps:
         values["backlash"] = c.backlash.width
+    if mode.governed:
+        values["governor"] = c.governor.data(c.period)
     if mode.bounds_windup:
         bound = c.windup
         values |= {

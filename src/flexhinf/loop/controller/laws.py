@@ -23,6 +23,7 @@ from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import read_arrays, write_arrays
 from flexhinf.loop.controller.backlash import Backlash
 from flexhinf.loop.controller.friction import DryFriction
+from flexhinf.loop.controller.governor import Governor
 from flexhinf.loop.controller.options import Windup
 from flexhinf.loop.controller.status import Supervision
 from flexhinf.plant import Estimator, Law, ParameterTable, Plant, StoredCode
@@ -268,8 +269,11 @@ ARRAYS = ("input_rate", "command_rate", "integral_dead_zone", "before_first")
 
 #: Options that are made of several named ones.
 NAMED: dict[str, Callable[..., Any]] = {
-    "supervision": Supervision, "dry_friction": DryFriction, "backlash": Backlash,
-}  # fmt: skip
+    "supervision": Supervision,
+    "dry_friction": DryFriction,
+    "backlash": Backlash,
+    "governor": Governor,
+}
 
 #: Options that have another name in a file.
 IN_FILE = {"blend_time": "fade"}

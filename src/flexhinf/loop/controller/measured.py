@@ -112,3 +112,19 @@ def positions(tracked: Sequence[Source], y: Any, estimate: Any) -> np.ndarray:
             (seen,) = turned([y[source.place]], [positions[k]], [0] if source.turns else [])
             positions[k] = where(absolute(seen) < np.inf, seen, positions[k])
     return np.array(positions)
+
+
+def standing(tracked: Sequence[Source], velocities: Sequence[int], y: Any, estimate: Any, r: Any) -> Any:
+    """The moving reference (n + m,) that rests where the joints are: their measured positions, the other estimated
+    states, no velocities, and the input of the reference r."""
+    still = list(estimate)
+    for place in velocities:
+        still[place] = 0.0
+    for source, seen in zip(tracked, positions(tracked, y, estimate)):
+        still[source.state] = seen
+    return np.array([*still, *r[len(still) :]])
+
+
+def as_measured(tracked: Sequence[Source], y: Any, offset: Any, estimate: Any) -> Any:
+    """The tracked positions (k,) with the offset (p,) that was taken from their measurement."""
+    return positions(tracked, y + offset, estimate)

@@ -485,6 +485,7 @@ def controller_facts(c: Any) -> dict[str, str]:
         "reference": "moving" if mode.moving else "",
         "dry friction": ", ".join(f"{f:.4g}" for f in c.dry_friction.level) if c.dry_friction else "",
         "backlash": ", ".join(f"{gap:.4g}" for gap in c.backlash.width) if c.backlash else "",
+        "brought back": "" if c.governor is None else c.governor.text,
         "workspace": "" if c.supervision is None else c.supervision.text,
         "reactions": "" if c.supervision is None else c.supervision.reaction_text,
         "estimated too": ", ".join(name for name in c.estimated if name not in c.states),

@@ -34,8 +34,18 @@ from flexhinf.codegen import DIRECT, gives
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.backlash import Place, engaged
 from flexhinf.loop.controller.friction import modelled, overcoming
+from flexhinf.loop.controller.governor import governed, unwound
 from flexhinf.loop.controller.law_code import LawCode
-from flexhinf.loop.controller.measured import Source, corrected, faded, plausible, positions, refusals
+from flexhinf.loop.controller.measured import (
+    Source,
+    as_measured,
+    corrected,
+    faded,
+    plausible,
+    positions,
+    refusals,
+    standing,
+)
 from flexhinf.loop.controller.status import doubted, eased, eases, observed, reaction
 from flexhinf.plant import Estimator
 from flexhinf.scalars import absolute, clip, where
@@ -55,8 +65,9 @@ class Mode:
     taken in slowly. `own`: places of the law's states in the estimate, where that has more; `compensated`: those of
     loads that the input balances. `checks_measurements`: what is out of its range, or moves too fast, is missing.
     `speeds`: places of the motors' velocities, where dry friction is overcome by them.
-    `velocities`: places of the law's states that are zero at rest, where a moving reference may be held.
-    `gaps`: places of links and motors with backlash between them.
+    `velocities`: places of the law's states that are zero at rest, where a moving reference may be held. `gaps`: places
+    of links and motors with backlash between them. `governed`: of each tracked position, those of the states that are
+    shifted with it, where far joints are brought back slowly.
     """
 
     moving: bool = False
@@ -75,6 +86,7 @@ class Mode:
     speeds: tuple[int, ...] = ()
     velocities: tuple[int, ...] = ()
     gaps: tuple[Place, ...] = ()
+    governed: tuple[tuple[int, ...], ...] = ()
 
     @property
     def eases(self) -> bool:
@@ -99,7 +111,7 @@ class Mode:
     @property
     def changes_command(self) -> bool:
         """Whether the law may act on another command than was requested."""
-        return self.limits_command or bool({"hold", "limit"} & set(self.reactions))
+        return self.limits_command or bool(self.governed) or bool({"hold", "limit"} & set(self.reactions))
 
     def __post_init__(self) -> None:
         checked_kind(
@@ -153,7 +165,8 @@ def controller_step(
         queue, *waiting, acted = run.call(_waiting, memory.u, memory.queue)
     if mode.speeds and estimator is not None:
         run.section("These inputs less what dry friction takes, which the estimator's model does not have")
-        commands = [memory.reference, *(run.call(_rows, memory.commands) if mode.latency else ())]
+        acted_on = memory.command if mode.changes_command else memory.reference
+        commands = [acted_on, *(run.call(_rows, memory.commands) if mode.latency else ())]
         *waiting, acted = (
             run.call(partial(modelled, mode.speeds), u, command, data.dry_friction)
             for u, command in zip([*waiting, acted], commands, strict=True)
@@ -197,7 +210,7 @@ def controller_step(
     if mode.reacts:
         position = r
         if "hold" in mode.reactions and mode.moving:
-            position = run.call(partial(_standing, tracked, mode.velocities), y, estimate, r)
+            position = run.call(partial(standing, tracked, mode.velocities), y, estimate, r)
         elif "hold" in mode.reactions:
             position = run.call(partial(positions, tracked), y, estimate)
         run.section(
@@ -211,6 +224,13 @@ def controller_step(
         r = run.call(
             partial(_limited, tracked), y, estimate, r, held, memory.started, data.period, data.command_lower,
             data.command_upper, data.command_rate,
+        )  # fmt: skip
+    far, lag = None, ()
+    if mode.governed:
+        run.section("Joints that are far from the command are shown one that brings them back slowly")
+        r, far, *lag = run.call(
+            partial(governed, tracked, mode.governed), y, estimate, r, memory.command, memory.far, memory.started,
+            data.period, data.governor,
         )  # fmt: skip
     active: Any = None
     run.section("Tracked positions, their integrals, and the law's argument")
@@ -231,14 +251,15 @@ def controller_step(
     wanted, commands = r, None
     if mode.command_lead:
         commands, wanted, held = run.call(_passed, memory.started, r, held, memory.commands)
-    commanded = wanted
+    commanded = requested if mode.governed else wanted
     others = (
         *((r, wanted) if mode.moving else ()),
         *((data.integral_dead_zone,) if mode.has_dead_zone else ()),
+        *lag,
     )
     position, integral, deviation = run.call(
-        partial(_deviation, tracked, mode.moving), y, estimate, ahead, memory.position, held, memory.integral,
-        memory.started, data.period, point, *others,
+        partial(_deviation, tracked, mode.moving, bool(lag)), y, estimate, ahead, memory.position, held,
+        memory.integral, memory.started, data.period, point, *others,
     )  # fmt: skip
     about: Any = None
     if mode.moving and law.law.depends_on_reference:
@@ -248,7 +269,7 @@ def controller_step(
     law_of = law.on(run, data.law, active, about)
     feedback = law_of(deviation)
     after = {"position": position, "reference": requested, "command": r, "active": active}
-    after |= {"queue": queue, "commands": commands, "doubt": doubt, "seen": seen}
+    after |= {"queue": queue, "commands": commands, "doubt": doubt, "seen": seen, "far": far}
     if mode.takes_over:
         run.section(
             "Where a law takes over: integrals that continue the last input, by Broyden's method, and a bias that fades"
@@ -284,7 +305,7 @@ def controller_step(
         run.section("What is watched, and the status")
         y = y if gap is None else run.call(np.subtract, y, gap)
         if mode.has_offset:
-            position = run.call(partial(_as_measured, tracked), y, offset[0], estimate)
+            position = run.call(partial(as_measured, tracked), y, offset[0], estimate)
         elif gap is not None:
             position = run.call(partial(positions, tracked), y, estimate)
         after["watch"], after["status"] = run.call(
@@ -297,22 +318,6 @@ def controller_step(
             u = run.call(partial(modelled, mode.speeds), u, r, data.dry_friction)
         after["belief"] = (beliefs or predict_ahead(run, estimator, belief, [u], data))[0]
     return after["u"], whole, after
-
-
-def _standing(tracked: Sequence[Source], velocities: Sequence[int], y: Any, estimate: Any, r: Any) -> Any:
-    """The moving reference (n + m,) that rests where the joints are: their measured positions, the other estimated
-    states, no velocities, and the input of the reference r."""
-    still = list(estimate)
-    for place in velocities:
-        still[place] = 0.0
-    for source, seen in zip(tracked, positions(tracked, y, estimate)):
-        still[source.state] = seen
-    return np.array([*still, *r[len(still) :]])
-
-
-def _as_measured(tracked: Sequence[Source], y: Any, offset: Any, estimate: Any) -> Any:
-    """The tracked positions (k,) with the offset (p,) that was taken from their measurement."""
-    return positions(tracked, y + offset, estimate)
 
 
 def _elements(places: Sequence[int], x: Any) -> Any:
@@ -357,6 +362,7 @@ def _passed(started: Any, r: Any, last: Any, queue: Any) -> tuple[Any, Any, Any]
 def _deviation(
     tracked: Sequence[Source],
     moving: bool,
+    governs: bool,
     y: Any,
     estimate: Any,
     ahead: Any,
@@ -378,6 +384,8 @@ def _deviation(
     else:
         # ė = x_i − x_d: the command is held between samples, as u is; x_i goes in by the trapezoidal rule.
         error = 0.5 * (last + position) - reference
+    if governs:
+        error, others = unwound(error, integral, others[-1]), others[:-1]
     # What lies beyond the dead zone ±zone (k,), where there is one.
     for zone in others[2:] if moving else others:
         error = error - clip(error, -zone, zone)

@@ -17,6 +17,7 @@
 #define SYSTICK_PENDING (1u << 26)
 
 /* Of your board, as in main.c. */
+extern int drives_enabled(void);
 extern int read_sensors(@NAME@_real *y);
 extern void read_command(@NAME@_real *r, @NAME@_real path_rate);
 extern void drive_motors(const @NAME@_real *u);
@@ -35,6 +36,9 @@ static int begun;
 
 /* @HOME_TEXT@, where @NAME@_init believes the robot. */
 static const @NAME@_real home[] = {@HOME@};
+
+@BEGIN_HERE@
+static int enabled = @BIG@_ENABLED;
 
 /* In the interrupt, as the steps: its floating-point unit may have other settings than the main program's (FPDSCR), and
  * @NAME@_init looks at those that it finds. */
@@ -58,6 +62,7 @@ void tick(void)
         }
     }
     input.measured = read_sensors(input.y) && !late; /* an old measurement is none: it is predicted over */
+    enabled = still_enabled(enabled, &input, &output);
     read_command(input.r, output.path_rate);
     if (@BIG@_LATENCY > 0) { /* the input of the sample before acts from here on; further samples are the drive's */
         drive_motors(output.u);

@@ -1,0 +1,216 @@
+"""Joints that something held, that fall, or whose command jumps: they come back slowly, and the status says so.
+
+Two links in the horizontal plane with unlike motors are integrated here, by their equations of motion.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.loop.conftest import LinearLaw
+from tests.refusals import refused_with
+
+import flexhinf as fh
+from flexhinf.errors import InvalidInput
+from flexhinf.loop import Governor
+from flexhinf.loop.controller.governor import governed
+from flexhinf.loop.controller.measured import Source
+
+# Kernels that run a few times.
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
+PERIOD, EFFORT, SPEED = 1e-3, np.array([150.0, 12.0]), np.array([1.5, 4.0])
+START, GOAL, TIME = np.array([-0.8, 1.9]), np.array([0.9, -0.6]), 2.5
+STATES = tuple(f"link_{kind}_{joint}" for kind in ("position", "velocity") for joint in "ab")
+BACK = Governor(
+    (0.02 * SPEED).tolist(), (0.8 * SPEED).tolist(), (2.5 * SPEED).tolist(), [-2.5, -2.5], [2.5, 2.5]
+)
+WATCH = fh.Supervision(following=0.1 * SPEED, reactions={"following": "brake"})
+
+
+def masses(q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """M(q) (2, 2) and centrifugal torques (2,) of a heavy link that carries a light one."""
+    c, s = 0.5 * np.cos(q[1]), 0.5 * np.sin(q[1])
+    return (
+        np.array([[8.0 + 2.0 * c, 0.4 + c], [0.4 + c, 0.4]]),
+        np.array([-s * v[1] * (2.0 * v[0] + v[1]), s * v[0] ** 2]),
+    )
+
+
+def law() -> LinearLaw:
+    """Poles of 12 rad/s for the masses at the start: a fast law, which knows no speed limit."""
+    inertia, w = masses(START, np.zeros(2))[0], 12.0
+    gain = np.hstack([3.0 * w**2 * inertia, 3.0 * w * inertia, w**3 * inertia])
+    return LinearLaw((*STATES, *(f"link_position_{joint}_integral" for joint in "ab")), ("u", "v"), -gain)
+
+
+def made(governor: Governor | None = BACK, **options: Any) -> fh.Controller:
+    return fh.Controller(law(), None, PERIOD, EFFORT, moving=True, governor=governor, **options)
+
+
+def command(time: float) -> np.ndarray:
+    """The quintic from start to goal with its torques, (6,)."""
+    t, way = min(time / TIME, 1.0), GOAL - START
+    q = START + way * t**3 * (10.0 - 15.0 * t + 6.0 * t**2)
+    v = way * 30.0 * t**2 * (1.0 - t) ** 2 / TIME
+    a = way * 60.0 * t * (1.0 - t) * (1.0 - 2.0 * t) / TIME**2
+    inertia, torque = masses(q, v)
+    return np.concatenate([q, v, inertia @ a + torque])
+
+
+def run(controller: fh.Controller, held: slice, load: float = 0.0, seconds: float = 6.0) -> dict[str, Any]:
+    """Positions, speeds and status of a move whose command goes on, whatever the path rate says; joints are `held`."""
+    x, rows = np.concatenate([START, np.zeros(2)]), []
+    for k in range(round(seconds / PERIOD)):
+        u = controller.step(x, command(PERIOD * k))
+        rows.append((*x, int(controller.status), *controller.integrals))
+        for _ in range(2):
+            inertia, torque = masses(x[:2], x[2:])
+            push = np.array([load, 0.0])
+            x[2:] += 0.5 * PERIOD * np.linalg.solve(inertia, u + push - torque - [6.0, 0.3] * x[2:])
+            x[2:] *= not held.start <= k < held.stop
+            x[:2] += 0.5 * PERIOD * x[2:]
+    table = np.array(rows)
+    return {"q": table[:, :2], "v": table[:, 2:4], "status": table[:, 4].astype(int)}
+
+
+HELD, NEVER = slice(1200, 1700), slice(0, 0)
+
+
+@pytest.mark.costs("two moves of six seconds in Python")
+def test_an_arm_that_is_held_and_let_go_comes_back_slowly_and_says_what_happened() -> None:
+    """In the middle of a move somebody holds both joints for half a second; the program that makes the command does not
+    read the path rate."""
+    own, plain = (run(made(governor, supervision=WATCH), HELD) for governor in (BACK, None))
+    lost, reacts = fh.Status.FOLLOWING_ERROR, fh.Status.FOLLOWING_ERROR | fh.Status.REACTING
+    ends = np.array([np.minimum(START, GOAL), np.maximum(START, GOAL)])
+    fastest = [np.abs(r["v"] / SPEED).max() for r in (own, plain)]
+    assert fastest[0] < 1.0 < 1.5 < fastest[1]
+    assert np.maximum(own["q"] - ends[1], ends[0] - own["q"]).max() < 0.01
+    behind = np.abs(own["q"] - [command(PERIOD * k)[:2] for k in range(6000)]) > WATCH.following
+    assert np.array_equal(own["status"] & lost > 0, behind.any(axis=1))
+    assert not own["status"][: HELD.start].any()
+    assert own["status"][HELD.stop] & reacts == reacts
+    assert own["status"][-1] == fh.Status.REACTING
+    assert own["q"][-1] == pytest.approx(GOAL, abs=1e-4)
+
+
+@pytest.mark.costs("moves against a stiff wall, in small steps")
+def test_an_arm_that_a_wall_blocks_lets_go_where_a_following_error_holds_it() -> None:
+    """Torque of the base on a wall of 2e5 N·m/rad that is put before it in mid-move, at 1.3 rad/s. It is said as soon
+    as the command is 0.15 rad further. Braked, the arm pushes on with up to its motor's limit; held, with nothing."""
+    pushed = {}
+    for reaction, governor in (("brake", BACK), ("hold", None)):
+        watch = fh.Supervision(following=0.1 * SPEED, reactions={"following": reaction})
+        controller, x, wall, rows = (
+            made(governor, supervision=watch),
+            np.append(START, [0.0, 0.0]),
+            np.inf,
+            [],
+        )
+        for k in range(2000):
+            u = controller.step(x, command(PERIOD * k))
+            wall = x[0] if k == HELD.start else wall
+            for _ in range(8):
+                inertia, torque = masses(x[:2], x[2:])
+                push = max(2e5 * (x[0] - wall) + 2e3 * x[2], 0.0) if x[0] > wall else 0.0
+                torque += np.array([6.0 * x[2] + push, 0.3 * x[3]])
+                x[2:] += 0.125 * PERIOD * np.linalg.solve(inertia, u - torque)
+                x[:2] += 0.125 * PERIOD * x[2:]
+            rows.append((push, fh.Status.FOLLOWING_ERROR in controller.status))
+        pushed[reaction], said = np.array(rows).T
+        assert 100 < np.flatnonzero(said)[0] - HELD.start < 130
+    assert 0.8 * EFFORT[0] < pushed["brake"][-300:].max() < 1.3 * EFFORT[0]
+    assert pushed["hold"][-500:].max() < 0.02 * EFFORT[0]
+
+
+@pytest.mark.costs("two moves of six seconds in Python")
+def test_a_load_that_it_does_not_know_is_carried_though_the_joint_falls_away() -> None:
+    """0.6 of the motor's torque sags twice as far as the law is shown: integrals grow all the same."""
+    weak, gain = made(supervision=WATCH), law().gain
+    least = 0.02 * SPEED[0] * abs(gain[0, 0])
+    fallen = run(weak, NEVER, load=0.6 * EFFORT[0])
+    assert 0.6 * EFFORT[0] > 2.0 * least / 3.0
+    assert np.abs(fallen["q"][-1] - GOAL).max() < 1e-3
+
+
+def test_a_joint_that_follows_has_the_input_of_a_controller_without_it_bit_for_bit() -> None:
+    own, plain, rng = made(supervision=WATCH), made(None, supervision=WATCH), np.random.default_rng(3)
+    for k in range(2500):
+        r = command(PERIOD * k)
+        away = np.array(BACK.distance) * rng.uniform(-0.99, 0.99, 2)
+        x = np.concatenate([r[:2] + away, r[2:4] + rng.standard_normal(2)])
+        assert np.array_equal(own.step(x, r), plain.step(x, r))
+        assert own.status == plain.status
+
+
+def test_a_command_that_jumps_throws_no_joint() -> None:
+    """The base's command jumps: the law is shown a motion within the limits, where else both motors are at theirs."""
+    found = []
+    for governor in (BACK, None):
+        controller, x, most = made(governor, supervision=WATCH), np.concatenate([START, np.zeros(2)]), 0.0
+        goal = np.concatenate([START, np.zeros(4)]) + 0.6 * np.eye(6)[0]
+        for k in range(2000):
+            u = controller.step(x, goal if k > 20 else np.concatenate([START, np.zeros(4)]))
+            inertia, torque = masses(x[:2], x[2:])
+            x[2:] += PERIOD * np.linalg.solve(inertia, u - torque)
+            x[:2] += PERIOD * x[2:]
+            most = max(most, abs(x[1] - START[1]))
+        assert x[:2] == pytest.approx(goal[:2], abs=1e-3)
+        found.append(most)
+    assert found[0] < 0.01
+    assert found[0] < 0.2 * found[1]
+
+
+def test_what_the_law_is_shown_keeps_speed_acceleration_range_and_distance() -> None:
+    """Of joints and commands anywhere, in any order."""
+    rng, places, tracked = (
+        np.random.default_rng(5),
+        ((0, 2, 0, 2), (1, 3, 1, 3)),
+        [Source(True, 0, 0), Source(True, 1, 1)],
+    )
+    numbers, far = BACK.data(PERIOD), np.zeros(2)
+    distance, most, gain, lower, upper, _ = numbers
+    shown, seen, r, count = np.concatenate([START, np.zeros(4)]), START.copy(), np.zeros(6), 0
+    for k in range(3000):
+        if k % 1500 == 0:
+            r = np.concatenate([rng.uniform(lower, upper), np.zeros(4)])
+        seen = np.where(rng.random(2) < 0.3, seen, seen + 0.3 * (shown[:2] - seen))
+        seen = seen if k % 700 else rng.uniform(lower, upper)
+        before = shown
+        shown, far, _ = governed(
+            tracked, places, np.append(seen, [0.0, 0.0]), shown[:4], r, before, far, np.ones(1), [PERIOD], numbers
+        )  # fmt: skip
+        assert np.all(far[np.abs(r[:2] - seen) > distance] == 1.0)
+        moved = far == 1.0
+        apart = np.abs(shown[:2] - seen) - distance
+        assert np.all(apart[moved] < 1e-12)
+        assert np.all(np.abs(shown[2:4]) <= most + 1e-12)
+        smooth = moved & (before[2:4] != r[2:4])
+        assert np.all(np.abs(shown[2:4] - before[2:4])[smooth] <= PERIOD * gain[smooth] * (1.0 + 1e-9))
+        free = moved & (apart < -1e-9)
+        assert np.all((shown[:2] >= np.minimum(lower, before[:2]))[free])
+        assert np.all((shown[:2] <= np.maximum(upper, before[:2]))[free])
+        assert np.array_equal(shown[:4][np.tile(~moved, 2)], r[:4][np.tile(~moved, 2)])
+        count += int(moved.sum())
+    assert 1000 < count < 5900
+
+
+def test_it_is_saved_copied_named_and_refused(tmp_path: Path) -> None:
+    controller = made()
+    controller.save(tmp_path / "controller")
+    x, r = np.concatenate([START, np.zeros(2)]), command(1.0)
+    for same in (fh.load_controller(tmp_path / "controller"), controller.fresh()):
+        assert same.governor == BACK
+        assert np.array_equal(same.step(x, r), made().step(x, r))
+    assert "brought back" in repr(controller)
+    with refused_with(InvalidInput, "governor", "moving=True", "command_rate"):
+        fh.Controller(law(), None, PERIOD, EFFORT, governor=BACK)
+    hold = fh.Supervision(following=0.2, reactions={"following": "hold"})
+    with refused_with(InvalidInput, "governor", "'hold'", "brake"):
+        made(supervision=hold)
+    with refused_with(InvalidInput, "governor", "-1.0"):
+        Governor([0.1], [-1.0], [1.0], [0.0], [1.0])
