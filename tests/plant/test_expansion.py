@@ -11,7 +11,7 @@ from tests.refusals import refused_with
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Plant, PolynomialPlant
-from flexhinf.plant.polynomial_plant import expand, expand_control_affine
+from flexhinf.plant.expansion import expand, expand_control_affine
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.truncated import degree_slice, size
 from flexhinf.scalars import trace

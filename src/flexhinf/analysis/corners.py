@@ -13,21 +13,21 @@ No robot is needed here, only a function from signs (−1, 0 or 1 for each uncer
 
 from __future__ import annotations
 
+import abc
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from operator import attrgetter
-from typing import Any, ClassVar
 
 import numpy as np
 
 from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
 from flexhinf.errors import refuse_if
+from flexhinf.plant.parameters import ParameterValues
 from flexhinf.robot.parameters import random_signs
 
 #: Signs (one per uncertain number) → parameters of a plant: `Robot.corner`. Parameters that a plant does not have are
 #: left out.
-ParametersAt = Callable[[Sequence[float]], Mapping[str, Any]]
+ParametersAt = Callable[[Sequence[float]], ParameterValues]
 
 # Process noise -----------------------------------------------------------------------------------------
 ALL_STATES, VELOCITIES = "all states", "velocities only"
@@ -108,10 +108,10 @@ class Population:
     """True plants: the parameters of each by name, numbers or arrays; its kind, "draw", "corner", "single" or
     "nominal"; the signs (N, p) of its uncertain numbers, NaN for draws; and the parameters of the nominal plant."""
 
-    values: tuple[Mapping[str, Any], ...]
+    values: tuple[ParameterValues, ...]
     kinds: np.ndarray
     signs: np.ndarray
-    nominal: Mapping[str, Any]
+    nominal: ParameterValues
 
     def __len__(self) -> int:
         return len(self.values)
@@ -150,7 +150,7 @@ def corner_population(
     uncertain: int,
     count: int = 400,
     seed: int = 0,
-    draw: Callable[[np.random.Generator], Mapping[str, Any]] | None = None,
+    draw: Callable[[np.random.Generator], ParameterValues] | None = None,
     draws: int = 100,
     singles: bool = True,
 ) -> Population:
@@ -180,7 +180,7 @@ SAMPLED = (400, 60)
 
 
 def corner_plants(
-    states: int, at: ParametersAt, uncertain: int | Sequence[Any], seed: int = 0
+    states: int, at: ParametersAt, uncertain: int | Sequence[object], seed: int = 0
 ) -> tuple[Population, bool]:
     """The corners at which `tolerance_corners` looks, the nominal plant last, and whether these are all corners.
 
@@ -206,7 +206,10 @@ class Corners:
     population: Population
     complete: bool
 
-    worst: ClassVar[Any]  # the place of the worst corner
+    @property
+    @abc.abstractmethod
+    def worst(self) -> int:
+        """Place of the worst corner."""
 
     @property
     def count(self) -> int:
@@ -309,12 +312,15 @@ class ToleranceCorners(Corners):
     swept: tuple[GrowthRates, ...]
     measurement_noise: float  # R^n that ratios are to; NaN without a Kalman filter
 
-    unstable = property(
-        attrgetter("designed.unstable"), doc="Corners at which the loop as designed is unstable."
-    )
-    worst = property(
-        attrgetter("designed.worst"), doc="The corner at which the loop as designed grows fastest."
-    )
+    @property
+    def unstable(self) -> int:
+        """Corners at which the loop as designed is unstable."""
+        return self.designed.unstable
+
+    @property
+    def worst(self) -> int:
+        """The corner at which the loop as designed grows fastest."""
+        return self.designed.worst
 
     def __repr__(self) -> str:
         unstable = f"{self.unstable} of {self.count} corners unstable"
@@ -346,7 +352,7 @@ class ToleranceCorners(Corners):
 def tolerance_corners(
     loop: EquilibriumLoop,
     at: ParametersAt,
-    uncertain: int | Sequence[Any],
+    uncertain: int | Sequence[object],
     noises: Sequence[ProcessNoise] | None = None,
     *,
     seed: int = 0,
@@ -409,7 +415,7 @@ class ToleranceBox:
 
     @staticmethod
     def of(
-        loop: EquilibriumLoop, at: ParametersAt, uncertain: int | Sequence[Any], seed: int = 0
+        loop: EquilibriumLoop, at: ParametersAt, uncertain: int | Sequence[object], seed: int = 0
     ) -> ToleranceBox:
         """Parameters as for `tolerance_corners`."""
         population, _ = corner_plants(loop.states, at, uncertain, seed)

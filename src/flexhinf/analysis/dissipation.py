@@ -29,18 +29,20 @@ of them, such as m·g·l or k_t/R; here all of them act.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexhinf.analysis.corners import Corners, ParametersAt, Population, corner_plants
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller, Loop, Trajectory
 from flexhinf.loop.controller.options import checked_latency
-from flexhinf.plant import GeneralisedPlant, Law, Plant
+from flexhinf.plant import Estimator, GeneralisedPlant, Law, Plant
+from flexhinf.plant.parameters import ParameterValues
 
 #: Deviations of a command or torque below this are none.
 NONE = 1e-12
@@ -75,7 +77,7 @@ class DissipationBudget:
 
 
 def dissipation_budget(
-    run: Trajectory, loop: Loop, level: float = np.inf, initial_input: Any = None
+    run: Trajectory, loop: Loop, level: float = np.inf, initial_input: ArrayLike | None = None
 ) -> DissipationBudget:
     """The budget of a run of a loop about its law's operating point; the loop is that which made it.
 
@@ -86,9 +88,10 @@ def dissipation_budget(
     controller, law = loop.controller, loop.controller.law
     if not isinstance(law, HJISolution):
         raise InvalidInput(
-            "The law has no value function to keep below a level.", f"got {type(law).__name__}",
+            "The law has no value function to keep below a level.",
+            f"got {type(law).__name__}",
             "a solution of solve_hji or linear_law",
-        )  # fmt: skip
+        )
     states = tuple(run.names["state"])
     refuse_if(
         not set(controller.states) <= set(states),
@@ -134,7 +137,7 @@ def _integrals(run: Trajectory, controller: Controller, x: np.ndarray, before: n
     return whole - whole[-1] + own.integrals  # of the true state, equal to the controller's at the end
 
 
-def _disturbances(run: Trajectory, controller: Controller, problem: Any) -> np.ndarray:
+def _disturbances(run: Trajectory, controller: Controller, problem: object) -> np.ndarray:
     names = problem.disturbance_names if isinstance(problem, GeneralisedPlant) else ()
     columns = {name: run.signals["disturbance"][:, i] for i, name in enumerate(run.names["disturbance"])}
     if not controller.mode.moving:
@@ -171,7 +174,7 @@ def budget_terms(
     *,
     latency: int | None = None,
     delay: float | None = None,
-    estimator: Any = None,
+    estimator: Estimator | None = None,
     saturation: Any = None,
     start: str = "zero",
     **run: Any,
@@ -197,7 +200,8 @@ def budget_terms(
         known = 0 if observer is None else latency
         controller = Controller(law, observer, period, so_far.get("saturation"), start=start, latency=known)
         loop = Loop(plant, controller, delay=so_far.get("delay", 0.0) - known * period)
-        trajectory = loop.run(**{**run, "noise": run.get("noise") if observer is not None else None})
+        arguments: dict[str, Any] = {**run, "noise": run.get("noise") if observer is not None else None}
+        trajectory = loop.run(**arguments)
         if trajectory.diverged_at is None:
             budget = dissipation_budget(trajectory, loop, level, run.get("initial_input"))
         else:  # it has spent everything
@@ -256,8 +260,8 @@ class LinearCorners:
     def of(
         problem: GeneralisedPlant,
         at: ParametersAt,
-        uncertain: int | Sequence[Any],
-        equilibrium: Callable[[Mapping[str, Any]], tuple[np.ndarray, np.ndarray]],
+        uncertain: int | Sequence[object],
+        equilibrium: Callable[[ParameterValues], tuple[np.ndarray, np.ndarray]],
         seed: int = 0,
     ) -> LinearCorners:
         """All corners of up to 12 uncertain numbers, samples of the corners of more; see `dissipation_corners`."""
@@ -298,8 +302,8 @@ def dissipation_corners(
     solution: HJISolution,
     problem: GeneralisedPlant,
     at: ParametersAt,
-    uncertain: int | Sequence[Any],
-    equilibrium: Callable[[Mapping[str, Any]], tuple[np.ndarray, np.ndarray]],
+    uncertain: int | Sequence[object],
+    equilibrium: Callable[[ParameterValues], tuple[np.ndarray, np.ndarray]],
     *,
     gamma: float | None = None,
     seed: int = 0,

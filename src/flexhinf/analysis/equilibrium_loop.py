@@ -15,6 +15,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexhinf.analysis.linear_loop import LinearLoop, Modes, with_queue
 from flexhinf.analysis.sampled_controller import (
@@ -27,6 +28,7 @@ from flexhinf.analysis.sampled_controller import (
     near_equilibrium,
     solved,
 )
+from flexhinf.arrays import Elements
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.estimation import (
     ConstantGainFilter,
@@ -38,7 +40,8 @@ from flexhinf.estimation import (
 from flexhinf.loop import Loop
 from flexhinf.loop.controller.options import checked_latency
 from flexhinf.loop.simulation.program import LONGEST_LINEAR, check_delay
-from flexhinf.plant import Law, Plant, equilibrium as plant_equilibrium
+from flexhinf.plant import Estimator, Law, Plant, equilibrium as plant_equilibrium
+from flexhinf.plant.parameters import ParameterValues
 from flexhinf.plant.plant import pose_values
 from flexhinf.scalars import trace
 from flexhinf.validation import value_text
@@ -82,10 +85,10 @@ class EquilibriumLoop:
     def __init__(
         self,
         law: Law,
-        filter: Any,
+        filter: Estimator | None,
         true_plant: Plant,
         period: float,
-        goal: Any = None,
+        goal: Mapping[str, float] | ArrayLike | None = None,
         *,
         equilibrium: tuple[np.ndarray, np.ndarray] | None = None,
         moving: bool = False,
@@ -107,7 +110,8 @@ class EquilibriumLoop:
         check_states(law, filter)
         latency = checked_latency(latency, filter)
         check_delay(delay + latency, period, LONGEST_LINEAR)
-        self.law, self.filter, self.plant, self.period = law, filter, true_plant, period
+        self.law, self.plant, self.period = law, true_plant, period
+        self.filter: Any = filter  # each kind has parts of its own
         self.moving, self.delay = moving, delay + latency
         #: Whether the gain follows from R^v: that of a Kalman filter.
         self.tunable = isinstance(filter, RecursiveFilter) and not isinstance(filter, OutputInjectionObserver)
@@ -152,8 +156,9 @@ class EquilibriumLoop:
     def model(self) -> tuple[np.ndarray, np.ndarray]:
         """F (n, n) and H (p, n) of one sample of the filter's model, linearised at the goal."""
         x, u = self.model_equilibrium
-        plant, rows = self.filter.plant, model_rows(self.filter)
-        _, slope = rows(np.concatenate([x, u])[None, :], plant.parameters.vector(), self.filter.sub_steps)
+        filter = self.filter
+        plant, rows = filter.plant, model_rows(filter)
+        _, slope = rows(np.concatenate([x, u])[None, :], plant.parameters.vector(), filter.sub_steps)
         return slope[0, : len(x), : len(x)], plant.slopes(x, u)[3]
 
     def gain(self, process_noise: np.ndarray) -> np.ndarray:
@@ -173,7 +178,7 @@ class EquilibriumLoop:
         plant, n = self.plant, self.plant.n
         places = [plant.index(name) for name in self._states] if self.filter is None else None
 
-        def measured(moving: Any, held: Any) -> Any:
+        def measured(moving: Elements, held: Elements) -> Elements:
             return plant.evaluate_output(moving[:n], moving[n:], held) if places is None else moving[places]
 
         sizes = (n + len(plant.inputs), plant.parameters.size)
@@ -272,7 +277,7 @@ class EquilibriumLoop:
 
     def modes(
         self,
-        values: Sequence[Mapping[str, Any]] | np.ndarray,
+        values: Sequence[ParameterValues] | np.ndarray,
         process_noise: np.ndarray | None = None,
         near: np.ndarray | None = None,
     ) -> Modes:
@@ -300,7 +305,7 @@ class EquilibriumLoop:
         return Modes(self.period, equilibria, multipliers)
 
     def linear(
-        self, values: Mapping[str, Any] | None = None, process_noise: np.ndarray | None = None
+        self, values: ParameterValues | None = None, process_noise: np.ndarray | None = None
     ) -> LinearLoop:
         """The loop linearised at its equilibrium with one true plant, the nominal one by default; a NumericalFailure if
         it has none with this plant."""
@@ -323,10 +328,23 @@ class EquilibriumLoop:
         law, memory, by_y = stepped.u.by[0], stepped.memory.by[0], by_y[0]
         positions = np.eye(n)[[plant.index(name) for name in self.positions]]
         linear = LinearLoop(
-            self.period, a, b, by_y[:, :n], by_y[:, n : n + m], memory[:, :known], law[:, :known],
-            memory[:, known:] @ by_command, law[:, known:] @ by_command, positions, tuple(self.positions), g,
-            tuple(plant.disturbances), tuple(plant.inputs), not self.moving, self.delay * self.period,
-        )  # fmt: skip
+            self.period,
+            a,
+            b,
+            by_y[:, :n],
+            by_y[:, n : n + m],
+            memory[:, :known],
+            law[:, :known],
+            memory[:, known:] @ by_command,
+            law[:, known:] @ by_command,
+            positions,
+            tuple(self.positions),
+            g,
+            tuple(plant.disturbances),
+            tuple(plant.inputs),
+            not self.moving,
+            self.delay * self.period,
+        )
         if nominal:
             self._nominal = linear
         return linear
@@ -400,8 +418,8 @@ class FrequencyResponse:
 
 def frequency_response(
     loop: EquilibriumLoop | LinearLoop,
-    frequencies: Any = None,
-    values: Mapping[str, Any] | None = None,
+    frequencies: ArrayLike | None = None,
+    values: ParameterValues | None = None,
     process_noise: np.ndarray | None = None,
 ) -> FrequencyResponse:
     """Responses of a loop at its equilibrium, at frequencies (F,) in rad/s, positive and at most π/T, else refused.
@@ -433,7 +451,12 @@ def frequency_response(
         answer[:, :, m : m + q] *= np.exp(-1j * grid * linear.period)[:, None, None]
     sensitivity, positions = answer[:, :m, :m], answer[:, 2 * m :]
     return FrequencyResponse(
-        linear, grid, positions[:, :, m : m + q], positions[:, :, m + q :], -opened.response(grid),
+        linear,
+        grid,
+        positions[:, :, m : m + q],
+        positions[:, :, m + q :],
+        -opened.response(grid),
         np.stack([-linear.opened(i=i).response(grid)[:, 0, 0] for i in range(m)], axis=1),
-        sensitivity, np.eye(m) - sensitivity,
-    )  # fmt: skip
+        sensitivity,
+        np.eye(m) - sensitivity,
+    )

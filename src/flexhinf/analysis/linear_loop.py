@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexhinf.errors import NumericalFailure
 from flexhinf.loop.simulation.metrics import LASTING
@@ -161,7 +161,7 @@ class DiscreteSystem:
         """The system from some inputs to some outputs."""
         return self.changed(b=self.b[:, inputs], c=self.c[outputs], d=self.d[outputs][:, inputs])
 
-    def response(self, frequency: Any, inputs: Any = slice(None)) -> np.ndarray:
+    def response(self, frequency: ArrayLike, inputs: slice | np.ndarray = slice(None)) -> np.ndarray:
         """c (zI − a)⁻¹ b + d at z = e^{jωT}, (F, p, m), for frequencies ω (F,) in rad/s and some of the inputs.
 
         Of many states by the Schur form of a: n² operations a frequency instead of n³.
@@ -355,8 +355,8 @@ class LinearLoop:
         self,
         parts: tuple[np.ndarray, np.ndarray, np.ndarray, int],
         bcd: tuple[np.ndarray, ...],
-        k: Any,
-        l: Any,
+        k: np.ndarray,
+        l: np.ndarray,
     ) -> DiscreteSystem:
         # x⁺ = … + b w, z = c x + d w and the late input v = k x + l w.
         (a, e, _, samples), (b, c, d) = parts, bcd

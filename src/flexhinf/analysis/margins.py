@@ -35,7 +35,7 @@ elsewhere with another gain, which is left out here.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from operator import attrgetter
@@ -44,9 +44,10 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
-from flexhinf.analysis.linear_loop import LinearLoop
+from flexhinf.analysis.linear_loop import DiscreteSystem, LinearLoop
 from flexhinf.analysis.search import ACCURACY, crossings, highest_peak, refined_crossings, sign_changes
 from flexhinf.loop.simulation.program import LONGEST_LINEAR
+from flexhinf.plant.parameters import ParameterValues
 
 #: Fractions of a period at which crossings of the delayed loop are looked for.
 FRACTIONS = (0.0, 0.25, 0.5, 0.75)
@@ -70,7 +71,7 @@ def delay_margin(loop: LinearLoop) -> tuple[float, float]:
     for fraction in FRACTIONS:
         opened = loop.opened(fraction * loop.period)
 
-        def sizes(frequency: np.ndarray, opened=opened) -> np.ndarray:
+        def sizes(frequency: np.ndarray, opened: DiscreteSystem = opened) -> np.ndarray:
             return np.sort(np.abs(np.linalg.eigvals(opened.response(frequency))), axis=1) - 1.0
 
         for _, frequency in crossings(sizes, opened.frequencies()):
@@ -142,8 +143,10 @@ COARSE = 0.005
 REAL = 100.0
 
 
-def _pair(name: str, *texts: str) -> Any:  # properties of both numbers of a pair that is computed once
-    def part(k: int) -> Any:
+def _pair(name: str, *texts: str) -> tuple[Any, Any]:
+    """Properties of both numbers of a pair that is computed once; type checkers do not see what they read."""
+
+    def part(k: int) -> property:
         return property(lambda margins: attrgetter(name)(margins)[k], doc=texts[k])
 
     return part(0), part(1)
@@ -226,9 +229,12 @@ class Margins:
             return np.full((m, 2), np.nan)
         system = self.linear.closed_loop.block(slice(0, 2 * m), slice(0, m))
         return _gain_margins(
-            lambda w: _critical_factors(system.response(w)), self._frequencies,
-            _critical_factors(self._sweep[:, : 2 * m, :m]), np.pi / system.period, self._accuracy,
-        )  # fmt: skip
+            lambda w: _critical_factors(system.response(w)),
+            self._frequencies,
+            _critical_factors(self._sweep[:, : 2 * m, :m]),
+            np.pi / system.period,
+            self._accuracy,
+        )
 
     @property
     def gain_margin(self) -> float:
@@ -390,7 +396,7 @@ class Margins:
 
 def margins(
     loop: EquilibriumLoop | LinearLoop,
-    values: Mapping[str, Any] | None = None,
+    values: ParameterValues | None = None,
     process_noise: np.ndarray | None = None,
 ) -> Margins:
     """Margins of a loop at its equilibrium.

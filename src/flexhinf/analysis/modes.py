@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.plant import Penalty
+from flexhinf.plant import GeneralisedPlant, Penalty, Plant
 from flexhinf.robot.elastic import Layout
 from flexhinf.robot.modes import (
     Mode as Mode,
@@ -48,7 +48,7 @@ def sampled_modes(
     return named_modes(np.log(values[kept].astype(complex)) / period, vectors[:, kept], *names)
 
 
-def closed_loop(problem: Any, gain: np.ndarray) -> np.ndarray:
+def closed_loop(problem: GeneralisedPlant, gain: np.ndarray) -> np.ndarray:
     """A + B2 K (N, N) for the law u = K x (m, N), with the exact linearisation of the problem."""
     expansion = problem.expand(1)
     return expansion.f_parts[1] + expansion.g2_parts[0][:, :, 0] @ gain
@@ -73,7 +73,7 @@ class JointScales:
     unit: float | np.ndarray = 1.0  # (n,), in which each input is weighed, V or N·m
 
     @staticmethod
-    def of(plant: Any, equilibrium: tuple[np.ndarray, np.ndarray]) -> JointScales:
+    def of(plant: Plant, equilibrium: tuple[np.ndarray, np.ndarray]) -> JointScales:
         """Scales of a robot's plant in equilibrium."""
         stiffness, inertia = stiffness_and_inertia(plant, equilibrium)
         layout = Layout.of(plant.states)

@@ -19,7 +19,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import accumulate, groupby
 from math import inf, isfinite, log
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -198,9 +198,13 @@ def minimise(
     return Optimum(tuple(candidates))
 
 
+Size = TypeVar("Size", float, np.ndarray)
+Outcome = TypeVar("Outcome")
+
+
 def bisected(
-    accepts: Callable[[Any], Any], good: Any, bad: Any, width: float, relative: bool = True
-) -> tuple[Any, Any]:
+    accepts: Callable[[Size], Outcome], good: Size, bad: Size, width: float, relative: bool = True
+) -> tuple[Size, Outcome | None]:
     """The last value that is accepted between one that is and one that is not, numbers or arrays, to a width; and what
     `accepts` returned for it (None: no value between was accepted).
 
@@ -208,7 +212,7 @@ def bisected(
     """
     outcome = None
     while np.max(np.maximum(good / bad, bad / good) - 1.0 if relative else np.abs(good - bad)) > width:
-        middle = np.sqrt(good * bad) if relative else 0.5 * (good + bad)
+        middle = cast(Size, np.sqrt(good * bad) if relative else 0.5 * (good + bad))
         if tried := accepts(middle):
             good, outcome = middle, tried
         else:

@@ -16,18 +16,20 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple, cast
 
 import casadi as ca
 import numpy as np
 
+from flexhinf.arrays import Elements
 from flexhinf.codegen import Buffer, Call, Columns, Copy, Kernel, Map, Program, Repeat, Slice, compile_program
 from flexhinf.codegen.shared import share
 from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
 from flexhinf.estimation import ConstantGainFilter, OutputInjectionObserver, RecursiveFilter
 from flexhinf.loop import Controller
 from flexhinf.loop.simulation.program import rk4_function
-from flexhinf.plant import Law, Plant
+from flexhinf.plant import Estimator, Law, Plant
+from flexhinf.plant.protocols import Belief
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import gradient, monomials
 from flexhinf.scalars import drop_empty, trace
@@ -51,7 +53,7 @@ class Rows:
         """Values (N, r) and derivatives (N, r, a) at `moving` (N, a) and `held` (N, h), or (h,) for the same in all
         rows; `parts` says how often, if repeated."""
         count, a = moving.shape
-        arrays: dict[str, Any] = {"moving": moving, "unit": np.eye(a)}
+        arrays: dict[str, np.ndarray] = {"moving": moving, "unit": np.eye(a)}
         if held is not None and held.shape[-1]:
             arrays["held"] = np.broadcast_to(held, (count, held.shape[-1]))
         arrays |= {"result": np.zeros(count * self.size), "slope": np.zeros(count * self.size * a)}
@@ -79,11 +81,14 @@ def _compile(function: ca.Function, repeated: bool) -> tuple[Kernel, int]:
         row = (
             Copy(moving, piece("result", 1)),
             Copy(Slice("unit", size=a * a, strides=(0,)), piece("slope", 1)),
-            Repeat("parts", (
-                Map(tangent, (Columns(slope, a), result, *held), (Columns(slope, a),)),
-                Call(value, (result, *held), (result,)),
-            )),
-        )  # fmt: skip
+            Repeat(
+                "parts",
+                (
+                    Map(tangent, (Columns(slope, a), result, *held), (Columns(slope, a),)),
+                    Call(value, (result, *held), (result,)),
+                ),
+            ),
+        )
     else:
         row = (
             Call(value, (moving, *held), (result,)),
@@ -205,7 +210,7 @@ class LawRows:
         law, size = self.law, np.size(self.law.law_data)
         n, states, m = len(law.state_names), len(law.plant_states), len(law.input_names)
 
-        def about(moving: Any, held: Any) -> Any:
+        def about(moving: Elements, held: Elements) -> Elements:
             return law.evaluate_about(moving[:n], moving[n : n + states], moving[n + states :], held)
 
         key = ("law about", type(law), law.law_key, tuple(law.state_names), m, size)
@@ -315,7 +320,7 @@ def stacked(*parts: _Dual) -> _Dual:
     return _Dual(np.hstack([p.value for p in parts]), np.concatenate([p.by for p in parts], axis=1))
 
 
-def check_states(law: Law, estimator: Any) -> None:
+def check_states(law: Law, estimator: Estimator | None) -> None:
     """Refuse an estimator of other states than the law's."""
     states = law.plant_states if estimator is None else tuple(estimator.plant.states)
     refuse_if(
@@ -330,7 +335,7 @@ def model_rows(filter: RecursiveFilter) -> Rows:
     """One sub-step of a filter's model: (x, u), parameters → (x, u) after it; `filter.sub_steps` make F."""
     n, m, size = filter.plant.n, len(filter.plant.inputs), filter.plant.parameters.size
 
-    def once(moving: Any, held: Any) -> Any:
+    def once(moving: Elements, held: Elements) -> Elements:
         return np.concatenate([np.asarray(filter.sub_step(moving[:n], moving[n:], held)), moving[n:]])
 
     key = ("model", filter.period, filter.sub_steps, filter.stages, filter.plant.code_key)
@@ -359,7 +364,12 @@ class SampledController:
     """
 
     def __init__(
-        self, law: Law, estimator: Any, period: float, moving: bool = False, latency: int | None = None
+        self,
+        law: Law,
+        estimator: Estimator | None,
+        period: float,
+        moving: bool = False,
+        latency: int | None = None,
     ) -> None:
         self.law, self.estimator, self.period, self.moving = law, estimator, period, moving
         control = self.controller = Controller(law, estimator, period, moving=moving, latency=latency)
@@ -384,9 +394,13 @@ class SampledController:
         #: Tracked positions by measurement (k, p) and estimate (k, n): the measurement where there is one.
         self.selections = np.reshape(from_y, (self.k, self.p)), np.reshape(from_state, (self.k, self.n))
         sizes = {
-            "belief": self.n * len(self.parts), "u": self.m, "integral": self.k, "position": self.k,
-            "queue": latency * self.m, "commands": control.mode.command_lead * self.k,
-        }  # fmt: skip
+            "belief": self.n * len(self.parts),
+            "u": self.m,
+            "integral": self.k,
+            "position": self.k,
+            "queue": latency * self.m,
+            "commands": control.mode.command_lead * self.k,
+        }
         ends = np.cumsum([*sizes.values()]).tolist()
         #: Where the parts of the memory are, and its length.
         self.places = {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends)}
@@ -415,7 +429,7 @@ class SampledController:
         command: np.ndarray,
         centre: np.ndarray | None = None,
         fixed: np.ndarray | None = None,
-        started: Any = 1.0,
+        started: float | np.ndarray = 1.0,
         outside: bool = True,
     ) -> Stepped:
         """One step for N rows of memory (N, s), measurement (N, p) and command (N, k) of the tracked positions: over
@@ -436,6 +450,7 @@ class SampledController:
         )
         estimate = belief = ahead = seen
         beliefs: list[_Dual] = []
+        held = np.zeros(0)
         waiting = stacked(past[place["u"]], past[place["queue"]])[: self.latency * self.m]
         if self.estimator is not None:
             held = self._held(fixed)
@@ -467,7 +482,7 @@ class SampledController:
             after = stacked((beliefs or self._ahead(belief, u, held))[0], after)
         return Stepped(u, deviation, after)
 
-    def _ahead(self, belief: _Dual, waiting: _Dual, held: Any) -> list[_Dual]:
+    def _ahead(self, belief: _Dual, waiting: _Dual, held: np.ndarray) -> list[_Dual]:
         # beliefs after each of the waiting inputs, of which the last one acts first
         beliefs = [belief]
         for end in range(waiting.value.shape[1], 0, -self.m):
@@ -480,39 +495,44 @@ class SampledController:
         return np.concatenate([np.tile(u, self.latency), np.tile(command, self.controller.mode.command_lead)])
 
     # The estimator -------------------------------------------------------------------------------------
+    @property
+    def _believed(self) -> Estimator:
+        """The estimator, where there is one."""
+        return cast(Estimator, self.estimator)
+
     def _held(self, fixed: np.ndarray | None) -> np.ndarray:
         """Constants of the estimator's updates: parameters, and the constant part of the belief; (j,) or (N, j)."""
         if fixed is not None and fixed.ndim == 2:
-            return np.hstack([np.tile(self.estimator.plant.parameters.vector(), (len(fixed), 1)), fixed])
-        initial = self.estimator.initial
+            return np.hstack([np.tile(self._believed.plant.parameters.vector(), (len(fixed), 1)), fixed])
+        initial = self._believed.initial
         still = [part for k, part in enumerate(initial) if k not in self.parts] if fixed is None else [fixed]
-        held = np.concatenate([self.estimator.plant.parameters.vector(), *map(np.ravel, still)])
+        held = np.concatenate([self._believed.plant.parameters.vector(), *map(np.ravel, still)])
         held[self._flag] = 1.0
         return held
 
     @cached_property
     def _flag(self) -> slice:
         # Place in `_held` of an observer's flag that a period lies before its measurement; empty for others.
-        place = self.estimator.plant.parameters.size
-        for k, (name, part) in enumerate(zip(self.estimator.initial._fields, self.estimator.initial)):
+        place = self._believed.plant.parameters.size
+        for k, (name, part) in enumerate(zip(self._believed.initial._fields, self._believed.initial)):
             if name == "moved":
                 return slice(place, place + 1)
             place += 0 if k in self.parts else int(np.size(part))
         return slice(0, 0)
 
-    def _belief(self, moving: Any, still: Any) -> Any:
+    def _belief(self, moving: Elements, still: Elements) -> Belief:
         parts, left = [], {True: moving, False: still}
-        for k, part in enumerate(self.estimator.initial):
+        for k, part in enumerate(self._believed.initial):
             size, moves = int(np.size(part)), k in self.parts
             parts.append(left[moves][:size].reshape(np.shape(part)))
             left[moves] = left[moves][size:]
-        return type(self.estimator.initial)(*parts)
+        return type(self._believed.initial)(*parts)
 
-    def _moved(self, belief: Any) -> Any:
+    def _moved(self, belief: Belief) -> Elements:
         return np.concatenate([np.ravel(np.asarray(belief[k])) for k in self.parts])
 
-    def _updated(self, moving: Any, held: Any, measured: bool) -> Any:
-        e, size, n = self.estimator, self.estimator.plant.parameters.size, self.places["belief"].stop
+    def _updated(self, moving: Elements, held: Elements, measured: bool) -> Belief:
+        e, size, n = self._believed, self._believed.plant.parameters.size, self.places["belief"].stop
         p, u = e.plant.parameters.named(held[:size]), moving[n:]
         belief = self._belief(moving[:n], held[size:])
         return (
@@ -525,7 +545,7 @@ class SampledController:
         """Moving part of the belief where the estimator's plant rests at (x, u)."""
         if self.estimator is None:
             return np.zeros(0)
-        e, held = self.estimator, self._held(None)
+        e, held = self._believed, self._held(None)
         y = e.plant.evaluate_output(x, u, e.plant.parameters.vector())
         moving = self._moved(e.initial_at(x))
         for signals in ((u,), (y, u), (u,)):
@@ -537,7 +557,7 @@ class SampledController:
         measurements (N, p), inputs (N, m), estimates x̂(k|k) (N, n), and the inputs one sample before (N, m)."""
         if self.estimator is None:
             return np.zeros((len(u), 0))
-        held, moving = self._held(None), self._moved(self.estimator.initial)[None, :]
+        held, moving = self._held(None), self._moved(self._believed.initial)[None, :]
         if self.parts == (0,):
             return np.vstack([moving, self._predict(np.hstack([estimate, u]), held)[0][:-1]])
         beliefs = [moving]
@@ -548,10 +568,10 @@ class SampledController:
         return np.vstack(beliefs)
 
     def _update_rows(self, name: str, measured: bool) -> Rows:
-        e, width = self.estimator, self.p + self.m if measured else self.m
+        e, width = self._believed, self.p + self.m if measured else self.m
         sizes = (self.places["belief"].stop + width, self._held(None).size)
 
-        def update(moving: Any, held: Any) -> Any:
+        def update(moving: Elements, held: Elements) -> Elements:
             return self._moved(self._updated(moving, held, measured))
 
         key = (name, type(e), e.estimator_key, e.plant.code_key)
@@ -563,7 +583,7 @@ class SampledController:
 
     @cached_property
     def _predict(self) -> Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
-        e, n = self.estimator, self.n
+        e, n = self._believed, self.n
         if not isinstance(e, ConstantGainFilter):
             return self._update_rows("predict", False)
         rows, size = model_rows(e.filter), e.plant.parameters.size  # sub-steps are a loop, not one trace

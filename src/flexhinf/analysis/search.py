@@ -107,9 +107,10 @@ def climb(
         every, searches = sorted(searches, key=lambda search: -search.value), []
         for search in every:  # stable: the first start wins a tie
             near = [
-                other for other in searches
+                other
+                for other in searches
                 if np.abs(other.point - search.point).max() <= NEAR * min(search.step, other.step)
-            ]  # fmt: skip
+            ]
             if near:
                 near[0].starts += search.starts
             else:

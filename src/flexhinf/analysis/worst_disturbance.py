@@ -28,16 +28,18 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
 from flexhinf.analysis.linear_loop import DiscreteSystem
 from flexhinf.analysis.sampled_controller import LawRows, Rows, equilibrium_integrals, one_period
 from flexhinf.analysis.search import climb
+from flexhinf.arrays import Elements
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure, refuse_if
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller, Loop, Samples, Trajectory
 from flexhinf.loop.controller.options import checked_latency
-from flexhinf.plant import GeneralisedPlant, Law
+from flexhinf.plant import Estimator, GeneralisedPlant, Law
 from flexhinf.scalars import trace
 
 #: Horizons count from where this share of ∫|d|² has passed: before, both integrals are rounding.
@@ -47,7 +49,7 @@ BEGUN = 1e-6
 class ZeroOrderHold(Samples):
     """Samples, each held until the next."""
 
-    def __call__(self, t: Any) -> Any:
+    def __call__(self, t: ArrayLike) -> np.ndarray:
         """The last sample at or before the time."""
         place = np.searchsorted(self.times, np.asarray(t) * (1.0 + 1e-12), side="right") - 1
         return self.values[np.maximum(place, 0)]
@@ -82,9 +84,14 @@ class DisturbanceRuns:
     """
 
     def __init__(
-        self, problem: GeneralisedPlant, law: Law, estimator: Any, period: float, horizon: float,
+        self,
+        problem: GeneralisedPlant,
+        law: Law,
+        estimator: Estimator | None,
+        period: float,
+        horizon: float,
         latency: int | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         refuse_if(
             tuple(law.state_names) != tuple(problem.state_names),
             "The law was not made for the problem's states.",
@@ -146,7 +153,7 @@ class DisturbanceRuns:
         problem = self.problem
         p, n = problem.plant.parameters, len(problem.state_names)
 
-        def squared(x: Any, _: Any) -> Any:
+        def squared(x: Elements, _: Elements) -> Elements:
             h = np.asarray(problem.penalty_output(x, p.named(p.vector())))
             return np.array([h @ h])
 
@@ -284,10 +291,8 @@ def small_motions(runs: DisturbanceRuns) -> DiscreteSystem:
     weights, root = runs.problem.expand(1).h_parts[1], np.linalg.cholesky(runs.problem.r2).T
     a = np.vstack([np.hstack([by_state[0], by_command[0]]), np.zeros((c, n + loop.step.size + c))])
     b = np.vstack([by_torque[0], np.eye(c, k)])  # a command is remembered for a period
-    seen = np.vstack([
-        weights @ np.hstack([x_by[0][0], x_by[1][0]]),
-        root @ np.hstack([u_by[0][0], u_by[1][0]]),
-    ])  # fmt: skip
+    penalised = weights @ np.hstack([x_by[0][0], x_by[1][0]])
+    seen = np.vstack([penalised, root @ np.hstack([u_by[0][0], u_by[1][0]])])
     return DiscreteSystem(a, b, seen, np.zeros((len(seen), k)), runs.period)
 
 
@@ -310,7 +315,7 @@ class DisturbanceSearch:
         self,
         problem: GeneralisedPlant,
         law: Law,
-        estimator: Any = None,
+        estimator: Estimator | None = None,
         period: float = 1e-3,
         horizon: float = 20.0,
         search_period: float | None = None,
@@ -389,7 +394,7 @@ class DisturbanceSearch:
 def worst_disturbance(
     problem: GeneralisedPlant,
     law: Law,
-    estimator: Any = None,
+    estimator: Estimator | None = None,
     period: float = 1e-3,
     *,
     energy: float | None = None,
@@ -498,7 +503,7 @@ class MovedLaw(Law):
         """Key of the law's code: δ is data."""
         return f"moved {self.law.law_key}"
 
-    def evaluate_law(self, x: Any, data: Any) -> Any:
+    def evaluate_law(self, x: Elements, data: Elements) -> Elements:
         """k(x + δ) − k(δ)."""
         n, m = len(self.state_names), len(self.input_names)
         return self.law.evaluate_law(x + data[-n - m : -m], data[: -n - m]) - data[-m:]

@@ -11,6 +11,9 @@ law                           when to choose it
 ============================  ==================================================================================
 """
 
+# Not checked strictly: lazy_loader has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+
 import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -4,16 +4,20 @@ Two laws are here: the LQR of a problem's linear part, which has the problem's o
 (γ = ∞), and the LQR with the weight compensated exactly, through the springs.
 """
 
+# Not checked strictly: parts of SciPy, CasADi and NumPy have no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# pyright: reportUnknownVariableType=false
+
 from __future__ import annotations
 
 import abc
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar
 
 import numpy as np
 
+from flexhinf.arrays import Elements, Matrix, Vector
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.plant import GeneralisedPlant, Law, Plant
 from flexhinf.plant.joints import ElasticJoints, GravityTorque, check_joints, elastic_joints
@@ -35,7 +39,7 @@ class EquilibriumLaw(Law):
     """
 
     plant: Plant
-    equilibrium: tuple[Any, Any]
+    equilibrium: tuple[Vector, Vector]
     integrate: Sequence[str] = ()
 
     def __post_init__(self) -> None:
@@ -95,7 +99,7 @@ class PlacedLaw(EquilibriumLaw):
         """Numbers of the law without its equilibrium, flat."""
 
     @abc.abstractmethod
-    def evaluate_about(self, x: Any, state: Any, input: Any, data: Any) -> Any:
+    def evaluate_about(self, x: Elements, state: Elements, input: Elements, data: Elements) -> Elements:
         """k (m,) for a deviation x (n,), integrals last, from a reference state (n,) and its input (m,).
 
         The input of the plant is then input + k; k = 0 for x = 0.
@@ -106,7 +110,7 @@ class PlacedLaw(EquilibriumLaw):
         """Numbers, then x* and u*, flat."""
         return np.concatenate([self.numbers, *self.equilibrium])
 
-    def evaluate_law(self, x: Any, data: Any) -> Any:
+    def evaluate_law(self, x: Elements, data: Elements) -> Elements:
         """k(x), (m,), about the equilibrium."""
         inputs = len(self.input_names)
         return self.evaluate_about(x, data[-self.plant.n - inputs : -inputs], data[-inputs:], data)
@@ -152,8 +156,7 @@ class LinearQuadratic(EquilibriumLaw):
     `gain` (m, n): K, integrals included.
     """
 
-    gain: Any
-    law_key: ClassVar[str] = "linear feedback"  # one text for all numbers
+    gain: Matrix
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -164,11 +167,16 @@ class LinearQuadratic(EquilibriumLaw):
         object.__setattr__(self, "gain", gain)
 
     @property
+    def law_key(self) -> str:
+        """One text for all numbers."""
+        return "linear feedback"
+
+    @property
     def law_data(self) -> np.ndarray:
         """K, flat."""
         return self.gain.ravel()
 
-    def evaluate_law(self, x: Any, data: Any) -> Any:
+    def evaluate_law(self, x: Elements, data: Elements) -> Elements:
         """K x on any element."""
         return data.reshape(len(self.input_names), -1) @ x
 
@@ -221,7 +229,7 @@ class GravityCompensatedLQR(PlacedLaw, LinearQuadratic):
         """Key of the law's code: that of G."""
         return f"LQR with gravity compensation {self._weight.key}"
 
-    def evaluate_about(self, x: Any, state: Any, input: Any, data: Any) -> Any:
+    def evaluate_about(self, x: Elements, state: Elements, input: Elements, data: Elements) -> Elements:
         """k (n,) for a deviation x from the reference, of any element."""
         n, end, states = len(self.input_names), self.gain.size, self.plant.n
         gain = data[:end].reshape(n, -1)

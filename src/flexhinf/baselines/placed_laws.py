@@ -49,6 +49,9 @@ elastic joints and their link positions r = 4 and A = M⁻¹ K J⁻¹ k_u [spong
 The derivatives are exact, formed by CasADi from the plant's own flow.
 """
 
+# Not checked strictly: parts of SciPy, CasADi and NumPy have no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false, reportUnknownVariableType=false
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -59,6 +62,7 @@ from typing import Any, Self, cast
 import casadi as ca
 import numpy as np
 
+from flexhinf.arrays import Elements
 from flexhinf.baselines.equilibrium_law import INTEGRAL_RATE, PlacedLaw, equilibrium_of
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.plant import GeneralisedPlant, Plant
@@ -179,13 +183,15 @@ class TorqueFeedback(PlacedLaw):
             )
         slow = rate * bandwidth
         return cls(
-            plant=problem.plant, equilibrium=equilibrium, integrate=(integral,) if integral else (),
+            plant=problem.plant,
+            equilibrium=equilibrium,
+            integrate=(integral,) if integral else (),
             rotor_inertia=rotor,
             proportional=inertia * (bandwidth**2 + 2.0 * damping * bandwidth * slow),
             derivative=np.maximum(0.0, inertia * (2.0 * damping * bandwidth + slow) - friction),
             integral=inertia * bandwidth**2 * slow,
             **options,
-        )  # fmt: skip
+        )
 
     # The weight from the motor position -------------------------------------------------------------
 
@@ -214,7 +220,7 @@ class TorqueFeedback(PlacedLaw):
             "compensation='goal', or stiffer joints",
         )
 
-    def weight(self, theta: Any, stiffness: Any, p: Any) -> Any:
+    def weight(self, theta: Elements, stiffness: Elements, p: Elements) -> Elements:
         """ḡ(θ), (n,), for motor positions (n,) and the parameter vector p, of any element."""
         q = theta
         for _ in range(self.turns):
@@ -253,7 +259,7 @@ class TorqueFeedback(PlacedLaw):
             f"torque feedback, weight at the {'goal' if goal else f'motor {self.turns} {self._weight.key}'}"
         )
 
-    def evaluate_about(self, x: Any, state: Any, input: Any, data: Any) -> Any:
+    def evaluate_about(self, x: Elements, state: Elements, input: Elements, data: Elements) -> Elements:
         """k (n,) for a deviation x from the reference, of any element."""
         n, end = len(self.input_names), self.gain.size
         k = data[:end].reshape(n, -1) @ x
@@ -274,7 +280,7 @@ class MotorPD(TorqueFeedback):
     compensation: str = "goal"
 
     @classmethod
-    def tuned(
+    def tuned(  # pyright: ignore[reportIncompatibleMethodOverride]  # the rotor stays as it is: no ratio
         cls,
         problem: GeneralisedPlant,
         bandwidth: float,
@@ -287,7 +293,7 @@ class MotorPD(TorqueFeedback):
 
 
 @lru_cache(maxsize=8)
-def _contraction(plant: Any, goal: tuple[float, ...], stiffness: tuple[float, ...]) -> float:
+def _contraction(plant: Plant, goal: tuple[float, ...], stiffness: tuple[float, ...]) -> float:
     # Gains have no part in it, so a search over them computes it once.
     n, p, weight = len(stiffness), plant.parameters.vector(), GravityTorque(plant)
     poses = np.random.default_rng(SEED).uniform(-np.pi, np.pi, (POSES, n))
@@ -325,7 +331,7 @@ class NormalForm:
         vars(self).update(degrees=tuple(len(each) for each in self._derivatives[3]))
 
     @cached_property
-    def _derivatives(self) -> tuple[Any, Any, Any, list[list[Any]], list[Any]]:
+    def _derivatives(self) -> tuple[ca.SX, ca.SX, ca.SX, list[list[ca.SX]], list[ca.SX]]:
         """x, u, p, and for each output its derivatives below r_j, and the r_j-th."""
         plant, places = self.plant, [self.plant.index(name) for name in self.outputs]
         x, u = ca.SX.sym("x", plant.n), ca.SX.sym("u", len(plant.inputs))
@@ -333,16 +339,18 @@ class NormalForm:
         rate = plant.traced_flow(x, u, ca.SX.zeros(len(plant.disturbances)), p)
         lower: list[list[Any]] = [[] for _ in places]
         top: list[Any] = [None for _ in places]
-        current, open_ = x[places], list(range(len(places)))
+        current: ca.SX = x[places]
+        open_: list[int] = list(range(len(places)))
         for _ in range(plant.n):
             following = ca.cse(ca.jtimes(current, x, rate))
-            reached = ca.which_depends(following, u, 1, True)
+            reached: Sequence[bool] = ca.which_depends(following, u, 1, True)
             for row, j in enumerate(open_):
                 lower[j].append(current[row])
                 if reached[row]:
                     top[j] = following[row]
             kept = [row for row in range(len(open_)) if not reached[row]]
-            current, open_ = following[kept], [open_[row] for row in kept]
+            current = following[kept]
+            open_ = [open_[row] for row in kept]
             if not open_:
                 break
         if open_:
@@ -353,13 +361,14 @@ class NormalForm:
             )
         if not linear(ca.Function("top", [u, x, p], [ca.densify(ca.vertcat(*top))])):
             raise InvalidInput(
-                "The inputs do not enter linearly.", f"in the derivatives of {list(self.outputs)}",
+                "The inputs do not enter linearly.",
+                f"in the derivatives of {list(self.outputs)}",
                 "a model that is affine in its inputs",
-            )  # fmt: skip
+            )
         return x, u, p, lower, top
 
     @cached_property
-    def chains(self) -> Any:
+    def chains(self) -> ca.Function:
         """(x, u, p) → y, ẏ … below r_j of the first output, of the second …, (Σ r_j,), and y^(r) (m,)."""
         x, u, p, lower, top = self._derivatives
         below = ca.vertcat(*(derivative for each in lower for derivative in each))
@@ -367,7 +376,7 @@ class NormalForm:
         return ca.Function("chains", [x, u, p], [ca.densify(below), highest], {"cse": True})
 
     @cached_property
-    def linearising(self) -> Any:
+    def linearising(self) -> ca.Function:
         """(x, v, p) → u with y^(r) = v."""
         x, u, p, _, top = self._derivatives
         highest, v = ca.vertcat(*top), ca.SX.sym("v", u.numel())
@@ -375,11 +384,11 @@ class NormalForm:
         solved = ca.densify(ca.solve(decoupling, v - ca.substitute(highest, u, ca.SX.zeros(u.numel()))))
         return ca.Function("linearising", [x, v, p], [solved], {"cse": True})
 
-    def coordinates(self, x: Any, u: Any, p: Any) -> tuple[Any, ...]:
+    def coordinates(self, x: Elements, u: Elements, p: Elements) -> tuple[Elements, ...]:
         """(ξ, y^(r)): see `chains`; of any element, p the parameter vector."""
         return apply(self.chains, x, u, p)
 
-    def input(self, x: Any, v: Any, p: Any) -> Any:
+    def input(self, x: Elements, v: Elements, p: Elements) -> Elements:
         """u (m,) with y^(r) = v (m,), of any element."""
         return apply(self.linearising, x, v, p)[0]
 
@@ -477,9 +486,12 @@ class FeedbackLinearisation(PlacedLaw):
             )
             chains = [np.concatenate([pole * k, [pole]]) + np.concatenate([[0.0], k]) for k in chains]
         return FeedbackLinearisation(
-            plant=plant, equilibrium=equilibrium_of(problem), integrate=names if integral else (),
-            coefficients=chains, outputs=names,
-        )  # fmt: skip
+            plant=plant,
+            equilibrium=equilibrium_of(problem),
+            integrate=names if integral else (),
+            coefficients=chains,
+            outputs=names,
+        )
 
     @cached_property
     def form(self) -> NormalForm:
@@ -491,20 +503,24 @@ class FeedbackLinearisation(PlacedLaw):
         """Coefficients, then the plant's parameters."""
         return np.concatenate([*self.coefficients, self.plant.parameters.vector()])
 
-    @cached_property
+    @property
     def law_key(self) -> str:
         """Key of the law's code: the two maps, and whether there are integrals."""
+        return self._key
+
+    @cached_property
+    def _key(self) -> str:
         codes = (digest(code) for code in (self.form.chains, self.form.linearising))
         return " ".join(["feedback linearisation", str(bool(self.integrate)), *codes])
 
-    def evaluate_about(self, x: Any, state: Any, input: Any, data: Any) -> Any:
+    def evaluate_about(self, x: Elements, state: Elements, input: Elements, data: Elements) -> Elements:
         """k (m,) for a deviation x from the reference, of any element."""
         states, numbers = self.plant.n, data[: -self.plant.n - len(input)]
         p = numbers[sum(len(chain) for chain in self.coefficients) :]
         now = state + x[:states]
         xi, _ = self.form.coordinates(now, input, p)
         xi_d, v = self.form.coordinates(state, input, p)
-        error, wanted, row, place = xi_d - xi, [], 0, 0
+        error, wanted, row, place = xi_d - xi, list[Elements](), 0, 0
         for j, degree in enumerate(self.form.degrees):
             total = v[j]
             if self.integrate:

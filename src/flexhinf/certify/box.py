@@ -35,9 +35,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from math import prod
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
+from flint import fmpq
 
 from flexhinf.certify.certificate import (
     Certificate,
@@ -61,13 +62,16 @@ from flexhinf.certify.problem_to_claim import (
 )
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf.value_function import ValueFunction
-from flexhinf.plant.plant import GeneralisedPlant
+from flexhinf.plant.plant import GeneralisedPlant, Plant
 from flexhinf.robot import Robot
+
+#: What a product of parameters is computed with.
+Exact = TypeVar("Exact", float, fmpq)
 
 _MOVED = 1e-12  # rates at the nominal equilibrium above this, relative to the parameters: it moves
 
 
-def parameter_ranges(robot: Robot, plant: Any, scale: float = 1.0) -> dict[str, tuple[float, float]]:
+def parameter_ranges(robot: Robot, plant: Plant, scale: float = 1.0) -> dict[str, tuple[float, float]]:
     """Ranges of a plant's parameters over `scale` times the robot's tolerances, rounded outwards.
 
     Each parameter of the plant is monotone in each of the robot's, so its extremes are at corners of the tolerances.
@@ -185,14 +189,14 @@ def parameter_groups(certificate: Certificate) -> list[dict[str, int]]:
     return list(groups.values())
 
 
-def power_product(group: Mapping[str, int], values: Mapping[str, Any], unity: Any = 1.0) -> Any:
+def power_product(group: Mapping[str, int], values: Mapping[str, Exact], unity: Exact) -> Exact:
     """The product of powers of parameters."""
     return prod((values[name] ** power for name, power in group.items()), start=unity)
 
 
 def group_ends(
-    certificate: Certificate, number: Callable[[float], Any] = float
-) -> list[list[dict[str, Any]]]:
+    certificate: Certificate, number: Callable[[float], Exact] = float
+) -> list[list[dict[str, Exact]]]:
     """Values of the parameters in the box at which the product of each of `parameter_groups` is smallest and
     largest."""
     ranges, ends = {p.name: (number(p.low), number(p.high)) for p in certificate.parameters}, []

@@ -186,11 +186,13 @@ class CellBounds:
             links[b] = monomials.index((*beta[:j], beta[j] - 1, *beta[j + 1 :])), j
         masks = (np.array(monomials).reshape(len(monomials), shape.directions) > 0).astype(float)
         self._constants = {
-            "value_table": self.value_table, "quotient_table": self.quotient_table, "table": self.table,
+            "value_table": self.value_table,
+            "quotient_table": self.quotient_table,
+            "table": self.table,
             "segments": np.array([*edges, *np.ravel(segments)], dtype=np.int64),
             "lines": np.concatenate([*(rows.ravel() for _, _, rows in every), [0]]).astype(np.int32),
             "signs": np.concatenate([links.ravel(), masks.ravel().view(np.int64)]),
-        }  # fmt: skip
+        }
 
     # Cells --------------------------------------------------------------------------------------
     def bound(self, cells: Records, level: float, pool: ThreadPoolExecutor | None = None) -> Records:
@@ -212,8 +214,11 @@ class CellBounds:
         inputs, outputs = (_aligned(len(faces), size, LANES) for size in (rows.shape[1], names["count"]))
         inputs[:] = rows[filled].reshape(len(faces), LANES, -1).transpose(0, 2, 1)
         arrays = self._constants | {
-            "faces": faces.astype(np.int64), "inputs": inputs, "outputs": outputs, "level": np.array([level])
-        }  # fmt: skip
+            "faces": faces.astype(np.int64),
+            "inputs": inputs,
+            "outputs": outputs,
+            "level": np.array([level]),
+        }
 
         def run(first: int, last: int) -> None:
             whole = arrays | {"work": _aligned(self.shape.work["count"], LANES)}

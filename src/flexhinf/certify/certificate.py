@@ -22,7 +22,6 @@ from functools import cache
 from itertools import zip_longest
 from math import prod, sqrt
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
@@ -166,7 +165,7 @@ def load_certificate(path: str | os.PathLike[str]) -> Certificate:
             "the file that flexhinf certify wrote, unchanged",
         )
 
-    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    def once(pairs: list[tuple[str, object]]) -> dict[str, object]:
         if len({key for key, _ in pairs}) < len(pairs):
             raise ValueError("a key that stands twice")
         return dict(pairs)
@@ -412,25 +411,48 @@ def _statements(claim: Claim, verification: Verification) -> list[tuple[str, str
         f"|{s.name} - its value at the goal| <= {_up(peak)} {s.unit}".rstrip()
         for s, peak in zip(claim.inputs, verification.peaks)
     )
+    within = f", with V <= {_up(claim.start_level)}" if claim.observer else ""
     statements = [
-        (True, "Region", "S is compact and star-shaped, and V grows along every ray in it. On S, dV/dt <= "
-         f"{f'-{_down(claim.decay)} V + ' if claim.decay else ''}1/2 gamma^2 |d|^2 - 1/2 |z|^2 with gamma = "
-         f"{claim.gamma!r} and z = ({z})."),
-        (True, "Gain", f"from x(0) in S, as long as V(x(0)) + 1/2 gamma^2 (energy of d) <= {level}, the state stays "
-         "in S and (energy of z) <= gamma^2 (energy of d) + 2 V(x(0))."),
-        (True, "Convergence", "without disturbances every trajectory from S stays in S and converges to the goal, "
-         "exponentially fast."),
-        (verification.gradient_law, "Budget", "for u = -R2^-1 g2'V_x' + v (without v the law, but for its rounding) "
-         "with any v, from x(0) in S, as long as V(x(0)) + 1/2 gamma^2 (energy of d) + 1/2 (integral of v'R2 v) <= "
-         f"{level}, the state stays in S and (energy of z) <= gamma^2 (energy of d) + (integral of v'R2 v) + "
-         "2 V(x(0)), z with the u that is applied."),
-        (claim.decay, "Disturbances that last", f"S is invariant for disturbances with |d(t)| <= {lasting} at all "
-         "times, of any duration."),
-        (claim.starts, "Starts", "all starts named above lie in S"
-         + (f", with V <= {_up(claim.start_level)}." if claim.observer else ".")),
-        (verification.peaks, "Largest input", f"without disturbances, from all starts named above, {inputs}."),
+        (
+            True,
+            "Region",
+            "S is compact and star-shaped, and V grows along every ray in it. On S, dV/dt <= "
+            f"{f'-{_down(claim.decay)} V + ' if claim.decay else ''}1/2 gamma^2 |d|^2 - 1/2 |z|^2 with gamma = "
+            f"{claim.gamma!r} and z = ({z}).",
+        ),
+        (
+            True,
+            "Gain",
+            f"from x(0) in S, as long as V(x(0)) + 1/2 gamma^2 (energy of d) <= {level}, the state stays "
+            "in S and (energy of z) <= gamma^2 (energy of d) + 2 V(x(0)).",
+        ),
+        (
+            True,
+            "Convergence",
+            "without disturbances every trajectory from S stays in S and converges to the goal, "
+            "exponentially fast.",
+        ),
+        (
+            verification.gradient_law,
+            "Budget",
+            "for u = -R2^-1 g2'V_x' + v (without v the law, but for its rounding) "
+            "with any v, from x(0) in S, as long as V(x(0)) + 1/2 gamma^2 (energy of d) + 1/2 (integral of v'R2 v) <= "
+            f"{level}, the state stays in S and (energy of z) <= gamma^2 (energy of d) + (integral of v'R2 v) + "
+            "2 V(x(0)), z with the u that is applied.",
+        ),
+        (
+            claim.decay,
+            "Disturbances that last",
+            f"S is invariant for disturbances with |d(t)| <= {lasting} at all times, of any duration.",
+        ),
+        (claim.starts, "Starts", f"all starts named above lie in S{within}."),
+        (
+            verification.peaks,
+            "Largest input",
+            f"without disturbances, from all starts named above, {inputs}.",
+        ),
         (claim.observer, "Output feedback", _with_estimates(claim, claim.observer) if claim.observer else ""),
-    ]  # fmt: skip
+    ]
     return [(name, text) for stated, name, text in statements if stated]
 
 
@@ -439,8 +461,10 @@ def _observer(claim: Claim) -> list[str]:
         return []
     known = claim.observer.known
     estimated = ", ".join(s.name for s in claim.states if s.name not in known)
-    sensors = (tuple((tuple(int(i == j) for j in range(len(row))), v) for i, v in enumerate(row) if v)
-               for row in claim.observer.measured)  # fmt: skip
+    sensors = (
+        tuple((tuple(int(i == j) for j in range(len(row))), v) for i, v in enumerate(row) if v)
+        for row in claim.observer.measured
+    )
     measured = ", ".join(_row(row, claim.states) for row in sensors)
     gains = "; ".join(" ".join(f"{v:.6g}" for v in row) for row in claim.observer.gain)
     computed = (
@@ -541,11 +565,12 @@ def _power(name: str, exponent: int) -> str:
 
 def _bracket(function: Function, names: list[str]) -> str:
     """φ(o + ℓᵀx) − φ(o)."""
-    inner = _joined([
+    terms = [
         f"{'-' if value < 0 else ''}{'' if abs(value) == 1.0 else f'{abs(value):.10g}*'}{name}"
         for value, name in zip(function.slope, names, strict=True)
         if value
-    ])  # fmt: skip
+    ]
+    inner = _joined(terms)
     o = [f"{function.offset:.10g}"] * bool(function.offset)
     if halves := function.pi_halves:  # a whole number of π/2
         whole, half = halves if halves % 2 else halves // 2, "/2" if halves % 2 else ""

@@ -17,7 +17,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import BeforeValidator, ConfigDict, Field, PlainSerializer, Strict
 
@@ -45,7 +45,7 @@ _HEXADECIMAL = re.compile(r"-?0x[01](\.[0-9a-f]{1,13})?p[+-]\d{1,4}")
 _OF_THEOREM, _NO_PARAMETERS = (*FUNCTIONS, "pi", "gamma", "z", "V", "S", "R2"), ("a", "x", "u", "d")
 
 
-def _double(value: Any) -> Any:
+def _double(value: object) -> float:
     """A double from a number, or from its hexadecimal text in a file; finite, and within ±1e30."""
     if isinstance(value, str) and _HEXADECIMAL.fullmatch(value):
         value = float.fromhex(value) if int(value.partition("p")[2]) < 1000 else float("inf")
@@ -267,7 +267,7 @@ def require(*checks: Check) -> None:
             )
 
 
-def rows_fit(name: str, matrix: Sequence[Sequence[Any]], rows: int, columns: int) -> Check:
+def rows_fit(name: str, matrix: Sequence[Sequence[object]], rows: int, columns: int) -> Check:
     """Whether a matrix has this shape."""
     lengths = [len(row) for row in matrix]
     return lengths == [columns] * rows, f"{rows} rows of {columns} in {name}", f"rows of {lengths}"
@@ -392,9 +392,11 @@ class Claim(Part):
             rows_fit("r2", self.r2, m, m),
         )
         check_names(
-            state=[s.name for s in self.states], input=[s.name for s in self.inputs],
-            disturbance=[s.name for s in self.disturbances], parameter=[p.name for p in self.parameters],
-        )  # fmt: skip
+            state=[s.name for s in self.states],
+            input=[s.name for s in self.inputs],
+            disturbance=[s.name for s in self.disturbances],
+            parameter=[p.name for p in self.parameters],
+        )
         self._check_feedback()
         self._check_terms(n)
 

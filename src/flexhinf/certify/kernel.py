@@ -11,7 +11,7 @@ together.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache, partialmethod
 from itertools import groupby, product
@@ -26,9 +26,20 @@ LOW = 3  # monomials through this degree are kept as polynomials in ρ; the othe
 
 #: What the kernel's argument points to, in this order: 64-bit words.
 POINTERS = (
-    "first", "last", "faces", "inputs", "outputs", "work", "level", "value_table", "quotient_table", "table",
-    "segments", "lines", "signs",
-)  # fmt: skip
+    "first",
+    "last",
+    "faces",
+    "inputs",
+    "outputs",
+    "work",
+    "level",
+    "value_table",
+    "quotient_table",
+    "table",
+    "segments",
+    "lines",
+    "signs",
+)
 
 #: What is found of each cell, and at last `score`: how much the radius and each t_j add to `upper`.
 OUTPUTS = (
@@ -55,7 +66,7 @@ class Group(NamedTuple):
 
     size: int
     first: int  # number of the first monomial
-    count: int
+    count: int  # pyright: ignore[reportIncompatibleMethodOverride]  # a tuple counts, too
     even: int  # how many have even exponents only
     degrees: tuple[int, ...]  # those k ≥ |β| that the polynomial has
     offset: int
@@ -132,11 +143,18 @@ class Shape:
         self.outputs = _places(dict.fromkeys(OUTPUTS, 1) | {"score": states})
         highest, monomials = self.longest.degrees[-1], len(self.longest.monomials)
         low = sum(group.count for group in self.whole.groups if group.size <= LOW) * (highest + 1)
-        self.work = _places({
-            "value": self.value.count, "quotient": max((q.count for q in self.quotients), default=0),
-            "whole": self.whole.count, "scale": monomials, "weight": monomials, "low": low, "low_value": low,
-            "powers": 5 * (highest + 3),
-        })  # fmt: skip
+        self.work = _places(
+            {
+                "value": self.value.count,
+                "quotient": max((q.count for q in self.quotients), default=0),
+                "whole": self.whole.count,
+                "scale": monomials,
+                "weight": monomials,
+                "low": low,
+                "low_value": low,
+                "powers": 5 * (highest + 3),
+            }
+        )
 
 
 def _places(sizes: dict[str, int]) -> dict[str, int]:
@@ -204,7 +222,7 @@ class _Kernel(Writer):
         return self.let(f"{operation} {_TRUTHS} {a}, {b}")
 
     @contextmanager
-    def where(self, condition: str) -> Iterator[None]:
+    def where(self, condition: str) -> Generator[None]:
         yes, end = self.label("yes"), self.label("end")
         self.do(f"br i1 {condition}, label %{yes}, label %{end}")
         self.place(yes)

@@ -13,12 +13,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
 from math import pi, prod
-from typing import Any
+from typing import Any, NotRequired, TypedDict
 
 import casadi as ca
 import numpy as np
 from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
+from flexhinf.arrays import Elements
 from flexhinf.certify.certificate import Certificate, linear_part
 from flexhinf.certify.claim import FUNCTIONS, Function, Parameter, Polynomial, Signal, Term, Terms
 from flexhinf.errors import InvalidInput
@@ -37,7 +38,7 @@ from flexhinf.validation import HUGE
 ELEMENTARY = dict(
     zip((ca.OP_SIN, ca.OP_COS, ca.OP_EXP, ca.OP_TANH, ca.OP_ATAN, ca.OP_LOG), FUNCTIONS, strict=True)
 )
-OPERATIONS: dict[int, Callable[[Any, Any], Any]] = {
+OPERATIONS: dict[int, Callable[[fmpq_mpoly, fmpq_mpoly], fmpq_mpoly]] = {
     ca.OP_ADD: lambda a, b: a + b,
     ca.OP_SUB: lambda a, b: a - b,
     ca.OP_MUL: lambda a, b: a * b,
@@ -51,6 +52,21 @@ _MOST_HALVES = 64  # an offset that is the double nearest to k π/2 means k π/2
 
 #: Rational values of φ(o) at multiples of π/2, by the number of multiples.
 _AT_ZERO = {"sin": (0, 1, 0, -1), "cos": (1, 0, -1, 0), "exp": (1,), "tanh": (0,), "arctan": (0,)}
+
+
+#: The checked h: from deviations (1, n) and the designed h (1, s) to (1, s).
+PenaltyMap = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+class PlantFields(TypedDict):
+    """Fields of a claim that say what its plant and its penalty are."""
+
+    drift: tuple[Terms, ...]
+    g1: tuple[tuple[Terms, ...], ...]
+    g2: tuple[tuple[Terms, ...], ...]
+    penalty: tuple[Polynomial, ...]
+    functions: NotRequired[tuple[Function, ...]]
+    parameters: NotRequired[tuple[Parameter, ...]]
 
 
 #: The smallest and the largest value of parameters, by name.
@@ -73,8 +89,8 @@ def terms_of(polynomial: fmpq_mpoly) -> dict[tuple[int, ...], fmpq]:
 
 
 def plant_fields(
-    problem: Problem | None, penalty: Any = None, ranges: Ranges | None = None
-) -> dict[str, Any]:
+    problem: Problem | None, penalty: PenaltyMap | None = None, ranges: Ranges | None = None
+) -> PlantFields:
     """The fields of a claim that contain f, g1, g2 and h of a problem, in exact terms.
 
     `penalty` is the checked h: from deviations (1, n) and the designed h (1, s) to (1, s). Default: the designed one.
@@ -117,13 +133,15 @@ def plant_fields(
             f"expected parameters that multiply terms, got {', '.join(fixed)}",
             "its nominal value, or sampled_region",
         )
-    return dict(zip(("drift", "g2", "g1"), zip(*split), strict=True)) | {
+    drift, g2, g1 = zip(*split, strict=True)
+    seen = [reader.names[i] for i in sorted(reader.seen)]
+    return {
+        "drift": drift,
+        "g2": g2,
+        "g1": g1,
         "penalty": tuple(map(reader.polynomial, h)),
         "functions": tuple(reader.functions),
-        "parameters": tuple(
-            Parameter(name, *box[name], _unit(problem, name))
-            for name in (reader.names[i] for i in sorted(reader.seen))
-        ),
+        "parameters": tuple(Parameter(name, *box[name], _unit(problem, name)) for name in seen),
     }
 
 
@@ -136,11 +154,11 @@ def flat_names(table: ParameterTable) -> list[str]:
     ]
 
 
-def _checked(penalty: Any, x: Any, h: Any) -> Any:
+def _checked(penalty: PenaltyMap | None, x: Elements, h: Elements) -> Elements:
     return np.asarray(h if penalty is None else penalty(np.asarray(x)[None], np.asarray(h)[None])[0])
 
 
-def _of_polynomials(plant: PolynomialPlant, penalty: Any) -> dict[str, Any]:
+def _of_polynomials(plant: PolynomialPlant, penalty: PenaltyMap | None) -> PlantFields:
     n, disturbances, inputs, outputs = plant.size
 
     def row(parts: dict[int, np.ndarray], *place: int) -> Terms:
@@ -186,7 +204,7 @@ class _Reader:
         self.inside = set[str]()  # functions of the state
 
     # Running code ------------------------------------------------------------------------------
-    def run(self, function: Any, arguments: Sequence[Sequence[fmpq_mpoly]]) -> list[fmpq_mpoly]:
+    def run(self, function: ca.Function, arguments: Sequence[Sequence[fmpq_mpoly]]) -> list[fmpq_mpoly]:
         work: dict[int, fmpq_mpoly] = {}
         result = [self.context.constant(0)] * function.size1_out(0)
         for code, read, written, constant in instructions(function):
@@ -254,7 +272,9 @@ class _Reader:
         """The terms of a rate: of the drift without its constant, which the operating input balances, and of the
         factor of each input."""
         n, end = self.edges[1], self.edges[2]
-        factors: list[dict[Any, fmpq]] = [{} for _ in range(end - n + 1)]
+        factors: list[dict[tuple[tuple[int, ...], tuple[tuple[str, int], ...], int | None], fmpq]] = [
+            {} for _ in range(end - n + 1)
+        ]
         for exponents, value in terms_of(rate).items():
             states, inputs, functions = exponents[:n], exponents[n:end], exponents[self.edges[4] :]
             require(sum(inputs) <= 1, "an input or a disturbance that does not enter affinely")
@@ -341,7 +361,7 @@ def statement_of(
     return claim_of(
         solution,
         solution.problem,
-        fields | {"penalty": tuple(map(_without_rounding, fields["penalty"]))},
+        {**fields, "penalty": tuple(map(_without_rounding, fields["penalty"]))},
         about=about or "a state feedback",
         r2=matrix_rows(solution.expansion.r2),
         value=value_polynomial(solution),
@@ -355,7 +375,7 @@ def statement_of(
 
 
 def claim_of(
-    solution: ValueFunction, problem: Problem | None, fields: dict[str, Any], **others: Any
+    solution: ValueFunction, problem: Problem | None, fields: PlantFields, **others: Any
 ) -> Certificate:
     """The certificate of a solution, with `plant_fields` and the `others`."""
     disturbances = (
@@ -403,7 +423,7 @@ def _unit(problem: Problem | None, name: str) -> str:
     return problem.plant.unit(name).replace(" ", "·") if isinstance(problem, GeneralisedPlant) else ""
 
 
-def law_polynomials(solution: ValueFunction, fields: Mapping[str, Any]) -> tuple[Polynomial, ...]:
+def law_polynomials(solution: ValueFunction, fields: PlantFields) -> tuple[Polynomial, ...]:
     """The law −R2⁻¹ g2ᵀ V_xᵀ in doubles: the controller's own numbers if g2 is constant, else the product, rounded."""
     n, _, m, _ = solution.expansion.size
     rows: list[dict[tuple[int, ...], float]] = [{} for _ in range(m)]

@@ -20,7 +20,6 @@ import math
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -258,7 +257,7 @@ def tabled_start(
 
 def _gathered(terms: Iterable[Term]) -> tuple[Term, ...]:
     """Terms with equal powers added; separate intervals would not cancel."""
-    sums: dict[tuple[Any, ...], list[float]] = {}
+    sums: dict[tuple[tuple[int, ...], tuple[tuple[str, int], ...], int | None], list[float]] = {}
     for term in terms:
         key = term.powers, tuple(sorted(term.parameters)), term.function
         sums.setdefault(key, []).append(term.coefficient)

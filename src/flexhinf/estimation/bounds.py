@@ -25,10 +25,10 @@ the density would never grow back.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
+from flexhinf.arrays import Elements
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Plant
 from flexhinf.scalars import clip, where
@@ -41,7 +41,7 @@ Bounds = dict[str, tuple[float, float]]
 HELD = 1e-12
 
 
-def checked_bounds(bounds: Any, plant: Plant) -> Bounds:
+def checked_bounds(bounds: Mapping[str, tuple[float, float]] | None, plant: Plant) -> Bounds:
     """Intervals of states, none for None.
 
     Raises InvalidInput: for what is no mapping, an unknown state, or what is no interval.
@@ -83,7 +83,9 @@ def check_inside(mean: np.ndarray, bounds: Bounds, plant: Plant) -> None:
             )
 
 
-def projected(places: list[int], ends: list[tuple[float, float]], mean: Any, columns: Any) -> Any:
+def projected(
+    places: list[int], ends: list[tuple[float, float]], mean: Elements, columns: Elements
+) -> Elements:
     """The mean (n,) within intervals (k,) of the states at some places, along the columns (n, k) of P there."""
     mean, columns = np.array(mean), np.array(columns)
     own = [columns[place, k] for k, place in enumerate(places)]

@@ -10,14 +10,18 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from flexhinf.arrays import Elements
 from flexhinf.codegen import Block, Buffer, Composer, Copy, Guard, Kernel, Program, Slice, compile_program
 from flexhinf.codegen.shared import share
 from flexhinf.estimation.diagnosis import EPS, innovation_limit
+from flexhinf.estimation.interface import Filter
 from flexhinf.plant import known, rcond_limit
+from flexhinf.plant.protocols import Belief
 from flexhinf.scalars import absolute, solve_lower, where
 
 #: How a program ends, beside 0: nothing was measured; something is not finite, or digits are lost.
@@ -36,7 +40,7 @@ class CompiledUpdates:
     not fit is refused by the filter's own error.
     """
 
-    def __init__(self, filter: Any) -> None:
+    def __init__(self, filter: Filter) -> None:
         plant, initial = filter.plant, filter.initial
         self.kind, self.shapes = type(initial), [np.shape(part) for part in initial]
         self.key = code_key(filter)
@@ -55,8 +59,8 @@ class CompiledUpdates:
         return kernel.bind({name: self.arrays[name] for name in names}, {}, short=True)
 
     def _updates(
-        self, filter: Any, run_prediction: Callable[[], int], run_correction: Callable[[], int]
-    ) -> tuple[Callable[[Any], bool], Callable[[Any], bool]]:
+        self, filter: Filter, run_prediction: Callable[[], int], run_correction: Callable[[], int]
+    ) -> tuple[Callable[[ArrayLike | None], bool], Callable[[ArrayLike | None], bool]]:
         # These run in real time: what they need are local names.
         facts = self.arrays["facts"]
         fill_input = _filler(self.arrays["u"], filter._input)
@@ -64,14 +68,14 @@ class CompiledUpdates:
         seen, periods = self.arrays["y"], filter.sample_periods
         slower = bool((periods > 1).any())
 
-        def predict(u: Any = None) -> bool:
+        def predict(u: ArrayLike | None = None) -> bool:
             fill_input(u)
             if run_prediction():
                 return False
             self.step += 1
             return True
 
-        def correct(y: Any) -> bool:
+        def correct(y: ArrayLike | None) -> bool:
             fill_measurement(y)
             if slower:
                 seen[self.step % periods != 0] = math.nan
@@ -84,11 +88,11 @@ class CompiledUpdates:
 
         return predict, correct
 
-    def fit(self, filter: Any) -> bool:
+    def fit(self, filter: Filter) -> bool:
         """Whether they are still those of the filter, whatever its numbers are."""
         return self.key == code_key(filter)
 
-    def load(self, filter: Any) -> None:
+    def load(self, filter: Filter) -> None:
         """Take over what the filter keeps, and its numbers."""
         values, arrays = vars(filter), self.arrays
         arrays["belief"][:] = np.concatenate([np.ravel(part) for part in values["_belief"]])
@@ -101,7 +105,7 @@ class CompiledUpdates:
 
     # What a filter keeps between two calls, by the names of its attributes --------------------------
     @property
-    def _belief(self) -> Any:
+    def _belief(self) -> Belief:
         return self.kind(*_parts(self.arrays["belief"].copy(), self.shapes))
 
     @property
@@ -129,12 +133,12 @@ class CompiledUpdates:
         return self.arrays["belief"][: math.prod(self.shapes[0])].copy()
 
 
-def code_key(filter: Any) -> tuple[object, ...]:
+def code_key(filter: Filter) -> tuple[object, ...]:
     """Key of the compiled updates: equal for filters that differ in data alone."""
     return "updates", type(filter), filter.estimator_key, filter.plant.code_key
 
 
-def compiled_updates(filter: Any) -> CompiledUpdates | None:
+def compiled_updates(filter: Filter) -> CompiledUpdates | None:
     """The updates of a filter as machine code; None where there is none for its model."""
     try:
         return CompiledUpdates(filter)
@@ -143,12 +147,14 @@ def compiled_updates(filter: Any) -> CompiledUpdates | None:
         return None
 
 
-def _filler(buffer: np.ndarray, checked: Callable[[Any], np.ndarray]) -> Callable[[Any], None]:
+def _filler(
+    buffer: np.ndarray, checked: Callable[[ArrayLike | None], np.ndarray]
+) -> Callable[[ArrayLike | None], None]:
     """Copier of a value to the buffer: of what already is such an array, or else of what is left by a check."""
     kind, shape, number = np.ndarray, buffer.shape, buffer.dtype
-    memory: Any = memoryview(buffer)  # type: ignore[arg-type]
+    memory: Any = memoryview(cast(Any, buffer))  # an array exports its memory, which its type does not say
 
-    def fill_number(value: Any) -> None:
+    def fill_number(value: Any) -> None:  # what is no number is refused by the check
         if type(value) is kind and value.shape == shape and value.dtype == number:
             memory[0] = value.item()
         elif type(value) is float:
@@ -164,7 +170,7 @@ def _filler(buffer: np.ndarray, checked: Callable[[Any], np.ndarray]) -> Callabl
 
 
 # The programs --------------------------------------------------------------------------------------------
-def _parts(vector: Any, shapes: list[tuple[int, ...]]) -> Iterator[Any]:
+def _parts(vector: Elements | Block, shapes: list[tuple[int, ...]]) -> Iterator[Any]:
     first = 0
     for shape in shapes:
         yield vector[first : first + math.prod(shape)].reshape(shape)
@@ -174,7 +180,7 @@ def _parts(vector: Any, shapes: list[tuple[int, ...]]) -> Iterator[Any]:
 class _Update:
     """A program that makes another belief of a belief, or changes nothing."""
 
-    def __init__(self, filter: Any) -> None:
+    def __init__(self, filter: Filter) -> None:
         self.filter, self.run, self.buffers = filter, Composer(), list[Buffer]()
         plant, self.shapes = filter.plant, [np.shape(part) for part in filter.initial]
         self.vector = self.block("belief", (sum(map(math.prod, self.shapes)),), "state")
@@ -199,7 +205,7 @@ class _Update:
         if source.size:
             self.copies.append(Copy(source.place, target.place))
 
-    def program(self, name: str, belief: Any, missing: Block | None = None) -> Program:
+    def program(self, name: str, belief: Belief, missing: Block | None = None) -> Program:
         """With what a filter accepts as a belief, see `flexhinf.estimation.shell.Shell`."""
         run = self.run
         after = run.work((self.vector.size,))
@@ -217,16 +223,21 @@ class _Update:
         return Program(name, (*self.buffers, *run.buffers), (*run.body, *self.copies))
 
 
-def _prediction(filter: Any) -> Program:
+def as_arrays(*blocks: Block | Elements) -> tuple[Elements, ...]:
+    """Blocks of a program as the text of a filter takes them: for arrays."""
+    return cast(tuple[Elements, ...], blocks)
+
+
+def _prediction(filter: Filter) -> Program:
     update, plant = _Update(filter), filter.plant
     u, q = update.block("u", (len(plant.inputs),)), update.block("q", (plant.n, plant.n))
     update.check(u)
-    belief = filter.time_stages(update.run, update.belief, u, update.parameters, q)
+    belief = filter.time_stages(update.run, update.belief, *as_arrays(u, update.parameters, q))
     update.at_the_end(u, update.block("input", u.shape, "state"))
     return update.program("filter_prediction", belief)
 
 
-def _correction(filter: Any) -> Program:
+def _correction(filter: Filter) -> Program:
     update, plant = _Update(filter), filter.plant
     run, p = update.run, len(plant.outputs)
     u, y = update.block("input", (len(plant.inputs),)), update.block("y", (p,))
@@ -235,8 +246,10 @@ def _correction(filter: Any) -> Program:
     update.check(finite)
     update.check(present, EMPTY)
     prior = update.belief
-    belief, innovation, spread = filter.innovation_stages(run, prior, y, u, update.parameters, noise)
-    factor = run.cholesky(spread)
+    belief, innovation, spread = filter.innovation_stages(
+        run, prior, *as_arrays(y, u, update.parameters, noise)
+    )
+    factor = run.cholesky(cast(Block, spread))
     rejected = () if filter.gate is None else (prior.rejected, belief.rejected)
     found = run.call(_facts, innovation, factor, y, *rejected)
     update.check(found[2:])
@@ -246,14 +259,14 @@ def _correction(filter: Any) -> Program:
     return update.program("filter_correction", belief, missing)
 
 
-PROGRAMS: tuple[Callable[[Any], Program], ...] = (_prediction, _correction)
+PROGRAMS: tuple[Callable[[Filter], Program], ...] = (_prediction, _correction)
 
 
-def _total(*counts: Any) -> Any:
+def _total(*counts: Elements) -> Elements:
     return sum(counts[1:], counts[0])
 
 
-def _singular(factor: Any, covariance: Any) -> Any:
+def _singular(factor: Elements, covariance: Elements) -> Elements:
     """No missing elements, and the pivots that are zero where a variance is not."""
     pairs = zip(np.diag(factor), np.diag(covariance), strict=True)
     return np.array(
@@ -261,14 +274,20 @@ def _singular(factor: Any, covariance: Any) -> Any:
     )
 
 
-def _presence(y: Any) -> tuple[Any, Any, Any]:
+def _presence(y: Elements) -> tuple[Elements, Elements, Elements]:
     """Something that is not finite where an element is infinite; where all are missing; how many are, and a zero."""
     count = known(y).sum()
     finite = np.array([where(absolute(element) >= np.inf, np.nan, 0.0) for element in y])
     return finite, np.array([where(count > 0.0, 0.0, np.nan)]), np.array([len(y) - count, 0.0])
 
 
-def _facts(innovation: Any, factor: Any, y: Any, before: Any = 0.0, after: Any = 0.0) -> Any:
+def _facts(
+    innovation: Elements,
+    factor: Elements,
+    y: Elements,
+    before: Elements | float = 0.0,
+    after: Elements | float = 0.0,
+) -> Elements:
     """Squared innovations over their covariance and the logarithm of its determinant; how many elements are used; and
     zero, or NaN where no noise explains the innovations."""
     white = solve_lower(factor, innovation)
@@ -277,6 +296,6 @@ def _facts(innovation: Any, factor: Any, y: Any, before: Any = 0.0, after: Any =
     return np.array([squares + 2.0 * np.log(np.diag(factor)).sum(), used, absurd])
 
 
-def _clear(rcond: Any) -> Any:
+def _clear(rcond: Elements) -> Elements:
     """Zero, or NaN where a correction has lost digits."""
     return np.array([where(rcond[0] >= RCOND_LIMIT, 0.0, np.nan)])

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import reduce
-from typing import Any
 
 import numpy as np
 
+from flexhinf.arrays import Elements
+from flexhinf.plant.protocols import Belief
 from flexhinf.scalars import absolute, masked, minimum, where
+from flexhinf.scalars.run import Run
 
 
 def conditioned(
-    run: Any,
-    belief: Any,
-    function: Callable[..., Any],
-    *arrays: Any,
+    run: Run,
+    belief: Belief,
+    function: Callable[..., Elements],
+    *arrays: Elements | int,
     goes_on: bool = False,
-    known: dict[str, Any] | None = None,
-) -> dict[str, Any]:
+    known: dict[str, Elements] | None = None,
+) -> dict[str, Elements]:
     """What is known of a belief by name, and its next reciprocal condition, from a function of arrays and, where that
     `goes_on`, of the one before; no more than one that is known. Nothing more of a belief without."""
     known = known or {}
@@ -28,7 +30,7 @@ def conditioned(
     return {**known, "rcond": run.call(lesser, rcond, known["rcond"]) if "rcond" in known else rcond}
 
 
-def lesser(first: Any, second: Any) -> Any:
+def lesser(first: Elements, second: Elements) -> Elements:
     """The smaller one of two numbers, (1,)."""
     return np.array([minimum(first[0], second[0])])
 
@@ -37,7 +39,7 @@ def lesser(first: Any, second: Any) -> Any:
 DEPENDENT = 4e-14
 
 
-def independent(flags: Any, spread: Any, sizes: Any, n: int) -> Any:
+def independent(flags: Elements, spread: Elements, sizes: Elements, n: int) -> Elements:
     """Flags (p,) without elements whose innovation is known exactly, or from those before: where elimination leaves
     nothing of its variance but rounding. For an R^n that is singular; no other leaves so little.
 
@@ -57,13 +59,13 @@ def independent(flags: Any, spread: Any, sizes: Any, n: int) -> Any:
 SPREAD = 2e-8
 
 
-def covariance_scales(covariance: Any, slope: Any, noise: Any, mean: Any) -> Any:
+def covariance_scales(covariance: Elements, slope: Elements, noise: Elements, mean: Elements) -> Elements:
     """Likewise, from P and the mean; see `flexhinf.estimation.square_root.innovation_scales`."""
     deviations = np.sqrt(absolute(np.diagonal(covariance))) + SPREAD * absolute(mean)
     return absolute(slope) @ deviations + np.sqrt(np.diagonal(noise))
 
 
-def pivots_kept(root: Any, covariance: Any, *before: Any) -> Any:
+def pivots_kept(root: Elements, covariance: Elements, *before: Elements) -> Elements:
     """0 (1,) where a pivot of a covariance (n, n) was zero to rounding, and taken for zero in its Cholesky factor, else
     1; at most what it was `before` (1,)."""
     pairs = zip(np.diagonal(root), np.diagonal(covariance), strict=True)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation.diagnosis import CURES, EPS, Diagnosis
@@ -19,7 +18,7 @@ SEMIDEFINITE = 1e-13
 ROUNDED = 1e-6
 
 
-def covariance_matrix(value: Any, size: int, what: str, definite: bool = False) -> np.ndarray:
+def covariance_matrix(value: ArrayLike | None, size: int, what: str, definite: bool = False) -> np.ndarray:
     """A covariance from a number, a diagonal or a matrix.
 
     Raises InvalidInput: if it is not symmetric positive semidefinite (positive definite if `definite`) of this size.
@@ -32,7 +31,7 @@ def covariance_matrix(value: Any, size: int, what: str, definite: bool = False) 
     return matrix
 
 
-def clipped_covariance(value: Any, size: int, what: str) -> tuple[np.ndarray, Diagnosis | None]:
+def clipped_covariance(value: ArrayLike | None, size: int, what: str) -> tuple[np.ndarray, Diagnosis | None]:
     """A covariance likewise; one whose digits are rounded becomes the nearest positive semidefinite matrix, and an
     entry that says so.
 
@@ -54,6 +53,7 @@ def clipped_covariance(value: Any, size: int, what: str) -> tuple[np.ndarray, Di
         return matrix, None
     nearest = (vectors * np.maximum(values, 0.0)) @ vectors.T
     nearest = (nearest + nearest.T) / 2.0
+    clipped = matrix
     for _ in range(100):  # what rounding leaves below zero
         left = float(np.linalg.eigvalsh(nearest)[0])
         clipped = np.tril(nearest * deviations[:, None] * deviations)
@@ -74,7 +74,9 @@ def is_singular(covariance: np.ndarray) -> bool:
     return bool(np.linalg.eigvalsh(_correlations(covariance))[0] <= SEMIDEFINITE)
 
 
-def _scaled(value: Any, size: int, what: str, tolerance: float) -> tuple[np.ndarray, np.ndarray, float]:
+def _scaled(
+    value: ArrayLike | None, size: int, what: str, tolerance: float
+) -> tuple[np.ndarray, np.ndarray, float]:
     """A symmetric matrix, its correlations, and how far it was from symmetric in parts of its variances."""
     array = real_array(value)
     if array.shape not in ((), (1,), (size,), (size, size)):

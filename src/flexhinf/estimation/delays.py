@@ -12,13 +12,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
+from flexhinf.arrays import Elements
 from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Plant, eight_stages, rk4_stages
+from flexhinf.plant.parameters import Parameters
 
 
 @dataclass(frozen=True)
@@ -42,17 +43,17 @@ class LateOutputs:
         """Names of the past outputs."""
         return tuple(f"{self.plant.outputs[i]}_past_{k}" for i, k in self.past)
 
-    def moved(self, x: Any, u: Any, d: Any, p: Any) -> Any:
+    def moved(self, x: Elements, u: Elements, d: Elements, p: Elements) -> Elements:
         """The plant's own state (n,) one period later, p the vector of its parameters."""
         plant = self.plant
         if plant.sampled:
             return plant.evaluate_flow(x, u, d, p)
-        method: Any = {4: rk4_stages, 8: eight_stages}[self.stages]
+        method = {4: rk4_stages, 8: eight_stages}[self.stages]
         for _ in range(self.steps):
             x = method(DIRECT, plant.evaluate_flow, x, self.period / self.steps, u, d, p)
         return x
 
-    def flow(self, x: Any, u: Any, d: Any, p: Any) -> Any:
+    def flow(self, x: Elements, u: Elements, d: Elements, p: Parameters) -> Elements:
         """The map, on any element."""
         plant, numbers = self.plant, self.plant.parameters.flat(p)
         own, before = x[: plant.n], x[plant.n :]
@@ -60,7 +61,7 @@ class LateOutputs:
         past = [now[i] if k == 1 else before[place - 1] for place, (i, k) in enumerate(self.past)]
         return np.array([*self.moved(own, u, d, numbers), *past])
 
-    def output(self, x: Any, u: Any, p: Any) -> Any:
+    def output(self, x: Elements, u: Elements, p: Parameters) -> Elements:
         """What the sensors show, on any element."""
         plant = self.plant
         now = plant.evaluate_output(x[: plant.n], u, plant.parameters.flat(p))
@@ -89,10 +90,16 @@ class LateOutputs:
             name for name, (i, _) in zip(self.states, self.past) if self.plant.outputs[i] in self.plant.angles
         ]
         return replace(
-            self.plant, flow=self.flow, output=self.output, states=(*self.plant.states, *self.states), sampled=True,
-            units={**self.plant.units, **{name: unit for name, unit in units.items() if unit}}, engaged=None,
-            arrest=None, angles=(*self.plant.angles, *angles),
-        )  # fmt: skip
+            self.plant,
+            flow=self.flow,
+            output=self.output,
+            states=(*self.plant.states, *self.states),
+            sampled=True,
+            units={**self.plant.units, **{name: unit for name, unit in units.items() if unit}},
+            engaged=None,
+            arrest=None,
+            angles=(*self.plant.angles, *angles),
+        )
 
     def start(self, mean: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Belief about all states, from that about the plant's own: before the start it was where it is."""

@@ -17,11 +17,13 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexhinf.errors import refuse_if
+from flexhinf.estimation.interface import Filter
 from flexhinf.estimation.square_root import root_rows
 from flexhinf.plant import CLOSE
 from flexhinf.validation import real_array, value_text
@@ -68,7 +70,16 @@ class Diagnosis(NamedTuple):
     kind: str
     step: int
     cure: str
-    count: int = 1
+    count: int = 1  # pyright: ignore[reportIncompatibleMethodOverride]  # a tuple counts, too
+
+
+class Diagnosed(Filter, Protocol):
+    """A filter that says what it found by itself."""
+
+    @property
+    def diagnosis(self) -> tuple[Diagnosis, ...]:
+        """Entries since the last reset."""
+        ...
 
 
 def recorded(entries: tuple[Diagnosis, ...], kind: str, step: int, most: int) -> tuple[Diagnosis, ...]:
@@ -90,7 +101,10 @@ def about_numbers(entries: tuple[Diagnosis, ...]) -> tuple[Diagnosis, ...]:
 
 
 def diagnose(
-    estimator: Any, measurements: Any = None, inputs: Any = None, seed: int = 0
+    estimator: Diagnosed,
+    measurements: ArrayLike | None = None,
+    inputs: ArrayLike | None = None,
+    seed: int = 0,
 ) -> tuple[Diagnosis, ...]:
     """Whether the inputs of a filter determine its answer, from recorded samples.
 
@@ -131,9 +145,11 @@ def diagnose(
     ()
     """
     refuse_if(
-        not hasattr(estimator, "diagnosis"), "Only a Kalman filter can be diagnosed.",
-        f"expected an unscented or an extended one, got {value_text(estimator)}", "diagnose(ukf, y, u)",
-    )  # fmt: skip
+        not hasattr(estimator, "diagnosis"),
+        "Only a Kalman filter can be diagnosed.",
+        f"expected an unscented or an extended one, got {value_text(estimator)}",
+        "diagnose(ukf, y, u)",
+    )
     if measurements is None:
         return estimator.diagnosis
     plant = estimator.plant
@@ -142,9 +158,11 @@ def diagnose(
         "inputs", np.zeros((len(y), len(plant.inputs))) if inputs is None else inputs, len(plant.inputs)
     )
     refuse_if(
-        len(y) != len(u), "Measurements and inputs have different lengths.",
-        f"expected {len(y)} inputs, got {len(u)}", "an input for each measurement",
-    )  # fmt: skip
+        len(y) != len(u),
+        "Measurements and inputs have different lengths.",
+        f"expected {len(y)} inputs, got {len(u)}",
+        "an input for each measurement",
+    )
     means, variances, found = _replayed(estimator, y, u)
     entries, rng = list(about_numbers(found)), np.random.default_rng(seed)
     for kind, move in MOVES.items():
@@ -161,17 +179,20 @@ def diagnose(
     return tuple(entries)
 
 
-def _samples(what: str, values: Any, size: int) -> np.ndarray:
+def _samples(what: str, values: ArrayLike, size: int) -> np.ndarray:
     array = real_array(values)
     refuse_if(
-        array.ndim != 2 or array.shape[1] != size or not len(array), f"The {what} do not fit the plant.",
+        array.ndim != 2 or array.shape[1] != size or not len(array),
+        f"The {what} do not fit the plant.",
         f"expected shape (N, {size}), got {value_text(values) if array.ndim == 0 else array.shape}",
         "one row per sample",
-    )  # fmt: skip
+    )
     return array
 
 
-def _replayed(estimator: Any, y: np.ndarray, u: np.ndarray, start: bool = True) -> tuple[Any, Any, Any]:
+def _replayed(
+    estimator: Diagnosed, y: np.ndarray, u: np.ndarray, start: bool = True
+) -> tuple[np.ndarray, np.ndarray, tuple[Diagnosis, ...]]:
     """Means and variances (N, n) after the corrections, and what the filter found."""
     if start:
         estimator = copy.copy(estimator)
@@ -188,7 +209,9 @@ def _replayed(estimator: Any, y: np.ndarray, u: np.ndarray, start: bool = True) 
     return np.array(means), np.array(variances), estimator.diagnosis
 
 
-def _first_apart(means: Any, variances: Any, others: Any, spreads: Any) -> int | None:
+def _first_apart(
+    means: np.ndarray, variances: np.ndarray, others: np.ndarray, spreads: np.ndarray
+) -> int | None:
     """The first sample at which means or variances are further apart than `CLOSE`; below 1e-9 of a mean is none."""
     size = np.sqrt(np.maximum(np.minimum(variances, spreads), 1e-300))
     apart = np.abs(means - others)
@@ -213,7 +236,9 @@ def _moved_covariance(matrix: np.ndarray, rng: np.random.Generator, definite: bo
     return moved + np.tril(moved, -1).T
 
 
-def _move_start(estimator: Any, y: Any, rng: Any, definite: bool) -> Any:
+def _move_start(
+    estimator: Diagnosed, y: np.ndarray, rng: np.random.Generator, definite: bool
+) -> np.ndarray | None:
     moved = _moved_covariance(estimator._start, rng, definite)
     if moved is None:
         return None
@@ -223,7 +248,9 @@ def _move_start(estimator: Any, y: Any, rng: Any, definite: bool) -> Any:
 
 
 def _move_noise(name: str) -> Callable[..., Any]:
-    def move(estimator: Any, y: Any, rng: Any, definite: bool) -> Any:
+    def move(
+        estimator: Diagnosed, y: np.ndarray, rng: np.random.Generator, definite: bool
+    ) -> np.ndarray | None:
         moved = _moved_covariance(getattr(estimator, name), rng, definite)
         if moved is None:
             return None
@@ -233,7 +260,9 @@ def _move_noise(name: str) -> Callable[..., Any]:
     return move
 
 
-def _move_parameters(estimator: Any, y: Any, rng: Any, definite: bool) -> Any:
+def _move_parameters(
+    estimator: Diagnosed, y: np.ndarray, rng: np.random.Generator, definite: bool
+) -> np.ndarray | None:
     parameters = estimator.plant.parameters
     if definite or not parameters.size:
         return None
@@ -241,7 +270,9 @@ def _move_parameters(estimator: Any, y: Any, rng: Any, definite: bool) -> Any:
     return y
 
 
-def _move_measurements(estimator: Any, y: Any, rng: Any, definite: bool) -> Any:
+def _move_measurements(
+    estimator: Diagnosed, y: np.ndarray, rng: np.random.Generator, definite: bool
+) -> np.ndarray | None:
     return None if definite else _nudged(y, rng)
 
 

@@ -6,20 +6,23 @@ import abc
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, partial, reduce
 from statistics import NormalDist
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from flexhinf.arrays import Elements
 from flexhinf.codegen import DIRECT, gives
 from flexhinf.errors import refuse_if
+from flexhinf.estimation.beliefs import BELIEFS
 from flexhinf.estimation.bounds import check_inside, checked_bounds
 from flexhinf.estimation.conditions import conditioned, covariance_scales, independent, pivots_kept
 from flexhinf.estimation.covariances import clipped_covariance, covariance_matrix, is_singular
 from flexhinf.estimation.delays import LateOutputs
 from flexhinf.estimation.diagnosis import Diagnosis
+from flexhinf.estimation.interface import Form
 from flexhinf.estimation.shell import Shell
 from flexhinf.estimation.square_root import (
-    RootGaussian,
     innovation_scales,
     linear_correction,
     reciprocal_condition,
@@ -37,7 +40,8 @@ from flexhinf.plant import (
     rk4_stages,
     sub_steps,
 )
-from flexhinf.plant.protocols import use_default_form
+from flexhinf.plant.parameters import Parameters
+from flexhinf.plant.protocols import Belief, use_default_form
 from flexhinf.scalars import (
     cholesky,
     jacobian,
@@ -48,6 +52,7 @@ from flexhinf.scalars import (
     trace,
     where,
 )
+from flexhinf.scalars.run import Run
 from flexhinf.scalars.trace import elementary, linear
 from flexhinf.validation import (
     checked_array,
@@ -64,62 +69,7 @@ from flexhinf.validation import (
 MODEL_STEP = {4: 0.25, 8: 1.25}
 
 
-Form = Literal["square_root", "covariance"]
-
-#: Reciprocal condition before the first correction.
-WELL = read_only(np.ones(1))
-
-
-class FilterGaussian(NamedTuple):
-    """A mean (n,), a covariance (n, n), and the reciprocal condition (1,) of the last prediction and correction: 0
-    where a pivot of the covariance was zero to rounding, and taken for zero, else 1."""
-
-    mean: Any
-    covariance: Any
-    rcond: Any = WELL
-
-
-class FilterRootGaussian(NamedTuple):
-    """A mean (n,), rows W (n, n) of deviations, P = WᵀW, and the reciprocal condition (1,) of the last correction, see
-    `flexhinf.estimation.square_root.reciprocal_condition`."""
-
-    mean: Any
-    root: Any
-    rcond: Any = WELL
-
-    covariance = RootGaussian.covariance
-
-
-class GatedGaussian(NamedTuple):
-    """As `FilterGaussian`, and how often each element of a measurement was rejected (p,)."""
-
-    mean: Any
-    covariance: Any
-    rejected: Any
-    rcond: Any = WELL
-
-
-class GatedRootGaussian(NamedTuple):
-    """As `FilterRootGaussian`, and how often each element of a measurement was rejected (p,)."""
-
-    mean: Any
-    root: Any
-    rejected: Any
-    rcond: Any = WELL
-
-    covariance = RootGaussian.covariance
-
-
-#: Beliefs of filters by form, and whether there is a gate.
-BELIEFS: dict[tuple[str, bool], type] = {
-    ("covariance", False): FilterGaussian,
-    ("covariance", True): GatedGaussian,
-    ("square_root", False): FilterRootGaussian,
-    ("square_root", True): GatedRootGaussian,
-}
-
-
-def gate_limit(gate: Any) -> float | None:
+def gate_limit(gate: float | None) -> float | None:
     """The quantile of χ² with one degree of freedom at a probability; None without a gate.
 
     Raises InvalidInput: for what is no number between 0 and 1.
@@ -146,7 +96,14 @@ def model_steps(plant: Plant, period: float, x: np.ndarray) -> tuple[int, int]:
     return (8, counts[8]) if long else (4, counts[4])
 
 
-def gained(run: Any, prior: Any, outputs: Any, weights: Any, y: Any, noise: Any) -> tuple[Any, ...]:
+def gained(
+    run: Run,
+    prior: tuple[Elements, Elements],
+    outputs: tuple[Elements, Elements],
+    weights: Elements,
+    y: Elements,
+    noise: Elements,
+) -> tuple[Elements, Elements, Elements, Elements, Elements]:
     """Steps 8 to 11 of Algorithm 1: corrected mean, Kᵀ (p, n), factor of P_yy, innovation, P_yy; see `correction`."""
     (mean, deviations), (expected, spread) = prior, outputs
     run.section("Steps 8 and 9: P_yy = C P C^T + R^n and P_yx = C P, by deviations of the outputs")
@@ -159,8 +116,13 @@ def gained(run: Any, prior: Any, outputs: Any, weights: Any, y: Any, noise: Any)
 
 
 def correction(
-    run: Any, prior: Any, outputs: Any, weights: Any, y: Any, noise: Any
-) -> tuple[Gaussian, Any, Any]:
+    run: Run,
+    prior: tuple[Elements, Elements],
+    outputs: tuple[Elements, Elements],
+    weights: Elements,
+    y: Elements,
+    noise: Elements,
+) -> tuple[Gaussian, Elements, Elements]:
     """Steps 8 to 12 of Algorithm 1 on weighted deviations: x(k|k), the innovation, its covariance.
 
     With P = Σ wᵢ dᵢ dᵢᵀ, P_yx = Σ wᵢ sᵢ dᵢᵀ, P_yy = Σ wᵢ sᵢ sᵢᵀ + R^n and K = P_xy P_yy⁻¹, step 12 is
@@ -181,39 +143,39 @@ def correction(
 
 
 @gives("factor", "innovation_left")
-def _factored(p_yy: Any, y: Any, expected: Any) -> tuple[Any, Any]:
+def _factored(p_yy: Elements, y: Elements, expected: Elements) -> tuple[Elements, Elements]:
     """L of P_yy = L Lᵀ, and the innovation y - y_expected."""
     return cholesky(p_yy), y - expected
 
 
-def _gain(p_yx: Any, factor: Any) -> Any:
+def _gain(p_yx: Elements, factor: Elements) -> Elements:
     """A state's row of the gain K = P_xy P_yy⁻¹, with P_yy = L Lᵀ."""
     return solve_lower_transposed(factor, solve_lower(factor, p_yx))
 
 
 @gives("deviation_left")
-def _left(deviation: Any, output: Any, gain: Any) -> Any:
+def _left(deviation: Elements, output: Elements, gain: Elements) -> Elements:
     """A state's row of (I - K C) X: the deviations that the correction leaves."""
     return deviation - output @ gain
 
 
-def rooted(gain: Any, factor: Any) -> Any:
+def rooted(gain: Elements, factor: Elements) -> Elements:
     """A state's row of K L, for a Cholesky factor L."""
     return gain @ factor
 
 
-def beyond(squares: Any, limits: Any) -> Any:
+def beyond(squares: Elements, limits: Elements) -> Elements:
     """1 where a number is larger than another one, else 0; 0 where one of them is not finite."""
     return np.array([where(square > limit, 1.0, 0.0) for square, limit in zip(squares, limits, strict=True)])
 
 
-def seen_of(column: Any, flags: Any) -> Any:
+def seen_of(column: Elements, flags: Elements) -> Elements:
     """A column whose first elements belong to outputs, zero where those are missing."""
     p = len(flags)
     return np.concatenate([masked(flags, column[:p]), column[p:]])
 
 
-def applied(vector: Any, matrix: Any) -> Any:
+def applied(vector: Elements, matrix: Elements) -> Elements:
     """A matrix times a vector."""
     return matrix @ vector
 
@@ -272,7 +234,7 @@ class RecursiveFilter(Shell, Estimator):
 
     _takes_exact = False  # whether R^n may be singular
 
-    def __init_subclass__(cls, **arguments: Any) -> None:
+    def __init_subclass__(cls, **arguments: object) -> None:
         super().__init_subclass__(**arguments)
         use_default_form(cls, Estimator, "innovate", "measurement_update_on")
         cls._only_numpy = cls._only_numpy or not {"time_update", "innovate"}.isdisjoint(vars(cls))
@@ -281,10 +243,10 @@ class RecursiveFilter(Shell, Estimator):
         self,
         plant: Plant,
         period: float,
-        process_noise: Any,
-        measurement_noise: Any,
-        mean: Any,
-        covariance: Any,
+        process_noise: ArrayLike,
+        measurement_noise: ArrayLike | None,
+        mean: ArrayLike,
+        covariance: ArrayLike,
         form: Form = "covariance",
         gate: float | None = None,
         sensors: Sequence[Sensor] | Sensor | None = None,
@@ -304,21 +266,21 @@ class RecursiveFilter(Shell, Estimator):
         self._exact = is_singular(self.measurement_noise)
         self._start = read_only(self._covariance(covariance, plant.n, "initial covariance"))
         one_of("There is no such form of a filter.", form, get_args(Form))
-        self.form: Form = form
+        self.form = form
         self.limit, self.gate = gate_limit(gate), None if gate is None else float(gate)
         self.bounds = checked_bounds(bounds, plant)
-        self.initial: Any = RecursiveFilter.initial_at(self, mean)
+        self.initial = RecursiveFilter.initial_at(self, mean)
         self.stages, self.sub_steps = model_steps(plant, self.period, self.initial.mean)
         self._parameters = plant.parameters.named(plant.parameters.vector())
         self.reset()
 
-    def _covariance(self, value: Any, size: int, what: str) -> np.ndarray:
+    def _covariance(self, value: ArrayLike | None, size: int, what: str) -> np.ndarray:
         """A covariance; one that was clipped is said in the diagnosis."""
         matrix, entry = clipped_covariance(value, size, what)
         self._clipped += () if entry is None else (entry,)
         return matrix
 
-    def _noise_of(self, value: Any) -> np.ndarray:
+    def _noise_of(self, value: ArrayLike | None) -> np.ndarray:
         size, what = len(self.plant.outputs), "measurement noise R^n"
         if not self._takes_exact:
             return covariance_matrix(value, size, what, definite=True)
@@ -327,12 +289,12 @@ class RecursiveFilter(Shell, Estimator):
     def _sensed(
         self,
         plant: Plant,
-        sensors: Any,
-        process_noise: Any,
-        measurement_noise: Any,
-        mean: Any,
-        covariance: Any,
-    ) -> tuple[Any, ...]:
+        sensors: Sequence[Sensor] | Sensor,
+        process_noise: ArrayLike,
+        measurement_noise: ArrayLike | None,
+        mean: ArrayLike,
+        covariance: ArrayLike,
+    ) -> tuple[Plant, ArrayLike, ArrayLike, ArrayLike, ArrayLike]:
         """Plant, noises, mean and covariance with these sensors."""
         refuse_if(
             measurement_noise is not None,
@@ -347,9 +309,12 @@ class RecursiveFilter(Shell, Estimator):
         if not table.delays.any():
             return plant, process_noise, table.variances, mean, covariance
         mean = checked_array(
-            "The mean given to the estimator does not fit its plant.", mean, (plant.n,),
-            f"{plant.n} finite numbers for {list(plant.states)}", "one number per name",
-        )  # fmt: skip
+            "The mean given to the estimator does not fit its plant.",
+            mean,
+            (plant.n,),
+            f"{plant.n} finite numbers for {list(plant.states)}",
+            "one number per name",
+        )
         late = LateOutputs(
             plant, self.period, *model_steps(plant, self.period, mean), tuple(table.delays.tolist())
         )
@@ -358,7 +323,7 @@ class RecursiveFilter(Shell, Estimator):
         noise = late.process_noise(self._covariance(process_noise, plant.n, "process noise R^v"))
         return late.late_plant(), noise, table.variances, mean, covariance
 
-    def initial_at(self, mean: Any) -> Any:
+    def initial_at(self, mean: ArrayLike) -> Belief:
         """The initial belief with another mean (n,).
 
         Raises
@@ -383,13 +348,16 @@ class RecursiveFilter(Shell, Estimator):
             sample_periods=read_only(state["sample_periods"]),
         )
 
-    def settings(self) -> dict[str, Any]:
+    def settings(self) -> dict[str, object]:
         """Arguments of the constructor by name."""
         return {
-            "plant": self.plant, "period": self.period, "process_noise": self.process_noise,
-            "measurement_noise": self.measurement_noise, "mean": np.array(self.initial.mean),
+            "plant": self.plant,
+            "period": self.period,
+            "process_noise": self.process_noise,
+            "measurement_noise": self.measurement_noise,
+            "mean": np.array(self.initial.mean),
             "covariance": self._start,
-        }  # fmt: skip
+        }
 
     def summary(self) -> dict[str, str]:
         """Model, period and noises; and which covariances were clipped."""
@@ -398,7 +366,9 @@ class RecursiveFilter(Shell, Estimator):
 
     # What an estimator is -------------------------------------------------------------------------
     @abc.abstractmethod
-    def time_stages(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
+    def time_stages(
+        self, run: Run, belief: Belief, u: Elements, p: Elements, process_noise: Elements
+    ) -> Belief:
         """x(k|k) → x(k+1|k), pure, on any element; p is the vector of parameters.
 
         Parameters
@@ -409,23 +379,23 @@ class RecursiveFilter(Shell, Estimator):
 
     @abc.abstractmethod
     def innovation_stages(
-        self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any
-    ) -> tuple[Any, Any, Any]:
+        self, run: Run, belief: Belief, y: Elements, u: Elements, p: Elements, measurement_noise: Elements
+    ) -> tuple[Belief, Elements, Elements]:
         """x(k|k−1) → (x(k|k), innovation, its covariance), likewise."""
 
     @gives("expected", "slope")
-    def measured(self, x: Any, u: Any, p: Any) -> Any:
+    def measured(self, x: Elements, u: Elements, p: Elements) -> tuple[Elements, Elements]:
         """H and C = dH/dx; p is the vector of parameters."""
         return self._measured(x, u, p)
 
     @cached_property
-    def _measured(self) -> Any:
+    def _measured(self) -> Callable[..., tuple[Elements, Elements]]:
         sizes = (self.plant.n, len(self.plant.inputs), self.plant.parameters.size)
         return jacobian(self.output, *sizes, name="measurement")
 
     def linear_innovation(
-        self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any
-    ) -> tuple[Any, Any, Any]:
+        self, run: Run, belief: Belief, y: Elements, u: Elements, p: Elements, measurement_noise: Elements
+    ) -> tuple[Belief, Elements, Elements]:
         """`innovation_stages` of an output that is linear about the mean: deviations are the columns of L, P = L Lᵀ."""
         run.section("Algorithm 1, steps 5 to 7: the expected measurement h(x, u), and C = dh/dx")
         expected, c = run.call(self.measured, belief.mean, u, p)
@@ -451,13 +421,13 @@ class RecursiveFilter(Shell, Estimator):
 
     def gated(
         self,
-        run: Any,
-        belief: Any,
-        seen: Callable[[], Any],
-        weights: Any,
-        slope: Callable[[], Any],
-        noise: Any,
-    ) -> tuple[Any, ...]:
+        run: Run,
+        belief: Belief,
+        seen: Callable[[], Elements],
+        weights: Elements,
+        slope: Callable[[], Elements],
+        noise: Elements,
+    ) -> tuple[Elements, ...]:
         """What elements are judged by: the predicted covariance (p, p) of the innovation, and counts (p,) of a gate, or
         the sizes (p,) of what an innovation is made of where R^n is singular; nothing without.
 
@@ -474,8 +444,15 @@ class RecursiveFilter(Shell, Estimator):
         return (run.gram(seen(), weights, noise), *counts, *sizes)
 
     def admitted(
-        self, run: Any, y: Any, expected: Any, deviations: Any, noise: Any, shift: Any, gate: tuple[Any, ...]
-    ) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        self,
+        run: Run,
+        y: Elements,
+        expected: Elements,
+        deviations: Elements,
+        noise: Elements,
+        shift: Elements,
+        gate: tuple[Elements, ...],
+    ) -> tuple[Elements, Elements, Elements, Elements, dict[str, Elements]]:
         """Flags (p,) of the elements of y that are used; innovation (p,), deviations of outputs (p, k) and R^n for a
         correction with them.
 
@@ -491,7 +468,9 @@ class RecursiveFilter(Shell, Estimator):
         return flags, innovation, seen, noise, dict(zip(names, found)) if gate else {}
 
     @gives("flags", "innovation", "noise")
-    def _present(self, y: Any, expected: Any, noise: Any, shift: Any, *gate: Any) -> tuple[Any, ...]:
+    def _present(
+        self, y: Elements, expected: Elements, noise: Elements, shift: Elements, *gate: Elements
+    ) -> tuple[Elements, ...]:
         """Flags (p,), the innovation (p,) and R^n (p, p) without the elements of y that are missing; then counts (p,)
         of a gate and, where R^n is singular, a reciprocal condition (1,): 0 where an element is left out, else 1."""
         flags, found, alone = known(y), [], 1.0
@@ -523,57 +502,63 @@ class RecursiveFilter(Shell, Estimator):
         """Whether y − H(0) is what the correction is linear in: no element is judged or turned before."""
         return self.linear_output and self.gate is None and not self.plant.angle_places(self.plant.outputs)
 
-    def _from_origin(self, y: Any, u: Any, p: Any) -> Any:
+    def _from_origin(self, y: Elements, u: Elements, p: Elements) -> Elements:
         """y − H(0), zero for elements of y that are missing."""
         origin = self.output(np.zeros(self.plant.n), u, p)
         return chosen(known(y), y, origin) - origin
 
     # Text and composed form stand apart: a subclass that changes the text is composed of it (`use_default_form`).
-    def time_update_on(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
+    def time_update_on(
+        self, run: Run, belief: Belief, u: Elements, p: Elements, process_noise: Elements
+    ) -> Belief:
         """x(k|k) → x(k+1|k) by `time_stages`."""
         return self.time_stages(run, belief, u, p, process_noise)
 
     def measurement_update_on(
-        self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any
-    ) -> Any:
+        self, run: Run, belief: Belief, y: Elements, u: Elements, p: Elements, measurement_noise: Elements
+    ) -> Belief:
         """x(k|k−1) → x(k|k) by `innovation_stages`."""
         return self.innovation_stages(run, belief, y, u, p, measurement_noise)[0]
 
-    def time_update(self, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
+    def time_update(self, belief: Belief, u: Elements, p: Parameters, process_noise: Elements) -> Belief:
         """x(k|k) → x(k+1|k), pure, on any element; p has the parameters as attributes."""
         return self.time_stages(DIRECT, belief, u, self.plant.parameters.flat(p), process_noise)
 
-    def measurement_update(self, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any) -> Any:
+    def measurement_update(
+        self, belief: Belief, y: Elements, u: Elements, p: Parameters, measurement_noise: Elements
+    ) -> Belief:
         """x(k|k−1) → x(k|k), likewise."""
         return self.innovate(belief, y, u, p, measurement_noise)[0]
 
-    def innovate(self, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any) -> tuple[Any, Any, Any]:
+    def innovate(
+        self, belief: Belief, y: Elements, u: Elements, p: Parameters, measurement_noise: Elements
+    ) -> tuple[Belief, Elements, Elements]:
         """x(k|k−1) → (x(k|k), innovation, its covariance), likewise."""
         return self.innovation_stages(DIRECT, belief, y, u, self.plant.parameters.flat(p), measurement_noise)
 
-    def transition(self, x: Any, u: Any, p: Any) -> Any:
+    def transition(self, x: Elements, u: Elements, p: Parameters) -> Elements:
         """F of Eq. (9): the plant over one period with u held."""
         return self.moved(DIRECT, x, u, self.plant.parameters.flat(p))
 
-    def sub_step(self, x: Any, u: Any, p: Any, run: Any = DIRECT) -> Any:
+    def sub_step(self, x: Elements, u: Elements, p: Elements, run: Run = DIRECT) -> Elements:
         """One of the `sub_steps` Runge–Kutta steps of F, or F itself of a map; p is the vector of parameters."""
         if self.plant.sampled:
             return run.call(self.flow, x, u, p)
-        method: Any = {4: rk4_stages, 8: eight_stages}[self.stages]
+        method = {4: rk4_stages, 8: eight_stages}[self.stages]
         return method(run, self.flow, x, self.period / self.sub_steps, u, p)
 
-    def moved(self, run: Any, x: Any, u: Any, p: Any) -> Any:
+    def moved(self, run: Run, x: Elements, u: Elements, p: Elements) -> Elements:
         """F of Eq. (9) on a run, with one function of the flow for all stages of all steps."""
 
-        def sub_step(x: Any) -> tuple[Any]:
+        def sub_step(x: Elements) -> tuple[Elements]:
             return (self.sub_step(x, u, p, run),)
 
         return run.repeat(self.sub_steps, sub_step, x)[0]
 
-    def flow(self, x: Any, u: Any, p: Any) -> Any:
+    def flow(self, x: Elements, u: Elements, p: Elements) -> Elements:
         """ẋ, or x⁺ of a map, without disturbances; p is the vector of parameters."""
         return self.plant.evaluate_flow(x, u, np.zeros(len(self.plant.disturbances)), p)
 
-    def output(self, x: Any, u: Any, p: Any) -> Any:
+    def output(self, x: Elements, u: Elements, p: Elements) -> Elements:
         """H of Eq. (9); p is the vector of parameters."""
         return self.plant.evaluate_output(x, u, p)

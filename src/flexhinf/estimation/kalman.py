@@ -13,16 +13,21 @@ import math
 import warnings
 from collections.abc import Mapping, Sequence
 from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
+import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
+from flexhinf.arrays import Elements
 from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.estimation.beliefs import WELL
 from flexhinf.estimation.bounds import bounded_places, projected
 from flexhinf.estimation.conditions import conditioned, lesser, pivots_kept
 from flexhinf.estimation.diagnosis import EPS
-from flexhinf.estimation.filter import WELL, Form, RecursiveFilter, correction, gained, rooted, seen_of
+from flexhinf.estimation.filter import RecursiveFilter, correction, gained, rooted, seen_of
+from flexhinf.estimation.interface import Form
 from flexhinf.estimation.square_root import (
     Pairs,
     RootGaussian,
@@ -31,8 +36,10 @@ from flexhinf.estimation.square_root import (
     root_prediction,
 )
 from flexhinf.plant import Plant, Sensor, turned
+from flexhinf.plant.protocols import Belief
 from flexhinf.scalars import apply, cholesky, clip, trace
 from flexhinf.scalars.differences import difference
+from flexhinf.scalars.run import Run
 from flexhinf.validation import read_only, real_number
 
 
@@ -68,15 +75,15 @@ class SigmaPoints:
                 stacklevel=3,
             )
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
+    def __setstate__(self, state: dict[str, object]) -> None:
         vars(self).update(read_only(state))  # copies share their arrays
 
-    def offsets(self, column: Any) -> tuple[Any, Any]:
+    def offsets(self, column: Elements) -> tuple[Elements, Elements]:
         """Deviations of two points from the mean, for a column of a square root of P."""
         offset = self.spread * column
         return offset, -offset
 
-    def pair(self, column: Any, mean: Any) -> tuple[Any, Any]:
+    def pair(self, column: Elements, mean: Elements) -> tuple[Elements, Elements]:
         """The two sigma points, mean ± offset."""
         offset, other = self.offsets(column)
         return mean + offset, mean + other
@@ -85,10 +92,10 @@ class SigmaPoints:
 class SampledGaussian(NamedTuple):
     """A belief that carries the propagated sigma points (n, 2n + 1), for `redraw=False`."""
 
-    mean: Any
-    covariance: Any
-    points: Any
-    rcond: Any = WELL
+    mean: Elements
+    covariance: Elements
+    points: Elements
+    rcond: Elements = WELL
 
 
 class UnscentedKalmanFilter(RecursiveFilter):
@@ -136,10 +143,10 @@ class UnscentedKalmanFilter(RecursiveFilter):
         self,
         plant: Plant,
         period: float,
-        process_noise: Any,
-        measurement_noise: Any,
-        mean: Any,
-        covariance: Any,
+        process_noise: ArrayLike,
+        measurement_noise: ArrayLike | None,
+        mean: ArrayLike,
+        covariance: ArrayLike,
         alpha: float = 1.0,
         beta: float = 2.0,
         kappa: float = 0.0,
@@ -150,9 +157,17 @@ class UnscentedKalmanFilter(RecursiveFilter):
         sensors: Sequence[Sensor] | Sensor | None = None,
     ) -> None:
         super().__init__(
-            plant, period, process_noise, measurement_noise, mean, covariance, form or "covariance", gate, sensors,
+            plant,
+            period,
+            process_noise,
+            measurement_noise,
+            mean,
+            covariance,
+            form or "covariance",
+            gate,
+            sensors,
             bounds,
-        )  # fmt: skip
+        )
         plant = self.plant
         self.sigma = SigmaPoints(plant.n, *map(real_number, (alpha, beta, kappa)))
         self.redraw = bool(redraw)
@@ -162,11 +177,8 @@ class UnscentedKalmanFilter(RecursiveFilter):
             f"expected redraw=True with a gate, got redraw={redraw!r}, gate={gate!r}",
             "gate=None, or redraw=True",
         )
-        own = [
-            name
-            for name in ("moved", "sub_step")
-            if getattr(type(self), name) is not getattr(RecursiveFilter, name)
-        ]
+        kind, base = type(self), RecursiveFilter
+        own = [name for name in ("moved", "sub_step") if getattr(kind, name) is not getattr(base, name)]
         unrooted = bool(own) or not self.redraw or self.sigma.covariance_weights[0] < 0.0
         if form is None:
             self.form = "covariance" if unrooted else "square_root"
@@ -179,7 +191,7 @@ class UnscentedKalmanFilter(RecursiveFilter):
         )
         self.initial = self._belief = self.initial_at(self.initial.mean)
 
-    def settings(self) -> dict[str, Any]:
+    def settings(self) -> dict[str, object]:
         """Arguments of the constructor by name."""
         sigma = self.sigma
         return {
@@ -202,7 +214,7 @@ class UnscentedKalmanFilter(RecursiveFilter):
         exact = " exact" * self._exact
         return f"ukf {self.form} {self.period!r} {steps} {scaling} {self.redraw} {bounds} {self.gate}{exact}"
 
-    def initial_at(self, mean: Any) -> Any:
+    def initial_at(self, mean: ArrayLike) -> Belief:
         """The initial belief with another mean (n,), its points too."""
         belief = super().initial_at(mean)
         if self.redraw:
@@ -216,7 +228,9 @@ class UnscentedKalmanFilter(RecursiveFilter):
         n, points = self.plant.n, 2 * self.plant.n + 1
         return points * (self.stages * self.sub_steps * self.plant.traced_flow.n_instructions() + n * n)
 
-    def time_stages(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
+    def time_stages(
+        self, run: Run, belief: Belief, u: Elements, p: Elements, process_noise: Elements
+    ) -> Belief:
         """Steps 1 to 4: x(k|k) → x(k+1|k)."""
         if self.form == "square_root":
             mean, rows = self.moved_rows(run, belief, u, p)
@@ -238,8 +252,8 @@ class UnscentedKalmanFilter(RecursiveFilter):
         return belief._replace(mean=mean, covariance=covariance, **more)
 
     def innovation_stages(
-        self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any
-    ) -> tuple[Any, Any, Any]:
+        self, run: Run, belief: Belief, y: Elements, u: Elements, p: Elements, measurement_noise: Elements
+    ) -> tuple[Belief, Elements, Elements]:
         """Steps 5 to 12: x(k|k−1) → (x(k|k), innovation, its covariance).
 
         Where the output is linear in x, the sums over sigma points (steps 7 to 9) are those over the columns of L,
@@ -275,7 +289,9 @@ class UnscentedKalmanFilter(RecursiveFilter):
         return belief._replace(mean=mean, covariance=covariance, **(counts | more)), innovation, p_yy
 
     # With rows of deviations ----------------------------------------------------------------------
-    def moved_rows(self, run: Any, belief: RootGaussian, u: Any, p: Any) -> tuple[Any, Any]:
+    def moved_rows(
+        self, run: Run, belief: RootGaussian, u: Elements, p: Elements
+    ) -> tuple[Elements, Elements]:
         """x(k+1|k), and rows of its covariance before R^v is added: first what F makes of the belief's n rows, each in
         its place, then those that belong to none of them."""
         stepped = partial(self._stepped, run, u, p)
@@ -288,7 +304,9 @@ class UnscentedKalmanFilter(RecursiveFilter):
         shift, rows = self._halves(run, run.columns(_seen_from, apart, mean, centre))
         return run.call(self._added_within, centre, shift), rows
 
-    def _corrected(self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any) -> Any:
+    def _corrected(
+        self, run: Run, belief: Belief, y: Elements, u: Elements, p: Elements, measurement_noise: Elements
+    ) -> tuple[Belief, Elements, Elements]:
         mean, apart = belief.mean, self.inside(run, self._spread(run, belief), belief.mean)
         outputs = _shorter(run, self.angles, run.columns(self._output_difference, apart, mean, u, p))
         shift, rows = self._halves(run, run.columns(_joined, (outputs, apart)))
@@ -308,28 +326,32 @@ class UnscentedKalmanFilter(RecursiveFilter):
             corrected = corrected._replace(mean=run.call(self.bounded, corrected.mean))
         return belief._replace(**corrected._asdict(), **more), innovation, spread
 
-    def _slope(self, run: Any, mean: Any, u: Any, p: Any) -> Any:
+    def _slope(self, run: Run, mean: Elements, u: Elements, p: Elements) -> Elements:
         """C (p, n)."""
         return run.call(self.measured, mean, u, p)[1]
 
-    def _spread(self, run: Any, belief: Any) -> Any:
+    def _spread(self, run: Run, belief: Belief) -> Elements:
         """Deviations of the sigma points from the mean, (n, 2n)."""
         return run.stacked(*run.columns(self.sigma.offsets, belief.root)).T
 
-    def _stepped(self, run: Any, u: Any, p: Any, mean: Any, rows: Any) -> tuple[Any, Any]:
+    def _stepped(
+        self, run: Run, u: Elements, p: Elements, mean: Elements, rows: Elements
+    ) -> tuple[Elements, Elements]:
         """The mean, and deviations (2n, n) from it, after one of the `sub_steps`."""
-        means: list[Any] = []
+        means: list[Elements] = []
 
-        def stages(inner: Any, deviation: Any, mean: Any, u: Any, p: Any) -> Any:
+        def stages(
+            inner: Elements, deviation: Elements, mean: Elements, u: Elements, p: Elements
+        ) -> Elements:
             pairs: Any = Pairs(inner, self.flow, self._flow_and_difference)
-            mean, deviation = self.sub_step((mean, deviation), u, p, pairs)
+            mean, deviation = self.sub_step(cast(Elements, (mean, deviation)), u, p, pairs)
             means.append(mean)
             return deviation
 
         moved = run.sweep(stages, rows.T, mean, u, p)
         return means[-1], moved.T
 
-    def _halves(self, run: Any, deviations: Any) -> tuple[Any, Any]:
+    def _halves(self, run: Run, deviations: Elements) -> tuple[Elements, Elements]:
         """Mean of deviations (k, 2n) by their weights, and rows whose WᵀW is their covariance."""
         n, s = self.plant.n, self.sigma.spread
         rows = deviations.T  # signal by signal, as each has its neighbours beside it
@@ -339,18 +361,20 @@ class UnscentedKalmanFilter(RecursiveFilter):
         centre = run.call(partial(_scaled, math.sqrt(self.sigma.covariance_weights[0])), shift)
         return shift, run.stacked(odd, even, centre)
 
-    def _added_within(self, centre: Any, shift: Any) -> Any:
+    def _added_within(self, centre: Elements, shift: Elements) -> Elements:
         return self.bounded(centre + shift)
 
     @cached_property
-    def _differences(self) -> tuple[Any, Any]:
+    def _differences(self) -> tuple[ca.Function, ca.Function]:
         sizes = (self.plant.n, len(self.plant.inputs), self.plant.parameters.size)
-        return tuple(difference(trace(function, *sizes)) for function in (self.flow, self.output))  # type: ignore[return-value]
+        return difference(trace(self.flow, *sizes)), difference(trace(self.output, *sizes))
 
-    def _flow_and_difference(self, x: Any, deviation: Any, u: Any, p: Any) -> tuple[Any, Any]:
+    def _flow_and_difference(
+        self, x: Elements, deviation: Elements, u: Elements, p: Elements
+    ) -> tuple[Elements, Elements]:
         return self.flow(x, u, p), apply(self._differences[0], x, deviation, u, p)[0]
 
-    def _output_difference(self, deviation: Any, x: Any, u: Any, p: Any) -> Any:
+    def _output_difference(self, deviation: Elements, x: Elements, u: Elements, p: Elements) -> Elements:
         return apply(self._differences[1], x, deviation, u, p)[0]
 
     @property
@@ -363,11 +387,11 @@ class UnscentedKalmanFilter(RecursiveFilter):
         """Places of the states that are angles and may be wrapped between two samples: those of a map."""
         return self.plant.angle_places(self.plant.states) if self.plant.sampled else []
 
-    def points(self, run: Any, mean: Any, root: Any) -> Any:
+    def points(self, run: Run, mean: Elements, root: Elements) -> Elements:
         """Sigma points inside the bounds, (n, 2n + 1)."""
         return self.inside(run, run.beside(mean, self.sigma.pair, root, mean))
 
-    def redrawn(self, run: Any, belief: Any) -> tuple[Any, Any, Any, dict[str, Any]]:
+    def redrawn(self, run: Run, belief: Belief) -> tuple[Elements, Elements, Elements, dict[str, Elements]]:
         """Sigma points for the measurement, their deviations, both (n, 2n + 1), and the mean that those are from; and
         other parts of the corrected belief by name.
 
@@ -385,15 +409,15 @@ class UnscentedKalmanFilter(RecursiveFilter):
         centre = run.combination(points, self.sigma.mean_weights)
         return points, self.deviations(run, points, centre), centre, more
 
-    def deviations(self, run: Any, points: Any, mean: Any) -> Any:
+    def deviations(self, run: Run, points: Elements, mean: Elements) -> Elements:
         """Points minus a mean, (n, 2n + 1)."""
         return run.columns(_less, (points.T, mean.reshape(1, len(mean)))).T
 
-    def inside(self, run: Any, points: Any, *about: Any) -> Any:
+    def inside(self, run: Run, points: Elements, *about: Elements) -> Elements:
         """Points, or deviations from a mean (n,), clipped to the bounds."""
         return run.columns(self.bounded, points, *about) if self.bounds else points
 
-    def bounded(self, states: Any, about: Any = None) -> Any:
+    def bounded(self, states: Elements, about: Elements | None = None) -> Elements:
         """States (n,) or (n, N), or deviations from a mean (n,), clipped to the bounds."""
         states = np.array(states)
         for name, (low, high) in self.bounds.items():
@@ -403,52 +427,52 @@ class UnscentedKalmanFilter(RecursiveFilter):
         return states
 
 
-def _about_first(run: Any, places: Sequence[int], points: Any) -> Any:
+def _about_first(run: Run, places: Sequence[int], points: Elements) -> Elements:
     """Sigma points (k, 2n + 1) whose angles, at these places, are the turns that lie nearest to the central ones."""
     if not places:
         return points
     return run.columns(partial(turned, places=places), points, points.T[:1].reshape(len(points)))
 
 
-def _shorter(run: Any, places: Sequence[int], deviations: Any) -> Any:
+def _shorter(run: Run, places: Sequence[int], deviations: Elements) -> Elements:
     """Deviations (k, 2n) whose angles, at these places, go the shorter way round."""
     about = np.zeros(len(deviations))
     return run.columns(partial(turned, places=places), deviations, about) if places else deviations
 
 
-def _odd_and_even(spread: float, up: Any, down: Any) -> tuple[Any, Any]:
+def _odd_and_even(spread: float, up: Elements, down: Elements) -> tuple[Elements, Elements]:
     """Halves of the difference and the sum of a pair's deviations, in parts of the spread."""
     return (0.5 / spread) * (up - down), (0.5 / spread) * (up + down)
 
 
-def _centred(spread: float, even: Any, shift: Any) -> Any:
+def _centred(spread: float, even: Elements, shift: Elements) -> Elements:
     return even - shift / spread
 
 
-def _seen_from(deviation: Any, mean: Any, centre: Any) -> Any:
+def _seen_from(deviation: Elements, mean: Elements, centre: Elements) -> Elements:
     """A deviation from the mean as one from a centre."""
     return deviation + (mean - centre)
 
 
-def _scaled(factor: float, row: Any) -> Any:
+def _scaled(factor: float, row: Elements) -> Elements:
     return (factor * row).reshape(1, len(row))
 
 
-def _joined(first: Any, second: Any) -> Any:
+def _joined(first: Elements, second: Elements) -> Elements:
     """A column of outputs above one of states."""
     return np.concatenate([first, second])
 
 
-def _parted(y: Any, shift: Any, mean: Any) -> tuple[Any, Any]:
+def _parted(y: Elements, shift: Elements, mean: Elements) -> tuple[Elements, Elements]:
     """The shift of the outputs, and the mean of the sigma points."""
     return shift[: len(y)], mean + shift[len(y) :]
 
 
-def _first(column: Any, y: Any) -> Any:
+def _first(column: Elements, y: Elements) -> Elements:
     return column[: len(y)]
 
 
-def _less(row: Any, mean: Any) -> Any:
+def _less(row: Elements, mean: Elements) -> Elements:
     """Deviations of a state at all sigma points from its mean."""
     return row - mean
 
@@ -473,10 +497,10 @@ class ExtendedKalmanFilter(RecursiveFilter):
         self,
         plant: Plant,
         period: float,
-        process_noise: Any,
-        measurement_noise: Any,
-        mean: Any,
-        covariance: Any,
+        process_noise: ArrayLike,
+        measurement_noise: ArrayLike | None,
+        mean: ArrayLike,
+        covariance: ArrayLike,
         form: Form = "square_root",
         gate: float | None = None,
         sensors: Sequence[Sensor] | Sensor | None = None,
@@ -486,7 +510,7 @@ class ExtendedKalmanFilter(RecursiveFilter):
             plant, period, process_noise, measurement_noise, mean, covariance, form, gate, sensors, bounds
         )
 
-    def settings(self) -> dict[str, Any]:
+    def settings(self) -> dict[str, object]:
         """Arguments of the constructor by name."""
         own = {"form": self.form, "gate": self.gate, "bounds": dict(self.bounds)}
         return {**super().settings(), **own}
@@ -505,9 +529,7 @@ class ExtendedKalmanFilter(RecursiveFilter):
         return n * (2 * self.stages * self.sub_steps * self.plant.traced_flow.n_instructions() + n * n)
 
     @cached_property
-    def _tangent(self) -> Any:
-        import casadi as ca
-
+    def _tangent(self) -> ca.Function:
         sizes = (self.plant.n, len(self.plant.inputs), self.plant.parameters.size)
         moved = trace(self.sub_step, *sizes, name="sub_step")
         inputs = [ca.SX.sym(name, size) for name, size in zip("xup", sizes)]
@@ -515,11 +537,13 @@ class ExtendedKalmanFilter(RecursiveFilter):
         along = ca.densify(ca.jtimes(moved.call(inputs)[0], inputs[0], direction))
         return ca.Function("tangent", [inputs[0], direction, *inputs[1:]], [along], {"cse": True})
 
-    def tangent(self, direction: Any, x: Any, u: Any, p: Any) -> Any:
+    def tangent(self, direction: Elements, x: Elements, u: Elements, p: Elements) -> Elements:
         """Derivative of `sub_step` at x along a direction, (n,)."""
         return apply(self._tangent, x, direction, u, p)[0]
 
-    def time_stages(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
+    def time_stages(
+        self, run: Run, belief: Belief, u: Elements, p: Elements, process_noise: Elements
+    ) -> Belief:
         """x(k|k) → x(k+1|k): F(x̂, u) and A P Aᵀ + R^v with A = ∂F/∂x."""
         if self.form == "square_root":
             mean, rows = self.moved_rows(run, belief, u, p)
@@ -533,12 +557,16 @@ class ExtendedKalmanFilter(RecursiveFilter):
             moved = belief._replace(mean=mean, covariance=covariance, **more)
         return self._within(run, moved)
 
-    def moved_rows(self, run: Any, belief: RootGaussian, u: Any, p: Any) -> tuple[Any, Any]:
+    def moved_rows(
+        self, run: Run, belief: RootGaussian, u: Elements, p: Elements
+    ) -> tuple[Elements, Elements]:
         """x(k+1|k), and W Aᵀ, rows of its covariance before R^v is added."""
         mean, spread = self._moved(run, belief.mean, belief.root.T, u, p)
         return mean, spread.T
 
-    def _moved(self, run: Any, mean: Any, spread: Any, u: Any, p: Any) -> tuple[Any, Any]:
+    def _moved(
+        self, run: Run, mean: Elements, spread: Elements, u: Elements, p: Elements
+    ) -> tuple[Elements, Elements]:
         """F(x̂, u), and the columns of a spread (n, k) after it."""
         for _ in range(self.sub_steps):
             spread = run.columns(self.tangent, spread, mean, u, p)
@@ -546,13 +574,13 @@ class ExtendedKalmanFilter(RecursiveFilter):
         return mean, spread
 
     def innovation_stages(
-        self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any
-    ) -> tuple[Any, Any, Any]:
+        self, run: Run, belief: Belief, y: Elements, u: Elements, p: Elements, measurement_noise: Elements
+    ) -> tuple[Belief, Elements, Elements]:
         """x(k|k−1) → (x(k|k), innovation, its covariance), with C = ∂H/∂x."""
-        corrected, *spread = self.linear_innovation(run, belief, y, u, p, measurement_noise)
-        return self._within(run, corrected), *spread
+        corrected, innovation, spread = self.linear_innovation(run, belief, y, u, p, measurement_noise)
+        return self._within(run, corrected), innovation, spread
 
-    def _within(self, run: Any, belief: Any) -> Any:
+    def _within(self, run: Run, belief: Belief) -> Belief:
         """The belief with its mean within the bounds."""
         if not self.bounds:
             return belief
@@ -562,9 +590,9 @@ class ExtendedKalmanFilter(RecursiveFilter):
         return belief._replace(mean=run.call(partial(projected, places, ends), belief.mean, columns))
 
 
-def _of_covariance(places: list[int], covariance: Any) -> Any:
+def _of_covariance(places: list[int], covariance: Elements) -> Elements:
     return covariance[:, places]
 
 
-def _of_root(places: list[int], root: Any) -> Any:
+def _of_root(places: list[int], root: Elements) -> Elements:
     return root.T @ root[:, places]

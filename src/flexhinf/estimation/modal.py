@@ -20,7 +20,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
+from numpy.typing import ArrayLike
 
+from flexhinf.arrays import Elements
 from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.estimation.filter import RecursiveFilter
@@ -32,7 +34,10 @@ from flexhinf.estimation.stationary import (
 )
 from flexhinf.plant import Plant
 from flexhinf.plant.joints import ElasticJoints, elastic_joints, link_compliance
+from flexhinf.plant.parameters import Parameters
+from flexhinf.plant.protocols import Belief
 from flexhinf.scalars import clip
+from flexhinf.scalars.run import Run
 from flexhinf.scalars.spectral import eigensystem
 from flexhinf.validation import read_only
 
@@ -59,19 +64,19 @@ FADING, MOTORS_DEGREE = 380.0, 96
 class ModalBelief(NamedTuple):
     """A mean (4n,), K^½ (n,), and Chebyshev coefficients (DEGREE + 1, 4k) of ℓ for k sensors at each joint."""
 
-    mean: Any
-    scale: Any
-    table: Any
+    mean: Elements
+    scale: Elements
+    table: Elements
 
 
 class GatedModalBelief(NamedTuple):
     """As `ModalBelief`, with k columns more in the table, the variances of a pair's innovations, and how often each
     signal was rejected (kn,)."""
 
-    mean: Any
-    scale: Any
-    table: Any
-    rejected: Any
+    mean: Elements
+    scale: Elements
+    table: Elements
+    rejected: Elements
 
 
 class ModalFilter(ConstantGainFilter):
@@ -106,7 +111,7 @@ class ModalFilter(ConstantGainFilter):
     (8, 4)
     """
 
-    def __init__(self, filter: RecursiveFilter, about: Any = None) -> None:
+    def __init__(self, filter: RecursiveFilter, about: ArrayLike | None = None) -> None:
         plant = filter.plant
         refuse_if(
             filter.bounds,
@@ -121,7 +126,7 @@ class ModalFilter(ConstantGainFilter):
         self._compliance = link_compliance(plant)
         numbers = self.period, self._range, self._seen.tobytes(), *self._pair_numbers(joints)
         own, table = (np.array(filter.initial.mean), np.sqrt(joints.stiffness)), _table("gains", *numbers)
-        self.initial: Any = read_only(ModalBelief(*own, table))
+        self.initial = read_only(ModalBelief(*own, table))
         if filter.gate is not None:
             table = np.hstack([table, _table("variances", *numbers)])
             self.initial = read_only(GatedModalBelief(*own, table, np.zeros(len(plant.outputs))))
@@ -136,15 +141,15 @@ class ModalFilter(ConstantGainFilter):
         random = tuple(_mean(part) for part in (k * added[0], k * added[2], links / k, motors / k))
         return pair, random, tuple(_mean(k**power * row) for row, power in zip(noise, self._powers))
 
-    def settings(self) -> dict[str, Any]:
+    def settings(self) -> dict[str, object]:
         """Arguments of the constructor by name."""
         return {"filter": self.filter, "about": self._about}
 
-    def at(self, x: Any) -> ConstantGainFilter:
+    def at(self, x: ArrayLike) -> ConstantGainFilter:
         """The same filter with the gain at the pose of a state (4n,), whatever the estimate."""
         return ConstantGainFilter(self.filter, self.gain(x), None if self.filter.gate is None else x)
 
-    def gain(self, x: Any) -> np.ndarray:
+    def gain(self, x: ArrayLike) -> np.ndarray:
         """L (4n, p) at the pose of a state (4n,)."""
         _, scale, table, *_ = self.initial
         values, vectors = np.linalg.eigh(
@@ -155,15 +160,17 @@ class ModalFilter(ConstantGainFilter):
             [_correction(self._powers, column, *frame) for column in np.eye(len(self.plant.outputs))]
         ).T
 
-    def variances(self, x: Any) -> np.ndarray:
+    def variances(self, x: ArrayLike) -> np.ndarray:
         """Variances (p,) by which the gate judges innovations at the pose of a state (4n,).
 
         Raises InvalidInput: without a gate.
         """
         refuse_if(
-            self.filter.gate is None, "A filter without a gate has no variances.", "expected a gate, got None",
+            self.filter.gate is None,
+            "A filter without a gate has no variances.",
+            "expected a gate, got None",
             "the filter with gate=0.999",
-        )  # fmt: skip
+        )
         frame = self._frame(DIRECT, self.initial_at(x), self.plant.parameters.vector())
         return np.asarray(_variances(self._powers, *frame), dtype=float)
 
@@ -184,17 +191,19 @@ class ModalFilter(ConstantGainFilter):
         filter, n = self.filter, len(self.initial.scale)
         return filter.stages * filter.sub_steps * self.plant.traced_flow.n_instructions() + 20 * n**4
 
-    def initial_at(self, mean: Any) -> Any:
+    def initial_at(self, mean: ArrayLike) -> Belief:
         """The initial belief with another mean (4n,)."""
         return self.initial._replace(mean=self.filter.initial_at(mean).mean)
 
-    def time_update_on(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
+    def time_update_on(
+        self, run: Run, belief: Belief, u: Elements, p: Elements, process_noise: Elements
+    ) -> Belief:
         """x̂(k|k) → x̂(k+1|k) on a run, p the vector of parameters."""
         return belief._replace(mean=self.filter.moved(run, belief.mean, u, p))
 
     def measurement_update_on(
-        self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any
-    ) -> Any:
+        self, run: Run, belief: Belief, y: Elements, u: Elements, p: Elements, measurement_noise: Elements
+    ) -> Belief:
         """x̂(k|k−1) → x̂(k|k) on a run, p the vector of parameters."""
         innovation, more = run.call(self._innovation, belief.mean, y, u, p), {}
         frame = self._frame(run, belief, p)
@@ -204,11 +213,13 @@ class ModalFilter(ConstantGainFilter):
         move = run.call(partial(_correction, self._powers), innovation, *frame)
         return belief._replace(mean=run.call(np.add, belief.mean, move), **more)
 
-    def time_update(self, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
+    def time_update(self, belief: Belief, u: Elements, p: Parameters, process_noise: Elements) -> Belief:
         """x̂(k|k) → x̂(k+1|k), pure, on any element."""
         return self.time_update_on(DIRECT, belief, u, self.plant.parameters.flat(p), process_noise)
 
-    def measurement_update(self, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any) -> Any:
+    def measurement_update(
+        self, belief: Belief, y: Elements, u: Elements, p: Parameters, measurement_noise: Elements
+    ) -> Belief:
         """x̂(k|k−1) → x̂(k|k), pure, on any element."""
         return self.measurement_update_on(
             DIRECT, belief, y, u, self.plant.parameters.flat(p), measurement_noise
@@ -219,25 +230,30 @@ class ModalFilter(ConstantGainFilter):
         """Ends of log λ."""
         return 2.0 * float(np.log(SLOWEST)), 2.0 * float(np.log(FASTEST / self.period))
 
-    def _innovation(self, mean: Any, y: Any, u: Any, p: Any) -> Any:
+    def _innovation(self, mean: Elements, y: Elements, u: Elements, p: Elements) -> Elements:
         expected = self.filter.output(mean, u, p)
         return self.completed(y, expected) - expected
 
-    def _frame(self, run: Any, belief: Any, p: Any) -> tuple[Any, Any, Any]:
+    def _frame(self, run: Run, belief: Belief, p: Elements) -> tuple[Elements, Elements, Elements]:
         """K^½ (n,), V (n, n), and ℓ(Λ) (n, 4k) at a belief."""
         vectors, values = eigensystem(run.call(self._stiffness, belief.mean, belief.scale, p), run)
         return belief.scale, vectors, run.call(partial(_series, self._range), values, belief.table)
 
-    def _stiffness(self, mean: Any, scale: Any, p: Any) -> Any:
+    def _stiffness(self, mean: Elements, scale: Elements, p: Elements) -> Elements:
         """K^½ M(q)⁻¹ K^½."""
         return scale[:, None] * self._compliance.matrix(mean[: len(scale)], p) * scale
 
 
 @lru_cache(16)  # the filters of one loop at several poses share it
 def _table(
-    what: str, period: float, ends: tuple[float, float], sensors: bytes, pair: tuple[float, float],
-    random: tuple[float, ...], measured: tuple[float, ...],
-) -> np.ndarray:  # fmt: skip
+    what: str,
+    period: float,
+    ends: tuple[float, float],
+    sensors: bytes,
+    pair: tuple[float, float],
+    random: tuple[float, ...],
+    measured: tuple[float, ...],
+) -> np.ndarray:
     """Chebyshev coefficients of the "gains" ℓ (DEGREE + 1, 4k) or of the "variances" of innovations (DEGREE + 1, k),
     for log λ between two ends: `sensors` holds H (k, 4), and the numbers are those of `ModalFilter._pair_numbers`."""
     from scipy.linalg import expm
@@ -281,8 +297,10 @@ def pair_sensors(
 
     Raises `InvalidInput` where joints have different sensors, or no sensor sees a position.
     """
-    kinds = [next((kind for kind in SENSORS if plant.expanded(kind) == names), None)
-             for names in (tuple(plant.outputs[i : i + n]) for i in range(0, len(plant.outputs), n))]  # fmt: skip
+    kinds = [
+        next((kind for kind in SENSORS if plant.expanded(kind) == names), None)
+        for names in (tuple(plant.outputs[i : i + n]) for i in range(0, len(plant.outputs), n))
+    ]
     if None in kinds:
         seen = [kind for kind in SENSORS if {*plant.expanded(kind)} & {*plant.outputs}]
         shared = [kind for kind in seen if {*plant.expanded(kind)} <= {*plant.outputs}]
@@ -310,7 +328,7 @@ def pair_sensors(
     return np.array(rows), powers
 
 
-def _series(ends: tuple[float, float], values: Any, table: Any) -> Any:
+def _series(ends: tuple[float, float], values: Elements, table: Elements) -> Elements:
     """ℓ (n, 4k) at eigenvalues λ (n,): the Chebyshev series in log λ between two ends."""
     low, high = ends
     x = clip((2.0 * np.log(values) - (low + high)) / (high - low), -1.0, 1.0)
@@ -320,7 +338,7 @@ def _series(ends: tuple[float, float], values: Any, table: Any) -> Any:
     return np.stack(terms, axis=-1) @ table
 
 
-def _variances(powers: tuple[int, ...], scale: Any, vectors: Any, gains: Any) -> Any:
+def _variances(powers: tuple[int, ...], scale: Elements, vectors: Elements, gains: Elements) -> Elements:
     """Variances (kn,) of an arm's innovations: the diagonal of K^-½ V s(Λ) Vᵀ K^-½, of a torque sensor by K^½."""
     k = len(powers)
     rows = [
@@ -329,7 +347,9 @@ def _variances(powers: tuple[int, ...], scale: Any, vectors: Any, gains: Any) ->
     return np.concatenate(rows)
 
 
-def _correction(powers: tuple[int, ...], innovation: Any, scale: Any, vectors: Any, gains: Any) -> Any:
+def _correction(
+    powers: tuple[int, ...], innovation: Elements, scale: Elements, vectors: Elements, gains: Elements
+) -> Elements:
     """L ν (4n,): K^-½ V ℓ(Λ) Vᵀ K^½ ν, a torque sensor's ν by K^-½."""
     n, k = len(scale), len(powers)
     parts = [innovation[j * n : (j + 1) * n] * scale**power for j, power in enumerate(powers)]

@@ -37,13 +37,17 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
+from flexhinf.arrays import Elements
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.estimation.covariances import covariance_matrix
 from flexhinf.estimation.filter import RecursiveFilter, applied, beyond
 from flexhinf.estimation.stationary import check_decay, check_detectable, placed_gain, stationary_gain, stein
 from flexhinf.plant import Plant, known
+from flexhinf.plant.protocols import Belief
 from flexhinf.scalars import where
+from flexhinf.scalars.run import Run
 from flexhinf.scalars.trace import nonzero, sizes_of_rows, switches, varying
 from flexhinf.validation import read_only, value_text
 
@@ -57,34 +61,34 @@ class InjectedGaussian(NamedTuple):
     (n, p), L, and the map from an output to `measured`.
     """
 
-    mean: Any
-    covariance: Any
-    measured: Any
-    injection: Any
-    moved: Any
-    drift: Any
-    transition: Any
-    hold: Any
-    ramp: Any
-    gain: Any
-    lift: Any
+    mean: Elements
+    covariance: Elements
+    measured: Elements
+    injection: Elements
+    moved: Elements
+    drift: Elements
+    transition: Elements
+    hold: Elements
+    ramp: Elements
+    gain: Elements
+    lift: Elements
 
 
 class GatedInjectedGaussian(NamedTuple):
     """As `InjectedGaussian`, and how often each element of a measurement was rejected (p,)."""
 
-    mean: Any
-    covariance: Any
-    measured: Any
-    injection: Any
-    moved: Any
-    drift: Any
-    transition: Any
-    hold: Any
-    ramp: Any
-    gain: Any
-    lift: Any
-    rejected: Any
+    mean: Elements
+    covariance: Elements
+    measured: Elements
+    injection: Elements
+    moved: Elements
+    drift: Elements
+    transition: Elements
+    hold: Elements
+    ramp: Elements
+    gain: Elements
+    lift: Elements
+    rejected: Elements
 
 
 class OutputInjectionObserver(RecursiveFilter):
@@ -144,13 +148,13 @@ class OutputInjectionObserver(RecursiveFilter):
         self,
         plant: Plant,
         period: float,
-        process_noise: Any,
-        measurement_noise: Any,
-        mean: Any,
-        covariance: Any = None,
-        poles: Any = None,
+        process_noise: ArrayLike,
+        measurement_noise: ArrayLike,
+        mean: ArrayLike,
+        covariance: ArrayLike | None = None,
+        poles: ArrayLike | None = None,
         *,
-        about: Any = None,
+        about: ArrayLike | None = None,
         gate: float | None = None,
         bounds: None = None,
     ) -> None:
@@ -161,9 +165,14 @@ class OutputInjectionObserver(RecursiveFilter):
             "ExtendedKalmanFilter(..., bounds=...)",
         )
         super().__init__(
-            plant, period, process_noise, measurement_noise, mean, 0.0 if covariance is None else covariance,
+            plant,
+            period,
+            process_noise,
+            measurement_noise,
+            mean,
+            0.0 if covariance is None else covariance,
             gate=gate,
-        )  # fmt: skip
+        )
         point = None if about is None else self._vector(about, plant.states, "point about which it is split")
         self._poles, self._about = poles, point
         self._drift, self._sensors = output_form(plant, point)
@@ -186,7 +195,7 @@ class OutputInjectionObserver(RecursiveFilter):
             self._start = read_only((predicted + predicted.T) / 2.0)
         self.initial = self._belief = self.initial_at(self.initial.mean)
 
-    def settings(self) -> dict[str, Any]:
+    def settings(self) -> dict[str, object]:
         """Arguments of the constructor by name."""
         return {
             **super().settings(),
@@ -216,7 +225,7 @@ class OutputInjectionObserver(RecursiveFilter):
             poles = np.log(np.linalg.eigvals(self.error_matrix).astype(complex)) / self.period
         return poles[np.lexsort((poles.imag, -poles.real))]
 
-    def error_energy(self, weight: Any) -> np.ndarray:
+    def error_energy(self, weight: ArrayLike) -> np.ndarray:
         """X, (n, n), with T Σ_{k≥0} e_kᵀ W e_k = e_0ᵀ X e_0, by the discrete Lyapunov equation X = Mᵀ X M + T W.
 
         M is `error_matrix`, and e_0 the error of x̂(0|0): an error of the initial `mean` times 1 − L H. The error of
@@ -245,7 +254,7 @@ class OutputInjectionObserver(RecursiveFilter):
         """Roughly, the operations of both updates as one trace: φ twice, and the covariance."""
         return 2 * self.plant.traced_flow.n_instructions() + 8 * self.plant.n**3
 
-    def initial_at(self, mean: Any) -> Any:
+    def initial_at(self, mean: ArrayLike) -> Belief:
         """The initial belief with another mean (n,)."""
         belief = super().initial_at(mean)
         still = np.zeros(self.plant.n)
@@ -264,7 +273,9 @@ class OutputInjectionObserver(RecursiveFilter):
         return np.linalg.pinv(weight @ self._sensors) @ weight
 
     # The updates -----------------------------------------------------------------------------------
-    def time_stages(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
+    def time_stages(
+        self, run: Run, belief: Belief, u: Elements, p: Elements, process_noise: Elements
+    ) -> Belief:
         """x(k|k) → x(k+1|k), along φ as it is at the beginning of the period."""
         injection = run.call(self._injected, belief.measured, u, p, belief.drift)
         mean = run.call(_driven, belief.mean, injection, belief.transition, belief.hold)
@@ -276,10 +287,10 @@ class OutputInjectionObserver(RecursiveFilter):
         )
 
     def innovation_stages(
-        self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any
-    ) -> tuple[Any, Any, Any]:
+        self, run: Run, belief: Belief, y: Elements, u: Elements, p: Elements, measurement_noise: Elements
+    ) -> tuple[Belief, Elements, Elements]:
         """x(k|k−1) → (x(k|k), innovation, its covariance): first along the slope of φ, then the correction."""
-        counts: dict[str, Any] = {}
+        counts: dict[str, Elements] = {}
         if self.gate is not None:
             y, counts["rejected"] = self._passed(run, belief, y, u, p, measurement_noise)
         flags, there = run.call(known, y), run.call(self._bridged, belief.mean, y, u, p)
@@ -304,47 +315,53 @@ class OutputInjectionObserver(RecursiveFilter):
         )
         return corrected, innovation, spread
 
-    def _passed(self, run: Any, belief: Any, y: Any, u: Any, p: Any, noise: Any) -> tuple[Any, Any]:
+    def _passed(
+        self, run: Run, belief: Belief, y: Elements, u: Elements, p: Elements, noise: Elements
+    ) -> tuple[Elements, Elements]:
         """The measurement (p,), infinite where the gate rejects it, and the counts (p,)."""
         expected, sensors = run.call(self.measured, belief.mean, u, p)
         seen = run.columns(applied, run.cholesky(belief.covariance), sensors)
         spread = run.gram(seen, np.ones(self.plant.n), noise)
         return run.call(self._without_outliers, y, expected, spread, belief.rejected)
 
-    def _without_outliers(self, y: Any, expected: Any, spread: Any, rejected: Any) -> tuple[Any, Any]:
+    def _without_outliers(
+        self, y: Elements, expected: Elements, spread: Elements, rejected: Elements
+    ) -> tuple[Elements, Elements]:
         away = self.completed(y, expected) - expected
         outliers = beyond(away * away, np.diagonal(spread) * self.limit)
         there = [where(flag > 0.5, np.inf, element) for flag, element in zip(outliers, y, strict=True)]
         return np.array(there), rejected + outliers
 
-    def _bridged(self, mean: Any, y: Any, u: Any, p: Any) -> Any:
+    def _bridged(self, mean: Elements, y: Elements, u: Elements, p: Elements) -> Elements:
         return self.completed(y, self.output(mean, u, p))
 
-    def _lifted(self, y: Any, u: Any, p: Any, lift: Any) -> Any:
+    def _lifted(self, y: Elements, u: Elements, p: Elements, lift: Elements) -> Elements:
         return lift @ (y - self.output(np.zeros(self.plant.n), u, p))
 
-    def _expected(self, mean: Any, u: Any, p: Any, lift: Any) -> tuple[Any, Any]:
+    def _expected(
+        self, mean: Elements, u: Elements, p: Elements, lift: Elements
+    ) -> tuple[Elements, Elements]:
         return self._lifted(self.output(mean, u, p), u, p, lift), np.ones(1)  # the flag of a time update
 
-    def _injected(self, measured: Any, u: Any, p: Any, drift: Any) -> Any:
+    def _injected(self, measured: Elements, u: Elements, p: Elements, drift: Elements) -> Elements:
         """φ(y, u) = f(x, u) − A x at any x with the output y."""
         still = np.zeros(len(self.plant.disturbances))
         return self.plant.evaluate_flow(measured, u, still, p) - drift @ measured
 
 
-def _driven(mean: Any, injection: Any, transition: Any, hold: Any) -> Any:
+def _driven(mean: Elements, injection: Elements, transition: Elements, hold: Elements) -> Elements:
     return transition @ mean + hold @ injection
 
 
-def _sloped(mean: Any, before: Any, after: Any, moved: Any, ramp: Any) -> Any:
+def _sloped(mean: Elements, before: Elements, after: Elements, moved: Elements, ramp: Elements) -> Elements:
     return mean + moved * (ramp @ (after - before))  # Γ₁ (φ(T) − φ(0)) after a time update
 
 
-def _corrected(mean: Any, innovation: Any, gain: Any) -> tuple[Any, Any]:
+def _corrected(mean: Elements, innovation: Elements, gain: Elements) -> tuple[Elements, Elements]:
     return mean + gain @ innovation, np.zeros(1)
 
 
-def _left(root: Any, measured: Any, gain: Any) -> Any:
+def _left(root: Elements, measured: Elements, gain: Elements) -> Elements:
     """A column of (I - K C) L: the deviations that the correction leaves."""
     return root - gain @ measured
 

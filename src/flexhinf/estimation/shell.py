@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from flexhinf.arrays import Elements
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation.diagnosis import CURES, EPS, Diagnosis, innovation_limit, recorded
-from flexhinf.plant import rcond_limit
+from flexhinf.estimation.interface import Filter, Form
+from flexhinf.plant import Parameters, Plant, rcond_limit
+from flexhinf.plant.protocols import Belief
 from flexhinf.scalars import cholesky, solve_lower
 from flexhinf.validation import checked_array, real_array, value_text
 
@@ -45,18 +49,18 @@ class Shell:
     _calls = 0
 
     if TYPE_CHECKING:
-        plant: Any
-        form: str
+        plant: Plant
+        form: Form
         gate: float | None
-        initial: Any
+        initial: Belief
         _clipped: tuple[Diagnosis, ...]
         _exact: bool
         process_noise: np.ndarray
         measurement_noise: np.ndarray
         sample_periods: np.ndarray
-        time_update: Any
-        innovate: Any
-        _parameters: Any
+        time_update: Callable[..., Belief]
+        innovate: Callable[..., tuple[Belief, Elements, Elements]]
+        _parameters: Parameters
 
     @property
     def mean(self) -> np.ndarray:
@@ -91,7 +95,7 @@ class Shell:
         """Whether digits that a correction loses are an entry of `diagnosis`."""
         return self.form == "square_root" or self._exact
 
-    def predict(self, u: Any = None) -> None:
+    def predict(self, u: ArrayLike | None = None) -> None:
         """Time update with the input u (m,) held over the period; a plant without inputs needs none.
 
         Raises
@@ -109,7 +113,7 @@ class Shell:
         self._accept(belief)
         self._step += 1
 
-    def correct(self, y: Any) -> None:
+    def correct(self, y: ArrayLike | None) -> None:
         """Measurement update with y (p,); sets `log_likelihood` of this measurement, of the elements that are used.
 
         NaN, None and masked elements are missing ones. Where all are, nothing changes.
@@ -164,12 +168,12 @@ class Shell:
             return None
         from flexhinf.estimation.compiled import compiled_updates
 
-        ready = self._ready
-        if ready is None or not ready.fit(self):
-            ready = compiled_updates(self)
+        ready, filter = self._ready, cast(Filter, self)
+        if ready is None or not ready.fit(filter):
+            ready = compiled_updates(filter)
         vars(self).update(_ready=ready, _compiled=ready, _only_numpy=ready is None)
         if ready is not None:
-            ready.load(self)
+            ready.load(filter)
             for name in KEPT:
                 del vars(self)[name]
         return ready
@@ -184,18 +188,18 @@ class Shell:
             return getattr(compiled, name)
         raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
-    def __setattr__(self, name: str, value: Any) -> None:
+    def __setattr__(self, name: str, value: object) -> None:
         self._settle()  # its arrays have the numbers of before
         super().__setattr__(name, value)
 
-    def __getstate__(self) -> dict[str, Any]:
-        state: dict[str, Any] = super().__getstate__()  # type: ignore[misc]
+    def __getstate__(self) -> dict[str, object]:
+        state: dict[str, object] = super().__getstate__()  # pyright: ignore[reportAssignmentType, reportAttributeAccessIssue]
         state |= {name: getattr(self, name) for name in KEPT}
         return {name: value for name, value in state.items() if name not in ("_compiled", "_ready")}
 
     def reset(self) -> None:
         """Back to the belief before the first measurement."""
-        self._belief: Any = self.initial
+        self._belief: Belief = self.initial
         self._u = np.zeros(len(self.plant.inputs))
         counts = dict.fromkeys(("skipped", "missing", "rejected", "singular"), 0)
         self._repairs: dict[str, int] = {**counts, "covariance": len(self._clipped)}
@@ -213,7 +217,7 @@ class Shell:
     def _record(self, kind: str) -> None:
         self._diagnosis = recorded(self._diagnosis, kind, self._step, LONGEST_DIAGNOSIS)
 
-    def _vector(self, value: Any, names: Sequence[str], what: str, hint: str = "") -> np.ndarray:
+    def _vector(self, value: ArrayLike | None, names: Sequence[str], what: str, hint: str = "") -> np.ndarray:
         return checked_array(
             f"The {what} given to the estimator does not fit its plant.",
             value,
@@ -222,12 +226,12 @@ class Shell:
             f"one number per name {hint}".rstrip(),
         )
 
-    def _input(self, u: Any) -> np.ndarray:
+    def _input(self, u: ArrayLike | None) -> np.ndarray:
         names = self.plant.inputs
         hint = "" if names else "(there is none: predict())"
         return self._vector(() if u is None and not names else u, names, "input", hint)
 
-    def _measurement(self, y: Any) -> np.ndarray:
+    def _measurement(self, y: ArrayLike | None) -> np.ndarray:
         names, array = self.plant.outputs, np.full(len(self.plant.outputs), np.nan)
         with suppress(ValueError):
             array = array if y is None else real_array(y, strict=True)
@@ -240,7 +244,7 @@ class Shell:
             "one number per name, NaN for an element that is missing",
         )
 
-    def _accept(self, belief: Any) -> bool:
+    def _accept(self, belief: Belief) -> bool:
         """Take over a belief that is finite and whose covariance has a Cholesky factor: every update begins with it.
 
         Any other leaves the last one, and an entry in `diagnosis`; the first of them is a warning, too.

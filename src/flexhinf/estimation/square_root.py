@@ -20,21 +20,23 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import reduce
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from flexhinf.arrays import Elements
 from flexhinf.scalars import absolute, maximum, minimum, where
+from flexhinf.scalars.run import Run
 
 
 class RootGaussian(NamedTuple):
     """A mean (n,) and rows W (n, n) of deviations, P = WᵀW."""
 
-    mean: Any
-    root: Any
+    mean: Elements
+    root: Elements
 
     @property
-    def covariance(self) -> Any:
+    def covariance(self) -> Elements:
         """P (n, n)."""
         return self.root.T @ self.root
 
@@ -61,7 +63,7 @@ def root_rows(covariance: np.ndarray) -> np.ndarray:
     return rows
 
 
-def root_prediction(run: Any, rows: Any, process_noise: Any) -> Any:
+def root_prediction(run: Run, rows: Elements, process_noise: Elements) -> Elements:
     """W (n, n) of moved deviations, rows (m, n), and R^v (n, n)."""
     n = rows.shape[1]
     return run.householder(run.stacked(rows, run.cholesky(process_noise).T), n, triangle=n)[:n]
@@ -75,11 +77,13 @@ class Pairs:
     values and deviations have alike.
     """
 
-    run: Any
-    flow: Callable[..., Any]
-    both: Callable[..., tuple[Any, Any]]
+    run: Run
+    flow: Callable[..., Elements]
+    both: Callable[..., tuple[Elements, Elements]]
 
-    def call(self, function: Callable[..., Any], *arrays: Any) -> tuple[Any, Any]:
+    def call(
+        self, function: Callable[..., Elements], *arrays: tuple[Elements, Elements]
+    ) -> tuple[Elements, Elements]:
         """As `flexhinf.codegen.Direct.call`, of pairs."""
         if function == self.flow:
             (x, d), *held = arrays
@@ -88,12 +92,14 @@ class Pairs:
         return self.run.call(function, *values), self.run.call(function, *deviations)
 
 
-def innovation_scales(root: Any, slope: Any, noise: Any) -> Any:
+def innovation_scales(root: Elements, slope: Elements, noise: Elements) -> Elements:
     """Σ |c_j| σ_j + √r (p,), what an innovation is made of, from W."""
     return absolute(slope) @ np.sqrt((root * root).sum(axis=0)) + np.sqrt(np.diagonal(noise))
 
 
-def reciprocal_condition(gains: Any, innovation: Any, root: Any, slope: Any, noise: Any) -> Any:
+def reciprocal_condition(
+    gains: Elements, innovation: Elements, root: Elements, slope: Elements, noise: Elements
+) -> Elements:
     """ρ / max(1, |ν|) (1,): rounding of W moves the mean of a correction by eps over this many standard deviations.
 
     ρ is the smallest pivot of S in parts of Σ |c_j| σ_j + √r, what it was made of, and ν = S⁻ᵀ e the innovation in
@@ -110,8 +116,13 @@ def reciprocal_condition(gains: Any, innovation: Any, root: Any, slope: Any, noi
 
 
 def linear_correction(
-    run: Any, belief: RootGaussian, innovation: Any, slope: Any, noise: Any, from_origin: Any = None
-) -> tuple[RootGaussian, Any, Any]:
+    run: Run,
+    belief: RootGaussian,
+    innovation: Elements,
+    slope: Elements,
+    noise: Elements,
+    from_origin: Elements | None = None,
+) -> tuple[RootGaussian, Elements, Elements]:
     """x(k|k), the covariance of the innovation, and [S K_x K_v], for an output that is linear about the mean.
 
     `innovation`: (p,). `slope`: C (p, n). `noise`: R^n (p, p). `from_origin`: (p,), y − H(0), where H is linear
@@ -132,8 +143,8 @@ def linear_correction(
 
 
 def correction_of_rows(
-    run: Any, mean: Any, rows: Any, innovation: Any, noise: Any
-) -> tuple[RootGaussian, Any, Any]:
+    run: Run, mean: Elements, rows: Elements, innovation: Elements, noise: Elements
+) -> tuple[RootGaussian, Elements, Elements]:
     """x(k|k), the covariance of the innovation, and [S K_x], of deviations of outputs and states beside each other.
 
     `rows`: (m, p + n). `innovation`: (p,).
@@ -146,25 +157,25 @@ def correction_of_rows(
     return RootGaussian(mean, run.householder(left, n)[:n]), spread, gains
 
 
-def _seen(row: Any, slope: Any) -> Any:
+def _seen(row: Elements, slope: Elements) -> Elements:
     """A row (C w, w, 0)."""
     return np.concatenate([slope @ row, row, np.zeros(len(slope))])
 
 
-def _noise(row: Any, mean: Any) -> Any:
+def _noise(row: Elements, mean: Elements) -> Elements:
     """A row (r, 0, r)."""
     return np.concatenate([row, np.zeros(len(mean)), row])
 
 
-def _beside_zeros(row: Any, mean: Any) -> Any:
+def _beside_zeros(row: Elements, mean: Elements) -> Elements:
     return np.concatenate([row, np.zeros(len(mean))])
 
 
-def _states(row: Any, innovation: Any) -> Any:
+def _states(row: Elements, innovation: Elements) -> Elements:
     return row[len(innovation) :]
 
 
-def solved(gains: Any, error: Any) -> Any:
+def solved(gains: Elements, error: Elements) -> Elements:
     """g of Sᵀ g = e, for the first p columns S (p, p) of the gains; zero where a pivot is, for want of any noise."""
     left, found = np.array(error), []
     for k in range(len(left)):
@@ -176,7 +187,9 @@ def solved(gains: Any, error: Any) -> Any:
     return np.array(found)
 
 
-def _moved(gains: Any, innovation: Any, from_origin: Any = None, mean: Any = 0.0) -> tuple[Any, Any]:
+def _moved(
+    gains: Elements, innovation: Elements, from_origin: Elements | None = None, mean: Elements | float = 0.0
+) -> tuple[Elements, Elements]:
     """A row (e, x, v) for which e = C x + v should hold, x the move of the mean or that and the mean; P_yy."""
     p = len(innovation)
     g = solved(gains, innovation)
@@ -185,20 +198,20 @@ def _moved(gains: Any, innovation: Any, from_origin: Any = None, mean: Any = 0.0
     return row.reshape(1, len(row)), gains[:, :p].T @ gains[:, :p]
 
 
-def _refined(row: Any, missing: Any, gains: Any) -> Any:
+def _refined(row: Elements, missing: Elements, gains: Elements) -> Elements:
     """x of a row (e, x, v), once e = C x + v holds."""
     p = len(missing)
     return row[p:-p] + solved(gains, missing) @ gains[:, p:-p]
 
 
-def _first(rows: Any) -> Any:
+def _first(rows: Elements) -> Elements:
     return rows[0]
 
 
-def _added(rows: Any, mean: Any) -> Any:
+def _added(rows: Elements, mean: Elements) -> Elements:
     return mean + rows[0]
 
 
-def _gained(gains: Any, innovation: Any, mean: Any) -> tuple[Any, Any]:
+def _gained(gains: Elements, innovation: Elements, mean: Elements) -> tuple[Elements, Elements]:
     p = len(innovation)
     return mean + solved(gains, innovation) @ gains[:, p:], gains[:, :p].T @ gains[:, :p]

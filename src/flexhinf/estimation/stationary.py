@@ -13,12 +13,16 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from flexhinf.arrays import Elements
 from flexhinf.errors import InvalidInput, NotDetectable, NumericalFailure, refuse_if
 from flexhinf.estimation.bounds import bounded_places, projected
 from flexhinf.estimation.covariances import is_singular
 from flexhinf.estimation.filter import RecursiveFilter, beyond
 from flexhinf.plant import Estimator
+from flexhinf.plant.parameters import Parameters
+from flexhinf.plant.protocols import Belief
 from flexhinf.scalars import jacobian, masked
 from flexhinf.validation import checked_array, read_only, value_text
 
@@ -26,38 +30,38 @@ from flexhinf.validation import checked_array, read_only, value_text
 class ConstantGainBelief(NamedTuple):
     """A mean (n,) and the gain (n, p) that corrects it."""
 
-    mean: Any
-    gain: Any
+    mean: Elements
+    gain: Elements
 
 
 class GatedGainBelief(NamedTuple):
     """As `ConstantGainBelief`, with the variances (p,) of innovations, and how often each was rejected (p,)."""
 
-    mean: Any
-    gain: Any
-    variances: Any
-    rejected: Any
+    mean: Elements
+    gain: Elements
+    variances: Elements
+    rejected: Elements
 
 
 class BoundedGainBelief(NamedTuple):
     """As `ConstantGainBelief`, with the columns (n, k) of P at the states with bounds: of a prediction, and of what a
     measurement has corrected."""
 
-    mean: Any
-    gain: Any
-    predicted: Any
-    corrected: Any
+    mean: Elements
+    gain: Elements
+    predicted: Elements
+    corrected: Elements
 
 
 class GatedBoundedGainBelief(NamedTuple):
     """Both of them."""
 
-    mean: Any
-    gain: Any
-    predicted: Any
-    corrected: Any
-    variances: Any
-    rejected: Any
+    mean: Elements
+    gain: Elements
+    predicted: Elements
+    corrected: Elements
+    variances: Elements
+    rejected: Elements
 
 
 class ConstantGainFilter(Estimator):
@@ -71,7 +75,7 @@ class ConstantGainFilter(Estimator):
     a gate or a bound, and errors with this gain do not decay; for `about` where nothing needs it.
     """
 
-    def __init__(self, filter: RecursiveFilter, gain: np.ndarray, about: Any = None) -> None:
+    def __init__(self, filter: RecursiveFilter, gain: np.ndarray, about: ArrayLike | None = None) -> None:
         self._adopt(filter)
         gated, bounded = filter.gate is not None, bool(filter.bounds)
         refuse_if(
@@ -96,13 +100,13 @@ class ConstantGainFilter(Estimator):
             places = self._bounded[0]
             more += [predicted[:, places], corrected[:, places]] if bounded else []
             more += [np.diag(spread), np.zeros(len(spread))] if gated else []
-        self.initial: Any = read_only(GAIN_BELIEFS[gated, bounded](mean, gain, *more))
+        self.initial = read_only(GAIN_BELIEFS[gated, bounded](mean, gain, *more))
 
     def _adopt(self, filter: RecursiveFilter) -> None:
         self.filter, self.plant, self.period = filter, filter.plant, filter.period
         self.process_noise, self.measurement_noise = filter.process_noise, filter.measurement_noise
 
-    def settings(self) -> dict[str, Any]:
+    def settings(self) -> dict[str, object]:
         """Arguments of the constructor by name."""
         about = {} if self._about is None else {"about": self._about}
         return {"filter": self.filter, "gain": np.array(self.initial.gain), **about}
@@ -119,18 +123,20 @@ class ConstantGainFilter(Estimator):
         bounds, gate = sorted(self.filter.bounds.items()), self.filter.gate
         return f" {gate} {bounds}" if bounds or gate is not None else ""
 
-    def initial_at(self, mean: np.ndarray) -> Any:
+    def initial_at(self, mean: ArrayLike) -> Belief:
         """The initial belief with another mean (n,)."""
         return self.initial._replace(mean=self.filter.initial_at(mean).mean)
 
-    def time_update(self, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
+    def time_update(self, belief: Belief, u: Elements, p: Parameters, process_noise: Elements) -> Belief:
         """x̂(k|k) → x̂(k+1|k), pure, on any element."""
         mean = self.filter.transition(belief.mean, u, p)
         if self.filter.bounds:
             mean = projected(*self._bounded, mean, belief.predicted)
         return belief._replace(mean=mean)
 
-    def measurement_update(self, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any) -> Any:
+    def measurement_update(
+        self, belief: Belief, y: Elements, u: Elements, p: Parameters, measurement_noise: Elements
+    ) -> Belief:
         """x̂(k|k−1) → x̂(k|k), pure, on any element."""
         innovation, more = y - self.filter.output(belief.mean, u, self.plant.parameters.flat(p)), {}
         if self.filter.gate is not None:
@@ -146,7 +152,9 @@ class ConstantGainFilter(Estimator):
         """Places of the states with bounds, and their intervals."""
         return bounded_places(self.filter.bounds, self.plant)
 
-    def _passed(self, innovation: Any, variances: Any, rejected: Any) -> tuple[Any, Any]:
+    def _passed(
+        self, innovation: Elements, variances: Elements, rejected: Elements
+    ) -> tuple[Elements, Elements]:
         """The innovation (p,), zero where the gate rejects it, and the counts (p,)."""
         outliers = beyond(innovation * innovation, variances * self.filter.limit)
         return masked(1.0 - outliers, innovation), rejected + outliers
@@ -171,7 +179,8 @@ SUM_DOUBLINGS = 64
 
 def stein(matrix: np.ndarray, added: np.ndarray) -> np.ndarray:
     """X = M X Mᵀ + W for |eigenvalues| of M below one: Σ Mᵏ W (Mᵏ)ᵀ, doubled [anderson1979]."""
-    total, power = added, matrix
+    total = growth = added
+    power = matrix
     for _ in range(SUM_DOUBLINGS):
         growth = power @ total @ power.T
         total, power = total + (growth + growth.T) / 2.0, power @ power
@@ -276,7 +285,7 @@ def placed_gain(
     measured: np.ndarray,
     transition: np.ndarray,
     period: float,
-    poles: Any,
+    poles: ArrayLike,
     states: Sequence[str],
 ) -> np.ndarray:
     """L (n, p) that gives (1 − L H) Φ the eigenvalues exp(s T) for the wanted s [tits1996].
@@ -377,7 +386,7 @@ def _not_seen(drift: np.ndarray, hidden: np.ndarray, states: Sequence[str], so: 
     )
 
 
-def _checked(poles: Any, states: Sequence[str], period: float) -> np.ndarray:
+def _checked(poles: ArrayLike, states: Sequence[str], period: float) -> np.ndarray:
     try:
         wanted: Any = np.asarray(poles, dtype=complex)
     except (TypeError, ValueError):

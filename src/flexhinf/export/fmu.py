@@ -68,7 +68,8 @@ def export_fmu(
         measured = np.asarray(c.law.operating_point, dtype=float)[: len(c.measured)]
     else:  # what is measured where the estimate begins
         plant = c.estimator.plant
-        output = plant.traced_output(code.belief, code.safe_input, plant.parameters.vector())
+        estimate: Any = code.belief
+        output = plant.traced_output(estimate, code.safe_input, plant.parameters.vector())
         measured = np.ravel(np.asarray(output, dtype=float))
     belief = code.belief if code.starts_anywhere else None
     y, r, u, x = (signals[kind] for kind in "YRUX")

@@ -69,7 +69,7 @@ import math
 import os
 import sys
 from bisect import bisect_right
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager, suppress
 from itertools import pairwise
 from numbers import Integral, Real
@@ -240,7 +240,7 @@ def total_work(n: int, degree: int) -> float:
 
 
 @contextmanager
-def degree_progress(n: int, degree: int) -> Iterator[Callable[[int], None]]:
+def degree_progress(n: int, degree: int) -> Generator[Callable[[int], None]]:
     """Yield a callable that reports each finished degree. The bar appears on a terminal only, on standard error."""
     total = total_work(n, degree)
     if total < _LONG or not sys.stderr.isatty():

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from flexhinf.arrays import Elements
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import read_arrays, write_arrays
 from flexhinf.hinf.homological import HOPELESS
@@ -193,14 +194,21 @@ class HJISolution(ValueFunction, Law):
         """Coefficients of the law, flat: data of a kernel, so another γ compiles nothing."""
         return self._polynomials.coefficients.ravel()
 
-    @cached_property
+    @property
     def law_key(self) -> str:
         """Key of the law's code: its monomials, and R2⁻¹ g2ᵀ where it is not constant."""
+        return self._key
+
+    @cached_property
+    def _key(self) -> str:
         n, degrees, matrix = self._polynomials.n, self._polynomials.degrees, self._source.input_matrix
         if self.law_is_polynomial:
             return f"polynomial {n} {degrees}"
-        priced = trace(lambda x: self.input_price @ np.asarray(matrix(x)).T, n, name="priced")
-        return f"gradient {n} {degrees} {digest(priced)}"
+
+        def priced(x: Elements) -> Elements:
+            return self.input_price @ np.asarray(matrix(x)).T
+
+        return f"gradient {n} {degrees} {digest(trace(priced, n, name='priced'))}"
 
     def evaluate_law(self, x: np.ndarray, data: np.ndarray) -> np.ndarray:
         """The law at one deviation x (n,) on any element, with its coefficients as an argument."""

@@ -27,6 +27,7 @@ from flexhinf.codegen import (
 )
 from flexhinf.codegen.shared import share
 from flexhinf.errors import NumericalFailure, refuse_if
+from flexhinf.estimation.compiled import as_arrays
 from flexhinf.estimation.filter import RecursiveFilter
 from flexhinf.loop.controller.measured import by_flag
 from flexhinf.loop.controller.memory import Layout
@@ -173,14 +174,16 @@ class Recursion:
         write("predictions", prior.mean)
         write("expected", run.call(filter.output, prior.mean, before, vector))
         with run.when(flag):
-            corrected, innovation, spread = filter.innovation_stages(run, prior, y, before, vector, r)
+            corrected, innovation, spread = filter.innovation_stages(
+                run, prior, *as_arrays(y, before, vector, r)
+            )
             facts = run.call(facts_of, innovation, spread)
         belief = type(prior)(*(run.call(by_flag, new, old, flag) for new, old in zip(corrected, prior)))
         for name, block in {"innovations": innovation, "spreads": spread, "facts": facts}.items():
             write(name, block)
         for part, place in self.layout.pairs(belief._asdict()):
             write("beliefs", part, place.start)
-        predicted = filter.time_stages(run, belief, u, vector, run.call(grown, q, seconds))
+        predicted = filter.time_stages(run, belief, *as_arrays(u, vector, run.call(grown, q, seconds)))
         for part, place in self.layout.pairs(predicted._asdict()):
             run.copy(part, kept[place].reshape(part.shape))
         run.body.append(Guard(kept.place, 1))

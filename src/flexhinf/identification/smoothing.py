@@ -21,6 +21,7 @@ from flexhinf.codegen import Block, Buffer, Composer, Kernel, Program, Repeat, S
 from flexhinf.codegen.shared import share
 from flexhinf.errors import refuse_if
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
+from flexhinf.estimation.compiled import as_arrays
 from flexhinf.estimation.square_root import RootGaussian
 from flexhinf.identification.recursion import Recursion, Rows, grown, joined, read_row, write_row
 from flexhinf.validation import checked_kind
@@ -77,7 +78,9 @@ class Smoother:
         belief = type(filter.initial)(**vars(recursion.layout.named(flat)))
         root = belief.root if filter.form == "square_root" else run.cholesky(belief.covariance).T
         vector = run.call(joined, values, seconds)
-        mean, moved = filter.moved_rows(run, RootGaussian(belief.mean, root), u, vector)
+        mean, moved = filter.moved_rows(
+            run, RootGaussian(belief.mean, *as_arrays(root)), *as_arrays(u, vector)
+        )
         paired = run.columns(joined, (moved[:n].T, root.T)).T
         more = (
             [run.columns(_with_zeros, moved[n:].T, belief.mean).T] if moved.shape[0] > n else []

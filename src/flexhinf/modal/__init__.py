@@ -5,6 +5,9 @@ depend on its λ alone, so one table serves every pose. `pair` has the gains of 
 `tolerance` computes which errors of the model all pairs tolerate; `stability` proves for which λ a pair is stable.
 """
 
+# Not checked strictly: lazy_loader has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+
 import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -20,10 +20,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from flexhinf.arrays import Elements
 from flexhinf.baselines.equilibrium_law import PlacedLaw, equilibrium_of
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.modal.pair import DEFAULT_WEIGHTS, FOLDED, PairGains, PairWeights, pair_gains
@@ -58,18 +59,18 @@ def workspace(plant: Plant, count: int = POSES, seed: int = SEED) -> np.ndarray:
     return np.random.default_rng(seed).uniform(low, high, (count, len(names)))
 
 
-def compliances(plant: Plant, poses: Any) -> np.ndarray:
+def compliances(plant: Plant, poses: ArrayLike) -> np.ndarray:
     """M⁻¹ (N, n, n) at link positions (N, n), without rotors."""
     compliance, p = link_compliance(plant), plant.parameters.vector()
     return np.array([compliance.matrix(q, p) for q in np.atleast_2d(poses)])
 
 
-def modes(plant: Plant, poses: Any, stiffness: Any) -> np.ndarray:
+def modes(plant: Plant, poses: ArrayLike, stiffness: np.ndarray) -> np.ndarray:
     """λ (N, n), 1/s², ascending, at link positions (N, n): squares of the frequencies of links against fixed motors."""
     return _squares(compliances(plant, poses), stiffness)
 
 
-def _squares(matrices: np.ndarray, stiffness: Any) -> np.ndarray:
+def _squares(matrices: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
     """λ (N, n) of compliances (N, n, n)."""
     root = np.sqrt(stiffness)
     return np.linalg.eigvalsh(root[:, None] * matrices * root)
@@ -93,7 +94,7 @@ def check_folded(plant: Plant, joints: ElasticJoints, matrices: np.ndarray, peri
     if fastest * period <= FOLDED:
         return
     spring = int(np.argmax(np.abs(vectors[1, worst, :, -1])))
-    name = plant.expanded("link_position")[np.flatnonzero(own)[spring]].removeprefix("link_position_")
+    name = plant.expanded("link_position")[int(np.flatnonzero(own)[spring])].removeprefix("link_position_")
     # MARGIN over the inertia of the links
     allowed = (FOLDED / period) ** 2 / stiffness[spring] - 1.0 / rotors[spring]
     heavier = (
@@ -150,7 +151,7 @@ class ModalLaw(PlacedLaw):
         problem: GeneralisedPlant,
         period: float = 1e-3,
         weights: PairWeights = DEFAULT_WEIGHTS,
-        poses: Any = None,
+        poses: ArrayLike | None = None,
     ) -> ModalLaw:
         """The law of a robot's problem, whose penalty does not matter, for samples of a period (s).
 
@@ -208,9 +209,13 @@ class ModalLaw(PlacedLaw):
         """Key of the law's code: that of M⁻¹, and the number of poles."""
         return f"modal {self.law_series.key}"
 
-    @cached_property
+    @property
     def law_series(self) -> SpringSeries:
         """The sum over the poles, on any element."""
+        return self._series
+
+    @cached_property
+    def _series(self) -> SpringSeries:
         return SpringSeries(self.compliance.traced, self._places, len(self.gains.poles))
 
     def slope_at(self, q: np.ndarray) -> np.ndarray:
@@ -227,6 +232,6 @@ class ModalLaw(PlacedLaw):
         slope[:, self.plant.n :] = e
         return -share[:, None] * slope
 
-    def evaluate_about(self, x: Any, state: Any, input: Any, data: Any) -> Any:
+    def evaluate_about(self, x: Elements, state: Elements, input: Elements, data: Elements) -> Elements:
         """k (n,) for a deviation x from the reference, of any element."""
         return self.law_series.evaluate(x, data, state)

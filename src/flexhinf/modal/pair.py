@@ -16,14 +16,19 @@ whole arm then needs one linear equation for each p_j, and no eigenvectors (`fle
 limit λ → ∞.
 """
 
+# Not checked strictly: parts of SciPy, CasADi and NumPy have no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from flexhinf.arrays import Vector
 from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
 from flexhinf.hinf import linear_law, smallest_gamma
 from flexhinf.plant import PolynomialPlant
@@ -41,6 +46,10 @@ VIBRATION, BISECTIONS = (0.02, 10.0), 10
 
 #: Oscillations slower than this, rad/s, have no damping ratio; nor have modes at the origin of the z plane.
 SLOW = 2.0
+
+
+#: λ, one or many.
+Rate = TypeVar("Rate", float, np.ndarray)
 
 
 class Pair(NamedTuple):
@@ -134,7 +143,7 @@ class PairWeights:
             "gamma=2.0",
         )
 
-    def slowness(self, link: Any) -> Any:
+    def slowness(self, link: Rate) -> Rate:
         """s(λ) of λ (any shape), 1/s²: 1 for slow pairs, 0 for fast ones."""
         return 1.0 / (1.0 + (link / self.fast**2) ** 2)
 
@@ -197,13 +206,11 @@ class PairGains:
         checked_array(what, self.coefficients, (len(self.coefficients), count + 1), "finite numbers", advice)
         vars(self).update(read_only(vars(self)))
 
-    def __call__(self, link: Any) -> np.ndarray:
+    def __call__(self, link: ArrayLike) -> np.ndarray:
         """All r functions at λ, 1/s²: (r,) for a number, (N, r) for an array (N,)."""
-        link = np.asarray(link, dtype=float)[..., None]
-        return (
-            np.concatenate([self.poles / (link + self.poles), np.ones_like(link)], axis=-1)
-            @ self.coefficients.T
-        )
+        at = np.asarray(link, dtype=float)[..., None]
+        parts = np.concatenate([self.poles / (at + self.poles), np.ones_like(at)], axis=-1)
+        return parts @ self.coefficients.T
 
     def pair(self, link: float) -> Pair:
         """The pair with this λ, 1/s²."""
@@ -251,12 +258,11 @@ def pair_gains(
     columns = np.column_stack([poles / (grid[:, None] + poles), np.ones(len(grid))])
     # Relative errors count, down to 2 % of the largest value.
     sizes = 1.0 / np.maximum(np.abs(rows), 0.02 * np.abs(rows).max(axis=0))
-    fitted = np.array(
-        [
-            np.linalg.lstsq(columns * size[:, None], row * size, rcond=None)[0]
-            for row, size in zip(rows.T, sizes.T)
-        ]
-    )
+    fits: list[Vector] = [
+        np.linalg.lstsq(columns * size[:, None], row * size, rcond=None)[0]
+        for row, size in zip(rows.T, sizes.T)
+    ]
+    fitted = np.array(fits)
     fitted[:2] -= fitted[2:4]
     gains = PairGains((low, fastest), motor, damping, period, poles, fitted, weights)
     if not gains.sweep[0] < 1.0:

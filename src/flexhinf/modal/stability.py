@@ -23,17 +23,24 @@ B = βJ), springs without damping, no dry friction, and gravity without slope. T
 one over a period.
 """
 
+# Not checked strictly: parts of SciPy, CasADi and NumPy have no types.
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
+
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache, reduce
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from flint import arb, arb_mat, arb_series, ctx
 
+from flexhinf.arrays import Elements
 from flexhinf.modal.pair import PairGains
 from flexhinf.modal.tolerance import sampled_pair
+
+if TYPE_CHECKING:
+    from flexhinf.estimation.modal import ModalFilter
 
 #: Largest and smallest length of an interval in log λ; number of parts of a period in which Φ₂₂ is enclosed.
 LONGEST, SHORTEST, PARTS = 0.4, 1e-3, 32
@@ -59,9 +66,13 @@ class ProvedRange(NamedTuple):
 
 
 def proved_range(
-    gains: PairGains, error: float = 0.0, fastest: float = np.inf, latency: int = 0, filter: Any = None,
+    gains: PairGains,
+    error: float = 0.0,
+    fastest: float = np.inf,
+    latency: int = 0,
+    filter: ModalFilter | None = None,
     scaling: float = 1.0,
-) -> ProvedRange:  # fmt: skip
+) -> ProvedRange:
     """The λ, from the slowest on, for which pairs are proved to be stable with errors up to `error`; see this module.
 
     Parameters
@@ -114,8 +125,13 @@ class _Loop(NamedTuple):
 
 
 def _loop(
-    gains: PairGains, links: tuple[float, ...], error: float, latency: int, filter: Any, scaling: float
-) -> _Loop:  # fmt: skip
+    gains: PairGains,
+    links: tuple[float, ...],
+    error: float,
+    latency: int,
+    filter: ModalFilter | None,
+    scaling: float,
+) -> _Loop:
     series, period, one, o = (
         arb_series([reduce(arb.union, map(arb, links)), links[0]]),
         gains.period,
@@ -163,7 +179,7 @@ def _loop(
     return _Loop(a, acting.T @ q @ acting, whole)
 
 
-def _array(rows: Sequence[Sequence[Any]]) -> np.ndarray:
+def _array(rows: Sequence[Sequence[arb_series]]) -> np.ndarray:
     """An array of series, which NumPy would take for sequences."""
     array = np.empty((len(rows), len(rows[0])), dtype=object)
     for i, j in np.ndindex(array.shape):
@@ -180,10 +196,13 @@ def _exponential(matrix: np.ndarray, scale: np.ndarray) -> np.ndarray:
     """exp of a square matrix of series, scaled by s_j/s_i; a series is a triangular matrix of its coefficients. By its
     power series, so that a ball is as large as its own entry needs."""
     size, n, parts = range(ctx.cap), len(matrix), [_order(matrix * scale, k).tolist() for k in range(ctx.cap)]
-    power = arb_mat([
-        [parts[j - i][row][column] if j >= i else 0 for j in size for column in range(n)]
-        for i in size for row in range(n)
-    ])  # fmt: skip
+    power = arb_mat(
+        [
+            [parts[j - i][row][column] if j >= i else 0 for j in size for column in range(n)]
+            for i in size
+            for row in range(n)
+        ]
+    )
     unit = arb_mat(np.eye(len(matrix) * ctx.cap).tolist())
     norm = _size(power.entries())
     remainder = float((norm**POWERS * norm.exp() / arb(POWERS).gamma()).abs_upper())
@@ -191,9 +210,15 @@ def _exponential(matrix: np.ndarray, scale: np.ndarray) -> np.ndarray:
     for k in range(POWERS - 1, 0, -1):
         values = unit + power * values / k
     table = values.tolist()
-    return _array([
-        [arb_series([table[i][k * n + j] + arb(0, remainder) for k in size]) for j in range(n)] for i in range(n)
-    ]) / scale  # fmt: skip
+    return (
+        _array(
+            [
+                [arb_series([table[i][k * n + j] + arb(0, remainder) for k in size]) for j in range(n)]
+                for i in range(n)
+            ]
+        )
+        / scale
+    )
 
 
 def _inverse(matrix: np.ndarray) -> np.ndarray:
@@ -214,7 +239,7 @@ def _inverse(matrix: np.ndarray) -> np.ndarray:
     return rows[:, n:]
 
 
-def _size(entries: Any) -> Any:
+def _size(entries: Iterable[arb]) -> arb:
     """An upper bound of the Frobenius norm."""
     return sum((entry.abs_upper() ** 2 for entry in entries), arb(0)).sqrt()
 
@@ -250,7 +275,8 @@ def _positive(ends: tuple[_Loop, _Loop], between: _Loop, bend: arb, root: arb_ma
         return np.block([[unit - q, a.T], [a, unit - w]])
 
     curved = inequality(between, 2)
-    remainder = np.eye(len(curved)) * (bend * _size(curved.ravel()))
+    size = bend * _size(curved.ravel())
+    remainder: Elements = np.eye(len(curved)) * size  # pyright: ignore[reportOperatorIssue]  # an array of balls
     return all(_definite(inequality(loop, 0) - remainder) for loop in ends)
 
 

@@ -17,12 +17,16 @@ without damping, no dry friction, and gravity without slope. Between samples, d 
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from flexhinf.arrays import Elements
 from flexhinf.modal.pair import PairGains
+
+if TYPE_CHECKING:
+    from flexhinf.estimation.modal import ModalFilter
 
 #: Numbers of pieces of a sampling period, of pairs, of frequencies and of scalings.
 PIECES, PAIRS, FREQUENCIES, SCALINGS = 4, 30, 400, 121
@@ -36,13 +40,19 @@ class Tolerance(NamedTuple):
     scaling: float  # s of `error`
 
 
-def tolerated_error(gains: PairGains, fastest: float = 350.0, latency: int = 0, filter: Any = None) -> float:
+def tolerated_error(
+    gains: PairGains, fastest: float = 350.0, latency: int = 0, filter: ModalFilter | None = None
+) -> float:
     """Largest ‖Δ₁‖ = ‖Δ₂‖ of errors that do not change with time; arguments as for `error_tolerance`."""
     return error_tolerance(gains, fastest, latency, filter).constant
 
 
 def error_tolerance(
-    gains: PairGains, fastest: float = 350.0, latency: int = 0, filter: Any = None, count: int = PAIRS
+    gains: PairGains,
+    fastest: float = 350.0,
+    latency: int = 0,
+    filter: ModalFilter | None = None,
+    count: int = PAIRS,
 ) -> Tolerance:
     """Which errors small gain covers, by the inequality of this module; computed at some λ and frequencies, not proved.
 
@@ -59,13 +69,11 @@ def error_tolerance(
     count : int
         Number of λ. There are 400 frequencies.
     """
-    spectrum, scalings = (
-        np.exp(1j * np.geomspace(1e-3, np.pi, FREQUENCIES)),
-        np.geomspace(1e-2, 1e2, SCALINGS),
-    )
+    spectrum = np.exp(1j * np.geomspace(1e-3, np.pi, FREQUENCIES))
+    scalings = np.geomspace(1e-2, 1e2, SCALINGS)
     links = map(float, gains.links(count, fastest))
     norms = np.array([_norms(gains, link, latency, spectrum, filter) for link in links])
-    squares, product = [], np.linalg.det(norms) ** 2
+    squares, product = list[np.ndarray](), np.linalg.det(norms) ** 2
     for scaling in scalings:
         total = ((norms * np.array([[1.0, scaling], [1.0 / scaling, 1.0]])) ** 2).sum(axis=(2, 3))
         largest = total + np.sqrt(np.maximum(total**2 - 4.0 * product, 0.0))
@@ -75,7 +83,11 @@ def error_tolerance(
 
 
 def sampled_pair(
-    moved: Any, gain: Any, period: float, latency: int, observer: tuple[Any, np.ndarray] | None = None
+    moved: Elements,
+    gain: Elements,
+    period: float,
+    latency: int,
+    observer: tuple[Elements, np.ndarray] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The sampled loop of a pair as two matrices that multiply its n states, which are x = (z, z′, w, w′) and the
     controller's memory.
@@ -117,14 +129,17 @@ def sampled_pair(
     return np.vstack([unit[:4], queue[0]]), np.vstack([prediction, integral, position, queue[1:]])
 
 
-def _norms(gains: PairGains, link: float, latency: int, spectrum: np.ndarray, filter: Any) -> np.ndarray:
+def _norms(
+    gains: PairGains, link: float, latency: int, spectrum: np.ndarray, filter: ModalFilter | None
+) -> np.ndarray:
     """Norms (N, 2, 2) of the blocks of the lifted N(λ) at N points of the unit circle."""
     pair = gains.pair(link)
     moved, driven = (part[:4] for part in pair.held(gains.period / PIECES))
     driven = driven / np.array([1.0, link, pair.motor])  # d as accelerations
     seen = np.array([[-link, 0.0, link, 0.0, 0.0], [pair.motor, 0.0, -pair.motor, 0.0, pair.motor]])
     # The state after each piece, of the state before, the input and the pieces of d.
-    state, rows, unit = np.eye(4, 5 + 2 * PIECES), [], np.eye(1, 5 + 2 * PIECES, 4)
+    state, unit = np.eye(4, 5 + 2 * PIECES), np.eye(1, 5 + 2 * PIECES, 4)
+    rows: list[np.ndarray] = []
     for piece in range(PIECES):
         rows.append(seen @ np.vstack([state, unit]))
         state = moved[:, :4] @ state
@@ -135,7 +150,8 @@ def _norms(gains: PairGains, link: float, latency: int, spectrum: np.ndarray, fi
     if filter is not None:
         sensors, table, (low, high) = filter.pair
         place = np.clip((2.0 * np.log(link) - (low + high)) / (high - low), -1.0, 1.0)
-        observer = chebyshev.chebval(place, table).reshape(4, -1), sensors
+        gain = np.asarray(cast(Any, chebyshev).chebval(place, table))
+        observer = gain.reshape(4, -1), sensors
     acting, memory = sampled_pair(state[:, :5], gains(link)[:5], gains.period, latency, observer)
     a, b = np.vstack([state[:, :5] @ acting, memory]), np.zeros((acting.shape[1], 2 * PIECES))
     b[:4] = state[:, 5:]

@@ -10,11 +10,13 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+
     from flexhinf.paper.settings import PaperSettings
     from flexhinf.report import Claim
 
@@ -33,7 +35,7 @@ class Apart(NamedTuple):
 
 
 @contextmanager
-def judged_apart(settings: PaperSettings) -> Iterator[Apart | None]:
+def judged_apart(settings: PaperSettings) -> Generator[Apart | None]:
     """Begin to judge claims in another process, which is ended with the block.
 
     It gives None where this process may run on one processor only. The process imports the main module again, as every
@@ -66,7 +68,7 @@ def judged_apart(settings: PaperSettings) -> Iterator[Apart | None]:
 
 
 @contextmanager
-def _without_ctrl_c() -> Iterator[None]:
+def _without_ctrl_c() -> Generator[None]:
     """Ctrl-C does not reach a process that begins in this block, where the system has signals; this one gets it after
     the block."""
     mask = getattr(signal, "pthread_sigmask", None)
@@ -78,7 +80,7 @@ def _without_ctrl_c() -> Iterator[None]:
             mask(signal.SIG_SETMASK, before)
 
 
-def _judge_for_another(settings: PaperSettings, begun: Any, sending: Any) -> None:
+def _judge_for_another(settings: PaperSettings, begun: Any, sending: Connection) -> None:
     from flexhinf.campaign.driver import begin_worker
     from flexhinf.paper.claims import BY_LENGTH
     from flexhinf.paper.loop_setup import PaperSetup, judge

@@ -20,12 +20,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from flexhinf.arrays import Elements
 from flexhinf.codegen import Buffer, Call, Normal, Program, Repeat, Slice, compile_program
 from flexhinf.codegen.noise import normal_numbers, seed_key
 from flexhinf.codegen.shared import share
 from flexhinf.estimation import ExtendedKalmanFilter, RecursiveFilter, UnscentedKalmanFilter
 from flexhinf.estimation.filter import Form
-from flexhinf.loop import Step
+from flexhinf.loop import Step, Trajectory
+from flexhinf.loop.signals.references import Signal
 from flexhinf.loop.simulation.ensemble import LANES
 from flexhinf.loop.simulation.metrics import rms
 from flexhinf.paper.loop_setup import (
@@ -40,6 +42,8 @@ from flexhinf.paper.loop_setup import (
     known,
 )
 from flexhinf.plant import Plant
+from flexhinf.plant.parameters import Parameters
+from flexhinf.plant.protocols import Belief
 from flexhinf.report import Column, Table, Verdict, number
 from flexhinf.scalars import cholesky, solve_lower, trace
 
@@ -47,7 +51,7 @@ from flexhinf.scalars import cholesky, solve_lower, trace
 SEEDS, GROWS = 5, 1.5
 
 #: Runs in which the UKF is to stay bounded: command and disturbance.
-COMMANDS: dict[str, tuple[Any, Any]] = {
+COMMANDS: dict[str, tuple[Signal, Mapping[str, Signal] | None]] = {
     "180° step": (Step(math.pi), None),
     "90° step": (Step(math.pi / 2), None),
     "π + sin(πt/10)": (SINE, None),
@@ -89,17 +93,22 @@ def _is_bounded(setup: PaperSetup) -> Finding:
         f"more than a factor of {GROWS:g}.",
         Table(
             (
-                "command", "runs",
+                "command",
+                "runs",
                 *(Column(name.replace("_", " "), setup.model.unit(name)) for name in setup.model.states),
                 Column("last over middle third", "", 2),
             ),
             rows,
-            "Largest |estimation error| of the UKF in the last ten seconds, nominal arm.", "table-bounded",
+            "Largest |estimation error| of the UKF in the last ten seconds, nominal arm.",
+            "table-bounded",
         ),
         {
-            "runs": count * len(COMMANDS), "diverged": diverged, "grown": grown, "largest_error": largest.tolist(),
+            "runs": count * len(COMMANDS),
+            "diverged": diverged,
+            "grown": grown,
+            "largest_error": largest.tolist(),
         },
-    )  # fmt: skip
+    )
 
 
 # Reconstruction ------------------------------------------------------------------------------------------
@@ -175,10 +184,15 @@ def run_trial(trial: Trial, inputs: np.ndarray, runs: int, seed: int) -> tuple[S
     ukf, ekf = (
         _scores(
             kind(trial.model, trial.period, q, r, mean, initial**2, form=trial.form),
-            truth, deviations, initial, inputs, runs, seed,
+            truth,
+            deviations,
+            initial,
+            inputs,
+            runs,
+            seed,
         )
         for kind in (UnscentedKalmanFilter, ExtendedKalmanFilter)
-    )  # fmt: skip
+    )
     return ukf, ekf
 
 
@@ -227,7 +241,15 @@ def _program(filter: RecursiveFilter) -> Program:
     n, m, p = plant.n, len(plant.inputs), len(plant.outputs)
     named, size = plant.parameters.named, plant.parameters.size
 
-    def step(x: Any, belief: Any, u: Any, noise: Any, truth: Any, model: Any, noises: Any) -> tuple[Any, ...]:
+    def step(
+        x: Elements,
+        belief: Belief,
+        u: Elements,
+        noise: Elements,
+        truth: Elements,
+        model: Elements,
+        noises: Elements,
+    ) -> tuple[Elements, Elements, Elements]:
         q, r = noises[: n * n].reshape(n, n), noises[n * n :].reshape(p, p)
         y = plant.evaluate_output(x, u, truth) + noise[n:]
         prior = type(filter.initial)(belief[:n], belief[n:].reshape(n, n))
@@ -297,15 +319,20 @@ def outcome_of(ukf: Scores, ekf: Scores) -> Outcome:
 def inertial_plant(model: Plant) -> Plant:
     """The arm with an inertial sensor at the link's end: specific force along and across the link, rate of turn."""
 
-    def imu(x: Any, u: Any, p: Any) -> Any:
+    def imu(x: Elements, u: Elements, p: Parameters) -> Elements:
         torque = -p.mass * p.gravity * p.length * np.sin(x[0]) - p.stiffness * (x[0] - x[2])
         tangential = p.length * torque / p.link_inertia + p.gravity * np.sin(x[0])
         return np.array([tangential, p.length * x[1] ** 2 + p.gravity * np.cos(x[0]), x[1]])
 
     return Plant(
-        model.flow, imu, states=model.states, inputs=model.inputs, disturbances=model.disturbances,
-        parameters=model.parameters, outputs=("tangential_acceleration", "radial_acceleration", "angular_rate"),
-    )  # fmt: skip
+        model.flow,
+        imu,
+        states=model.states,
+        inputs=model.inputs,
+        disturbances=model.disturbances,
+        parameters=model.parameters,
+        outputs=("tangential_acceleration", "radial_acceleration", "angular_rate"),
+    )
 
 
 def _trials(setup: PaperSetup) -> tuple[list[Trial], list[Trial]]:
@@ -336,7 +363,7 @@ def _trials(setup: PaperSetup) -> tuple[list[Trial], list[Trial]]:
     ]
 
 
-def driving(step: Any, period: float) -> np.ndarray:
+def driving(step: Trajectory, period: float) -> np.ndarray:
     """The voltage (N, 1) of a run, at the samples of another period, s."""
     times = np.arange(max(2, round(DURATION / period))) * period
     volts = np.interp(times, step.time, step.signals["input"][:, 0])
@@ -372,26 +399,36 @@ def _beats_ekf(setup: PaperSetup) -> Finding:
         f"With the link position measured the RMS errors differ by at most {number(100 * largest, 1)} %. "
         f"{_closed_loops(setup)} The UKF wins with {won}.",
         Table(
-            ("trial", "pairs", Column("UKF − EKF", "% of RMS error"), Column("± (95 %)", "%"),
-             Column("bias UKF", "of RMS", 3), Column("bias EKF", "of RMS", 3), Column("NEES UKF", "", 2),
-             Column("NEES EKF", "", 2), "UKF is"),
+            (
+                "trial",
+                "pairs",
+                Column("UKF − EKF", "% of RMS error"),
+                Column("± (95 %)", "%"),
+                Column("bias UKF", "of RMS", 3),
+                Column("bias EKF", "of RMS", 3),
+                Column("NEES UKF", "", 2),
+                Column("NEES EKF", "", 2),
+                "UKF is",
+            ),
             rows,
             "UKF against an EKF with exact Jacobians on the same data, matched noises, open loop on the voltage of the "
             "180° step; the link position measured unless another sensor is named. NEES of a right covariance is 4.",
             "table-ukf-ekf",
         ),
         {"largest_difference": known(largest), "trials": trials},
-    )  # fmt: skip
+    )
 
 
 def _closed_loops(setup: PaperSetup) -> str:
     count, runs = affordable(10, setup.settings.period), []
     for kind in ("ukf", "ekf"):
         loop = setup.loop(setup.nonlinear, estimator=setup.estimator(kind))
-        runs.append([
-            loop.run(Step(math.pi), None, setup.deviation(loop), STEP_DURATION, None, setup.seed(k))
-            for k in range(count)
-        ])  # fmt: skip
+        runs.append(
+            [
+                loop.run(Step(math.pi), None, setup.deviation(loop), STEP_DURATION, None, setup.seed(k))
+                for k in range(count)
+            ]
+        )
     gaps = [
         float(np.degrees(np.abs(np.subtract(*(run.signal("state", "link_position") for run in pair))).max()))
         for pair in zip(*runs)

@@ -14,15 +14,17 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexhinf.analysis import Population, corner_population
 from flexhinf.errors import InfeasibleGamma
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.loop import Controller, Loop, Sine, Step, Trajectory, load_metrics
+from flexhinf.loop.signals.references import Signal
 from flexhinf.loop.simulation.metrics import peak_of
 from flexhinf.paper.settings import PaperSettings
-from flexhinf.plant import GeneralisedPlant, Law, Penalty, Plant
+from flexhinf.plant import Estimator, GeneralisedPlant, Law, Penalty, Plant
 from flexhinf.report import Claim, Table, Verdict
 from flexhinf.robot import Robot, paper_arm
 
@@ -50,12 +52,12 @@ TORQUE, FREQUENCY = 2.0, 0.5
 #: Where a torque can act; the paper does not say.
 CHANNELS = ("link_torque", "motor_torque")
 #: By the figure's number: command and length of the runs of both laws, and the torques on the loop at 90°.
-COMMANDS: dict[str, tuple[Any, float]] = {
+COMMANDS: dict[str, tuple[Signal, float]] = {
     "03": (Step(math.pi), STEP_DURATION),
     "05": (Step(math.pi / 2), STEP_DURATION),
     "07": (SINE, TRACKING_DURATION),
 }
-LOADS: dict[str, Any] = {"11": Step(TORQUE, at=LOAD_FROM), "12": Sine(TORQUE, FREQUENCY, at=LOAD_FROM)}
+LOADS: dict[str, Signal] = {"11": Step(TORQUE, at=LOAD_FROM), "12": Sine(TORQUE, FREQUENCY, at=LOAD_FROM)}
 
 
 @dataclass(frozen=True)
@@ -120,8 +122,12 @@ class PaperSetup:
         return self._laws[key]
 
     def estimator(
-        self, kind: str | None = None, mean: Any = None, covariance: Any = INITIAL_VARIANCE, **options: Any
-    ) -> Any:
+        self,
+        kind: str | None = None,
+        mean: ArrayLike | None = None,
+        covariance: ArrayLike = INITIAL_VARIANCE,
+        **options: Any,
+    ) -> Estimator | None:
         """An estimator of this kind (the settings' by default) from rest or another mean; None for "none".
 
         It has the covariance form, the paper's.
@@ -131,8 +137,15 @@ class PaperSetup:
             return None
         mean = np.zeros(self.model.n) if mean is None else mean
         return (UnscentedKalmanFilter if kind == "ukf" else ExtendedKalmanFilter)(
-            self.model, s.period, s.process_noise, s.measurement_noise, mean, covariance, form="covariance", **options
-        )  # fmt: skip
+            self.model,
+            s.period,
+            s.process_noise,
+            s.measurement_noise,
+            mean,
+            covariance,
+            form="covariance",
+            **options,
+        )
 
     def seed(self, k: int) -> int:
         """Seed of the k-th of several runs (k < 1000): no two settings share one."""
@@ -151,7 +164,9 @@ class PaperSetup:
         return table.vectors([table.known(values) for values in self.population.values])
 
     # Runs -------------------------------------------------------------------------------------------------------
-    def loop(self, law: Law, inductance: bool = False, estimator: Any = "settings") -> Loop:
+    def loop(
+        self, law: Law, inductance: bool = False, estimator: Estimator | str | None = "settings"
+    ) -> Loop:
         """A loop around the true plant; "settings" is the estimator of the settings."""
         estimator = self.estimator() if isinstance(estimator, str) else estimator
         return Loop(self.true_plants[inductance], Controller(law, estimator, self.settings.period, latency=0))
@@ -168,7 +183,7 @@ class PaperSetup:
         *,
         inductance: bool = False,
         disturbance: Any = None,
-        estimator: Any = "settings",
+        estimator: Estimator | str | None = "settings",
         noise: bool = True,
         seed: int | None = None,
     ) -> Trajectory:
@@ -208,7 +223,11 @@ class PaperSetup:
         return runs
 
     def load_response(
-        self, law: Law, signal: Any, channel: str = "link_torque", estimator: Any = "settings"
+        self,
+        law: Law,
+        signal: Signal,
+        channel: str = "link_torque",
+        estimator: Estimator | str | None = "settings",
     ) -> Trajectory:
         """Simulate a command of 90° after 2 s, and then a disturbance torque."""
         return self.run(
@@ -260,13 +279,16 @@ def _spread(values: Iterable[float | None]) -> list[float | None]:
 
 #: By the figure's number in the paper: whose runs, and what is read off each; of Figs. 9 and 10 off all plants.
 _READ: dict[str, tuple[str, Callable[[Trajectory], dict[str, Any]]]] = {
-    "03": ("03", _step_numbers), "05": ("05", _step_numbers), "07": ("07", tracking_numbers),
+    "03": ("03", _step_numbers),
+    "05": ("05", _step_numbers),
+    "07": ("07", tracking_numbers),
     **{
         figure: (runs, lambda run: {"peak_control_V": run.metrics()["peak_input"]})
         for figure, runs in (("04", "03"), ("06", "05"), ("08", "07"))
     },
-    "11": ("11", load_numbers), "12": ("12", load_numbers),
-}  # fmt: skip
+    "11": ("11", load_numbers),
+    "12": ("12", load_numbers),
+}
 
 #: The paper's figures of runs.
 FIGURE_NUMBERS = tuple(f"{number:02d}" for number in range(3, 13))

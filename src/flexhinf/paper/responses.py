@@ -155,11 +155,15 @@ def _tracks_sine(setup: PaperSetup) -> Finding:
     }
     keys = ("largest_error_rad", "tracking_rmse_rad")
     table = Table(
-        ("law", Column(f"largest error after {TRACKING_FROM:g} s", "°", 2),
-         Column("RMS error, start included", "°", 2)),
+        (
+            "law",
+            Column(f"largest error after {TRACKING_FROM:g} s", "°", 2),
+            Column("RMS error, start included", "°", 2),
+        ),
         [(name, *(m[key] and math.degrees(m[key]) for key in keys)) for name, m in laws.items()],
-        "Tracking π + sin(πt/10) by laws of the same weights.", "table-tracking",
-    )  # fmt: skip
+        "Tracking π + sin(πt/10) by laws of the same weights.",
+        "table-tracking",
+    )
     largest, linear = (errors[name]["largest_error_rad"] for name in ("nonlinear", "linear"))
     if largest is None:
         return Finding(False, "The run diverged in 40 s.", table)
@@ -354,18 +358,32 @@ def attained_gain(setup: PaperSetup) -> Finding:
         )
     table = Table(
         (
-            "disturbance d", Column("∫|d|²", "rad² s"), Column("largest |x1|", "°", 1),
-            Column("attained √(∫|z|²/∫|d|²)", "", 1), Column("over γ", "", 3), Column("over γ*", "", 3),
+            "disturbance d",
+            Column("∫|d|²", "rad² s"),
+            Column("largest |x1|", "°", 1),
+            Column("attained √(∫|z|²/∫|d|²)", "", 1),
+            Column("over γ", "", 3),
+            Column("over γ*", "", 3),
         ),
         [
-            (name, *map(known, (
-                run.energy, math.degrees(run.reach), run.gain, run.gain / setup.gamma, run.gain / setup.gamma_star,
-            )))
+            (
+                name,
+                *map(
+                    known,
+                    (
+                        run.energy,
+                        math.degrees(run.reach),
+                        run.gain,
+                        run.gain / setup.gamma,
+                        run.gain / setup.gamma_star,
+                    ),
+                ),
+            )
             for name, run in gains.items()
         ],
         "Attained gain of Eq. (5) from rest, true state fed back, the largest over all horizons up to 20 s.",
         "table-gain",
-    )  # fmt: skip
+    )
     numbers = {
         "largest_gain": best,
         "largest_gain_over_gamma": best and best / setup.gamma,
@@ -401,14 +419,15 @@ def _step_disturbance(setup: PaperSetup) -> Finding:
     )
     moved = f"The link moves by at most {max(peaks, default=math.inf):.1f}° and {back}"
     return Finding(
-        not lost, "The loop diverges." if len(peaks) < len(by_channel) else moved,
+        not lost,
+        "The loop diverges." if len(peaks) < len(by_channel) else moved,
         Table(
             ("torque at the", Column("largest deviation", "°", 2), Column("time of recovery", "s", 2)),
             [(name, *values) for name, values in deviations.items()],
             f"Torque step of {TORQUE:g} N·m; – where the link does not come back or diverges.",
             "table-step-disturbance",
         ),
-    )  # fmt: skip
+    )
 
 
 def _stays(run: Trajectory, frequency: float) -> bool:

@@ -31,17 +31,25 @@ class PaperSettings:
         For a value outside its range.
     """
 
-    # fmt: off
-    gamma_ratio: Real = option(2.0, ADVANCED, "γ/γ*, above 1: attenuation level over the smallest feasible one.", "2")
-    degree: Whole = option(4, ADVANCED,
-        "Degree of V, 2 to 12; the law has one less. 4 is the paper's cubic law.", "4")
+    gamma_ratio: Real = option(
+        2.0, ADVANCED, "γ/γ*, above 1: attenuation level over the smallest feasible one.", "2"
+    )
+    degree: Whole = option(
+        4, ADVANCED, "Degree of V, 2 to 12; the law has one less. 4 is the paper's cubic law.", "4"
+    )
     period: Real = option(1e-3, SENSORS, "Sampling period of estimator and law, s.", "1e-3", "s")
     seed: Whole = option(0, ADVANCED, "Seed of noise and of the sampled plants.", "0")
     estimator: Text = option("ukf", SENSORS, "ukf, ekf, or none (feeds back the true state).", "ukf")
-    process_noise: Real = option(1e-6, ADVANCED, "q of R^v = q I, variance added to each state per sample.", "1e-6")
-    measurement_noise: Real = option(1e-6, ADVANCED,
-        "R^n, variance of the measured link position, rad²; the simulated noise has the same.", "1e-6", "rad²")
-    # fmt: on
+    process_noise: Real = option(
+        1e-6, ADVANCED, "q of R^v = q I, variance added to each state per sample.", "1e-6"
+    )
+    measurement_noise: Real = option(
+        1e-6,
+        ADVANCED,
+        "R^n, variance of the measured link position, rad²; the simulated noise has the same.",
+        "1e-6",
+        "rad²",
+    )
 
     def __post_init__(self) -> None:
         degree, seed = (value if type(value) is int else -1 for value in (self.degree, self.seed))

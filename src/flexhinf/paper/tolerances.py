@@ -64,10 +64,13 @@ def growth_with(
     return {
         goal: growth_rates(
             EquilibriumLoop(law, filter, coil, period, goal, latency=0),
-            setup.population, noises, plants, setup.population_vectors,
+            setup.population,
+            noises,
+            plants,
+            setup.population_vectors,
         )
         for goal in goals
-    }  # fmt: skip
+    }
 
 
 class ToleranceStudy:
@@ -200,15 +203,26 @@ def _tolerance_table(study: ToleranceStudy) -> Table:
             groups |= {f"q on {form}": study.of_form(form, goal) for form in FORMS}
         for which, group in groups.items():
             corners, alone = [unstable_of(rates, "corner") for rates in group], study.sufficient_alone(group)
-            rows.append((
-                name_goal(goal), which, min(corners), max(corners), max(unstable_of(rates, "draw") for rates in group),
-                known(max(rates.fastest for rates in group)),
-                ("; ".join(alone[:3]) + (f" and {len(alone) - 3} more" if len(alone) > 3 else "")) or "none",
-            ))  # fmt: skip
+            rows.append(
+                (
+                    name_goal(goal),
+                    which,
+                    min(corners),
+                    max(corners),
+                    max(unstable_of(rates, "draw") for rates in group),
+                    known(max(rates.fastest for rates in group)),
+                    ("; ".join(alone[:3]) + (f" and {len(alone) - 3} more" if len(alone) > 3 else ""))
+                    or "none",
+                )
+            )
     return Table(
         (
-            "goal", "R^v", Column("corners unstable, fewest over q"), Column("corners unstable, most over q"),
-            Column("sampled plants unstable, most over q"), Column("fastest growth", "1/s", 3),
+            "goal",
+            "R^v",
+            Column("corners unstable, fewest over q"),
+            Column("corners unstable, most over q"),
+            Column("sampled plants unstable, most over q"),
+            Column("fastest growth", "1/s", 3),
             "one tolerance alone suffices",
         ),
         rows,
@@ -216,7 +230,7 @@ def _tolerance_table(study: ToleranceStudy) -> Table:
         f"ones, with the paper's penalty and the coil; q from {number(SWEPT[0])} to {number(SWEPT[-1])}. A negative "
         "growth is the decay of the slowest loop; – where some plant has no equilibrium.",
         "table-tolerances",
-    )  # fmt: skip
+    )
 
 
 # Coil ----------------------------------------------------------------------------------------------------
@@ -235,14 +249,22 @@ def _coil_is_negligible(setup: PaperSetup) -> Finding:
                 values = [
                     run.metrics()[key] for key in ("overshoot_percent", "settling_time_s", "peak_input")
                 ]
-                rows.append((
-                    "true state" if kind == "none" else kind.upper(), name_goal(goal), "yes" if coil else "no",
-                    *values, ", ".join([
-                        f"{m.real:.3f}" + (f" ± {m.imag:.2f}i" if m.imag > 1e-9 else "")
-                        for m in map(complex, slowest)
-                        if math.isfinite(m.real) and m.imag >= 0.0
-                    ]) or "no equilibrium",
-                ))  # fmt: skip
+                rows.append(
+                    (
+                        "true state" if kind == "none" else kind.upper(),
+                        name_goal(goal),
+                        "yes" if coil else "no",
+                        *values,
+                        ", ".join(
+                            [
+                                f"{m.real:.3f}" + (f" ± {m.imag:.2f}i" if m.imag > 1e-9 else "")
+                                for m in map(complex, slowest)
+                                if math.isfinite(m.real) and m.imag >= 0.0
+                            ]
+                        )
+                        or "no equilibrium",
+                    )
+                )
                 metrics.append(np.array(values, dtype=float))
             growth = max(growth, float(slowest[0].real))  # with the coil
             without, with_coil = metrics  # NaN where a run diverges or does not settle
@@ -257,13 +279,22 @@ def _coil_is_negligible(setup: PaperSetup) -> Finding:
         f"{100 * slower:.1f} %; with it {slowest if math.isfinite(growth) else 'some loop has no equilibrium'}."
         f"{unknown if lost else ''}",
         Table(
-            ("feedback", "step", "coil", Column("overshoot", "%", 3), Column("settling", "s", 3),
-             Column("peak", "V", 2), Column("slowest modes", "1/s")),
-            rows, "Steps and slowest modes in equilibrium, without and with the coil; nominal arm, no noise.",
-            "table-electrical-pole", stacks=True,
+            (
+                "feedback",
+                "step",
+                "coil",
+                Column("overshoot", "%", 3),
+                Column("settling", "s", 3),
+                Column("peak", "V", 2),
+                Column("slowest modes", "1/s"),
+            ),
+            rows,
+            "Steps and slowest modes in equilibrium, without and with the coil; nominal arm, no noise.",
+            "table-electrical-pole",
+            stacks=True,
         ),
         {"largest_overshoot_change_percent": worst},
-    )  # fmt: skip
+    )
 
 
 COIL = StatedClaim(

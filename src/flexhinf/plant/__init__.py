@@ -1,7 +1,8 @@
 """Plants, and the interfaces between physics, synthesis, estimation and closed loops."""
 
+from flexhinf.plant.code import StoredCode
 from flexhinf.plant.integration import eight_stages, fastest_modes, rk4_stages, rk4_step, sub_steps
-from flexhinf.plant.model import StoredCode, python_control
+from flexhinf.plant.model import python_control
 from flexhinf.plant.parameters import Parameters, ParameterTable
 from flexhinf.plant.penalty import Penalty
 from flexhinf.plant.plant import (

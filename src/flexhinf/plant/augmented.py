@@ -11,21 +11,24 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
+from flexhinf.arrays import Elements
 from flexhinf.errors import refuse_if
 from flexhinf.plant.model import Model
 from flexhinf.plant.parameters import AS_STATED, Parameters, ParameterTable
 from flexhinf.validation import checked_names, distinct, one_of
+
+AnyModel = TypeVar("AnyModel", bound=Model)
 
 
 @dataclass(frozen=True)
 class Augmentation:
     """A plant, and what of it becomes states behind its own: whole parameters, disturbances, offsets of outputs."""
 
-    plant: Any
+    plant: Model
     parameters: tuple[str, ...]
     disturbances: tuple[str, ...]
     offsets: tuple[str, ...]
@@ -47,7 +50,7 @@ class Augmentation:
         parameters = (element for elements in self.elements.values() for element in elements)
         return (*parameters, *self.disturbances, *(f"{name}_offset" for name in self.offsets))
 
-    def inner(self, x: Any, p: Any) -> tuple[Any, Any]:
+    def inner(self, x: Elements, p: Parameters) -> tuple[Elements, Parameters]:
         """State (n,) of the plant, and its parameters, on any element."""
         values, at, estimated = self.plant.parameters.values, self.plant.n, {}
         for name in self.parameters:
@@ -56,7 +59,7 @@ class Augmentation:
             estimated[name], at = part if part.ndim else part[()], at + count
         return x[: self.plant.n], Parameters({**vars(p), **estimated})
 
-    def flow(self, x: Any, u: Any, d: Any, p: Any) -> Any:
+    def flow(self, x: Elements, u: Elements, d: Elements, p: Parameters) -> Elements:
         """ẋ, or x⁺ of a map, of all states on any element."""
         plant, known = self.plant, len(self.states) - len(self.disturbances) - len(self.offsets)
         inner, parameters = self.inner(x, p)
@@ -65,7 +68,7 @@ class Augmentation:
         rates = plant.evaluate_flow(inner, u, np.array(total), plant.parameters.flat(parameters))
         return np.array([*rates, *(x[plant.n :] if plant.sampled else np.zeros(len(self.states)))])
 
-    def output(self, x: Any, u: Any, p: Any) -> Any:
+    def output(self, x: Elements, u: Elements, p: Parameters) -> Elements:
         """The measured signals with their offsets, on any element."""
         inner, parameters = self.inner(x, p)
         y = self.plant.evaluate_output(inner, u, self.plant.parameters.flat(parameters))
@@ -80,15 +83,15 @@ class _Within:
     augmentation: Augmentation
     function: Callable[..., Any]
 
-    def __call__(self, x: Any, *others: Any) -> Any:
+    def __call__(self, x: Elements, *others: Any) -> Elements:  # what stands between x and p, then p
         *between, p = others
         inner, parameters = self.augmentation.inner(x, p)
         return np.concatenate([self.function(inner, *between, parameters), x[len(inner) :]])
 
 
 def augmented_plant(
-    plant: Model, parameters: Sequence[str], disturbances: Sequence[str], offsets: Sequence[str]
-) -> Any:
+    plant: AnyModel, parameters: Sequence[str], disturbances: Sequence[str], offsets: Sequence[str]
+) -> AnyModel:
     """See `flexhinf.Plant.augmented`."""
     named = checked_names("The estimated parameters", parameters)
     table, groups = plant.parameters.values, dict(plant.groups)
@@ -96,8 +99,9 @@ def augmented_plant(
         one_of(f"There is no parameter {name!r}.", name, table, AS_STATED)
     loads, sensors = plant.expanded(disturbances), plant.expanded(offsets)
     for what, names, known in (
-        ("disturbance", loads, plant.disturbances), ("measured signal", sensors, plant.outputs),
-    ):  # fmt: skip
+        ("disturbance", loads, plant.disturbances),
+        ("measured signal", sensors, plant.outputs),
+    ):
         for name in names:
             one_of(f"There is no {what} {name!r}.", name, known)
     refuse_if(

@@ -3,15 +3,59 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Protocol
 
+import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
+from flexhinf.arrays import Elements
 from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.plant.parameters import ParameterTable
+from flexhinf.scalars.run import Run
 from flexhinf.validation import real_array
+
+
+class Linearisable(Protocol):
+    """A plant whose modes are looked at: see `flexhinf.plant.Plant`."""
+
+    @property
+    def states(self) -> Sequence[str]:
+        """Names of x."""
+        ...
+
+    @property
+    def inputs(self) -> Sequence[str]:
+        """Names of u."""
+        ...
+
+    @property
+    def disturbances(self) -> Sequence[str]:
+        """Names of d."""
+        ...
+
+    @property
+    def parameters(self) -> ParameterTable:
+        """Nominal values."""
+        ...
+
+    @property
+    def sampled(self) -> bool:
+        """Whether it is a map."""
+        ...
+
+    @property
+    def engaged(self) -> Callable[..., Elements] | None:
+        """``engaged(x, p)`` → a point near x at which everything in the flow acts."""
+        ...
+
+    def trace_jacobians(self) -> ca.Function:
+        """∂flow/∂x and the others, as a CasADi function of (x, u, d, parameter vector)."""
+        ...
+
 
 #: Largest step times fastest mode for simulation: RK4 then errs by (hλ)⁴/120 < 1e-10 per radian of a mode's phase,
 #: so that a vibration with little damping is right to 1e-9 for some periods.
@@ -21,7 +65,12 @@ SIMULATION_STEP = 0.01
 MOST_SUB_STEPS = 100_000
 
 
-def rk4_step(flow: Callable[[Any, Any], Any], x: Any, inputs: Any, step: Any) -> Any:
+def rk4_step(
+    flow: Callable[[Elements, Elements], Elements],
+    x: Elements,
+    inputs: Sequence[Elements],
+    step: float,
+) -> Elements:
     """One Runge–Kutta step of order four for ẋ = flow(x, v), v at the start, the middle and the end of the step, s."""
     start, middle, end = inputs
     k1 = flow(x, start)
@@ -30,7 +79,9 @@ def rk4_step(flow: Callable[[Any, Any], Any], x: Any, inputs: Any, step: Any) ->
     return _RungeKutta(step)(x, k1, k2, k3, flow(_Stage((step,))(x, k3), end))
 
 
-def rk4_stages(run: Any, flow: Callable[..., Any], x: Any, step: float, *held: Any) -> Any:
+def rk4_stages(
+    run: Run, flow: Callable[..., Elements], x: Elements, step: float, *held: Elements
+) -> Elements:
     """`rk4_step` of ẋ = flow(x, *held), x (n,), over a step in s, the flow called four times by a run."""
     k1 = run.call(flow, x, *held)
     k2 = run.call(flow, run.call(_Stage((step / 2,)), x, k1), *held)
@@ -40,13 +91,21 @@ def rk4_stages(run: Any, flow: Callable[..., Any], x: Any, step: float, *held: A
 
 #: Nodes c₁ … c₈ of `eight_stages`, and weights of its stages 1, 6 and 8.
 NODES = (
-    0.0, 1.0 / 6.0, 0.25, 0.32799268872952653, 0.35062799005040396, 0.4190949281722331, 0.5636789500221959,
+    0.0,
+    1.0 / 6.0,
+    0.25,
+    0.32799268872952653,
+    0.35062799005040396,
+    0.4190949281722331,
+    0.5636789500221959,
     0.8910685143630453,
-)  # fmt: skip
+)
 WEIGHTS = (0.13842542148568749, 0.567239327629405, 0.29433525088490745)
 
 
-def eight_stages(run: Any, flow: Callable[..., Any], x: Any, step: float, *held: Any) -> Any:
+def eight_stages(
+    run: Run, flow: Callable[..., Elements], x: Elements, step: float, *held: Elements
+) -> Elements:
     """One Runge–Kutta step of order four, and of order eight where the flow is linear; arguments as of `rk4_stages`.
 
     A stage is reached from the first one and from the one before it,
@@ -71,7 +130,7 @@ def eight_stages(run: Any, flow: Callable[..., Any], x: Any, step: float, *held:
 class _Stage:  # equal ones are one function
     steps: tuple[float, ...]
 
-    def __call__(self, x: Any, *rates: Any) -> Any:
+    def __call__(self, x: Elements, *rates: Elements) -> Elements:
         """x + Σ hᵢ kᵢ: a stage of Runge-Kutta."""
         for step, rate in zip(self.steps, rates):
             x = x + step * np.asarray(rate)
@@ -82,7 +141,7 @@ class _Stage:  # equal ones are one function
 class _RungeKutta:
     step: float
 
-    def __call__(self, x: Any, k1: Any, k2: Any, k3: Any, k4: Any) -> Any:
+    def __call__(self, x: Elements, k1: Elements, k2: Elements, k3: Elements, k4: Elements) -> Elements:
         """x + h/6 (k1 + 2 k2 + 2 k3 + k4): a step of Runge-Kutta."""
         return x + self.step / 6 * (np.asarray(k1) + 2 * (np.asarray(k2) + np.asarray(k3)) + np.asarray(k4))
 
@@ -100,7 +159,9 @@ def sub_steps(period: float, fastest_mode: float, largest: float = SIMULATION_ST
     return max(1, math.ceil(wanted))
 
 
-def fastest_modes(plant: Any, parameters: np.ndarray, x: Any = None, u: Any = None) -> np.ndarray:
+def fastest_modes(
+    plant: Linearisable, parameters: np.ndarray, x: ArrayLike | None = None, u: ArrayLike | None = None
+) -> np.ndarray:
     """`fastest_mode` of a `Plant` with each of some parameters, (N, P), all at one point: (N,), rad/s; 0 of a map."""
     if plant.sampled:
         return np.zeros(len(parameters))
@@ -112,7 +173,7 @@ def fastest_modes(plant: Any, parameters: np.ndarray, x: Any = None, u: Any = No
     (count, n), fastest = points[0].shape, np.zeros(len(parameters))
     constant = [np.tile(row[:, None], count) for row in (held, np.zeros(len(plant.disturbances)))]
     for rows in points if count else ():
-        jacobians = np.asarray(plant.traced_jacobians(rows.T, *constant, parameters.T)[0], dtype=float)
+        jacobians = np.asarray(plant.trace_jacobians()(rows.T, *constant, parameters.T)[0], dtype=float)
         jacobians = jacobians.reshape(n, count, n).swapaxes(0, 1)
         bad = np.argwhere(~np.isfinite(jacobians))
         if len(bad):

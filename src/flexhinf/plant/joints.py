@@ -17,11 +17,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
+from flexhinf.arrays import Elements
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.plant.plant import Plant
 from flexhinf.scalars import apply, digest
@@ -85,7 +86,7 @@ def check_joints(plant: Plant) -> int:
 def joint_places(plant: Plant) -> np.ndarray:
     """Places (4, n) of q1, q̇1, q2, q̇2 in the state of a plant of elastic and rigid joints, q2 = q1 of a rigid one; a
     plant of other states is refused."""
-    rows = []
+    rows: list[Sequence[str]] = []
     for link, motor in zip(STATES[:2], STATES[2:]):
         links = plant.expanded(link)
         own = [name.replace(link, motor, 1) for name in links]
@@ -139,7 +140,7 @@ def _places(plant: Plant, torque: str) -> list[int]:
     return [plant.disturbances.index(name) for name in plant.expanded(torque)]  # type: ignore[union-attr]
 
 
-def _static(plant: Plant, name: str, quantity: Callable[[Any, Any], Any]) -> Any:
+def _static(plant: Plant, name: str, quantity: Callable[[ca.SX, ca.SX], ca.SX]) -> ca.Function:
     """(q, parameter vector) → quantity(q̈1, M⁻¹) at rest with relaxed springs, as a CasADi function; without the rotors
     of rigid joints."""
     plant.check_continuous("elastic joints")
@@ -164,7 +165,7 @@ class LinkCompliance:
     def __init__(self, plant: Plant) -> None:
         self.traced = _static(plant, "compliance", lambda fall, compliance: ca.vec(compliance))
 
-    def matrix(self, q: Any, p: Any) -> Any:
+    def matrix(self, q: Elements, p: Elements) -> Elements:
         """M(q)⁻¹ (n, n): the accelerations q̈1 per torque at the links, at the parameter vector p."""
         return apply(self.traced, q, p)[0].reshape(len(q), -1)
 
@@ -175,7 +176,7 @@ def link_compliance(plant: Plant) -> LinkCompliance:
     return LinkCompliance(plant)
 
 
-def standstill_function(plant: Plant) -> Any:
+def standstill_function(plant: Plant) -> ca.Function | None:
     """(q, parameter vector) → (x, u), (states + n,), at rest at link positions q: q2 = q1 + K⁻¹ G and the input that
     holds G, as a CasADi function. None where G and K are not read off the flow at relaxed springs: it has other states
     than elastic and rigid joints, or springs that are not linear.
@@ -222,23 +223,23 @@ class GravityTorque:
         check_joints(self.plant)
 
     @cached_property
-    def traced(self) -> Any:
+    def traced(self) -> ca.Function:
         """(q, parameter vector) → G as a CasADi function."""
         return _static(self.plant, "gravity", lambda fall, compliance: -ca.solve(compliance, fall))
 
     @cached_property
-    def _with_rate(self) -> Any:
+    def _with_rate(self) -> ca.Function:
         n = len(self.plant.inputs)
         q, dq, p = ca.SX.sym("q", n), ca.SX.sym("dq", n), ca.SX.sym("p", self.plant.parameters.size)
         torque = self.traced(q, p)
         rate = ca.densify(ca.jtimes(torque, q, dq))
         return ca.Function("gravity_rate", [q, dq, p], [torque, rate], {"cse": True})
 
-    def torque(self, q: Any, p: Any) -> Any:
+    def torque(self, q: Elements, p: Elements) -> Elements:
         """G(q), (n,), N·m, at the parameter vector p."""
         return apply(self.traced, q, p)[0]
 
-    def torque_and_rate(self, q: Any, dq: Any, p: Any) -> tuple[Any, ...]:
+    def torque_and_rate(self, q: Elements, dq: Elements, p: Elements) -> tuple[Elements, ...]:
         """G(q) and its rate ∂G/∂q q̇, (n,) each."""
         return apply(self._with_rate, q, dq, p)
 

@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 import copy
-import pickle
-import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, Self, cast
 
+import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
-from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
+from flexhinf.arrays import Elements
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.notebook import Summarised, names_text
+from flexhinf.plant.code import StoredCode, TracedCode, has_a_name, signals
 from flexhinf.plant.integration import fastest_modes
 from flexhinf.plant.parameters import ParameterTable
 from flexhinf.scalars import (
-    Symbol,
-    apply,
     digest,
     function_arrays,
-    function_from_arrays,
     jacobian,
     pack,
     serial,
@@ -43,95 +42,6 @@ from flexhinf.validation import (
 
 #: Largest rate at an operating point, relative to the plant's own rates, that still counts as an equilibrium.
 EQUILIBRIUM_TOLERANCE = 1e-9
-
-
-class StoredCode:
-    """flow or output of a model as the instructions of its traced function: all that a file or a pickle can hold.
-
-    It runs on numbers and symbols. The arrays are those of `flexhinf.scalars.function_arrays`; the table has the names,
-    in the order of the parameter vector.
-    """
-
-    def __init__(self, arrays: Mapping[str, np.ndarray], table: ParameterTable) -> None:
-        self.arrays, self.table = dict(arrays), table
-
-    def __call__(self, *arguments: Any) -> Any:
-        """`flow` or `output`, called like them."""
-        *vectors, p = arguments
-        return apply(self._function, *vectors, self.table.flat(p))[0]
-
-    @cached_property
-    def _function(self) -> Any:
-        return function_from_arrays(self.arrays, "stored")
-
-
-class TracedCode:
-    """A traced function of one result, evaluated on numbers without a copy of them: a microsecond a call."""
-
-    def __init__(self, function: Any) -> None:
-        self.function = function
-        self._sizes = [function.size1_in(k) for k in range(function.n_in())]
-        self._rows = function.size1_out(0)
-        self._buffer, self._run = function.buffer()
-        self._lock = threading.Lock()  # the buffer holds the arguments of one call
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return TracedCode, (self.function,)
-
-    def evaluate(self, *arrays: Any) -> np.ndarray | None:
-        """The result for vectors of numbers or symbols of the traced sizes; None for any other element."""
-        vectors = [np.asarray(array) for array in arrays]
-        sizes = [vector.size for vector in vectors]
-        if sizes != self._sizes:
-            raise InvalidInput(
-                f"The arguments of {self.function.name()} do not fit the model.",
-                f"expected vectors of {self._sizes} elements, got {sizes}",
-                "one element for each name",
-            )
-        if any(vector.dtype == object for vector in vectors):
-            elements = [element for vector in vectors for element in vector.flat]
-            if any(isinstance(element, Symbol) for element in elements):
-                return apply(self.function, *vectors)[0]
-            if not all(isinstance(element, (int, float)) for element in elements):
-                return None
-        elif any(vector.dtype.kind == "c" for vector in vectors):
-            return None
-        result = np.empty(self._rows)
-        with self._lock:
-            numbers: list[Any] = [np.ascontiguousarray(vector, dtype=float) for vector in vectors]
-            for place, vector in enumerate(numbers):
-                self._buffer.set_arg(place, memoryview(vector))
-            self._buffer.set_res(0, memoryview(result))  # pyright: ignore[reportArgumentType]
-            self._run()
-        return result
-
-
-def has_a_name(function: Callable[..., Any]) -> bool:
-    """Whether a pickle can hold a function: it is found by its name, and what it is bound to can be pickled."""
-    try:
-        pickle.dumps(function)
-    except Exception:  # what it is bound to may be anybody's
-        return False
-    return True
-
-
-def signals(what: str, model: Callable[[], Any]) -> np.ndarray:
-    """Result of the model's code on symbols, as a vector; exceptions of that code become `InvalidInput`."""
-    try:
-        signals = np.asarray(model(), dtype=object)
-    except FlexhinfError:
-        raise
-    except Exception as error:
-        raise InvalidInput(
-            f"{what} does not run on symbols.",
-            f"expected NumPy code for vectors of the named sizes, got {type(error).__name__}: {error}",
-            "the names in states, inputs and disturbances, and NumPy functions on the elements",
-        ) from error
-    refuse_if(
-        signals.ndim != 1, f"{what} does not return a vector.", f"expected one axis, got shape {signals.shape}",
-        "np.array([...]) of the elements",
-    )  # fmt: skip
-    return signals
 
 
 def python_control() -> Any:
@@ -203,11 +113,11 @@ class Model(Summarised):
     states: Sequence[str]
     inputs: Sequence[str]
     disturbances: Sequence[str] = ()
-    parameters: Any = field(default_factory=dict)
+    parameters: Any = field(default_factory=dict[str, float])  # numbers by name, then their `ParameterTable`
     outputs: Sequence[str] = ()
-    units: Mapping[str, str] = field(default_factory=dict)
-    groups: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict[str, str])
+    groups: Mapping[str, Sequence[str]] = field(default_factory=dict[str, Sequence[str]])
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict[str, tuple[float, float]])
     engaged: Callable[..., Any] | None = None
     arrest: Callable[..., Any] | None = None
     sampled: bool = False
@@ -215,13 +125,18 @@ class Model(Summarised):
 
     def __post_init__(self) -> None:
         checked_kind(
-            "Whether the plant is a map is not said.", self.sampled, bool, "sampled=True or sampled=False",
+            "Whether the plant is a map is not said.",
+            self.sampled,
+            bool,
+            "sampled=True or sampled=False",
             "sampled=True where flow returns the state one period later",
-        )  # fmt: skip
+        )
         refuse_if(
-            self.sampled and self.arrest is not None, "A map has no friction of its own between samples.",
-            "expected arrest=None with sampled=True, got both", "friction inside flow, or a plant in continuous time",
-        )  # fmt: skip
+            self.sampled and self.arrest is not None,
+            "A map has no friction of its own between samples.",
+            "expected arrest=None with sampled=True, got both",
+            "friction inside flow, or a plant in continuous time",
+        )
         if not isinstance(self.parameters, ParameterTable):
             object.__setattr__(self, "parameters", ParameterTable(self.parameters))
         for kind in ("states", "inputs", "disturbances", "outputs"):
@@ -234,8 +149,11 @@ class Model(Summarised):
         for name, unit in self.units.items():
             checked_text(f"the unit of {value_text(name)}", unit)
         refuse_if(
-            not self.states, "A plant needs a state.", "expected at least one name, got none", "states=(...)",
-        )  # fmt: skip
+            not self.states,
+            "A plant needs a state.",
+            "expected at least one name, got none",
+            "states=(...)",
+        )
         distinct("Of states and inputs, the name", (*self.states, *self.inputs))
         refuse_if(
             self.traced_flow.size1_out(0) != len(self.states),
@@ -247,9 +165,11 @@ class Model(Summarised):
         if not self.outputs:
             object.__setattr__(self, "outputs", tuple(f"output_{i + 1}" for i in range(measured)))
         refuse_if(
-            len(self.outputs) != measured, "output(x, u, p) and the names of the outputs disagree.",
-            f"expected {len(self.outputs)} signals {list(self.outputs)}, got {measured}", "one name per signal",
-        )  # fmt: skip
+            len(self.outputs) != measured,
+            "output(x, u, p) and the names of the outputs disagree.",
+            f"expected {len(self.outputs)} signals {list(self.outputs)}, got {measured}",
+            "one name per signal",
+        )
         object.__setattr__(self, "angles", self._checked_angles())
 
     def _checked_angles(self) -> tuple[str, ...]:
@@ -335,11 +255,11 @@ class Model(Summarised):
         vars(self)["_checked"] = text
 
     @cached_property
-    def _flow_symbols(self) -> tuple[list[np.ndarray], list[Any]]:  # as arrays and as columns
+    def _flow_symbols(self) -> tuple[list[Elements], list[ca.SX]]:  # as arrays and as columns
         arrays = [symbols(name, size) for name, size in zip("xudp", self._sizes)]
         return arrays, [pack(array) for array in arrays]
 
-    def with_parameters(self, **changes: Any) -> Self:
+    def with_parameters(self, **changes: ArrayLike) -> Self:
         """The same plant with other parameter values; nothing is traced or compiled again."""
         changed = copy.copy(self)
         object.__setattr__(changed, "parameters", self.parameters.replaced(changes))
@@ -351,12 +271,12 @@ class Model(Summarised):
         vars(same).update(self.__dict__)
         return same
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+    def __deepcopy__(self, memo: dict[int, object]) -> Self:
         same = object.__new__(type(self))
         vars(same).update(copy.deepcopy(self.__dict__, memo))
         return same
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         """For a pickle: the plant as it was traced, wherever it is read, whatever its text would compute there.
 
         Code without a name to be found by, such as a lambda, becomes its instructions; of other code the text is
@@ -368,7 +288,7 @@ class Model(Summarised):
                 state[name] = StoredCode(function_arrays(traced), self.parameters)
         return state | {name: getattr(self, name) for name in ("traced_flow", "traced_output", "_content")}
 
-    def to_control(self, x: Any = None, u: Any = None) -> Any:
+    def to_control(self, x: ArrayLike | None = None, u: ArrayLike | None = None) -> Any:
         """As a system of python-control: inputs and disturbances in, measured signals out. Needs the extra ``control``.
 
         Parameters
@@ -378,30 +298,34 @@ class Model(Summarised):
             is a system with ``dt=True``; it is linearised at an equilibrium.
         """
         names = {
-            "inputs": [*self.inputs, *self.disturbances], "outputs": [*self.outputs], "states": [*self.states],
+            "inputs": [*self.inputs, *self.disturbances],
+            "outputs": [*self.outputs],
+            "states": [*self.states],
             **({"dt": True} if self.sampled else {}),
-        }  # fmt: skip
+        }
         p, m = self.parameters.vector(), len(self.inputs)
 
-        def rates(t: float, x: Any, v: Any, params: Any) -> np.ndarray:
+        def rates(t: float, x: np.ndarray, v: np.ndarray, params: object) -> np.ndarray:
             return np.ravel(np.asarray(self.traced_flow(x, v[:m], v[m:], p), dtype=float))
 
-        def measured(t: float, x: Any, v: Any, params: Any) -> np.ndarray:
+        def measured(t: float, x: np.ndarray, v: np.ndarray, params: object) -> np.ndarray:
             return np.ravel(np.asarray(self.traced_output(x, v[:m], p), dtype=float))
 
         if x is None and u is None:
             return python_control().nlsys(rates, measured, **names)
-        x, u, _ = (rows[0] for rows in self._points(x, u, single=True))
-        a, b, g, c = self.slopes(x, u)
-        d = np.hstack([self.output_at(x, u)[1], np.zeros((len(c), g.shape[1]))])
+        at, held, _ = (rows[0] for rows in self._points(x, u, single=True))
+        a, b, g, c = self.slopes(at, held)
+        d = np.hstack([self.output_at(at, held)[1], np.zeros((len(c), g.shape[1]))])
         return python_control().ss(a, np.hstack([b, g]), c, d, **names)
 
     def output_at(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Y at (x, u), and ∂y/∂u there, exactly."""
         p = self.parameters.vector()
-        return jacobian(
-            lambda u, x, p: self.evaluate_output(x, u, p), len(self.inputs), self.n, len(p), name="output"
-        )(u, x, p)
+
+        def output(u: Elements, x: Elements, p: Elements) -> Elements:
+            return self.evaluate_output(x, u, p)
+
+        return jacobian(output, len(self.inputs), self.n, len(p), name="output")(u, x, p)
 
     def check_equilibrium(self, x: np.ndarray, u: np.ndarray, what: str, advice: str) -> None:
         """Refuse a point at which a rate is not zero, relative to the plant's own rates."""
@@ -426,45 +350,49 @@ class Model(Summarised):
 
     # Numbers --------------------------------------------------------------------------------------
     @cached_property
-    def traced_flow(self) -> Any:
+    def traced_flow(self) -> ca.Function:
         """flow as a CasADi function of (x, u, d, parameter vector), as it is when the plant is built."""
         return self._trace_flow()
 
-    def _trace_flow(self) -> Any:
+    def _trace_flow(self) -> ca.Function:
         return trace(self._flow_text, *self._sizes, name="flow", names=("x", "u", "d", "p"))
 
     @property
     def _sizes(self) -> tuple[int, ...]:
         return len(self.states), len(self.inputs), len(self.disturbances), self.parameters.size
 
-    def _flow_text(self, x: Any, u: Any, d: Any, p: Any) -> np.ndarray:
+    def _flow_text(self, x: Elements, u: Elements, d: Elements, p: Elements) -> np.ndarray:
         return signals("flow(x, u, d, p)", lambda: self.flow(x, u, d, self.parameters.named(p)))
 
     @cached_property
-    def traced_output(self) -> Any:
+    def traced_output(self) -> ca.Function:
         """output as a CasADi function of (x, u, parameter vector)."""
-        return trace(
-            lambda x, u, p: signals("output(x, u, p)", lambda: self._output_text(x, u, p)),
-            len(self.states), len(self.inputs), self.parameters.size, name="output", names=("x", "u", "p"),
-        )  # fmt: skip
 
-    def _output_text(self, x: Any, u: Any, p: Any) -> Any:
+        def output(x: Elements, u: Elements, p: Elements) -> Elements:
+            return signals("output(x, u, p)", lambda: self._output_text(x, u, p))
+
+        sizes = len(self.states), len(self.inputs), self.parameters.size
+        return trace(output, *sizes, name="output", names=("x", "u", "p"))
+
+    def _output_text(self, x: Elements, u: Elements, p: Elements) -> Elements:
         return np.atleast_1d(self.output(x, u, self.parameters.named(p)))
 
     @cached_property
-    def traced_arrest(self) -> Any:
+    def traced_arrest(self) -> ca.Function:
         """arrest as a CasADi function of (x, (h,), parameter vector)."""
-        arrest, named = cast(Any, self.arrest), self.parameters.named
-        return trace(
-            lambda x, h, p: arrest(x, h[0], named(p)), len(self.states), 1, self.parameters.size,
-            name="arrest", names=("x", "h", "p"),
-        )  # fmt: skip
+        arrest, named = cast(Callable[..., Elements], self.arrest), self.parameters.named
+
+        def stopped(x: Elements, h: Elements, p: Elements) -> Elements:
+            return arrest(x, h[0], named(p))
+
+        sizes = len(self.states), 1, self.parameters.size
+        return trace(stopped, *sizes, name="arrest", names=("x", "h", "p"))
 
     @cached_property
     def _codes(self) -> tuple[TracedCode, TracedCode]:
         return TracedCode(self.traced_flow), TracedCode(self.traced_output)
 
-    def evaluate_flow(self, x: Any, u: Any, d: Any, p: Any) -> Any:
+    def evaluate_flow(self, x: Elements, u: Elements, d: Elements, p: Elements) -> Elements:
         """ẋ, or x⁺ of a map, (n,) on any element, p the parameter vector.
 
         Numbers and symbols go through what was traced, as all machine code does; other elements through the text.
@@ -472,27 +400,27 @@ class Model(Summarised):
         rates = self._codes[0].evaluate(x, u, d, p)
         return self.flow(x, u, d, self.parameters.named(p)) if rates is None else rates
 
-    def evaluate_output(self, x: Any, u: Any, p: Any) -> Any:
+    def evaluate_output(self, x: Elements, u: Elements, p: Elements) -> Elements:
         """y (p,) on any element, as `evaluate_flow`."""
         y = self._codes[1].evaluate(x, u, p)
         return self._output_text(x, u, p) if y is None else y
 
     @cached_property
-    def traced_jacobians(self) -> Any:
+    def traced_jacobians(self) -> ca.Function:
         """A = ∂flow/∂x, B = ∂flow/∂u, G = ∂flow/∂d, C = ∂output/∂x as one CasADi function."""
-        import casadi as ca
-
         symbols = [ca.SX.sym(name, self.traced_flow.size1_in(k)) for k, name in enumerate("xudp")]
         x, u, d, p = symbols
         flow, output = self.traced_flow(*symbols), self.traced_output(x, u, p)
         results = [ca.jacobian(flow, v) for v in (x, u, d)] + [ca.jacobian(output, x)]
         return ca.Function("jacobians", symbols, [ca.densify(r) for r in results], {"cse": True})
 
-    def trace_jacobians(self) -> Any:
+    def trace_jacobians(self) -> ca.Function:
         """Trace the Jacobians now: plants that `with_parameters` makes from this one share them."""
         return self.traced_jacobians
 
-    def derivative(self, x: Any = None, u: Any = None, d: Any = None) -> np.ndarray:
+    def derivative(
+        self, x: ArrayLike | None = None, u: ArrayLike | None = None, d: ArrayLike | None = None
+    ) -> np.ndarray:
         """ẋ at the nominal parameters; x (n,) or (N, n), u (m,) or (N, m), d likewise; zero by default.
 
         A map has none, and is refused.
@@ -500,7 +428,9 @@ class Model(Summarised):
         self.check_continuous("derivative")
         return self.change(x, u, d)
 
-    def change(self, x: Any = None, u: Any = None, d: Any = None) -> np.ndarray:
+    def change(
+        self, x: ArrayLike | None = None, u: ArrayLike | None = None, d: ArrayLike | None = None
+    ) -> np.ndarray:
         """ẋ, or x⁺ − x of a map: what is zero at rest; arguments as of `derivative`."""
         points = self._points(x, u, d)
         count = max(map(len, points)) if all(map(len, points)) else 0
@@ -520,10 +450,11 @@ class Model(Summarised):
             columns = [np.broadcast_to(rows, (count, rows.shape[1])).T for rows in (*points, vector[None])]
             result = np.asarray(self.traced_flow(*columns), dtype=float).T
         result = result - points[0] if self.sampled else result
-        return result if any(np.ndim(value) == 2 for value in (x, u, d)) else result[0]
+        several = any(value is not None and np.ndim(value) == 2 for value in (x, u, d))
+        return result if several else result[0]
 
     def linearise(
-        self, x: Any = None, u: Any = None, d: Any = None
+        self, x: ArrayLike | None = None, u: ArrayLike | None = None, d: ArrayLike | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """(A, B, G, C): exact Jacobians of flow in x, u, d, and of output in x, at one point, zero by default.
 
@@ -533,17 +464,17 @@ class Model(Summarised):
         return self.slopes(x, u, d)
 
     def slopes(
-        self, x: Any = None, u: Any = None, d: Any = None
+        self, x: ArrayLike | None = None, u: ArrayLike | None = None, d: ArrayLike | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """As `linearise`, of a map too: ∂x⁺/∂x, ∂x⁺/∂u, ∂x⁺/∂d and ∂y/∂x."""
         points = [rows[0] for rows in self._points(x, u, d, single=True)]
-        a, b, g, c = (
-            np.asarray(matrix, dtype=float)
-            for matrix in self.traced_jacobians(*points, self.parameters.vector())
-        )
+        matrices = cast(Sequence[ca.DM], self.traced_jacobians(*points, self.parameters.vector()))
+        a, b, g, c = (np.asarray(matrix, dtype=float) for matrix in matrices)
         return a, b, g, c
 
-    def change_slopes(self, x: Any = None, u: Any = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def change_slopes(
+        self, x: ArrayLike | None = None, u: ArrayLike | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Exact Jacobians of `change` in x, u and d, at one point, zero by default."""
         a, b, g, _ = self.slopes(x, u)
         return (a - np.eye(self.n) if self.sampled else a), b, g
@@ -575,15 +506,17 @@ class Model(Summarised):
             "inputs=(...); a plant without inputs is for estimators",
         )
 
-    def fastest_mode(self, x: Any = None, u: Any = None) -> float:
+    def fastest_mode(self, x: ArrayLike | None = None, u: ArrayLike | None = None) -> float:
         """Largest |eigenvalue| of ∂flow/∂x at a point (the origin by default) and where it is engaged, rad/s; 0 of a
         map, which nothing has to follow between samples."""
         x, u, _ = (rows[0] for rows in self._points(x, u, single=True))
         return float(fastest_modes(self, self.parameters.vector()[None], x, u)[0])
 
-    def _points(self, x: Any, u: Any, d: Any = None, single: bool = False) -> list[np.ndarray]:
+    def _points(
+        self, x: ArrayLike | None, u: ArrayLike | None, d: ArrayLike | None = None, single: bool = False
+    ) -> list[np.ndarray]:
         """Rows of numbers for x, u and d, (N, n), (N, m) and (N, k); zeros for None."""
-        points = []
+        points: list[np.ndarray] = []
         for letter, value, names in zip("xud", (x, u, d), (self.states, self.inputs, self.disturbances)):
             rows = np.atleast_2d(np.zeros(len(names)) if value is None else real_array(value))
             fits = rows.ndim == 2 and rows.shape[1] == len(names) and (not single or len(rows) == 1)

@@ -6,12 +6,17 @@ import keyword
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from flexhinf.arrays import Elements
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.validation import checked_kind, one_of, read_only, real_array, unknown_name, value_text
+
+#: Numbers or arrays of parameters, by name.
+ParameterValues: TypeAlias = Mapping[str, ArrayLike]
 
 AS_STATED = "the name as it stands in the parameters"
 
@@ -56,7 +61,7 @@ class ParameterTable:
             checked[str(name)] = array
         object.__setattr__(self, "values", checked)
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
+    def __setstate__(self, state: dict[str, object]) -> None:
         vars(self).update(read_only(state))  # copies share their arrays
 
     @cached_property
@@ -78,7 +83,7 @@ class ParameterTable:
         """Nominal values, flat (size,)."""
         return np.concatenate([np.zeros(0), *(value.ravel() for value in self.values.values())])
 
-    def named(self, vector: Any) -> Parameters:
+    def named(self, vector: Elements) -> Parameters:
         """A vector (size,) of numbers or elements, by name."""
         vector = np.asarray(vector)
         if vector.shape != (self.size,):

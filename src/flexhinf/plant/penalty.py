@@ -1,17 +1,22 @@
 """Penalty of a design: z = (h(x), l(x) u) with lᵀl = R2, Eqs. (3) and (4)."""
 
+# Not checked strictly: parts of SciPy, CasADi and NumPy have no types.
+# pyright: reportUnknownMemberType=false
+
 from __future__ import annotations
 
 import copy
 import difflib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
+from flexhinf.arrays import Elements
 from flexhinf.errors import InvalidInput, refuse_if
-from flexhinf.plant.model import has_a_name
+from flexhinf.plant.code import has_a_name
+from flexhinf.plant.parameters import Parameters
 from flexhinf.plant.polynomial_plant import checked_r2
 from flexhinf.validation import checked_array, checked_names, real_array, value_text
 
@@ -46,7 +51,7 @@ class Penalty:
     def __post_init__(self) -> None:
         named: Mapping[Any, Any] = {}
         if isinstance(self.states, Mapping):
-            named = dict(self.states)
+            named = dict(cast(Mapping[str, Any], self.states))
             object.__setattr__(self, "states", named)
             checked_names("The weighted states", named)
         elif not callable(self.states):
@@ -79,10 +84,10 @@ class Penalty:
     def __copy__(self) -> Penalty:
         return Penalty(self.states, self.effort)
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> Penalty:
+    def __deepcopy__(self, memo: dict[int, object]) -> Penalty:
         return Penalty(copy.deepcopy(self.states, memo), copy.deepcopy(self.effort, memo))
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         if callable(self.states) and not has_a_name(self.states):
             raise InvalidInput(
                 "A penalty of code without a name cannot be pickled.",
@@ -106,7 +111,7 @@ class Penalty:
             return self
         weights, singles = dict[str, Any](), dict[str, Any]()
         weight: Any
-        for name, weight in self.states.items():
+        for name, weight in cast(Mapping[str, Any], self.states).items():
             stem = name.removesuffix("_integral")
             members = groups.get(name) or [f"{m}_integral" for m in groups.get(stem, ())]
             if members and np.ndim(weight) and np.shape(weight) != (len(members),):
@@ -133,7 +138,7 @@ class Penalty:
         )
         return checked_r2(matrix, 1e-9, 1e-12)
 
-    def evaluate(self, x: Any, names: Sequence[str], p: Any) -> Any:
+    def evaluate(self, x: Elements, names: Sequence[str], p: Parameters) -> Elements:
         """h(x) on any element, shape (s,)."""
         if callable(self.states):
             return np.atleast_1d(np.asarray(self.states(x, p)))
@@ -159,8 +164,9 @@ class Penalty:
         """One weight per state, (n,); for a penalty given by one number for each."""
         listed: Any = self.states
         if isinstance(self.states, Mapping):
-            check_weighted(self.states, names)
-            listed = [self.states.get(name, 0.0) for name in names]
+            stated = cast(Mapping[str, float], self.states)
+            check_weighted(stated, names)
+            listed = [stated.get(name, 0.0) for name in names]
         return checked_array(
             "The penalty does not fit the states.",
             listed,

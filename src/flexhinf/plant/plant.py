@@ -8,16 +8,22 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
+import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
+from flexhinf.arrays import Elements
 from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant.augmented import augmented_plant
-from flexhinf.plant.model import EQUILIBRIUM_TOLERANCE, Model, StoredCode, TracedCode, python_control, signals
+from flexhinf.plant.code import StoredCode, TracedCode, signals
+from flexhinf.plant.expansion import expand_problem
+from flexhinf.plant.model import EQUILIBRIUM_TOLERANCE, Model, python_control
+from flexhinf.plant.parameters import Parameters
 from flexhinf.plant.penalty import Penalty
-from flexhinf.plant.polynomial_plant import PolynomialPlant, expand_problem
+from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.scalars import apply, digest, pack, symbols, trace
 from flexhinf.validation import (
     checked_array,
@@ -40,9 +46,9 @@ class Plant(Model):
         penalty: Penalty | Mapping[str, float] | Sequence[float],
         command: str | None = None,
         integrate: Sequence[str] = (),
-        pose: Any = None,
+        pose: Mapping[str, float] | ArrayLike | None = None,
         disturbances: Sequence[str] | None = None,
-        equilibrium: tuple[Any, Any] | None = None,
+        equilibrium: tuple[ArrayLike, ArrayLike] | None = None,
     ) -> GeneralisedPlant:
         """The problem of Eq. (3): this plant with a penalty, integrals of the tracking error, disturbances.
 
@@ -140,8 +146,8 @@ class GeneralisedPlant(Summarised):
     integrate: tuple[str, ...] = ()
     command: str | None = None
     disturbances: Sequence[str] | None = None
-    pose: Any = None
-    equilibrium: tuple[Any, Any] | None = None
+    pose: Mapping[str, float] | ArrayLike | None = None
+    equilibrium: tuple[ArrayLike, ArrayLike] | None = None
 
     def __post_init__(self) -> None:
         checked_kind("A problem needs a plant.", self.plant, Plant, "a flexhinf.Plant", "robot.plant()")
@@ -201,7 +207,7 @@ class GeneralisedPlant(Summarised):
                 "a penalty on deviations from the operating point",
             )
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
+    def __setstate__(self, state: dict[str, object]) -> None:
         vars(self).update(read_only(state))  # copies share their arrays
 
     # Names ----------------------------------------------------------------------------------------
@@ -270,7 +276,7 @@ class GeneralisedPlant(Summarised):
     def _r2(self) -> np.ndarray:
         return read_only(self.penalty.r2(len(self.plant.inputs)))
 
-    def flow(self, x: Any, u: Any, d: Any, p: Any) -> Any:
+    def flow(self, x: Elements, u: Elements, d: Elements, p: Parameters) -> Elements:
         """ẋ of the plant with its integrals, on any element; x, u are absolute, d as `disturbance_names`."""
         n, commands = self.plant.n, len(self.integrate) if self.command else 0
         channels = {name: d[commands + place] for place, name in enumerate(self.disturbances or ())}
@@ -286,7 +292,7 @@ class GeneralisedPlant(Summarised):
         ]
         return np.array([*rates, *errors])
 
-    def penalty_output(self, x: Any, p: Any) -> Any:
+    def penalty_output(self, x: Elements, p: Parameters) -> Elements:
         """h(x) on any element; x is the deviation from the operating point, integrals included.
 
         A function h is evaluated like the plant's code: on numbers and symbols by its trace.
@@ -299,12 +305,13 @@ class GeneralisedPlant(Summarised):
     def _penalty_code(self) -> TracedCode:
         return TracedCode(self._trace_penalty())
 
-    def _trace_penalty(self) -> Any:
+    def _trace_penalty(self) -> ca.Function:
         names, table = self.state_names, self.plant.parameters
-        return trace(
-            lambda x, p: signals("The penalty h(x, p)", lambda: self.penalty.evaluate(x, names, table.named(p))),
-            len(names), table.size, name="penalty", names=("x", "p"),
-        )  # fmt: skip
+
+        def penalty(x: Elements, p: Elements) -> Elements:
+            return signals("The penalty h(x, p)", lambda: self.penalty.evaluate(x, names, table.named(p)))
+
+        return trace(penalty, len(names), table.size, name="penalty", names=("x", "p"))
 
     def check_unchanged(self) -> None:
         """Refuse a flow or a penalty that no longer computes what it did when it was built; see `Model`."""
@@ -330,17 +337,19 @@ class GeneralisedPlant(Summarised):
             last = vars(self)["_expansion"] = degree, expand_problem(self, degree)
         return last[1]
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         return {name: value for name, value in vars(self).items() if name != "_expansion"}  # it may be large
 
     @cached_property
-    def _traced_fields(self) -> Any:
+    def _traced_fields(self) -> ca.Function:
         """f, g1, g2, h as one CasADi function of the deviation x, at the nominal parameters."""
-        import casadi as ca
-
         n, m, k = len(self.state_names), len(self.input_names), len(self.disturbance_names)
         named, p = self.plant.parameters.named, self.plant.parameters.vector()
-        flow = trace(lambda x, u, d, p: self.flow(x, u, d, named(p)), n, m, k, len(p), name="flow")
+
+        def moved(x: Elements, u: Elements, d: Elements, p: Elements) -> Elements:
+            return self.flow(x, u, d, named(p))
+
+        flow = trace(moved, n, m, k, len(p), name="flow")
         x, u, d = symbols("x", n), ca.SX.sym("u", m), ca.SX.sym("d", k)
         rate = flow(pack(x + self.operating_point), u, d, ca.DM(p))
         nominal = [ca.DM(self.operating_input), ca.DM.zeros(k)]
@@ -353,13 +362,11 @@ class GeneralisedPlant(Summarised):
         return ca.Function("fields", [pack(x)], [ca.densify(o) for o in outputs], {"cse": True})
 
     @cached_property
-    def _field_codes(self) -> tuple[Any, tuple[np.ndarray | None, ...]]:
+    def _field_codes(self) -> tuple[ca.Function, tuple[np.ndarray | None, ...]]:
         """The traced fields that depend on x as one function, and the values of the constant ones (None elsewhere).
 
         Constant matrices of many points are most of what would otherwise be copied out of CasADi.
         """
-        import casadi as ca
-
         x = ca.SX.sym("x", len(self.state_names))
         outputs, values = self._traced_fields.call([x]), self._traced_fields.call([np.zeros(x.numel())])
         depends = [any(ca.which_depends(output, x, 1, True)) for output in outputs]
@@ -372,11 +379,11 @@ class GeneralisedPlant(Summarised):
         """Whether g2 does not depend on the state, as the code is written."""
         return self._field_codes[1][2] is not None
 
-    def input_matrix(self, x: Any) -> Any:
+    def input_matrix(self, x: Elements) -> Elements:
         """Exact g2 (n, m) at one deviation x (n,), on numbers or symbols."""
         return apply(self._traced_fields, x)[2].reshape(len(self.state_names), -1)
 
-    def fields(self, x: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def fields(self, x: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Exact f (N, n), g1 (N, n, md), g2 (N, n, m) and h (N, s) at deviations x (N, n)."""
         points = np.atleast_2d(np.asarray(x, dtype=float))
         if points.ndim != 2 or points.shape[1] != len(self.state_names):
@@ -402,7 +409,9 @@ class GeneralisedPlant(Summarised):
 ITERATIONS = 50
 
 
-def pose_values(pose: Any, names: Sequence[str], owner: str = "plant") -> np.ndarray:
+def pose_values(
+    pose: Mapping[str, float] | ArrayLike, names: Sequence[str], owner: str = "plant"
+) -> np.ndarray:
     """One finite value per name, from a mapping (zero for names left out) or a sequence."""
     if isinstance(pose, Mapping):
         for name in [name for name in pose if name not in names]:
@@ -458,16 +467,17 @@ def motion_of(signals: Any, times: np.ndarray, order: int, names: Sequence[str] 
     come in the order of the joints, or by `names`. One signal may have one column per joint.
     """
     if isinstance(signals, Mapping):
+        named = cast(Mapping[str, Any], signals)
         refuse_if(
-            not names or set(signals) != set(names),
+            not names or set(named) != set(names),
             "The signals by name are not those of the joints.",
-            f"expected one for each of {list(names)}, got {list(signals)}",
+            f"expected one for each of {list(names)}, got {list(named)}",
             "names=(...) in the order of the joints" if not names else "one signal, or number, for each",
         )
-        signals = [signals[name] for name in names]
+        signals = [named[name] for name in names]
     several = isinstance(signals, (Sequence, np.ndarray)) and not isinstance(signals, str)
     columns = [np.zeros((order + 1, len(times), 0))]
-    parts: list[Any] = list(signals) if several else [signals]
+    parts: list[Any] = list(cast(Sequence[Any], signals)) if several else [signals]
     for signal in parts:
         if hasattr(signal, "derivatives"):
             columns.append(
@@ -496,18 +506,18 @@ def motion_of(signals: Any, times: np.ndarray, order: int, names: Sequence[str] 
 
 # Linear plants ------------------------------------------------------------------------------------
 # On a linearisation the extended Kalman filter is the linear Kalman filter, and a loop is one that textbooks cover.
-def linear_flow(x: Any, u: Any, d: Any, p: Any) -> Any:
+def linear_flow(x: Elements, u: Elements, d: Elements, p: Parameters) -> Elements:
     """ẋ = A (x − x*) + B (u − u*) + G d, (n,) of any element."""
     rates = p.state_matrix @ (x - p.state) + p.input_matrix @ (u - p.input)
     return rates + p.disturbance_matrix @ d if np.size(p.disturbance_matrix) else rates
 
 
-def linear_output(x: Any, u: Any, p: Any) -> Any:
+def linear_output(x: Elements, u: Elements, p: Parameters) -> Elements:
     """y = y* + C (x − x*) + D (u − u*), (p,) of any element."""
     return p.output + p.output_matrix @ (x - p.state) + p.feedthrough @ (u - p.input)
 
 
-def linear_plant(plant: Plant, x: Any, u: Any) -> Plant:
+def linear_plant(plant: Plant, x: ArrayLike, u: ArrayLike) -> Plant:
     """The linearisation of a plant at an equilibrium (x, u), in absolute coordinates and with the plant's own names.
 
     Its parameters are the matrices and the equilibrium, so that two linearisations of the same size share code.
@@ -533,9 +543,15 @@ def _linear_plant(
     values: tuple[np.ndarray, ...], states: Sequence[str], inputs: Sequence[str], **names: Any
 ) -> Plant:
     kinds = (
-        "state_matrix", "input_matrix", "disturbance_matrix", "output_matrix", "feedthrough", "state", "input",
+        "state_matrix",
+        "input_matrix",
+        "disturbance_matrix",
+        "output_matrix",
+        "feedthrough",
+        "state",
+        "input",
         "output",
-    )  # fmt: skip
+    )
     return Plant(linear_flow, linear_output, states, inputs, parameters=dict(zip(kinds, values)), **names)
 
 
@@ -577,8 +593,7 @@ def plant_from_control(system: Any, inputs: Sequence[str] | None = None) -> Plan
         f"expected D = 0 for {list(disturbances)}",
         "measurement noise is the loop's; other disturbances act through a state",
     )
-    return _linear_plant(
-        (a, b[:, places], b[:, others], c, d[:, places], *map(np.zeros, (len(a), len(chosen), len(c)))),
-        tuple(linear.state_labels), tuple(chosen),
-        disturbances=disturbances, outputs=tuple(linear.output_labels),
-    )  # fmt: skip
+    at_rest = map(np.zeros, (len(a), len(chosen), len(c)))
+    values = a, b[:, places], b[:, others], c, d[:, places], *at_rest
+    names = {"disturbances": disturbances, "outputs": tuple(linear.output_labels)}
+    return _linear_plant(values, tuple(linear.state_labels), tuple(chosen), **names)

@@ -5,22 +5,23 @@ Taylor expansion of model code about a point: the code is run once on truncated 
 Nothing is differenced and nothing is differentiated: the coefficients are those of the code, to rounding.
 """
 
+# Not checked strictly: what users pass is checked.
+# pyright: reportUnnecessaryIsInstance=false
+
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from flexhinf.arrays import Elements
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import evaluate, monomials
-from flexhinf.polynomial.truncated import degree_slice, size
-from flexhinf.scalars.jet import coefficients, jets, terms
-from flexhinf.scalars.trace import linear, nonzero, sizes_of_rows, switches
 from flexhinf.validation import checked_array, checked_names, distinct, read_only, real_array, value_text
 
 _HIGHEST = 200  # degree of a monomial, as for the synthesis
@@ -31,7 +32,7 @@ OWN = ("r2", "state_names", "operating_point", "input_names", "operating_input")
 _DRIFT = 1e-9  # |f(x*)| up to this, relative to its row of the Jacobian or to one, is rounding
 
 
-def checked_r2(r2: Any, rounding: float = 1e-12, atol: float = 0.0) -> np.ndarray:
+def checked_r2(r2: ArrayLike, rounding: float = 1e-12, atol: float = 0.0) -> np.ndarray:
     """R2 as a symmetric positive definite matrix (m, m).
 
     The asymmetry allowed is `rounding` of an entry and `atol` of the largest one.
@@ -54,7 +55,9 @@ def checked_r2(r2: Any, rounding: float = 1e-12, atol: float = 0.0) -> np.ndarra
     return half
 
 
-def parts_by_degree(name: str, coefficients: Any, n: int, axes: int) -> dict[int, np.ndarray]:
+def parts_by_degree(
+    name: str, coefficients: Mapping[tuple[int, ...], ArrayLike] | ArrayLike, n: int, axes: int
+) -> dict[int, np.ndarray]:
     """Gather {exponents: coefficient} by degree; `axes` is the number of axes of one coefficient.
 
     Two axes are those of g1 and g2, which may also be a constant matrix (n, inputs).
@@ -68,12 +71,12 @@ def parts_by_degree(name: str, coefficients: Any, n: int, axes: int) -> dict[int
                 f"a column per input: np.reshape({name}, ({n}, 1)) for one input",
             )
         return {0: matrix[:, :, None]}
-    refuse_if(
-        not isinstance(coefficients, Mapping) or not coefficients,
-        f"{name} is not a mapping of monomials.",
-        f"expected {{exponents: coefficients}} with at least one entry, got {type(coefficients).__name__}",
-        "keys are tuples of exponents, one per state",
-    )
+    if not isinstance(coefficients, Mapping) or not coefficients:
+        raise InvalidInput(
+            f"{name} is not a mapping of monomials.",
+            f"expected {{exponents: coefficients}} with at least one entry, got {type(coefficients).__name__}",
+            "keys are tuples of exponents, one per state",
+        )
     values = [real_array(value) for value in coefficients.values()]
     shape = values[0].shape
     parts: dict[int, np.ndarray] = {}
@@ -253,16 +256,16 @@ class PolynomialPlant(Summarised):
 
     def __init__(
         self,
-        f: Mapping[tuple[int, ...], Any],
-        g1: Any,
-        g2: Any,
-        h: Mapping[tuple[int, ...], Any],
-        r2: Any,
+        f: Mapping[tuple[int, ...], ArrayLike],
+        g1: Mapping[tuple[int, ...], ArrayLike] | ArrayLike,
+        g2: Mapping[tuple[int, ...], ArrayLike] | ArrayLike,
+        h: Mapping[tuple[int, ...], ArrayLike],
+        r2: ArrayLike,
         *,
         state_names: Sequence[str] | None = None,
-        operating_point: Any = None,
+        operating_point: ArrayLike | None = None,
         input_names: Sequence[str] | None = None,
-        operating_input: Any = None,
+        operating_input: ArrayLike | None = None,
     ) -> None:
         first = next(iter(f), None) if isinstance(f, Mapping) else None
         n = max(1, len(first)) if isinstance(first, tuple) else 1
@@ -282,17 +285,26 @@ class PolynomialPlant(Summarised):
 
     @classmethod
     def from_parts(
-        cls, n: int, f: Mapping[int, np.ndarray], g1: Mapping[int, np.ndarray], g2: Mapping[int, np.ndarray],
-        h: Mapping[int, np.ndarray], r2: Any, state_names: Sequence[str] | None = None, operating_point: Any = None,
-        input_names: Sequence[str] | None = None, operating_input: Any = None,
-    ) -> PolynomialPlant:  # fmt: skip
+        cls,
+        n: int,
+        f: Mapping[int, np.ndarray],
+        g1: Mapping[int, np.ndarray],
+        g2: Mapping[int, np.ndarray],
+        h: Mapping[int, np.ndarray],
+        r2: ArrayLike,
+        state_names: Sequence[str] | None = None,
+        operating_point: ArrayLike | None = None,
+        input_names: Sequence[str] | None = None,
+        operating_input: ArrayLike | None = None,
+    ) -> PolynomialPlant:
         """A polynomial plant from homogeneous parts: degree → monomial coefficients along the last axis.
 
         f and h are (n, count(n, degree)) and (s, count(n, degree)), g1 and g2 (n, md, count) and (n, m, count). A part
         of degree 0 of f and h is the value at the operating point; it must vanish up to rounding.
         """
         r2 = checked_r2(r2)
-        names, points = [], []
+        names: list[tuple[str, ...]] = []
+        points: list[np.ndarray] = []
         for kind, letter, stated, point, count in (
             ("state", "x", state_names, operating_point, n),
             ("input", "u", input_names, operating_input, len(r2)),
@@ -323,7 +335,13 @@ class PolynomialPlant(Summarised):
 
     @classmethod
     def from_kronecker(
-        cls, f: Sequence[Any], g1: Sequence[Any], g2: Sequence[Any], h: Sequence[Any], r2: Any, **named: Any
+        cls,
+        f: Sequence[Any],
+        g1: Sequence[Any],
+        g2: Sequence[Any],
+        h: Sequence[Any],
+        r2: ArrayLike,
+        **named: Any,
     ) -> PolynomialPlant:
         """A polynomial plant from Kronecker coefficients, in the form of PPR and NLbalancing.
 
@@ -352,7 +370,7 @@ class PolynomialPlant(Summarised):
 
         def fields(matrices: Sequence[Any]) -> dict[int, np.ndarray]:
             columns = np.shape(matrices[0])[1] if len(np.shape(matrices[0])) == 2 else 1
-            parts = {}
+            parts: dict[int, np.ndarray] = {}
             for k, matrix in enumerate(matrices):
                 full = matrix.toarray() if hasattr(matrix, "toarray") else np.atleast_2d(real_array(matrix))
                 parts[k] = np.stack(
@@ -363,7 +381,7 @@ class PolynomialPlant(Summarised):
         flow, output = ({k: basis.from_kronecker(m, n, k) for k, m in enumerate(rows, 1)} for rows in (f, h))
         return cls.from_parts(n, flow, fields(g1), fields(g2), output, r2, **named)
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
+    def __setstate__(self, state: dict[str, object]) -> None:
         vars(self).update(read_only(state))  # copies share their arrays
 
     @property
@@ -398,179 +416,13 @@ class PolynomialPlant(Summarised):
         """Whether g2 does not depend on the state."""
         return set(self.g2_parts) == {0}
 
-    def input_matrix(self, x: Any) -> Any:
+    def input_matrix(self, x: Elements) -> Elements:
         """g2 (n, m) at one deviation x (n,), on any element."""
         powers = monomials(np.asarray(x)[None, :], tuple(self.g2_parts))
-        return sum(part @ powers[k][0] for k, part in self.g2_parts.items())
+        return np.asarray(sum(part @ powers[k][0] for k, part in self.g2_parts.items()))
 
     def fields(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """f (N, n), g1 (N, n, md), g2 (N, n, m) and h (N, s) at the deviations `x` (N, n)."""
         x = np.asarray(x, dtype=float)
         f, g1, g2, h = (evaluate(p, x) for p in (self.f_parts, self.g1_parts, self.g2_parts, self.h_parts))
         return f, g1, g2, h
-
-
-STATES, OTHER = -1, -2  # whose a monomial is; an input's or disturbance's number otherwise
-
-#: A coefficient of order two in the inputs, relative to the largest one of its row, that is rounding.
-AFFINE_TOLERANCE = 1e-12
-
-
-@lru_cache(8)
-def _sorted_out(n: int, others: int, degree: int) -> tuple[np.ndarray, np.ndarray]:
-    """Which field each monomial in n states and some other variables belongs to, through `degree`, and its place there.
-
-    The owner is STATES for a monomial in the states alone, j for other variable j times one of those, else REST; the
-    place is its number in the basis of the n states (0 for REST).
-    """
-    owner, place = [np.full(1, STATES)], [np.zeros(1, np.intp)]
-    for k in range(1, degree + 1):
-        tuples = basis.indices(n + others, k)
-        last = tuples[:, -1].astype(np.intp)
-        once = tuples[:, -2] < n if k > 1 else np.ones(len(tuples), bool)
-        owner.append(np.where(last < n, STATES, np.where(once, last - n, OTHER)))
-        place.append(np.zeros(len(tuples), np.intp))
-        for field, lowest in [(STATES, size(n, k - 1)), *((j, size(n, k - 2)) for j in range(others))]:
-            members = np.flatnonzero(owner[-1] == field)  # in the order of the basis, which is lexicographic
-            place[-1][members] = lowest + np.arange(len(members))
-    return np.concatenate(owner), np.concatenate(place)
-
-
-def _check_finite(rows: np.ndarray, values: np.ndarray, shape: tuple[int, ...], what: str) -> None:
-    bad = ~np.isfinite(values)
-    if bad.any():
-        component = [int(i) for i in np.unravel_index(rows[bad][0], shape)]
-        raise InvalidInput(
-            f"The Taylor expansion of the {what} is not finite.",
-            f"expected finite coefficients, got NaN or infinity in component {component}",
-            "finite parameters, and a point where no term overflows",
-        )
-
-
-def expand_problem(problem: Any, degree: int) -> PolynomialPlant:
-    """A `GeneralisedPlant` about its operating point, at the nominal parameters; see its `expand`."""
-    n, table = len(problem.state_names), problem.plant.parameters
-    parameters = table.named(table.vector())
-    f, g1, g2 = expand_control_affine(
-        problem.flow, problem.operating_point, problem.operating_input, np.zeros(len(problem.disturbance_names)),
-        parameters, degree, input_names=problem.input_names, disturbance_names=problem.disturbance_names,
-    )  # fmt: skip
-    _check_everywhere(problem.plant)
-    h = expand(problem.penalty_output, np.zeros(n), parameters, degree)
-    fields = {
-        name: {k: coefficients[..., degree_slice(n, k)] for k in range(highest + 1)}
-        for name, coefficients, highest in (
-            ("f", f, degree),
-            ("g1", g1, degree - 1),
-            ("g2", g2, degree - 1),
-            ("h", h, degree),
-        )
-    }
-    return PolynomialPlant.from_parts(n, **fields, **{name: getattr(problem, name) for name in OWN})
-
-
-def _check_everywhere(plant: Any) -> None:
-    """Refuse a flow that is affine in its inputs near a point only: its slope jumps, or bends beyond the expansion."""
-    import casadi as ca
-
-    names, m = (*plant.inputs, *plant.disturbances), len(plant.inputs)
-    x, inputs = ca.SX.sym("x", plant.n), ca.SX.sym("w", len(names))
-    flow = plant.traced_flow(x, inputs[:m], inputs[m:], plant.parameters.vector())
-    if linear(ca.Function("flow", [inputs, x], [flow])):
-        return
-    z, slope = ca.vertcat(inputs, x), ca.jacobian(flow, inputs)
-    decides = switches(flow, z)
-    terms_of = ca.vertcat(ca.vec(sizes_of_rows(slope)), ca.SX.ones(decides.numel(), 1))
-    bent = ca.vertcat(ca.vec(ca.densify(slope)), decides)
-    bad = [name for j, name in enumerate(names) if nonzero(ca.jacobian(bent, inputs[j]), z, terms_of).any()]
-    if bad:
-        raise InvalidInput(
-            "The flow is not affine in its inputs, so it has no form f(x) + g1(x) d + g2(x) u.",
-            f"expected slopes that no input changes anywhere, got a function of {', '.join(bad)} that bends or jumps "
-            "away from the point",
-            "the nonlinear actuator as states of its own, with the new command as input",
-        )
-
-
-def expand(function: Callable[[np.ndarray, Any], Any], x0: Any, parameters: Any, degree: int) -> np.ndarray:
-    """Taylor coefficients (..., C(n+degree, degree)) of `function(x, parameters)`, NumPy code, about `x0` (n,).
-
-    Code that is not analytic at the point, branches on an element, or gives no finite coefficients is refused.
-    """
-    x = jets(x0, degree)
-    with np.errstate(all="ignore"):
-        table = coefficients(function(x, parameters), len(x), degree)
-    *shape, count = table.shape
-    _check_finite(np.arange(table.size) // count, table.ravel(), tuple(shape), "function")
-    return table
-
-
-def expand_control_affine(
-    flow: Callable[[np.ndarray, np.ndarray, np.ndarray, Any], Any],
-    x0: Any,
-    u0: Any,
-    d0: Any,
-    parameters: Any,
-    degree: int,
-    *,
-    input_names: Sequence[str] | None = None,
-    disturbance_names: Sequence[str] | None = None,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Taylor coefficients f, g1, g2 of a flow that is affine in its inputs, ẋ = f(x) + g1(x) δd + g2(x) δu.
-
-    The deviations x, δu, δd are those from x0, u0, d0. The last axes run over the monomials in the n states, degree
-    after degree (`polynomial.truncated.degree_slice`): f (n, C(n+D, D)) through degree D, its first column the flow at
-    the point; g1 (n, md, C(n+D−1, D−1)) and g2 (n, m, C(n+D−1, D−1)) through degree D − 1.
-
-    The code `flow(x, u, d, p)` runs once, on polynomials in (x, u, d) of total degree D ≥ 1: a term gᵢ(x) uᵢ of it has
-    at most degree D − 1 in the states. Terms of order two in the inputs, of total degree ≤ max(D, 2), show a flow that
-    is not affine; it is refused by their names. So is one that does not return n components, is not analytic at the
-    point, branches on an element, or gives no finite coefficients.
-    """
-    point = [np.atleast_1d(np.asarray(a, dtype=float)) for a in (x0, u0, d0)]
-    n, m, md = map(len, point)
-    if degree < 1:
-        raise InvalidInput(
-            "The degree of the expansion cannot be used.",
-            f"expected >= 1, got {value_text(degree)}",
-            "for example 3",
-        )
-    inner = max(degree, 2)
-    x, u, d = np.split(jets(np.concatenate(point), inner), [n, n + m])
-    with np.errstate(all="ignore"):
-        result = np.asarray(flow(x, u, d, parameters), dtype=object)
-    refuse_if(
-        result.shape != (n,),
-        "The flow does not return one derivative per state.",
-        f"expected shape ({n},), got {result.shape}",
-        "np.array([...]) of the n derivatives, in the order of the states",
-    )
-    rows, monomials, values = terms(result, n + m + md, inner)
-    _check_finite(rows, values, result.shape, "flow")
-    owner, place = (part[monomials] for part in _sorted_out(n, m + md, inner))
-    # Terms of order two or more in the inputs that are more than rounding.
-    scale = np.zeros(n)
-    np.maximum.at(scale, rows, np.abs(values))
-    beyond = (owner == OTHER) & (np.abs(values) > AFFINE_TOLERANCE * scale[rows])
-    if beyond.any():
-        names = [
-            *(input_names or [f"u[{j}]" for j in range(m)]),
-            *(disturbance_names or [f"d[{j}]" for j in range(md)]),
-        ]
-        worst = np.argmax(np.where(beyond, np.abs(values), 0.0))
-        number, k = monomials[worst], 2
-        while number >= size(n + m + md, k):
-            k += 1
-        monomial = basis.indices(n + m + md, k)[number - size(n + m + md, k - 1)]
-        term = " * ".join(names[i - n] if i >= n else f"x[{i}]" for i in monomial)
-        raise InvalidInput(
-            "The flow is not affine in its inputs, so it has no form f(x) + g1(x) d + g2(x) u.",
-            f"expected no product of inputs, got {values[worst]:.6g} * {term} in derivative {rows[worst]}",
-            "the nonlinear actuator as states of its own, with the new command as input",
-        )
-    f, g = np.zeros((n, size(n, degree))), np.zeros((n, m + md, size(n, degree - 1)))
-    kept = (owner == STATES) & (place < f.shape[-1])
-    f[rows[kept], place[kept]] = values[kept]
-    kept = (owner >= 0) & (place < g.shape[-1])
-    g[rows[kept], owner[kept], place[kept]] = values[kept]
-    return f, g[:, m:], g[:, :m]

@@ -6,20 +6,28 @@ Rooms that know only these classes can be exchanged freely.
 from __future__ import annotations
 
 import abc
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from itertools import count
 from operator import attrgetter
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias, cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from flexhinf.arrays import Element, Elements
 from flexhinf.errors import InvalidInput
 from flexhinf.notebook import Summarised, names_text, number_text
+from flexhinf.plant.parameters import Parameters
 from flexhinf.plant.plant import GeneralisedPlant, Plant
 from flexhinf.plant.series import SpringSeries
 from flexhinf.polynomial.algebra import PolynomialLaw
 from flexhinf.scalars import absolute, where
+from flexhinf.scalars.run import Run
+
+#: A named tuple of arrays that begins with the mean. Each estimator has a kind of its own, whose parts it reads by
+#: name, so that the base class cannot say more.
+Belief: TypeAlias = Any
 
 #: What the name of the integral of a state's error ends with.
 INTEGRAL = "_integral"
@@ -44,7 +52,7 @@ class Numbered(Summarised):
     def _number(self) -> int:
         return next(_instances)
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         return {name: value for name, value in vars(self).items() if name != "_number"}
 
 
@@ -82,7 +90,7 @@ class Law(Numbered):
     operating_point: np.ndarray
     operating_input: np.ndarray
 
-    def __init_subclass__(cls, **arguments: Any) -> None:
+    def __init_subclass__(cls, **arguments: object) -> None:
         super().__init_subclass__(**arguments)
         for form in ("law_table", "evaluate_about", "law_key"):
             use_default_form(cls, Law, "evaluate_law", form)
@@ -109,7 +117,7 @@ class Law(Numbered):
         """Numbers of the law, flat. They are data of a kernel: another γ compiles nothing."""
 
     @abc.abstractmethod
-    def evaluate_law(self, x: Any, data: Any) -> Any:
+    def evaluate_law(self, x: Elements, data: Elements) -> Elements:
         """k(x), (m,), for a deviation x (n,) of numbers or of any element, with the numbers as in `law_data`."""
 
     # Defaults -------------------------------------------------------------------------------------
@@ -141,7 +149,7 @@ class Law(Numbered):
         """Degree of the value function that the law was solved to; None for a law of no value function."""
         return None
 
-    def evaluate_about(self, x: Any, state: Any, input: Any, data: Any) -> Any:
+    def evaluate_about(self, x: Elements, state: Elements, input: Elements, data: Elements) -> Elements:
         """k(x), (m,), for a deviation x (n,), integrals last, from a moving reference: its state and input.
 
         A law that depends on where it acts overrides this: then u = input + k, k = 0 for x = 0, and `evaluate_law` is
@@ -175,12 +183,12 @@ class ProblemLaw(Law):
     operating_input: Any = property(attrgetter("problem.operating_input"))
 
 
-def known(y: Any) -> Any:
+def known(y: Elements) -> Elements:
     """1 for every element of a measurement (p,) that is a finite number, else 0: that sensor gave nothing."""
     return np.array([where(absolute(element) < np.inf, 1.0, 0.0) for element in y])
 
 
-def chosen(flags: Any, those: Any, others: Any) -> Any:
+def chosen(flags: Elements, those: Elements | float, others: Elements | float) -> Elements:
     """Elements of `those` where flags (p,) are 1, and of `others` where they are 0."""
     on = (
         np.greater(flags, 0.5, dtype=object) if np.asarray(flags).dtype == object else np.asarray(flags) > 0.5
@@ -188,13 +196,15 @@ def chosen(flags: Any, those: Any, others: Any) -> Any:
     return where(on, those, others)
 
 
-def turned(signals: Any, about: Any, places: Sequence[int]) -> Any:
+def turned(
+    signals: Elements | Sequence[Element], about: Elements | Sequence[Element], places: Sequence[int]
+) -> Elements:
     """Signals (k,) whose angles, at these places, differ from those of others (k,) by (−π, π]: by whole turns more."""
-    signals = np.array(signals)
+    moved: Elements = np.array(signals)
     for place in places:
-        away = (signals[place] - about[place]) / (2.0 * np.pi)
-        signals[place] = signals[place] + 2.0 * np.pi * np.floor(0.5 - away)
-    return signals
+        away = (moved[place] - about[place]) / (2.0 * np.pi)
+        moved[place] = moved[place] + 2.0 * np.pi * np.floor(0.5 - away)
+    return moved
 
 
 #: Standard deviations, and parts of variances, by which rounding may move an estimate that is not in doubt.
@@ -218,8 +228,8 @@ class Gaussian(NamedTuple):
     [0.0, 1.0]
     """
 
-    mean: Any
-    covariance: Any
+    mean: Elements
+    covariance: Elements
 
 
 class Estimator(Numbered):
@@ -260,9 +270,9 @@ class Estimator(Numbered):
     period: float
     process_noise: np.ndarray
     measurement_noise: np.ndarray
-    initial: Any
+    initial: Belief
 
-    def __init_subclass__(cls, **arguments: Any) -> None:
+    def __init_subclass__(cls, **arguments: object) -> None:
         super().__init_subclass__(**arguments)
         for written in ("time_update", "measurement_update"):
             use_default_form(cls, Estimator, written, f"{written}_on")
@@ -270,7 +280,7 @@ class Estimator(Numbered):
 
     def summary(self) -> dict[str, str]:
         """Model, period and noises."""
-        noises = []
+        noises: list[str] = []
         for covariance in (self.process_noise, self.measurement_noise):
             ends = [f"{end(np.sqrt(np.diag(covariance))):.3g}" for end in (np.min, np.max)]
             noises.append(f"standard deviation {' to '.join(dict.fromkeys(ends))}")
@@ -284,15 +294,17 @@ class Estimator(Numbered):
 
     # To be written --------------------------------------------------------------------------------
     @abc.abstractmethod
-    def initial_at(self, mean: Any) -> Any:
+    def initial_at(self, mean: ArrayLike) -> Belief:
         """The initial belief with another mean (n,)."""
 
     @abc.abstractmethod
-    def time_update(self, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
+    def time_update(self, belief: Belief, u: Elements, p: Parameters, process_noise: Elements) -> Belief:
         """x(k|k) → x(k+1|k), pure, on any element; p has the parameters as attributes."""
 
     @abc.abstractmethod
-    def measurement_update(self, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any) -> Any:
+    def measurement_update(
+        self, belief: Belief, y: Elements, u: Elements, p: Parameters, measurement_noise: Elements
+    ) -> Belief:
         """x(k|k−1) → x(k|k), pure, as `time_update`. Every element of y is a number, see `measurement_update_on`."""
 
     # Defaults -------------------------------------------------------------------------------------
@@ -301,7 +313,7 @@ class Estimator(Numbered):
         """What distinguishes the code of two estimators of one class (not their data); by default each its own."""
         return f"estimator {self._number}"
 
-    def settings(self) -> dict[str, Any]:
+    def settings(self) -> dict[str, object]:
         """Arguments that make this estimator again: numbers, arrays, texts, a Plant or another Estimator by name.
 
         By default it is refused: an estimator that does not state them cannot be saved.
@@ -317,7 +329,9 @@ class Estimator(Numbered):
         """Estimated number of operations of both updates as one trace; 0 keeps them one trace."""
         return 0
 
-    def time_update_on(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
+    def time_update_on(
+        self, run: Run, belief: Belief, u: Elements, p: Elements, process_noise: Elements
+    ) -> Belief:
         """`time_update` on a run (`flexhinf.codegen.Direct` or `Composer`), p the vector of parameters.
 
         By default it is one traced piece. An estimator of many states composes it of pieces in loops.
@@ -325,29 +339,38 @@ class Estimator(Numbered):
         return self._update_on(run, self.time_update, belief, p, process_noise, u)
 
     def measurement_update_on(
-        self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any
-    ) -> Any:
+        self, run: Run, belief: Belief, y: Elements, u: Elements, p: Elements, measurement_noise: Elements
+    ) -> Belief:
         """`measurement_update` on a run, as `time_update_on`. Here elements of y may be no finite numbers: their
         sensors gave nothing. By default they become what the model expects, so that they move no estimate."""
 
-        def update(belief: Any, y: Any, u: Any, p: Any, noise: Any) -> Any:
+        def update(belief: Belief, y: Elements, u: Elements, p: Parameters, noise: Elements) -> Belief:
             expected = self.plant.evaluate_output(belief[0], u, self.plant.parameters.flat(p))
             return self.measurement_update(belief, self.completed(y, expected), u, p, noise)
 
         return self._update_on(run, update, belief, p, measurement_noise, y, u)
 
-    def completed(self, y: Any, expected: Any) -> Any:
+    def completed(self, y: Elements, expected: Elements) -> Elements:
         """A measurement (p,), with what is expected (p,) where an element is missing; angles as in `unwound`."""
         return chosen(known(y), self.unwound(y, expected), expected)
 
-    def unwound(self, y: Any, about: Any) -> Any:
+    def unwound(self, y: Elements, about: Elements) -> Elements:
         """A measurement (p,) whose angles have as many whole turns more as bring them nearest to others (p,)."""
         return turned(y, about, self.plant.angle_places(self.plant.outputs))
 
-    def _update_on(self, run: Any, written: Any, belief: Any, p: Any, noise: Any, *values: Any) -> Any:
-        kind, count, named = type(belief), len(values), self.plant.parameters.named
+    def _update_on(
+        self,
+        run: Run,
+        written: Callable[..., Belief],
+        belief: Belief,
+        p: Elements,
+        noise: Elements,
+        *values: Elements,
+    ) -> Belief:
+        kind = cast(Callable[..., Belief], type(belief))
+        count, named = len(values), self.plant.parameters.named
 
-        def update(*arguments: Any) -> Any:
+        def update(*arguments: Elements) -> tuple[Elements, ...]:
             p, noise, *parts = arguments[count:]
             return tuple(written(kind(*parts), *arguments[:count], named(p), noise))
 

@@ -105,15 +105,21 @@ class SensorTable:
         """
         several = (sensors,) if isinstance(sensors, Sensor) else sensors
         checked_kind(
-            "The sensors are no sequence of sensors.", several, Sequence, "a tuple of fh.Sensor",
+            "The sensors are no sequence of sensors.",
+            several,
+            Sequence,
+            "a tuple of fh.Sensor",
             "sensors=(fh.Sensor('motor_position', noise=1e-5),)",
-        )  # fmt: skip
+        )
         found: list[tuple[str, Sensor]] = []
         for sensor in several:
             checked_kind(
-                "The sensors are no sequence of sensors.", sensor, Sensor, "a tuple of fh.Sensor",
+                "The sensors are no sequence of sensors.",
+                sensor,
+                Sensor,
+                "a tuple of fh.Sensor",
                 "sensors=(fh.Sensor('motor_position', noise=1e-5),)",
-            )  # fmt: skip
+            )
             for name in expanded(sensor.name):
                 one_of(f"There is no measured signal {name!r}.", name, outputs)
                 found.append((name, sensor))

@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate, pairwise
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from flexhinf.arrays import Elements
 from flexhinf.codegen import DIRECT, gives
 from flexhinf.scalars import apply, digest, solve_definite
+from flexhinf.scalars.run import Run
 
 #: Functions of λ: gains of q, q̇, θ, θ̇ and the integral, and that of what makes motors alike.
 FUNCTIONS = 6
@@ -40,7 +41,9 @@ class SpringSeries:
         n = self.places.shape[1]
         return (FUNCTIONS * (self.poles + 1), self.poles, n, n, n, n, self.compliance.size1_in(1))
 
-    def evaluate(self, x: Any, data: Any, state: Any = None, run: Any = DIRECT) -> Any:
+    def evaluate(
+        self, x: Elements, data: Elements, state: Elements | None = None, run: Run = DIRECT
+    ) -> Elements:
         """k (n,) for a deviation x, integrals last, from a reference state, with the numbers first in data; by default
         from x*, which stands behind them, before u* (n,)."""
         if state is None:
@@ -54,13 +57,15 @@ class SpringSeries:
         return run.call(_feedback, springs, last, stiffness, share)
 
     @gives("compliance")
-    def _compliance(self, state: Any, parameters: Any) -> Any:
+    def _compliance(self, state: Elements, parameters: Elements) -> Elements:
         """M(q)^-1 at the reference."""
         n = self.places.shape[1]
         return apply(self.compliance, state[self.places[0]], parameters)[0].reshape(n, n)
 
     @gives("targets", "last")
-    def _targets(self, x: Any, rows: Any, torque: Any, friction: Any) -> tuple[Any, Any]:
+    def _targets(
+        self, x: Elements, rows: Elements, torque: Elements, friction: Elements
+    ) -> tuple[Elements, Elements]:
         """y_j = sum of k_ij x_i for each pole, and y_oo."""
         (q, dq, theta, dtheta), errors = x[self.places], x[-self.places.shape[1] :]
         unlike = torque * (theta - q) + friction * dtheta
@@ -69,13 +74,13 @@ class SpringSeries:
 
 
 @gives("springs")
-def _spring(target: Any, softness: Any, compliance: Any, stiffness: Any) -> Any:
+def _spring(target: Elements, softness: Elements, compliance: Elements, stiffness: Elements) -> Elements:
     """(M^-1 / p_j + K^-1)^-1 y_j: springs K in series with masses p_j M."""
     return solve_definite(softness[0] * compliance + np.diag(1.0 / stiffness), target)
 
 
 @gives("feedback")
-def _feedback(springs: Any, last: Any, stiffness: Any, share: Any) -> Any:
+def _feedback(springs: Elements, last: Elements, stiffness: Elements, share: Elements) -> Elements:
     """-share (K y_oo + what the springs give)."""
     total = stiffness * last
     for spring in springs.T:

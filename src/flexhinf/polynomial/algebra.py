@@ -13,7 +13,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -66,7 +65,7 @@ def matrix_product(left: np.ndarray, right: np.ndarray) -> np.ndarray:
     return result
 
 
-def run_all(task: Callable[..., None], arguments: Iterable[tuple[Any, ...]], large: bool) -> None:
+def run_all(task: Callable[..., None], arguments: Iterable[tuple[int, ...]], large: bool) -> None:
     """Call `task` on each tuple of arguments, in parallel if `large`; the calls must be independent.
 
     NumPy releases the interpreter while it gathers and multiplies, so plain threads are enough. Each takes what is next
@@ -187,7 +186,7 @@ class PolynomialLaw:
                 f"one column per monomial of degrees {self.degrees} in {self.n} states",
             )
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
+    def __setstate__(self, state: dict[str, object]) -> None:
         vars(self).update(read_only(state))
 
     @property

@@ -14,6 +14,9 @@ Column (i1, …, ik), the first index slowest, multiplies x_i1 … x_ik; all ord
 monomial. That is the form of PPR, NLbalancing and QQR [corbin2024].
 """
 
+# Not checked strictly: parts of SciPy, CasADi and NumPy have no types.
+# pyright: reportUnknownArgumentType=false
+
 from __future__ import annotations
 
 from functools import lru_cache
@@ -89,7 +92,7 @@ def insertion(n: int, k: int) -> np.ndarray:
         return read_only(table)
     below, first, start = insertion(n, k - 1), offsets(n, k - 1), offsets(n, k - 2)
     for i in range(n):
-        rows = np.arange(first[i], first[i + 1])
+        rows = np.arange(int(first[i]), int(first[i + 1]))
         table[rows[0] : rows[-1] + 1, : i + 1] = rows[:, None] + shift[: i + 1]
         table[rows[0] : rows[-1] + 1, i + 1 :] = below[start[i] :, i + 1 :] + shift[i]
     return read_only(table)
@@ -172,8 +175,10 @@ def from_kronecker(coefficients: Any, n: int, k: int) -> np.ndarray:
             f"expected shape (rows, {n}^{k} = {n**k}), got {tuple(matrix.shape)}",
             "one column per product x_i1 … x_ik, the first index slowest",
         )
+    rows: np.ndarray
+    columns: np.ndarray
     if hasattr(matrix, "tocoo"):
-        entries = matrix.tocoo()
+        entries: Any = matrix.tocoo()
         rows, columns, numbers = entries.row, entries.col, entries.data
     else:
         rows, columns = np.nonzero(matrix)

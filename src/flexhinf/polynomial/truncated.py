@@ -21,7 +21,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
-from typing import Any
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -91,14 +90,17 @@ class Support:
         self.space, self.monomials = space, monomials
         self.edges: list[int] = np.searchsorted(monomials, space.edges).tolist()
         self.has_constant = self.edges[1] > 0
-        self.sums, self.products = dict[Support, tuple[Support, Any, Any]](), dict[Support, _Product]()
+        self.sums, self.products = (
+            dict[Support, tuple[Support, np.ndarray | None, np.ndarray | None]](),
+            dict[Support, _Product](),
+        )
         self.steps: list[_Product] | None = None
 
     def ranks(self, k: int) -> np.ndarray:
         """Ranks, in `basis.indices(n, k)`, of the monomials of degree `k`."""
         return self.monomials[self.edges[k] : self.edges[k + 1]] - self.space.edges[k]
 
-    def sum(self, other: Support) -> tuple[Support, Any, Any]:
+    def sum(self, other: Support) -> tuple[Support, np.ndarray | None, np.ndarray | None]:
         """The union with `other`, and the places of each of the two in it; None for one that is the union itself."""
         result = self.sums.get(other)
         if result is None:
@@ -214,10 +216,15 @@ Series = Callable[[float, int], np.ndarray]
 
 #: Where a function is real and analytic, if not everywhere: between two numbers.
 DOMAINS = {
-    "arcsin": (-1.0, 1.0, "inside (-1, 1)"), "arccos": (-1.0, 1.0, "inside (-1, 1)"),
-    "arctanh": (-1.0, 1.0, "inside (-1, 1)"), "arccosh": (1.0, math.inf, "> 1"), "log": (0.0, math.inf, "> 0"),
-    "log1p": (-1.0, math.inf, "> -1"), "log10": (0.0, math.inf, "> 0"), "sqrt": (0.0, math.inf, "> 0"),
-}  # fmt: skip
+    "arcsin": (-1.0, 1.0, "inside (-1, 1)"),
+    "arccos": (-1.0, 1.0, "inside (-1, 1)"),
+    "arctanh": (-1.0, 1.0, "inside (-1, 1)"),
+    "arccosh": (1.0, math.inf, "> 1"),
+    "log": (0.0, math.inf, "> 0"),
+    "log1p": (-1.0, math.inf, "> -1"),
+    "log10": (0.0, math.inf, "> 0"),
+    "sqrt": (0.0, math.inf, "> 0"),
+}
 
 #: Functions whose derivatives repeat: even ones are the first function, odd ones the second, with these signs.
 CYCLES = {

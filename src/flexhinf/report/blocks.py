@@ -485,9 +485,14 @@ class Table(Anchored):
 
         title = self.title or self.caption
         table = Terminal(
-            title=Text(title, "table.title"), title_justify="left", box=SIMPLE_HEAD, pad_edge=False, show_edge=not wide,
-            padding=(0, 1, 0, 0), min_width=min(WIDTH, max(map(len, title.split("\n")))),
-        )  # fmt: skip
+            title=Text(title, "table.title"),
+            title_justify="left",
+            box=SIMPLE_HEAD,
+            pad_edge=False,
+            show_edge=not wide,
+            padding=(0, 1, 0, 0),
+            min_width=min(WIDTH, max(map(len, title.split("\n")))),
+        )
         indent = " " if any(isinstance(row, str) for row in self.rows) else ""
         there = [k for k, column in enumerate(self.heads) if column.brief is not None]
         numeric, lines = self._written
@@ -573,6 +578,8 @@ def versions() -> dict[str, str]:
     required = (r for r in metadata.requires("flexhinf") or () if "extra" not in r.partition(";")[2])
     names = (re.split(r"[^A-Za-z0-9._-]", line.strip(), maxsplit=1)[0] for line in required)
     return {
-        "flexhinf": __version__, **{name: metadata.version(name) for name in names},
-        "Python": platform.python_version(), "on": f"{platform.system()} {platform.machine()}",
-    }  # fmt: skip
+        "flexhinf": __version__,
+        **{name: metadata.version(name) for name in names},
+        "Python": platform.python_version(),
+        "on": f"{platform.system()} {platform.machine()}",
+    }

@@ -9,7 +9,7 @@ import io
 import re
 import textwrap
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache
@@ -93,7 +93,7 @@ _styled: ContextVar[bool] = ContextVar("styled", default=False)
 
 
 @contextmanager
-def house_style() -> Iterator[None]:
+def house_style() -> Generator[None]:
     """Use Matplotlib's defaults and the style of flexhinf in this block, whatever the user's settings are.
 
     The functions of this file run in it; what else is drawn on their axes should too. Within it, it does nothing more.
@@ -246,9 +246,15 @@ def legend(axes: Axes) -> None:
         axes.get_yscale() == "linear" and max(map(abs, axes.get_ylim())) < 1e-4
     )  # a power of ten stands there
     axes.legend(
-        handles, wrapped, loc="lower left", bbox_to_anchor=(0.0, 1.14 if tiny else 1.0), ncols=next(fitting, 1),
-        borderaxespad=0.2, columnspacing=1.0, handletextpad=0.5,
-    )  # fmt: skip
+        handles,
+        wrapped,
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.14 if tiny else 1.0),
+        ncols=next(fitting, 1),
+        borderaxespad=0.2,
+        columnspacing=1.0,
+        handletextpad=0.5,
+    )
 
 
 @house_style()

@@ -13,10 +13,9 @@ import re
 import secrets
 import shutil
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
-from typing import Any
 
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.files import ABANDONED_AFTER_S, exchange, locked, publish
@@ -67,7 +66,7 @@ def _digest(path: Path) -> str:
         return ""
 
 
-def _marker(folder: Path) -> dict[str, Any] | None:
+def _marker(folder: Path) -> dict[str, object] | None:
     try:
         marker = json.loads(read_bytes(folder / MARKER, 10_000_000))  # that of a thousand files has 100,000
     except (OSError, ValueError, RecursionError):
@@ -107,7 +106,7 @@ def check(path: str | os.PathLike[str]) -> Path:
 
 
 @contextmanager
-def _refusals(path: str | os.PathLike[str]) -> Iterator[Path]:
+def _refusals(path: str | os.PathLike[str]) -> Generator[Path]:
     """Yield the absolute path, symbolic links followed; errors of the system within the block become `InvalidInput`."""
     try:
         yield checked_path("The report's folder", path).expanduser().resolve()
@@ -197,17 +196,23 @@ def _replace(target: Path, contents: Mapping[str, bytes]) -> None:
 def _refuse(target: Path) -> None:
     here, folder = Path.cwd(), target.is_dir()
     refusals = (
-        (target == here or target in here.parents,
-         "The report cannot take the place of the folder you are in, nor of one above it.",
-         "a folder below it, for example flexhinf-report"),
+        (
+            target == here or target in here.parents,
+            "The report cannot take the place of the folder you are in, nor of one above it.",
+            "a folder below it, for example flexhinf-report",
+        ),
         (target.exists() and not folder, "The report needs a folder, and there is a file.", "another name"),
-        (folder and target.is_mount(),
-         "The report replaces its folder whole, and this one is a mount point, which cannot be replaced.",
-         f"a folder below it, for example {target / 'report'}"),
-        (folder and any(target.iterdir()) and not is_report(target),
-         f"The folder holds something that is not a report of flexhinf (no {MARKER}), and is left alone.",
-         "another name, or an empty folder"),
-    )  # fmt: skip
+        (
+            folder and target.is_mount(),
+            "The report replaces its folder whole, and this one is a mount point, which cannot be replaced.",
+            f"a folder below it, for example {target / 'report'}",
+        ),
+        (
+            folder and any(target.iterdir()) and not is_report(target),
+            f"The folder holds something that is not a report of flexhinf (no {MARKER}), and is left alone.",
+            "another name, or an empty folder",
+        ),
+    )
     for refused, what, hint in refusals:
         refuse_if(refused, what, f"got {target}", hint)
     if folder:
@@ -220,7 +225,7 @@ def _refuse_strangers(folder: Path, target: Path) -> None:
     if marker is None:
         return
     listed = marker.get("files", ())  # before version 2, a list of names
-    digests: dict[str, Any] = listed if isinstance(listed, dict) else {}
+    digests: dict[str, object] = listed if isinstance(listed, dict) else {}
     names = listed if isinstance(listed, (dict, list)) else ()
     known = {MARKER, *(str(PurePosixPath(name)) for name in names if isinstance(name, str))}
     homes = {str(parent) for name in known for parent in PurePosixPath(name).parents}

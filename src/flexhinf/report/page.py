@@ -68,9 +68,9 @@ class Claim(Anchored):
     figures: tuple[str, ...] = ()
     criterion: str = ""
     blocks: Sequence[Block] = ()
-    numbers: Mapping[str, Any] = field(default_factory=dict)
+    numbers: Mapping[str, object] = field(default_factory=dict[str, object])
     data: Any = None
-    parts: Mapping[str, Verdict] = field(default_factory=dict)
+    parts: Mapping[str, Verdict] = field(default_factory=dict[str, Verdict])
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -82,7 +82,7 @@ class Claim(Anchored):
         """The verdict for each step alone, such as ``90°: holds, 180°: fails``; empty for a claim without parts."""
         return ", ".join(f"{part}: {verdict}" for part, verdict in self.parts.items())
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """The claim as it stands in ``metrics.json``."""
         return {
             "id": self.id,
@@ -107,13 +107,18 @@ class Claim(Anchored):
             links.append(f'<a href="#{name}">{escape(spoken)}</a>')
         alone = f" ({prose(self.parts_text)})" if self.parts else ""
         seen = f' <span class="seen">See {", ".join(links)}.</span>' if links else ""
-        return "\n".join(filter(None, (
-            f'<article class="claim" id="claim-{self.id}"><h3>{prose(self.text)}</h3>',
-            f"<p><strong>Criterion.</strong> {prose(self.criterion)}</p>" if self.criterion else "",
-            f"<p>{badge(self.verdict)}{alone} {prose(self.evidence)}{seen}</p>",
-            *(block.html() for block in self.blocks),
-            "</article>",
-        )))  # fmt: skip
+        return "\n".join(
+            filter(
+                None,
+                (
+                    f'<article class="claim" id="claim-{self.id}"><h3>{prose(self.text)}</h3>',
+                    f"<p><strong>Criterion.</strong> {prose(self.criterion)}</p>" if self.criterion else "",
+                    f"<p>{badge(self.verdict)}{alone} {prose(self.evidence)}{seen}</p>",
+                    *(block.html() for block in self.blocks),
+                    "</article>",
+                ),
+            )
+        )
 
 
 @dataclass(frozen=True)
@@ -152,9 +157,11 @@ def summary(claims: Sequence[Claim]) -> str:
     'Of 2 claims 1 holds, 1 fails.'
     """
     verbs = {
-        "holds": ("holds", "hold"), "fails": ("fails", "fail"), "ties": ("ties", "tie"),
+        "holds": ("holds", "hold"),
+        "fails": ("fails", "fail"),
+        "ties": ("ties", "tie"),
         "not judged": ("is not judged", "are not judged"),
-    }  # fmt: skip
+    }
     counts = Counter(claim.verdict for claim in claims)
     parts = [f"{counts[kind]} {text[counts[kind] > 1]}" for kind, text in verbs.items() if counts[kind]]
     noun = "claim" if len(claims) == 1 else "claims"

@@ -18,7 +18,7 @@ from flexhinf.scalars.trace import LINEAR, built, walk
 
 
 @dataclass
-class _Pair:
+class _Deviated:
     """A number, and its difference; None where it does not move.
 
     `terms`: Of a product, two that add up to the difference, where nothing but one sum uses it. `doubled`: whether the
@@ -41,14 +41,14 @@ class _Pair:
         return self.value if self.moves is None else self.value + self.moves
 
 
-def _terms(a: _Pair, b: _Pair) -> tuple[ca.SX, ca.SX]:
+def _terms(a: _Deviated, b: _Deviated) -> tuple[ca.SX, ca.SX]:
     """Two terms of the difference of a product, with as few numbers of x + d as can be."""
     if a.doubled and not b.doubled:
         a, b = b, a
     return a.value * b.difference, a.difference * b.moved
 
 
-def _product(a: _Pair, b: _Pair) -> ca.SX:
+def _product(a: _Deviated, b: _Deviated) -> ca.SX:
     if b.moves is None:
         return a.difference * b.value
     if a.moves is None:
@@ -57,7 +57,7 @@ def _product(a: _Pair, b: _Pair) -> ca.SX:
     return first + second
 
 
-def _sum(code: int, a: _Pair, b: _Pair) -> ca.SX:
+def _sum(code: int, a: _Deviated, b: _Deviated) -> ca.SX:
     """Of a sum or a difference: the terms of a product are added one after the other, as each is fused into its sum."""
     minus = code == ca.OP_SUB
     if b.terms is not None:
@@ -69,39 +69,59 @@ def _sum(code: int, a: _Pair, b: _Pair) -> ca.SX:
     return built(code, [a.difference, b.difference])
 
 
-def _quotient(a: _Pair, b: _Pair) -> ca.SX:
+def _quotient(a: _Deviated, b: _Deviated) -> ca.SX:
     if b.moves is None:
         return a.difference / b.value
     return (a.difference - a.value / b.value * b.difference) / b.moved
 
 
-def _turned(a: _Pair) -> tuple[ca.SX, ca.SX]:
+def _square(a: _Deviated) -> ca.SX:
+    return a.difference * (a.value + a.moved)
+
+
+def _inverse(a: _Deviated) -> ca.SX:
+    return -a.difference / (a.value * a.moved)
+
+
+def _exponential(a: _Deviated) -> ca.SX:
+    return ca.exp(a.value) * ca.expm1(a.difference)
+
+
+def _tanh(a: _Deviated) -> ca.SX:
+    return ca.tanh(a.difference) * (1.0 - ca.tanh(a.value) * ca.tanh(a.moved))
+
+
+def _arctan(a: _Deviated) -> ca.SX:
+    return ca.atan2(a.difference, 1.0 + a.value * a.moved)
+
+
+def _turned(a: _Deviated) -> tuple[ca.SX, ca.SX]:
     """sin Δ and 1 − cos Δ."""
     half = ca.sin(0.5 * a.difference)
     return 2.0 * half * ca.cos(0.5 * a.difference), 2.0 * half * half
 
 
-def _sine(a: _Pair) -> ca.SX:
+def _sine(a: _Deviated) -> ca.SX:
     sine, lost = _turned(a)
     return ca.cos(a.value) * sine - ca.sin(a.value) * lost
 
 
-def _cosine(a: _Pair) -> ca.SX:
+def _cosine(a: _Deviated) -> ca.SX:
     sine, lost = _turned(a)
     return -ca.sin(a.value) * sine - ca.cos(a.value) * lost
 
 
-def _root(a: _Pair) -> ca.SX:
+def _root(a: _Deviated) -> ca.SX:
     total = ca.sqrt(a.moved) + ca.sqrt(a.value)
     return ca.if_else(total == 0.0, 0.0, a.difference / total)  # of a negative number NaN, as its root
 
 
-def _angle(y: _Pair, x: _Pair) -> ca.SX:
+def _angle(y: _Deviated, x: _Deviated) -> ca.SX:
     """Of arctan2, the angle between the two directions: it does not jump where arctan2 does."""
     return ca.atan2(x.value * y.difference - y.value * x.difference, x.value * x.moved + y.value * y.moved)
 
 
-def _chosen(flag: _Pair, a: _Pair) -> ca.SX:
+def _chosen(flag: _Deviated, a: _Deviated) -> ca.SX:
     """Of a where the flag is not zero, else 0."""
     kept = ca.if_else(flag.value, a.difference, a.moved)
     return ca.if_else(flag.moved, kept, ca.if_else(flag.value, -a.value, 0.0))
@@ -111,14 +131,14 @@ def _chosen(flag: _Pair, a: _Pair) -> ca.SX:
 RULES: dict[int, Callable[..., ca.SX]] = {
     ca.OP_MUL: _product,
     ca.OP_DIV: _quotient,
-    ca.OP_SQ: lambda a: a.difference * (a.value + a.moved),
-    ca.OP_INV: lambda a: -a.difference / (a.value * a.moved),
+    ca.OP_SQ: _square,
+    ca.OP_INV: _inverse,
     ca.OP_SIN: _sine,
     ca.OP_COS: _cosine,
     ca.OP_SQRT: _root,
-    ca.OP_EXP: lambda a: ca.exp(a.value) * ca.expm1(a.difference),
-    ca.OP_TANH: lambda a: ca.tanh(a.difference) * (1.0 - ca.tanh(a.value) * ca.tanh(a.moved)),
-    ca.OP_ATAN: lambda a: ca.atan2(a.difference, 1.0 + a.value * a.moved),
+    ca.OP_EXP: _exponential,
+    ca.OP_TANH: _tanh,
+    ca.OP_ATAN: _arctan,
     ca.OP_ATAN2: _angle,
     ca.OP_IF_ELSE_ZERO: _chosen,
 }
@@ -130,28 +150,28 @@ def difference(function: ca.Function) -> ca.Function:
     deviation = ca.SX.sym("deviation", function.size1_in(0))
     result = ca.SX.zeros(function.size1_out(0))
 
-    def leaf(which: int, element: int) -> _Pair:
-        return _Pair(arguments[which][element], None if which else deviation[element])
+    def leaf(which: int, element: int) -> _Deviated:
+        return _Deviated(arguments[which][element], None if which else deviation[element])
 
     uses, order = _uses(function), count()
 
-    def operation(code: int, operands: list[_Pair]) -> _Pair:
+    def operation(code: int, operands: list[_Deviated]) -> _Deviated:
         once = uses[next(order)] == 1
         value = built(code, [operand.value for operand in operands])
         if all(operand.moves is None for operand in operands):
-            return _Pair(value)
+            return _Deviated(value)
         if code in (ca.OP_ADD, ca.OP_SUB):
-            return _Pair(value, _sum(code, *operands))
+            return _Deviated(value, _sum(code, *operands))
         if code == ca.OP_MUL and once and all(operand.moves is not None for operand in operands):
             terms = _terms(*operands)
-            return _Pair(value, terms[0] + terms[1], terms)
+            return _Deviated(value, terms[0] + terms[1], terms)
         if code in LINEAR:
-            return _Pair(value, built(code, [operand.difference for operand in operands]))
+            return _Deviated(value, built(code, [operand.difference for operand in operands]))
         if code in RULES:
-            return _Pair(value, RULES[code](*operands))
-        return _Pair(value, built(code, [operand.moved for operand in operands]) - value)
+            return _Deviated(value, RULES[code](*operands))
+        return _Deviated(value, built(code, [operand.moved for operand in operands]) - value)
 
-    for _, element, pair in walk(function, leaf, lambda constant: _Pair(ca.SX(constant)), operation):
+    for _, element, pair in walk(function, leaf, lambda constant: _Deviated(ca.SX(constant)), operation):
         result[element] = pair.difference
     inputs = [arguments[0], deviation, *arguments[1:]]
     return ca.Function(f"{function.name()}_difference", inputs, [ca.densify(result)], {"cse": True})

@@ -10,28 +10,32 @@ Model code run on series of a motion gives the exact time derivatives of what it
 q(t + s) in s are q, q̇, q̈/2, … Unlike a `Jet`, whose coefficients are numbers, a series of symbols can be traced.
 """
 
+# Not checked strictly: names of this room; what users pass is checked.
+# pyright: reportPrivateUsage=false, reportUnnecessaryIsInstance=false
+
 from __future__ import annotations
 
 import math
-import operator
 from collections.abc import Callable, Sequence
 from numbers import Real
-from typing import Any
+from typing import Any, Never, cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from flexhinf.arrays import Element, Elements
 from flexhinf.errors import InvalidInput
 from flexhinf.polynomial import truncated
 from flexhinf.polynomial.truncated import Support, add, compose, multiply, size, space
 
 
 def _termwise(
-    of: Callable[[Sequence[Any], Sequence[Any]], tuple[Any, ...]],
-    of_constant: Callable[[Any, Any], Any] | None = None,
-) -> Any:
+    of: Callable[[Sequence[Element], Sequence[Element]], tuple[Element, ...]],
+    of_constant: Callable[[Element, Element], Element] | None = None,
+) -> Callable[[Series, Any], Series]:
     """An operator of the coefficients with those of the other; `of_constant`: of each coefficient with a constant."""
 
-    def method(self: Series, other: Any) -> Any:
+    def method(self: Series, other: Any) -> Series:
         right = self._beside(other)
         if right is None:
             return NotImplemented
@@ -52,12 +56,12 @@ class Series:
     """
 
     __slots__ = ("coefficients",)
-    __hash__ = None  # type: ignore[assignment]  # elements may be symbols, which are no keys
+    __hash__ = None  # pyright: ignore[reportAssignmentType]  # elements may be symbols, which are no keys
 
-    def __init__(self, coefficients: tuple[Any, ...]) -> None:
+    def __init__(self, coefficients: tuple[Element, ...]) -> None:
         self.coefficients = coefficients
 
-    def _beside(self, other: Any) -> tuple[Any, ...] | None:
+    def _beside(self, other: Series | Element | Sequence[Element]) -> tuple[Element, ...] | None:
         if isinstance(other, Series):
             if len(other.coefficients) != len(self.coefficients):
                 raise InvalidInput(
@@ -68,7 +72,7 @@ class Series:
             return other.coefficients
         if isinstance(other, (np.ndarray, list, tuple)):
             return None
-        return (other, *(0.0 for _ in self.coefficients[1:]))
+        return (cast(Element, other), *(0.0 for _ in self.coefficients[1:]))
 
     def __neg__(self) -> Series:
         return Series(tuple(-c for c in self.coefficients))
@@ -79,9 +83,9 @@ class Series:
     __rtruediv__ = _termwise(lambda a, b: _quotient(b, a))
 
     __mul__ = __rmul__ = _termwise(
-        lambda a, b: tuple(_convolved(a, b, k) for k in range(len(a))), operator.mul
+        lambda a, b: tuple(_convolved(a, b, k) for k in range(len(a))), lambda a, b: a * b
     )
-    __truediv__ = _termwise(lambda a, b: _quotient(a, b), operator.truediv)
+    __truediv__ = _termwise(lambda a, b: _quotient(a, b), lambda a, b: a / b)
 
     # NumPy's ufuncs on object arrays call the method of the same name.
     def sin(self) -> Series:
@@ -96,7 +100,7 @@ class Series:
         return f"Series({', '.join(map(repr, self.coefficients))})"
 
 
-def series(*derivatives: Sequence[Any]) -> np.ndarray:
+def series(*derivatives: Sequence[Element] | Elements) -> Elements:
     """Object array of `Series` from a signal and its derivatives.
 
     `derivatives`: (n,) each, value, first derivative, second derivative, …; the j-th coefficient is the j-th of them
@@ -108,31 +112,33 @@ def series(*derivatives: Sequence[Any]) -> np.ndarray:
     return array
 
 
-def derivative(array: Any, order: int) -> np.ndarray:
+def derivative(array: Elements, order: int) -> Elements:
     """The derivative of an order, (n,), of an array of `Series`; of other elements, which are constant, zero."""
     factor = math.factorial(order)
     terms = [e.coefficients[order] if isinstance(e, Series) else 0.0 if order else e for e in array]
     return np.array(terms if factor == 1 else [factor * term for term in terms])
 
 
-def _convolved(a: Sequence[Any], b: Sequence[Any], k: int) -> Any:
-    total: Any = 0.0
+def _convolved(a: Sequence[Element], b: Sequence[Element], k: int) -> Element:
+    total: Element = 0.0
     for i in range(max(0, k - len(b) + 1), min(k + 1, len(a))):
         total = total + a[i] * b[k - i]
     return total
 
 
-def _quotient(a: Sequence[Any], b: Sequence[Any]) -> tuple[Any, ...]:
+def _quotient(a: Sequence[Element], b: Sequence[Element]) -> tuple[Element, ...]:
     inverse = 1.0 / b[0]
-    c: list[Any] = []
+    c: list[Element] = []
     for k, term in enumerate(a):
         c.append((term - _convolved(c, b, k)) * inverse)
     return tuple(c)
 
 
-def _sine_cosine(a: Sequence[Any]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+def _sine_cosine(a: Sequence[Element]) -> tuple[tuple[Element, ...], tuple[Element, ...]]:
     """From (sin a)' = a' cos a and (cos a)' = −a' sin a, power by power."""
-    sine, cosine = [np.sin(a[0])], [np.cos(a[0])]
+    first = cast(Any, a[0])  # NumPy calls the element's own method
+    sine: list[Element] = [np.sin(first)]
+    cosine: list[Element] = [np.cos(first)]
     rate = [j * c for j, c in enumerate(a)][1:]
     for k in range(1, len(a)):
         up, down = _convolved(rate, cosine, k - 1), _convolved(rate, sine, k - 1)
@@ -141,15 +147,16 @@ def _sine_cosine(a: Sequence[Any]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
     return tuple(sine), tuple(cosine)
 
 
-def _number(value: Any) -> float | None:
+def _number(value: object) -> float | None:
     if type(value) is float:
         return value
-    return float(value) if isinstance(value, (Real, np.bool_)) else None
+    return float(cast(float, value)) if isinstance(value, (Real, np.bool_)) else None
 
 
-def _operator(of_jets: Callable[[Any, Any], Jet], of_number: Callable[[Any, float], Jet]) -> Any:
-
-    def method(self: Jet, other: Any) -> Any:
+def _operator(
+    of_jets: Callable[[Jet, Jet], Jet], of_number: Callable[[Jet, float], Jet]
+) -> Callable[[Jet, Any], Jet]:
+    def method(self: Jet, other: Any) -> Jet:
         if isinstance(other, Jet):
             if self.support.space is not other.support.space:
                 raise InvalidInput(
@@ -177,8 +184,8 @@ SMOOTH = "a smooth model for the synthesis (tanh instead of sign); piecewise one
 ARRAYS = "np.sin instead of math.sin; np.array([...]) of the elements instead of filling a float array"
 
 
-def _refused(name: str, advice: str = SMOOTH) -> Callable[..., Any]:
-    def method(self: Jet, *others: Any) -> Any:
+def _refused(name: str, advice: str = SMOOTH) -> Callable[..., Never]:
+    def method(self: Jet, *others: object) -> Never:
         raise InvalidInput(
             f"A truncated polynomial is not a number: `{name}` is not defined on it.",
             f"expected arithmetic and smooth functions, got {name} on {self!r}",
@@ -200,7 +207,7 @@ class Jet:
     """
 
     __slots__ = ("support", "values")
-    __hash__ = None  # type: ignore[assignment]  # == is refused, so a Jet cannot be a key
+    __hash__ = None  # pyright: ignore[reportAssignmentType]  # == is refused, so a Jet cannot be a key
 
     def __init__(self, support: Support, values: np.ndarray) -> None:
         self.support = support
@@ -302,7 +309,7 @@ class Jet:
     exp, log, sqrt = _elementary("exp"), _elementary("log"), _elementary("sqrt")
     expm1, log1p, log10 = _elementary("expm1"), _elementary("log1p"), _elementary("log10")
 
-    def arctan2(self, other: Any) -> Any:
+    def arctan2(self, other: Jet | float) -> Jet:
         """Angle of the point (other, self), off the origin and off the half-line where the angle jumps."""
         x = other if isinstance(other, Jet) else _number(other)
         if x is None:
@@ -317,7 +324,7 @@ class Jet:
         # rotated by the angle of the point itself, so that the quotient is small and its divisor positive
         return ((self * x0 - x * y0) / (x * x0 + self * y0)).arctan() + math.atan2(y0, x0)
 
-    def hypot(self, other: Any) -> Any:
+    def hypot(self, other: Jet | float) -> Jet:
         """√(self² + other²), off the origin."""
         known = isinstance(other, Jet) or _number(other) is not None
         return (self * self + other * other).sqrt() if known else NotImplemented
@@ -330,14 +337,14 @@ class Jet:
 
     __bool__, __float__, __int__ = _refused("bool"), _refused("float", ARRAYS), _refused("int", ARRAYS)
     __lt__, __le__, __gt__, __ge__ = _refused("<"), _refused("<="), _refused(">"), _refused(">=")
-    __eq__, __ne__ = _refused("=="), _refused("!=")  # type: ignore[assignment]
+    __eq__, __ne__ = _refused("=="), _refused("!=")
     __abs__, __floor__, __ceil__ = _refused("abs"), _refused("floor"), _refused("ceil")
 
     def __repr__(self) -> str:
         return f"Jet({self.n} variables, degree {self.degree}, value {self.constant:.6g})"
 
 
-def jets(point: Any, degree: int) -> np.ndarray:
+def jets(point: ArrayLike, degree: int) -> Elements:
     """The coordinates about a point: pointᵢ + xᵢ, to run model code on.
 
     `point`: (n,), finite. `degree`: Total degree that is kept, ≥ 0. Returns an array of `Jet`, (n,).
@@ -367,7 +374,7 @@ def jets(point: Any, degree: int) -> np.ndarray:
     return result
 
 
-def terms(array: Any, n: int, degree: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def terms(array: ArrayLike | Elements, n: int, degree: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The terms that an array of jets and numbers has (a number is a constant polynomial).
 
     `array`: of jets or numbers, any shape. `n`, `degree`: Variables and degree of the jets. Returns `rows, monomials`,
@@ -394,7 +401,7 @@ def terms(array: Any, n: int, degree: int) -> tuple[np.ndarray, np.ndarray, np.n
     return rows, monomials, values
 
 
-def coefficients(array: Any, n: int, degree: int) -> np.ndarray:
+def coefficients(array: ArrayLike | Elements, n: int, degree: int) -> np.ndarray:
     """Dense monomial coefficients of an array of jets and numbers (a number is a constant polynomial).
 
     `array`: of jets or numbers, shape (...). `n`, `degree`: Variables and degree of the jets. Returns (..., C(n+degree,

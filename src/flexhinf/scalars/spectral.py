@@ -8,10 +8,10 @@ rounds are the same code, which a program runs in a loop.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
+from flexhinf.arrays import Elements
+from flexhinf.scalars.run import Run
 from flexhinf.scalars.symbol import absolute, where
 
 #: Smaller damping ratios are rounding of the eigenvalues and count as 0: the error bound ε‖A‖κ/|λ| of the solver
@@ -26,7 +26,7 @@ def damping_ratio(poles: np.ndarray) -> np.ndarray:
     return np.where(np.abs(ratios) < UNDAMPED, 0.0, ratios)
 
 
-def eigensystem(matrix: Any, run: Any) -> tuple[Any, Any]:
+def eigensystem(matrix: Elements, run: Run) -> tuple[Elements, Elements]:
     """V (n, n) and λ (n,), in no order, with matrix = V diag(λ) Vᵀ and VᵀV = 1.
 
     Up to n = 8, measured with clusters and with eigenvalues from 1 to 1e4 (tests/scalars/test_spectral.py): VᵀV to
@@ -40,22 +40,22 @@ def eigensystem(matrix: Any, run: Any) -> tuple[Any, Any]:
     rounds = sweeps * (n - 1 + n % 2)
     turned, vectors = run.call(_with_identity, matrix)
 
-    def jacobi_round(*pair: Any) -> tuple[Any, Any]:
+    def jacobi_round(*pair: Elements) -> tuple[Elements, Elements]:
         return run.call(_round, *pair)
 
     turned, vectors = run.repeat(rounds, jacobi_round, turned, vectors)
     return vectors, run.call(_diagonal, turned)
 
 
-def _with_identity(matrix: Any) -> tuple[Any, Any]:
+def _with_identity(matrix: Elements) -> tuple[Elements, Elements]:
     return matrix, np.broadcast_to(np.eye(matrix.shape[-1]), matrix.shape)
 
 
-def _diagonal(matrix: Any) -> Any:
+def _diagonal(matrix: Elements) -> Elements:
     return np.stack([matrix[..., i, i][()] for i in range(matrix.shape[-1])], axis=-1)
 
 
-def _round(matrix: Any, vectors: Any) -> tuple[Any, Any]:
+def _round(matrix: Elements, vectors: Elements) -> tuple[Elements, Elements]:
     """Rotations of the pairs of neighbouring seats, and the next seats; of an odd number the first seat rests."""
     n = matrix.shape[-1]
     rows = [[matrix[..., i, j][()] for j in range(n)] for i in range(n)]
@@ -72,11 +72,11 @@ def _round(matrix: Any, vectors: Any) -> tuple[Any, Any]:
     )
 
 
-def _array(rows: list[list[Any]]) -> Any:
+def _array(rows: list[list[Elements]]) -> Elements:
     return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
-def _rotate(rows: list[list[Any]], columns: list[list[Any]], p: int, q: int) -> None:
+def _rotate(rows: list[list[Elements]], columns: list[list[Elements]], p: int, q: int) -> None:
     """The rotation by at most 45° that makes entry (p, q) zero, in place."""
     apart, twice = rows[q][q] - rows[p][p], 2.0 * rows[p][q]
     length = absolute(apart) + np.sqrt(apart * apart + twice * twice)

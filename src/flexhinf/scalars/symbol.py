@@ -15,32 +15,34 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from numbers import Real
-from typing import Any
+from typing import Any, cast
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
+from flexhinf.arrays import Elements
 from flexhinf.errors import InvalidInput
 
 
-def _lift(value: Any) -> ca.SX | None:
+def _lift(value: object) -> ca.SX | None:
     """The SX of a Symbol or of a real number; None for anything else (NumPy then broadcasts)."""
     if isinstance(value, Symbol):
         return value.sx
-    return ca.SX(float(value)) if isinstance(value, (Real, np.bool_)) else None
+    return ca.SX(float(cast(float, value))) if isinstance(value, (Real, np.bool_)) else None
 
 
 # `SX.unary` and `SX.binary` build the same nodes as the operators and functions of CasADi, which look for the type of
 # their arguments first and take ten times as long.
-def _unary(operation: int) -> Any:
+def _unary(operation: int) -> Callable[[Symbol], Symbol]:
     def method(self: Symbol) -> Symbol:
         return Symbol(ca.SX.unary(operation, self.sx))
 
     return method
 
 
-def _binary(operation: int, reflected: bool = False) -> Any:
-    def method(self: Symbol, other: Any) -> Any:
+def _binary(operation: int, reflected: bool = False) -> Callable[[Symbol, Any], Symbol]:
+    def method(self: Symbol, other: Any) -> Symbol:
         value = _lift(other)
         if value is None:
             return NotImplemented
@@ -60,7 +62,7 @@ class Symbol:
     """
 
     __slots__ = ("sx",)
-    __hash__ = None  # type: ignore[assignment]  # == builds an expression, so a Symbol cannot be a key
+    __hash__ = None  # pyright: ignore[reportAssignmentType]  # == builds an expression, so a Symbol cannot be a key
 
     def __init__(self, sx: ca.SX) -> None:
         self.sx = sx
@@ -73,8 +75,8 @@ class Symbol:
     __neg__, __abs__ = _unary(ca.OP_NEG), _unary(ca.OP_FABS)
     __lt__, __le__ = _binary(ca.OP_LT), _binary(ca.OP_LE)
     __gt__, __ge__ = _binary(ca.OP_LT, True), _binary(ca.OP_LE, True)  # a > b is b < a
-    __eq__ = _binary(ca.OP_EQ)  # type: ignore[assignment]
-    __ne__ = _binary(ca.OP_NE)  # type: ignore[assignment]
+    __eq__ = _binary(ca.OP_EQ)  # pyright: ignore[reportAssignmentType]
+    __ne__ = _binary(ca.OP_NE)  # pyright: ignore[reportAssignmentType]
     __and__, __or__ = _binary(ca.OP_AND), _binary(ca.OP_OR)
     __invert__ = _unary(ca.OP_NOT)
 
@@ -123,10 +125,12 @@ class Symbol:
 
 
 def _dispatch(
-    name: str, numeric: Callable[..., Any], symbolic: Callable[..., ca.SX], text: str
+    name: str, numeric: Callable[..., Elements], symbolic: Callable[..., ca.SX], text: str
 ) -> Callable[..., Any]:
-    def operation(*elements: Any) -> Any:
-        kinds = {type(e) for e in elements if not isinstance(e, (float, int, bool, np.generic))}
+    def operation(*elements: Any) -> Any:  # numbers, or elements of one kind
+        kinds: set[type[Any]] = {
+            type(e) for e in elements if not isinstance(e, (float, int, bool, np.generic))
+        }
         if not kinds:
             return numeric(*elements)
         if kinds == {Symbol}:
@@ -140,7 +144,7 @@ def _dispatch(
             "a smooth model for the synthesis (tanh instead of sign); piecewise ones in the true plant only",
         )
 
-    def function(*arguments: Any) -> Any:
+    def function(*arguments: Any) -> Any:  # arrays, or single elements
         numbers = all(np.asarray(a).dtype != object for a in arguments)
         return (numeric if numbers else np.frompyfunc(operation, len(arguments), 1))(*arguments)
 
@@ -148,10 +152,14 @@ def _dispatch(
     return function
 
 
+def _chosen(condition: ca.SX, first: ca.SX, other: ca.SX) -> ca.SX:
+    return ca.if_else(condition, first, other)
+
+
 where = _dispatch(
     "where",
     np.where,
-    lambda c, a, b: ca.if_else(c, a, b),
+    _chosen,
     """``a`` where the condition holds, else ``b``; both branches are evaluated.
 
     A condition on symbols compares elements (``x[0] > 0``), or arrays by ``np.greater(x, y, dtype=object)``:
@@ -166,10 +174,18 @@ def _is_simple(x: ca.SX) -> bool:
     return x.is_constant() and float(x) in (0.0, 1.0, -1.0)
 
 
+def _masked_numbers(flag: ArrayLike, x: ArrayLike) -> Elements:
+    return np.where(np.asarray(flag) > 0.5, x, np.multiply(flag, 1.0 - np.asarray(flag)))
+
+
+def _masked(flag: ca.SX, x: ca.SX) -> ca.SX:
+    return ca.if_else(flag > 0.5, x, 0.0 if _is_simple(x) else flag * (1.0 - flag))
+
+
 masked = _dispatch(
     "masked",
-    lambda flag, x: np.where(np.asarray(flag) > 0.5, x, np.multiply(flag, 1.0 - np.asarray(flag))),
-    lambda flag, x: ca.if_else(flag > 0.5, x, 0.0 if _is_simple(x) else flag * (1.0 - flag)),
+    _masked_numbers,
+    _masked,
     "``x`` where the flag is 1, and zero where it is 0, also for an ``x`` that is not finite.",
 )
 
@@ -205,12 +221,12 @@ clip = _dispatch(
 PIVOT_TOLERANCE = 1e-14
 
 
-def _empty_like(*arrays: Any) -> np.ndarray:
+def _empty_like(*arrays: Elements) -> Elements:
     dtype = object if any(np.asarray(a).dtype == object for a in arrays) else float
     return np.zeros(np.shape(arrays[0]), dtype=dtype)
 
 
-def gram(columns: np.ndarray, weights: Any, other: np.ndarray | None = None) -> np.ndarray:
+def gram(columns: np.ndarray, weights: Elements, other: np.ndarray | None = None) -> np.ndarray:
     """Σ wᵢ aᵢ bᵢᵀ over columns; exactly symmetric when `other` is not given.
 
     `columns`, `other`: (n, s), (m, s), columns aᵢ and bᵢ (bᵢ = aᵢ by default). `weights`: (s,).
@@ -331,20 +347,20 @@ def residual(rows: np.ndarray, slope: np.ndarray) -> np.ndarray:
         return np.where(np.isfinite(low), high + low, high)
 
 
-def _two_sum(a: Any, b: Any) -> tuple[Any, Any]:
+def _two_sum(a: Elements, b: Elements) -> tuple[Elements, Elements]:
     """a + b, rounded, and what rounding took."""
     total = a + b
     part = total - a
     return total, (a - (total - part)) + (b - part)
 
 
-def _two_product(a: Any, b: Any) -> tuple[Any, Any]:
+def _two_product(a: Elements, b: Elements) -> tuple[Elements, Elements]:
     """a b likewise: halves of 26 bits have exact products."""
     product, ((a1, a2), (b1, b2)) = a * b, (_halves(x) for x in (a, b))
     return product, ((a1 * b1 - product) + a1 * b2 + a2 * b1) + a2 * b2
 
 
-def _halves(a: Any) -> tuple[Any, Any]:
+def _halves(a: Elements) -> tuple[Elements, Elements]:
     shifted = SPLIT * a
     first = shifted - (shifted - a)
     return first, a - first

@@ -15,11 +15,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import accumulate, pairwise
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
+from flexhinf.arrays import Elements
 from flexhinf.errors import InvalidInput
 from flexhinf.scalars.symbol import Symbol
 from flexhinf.validation import is_real, value_text
@@ -30,6 +32,9 @@ NAMES = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
 #: Of a function: opcode, places in the work vector that are read and written (for arguments and results: which one, and
 #: where in it), and the value of a constant.
 Instruction = tuple[int, list[int], list[int], float]
+
+#: What a function is evaluated on.
+Kind = TypeVar("Kind")
 
 
 def instructions(function: ca.Function) -> Iterator[Instruction]:
@@ -42,16 +47,16 @@ def instructions(function: ca.Function) -> Iterator[Instruction]:
 
 def walk(
     function: ca.Function,
-    argument: Callable[[int, int], Any],
-    constant: Callable[[float], Any],
-    operation: Callable[[int, list[Any]], Any],
-) -> Iterator[tuple[int, int, Any]]:
+    argument: Callable[[int, int], Kind],
+    constant: Callable[[float], Kind],
+    operation: Callable[[int, list[Kind]], Kind],
+) -> Iterator[tuple[int, int, Kind]]:
     """Evaluate a function on any kind of number, one instruction after the other.
 
     `argument`: The number of an element of an argument. `constant`: Of a float. `operation`: Of an opcode and its
     operands. Yields result, element and number of each output, in the order of the instructions.
     """
-    work: dict[int, Any] = {}
+    work: dict[int, Kind] = {}
     for code, read, written, value in instructions(function):
         if code == ca.OP_OUTPUT:
             yield written[0], written[1], work[read[0]]
@@ -73,13 +78,58 @@ COLUMNS = ("first", "second", "result", "value")
 #: Operations of one and of two numbers that a file may name. CasADi takes any number of an operation here, also of
 #: those that are none of scalars.
 UNARY = {
-    "ASSIGN", "EXP", "LOG", "SQRT", "SQ", "TWICE", "NEG", "SIN", "COS", "TAN", "ASIN", "ACOS", "ATAN", "FLOOR", "CEIL",
-    "FABS", "SIGN", "ERF", "ERFINV", "INV", "SINH", "COSH", "TANH", "ASINH", "ACOSH", "ATANH", "NOT", "LOG1P", "EXPM1",
-}  # fmt: skip
+    "ASSIGN",
+    "EXP",
+    "LOG",
+    "SQRT",
+    "SQ",
+    "TWICE",
+    "NEG",
+    "SIN",
+    "COS",
+    "TAN",
+    "ASIN",
+    "ACOS",
+    "ATAN",
+    "FLOOR",
+    "CEIL",
+    "FABS",
+    "SIGN",
+    "ERF",
+    "ERFINV",
+    "INV",
+    "SINH",
+    "COSH",
+    "TANH",
+    "ASINH",
+    "ACOSH",
+    "ATANH",
+    "NOT",
+    "LOG1P",
+    "EXPM1",
+}
 BINARY = {
-    "ADD", "SUB", "MUL", "DIV", "POW", "CONSTPOW", "LT", "LE", "EQ", "NE", "AND", "OR", "FMOD", "REMAINDER",
-    "COPYSIGN", "IF_ELSE_ZERO", "FMIN", "FMAX", "ATAN2", "HYPOT",
-}  # fmt: skip
+    "ADD",
+    "SUB",
+    "MUL",
+    "DIV",
+    "POW",
+    "CONSTPOW",
+    "LT",
+    "LE",
+    "EQ",
+    "NE",
+    "AND",
+    "OR",
+    "FMOD",
+    "REMAINDER",
+    "COPYSIGN",
+    "IF_ELSE_ZERO",
+    "FMIN",
+    "FMAX",
+    "ATAN2",
+    "HYPOT",
+}
 
 #: Most entries of an argument or a result that a file may claim.
 LONGEST = 1_000_000
@@ -95,7 +145,8 @@ def function_arrays(function: ca.Function) -> dict[str, np.ndarray]:
     ``first``, ``second``, ``result`` (K,) places in a work vector, or, for arguments and results, which one and where
     in it; ``value`` (K,) constants; ``sizes`` of arguments, then of results; ``arguments``, how many there are.
     """
-    operations, rows = [], []
+    operations: list[str] = []
+    rows: list[tuple[int, int, int, float]] = []
     for code, read, written, constant in instructions(function):
         if code == ca.OP_OUTPUT:
             read, written = written, read
@@ -152,21 +203,21 @@ def function_from_arrays(arrays: Mapping[str, np.ndarray], name: str = "stored")
 Shape = int | tuple[int, ...]
 
 
-def symbols(name: str, shape: Shape) -> np.ndarray:
+def symbols(name: str, shape: Shape) -> Elements:
     """Object array of fresh symbols, for example ``symbols("x", 4)``."""
     shape = (shape,) if isinstance(shape, int) else tuple(shape)
     return unpack(ca.SX.sym(name, int(np.prod(shape, dtype=int))), shape)
 
 
-def unpack(column: ca.SX, shape: tuple[int, ...]) -> np.ndarray:
+def unpack(column: ca.SX, shape: tuple[int, ...]) -> Elements:
     """A column of SX as an object array of `Symbol`, in C order."""
     array = np.empty(column.numel(), dtype=object)
-    elements: list[Any] = column.elements()  # each an SX
+    elements = cast(list[ca.SX], column.elements())
     array[:] = [Symbol(element) for element in elements]
     return array.reshape(shape)
 
 
-def pack(array: Any) -> ca.SX:
+def pack(array: object) -> ca.SX:
     """A dense SX column from an array of symbols and numbers, in C order.
 
     Raises InvalidInput: for text, complex numbers and whatever else is no real number.
@@ -200,8 +251,11 @@ def trace(
     inputs = [pack(argument) for argument in arguments]
 
     def called() -> list[ca.SX]:
-        results = function(*(argument.copy() for argument in arguments))  # the code may write into them
-        return [pack(result) for result in (results if isinstance(results, tuple) else (results,))]
+        results = cast(Any, function)(
+            *(argument.copy() for argument in arguments)
+        )  # the code may write into them
+        every = cast(tuple[Elements, ...], results if isinstance(results, tuple) else (results,))
+        return [pack(result) for result in every]
 
     outputs = called()
     _check_repeats(name, inputs, outputs, called)
@@ -242,7 +296,7 @@ def _check_repeats(
     )
 
 
-def apply(function: ca.Function, *arrays: Any) -> tuple[np.ndarray, ...]:
+def apply(function: ca.Function, *arrays: ArrayLike) -> tuple[Elements, ...]:
     """Call a CasADi function on arrays of numbers or of symbols; results are flat arrays of the same kind."""
     if len(arrays) != function.n_in():
         raise InvalidInput(
@@ -270,7 +324,7 @@ def apply(function: ca.Function, *arrays: Any) -> tuple[np.ndarray, ...]:
     return tuple(results)
 
 
-def serial(columns: Sequence[ca.SX], result: Any) -> str:
+def serial(columns: Sequence[ca.SX], result: Elements) -> str:
     """Expressions of symbols in CasADi's serial form, equal for the same symbols, code and numbers."""
     return ca.Function("serial", list(columns), [pack(result)]).serialize()
 
@@ -300,7 +354,7 @@ def jacobian(
 
 
 def _value_and_jacobian(
-    both: ca.Function, shape: tuple[int, int], *arrays: Any
+    both: ca.Function, shape: tuple[int, int], *arrays: ArrayLike
 ) -> tuple[np.ndarray, np.ndarray]:
     y, dy = apply(both, *arrays)
     return y, dy.reshape(shape)
@@ -392,29 +446,71 @@ POINTS, RADII = 8, (0.3, 1.0, 3.0)
 #: Differences this small relative to the terms they are made of are rounding.
 ROUNDING = 1e-13
 
+
+def _gap(a: ca.SX, b: ca.SX) -> list[ca.SX]:
+    return [a - b]
+
+
+def _first(a: ca.SX, *_: ca.SX) -> list[ca.SX]:
+    return [a]
+
+
+def _both(a: ca.SX, b: ca.SX) -> list[ca.SX]:
+    return [a, b]
+
+
 #: Operations that are not smooth, or jump, and what is zero where they do.
 SWITCHING: dict[int, Callable[..., list[ca.SX]]] = {
-    **dict.fromkeys((ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_FMIN, ca.OP_FMAX), lambda a, b: [a - b]),
-    **dict.fromkeys((ca.OP_FABS, ca.OP_SIGN, ca.OP_FLOOR, ca.OP_CEIL, ca.OP_NOT), lambda a: [a]),
-    **dict.fromkeys((ca.OP_IF_ELSE_ZERO, ca.OP_ATAN2), lambda a, b: [a]),
-    **dict.fromkeys((ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_COPYSIGN, ca.OP_AND, ca.OP_OR), lambda a, b: [a, b]),
+    **dict.fromkeys((ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_FMIN, ca.OP_FMAX), _gap),
+    **dict.fromkeys((ca.OP_FABS, ca.OP_SIGN, ca.OP_FLOOR, ca.OP_CEIL, ca.OP_NOT), _first),
+    **dict.fromkeys((ca.OP_IF_ELSE_ZERO, ca.OP_ATAN2), _first),
+    **dict.fromkeys((ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_COPYSIGN, ca.OP_AND, ca.OP_OR), _both),
 }
+
+
+def _argument(a: ca.SX) -> ca.SX:
+    return a
+
+
+def _divisor(a: ca.SX, b: ca.SX) -> ca.SX:
+    return b
+
+
+def _at_one(a: ca.SX) -> ca.SX:
+    return 1.0 - a**2
+
 
 #: Operations with poles, arctan(sin x / cos x) jumps at those, or with a branch point, √(x²) is |x| and arcsin(sin x) a
 #: triangle wave; and what is zero there.
 POLES: dict[int, Callable[..., ca.SX]] = {
-    ca.OP_TAN: lambda a: a, ca.OP_INV: lambda a: a, ca.OP_DIV: lambda a, b: b, ca.OP_SQRT: lambda a: a,
-    ca.OP_ASIN: lambda a: 1.0 - a**2, ca.OP_ACOS: lambda a: 1.0 - a**2,
-}  # fmt: skip
+    ca.OP_TAN: _argument,
+    ca.OP_INV: _argument,
+    ca.OP_DIV: _divisor,
+    ca.OP_SQRT: _argument,
+    ca.OP_ASIN: _at_one,
+    ca.OP_ACOS: _at_one,
+}
 
 #: Operations whose result is a linear combination of their operands.
 LINEAR = {ca.OP_ASSIGN, ca.OP_ADD, ca.OP_SUB, ca.OP_NEG, ca.OP_TWICE}
 
 #: What moves numbers, arithmetic, sines and cosines.
 ELEMENTARY = {
-    ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST, ca.OP_ASSIGN, ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_DIV, ca.OP_NEG,
-    ca.OP_TWICE, ca.OP_SQ, ca.OP_INV, ca.OP_SIN, ca.OP_COS,
-}  # fmt: skip
+    ca.OP_INPUT,
+    ca.OP_OUTPUT,
+    ca.OP_CONST,
+    ca.OP_ASSIGN,
+    ca.OP_ADD,
+    ca.OP_SUB,
+    ca.OP_MUL,
+    ca.OP_DIV,
+    ca.OP_NEG,
+    ca.OP_TWICE,
+    ca.OP_SQ,
+    ca.OP_INV,
+    ca.OP_SIN,
+    ca.OP_COS,
+}
 
 
 def switches(expressions: ca.SX, z: ca.SX, poles: bool = True) -> ca.SX:
@@ -499,4 +595,6 @@ def _at_points(flat: ca.SX, sizes: ca.SX, z: ca.SX) -> tuple[np.ndarray, np.ndar
     rng = np.random.default_rng(1)
     points = np.hstack([radius * rng.normal(size=(z.numel(), POINTS)) for radius in RADII])
     values = ca.Function("values", [z], [flat, sizes])
-    return tuple(np.asarray(v, dtype=float).reshape(flat.numel(), points.shape[1]) for v in values(points))  # type: ignore[return-value]
+    shape = flat.numel(), points.shape[1]
+    found, terms = (np.asarray(v, dtype=float).reshape(shape) for v in values(points))
+    return found, terms

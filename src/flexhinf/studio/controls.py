@@ -33,9 +33,11 @@ GROUPS = (MOVE, WEIGHTS, BEHAVIOUR, SENSORS, ROBOTS)
 
 #: Fields that give way when one is stated, as where an option of the command line contradicts a design file.
 GIVES_WAY = {
-    "penalty": ("bandwidth", "damping", "preset"), "effort": ("bandwidth", "damping", "preset"),
-    "bandwidth": ("penalty", "effort", "preset"), "damping": ("penalty", "effort", "preset"),
-}  # fmt: skip
+    "penalty": ("bandwidth", "damping", "preset"),
+    "effort": ("bandwidth", "damping", "preset"),
+    "bandwidth": ("penalty", "effort", "preset"),
+    "damping": ("penalty", "effort", "preset"),
+}
 
 #: Weights of the penalty that have a slider.
 PENALISED = ("link_position", "link_position_integral", "link_velocity")
@@ -120,7 +122,7 @@ CONTROLS = (
     Control("draws", "Robots", ROBOTS, 0.0, 500.0, whole=True, usual=200.0, steps=50),
     Control("saturation", "Limit of input", ROBOTS, 1.0, 1e3, logarithmic=True, usual=1e3),
     Control("seed", "Seed", ROBOTS),
-)  # fmt: skip
+)
 
 
 def current_text(control: Control, s: Specification, tolerances: float) -> str:
@@ -139,7 +141,7 @@ def current_text(control: Control, s: Specification, tolerances: float) -> str:
     return ",".join(map(_text, value)) if isinstance(value, (list, tuple)) else _text(value)
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
@@ -209,9 +211,12 @@ def changed(s: Specification, control: Control, text: str, robot: Robot) -> Spec
         with suppress(InvalidInput):
             read = FIELDS[name].read(weight)
         refuse_if(
-            not read or not all(np.all(np.isfinite(each) & (np.asarray(each) >= 0.0)) for each in read.values()),
-            f"{control.label}: this is no weight.", f"expected a number >= 0, got {value_text(text, 60)}", "60",
-        )  # fmt: skip
+            not read
+            or not all(np.all(np.isfinite(each) & (np.asarray(each) >= 0.0)) for each in read.values()),
+            f"{control.label}: this is no weight.",
+            f"expected a number >= 0, got {value_text(text, 60)}",
+            "60",
+        )
         value = {**weights_of(robot, s), **read}
     stated = value is not None and value != FIELDS[name].default
     away = dict.fromkeys(GIVES_WAY.get(name, ()) if stated else ())

@@ -10,9 +10,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexhinf.design.responses import Response
 from flexhinf.robot import Robot, kinematics
+from flexhinf.robot.modes import Mode
 from flexhinf.studio.preview import Band, LinearParts, Nominal
 
 #: Most points of a curve, and pictures of the arm in one replay.
@@ -27,7 +29,7 @@ BEYOND = 4.0
 Payload = dict[str, Any]
 
 
-def packed(values: Any) -> str:
+def packed(values: ArrayLike) -> str:
     """32-bit floats, little-endian, in base64; what is not finite is NaN."""
     array = np.asarray(values, dtype=float).ravel()
     with np.errstate(over="ignore"):
@@ -35,7 +37,7 @@ def packed(values: Any) -> str:
     return base64.b64encode(small.tobytes()).decode("ascii")
 
 
-def curve(x: Any, y: Any, **style: Any) -> Payload:
+def curve(x: ArrayLike, y: ArrayLike, **style: str | bool) -> Payload:
     """A line through points."""
     return {"kind": "line", "x": packed(x), "y": packed(y), **style}
 
@@ -72,13 +74,13 @@ def _clipped(nominal: Nominal, joint: int, positions: np.ndarray, scale: float) 
     return scale * np.clip(positions, low, high)
 
 
-def _step_line(nominal: Nominal, response: Response, joint: int, **style: Any) -> Payload:
+def _step_line(nominal: Nominal, response: Response, joint: int, **style: str | bool) -> Payload:
     few = _thinned(len(response.run.time))
     y = _clipped(nominal, joint, response.positions[few, joint], Scales(nominal, joint).factor)
     return curve(response.run.time[few], y, **style)
 
 
-def _input_line(response: Response, joint: int, **style: Any) -> Payload:
+def _input_line(response: Response, joint: int, **style: str | bool) -> Payload:
     few = _thinned(len(response.run.time))
     return curve(response.run.time[few], response.inputs[few, joint], **style)
 
@@ -160,15 +162,19 @@ def error_series(nominal: Nominal, name: str, joint: int) -> dict[str, Payload |
     ends = packed([0.0, nominal.duration])
     return {
         "deviation": {
-            "kind": "band", "x": ends, "y": packed([-three, -three]), "top": packed([three, three]),
-            "colour": "second", "name": "±3σ of the filter",
+            "kind": "band",
+            "x": ends,
+            "y": packed([-three, -three]),
+            "top": packed([three, three]),
+            "colour": "second",
+            "name": "±3σ of the filter",
         },
         "nominal": error_curve(nominal.step, name, factor, colour="first", name="nominal robot"),
         "picked": None,
-    }  # fmt: skip
+    }
 
 
-def error_curve(response: Response, state: str, factor: float, **style: Any) -> Payload:
+def error_curve(response: Response, state: str, factor: float, **style: str | bool) -> Payload:
     """Estimate minus true value of a state."""
     run = response.run
     few, names = _thinned(len(run.time)), run.names
@@ -210,7 +216,7 @@ def pole_series(linear: LinearParts) -> dict[str, Payload | None]:
         return {"robot": None, "loop": None}
     evaluation = linear.nominal.evaluation
 
-    def dots(modes: Sequence[Any], mark: str, **style: Any) -> Payload:
+    def dots(modes: Sequence[Mode], mark: str, **style: str | bool) -> Payload:
         poles = np.array([mode.eigenvalue for mode in modes], dtype=complex)
         both = np.concatenate([poles, np.conj(poles[np.imag(poles) != 0.0])])
         return {"kind": "dots", "x": packed(np.real(both)), "y": packed(np.imag(both)), "mark": mark, **style}
@@ -239,12 +245,15 @@ def arm_frames(nominal: Nominal, response: Response) -> Payload:
     size = float(np.ptp(np.concatenate(goal), axis=0).max())
     windup = motors - links if len(rows) else np.zeros((1, n))
     return {
-        "time": packed(run.time[rows]), "links": packed(_points(robot, links)),
-        "motors": packed(_points(robot, motors)), "counts": [len(line) for line in goal],
+        "time": packed(run.time[rows]),
+        "links": packed(_points(robot, links)),
+        "motors": packed(_points(robot, motors)),
+        "counts": [len(line) for line in goal],
         "goal": packed(_points(robot, nominal.setup.goal[None, :])),
-        "magnified": kinematics.magnification(windup, robot.links.slides, size), "factors": kinematics.FACTORS,
+        "magnified": kinematics.magnification(windup, robot.links.slides, size),
+        "factors": kinematics.FACTORS,
         "normal": None if seen is None else (_axes(robot) @ np.cross(*seen.axes.T)).tolist(),
-    }  # fmt: skip
+    }
 
 
 def _points(robot: Robot, poses: np.ndarray) -> np.ndarray:

@@ -36,7 +36,7 @@ class ArmView(Element, component="arm.js"):
         self.run_method("show", data)
 
 
-def plain_button(label: str, act: Callable[[], Any]) -> ui.button:
+def plain_button(label: str, act: Callable[[], object]) -> ui.button:
     """A button in the page's own colours."""
     return ui.button(label, on_click=lambda: act(), color=None).props("flat dense no-caps")
 

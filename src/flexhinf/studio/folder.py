@@ -6,7 +6,6 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from flexhinf.design.design_file import is_design_file
 from flexhinf.errors import refuse_if
@@ -27,7 +26,7 @@ class WorkingFolder:
 
     root: Path
 
-    def place(self, what: str, name: Any) -> Path:
+    def place(self, what: str, name: object) -> Path:
         """The path of a name within the folder; there need not be a file.
 
         Raises InvalidInput: for what is no text, an absolute path, a name that leads out of the folder, or through a
@@ -37,16 +36,22 @@ class WorkingFolder:
         text = name.strip() if isinstance(name, str) else ""
         refuse_if(
             not text or len(text) > LONGEST or not text.isprintable() or text.startswith("~"),
-            f"This is no name of a {what}.", f"expected {allowed}, got {value_text(name, 80)}", "design.toml",
-        )  # fmt: skip
+            f"This is no name of a {what}.",
+            f"expected {allowed}, got {value_text(name, 80)}",
+            "design.toml",
+        )
         relative = checked_path(f"The {what}", text)
         root = self.root.resolve()
         path = root / relative
         steps = [path, *(each for each in path.parents if each != root and each.is_relative_to(root))]
         leads_out = (
-            relative.is_absolute() or "\\" in text or ":" in text or ".." in relative.parts
-            or not path.resolve().is_relative_to(root) or any(map(os.path.islink, steps))
-        )  # fmt: skip
+            relative.is_absolute()
+            or "\\" in text
+            or ":" in text
+            or ".." in relative.parts
+            or not path.resolve().is_relative_to(root)
+            or any(map(os.path.islink, steps))
+        )
         refuse_if(
             leads_out,
             f"The {what} is not in the working folder.",
@@ -71,16 +76,18 @@ class WorkingFolder:
             return
         yield from (folder / name for name in names)
 
-    def check_design(self, name: Any) -> Path:
+    def check_design(self, name: object) -> Path:
         """The path of a design file whose robot, and whatever files that names, are in the folder or the catalogue.
 
         Raises InvalidInput: for a name as `place` does, and for a file within that leads elsewhere.
         """
         path = self.place("design file", name)
         refuse_if(
-            not path.is_file(), f"There is no file {value_text(str(name), 80)}.",
-            f"expected a design file in {self.root}, got a name without a file", "one of the listed files",
-        )  # fmt: skip
+            not path.is_file(),
+            f"There is no file {value_text(str(name), 80)}.",
+            f"expected a design file in {self.root}, got a name without a file",
+            "one of the listed files",
+        )
         table = read_toml(path, "design file").get("design")
         if not isinstance(table, dict):
             return path  # whoever reads it says so

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any
 
 from nicegui import Client, core, ui
+from numpy.typing import ArrayLike
 
 from flexhinf.design.responses import Response
 from flexhinf.errors import FlexhinfError
@@ -71,10 +72,13 @@ class StudioPage:
             self.file = ui.input(value="design.toml", autocomplete=names)
             self.file.props('dense outlined aria-label="Design file in the working folder" data-testid=file')
             for label, act in (
-                ("Load", self.load), ("Save", self.save), ("C", lambda: self.export("c")),
-                ("FMU", lambda: self.export("fmu")), ("Report", lambda: self.export("report")),
+                ("Load", self.load),
+                ("Save", self.save),
+                ("C", lambda: self.export("c")),
+                ("FMU", lambda: self.export("fmu")),
+                ("Report", lambda: self.export("report")),
                 ("Light / dark", self.theme),
-            ):  # fmt: skip
+            ):
                 button = plain_button(label, act).props(f'data-testid="{label.split()[0].lower()}"')
                 if label in ("C", "FMU", "Report"):
                     button.props(f'aria-label="Export {label}"')
@@ -85,8 +89,8 @@ class StudioPage:
             if control.group == group:
                 yield Row(control, self.change)
 
-    def _tiles(self) -> dict[str, tuple[Any, Any, Any]]:
-        found = {}
+    def _tiles(self) -> dict[str, tuple[ui.element, ui.label, ui.label]]:
+        found: dict[str, tuple[ui.element, ui.label, ui.label]] = {}
         with ui.element("div").classes("studio-tiles") as self.tile_bar:
             for key, label in TILES.items():
                 wide = " wide" if key == "verdict" else ""
@@ -103,9 +107,10 @@ class StudioPage:
         with ui.element("div").props('role=group aria-label="Run that is replayed"').classes("studio-files"):
             ui.label("Replay")
             for label, choose in (
-                ("Nominal", lambda band: -1), ("Largest overshoot", lambda band: band.samples.worst),
+                ("Nominal", lambda band: -1),
+                ("Largest overshoot", lambda band: band.samples.worst),
                 ("Slowest", lambda band: band.samples.slowest),
-            ):  # fmt: skip
+            ):
                 button = plain_button(label, lambda choose=choose: self.pick(choose))
                 button.props(f'data-testid="pick-{label.split()[0].lower()}"')
         self.joints = ui.element("div").props('role=group aria-label="Joint"').classes("studio-files")
@@ -193,7 +198,7 @@ class StudioPage:
         with self._refusals():
             self.files.submit(self, self.session.exported(kind), self._deliver)
 
-    def pick(self, choose: Callable[[Any], int]) -> None:
+    def pick(self, choose: Callable[[Band], int]) -> None:
         """Replay a run of the band."""
         band = self.session.band
         if band is None:
@@ -213,7 +218,7 @@ class StudioPage:
         self.pick(lambda band: band.nearest(self.joint, at, position))
 
     @contextmanager
-    def _refusals(self) -> Iterator[None]:
+    def _refusals(self) -> Generator[None]:
         """Show an error in three parts; without one, clear the last."""
         try:
             yield
@@ -226,8 +231,10 @@ class StudioPage:
         self.errors.clear()
         with self.errors, ui.element("div").classes("studio-error"):
             for head, text in (
-                ("", error.what), ("found: ", error.found), ("try: ", controls.advice_text(error)),
-            ):  # fmt: skip
+                ("", error.what),
+                ("found: ", error.found),
+                ("try: ", controls.advice_text(error)),
+            ):
                 if text:
                     with ui.element("p"), ui.element("strong" if not head else "span"):
                         ui.label(head + text)
@@ -257,11 +264,11 @@ class StudioPage:
         revision = self.revision
         self.previews.submit(self, self.session.preview, lambda result: self._deliver(result, revision))
 
-    def _deliver(self, result: Any, revision: int = 0) -> None:
+    def _deliver(self, result: object, revision: int = 0) -> None:
         with suppress(RuntimeError):  # the server has ended
             self.loop.call_soon_threadsafe(self._show, result, revision)
 
-    def _show(self, result: Any, revision: int) -> None:
+    def _show(self, result: object, revision: int) -> None:
         """Show a result of a worker, unless a later request is under way."""
         if self.client.id not in Client.instances:
             return
@@ -278,7 +285,7 @@ class StudioPage:
                     self.status.text = "not computed; grey: the last good result"
             elif isinstance(result, Replay):
                 self._show_replay(result)
-            elif revision == self.revision:
+            elif isinstance(result, (Nominal, Band, LinearParts)) and revision == self.revision:
                 self.session.keep(result)
                 self._show_stage(result)
 
@@ -308,16 +315,20 @@ class StudioPage:
         self.joint = min(self.joint, len(names) - 1)
         scales = drawing.Scales(nominal, self.joint)
         self.step.show(
-            series=drawing.step_series(nominal, self.joint), stale=["all", "most", "linear"],
+            series=drawing.step_series(nominal, self.joint),
+            stale=["all", "most", "linear"],
             ylabel=f"link, {scales.position}",
-            order=["all", "most", "command", "linear", "nominal", "picked"], stamp=self._stamp("step"),
+            order=["all", "most", "command", "linear", "nominal", "picked"],
+            stamp=self._stamp("step"),
             description=f"Step of {names[self.joint]}: {_metrics_text(nominal.step, self.joint)}",
-        )  # fmt: skip
+        )
         self.effort.show(
-            series=drawing.effort_series(nominal, self.joint), ylabel=f"input, {scales.effort}",
-            order=["upper", "lower", "linear", "nominal", "picked"], stale=["linear"],
+            series=drawing.effort_series(nominal, self.joint),
+            ylabel=f"input, {scales.effort}",
+            order=["upper", "lower", "linear", "nominal", "picked"],
+            stale=["linear"],
             description=f"Input of {names[self.joint]}: at most {nominal.step.peak_inputs[self.joint]:.3g}",
-        )  # fmt: skip
+        )
         self._state_buttons(nominal)
         self._show_error(nominal)
         if len(names) > 1:  # whose band takes its time
@@ -356,17 +367,20 @@ class StudioPage:
         unit = drawing.Scales(nominal, self.joint).of_state(nominal, name)[1] if name else ""
         text = f"Estimation error of {name}" if name else "The true state is fed back: there is no estimate."
         self.error.show(
-            series=drawing.error_series(nominal, name, self.joint), ylabel=f"error, {unit}" if unit else "",
-            order=["deviation", "nominal", "picked"], description=text,
-        )  # fmt: skip
+            series=drawing.error_series(nominal, name, self.joint),
+            ylabel=f"error, {unit}" if unit else "",
+            order=["deviation", "nominal", "picked"],
+            description=text,
+        )
 
     def _show_band(self, band: Band) -> None:
         count = 0 if band.samples is None else len(band.samples)
         self.step.show(
-            series=drawing.band_series(band, self.joint), stamp=self._stamp("band"),
+            series=drawing.band_series(band, self.joint),
+            stamp=self._stamp("band"),
             description=f"Step of {band.nominal.step.joints[self.joint]}: "
             f"{_metrics_text(band.nominal.step, self.joint)}; band of {count} robots",
-        )  # fmt: skip
+        )
         if len(band.nominal.step.joints) == 1:
             self._show_arm(band.nominal)
         if count < band.stated:
@@ -380,9 +394,12 @@ class StudioPage:
         self.step.show(series={"linear": step})
         self.effort.show(series={"linear": effort})
         self.sensitivity.show(
-            series=drawing.sensitivity_series(linear), ylabel="gain", order=["limit", "T", "S"],
-            stamp=self._stamp("linear"), description="Largest singular values of S and T of the running loop",
-        )  # fmt: skip
+            series=drawing.sensitivity_series(linear),
+            ylabel="gain",
+            order=["limit", "T", "S"],
+            stamp=self._stamp("linear"),
+            description="Largest singular values of S and T of the running loop",
+        )
         self.poles.show(
             series=poles,
             ylabel="imaginary part, rad/s",
@@ -442,7 +459,7 @@ class StudioPage:
             row.show(text, value)
 
 
-def _is_finite(value: Any) -> bool:
+def _is_finite(value: object) -> bool:
     return isinstance(value, (int, float)) and math.isfinite(value)
 
 
@@ -461,7 +478,7 @@ def _metrics_text(run: Response, joint: int) -> str:
     return f"{settles}overshoot {row.get('overshoot_percent', 0.0):.3g} %, peak input {row['peak_input']:.3g}"
 
 
-def _differences(nominal: Nominal, values: Any, most: int = 3) -> str:
+def _differences(nominal: Nominal, values: Mapping[str, ArrayLike], most: int = 3) -> str:
     """The parameters of a plant that differ most from the nominal ones, in per cent."""
     own, rows = nominal.robot.plant_parameters(), []
     for name, value in values.items():
@@ -474,7 +491,7 @@ def _differences(nominal: Nominal, values: Any, most: int = 3) -> str:
     return "".join(f"; {text}" for _, text in sorted(rows, reverse=True)[:most])
 
 
-def _flat(value: Any) -> list[float]:
+def _flat(value: ArrayLike) -> list[float]:
     import numpy as np
 
     return np.asarray(value, dtype=float).ravel().tolist()

@@ -78,10 +78,12 @@ class Nominal:
     def requirements(self) -> list[Requirement]:
         """Requirements on the step, as `flexhinf design` judges them."""
         return pipeline.step_requirements(
-            self.setup, self.step, pipeline.STEP,
+            self.setup,
+            self.step,
+            pipeline.STEP,
             lambda length: self.setup.step(length, sub_steps=_sub_steps(self.step)),
             remaining=self.limit_cycle and self.limit_cycle.remaining,
-        )  # fmt: skip
+        )
 
     def controller(self) -> Controller:
         """A new controller as it is deployed, as `Design.controller`."""

@@ -18,13 +18,18 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from http.cookies import CookieError, SimpleCookie
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 from urllib.parse import parse_qs
 
 from flexhinf.design.design_file import DesignRequest
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.studio.folder import WorkingFolder
 from flexhinf.validation import extra_package
+
+if TYPE_CHECKING:
+    from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+    from flexhinf.studio.worker import Worker
 
 #: The only address.
 HOST = "127.0.0.1"
@@ -58,15 +63,19 @@ def listening(port: int) -> socket.socket:
         taken = error.errno == errno.EADDRINUSE
         raise InvalidInput(
             f"The port {port} is {'taken' if taken else 'not to be had'}.",
-            f"expected a free port at {HOST}, got: {error.strerror or error}", "another --port, or none",
-        ) from error  # fmt: skip
+            f"expected a free port at {HOST}, got: {error.strerror or error}",
+            "another --port, or none",
+        ) from error
     return listener
 
 
 def serve(
-    request: DesignRequest, folder: str | os.PathLike[str] = ".", port: int = 0, browser: bool = True,
+    request: DesignRequest,
+    folder: str | os.PathLike[str] = ".",
+    port: int = 0,
+    browser: bool = True,
     say: Callable[[str], None] = print,
-) -> None:  # fmt: skip
+) -> None:
     """Serve the studio of a robot and a design until Ctrl-C.
 
     Every tab begins with `request`. `say` is called with the address. Raises InvalidInput: the port cannot be had, or
@@ -99,8 +108,8 @@ def serve(
 
 
 def application(
-    request: DesignRequest, folder: WorkingFolder, previews: Any, files: Any, secret: str
-) -> Any:  # fmt: skip
+    request: DesignRequest, folder: WorkingFolder, previews: Worker, files: Worker, secret: str
+) -> ASGIApp:
     """The ASGI application, for one server in one process; `secret` opens it."""
     os.environ.setdefault("NICEGUI_STORAGE_PATH", os.devnull)  # nothing is stored
     from fastapi import FastAPI
@@ -127,10 +136,10 @@ class OwnPages:
     """Answers who has the secret, and refuses what another site's page has asked for: by another host name, or from
     another origin."""
 
-    def __init__(self, app: Any, secret: str) -> None:
+    def __init__(self, app: ASGIApp, secret: str) -> None:
         self.app, self.secret = app, secret
 
-    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one request."""
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
@@ -149,10 +158,10 @@ class OwnPages:
                 send, 403, b"The studio answers the address that its terminal shows, and its own pages."
             )
 
-    async def _answer(self, scope: Any, receive: Any, send: Any) -> None:
+    async def _answer(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request; frames of a socket that are no messages end it, and nothing else."""
 
-        async def received() -> Any:
+        async def received() -> Message:
             """The next frame; one that no page of ours sends ends the socket, before other tasks stumble over it."""
             message = await receive()
             foreign = message["type"] == "websocket.receive" and not _is_frame(message.get("text"))
@@ -201,7 +210,7 @@ def _is_frame(text: str | None) -> bool:
     return len(parts) == 2 and isinstance(parts[0], str) and isinstance(parts[1], dict)
 
 
-def _query(scope: Any) -> str:
+def _query(scope: Scope) -> str:
     """The secret that a request states in its address; empty if none."""
     return parse_qs(scope["query_string"].decode("latin-1")).get(SECRET, [""])[0]
 
@@ -211,7 +220,7 @@ def _cookie_name(headers: dict[bytes, bytes]) -> str:
     return f"flexhinf-studio-{headers.get(b'host', b'').decode('latin-1').rpartition(':')[2]}"
 
 
-async def _reply(send: Any, status: int, body: bytes, headers: Sequence[tuple[bytes, bytes]] = ()) -> None:
+async def _reply(send: Send, status: int, body: bytes, headers: Sequence[tuple[bytes, bytes]] = ()) -> None:
     """A short text as the whole answer."""
     start = {"type": "http.response.start", "status": status}
     await send({**start, "headers": [(b"content-type", b"text/plain"), *headers]})

@@ -29,7 +29,7 @@ from flexhinf.studio import controls
 from flexhinf.studio.controls import Control
 from flexhinf.studio.folder import WorkingFolder
 from flexhinf.studio.preview import Band, LinearParts, Nominal, Stage, stages
-from flexhinf.studio.worker import Ticket
+from flexhinf.studio.worker import Ticket, Work
 from flexhinf.validation import one_of, value_text
 
 #: Largest factor of the tolerances.
@@ -113,9 +113,11 @@ class Session:
     def change(self, control: Control, text: str) -> None:
         """Take another value of a control. Raises InvalidInput, and changes nothing, for one that cannot be used."""
         refuse_if(
-            len(text) > 2000, f"{control.label}: this text is too long.",
-            f"expected at most 2000 characters, got {len(text)}", "a number, or one per joint",
-        )  # fmt: skip
+            len(text) > 2000,
+            f"{control.label}: this text is too long.",
+            f"expected at most 2000 characters, got {len(text)}",
+            "a number, or one per joint",
+        )
         if control.key == controls.TOLERANCES:
             self._scale(text)
             return
@@ -126,9 +128,11 @@ class Session:
     def _scale(self, text: str) -> None:
         factor = _number(text.strip() or "1")
         refuse_if(
-            not 0.0 <= factor <= MOST_TOLERANCES, "The factor of the tolerances cannot be used.",
-            f"expected a number from 0 to {MOST_TOLERANCES:g}, got {value_text(text, 60)}", "1",
-        )  # fmt: skip
+            not 0.0 <= factor <= MOST_TOLERANCES,
+            "The factor of the tolerances cannot be used.",
+            f"expected a number from 0 to {MOST_TOLERANCES:g}, got {value_text(text, 60)}",
+            "1",
+        )
         base = self.request.robot
         scaled = [replace(p, tolerance=factor * p.tolerance) for p in base.parameters if p.tolerance]
         self.robot = base if factor == 1.0 else base.with_parameters(*scaled)
@@ -148,7 +152,7 @@ class Session:
             self.linear = stage
 
     # Runs of the band -----------------------------------------------------------------------------------------
-    def replay(self, k: int) -> Any:
+    def replay(self, k: int) -> Work:
         """Work: the run of robot k of the band, or of the nominal robot for −1."""
         band = self.band
 
@@ -159,7 +163,7 @@ class Session:
         return work
 
     # Files ------------------------------------------------------------------------------------------------
-    def load(self, name: Any) -> None:
+    def load(self, name: object) -> None:
         """Take the design of a file of the working folder. Raises InvalidInput, and changes nothing."""
         path = self.folder.check_design(name)
         with warnings.catch_warnings(record=True) as caught:
@@ -169,7 +173,7 @@ class Session:
         self.robot, self.tolerances = request.robot, 1.0
         self.nominal = self.band = self.linear = None
 
-    def save(self, name: Any) -> str:
+    def save(self, name: object) -> str:
         """Write the design as a file of the working folder; what was written, as a sentence.
 
         Other tolerances than the robot's own go into a robot file beside it. Raises InvalidInput: for a name outside
@@ -177,17 +181,23 @@ class Session:
         """
         path = self.folder.place("design file", name)
         refuse_if(
-            path.suffix != ".toml", "A design is saved as TOML.",
-            f"expected a name that ends in .toml, got {value_text(str(name), 80)}", f"{Path(str(name)).stem}.toml",
-        )  # fmt: skip
+            path.suffix != ".toml",
+            "A design is saved as TOML.",
+            f"expected a name that ends in .toml, got {value_text(str(name), 80)}",
+            f"{Path(str(name)).stem}.toml",
+        )
         refuse_if(
-            path.exists() and not is_design_file(path), f"{path.name} is another file.",
-            "expected a new name or that of a design file, which is replaced, got one without [design]", "design.toml",
-        )  # fmt: skip
+            path.exists() and not is_design_file(path),
+            f"{path.name} is another file.",
+            "expected a new name or that of a design file, which is replaced, got one without [design]",
+            "design.toml",
+        )
         refuse_if(
-            not path.parent.is_dir(), "There is no such folder.",
-            f"expected a folder in {self.folder.root}, got {value_text(str(name), 80)}", path.name,
-        )  # fmt: skip
+            not path.parent.is_dir(),
+            "There is no such folder.",
+            f"expected a folder in {self.folder.root}, got {value_text(str(name), 80)}",
+            path.name,
+        )
         text, beside = self._design_text(path), ""
         if self.tolerances != 1.0:
             beside = f", with its tolerances in {self._robot_beside(path).name}"
@@ -211,7 +221,7 @@ class Session:
             self.robot.save(beside, like=self.request.elastic)
         return beside
 
-    def exported(self, kind: str) -> Any:
+    def exported(self, kind: str) -> Work:
         """Work: C ("c"), an FMU ("fmu") or a report ("report") of the design that is shown, under a free name of the
         working folder. Raises InvalidInput: for another kind."""
         one_of("There is no such export.", kind, ("c", "fmu", "report"), "report")
@@ -221,9 +231,10 @@ class Session:
         def work(ticket: Ticket) -> Iterator[Note]:
             if nominal is None:
                 raise InvalidInput(
-                    "There is no controller yet.", "expected a design whose step is shown, got none",
+                    "There is no controller yet.",
+                    "expected a design whose step is shown, got none",
                     "settings that can be met",
-                )  # fmt: skip
+                )
             if kind == "report":
                 yield from _report(folder, replace(request, robot=robot, specification=s), ticket)
                 return

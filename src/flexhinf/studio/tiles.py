@@ -19,9 +19,13 @@ class Tile(NamedTuple):
 
 #: Tiles by key, in order, with their labels.
 TILES = {
-    "verdict": "Requirements", "settling": "Settling time", "overshoot": "Overshoot", "peak": "Peak input",
-    "sensitivity": "Peak sensitivity |S|", "unstable": "Unstable robots",
-}  # fmt: skip
+    "verdict": "Requirements",
+    "settling": "Settling time",
+    "overshoot": "Overshoot",
+    "peak": "Peak input",
+    "sensitivity": "Peak sensitivity |S|",
+    "unstable": "Unstable robots",
+}
 
 
 def tiles_of(nominal: Nominal, band: Band | None, linear: LinearParts | None) -> dict[str, Tile]:
@@ -33,10 +37,15 @@ def tiles_of(nominal: Nominal, band: Band | None, linear: LinearParts | None) ->
     ]
     step, second = nominal.step, linear and linear.step
     samples = None if band is None else band.samples
-    worst = {} if samples is None else {
-        "settling": float(samples.settling.max()), "overshoot": float(samples.overshoot.max()),
-        "peak": float(samples.peak.max()),
-    }  # fmt: skip
+    worst = (
+        {}
+        if samples is None
+        else {
+            "settling": float(samples.settling.max()),
+            "overshoot": float(samples.overshoot.max()),
+            "peak": float(samples.peak.max()),
+        }
+    )
     unit = nominal.setup.limits.effort_units[0]
 
     def numbers(key: str, value: float, other: float | None, unit: str) -> Tile:

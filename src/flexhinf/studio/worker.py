@@ -12,7 +12,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TypeAlias
 
 from flexhinf.errors import FlexhinfError
 
@@ -31,14 +31,18 @@ class Begun:
     text: str
 
 
+#: What a request computes, stage after stage: it yields a result of each.
+Work: TypeAlias = "Callable[[Ticket], Iterator[object]]"
+
+
 @dataclass(eq=False)
 class Ticket:
     """A request: its work, and where its results go."""
 
-    work: Callable[[Ticket], Iterator[Any]]
-    deliver: Callable[[Any], None]
+    work: Work
+    deliver: Callable[[object], None]
     superseded: bool = False
-    stages: Iterator[Any] | None = field(default=None, repr=False)
+    stages: Iterator[object] | None = field(default=None, repr=False)
 
     def check(self, text: str = "") -> None:
         """Raise `Superseded` if there is a newer request; else deliver the name of the step that begins, if it has
@@ -58,9 +62,7 @@ class Worker:
         self._thread = threading.Thread(target=self._run, name="studio", daemon=True)
         self._thread.start()
 
-    def submit(
-        self, owner: Hashable, work: Callable[[Ticket], Iterator[Any]], deliver: Callable[[Any], None]
-    ) -> Ticket:
+    def submit(self, owner: Hashable, work: Work, deliver: Callable[[object], None]) -> Ticket:
         """Take this request in the place of an earlier one of the owner.
 
         `deliver` is called on the worker's thread with every result of `work`, and with the error that ended it.
@@ -107,7 +109,7 @@ class Worker:
     @staticmethod
     def _stage(ticket: Ticket) -> bool:
         """Compute and deliver one stage; whether it was the last one."""
-        result: Any
+        result: object
         try:
             if ticket.stages is None:
                 ticket.stages = ticket.work(ticket)

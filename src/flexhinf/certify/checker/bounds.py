@@ -17,10 +17,10 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass
 from math import ceil, comb, inf, isfinite, prod
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from flint import arb, arb_series, ctx
+from flint import arb, arb_series, ctx, fmpq_mpoly
 
 from flexhinf.certify.checker.residual import Residual, box_corners, offset_of, rounded, row_of, series_of
 from flexhinf.certify.claim import Claim, Function
@@ -81,7 +81,7 @@ class TaylorTable:
         self.in_pair = (self.terms[self.pairs] > 0).T.astype(float)
         self.others, self.tail_powers = total > 2, self.beta[self._low :]
 
-    def fill(self, polynomial: Any, face: int, sign: int) -> np.ndarray:
+    def fill(self, polynomial: fmpq_mpoly, face: int, sign: int) -> np.ndarray:
         """The correctly rounded rows (rows,) of an exact polynomial on the face z_f = sign · ρ."""
         column = np.zeros(len(self._row))
         for powers_, value in polynomial.to_dict().items():
@@ -107,7 +107,11 @@ class TaylorTable:
         return c * prod(factors, start=np.ones((len(self.beta), half.shape[1])))[self._block, None]
 
     def on_interval(
-        self, c: np.ndarray, interval: Any, weights: Any, lift: int = 0
+        self,
+        c: np.ndarray,
+        interval: tuple[np.ndarray, np.ndarray, np.ndarray],
+        weights: tuple[np.ndarray, np.ndarray],
+        lift: int = 0,
     ) -> tuple[CentredForm, np.ndarray]:
         """Σ_k ρ^(k−2+lift) P_k over an interval of ρ given as (middle, radius, end) by (10), for intervals (middle,
         radius) of the components' weights; and each component at the centre, (components, cells)."""
@@ -180,7 +184,7 @@ class Quotient:
 
     def _about(self, s: arb) -> tuple[list[float], float]:
         """Doubles a_m of the Taylor polynomial about s, in powers of s, and their error where |s − s_i| ≤ 1."""
-        series: Any = self._series(s, ORDER + 2)
+        series = self._series(s, ORDER + 2)
         if s != 0:
             series = (series - self._series(arb(0), 1)[0]) / arb_series([s, 1], prec=ORDER + 2)
         local, values, error = [series[m + int(s == 0)] for m in range(ORDER + 1)], list[float](), arb(0)
@@ -264,7 +268,7 @@ class Proof:
         self.even &= all(map(_is_odd, claim.functions))
         self.faces = [(face, sign) for face in range(self.n) for sign in ((1,) if self.even else (1, -1))]
 
-    def parts(self, polynomial: Any) -> tuple[Any, Any]:
+    def parts(self, polynomial: fmpq_mpoly) -> tuple[fmpq_mpoly, fmpq_mpoly]:
         """The part for tables and the part that is only bounded: by symmetry, the odd one."""
         odd = polynomial.context().from_dict(
             {e: v for e, v in polynomial.to_dict().items() if self.even and sum(map(int, e)) % 2}
@@ -272,11 +276,11 @@ class Proof:
         return polynomial - odd, odd
 
 
-def _degree(polynomials: list[Any]) -> int:
+def _degree(polynomials: list[fmpq_mpoly]) -> int:
     return max([2, *(int(p.total_degree()) for p in polynomials)])
 
 
-def _nearly_even(polynomial: Any, reach: float) -> bool:
+def _nearly_even(polynomial: fmpq_mpoly, reach: float) -> bool:
     """Whether all terms of odd degree together are, at the reach, below `_ODD` of the others. They are bounded too."""
     size = [0.0, 0.0]
     for e, value in polynomial.to_dict().items():
@@ -311,7 +315,9 @@ class Face:
         self.proof, self.face = proof, face
         exact, weight = proof.exact, np.abs(proof.mid) + proof.rad
 
-        def columns(table: TaylorTable, pairs: list[tuple[Any, Any]], weight: np.ndarray) -> _Columns:
+        def columns(
+            table: TaylorTable, pairs: list[tuple[fmpq_mpoly, fmpq_mpoly]], weight: np.ndarray
+        ) -> _Columns:
             kept, left = (
                 np.stack([table.fill(p, *face) for p in half], 1) for half in zip(*pairs, strict=True)
             )
@@ -352,11 +358,18 @@ class Face:
             least_growth=-small.upper(growth) - small.degree * error,
             largest=table.upper(form, constant) + remainder + rounding,
             largest_inside=lowered + remainder + rounding + multiplier * (error * end**2 + 4 * UNIT * c),
-            multiplier=multiplier, level=c, value=at_center[0], constant=constant,
-            remainder=remainder, rounding=rounding, form=form,
-        )  # fmt: skip
+            multiplier=multiplier,
+            level=c,
+            value=at_center[0],
+            constant=constant,
+            remainder=remainder,
+            rounding=rounding,
+            form=form,
+        )
 
-    def _residual(self, t: np.ndarray, h: np.ndarray, interval: Any) -> tuple[CentredForm, Any, Any, Any]:
+    def _residual(
+        self, t: np.ndarray, h: np.ndarray, interval: tuple[np.ndarray, np.ndarray, np.ndarray]
+    ) -> tuple[CentredForm, np.ndarray, np.ndarray, np.ndarray]:
         """Centred form of r/ρ², its components' constants, and the allowances for remainders and for rounding."""
         proof, (f, sign), (middle, radius, end) = self.proof, self.face, interval
         others = [i for i in range(proof.n) if i != f]

@@ -7,10 +7,8 @@ which the claim is false.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from flint import arb, arb_series, fmpq, fmpq_mat
+from flint import arb, arb_series, fmpq, fmpq_mat, fmpq_mpoly
 
 from flexhinf.certify.checker.bounds import Bounds, CentredForm, TaylorTable
 from flexhinf.certify.checker.residual import (
@@ -25,7 +23,7 @@ from flexhinf.certify.checker.residual import (
     row_of,
     series_of,
 )
-from flexhinf.certify.claim import Claim
+from flexhinf.certify.claim import Claim, Function
 
 _NARROWEST = 2.0**-15  # half width of the widest t_i: a direction that is not decided there is refused
 _EXACT = 2.0**-40  # half width of any t_i, so that t ± h are doubles
@@ -87,7 +85,7 @@ def refute_at_corners(claim: Claim, exact: Residual, failed: list[Corner]) -> No
     The points lie on a ray for each corner, along which its quadratic form of r is largest; r > 0 is shown in balls.
     """
     value = np.array(_doubles(form_of(exact.value)))
-    parts: list[tuple[Any, ...]] = list(zip(exact.plain, *exact.factors, strict=True))
+    parts: list[tuple[fmpq_mpoly, ...]] = list(zip(exact.plain, *exact.factors, strict=True))
     rows = [row_of(argument) for argument in exact.arguments]
     for corner in failed:
         _, vectors = np.linalg.eigh(_doubles(corner.form))
@@ -110,7 +108,7 @@ def refute_at_corners(claim: Claim, exact: Residual, failed: list[Corner]) -> No
                 )
 
 
-def _quotient(function: Any, s: fmpq) -> arb:
+def _quotient(function: Function, s: fmpq) -> arb:
     if s == 0:
         return series_of(function.name, arb_series([offset_of(function), 1], prec=2))[1]
     ends = [

@@ -13,10 +13,10 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator
 from math import ceil, isfinite, log2, prod
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from flint import Ordering, arb, arb_series, fmpq, fmpq_mat, fmpq_mpoly_ctx
+from flint import Ordering, arb, arb_series, fmpq, fmpq_mat, fmpq_mpoly, fmpq_mpoly_ctx
 
 from flexhinf.certify.claim import Claim, Function, Polynomial, Terms
 
@@ -61,7 +61,7 @@ def offset_of(function: Function) -> arb:
     return arb(function.offset) + arb.pi() * function.pi_halves / 2
 
 
-def polynomial_of(polynomial: Polynomial, context: Any) -> Any:
+def polynomial_of(polynomial: Polynomial, context: fmpq_mpoly_ctx) -> fmpq_mpoly:
     """A claim's polynomial as an exact one."""
     return context.from_dict({powers: as_rational(value) for powers, value in polynomial})
 
@@ -71,7 +71,7 @@ def matrix_of(rows: Iterable[Iterable[float]]) -> fmpq_mat:
     return fmpq_mat([[as_rational(value) for value in row] for row in rows])
 
 
-def form_of(polynomial: Any) -> fmpq_mat:
+def form_of(polynomial: fmpq_mpoly) -> fmpq_mat:
     """The symmetric matrix of a quadratic form."""
     n = polynomial.context().nvars()
     form = fmpq_mat(n, n)
@@ -81,7 +81,7 @@ def form_of(polynomial: Any) -> fmpq_mat:
     return form
 
 
-def row_of(linear: Any) -> fmpq_mat:
+def row_of(linear: fmpq_mpoly) -> fmpq_mat:
     """The coefficients of a linear form."""
     n = linear.context().nvars()
     return fmpq_mat([[linear[tuple(int(j == i) for j in range(n))] for i in range(n)]])
@@ -119,17 +119,17 @@ class Residual:
         ring = fmpq_mpoly_ctx.get(names, Ordering.degrevlex)
         gens = ring.gens()
 
-        def total(parts: Iterable[Any]) -> Any:
+        def total(parts: Iterable[fmpq_mpoly]) -> fmpq_mpoly:
             return sum(parts, ring.constant(0))
 
-        def linear(row: Iterable[float]) -> Any:
+        def linear(row: Iterable[float]) -> fmpq_mpoly:
             return total(as_rational(a) * gen for a, gen in zip(row, gens[:n], strict=True))
 
-        def polynomial(pairs: Polynomial) -> Any:
+        def polynomial(pairs: Polynomial) -> fmpq_mpoly:
             return ring.from_dict({(*powers, *(0,) * (end - n)): as_rational(a) for powers, a in pairs})
 
         # Eq. (2). An uncertain p^e is one variable, since p stands with no other exponent.
-        def field(terms: Terms) -> Any:
+        def field(terms: Terms) -> fmpq_mpoly:
             result = ring.constant(0)
             for term in terms:
                 product = polynomial(((term.powers, term.coefficient),))
@@ -159,7 +159,7 @@ class Residual:
 
         places = [*map(linear, claim.coordinates), *gens[n:]]
         r, v, *s = (q.compose(*places, ctx=ring) for q in (r, v, *s))
-        parts: dict[tuple[int, ...], list[dict[Any, fmpq]]] = {
+        parts: dict[tuple[int, ...], list[dict[tuple[int, ...], fmpq]]] = {
             (0,) * len(free): [{} for _ in range(1 + len(s))]
         }
         for powers, coefficient in r.to_dict().items():
@@ -183,7 +183,7 @@ class Residual:
         ]
 
 
-def _opposite(first: Any, other: Any) -> bool:
+def _opposite(first: fmpq_mpoly, other: fmpq_mpoly) -> bool:
     """Whether the sum of two polynomials is rounding: below 1e-12 of the largest coefficient of their degree."""
     largest: dict[int, fmpq] = {}
     for powers, value in other.to_dict().items():
@@ -234,7 +234,7 @@ def look_at_corners(claim: Claim, exact: Residual) -> tuple[int, list[Corner]]:
     """Number of corners (0 if r is no quadratic form, or the region leaves the reach), and the first few failing
     corners, the one with the smallest minor first."""
     # One part for each product of parameters.
-    parts: list[tuple[Any, ...]] = list(zip(exact.plain, *exact.factors, strict=True))
+    parts: list[tuple[fmpq_mpoly, ...]] = list(zip(exact.plain, *exact.factors, strict=True))
     if any(sum(map(int, e)) != 2 for form in (exact.value, *itertools.chain(*parts)) for e in form.to_dict()):
         return 0, []
     value = form_of(exact.value)

@@ -10,10 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from flint import arb, arb_series, fmpq
+from flint import arb, arb_series, fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
 from flexhinf.certify.checker.bounds import Bounds, Proof
 from flexhinf.certify.checker.residual import as_rational, offset_of, require, series_of
@@ -82,12 +81,14 @@ def cell_ended(proof: Proof, cell: Cell) -> bool:
     return bool(_upper(context.constant(as_rational(proof.claim.level)) - value, proof.n) < 0)
 
 
-def _places(context: Any, cell: Cell, middle: fmpq, half: fmpq) -> list[Any]:
+def _places(context: fmpq_mpoly_ctx, cell: Cell, middle: fmpq, half: fmpq) -> list[fmpq_mpoly]:
     boxes = [(middle, half), *zip(map(as_rational, cell.t), map(as_rational, cell.h), strict=True)]
     return [context.constant(m) + r * s for (m, r), s in zip(boxes, context.gens(), strict=True)]
 
 
-def _on_face(polynomial: Any, cell: Cell, places: list[Any], lift: int, growth: bool = False) -> Any:
+def _on_face(
+    polynomial: fmpq_mpoly, cell: Cell, places: list[fmpq_mpoly], lift: int, growth: bool = False
+) -> fmpq_mpoly:
     """Σ_k ρ^(k−2+lift) P_k(t) in the variables s; each part times k for the growth along rays."""
     f, sign = cell.face
     terms: dict[tuple[int, ...], fmpq] = {}
@@ -129,11 +130,11 @@ def _taylor(function: Function, center: fmpq, radius: arb) -> tuple[list[fmpq], 
     return values, rounding + worst * radius ** (_ORDER + 1)
 
 
-def _magnitude(polynomial: Any) -> arb:
+def _magnitude(polynomial: fmpq_mpoly) -> arb:
     return sum((abs(arb(value)) for value in polynomial.coeffs()), arb(0))
 
 
-def _upper(polynomial: Any, n: int) -> arb:
+def _upper(polynomial: fmpq_mpoly, n: int) -> arb:
     """Bound (8): constant, slopes with their squares, pairs shared between squares, and the rest."""
     low = {e: v for e, v in polynomial.to_dict().items() if sum(e) <= 2}
     total = low.get((0,) * n, fmpq(0)) + _magnitude(polynomial)

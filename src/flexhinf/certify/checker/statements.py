@@ -25,9 +25,8 @@ import itertools
 import operator
 from collections.abc import Callable
 from math import prod, sqrt
-from typing import Any
 
-from flint import Ordering, arb, arb_series, ctx, fmpq, fmpq_mat, fmpq_mpoly_ctx
+from flint import Ordering, arb, arb_series, ctx, fmpq, fmpq_mat, fmpq_mpoly, fmpq_mpoly_ctx
 
 from flexhinf.certify.checker.residual import (
     as_rational,
@@ -108,7 +107,7 @@ def enclosed_value(
     return center, center + slope * arb(0, 1) * arb(right - middle)
 
 
-def _path(start: Start, piece: int, about: arb, values: dict[str, arb], terms: int) -> list[Any]:
+def _path(start: Start, piece: int, about: arb, values: dict[str, arb], terms: int) -> list[arb_series]:
     """x(a + ε) as power series in ε, between two knots of the table."""
     a = arb_series([about, 1], prec=terms)
     states = []
@@ -137,7 +136,7 @@ def _path(start: Start, piece: int, about: arb, values: dict[str, arb], terms: i
     return states
 
 
-def _value(claim: Claim, x: list[Any]) -> Any:
+def _value(claim: Claim, x: list[arb_series]) -> arb_series:
     tables = [
         list(itertools.accumulate([y] * most, operator.mul, initial=y * 0 + 1))
         for y, most in zip(
@@ -230,7 +229,7 @@ def check_observer(claim: Claim, observer: Observer, gradient_law: bool) -> None
 
 
 # The form of the plant --------------------------------------------------------------------------------
-def _error_drift(claim: Claim, estimated: list[int], sensors: Any) -> Any:
+def _error_drift(claim: Claim, estimated: list[int], sensors: fmpq_mat) -> fmpq_mat:
     """A of the estimated states. Refuses plants that are nonlinear in what is neither measured nor known."""
     n = len(claim.states)
     known = [i for i in range(n) if i not in estimated]
@@ -278,7 +277,9 @@ def _number(claim: Claim, term: Term) -> fmpq:
 
 
 # The slopes of the law --------------------------------------------------------------------------------
-def _check_slopes(claim: Claim, observer: Observer, estimated: list[int], weight: Any, storage: Any) -> None:
+def _check_slopes(
+    claim: Claim, observer: Observer, estimated: list[int], weight: fmpq_mat, storage: fmpq_mat
+) -> None:
     """JᵀR2 J ≺ M at every corner of a box that holds J at all points of the hull.
 
     eᵀJᵀR2Je is convex in J: corners suffice. The hull is max|z_i| ≤ reach plus the largest |z_i| of an error.
@@ -307,7 +308,7 @@ def _check_slopes(claim: Claim, observer: Observer, estimated: list[int], weight
         )
 
 
-def _law_slopes(claim: Claim, estimated: list[int]) -> list[list[Any]]:
+def _law_slopes(claim: Claim, estimated: list[int]) -> list[list[fmpq_mpoly]]:
     """∂k̂/∂x_j by z, for each input and estimated state: k̂ = −R2⁻¹ g2ᵀ V_xᵀ, exactly."""
     n = len(claim.states)
     context = fmpq_mpoly_ctx.get([f"z{i + 1}" for i in range(n)], Ordering.degrevlex)
@@ -328,7 +329,7 @@ def _law_slopes(claim: Claim, estimated: list[int]) -> list[list[Any]]:
     return [[law.derivative(j).compose(*x, ctx=context) for j in estimated] for law in laws]
 
 
-def _hull(claim: Claim, observer: Observer, estimated: list[int], storage: Any) -> list[fmpq]:
+def _hull(claim: Claim, observer: Observer, estimated: list[int], storage: fmpq_mat) -> list[fmpq]:
     """Bounds of |z_i| for x in S plus any error e with ½ eᵀXe ≤ ε: |aᵀe|² ≤ 2ε aᵀX⁻¹a."""
     backwards, within = matrix_of(claim.coordinates).inv(), storage.inv()
     result = []

@@ -329,7 +329,8 @@ class LiveArm:
     def _standstill(self) -> Any:
         """(q, p) → (x, u) at rest: exact for linear springs, without a coil's current; near it with other springs."""
         basic = self.robot.plant()
-        known, n = standstill_function(self.plant) or standstill_function(basic), len(self.robot.joint_names)
+        known: Any = standstill_function(self.plant) or standstill_function(basic)
+        n = len(self.robot.joint_names)
         more = self.plant.n - basic.n
 
         def standstill(q: Any, p: Any) -> Any:
