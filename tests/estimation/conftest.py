@@ -1,24 +1,9 @@
 from dataclasses import dataclass
-from itertools import combinations, product
 
 import numpy as np
 import pytest
 
 from flexhinf.plant import Plant
-
-
-def pairs(*options):
-    """So few cases, always the same, that every two levels of two options meet in one of them."""
-
-    def met(case):
-        return set(combinations(enumerate(case), 2))
-
-    every = list(product(*(range(len(levels)) for levels in options)))
-    missing, chosen = set().union(*map(met, every)), []
-    while missing:
-        chosen.append(max(every, key=lambda case: len(met(case) & missing)))
-        missing -= met(chosen[-1])
-    return [tuple(levels[k] for levels, k in zip(options, case)) for case in chosen]
 
 
 @dataclass

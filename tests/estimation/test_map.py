@@ -7,6 +7,7 @@ import pickle
 
 import numpy as np
 import pytest
+from tests.builders import FORMS, KALMAN, linear_law
 from tests.estimation.composing import composed
 from tests.refusals import refused_with
 
@@ -15,13 +16,11 @@ from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ConstantGainFilter, ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.estimation.stationary import linear_model, stationary_gain
-from flexhinf.plant import Law
 
 # Kernels that run once each: half of the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-BOTH = pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter])
-FORMS = pytest.mark.parametrize("form", ["covariance", "square_root"])
+
 PERIOD = 0.05
 
 
@@ -44,21 +43,10 @@ def pendulum(**changes):
     return fh.Plant(turned, first, **names, sampled=True, **changes)
 
 
-class Pull(Law):
-    """u = −2 angle − speed."""
-
-    state_names, input_names = ("angle", "speed"), ("torque",)
-    operating_point, operating_input = np.zeros(2), np.zeros(1)
-    law_data = np.array([-2.0, -1.0])  # type: ignore[assignment]
-
-    def evaluate_law(self, x, data):
-        return np.array([data @ x])
-
-
 # Filters -------------------------------------------------------------------------------------------------
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
-@BOTH
+@KALMAN
 @FORMS
 @pytest.mark.parametrize(("n", "p"), [(3, 1), (6, 4)])
 def test_on_a_linear_map_it_is_the_kalman_filter(kalman, kind, form, n, p):
@@ -148,7 +136,7 @@ def test_the_stationary_gain_of_a_map_is_that_of_the_riccati_equation():
 # Loops, files and C ---------------------------------------------------------------------------------------
 def controller(form="covariance", **options):
     estimator = UnscentedKalmanFilter(pendulum(), PERIOD, [1e-6, 1e-5], 1e-4, [0.4, 0.0], 0.01, form=form)
-    return fh.Controller(Pull(), estimator, PERIOD, **options)
+    return fh.Controller(linear_law(pendulum(), [-2.0, -1.0]), estimator, PERIOD, **options)
 
 
 @pytest.mark.quick_cases(1)
@@ -246,7 +234,7 @@ REFUSED = {
     "FMU": lambda plant: __import__("flexhinf.export.fmu", fromlist=["x"]).export_plant_fmu(
         plant, "never.fmu"
     ),
-    "linear loop": lambda plant: EquilibriumLoop(Pull(), None, plant, PERIOD),
+    "linear loop": lambda plant: EquilibriumLoop(linear_law(pendulum(), [-2.0, -1.0]), None, plant, PERIOD),
 }
 
 

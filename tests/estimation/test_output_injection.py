@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.signal import place_poles
 from scipy.stats import multivariate_normal
-from tests.estimation.conftest import pairs
+from tests.builders import pairs
 from tests.refusals import refused_with
 
 import flexhinf as fh

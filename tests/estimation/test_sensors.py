@@ -6,8 +6,8 @@ import pickle
 
 import numpy as np
 import pytest
+from tests.builders import FORMS, KALMAN, pairs
 from tests.estimation.composing import composed
-from tests.estimation.conftest import pairs
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -18,8 +18,7 @@ from flexhinf.plant import SensorTable
 # Kernels that run once each: half of the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-BOTH = pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter])
-FORMS = pytest.mark.parametrize("form", ["covariance", "square_root"])
+
 PERIOD = 0.02
 
 
@@ -39,7 +38,7 @@ def sensors(delays=(0, 0), noise=(0.3, 0.2)):
 
 
 # Noise and quantisation ---------------------------------------------------------------------------------
-@BOTH
+@KALMAN
 @FORMS
 def test_noise_and_quantisation_are_the_measurement_noise(kalman, kind, form):
     case = kalman.case(3, 2, 2)
@@ -134,7 +133,7 @@ def test_what_is_late_is_taken_for_what_it_was(kalman, kind, form, sampled, dela
 
 
 @pytest.mark.quick_cases(1)
-@BOTH
+@KALMAN
 @FORMS
 def test_a_late_angle_may_jump_by_a_turn(kind, form):
     """Against the same arm with an angle that counts turns."""

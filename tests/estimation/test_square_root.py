@@ -7,8 +7,8 @@ from functools import partial
 import mpmath
 import numpy as np
 import pytest
+from tests.builders import KALMAN, bearing, pairs
 from tests.estimation.composing import composed
-from tests.estimation.conftest import pairs
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -19,7 +19,7 @@ from flexhinf.estimation.square_root import root_rows
 # Kernels that run once each: half of the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-BOTH = pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter])
+
 ROOT = {"form": "square_root"}
 
 
@@ -82,7 +82,7 @@ def exact(case, n, p, samples):
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
-@BOTH
+@KALMAN
 @pytest.mark.parametrize(
     ("prior", "noise", "process"),
     [(1e8, 1e-10, 1e-8), (1.0, 1e-12, 0.0), (1e4, 1e-16, 1e-20), (1e-12, 1e6, 1e-4)],
@@ -109,7 +109,7 @@ def test_where_variances_lie_many_decades_apart_it_is_right(kind, prior, noise, 
 
 
 @pytest.mark.quick_cases(1)
-@BOTH
+@KALMAN
 @pytest.mark.parametrize("rank", [0, 1, 2])
 def test_a_state_that_is_known_exactly_stays_so(kind, rank):
     rng = np.random.default_rng(rank)
@@ -128,12 +128,6 @@ def test_a_state_that_is_known_exactly_stays_so(kind, rank):
 
 
 # What is not linear -------------------------------------------------------------------------------------
-def bearing():
-    return fh.Plant(
-        lambda x, u, d, q: np.array([x[1], -q.weight * np.sin(x[0]) + u[0]]),
-        lambda x, u, q: np.array([np.arctan2(x[1], 2.0 + x[0]), x[0] * x[1]]),
-        ("angle", "speed"), ("torque",), outputs=("bearing", "product"), parameters={"weight": 1.0},
-    )  # fmt: skip
 
 
 @pytest.mark.oracle
@@ -170,7 +164,7 @@ def test_composed_it_is_its_text_on_floats(kalman, kind):
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
-@BOTH
+@KALMAN
 def test_an_arm_is_estimated_as_in_the_covariance_form(kind):
     robot, rng = fh.load_robot("planar-two-link"), np.random.default_rng(0)
     plant = robot.plant(("link_position", "motor_position"))

@@ -2,17 +2,16 @@
 
 import numpy as np
 import pytest
+from tests.builders import KALMAN
 from tests.estimation.composing import composed
 
 import flexhinf as fh
 from flexhinf.codegen import DIRECT
-from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
+from flexhinf.estimation import UnscentedKalmanFilter
 from flexhinf.plant import rk4_stages
 
 # Kernels that run once each: half of the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")
-
-BOTH = pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter])
 
 
 def composed_step(estimator):
@@ -23,7 +22,7 @@ def composed_step(estimator):
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
-@BOTH
+@KALMAN
 @pytest.mark.parametrize(
     ("n", "p", "period", "stages"),
     [
@@ -51,7 +50,7 @@ def test_on_a_linear_plant_they_are_the_kalman_filter(kalman, kind, n, p, period
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
-@BOTH
+@KALMAN
 def test_composed_they_are_their_text_on_floats(kalman, kind):
     case = kalman.case(12, 2, 3, seed=4)
     estimator = kind(**case.arguments(period=1.0, form="covariance"))

@@ -2,7 +2,7 @@ import warnings
 
 import numpy as np
 import pytest
-from tests.estimation.conftest import pairs
+from tests.builders import pairs
 
 from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput
