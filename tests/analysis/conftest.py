@@ -14,7 +14,7 @@ from flexhinf.analysis.linear_loop import exponential
 from flexhinf.estimation import ExtendedKalmanFilter, OutputInjectionObserver, UnscentedKalmanFilter
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.loop.simulation.program import measure_function, rk4_function
-from flexhinf.plant import Law, Plant
+from flexhinf.plant import Plant
 from flexhinf.robot import Robot, load_robot, paper_arm
 
 PERIOD = 1e-3
@@ -33,28 +33,6 @@ def filter_of(
         poles = -np.array([60.0, 70.0, 80.0, 90.0])
         return OutputInjectionObserver(plant, period, *noise, mean, poles=poles)
     return build(plant, period, *noise, mean, 1e-6)
-
-
-class Gains(Law):
-    """u = u* − K (x − x*): a law that is nothing but a matrix, without integrals or with them, last in x."""
-
-    def __init__(
-        self, plant: Plant, gains: Any, point: Any, rest: Any, integrals: tuple[str, ...] = ()
-    ) -> None:
-        self.gains = np.atleast_2d(np.asarray(gains, dtype=float))
-        self.state_names = (*plant.states, *(f"{name}_integral" for name in integrals))
-        self.input_names = tuple(plant.inputs)
-        self.operating_point = np.concatenate([point, np.zeros(len(integrals))])
-        self.operating_input = np.asarray(rest, dtype=float)
-
-    law_key = "gains"
-
-    @property
-    def law_data(self) -> np.ndarray:
-        return self.gains.ravel()
-
-    def evaluate_law(self, x: Any, data: Any) -> Any:
-        return -(np.asarray(data).reshape(self.gains.shape) @ x)
 
 
 def _whole_jacobian(
@@ -146,7 +124,7 @@ def _dense_opened(loop: LinearLoop, delay: float | None = None) -> DiscreteSyste
 def made() -> SimpleNamespace:
     """How tests make laws and filters."""
     return SimpleNamespace(
-        law=designed, filter=filter_of, Gains=Gains, whole_jacobian=_whole_jacobian,
+        law=designed, filter=filter_of, whole_jacobian=_whole_jacobian,
         dense_system=_dense_system, dense_opened=_dense_opened,
     )  # fmt: skip
 

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from tests.builders import linear_law
 
 from flexhinf.analysis import EquilibriumLoop, frequency_response, margins
 from flexhinf.analysis.linear_loop import BRIEF, ECHO, DiscreteSystem, with_queue
@@ -104,7 +105,7 @@ def soft(made: SimpleNamespace, gain: float, delay: int) -> EquilibriumLoop:
         lambda x, u, p: np.array([x[0]]),
         states=("position", "velocity"), inputs=("force",), disturbances=("push",), parameters={"k": 4.0, "c": 2.0},
     )  # fmt: skip
-    law = made.Gains(plant, [[gain, 0.3]], np.zeros(2), np.zeros(1))
+    law = linear_law(plant, [-gain, -0.3])
     rest = (np.zeros(2), np.zeros(1))
     return EquilibriumLoop(law, None, plant, PERIOD, equilibrium=rest, delay=delay, positions="position")
 

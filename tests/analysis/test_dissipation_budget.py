@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
+from tests.builders import linear_law
 from tests.refusals import refused_with
 from tests.tiers import ci_and_night
 
@@ -182,9 +183,9 @@ def test_a_run_that_diverges_has_spent_everything(arm: Robot) -> None:
 
 
 def test_misuse_is_refused(made: SimpleNamespace, arm: Robot, law: HJISolution) -> None:
-    plain = made.Gains(arm.plant(), np.ones((1, 4)), np.zeros(4), [0.0])
+    plain = linear_law(arm.plant(), np.ones(4))
     loop = Loop(arm.plant(), Controller(plain, None))
-    with refused_with(InvalidInput, "value", "Gains"):
+    with refused_with(InvalidInput, "value", "LinearLaw"):
         dissipation_budget(loop.run(duration=0.01), loop)
     loop = Loop(arm.plant(), Controller(law, None))
     with pytest.raises(InvalidInput, match="link_torque"):

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.linalg import expm
+from tests.builders import linear_law
 from tests.refusals import refused_with
 
 from flexhinf.analysis import EquilibriumLoop
@@ -141,7 +142,7 @@ def test_a_law_without_integrals_rests_off_the_goal(made: SimpleNamespace, two_l
     plant = two_link.plant()
     x, u = two_link.operating_point([0.5, 0.3])
     gains = np.hstack([np.zeros((2, 4)), np.diag([60.0, 30.0]), np.diag([6.0, 3.0])])
-    law, values = made.Gains(plant, gains, x, u), two_link.corner({"mass_elbow": 1.0, "mass_shoulder": 1.0})
+    law, values = linear_law(plant, -gains, x, u), two_link.corner({"mass_elbow": 1.0, "mass_shoulder": 1.0})
     loop = EquilibriumLoop(law, None, plant, PERIOD)
     found = loop.modes([values, {}])
     rest = found.equilibrium[:, :8]
@@ -193,7 +194,7 @@ def test_a_search_that_strays_far_says_nothing_and_spoils_no_other(
     plant = two_link.plant()
     x, u = two_link.operating_point([0.5, 0.3])
     gains = np.hstack([np.zeros((2, 4)), np.diag([60.0, 30.0]), np.diag([6.0, 3.0])])
-    loop = EquilibriumLoop(made.Gains(plant, gains, x, u), None, plant, PERIOD, delay=1)
+    loop = EquilibriumLoop(linear_law(plant, -gains, x, u), None, plant, PERIOD, delay=1)
     far = np.zeros(len(loop.start))
     far[[plant.index(name) for name in plant.states if name.startswith("link_velocity")]] = 1e70
     modes = loop.modes([{}, {}], near=np.array([np.full(len(far), np.nan), far]))
@@ -246,7 +247,7 @@ def test_misuse_is_refused(made: SimpleNamespace, arm: Robot, cubic: HJISolution
     with refused_with(InvalidInput, "delay", 0.5):
         EquilibriumLoop(cubic, None, plant, PERIOD, delay=0.5)  # type: ignore[arg-type]
     with refused_with(InvalidInput, "integrals", "goal=0.5"):
-        EquilibriumLoop(made.Gains(plant, np.ones((1, 4)), np.zeros(4), [0.0]), None, plant, PERIOD, 0.5)
+        EquilibriumLoop(linear_law(plant, np.ones(4)), None, plant, PERIOD, 0.5)
     with refused_with(InvalidInput, "filter", "NoneType"):
         EquilibriumLoop(cubic, None, plant, PERIOD).gain(np.eye(4))
     with pytest.raises(InvalidInput, match="stiffness_"):

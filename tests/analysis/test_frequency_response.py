@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.builders import linear_law
 
 from flexhinf.analysis import EquilibriumLoop, LinearLoop, frequency_response, margins
 from flexhinf.analysis.worst_disturbance import ZeroOrderHold
@@ -73,7 +74,7 @@ def test_two_links_as_python_control_connects_them(
 ) -> None:
     plant, (x, u) = two_link.plant(), two_link.operating_point()
     gains = np.hstack([np.diag([400.0, 90.0]), np.diag([40.0, 9.0]), np.zeros((2, 4))])
-    pd = made.Gains(plant, gains, x, u)
+    pd = linear_law(plant, -gains, x, u)
     for law, options in (
         (two_link_law, {}),
         (pd, {"equilibrium": (x, u), "moving": True, "positions": plant.states[:2]}),

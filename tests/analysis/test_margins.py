@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.builders import linear_law
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -37,7 +38,7 @@ def mass(
         states=("position", "velocity"),
         inputs=("force",),
     )
-    law = made.Gains(plant, [[stiffness, damping]], np.zeros(2), np.zeros(1))
+    law = linear_law(plant, [-stiffness, -damping])
     return EquilibriumLoop(law, None, plant, period, moving=True, delay=delay, positions="position")
 
 
@@ -78,7 +79,7 @@ def test_the_gain_of_an_unstable_plant_must_not_fall(made: SimpleNamespace) -> N
     plant = Plant(
         lambda x, u, d, p: np.array([x[0] + u[0]]), lambda x, u, p: x, states=("level",), inputs=("flow",)
     )
-    law = made.Gains(plant, [[3.0]], np.zeros(1), np.zeros(1))
+    law = linear_law(plant, [-3.0])
     found = margins(EquilibriumLoop(law, None, plant, 0.01, positions="level"))
     growth = math.exp(0.01)
     assert found.gain_margins[0] == pytest.approx([1.0 / 3.0, (growth + 1.0) / (growth - 1.0) / 3.0])
@@ -268,7 +269,7 @@ def test_no_delay_harms_a_loop_that_stays_below_one(made: SimpleNamespace) -> No
         states=("level",),
         inputs=("flow",),
     )
-    law = made.Gains(plant, [[2.0]], np.zeros(1), np.zeros(1))
+    law = linear_law(plant, [-2.0])
     found = margins(EquilibriumLoop(law, None, plant, 0.01, positions="level"))
     assert math.isinf(found.delay_margin_s)
     assert np.isnan(found.bandwidth).all()

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from tests.builders import linear_law
 from tests.tiers import ci_and_night
 
 from flexhinf.analysis import (
@@ -42,7 +43,7 @@ DESIGNED, MOSTLY_LINK, LINK_ALONE, MOTOR_ALONE = (
 def loop_of(made: SimpleNamespace, arm: Robot, preset: str, degrees: int) -> EquilibriumLoop:
     goal = math.radians(degrees)
     x, u = arm.operating_point([goal])
-    law = made.Gains(arm.plant(), -np.array(GAINS[preset, degrees]), x, u, ("link_position",))
+    law = linear_law(arm.plant(), GAINS[preset, degrees], x, u, ("link_position",))
     filter = made.filter(arm.plant(), x, "ukf", (DESIGNED, 1e-8))
     return EquilibriumLoop(law, filter, arm.plant(inductance=True), 1e-3, goal, latency=0)
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.builders import linear_law
 from tests.refusals import refused_with
 from tests.tiers import ci_and_night
 
@@ -213,11 +214,11 @@ def test_misuse_is_refused(arm: Robot, torques: GeneralisedPlant, quartic: HJISo
             InvalidInput, match=f"energy={sizes.get('energy')} and level={sizes.get('level')}"
         ):
             worst_disturbance(torques, quartic, **sizes)  # type: ignore[arg-type]
-    plain = made.Gains(arm.plant(), np.ones((1, 5)), np.zeros(4), [0.0], ("link_position",))
-    with refused_with(InvalidInput, "level=1.0", "Gains"):
+    plain = linear_law(arm.plant(), np.ones(5), integrals=("link_position",))
+    with refused_with(InvalidInput, "level=1.0", "LinearLaw"):
         worst_disturbance(torques, plain, level=1.0)
     with refused_with(InvalidInput, "states", "'link_position_integral'"):
-        worst_disturbance(torques, made.Gains(arm.plant(), np.ones((1, 4)), np.zeros(4), [0.0]), energy=1.0)
+        worst_disturbance(torques, linear_law(arm.plant(), np.ones(4)), energy=1.0)
     with refused_with(InvalidInput, "search_period=0.001 s", 0.01):
         DisturbanceSearch(torques, quartic, made.filter(arm.plant(), np.zeros(4)), 1e-3, search_period=0.01)
 

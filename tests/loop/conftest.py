@@ -3,33 +3,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_are
+from tests.builders import LinearLaw
 
 from flexhinf.estimation import UnscentedKalmanFilter
 from flexhinf.hinf import solve_hji
-from flexhinf.plant import Law, Plant
+from flexhinf.plant import Plant
 from flexhinf.robot import load_robot, paper_arm
 
 #: Sampling period of `plain_loop`, s.
 H = 1e-2
-
-
-class LinearLaw(Law):
-    """u = u* + K (x − x*), the smallest thing that is a law."""
-
-    law_key = "linear"
-
-    def __init__(self, states, inputs, gain, point=None, rest=None):
-        self.state_names, self.input_names = tuple(states), tuple(inputs)
-        self.gain = np.atleast_2d(np.asarray(gain, dtype=float))
-        self.operating_point = np.zeros(len(self.state_names)) if point is None else np.asarray(point)
-        self.operating_input = np.zeros(len(self.input_names)) if rest is None else np.asarray(rest)
-
-    @property
-    def law_data(self):
-        return self.gain.ravel()
-
-    def evaluate_law(self, x, data):
-        return data.reshape(len(self.input_names), -1) @ x
 
 
 def arm_law(pose=None):
