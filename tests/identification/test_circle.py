@@ -11,6 +11,7 @@ import tomllib
 import numpy as np
 import pytest
 from tests.identification.test_excitation import ENCODERS, driven
+from tests.logs import write_log
 
 import flexhinf as fh
 
@@ -45,11 +46,8 @@ def test_a_log_of_the_proposed_motion_makes_a_design_that_works(tmp_path):
     )
     guess = fh.load_robot(tmp_path / "guess.toml")
     motion = fh.excitation(guess, NAMES, measured=ENCODERS, duration=4.0)
-    times, inputs, outputs = driven(true, motion, 5)
-    table = np.column_stack([times, inputs, outputs])
-    head = "time,motor_voltage,link_position,motor_position"
-    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=head, comments="")
-    log = fh.read_log(tmp_path / "log.csv", guess.plant(ENCODERS))
+    file = write_log(tmp_path / "log.csv", ("motor_voltage", *ENCODERS), *driven(true, motion, 5))
+    log = fh.read_log(file, guess.plant(ENCODERS))
     fh.identify(guess, log, NAMES, measured=ENCODERS).save(tmp_path / "robot.toml")
     for name, stated in numbers_of(tmp_path / "robot.toml").items():
         low, high = stated["range"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.optimize import minimize
-from tests.identification.simulated import PERIOD, TRUE, linear_log, oscillator, share
+from tests.logs import PERIOD, TRUE, linear_log, oscillator, share
 from tests.refusals import refused_with
 from tests.tiers import ci_and_night
 
