@@ -181,34 +181,35 @@ class PlantBox(BlackBox):
 
 
 # Robots, filters and controllers ----------------------------------------------------------------------------
-#: A robot of the catalogue by its name, made once: robots never change.
-robot = cache(fh.load_robot)
+robot_named = cache(fh.load_robot)
 
 
-def arm_filter(
-    kind: Any = fh.UnscentedKalmanFilter, q: Any = 1e-7, r: Any = 1e-4, mean: Any = (0.0,) * 4, p0: Any = 1e-4,
-    period: float = 1e-3, **options: Any,
-) -> Any:  # fmt: skip
-    """A filter of the paper's arm, whose link is measured: R^v = q, R^w = r, and the first belief."""
-    return kind(fh.paper_arm().plant(), period, q, r, mean, p0, **options)
-
-
-@cache
-def arm_law(degree: int = 2, pose: float | None = None) -> Any:
-    """The paper's law for γ = ∞; V of degree 2 has the linear law."""
-    problem = fh.paper_arm().problem(pose=pose)
+def arm_law(robot: fh.Robot, degree: int = 2, *given: Any, **options: Any) -> Any:
+    """The law of `robot.problem(*given, **options)` for γ = ∞: the linear one, or that of a V of higher degree."""
+    problem = robot.problem(*given, **options)
     if degree == 2:
         return fh.linear_law(problem, gamma=math.inf)
     return fh.solve_hji(problem, gamma=math.inf, degree=degree)
 
 
 def arm_controller(
-    degree: int = 2, estimator: Any = fh.UnscentedKalmanFilter, limit: float | None = 48.0, pose: float | None = None,
-    period: float = 1e-3, **options: Any,
+    name: str | fh.Robot = "paper", kind: Any = fh.UnscentedKalmanFilter, *, degree: int = 2, weights: Any = None,
+    pose: Any = None, at: Any = None, mean: Any = None, measured: Any = None, q: Any = 1e-7, r: Any = 1e-4,
+    p0: Any = 1e-4, period: float = 1e-3, limit: Any = 48.0, filter: Any = None, **options: Any,
 ) -> fh.Controller:  # fmt: skip
-    """A controller of the paper's arm at 1 kHz and within 48 V; `estimator` is one, or a kind of one, or None."""
-    filter = arm_filter(estimator, period=period) if isinstance(estimator, type) else estimator
-    return fh.Controller(arm_law(degree, pose), filter, period, limit, **options)
+    """A controller of a robot, or of one of the catalogue, at 1 kHz and with inputs of 48 at most.
+
+    `arm_law` about a pose stands behind a filter of this kind, or behind none (None). The filter begins at rest at
+    the pose or `at` other angles, or with a mean, and has R^v = q, R^w = r, the first covariance p0, and other options.
+    """
+    robot = robot_named(name) if isinstance(name, str) else name
+    given = {} if measured is None else {"measured": measured}
+    law = arm_law(robot, degree, *(() if weights is None else (weights,)), pose=pose, **given)
+    if kind is None:
+        return fh.Controller(law, None, period, limit, **options)
+    mean = robot.operating_point(pose if at is None else at)[0] if mean is None else mean
+    estimator = kind(robot.plant(**given), period, q, r, mean, p0, **(filter or {}))
+    return fh.Controller(law, estimator, period, limit, **options)
 
 
 #: Noise of `three_sensors`, and what else a filter of them is given.

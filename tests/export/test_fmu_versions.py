@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import shutil
 import subprocess
 import zipfile
@@ -12,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.builders import arm_controller
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -32,8 +32,7 @@ VERSIONS = ("2.0", "3.0")
 @pytest.fixture(scope="module")
 def controller() -> fh.Controller:
     """One whose C compiles fast."""
-    ekf = fh.ExtendedKalmanFilter(PLANT, PERIOD, 1e-7, 1e-4, [0.0] * 4, 1e-4)
-    return fh.Controller(fh.linear_law(ARM.problem(), gamma=math.inf), ekf, PERIOD, 48.0)
+    return arm_controller(kind=fh.ExtendedKalmanFilter)
 
 
 @pytest.fixture(scope="module")
@@ -264,8 +263,7 @@ def test_ecos_connects_both_and_moves_them_as_simulated(fmi: str, compiler: str,
         import ecospy  # type: ignore[import-not-found]
     except (ImportError, OSError) as error:  # its library needs oneTBB
         pytest.skip(f"missing: ecospy ({error})")
-    ekf = fh.ExtendedKalmanFilter(PLANT, PERIOD, 1e-7, 1e-4, [0.0] * 4, 1e-4)
-    late = fh.Controller(fh.linear_law(ARM.problem(), gamma=math.inf), ekf, PERIOD, 48.0, latency=1)
+    late = arm_controller(kind=fh.ExtendedKalmanFilter, latency=1)
     run = fh.Loop(PLANT, late).run(fh.Step(GOAL), duration=PERIOD * (SAMPLES - 1))
     found = []
     with ecospy.EcosSimulationStructure() as structure:
