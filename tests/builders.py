@@ -5,6 +5,7 @@ A test that judges other numbers states them; what never changes is made once fo
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Sequence
 from functools import cache, partial
@@ -180,7 +181,32 @@ class PlantBox(BlackBox):
         return self.x
 
 
-# Robots, filters and controllers ----------------------------------------------------------------------------
+# Robots -----------------------------------------------------------------------------------------------------
+def joint_text(
+    name: str, *, mass: float | None = 1.0, centre: Any = (0.0, 0.0, 0.1), inertia: Any = (0.02, 0.02, 0.01),
+    spring: str = "stiffness = 100.0", motor: str = "motor_inertia = 0.1", **keys: Any,
+) -> str:  # fmt: skip
+    """A [[joint]] of a robot file: `keys` stand at its top; `spring` and `motor` are the lines of these tables.
+
+    `inertia` is xx, yy, zz and perhaps xy. Without a mass the joint has no link, as beside a URDF.
+    """
+    lines = [
+        "[[joint]]",
+        f'name = "{name}"',
+        *(f"{key} = {json.dumps(value)}" for key, value in keys.items()),
+    ]
+    if mass is not None:
+        parts = ", ".join(f"{axis} = {value}" for axis, value in zip(("xx", "yy", "zz", "xy"), inertia))
+        lines += [
+            "[joint.link]",
+            f"mass = {mass}",
+            f"centre_of_mass = {list(centre)}",
+            f"inertia = {{ {parts} }}",
+        ]
+    return "\n".join([*lines, "[joint.spring]", spring, "[joint.motor]", motor, ""])
+
+
+# Filters and controllers ------------------------------------------------------------------------------------
 robot_named = cache(fh.load_robot)
 
 
