@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.builders import arm_controller
 from tests.logs import write_log
 from tests.refusals import unnamed
 
@@ -21,12 +22,11 @@ from flexhinf.cli import main
 @pytest.fixture(scope="module")
 def run() -> Any:
     """A second of the paper's arm, its motor and its link measured, the input a sample late."""
-    arm = fh.paper_arm()
-    plant = arm.plant(("motor_position", "link_position"))
-    ukf = fh.UnscentedKalmanFilter(plant, 1e-3, [0, 0, 1e-7, 1e-7], [1e-8, 1e-6], np.zeros(4), 1e-6)
-    law = fh.linear_law(arm.problem(), gamma=math.inf)
-    loop = fh.Loop(plant, fh.Controller(law, ukf, 1e-3))
-    return loop.run(fh.Sine(0.3, 1.0), duration=1.5, noise=[1e-4, 1e-3], seed=1)
+    noise, sensors = {"q": [0, 0, 1e-7, 1e-7], "r": [1e-8, 1e-6]}, ("motor_position", "link_position")
+    controller = arm_controller(measured=sensors, **noise, p0=1e-6, limit=None)
+    return fh.Loop(controller.estimator.plant, controller).run(
+        fh.Sine(0.3, 1.0), duration=1.5, noise=[1e-4, 1e-3], seed=1
+    )
 
 
 WORDS = ["run.csv", "--robot", "paper", "--measured", "motor_position,link_position", "--latency", "1"]
