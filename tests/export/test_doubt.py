@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from tests.builders import still
 from tests.estimation.test_doubt import KINDS, made, measured
+from tests.export.fmus import Fmu
 
 import flexhinf as fh
 from flexhinf.export import export_c, export_fmu
@@ -132,27 +133,25 @@ def test_the_test_vector_has_the_status_of_each_step(compiler: str, tmp_path: Pa
 @pytest.mark.ci("exports two FMUs")
 def test_an_fmu_has_the_counts_as_outputs(compiler: str, tmp_path: Path) -> None:
     pytest.importorskip("fmpy")
-    from tests.export.test_fmu import end, instance
 
     for gate in (None, 0.9999):
         one = controller("ekf", gate=gate)
-        model, names = instance(
-            export_fmu(one, tmp_path / "arm.fmu", "arm", limits=False), tmp_path / f"unpacked {gate}"
-        )
+        made = export_fmu(one, tmp_path / "arm.fmu", "arm", limits=False)
+        fmu = Fmu(made, tmp_path / f"unpacked {gate}")
         outliers = ["rejected.y1", "rejected.y2"] if gate else []
-        assert {name for name in names if name.startswith("rejected")} == set(outliers)
+        assert {name for name in fmu.at if name.startswith("rejected")} == set(outliers)
         for k, y in enumerate(measured()):
-            model.setReal([names["measured.y1"], names["measured.y2"]], y)
-            model.doStep(k * 0.01, 0.01)
+            fmu.set(measured__y1=y[0], measured__y2=y[1])
+            fmu.step(10 * k, 0.01)
             one.step(y)
-            numbers = model.getInteger([names[name] for name in ("status", "doubtful", *outliers)])
+            numbers = fmu.model.getInteger([fmu.at[name] for name in ("status", "doubtful", *outliers)])
             assert numbers == [
                 int(one.status),
                 one.doubtful_samples,
                 *(one.rejected.tolist() if gate else []),
             ]
         assert max(numbers[1:]) >= 2
-        end(model)
+        fmu.end()
 
 
 def test_the_code_of_a_constant_gain_has_no_count(build: Callable[..., Any]) -> None:
