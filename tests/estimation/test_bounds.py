@@ -7,7 +7,7 @@ import pickle
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
-from tests.builders import FORMS, seen_by_three, still
+from tests.builders import FORMS, filters, seen_by_three, still
 from tests.estimation.composing import composed
 from tests.refusals import refused_with
 
@@ -125,18 +125,16 @@ def test_compiled_it_is_its_text_and_a_loop_and_a_file_keep_it(kalman, form, tmp
             np.testing.assert_array_equal(stepped.estimate, expected)
 
 
-@FORMS
-def test_without_bounds_that_are_met_no_bit_changes(form):
-    plain, wide = (
-        seen_by_three(ExtendedKalmanFilter, form=form, bounds=bounds)
-        for bounds in (None, {"x0": (-9.0, 9.0), "x2": (-9.0, 9.0)})
-    )
+@filters()
+def test_without_bounds_that_are_met_nothing_changes(kind):
+    wide = {"x0": (-9.0, 9.0), "x2": (-9.0, 9.0)}
+    plain, bounded = (seen_by_three(kind, bounds=bounds) for bounds in (None, wide))
     for y in ([0.15, 0.2, 0.1], [0.1, np.nan, 0.1]):
-        for filter in (plain, wide):
+        for filter in (plain, bounded):
             filter.correct(y)
             filter.predict([0.1])
-        np.testing.assert_array_equal(wide.mean, plain.mean)
-        np.testing.assert_array_equal(wide.covariance, plain.covariance)
+        np.testing.assert_array_equal(bounded.mean, plain.mean)
+        np.testing.assert_array_equal(bounded.covariance, plain.covariance)
 
 
 @pytest.mark.parametrize("kind", [ExtendedKalmanFilter, UnscentedKalmanFilter])
@@ -145,6 +143,7 @@ def test_without_bounds_that_are_met_no_bit_changes(form):
     [
         ({"x0": (1.0, 0.5)}, ("x0",)), ({"x0": (0.0, np.nan)}, ("x0",)), ({"x0": "wide"}, ("x0",)),
         ({"x9": (0.0, 1.0)}, ("x9",)), ({"x0": (0.5, 1.0)}, ("x0", 0.5, 0.3)), ([("x0", 0.0, 1.0)], ("bounds",)),
+        ({"x0": (0.0, 1.0, 2.0)}, ("x0", 2.0)), ({"x0": 3.0}, ("x0", 3.0)),
     ],
 )  # fmt: skip
 def test_what_is_no_interval_about_the_mean_is_refused(kind, bounds, named):

@@ -5,7 +5,6 @@ import pytest
 from tests.builders import pairs
 
 from flexhinf.codegen import DIRECT
-from flexhinf.errors import InvalidInput
 from flexhinf.estimation import UnscentedKalmanFilter
 from flexhinf.plant import Gaussian, Plant, rk4_step
 from flexhinf.robot import paper_arm
@@ -192,42 +191,6 @@ def test_bounds_hold_whatever_is_measured(form, kappa):
         ukf.correct(y + (5.0 if k % 7 == 0 else 0.0))
         assert all(low <= ukf.mean[ukf.plant.index(s)] <= high for s, (low, high) in bounds.items())
     assert ukf.mean[0] == pytest.approx(0.3, abs=0.31)
-
-
-@pytest.mark.ci("600 steps of two filters")
-@pytest.mark.parametrize("redraw", [True, False])
-def test_wide_bounds_do_nothing(redraw):
-    free, bounded = (
-        arm_ukf(redraw=redraw),
-        arm_ukf(redraw=redraw, bounds=dict.fromkeys(free_names(), (-1e3, 1e3))),
-    )
-    for u, y in arm_run(300):
-        for ukf in (free, bounded):
-            ukf.predict(u)
-            ukf.correct(y)
-    np.testing.assert_allclose(bounded.mean, free.mean, atol=1e-12)
-    np.testing.assert_allclose(bounded.covariance, free.covariance, rtol=1e-9, atol=1e-15)
-
-
-def free_names():
-    return paper_arm().plant().states
-
-
-@pytest.mark.parametrize(
-    ("bounds", "word"),
-    [
-        ({"link_pos": (0.0, 1.0)}, "state 'link_pos'"),
-        ({"link_position": (1.0, 0.0)}, r"bounds.*'link_position'[\s\S]* \(1\.0, 0\.0\)"),
-        ({"link_position": (0.5, 1.0)}, r"mean.*bounds.*'link_position'[\s\S]* 0\.2"),
-        ({"link_position": (np.nan, 1.0)}, r"bounds.*'link_position'[\s\S]* \(nan, 1\.0\)"),
-        ({"link_position": (0.0, 1.0, 2.0)}, r"bounds.*'link_position'[\s\S]* \(0\.0, 1\.0, 2\.0\)"),
-        ({"link_position": "wide"}, r"bounds.*'link_position'[\s\S]*'wide'"),
-        ({"link_position": 3.0}, r"bounds.*'link_position'[\s\S]* 3\.0"),
-    ],
-)
-def test_bad_bounds_are_refused(bounds, word):
-    with pytest.raises(InvalidInput, match=word):
-        arm_ukf(bounds=bounds)
 
 
 @pytest.mark.parametrize("bounds", [None, {"x": (-9.0, 9.0)}])
