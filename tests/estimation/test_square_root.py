@@ -31,7 +31,7 @@ def taken(estimator, y, u):
 
 
 # Linear plants -----------------------------------------------------------------------------------------
-@pytest.mark.quick_cases(1)
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     ("kind", "size", "scale"),
