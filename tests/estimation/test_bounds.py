@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 from tests.builders import FORMS, filters, seen_by_three, still
+from tests.estimation import kalman
 from tests.estimation.composing import composed
 from tests.refusals import refused_with
 
@@ -78,7 +79,7 @@ BOUNDS = {"stiffness": (0.8, 3.0), "speed": (-0.3, 0.3)}
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @FORMS
-def test_every_update_ends_with_the_projection_of_the_plain_one(kalman, form):
+def test_every_update_ends_with_the_projection_of_the_plain_one(form):
     """Each update of the bounded filter is the plain one from the same belief, then projected; P is the plain one's."""
     bounded, plain = (ExtendedKalmanFilter(*ARGUMENTS, form=form, bounds=b) for b in (BOUNDS, None))
     rng, places, met = np.random.default_rng(2), [1, 2], 0
@@ -102,7 +103,7 @@ def test_every_update_ends_with_the_projection_of_the_plain_one(kalman, form):
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @FORMS
-def test_compiled_it_is_its_text_and_a_loop_and_a_file_keep_it(kalman, form, tmp_path):
+def test_compiled_it_is_its_text_and_a_loop_and_a_file_keep_it(form, tmp_path):
     filter = ExtendedKalmanFilter(*ARGUMENTS, form=form, bounds=BOUNDS)
     step, belief = composed(filter), filter.initial
     for k in range(30):

@@ -18,7 +18,9 @@ from tests.builders import (
     three_sensors,
     tracking_mass,
 )
+from tests.estimation import kalman
 from tests.estimation.composing import composed
+from tests.estimation.kalman import LinearCase
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -53,8 +55,8 @@ def masks(p):
 @pytest.mark.oracle
 @KALMAN_FORMS
 @pytest.mark.parametrize("scale", [1.0, 1e-4])
-def test_on_a_linear_plant_it_is_the_kalman_filter_of_the_others(kalman, kind, scale):
-    case = kalman.case(5, 1, 3, seed=7, scale=scale)
+def test_on_a_linear_plant_it_is_the_kalman_filter_of_the_others(kind, scale):
+    case = LinearCase(5, 1, 3, seed=7, scale=scale)
     filter = kind(**case.arguments())
     f, g = case.map(filter.stages, filter.sub_steps)
     step, u = composed(filter), np.array([0.3])
@@ -76,7 +78,7 @@ def test_on_a_linear_plant_it_is_the_kalman_filter_of_the_others(kalman, kind, s
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @EVERY
-def test_of_sensors_that_are_not_linear_it_is_the_filter_of_the_others(kalman, kind):
+def test_of_sensors_that_are_not_linear_it_is_the_filter_of_the_others(kind):
     rng, y = np.random.default_rng(0), np.array([0.15, 0.2, 0.1])
     filter = seen_by_three(kind)
     for mask in masks(3):
@@ -96,7 +98,7 @@ def test_of_sensors_that_are_not_linear_it_is_the_filter_of_the_others(kalman, k
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @filters("ukf", "ukf, rows", "ekf", bounded=BOUNDED["bounded, rows"])
-def test_composed_it_is_its_text_on_floats(kalman, kind):
+def test_composed_it_is_its_text_on_floats(kind):
     filter = seen_by_three(kind)
     step, belief, u = composed(filter), filter.initial, np.array([0.2])
     for mask in masks(3):

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, multivariate_normal
 from tests.builders import KALMAN_FORMS, seen_by_three, still, three_sensors, tracking_mass
+from tests.estimation import kalman
+from tests.estimation.kalman import LinearCase
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -24,8 +26,8 @@ pytestmark = pytest.mark.usefixtures("unoptimised")
 @pytest.mark.oracle
 @KALMAN_FORMS
 @pytest.mark.parametrize("gate", [0.5, 0.99, 0.999999])
-def test_what_lies_beyond_the_quantile_is_left_out(kalman, kind, gate):
-    case = kalman.case(5, 1, 3, seed=3)
+def test_what_lies_beyond_the_quantile_is_left_out(kind, gate):
+    case = LinearCase(5, 1, 3, seed=3)
     filter = kind(**case.arguments(), gate=gate)
     f, g = case.map(filter.stages, filter.sub_steps)
     mean, covariance, counts = case.mean, case.p0, np.zeros(3, dtype=int)
@@ -54,7 +56,7 @@ def test_what_lies_beyond_the_quantile_is_left_out(kalman, kind, gate):
 
 @pytest.mark.oracle
 @KALMAN_FORMS
-def test_of_sensors_that_are_not_linear_it_is_the_filter_of_the_others(kalman, kind):
+def test_of_sensors_that_are_not_linear_it_is_the_filter_of_the_others(kind):
     y = np.array([0.15, 0.2, 0.1])
     plain = seen_by_three(kind)
     gated = seen_by_three(kind, gate=0.999)

@@ -8,7 +8,9 @@ import pickle
 import numpy as np
 import pytest
 from tests.builders import FORMS, KALMAN, linear_law
+from tests.estimation import kalman
 from tests.estimation.composing import composed
+from tests.estimation.kalman import LinearCase
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -49,8 +51,8 @@ def pendulum(**changes):
 @KALMAN
 @FORMS
 @pytest.mark.parametrize(("n", "p"), [(3, 1), (6, 4)])
-def test_on_a_linear_map_it_is_the_kalman_filter(kalman, kind, form, n, p):
-    case = kalman.case(n, 2, p, seed=n)
+def test_on_a_linear_map_it_is_the_kalman_filter(kind, form, n, p):
+    case = LinearCase(n, 2, p, seed=n)
     plant = fh.Plant(
         lambda x, u, d, q: q.a @ x + q.b @ u, lambda x, u, q: q.c @ x, [f"x{k}" for k in range(n)], ("u", "v"),
         parameters={"a": case.a, "b": case.b, "c": case.c}, sampled=True,

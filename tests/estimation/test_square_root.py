@@ -8,7 +8,9 @@ import mpmath
 import numpy as np
 import pytest
 from tests.builders import KALMAN, bearing, pairs
+from tests.estimation import kalman
 from tests.estimation.composing import composed
+from tests.estimation.kalman import LinearCase
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -37,9 +39,9 @@ def taken(estimator, y, u):
     ("kind", "size", "scale"),
     pairs([UnscentedKalmanFilter, ExtendedKalmanFilter], [(3, 1), (6, 4), (9, 3)], [1e-6, 1.0, 1e3]),
 )
-def test_on_a_linear_plant_it_is_the_kalman_filter(kalman, kind, size, scale):
+def test_on_a_linear_plant_it_is_the_kalman_filter(kind, size, scale):
     n, p = size
-    case = kalman.case(n, 2, p, seed=n, scale=scale)
+    case = LinearCase(n, 2, p, seed=n, scale=scale)
     estimator = kind(**case.arguments(**ROOT))
     step, (f, g) = composed(estimator), case.map(estimator.stages, estimator.sub_steps)
     belief, expected = estimator.initial, (case.mean, case.p0)
@@ -152,7 +154,7 @@ def test_where_the_rows_are_cholesky_factors_both_forms_agree(bounds, scaling):
 @pytest.mark.parametrize(
     "kind", [UnscentedKalmanFilter, partial(UnscentedKalmanFilter, bounds={"angle": (0.0, 9.0)})]
 )
-def test_composed_it_is_its_text_on_floats(kalman, kind):
+def test_composed_it_is_its_text_on_floats(kind):
     estimator = kind(bearing(), 0.5, 1e-4, 1e-3, [0.2, 0.1], [0.01, 0.04], **ROOT)
     assert estimator.sub_steps > 1
     step, belief = composed(estimator), estimator.initial

@@ -3,6 +3,8 @@ import warnings
 import numpy as np
 import pytest
 from tests.builders import pairs
+from tests.estimation import kalman
+from tests.estimation.kalman import LinearCase
 
 from flexhinf.codegen import DIRECT
 from flexhinf.estimation import UnscentedKalmanFilter
@@ -24,8 +26,8 @@ SIZES = [(4, 2, 2), (1, 1, 1), (2, 1, 1), (5, 1, 5), (7, 3, 2)]
         for size, *rest in pairs(SIZES, [1e-6, 1.0, 1e3], [{}, {"alpha": 1.3, "kappa": 0.5}])
     ],
 )
-def test_on_a_linear_plant_it_is_the_kalman_filter(kalman, n, m, p, scale, scaling):
-    case = kalman.case(n, m, p, seed=10 * n + p, scale=scale)
+def test_on_a_linear_plant_it_is_the_kalman_filter(n, m, p, scale, scaling):
+    case = LinearCase(n, m, p, seed=10 * n + p, scale=scale)
     ukf = UnscentedKalmanFilter(**case.arguments(), **scaling)
     f, g = case.map(ukf.stages, ukf.sub_steps)
     mean, covariance = case.mean, case.p0
@@ -41,8 +43,8 @@ def test_on_a_linear_plant_it_is_the_kalman_filter(kalman, n, m, p, scale, scali
 
 @pytest.mark.ci("60 samples of four states, compiled")
 @pytest.mark.oracle
-def test_states_of_different_scales_and_a_singular_process_noise(kalman):
-    case = kalman.case(4, 1, 2, seed=4)
+def test_states_of_different_scales_and_a_singular_process_noise():
+    case = LinearCase(4, 1, 2, seed=4)
     units = np.diag([1e-6, 1.0, 1e3, 1e-2])
     case.a, case.b = units @ case.a @ np.linalg.inv(units), units @ case.b
     case.c = case.c @ np.linalg.inv(units)
@@ -64,8 +66,8 @@ def test_states_of_different_scales_and_a_singular_process_noise(kalman):
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("known", [slice(None), slice(0, 2)])
-def test_exactly_known_states(kalman, known):
-    case = kalman.case(4, 1, 2, seed=6)
+def test_exactly_known_states(known):
+    case = LinearCase(4, 1, 2, seed=6)
     case.p0[known, :] = case.p0[:, known] = 0.0
     ukf = UnscentedKalmanFilter(**case.arguments())
     f, g = case.map(ukf.stages, ukf.sub_steps)
@@ -163,8 +165,8 @@ def test_without_redraw_the_propagated_points_are_measured():
     assert abs(redrawn.covariance[0, 0] / covariance[0, 0] - 1.0) > 1e-3
 
 
-def test_without_redraw_the_first_measurement_needs_no_prediction(kalman):
-    case = kalman.case(3, 1, 1)
+def test_without_redraw_the_first_measurement_needs_no_prediction():
+    case = LinearCase(3, 1, 1)
     ukf = UnscentedKalmanFilter(**case.arguments(), redraw=False)
     ukf.correct([0.3])
     mean, covariance = kalman.correct(case.mean, case.p0, case.c, [0.3], case.r)

@@ -1,7 +1,8 @@
+"""Random linear plants, and the Kalman filter in NumPy: what filters of linear plants are compared with."""
+
 from dataclasses import dataclass
 
 import numpy as np
-import pytest
 
 from flexhinf.plant import Plant
 
@@ -63,11 +64,11 @@ class LinearCase:
         return f, g
 
 
-def kalman_predict(mean, covariance, f, g, u, q):
+def predict(mean, covariance, f, g, u, q):
     return f @ mean + g @ u, f @ covariance @ f.T + q
 
 
-def kalman_correct(mean, covariance, c, y, r):
+def correct(mean, covariance, c, y, r):
     s = c @ covariance @ c.T + r
     gain = np.linalg.solve(s, c @ covariance).T
     rest = np.eye(len(mean)) - gain @ c
@@ -80,12 +81,3 @@ def relative(mean, covariance, other_mean, other_covariance):
     spread = np.where(spread > 0.0, spread, 1.0)
     first = np.abs(mean - other_mean) / np.maximum(spread, np.abs(other_mean))
     return max(first.max(), (np.abs(covariance - other_covariance) / np.outer(spread, spread)).max())
-
-
-@pytest.fixture
-def kalman():
-    class Tools:
-        case, predict, correct, relative = LinearCase, kalman_predict, kalman_correct, staticmethod(relative)
-
-    Tools.predict, Tools.correct = staticmethod(kalman_predict), staticmethod(kalman_correct)
-    return Tools
