@@ -109,6 +109,14 @@ def three_sensors(places: Sequence[int] = (0, 1, 2)) -> Plant:
     )  # fmt: skip
 
 
+def runge_kutta(rate: Callable[[Any], Any], x: Any, step: float) -> Any:
+    """One step of the classical method on ẋ = rate(x), written here: loops are compared with it."""
+    a = rate(x)
+    b = rate(x + step / 2.0 * a)
+    c = rate(x + step / 2.0 * b)
+    return x + step / 6.0 * (a + 2.0 * b + 2.0 * c + rate(x + step * c))
+
+
 # Laws and black boxes ---------------------------------------------------------------------------------------
 class LinearLaw(Law):
     """u = u* + K (x − x*), the smallest thing that is a law."""

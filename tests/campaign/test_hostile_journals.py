@@ -33,14 +33,6 @@ pa = pytest.importorskip("pyarrow")
 pq = pytest.importorskip("pyarrow.parquet")
 
 
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("whole") / "campaign"
-    campaign = made_campaign()
-    drive(campaign, Journal.opened(folder, campaign))
-    return folder
-
-
 @pytest.fixture
 def folder(whole: Path, tmp_path: Path) -> Path:
     shutil.copytree(whole, tmp_path / "campaign")

@@ -7,7 +7,7 @@ import pickle
 
 import numpy as np
 import pytest
-from tests.builders import FORMS, KALMAN, linear_law
+from tests.builders import FORMS, KALMAN, linear_law, runge_kutta
 from tests.estimation import kalman
 from tests.estimation.composing import composed
 from tests.estimation.kalman import LinearCase
@@ -95,10 +95,7 @@ def test_a_map_that_integrates_is_the_plant_that_it_integrates():
         return np.array([x[1], -6.0 * np.sin(x[0]) - 0.4 * x[1] + u[0]])
 
     def step(x, u, d, p):
-        k1 = flow(x, u, d, p)
-        k2 = flow(x + PERIOD / 2 * k1, u, d, p)
-        k3 = flow(x + PERIOD / 2 * k2, u, d, p)
-        return x + PERIOD / 6 * (k1 + 2 * (k2 + k3) + flow(x + PERIOD * k3, u, d, p))
+        return runge_kutta(lambda x: flow(x, u, d, p), x, PERIOD)
 
     names = (("angle", "speed"), ("torque",))
     given = (PERIOD, 1e-4, 1e-3, [0.5, 0.1], 0.04)

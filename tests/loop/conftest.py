@@ -42,6 +42,13 @@ def two_inputs():
     return plant, LinearLaw(("a", "da", "b", "db", "a_integral"), plant.inputs, gain)
 
 
+def moving_commands(times, size=1.0):
+    """(x_d, u_d) of `two_inputs`: a moves as a sine, b as another; u_d is their feedforward."""
+    a, b = size * np.sin(1.3 * times), 0.5 * np.cos(2.1 * times)
+    da, db = 1.3 * size * np.cos(1.3 * times), -1.05 * np.sin(2.1 * times)
+    return np.stack([a, da, b, db, -1.69 * a, -4.41 * b / 2.0], axis=-1)
+
+
 def exact_step(x, u, push):
     """`two_inputs` between two samples: constant accelerations."""
     rate = np.array([u[0] + push, 2.0 * u[1]])

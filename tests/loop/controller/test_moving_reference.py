@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.builders import PlantBox
+from tests.loop.conftest import moving_commands as commands
 from tests.refusals import refused_with
 
 from flexhinf.errors import InvalidInput, NumericalFailure
@@ -20,13 +21,6 @@ from flexhinf.robot import paper_arm
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 H = 1e-2
-
-
-def commands(times):
-    """(x_d, u_d) of the two double integrators: a moves as a sine, b as another; u_d is their feedforward."""
-    a, b = np.sin(1.3 * times), 0.5 * np.cos(2.1 * times)
-    da, db = 1.3 * np.cos(1.3 * times), -1.05 * np.sin(2.1 * times)
-    return np.stack([a, da, b, db, -1.69 * a, -4.41 * b / 2.0], axis=-1)
 
 
 def plain_law(gain, states, positions, references, limit):

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from tests.builders import PlantBox
+from tests.loop.conftest import moving_commands
 
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ExtendedKalmanFilter
@@ -20,12 +21,6 @@ pytestmark = pytest.mark.usefixtures("unoptimised")
 
 H = 1e-2
 LAST = [1.2, -0.7]
-
-
-def moving_commands(times):
-    a, b = np.sin(1.3 * times), 0.5 * np.cos(2.1 * times)
-    da, db = 1.3 * np.cos(1.3 * times), -1.05 * np.sin(2.1 * times)
-    return np.stack([a, da, b, db, -1.69 * a, -4.41 * b / 2.0], axis=-1)
 
 
 @pytest.fixture(scope="module")
