@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from scipy.linalg import expm
-from scipy.signal import freqs
 from tests.baselines.conftest import NAMES, by_name, continuous
 from tests.refusals import refused_with
 
@@ -121,6 +120,8 @@ def test_seven_links_are_evaluated():
 @pytest.mark.oracle
 @pytest.mark.parametrize("order", [2, 3, 4, 5])
 def test_the_poles_have_the_bandwidth_and_hardly_overshoot(order):
+    from scipy.signal import freqs
+
     coefficients = bessel_coefficients(order, 7.0)
     _, at = freqs([coefficients[0]], [1.0, *coefficients[::-1]], [7.0])
     np.testing.assert_allclose(np.abs(at), np.sqrt(0.5), rtol=1e-6)

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.signal import cont2discrete
 from tests.baselines.conftest import by_name
 
 from flexhinf.baselines import lqr
@@ -38,6 +37,7 @@ CASES = [("paper", [1.0]), ("planar-two-link", [0.4, 0.6]), ("spatial-three-link
 @pytest.mark.parametrize(("name", "pose"), CASES)
 def test_the_filters_gain_is_python_controls(name, pose):
     import control
+    from scipy.signal import cont2discrete
 
     _, linear, _, (f, c), (q, r), gain = parts(name, pose)
     expected, _, poles = control.dlqe(f, np.eye(len(f)), c, q, r)
@@ -70,6 +70,7 @@ def test_the_extended_filter_on_the_linear_plant_is_the_linear_filter():
 )
 def test_the_sampled_loop_is_a_forced_response_of_python_control(name, pose):
     import control
+    from scipy.signal import cont2discrete
 
     problem, linear, ekf, (f, c), _, gain = parts(name, pose)
     law = lqr(problem)
