@@ -215,6 +215,7 @@ def joint_text(
 
 
 # Filters and controllers ------------------------------------------------------------------------------------
+#: A robot of the catalogue by its name, loaded once: robots do not change.
 robot_named = cache(fh.load_robot)
 
 

@@ -3,8 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-
-from flexhinf.plant import Plant
+from tests.builders import linear_plant
 
 
 @dataclass
@@ -36,13 +35,7 @@ class LinearCase:
 
     @property
     def plant(self):
-        return Plant(
-            lambda x, u, d, p: p.a @ x + p.b @ u,
-            lambda x, u, p: p.c @ x,
-            tuple(f"x{i}" for i in range(self.n)),
-            tuple(f"u{i}" for i in range(self.m)),
-            parameters={"a": self.a, "b": self.b, "c": self.c},
-        )
+        return linear_plant(self.a, self.b, self.c)
 
     def arguments(self, **changes):
         values = {

@@ -7,7 +7,7 @@ import pickle
 
 import numpy as np
 import pytest
-from tests.builders import FORMS, KALMAN, linear_law, runge_kutta
+from tests.builders import FORMS, KALMAN, linear_law, linear_plant, runge_kutta
 from tests.estimation import kalman
 from tests.estimation.composing import composed
 from tests.estimation.kalman import LinearCase
@@ -53,10 +53,7 @@ def pendulum(**changes):
 @pytest.mark.parametrize(("n", "p"), [(3, 1), (6, 4)])
 def test_on_a_linear_map_it_is_the_kalman_filter(kind, form, n, p):
     case = LinearCase(n, 2, p, seed=n)
-    plant = fh.Plant(
-        lambda x, u, d, q: q.a @ x + q.b @ u, lambda x, u, q: q.c @ x, [f"x{k}" for k in range(n)], ("u", "v"),
-        parameters={"a": case.a, "b": case.b, "c": case.c}, sampled=True,
-    )  # fmt: skip
+    plant = linear_plant(case.a, case.b, case.c, sampled=True)
     estimator = kind(**case.arguments(plant=plant), form=form)
     assert (estimator.stages, estimator.sub_steps) == (1, 1)
     step, belief, expected = composed(estimator), estimator.initial, (case.mean, case.p0)

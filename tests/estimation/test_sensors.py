@@ -6,7 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
-from tests.builders import FORMS, KALMAN, pairs
+from tests.builders import FORMS, KALMAN, linear_plant, pairs
 from tests.estimation import kalman
 from tests.estimation.composing import composed
 from tests.estimation.kalman import LinearCase
@@ -25,9 +25,8 @@ PERIOD = 0.02
 
 
 def linear(case, **options):
-    return fh.Plant(
-        lambda x, u, d, q: q.a @ x + q.b @ u, lambda x, u, q: q.c @ x, ("i", "j", "k"), ("u", "v"),
-        outputs=("first", "second"), parameters={"a": case.a, "b": case.b, "c": case.c},
+    return linear_plant(
+        case.a, case.b, case.c, states=("i", "j", "k"), inputs=("u", "v"), outputs=("first", "second"),
         groups={"both": ("first", "second")}, **options,
     )  # fmt: skip
 

@@ -7,7 +7,7 @@ from functools import partial
 import mpmath
 import numpy as np
 import pytest
-from tests.builders import KALMAN, bearing, pairs
+from tests.builders import KALMAN, bearing, linear_plant, pairs
 from tests.estimation import kalman
 from tests.estimation.composing import composed
 from tests.estimation.kalman import LinearCase
@@ -96,10 +96,9 @@ def test_where_variances_lie_many_decades_apart_it_is_right(kind, prior, noise, 
         "period": period, "a": np.eye(n, k=1) - 0.2 * rng.random((n, n)), "b": rng.normal(size=(n, 1)),
         "c": rng.normal(size=(p, n)), "q": process * np.eye(n), "r": noise * np.eye(p), "p0": prior * np.eye(n),
     }  # fmt: skip
-    plant = fh.Plant(
-        lambda x, u, d, q: q.a @ x + q.b @ u, lambda x, u, q: q.c @ x, tuple("abcd"), ("u",), outputs=("y", "z"),
-        parameters={name: case[name] for name in "abc"},
-    )  # fmt: skip
+    plant = linear_plant(
+        case["a"], case["b"], case["c"], states=tuple("abcd"), inputs=("u",), outputs=("y", "z")
+    )
     estimator = kind(plant, period, case["q"], case["r"], np.zeros(n), case["p0"], **ROOT)
     assert (estimator.stages, estimator.sub_steps) == (4, 1)
     samples = [(np.sqrt(noise) * rng.normal(size=p) + 1.0, rng.normal()) for _ in range(20)]

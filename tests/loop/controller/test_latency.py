@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.linalg import expm
-from tests.builders import linear_law
+from tests.builders import linear_law, linear_plant
 from tests.interpreter import interpret
 
 import flexhinf as fh
@@ -37,9 +37,7 @@ GAINS = np.array([[2.5, 0.6, 4.0]])  # of position, speed, and the integral of t
 
 
 def plant() -> fh.Plant:
-    return fh.Plant(
-        lambda x, u, d, p: A @ x + B @ u, lambda x, u, p: x[:1], ("x", "v"), ("u",), outputs=("x",)
-    )
+    return linear_plant(A, B, C, states=("x", "v"), inputs=("u",), outputs=("x",))
 
 
 LAW = linear_law(plant(), -GAINS, integrals=("x",))
