@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.builders import FILTERS
 from tests.estimation import test_angles
 from tests.tiers import ci_and_night
 
@@ -80,7 +81,7 @@ def test_in_float_it_does_without_them_too(kind: str, build: Callable[..., Any])
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", ["ukf", "ukf, rows", "ekf"])
 def test_the_exported_step_counts_the_turns_of_an_angle(kind: str, build: Callable[..., Any]) -> None:
-    stepped = test_angles.controller(test_angles.KINDS[kind], 3.0)
+    stepped = test_angles.controller(FILTERS[kind], 3.0)
     y = test_angles.wrapped(3.0 + 0.02 * np.arange(400.0))[:, None]
     y[::9] = np.nan
     r = np.full((400, 1), 4.0)
