@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,17 +20,12 @@ from flexhinf.export import compile_controller
 ARM = fh.paper_arm()
 NOISE = np.array([[1e-6, 6e-7], [6e-7, 4e-6]])
 GIVEN = {"process_noise": 1e-8, "measurement_noise": NOISE, "mean": np.zeros(4), "covariance": 1e-4}
-KINDS = {
-    "ukf": fh.UnscentedKalmanFilter,
-    "ukf, rows": partial(fh.UnscentedKalmanFilter, form="square_root"),
-    "ekf": fh.ExtendedKalmanFilter,
-    "ekf, rows": partial(fh.ExtendedKalmanFilter, form="square_root"),
-}
+KINDS = ("ukf", "ukf, rows", "ekf", "ekf, rows")
 
 
 def controller(kind: str, gate: float | None = None, **options: Any) -> fh.Controller:
     """Integral action on a link that has an encoder, as its motor has."""
-    filter = KINDS[kind](ARM.plant(("link_position", "motor_position")), 1e-3, **GIVEN, gate=gate)
+    filter = FILTERS[kind](ARM.plant(("link_position", "motor_position")), 1e-3, **GIVEN, gate=gate)
     return fh.Controller(lqr(ARM.problem()), filter, 1e-3, 48.0, **options)
 
 
