@@ -211,8 +211,6 @@ def test_output_injection_bridges_what_is_missing_with_the_estimate():
 
 
 # In a controller ---------------------------------------------------------------------------------------
-
-
 @pytest.mark.quick_cases(1)
 @KALMAN_FORMS
 @pytest.mark.parametrize("pieces", [False, True])

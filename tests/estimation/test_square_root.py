@@ -129,8 +129,6 @@ def test_a_state_that_is_known_exactly_stays_so(kind, rank):
 
 
 # What is not linear -------------------------------------------------------------------------------------
-
-
 @pytest.mark.oracle
 @pytest.mark.parametrize("bounds", [None, {"angle": (-0.1, 0.4)}])
 @pytest.mark.parametrize("scaling", [{}, {"alpha": 0.9, "beta": 2.0, "kappa": 1.0}])
