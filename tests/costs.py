@@ -6,6 +6,7 @@ judged by it, since machines differ.
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import resource
@@ -30,6 +31,12 @@ def spent() -> float:
     """CPU time of this process and of those that it has waited for, s."""
     kids = resource.getrusage(resource.RUSAGE_CHILDREN)
     return time.process_time() + kids.ru_utime + kids.ru_stime
+
+
+def resident() -> float:
+    """Memory of this process, KB, after what is garbage has gone."""
+    gc.collect()
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e3
 
 
 def room_of(nodeid: str) -> str:

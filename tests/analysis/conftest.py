@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any
 
 import casadi as ca
@@ -14,7 +13,7 @@ from flexhinf.analysis.linear_loop import exponential
 from flexhinf.estimation import ExtendedKalmanFilter, OutputInjectionObserver, UnscentedKalmanFilter
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.loop.simulation.program import measure_function, rk4_function
-from flexhinf.plant import Law, Plant
+from flexhinf.plant import Plant
 from flexhinf.robot import Robot, load_robot, paper_arm
 
 PERIOD = 1e-3
@@ -35,29 +34,7 @@ def filter_of(
     return build(plant, period, *noise, mean, 1e-6)
 
 
-class Gains(Law):
-    """u = u* − K (x − x*): a law that is nothing but a matrix, without integrals or with them, last in x."""
-
-    def __init__(
-        self, plant: Plant, gains: Any, point: Any, rest: Any, integrals: tuple[str, ...] = ()
-    ) -> None:
-        self.gains = np.atleast_2d(np.asarray(gains, dtype=float))
-        self.state_names = (*plant.states, *(f"{name}_integral" for name in integrals))
-        self.input_names = tuple(plant.inputs)
-        self.operating_point = np.concatenate([point, np.zeros(len(integrals))])
-        self.operating_input = np.asarray(rest, dtype=float)
-
-    law_key = "gains"
-
-    @property
-    def law_data(self) -> np.ndarray:
-        return self.gains.ravel()
-
-    def evaluate_law(self, x: Any, data: Any) -> Any:
-        return -(np.asarray(data).reshape(self.gains.shape) @ x)
-
-
-def _whole_jacobian(
+def whole_jacobian(
     loop: EquilibriumLoop, z: np.ndarray, values: dict[str, Any] | None = None
 ) -> tuple[Any, Any]:
     """(state one period later, Jacobian) at the rest z, by the text that loops run: one trace, one Jacobian."""
@@ -95,7 +72,7 @@ def _whole_jacobian(
     return np.asarray(value)[:, 0], np.asarray(slope)
 
 
-def _dense_system(loop: LinearLoop, delay: float | None = None) -> DiscreteSystem:
+def dense_system(loop: LinearLoop, delay: float | None = None) -> DiscreteSystem:
     """`LinearLoop.system` with a state for each input that waits: plant, inputs (newest first), memory."""
     (n, m), p, s, q = loop.b.shape, len(loop.c), len(loop.memory), len(loop.positions)
     k = loop.g.shape[1]
@@ -125,7 +102,7 @@ def _dense_system(loop: LinearLoop, delay: float | None = None) -> DiscreteSyste
     return DiscreteSystem(later[:, :size], later[:, size:], seen[:, :size], seen[:, size:], loop.period)
 
 
-def _dense_opened(loop: LinearLoop, delay: float | None = None) -> DiscreteSystem:
+def dense_opened(loop: LinearLoop, delay: float | None = None) -> DiscreteSystem:
     """`LinearLoop.opened` with a state for each input that waits."""
     (n, m), p, s = loop.b.shape, len(loop.c), len(loop.memory)
     j, phi, old, new = loop.sampled_plant(delay)
@@ -140,15 +117,6 @@ def _dense_opened(loop: LinearLoop, delay: float | None = None) -> DiscreteSyste
         phi @ unit[:n] + old @ unit[oldest] + new @ newest, given, unit[n : oldest.start], after,
     ])  # fmt: skip
     return DiscreteSystem(later[:, :size], later[:, size:], u[:, :size], u[:, size:], loop.period)
-
-
-@pytest.fixture(scope="session")
-def made() -> SimpleNamespace:
-    """How tests make laws and filters."""
-    return SimpleNamespace(
-        law=designed, filter=filter_of, Gains=Gains, whole_jacobian=_whole_jacobian,
-        dense_system=_dense_system, dense_opened=_dense_opened,
-    )  # fmt: skip
 
 
 @pytest.fixture(scope="session")

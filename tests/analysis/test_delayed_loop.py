@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from tests.analysis.conftest import dense_system, designed, filter_of
+from tests.builders import linear_law
 
 from flexhinf.analysis import EquilibriumLoop, frequency_response, margins
 from flexhinf.analysis.linear_loop import BRIEF, ECHO, DiscreteSystem, with_queue
@@ -29,12 +30,10 @@ def delayed(a: np.ndarray, e: np.ndarray, k: np.ndarray, samples: int) -> Discre
 
 @pytest.mark.oracle
 @pytest.mark.parametrize("delay", [0, 1, 5, 30, 200])
-def test_figures_are_those_of_a_loop_assembled_otherwise(
-    made: SimpleNamespace, arm: Robot, cubic: HJISolution, delay: int
-) -> None:
-    filter = made.filter(arm.plant(), np.zeros(4))
+def test_figures_are_those_of_a_loop_assembled_otherwise(arm: Robot, cubic: HJISolution, delay: int) -> None:
+    filter = filter_of(arm.plant(), np.zeros(4))
     linear = EquilibriumLoop(cubic, filter, arm.plant(), PERIOD, 1.0, delay=delay, latency=0).linear()
-    dense, found = made.dense_system(linear), linear.closed_loop
+    dense, found = dense_system(linear), linear.closed_loop
     grid = np.array([0.0, 0.3, 5.0, 14.0, 80.0, 700.0, np.pi / PERIOD])
     expected = dense.response(grid)
     assert np.allclose(found.response(grid), expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
@@ -97,23 +96,23 @@ def test_what_lasts_in_a_loop_with_a_short_queue_is_no_echo() -> None:
         assert np.sort(found.imag) == pytest.approx(np.sort(expected.imag), abs=1e-9)
 
 
-def soft(made: SimpleNamespace, gain: float, delay: int) -> EquilibriumLoop:
+def soft(gain: float, delay: int) -> EquilibriumLoop:
     """A damped oscillator under weak feedback, which stands any delay."""
     plant = Plant(
         lambda x, u, d, p: np.array([x[1], -p.k * x[0] - p.c * x[1] + u[0] + d[0]]),
         lambda x, u, p: np.array([x[0]]),
         states=("position", "velocity"), inputs=("force",), disturbances=("push",), parameters={"k": 4.0, "c": 2.0},
     )  # fmt: skip
-    law = made.Gains(plant, [[gain, 0.3]], np.zeros(2), np.zeros(1))
+    law = linear_law(plant, [-gain, -0.3])
     rest = (np.zeros(2), np.zeros(1))
     return EquilibriumLoop(law, None, plant, PERIOD, equilibrium=rest, delay=delay, positions="position")
 
 
 @pytest.mark.oracle
-def test_a_delay_of_two_hundred_samples_by_closed_forms(made: SimpleNamespace) -> None:
+def test_a_delay_of_two_hundred_samples_by_closed_forms() -> None:
     """Responses by 1/(1 + z^-q L), the peak by a fine sweep, noise by the impulse response."""
     delay = 200
-    linear = soft(made, 1.0, delay).linear()
+    linear = soft(1.0, delay).linear()
     found, shown = margins(linear), frequency_response(linear, np.array([0.1, 1.0, 2.0, 5.0, 40.0]))
     assert found.stable
     opened = linear.opened(0.0).response(shown.frequencies)[:, 0, 0]
@@ -132,17 +131,17 @@ def test_a_delay_of_two_hundred_samples_by_closed_forms(made: SimpleNamespace) -
     assert found.noise_to_input[0, 0] == pytest.approx(math.sqrt(expected), rel=1e-9)
 
 
-def test_echoes_are_no_oscillations(made: SimpleNamespace) -> None:
+def test_echoes_are_no_oscillations() -> None:
     """Of 0.2 s of delay every frequency comes back; less than a tenth of it does not count."""
-    running = soft(made, 0.3, 200).linear().closed_loop
+    running = soft(0.3, 200).linear().closed_loop
     assert running.stable
     assert running.damping[0] > 0.25
     assert (np.abs(running.multipliers) > BRIEF).sum() > 2 * len(running.poles)
 
 
-def test_a_delay_margin_beyond_the_longest_queue_is_that_of_the_crossing(made: SimpleNamespace) -> None:
+def test_a_delay_margin_beyond_the_longest_queue_is_that_of_the_crossing() -> None:
     """Where the queue would have more than 200 samples the crossing itself is the margin: here by the closed form."""
-    linear = soft(made, 4.5, 0).linear()
+    linear = soft(4.5, 0).linear()
     margin, frequency = margins(linear).delay_margin_s, margins(linear).delay_frequency
     assert margin > 200 * PERIOD
     answer = linear.opened(0.0).response(np.array([frequency]))[0, 0, 0]
@@ -152,14 +151,14 @@ def test_a_delay_margin_beyond_the_longest_queue_is_that_of_the_crossing(made: S
 @pytest.mark.ci("a law and a loop of seven links")
 @pytest.mark.oracle
 @pytest.mark.parametrize("delay", [10, 60])
-def test_seven_joints(made: SimpleNamespace, delay: int) -> None:
+def test_seven_joints(delay: int) -> None:
     """Clusters of poles, seven inputs: those that count are those of a loop that is assembled otherwise."""
     robot = load_robot("seven-link")
-    law, (x, _) = made.law(robot, degree=2), robot.operating_point()
+    law, (x, _) = designed(robot, degree=2), robot.operating_point()
     linear = EquilibriumLoop(
-        law, made.filter(robot.plant(), x), robot.plant(), PERIOD, delay=delay, latency=0
+        law, filter_of(robot.plant(), x), robot.plant(), PERIOD, delay=delay, latency=0
     ).linear()
-    values = made.dense_system(linear).multipliers
+    values = dense_system(linear).multipliers
     assert linear.closed_loop.stable == (np.abs(values).max() < 1.0)
     large = values[(np.abs(values) > BRIEF) & (np.abs(values) ** delay >= ECHO)]
     apart = np.abs(np.subtract.outer(large, linear.closed_loop.modes()[0])).min(axis=1)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
+from tests.analysis.conftest import filter_of
+from tests.builders import linear_law
 from tests.refusals import refused_with
 from tests.tiers import ci_and_night
 
@@ -98,7 +99,7 @@ def test_a_held_input_spends_with_the_square_of_the_period(arm: Robot, law: HJIS
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("who", ["torques", "estimator", "all"])
 def test_the_level_never_rises_by_more_than_is_spent(
-    made: SimpleNamespace, arm: Robot, disturbed: tuple[HJISolution, float], who: str
+    arm: Robot, disturbed: tuple[HJISolution, float], who: str
 ) -> None:
     """V(x_k) ≤ V(x_0) + ½γ²∫|d|² + ½∫vᵀR2v inside the sampled region: with torques, or a wrong estimate, noise, delay
     and limit, or with all of it."""
@@ -106,7 +107,7 @@ def test_the_level_never_rises_by_more_than_is_spent(
     point, filter, limit, noise, torques = start_at(arm, math.pi / 2), None, None, None, None
     if who != "torques":
         wrong = point + np.array([0.05, 0.0, 0.1, 0.0])
-        filter, limit, noise = made.filter(arm.plant(), wrong, "ukf", noise=(1e-8, 1e-8)), 30.0, 1e-4
+        filter, limit, noise = filter_of(arm.plant(), wrong, "ukf", noise=(1e-8, 1e-8)), 30.0, 1e-4
     if who != "estimator":
         torques = {"link_torque": Step(1.5, at=1.0), "motor_torque": Sine(2.0, 1.5, at=0.5)}
     late = 0.0 if filter is None else 2e-3
@@ -132,10 +133,10 @@ def test_what_a_limit_withholds_from_the_integral_is_no_lasting_expense(arm: Rob
 
 
 @pytest.mark.ci("seven loops of two links")
-def test_the_table_adds_up(made: SimpleNamespace, two_link: Robot, two_link_law: HJISolution) -> None:
+def test_the_table_adds_up(two_link: Robot, two_link_law: HJISolution) -> None:
     x = two_link.operating_point()[0]
     start = two_link.operating_point(x[:2] + np.array([0.1, -0.1]))[0]
-    filter = made.filter(two_link.plant(), start)
+    filter = filter_of(two_link.plant(), start)
     rows = budget_terms(
         two_link_law, two_link.plant(), 1e-3, 1e5, latency=0, delay=1e-3, estimator=filter, saturation=30.0,
         initial_state=start, duration=3.0, noise=1e-5, seed=3,
@@ -181,10 +182,10 @@ def test_a_run_that_diverges_has_spent_everything(arm: Robot) -> None:
     assert not row.budget.kept
 
 
-def test_misuse_is_refused(made: SimpleNamespace, arm: Robot, law: HJISolution) -> None:
-    plain = made.Gains(arm.plant(), np.ones((1, 4)), np.zeros(4), [0.0])
+def test_misuse_is_refused(arm: Robot, law: HJISolution) -> None:
+    plain = linear_law(arm.plant(), np.ones(4))
     loop = Loop(arm.plant(), Controller(plain, None))
-    with refused_with(InvalidInput, "value", "Gains"):
+    with refused_with(InvalidInput, "value", "LinearLaw"):
         dissipation_budget(loop.run(duration=0.01), loop)
     loop = Loop(arm.plant(), Controller(law, None))
     with pytest.raises(InvalidInput, match="link_torque"):

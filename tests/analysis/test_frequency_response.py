@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from tests.analysis.conftest import dense_system, filter_of
+from tests.builders import linear_law
 
 from flexhinf.analysis import EquilibriumLoop, LinearLoop, frequency_response, margins
 from flexhinf.analysis.worst_disturbance import ZeroOrderHold
@@ -60,28 +61,26 @@ def interconnected(linear: LinearLoop) -> tuple[Any, Any, Any]:
 @pytest.mark.parametrize("kind", [None, "ukf"])
 @pytest.mark.parametrize("delay", [0, 3])
 def test_one_link_as_python_control_connects_it(
-    made: SimpleNamespace, arm: Robot, cubic: HJISolution, kind: str | None, delay: int
+    arm: Robot, cubic: HJISolution, kind: str | None, delay: int
 ) -> None:
-    filter = None if kind is None else made.filter(arm.plant(), np.zeros(4), kind)
+    filter = None if kind is None else filter_of(arm.plant(), np.zeros(4), kind)
     loop = EquilibriumLoop(cubic, filter, arm.plant(inductance=True), PERIOD, math.pi / 2, delay=delay)
-    _compare(made, loop)
+    _compare(loop)
 
 
 @pytest.mark.oracle
-def test_two_links_as_python_control_connects_them(
-    made: SimpleNamespace, two_link: Robot, two_link_law: HJISolution
-) -> None:
+def test_two_links_as_python_control_connects_them(two_link: Robot, two_link_law: HJISolution) -> None:
     plant, (x, u) = two_link.plant(), two_link.operating_point()
     gains = np.hstack([np.diag([400.0, 90.0]), np.diag([40.0, 9.0]), np.zeros((2, 4))])
-    pd = made.Gains(plant, gains, x, u)
+    pd = linear_law(plant, -gains, x, u)
     for law, options in (
         (two_link_law, {}),
         (pd, {"equilibrium": (x, u), "moving": True, "positions": plant.states[:2]}),
     ):
-        _compare(made, EquilibriumLoop(law, made.filter(plant, x, "ekf"), plant, PERIOD, delay=2, **options))
+        _compare(EquilibriumLoop(law, filter_of(plant, x, "ekf"), plant, PERIOD, delay=2, **options))
 
 
-def _compare(made: SimpleNamespace, loop: EquilibriumLoop) -> None:
+def _compare(loop: EquilibriumLoop) -> None:
     linear = loop.linear()
     found, (opened, sensitivity, compliance) = frequency_response(loop, GRID), interconnected(linear)
     assert np.allclose(found.loop_transfer, opened, rtol=1e-6, atol=1e-9 * np.abs(opened).max())
@@ -90,14 +89,12 @@ def _compare(made: SimpleNamespace, loop: EquilibriumLoop) -> None:
     assert np.allclose(found.disturbance, compliance, rtol=1e-5, atol=1e-9 * np.abs(compliance).max())
     # One input's loop, the others closed: S_ii = 1/(1 + L_i).
     assert np.allclose(np.diagonal(sensitivity, axis1=1, axis2=2), 1.0 / (1.0 + found.input_loops), rtol=1e-6)
-    assert np.allclose(
-        np.exp(found.linear.closed_loop.poles * loop.period), _multipliers(made, linear), atol=1e-6
-    )
+    assert np.allclose(np.exp(found.linear.closed_loop.poles * loop.period), _multipliers(linear), atol=1e-6)
 
 
-def _multipliers(made: SimpleNamespace, linear: LinearLoop) -> np.ndarray:
+def _multipliers(linear: LinearLoop) -> np.ndarray:
     """All but those at zero; of a delayed loop all that last two samples."""
-    values = made.dense_system(linear).multipliers
+    values = dense_system(linear).multipliers
     kept = values[np.abs(values) > (math.exp(-0.5) if linear.delay else 1e-12)]
     return kept[np.argsort(-np.log(kept).real, kind="stable")]
 
@@ -114,11 +111,11 @@ def phasor(times: np.ndarray, values: np.ndarray, frequency: float) -> complex:
     ("kind", "delay"), [pytest.param(None, 0, marks=pytest.mark.ci("one more loop")), ("ekf", 8)]
 )
 def test_sines_through_the_nonlinear_loop(
-    made: SimpleNamespace, two_link: Robot, two_link_law: HJISolution, kind: str | None, delay: int
+    two_link: Robot, two_link_law: HJISolution, kind: str | None, delay: int
 ) -> None:
     """A small sine as command of the shoulder, and one as torque at the elbow's link: gain and phase at both joints."""
     plant, (x, _) = two_link.plant(), two_link.operating_point()
-    filter = None if kind is None else made.filter(plant, x, kind)
+    filter = None if kind is None else filter_of(plant, x, kind)
     resting = EquilibriumLoop(two_link_law, filter, plant, PERIOD, delay=delay)
     estimator = None if filter is None else ConstantGainFilter(filter, resting.gain(filter.process_noise))
     loop = Loop(plant, Controller(two_link_law, estimator, PERIOD), delay=delay * PERIOD)
@@ -145,9 +142,9 @@ def test_sines_through_the_nonlinear_loop(
                 assert measured == pytest.approx(column[joint], abs=4e-3 * np.abs(column).max())
 
 
-def test_the_peaks_are_those_of_the_margins(made: SimpleNamespace, arm: Robot, cubic: HJISolution) -> None:
+def test_the_peaks_are_those_of_the_margins(arm: Robot, cubic: HJISolution) -> None:
     loop = EquilibriumLoop(
-        cubic, made.filter(arm.plant(), np.zeros(4)), arm.plant(inductance=True), PERIOD, 1.0, delay=5
+        cubic, filter_of(arm.plant(), np.zeros(4)), arm.plant(inductance=True), PERIOD, 1.0, delay=5
     )
     found, exact = frequency_response(loop), margins(loop)
     assert found.linear.closed_loop.stable

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from tests.analysis.conftest import dense_system, filter_of
 
 from flexhinf.analysis import EquilibriumLoop
 from flexhinf.estimation import ConstantGainFilter
@@ -29,7 +28,6 @@ pytestmark = pytest.mark.usefixtures("unoptimised")
     + [("ekf", 0, 1), ("ekf", 0, 3), ("ekf", 2, 1)],
 )
 def test_small_motions_are_those_of_the_compiled_loop(
-    made: SimpleNamespace,
     two_link: Robot,
     two_link_law: HJISolution,
     kind: str | None,
@@ -38,11 +36,11 @@ def test_small_motions_are_those_of_the_compiled_loop(
 ) -> None:
     """From a small deviation, sample by sample, with the queue of the delay and the estimator at its gain."""
     plant, (x, _) = two_link.plant(), two_link.operating_point()
-    filter = None if kind is None else made.filter(plant, x, kind)
+    filter = None if kind is None else filter_of(plant, x, kind)
     resting = EquilibriumLoop(two_link_law, filter, plant, PERIOD, delay=delay, latency=latency)
     linear = resting.linear()
     moved = SMALL * np.random.default_rng(2).normal(size=8)
-    state, places = np.zeros(len(made.dense_system(linear).a)), resting.step.places
+    state, places = np.zeros(len(dense_system(linear).a)), resting.step.places
     state[:8] = moved
     memory = state[len(state) - resting.step.size :]
     assert resting.delay == delay + latency
@@ -52,7 +50,7 @@ def test_small_motions_are_those_of_the_compiled_loop(
     estimator = None if filter is None else ConstantGainFilter(filter, resting.gain(filter.process_noise))
     loop = Loop(plant, Controller(two_link_law, estimator, PERIOD, latency=latency), delay=delay * PERIOD)
     run = loop.run(duration=1.0, initial_state=x + moved)
-    matrix = made.dense_system(linear).a
+    matrix = dense_system(linear).a
     multipliers = resting.modes([{}]).multipliers[0]
     assert np.abs(np.linalg.eigvals(matrix)).max() == pytest.approx(np.abs(multipliers).max(), abs=1e-9)
     for k in range(1000):

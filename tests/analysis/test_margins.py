@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from tests.analysis.conftest import dense_opened, dense_system, filter_of
+from tests.builders import linear_law
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -27,9 +28,7 @@ PERIOD = 1e-3
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 
-def mass(
-    made: SimpleNamespace, stiffness: float, damping: float, period: float, delay: int = 0
-) -> EquilibriumLoop:
+def mass(stiffness: float, damping: float, period: float, delay: int = 0) -> EquilibriumLoop:
     """A unit mass on PD: q̈ = u."""
     plant = Plant(
         lambda x, u, d, p: np.array([x[1], u[0]]),
@@ -37,15 +36,15 @@ def mass(
         states=("position", "velocity"),
         inputs=("force",),
     )
-    law = made.Gains(plant, [[stiffness, damping]], np.zeros(2), np.zeros(1))
+    law = linear_law(plant, [-stiffness, -damping])
     return EquilibriumLoop(law, None, plant, period, moving=True, delay=delay, positions="position")
 
 
 @pytest.mark.oracle
-def test_a_mass_on_pd_has_the_margins_of_the_textbook(made: SimpleNamespace) -> None:
+def test_a_mass_on_pd_has_the_margins_of_the_textbook() -> None:
     """L = (d s + k)/s²: crossover, phase margin less half a period of the hold, and the poles' bandwidth."""
     k, d, period = 100.0, 8.0, 1e-5
-    found = margins(mass(made, k, d, period))
+    found = margins(mass(k, d, period))
     crossover = math.sqrt((d**2 + math.sqrt(d**4 + 4.0 * k**2)) / 2.0)
     delay = math.atan2(d * crossover, k) / crossover - period / 2.0
     assert found.delay_margin_s == pytest.approx(delay, rel=1e-4)
@@ -73,12 +72,12 @@ def test_a_gain_margin_beyond_a_million_is_infinite(size: float, upper: float) -
 
 
 @pytest.mark.oracle
-def test_the_gain_of_an_unstable_plant_must_not_fall(made: SimpleNamespace) -> None:
+def test_the_gain_of_an_unstable_plant_must_not_fall() -> None:
     """ẋ = x + u with u = −3 x is unstable below a third of the gain, at ω = 0: old code knew no such factor."""
     plant = Plant(
         lambda x, u, d, p: np.array([x[0] + u[0]]), lambda x, u, p: x, states=("level",), inputs=("flow",)
     )
-    law = made.Gains(plant, [[3.0]], np.zeros(1), np.zeros(1))
+    law = linear_law(plant, [-3.0])
     found = margins(EquilibriumLoop(law, None, plant, 0.01, positions="level"))
     growth = math.exp(0.01)
     assert found.gain_margins[0] == pytest.approx([1.0 / 3.0, (growth + 1.0) / (growth - 1.0) / 3.0])
@@ -108,9 +107,9 @@ def test_a_peak_and_a_zero_are_refined_to_the_last_digits() -> None:
 
 
 @pytest.mark.oracle
-def test_gain_margin_of_the_sampled_mass(made: SimpleNamespace) -> None:
+def test_gain_margin_of_the_sampled_mass() -> None:
     """z² + (dT + kT²/2 − 2) z + 1 + kT²/2 − dT has a root at −1 when the gain is 2/(dT) times as large."""
-    lower, upper = margins(mass(made, 100.0, 8.0, 0.01)).gain_margins[0]
+    lower, upper = margins(mass(100.0, 8.0, 0.01)).gain_margins[0]
     assert upper == pytest.approx(2.0 / (8.0 * 0.01), rel=1e-9)
     assert lower == 0.0
 
@@ -118,11 +117,9 @@ def test_gain_margin_of_the_sampled_mass(made: SimpleNamespace) -> None:
 @pytest.mark.ci("python-control interpolates 8,000 frequencies")
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", [None, "ukf"])
-def test_one_input_as_python_control_sees_it(
-    made: SimpleNamespace, arm: Robot, cubic: HJISolution, kind: str | None
-) -> None:
+def test_one_input_as_python_control_sees_it(arm: Robot, cubic: HJISolution, kind: str | None) -> None:
     control = pytest.importorskip("control")
-    filter = None if kind is None else made.filter(arm.plant(), np.zeros(4), kind)
+    filter = None if kind is None else filter_of(arm.plant(), np.zeros(4), kind)
     linear = EquilibriumLoop(
         cubic, filter, arm.plant(inductance=True), PERIOD, math.pi / 2, latency=0
     ).linear()
@@ -151,10 +148,10 @@ def test_one_input_as_python_control_sees_it(
     assert found.delay_margin_s == pytest.approx(expected, rel=5e-3)
 
 
-def first_unstable(made: SimpleNamespace, linear: LinearLoop, longest: float, steps: int) -> float:
+def first_unstable(linear: LinearLoop, longest: float, steps: int) -> float:
     """Of so many delays; of those before the first unstable hundredth only where it lies behind a stable one."""
     delays = np.linspace(0.0, longest, steps + 1)
-    unstable = lambda k: np.abs(made.dense_system(linear, delays[k]).multipliers).max() >= 1.0  # noqa: E731
+    unstable = lambda k: np.abs(dense_system(linear, delays[k]).multipliers).max() >= 1.0  # noqa: E731
     part = steps // 100
     coarse = next((k for k in range(0, steps + 1, part) if unstable(k)), None)
     if coarse is None:
@@ -167,28 +164,24 @@ def first_unstable(made: SimpleNamespace, linear: LinearLoop, longest: float, st
 @pytest.mark.parametrize(("stiffness", "damping", "period"), [
     (100.0, 8.0, 0.02), (100.0, 20.0, 0.04), (400.0, 30.0, 0.03), (3.0, 45.0, 0.02), (100.0, 3.0, 0.05),
 ])  # fmt: skip
-def test_delays_of_few_samples_by_brute_force(
-    made: SimpleNamespace, stiffness: float, damping: float, period: float
-) -> None:
+def test_delays_of_few_samples_by_brute_force(stiffness: float, damping: float, period: float) -> None:
     """Where a period is a large part of the margin, hold and fraction matter."""
-    linear = mass(made, stiffness, damping, period).linear()
+    linear = mass(stiffness, damping, period).linear()
     found = margins(linear).delay_margin_s
-    expected = first_unstable(made, linear, 8.0 * period, 8000)
+    expected = first_unstable(linear, 8.0 * period, 8000)
     assert found == pytest.approx(expected, abs=1.1e-3 * period)
 
 
 @pytest.mark.ci("20,000 frequencies of a loop of two links")
 @pytest.mark.oracle
 @pytest.mark.parametrize("period", [2e-3, 1e-2])
-def test_several_inputs_by_brute_force(
-    made: SimpleNamespace, two_link: Robot, two_link_law: HJISolution, period: float
-) -> None:
+def test_several_inputs_by_brute_force(two_link: Robot, two_link_law: HJISolution, period: float) -> None:
     plant = two_link.plant()
-    filter = made.filter(plant, two_link.operating_point()[0], "ekf", period=period)
+    filter = filter_of(plant, two_link.operating_point()[0], "ekf", period=period)
     linear = EquilibriumLoop(two_link_law, filter, plant, period, latency=0).linear()
     found = margins(linear)
     fine = found.delay_margin_s * np.array([0.0, 0.3, 0.6, 0.9, 0.99, 0.9999, 1.0001])
-    radii = [np.abs(made.dense_system(linear, delay).multipliers).max() for delay in fine]
+    radii = [np.abs(dense_system(linear, delay).multipliers).max() for delay in fine]
     assert [radius < 1.0 for radius in radii] == [True] * 6 + [False]
     grid = np.linspace(0.01, np.pi / period, 20_000)
     sizes = np.linalg.norm(linear.part("w", "u+w").response(grid), 2, axis=(1, 2))
@@ -200,11 +193,11 @@ def test_several_inputs_by_brute_force(
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", [None, "ekf"])
 def test_runs_on_both_sides_of_the_delay_margin(
-    made: SimpleNamespace, two_link: Robot, two_link_law: HJISolution, kind: str | None
+    two_link: Robot, two_link_law: HJISolution, kind: str | None
 ) -> None:
     """Loop(delay=…) of the nonlinear loop: small motions die out one millisecond before it, and grow one behind."""
     plant, (x, _) = two_link.plant(), two_link.operating_point()
-    filter = None if kind is None else made.filter(plant, x, kind)
+    filter = None if kind is None else filter_of(plant, x, kind)
     resting = EquilibriumLoop(two_link_law, filter, plant, PERIOD)
     found, sizes = margins(resting), []
     estimator: Any = None
@@ -223,25 +216,23 @@ def test_runs_on_both_sides_of_the_delay_margin(
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", [pytest.param(None, marks=pytest.mark.ci("one more loop")), "ekf"])
 def test_a_search_knows_the_delay_margin_up_to_what_it_needs(
-    made: SimpleNamespace, two_link: Robot, two_link_law: HJISolution, kind: str | None
+    two_link: Robot, two_link_law: HJISolution, kind: str | None
 ) -> None:
     plant, (x, _) = two_link.plant(), two_link.operating_point()
-    filter = None if kind is None else made.filter(plant, x, kind)
+    filter = None if kind is None else filter_of(plant, x, kind)
     found = margins(EquilibriumLoop(two_link_law, filter, plant, PERIOD))
     exact = found.delay_margin_s
     for share in (0.3, 0.999):
         assert found.delay_margin_within(share * exact) == share * exact
     for share in (1.001, 1.7):
         assert 0.0 <= exact - found.delay_margin_within(share * exact) <= COARSE * share * exact
-    assert margins(mass(made, 100.0, -1.0, 0.01)).delay_margin_within(1.0) == 0.0
+    assert margins(mass(100.0, -1.0, 0.01)).delay_margin_within(1.0) == 0.0
 
 
 @pytest.mark.oracle
-def test_noise_reaches_the_inputs_as_in_a_run(
-    made: SimpleNamespace, two_link: Robot, two_link_law: HJISolution
-) -> None:
+def test_noise_reaches_the_inputs_as_in_a_run(two_link: Robot, two_link_law: HJISolution) -> None:
     plant, (x, u) = two_link.plant(), two_link.operating_point()
-    filter = made.filter(plant, x)
+    filter = filter_of(plant, x)
     resting = EquilibriumLoop(two_link_law, filter, plant, PERIOD)
     estimator = ConstantGainFilter(filter, resting.gain(filter.process_noise))
     deviation = np.array([1e-6, 3e-6])
@@ -251,8 +242,8 @@ def test_noise_reaches_the_inputs_as_in_a_run(
     assert np.allclose(measured, expected, rtol=0.05)
 
 
-def test_an_unstable_loop_has_no_margins(made: SimpleNamespace) -> None:
-    found = margins(mass(made, 100.0, -1.0, 0.01))
+def test_an_unstable_loop_has_no_margins() -> None:
+    found = margins(mass(100.0, -1.0, 0.01))
     assert not found.stable
     assert found.delay_margin_s == 0.0
     assert math.isinf(found.peak_sensitivity)
@@ -260,7 +251,7 @@ def test_an_unstable_loop_has_no_margins(made: SimpleNamespace) -> None:
     assert np.isnan(found.bandwidth).all()
 
 
-def test_no_delay_harms_a_loop_that_stays_below_one(made: SimpleNamespace) -> None:
+def test_no_delay_harms_a_loop_that_stays_below_one() -> None:
     """ẋ = −5 x + u with u = −2 x: |L| < 1 at all frequencies. And no command acts on a fixed operating point."""
     plant = Plant(
         lambda x, u, d, p: np.array([-5.0 * x[0] + u[0]]),
@@ -268,7 +259,7 @@ def test_no_delay_harms_a_loop_that_stays_below_one(made: SimpleNamespace) -> No
         states=("level",),
         inputs=("flow",),
     )
-    law = made.Gains(plant, [[2.0]], np.zeros(1), np.zeros(1))
+    law = linear_law(plant, [-2.0])
     found = margins(EquilibriumLoop(law, None, plant, 0.01, positions="level"))
     assert math.isinf(found.delay_margin_s)
     assert np.isnan(found.bandwidth).all()
@@ -297,10 +288,10 @@ def closed_with(opened: DiscreteSystem, factors: np.ndarray) -> float:
 
 
 @pytest.mark.oracle
-def test_disk_margin_and_damping_of_a_mass_on_pd(made: SimpleNamespace) -> None:
+def test_disk_margin_and_damping_of_a_mass_on_pd() -> None:
     """1/α = max |S − T|/2 [seiler2020], T's peak and ζ = d/(2 √k) in closed form."""
     k, d, period = 100.0, 8.0, 1e-5
-    found = margins(mass(made, k, d, period))
+    found = margins(mass(k, d, period))
     s = 1j * np.linspace(0.01, 100.0, 400_001)
     t = (d * s + k) / (s**2 + d * s + k)
     assert found.disk_margin == pytest.approx(1.0 / np.abs(0.5 - t).max(), rel=1e-4)
@@ -315,12 +306,12 @@ def test_disk_margin_and_damping_of_a_mass_on_pd(made: SimpleNamespace) -> None:
 
 
 @pytest.mark.oracle
-def test_one_input_reaches_its_disk_margin(made: SimpleNamespace, arm: Robot, cubic: HJISolution) -> None:
+def test_one_input_reaches_its_disk_margin(arm: Robot, cubic: HJISolution) -> None:
     """A factor of the disk's size at the worst frequency puts a multiplier on the unit circle; no smaller one does."""
-    filter = made.filter(arm.plant(), np.zeros(4))
+    filter = filter_of(arm.plant(), np.zeros(4))
     loop = EquilibriumLoop(cubic, filter, arm.plant(inductance=True), PERIOD, 1.0, delay=4)
     found, linear = margins(loop), loop.linear()
-    opened = made.dense_opened(linear)
+    opened = dense_opened(linear)
     s = linear.part("w", "u+w").response(found.disk_frequency)[0, 0, 0]
     delta = 1.0 / (s - 0.5)  # 1 = δ (S − T)/2
     assert abs(delta) == pytest.approx(found.disk_margin, rel=1e-6)
@@ -335,13 +326,13 @@ def test_one_input_reaches_its_disk_margin(made: SimpleNamespace, arm: Robot, cu
 
 @pytest.mark.oracle
 def test_margins_of_several_inputs_one_at_a_time_and_at_once(
-    made: SimpleNamespace, two_link: Robot, two_link_law: HJISolution
+    two_link: Robot, two_link_law: HJISolution
 ) -> None:
     plant = two_link.plant()
-    filter = made.filter(plant, two_link.operating_point()[0], "ekf", period=2e-3)
+    filter = filter_of(plant, two_link.operating_point()[0], "ekf", period=2e-3)
     loop = EquilibriumLoop(two_link_law, filter, plant, 2e-3, delay=2)
     found, linear = margins(loop), loop.linear()
-    opened = made.dense_opened(linear)
+    opened = dense_opened(linear)
     assert found.gain_margins.shape == (2, 2)
     for i, (low, high) in enumerate(found.gain_margins):
         for factor, stable in (
@@ -366,13 +357,11 @@ def test_margins_of_several_inputs_one_at_a_time_and_at_once(
 
 @pytest.mark.parametrize("delay", [0, 1, 5, 30, 90])
 def test_damping_is_that_of_every_pole_of_the_running_loop(
-    arm: Robot, cubic: HJISolution, made: SimpleNamespace, delay: int
+    arm: Robot, cubic: HJISolution, delay: int
 ) -> None:
     """Estimator and delay counted; as a free motion of that pole decays."""
-    loop = EquilibriumLoop(
-        cubic, made.filter(arm.plant(), np.zeros(4)), arm.plant(), PERIOD, 1.0, delay=delay
-    )
-    found, matrix = margins(loop), made.dense_system(loop.linear()).a
+    loop = EquilibriumLoop(cubic, filter_of(arm.plant(), np.zeros(4)), arm.plant(), PERIOD, 1.0, delay=delay)
+    found, matrix = margins(loop), dense_system(loop.linear()).a
     values = np.linalg.eigvals(matrix).astype(complex)
     poles = np.log(values[np.abs(values) > math.exp(-0.5)]) / PERIOD
     assert found.damping == pytest.approx((-poles.real / np.abs(poles)).min(), abs=1e-9)
@@ -385,9 +374,9 @@ def test_damping_is_that_of_every_pole_of_the_running_loop(
         assert found.damping_about(limit) == pytest.approx(expected, abs=1e-9)
 
 
-def test_a_slow_drift_is_no_oscillation_and_a_growing_one_is(made: SimpleNamespace) -> None:
+def test_a_slow_drift_is_no_oscillation_and_a_growing_one_is() -> None:
     """Poles −0.1 ± i of a mass on PD; with the sign of its damper changed they grow."""
-    still, grows = (margins(mass(made, 1.01, damping, 1e-3)).damping_about(350.0) for damping in (0.2, -0.2))
+    still, grows = (margins(mass(1.01, damping, 1e-3)).damping_about(350.0) for damping in (0.2, -0.2))
     assert still == (1.0, 1.0)
     assert grows[0] == pytest.approx(-0.1 / math.sqrt(1.01), rel=1e-2)
 
@@ -400,14 +389,14 @@ def test_a_delay_out_of_proportion_is_refused(arm: Robot, cubic: HJISolution) ->
     assert " 500 ms " in str(caught.value)
 
 
-def test_the_bandwidth_counts_the_delay(made: SimpleNamespace) -> None:
+def test_the_bandwidth_counts_the_delay() -> None:
     """|T| of the delayed loop, not of the loop without its delay."""
-    late = mass(made, 100.0, 8.0, 1e-3, delay=40)
+    late = mass(100.0, 8.0, 1e-3, delay=40)
     found = margins(late)
     running = late.linear().part("r", "q", 0.04)
     followed = np.abs(running.response(np.array([1e-6, found.bandwidth[0]]))[:, 0, 0])
     assert followed[1] / followed[0] == pytest.approx(math.sqrt(0.5), rel=1e-6)
-    assert abs(found.bandwidth[0] - margins(mass(made, 100.0, 8.0, 1e-3)).bandwidth[0]) > 0.5
+    assert abs(found.bandwidth[0] - margins(mass(100.0, 8.0, 1e-3)).bandwidth[0]) > 0.5
     # The linear loop knows its own delay: the same figures when it is given instead.
     assert margins(late.linear()).bandwidth == pytest.approx(found.bandwidth)
     assert margins(late.linear()).delay_margin_s == found.delay_margin_s

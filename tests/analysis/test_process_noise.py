@@ -7,10 +7,11 @@ corners: presets damped and robust at 90° and 180°, coil in the plant, R^v = 1
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from tests.analysis.conftest import filter_of
+from tests.builders import linear_law
 from tests.tiers import ci_and_night
 
 from flexhinf.analysis import (
@@ -39,11 +40,11 @@ DESIGNED, MOSTLY_LINK, LINK_ALONE, MOTOR_ALONE = (
 )
 
 
-def loop_of(made: SimpleNamespace, arm: Robot, preset: str, degrees: int) -> EquilibriumLoop:
+def loop_of(arm: Robot, preset: str, degrees: int) -> EquilibriumLoop:
     goal = math.radians(degrees)
     x, u = arm.operating_point([goal])
-    law = made.Gains(arm.plant(), -np.array(GAINS[preset, degrees]), x, u, ("link_position",))
-    filter = made.filter(arm.plant(), x, "ukf", (DESIGNED, 1e-8))
+    law = linear_law(arm.plant(), GAINS[preset, degrees], x, u, ("link_position",))
+    filter = filter_of(arm.plant(), x, "ukf", (DESIGNED, 1e-8))
     return EquilibriumLoop(law, filter, arm.plant(inductance=True), 1e-3, goal, latency=0)
 
 
@@ -59,9 +60,9 @@ def unstable(loop: EquilibriumLoop, arm: Robot, noise: np.ndarray) -> int:
     [("damped", 90, 64, 0), ("damped", 180, 256, 0), ("robust", 90, 256, 0), ("robust", 180, 256, 2)],
 )
 def test_unstable_corners_by_the_direction_of_the_noise(
-    made: SimpleNamespace, arm: Robot, preset: str, goal: int, mostly_link: int, motor_alone: int
+    arm: Robot, preset: str, goal: int, mostly_link: int, motor_alone: int
 ) -> None:
-    loop = loop_of(made, arm, preset, goal)
+    loop = loop_of(arm, preset, goal)
     assert unstable(loop, arm, DESIGNED) == 0
     assert unstable(loop, arm, MOSTLY_LINK) == mostly_link
     assert unstable(loop, arm, LINK_ALONE) == 768
@@ -81,13 +82,13 @@ REPORTED = (1e-4, 1.0, 1e4, 1e8)
     ),
 )
 def test_the_sweep_finds_these_corners_and_names_their_form(
-    made: SimpleNamespace, arm: Robot, preset: str, goal: int, ratios: tuple[float, ...] | None
+    arm: Robot, preset: str, goal: int, ratios: tuple[float, ...] | None
 ) -> None:
     """The two corners of robust at 180° lie between two levels of either grid."""
     noises = (
         None if ratios is None else [ProcessNoise(form, 1e-8 * ratio) for form in FORMS for ratio in ratios]
     )
-    found = tolerance_corners(loop_of(made, arm, preset, goal), arm.corner, arm.uncertain, noises)
+    found = tolerance_corners(loop_of(arm, preset, goal), arm.corner, arm.uncertain, noises)
     assert found.unstable == 0
     assert max(swept.unstable for swept in found.of_form(LINK_VELOCITIES).values()) >= 768
     assert LINK_VELOCITIES not in found.retunable
@@ -99,10 +100,10 @@ def test_the_sweep_finds_these_corners_and_names_their_form(
 @pytest.mark.ci("looks for the edge of 2048 corners")
 @pytest.mark.parametrize(("preset", "scale"), [("damped", 1.784), ("robust", 1.575)])
 def test_robust_stands_less_of_a_common_factor_of_the_tolerances(
-    made: SimpleNamespace, arm: Robot, preset: str, scale: float
+    arm: Robot, preset: str, scale: float
 ) -> None:
     """At 90°: the preset robust covers the tolerances as they are, and need not stand more of them than damped does."""
-    loop = loop_of(made, arm, preset, 90)
+    loop = loop_of(arm, preset, 90)
     found, corner = ToleranceBox.of(loop, arm.corner, arm.uncertain).edge(loop)
     assert found == pytest.approx(scale, abs=2e-3)
     middle, end = loop.plant.parameters.vectors(

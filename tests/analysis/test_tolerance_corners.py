@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from tests.analysis.conftest import dense_system, designed, filter_of, whole_jacobian
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -68,16 +68,16 @@ def test_a_population_of_a_robot_with_arrays(two_link: Robot) -> None:
 
 
 @pytest.mark.oracle
-def test_shares_are_those_of_single_loops(made: SimpleNamespace, arm: Robot, cubic: HJISolution) -> None:
+def test_shares_are_those_of_single_loops(arm: Robot, cubic: HJISolution) -> None:
     plants = corner_population(arm.corner, len(arm.uncertain), 10, 0)
-    plant, filter = arm.plant(inductance=True), made.filter(arm.plant(), np.zeros(4), noise=(1e-6, 1e-6))
+    plant, filter = arm.plant(inductance=True), filter_of(arm.plant(), np.zeros(4), noise=(1e-6, 1e-6))
     loop = EquilibriumLoop(cubic, filter, plant, PERIOD, math.pi)
     noises = (None, ProcessNoise("all states", 1e-4), ProcessNoise("velocities only", 1e-4))
     swept = growth_rates(loop, plants, noises)
     for found in swept:
         q = found.noise.covariance(filter.plant.states) if found.noise else 1e-6
         own = EquilibriumLoop(
-            cubic, made.filter(arm.plant(), np.zeros(4), noise=(q, 1e-6)), plant, PERIOD, math.pi
+            cubic, filter_of(arm.plant(), np.zeros(4), noise=(q, 1e-6)), plant, PERIOD, math.pi
         )
         assert np.allclose(found.rates[:4], own.modes(plants.values[:4]).rate, rtol=1e-6, atol=1e-9)
         assert found.share() == np.mean(found.rates >= 0.0)
@@ -110,18 +110,14 @@ def test_the_true_state_has_no_process_noise(arm: Robot, cubic: HJISolution) -> 
         growth_rates(loop, plants, [ProcessNoise("all states", 1.0)])
 
 
-def loop_of(
-    made: SimpleNamespace, arm: Robot, law: HJISolution, goal: float = math.pi / 2, **options: int
-) -> EquilibriumLoop:
-    filter = made.filter(arm.plant(), np.zeros(4), "ukf", (1e-7 * np.diag([0.0, 1.0, 0.0, 1.0]), 1e-8))
+def loop_of(arm: Robot, law: HJISolution, goal: float = math.pi / 2, **options: int) -> EquilibriumLoop:
+    filter = filter_of(arm.plant(), np.zeros(4), "ukf", (1e-7 * np.diag([0.0, 1.0, 0.0, 1.0]), 1e-8))
     return EquilibriumLoop(law, filter, arm.plant(inductance=True), PERIOD, goal, **options)
 
 
-def test_all_corners_are_computed_whatever_the_seed(
-    made: SimpleNamespace, arm: Robot, cubic: HJISolution
-) -> None:
+def test_all_corners_are_computed_whatever_the_seed(arm: Robot, cubic: HJISolution) -> None:
     """400 drawn ones were 151 unstable from one route and 160 from another."""
-    loop = loop_of(made, arm, cubic)
+    loop = loop_of(arm, cubic)
     first, second = (tolerance_corners(loop, arm.corner, arm.uncertain, (), seed=seed) for seed in (0, 7))
     assert first.complete
     assert first.count == 2048 == len(first.designed.rates)
@@ -136,30 +132,28 @@ def test_all_corners_are_computed_whatever_the_seed(
 @pytest.mark.ci("all 2048 corners, four times")
 @pytest.mark.oracle
 @pytest.mark.parametrize("delay", [0, 1, 6, 60])
-def test_the_worst_corner_grows_as_the_traced_loop_there(
-    made: SimpleNamespace, arm: Robot, cubic: HJISolution, delay: int
-) -> None:
+def test_the_worst_corner_grows_as_the_traced_loop_there(arm: Robot, cubic: HJISolution, delay: int) -> None:
     """The batch against the traced step of the compiled loop; with a delay, against the linear loop of one plant."""
-    loop = loop_of(made, arm, cubic, delay=delay, latency=0)
+    loop = loop_of(arm, cubic, delay=delay, latency=0)
     found = tolerance_corners(loop, arm.corner, arm.uncertain, ())
-    plain = loop_of(made, arm, cubic, latency=0)
+    plain = loop_of(arm, cubic, latency=0)
     for k in (found.worst, int(np.argmin(found.designed.rates))):
         values = found.population.values[k]
         z = plain.modes([values]).equilibrium[0]
-        _, one = made.whole_jacobian(plain, z, values)
+        _, one = whole_jacobian(plain, z, values)
         linear = loop.linear(values)
-        expected = np.abs(made.dense_system(linear).multipliers).max()
+        expected = np.abs(dense_system(linear).multipliers).max()
         if not delay:
             expected = np.abs(np.linalg.eigvals(one)).max()
         assert found.designed.rates[k] == pytest.approx(math.log(expected) / PERIOD, abs=1e-5)
 
 
 @pytest.mark.ci("sweeps 2048 corners over four dozen levels of the noise")
-def test_the_estimators_noise_is_named_and_swept(made: SimpleNamespace, arm: Robot) -> None:
+def test_the_estimators_noise_is_named_and_swept(arm: Robot) -> None:
     """A damped law: stable at all corners as designed, not with noise on the link's torque alone."""
     weights = {"link_position": 60.0, "link_position_integral": 300.0, "joint_torque_rate": 3e-3}
-    law = made.law(arm, ratio=1.5, penalty=fh.Penalty(weights, effort=10.0), pose=[math.pi / 2])
-    loop = loop_of(made, arm, law)
+    law = designed(arm, ratio=1.5, penalty=fh.Penalty(weights, effort=10.0), pose=[math.pi / 2])
+    loop = loop_of(arm, law)
     found = tolerance_corners(loop, arm.corner, arm.uncertain)
     assert found.forms == FORMS
     assert found.measurement_noise == 1e-8
@@ -173,15 +167,15 @@ def test_the_estimators_noise_is_named_and_swept(made: SimpleNamespace, arm: Rob
     # One of the sweep's entries is the loop with that filter.
     other = found.of_form(LINK_VELOCITIES)[1e2]
     assert other.unstable > 500
-    filter = made.filter(arm.plant(), np.zeros(4), "ukf", (other.noise.covariance(arm.plant().states), 1e-8))
+    filter = filter_of(arm.plant(), np.zeros(4), "ukf", (other.noise.covariance(arm.plant().states), 1e-8))
     again = EquilibriumLoop(law, filter, arm.plant(inductance=True), PERIOD, math.pi / 2)
     assert tolerance_corners(again, arm.corner, 11, ()).unstable == other.unstable
 
 
 @pytest.mark.ci("looks for the edge of 2048 corners")
-def test_the_tolerances_may_grow_by_a_factor(made: SimpleNamespace, arm: Robot, cubic: HJISolution) -> None:
+def test_the_tolerances_may_grow_by_a_factor(arm: Robot, cubic: HJISolution) -> None:
     """At 0.99 of it no corner is unstable, at 1.01 some are; the paper's law stands less than its tolerances."""
-    loop = loop_of(made, arm, cubic)
+    loop = loop_of(arm, cubic)
     scale, corner = ToleranceBox.of(loop, arm.corner, arm.uncertain).edge(loop)
     assert 0.0 < scale < 1.0
     signs = corners(11, 2048)
@@ -195,10 +189,10 @@ def test_the_tolerances_may_grow_by_a_factor(made: SimpleNamespace, arm: Robot, 
 
 
 def test_three_tolerances_may_grow_by_a_factor(
-    made: SimpleNamespace, arm: Robot, cubic: HJISolution, only_uncertain: Callable[..., Robot]
+    arm: Robot, cubic: HJISolution, only_uncertain: Callable[..., Robot]
 ) -> None:
     """As above: up to it no corner is unstable, beyond it the one that is named."""
-    few, loop = only_uncertain(arm, "stiffness", "mass", "friction"), loop_of(made, arm, cubic)
+    few, loop = only_uncertain(arm, "stiffness", "mass", "friction"), loop_of(arm, cubic)
     scale, corner = ToleranceBox.of(loop, few.corner, few.uncertain).edge(loop)
     signs = corners(3, 8)
     below, above = (
@@ -209,9 +203,7 @@ def test_three_tolerances_may_grow_by_a_factor(
     assert below.max() < 0.0 <= above[corner]
 
 
-def test_many_numbers_are_sampled_and_said_to_be(
-    made: SimpleNamespace, two_link: Robot, two_link_law: HJISolution
-) -> None:
+def test_many_numbers_are_sampled_and_said_to_be(two_link: Robot, two_link_law: HJISolution) -> None:
     loop = EquilibriumLoop(two_link_law, None, two_link.plant(), PERIOD)
     found = tolerance_corners(loop, two_link.corner, two_link.uncertain)
     assert not found.complete

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
+from tests.analysis.conftest import filter_of
+from tests.builders import linear_law
 from tests.refusals import refused_with
 from tests.tiers import ci_and_night
 
@@ -48,7 +48,6 @@ def both(two_link: Robot) -> GeneralisedPlant:
 @pytest.mark.parametrize("kind", [None, "ekf", "observer"])
 @pytest.mark.parametrize("command", [True, False])
 def test_gradient_by_differences_of_the_arm(
-    made: SimpleNamespace,
     arm: Robot,
     cubic: HJISolution,
     torques: GeneralisedPlant,
@@ -58,7 +57,7 @@ def test_gradient_by_differences_of_the_arm(
 ) -> None:
     problem, law = (arm.problem(), cubic) if command else (torques, quartic)
     point = problem.operating_point[:4]
-    estimator = None if kind is None else made.filter(arm.plant(), point, kind, period=0.01)
+    estimator = None if kind is None else filter_of(arm.plant(), point, kind, period=0.01)
     runs = DisturbanceSearch(problem, law, estimator, 0.01, horizon=1.5).search_runs
     differs(runs, 0.3 * np.random.default_rng(0).normal(size=(151, runs.channels)), (0, 1, 37, 148, 149))
 
@@ -66,9 +65,9 @@ def test_gradient_by_differences_of_the_arm(
 @pytest.mark.ci("compiles a search of two links")
 @pytest.mark.oracle
 def test_gradient_by_differences_of_two_links(
-    made: SimpleNamespace, two_link: Robot, both: GeneralisedPlant, two_link_law: HJISolution
+    two_link: Robot, both: GeneralisedPlant, two_link_law: HJISolution
 ) -> None:
-    filter = made.filter(two_link.plant(), both.operating_point[:8], period=0.01)
+    filter = filter_of(two_link.plant(), both.operating_point[:8], period=0.01)
     for estimator in (None, filter):
         runs = DisturbanceSearch(both, two_link_law, estimator, 0.01, horizon=0.5).search_runs
         assert runs.channels == 6
@@ -113,10 +112,10 @@ def test_small_motions_have_the_norm_of_the_linear_design(
 @pytest.mark.ci("compiles a loop of two links with its estimator")
 @pytest.mark.oracle
 def test_small_motions_are_those_of_a_run(
-    made: SimpleNamespace, two_link: Robot, both: GeneralisedPlant, two_link_law: HJISolution
+    two_link: Robot, both: GeneralisedPlant, two_link_law: HJISolution
 ) -> None:
     """z of the nonlinear loop with its estimator, for a small d on all channels at once."""
-    filter = made.filter(two_link.plant(), both.operating_point[:8], period=5e-3)
+    filter = filter_of(two_link.plant(), both.operating_point[:8], period=5e-3)
     runs = DisturbanceSearch(both, two_link_law, filter, 5e-3, horizon=1.0).search_runs
     d = 1e-5 * np.random.default_rng(4).normal(size=(201, 6))
     x, u = runs.deviations(runs.run(d), d)
@@ -176,10 +175,10 @@ def test_the_limit_of_small_energies_is_the_norm(torques: GeneralisedPlant, quar
 
 
 def test_ascent_climbs_and_the_loop_itself_is_judged(
-    made: SimpleNamespace, arm: Robot, torques: GeneralisedPlant, quartic: HJISolution
+    arm: Robot, torques: GeneralisedPlant, quartic: HJISolution
 ) -> None:
     """With a Kalman filter the search takes its stationary gain; what counts is the run with the filter."""
-    filter = made.filter(arm.plant(), torques.operating_point[:4], "ukf", period=5e-3)
+    filter = filter_of(arm.plant(), torques.operating_point[:4], "ukf", period=5e-3)
     search = DisturbanceSearch(torques, quartic, filter, 5e-3, horizon=4.0)
     start = search.scaled(search.random(1), 2000.0)
     d = search.ascend(start, 2000.0, 6)
@@ -207,19 +206,19 @@ def test_held_samples() -> None:
     )
 
 
-def test_misuse_is_refused(arm: Robot, torques: GeneralisedPlant, quartic: HJISolution, made: Any) -> None:
+def test_misuse_is_refused(arm: Robot, torques: GeneralisedPlant, quartic: HJISolution) -> None:
     for sizes in ({}, {"energy": 1.0, "level": 1.0}, {"energy": -1.0}, {"level": math.inf}):
         with pytest.raises(
             InvalidInput, match=f"energy={sizes.get('energy')} and level={sizes.get('level')}"
         ):
             worst_disturbance(torques, quartic, **sizes)  # type: ignore[arg-type]
-    plain = made.Gains(arm.plant(), np.ones((1, 5)), np.zeros(4), [0.0], ("link_position",))
-    with refused_with(InvalidInput, "level=1.0", "Gains"):
+    plain = linear_law(arm.plant(), np.ones(5), integrals=("link_position",))
+    with refused_with(InvalidInput, "level=1.0", "LinearLaw"):
         worst_disturbance(torques, plain, level=1.0)
     with refused_with(InvalidInput, "states", "'link_position_integral'"):
-        worst_disturbance(torques, made.Gains(arm.plant(), np.ones((1, 4)), np.zeros(4), [0.0]), energy=1.0)
+        worst_disturbance(torques, linear_law(arm.plant(), np.ones(4)), energy=1.0)
     with refused_with(InvalidInput, "search_period=0.001 s", 0.01):
-        DisturbanceSearch(torques, quartic, made.filter(arm.plant(), np.zeros(4)), 1e-3, search_period=0.01)
+        DisturbanceSearch(torques, quartic, filter_of(arm.plant(), np.zeros(4)), 1e-3, search_period=0.01)
 
 
 def test_no_command_leaves_the_joints_limits(two_link: Robot) -> None:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
+from functools import cache
 
 import numpy as np
-import pytest
 from scipy.integrate import solve_ivp
 
 from flexhinf.plant import Parameters
@@ -53,13 +52,11 @@ def gravity_slope(robot: Robot, q, step=1e-5):
     return np.column_stack([(torque(q + unit) - torque(q - unit)) / (2.0 * step) for unit in units])
 
 
-@pytest.fixture(scope="session")
-def made():
-    """What the tests of laws are made of."""
-    robots = {
-        name: load_robot(name) for name in ("paper", "planar-two-link", "spatial-three-link", "seven-link")
-    }
-    robots["quanser"], robots["rig"] = load_robot("quanser-rotflex"), load_robot("vertical-rig")
-    return SimpleNamespace(
-        robots=robots, continuous=continuous, links_at=links_at, gravity_slope=gravity_slope
-    )
+#: Of the catalogue, by these names.
+NAMES = ("paper", "planar-two-link", "spatial-three-link", "seven-link", "quanser", "rig")
+
+
+@cache
+def by_name(name: str) -> Robot:
+    """A robot of the catalogue, made once; "quanser" and "rig" for short."""
+    return load_robot({"quanser": "quanser-rotflex", "rig": "vertical-rig"}.get(name, name))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.linalg import expm
-from scipy.signal import freqs
+from tests.baselines.conftest import NAMES, by_name, continuous
 from tests.refusals import refused_with
 
 from flexhinf.baselines import FeedbackLinearisation
@@ -29,8 +29,8 @@ def sorted_modes(modes):
 @pytest.mark.ci("five robots by SciPy to 1e-11")
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ["paper", "quanser", "rig", "planar-two-link", "spatial-three-link"])
-def test_the_nonlinear_loop_is_a_linear_chain_in_every_joint(made, name):
-    robot = made.robots[name]
+def test_the_nonlinear_loop_is_a_linear_chain_in_every_joint(name):
+    robot = by_name(name)
     plant, n = robot.plant(), len(robot.joint_names)
     law = FeedbackLinearisation.tuned(robot.problem(), 6.0)
     rng = np.random.default_rng(2)
@@ -39,7 +39,7 @@ def test_the_nonlinear_loop_is_a_linear_chain_in_every_joint(made, name):
     start = lag + np.concatenate(
         [np.zeros(n), rng.normal(size=n), 0.05 * rng.normal(size=n), rng.normal(size=n)]
     )
-    times, states = made.continuous(plant, law, start, 2.0)
+    times, states = continuous(plant, law, start, 2.0)
     xi = law.form.coordinates(start, law.equilibrium[1], plant.parameters.vector())[0].reshape(n, 4).copy()
     xi[:, 0] -= law.equilibrium[0][:n]
     moved = np.array([expm(t * chain(law.coefficients[0])) for t in times])  # joints have equal poles
@@ -49,8 +49,8 @@ def test_the_nonlinear_loop_is_a_linear_chain_in_every_joint(made, name):
 
 
 @pytest.mark.oracle
-def test_with_integrals_a_torque_at_the_motor_leaves_no_error_as_the_chain_says(made):
-    robot = made.robots["planar-two-link"]
+def test_with_integrals_a_torque_at_the_motor_leaves_no_error_as_the_chain_says():
+    robot = by_name("planar-two-link")
     plant, law = robot.plant(), FeedbackLinearisation.tuned(robot.problem(), 6.0, integral=True)
     assert [len(each) for each in law.coefficients] == [5, 5]
     expected = np.tile(np.linalg.eigvals(chain(law.coefficients[0])), 2)
@@ -58,15 +58,15 @@ def test_with_integrals_a_torque_at_the_motor_leaves_no_error_as_the_chain_says(
         sorted_modes(np.linalg.eigvals(law.closed_loop())), sorted_modes(expected), rtol=1e-5
     )
     push = np.array([0.0, 0.0, 0.2, -0.1])
-    _, states = made.continuous(plant, law, law.equilibrium[0], 6.0, disturbance=push, rtol=1e-8)
+    _, states = continuous(plant, law, law.equilibrium[0], 6.0, disturbance=push, rtol=1e-8)
     assert np.abs(states[:, :2] - law.equilibrium[0][:2]).max() > 1e-3
     np.testing.assert_allclose(states[-1, :2], law.equilibrium[0][:2], atol=1e-6)
 
 
 @pytest.mark.ci("a motion of two links by SciPy to 1e-11")
 @pytest.mark.oracle
-def test_a_motion_of_the_elastic_inverse_dynamics_is_followed_and_errors_die_as_the_chain(made):
-    robot = made.robots["planar-two-link"]
+def test_a_motion_of_the_elastic_inverse_dynamics_is_followed_and_errors_die_as_the_chain():
+    robot = by_name("planar-two-link")
     plant, law = robot.plant(), FeedbackLinearisation.tuned(robot.problem(), 8.0)
     inverse, p = InverseFlow(robot.links, robot.drive), plant.parameters.named(plant.parameters.vector())
     size, rate = np.array([0.8, -0.6]), np.array([2.0, 3.0])
@@ -79,7 +79,7 @@ def test_a_motion_of_the_elastic_inverse_dynamics_is_followed_and_errors_die_as_
 
     start, _ = reference(0.0)
     offset = np.array([0.3, -0.2, 0, 0, 0.3, -0.2, 0, 0])
-    times, states = made.continuous(plant, law, start + offset, 1.5, reference, np.linspace(0.0, 1.5, 31))
+    times, states = continuous(plant, law, start + offset, 1.5, reference, np.linspace(0.0, 1.5, 31))
     vector = plant.parameters.vector()
     xi, xi_d = (
         law.form.coordinates(x, np.zeros(2), vector)[0].reshape(2, 4) for x in (start + offset, start)
@@ -90,8 +90,8 @@ def test_a_motion_of_the_elastic_inverse_dynamics_is_followed_and_errors_die_as_
 
 
 @pytest.mark.oracle
-def test_a_damped_spring_has_degree_three_and_stable_zero_dynamics(made):
-    robot = made.robots["planar-two-link"]
+def test_a_damped_spring_has_degree_three_and_stable_zero_dynamics():
+    robot = by_name("planar-two-link")
     problem = robot.problem(extras="joint_damping")
     law = FeedbackLinearisation.tuned(problem, 6.0)
     assert law.form.degrees == (3, 3)
@@ -103,8 +103,8 @@ def test_a_damped_spring_has_degree_three_and_stable_zero_dynamics(made):
 
 
 @pytest.mark.ci("a law of seven links")
-def test_seven_links_are_evaluated(made):
-    robot = made.robots["seven-link"]
+def test_seven_links_are_evaluated():
+    robot = by_name("seven-link")
     law = FeedbackLinearisation.tuned(robot.problem(), 5.0)
     x, n = 0.02 * np.cos(np.arange(28.0)), 7
     k = law.evaluate_law(x, law.law_data)
@@ -120,6 +120,8 @@ def test_seven_links_are_evaluated(made):
 @pytest.mark.oracle
 @pytest.mark.parametrize("order", [2, 3, 4, 5])
 def test_the_poles_have_the_bandwidth_and_hardly_overshoot(order):
+    from scipy.signal import freqs
+
     coefficients = bessel_coefficients(order, 7.0)
     _, at = freqs([coefficients[0]], [1.0, *coefficients[::-1]], [7.0])
     np.testing.assert_allclose(np.abs(at), np.sqrt(0.5), rtol=1e-6)
@@ -130,8 +132,8 @@ def test_the_poles_have_the_bandwidth_and_hardly_overshoot(order):
 
 
 @pytest.mark.oracle
-def test_an_integral_of_its_own_rate_adds_one_pole_to_those_of_the_filter(made):
-    problem = made.robots["paper"].problem()
+def test_an_integral_of_its_own_rate_adds_one_pole_to_those_of_the_filter():
+    problem = by_name("paper").problem()
     plain = FeedbackLinearisation.tuned(problem, 6.0).coefficients[0]
     slow = FeedbackLinearisation.tuned(problem, 6.0, integral=True, integral_rate=0.2).coefficients[0]
     expected = np.sort_complex([*np.roots([1.0, *plain[::-1]]), -1.2])
@@ -142,8 +144,8 @@ def test_an_integral_of_its_own_rate_adds_one_pole_to_those_of_the_filter(made):
 
 @pytest.mark.ci("two loops of three links")
 @pytest.mark.oracle
-def test_the_sampled_loop_tends_to_the_chain_with_the_period(made):
-    robot = made.robots["spatial-three-link"]
+def test_the_sampled_loop_tends_to_the_chain_with_the_period():
+    robot = by_name("spatial-three-link")
     law = FeedbackLinearisation.tuned(robot.problem(), 5.0)
     goal, held = robot.operating_point([0.3, 0.7, 0.8])
     errors = []
@@ -157,8 +159,8 @@ def test_the_sampled_loop_tends_to_the_chain_with_the_period(made):
     np.testing.assert_allclose(errors[0] / errors[1], 2.0, rtol=0.1)  # the input is held: half a period late
 
 
-def test_other_poles_compile_nothing(made, monkeypatch):
-    robot = made.robots["planar-two-link"]
+def test_other_poles_compile_nothing(monkeypatch):
+    robot = by_name("planar-two-link")
     problem = robot.problem()
     goal, held = robot.operating_point([0.3, 0.7])
     first = Controller(FeedbackLinearisation.tuned(problem, 5.0), None, moving=True)
@@ -178,13 +180,12 @@ def test_other_poles_compile_nothing(made, monkeypatch):
     assert np.abs(inputs[0] - inputs[1]).max() > 1e-3
 
 
-def test_robots_have_keys_of_their_own_and_numbers_do_not(made):
+def test_robots_have_keys_of_their_own_and_numbers_do_not():
     laws = {
-        name: FeedbackLinearisation.tuned(robot.problem(), 5.0)
-        for name, robot in made.robots.items() if name != "seven-link"
+        name: FeedbackLinearisation.tuned(by_name(name).problem(), 5.0) for name in NAMES if name != "seven-link"
     }  # fmt: skip
     assert len({law.law_key for law in laws.values()}) == len(laws)
-    heavier = made.robots["paper"].with_values({"mass": 1.3, "stiffness": 80.0})
+    heavier = by_name("paper").with_values({"mass": 1.3, "stiffness": 80.0})
     assert FeedbackLinearisation.tuned(heavier.problem(), 3.0).law_key == laws["paper"].law_key
 
 
@@ -208,8 +209,8 @@ def unstable_zero():
         ),
     ],
 )
-def test_what_does_not_fit_is_refused(made, plant, settings, complaint):
-    plant = made.robots["paper"].plant() if plant is None else plant
+def test_what_does_not_fit_is_refused(plant, settings, complaint):
+    plant = by_name("paper").plant() if plant is None else plant
     with pytest.raises(InvalidInput, match=complaint):
         FeedbackLinearisation(plant=plant, equilibrium=(np.zeros(plant.n), np.zeros(1)), **settings)
 
@@ -228,6 +229,6 @@ def test_a_singular_decoupling_matrix_is_refused():
         )
 
 
-def test_a_bandwidth_is_needed(made):
+def test_a_bandwidth_is_needed():
     with pytest.raises(InvalidInput, match="bandwidth"):
-        FeedbackLinearisation.tuned(made.robots["paper"].problem(), -1.0)
+        FeedbackLinearisation.tuned(by_name("paper").problem(), -1.0)

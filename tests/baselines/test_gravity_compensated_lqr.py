@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tests.baselines.conftest import by_name
 from tests.refusals import refused_with
 
 from flexhinf.baselines import GravityCompensatedLQR, lqr
@@ -12,11 +13,11 @@ ROBOTS = ["paper", "rig", "planar-two-link", "spatial-three-link", "seven-link"]
 
 
 @pytest.mark.oracle
-def test_one_link_in_closed_form(made):
+def test_one_link_in_closed_form():
     """u = u_g(x1) + K (x − x_g(x1)) with x_g3 = (M g L/k) sin x1 and u_g = (R/k_m) M g L sin x1, about hanging."""
     import control
 
-    robot = made.robots["paper"]
+    robot = by_name("paper")
     law, v = GravityCompensatedLQR.design(robot.problem()), robot.nominal
     torque = v["mass"] * v["gravity"] * v["length"]
     wind, holding = torque / v["stiffness"], torque * v["resistance"] / v["torque_constant"]
@@ -38,8 +39,8 @@ def test_one_link_in_closed_form(made):
 
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ROBOTS)
-def test_without_gravity_it_is_the_lqr_and_its_gain_is_that_with_gravity_too(made, name):
-    robot = made.robots[name]
+def test_without_gravity_it_is_the_lqr_and_its_gain_is_that_with_gravity_too(name):
+    robot = by_name(name)
     light = robot.with_values({"gravity": 0.0})
     law, plain = GravityCompensatedLQR.design(light.problem()), lqr(light.problem())
     np.testing.assert_allclose(law.gain, plain.gain, rtol=1e-9, atol=1e-9 * np.abs(plain.gain).max())
@@ -51,9 +52,9 @@ def test_without_gravity_it_is_the_lqr_and_its_gain_is_that_with_gravity_too(mad
 
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ROBOTS)
-def test_the_weight_is_exact_at_every_pose(made, name):
+def test_the_weight_is_exact_at_every_pose(name):
     """With K acting on what differs from the wind-up only, the input that is left at any rest is K (q − q_d, 0 …)."""
-    robot = made.robots[name]
+    robot = by_name(name)
     law, n = GravityCompensatedLQR.design(robot.problem()), len(robot.joint_names)
     rng = np.random.default_rng(4)
     for q in rng.uniform(-1.5, 1.5, (3, n)):
@@ -65,8 +66,8 @@ def test_the_weight_is_exact_at_every_pose(made, name):
         np.testing.assert_array_equal(law.evaluate_about(np.zeros(5 * n), x, u, law.law_data), 0.0)
 
 
-def test_a_far_goal_is_reached_in_the_sampled_loop(made):
-    robot = made.robots["planar-two-link"]
+def test_a_far_goal_is_reached_in_the_sampled_loop():
+    robot = by_name("planar-two-link")
     law = GravityCompensatedLQR.design(robot.problem())
     goal, held = robot.operating_point([2.2, -0.9])
     run = Loop(robot.plant(), Controller(law, None, moving=True)).run(
@@ -76,8 +77,8 @@ def test_a_far_goal_is_reached_in_the_sampled_loop(made):
     assert 0.0 < run.metrics()["peak_input"] < 500.0
 
 
-def test_what_does_not_fit_is_refused(made):
-    robot = made.robots["paper"]
+def test_what_does_not_fit_is_refused():
+    robot = by_name("paper")
     with refused_with(FlexhinfError, "elastic", "'coil_current'"):
         GravityCompensatedLQR.design(robot.problem(extras="inductance"))
     with refused_with(FlexhinfError, "gain", "(1, 4)"):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tests.baselines.conftest import by_name, gravity_slope, links_at
 from tests.refusals import refused_with
 
 from flexhinf.errors import InvalidInput
@@ -14,14 +15,14 @@ from flexhinf.scalars import digest
 @pytest.mark.parametrize(
     "name", ["paper", "quanser", "rig", "planar-two-link", "spatial-three-link", "seven-link"]
 )
-def test_numbers_are_those_of_the_file(made, name):
-    robot = made.robots[name]
+def test_numbers_are_those_of_the_file(name):
+    robot = by_name(name)
     found, p = elastic_joints(robot.plant(), *robot.operating_point()), robot.plant_parameters()
     q = np.array(robot.home)
     np.testing.assert_allclose(found.stiffness, np.atleast_1d(p["stiffness"]), rtol=1e-12)
     np.testing.assert_allclose(found.motor_inertia, np.atleast_1d(p["motor_inertia"]), rtol=1e-12)
-    np.testing.assert_allclose(found.link_inertia, made.links_at(robot, q)[0], rtol=1e-10, atol=1e-10)
-    np.testing.assert_allclose(found.gravity_slope, made.gravity_slope(robot, q), rtol=1e-7, atol=1e-6)
+    np.testing.assert_allclose(found.link_inertia, links_at(robot, q)[0], rtol=1e-10, atol=1e-10)
+    np.testing.assert_allclose(found.gravity_slope, gravity_slope(robot, q), rtol=1e-7, atol=1e-6)
     gain = p["torque_constant"] / p["resistance"] if robot.drive == "voltage" else 1.0
     emf = gain * p["back_emf_constant"] if robot.drive == "voltage" else 0.0
     np.testing.assert_allclose(
@@ -32,8 +33,8 @@ def test_numbers_are_those_of_the_file(made, name):
 
 
 @pytest.mark.oracle
-def test_a_damped_spring_is_seen(made):
-    robot = made.robots["planar-two-link"]
+def test_a_damped_spring_is_seen():
+    robot = by_name("planar-two-link")
     found = elastic_joints(robot.plant(extras="joint_damping"), *robot.operating_point())
     p = robot.plant_parameters()
     np.testing.assert_allclose(found.spring_damping, p["damping"], rtol=1e-12)
@@ -41,8 +42,8 @@ def test_a_damped_spring_is_seen(made):
     np.testing.assert_allclose(found.motor_damping, p["friction"] + emf, rtol=1e-10)
 
 
-def test_other_plants_are_refused(made):
-    robot = made.robots["paper"]
+def test_other_plants_are_refused():
+    robot = by_name("paper")
     with refused_with(InvalidInput, "elastic", "'coil_current'"):
         elastic_joints(robot.plant(inductance=True), np.zeros(5), np.zeros(1))
     names = ("link_position", "link_velocity", "motor_position", "motor_velocity")
@@ -64,8 +65,8 @@ def test_other_plants_are_refused(made):
 
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ["quanser", "rig", "planar-two-link", "spatial-three-link", "seven-link"])
-def test_the_compliance_is_the_inverse_of_the_mass_matrix(made, name):
-    robot = made.robots[name]
+def test_the_compliance_is_the_inverse_of_the_mass_matrix(name):
+    robot = by_name(name)
     plant, rng = robot.plant(), np.random.default_rng(4)
     changed = plant.with_parameters(**robot.draw(rng))
     compliance = LinkCompliance(plant)
@@ -81,7 +82,7 @@ def test_the_compliance_is_the_inverse_of_the_mass_matrix(made, name):
             )
     np.testing.assert_allclose(
         np.linalg.inv(compliance.matrix(q, plant.parameters.vector())),
-        made.links_at(robot, q)[0],
+        links_at(robot, q)[0],
         rtol=1e-9,
         atol=1e-10,
     )

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tests.baselines.conftest import by_name
 from tests.refusals import refused_with
 
 from flexhinf.baselines import LinearQuadratic, lqr, lqr_gain
@@ -24,8 +25,8 @@ def linear_part(problem):
 
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ROBOTS)
-def test_the_gain_is_python_controls(made, name):
-    problem = made.robots[name].problem()
+def test_the_gain_is_python_controls(name):
+    problem = by_name(name).problem()
     a, b, h = linear_part(problem)
     import control
 
@@ -38,8 +39,8 @@ def test_the_gain_is_python_controls(made, name):
 
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ROBOTS)
-def test_the_gain_is_that_of_the_game_without_an_opponent(made, name):
-    problem = made.robots[name].problem()
+def test_the_gain_is_that_of_the_game_without_an_opponent(name):
+    problem = by_name(name).problem()
     game = linear_law(problem, gamma=np.inf)
     np.testing.assert_allclose(
         lqr(problem).gain, game.law(np.eye(len(problem.state_names))).T, rtol=1e-9,
@@ -56,8 +57,8 @@ def test_any_plant_will_do_and_more_effort_asked_for_is_less_input():
     np.testing.assert_allclose(lqr_gain(problem, 4.0), [[-0.5, -1.0]], rtol=1e-12)
 
 
-def test_what_has_no_lqr_is_refused(made):
-    robot = made.robots["paper"]
+def test_what_has_no_lqr_is_refused():
+    robot = by_name("paper")
     with refused_with(NumericalFailure, "LQR", "'link_position_integral'"):
         lqr(robot.problem({"link_position": 1.0}))  # nothing sees the integral
     with refused_with(InvalidInput, "factor", "effort", 0.0):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.signal import cont2discrete
+from tests.baselines.conftest import by_name
 
 from flexhinf.baselines import lqr
 from flexhinf.estimation import ExtendedKalmanFilter
@@ -13,9 +13,9 @@ from flexhinf.plant import linear_plant
 H = 1e-3
 
 
-def parts(made, name, pose):
+def parts(name, pose):
     """Problem, linear plant, filter on it, its sampled model, noises and stationary gain."""
-    robot = made.robots[name]
+    robot = by_name(name)
     problem = robot.problem(pose=pose)
     n = problem.plant.n
     x, u = problem.operating_point[:n], problem.operating_input
@@ -35,10 +35,11 @@ CASES = [("paper", [1.0]), ("planar-two-link", [0.4, 0.6]), ("spatial-three-link
 
 @pytest.mark.oracle
 @pytest.mark.parametrize(("name", "pose"), CASES)
-def test_the_filters_gain_is_python_controls(made, name, pose):
+def test_the_filters_gain_is_python_controls(name, pose):
     import control
+    from scipy.signal import cont2discrete
 
-    _, linear, _, (f, c), (q, r), gain = parts(made, name, pose)
+    _, linear, _, (f, c), (q, r), gain = parts(name, pose)
     expected, _, poles = control.dlqe(f, np.eye(len(f)), c, q, r)
     # python-control corrects and predicts at once: its gain is F times ours.
     np.testing.assert_allclose(f @ gain, expected, atol=1e-10 * np.abs(expected).max())
@@ -50,9 +51,9 @@ def test_the_filters_gain_is_python_controls(made, name, pose):
 
 @pytest.mark.ci("4,000 steps of a filter in Python")
 @pytest.mark.oracle
-def test_the_extended_filter_on_the_linear_plant_is_the_linear_filter(made):
+def test_the_extended_filter_on_the_linear_plant_is_the_linear_filter():
     """Its covariance comes to the gain that python-control computes, wherever the estimate is."""
-    _, linear, ekf, (_, c), (_, r), gain = parts(made, "paper", [1.0])
+    _, linear, ekf, (_, c), (_, r), gain = parts("paper", [1.0])
     rng = np.random.default_rng(0)
     for _ in range(4000):
         ekf.correct(rng.normal(size=1))
@@ -67,10 +68,11 @@ def test_the_extended_filter_on_the_linear_plant_is_the_linear_filter(made):
     ("name", "pose"),
     [*CASES[:2], pytest.param(*CASES[2], marks=pytest.mark.ci("compiles a loop of three links"))],
 )
-def test_the_sampled_loop_is_a_forced_response_of_python_control(made, name, pose):
+def test_the_sampled_loop_is_a_forced_response_of_python_control(name, pose):
     import control
+    from scipy.signal import cont2discrete
 
-    problem, linear, ekf, (f, c), _, gain = parts(made, name, pose)
+    problem, linear, ekf, (f, c), _, gain = parts(name, pose)
     law = lqr(problem)
     control_ = Controller(law, ConstantGainFilter(ekf, gain), H, latency=0)
     n, m, k = linear.n, len(linear.inputs), len(law.integrate)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tests.baselines.conftest import by_name, continuous, gravity_slope, links_at
 from tests.refusals import refused_with
 
 from flexhinf.baselines import MotorPD
@@ -13,8 +14,8 @@ from flexhinf.plant.joints import elastic_joints
 
 @pytest.mark.oracle
 @pytest.mark.parametrize("pose", [0.0, 1.0, np.pi])
-def test_the_loop_of_one_voltage_driven_joint_by_hand(made, pose):
-    robot = made.robots["paper"]
+def test_the_loop_of_one_voltage_driven_joint_by_hand(pose):
+    robot = by_name("paper")
     law = MotorPD.tuned(robot.problem(pose=[pose]), 4.0, 0.7, integral="link_position")
     v = robot.nominal
     k, j, i = v["stiffness"], v["motor_inertia"], v["link_inertia"]
@@ -34,21 +35,19 @@ def test_the_loop_of_one_voltage_driven_joint_by_hand(made, pose):
 
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ["planar-two-link", "spatial-three-link", "seven-link"])
-def test_the_modes_of_many_joints_by_hand(made, name):
-    robot = made.robots[name]
+def test_the_modes_of_many_joints_by_hand(name):
+    robot = by_name(name)
     law = MotorPD.tuned(robot.problem(), 8.0, 0.6)
     p = robot.plant_parameters()
     n = len(robot.joint_names)
     q = np.array(robot.home)
-    mass, _ = made.links_at(robot, q)
+    mass, _ = links_at(robot, q)
     volts = robot.drive == "voltage"
     damping = p["friction"] + (
         p["torque_constant"] * p["back_emf_constant"] / p["resistance"] if volts else 0.0
     )
     spring, nothing, unit = np.diag(p["stiffness"]), np.zeros((n, n)), np.eye(n)
-    links = np.linalg.solve(
-        mass, np.hstack([-spring - made.gravity_slope(robot, q), nothing, spring, nothing])
-    )
+    links = np.linalg.solve(mass, np.hstack([-spring - gravity_slope(robot, q), nothing, spring, nothing]))
     rotor = np.hstack(
         [spring, nothing, -spring - np.diag(law.proportional), -np.diag(damping + law.derivative)]
     )
@@ -62,20 +61,20 @@ def test_the_modes_of_many_joints_by_hand(made, name):
 
 @pytest.mark.ci("runs by SciPy to 1e-11")
 @pytest.mark.oracle
-def test_tomeis_function_falls_by_what_is_damped_and_the_goal_is_reached(made):
-    robot = made.robots["spatial-three-link"]
+def test_tomeis_function_falls_by_what_is_damped_and_the_goal_is_reached():
+    robot = by_name("spatial-three-link")
     plant, p = robot.plant(), robot.plant_parameters()
     law = MotorPD.tuned(robot.problem(pose=[0.4, 0.3, 0.9]), 6.0, 0.7)
     x_d, _ = law.equilibrium
     start = x_d + np.array([1.2, -0.9, 0.7, 0.5, -0.4, 0.3, 1.1, -0.8, 0.9, 0.2, 0.1, -0.3])
-    times, states = made.continuous(plant, law, start, 12.0, times=np.linspace(0.0, 12.0, 4001))
+    times, states = continuous(plant, law, start, 12.0, times=np.linspace(0.0, 12.0, 4001))
     q_d, theta_d = x_d[:3], x_d[6:9]
-    _, torque = made.links_at(robot, q_d)
+    _, torque = links_at(robot, q_d)
     nodes, weights = np.polynomial.legendre.leggauss(40)
 
     def value(x):
         q, dq, theta, dtheta = x.reshape(4, 3)
-        mass, _ = made.links_at(robot, q)
+        mass, _ = links_at(robot, q)
         along = sum(w * torque(q_d + (s + 1) / 2 * (q - q_d)) for s, w in zip(nodes, weights)) / 2
         energy = 0.5 * dq @ mass @ dq + 0.5 * p["motor_inertia"] @ dtheta**2 + along @ (q - q_d)
         error = theta_d - theta
@@ -99,8 +98,8 @@ def test_tomeis_function_falls_by_what_is_damped_and_the_goal_is_reached(made):
 
 @pytest.mark.oracle
 @pytest.mark.parametrize("integral", [None, "motor_position", "link_position"])
-def test_gains_put_the_poles_of_a_stiff_joint_where_asked(made, integral):
-    stiff = made.robots["paper"].with_values({"stiffness": 1e9, "gravity": 0.0})
+def test_gains_put_the_poles_of_a_stiff_joint_where_asked(integral):
+    stiff = by_name("paper").with_values({"stiffness": 1e9, "gravity": 0.0})
     law = MotorPD.tuned(stiff.problem(), 5.0, 0.6, integral=integral, integral_rate=0.3)
     poles = np.sort_complex(np.linalg.eigvals(law.closed_loop()))
     slow = poles[np.argsort(np.abs(poles))[: 3 if integral else 2]]
@@ -109,16 +108,16 @@ def test_gains_put_the_poles_of_a_stiff_joint_where_asked(made, integral):
     np.testing.assert_allclose(np.sort_complex(slow), np.sort_complex(expected), rtol=1e-4)
 
 
-def test_a_motor_that_damps_itself_by_more_than_was_asked_keeps_doing_so(made):
-    problem = made.robots["quanser"].problem()
+def test_a_motor_that_damps_itself_by_more_than_was_asked_keeps_doing_so():
+    problem = by_name("quanser").problem()
     law = MotorPD.tuned(problem, 1.0, 0.1)
     assert elastic_joints(problem.plant, *law.equilibrium).motor_damping[0] > 0.01
     assert law.derivative[0] == 0.0
 
 
 @pytest.mark.parametrize("integral", ["link_position", "motor_position"])
-def test_in_the_sampled_loop_the_goal_is_reached_and_the_integral_takes_what_is_wrong(made, integral):
-    robot = made.robots["planar-two-link"]
+def test_in_the_sampled_loop_the_goal_is_reached_and_the_integral_takes_what_is_wrong(integral):
+    robot = by_name("planar-two-link")
     wrong = robot.plant().with_parameters(mass=1.1 * robot.plant_parameters()["mass"])
     goal, held = robot.operating_point([0.9, 0.2])
     reference = np.concatenate([goal, held])
@@ -136,8 +135,8 @@ def test_in_the_sampled_loop_the_goal_is_reached_and_the_integral_takes_what_is_
     )
 
 
-def test_other_gains_compile_nothing(made, monkeypatch):
-    problem = made.robots["paper"].problem()
+def test_other_gains_compile_nothing(monkeypatch):
+    problem = by_name("paper").problem()
     first = Controller(MotorPD.tuned(problem, 4.0), None)
     first.step(np.zeros(4))
     other = Controller(MotorPD.tuned(problem, 5.0, 0.9), None)
@@ -163,8 +162,8 @@ def test_other_gains_compile_nothing(made, monkeypatch):
         ({"equilibrium": (np.zeros(3), np.zeros(1))}, r"equilibrium[\s\S]* \(3,\)"),
     ],
 )
-def test_what_does_not_fit_is_refused(made, changes, complaint):
-    robot = made.robots["paper"]
+def test_what_does_not_fit_is_refused(changes, complaint):
+    robot = by_name("paper")
     settings = {"equilibrium": robot.operating_point([np.pi]), "proportional": 50.0, "derivative": 1.0}
     MotorPD(plant=robot.plant(), **settings)
     with pytest.raises(InvalidInput, match=complaint):
@@ -172,11 +171,11 @@ def test_what_does_not_fit_is_refused(made, changes, complaint):
 
 
 @pytest.mark.parametrize("settings", [{"bandwidth": 0.0}, {"bandwidth": 4.0, "damping": np.nan}])
-def test_a_bandwidth_and_a_damping_are_needed(made, settings):
+def test_a_bandwidth_and_a_damping_are_needed(settings):
     with pytest.raises(InvalidInput, match=r"bandwidth|damping"):
-        MotorPD.tuned(made.robots["paper"].problem(), **settings)
+        MotorPD.tuned(by_name("paper").problem(), **settings)
 
 
-def test_a_negative_rate_of_the_integral_is_refused(made):
+def test_a_negative_rate_of_the_integral_is_refused():
     with refused_with(InvalidInput, "rate", "integral", -1.0):
-        MotorPD.tuned(made.robots["paper"].problem(), 4.0, integral="link_position", integral_rate=-1.0)
+        MotorPD.tuned(by_name("paper").problem(), 4.0, integral="link_position", integral_rate=-1.0)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tests.baselines.conftest import by_name
 
 from flexhinf.baselines import NormalForm
 from flexhinf.errors import InvalidInput
@@ -11,8 +12,8 @@ from flexhinf.robot.elastic import InverseFlow
 
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ["paper", "quanser", "planar-two-link", "spatial-three-link", "seven-link"])
-def test_they_are_the_flat_coordinates_and_the_input_that_of_the_inverse_dynamics(made, name):
-    robot = made.robots[name]
+def test_they_are_the_flat_coordinates_and_the_input_that_of_the_inverse_dynamics(name):
+    robot = by_name(name)
     plant, n, rng = robot.plant(), len(robot.joint_names), np.random.default_rng(5)
     form, p = NormalForm(plant, plant.expanded("link_position")), plant.parameters.vector()
     named = Parameters(robot.plant_parameters())
@@ -30,8 +31,8 @@ def test_they_are_the_flat_coordinates_and_the_input_that_of_the_inverse_dynamic
     np.testing.assert_allclose(form.coordinates(x, found, p)[1], v, atol=1e-7 * np.abs(flat).max())
 
 
-def test_seven_links_are_some_ten_thousand_operations(made):
-    plant = made.robots["seven-link"].plant()
+def test_seven_links_are_some_ten_thousand_operations():
+    plant = by_name("seven-link").plant()
     form = NormalForm(plant, plant.expanded("link_position"))
     assert form.chains.n_instructions() < 15_000
     assert form.linearising.n_instructions() < 20_000

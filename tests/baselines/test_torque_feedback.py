@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.optimize import root
+from tests.baselines.conftest import by_name, continuous, links_at
 from tests.refusals import refused_with
 
 from flexhinf.baselines import MotorPD, TorqueFeedback
@@ -19,8 +20,8 @@ def solved(equations, start, left=1e-12):
 
 @pytest.mark.ci("three runs of three links by SciPy")
 @pytest.mark.oracle
-def test_it_is_a_pd_on_lighter_rotors(made):
-    robot = made.robots["spatial-three-link"]
+def test_it_is_a_pd_on_lighter_rotors():
+    robot = by_name("spatial-three-link")
     plant, p = robot.plant(), robot.plant_parameters()
     problem = robot.problem(pose=[0.2, 0.4, 0.8])
     law = TorqueFeedback.tuned(
@@ -32,10 +33,10 @@ def test_it_is_a_pd_on_lighter_rotors(made):
         proportional=law.proportional, derivative=law.derivative, integral=law.integral,
     )  # fmt: skip
     start = law.equilibrium[0] + np.linspace(-0.4, 0.5, 12)
-    _, felt = made.continuous(plant, law, start, 1.5)
-    _, expected = made.continuous(light, same, start, 1.5)
+    _, felt = continuous(plant, law, start, 1.5)
+    _, expected = continuous(light, same, start, 1.5)
     np.testing.assert_allclose(felt, expected, atol=1e-8)
-    unchanged = made.continuous(plant, MotorPD(
+    unchanged = continuous(plant, MotorPD(
         plant=plant, equilibrium=law.equilibrium, integrate=("link_position",),
         proportional=law.proportional, derivative=law.derivative, integral=law.integral,
     ), start, 1.5)[1]  # fmt: skip
@@ -44,8 +45,8 @@ def test_it_is_a_pd_on_lighter_rotors(made):
 
 @pytest.mark.oracle
 @pytest.mark.parametrize("extras", [(), ("joint_damping",)])
-def test_with_voltages_and_damped_springs_the_loops_matrix_is_that_of_lighter_rotors(made, extras):
-    robot = made.robots["planar-two-link"]
+def test_with_voltages_and_damped_springs_the_loops_matrix_is_that_of_lighter_rotors(extras):
+    robot = by_name("planar-two-link")
     problem = robot.problem(extras=extras)
     law = TorqueFeedback.tuned(problem, 25.0, 0.8, inertia_ratio=0.2, compensation="goal")
     p = robot.plant_parameters()
@@ -63,13 +64,13 @@ def test_with_voltages_and_damped_springs_the_loops_matrix_is_that_of_lighter_ro
 @pytest.mark.parametrize(
     "name", ["paper", "rig", "quanser", "planar-two-link", "spatial-three-link", "seven-link"]
 )
-def test_the_weight_is_that_of_the_link_that_would_rest_at_the_motors_position(made, name):
-    robot = made.robots[name]
+def test_the_weight_is_that_of_the_link_that_would_rest_at_the_motors_position(name):
+    robot = by_name(name)
     law = TorqueFeedback.tuned(robot.problem(), 5.0)
     p = robot.plant_parameters()
     stiffness, n = np.atleast_1d(p["stiffness"]), len(robot.joint_names)
     theta = np.array(robot.home) + np.linspace(0.3, 1.0, n)
-    _, torque = made.links_at(robot, theta)
+    _, torque = links_at(robot, theta)
     q = solved(lambda s: theta - s - torque(s) / stiffness, theta)
     found = law.weight(theta, stiffness, robot.plant().parameters.vector())
     np.testing.assert_allclose(found, torque(q), atol=2e-6 * max(1.0, np.abs(torque(theta)).max()))
@@ -80,12 +81,12 @@ def test_the_weight_is_that_of_the_link_that_would_rest_at_the_motors_position(m
 @pytest.mark.oracle
 @pytest.mark.parametrize("compensation", ["motor", "goal"])
 @pytest.mark.ci("6 s of three links by SciPy")
-def test_every_rest_is_an_equilibrium_and_is_reached(made, compensation):
-    robot = made.robots["spatial-three-link"]
+def test_every_rest_is_an_equilibrium_and_is_reached(compensation):
+    robot = by_name("spatial-three-link")
     law = TorqueFeedback.tuned(robot.problem(), 8.0, 0.8, compensation=compensation)
     goal, held = robot.operating_point([-0.5, 0.9, -0.4])
     np.testing.assert_array_equal(law.evaluate_about(np.zeros(12), goal, held, law.law_data), 0.0)
-    _, states = made.continuous(
+    _, states = continuous(
         robot.plant(), law, goal + 0.2 * np.cos(np.arange(12.0)), 6.0, lambda t: (goal, held), rtol=1e-8
     )
     np.testing.assert_allclose(states[-1], goal, atol=1e-5)
@@ -93,13 +94,13 @@ def test_every_rest_is_an_equilibrium_and_is_reached(made, compensation):
 
 @pytest.mark.ci("6 s of two links by SciPy")
 @pytest.mark.oracle
-def test_the_weight_is_compensated_away_from_the_goal(made):
+def test_the_weight_is_compensated_away_from_the_goal():
     """With ḡ(θ) the static error under a torque at the links is that of the springs and K_θ alone."""
-    robot = made.robots["planar-two-link"]
+    robot = by_name("planar-two-link")
     plant, law = robot.plant(), TorqueFeedback.tuned(robot.problem(pose=[1.2, 0.3]), 30.0, 0.8)
     push = np.array([8.0, -3.0])
     x_d, _ = law.equilibrium
-    _, torque = made.links_at(robot, x_d[:2])
+    _, torque = links_at(robot, x_d[:2])
     stiffness, ratio = robot.plant_parameters()["stiffness"], 4.0
 
     def balance(z):  # the links hold push by the springs, the motors hold the springs
@@ -110,15 +111,13 @@ def test_the_weight_is_compensated_away_from_the_goal(made):
         return np.concatenate([spring + push - torque(q), ratio * wish + (1.0 - ratio) * spring - spring])
 
     expected = solved(balance, np.concatenate([x_d[:2], x_d[4:6]]), 1e-9)
-    _, states = made.continuous(
-        plant, law, x_d, 6.0, disturbance=np.concatenate([push, np.zeros(2)]), rtol=1e-8
-    )
+    _, states = continuous(plant, law, x_d, 6.0, disturbance=np.concatenate([push, np.zeros(2)]), rtol=1e-8)
     np.testing.assert_allclose(states[-1, [0, 1, 4, 5]], expected, atol=1e-5)
     assert np.abs(expected[:2] - x_d[:2]).max() > 0.02
 
 
-def test_a_lighter_rotor_damps_the_vibration_that_pd_leaves(made):
-    problem = made.robots["planar-two-link"].problem()
+def test_a_lighter_rotor_damps_the_vibration_that_pd_leaves():
+    problem = by_name("planar-two-link").problem()
 
     def smallest_damping(law):
         modes = np.linalg.eigvals(law.closed_loop())
@@ -129,8 +128,8 @@ def test_a_lighter_rotor_damps_the_vibration_that_pd_leaves(made):
     assert smallest_damping(TorqueFeedback.tuned(problem, 6.0, inertia_ratio=0.25)) > 3.0 * plain
 
 
-def test_in_the_sampled_loop_the_goal_is_reached(made):
-    robot = made.robots["spatial-three-link"]
+def test_in_the_sampled_loop_the_goal_is_reached():
+    robot = by_name("spatial-three-link")
     goal, held = robot.operating_point([0.5, 0.8, 0.2])
     law = TorqueFeedback.tuned(robot.problem(), 8.0)
     loop = Loop(robot.plant(), Controller(law, None, moving=True))
@@ -138,8 +137,8 @@ def test_in_the_sampled_loop_the_goal_is_reached(made):
     np.testing.assert_allclose(run.signals["state"][-1], goal, atol=1e-5)
 
 
-def test_a_joint_too_soft_for_its_weight_is_refused(made):
-    soft = made.robots["paper"].with_values({"stiffness": 9.0})
+def test_a_joint_too_soft_for_its_weight_is_refused():
+    soft = by_name("paper").with_values({"stiffness": 9.0})
     with refused_with(InvalidInput, "iteration", 30, 1.09):
         TorqueFeedback.tuned(soft.problem(), 4.0)
     TorqueFeedback.tuned(soft.problem(), 4.0, compensation="goal")
@@ -154,8 +153,8 @@ def test_a_joint_too_soft_for_its_weight_is_refused(made):
         ({"compensation": "goal", "proportional": 1.0}, r"minimum[\s\S]* -4\.55"),
     ],
 )
-def test_what_does_not_fit_is_refused(made, changes, complaint):
-    robot = made.robots["paper"]
+def test_what_does_not_fit_is_refused(changes, complaint):
+    robot = by_name("paper")
     settings = {"rotor_inertia": 0.5, "proportional": 20.0, "derivative": 3.0}
     TorqueFeedback(plant=robot.plant(), equilibrium=robot.operating_point([np.pi]), **settings)
     with pytest.raises(InvalidInput, match=complaint):

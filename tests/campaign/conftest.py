@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.campaign import Campaign, Tolerances, Variable
+from flexhinf.campaign import Campaign, Journal, Tolerances, Variable, drive
 from flexhinf.plant import Law
 
 OPTIONS = {"duration": 0.4, "noise": 1e-3, "reference": 0.1}
@@ -94,3 +94,11 @@ def loop():
 @pytest.fixture
 def campaign():
     return made_campaign()
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The folder of a campaign that nobody interrupted."""
+    folder, campaign = tmp_path_factory.mktemp("whole") / "campaign", made_campaign()
+    drive(campaign, Journal.opened(folder, campaign))
+    return folder

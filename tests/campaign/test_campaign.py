@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import xarray as xr
 from tests.campaign.conftest import OPTIONS, Feedback, made_campaign, made_loop, tolerances
 from tests.refusals import refused_with
 
@@ -89,6 +88,8 @@ def test_the_dataset_says_what_it_holds(loop):
 
 def test_the_dataset_is_read_from_netcdf_as_it_was_written(loop, tmp_path):
     """Old code had seeds of 64 bits without a sign, which no NetCDF 3 has: xarray refused to write the file."""
+    import xarray as xr
+
     found = run_campaign(loop, tolerances(), 3, duration=0.05)
     found.to_netcdf(tmp_path / "campaign.nc", engine="scipy")
     with xr.open_dataset(tmp_path / "campaign.nc", engine="scipy") as again:

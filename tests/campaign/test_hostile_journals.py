@@ -33,14 +33,6 @@ pa = pytest.importorskip("pyarrow")
 pq = pytest.importorskip("pyarrow.parquet")
 
 
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("whole") / "campaign"
-    campaign = made_campaign()
-    drive(campaign, Journal.opened(folder, campaign))
-    return folder
-
-
 @pytest.fixture
 def folder(whole: Path, tmp_path: Path) -> Path:
     shutil.copytree(whole, tmp_path / "campaign")
@@ -91,11 +83,7 @@ def check_found_and_run_again(whole: Path, folder: Path, batches: set[int], word
 
 
 # Parts ----------------------------------------------------------------------------------------------------
-def test_a_part_under_the_name_of_another_batch_is_found(whole: Path, folder: Path) -> None:
-    put(folder, 2, part(folder, 1).read_bytes())
-    check_found_and_run_again(whole, folder, {2}, "another part")
-
-
+@pytest.mark.costs("makes the campaign of all tests here")
 def test_swapped_parts_are_found(whole: Path, folder: Path) -> None:
     first, second = (part(folder, k).read_bytes() for k in (0, 1))
     put(folder, 0, second)

@@ -62,15 +62,6 @@ def said_by(driver: subprocess.Popen[str]) -> str:
     return driver.stdout.readline().strip()
 
 
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a campaign that nobody interrupted."""
-    folder = tmp_path_factory.mktemp("whole") / "campaign"
-    campaign = made_campaign()
-    drive(campaign, Journal.opened(folder, campaign))
-    return folder
-
-
 def test_the_journal_holds_what_memory_has(whole: Path, loop) -> None:
     campaign = made_campaign()
     table = drive(

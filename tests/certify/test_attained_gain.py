@@ -13,6 +13,7 @@ from typing import Any
 import casadi
 import numpy as np
 import pytest
+from tests.builders import runge_kutta
 from tests.certify.definition import in_doubles, in_symbols
 from tests.certify.test_checked_arm import proved_for_all_tolerances
 from tests.tiers import ci_and_night
@@ -62,12 +63,9 @@ class Runs:
             moved = [f + sum(g * push[j] for j, g in enumerate(row)) for f, row in rows]
             return casadi.vertcat(*moved, at.squared_output(u))
 
-        h, state = PERIOD / steps, s
+        state = s
         for _ in range(steps):
-            a = rates(state)
-            b = rates(state + h / 2 * a)
-            c = rates(state + h / 2 * b)
-            state = state + h / 6 * (a + 2 * b + 2 * c + rates(state + h * c))
+            state = runge_kutta(rates, state, PERIOD / steps)
         step = casadi.Function("step", [s, push, numbers], [state])
         return step.mapaccum(self.count)(casadi.MX.zeros(self.n + 1), d, casadi.repmat(p, 1, self.count))
 

@@ -6,23 +6,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from tests.builders import joint_text
 
 from flexhinf.cli import main
 
-ARM = """
-[[joint]]
-name = "elbow"
-limits = [-1.0, 1.0]
-[joint.link]
-mass = 1.0
-centre_of_mass = [0.2, 0.0, 0.0]
-inertia = {xx = 0.01, yy = 0.02, zz = 0.02}
-[joint.spring]
-stiffness = 100.0
-[joint.motor]
-motor_inertia = 0.1
-friction = 0.1
-"""
+ARM = joint_text(
+    "elbow", limits=[-1.0, 1.0], centre=(0.2, 0.0, 0.0), inertia=(0.01, 0.02, 0.02),
+    motor="motor_inertia = 0.1\nfriction = 0.1",
+)  # fmt: skip
 
 
 @pytest.fixture

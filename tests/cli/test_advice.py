@@ -7,6 +7,7 @@ import shlex
 from pathlib import Path
 
 import pytest
+from tests.builders import joint_text
 from tests.refusals import Anchor, unnamed
 
 from flexhinf.cli import main
@@ -15,24 +16,12 @@ from flexhinf.design.workspace import design
 
 #: Two joints, so that sensors of one differ from those of all; driven by currents.
 CURRENT = "".join(
-    f"""[[joint]]
-name = "{name}"
-axis = [0, 1, 0]
-xyz = [0.0, 0.0, 0.2]
-limits = [-1.0, 1.0]
-[joint.link]
-mass = 1.0
-centre_of_mass = [0.0, 0.0, 0.1]
-inertia = {{xx = 0.02, yy = 0.02, zz = 0.01}}
-[joint.spring]
-stiffness = 800.0
-[joint.motor]
-motor_inertia = 0.2
-friction = 0.5
-torque_constant = 9.0
-"""
+    joint_text(
+        name, axis=[0, 1, 0], xyz=[0.0, 0.0, 0.2], limits=[-1.0, 1.0], spring="stiffness = 800.0",
+        motor="motor_inertia = 0.2\nfriction = 0.5\ntorque_constant = 9.0",
+    )
     for name in ("shoulder", "elbow")
-)
+)  # fmt: skip
 
 
 class Started(Exception):

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import pickle
 import re
 import shlex
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
+from tests.builders import arm_controller
 from tests.design.test_campaign_metrics import check_by_signals
 from tests.refusals import unnamed
 
@@ -49,11 +48,7 @@ WORDS = ["campaign", "design/design.toml", "--samples", "40", "--batch", "16", "
 @pytest.fixture
 def judged(folder: Path) -> Path:
     """The report of a design, as far as a campaign needs it: nothing is designed."""
-    arm = fh.paper_arm()
-    filter = fh.ExtendedKalmanFilter(arm.plant(), 1e-3, 1e-8, 1e-8, np.zeros(4), 1e-6)
-    controller = fh.Controller(
-        fh.linear_law(arm.problem(), gamma=math.inf), filter, 1e-3, 48.0, start="bumpless"
-    )
+    controller = arm_controller(kind=fh.ExtendedKalmanFilter, q=1e-8, r=1e-8, p0=1e-6, start="bumpless")
     controller.save(folder / "law")
     report.write(folder / "design", {"design.toml": DESIGN, "controller": (folder / "law").read_bytes()})
     (folder / "law").unlink()

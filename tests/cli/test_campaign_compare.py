@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
+from tests.builders import arm_controller
 
 import flexhinf as fh
 from flexhinf import report
@@ -34,11 +33,8 @@ WORDS += ["--out", "both"]
 @pytest.fixture
 def judged(folder: Path) -> Path:
     """Reports of two designs, as far as a campaign needs them: the same linear law behind EKF and a faster UKF."""
-    arm = fh.paper_arm()
-    law = fh.linear_law(arm.problem(), gamma=math.inf)
     for name, kind, q in (("ekf", fh.ExtendedKalmanFilter, 1e-8), ("ukf", fh.UnscentedKalmanFilter, 1e-6)):
-        filter = kind(arm.plant(), 1e-3, q, 1e-8, np.zeros(4), 1e-6)
-        fh.Controller(law, filter, 1e-3, 48.0, start="bumpless").save(folder / "law")
+        arm_controller(kind=kind, q=q, r=1e-8, p0=1e-6, start="bumpless").save(folder / "law")
         files = {"design.toml": DESIGN.format(name), "controller": (folder / "law").read_bytes()}
         report.write(folder / name, files)
     (folder / "law").unlink()

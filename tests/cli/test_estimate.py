@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.builders import arm_controller
+from tests.logs import write_log
 from tests.refusals import unnamed
 
 import flexhinf as fh
@@ -20,12 +22,11 @@ from flexhinf.cli import main
 @pytest.fixture(scope="module")
 def run() -> Any:
     """A second of the paper's arm, its motor and its link measured, the input a sample late."""
-    arm = fh.paper_arm()
-    plant = arm.plant(("motor_position", "link_position"))
-    ukf = fh.UnscentedKalmanFilter(plant, 1e-3, [0, 0, 1e-7, 1e-7], [1e-8, 1e-6], np.zeros(4), 1e-6)
-    law = fh.linear_law(arm.problem(), gamma=math.inf)
-    loop = fh.Loop(plant, fh.Controller(law, ukf, 1e-3))
-    return loop.run(fh.Sine(0.3, 1.0), duration=1.5, noise=[1e-4, 1e-3], seed=1)
+    noise, sensors = {"q": [0, 0, 1e-7, 1e-7], "r": [1e-8, 1e-6]}, ("motor_position", "link_position")
+    controller = arm_controller(measured=sensors, **noise, p0=1e-6, limit=None)
+    return fh.Loop(controller.estimator.plant, controller).run(
+        fh.Sine(0.3, 1.0), duration=1.5, noise=[1e-4, 1e-3], seed=1
+    )
 
 
 WORDS = ["run.csv", "--robot", "paper", "--measured", "motor_position,link_position", "--latency", "1"]
@@ -123,9 +124,8 @@ def test_outliers_are_left_out_and_states_kept_in_bounds(
     """The estimates of Python's filter with the same gate and bounds; the outliers are in no innovation."""
     y = np.array(run.signals["output"])
     y[[300, 700, 1100], 1] += [0.4, -0.5, 0.3]
-    rows = np.column_stack([run.time, run.signals["input"], y])
-    head = "time,motor_voltage,motor_position,link_position"
-    np.savetxt(folder / "run.csv", rows, "%.17g", ",", header=head, comments="")
+    names = ("motor_voltage", "motor_position", "link_position")
+    write_log(folder / "run.csv", names, run.time, run.signals["input"], y)
     words = ["--filter", "extended", "--gate", "0.99999", "--bounds", "link_velocity=-80 deg/s..1"]
     assert main(["estimate", *WORDS, *words]) == 0
     told = capsys.readouterr().out
@@ -257,12 +257,10 @@ def test_several_joints_have_figures_of_four_panels(folder: Path, capsys: pytest
     robot = fh.load_robot("planar-two-link")
     plant, pose = robot.plant("motor_position"), [0.2, -0.3]
     x, u = robot.operating_point(pose)
-    rng = np.random.default_rng(4)
-    rows = np.column_stack(
-        [1e-3 * np.arange(60), np.tile(u, (60, 1)), x[4:6] + 1e-4 * rng.normal(size=(60, 2))]
+    y = x[4:6] + 1e-4 * np.random.default_rng(4).normal(size=(60, 2))
+    write_log(
+        folder / "log.csv", (*plant.inputs, *plant.outputs), 1e-3 * np.arange(60), np.tile(u, (60, 1)), y
     )
-    head = ",".join(["time", *plant.inputs, *plant.outputs])
-    np.savetxt(folder / "log.csv", rows, "%.17g", ",", header=head, comments="")
     words = ["estimate", "log.csv", "--robot", "planar-two-link", "--measured", "motor_position", "--smooth"]
     assert main([*words, "--filter", "extended"]) == 0
     page = (folder / "flexhinf-estimate" / "index.html").read_text(encoding="utf-8")

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.builders import arm_controller
 from tests.refusals import unnamed
 
 import flexhinf as fh
@@ -31,8 +32,7 @@ pytestmark = pytest.mark.usefixtures("unoptimised")
 
 @pytest.fixture
 def controller(tmp_path: Path) -> Path:
-    law = fh.linear_law(fh.paper_arm().problem(), gamma=math.inf)
-    fh.Controller(law, None, 1e-3, 48.0).save(tmp_path / "controller")
+    arm_controller(kind=None).save(tmp_path / "controller")
     return tmp_path / "controller"
 
 
@@ -178,10 +178,7 @@ def test_a_robot_that_was_changed_since_the_report_is_designed_anew(
     elif changed == "controller":
         (arms / "controller").unlink()
     else:
-        paper = fh.paper_arm()
-        kalman = fh.ExtendedKalmanFilter(paper.plant(), 1e-3, 1e-7, 1e-4, paper.operating_point(0.0)[0], 1e-4)
-        law = fh.linear_law(paper.problem(), gamma=math.inf)
-        fh.Controller(law, kalman, 1e-3, 48.0).save(arms / "controller")
+        arm_controller(kind=fh.ExtendedKalmanFilter, at=0.0).save(arms / "controller")
     assert main(["export", "c", "arm", "--out", "after"]) == 2
     told = capsys.readouterr().err
     assert unnamed(told, "A design begins.", "anew", changed or "belongs") == []
@@ -441,10 +438,7 @@ def test_the_version_of_fmi_is_chosen(folder: Path, capsys: pytest.CaptureFixtur
 def test_measurements_are_checked_on_request(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """With the robot's limits; a robot that states none is refused."""
     arm = fh.load_robot("planar-two-link")
-    x, _ = arm.operating_point(arm.home)
-    ekf = fh.ExtendedKalmanFilter(arm.plant(), 1e-3, 1e-6, 1e-8, x, 1e-4)
-    law = fh.linear_law(arm.problem(pose=arm.home), gamma=math.inf)
-    one = fh.Controller(law, ekf, 1e-3, 100.0)
+    one = arm_controller(arm, fh.ExtendedKalmanFilter, pose=arm.home, q=1e-6, r=1e-8, limit=100.0)
     one.save(folder / "one")
     text = '[design]\nrobot = "planar-two-link"\n'
     report.write(folder / "arm", {"design.toml": text, "controller": (folder / "one").read_bytes()})

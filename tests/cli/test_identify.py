@@ -13,8 +13,8 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from rich.console import Console
-from tests.identification.simulated import arm_log
 from tests.identification.test_misfit import dry_log
+from tests.logs import arm_log, write_log
 from tests.refusals import unnamed
 
 import flexhinf as fh
@@ -26,16 +26,16 @@ from flexhinf.pages.identify import identified_table
 # One filter for each test, compiled and run once: compiled in half the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
+SIGNALS = ("motor_voltage", "link_position", "motor_position")
 WORDS = ["identify", "log.csv", "--robot", "wrong.toml", "--measured", "link_position,motor_position"]
 
 
 @pytest.fixture(scope="module")
 def log_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A log of the paper's arm."""
-    times, u, y = arm_log(fh.load_robot("paper"), count=1200)
-    head, file = "time,motor_voltage,link_position,motor_position", tmp_path_factory.mktemp("log") / "log.csv"
-    np.savetxt(file, np.column_stack([times, u, y]), delimiter=",", header=head, comments="")
-    return file
+    return write_log(
+        tmp_path_factory.mktemp("log") / "log.csv", SIGNALS, *arm_log(fh.load_robot("paper"), count=1200)
+    )
 
 
 @pytest.fixture
@@ -72,12 +72,9 @@ def test_the_robot_file_has_the_numbers_of_the_log(logged: Path, capsys: pytest.
 def test_errors_of_the_states_are_no_misfit_of_the_innovations(folder: Path) -> None:
     """A filter whose model is found without disturbances trusts it more than its numbers deserve."""
     arm = fh.load_robot("paper")
-    times, u, y = arm_log(arm, count=1500)
-    head = "time,motor_voltage,link_position,motor_position,state.link_position,state.motor_position"
     true = arm_log(arm, count=1500, noise=0.0)[2] + 1e-4
-    np.savetxt(
-        folder / "log.csv", np.column_stack([times, u, y, true]), delimiter=",", header=head, comments=""
-    )
+    names = (*SIGNALS, "state.link_position", "state.motor_position")
+    write_log(folder / "log.csv", names, *arm_log(arm, count=1500), true)
     arm.with_values({"stiffness": 70.0}).save(folder / "wrong.toml")
     assert main([*WORDS, "--parameters", "stiffness"]) == 0
     numbers = json.loads((folder / "flexhinf-identify" / "identify.json").read_text(encoding="utf-8"))
@@ -89,9 +86,8 @@ def test_what_the_log_does_not_tell_stays_and_a_motion_is_proposed(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     rng = np.random.default_rng(0)
-    rows = np.column_stack([1e-3 * np.arange(400), np.zeros(400), 1e-4 * rng.normal(size=(400, 2))])
-    head = "time,motor_voltage,link_position,motor_position"
-    np.savetxt(folder / "log.csv", rows, delimiter=",", header=head, comments="")
+    y = 1e-4 * rng.normal(size=(400, 2))
+    write_log(folder / "log.csv", SIGNALS, 1e-3 * np.arange(400), np.zeros(400), y)
     fh.load_robot("paper").save(folder / "wrong.toml")
     assert main([*WORDS, "--parameters", "stiffness", "--motion", "3"]) == 1
     report = folder / "flexhinf-identify"
@@ -109,9 +105,7 @@ def test_a_model_that_does_not_fit_is_a_result_of_its_own(
 ) -> None:
     """A log with dry friction that the robot's file states and the model leaves out, and the same with it."""
     arm = fh.load_robot("paper")
-    times, u, y = dry_log(arm)
-    head = "time,motor_voltage,link_position,motor_position"
-    np.savetxt(folder / "log.csv", np.column_stack([times, u, y]), delimiter=",", header=head, comments="")
+    write_log(folder / "log.csv", SIGNALS, *dry_log(arm))
     text = arm.file.read_text(encoding="utf-8") if arm.file else ""
     dry = text.replace("[joint.motor]", "[joint.motor]\ncoulomb_friction = 1.0").replace(
         "0.1, tolerance = 15", "0.2"
@@ -141,9 +135,7 @@ def test_an_ending_fits_a_screen_and_names_what_the_model_leaves_out(
 ) -> None:
     """The paper's file states an inductance; names are whole words, whatever their length."""
     arm = fh.load_robot("paper")
-    times, u, y = arm_log(arm, count=1000)
-    head = "time,motor_voltage,link_position,motor_position"
-    np.savetxt(folder / "log.csv", np.column_stack([times, u, y]), delimiter=",", header=head, comments="")
+    write_log(folder / "log.csv", SIGNALS, *arm_log(arm, count=1000))
     arm.save(folder / "wrong.toml")
     names = ["--parameters", "stiffness,motor_inertia,back_emf_constant"] if command == "identify" else []
     main([command, *WORDS[1:], *names])

@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
+from tests.builders import arm_controller
 from typer.main import get_command
 
 import flexhinf as fh
@@ -168,9 +168,7 @@ def test_run_takes_what_it_reads(read: set[str], tmp_path: Path) -> None:
     from flexhinf.design.deployed_run import prepare_run
 
     robot = fh.load_robot("paper")
-    law, plant = fh.linear_law(robot.problem(), gamma=np.inf), robot.plant()
-    ukf = fh.UnscentedKalmanFilter(plant, 1e-3, 1e-9, 1e-8, robot.operating_point([-0.1])[0], 1e-6)
-    controller = fh.Controller(law, ukf, 1e-3, 48.0, start="bumpless")
+    controller = arm_controller(at=[-0.1], q=1e-9, r=1e-8, p0=1e-6, start="bumpless")
     way = {"time": (0.0, 0.05), "joint": (0.0, 0.02)}
     for fields in ({"start": (-0.1,), "duration": 0.02}, {"move": way, "duration": 0.02}):
         s = Specification(**fields)  # type: ignore[arg-type]

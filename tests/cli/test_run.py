@@ -10,9 +10,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from tests.builders import arm_controller
 from tests.refusals import unnamed
 
-import flexhinf as fh
 from flexhinf import report
 from flexhinf.cli import main
 
@@ -25,10 +25,8 @@ pytestmark = pytest.mark.usefixtures("unoptimised")
 @pytest.fixture
 def design(folder: Path) -> str:
     """The folder of a report: a design file, and the controller that it gave."""
-    robot = fh.paper_arm()
-    ukf = fh.UnscentedKalmanFilter(robot.plant(), 1e-3, 1e-9, 1e-8, robot.operating_point([-0.1])[0], 1e-6)
-    law = fh.linear_law(robot.problem(), gamma=math.inf)
-    fh.Controller(law, ukf, 1e-3, 48.0, start="bumpless").save(folder / "controller")
+    controller = arm_controller(at=[-0.1], q=1e-9, r=1e-8, p0=1e-6, start="bumpless")
+    controller.save(folder / "controller")
     text = '[design]\nrobot = "paper"\nstart = [-0.1]\nduration = 0.2\n'
     row = '{what = "%s", limit = "at most", asked = 0.0, found = %d, unit = "", holds = %s}'
     rows = [row % ("overshoot", 0, "true"), row % ("unstable corners", 44, "false")]

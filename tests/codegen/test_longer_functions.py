@@ -9,6 +9,7 @@ from typing import Any
 import casadi
 import numpy as np
 import pytest
+from tests.builders import arm_controller
 from tests.interpreter import interpret
 from tests.tiers import ci_and_night
 
@@ -38,10 +39,7 @@ SAMPLES = 40
 @pytest.fixture(scope="module")
 def controller() -> fh.Controller:
     """One link, whose law takes over the input before the first sample."""
-    arm = fh.paper_arm()
-    law = fh.solve_hji(arm.problem(), gamma=math.inf, degree=4)
-    ukf = fh.UnscentedKalmanFilter(arm.plant(), 1e-3, [0, 0, 1e-4, 1e-4], 1e-7, [0.0] * 4, 1e-4)
-    return fh.Controller(law, ukf, 1e-3, saturation=48.0, start="bumpless", before_first=0.3)
+    return arm_controller(degree=4, q=[0, 0, 1e-4, 1e-4], r=1e-7, start="bumpless", before_first=0.3)
 
 
 def whole(controller: fh.Controller) -> Program:

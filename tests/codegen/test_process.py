@@ -1,6 +1,5 @@
 """What compiling leaves in a process, and what a fork in the middle of it leaves to the child."""
 
-import gc
 import os
 import subprocess
 import sys
@@ -8,6 +7,7 @@ from pathlib import Path
 
 import casadi
 import pytest
+from tests.costs import resident
 
 from flexhinf.codegen import Buffer, Call, Program, Slice, compile_program, machine
 from flexhinf.codegen.emit import emit_module
@@ -59,20 +59,14 @@ def program(length: int, constant: float) -> Program:
     return Program("process", (Buffer("x", 1, "state"),), (step,))
 
 
-def memory() -> float:
-    """Resident memory, KB."""
-    gc.collect()
-    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e3
-
-
 def growth(work, count: int) -> float:
     """KB that each call of work leaves, after some to begin with."""
     for _ in range(count // 2):
         work()
-    before = memory()
+    before = resident()
     for _ in range(count):
         work()
-    return (memory() - before) / count
+    return (resident() - before) / count
 
 
 @pytest.mark.ci("compiles in a process that forks four times")

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 from scipy.optimize import fsolve
+from tests.builders import joint_text
 from tests.refusals import unnamed
 from tests.tiers import ci_and_night
 
@@ -290,17 +291,10 @@ def test_a_specification_is_checked_where_it_is_made(options: dict[str, object],
 
 
 # Wrong before -----------------------------------------------------------------------------------------------
-PENDULUM = """
-name = "pendulum"
-
-[[joint]]
-name = "joint"
-axis = [0.0, 1.0, 0.0]
-limits = [-2.0, 2.0]
-link = { mass = 0.5, centre_of_mass = [0.0, 0.0, -0.2], inertia = { xx = 0.01, yy = 0.01, zz = 0.001 } }
-spring = { stiffness = 20.0 }
-motor = { motor_inertia = 0.02, friction = 0.1 }
-"""
+PENDULUM = 'name = "pendulum"\n' + joint_text(
+    "joint", axis=[0.0, 1.0, 0.0], limits=[-2.0, 2.0], mass=0.5, centre=(0.0, 0.0, -0.2), inertia=(0.01, 0.01, 0.001),
+    spring="stiffness = 20.0", motor="motor_inertia = 0.02\nfriction = 0.1",
+)  # fmt: skip
 
 
 @pytest.mark.ci("a whole design")

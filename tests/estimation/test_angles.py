@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import pickle
-from functools import partial
 
 import numpy as np
 import pytest
+from tests.builders import FILTERS, filters, pairs
 from tests.estimation.composing import composed
-from tests.estimation.conftest import pairs
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -27,14 +26,7 @@ from flexhinf.plant import linear_plant
 # Kernels that run once each: 2 s instead of 3 s.
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-KINDS = {
-    "ukf": UnscentedKalmanFilter,
-    "ukf, rows": partial(UnscentedKalmanFilter, form="square_root"),
-    "points kept": partial(UnscentedKalmanFilter, redraw=False),
-    "ekf": ExtendedKalmanFilter,
-    "ekf, rows": partial(ExtendedKalmanFilter, form="square_root"),
-}
-EVERY = pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
+
 TURNS = [3.0, 0.0, 1.0, np.pi, -2.0, 3.3, 12.0]
 PERIOD = 0.1
 
@@ -103,18 +95,18 @@ def assert_alike(first, second, atol=1e-9):
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize(
-    ("kind", "turn", "wrap", "sampled"), pairs(list(KINDS), TURNS, [wrapped, jumping], [False, True])
+    ("kind", "turn", "wrap", "sampled"), pairs(list(FILTERS), TURNS, [wrapped, jumping], [False, True])
 )
 def test_turned_by_any_angle_it_gives_the_same_estimates(kind, turn, wrap, sampled):
     """Those of a plant that never wraps and is told whole turns, too."""
-    found, far = estimates(KINDS[kind], turning(wrap, sampled), turn)
+    found, far = estimates(FILTERS[kind], turning(wrap, sampled), turn)
     assert far > 5.0
-    assert_alike(found, estimates(KINDS[kind], turning(lambda angle: angle, sampled), 0.0)[0])
+    assert_alike(found, estimates(FILTERS[kind], turning(lambda angle: angle, sampled), 0.0)[0])
 
 
 @pytest.mark.ci("compiles six filters")
 @pytest.mark.oracle
-@pytest.mark.parametrize("kind", [KINDS[name] for name in ("ukf", "ukf, rows", "ekf")])
+@pytest.mark.parametrize("kind", [FILTERS[name] for name in ("ukf", "ukf, rows", "ekf")])
 @pytest.mark.parametrize("sampled", [False, True])
 def test_in_compiled_code_too(kind, sampled):
     plant = turning(jumping, sampled)
@@ -122,7 +114,7 @@ def test_in_compiled_code_too(kind, sampled):
 
 
 @pytest.mark.ci("runs every filter twice")
-@EVERY
+@filters()
 def test_what_is_not_declared_is_no_angle(kind):
     """The estimate is lost where the compass jumps."""
     with pytest.raises(AssertionError):
@@ -174,7 +166,7 @@ def controller(kind, turn, wrap=wrapped, **options):
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
-@pytest.mark.parametrize("kind", [*KINDS.values(), constant], ids=[*KINDS, "constant gain"])
+@filters(**{"constant gain": constant})
 @pytest.mark.parametrize("options", [{}, {"offset_time": 0.1}], ids=["plain", "offset"])
 def test_a_loop_through_the_cut_is_that_of_another_turn(kind, options):
     """The encoder jumps: estimate, integral and input go on, counting turns."""
@@ -209,7 +201,7 @@ def test_output_injection_takes_the_turn_that_is_near():
 
 # The declaration ------------------------------------------------------------------------------------------
 def test_files_pickles_and_copies_keep_the_angles(tmp_path):
-    stored = controller(KINDS["ukf, rows"], 3.0)
+    stored = controller(FILTERS["ukf, rows"], 3.0)
     stored.save(tmp_path / "one")
     loaded = fh.load_controller(tmp_path / "one")
     copied = pickle.loads(pickle.dumps(stored))

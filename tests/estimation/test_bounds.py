@@ -7,8 +7,9 @@ import pickle
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
+from tests.builders import FORMS, filters, seen_by_three, still
+from tests.estimation import kalman
 from tests.estimation.composing import composed
-from tests.estimation.test_gaps import GIVEN, NOISE, Still, sensors
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -18,8 +19,6 @@ from flexhinf.estimation.bounds import projected
 
 # Kernels that run once each: 1 s instead of 2 s.
 pytestmark = pytest.mark.usefixtures("unoptimised")
-
-BOTH = pytest.mark.parametrize("form", ["covariance", "square_root"])
 
 
 def nearest(mean, covariance, places, ends):
@@ -79,8 +78,8 @@ BOUNDS = {"stiffness": (0.8, 3.0), "speed": (-0.3, 0.3)}
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
-@BOTH
-def test_every_update_ends_with_the_projection_of_the_plain_one(kalman, form):
+@FORMS
+def test_every_update_ends_with_the_projection_of_the_plain_one(form):
     """Each update of the bounded filter is the plain one from the same belief, then projected; P is the plain one's."""
     bounded, plain = (ExtendedKalmanFilter(*ARGUMENTS, form=form, bounds=b) for b in (BOUNDS, None))
     rng, places, met = np.random.default_rng(2), [1, 2], 0
@@ -103,8 +102,8 @@ def test_every_update_ends_with_the_projection_of_the_plain_one(kalman, form):
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
-@BOTH
-def test_compiled_it_is_its_text_and_a_loop_and_a_file_keep_it(kalman, form, tmp_path):
+@FORMS
+def test_compiled_it_is_its_text_and_a_loop_and_a_file_keep_it(form, tmp_path):
     filter = ExtendedKalmanFilter(*ARGUMENTS, form=form, bounds=BOUNDS)
     step, belief = composed(filter), filter.initial
     for k in range(30):
@@ -114,7 +113,7 @@ def test_compiled_it_is_its_text_and_a_loop_and_a_file_keep_it(kalman, form, tmp
         filter.predict(u)
         assert kalman.relative(belief.mean, belief.covariance, filter.mean, filter.covariance) < 1e-10
     controller = fh.Controller(
-        Still(spring()), ExtendedKalmanFilter(*ARGUMENTS, form=form, bounds=BOUNDS), 0.05
+        still(spring()), ExtendedKalmanFilter(*ARGUMENTS, form=form, bounds=BOUNDS), 0.05
     )
     controller.save(tmp_path / "one")
     run = fh.Loop(spring(), controller).run(noise=0.02, duration=4.0, initial_state=[0.5, 0.0, 0.5])
@@ -127,17 +126,16 @@ def test_compiled_it_is_its_text_and_a_loop_and_a_file_keep_it(kalman, form, tmp
             np.testing.assert_array_equal(stepped.estimate, expected)
 
 
-@BOTH
-def test_without_bounds_that_are_met_no_bit_changes(form):
-    given = {"measurement_noise": NOISE, **GIVEN, "form": form}
-    plain = ExtendedKalmanFilter(sensors(), 0.05, **given)
-    wide = ExtendedKalmanFilter(sensors(), 0.05, **given, bounds={"x0": (-9.0, 9.0), "x2": (-9.0, 9.0)})
+@filters()
+def test_without_bounds_that_are_met_nothing_changes(kind):
+    wide = {"x0": (-9.0, 9.0), "x2": (-9.0, 9.0)}
+    plain, bounded = (seen_by_three(kind, bounds=bounds) for bounds in (None, wide))
     for y in ([0.15, 0.2, 0.1], [0.1, np.nan, 0.1]):
-        for filter in (plain, wide):
+        for filter in (plain, bounded):
             filter.correct(y)
             filter.predict([0.1])
-        np.testing.assert_array_equal(wide.mean, plain.mean)
-        np.testing.assert_array_equal(wide.covariance, plain.covariance)
+        np.testing.assert_array_equal(bounded.mean, plain.mean)
+        np.testing.assert_array_equal(bounded.covariance, plain.covariance)
 
 
 @pytest.mark.parametrize("kind", [ExtendedKalmanFilter, UnscentedKalmanFilter])
@@ -146,8 +144,9 @@ def test_without_bounds_that_are_met_no_bit_changes(form):
     [
         ({"x0": (1.0, 0.5)}, ("x0",)), ({"x0": (0.0, np.nan)}, ("x0",)), ({"x0": "wide"}, ("x0",)),
         ({"x9": (0.0, 1.0)}, ("x9",)), ({"x0": (0.5, 1.0)}, ("x0", 0.5, 0.3)), ([("x0", 0.0, 1.0)], ("bounds",)),
+        ({"x0": (0.0, 1.0, 2.0)}, ("x0", 2.0)), ({"x0": 3.0}, ("x0", 3.0)),
     ],
 )  # fmt: skip
 def test_what_is_no_interval_about_the_mean_is_refused(kind, bounds, named):
     with refused_with(InvalidInput, *named):
-        kind(sensors(), 0.05, measurement_noise=NOISE, **GIVEN, bounds=bounds)
+        seen_by_three(kind, bounds=bounds)

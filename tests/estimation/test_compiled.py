@@ -5,6 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
+from tests.builders import FORMS, KALMAN, bearing
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -15,21 +16,10 @@ from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter, com
 # Filters that are compiled and step some ten times: 1 s instead of 3 s.
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-BOTH = pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter])
-FORMS = pytest.mark.parametrize("form", ["covariance", "square_root"])
-
 
 @pytest.fixture(autouse=True)
 def at_once(monkeypatch):
     monkeypatch.setattr(shell, "NUMPY_CALLS", 0)
-
-
-def bearing(**more):
-    return fh.Plant(
-        lambda x, u, d, q: np.array([x[1], -q.weight * np.sin(x[0]) + u[0]]),
-        lambda x, u, q: np.array([np.arctan2(x[1], 2.0 + x[0]), x[0] * x[1]]),
-        ("angle", "speed"), ("torque",), outputs=("bearing", "product"), parameters={"weight": 1.0}, **more,
-    )  # fmt: skip
 
 
 def arguments(plant=None):
@@ -58,7 +48,7 @@ def assert_alike(first, second):
 
 @pytest.mark.quick_cases(2)
 @pytest.mark.oracle
-@BOTH
+@KALMAN
 @FORMS
 @pytest.mark.parametrize("more", [{}, {"gate": 0.99}, {"bounds": {"angle": (-0.1, 0.4)}}])
 def test_what_it_computes_is_what_numpy_does(kind, form, more):
@@ -121,7 +111,7 @@ def test_numpy_makes_the_first_calls(monkeypatch):
 
 
 @pytest.mark.quick_cases(2)
-@BOTH
+@KALMAN
 @FORMS
 def test_a_refusal_changes_nothing(kind, form):
     filter = kind(*arguments(), form=form)
@@ -142,7 +132,7 @@ def test_a_refusal_changes_nothing(kind, form):
 
 
 @pytest.mark.quick_cases(2)
-@BOTH
+@KALMAN
 @FORMS
 def test_an_estimate_that_is_not_finite_is_left_out_and_said(kind, form):
     plant = fh.Plant(lambda x, u, d, q: np.exp(x) * u[0], lambda x, u, q: x, ("x",), ("u",))
@@ -175,7 +165,7 @@ def test_lost_digits_are_said():
     assert {entry.kind for entry in filter.diagnosis} == {"digits", "innovations"}
 
 
-@BOTH
+@KALMAN
 def test_what_is_set_later_counts(kind):
     filter, other = kind(*arguments()), by_numpy(kind(*arguments()))
     for each in (filter, other):
@@ -193,7 +183,7 @@ def test_what_is_set_later_counts(kind):
 
 
 @pytest.mark.quick_cases(1)
-@BOTH
+@KALMAN
 @FORMS
 def test_copies_and_pickles_continue_apart(kind, form):
     robot = fh.paper_arm()

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from tests.estimation.kalman import LinearCase
 
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ConstantGainFilter, ExtendedKalmanFilter, linear_model, stationary_gain
@@ -7,8 +8,8 @@ from flexhinf.plant import Estimator
 from flexhinf.robot import paper_arm
 
 
-def test_on_a_linear_plant_it_is_the_kalman_filter_after_many_samples(kalman):
-    case = kalman.case(3, 2, 2, seed=5)
+def test_on_a_linear_plant_it_is_the_kalman_filter_after_many_samples():
+    case = LinearCase(3, 2, 2, seed=5)
     ekf = ExtendedKalmanFilter(**case.arguments())
     model = linear_model(ekf, np.zeros(3), np.zeros(2))
     constant = ConstantGainFilter(ekf, stationary_gain(model, case.q, case.r))

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are, solve_discrete_lyapunov
 from scipy.stats import chi2
-from tests.estimation.test_gaps import Still
-from tests.estimation.test_modal import BOTH, Linear, arm, controller, modal
+from tests.builders import linear_law, still
+from tests.estimation.test_modal import BOTH, arm, controller, modal
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -80,7 +80,7 @@ def test_a_constant_gain_rejects_what_lies_beyond_the_quantile(gate, pieces):
     one, a, c = constant(gate=gate)
     gain, p = np.asarray(one.initial.gain), solve_discrete_are(a.T, c.T, Q, R)
     variances, mean, counts = np.diag(c @ p @ c.T + R), np.zeros(3), np.zeros(2, dtype=int)
-    stepped = fh.Controller(Still(one.plant), one, PERIOD, latency=0)
+    stepped = fh.Controller(still(one.plant), one, PERIOD, latency=0)
     stepped = stepped.in_pieces() if pieces else stepped
     started = False
     for y in measured():
@@ -102,7 +102,7 @@ def test_a_constant_gain_rejects_what_lies_beyond_the_quantile(gate, pieces):
 def test_of_good_measurements_a_constant_gain_rejects_as_many_as_stated():
     one, a, c = constant(gate=0.9)
     rng, samples, x = np.random.default_rng(0), 20_000, np.zeros(3)
-    stepped = fh.Controller(Still(one.plant), one, PERIOD, latency=0)
+    stepped = fh.Controller(still(one.plant), one, PERIOD, latency=0)
     noises = (
         rng.multivariate_normal(np.zeros(2), R, samples),
         rng.multivariate_normal(np.zeros(3), Q, samples),
@@ -124,7 +124,7 @@ def test_a_constant_gain_projects_along_its_stationary_covariance():
     def within(mean, p):
         return mean + p[:, 1] / p[1, 1] * (np.clip(mean[1], -0.02, 0.03) - mean[1])
 
-    stepped, mean, met = fh.Controller(Still(one.plant), one, PERIOD, latency=0), np.zeros(3), 0
+    stepped, mean, met = fh.Controller(still(one.plant), one, PERIOD, latency=0), np.zeros(3), 0
     for k in range(200):
         y = np.array([0.05 * np.sin(0.1 * k), 0.02 * np.cos(0.07 * k)])
         stepped.step(y)
@@ -172,11 +172,11 @@ def test_an_outlier_is_a_missing_element(kind, pieces, tmp_path):
         plain, gated = (controller(one) for one in gated_modal())
     elif kind == "injection":
         plain, gated = (
-            fh.Controller(Still(one.plant), one, 1e-3) for one in (injected(), injected(gate=0.9999))
+            fh.Controller(still(one.plant), one, 1e-3) for one in (injected(), injected(gate=0.9999))
         )
     else:
         plain, gated = (
-            fh.Controller(Still(plant()), one[0], PERIOD) for one in (constant(), constant(gate=0.9999))
+            fh.Controller(still(plant()), one[0], PERIOD) for one in (constant(), constant(gate=0.9999))
         )
     gated.save(tmp_path / "one")
     gated, plain = (c.in_pieces() if pieces else c for c in (gated, plain))
@@ -237,9 +237,9 @@ def test_the_shell_of_the_observer_counts_too():
 @pytest.mark.oracle
 def test_they_run_in_loops_and_in_c(tmp_path):
     one, _, _ = constant(gate=0.95, bounds={"b": (-0.05, 0.05), "c": (-0.2, 0.1)})
-    law = Linear(plant(), np.array([[1.0, 0.2, 0.3]]), (np.zeros(3), np.zeros(1)))
+    law = linear_law(plant(), [-1.0, -0.2, -0.3])
     for estimator, chosen, period, noise in (
-        (one, law, PERIOD, 0.05), (injected(gate=0.9), Still(injected().plant), 1e-3, 2e-3),
+        (one, law, PERIOD, 0.05), (injected(gate=0.9), still(injected().plant), 1e-3, 2e-3),
     ):  # fmt: skip
         control = fh.Controller(chosen, estimator, period)
         run, stepped = (
@@ -291,7 +291,7 @@ def test_the_linear_loop_of_a_gated_and_bounded_filter_is_that_without():
     """About an equilibrium nothing is rejected, and no bound is met."""
     limits = {"gate": 0.999, "bounds": {"b": (-1.0, 1.0)}}
     one, two = constant()[0], constant(**limits)[0]
-    law = Linear(plant(), np.array([[1.0, 0.2, 0.3]]), (np.zeros(3), np.zeros(1)))
+    law = linear_law(plant(), [-1.0, -0.2, -0.3])
     rng = np.random.default_rng(0)
     memory, y = rng.normal(size=(1, SampledController(law, one, PERIOD).size)), rng.normal(size=(1, 2))
     memory *= 1e-3

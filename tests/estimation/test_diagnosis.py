@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from fuzz.hostile_filters import filter_of, kept
 from scipy.stats import chi2
+from tests.builders import FORMS, KALMAN
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -94,10 +95,6 @@ def walk(kind, form, **options):
     return kind(plant, 1.0, 1e-4, 1e-2, [0.0], 1e-2, form=form, **options)
 
 
-KINDS = pytest.mark.parametrize("kind", [fh.UnscentedKalmanFilter, fh.ExtendedKalmanFilter])
-FORMS = pytest.mark.parametrize("form", ["square_root", "covariance"])
-
-
 @pytest.mark.oracle
 @pytest.mark.parametrize("size", [1, 2, 7, 40])
 def test_no_noise_gets_near_the_limit_of_innovations(size):
@@ -108,7 +105,7 @@ def test_no_noise_gets_near_the_limit_of_innovations(size):
 
 
 @pytest.mark.quick_cases(1)
-@KINDS
+@KALMAN
 @FORMS
 def test_innovations_that_no_noise_explains_are_one_entry_from_sample_to_sample(kind, form):
     slow, compiled = walk(kind, form), walk(kind, form)

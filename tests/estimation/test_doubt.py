@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from tests.estimation.test_gaps import Still
+from tests.builders import still
 
 import flexhinf as fh
 from flexhinf.estimation import ConstantGainFilter, linear_model, stationary_gain
@@ -67,7 +67,7 @@ def lost_digits(root, slope, noise, innovation):
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_controller_says_and_counts_what_the_rule_says(kind, pieces):
     filter = made(kind)
-    controller = fh.Controller(Still(filter.plant), filter, 0.01, latency=0)
+    controller = fh.Controller(still(filter.plant), filter, 0.01, latency=0)
     controller = controller.in_pieces() if pieces else controller
     said, expected, found = [], [], []
     for k, y in enumerate(measured()):
@@ -117,7 +117,7 @@ def test_deviations_whose_squares_are_no_floats_are_in_doubt_and_go_on(kind):
 
 def test_what_a_gate_rejects_is_not_in_doubt():
     filter = made("ekf", gate=0.9999)
-    controller = fh.Controller(Still(filter.plant), filter, 0.01)
+    controller = fh.Controller(still(filter.plant), filter, 0.01)
     for y in measured()[:10]:
         controller.step(y)
     assert controller.doubtful_samples == 0
@@ -133,7 +133,7 @@ def test_a_repaired_covariance_is_in_doubt(kind, bent):
     alike = [[1.0, 1.0], [1.0, 1.0]]
     for p0, noise, count in ((alike, 0.0, 3), (alike, 1e-2, 2), ([1.0, 0.0], 0.0, 0), ([1.0, 1.0], 0.0, 0)):
         filter = kind(twin(bent), 0.01, noise, 1.0, [0.0, 0.0], p0, form="covariance")
-        controller = fh.Controller(Still(filter.plant), filter, 0.01)
+        controller = fh.Controller(still(filter.plant), filter, 0.01)
         for _ in range(3):
             controller.step([1e-2, 1e-2])
         assert controller.doubtful_samples == count
@@ -144,7 +144,7 @@ def test_estimators_that_do_not_say_cost_nothing():
     model = linear_model(filter, np.zeros(2), np.zeros(1))
     gain = stationary_gain(model, 1e-6 * np.eye(2), np.eye(2))
     for estimator in (ConstantGainFilter(filter, gain), None):
-        controller = fh.Controller(Still(filter.plant), estimator, 0.01)
+        controller = fh.Controller(still(filter.plant), estimator, 0.01)
         assert "doubt" not in controller.memory.parts
         assert "rcond_limit" not in controller.data.parts
         assert (controller.doubtful_samples, controller.status) == (0, fh.Status(0))
@@ -156,7 +156,7 @@ def test_estimators_that_do_not_say_cost_nothing():
 def test_loops_count_what_their_steps_say(lanes, tmp_path):
     """Kicks of a disturbance, alone and in lanes: the count of the controller that is stepped through the outputs."""
     filter = made("ekf")
-    controller = fh.Controller(Still(filter.plant), filter, 0.01)
+    controller = fh.Controller(still(filter.plant), filter, 0.01)
     loop = fh.Loop(filter.plant, controller)
     options = {
         "disturbance": {"kick": fh.Samples([0.0, 0.095, 0.0951, 0.105, 0.1051], [0.0, 0.0, 1.0, 1.0, 0.0])},
@@ -180,7 +180,7 @@ def test_a_campaign_has_the_count_as_a_column():
     from flexhinf.campaign import Campaign, run_batch
 
     filter = made("ekf")
-    loop = fh.Loop(filter.plant, fh.Controller(Still(filter.plant), filter, 0.01))
+    loop = fh.Loop(filter.plant, fh.Controller(still(filter.plant), filter, 0.01))
     kick = {"kick": fh.Step(1.0, at=0.1)}
     for metrics in (None, "doubtful_samples"):
         campaign = Campaign(

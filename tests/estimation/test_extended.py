@@ -9,25 +9,6 @@ from flexhinf.robot import paper_arm
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 
-@pytest.mark.quick_cases(1)
-@pytest.mark.oracle
-@pytest.mark.parametrize(("n", "m", "p"), [(3, 2, 1), (1, 1, 1), (6, 1, 4)])
-@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e3])
-def test_on_a_linear_plant_it_is_the_kalman_filter(kalman, n, m, p, scale):
-    case = kalman.case(n, m, p, seed=n, scale=scale)
-    ekf = ExtendedKalmanFilter(**case.arguments())
-    f, g = case.map(ekf.stages, ekf.sub_steps)
-    mean, covariance = case.mean, case.p0
-    for _ in range(60):
-        y, u = scale * case.rng.normal(size=p), scale * case.rng.normal(size=m)
-        ekf.correct(y)
-        mean, covariance = kalman.correct(mean, covariance, case.c, y, case.r)
-        assert kalman.relative(ekf.mean, ekf.covariance, mean, covariance) < 1e-12
-        ekf.predict(u)
-        mean, covariance = kalman.predict(mean, covariance, f, g, u, case.q)
-        assert kalman.relative(ekf.mean, ekf.covariance, mean, covariance) < 1e-12
-
-
 @pytest.mark.oracle
 @pytest.mark.parametrize("period", [1e-3, 0.05])
 def test_the_jacobian_is_that_of_the_sampled_map(period):

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 from scipy.stats import multivariate_normal
+from tests.estimation.kalman import LinearCase
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -17,8 +18,8 @@ KINDS = [UnscentedKalmanFilter, ExtendedKalmanFilter]
 
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", KINDS)
-def test_log_likelihood(kalman, kind):
-    case = kalman.case(4, 1, 3)
+def test_log_likelihood(kind):
+    case = LinearCase(4, 1, 3)
     estimator = kind(**case.arguments())
     assert np.isnan(estimator.log_likelihood)
     for _ in range(5):
@@ -30,8 +31,8 @@ def test_log_likelihood(kalman, kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_reset_goes_back_to_the_start(kalman, kind):
-    case = kalman.case(3, 1, 2)
+def test_reset_goes_back_to_the_start(kind):
+    case = LinearCase(3, 1, 2)
     estimator = kind(**case.arguments())
     first = []
     for _ in range(2):
@@ -46,8 +47,8 @@ def test_reset_goes_back_to_the_start(kalman, kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_it_satisfies_the_protocol_and_hands_out_copies(kalman, kind):
-    case = kalman.case(2, 1, 1)
+def test_it_satisfies_the_protocol_and_hands_out_copies(kind):
+    case = LinearCase(2, 1, 1)
     estimator = kind(**case.arguments())
     assert isinstance(estimator, Estimator)
     estimator.mean[0] = 1e9
@@ -58,8 +59,8 @@ def test_it_satisfies_the_protocol_and_hands_out_copies(kalman, kind):
 
 
 @pytest.mark.oracle
-def test_fast_modes_get_sub_steps(kalman):
-    case = kalman.case(2, 1, 1, period=0.1)
+def test_fast_modes_get_sub_steps():
+    case = LinearCase(2, 1, 1, period=0.1)
     case.a = np.array([[-1.0, 30.0], [-30.0, -1.0]])
     ukf = UnscentedKalmanFilter(**case.arguments())
     assert (ukf.stages, ukf.sub_steps) == (8, 3)
@@ -186,10 +187,10 @@ def test_one_step_of_eight_stages_is_as_right_as_five_classical_ones(speed):
 
 @pytest.mark.ci("1,200 steps of drawn covariances in Python")
 @pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter])
-def test_what_is_accepted_as_a_covariance_can_be_used(kalman, kind):
+def test_what_is_accepted_as_a_covariance_can_be_used(kind):
     """Singular P0 and R^v of any rank, scaled over decades: the filter runs."""
     for n in (2, 6):
-        case = kalman.case(n, 1, 1, seed=n)
+        case = LinearCase(n, 1, 1, seed=n)
         ukf = kind(**case.arguments(mean=np.zeros(n), form="covariance"))
         for _ in range(100):
             units = 10.0 ** case.rng.uniform(-4, 4, n)
@@ -205,9 +206,9 @@ def test_what_is_accepted_as_a_covariance_can_be_used(kalman, kind):
                 assert np.all(np.isfinite(belief.covariance))
 
 
-def test_a_covariance_without_a_factor_is_refused(kalman):
+def test_a_covariance_without_a_factor_is_refused():
     """A correlation above one by more than printed digits explain; by less it is clipped, see `test_repairs`."""
-    case = kalman.case(2, 1, 1)
+    case = LinearCase(2, 1, 1)
     with refused_with(InvalidInput, "covariance", "semidefinite"):
         ExtendedKalmanFilter(**case.arguments(covariance=[[1.0, 1.0 + 2e-6], [1.0 + 2e-6, 1.0]]))
 

@@ -8,11 +8,22 @@ from functools import partial
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
+from tests.builders import (
+    KALMAN_FORMS,
+    SEEN,
+    SEEN_MEAN,
+    filters,
+    seen_by_three,
+    still,
+    three_sensors,
+    tracking_mass,
+)
+from tests.estimation import kalman
 from tests.estimation.composing import composed
+from tests.estimation.kalman import LinearCase
 from tests.refusals import refused_with
 
 import flexhinf as fh
-from flexhinf.baselines import lqr
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import (
     ConstantGainFilter,
@@ -27,22 +38,12 @@ from flexhinf.estimation import (
 # Kernels that run once each: half of the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-KINDS = {
-    "ukf": UnscentedKalmanFilter,
-    "ukf, rows": partial(UnscentedKalmanFilter, form="square_root"),
-    "points kept": partial(UnscentedKalmanFilter, redraw=False),
+
+BOUNDED = {
     "bounded": partial(UnscentedKalmanFilter, bounds={"x0": (-0.4, 2.0)}),
     "bounded, rows": partial(UnscentedKalmanFilter, bounds={"x0": (-0.4, 2.0)}, form="square_root"),
-    "ekf": ExtendedKalmanFilter,
-    "ekf, rows": partial(ExtendedKalmanFilter, form="square_root"),
 }
-EVERY = pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
-PLAIN = pytest.mark.parametrize(
-    "kind",
-    [KINDS[name] for name in ("ukf", "ukf, rows", "ekf", "ekf, rows")],
-    ids=["ukf", "ukf, rows", "ekf", "ekf, rows"],
-)
-STATES = ("x0", "x1", "x2")
+EVERY = filters(**BOUNDED)
 
 
 def masks(p):
@@ -52,10 +53,10 @@ def masks(p):
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
-@PLAIN
+@KALMAN_FORMS
 @pytest.mark.parametrize("scale", [1.0, 1e-4])
-def test_on_a_linear_plant_it_is_the_kalman_filter_of_the_others(kalman, kind, scale):
-    case = kalman.case(5, 1, 3, seed=7, scale=scale)
+def test_on_a_linear_plant_it_is_the_kalman_filter_of_the_others(kind, scale):
+    case = LinearCase(5, 1, 3, seed=7, scale=scale)
     filter = kind(**case.arguments())
     f, g = case.map(filter.stages, filter.sub_steps)
     step, u = composed(filter), np.array([0.3])
@@ -74,34 +75,15 @@ def test_on_a_linear_plant_it_is_the_kalman_filter_of_the_others(kalman, kind, s
             assert kalman.relative(moved.mean, moved.covariance, *expected) < 1e-11
 
 
-def sensors(places=(0, 1, 2)):
-    """Three sensors that are not linear, or some of them."""
-
-    def output(x, u, p):
-        every = np.array(
-            [np.arctan2(x[1], 2.0 + x[0]), p.scale * x[0] * x[1] + u[0], x[2] + 0.2 * np.sin(x[0])]
-        )
-        return every[list(places)]
-
-    def flow(x, u, d, p):
-        return np.array([x[1], -np.sin(x[0]) + u[0], -x[2] + x[0] ** 2])
-
-    return fh.Plant(flow, output, STATES, ("u",), parameters={"scale": 1.3})
-
-
-NOISE = np.array([[4e-4, 2e-4, -1e-4], [2e-4, 9e-4, 3e-4], [-1e-4, 3e-4, 2.5e-4]])
-GIVEN = {"process_noise": 1e-5, "mean": [0.3, 0.2, -0.1], "covariance": [0.04, 0.09, 0.01]}
-
-
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @EVERY
-def test_of_sensors_that_are_not_linear_it_is_the_filter_of_the_others(kalman, kind):
+def test_of_sensors_that_are_not_linear_it_is_the_filter_of_the_others(kind):
     rng, y = np.random.default_rng(0), np.array([0.15, 0.2, 0.1])
-    filter = kind(sensors(), 0.05, measurement_noise=NOISE, **GIVEN)
+    filter = seen_by_three(kind)
     for mask in masks(3):
         places = np.flatnonzero(mask)
-        fewer = kind(sensors(tuple(places)), 0.05, measurement_noise=NOISE[np.ix_(mask, mask)], **GIVEN)
+        fewer = seen_by_three(kind, tuple(places))
         filter.reset()
         for _ in range(4):
             y, u = y + 0.02 * rng.normal(size=3), rng.normal(size=1)
@@ -115,9 +97,9 @@ def test_of_sensors_that_are_not_linear_it_is_the_filter_of_the_others(kalman, k
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
-@pytest.mark.parametrize("kind", [KINDS[name] for name in ("ukf", "ukf, rows", "bounded, rows", "ekf")])
-def test_composed_it_is_its_text_on_floats(kalman, kind):
-    filter = kind(sensors(), 0.05, measurement_noise=NOISE, **GIVEN)
+@filters("ukf", "ukf, rows", "ekf", bounded=BOUNDED["bounded, rows"])
+def test_composed_it_is_its_text_on_floats(kind):
+    filter = seen_by_three(kind)
     step, belief, u = composed(filter), filter.initial, np.array([0.2])
     for mask in masks(3):
         y = np.where(mask, [0.15, 0.2, 0.1], np.nan)
@@ -131,7 +113,7 @@ def test_composed_it_is_its_text_on_floats(kalman, kind):
 @EVERY
 @pytest.mark.parametrize("y", [None, [np.nan] * 3, [None] * 3, np.ma.masked_all(3)])
 def test_where_nothing_is_measured_nothing_changes(kind, y):
-    filter = kind(sensors(), 0.05, measurement_noise=NOISE, **GIVEN)
+    filter = seen_by_three(kind)
     filter.correct([0.1, np.nan, 0.2])
     mean, covariance = filter.mean, filter.covariance
     filter.correct(y)
@@ -142,7 +124,7 @@ def test_where_nothing_is_measured_nothing_changes(kind, y):
 
 @EVERY
 def test_masked_elements_and_none_are_missing_too(kind):
-    filter = kind(sensors(), 0.05, measurement_noise=NOISE, **GIVEN)
+    filter = seen_by_three(kind)
     found = []
     for y in (
         [0.1, np.nan, 0.2],
@@ -161,42 +143,29 @@ def test_masked_elements_and_none_are_missing_too(kind):
     "y", [[np.inf, 0.1, 0.1], [0.1, -np.inf, np.nan], [0.1, np.nan], np.nan, "none", [0.1, "x", 0.2]]
 )
 def test_what_is_no_measurement_is_refused_and_changes_nothing(kind, y):
-    filter = kind(sensors(), 0.05, measurement_noise=NOISE, **GIVEN)
+    filter = seen_by_three(kind)
     with refused_with(InvalidInput, 3, "output_1", "NaN"):
         filter.correct(y)
-    np.testing.assert_array_equal(filter.mean, GIVEN["mean"])
+    np.testing.assert_array_equal(filter.mean, SEEN_MEAN)
 
 
 # Filters of another kind ----------------------------------------------------------------------------------
 @pytest.mark.oracle
 def test_a_constant_gain_has_the_column_of_a_missing_sensor_zero():
-    plant = sensors()
-    ekf = ExtendedKalmanFilter(plant, 0.05, measurement_noise=NOISE, **GIVEN)
+    ekf = seen_by_three(ExtendedKalmanFilter)
+    plant = ekf.plant
     filter = ConstantGainFilter(
-        ekf, stationary_gain(linear_model(ekf, np.zeros(3), np.zeros(1)), ekf.process_noise, NOISE)
+        ekf, stationary_gain(linear_model(ekf, np.zeros(3), np.zeros(1)), ekf.process_noise, SEEN)
     )
     y, p = np.array([0.15, 0.2, 0.1]), plant.parameters.vector()
-    x = np.array(GIVEN["mean"])
-    controller = fh.Controller(Still(plant), filter, 0.05)
+    x = np.array(SEEN_MEAN)
+    controller = fh.Controller(still(plant), filter, 0.05)
     for mask in masks(3):
         controller.reset()
         controller.step(np.where(mask, y, np.nan))
         gain = filter.initial.gain * mask
         expected = x + gain @ (y - np.asarray(plant.evaluate_output(x, controller.input_before(), p), float))
         np.testing.assert_allclose(controller.estimate, expected, rtol=1e-13)
-
-
-class Still(fh.plant.Law):
-    """No input at all."""
-
-    law_key, law_data = "still", np.zeros(1)
-
-    def __init__(self, plant):
-        self.state_names, self.input_names = tuple(plant.states), tuple(plant.inputs)
-        self.operating_point, self.operating_input = np.zeros(plant.n), np.zeros(len(plant.inputs))
-
-    def evaluate_law(self, x, data):
-        return np.zeros(len(self.input_names)) * x[0]
 
 
 @pytest.mark.ci("a controller of two links")
@@ -206,7 +175,7 @@ def test_the_filter_of_an_arm_has_the_column_of_a_missing_sensor_zero():
     plant = robot.plant(("link_position", "motor_position"))
     x, u = robot.operating_point(robot.home)[:2]
     filter = ModalFilter(ExtendedKalmanFilter(plant, 1e-3, 1e-8, 1e-8, x, 1e-4))
-    controller = fh.Controller(Still(plant), filter, 1e-3, before_first=u)
+    controller = fh.Controller(still(plant), filter, 1e-3, before_first=u)
     expected = np.asarray(plant.evaluate_output(x, u, plant.parameters.vector()), float)
     y = expected + 1e-3 * np.arange(1.0, 5.0)
     for mask in masks(4):
@@ -242,24 +211,11 @@ def test_output_injection_bridges_what_is_missing_with_the_estimate():
 
 
 # In a controller ---------------------------------------------------------------------------------------
-def tracked(kind, **options):
-    """Integral action on a measured position of a mass, with a speed sensor beside it."""
-    plant = fh.Plant(
-        lambda x, u, d, p: np.array([x[1], u[0] - p.damping * x[1]]),
-        lambda x, u, p: np.array([x[0], x[1] + 0.1 * np.sin(x[0])]),
-        ("position", "speed"), ("force",), outputs=("position", "rate"), parameters={"damping": 0.3},
-    )  # fmt: skip
-    penalty = fh.Penalty({"position": 3.0, "speed": 1.0, "position_integral": 2.0}, 1.0)
-    law = lqr(plant.with_objective(penalty, "disturbance", ("position",)))
-    filter = kind(plant, 0.02, 1e-6, np.array([[1e-4, 5e-5], [5e-5, 4e-4]]), [0.1, 0.0], 1e-2)
-    return fh.Controller(law, filter, 0.02, **options)
-
-
 @pytest.mark.quick_cases(1)
-@PLAIN
+@KALMAN_FORMS
 @pytest.mark.parametrize("pieces", [False, True])
 def test_a_sample_of_nan_is_one_without_a_measurement(kind, pieces):
-    first, second = (tracked(kind).in_pieces() if pieces else tracked(kind) for _ in range(2))
+    first, second = (tracking_mass(kind).in_pieces() if pieces else tracking_mass(kind) for _ in range(2))
     for k in range(20):
         none = k % 3 == 1 or k < 2
         y = [0.1 + 0.01 * k, 0.2]
@@ -272,13 +228,13 @@ def test_a_sample_of_nan_is_one_without_a_measurement(kind, pieces):
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
-@PLAIN
+@KALMAN_FORMS
 @pytest.mark.parametrize("pieces", [False, True])
 def test_a_controller_estimates_from_what_is_there(kind, pieces):
     """By the filter alone: the integral counts the estimate where the position is missing."""
-    controller = tracked(kind, latency=0)
+    controller = tracking_mass(kind, latency=0)
     controller = controller.in_pieces() if pieces else controller
-    filter = tracked(kind).estimator
+    filter = tracking_mass(kind).estimator
     u, last, integral = controller.input_before(), None, 0.0
     filter.predict(u)
     filter.reset()
@@ -298,7 +254,7 @@ def test_a_controller_estimates_from_what_is_there(kind, pieces):
 
 def test_what_is_infinite_is_missing_as_what_is_not_a_number():
     """As in the exported C; it was refused in Python alone."""
-    first, second = tracked(UnscentedKalmanFilter), tracked(UnscentedKalmanFilter)
+    first, second = tracking_mass(UnscentedKalmanFilter), tracking_mass(UnscentedKalmanFilter)
     for y in ([-np.inf, np.inf], [0.1, 0.0], [np.inf, 0.1], [np.nan, -np.inf], [0.1, np.inf], [0.1, 0.1]):
         gaps = np.where(np.isinf(y), np.nan, y)
         np.testing.assert_array_equal(first.step(y, 0.5), second.step(gaps, 0.5))
@@ -310,7 +266,7 @@ def test_what_is_infinite_is_missing_as_what_is_not_a_number():
 @pytest.mark.parametrize("gap", [[0], [1], [0, 1]])
 def test_an_offset_is_taken_where_a_sensor_first_speaks(gap):
     """The sensor that is missing at the first sample has its offset from its first sample on: nothing moves."""
-    controller = tracked(ExtendedKalmanFilter, offset_time=1.0)
+    controller = tracking_mass(ExtendedKalmanFilter, offset_time=1.0)
     controller.reset([0.1, 0.0])
     y = np.array([0.1 + 0.05, 0.1 * np.sin(0.1) - 0.02])
     first = y.copy()
@@ -325,10 +281,10 @@ def test_an_offset_is_taken_where_a_sensor_first_speaks(gap):
 
 # In the loop -------------------------------------------------------------------------------------------
 @pytest.mark.quick_cases(1)
-@pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
+@EVERY
 def test_a_loop_whose_sensors_give_nothing_at_times_is_that_of_its_steps(kind):
     """Sensors that see a part of the states' range only, written with `where`: they go, and come again."""
-    plain = sensors()
+    plain = three_sensors()
 
     def seen(x, u, p):
         y = plain.output(x, u, p)
@@ -336,8 +292,8 @@ def test_a_loop_whose_sensors_give_nothing_at_times_is_that_of_its_steps(kind):
             [fh.scalars.where(x[1] > 0.2, np.nan, y[0]), fh.scalars.where(x[0] > 0.55, np.nan, y[1]), y[2]]
         )
 
-    plant = fh.Plant(plain.flow, seen, STATES, ("u",), parameters={"scale": 1.3})
-    controller = fh.Controller(Still(plant), kind(plain, 0.05, measurement_noise=NOISE, **GIVEN), 0.05)
+    plant = fh.Plant(plain.flow, seen, plain.states, ("u",), parameters={"scale": 1.3})
+    controller = fh.Controller(still(plant), seen_by_three(kind), 0.05)
     run = fh.Loop(plant, controller).run(noise=1e-2, duration=8.0, initial_state=[0.3, 0.5, 0.0])
     missing = np.isnan(run.signals["output"])
     assert run.status == "completed"

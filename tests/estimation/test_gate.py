@@ -9,7 +9,9 @@ from functools import partial
 import numpy as np
 import pytest
 from scipy.stats import chi2, multivariate_normal
-from tests.estimation.test_gaps import GIVEN, NOISE, Still, sensors, tracked
+from tests.builders import KALMAN_FORMS, seen_by_three, still, three_sensors, tracking_mass
+from tests.estimation import kalman
+from tests.estimation.kalman import LinearCase
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -19,21 +21,13 @@ from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 # Kernels that run once each: half of the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-KINDS = {
-    "ukf": UnscentedKalmanFilter,
-    "ukf, rows": partial(UnscentedKalmanFilter, form="square_root"),
-    "ekf": ExtendedKalmanFilter,
-    "ekf, rows": partial(ExtendedKalmanFilter, form="square_root"),
-}
-EVERY = pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
-
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
-@EVERY
+@KALMAN_FORMS
 @pytest.mark.parametrize("gate", [0.5, 0.99, 0.999999])
-def test_what_lies_beyond_the_quantile_is_left_out(kalman, kind, gate):
-    case = kalman.case(5, 1, 3, seed=3)
+def test_what_lies_beyond_the_quantile_is_left_out(kind, gate):
+    case = LinearCase(5, 1, 3, seed=3)
     filter = kind(**case.arguments(), gate=gate)
     f, g = case.map(filter.stages, filter.sub_steps)
     mean, covariance, counts = case.mean, case.p0, np.zeros(3, dtype=int)
@@ -61,11 +55,11 @@ def test_what_lies_beyond_the_quantile_is_left_out(kalman, kind, gate):
 
 
 @pytest.mark.oracle
-@EVERY
-def test_of_sensors_that_are_not_linear_it_is_the_filter_of_the_others(kalman, kind):
+@KALMAN_FORMS
+def test_of_sensors_that_are_not_linear_it_is_the_filter_of_the_others(kind):
     y = np.array([0.15, 0.2, 0.1])
-    plain = kind(sensors(), 0.05, measurement_noise=NOISE, **GIVEN)
-    gated = kind(sensors(), 0.05, measurement_noise=NOISE, **GIVEN, gate=0.999)
+    plain = seen_by_three(kind)
+    gated = seen_by_three(kind, gate=0.999)
     for place in range(3):
         for filter in (plain, gated):
             filter.reset()
@@ -79,10 +73,10 @@ def test_of_sensors_that_are_not_linear_it_is_the_filter_of_the_others(kalman, k
         np.testing.assert_array_equal(plain.rejected, [0, 0, 0])
 
 
-@EVERY
+@KALMAN_FORMS
 def test_a_gate_that_nothing_meets_changes_no_bit(kind):
-    plain = kind(sensors(), 0.05, measurement_noise=NOISE, **GIVEN)
-    gated = kind(sensors(), 0.05, measurement_noise=NOISE, **GIVEN, gate=1.0 - 1e-12)
+    plain = seen_by_three(kind)
+    gated = seen_by_three(kind, gate=1.0 - 1e-12)
     for y in ([0.15, 0.2, 0.1], [0.1, np.nan, 0.1]):
         for filter in (plain, gated):
             filter.correct(y)
@@ -108,9 +102,9 @@ def test_of_good_measurements_as_many_are_rejected_as_stated():
     assert np.all(np.abs(share - 0.1) < 0.02), share  # more than four deviations
 
 
-@EVERY
+@KALMAN_FORMS
 def test_what_a_filter_goes_on_in_spite_of_is_counted(kind):
-    filter = kind(sensors(), 0.05, measurement_noise=NOISE, **GIVEN, gate=0.999)
+    filter = seen_by_three(kind, gate=0.999)
     none = dict.fromkeys(("skipped", "missing", "rejected", "singular", "covariance"), 0)
     assert filter.repairs == none
     filter.correct([np.nan, np.nan, 0.1])
@@ -137,11 +131,11 @@ def test_a_covariance_that_is_singular_to_rounding_is_counted():
 
 # In controllers ------------------------------------------------------------------------------------------
 @pytest.mark.quick_cases(1)
-@EVERY
+@KALMAN_FORMS
 @pytest.mark.parametrize("pieces", [False, True])
 def test_to_a_controller_an_outlier_is_a_missing_element(kind, pieces):
     """The integral counts the estimate instead, and the count lives where the belief does."""
-    gated, plain = tracked(partial(kind, gate=0.9999)), tracked(kind)
+    gated, plain = tracking_mass(partial(kind, gate=0.9999)), tracking_mass(kind)
     gated, plain = (c.in_pieces() if pieces else c for c in (gated, plain))
     for k in range(40):
         at = plain.estimate if k else np.array([0.1, 0.0])
@@ -163,12 +157,10 @@ def test_to_a_controller_an_outlier_is_a_missing_element(kind, pieces):
 
 
 @pytest.mark.quick_cases(1)
-@EVERY
+@KALMAN_FORMS
 def test_a_loop_is_that_of_its_steps_and_files_keep_the_gate(kind, tmp_path):
-    controller = fh.Controller(
-        Still(sensors()), kind(sensors(), 0.05, measurement_noise=NOISE, **GIVEN, gate=0.9), 0.05
-    )
-    run = fh.Loop(sensors(), controller).run(noise=0.05, duration=5.0, initial_state=[0.3, 0.5, 0.0])
+    controller = fh.Controller(still(three_sensors()), seen_by_three(kind, gate=0.9), 0.05)
+    run = fh.Loop(three_sensors(), controller).run(noise=0.05, duration=5.0, initial_state=[0.3, 0.5, 0.0])
     controller.save(tmp_path / "one")
     for stepped in (controller.fresh(), fh.load_controller(tmp_path / "one")):
         for y, estimate in zip(run.signals["output"], run.signals["estimate"], strict=True):
@@ -178,17 +170,17 @@ def test_a_loop_is_that_of_its_steps_and_files_keep_the_gate(kind, tmp_path):
 
 
 def test_without_an_estimator_nothing_is_rejected():
-    assert fh.Controller(Still(sensors()), None).rejected.tolist() == [0, 0, 0]
+    assert fh.Controller(still(three_sensors()), None).rejected.tolist() == [0, 0, 0]
 
 
 @pytest.mark.quick_cases(12)
-@EVERY
+@KALMAN_FORMS
 @pytest.mark.parametrize("gate", [0.0, 1.0, -0.5, 3.0, np.nan, np.inf, "0.9", [0.9, 0.9], 1j])
 def test_what_is_no_probability_is_refused(kind, gate):
     with refused_with(InvalidInput, "gate", "0", "1"):
-        kind(sensors(), 0.05, measurement_noise=NOISE, **GIVEN, gate=gate)
+        seen_by_three(kind, gate=gate)
 
 
 def test_where_no_variance_is_predicted_there_is_no_gate():
     with refused_with(InvalidInput, "gate", "redraw"):
-        UnscentedKalmanFilter(sensors(), 0.05, measurement_noise=NOISE, **GIVEN, gate=0.9, redraw=False)
+        seen_by_three(UnscentedKalmanFilter, gate=0.9, redraw=False)

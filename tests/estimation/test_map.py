@@ -7,7 +7,10 @@ import pickle
 
 import numpy as np
 import pytest
+from tests.builders import FORMS, KALMAN, linear_law, linear_plant, runge_kutta
+from tests.estimation import kalman
 from tests.estimation.composing import composed
+from tests.estimation.kalman import LinearCase
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -15,13 +18,11 @@ from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ConstantGainFilter, ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.estimation.stationary import linear_model, stationary_gain
-from flexhinf.plant import Law
 
 # Kernels that run once each: half of the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-BOTH = pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter])
-FORMS = pytest.mark.parametrize("form", ["covariance", "square_root"])
+
 PERIOD = 0.05
 
 
@@ -44,29 +45,15 @@ def pendulum(**changes):
     return fh.Plant(turned, first, **names, sampled=True, **changes)
 
 
-class Pull(Law):
-    """u = −2 angle − speed."""
-
-    state_names, input_names = ("angle", "speed"), ("torque",)
-    operating_point, operating_input = np.zeros(2), np.zeros(1)
-    law_data = np.array([-2.0, -1.0])  # type: ignore[assignment]
-
-    def evaluate_law(self, x, data):
-        return np.array([data @ x])
-
-
 # Filters -------------------------------------------------------------------------------------------------
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
-@BOTH
+@KALMAN
 @FORMS
 @pytest.mark.parametrize(("n", "p"), [(3, 1), (6, 4)])
-def test_on_a_linear_map_it_is_the_kalman_filter(kalman, kind, form, n, p):
-    case = kalman.case(n, 2, p, seed=n)
-    plant = fh.Plant(
-        lambda x, u, d, q: q.a @ x + q.b @ u, lambda x, u, q: q.c @ x, [f"x{k}" for k in range(n)], ("u", "v"),
-        parameters={"a": case.a, "b": case.b, "c": case.c}, sampled=True,
-    )  # fmt: skip
+def test_on_a_linear_map_it_is_the_kalman_filter(kind, form, n, p):
+    case = LinearCase(n, 2, p, seed=n)
+    plant = linear_plant(case.a, case.b, case.c, sampled=True)
     estimator = kind(**case.arguments(plant=plant), form=form)
     assert (estimator.stages, estimator.sub_steps) == (1, 1)
     step, belief, expected = composed(estimator), estimator.initial, (case.mean, case.p0)
@@ -105,10 +92,7 @@ def test_a_map_that_integrates_is_the_plant_that_it_integrates():
         return np.array([x[1], -6.0 * np.sin(x[0]) - 0.4 * x[1] + u[0]])
 
     def step(x, u, d, p):
-        k1 = flow(x, u, d, p)
-        k2 = flow(x + PERIOD / 2 * k1, u, d, p)
-        k3 = flow(x + PERIOD / 2 * k2, u, d, p)
-        return x + PERIOD / 6 * (k1 + 2 * (k2 + k3) + flow(x + PERIOD * k3, u, d, p))
+        return runge_kutta(lambda x: flow(x, u, d, p), x, PERIOD)
 
     names = (("angle", "speed"), ("torque",))
     given = (PERIOD, 1e-4, 1e-3, [0.5, 0.1], 0.04)
@@ -148,7 +132,7 @@ def test_the_stationary_gain_of_a_map_is_that_of_the_riccati_equation():
 # Loops, files and C ---------------------------------------------------------------------------------------
 def controller(form="covariance", **options):
     estimator = UnscentedKalmanFilter(pendulum(), PERIOD, [1e-6, 1e-5], 1e-4, [0.4, 0.0], 0.01, form=form)
-    return fh.Controller(Pull(), estimator, PERIOD, **options)
+    return fh.Controller(linear_law(pendulum(), [-2.0, -1.0]), estimator, PERIOD, **options)
 
 
 @pytest.mark.quick_cases(1)
@@ -246,7 +230,7 @@ REFUSED = {
     "FMU": lambda plant: __import__("flexhinf.export.fmu", fromlist=["x"]).export_plant_fmu(
         plant, "never.fmu"
     ),
-    "linear loop": lambda plant: EquilibriumLoop(Pull(), None, plant, PERIOD),
+    "linear loop": lambda plant: EquilibriumLoop(linear_law(pendulum(), [-2.0, -1.0]), None, plant, PERIOD),
 }
 
 

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.linalg import expm, solve_discrete_are
+from tests.builders import linear_law
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -13,7 +14,7 @@ from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
 from flexhinf.estimation import ExtendedKalmanFilter, ModalFilter
 from flexhinf.estimation.modal import FADING
 from flexhinf.export.recording import record
-from flexhinf.plant import Law, Plant
+from flexhinf.plant import Plant
 from flexhinf.plant.joints import elastic_joints
 
 # Kernels that run once each: half of the time.
@@ -45,23 +46,6 @@ def modal(robot="planar-two-link", measured=BOTH, links=0.5, motors=2.0):
     return ModalFilter(ExtendedKalmanFilter(plant, PERIOD, noise, errors, x, 1e-8))
 
 
-class Linear(Law):
-    """u = u* − K (x − x*), about a moving reference or an equilibrium."""
-
-    law_key = "linear, for a test"
-
-    def __init__(self, plant, gain, point):
-        self.state_names, self.input_names, self._gain = plant.states, plant.inputs, gain
-        self.operating_point, self.operating_input = point
-
-    @property
-    def law_data(self):
-        return self._gain.ravel()
-
-    def evaluate_law(self, x, data):
-        return -(data.reshape(len(self.input_names), -1) @ x)
-
-
 def controller(filter, robot="planar-two-link", latency=1):
     """A proportional law on the motors."""
     plant, point = filter.plant, arm(robot).operating_point()
@@ -70,7 +54,7 @@ def controller(filter, robot="planar-two-link", latency=1):
     stiff = np.diag(0.02 * joints.stiffness / joints.torque_per_input)
     damped = np.diag(0.1 * np.sqrt(joints.stiffness * joints.motor_inertia) / joints.torque_per_input)
     gain = np.hstack([np.zeros((n, 2 * n)), stiff, damped])
-    return fh.Controller(Linear(plant, gain, point), filter, PERIOD, moving=True, latency=latency)
+    return fh.Controller(linear_law(plant, -gain, *point), filter, PERIOD, moving=True, latency=latency)
 
 
 @pytest.mark.oracle

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.estimation.conftest import pairs
+from tests.builders import pairs
 from tests.refusals import refused_with
 
 import flexhinf as fh

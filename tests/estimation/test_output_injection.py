@@ -6,7 +6,9 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.signal import place_poles
 from scipy.stats import multivariate_normal
-from tests.estimation.conftest import pairs
+from tests.builders import pairs
+from tests.estimation import kalman
+from tests.estimation.kalman import LinearCase
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -185,9 +187,9 @@ def test_at_the_asked_point_the_gain_is_that_of_the_extended_filter():
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize(("n", "m", "p"), [(3, 2, 1), (1, 1, 1), (5, 1, 3)])
-def test_on_a_linear_plant_it_is_the_kalman_filter_at_rest(kalman, n, m, p):
+def test_on_a_linear_plant_it_is_the_kalman_filter_at_rest(n, m, p):
     """From the first sample on: by default the initial covariance is that of the predictions at rest."""
-    case = kalman.case(n, m, p, seed=n)
+    case = LinearCase(n, m, p, seed=n)
     filter = OutputInjectionObserver(case.plant, case.period, case.q, case.r, case.mean)
     both = expm(case.period * np.block([[case.a, case.b], [np.zeros((m, n + m))]]))
     f, g = both[:n, :n], both[:n, n:]

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from tests.builders import linear_law
 
 import flexhinf as fh
 from flexhinf.estimation import OutputInjectionObserver
 from flexhinf.loop.controller import controller as controller_module
-from flexhinf.plant import Law, Plant
+from flexhinf.plant import Plant
 
 # Kernels that run once each: half of the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -40,16 +41,9 @@ def test_compiled_it_is_the_shell(monkeypatch, make, one_trace):
     plant, rng = make(), np.random.default_rng(0)
     m, p = len(plant.inputs), len(plant.outputs)
 
-    class Feedback(Law):
-        state_names, input_names = plant.states, plant.inputs
-        operating_point, operating_input = np.zeros(plant.n), np.zeros(m)
-        law_data, law_key = rng.normal(size=m * plant.n), f"linear, for a test {one_trace}"
-
-        def evaluate_law(self, x, data):
-            return data.reshape(m, -1) @ x
-
+    law = linear_law(plant, rng.normal(size=(m, plant.n)))
     start = rng.normal(size=plant.n)
-    controller = fh.Controller(Feedback(), observer(plant, mean=start), PERIOD, latency=0)
+    controller = fh.Controller(law, observer(plant, mean=start), PERIOD, latency=0)
     assert controller.composed == (one_trace == 0)
     shell = observer(plant, mean=start)
     for _ in range(30):
@@ -163,15 +157,8 @@ def test_any_plant_with_the_form_two_outputs():
     )  # fmt: skip
     filter = observer(plant, mean=np.array([1.0, -2.0, 0.5, 3.0]), poles=[-4.0, -5.0, -6.0, -7.0])
 
-    class Feedback(Law):
-        state_names, input_names = ("a", "da", "b", "c"), ("u",)
-        operating_point, operating_input = np.zeros(4), np.zeros(1)
-        law_data, law_key = np.array([-3.0, -3.0, 0.0, 0.0]), "linear, for a test"
-
-        def evaluate_law(self, x, data):
-            return np.array([data @ x])
-
-    loop = fh.Loop(plant, fh.Controller(Feedback(), filter, PERIOD))
+    law = linear_law(plant, [-3.0, -3.0, 0.0, 0.0])
+    loop = fh.Loop(plant, fh.Controller(law, filter, PERIOD))
     run = loop.run(duration=12.0, initial_state=np.array([0.5, 0.0, 1.0, 0.0]))
     state, estimate = run.data["state"].values, run.data["estimate"].values
     assert np.abs(state[-1, :2]).max() < 1e-3  # held at the unstable rest

@@ -9,8 +9,7 @@ import warnings
 import mpmath
 import numpy as np
 import pytest
-from tests.estimation.conftest import pairs
-from tests.estimation.test_gaps import Still
+from tests.builders import pairs, still
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -227,7 +226,7 @@ def test_a_controller_takes_it_says_it_and_is_saved(kind, form, tmp_path):
     start = rounded("printed", 3, 3, 2)
     filter = kind(linear_plant(F, c), 1.0, Q, 0.0, np.zeros(3), start, form=form)
     assert filter.repairs["covariance"] == 1
-    controller = fh.Controller(Still(filter.plant), filter, 1.0, latency=0)
+    controller = fh.Controller(still(filter.plant), filter, 1.0, latency=0)
     controller.save(tmp_path / "c.npz")
     loaded = fh.load_controller(tmp_path / "c.npz")
     pieces, again = controller.in_pieces(), pickle.loads(pickle.dumps(controller))

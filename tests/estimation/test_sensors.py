@@ -6,8 +6,10 @@ import pickle
 
 import numpy as np
 import pytest
+from tests.builders import FORMS, KALMAN, linear_plant, pairs
+from tests.estimation import kalman
 from tests.estimation.composing import composed
-from tests.estimation.conftest import pairs
+from tests.estimation.kalman import LinearCase
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -18,15 +20,13 @@ from flexhinf.plant import SensorTable
 # Kernels that run once each: half of the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-BOTH = pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter])
-FORMS = pytest.mark.parametrize("form", ["covariance", "square_root"])
+
 PERIOD = 0.02
 
 
 def linear(case, **options):
-    return fh.Plant(
-        lambda x, u, d, q: q.a @ x + q.b @ u, lambda x, u, q: q.c @ x, ("i", "j", "k"), ("u", "v"),
-        outputs=("first", "second"), parameters={"a": case.a, "b": case.b, "c": case.c},
+    return linear_plant(
+        case.a, case.b, case.c, states=("i", "j", "k"), inputs=("u", "v"), outputs=("first", "second"),
         groups={"both": ("first", "second")}, **options,
     )  # fmt: skip
 
@@ -39,10 +39,10 @@ def sensors(delays=(0, 0), noise=(0.3, 0.2)):
 
 
 # Noise and quantisation ---------------------------------------------------------------------------------
-@BOTH
+@KALMAN
 @FORMS
-def test_noise_and_quantisation_are_the_measurement_noise(kalman, kind, form):
-    case = kalman.case(3, 2, 2)
+def test_noise_and_quantisation_are_the_measurement_noise(kind, form):
+    case = LinearCase(3, 2, 2)
     several = (fh.Sensor("second", noise=0.3), fh.Sensor("first", noise=0.2, quantisation=0.6))
     one = kind(**case.arguments(plant=linear(case), measurement_noise=None, sensors=several, form=form))
     other = kind(
@@ -110,10 +110,10 @@ def conditioned(case, f, g, delays, inputs, seen, noise):
         [1, 2],
     ),
 )
-def test_what_is_late_is_taken_for_what_it_was(kalman, kind, form, sampled, delays, every):
+def test_what_is_late_is_taken_for_what_it_was(kind, form, sampled, delays, every):
     """Against the joint density of all states of all samples, conditioned at once; the first sensor gives a value at
     `every` other sample."""
-    case = kalman.case(3, 2, 2, seed=4)
+    case = LinearCase(3, 2, 2, seed=4)
     plant = linear(case, sampled=sampled)
     one = kind(**case.arguments(plant=plant, measurement_noise=None, sensors=sensors(delays), form=form))
     plain = kind(**case.arguments(plant=plant, form=form))
@@ -134,7 +134,7 @@ def test_what_is_late_is_taken_for_what_it_was(kalman, kind, form, sampled, dela
 
 
 @pytest.mark.quick_cases(1)
-@BOTH
+@KALMAN
 @FORMS
 def test_a_late_angle_may_jump_by_a_turn(kind, form):
     """Against the same arm with an angle that counts turns."""
@@ -162,7 +162,7 @@ def test_a_late_angle_may_jump_by_a_turn(kind, form):
 
 
 @pytest.mark.ci("compiles a controller as C")
-def test_a_controller_of_a_late_sensor_is_saved_and_compiled(tmp_path, kalman):
+def test_a_controller_of_a_late_sensor_is_saved_and_compiled(tmp_path):
     """The law's states are among those of the map; start at a pose and the bound of windup are those of the plant."""
     plant = fh.load_robot("paper").plant(("link_position", "motor_position"))
     problem = plant.with_objective(
@@ -250,14 +250,14 @@ def test_a_sensor_has_numbers(given, anchors):
         ("first", ("sensor",)),
     ],
 )
-def test_sensors_that_do_not_fit_are_refused(kalman, several, anchors):
-    case = kalman.case(3, 2, 2)
+def test_sensors_that_do_not_fit_are_refused(several, anchors):
+    case = LinearCase(3, 2, 2)
     with refused_with(InvalidInput, *anchors):
         UnscentedKalmanFilter(**case.arguments(plant=linear(case), measurement_noise=None, sensors=several))
 
 
-def test_noise_is_stated_once_and_a_late_output_has_no_input(kalman):
-    case = kalman.case(3, 2, 2)
+def test_noise_is_stated_once_and_a_late_output_has_no_input():
+    case = LinearCase(3, 2, 2)
     with refused_with(InvalidInput, "measurement_noise", "sensors"):
         UnscentedKalmanFilter(**case.arguments(plant=linear(case), sensors=sensors()))
     plant = fh.Plant(lambda x, u, d, p: -x + u, lambda x, u, p: x + u, ("a",), ("u",), outputs=("seen",))

@@ -7,8 +7,10 @@ from functools import partial
 import mpmath
 import numpy as np
 import pytest
+from tests.builders import KALMAN, bearing, linear_plant, pairs
+from tests.estimation import kalman
 from tests.estimation.composing import composed
-from tests.estimation.conftest import pairs
+from tests.estimation.kalman import LinearCase
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -19,7 +21,7 @@ from flexhinf.estimation.square_root import root_rows
 # Kernels that run once each: half of the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-BOTH = pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter])
+
 ROOT = {"form": "square_root"}
 
 
@@ -31,15 +33,15 @@ def taken(estimator, y, u):
 
 
 # Linear plants -----------------------------------------------------------------------------------------
-@pytest.mark.quick_cases(1)
+@pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     ("kind", "size", "scale"),
     pairs([UnscentedKalmanFilter, ExtendedKalmanFilter], [(3, 1), (6, 4), (9, 3)], [1e-6, 1.0, 1e3]),
 )
-def test_on_a_linear_plant_it_is_the_kalman_filter(kalman, kind, size, scale):
+def test_on_a_linear_plant_it_is_the_kalman_filter(kind, size, scale):
     n, p = size
-    case = kalman.case(n, 2, p, seed=n, scale=scale)
+    case = LinearCase(n, 2, p, seed=n, scale=scale)
     estimator = kind(**case.arguments(**ROOT))
     step, (f, g) = composed(estimator), case.map(estimator.stages, estimator.sub_steps)
     belief, expected = estimator.initial, (case.mean, case.p0)
@@ -82,7 +84,7 @@ def exact(case, n, p, samples):
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
-@BOTH
+@KALMAN
 @pytest.mark.parametrize(
     ("prior", "noise", "process"),
     [(1e8, 1e-10, 1e-8), (1.0, 1e-12, 0.0), (1e4, 1e-16, 1e-20), (1e-12, 1e6, 1e-4)],
@@ -94,10 +96,9 @@ def test_where_variances_lie_many_decades_apart_it_is_right(kind, prior, noise, 
         "period": period, "a": np.eye(n, k=1) - 0.2 * rng.random((n, n)), "b": rng.normal(size=(n, 1)),
         "c": rng.normal(size=(p, n)), "q": process * np.eye(n), "r": noise * np.eye(p), "p0": prior * np.eye(n),
     }  # fmt: skip
-    plant = fh.Plant(
-        lambda x, u, d, q: q.a @ x + q.b @ u, lambda x, u, q: q.c @ x, tuple("abcd"), ("u",), outputs=("y", "z"),
-        parameters={name: case[name] for name in "abc"},
-    )  # fmt: skip
+    plant = linear_plant(
+        case["a"], case["b"], case["c"], states=tuple("abcd"), inputs=("u",), outputs=("y", "z")
+    )
     estimator = kind(plant, period, case["q"], case["r"], np.zeros(n), case["p0"], **ROOT)
     assert (estimator.stages, estimator.sub_steps) == (4, 1)
     samples = [(np.sqrt(noise) * rng.normal(size=p) + 1.0, rng.normal()) for _ in range(20)]
@@ -109,7 +110,7 @@ def test_where_variances_lie_many_decades_apart_it_is_right(kind, prior, noise, 
 
 
 @pytest.mark.quick_cases(1)
-@BOTH
+@KALMAN
 @pytest.mark.parametrize("rank", [0, 1, 2])
 def test_a_state_that_is_known_exactly_stays_so(kind, rank):
     rng = np.random.default_rng(rank)
@@ -128,14 +129,6 @@ def test_a_state_that_is_known_exactly_stays_so(kind, rank):
 
 
 # What is not linear -------------------------------------------------------------------------------------
-def bearing():
-    return fh.Plant(
-        lambda x, u, d, q: np.array([x[1], -q.weight * np.sin(x[0]) + u[0]]),
-        lambda x, u, q: np.array([np.arctan2(x[1], 2.0 + x[0]), x[0] * x[1]]),
-        ("angle", "speed"), ("torque",), outputs=("bearing", "product"), parameters={"weight": 1.0},
-    )  # fmt: skip
-
-
 @pytest.mark.oracle
 @pytest.mark.parametrize("bounds", [None, {"angle": (-0.1, 0.4)}])
 @pytest.mark.parametrize("scaling", [{}, {"alpha": 0.9, "beta": 2.0, "kappa": 1.0}])
@@ -158,7 +151,7 @@ def test_where_the_rows_are_cholesky_factors_both_forms_agree(bounds, scaling):
 @pytest.mark.parametrize(
     "kind", [UnscentedKalmanFilter, partial(UnscentedKalmanFilter, bounds={"angle": (0.0, 9.0)})]
 )
-def test_composed_it_is_its_text_on_floats(kalman, kind):
+def test_composed_it_is_its_text_on_floats(kind):
     estimator = kind(bearing(), 0.5, 1e-4, 1e-3, [0.2, 0.1], [0.01, 0.04], **ROOT)
     assert estimator.sub_steps > 1
     step, belief = composed(estimator), estimator.initial
@@ -170,7 +163,7 @@ def test_composed_it_is_its_text_on_floats(kalman, kind):
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
-@BOTH
+@KALMAN
 def test_an_arm_is_estimated_as_in_the_covariance_form(kind):
     robot, rng = fh.load_robot("planar-two-link"), np.random.default_rng(0)
     plant = robot.plant(("link_position", "motor_position"))

@@ -2,17 +2,18 @@
 
 import numpy as np
 import pytest
+from tests.builders import KALMAN
+from tests.estimation import kalman
 from tests.estimation.composing import composed
+from tests.estimation.kalman import LinearCase
 
 import flexhinf as fh
 from flexhinf.codegen import DIRECT
-from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
+from flexhinf.estimation import UnscentedKalmanFilter
 from flexhinf.plant import rk4_stages
 
 # Kernels that run once each: half of the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")
-
-BOTH = pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter])
 
 
 def composed_step(estimator):
@@ -23,7 +24,7 @@ def composed_step(estimator):
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
-@BOTH
+@KALMAN
 @pytest.mark.parametrize(
     ("n", "p", "period", "stages"),
     [
@@ -34,8 +35,8 @@ def composed_step(estimator):
         pytest.param(33, 8, 0.02, 4, marks=pytest.mark.ci("33 states")),
     ],
 )
-def test_on_a_linear_plant_they_are_the_kalman_filter(kalman, kind, n, p, period, stages):
-    case = kalman.case(n, 2, p, seed=n, scale=1e-2, period=period)
+def test_on_a_linear_plant_they_are_the_kalman_filter(kind, n, p, period, stages):
+    case = LinearCase(n, 2, p, seed=n, scale=1e-2, period=period)
     estimator = kind(**case.arguments(form="covariance"))
     assert estimator.stages == stages
     step, (f, g) = composed_step(estimator), case.map(estimator.stages, estimator.sub_steps)
@@ -51,9 +52,9 @@ def test_on_a_linear_plant_they_are_the_kalman_filter(kalman, kind, n, p, period
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
-@BOTH
-def test_composed_they_are_their_text_on_floats(kalman, kind):
-    case = kalman.case(12, 2, 3, seed=4)
+@KALMAN
+def test_composed_they_are_their_text_on_floats(kind):
+    case = LinearCase(12, 2, 3, seed=4)
     estimator = kind(**case.arguments(period=1.0, form="covariance"))
     assert estimator.sub_steps > 2
     step, (mean, covariance) = composed_step(estimator), (case.mean, case.p0)

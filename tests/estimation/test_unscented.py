@@ -2,10 +2,11 @@ import warnings
 
 import numpy as np
 import pytest
-from tests.estimation.conftest import pairs
+from tests.builders import pairs
+from tests.estimation import kalman
+from tests.estimation.kalman import LinearCase
 
 from flexhinf.codegen import DIRECT
-from flexhinf.errors import InvalidInput
 from flexhinf.estimation import UnscentedKalmanFilter
 from flexhinf.plant import Gaussian, Plant, rk4_step
 from flexhinf.robot import paper_arm
@@ -25,8 +26,8 @@ SIZES = [(4, 2, 2), (1, 1, 1), (2, 1, 1), (5, 1, 5), (7, 3, 2)]
         for size, *rest in pairs(SIZES, [1e-6, 1.0, 1e3], [{}, {"alpha": 1.3, "kappa": 0.5}])
     ],
 )
-def test_on_a_linear_plant_it_is_the_kalman_filter(kalman, n, m, p, scale, scaling):
-    case = kalman.case(n, m, p, seed=10 * n + p, scale=scale)
+def test_on_a_linear_plant_it_is_the_kalman_filter(n, m, p, scale, scaling):
+    case = LinearCase(n, m, p, seed=10 * n + p, scale=scale)
     ukf = UnscentedKalmanFilter(**case.arguments(), **scaling)
     f, g = case.map(ukf.stages, ukf.sub_steps)
     mean, covariance = case.mean, case.p0
@@ -42,8 +43,8 @@ def test_on_a_linear_plant_it_is_the_kalman_filter(kalman, n, m, p, scale, scali
 
 @pytest.mark.ci("60 samples of four states, compiled")
 @pytest.mark.oracle
-def test_states_of_different_scales_and_a_singular_process_noise(kalman):
-    case = kalman.case(4, 1, 2, seed=4)
+def test_states_of_different_scales_and_a_singular_process_noise():
+    case = LinearCase(4, 1, 2, seed=4)
     units = np.diag([1e-6, 1.0, 1e3, 1e-2])
     case.a, case.b = units @ case.a @ np.linalg.inv(units), units @ case.b
     case.c = case.c @ np.linalg.inv(units)
@@ -65,8 +66,8 @@ def test_states_of_different_scales_and_a_singular_process_noise(kalman):
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("known", [slice(None), slice(0, 2)])
-def test_exactly_known_states(kalman, known):
-    case = kalman.case(4, 1, 2, seed=6)
+def test_exactly_known_states(known):
+    case = LinearCase(4, 1, 2, seed=6)
     case.p0[known, :] = case.p0[:, known] = 0.0
     ukf = UnscentedKalmanFilter(**case.arguments())
     f, g = case.map(ukf.stages, ukf.sub_steps)
@@ -164,8 +165,8 @@ def test_without_redraw_the_propagated_points_are_measured():
     assert abs(redrawn.covariance[0, 0] / covariance[0, 0] - 1.0) > 1e-3
 
 
-def test_without_redraw_the_first_measurement_needs_no_prediction(kalman):
-    case = kalman.case(3, 1, 1)
+def test_without_redraw_the_first_measurement_needs_no_prediction():
+    case = LinearCase(3, 1, 1)
     ukf = UnscentedKalmanFilter(**case.arguments(), redraw=False)
     ukf.correct([0.3])
     mean, covariance = kalman.correct(case.mean, case.p0, case.c, [0.3], case.r)
@@ -192,42 +193,6 @@ def test_bounds_hold_whatever_is_measured(form, kappa):
         ukf.correct(y + (5.0 if k % 7 == 0 else 0.0))
         assert all(low <= ukf.mean[ukf.plant.index(s)] <= high for s, (low, high) in bounds.items())
     assert ukf.mean[0] == pytest.approx(0.3, abs=0.31)
-
-
-@pytest.mark.ci("600 steps of two filters")
-@pytest.mark.parametrize("redraw", [True, False])
-def test_wide_bounds_do_nothing(redraw):
-    free, bounded = (
-        arm_ukf(redraw=redraw),
-        arm_ukf(redraw=redraw, bounds=dict.fromkeys(free_names(), (-1e3, 1e3))),
-    )
-    for u, y in arm_run(300):
-        for ukf in (free, bounded):
-            ukf.predict(u)
-            ukf.correct(y)
-    np.testing.assert_allclose(bounded.mean, free.mean, atol=1e-12)
-    np.testing.assert_allclose(bounded.covariance, free.covariance, rtol=1e-9, atol=1e-15)
-
-
-def free_names():
-    return paper_arm().plant().states
-
-
-@pytest.mark.parametrize(
-    ("bounds", "word"),
-    [
-        ({"link_pos": (0.0, 1.0)}, "state 'link_pos'"),
-        ({"link_position": (1.0, 0.0)}, r"bounds.*'link_position'[\s\S]* \(1\.0, 0\.0\)"),
-        ({"link_position": (0.5, 1.0)}, r"mean.*bounds.*'link_position'[\s\S]* 0\.2"),
-        ({"link_position": (np.nan, 1.0)}, r"bounds.*'link_position'[\s\S]* \(nan, 1\.0\)"),
-        ({"link_position": (0.0, 1.0, 2.0)}, r"bounds.*'link_position'[\s\S]* \(0\.0, 1\.0, 2\.0\)"),
-        ({"link_position": "wide"}, r"bounds.*'link_position'[\s\S]*'wide'"),
-        ({"link_position": 3.0}, r"bounds.*'link_position'[\s\S]* 3\.0"),
-    ],
-)
-def test_bad_bounds_are_refused(bounds, word):
-    with pytest.raises(InvalidInput, match=word):
-        arm_ukf(bounds=bounds)
 
 
 @pytest.mark.parametrize("bounds", [None, {"x": (-9.0, 9.0)}])

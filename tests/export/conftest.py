@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import math
 import shutil
 import subprocess
 from collections.abc import Callable
@@ -12,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.builders import arm_controller
 
 import flexhinf as fh
 from flexhinf.export import export_c
@@ -66,9 +66,7 @@ class Compiled:
 @pytest.fixture(scope="session")
 def controller() -> fh.Controller:
     """The paper's arm with a cubic law and the unscented filter."""
-    arm = fh.paper_arm()
-    ukf = fh.UnscentedKalmanFilter(arm.plant(), 1e-3, 1e-7, 1e-4, [0.0] * 4, 1e-4)
-    return fh.Controller(fh.solve_hji(arm.problem(), gamma=math.inf, degree=4), ukf, 1e-3, 48.0)
+    return arm_controller(degree=4)
 
 
 @pytest.fixture(scope="session")

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 import re
 
 import numpy as np
 import pytest
+from tests.builders import arm_controller
 
 import flexhinf as fh
 from flexhinf.export.controller_c import code_of
@@ -88,17 +88,12 @@ def is_choice(line: str) -> bool:
 
 
 def two_links() -> fh.Controller:
-    arm = fh.load_robot("planar-two-link")
-    ukf = fh.UnscentedKalmanFilter(arm.plant(), 1e-3, 1e-7, 1e-6, arm.operating_point()[0], 1e-8)
-    return fh.Controller(fh.solve_hji(arm.problem(), gamma=math.inf, degree=4), ukf, 1e-3, 200.0)
+    return arm_controller("planar-two-link", degree=4, r=1e-6, p0=1e-8, limit=200.0)
 
 
 def seven_links() -> fh.Controller:
-    arm = fh.load_robot("seven-link")
-    x, noise = arm.operating_point()[0], np.tile([0.0, 0.0, 1e-7, 1e-7], 7)
-    law = fh.linear_law(arm.problem(measured=("link_position", "motor_position")), gamma=np.inf)
-    ukf = fh.UnscentedKalmanFilter(arm.plant(("link_position", "motor_position")), 1e-3, noise, 1e-8, x, 1e-9)
-    return fh.Controller(law, ukf, 1e-3, 24.0)
+    noise, sensors = np.tile([0.0, 0.0, 1e-7, 1e-7], 7), ("link_position", "motor_position")
+    return arm_controller("seven-link", measured=sensors, q=noise, r=1e-8, p0=1e-9, limit=24.0)
 
 
 def check(controller: fh.Controller, real: str) -> None:

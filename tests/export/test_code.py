@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 import shutil
 import subprocess
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.builders import arm_controller
 from tests.refusals import unnamed
 
 import flexhinf as fh
@@ -246,9 +246,7 @@ def checked(exported: dict[str, Path], tmp_path_factory: pytest.TempPathFactory)
 
     @cache
     def two_links() -> Path:
-        arm = fh.load_robot("planar-two-link")
-        ukf = fh.UnscentedKalmanFilter(arm.plant(), 1e-3, 1e-7, 1e-6, arm.operating_point()[0], 1e-8)
-        two = fh.Controller(fh.solve_hji(arm.problem(), gamma=math.inf, degree=4), ukf, 1e-3, 200.0)
+        two = arm_controller("planar-two-link", degree=4, r=1e-6, p0=1e-8, limit=200.0)
         return export_c(two, tmp_path_factory.mktemp("two") / "c", "arm")
 
     return lambda which: one.get(which) or two_links()
@@ -276,7 +274,7 @@ def test_the_deviations_are_a_list_that_cppcheck_reads(exported: dict[str, Path]
 def test_no_rule_of_misra_is_broken_in_small_code(tmp_path: Path) -> None:
     """Of a law without an estimator; it breaks only what is listed."""
     tool("cppcheck")
-    small = fh.Controller(fh.linear_law(fh.paper_arm().problem(), gamma=math.inf), None, 1e-3, 48.0)
+    small = arm_controller(kind=None)
     assert run("make", "-s", "misra", folder=export_c(small, tmp_path / "c", "arm")) == ""
 
 

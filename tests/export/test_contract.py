@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
+from tests.builders import arm_controller
 
 import flexhinf as fh
 from flexhinf.export import export_c
@@ -19,7 +20,6 @@ from flexhinf.export.controller_c import code_of
 # Programs are compiled with flags that stand here; unoptimised are recordings and stacks of exports: 4 s less.
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-ARM = fh.paper_arm()
 
 MAIN = """
 #include "arm.h"
@@ -102,9 +102,10 @@ int main(void)
 
 
 def made(with_estimator: bool = True, saturation: float | None = 48.0) -> fh.Controller:
-    law = fh.linear_law(ARM.problem(pose=0.5), gamma=math.inf)
-    ekf = fh.ExtendedKalmanFilter(ARM.plant(), 1e-3, 1e-7, 1e-6, [0.1, 0.0, 0.11, 0.0], 1e-6)
-    return fh.Controller(law, ekf if with_estimator else None, 1e-3, saturation)
+    return arm_controller(
+        kind=fh.ExtendedKalmanFilter if with_estimator else None, limit=saturation, pose=0.5,
+        mean=[0.1, 0.0, 0.11, 0.0], r=1e-6, p0=1e-6,
+    )  # fmt: skip
 
 
 @pytest.mark.quick_cases(1)
@@ -212,9 +213,8 @@ def test_it_holds_with_options(
     needs_compiler: Callable[..., None],
 ) -> None:
     """Of counts too, and of a memory that was overwritten nothing is computed that C does not define."""
-    plain = made()
-    ukf = fh.UnscentedKalmanFilter(ARM.plant(), 1e-3, 1e-7, 1e-6, [0.1, 0.0, 0.11, 0.0], 1e-6, gate=0.9999)
-    one = fh.Controller(plain.law, ukf, 1e-3, 48.0, **options)  # type: ignore[arg-type]
+    start = [0.1, 0.0, 0.11, 0.0]
+    one = arm_controller(pose=0.5, mean=start, r=1e-6, p0=1e-6, filter={"gate": 0.9999}, **options)
     folder = export_c(one, tmp_path / "c", "arm", real)
     assert "counted(" in (folder / "arm.c").read_text(encoding="utf-8")
     needs_compiler(compiler, *SANITIZERS)
@@ -253,7 +253,7 @@ def test_an_export_without_limits_says_which_inputs_have_none(exported: Path, tm
     unlimited = made(with_estimator=False, saturation=None)
     folder, limited = export_c(unlimited, tmp_path / "c", "arm", limits=False), exported
     for file in ("arm.h", "README.md"):
-        said = f"Nothing limits {ARM.plant().inputs[0]}"
+        said = f"Nothing limits {fh.paper_arm().plant().inputs[0]}"
         assert said in (folder / file).read_text(encoding="utf-8")
         assert said not in (limited / file).read_text(encoding="utf-8")
 

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.builders import still
 from tests.estimation.test_doubt import KINDS, made, measured
-from tests.estimation.test_gaps import Still
+from tests.export.fmus import Fmu
 
 import flexhinf as fh
 from flexhinf.export import export_c, export_fmu
@@ -22,7 +23,7 @@ pytestmark = [pytest.mark.oracle, pytest.mark.usefixtures("unoptimised")]
 
 def controller(kind: str, **options: Any) -> fh.Controller:
     filter = made(kind, **options)
-    return fh.Controller(Still(filter.plant), filter, 0.01)
+    return fh.Controller(still(filter.plant), filter, 0.01)
 
 
 @pytest.mark.quick_cases(1)
@@ -53,7 +54,7 @@ def test_the_library_takes_measurements_without_noise(form: str, compiler: str, 
     filter = fh.UnscentedKalmanFilter(
         plant, 0.01, 1e-6, 0.0, [0.0, 0.0], [[1.0, 1.0 + 1e-9], [1.0 + 1e-9, 1.0]], form=form
     )
-    one = fh.Controller(Still(plant), filter, 0.01)
+    one = fh.Controller(still(plant), filter, 0.01)
     library = fh.load_compiled(fh.compile_controller(one, tmp_path / "arm.so"))
     for k in range(20):
         one.step([0.01 * k] * 2)
@@ -99,7 +100,7 @@ def test_in_float_digits_are_lost_earlier(real: str, compiler: str, tmp_path: Pa
         outputs=("a", "b"),
     )
     filter = fh.ExtendedKalmanFilter(plant, 0.01, 1.0, 1.0, [0.0, 0.0], 1.0, form="square_root")
-    code = code_of(fh.Controller(Still(plant), filter, 0.01), "arm", real)
+    code = code_of(fh.Controller(still(plant), filter, 0.01), "arm", real)
     eps = np.finfo(np.float64 if real == "double" else np.float32).eps
     assert code.defaults[code.controller.data.places["rcond_limit"]] == pytest.approx(eps / 1e-3)
     for file, text in {**code.files, "counts.c": COUNTS}.items():
@@ -114,7 +115,7 @@ def test_in_float_digits_are_lost_earlier(real: str, compiler: str, tmp_path: Pa
 def test_the_test_vector_has_the_status_of_each_step(compiler: str, tmp_path: Path) -> None:
     watch = fh.Supervision(swing=1e-3)
     filter = made("ekf")
-    one = fh.Controller(Still(filter.plant), filter, 0.01, 1.0, supervision=watch)
+    one = fh.Controller(still(filter.plant), filter, 0.01, 1.0, supervision=watch)
     folder = export_c(one, tmp_path / "c", "arm")
     command = [compiler, "-std=c99", "-O1", "arm_test.c", "arm.c", "-lm", "-o", "test"]
     subprocess.run(command, cwd=folder, check=True)
@@ -132,27 +133,25 @@ def test_the_test_vector_has_the_status_of_each_step(compiler: str, tmp_path: Pa
 @pytest.mark.ci("exports two FMUs")
 def test_an_fmu_has_the_counts_as_outputs(compiler: str, tmp_path: Path) -> None:
     pytest.importorskip("fmpy")
-    from tests.export.test_fmu import end, instance
 
     for gate in (None, 0.9999):
         one = controller("ekf", gate=gate)
-        model, names = instance(
-            export_fmu(one, tmp_path / "arm.fmu", "arm", limits=False), tmp_path / f"unpacked {gate}"
-        )
+        made = export_fmu(one, tmp_path / "arm.fmu", "arm", limits=False)
+        fmu = Fmu(made, tmp_path / f"unpacked {gate}")
         outliers = ["rejected.y1", "rejected.y2"] if gate else []
-        assert {name for name in names if name.startswith("rejected")} == set(outliers)
+        assert {name for name in fmu.at if name.startswith("rejected")} == set(outliers)
         for k, y in enumerate(measured()):
-            model.setReal([names["measured.y1"], names["measured.y2"]], y)
-            model.doStep(k * 0.01, 0.01)
+            fmu.set(measured__y1=y[0], measured__y2=y[1])
+            fmu.step(10 * k, 0.01)
             one.step(y)
-            numbers = model.getInteger([names[name] for name in ("status", "doubtful", *outliers)])
+            numbers = fmu.model.getInteger([fmu.at[name] for name in ("status", "doubtful", *outliers)])
             assert numbers == [
                 int(one.status),
                 one.doubtful_samples,
                 *(one.rejected.tolist() if gate else []),
             ]
         assert max(numbers[1:]) >= 2
-        end(model)
+        fmu.end()
 
 
 def test_the_code_of_a_constant_gain_has_no_count(build: Callable[..., Any]) -> None:
@@ -160,6 +159,6 @@ def test_the_code_of_a_constant_gain_has_no_count(build: Callable[..., Any]) -> 
 
     filter = made("ekf")
     observer = ConstantGainFilter(filter, np.full((2, 2), 0.1))
-    code = code_of(fh.Controller(Still(filter.plant), observer, 0.01), "arm", "double")
+    code = code_of(fh.Controller(still(filter.plant), observer, 0.01), "arm", "double")
     assert "doubtful;" not in code.header
     assert "doubt" not in code.source.lower()

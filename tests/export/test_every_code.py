@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.builders import arm_controller
 from tests.export.test_rest import elastic_controller, robot_of
 from tests.tiers import ci_and_night
 
@@ -25,9 +26,7 @@ OK, _, BAD_COMMAND, BAD_RESULT, WENT_BACK, PREDICTED, STOPPED, WAITING = range(8
 
 def made(limit: float | None) -> fh.Controller:
     """A cubic law, which 1e6 rad drives out of the finite numbers some samples later."""
-    ukf = fh.UnscentedKalmanFilter(ARM.plant(), 1e-3, 1e-7, 1e-4, [0.1, 0.11, 0.0, 0.0], 1e-4)
-    law = fh.solve_hji(ARM.problem(pose=0.5), gamma=math.inf, degree=4)
-    return fh.Controller(law, ukf, 1e-3, limit, start="bumpless")
+    return arm_controller(start="bumpless", degree=4, pose=0.5, mean=[0.1, 0.11, 0.0, 0.0], limit=limit)
 
 
 def hostile(samples: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -197,9 +196,7 @@ def test_before_the_first_good_measurement_the_output_is_that_before_the_first_s
 ) -> None:
     """A silent encoder, then NaN: the law about 90° neither predicts nor jumps, in Python and in C."""
     pose, start = np.pi / 2, ARM.operating_point(0.6)
-    ukf = fh.UnscentedKalmanFilter(ARM.plant(), 1e-3, 1e-7, 1e-4, start[0], 1e-4)
-    law = fh.solve_hji(ARM.problem(pose=pose), gamma=math.inf, degree=4)
-    controller = fh.Controller(law, ukf, 1e-3, 48.0, start="bumpless", before_first=option)
+    controller = arm_controller(start="bumpless", degree=4, pose=pose, mean=start[0], before_first=option)
     first = start[1] if option == "hold" else np.zeros(1)
     np.testing.assert_allclose(controller.input_before(), first, rtol=1e-12)
     y, r, measured = np.full((60, 1), 0.6), np.full((60, 1), pose), np.ones(60, dtype=int)
@@ -222,8 +219,7 @@ def test_a_step_without_an_init_says_so_and_gives_the_input_before_the_first_sam
 ) -> None:
     """Of zeros, as static memory is, and of other bytes; only an init ends it."""
     state, u = ARM.operating_point(0.6)
-    ukf = fh.UnscentedKalmanFilter(ARM.plant(), 1e-3, 1e-7, 1e-4, state, 1e-4)
-    folder = build(fh.Controller(fh.linear_law(ARM.problem(), gamma=math.inf), ukf, 1e-3, 48.0)).folder
+    folder = build(arm_controller(mean=state)).folder
     (folder / "boot.c").write_text(
         """
 #include <stdio.h>
@@ -265,9 +261,7 @@ def test_a_start_that_is_told_has_its_own_input_with_the_same_bits(
     option: str, compiler: str, tmp_path: Path
 ) -> None:
     """`Controller.reset`, the library's start, and a file between; zero stays zero."""
-    ukf = fh.UnscentedKalmanFilter(ARM.plant(), 1e-3, 1e-7, 1e-4, [0.0] * 4, 1e-4)
-    law = fh.linear_law(ARM.problem(pose=0.3), gamma=math.inf)
-    given = fh.Controller(law, ukf, 1e-3, 48.0, start="bumpless", before_first=option)
+    given = arm_controller(start="bumpless", pose=0.3, mean=[0.0] * 4, before_first=option)
     given.save(tmp_path / "controller")
     controller = fh.load_controller(tmp_path / "controller")
     compiled = fh.load_compiled(compile_controller(controller, tmp_path / "arm.so"))

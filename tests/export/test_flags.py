@@ -7,7 +7,6 @@ processors that the flags name, or without.
 
 from __future__ import annotations
 
-import math
 import re
 import subprocess
 import zipfile
@@ -17,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.builders import arm_controller
 
 import flexhinf as fh
 from flexhinf.codegen.c import Real
@@ -120,9 +120,7 @@ def exported(
 ) -> tuple[dict[str, Path], np.ndarray, list[np.ndarray]]:
     """Folders by type; samples (N, p + k + 1); and the inputs of the controller in Python, without and with fused
     multiply-adds."""
-    arm = fh.paper_arm()
-    ukf = fh.UnscentedKalmanFilter(arm.plant(), 1e-3, 1e-7, 1e-4, [0.0] * 4, 1e-4)
-    controller = fh.Controller(fh.linear_law(arm.problem(), gamma=math.inf), ukf, 1e-3, 48.0)
+    controller = arm_controller()
     run, place = record(controller), tmp_path_factory.mktemp("flags")
     folders = {real: place / real for real in ("double", "float")}
     for real, folder in folders.items():
@@ -238,12 +236,10 @@ def test_an_fmu_refuses_such_flags_too(
     """gcc says nothing of this flag alone, and reorders sums."""
     flags = ("-O2", "-fassociative-math")
     needs_compiler("gcc", *flags)
-    arm = fh.paper_arm()
     if kind == "controller":
-        controller = fh.Controller(fh.linear_law(arm.problem(), gamma=math.inf), None, 1e-3, 48.0)
-        path = fh.export_fmu(controller, tmp_path / "one.fmu", "one")
+        path = fh.export_fmu(arm_controller(kind=None), tmp_path / "one.fmu", "one")
     else:
-        path = export_plant_fmu(arm.plant(), tmp_path / "one.fmu", "one")
+        path = export_plant_fmu(fh.paper_arm().plant(), tmp_path / "one.fmu", "one")
     with zipfile.ZipFile(path) as archive:
         archive.extractall(tmp_path)
     sources = tmp_path / "sources"

@@ -6,10 +6,10 @@ import math
 import shutil
 import zipfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from tests.export.fmus import Fmu
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -38,33 +38,6 @@ def files(
     }
 
 
-def instance(path: Path, folder: Path, begun: bool = True) -> Any:
-    """An FMU's instance that is initialised at time 0 if it is `begun`, and its references by name."""
-    from fmpy.fmi2 import FMU2Slave
-
-    description = fmpy.read_model_description(str(path))
-    unpacked = fmpy.extract(str(path), unzipdir=str(folder))
-    model = FMU2Slave(
-        guid=description.guid, unzipDirectory=unpacked, instanceName="one",
-        modelIdentifier=description.coSimulation.modelIdentifier,
-    )  # fmt: skip
-    model.instantiate()
-    if begun:
-        begin(model)
-    return model, {variable.name: variable.valueReference for variable in description.modelVariables}
-
-
-def begin(model: Any) -> None:
-    model.setupExperiment(startTime=0.0)
-    model.enterInitializationMode()
-    model.exitInitializationMode()
-
-
-def end(model: Any) -> None:
-    model.terminate()
-    model.freeInstance()
-
-
 @pytest.mark.ci("exports the FMUs of all tests here")
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ["controller", "plant"])
@@ -84,29 +57,25 @@ def test_the_controller_answers_as_in_python(
     controller: fh.Controller, files: dict[str, Path], tmp_path: Path
 ) -> None:
     run = record(controller, 120)
-    model, at = instance(files["controller"], tmp_path)
-    found: list[list[float]] = []
+    one, found = Fmu(files["controller"], tmp_path), list[list[float]]()
 
     def samples() -> None:
         for y, r, code in zip(run.y, run.r, run.codes, strict=True):
-            model.setReal(
-                [at["measured.link_position"], at["command.link_position"]], [float(y[0]), float(r[0])]
-            )
-            model.setBoolean([at["is_measured"]], [code != "PREDICTED"])
-            model.doStep(currentCommunicationPoint=0.0, communicationStepSize=1e-3)
-            found.append(model.getReal([at["u.motor_voltage"], at["estimate.link_velocity"]]))
+            one.set(measured__link_position=float(y[0]), command__link_position=float(r[0]))
+            one.model.setBoolean([one.at["is_measured"]], [code != "PREDICTED"])
+            one.step(0)
+            found.append(one.get("u.motor_voltage", "estimate.link_velocity"))
 
     samples()
     expected = np.column_stack([run.u[:, 0], run.estimate[:, 2 - 1]])
     velocity = controller.states.index("link_velocity")
     expected[:, 1] = run.estimate[:, velocity]
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
-    model.reset()
-    begin(model)
+    one.again()
     first, found = found[:], []
     samples()
     assert found == first
-    end(model)
+    one.end()
 
 
 @pytest.mark.costs("opens an FMU of its own")
@@ -118,44 +87,43 @@ def test_it_says_where_the_robot_must_be_and_begins_where_it_is_told(
     for name in ("link_position 0 rad", "motor_velocity 0 rad/s", "limits"):
         assert name in description.description
     x, u = fh.load_robot("paper").operating_point(1.0)
-    model, at = instance(files["controller"], tmp_path, begun=False)
-    model.setReal([at[f"start.{name}"] for name in ARM.plant().states], x.tolist())
-    begin(model)
-    assert model.getReal([at[f"estimate.{name}"] for name in ARM.plant().states]) == x.tolist()
-    assert model.getReal([at["u.motor_voltage"]]) == pytest.approx(u, rel=1e-9)
-    end(model)
+    one, states = Fmu(files["controller"], tmp_path, begun=False), ARM.plant().states
+    one.set({f"start.{name}": value for name, value in zip(states, x.tolist(), strict=True)})
+    one.run()
+    assert one.get(*(f"estimate.{name}" for name in states)) == x.tolist()
+    assert one.get("u.motor_voltage") == pytest.approx(u, rel=1e-9)
+    one.end()
 
 
 def test_instances_do_not_know_each_other_and_a_state_comes_back(
     files: dict[str, Path], tmp_path: Path
 ) -> None:
-    (one, at), (other, _) = (instance(files["controller"], tmp_path / name) for name in ("a", "b"))
-    one.setReal([at["measured.link_position"]], [0.3])
-    kept = one.getFMUState()
+    one, other = (Fmu(files["controller"], tmp_path / name) for name in ("a", "b"))
+    one.set(measured__link_position=0.3)
+    kept = one.model.getFMUState()
     for _ in range(5):
-        one.doStep(0.0, 1e-3)
-        other.doStep(0.0, 1e-3)
-    u = [at["u.motor_voltage"]]
-    assert one.getReal(u) != other.getReal(u)
-    after = one.getReal(u)
-    one.setFMUState(kept)
-    one.freeFMUState(kept)
-    one.doStep(0.0, 5e-3)  # five samples with the inputs held
-    assert one.getReal(u) == after
-    end(one)
-    end(other)
+        one.step(0)
+        other.step(0)
+    after = one.get("u.motor_voltage")
+    assert after != other.get("u.motor_voltage")
+    one.model.setFMUState(kept)
+    one.model.freeFMUState(kept)
+    one.step(0, 5e-3)  # five samples with the inputs held
+    assert one.get("u.motor_voltage") == after
+    one.end()
+    other.end()
 
 
 @pytest.mark.parametrize("step", [0.4e-3, 1.5e-3, 0.0, -1e-3, math.nan])
 def test_a_step_that_is_no_whole_number_of_periods(
     step: float, files: dict[str, Path], tmp_path: Path
 ) -> None:
-    model, _ = instance(files["controller"], tmp_path)
+    one = Fmu(files["controller"], tmp_path)
     with pytest.raises(fmpy.fmi1.FMICallException):
-        model.doStep(currentCommunicationPoint=0.0, communicationStepSize=step)
+        one.step(0, step)
     with pytest.raises(fmpy.fmi1.FMICallException):
-        model.getReal([10_000])
-    end(model)
+        one.model.getReal([10_000])
+    one.end()
 
 
 @pytest.mark.oracle
@@ -163,15 +131,14 @@ def test_the_plant_moves_as_an_independent_integration(files: dict[str, Path], t
     from scipy.integrate import solve_ivp
 
     plant = fh.load_robot("planar-two-link").plant()
-    model, at = instance(files["plant"], tmp_path)
-    inputs, load = [3.0, -1.0], 0.4
-    model.setReal([at[f"u.{name}"] for name in plant.inputs], inputs)
-    model.setReal([at[f"disturbance.{plant.disturbances[0]}"]], [load])
+    one, inputs, load = Fmu(files["plant"], tmp_path), [3.0, -1.0], 0.4
+    one.set({f"u.{name}": value for name, value in zip(plant.inputs, inputs, strict=True)})
+    one.set({f"disturbance.{plant.disturbances[0]}": load})
     for k in range(200):
-        model.doStep(1e-3 * k, 1e-3)
-    states = model.getReal([at[f"state.{name}"] for name in plant.states])
-    measured = model.getReal([at[f"measured.{name}"] for name in plant.outputs])
-    end(model)
+        one.step(k)
+    states = one.get(*(f"state.{name}" for name in plant.states))
+    measured = one.get(*(f"measured.{name}" for name in plant.outputs))
+    one.end()
     d = np.array([load, *[0.0] * (len(plant.disturbances) - 1)])
     p = plant.parameters.vector()
 

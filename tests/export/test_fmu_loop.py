@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.export.fmus import PERIOD, Fmu
 
 import flexhinf as fh
 from flexhinf.export import export_fmu, export_plant_fmu
@@ -21,51 +22,18 @@ pytestmark = [
 ]
 
 PLANT = fh.paper_arm().plant()
-PERIOD, SAMPLES, GOAL, LOAD = 1e-3, 400, 0.6, 0.8
-
-
-class Instance:
-    """An FMU that is set and read by names."""
-
-    def __init__(self, path: Path, folder: Path, name: str) -> None:
-        from fmpy.fmi2 import FMU2Slave
-
-        self.description = fmpy.read_model_description(str(path))
-        self.at = {variable.name: variable.valueReference for variable in self.description.modelVariables}
-        self.model = FMU2Slave(
-            guid=self.description.guid, unzipDirectory=fmpy.extract(str(path), unzipdir=str(folder / name)),
-            instanceName=name, modelIdentifier=self.description.coSimulation.modelIdentifier,
-        )  # fmt: skip
-        self.model.instantiate()
-        self.begin()
-
-    def begin(self) -> None:
-        self.model.setupExperiment(startTime=0.0)
-        self.model.enterInitializationMode()
-        self.model.exitInitializationMode()
-
-    def set(self, **values: float) -> None:
-        names = [name.replace("__", ".") for name in values]
-        self.model.setReal([self.at[name] for name in names], list(values.values()))
-
-    def get(self, kind: str, names: tuple[str, ...]) -> list[float]:
-        return self.model.getReal([self.at[f"{kind}.{name}"] for name in names])
-
-    def step(self, k: int) -> None:
-        self.model.doStep(currentCommunicationPoint=PERIOD * k, communicationStepSize=PERIOD)
+SAMPLES, GOAL, LOAD = 400, 0.6, 0.8
+STATES = tuple(f"state.{name}" for name in PLANT.states)
 
 
 @contextmanager
-def instances(files: dict[str, Path], folder: Path, names: list[str]) -> Iterator[list[dict[str, Instance]]]:
+def instances(files: dict[str, Path], folder: Path, names: list[str]) -> Iterator[list[dict[str, Fmu]]]:
     """Pairs of a controller and a plant, all in this process."""
-    pairs = [
-        {kind: Instance(path, folder, f"{kind}-{name}") for kind, path in files.items()} for name in names
-    ]
+    pairs = [{kind: Fmu(path, folder / f"{kind}-{name}") for kind, path in files.items()} for name in names]
     yield pairs
     for pair in pairs:
         for one in pair.values():
-            one.model.terminate()
-            one.model.freeInstance()
+            one.end()
 
 
 @pytest.fixture(scope="module")
@@ -84,17 +52,16 @@ def files(
     }
 
 
-def sample(pair: dict[str, Instance], k: int, goal: float) -> list[float]:
+def sample(pair: dict[str, Fmu], k: int, goal: float) -> list[float]:
     """One period of the loop, both models at once: state at its beginning, then what the controller answers, which acts
     in the next one."""
     controller, plant = pair["controller"], pair["plant"]
-    (acting,) = controller.get("u", ("motor_voltage",))
-    state = plant.get("state", ("link_position", "link_velocity", "motor_position", "motor_velocity"))
-    controller.set(
-        measured__link_position=plant.get("measured", ("link_position",))[0], command__link_position=goal
-    )
+    (acting,) = controller.get("u.motor_voltage")
+    state = plant.get(*STATES)
+    (seen,) = plant.get("measured.link_position")
+    controller.set(measured__link_position=seen, command__link_position=goal)
     controller.step(k)
-    (u,) = controller.get("u", ("motor_voltage",))
+    (u,) = controller.get("u.motor_voltage")
     plant.set(u__motor_voltage=acting, disturbance__link_torque=LOAD if k >= SAMPLES // 2 else 0.0)
     plant.step(k)
     return [*state, u]
@@ -122,8 +89,7 @@ def test_interleaved_loops_of_fmus_move_as_simulated_and_again_after_a_reset(
                 assert (np.abs(mine - theirs).max(axis=0) / scale).max() <= 1e-9
             for pair in pairs:
                 for one in pair.values():
-                    one.model.reset()
-                    one.begin()
+                    one.again()
 
 
 def test_units_and_first_values_are_those_of_the_model(files: dict[str, Path], tmp_path: Path) -> None:
@@ -137,7 +103,7 @@ def test_units_and_first_values_are_those_of_the_model(files: dict[str, Path], t
                 "Integer": one.model.getInteger,
                 "Boolean": one.model.getBoolean,
             }
-            for variable in one.description.modelVariables:
+            for variable in one.about.modelVariables:
                 (value,) = read[variable.type]([variable.valueReference])
                 start = (
                     variable.start == "true" if variable.type == "Boolean" else float(variable.start or 0.0)
@@ -158,12 +124,8 @@ def test_parameters_of_the_plant_and_limits_of_the_controller_are_set(
     )
     assert np.abs(run.signals["input"]).max() == limit
     with instances(files, tmp_path, ["one"]) as (pair,):
-        for one in pair.values():
-            one.model.reset()
-        pair["plant"].set(parameter__mass=heavier, start__link_position=0.1, start__motor_position=0.1)
-        pair["controller"].set(lower__motor_voltage=-limit, upper__motor_voltage=limit)
-        for one in pair.values():
-            one.begin()
+        pair["plant"].again(parameter__mass=heavier, start__link_position=0.1, start__motor_position=0.1)
+        pair["controller"].again(lower__motor_voltage=-limit, upper__motor_voltage=limit)
         found = np.array([sample(pair, k, GOAL) for k in range(100)])
     expected = np.hstack([run.signals["state"], run.signals["input"]])
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
@@ -179,22 +141,20 @@ def test_the_estimate_begins_where_the_robot_is_said_to_be(
     steps.reset(begin)
     with instances(files, tmp_path, ["one"]) as (pair,):
         one = pair["controller"]
-        one.model.reset()
-        one.set(**{f"start__{name}": value for name, value in at.items()})
-        one.begin()
+        one.again(**{f"start__{name}": value for name, value in at.items()})
         held = steps.step(None)  # the input that holds the motor there, until there is a measurement
         assert held != 0.0
-        assert one.get("u", ("motor_voltage",)) == pytest.approx(held, rel=1e-12)
+        assert one.get("u.motor_voltage") == pytest.approx(held, rel=1e-12)
         one.model.setBoolean([one.at["is_measured"]], [False])
         one.step(0)
         assert one.model.getInteger([one.at["code"]]) == [7]
-        assert one.get("u", ("motor_voltage",)) == pytest.approx(held, rel=1e-12)
+        assert one.get("u.motor_voltage") == pytest.approx(held, rel=1e-12)
         one.model.setBoolean([one.at["is_measured"]], [True])
         for k in range(20):
             one.set(measured__link_position=0.2 + 1e-3 * k, command__link_position=0.2)
             one.step(k)
             expected = steps.step(0.2 + 1e-3 * k, 0.2)
-            assert one.get("u", ("motor_voltage",)) == pytest.approx(expected, rel=1e-9, abs=1e-9)
+            assert one.get("u.motor_voltage") == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
 
 @pytest.mark.oracle

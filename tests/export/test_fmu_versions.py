@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import shutil
 import subprocess
 import zipfile
@@ -12,6 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.builders import arm_controller
+from tests.export.fmus import PERIOD, Fmu
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -25,15 +26,14 @@ pytestmark = pytest.mark.usefixtures("unoptimised")
 
 ARM = fh.paper_arm()
 PLANT = ARM.plant()
-PERIOD, SAMPLES, GOAL = 1e-3, 300, 0.6
+SAMPLES, GOAL = 300, 0.6
 VERSIONS = ("2.0", "3.0")
 
 
 @pytest.fixture(scope="module")
 def controller() -> fh.Controller:
     """One whose C compiles fast."""
-    ekf = fh.ExtendedKalmanFilter(PLANT, PERIOD, 1e-7, 1e-4, [0.0] * 4, 1e-4)
-    return fh.Controller(fh.linear_law(ARM.problem(), gamma=math.inf), ekf, PERIOD, 48.0)
+    return arm_controller(kind=fh.ExtendedKalmanFilter)
 
 
 @pytest.fixture(scope="module")
@@ -48,51 +48,12 @@ def files(
     return made
 
 
-class Instance:
-    """An FMU of either version, set and read by names; in its initialisation until `run`."""
-
-    def __init__(self, path: Path, folder: Path) -> None:
-        from fmpy import instantiate_fmu
-
-        self.about = fmpy.read_model_description(str(path))
-        self.at = {variable.name: variable.valueReference for variable in self.about.modelVariables}
-        unpacked = fmpy.extract(str(path), unzipdir=str(folder))
-        self.model = instantiate_fmu(unpacked, self.about, "CoSimulation")
-        self.old = self.about.fmiVersion == "2.0"
-        if self.old:
-            self.model.setupExperiment(startTime=0.0)
-        self.model.enterInitializationMode()
-
-    def run(self) -> None:
-        self.model.exitInitializationMode()
-
-    def set(self, values: dict[str, float]) -> None:
-        write = self.model.setReal if self.old else self.model.setFloat64
-        write([self.at[name] for name in values], list(values.values()))
-
-    def get(self, *names: str) -> list[float]:
-        read = self.model.getReal if self.old else self.model.getFloat64
-        return read([self.at[name] for name in names])
-
-    def step(self, k: int, size: float = PERIOD) -> None:
-        self.model.doStep(currentCommunicationPoint=PERIOD * k, communicationStepSize=size)
-
-    def end(self) -> None:
-        self.model.terminate()
-        self.model.freeInstance()
-
-    def of(self, causality: str) -> list[str]:
-        """Names of the real variables of a causality."""
-        kinds = ("Real", "Float64")
-        return [v.name for v in self.about.modelVariables if v.causality == causality and v.type in kinds]
-
-
 @pytest.fixture
 def instance(files: dict[tuple[str, str], Path], tmp_path: Path) -> Any:
-    made: list[Instance] = []
+    made: list[Fmu] = []
 
-    def begun(fmi: str, kind: str) -> Instance:
-        made.append(Instance(files[fmi, kind], tmp_path / str(len(made))))
+    def begun(fmi: str, kind: str) -> Fmu:
+        made.append(Fmu(files[fmi, kind], tmp_path / str(len(made)), begun=False))
         return made[-1]
 
     yield begun
@@ -103,7 +64,7 @@ def instance(files: dict[tuple[str, str], Path], tmp_path: Path) -> Any:
 @pytest.mark.ci("600 samples of two loops")
 @pytest.mark.oracle
 def test_a_loop_of_fmus_moves_as_simulated_in_both_versions(
-    controller: fh.Controller, instance: Callable[[str, str], Instance]
+    controller: fh.Controller, instance: Callable[[str, str], Fmu]
 ) -> None:
     run = fh.Loop(PLANT, controller).run(fh.Step(GOAL), duration=PERIOD * (SAMPLES - 1))
     expected, found = run.signals["state"], {}
@@ -151,7 +112,7 @@ def test_fmpy_finds_nothing_wrong_with_fmi_3_and_simulates_it_alike(
 @pytest.mark.parametrize("fmi", VERSIONS)
 @pytest.mark.parametrize("kind", ["controller", "plant"])
 def test_outputs_depend_on_what_is_stated_and_on_nothing_else(
-    kind: str, fmi: str, instance: Callable[[str, str], Instance]
+    kind: str, fmi: str, instance: Callable[[str, str], Fmu]
 ) -> None:
     """At the start each stated dependency moves its output, and no other does; later nothing but a step does."""
     one = instance(fmi, kind)
@@ -179,7 +140,7 @@ def test_outputs_depend_on_what_is_stated_and_on_nothing_else(
 
 
 def test_fmi_3_has_time_states_that_come_back_and_refuses_what_it_cannot(
-    instance: Callable[[str, str], Instance],
+    instance: Callable[[str, str], Fmu],
 ) -> None:
     c = instance("3.0", "controller")
     c.run()
@@ -264,8 +225,7 @@ def test_ecos_connects_both_and_moves_them_as_simulated(fmi: str, compiler: str,
         import ecospy  # type: ignore[import-not-found]
     except (ImportError, OSError) as error:  # its library needs oneTBB
         pytest.skip(f"missing: ecospy ({error})")
-    ekf = fh.ExtendedKalmanFilter(PLANT, PERIOD, 1e-7, 1e-4, [0.0] * 4, 1e-4)
-    late = fh.Controller(fh.linear_law(ARM.problem(), gamma=math.inf), ekf, PERIOD, 48.0, latency=1)
+    late = arm_controller(kind=fh.ExtendedKalmanFilter, latency=1)
     run = fh.Loop(PLANT, late).run(fh.Step(GOAL), duration=PERIOD * (SAMPLES - 1))
     found = []
     with ecospy.EcosSimulationStructure() as structure:

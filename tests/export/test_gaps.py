@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import subprocess
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from tests.builders import FILTERS
 from tests.estimation import test_angles
 from tests.tiers import ci_and_night
 
@@ -20,17 +20,12 @@ from flexhinf.export import compile_controller
 ARM = fh.paper_arm()
 NOISE = np.array([[1e-6, 6e-7], [6e-7, 4e-6]])
 GIVEN = {"process_noise": 1e-8, "measurement_noise": NOISE, "mean": np.zeros(4), "covariance": 1e-4}
-KINDS = {
-    "ukf": fh.UnscentedKalmanFilter,
-    "ukf, rows": partial(fh.UnscentedKalmanFilter, form="square_root"),
-    "ekf": fh.ExtendedKalmanFilter,
-    "ekf, rows": partial(fh.ExtendedKalmanFilter, form="square_root"),
-}
+KINDS = ("ukf", "ukf, rows", "ekf", "ekf, rows")
 
 
 def controller(kind: str, gate: float | None = None, **options: Any) -> fh.Controller:
     """Integral action on a link that has an encoder, as its motor has."""
-    filter = KINDS[kind](ARM.plant(("link_position", "motor_position")), 1e-3, **GIVEN, gate=gate)
+    filter = FILTERS[kind](ARM.plant(("link_position", "motor_position")), 1e-3, **GIVEN, gate=gate)
     return fh.Controller(lqr(ARM.problem()), filter, 1e-3, 48.0, **options)
 
 
@@ -80,7 +75,7 @@ def test_in_float_it_does_without_them_too(kind: str, build: Callable[..., Any])
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", ["ukf", "ukf, rows", "ekf"])
 def test_the_exported_step_counts_the_turns_of_an_angle(kind: str, build: Callable[..., Any]) -> None:
-    stepped = test_angles.controller(test_angles.KINDS[kind], 3.0)
+    stepped = test_angles.controller(FILTERS[kind], 3.0)
     y = test_angles.wrapped(3.0 + 0.02 * np.arange(400.0))[:, None]
     y[::9] = np.nan
     r = np.full((400, 1), 4.0)

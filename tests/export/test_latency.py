@@ -51,7 +51,7 @@ def test_in_a_co_simulation_one_sample_of_latency_is_the_masters_own(
 ) -> None:
     """Both models make a step at once, then exchange what they have: the controller's input acts a step later."""
     pytest.importorskip("fmpy")
-    from tests.export.test_fmu_loop import PERIOD, PLANT, instances
+    from tests.export.test_fmu_loop import PERIOD, PLANT, STATES, instances
 
     made, samples, goal = late(controller, 1), 300, 0.6
     files = {
@@ -59,16 +59,15 @@ def test_in_a_co_simulation_one_sample_of_latency_is_the_masters_own(
         "plant": export_plant_fmu(PLANT, tmp_path / "robot.fmu", "robot", PERIOD),
     }
     run = fh.Loop(PLANT, made).run(fh.Step(goal), duration=PERIOD * (samples - 1))
-    states = ("link_position", "link_velocity", "motor_position", "motor_velocity")
     with instances(files, tmp_path, ["one"]) as (pair,):
         one, robot = pair["controller"], pair["plant"]
         for k in range(samples):
-            state = robot.get("state", states)
+            state = robot.get(*STATES)
             assert state == pytest.approx(run.signals["state"][k], rel=1e-9, abs=1e-11)
-            one.set(measured__link_position=robot.get("measured", states[:1])[0], command__link_position=goal)
-            robot.set(u__motor_voltage=one.get("u", ("motor_voltage",))[0], disturbance__link_torque=0.0)
+            one.set(
+                measured__link_position=robot.get("measured.link_position")[0], command__link_position=goal
+            )
+            robot.set(u__motor_voltage=one.get("u.motor_voltage")[0], disturbance__link_torque=0.0)
             one.step(k)
             robot.step(k)
-            assert one.get("u", ("motor_voltage",)) == pytest.approx(
-                run.signals["input"][k], rel=1e-9, abs=1e-11
-            )
+            assert one.get("u.motor_voltage") == pytest.approx(run.signals["input"][k], rel=1e-9, abs=1e-11)

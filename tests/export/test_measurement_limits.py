@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.builders import arm_controller
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -24,12 +25,10 @@ POSE = 0.3
 
 
 def made(limits: object = LIMITS, gate: float | None = None, **options: object) -> fh.Controller:
-    arm = fh.load_robot("paper")
-    x, _ = arm.operating_point(POSE)
-    plant = arm.plant(("link_position", "motor_position"))
-    ekf = fh.ExtendedKalmanFilter(plant, 1e-3, 1e-6, 1e-6, x, 1e-4, gate=gate)
-    law = fh.linear_law(arm.problem(pose=POSE), gamma=math.inf)
-    return fh.Controller(law, ekf, 1e-3, 48.0, measurement_limits=limits, **options)  # type: ignore[arg-type]
+    return arm_controller(
+        kind=fh.ExtendedKalmanFilter, pose=POSE, measured=("link_position", "motor_position"), q=1e-6, r=1e-6,
+        filter={"gate": gate}, measurement_limits=limits, **options,
+    )  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -165,11 +164,10 @@ def test_they_are_saved(tmp_path: Path, measured: np.ndarray) -> None:
 
 def test_those_of_a_robot() -> None:
     arm = fh.load_robot("scara")
-    x, _ = arm.operating_point(arm.home)
     sensors = ("link_position", "motor_position", "motor_velocity")
-    ekf = fh.ExtendedKalmanFilter(arm.plant(sensors), 1e-3, 1e-6, 1e-8, x, 1e-4)
-    law = fh.linear_law(arm.problem(pose=arm.home), gamma=math.inf)
-    made = with_measurement_limits(fh.Controller(law, ekf, 1e-3, 100.0), arm)
+    kind, noise = fh.ExtendedKalmanFilter, {"q": 1e-6, "r": 1e-8}
+    plain = arm_controller(arm, kind, pose=arm.home, measured=sensors, limit=100.0, **noise)
+    made = with_measurement_limits(plain, arm)
     assert made.measurement_limits is not None
     rows = dict(zip(made.measured, np.transpose(made.measurement_limits).tolist(), strict=True))
     noise = 6e-4
@@ -189,9 +187,8 @@ SENSORS = ("link_position", "motor_position", "link_velocity", "motor_velocity",
 def with_all_sensors(robot: str, limit: float | None) -> tuple[fh.Controller, fh.Robot]:
     """Of robots whose files state ranges of positions alone."""
     arm = fh.load_robot(robot)
-    x, _ = arm.operating_point(arm.home)
-    ekf = fh.ExtendedKalmanFilter(arm.plant(SENSORS), 1e-3, 1e-6, 1e-12, x, 1e-4)
-    return fh.Controller(fh.linear_law(arm.problem(pose=arm.home), gamma=math.inf), ekf, 1e-3, limit), arm
+    kind, noise = fh.ExtendedKalmanFilter, {"q": 1e-6, "r": 1e-12}
+    return arm_controller(arm, kind, pose=arm.home, measured=SENSORS, limit=limit, **noise), arm
 
 
 @pytest.mark.oracle

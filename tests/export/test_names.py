@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.builders import arm_controller
 
 import flexhinf as fh
 from flexhinf.export import controller_files
@@ -27,9 +28,7 @@ def arm() -> fh.Robot:
 
 @pytest.fixture(scope="module")
 def cubic(arm: fh.Robot) -> fh.Controller:
-    solution = fh.solve_hji(arm.problem(), gamma=math.inf, degree=4)
-    estimator = fh.UnscentedKalmanFilter(arm.plant(), 1e-3, [0, 0, 1e-4, 1e-4], 1e-7, [0.0] * 4, 1e-4)
-    return fh.Controller(solution, estimator, 1e-3, 48.0)
+    return arm_controller(degree=4, q=[0, 0, 1e-4, 1e-4], r=1e-7)
 
 
 def law_numbers(source: str) -> list[tuple[float, str]]:
@@ -76,8 +75,7 @@ def test_parameters_stand_at_their_constants(cubic: fh.Controller, arm: fh.Robot
 def test_parameters_of_several_joints_have_units_and_say_whose_they_are() -> None:
     """Those of the robot file, of which some are one number of several in the model."""
     robot = fh.load_robot("planar-two-link")
-    kalman = fh.ExtendedKalmanFilter(robot.plant(), 1e-3, 1e-7, 1e-6, robot.operating_point()[0], 1e-8)
-    made = fh.Controller(fh.linear_law(robot.problem(), np.inf), kalman, 1e-3, 48.0)
+    made = arm_controller(robot, fh.ExtendedKalmanFilter, r=1e-6, p0=1e-8)
     stated = {parameter.name: parameter.unit for parameter in robot.parameters}
     rows = {name: (place, unit) for name, place, unit in named_parameters(made, parameter_units(made, robot))}
     assert all(unit for _, unit in rows.values())

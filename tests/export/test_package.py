@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 import shutil
 import subprocess
@@ -10,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.builders import arm_controller
 from tests.refusals import refused_with, unnamed
 
 import flexhinf as fh
@@ -27,7 +27,7 @@ pytestmark = pytest.mark.usefixtures("unoptimised")
 
 @pytest.fixture(scope="module")
 def controller() -> fh.Controller:
-    return fh.Controller(fh.linear_law(fh.paper_arm().problem(), gamma=math.inf), None, 1e-3, 48.0)
+    return arm_controller(kind=None)
 
 
 @pytest.mark.parametrize(
@@ -61,8 +61,7 @@ def test_types_and_things_that_are_no_controller(controller: fh.Controller, tmp_
 
 
 def test_numbers_that_a_type_cannot_hold(tmp_path: Path) -> None:
-    law = fh.linear_law(fh.paper_arm().problem(), gamma=math.inf)
-    controller = fh.Controller(law, None, 1e-3, 1e300)
+    controller = arm_controller(kind=None, limit=1e300)
     with refused_with(InvalidInput, "float", "1e+300"):
         export_c(controller, tmp_path / "c", real="float")
     assert not (tmp_path / "c").exists()
@@ -121,11 +120,8 @@ def test_a_recording_reaches_the_limits_at_its_end_alone(estimating: fh.Controll
 def test_what_is_exported_begins_where_the_step_does() -> None:
     """The estimate of a design begins at the start of its step, not at the goal: a recording from elsewhere is at the
     limits all the time, and any code would answer that."""
-    arm = fh.paper_arm()
-    begin = [0.1, 0.0, 0.1, 0.0]
-    ukf = fh.UnscentedKalmanFilter(arm.plant("motor_position"), 1e-3, [0, 0, 1e-4, 1e-4], 1e-8, begin, 1e-8)
-    law = fh.linear_law(arm.problem(pose=0.8), gamma=math.inf)
-    controller = fh.Controller(law, ukf, 1e-3, 48.0)
+    noise, begin = [0, 0, 1e-4, 1e-4], [0.1, 0.0, 0.1, 0.0]
+    controller = arm_controller(pose=0.8, mean=begin, measured="motor_position", q=noise, r=1e-8, p0=1e-8)
     run = record(controller)
     assert run.y[0, 0] == pytest.approx(0.1, abs=1e-3)
     assert (np.abs(run.u[run.parts[0]]) < 47.0).mean() > 0.9
@@ -154,9 +150,7 @@ def test_hostile_signals_stay_in_comments(tmp_path: Path) -> None:
     """A robot's file may name a joint almost anything; the C that comes of it has the same tokens."""
 
     def exported(joint: str) -> str:
-        robot = fh.load_robot("paper")
-        law = fh.linear_law(robot.problem(), gamma=math.inf)
-        controller = fh.Controller(law, None, 1e-3, 48.0)
+        controller = arm_controller(kind=None)
         controller.states = tuple(f"{name}{joint}" for name in controller.states)
         folder = export_c(controller, tmp_path / str(len(joint)), "arm")
         text = (folder / "arm.h").read_text()
@@ -168,9 +162,7 @@ def test_hostile_signals_stay_in_comments(tmp_path: Path) -> None:
 @pytest.fixture(scope="module")
 def estimating() -> fh.Controller:
     """The same law on the estimate of an extended Kalman filter."""
-    arm = fh.paper_arm()
-    ekf = fh.ExtendedKalmanFilter(arm.plant(), 1e-3, 1e-7, 1e-4, [0.0] * 4, 1e-4)
-    return fh.Controller(fh.linear_law(arm.problem(), gamma=math.inf), ekf, 1e-3, 48.0)
+    return arm_controller(kind=fh.ExtendedKalmanFilter)
 
 
 @pytest.mark.ci("an export in float, compiled twice")
@@ -214,14 +206,12 @@ def test_a_compiler_for_another_machine_measures_nothing(
 @pytest.mark.ci("records a test vector of four joints")
 def test_commands_of_the_test_vector_stay_within_the_range_of_a_joint() -> None:
     """At home the quill of the SCARA stands at the end of its range."""
-    robot = fh.load_robot("scara")
-    plant = robot.plant(("link_position", "motor_position"))
-    start = robot.operating_point(robot.home)[0]
-    noise = [1e-8] * plant.n, [1e-8] * len(plant.outputs)
-    ekf = fh.ExtendedKalmanFilter(plant, 1e-3, *noise, start, noise[0])
-    law = fh.linear_law(robot.problem(pose=robot.home), gamma=math.inf)
-    low, high = plant.limits["link_position_quill"]
-    column = law.tracked.index("link_position_quill")
-    r = record(fh.Controller(law, ekf, 1e-3, 48.0), samples=50).r
+    home, sensors = fh.load_robot("scara").home, ("link_position", "motor_position")
+    one = arm_controller(
+        "scara", fh.ExtendedKalmanFilter, pose=home, measured=sensors, q=1e-8, r=1e-8, p0=1e-8
+    )
+    low, high = one.estimator.plant.limits["link_position_quill"]
+    column = one.law.tracked.index("link_position_quill")
+    r = record(one, samples=50).r
     assert low <= r[:, column].min() <= r[:, column].max() <= high
     assert np.ptp(np.delete(r, column, axis=1), axis=0).min() > 0.0

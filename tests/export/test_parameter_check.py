@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.builders import arm_controller
 from tests.export.conftest import STRICT
 
 import flexhinf as fh
@@ -35,13 +36,10 @@ Check = Callable[..., tuple[int, int]]
 
 
 def controller_of(name: str) -> fh.Controller:
-    arm = fh.load_robot(name)
-    plant = arm.plant(["link_position", "motor_position"])
-    x, _ = arm.operating_point(arm.home)
-    ekf = fh.ExtendedKalmanFilter(plant, 1e-3, 1e-6, 1e-6, x, 1e-4)
-    law = fh.linear_law(arm.problem(pose=arm.home), gamma=math.inf)
-    watch = fh.Supervision((-1.0, 1.0))
-    return fh.Controller(law, ekf, 1e-3, 48.0, input_rate=1e3, command_range=2.0, supervision=watch)
+    return arm_controller(
+        name, fh.ExtendedKalmanFilter, pose=fh.load_robot(name).home, measured=("link_position", "motor_position"),
+        q=1e-6, r=1e-6, input_rate=1e3, command_range=2.0, supervision=fh.Supervision((-1.0, 1.0)),
+    )  # fmt: skip
 
 
 def compiled(

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.builders import arm_controller
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -56,9 +57,7 @@ class Box(BlackBox):
 @pytest.fixture(scope="module")
 def controller() -> fh.Controller:
     """Of a linear law and an extended filter, which are traced and compiled fast."""
-    arm = fh.paper_arm()
-    ekf = fh.ExtendedKalmanFilter(arm.plant(), 1e-3, 1e-7, 1e-4, [0.0] * 4, 1e-4)
-    return fh.Controller(fh.linear_law(arm.problem(), gamma=math.inf), ekf, 1e-3, 48.0)
+    return arm_controller(kind=fh.ExtendedKalmanFilter)
 
 
 class Clock:
@@ -221,8 +220,7 @@ def test_what_does_not_fit_is_refused_before_any_sample(
 def test_a_plant_or_a_library_of_another_kind(controller: fh.Controller, library: Path) -> None:
     with pytest.raises(InvalidInput, match="integrates"):
         fh.run_realtime(Loop(fh.paper_arm().plant(), controller))
-    ekf = fh.ExtendedKalmanFilter(fh.paper_arm().plant(), 2e-3, 1e-7, 1e-4, [0.0] * 4, 1e-4)
-    other = fh.Controller(controller.law, ekf, 2e-3, 48.0)
+    other = arm_controller(kind=fh.ExtendedKalmanFilter, period=2e-3)
     with pytest.raises(InvalidInput, match="period"):
         fh.run_realtime(Loop(Box(), other), library=fh.load_compiled(library))
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.builders import arm_controller
 from tests.tiers import ci_and_night
 
 import flexhinf as fh
@@ -45,13 +46,9 @@ def test_a_stack_without_a_bound_is_refused(text: str) -> None:
 
 def linear(name: str) -> fh.Controller:
     """A linear law and an unscented filter, whose points go side by side."""
-    robot = fh.load_robot(name)
-    pose, measured = [0.2] * len(robot.joint_names), ("link_position", "motor_position")
-    x, _ = robot.operating_point(pose)
+    pose, sensors = [0.2] * len(fh.load_robot(name).joint_names), ("link_position", "motor_position")
     noise = np.tile([0.0, 0.0, 1e-7, 1e-7], len(pose))
-    law = fh.linear_law(robot.problem(pose=pose, measured=measured), gamma=np.inf)
-    ukf = fh.UnscentedKalmanFilter(robot.plant(measured), 1e-3, noise, 1e-8, x, 1e-9)
-    return fh.Controller(law, ukf, 1e-3, 24.0)
+    return arm_controller(name, pose=pose, measured=sensors, q=noise, r=1e-8, p0=1e-9, limit=24.0)
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.export.conftest import STRICT
+from tests.export.fmus import Fmu
 from tests.refusals import unnamed
 
 import flexhinf as fh
@@ -128,24 +129,23 @@ def test_the_header_names_the_bits_and_strict_compilers_take_the_source(
 @pytest.mark.ci("exports an FMU")
 def test_an_fmu_puts_the_status_out(controller: fh.Controller, compiler: str, tmp_path: Path) -> None:
     pytest.importorskip("fmpy")
-    from tests.export.test_fmu import end, instance
 
     watch = fh.Supervision(workspace=(-0.02, 0.02), reactions={"workspace": "brake"}, braking_time=3e-3)
     one = fh.Controller(controller.law, controller.estimator, 1e-3, 0.03, supervision=watch)
-    model, names = instance(export_fmu(one, tmp_path / "arm.fmu", "arm"), tmp_path / "unpacked")
-    said, rates = [], model.getReal([names["path_rate"]])
+    fmu = Fmu(export_fmu(one, tmp_path / "arm.fmu", "arm"), tmp_path / "unpacked")
+    said, rates = [], fmu.get("path_rate")
     for k, r in enumerate([0.0, 0.03, 0.01, 0.0]):
-        model.setReal([names["measured.link_position"], names["command.link_position"]], [0.0, r])
-        model.doStep(k * 1e-3, 1e-3)
+        fmu.set(measured__link_position=0.0, command__link_position=r)
+        fmu.step(k)
         one.step(0.0, r)
-        said.append(model.getInteger([names["status"]])[0])
-        rates += model.getReal([names["path_rate"]])
+        said.append(fmu.model.getInteger([fmu.at["status"]])[0])
+        rates += fmu.get("path_rate")
         assert said[-1] == int(one.status)
         assert rates[-1] == pytest.approx(one.path_rate, abs=1e-15)
     assert said == [0, 9, 8, 8]
     assert rates[:2] == [1.0, 1.0]
     assert rates[1] > rates[2] > rates[3] > rates[4] == pytest.approx(0.0, abs=1e-14)
-    end(model)
+    fmu.end()
 
 
 RESTARTED = """

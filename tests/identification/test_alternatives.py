@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.identification.simulated import arm_log, linear_log, oscillator
+from tests.logs import arm_log, linear_log, oscillator
 from tests.refusals import refused_with, unnamed
 
 import flexhinf as fh

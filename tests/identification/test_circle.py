@@ -10,7 +10,9 @@ import tomllib
 
 import numpy as np
 import pytest
+from tests.builders import runge_kutta
 from tests.identification.test_excitation import ENCODERS, driven
+from tests.logs import write_log
 
 import flexhinf as fh
 
@@ -45,11 +47,8 @@ def test_a_log_of_the_proposed_motion_makes_a_design_that_works(tmp_path):
     )
     guess = fh.load_robot(tmp_path / "guess.toml")
     motion = fh.excitation(guess, NAMES, measured=ENCODERS, duration=4.0)
-    times, inputs, outputs = driven(true, motion, 5)
-    table = np.column_stack([times, inputs, outputs])
-    head = "time,motor_voltage,link_position,motor_position"
-    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=head, comments="")
-    log = fh.read_log(tmp_path / "log.csv", guess.plant(ENCODERS))
+    file = write_log(tmp_path / "log.csv", ("motor_voltage", *ENCODERS), *driven(true, motion, 5))
+    log = fh.read_log(file, guess.plant(ENCODERS))
     fh.identify(guess, log, NAMES, measured=ENCODERS).save(tmp_path / "robot.toml")
     for name, stated in numbers_of(tmp_path / "robot.toml").items():
         low, high = stated["range"]
@@ -72,17 +71,13 @@ def disturbed_logs(robot, motion, seed, count, level=0.002, noise=1e-4, parts=4)
     """`count` logs of the motion without feedback, all in one sweep: white torques on the motor, `level` N·m·√s, held
     for a sample each, and noise of the link's encoder."""
     rng, plant, period = np.random.default_rng(seed), robot.plant(), motion.times[1]
-    p, step = plant.parameters.named(plant.parameters.vector()), motion.times[1] / parts
+    p = plant.parameters.named(plant.parameters.vector())
     x, rows = np.tile(robot.operating_point(motion.positions[0])[0][:, None], (1, count)), []
     for u in motion.inputs:
         rows.append(x[0] + noise * rng.normal(size=count))
         torque = [np.zeros(count), level / np.sqrt(period) * rng.normal(size=count)]
         for _ in range(parts):
-            a = np.array(plant.flow(x, u, torque, p))
-            b = np.array(plant.flow(x + step / 2 * a, u, torque, p))
-            c = np.array(plant.flow(x + step / 2 * b, u, torque, p))
-            d = np.array(plant.flow(x + step * c, u, torque, p))
-            x = x + step / 6 * (a + 2 * b + 2 * c + d)
+            x = runge_kutta(lambda x: np.array(plant.flow(x, u, torque, p)), x, period / parts)  # noqa: B023
     return [(motion.times, motion.inputs, y[:, None]) for y in np.array(rows).T]
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import mpmath
 import numpy as np
 import pytest
+from tests.builders import FORMS
+from tests.logs import PERIOD, Q, R, noisy_filter, noisy_log
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -16,43 +18,13 @@ from flexhinf.identification.consistency import (
     whiteness,
 )
 
-PERIOD, COUNT = 0.01, 2000
-Q, R = np.diag([1e-6, 1e-3]), 1e-4
-
-
-def oscillator() -> fh.Plant:
-    """The linear system of `simulated` in continuous time, from whose exact map the test's own differs by O(T²)."""
-    return fh.Plant(
-        lambda x, u, d, p: np.array([x[1], -40.0 * x[0] - 0.3 * x[1] + u[0]]),
-        lambda x, u, p: x[:1], ("position", "velocity"), ("force",), outputs=("position",),
-        units={"position": "m", "velocity": "m/s", "force": "N"},
-    )  # fmt: skip
-
-
-def simulated(seed: int = 0, count: int = COUNT) -> fh.Log:
-    """A run with the noises Q and R, by SciPy's exponential."""
-    from scipy.linalg import expm
-
-    rng, step = np.random.default_rng(seed), expm(PERIOD * np.array([[0.0, 1.0], [-40.0, -0.3]]))
-    x, states = np.array([0.1, 0.0]), []
-    for _ in range(count):
-        states.append(x)
-        x = step @ x + rng.multivariate_normal(np.zeros(2), Q)
-    y = np.array(states)[:, 0] + np.sqrt(R) * rng.normal(size=count)
-    return fh.Log(PERIOD * np.arange(count), np.zeros(count), y, np.array(states))
-
-
-def filtered(log: fh.Log, q: float = 1.0, r: float = 1.0, form: str = "square_root"):
-    filter = fh.ExtendedKalmanFilter(oscillator(), PERIOD, q * Q, r * R, [0.1, 0.0], [1e-8, 1e-8], form=form)
-    return fh.filter_log(filter, log)
-
 
 @pytest.mark.oracle
-@pytest.mark.parametrize("form", ["covariance", "square_root"])
+@FORMS
 def test_nees_is_that_of_a_filter_written_here(form: str) -> None:
     from scipy.linalg import expm
 
-    log = simulated(count=200)
+    log = noisy_log(count=200)
     step, x, p = expm(PERIOD * np.array([[0.0, 1.0], [-40.0, -0.3]])), np.array([0.1, 0.0]), 1e-8 * np.eye(2)
     expected = []
     for y, truth in zip(log.outputs[:, 0], log.truth):
@@ -60,7 +32,7 @@ def test_nees_is_that_of_a_filter_written_here(form: str) -> None:
         x, p = x + gain * (y - x[0]), p - np.outer(gain, p[0])
         expected.append((truth - x) @ np.linalg.inv(p) @ (truth - x))
         x, p = step @ x, step @ p @ step.T + Q
-    data = filtered(log, form=form)
+    data = fh.filter_log(noisy_filter(form=form), log)
     np.testing.assert_allclose(data.nees.values, expected, rtol=1e-5, atol=1e-6)
     assert (data.known.values == 2).all()
 
@@ -96,7 +68,7 @@ def test_the_interval_is_that_of_the_chi_squared_distribution() -> None:
     assert (error.samples, error.degrees, error.mean) == (50, 100, pytest.approx(0.6))
     for end, share in zip(error.interval, (0.025, 0.975)):
         assert float(mpmath.gammainc(50, 0, 50.0 * end, regularized=True)) == pytest.approx(share, rel=1e-9)
-    tables = [filtered(simulated(seed, 150)) for seed in range(100)]
+    tables = [fh.filter_log(noisy_filter(), noisy_log(seed, 150)) for seed in range(100)]
     ends = [(nis.mean, *nis.interval) for nis in (consistency(table).nis for table in tables)]
     assert sum(low <= mean <= high for mean, low, high in ends) >= 89
     across = squared_error(np.array([table.nees.values[100] for table in tables]), np.full(100, 2))
@@ -145,9 +117,9 @@ def test_white_noise_is_white_as_often_as_stated() -> None:
 def test_wrong_noises_show_as_they_should(q: float, r: float, judgement: str, first: float) -> None:
     """Both noises 25 times too small: innovations five times as large as expected, and white. Too small a Q: they
     follow each other; too large a Q: they alternate."""
-    result = consistency(filtered(simulated(4), q, r))
+    result = consistency(fh.filter_log(noisy_filter(q, r), noisy_log(4)))
     output = result.outputs[0]
-    assert (output.name, output.unit, output.samples) == ("position", "m", COUNT)
+    assert (output.name, output.unit, output.samples) == ("position", "m", 2000)
     assert result.nis.judgement == judgement
     assert output.factor == pytest.approx(result.nis.factor, rel=1e-9)
     assert output.whiteness is not None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.logs import recorded
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -14,6 +15,13 @@ pytestmark = pytest.mark.usefixtures("unoptimised")
 
 ENCODERS = ("link_position", "motor_position")
 
+
+def driven(robot, motion, seed):
+    """A log of the robot with the motion's inputs, open loop."""
+    start = robot.operating_point(motion.positions[0])[0]
+    return recorded(robot.plant(ENCODERS), motion.inputs, motion.times[1], seed=seed, start=start)
+
+
 CALM = {"measured": ENCODERS, "noise": {"link_torque": 1e-9, "motor_torque": 1e-9}}
 
 
@@ -22,26 +30,6 @@ def proposed():
     robot = fh.load_robot("paper")
     names = ("stiffness", "friction", "motor_inertia", "link_inertia")
     return robot, names, fh.excitation(robot, names, duration=4.0, candidates=4, **CALM)
-
-
-def driven(robot, motion, seed, noise=1e-4):
-    """A log of the robot with the motion's inputs, open loop."""
-    rng, plant = np.random.default_rng(seed), robot.plant(ENCODERS)
-    x, p, still, rows = (
-        robot.operating_point(motion.positions[0])[0],
-        plant.parameters.vector(),
-        np.zeros(2),
-        [],
-    )
-    h = motion.times[1] / 2.0
-    for u in motion.inputs:
-        rows.append(plant.evaluate_output(x, u, p) + noise * rng.normal(size=2))
-        for _ in range(2):
-            a = plant.evaluate_flow(x, u, still, p)
-            b = plant.evaluate_flow(x + h / 2 * a, u, still, p)
-            c = plant.evaluate_flow(x + h / 2 * b, u, still, p)
-            x = x + h / 6 * (a + 2 * b + 2 * c + plant.evaluate_flow(x + h * c, u, still, p))
-    return motion.times, motion.inputs, np.array(rows)
 
 
 def test_currents_of_motors_follow_the_motion():

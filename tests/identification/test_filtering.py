@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.linalg import expm
-from tests.identification.simulated import PERIOD, undisturbed
+from tests.logs import PERIOD, undisturbed
 from tests.refusals import refused_with
 
 import flexhinf as fh

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.optimize import minimize
-from tests.identification.simulated import PERIOD, TRUE, arm_log, linear_log, oscillator, share
 from tests.identification.test_likelihood import plain_likelihood, sought
+from tests.logs import PERIOD, TRUE, arm_log, linear_log, oscillator, share
 from tests.refusals import refused_with, unnamed
 from tests.tiers import ci_and_night
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.linalg import expm
-from tests.identification.simulated import PERIOD, TRUE, linear_log, oscillator
+from tests.logs import PERIOD, TRUE, linear_log, oscillator
 
 import flexhinf as fh
 from flexhinf.identification.defaults import default_filter, measurement_variances

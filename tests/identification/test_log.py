@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.builders import arm_controller
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -232,9 +233,8 @@ def test_inputs_hold_where_that_is_stated(log_of: Callable[..., fh.Log]) -> None
 def test_a_run_of_our_own_is_read_without_any_option(tmp_path: Path) -> None:
     """The file of a trajectory, and the log of a run, by their own names and units."""
     arm = fh.paper_arm()
-    law = fh.linear_law(arm.problem(), gamma=math.inf)
-    ukf = fh.UnscentedKalmanFilter(arm.plant(), 1e-3, 1e-9, 1e-8, np.zeros(4), 1e-6)
-    run = fh.Loop(arm.plant(), fh.Controller(law, ukf, 1e-3)).run(fh.Step(0.2), duration=0.05)
+    controller = arm_controller(q=1e-9, r=1e-8, p0=1e-6, limit=None)
+    run = fh.Loop(arm.plant(), controller).run(fh.Step(0.2), duration=0.05)
     run.save(tmp_path / "run.csv")
     log = fh.read_log(tmp_path / "run.csv", arm.plant())
     np.testing.assert_array_equal(log.outputs, run.signals["output"])
@@ -248,15 +248,12 @@ def test_the_log_of_a_real_time_run_is_read_in_every_format(ending: str, tmp_pat
     for package in {"parquet": ("pyarrow",), "mcap": ("mcap", "zstandard")}.get(ending, ()):
         pytest.importorskip(package)
     arm = fh.paper_arm()
-    law = fh.linear_law(arm.problem(), gamma=math.inf)
-    ukf = fh.UnscentedKalmanFilter(arm.plant(), 1e-3, 1e-9, 1e-8, np.zeros(4), 1e-6)
-    loop = fh.Loop(arm.plant(), fh.Controller(law, ukf, 1e-3))
     from flexhinf.export.realtime import write_log
 
     pytest.importorskip("mujoco")
     from flexhinf.robot import MuJoCoPlant
 
-    loop = fh.Loop(MuJoCoPlant(arm), loop.controller)
+    loop = fh.Loop(MuJoCoPlant(arm), arm_controller(q=1e-9, r=1e-8, p0=1e-6, limit=None))
     run = fh.run_realtime(loop, fh.Step(0.2), {}, 1e-3, 0.02, real_time=False)
     path = write_log(run, tmp_path / f"run.{ending}")
     log, signals = fh.read_log(path, arm.plant()), run.trajectory.signals

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.optimize import minimize
-from tests.identification.simulated import PERIOD, TRUE, linear_log, oscillator, share
+from tests.builders import runge_kutta
+from tests.logs import PERIOD, TRUE, linear_log, oscillator, share
 from tests.refusals import refused_with
 from tests.tiers import ci_and_night
 
@@ -63,16 +64,11 @@ def test_a_map_that_is_the_plant_s_step_has_the_plant_s_numbers():
     """The oscillator by four Runge–Kutta steps of a period, as the filter integrates it; only R^v comes otherwise."""
 
     def step(x, u, d, p):
-        h = PERIOD / 4.0
-
         def rate(x):
             return np.array([x[1], -p.stiffness * x[0] - p.damping * x[1] + p.gain * u[0] + d[0]])
 
         for _ in range(4):
-            a = rate(x)
-            b = rate(x + h / 2 * a)
-            c = rate(x + h / 2 * b)
-            x = x + h / 6 * (a + 2 * b + 2 * c + rate(x + h * c))
+            x = runge_kutta(rate, x, PERIOD / 4.0)
         return x
 
     wrong = {"stiffness": 55.0, "damping": 0.5, "gain": 1.0}

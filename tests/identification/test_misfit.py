@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import toeplitz
-from tests.identification.simulated import PERIOD, linear_log, oscillator
 from tests.identification.test_likelihood import sought
+from tests.logs import PERIOD, linear_log, oscillator
 
 import flexhinf as fh
 from flexhinf.identification.information import lag_counts, long_run

@@ -7,7 +7,7 @@ import warnings
 
 import numpy as np
 import pytest
-from tests.identification.simulated import PERIOD, undisturbed
+from tests.logs import PERIOD, undisturbed
 from tests.refusals import refused_with
 
 import flexhinf as fh

@@ -3,33 +3,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_are
+from tests.builders import LinearLaw
 
 from flexhinf.estimation import UnscentedKalmanFilter
 from flexhinf.hinf import solve_hji
-from flexhinf.plant import Law, Plant
+from flexhinf.plant import Plant
 from flexhinf.robot import load_robot, paper_arm
 
 #: Sampling period of `plain_loop`, s.
 H = 1e-2
-
-
-class LinearLaw(Law):
-    """u = u* + K (x − x*), the smallest thing that is a law."""
-
-    law_key = "linear"
-
-    def __init__(self, states, inputs, gain, point=None, rest=None):
-        self.state_names, self.input_names = tuple(states), tuple(inputs)
-        self.gain = np.atleast_2d(np.asarray(gain, dtype=float))
-        self.operating_point = np.zeros(len(self.state_names)) if point is None else np.asarray(point)
-        self.operating_input = np.zeros(len(self.input_names)) if rest is None else np.asarray(rest)
-
-    @property
-    def law_data(self):
-        return self.gain.ravel()
-
-    def evaluate_law(self, x, data):
-        return data.reshape(len(self.input_names), -1) @ x
 
 
 def arm_law(pose=None):
@@ -58,6 +40,13 @@ def two_inputs():
     )  # fmt: skip
     gain = [[-8.0, -5.0, 0.5, 0.0, -4.0], [0.0, 0.0, -3.0, -2.0, 0.0]]
     return plant, LinearLaw(("a", "da", "b", "db", "a_integral"), plant.inputs, gain)
+
+
+def moving_commands(times, size=1.0):
+    """(x_d, u_d) of `two_inputs`: a moves as a sine, b as another; u_d is their feedforward."""
+    a, b = size * np.sin(1.3 * times), 0.5 * np.cos(2.1 * times)
+    da, db = 1.3 * size * np.cos(1.3 * times), -1.05 * np.sin(2.1 * times)
+    return np.stack([a, da, b, db, -1.69 * a, -4.41 * b / 2.0], axis=-1)
 
 
 def exact_step(x, u, push):

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import gc
-import os
 import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from tests.costs import resident
 from tests.tiers import ci_and_night
 
 import flexhinf as fh
@@ -21,12 +20,6 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 NUMBERS = pytest.mark.parametrize("number", ci_and_night("so many designs", [50], [200]))
 
 GRAVITY = 9.81
-
-
-def memory() -> float:
-    """Resident memory, KB."""
-    gc.collect()
-    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e3
 
 
 def slope(points: list[tuple[int, float]]) -> float:
@@ -67,7 +60,7 @@ def test_ten_million_compiled_steps_are_flat() -> None:
         for k in range(1_000_000 if million else 100_000):
             y[0] = 1e-3 * (k % 97)
             step(y, 0.5)
-        points.append((million, memory()))
+        points.append((million, resident()))
     assert slope(points[1:]) < 50.0, points  # KB per million: less than a bit per step
 
 
@@ -77,7 +70,7 @@ def test_designs_of_one_robot_are_flat(number: int) -> None:
     for k in range(number):
         arm_loop(1.5 + 0.005 * k).run(fh.Step(1.0), duration=0.05)
         if (k + 1) % (number // 10) == 0:
-            points.append((k, memory()))
+            points.append((k, resident()))
     assert slope(points[2:]) < 20.0, points  # KB per design
 
 
@@ -93,5 +86,5 @@ def test_designs_of_changing_code_give_their_machine_code_back(
         monkeypatch.setitem(globals(), "GRAVITY", 5.0 + 0.01 * k)
         pendulum_loop().run(duration=0.05, initial_state=[0.1, 0.0])
         if (k + 1) % (number // 10) == 0:
-            points.append((k, memory()))
+            points.append((k, resident()))
     assert slope(points[2:]) < 100.0, points  # KB per design; 514 were kept before

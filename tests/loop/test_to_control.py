@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+from tests.builders import arm_controller
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -17,8 +18,7 @@ ARM = fh.paper_arm()
 
 
 def controller() -> fh.Controller:
-    ekf = fh.ExtendedKalmanFilter(ARM.plant(), 1e-3, 1e-7, 1e-4, [0.0] * 4, 1e-4)
-    return fh.Controller(fh.linear_law(ARM.problem(), gamma=math.inf), ekf, 1e-3, 48.0)
+    return arm_controller(kind=fh.ExtendedKalmanFilter)
 
 
 @pytest.mark.oracle

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from functools import lru_cache
 from itertools import pairwise
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +17,7 @@ PERIOD = 1e-3
 
 
 @lru_cache
-def robot(name):
+def known_robot(name):
     if name not in ("panda", "ur5"):
         return load_robot(name)
     try:
@@ -28,16 +27,16 @@ def robot(name):
 
 
 @lru_cache
-def problem(name):
-    return robot(name).problem(penalty={"link_position": 1.0, "link_position_integral": 1.0})
+def problem_of(name):
+    return known_robot(name).problem(penalty={"link_position": 1.0, "link_position_integral": 1.0})
 
 
 @lru_cache
-def law(name):
-    return ModalLaw.tuned(problem(name), PERIOD)
+def tuned_law(name):
+    return ModalLaw.tuned(problem_of(name), PERIOD)
 
 
-def slope(law, x, u):
+def law_slope(law, x, u):
     """∂k/∂x (m, 5n) about a reference."""
     units = np.eye(len(law.state_names))
     columns = [law.evaluate_about(unit, x, u, law.law_data) for unit in units]
@@ -75,16 +74,3 @@ def sampled_loop(a, b, gain, latency, places, period=PERIOD):
         loop[:n] += g @ u
     loop[n : n + k], loop[n + k : n + 2 * k] = integral, position
     return loop
-
-
-@pytest.fixture(scope="session")
-def made():
-    return SimpleNamespace(
-        robot=robot,
-        problem=problem,
-        law=law,
-        slope=slope,
-        held=held,
-        sampled_loop=sampled_loop,
-        period=PERIOD,
-    )

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
+from tests.modal.conftest import PERIOD, held, known_robot, law_slope, problem_of, sampled_loop, tuned_law
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -44,8 +45,8 @@ def eigen(law, table, x, q):
 @pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ROBOTS)
-def test_it_is_that_of_eigenvectors(made, name):
-    law, rng = made.law(name), np.random.default_rng(0)
+def test_it_is_that_of_eigenvectors(name):
+    law, rng = tuned_law(name), np.random.default_rng(0)
     n = len(law.input_names)
     grid = np.geomspace(*law.gains.ends, 2000)
     spline = CubicSpline(np.log(grid), law.gains(grid))
@@ -61,13 +62,13 @@ def test_it_is_that_of_eigenvectors(made, name):
 
 @pytest.mark.ci("laws of six and seven joints")
 @pytest.mark.oracle
-def test_its_gains_are_those_of_the_pairs_laws(made):
+def test_its_gains_are_those_of_the_pairs_laws():
     """The Riccati equations of the λ of a pose themselves, not the poles fitted to a grid."""
-    law, rng = made.law("seven-link"), np.random.default_rng(1)
+    law, rng = tuned_law("seven-link"), np.random.default_rng(1)
     weights, gains = PairWeights(), law.gains
 
     def table(lam):
-        solved = [weights.gains(Pair(each, gains.motor, gains.damping), made.period) for each in lam]
+        solved = [weights.gains(Pair(each, gains.motor, gains.damping), PERIOD) for each in lam]
         return np.column_stack([solved, 1 / (1 + (lam / 350.0**2) ** 2)])
 
     q = workspace(law.plant, 1, 5)[0]
@@ -79,10 +80,10 @@ def test_its_gains_are_those_of_the_pairs_laws(made):
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ["planar-two-link", "seven-link"])
-def test_kernel_file_and_c_are_python(made, name, tmp_path):
-    robot, law, rng = made.robot(name), made.law(name), np.random.default_rng(2)
+def test_kernel_file_and_c_are_python(name, tmp_path):
+    robot, law, rng = known_robot(name), tuned_law(name), np.random.default_rng(2)
     n = len(law.input_names)
-    controller = fh.Controller(law, None, made.period, moving=True)
+    controller = fh.Controller(law, None, PERIOD, moving=True)
     controller.save(tmp_path / "law")
     others = [fh.load_controller(tmp_path / "law")]
     others.append(fh.load_compiled(fh.compile_controller(controller, tmp_path / "law.so")))
@@ -97,18 +98,18 @@ def test_kernel_file_and_c_are_python(made, name, tmp_path):
 
 
 @pytest.mark.ci("exports C four times")
-def test_the_c_is_bounded(made, tmp_path):
+def test_the_c_is_bounded(tmp_path):
     """Operations do not depend on the pose; the springs of seven links are one function in a loop, in a file too."""
     for name, most in (("planar-two-link", 40_000), ("seven-link", 120_000)):
-        controller = fh.Controller(made.law(name), None, made.period, moving=True)
+        controller = fh.Controller(tuned_law(name), None, PERIOD, moving=True)
         controller.save(tmp_path / f"{name} law")
         for way, each in (("made", controller), ("read", fh.load_controller(tmp_path / f"{name} law"))):
             folder = fh.export_c(each, tmp_path / f"{name} {way}", limits=False)
             assert (folder / "controller.c").stat().st_size < most
 
 
-def test_numbers_are_data(made):
-    law, robot = made.law("planar-two-link"), made.robot("planar-two-link")
+def test_numbers_are_data():
+    law, robot = tuned_law("planar-two-link"), known_robot("planar-two-link")
     softer = robot.with_values(
         {each.name: 0.9 * each.value for each in robot.parameters if "stiff" in each.name}
     )
@@ -121,10 +122,10 @@ def test_numbers_are_data(made):
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ["planar-two-link", "seven-link"])
-def test_modes_are_those_of_links_against_fixed_motors(made, name):
-    plant, n = made.robot(name).plant(), len(made.robot(name).joint_names)
+def test_modes_are_those_of_links_against_fixed_motors(name):
+    plant, n = known_robot(name).plant(), len(known_robot(name).joint_names)
     for q, found in zip(
-        workspace(plant, 3), modes(plant, workspace(plant, 3), made.law(name).joints.stiffness)
+        workspace(plant, 3), modes(plant, workspace(plant, 3), tuned_law(name).joints.stiffness)
     ):
         weightless = plant.with_parameters(gravity=0.0)
         a = weightless.linearise(np.concatenate([q, 0 * q, q, 0 * q]), 0 * q)[0]
@@ -143,17 +144,17 @@ def test_modes_are_those_of_links_against_fixed_motors(made, name):
         ),
     ],
 )
-def test_sampled_loops_at_200_poses(made, name, least):
+def test_sampled_loops_at_200_poses(name, least):
     """State known, one sample of latency predicted, gravity at every pose: stable, and damped below 350 rad/s."""
-    robot, law = made.robot(name), made.law(name)
+    robot, law = known_robot(name), tuned_law(name)
     plant, n = robot.plant(), len(robot.joint_names)
     places, damping, modulus = list(range(n)), [], []
     for q in workspace(plant, 200, 1):
         x, u = robot.operating_point(q)
         a, b, _, _ = plant.linearise(x, u)
-        z = np.linalg.eigvals(made.sampled_loop(a, b, made.slope(law, x, u), 1, places))
+        z = np.linalg.eigvals(sampled_loop(a, b, law_slope(law, x, u), 1, places))
         modulus.append(np.abs(z).max())
-        damping.append(smallest_damping(z, made.period, 350.0))
+        damping.append(smallest_damping(z, PERIOD, 350.0))
     assert max(modulus) < 1.0
     assert min(damping) > least
 
@@ -161,9 +162,9 @@ def test_sampled_loops_at_200_poses(made, name, least):
 @pytest.mark.ci("laws of six and seven joints")
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ["seven-link", *OTHERS[1:]])
-def test_motors_that_are_unlike_are_made_alike(made, name):
+def test_motors_that_are_unlike_are_made_alike(name):
     """K/J that differ by a factor of 300 from joint to joint."""
-    robot, rng, values = made.robot(name), np.random.default_rng(5 if name == "ur5" else 6), {}
+    robot, rng, values = known_robot(name), np.random.default_rng(5 if name == "ur5" else 6), {}
     for joint in robot.joint_names:
         spring, rotor = 8.0 ** rng.uniform(-1.0, 1.0, 2)
         for name, factor in (("stiffness", spring), ("motor_inertia", rotor), ("friction", rotor)):
@@ -176,24 +177,24 @@ def test_motors_that_are_unlike_are_made_alike(made, name):
     for q in workspace(plant, 40, 1):
         x, u = other.operating_point(q)
         a, b, _, _ = plant.linearise(x, u)
-        z = np.linalg.eigvals(made.sampled_loop(a, b, made.slope(law, x, u), 1, list(range(len(q)))))
+        z = np.linalg.eigvals(sampled_loop(a, b, law_slope(law, x, u), 1, list(range(len(q)))))
         assert np.abs(z).max() < 1.0
-        damping.append(smallest_damping(z, made.period, 350.0))
+        damping.append(smallest_damping(z, PERIOD, 350.0))
     assert min(damping) > 0.2
 
 
 @pytest.mark.ci("laws of six and seven joints")
 @pytest.mark.parametrize("name", ["seven-link", *OTHERS])
-def test_the_integral_torque_changes_less_than_an_unknown_payload_does(made, name):
+def test_the_integral_torque_changes_less_than_an_unknown_payload_does(name):
     """Integrals count errors, so a move changes the torque that they hold, smoothly. It changes by less than what they
     hold does: the weight of a kilogram at the last link, in the same moves."""
-    robot, law = made.robot(name), made.law(name)
+    robot, law = known_robot(name), tuned_law(name)
     plant, n, values = robot.plant(), len(robot.joint_names), dict(robot.plant_parameters())
     heavier = {**values, "mass": np.asarray(values["mass"]) + np.eye(n)[-1]}
     rows = []
     for q in workspace(plant, 24, 9):
         (x, u), loaded = robot.operating_point(q), robot.operating_point(q, parameters=heavier)[1]
-        rows.append((made.slope(law, x, u)[:, 4 * n :], loaded - u))
+        rows.append((law_slope(law, x, u)[:, 4 * n :], loaded - u))
     held, own = [], []
     for (gain, torque), (other, later) in pairwise(rows):
         held.append(np.abs(other @ np.linalg.solve(gain, torque) - torque).max())
@@ -204,38 +205,38 @@ def test_the_integral_torque_changes_less_than_an_unknown_payload_does(made, nam
 
 @pytest.mark.ci("a loop of its own; those of designs arrive in quick tests")
 @pytest.mark.oracle
-def test_moves_of_a_real_loop_arrive(made):
+def test_moves_of_a_real_loop_arrive():
     """Latency, filter, noise and dry friction, half across the range, on springs of 17 rad/s."""
-    robot, law = made.robot("planar-two-link"), made.law("planar-two-link")
+    robot, law = known_robot("planar-two-link"), tuned_law("planar-two-link")
     plant = robot.plant(("link_position", "motor_position"))
     start, goal = np.array([-1.5, 2.0]), np.array([1.0, -1.0])
     way = fh.JerkLimited(start, goal, 2.0, 6.0, 60.0, smoothing=0.1)
     moving = fh.Moving(way, robot.inverse_dynamics)
     x, _ = robot.operating_point(start)
     noise = np.diag(np.repeat([1e-12, 1e-6, 1e-12, 1e-4], 2))
-    ukf = fh.UnscentedKalmanFilter(plant, made.period, noise, 1e-10, x, 1e-8)
-    controller = fh.Controller(law, ukf, made.period, moving=True, latency=1)
+    ukf = fh.UnscentedKalmanFilter(plant, PERIOD, noise, 1e-10, x, 1e-8)
+    controller = fh.Controller(law, ukf, PERIOD, moving=True, latency=1)
     true = robot.plant(("link_position", "motor_position"), extras="coulomb_friction")
     run = fh.Loop(true, controller).run(moving, noise=1e-5, duration=8.0, initial_state=x, seed=1)
     error = np.abs(run.signals["state"][-300:, :2] - goal).max()
     assert error < 1e-3
 
 
-def test_what_it_cannot_serve_is_refused(made):
-    robot = made.robot("planar-two-link")
+def test_what_it_cannot_serve_is_refused():
+    robot = known_robot("planar-two-link")
     penalty = {"link_position": 1.0}
     with refused_with(InvalidInput, "integrates", "link_position_shoulder"):
         ModalLaw.tuned(
             robot.problem(penalty=penalty, integrate=(), command=None, disturbances=("link_torque",))
         )
     with refused_with(InvalidInput, "poses", "(N, 2)"):
-        ModalLaw.tuned(made.problem("planar-two-link"), poses=np.zeros((3, 4)))
+        ModalLaw.tuned(problem_of("planar-two-link"), poses=np.zeros((3, 4)))
     with refused_with(InvalidInput, "period", 0.0):
-        ModalLaw.tuned(made.problem("planar-two-link"), 0.0)
+        ModalLaw.tuned(problem_of("planar-two-link"), 0.0)
 
 
-def test_a_rigid_joint_has_the_gains_of_a_spring_as_stiff_for_its_motor_as_the_others(made):
-    robot = made.robot("planar-two-link")
+def test_a_rigid_joint_has_the_gains_of_a_spring_as_stiff_for_its_motor_as_the_others():
+    robot = known_robot("planar-two-link")
     rigid = replace(robot, rigid=("shoulder",))
     joints = elastic_joints(robot.plant(), *robot.operating_point())
     like = joints.motor_inertia[0] * joints.stiffness[1] / joints.motor_inertia[1]
@@ -262,7 +263,7 @@ def test_a_rigid_joint_has_the_gains_of_a_spring_as_stiff_for_its_motor_as_the_o
 
 
 @pytest.mark.ci("gains of three ranges of pairs")
-def test_a_spring_too_fast_for_its_samples_is_named_with_what_helps(made):
+def test_a_spring_too_fast_for_its_samples_is_named_with_what_helps():
     """A wrist of 1.3e-4 kg·m² on a usual spring, as of an arm without a tool, vibrates beyond what samples show."""
     robot, penalty = fh.load_robot("planar-two-link"), {"link_position": 1.0}
     light = {
@@ -290,7 +291,7 @@ def test_a_spring_too_fast_for_its_samples_is_named_with_what_helps(made):
         x, u = rigid.operating_point(q)
         a, b, _, _ = plant.linearise(x, u)
         gain = law.slope_at(q)
-        stepped, driven = made.held(a, b, 1e-3)
+        stepped, driven = held(a, b, 1e-3)
         whole = np.block(
             [[stepped + driven @ gain[:, :6], driven @ gain[:, 6:]], [1e-3 * np.eye(2, 6), np.eye(2)]]
         )

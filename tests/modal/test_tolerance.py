@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tests.modal.conftest import held, sampled_loop
 
 from flexhinf.modal import error_tolerance, pair_gains, tolerated_error
 from flexhinf.modal.tolerance import PIECES, _norms
@@ -14,7 +15,7 @@ def gains():
     return pair_gains((45.0**2, 600.0**2), 110.0**2, 12.0, PERIOD)
 
 
-def loop(made, gains, links, wrong_links, wrong_motors, latency):
+def loop(gains, links, wrong_links, wrong_motors, latency):
     """The sampled loop of pairs λ (n,) whose accelerations are wrong by (1 + Δ₁) and (1 + Δ₂), (n, n) each; the law
     predicts with the pairs as they should be."""
     n, kappa, beta = len(links), gains.motor, gains.damping
@@ -31,10 +32,10 @@ def loop(made, gains, links, wrong_links, wrong_motors, latency):
     k = gains(links)[:, :5]
     gain = -np.hstack([np.diag(k[:, i]) for i in range(5)])
     true, believed = model(one + wrong_links, one + wrong_motors), model(one, one)
-    whole = made.sampled_loop(*believed, gain, latency, list(range(n)), PERIOD)
+    whole = sampled_loop(*believed, gain, latency, list(range(n)), PERIOD)
     for place, plant in ((slice(0, 4 * n), true),):
-        f, g = made.held(*plant, PERIOD)
-        f0, g0 = made.held(*believed, PERIOD)
+        f, g = held(*plant, PERIOD)
+        f0, g0 = held(*believed, PERIOD)
         whole[place, : 4 * n] += f - f0
         if latency:
             whole[place, 6 * n : 7 * n] += g - g0
@@ -47,7 +48,7 @@ def loop(made, gains, links, wrong_links, wrong_motors, latency):
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize(("latency", "count"), [(0, 50), (0, 150), (1, 150)])
-def test_errors_below_it_never_destabilise_and_larger_ones_do(made, gains, latency, count):
+def test_errors_below_it_never_destabilise_and_larger_ones_do(gains, latency, count):
     covered, rng = tolerated_error(gains, 350.0, latency), np.random.default_rng(latency)
     assert 0.2 < covered < 0.4
 
@@ -58,10 +59,9 @@ def test_errors_below_it_never_destabilise_and_larger_ones_do(made, gains, laten
 
     for _ in range(count):
         links = np.exp(rng.uniform(np.log(45.0**2), np.log(350.0**2), 3))
-        assert loop(made, gains, links, turned(covered, 3), turned(covered, 3), latency) < 1.0
+        assert loop(gains, links, turned(covered, 3), turned(covered, 3), latency) < 1.0
     worst = [
         loop(
-            made,
             gains,
             np.array([a**2, 350.0**2]),
             turned(4.0 * covered, 2),

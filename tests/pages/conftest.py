@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,6 +16,13 @@ from flexhinf.certify.starts import limit_slice, proved_steps, start_surface, wo
 from flexhinf.design import Comparison, Design, Specification, compare, design
 from flexhinf.design.certification import CertifiedDegree, Evidence
 from flexhinf.design.synthesis.by_step import DegreeChoice
+
+
+def with_evaluation(design: Design, **parts: object) -> Design:
+    """The same design with other parts of its evaluation."""
+    evaluation = dataclasses.replace(design.evaluation)
+    vars(evaluation).update({**vars(design.evaluation), **parts})
+    return dataclasses.replace(design, evaluation=evaluation)
 
 
 @pytest.fixture(scope="session")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import subprocess
 from dataclasses import replace
 from importlib.util import find_spec
@@ -12,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.builders import arm_controller
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -31,14 +31,17 @@ pytestmark = [
 ]
 
 
+def controller_of(robot: fh.Robot, limit: Any) -> fh.Controller:
+    weights = {"link_position": 60, "link_position_integral": 300}
+    return arm_controller(
+        robot, weights=weights, at=[0.2, 0.1], q=1e-9, r=1e-8, p0=1e-6, limit=limit, start="bumpless"
+    )
+
+
 @pytest.fixture(scope="module")
 def made() -> tuple[DeployedRun, RealTimeRun]:
     robot = fh.load_robot("planar-two-link")
-    ukf = fh.UnscentedKalmanFilter(
-        robot.plant(), 1e-3, 1e-9, 1e-8, robot.operating_point([0.2, 0.1])[0], 1e-6
-    )
-    law = fh.linear_law(robot.problem({"link_position": 60, "link_position_integral": 300}), gamma=math.inf)
-    controller = fh.Controller(law, ukf, 1e-3, (-9.0, 8.0), start="bumpless")
+    controller = controller_of(robot, (-9.0, 8.0))
     s = Specification(start="0.2,0.1", pose="0.4,0.3", duration=0.3)
     prepared = prepare_run(controller, (robot, s), robot, s)
     return prepared, fh.run_realtime(prepared.loop, **prepared.arguments, real_time=False)
@@ -125,12 +128,8 @@ def test_what_cannot_be_filmed_is_refused_first(
 def test_a_rigid_joint_has_its_motor_at_the_link(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its states have no motor: in the film and in the figure of a report the motors stand where they are."""
     robot = replace(fh.load_robot("planar-two-link"), rigid=("shoulder",))
-    ukf = fh.UnscentedKalmanFilter(
-        robot.plant(), 1e-3, 1e-9, 1e-8, robot.operating_point([0.2, 0.1])[0], 1e-6
-    )
-    law = fh.linear_law(robot.problem({"link_position": 60, "link_position_integral": 300}), gamma=math.inf)
     s = Specification(start="0.2,0.1", pose="0.4,0.3", duration=0.01)
-    prepared = prepare_run(fh.Controller(law, ukf, 1e-3, start="bumpless"), (robot, s), robot, s)
+    prepared = prepare_run(controller_of(robot, None), (robot, s), robot, s)
     run = fh.run_realtime(prepared.loop, **prepared.arguments, real_time=False)
     film = ArmFilm(prepared, run)
     np.testing.assert_array_equal(film.windup[:, 0], 0.0)

@@ -13,6 +13,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from tests.pages.conftest import with_evaluation
 from tests.refusals import unnamed
 
 from flexhinf.analysis import Margins
@@ -44,13 +45,6 @@ ORDER = [
     "specification", "step", "draws", "load", "ring-down", "move", "margins", "modes", "corners", "weights", "noise",
     "region", "rigid", "law", "files",
 ]  # fmt: skip
-
-
-def with_evaluation(design: Design, **parts: object) -> Design:
-    """The same design with other parts of its evaluation."""
-    evaluation = dataclasses.replace(design.evaluation)
-    vars(evaluation).update({**vars(design.evaluation), **parts})
-    return dataclasses.replace(design, evaluation=evaluation)
 
 
 @cache

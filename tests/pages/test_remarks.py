@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.pages.conftest import with_evaluation
 from tests.refusals import unnamed
 
 from flexhinf.design import Design
@@ -31,13 +32,6 @@ def added(design: Design, changed: Design) -> list[tuple[str, str]]:
     return [
         (part, text) for part, texts in remarks(changed).items() for text in texts if text not in before[part]
     ]
-
-
-def with_evaluation(design: Design, **parts: object) -> Design:
-    """The same design with other parts of its evaluation."""
-    evaluation = dataclasses.replace(design.evaluation)
-    vars(evaluation).update({**vars(design.evaluation), **parts})
-    return dataclasses.replace(design, evaluation=evaluation)
 
 
 @pytest.mark.ci("searches weights and noise of a law of degree 4")

@@ -14,6 +14,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 import pytest
+from tests.builders import joint_text
 from tests.refusals import Anchor, unnamed
 
 from flexhinf.errors import InvalidInput
@@ -64,38 +65,16 @@ MJCF = """<mujoco><worldbody>
 
 
 def elastic(*names: str) -> str:
-    text = '[[joint]]\nname = "{}"\n[joint.spring]\nstiffness = 800.0\n[joint.motor]\nmotor_inertia = 0.2\n'
-    return "".join(text.format(name) for name in names)
+    given = {"mass": None, "spring": "stiffness = 800.0", "motor": "motor_inertia = 0.2"}
+    return "".join(joint_text(name, **given) for name in names)
 
 
-OWN = """name = "own"
-[[joint]]
-name = "a"
-axis = [0, 1, 0]
-[joint.link]
-mass = 1.0
-centre_of_mass = [0.0, 0.0, 0.1]
-inertia = {xx = 0.02, yy = 0.02, zz = 0.01}
-[joint.spring]
-stiffness = 800.0
-[joint.motor]
-rotor_inertia = 1e-5
-gear_ratio = 100.0
-friction = 0.5
-[[joint]]
-name = "b"
-axis = [0, 1, 0]
-xyz = [0.0, 0.0, 0.2]
-[joint.link]
-mass = 0.5
-centre_of_mass = [0.0, 0.0, 0.1]
-inertia = {xx = 0.01, yy = 0.01, zz = 0.005}
-[joint.spring]
-stiffness = 400.0
-[joint.motor]
-rotor_inertia = 1e-5
-gear_ratio = 90.0
-"""
+OWN = 'name = "own"\n' + joint_text(
+    "a", axis=[0, 1, 0], spring="stiffness = 800.0", motor="rotor_inertia = 1e-5\ngear_ratio = 100.0\nfriction = 0.5"
+) + joint_text(
+    "b", axis=[0, 1, 0], xyz=[0.0, 0.0, 0.2], mass=0.5, inertia=(0.01, 0.01, 0.005), spring="stiffness = 400.0",
+    motor="rotor_inertia = 1e-5\ngear_ratio = 90.0",
+)  # fmt: skip
 
 ONE = """[[joint]]
 name = "a"

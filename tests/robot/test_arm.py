@@ -105,12 +105,6 @@ def test_penalties_on_torques_and_by_group():
         PLANAR.problem({"joint_torque": 1.0, "motor_speed": 1.0})
 
 
-def test_one_joint_can_be_penalised_by_its_torque_too():
-    problem = fh.paper_arm().problem({"link_position": 60.0, "joint_torque": 0.1})
-    x = np.array([[0.1, 0.0, 0.3, 0.0, 0.0]])
-    np.testing.assert_allclose(problem.fields(x)[3][0], [6.0, 0.1 * 100.0 * 0.2])
-
-
 def test_tolerances_perturb_the_same_code():
     plant = PLANAR.plant(inductance=True)
     drawn = plant.with_parameters(**PLANAR.draw(np.random.default_rng(1)))

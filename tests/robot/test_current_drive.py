@@ -6,64 +6,38 @@ import re
 
 import numpy as np
 import pytest
+from tests.builders import joint_text
 from tests.refusals import refused_with
 
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import ElasticJoint, load_robot
 from flexhinf.robot.arm import weigh_payload
 
-FILE = """
-[[joint]]
-name = "a"
-effort_limit = 6.0
-{axis}[joint.link]
-mass = 2.0
-centre_of_mass = [0.0, 0.0, 0.3]
-inertia = {{ xx = 0.05, yy = 0.05, zz = 0.01 }}
-[joint.spring]
-stiffness = 300.0
-[joint.motor]
-rotor_inertia = 1e-5
-gear_ratio = 100.0
-gear_efficiency = 0.8
-friction = 0.3
-{constant}
-[[joint]]
-name = "b"
-effort_limit = 7.0
-kind = "prismatic"
-axis = [1, 0, 0]
-[joint.link]
-mass = 1.0
-centre_of_mass = [0.1, 0.0, 0.0]
-inertia = {{ xx = 0.01, yy = 0.02, zz = 0.02 }}
-[joint.spring]
-stiffness = 2000.0
-[joint.motor]
-motor_inertia = 1.5
-{other}
-[[payload]]
-at = "a"
-mass = {{ value = 0.0, range = [0.0, 1.0] }}
-"""
+PAYLOAD = '[[payload]]\nat = "a"\nmass = { value = 0.0, range = [0.0, 1.0] }\n'
+GEARED = "rotor_inertia = 1e-5\ngear_ratio = 100.0\ngear_efficiency = 0.8\nfriction = 0.3\n"
 
-#: Torque on the link side per ampere, N·m/A and N/A.
-GAIN = np.array([100.0 * 0.8 * 0.05, 12.0])
+
+def text_of(constants=("", ""), **keys):
+    """A joint that turns and one that slides; with their torque constants, and more keys of the first."""
+    turns = joint_text(
+        "a", effort_limit=6.0, **keys, mass=2.0, centre=(0.0, 0.0, 0.3), inertia=(0.05, 0.05, 0.01),
+        spring="stiffness = 300.0", motor=GEARED + constants[0],
+    )  # fmt: skip
+    slides = joint_text(
+        "b", effort_limit=7.0, kind="prismatic", axis=[1, 0, 0], centre=(0.1, 0.0, 0.0), inertia=(0.01, 0.02, 0.02),
+        spring="stiffness = 2000.0", motor="motor_inertia = 1.5\n" + constants[1],
+    )  # fmt: skip
+    return turns + slides + PAYLOAD
 
 
 @pytest.fixture
-def made(tmp_path):
-    def make(constants: bool):
-        text = FILE.format(
-            axis="axis = [0, 1, 0]\n",
-            constant="torque_constant = 0.05" if constants else "",
-            other="torque_constant = 12.0" if constants else "",
-        )
-        path = tmp_path / "arm.toml"
-        path.write_text(text, encoding="utf-8")
-        return load_robot(path)
+def made(write):
+    constants = ("torque_constant = 0.05", "torque_constant = 12.0")
+    return lambda stated: load_robot(write(text_of(constants if stated else ("", ""), axis=[0, 1, 0])))
 
-    return make
+
+#: Torque on the link side per ampere, N·m/A and N/A.
+GAIN = np.array([100.0 * 0.8 * 0.05, 12.0])
 
 
 def test_names_units_and_limits(made):

@@ -7,6 +7,7 @@ import warnings
 
 import numpy as np
 import pytest
+from tests.builders import joint_text
 from tests.refusals import refused_with, unnamed
 
 from flexhinf.errors import InvalidInput
@@ -236,8 +237,7 @@ TWO = """<mujoco><compiler angle="radian"/>
 <tendon><fixed name="rope"><joint joint="b" coef="1"/></fixed></tendon>
 <actuator>{}</actuator></mujoco>"""
 BOTH = "".join(
-    f"[[joint]]\nname = '{name}'\n[joint.spring]\nstiffness = 400.0\n[joint.motor]\nmotor_inertia = 0.2\n"
-    for name in "ab"
+    joint_text(name, mass=None, spring="stiffness = 400.0", motor="motor_inertia = 0.2") for name in "ab"
 )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.builders import joint_text
 from tests.refusals import refused_with
 
 from flexhinf.errors import InvalidInput
@@ -13,34 +14,13 @@ from flexhinf.robot.arm import Payload, inertia_of_shape, payload_from_text
 from flexhinf.robot.dynamics import lumped, matrix_of
 from flexhinf.robot.parameters import check_parameters
 
-ARM = """
-[[joint]]
-name = "slide"
-kind = "prismatic"
-axis = [1, 0, 0]
-[joint.link]
-mass = 2.0
-centre_of_mass = [0.1, 0.0, 0.0]
-inertia = { xx = 0.01, yy = 0.02, zz = 0.02 }
-[joint.spring]
-stiffness = 1000.0
-[joint.motor]
-motor_inertia = 1.5
-
-[[joint]]
-name = "turn"
-axis = [0, 1, 0]
-xyz = [0.2, 0.0, 0.0]
-[joint.link]
-mass = 1.0
-centre_of_mass = [0.0, 0.1, 0.2]
-inertia = { xx = 0.02, yy = 0.02, zz = 0.01, xy = 0.001 }
-[joint.spring]
-stiffness = 100.0
-[joint.motor]
-motor_inertia = 0.2
-friction = 0.3
-"""
+ARM = joint_text(
+    "slide", kind="prismatic", axis=[1, 0, 0], mass=2.0, centre=(0.1, 0.0, 0.0), inertia=(0.01, 0.02, 0.02),
+    spring="stiffness = 1000.0", motor="motor_inertia = 1.5",
+) + joint_text(
+    "turn", axis=[0, 1, 0], xyz=[0.2, 0.0, 0.0], centre=(0.0, 0.1, 0.2), inertia=(0.02, 0.02, 0.01, 0.001),
+    motor="motor_inertia = 0.2\nfriction = 0.3",
+)  # fmt: skip
 
 BOX = """
 [[payload]]
@@ -106,14 +86,7 @@ URDF = """<robot name="r"><link name="base"/>
 <joint name="wrist" type="fixed"><parent link="arm"/><child link="hand"/>
  <origin xyz="0 0 0.5" rpy="0 1.5707963267948966 0"/></joint>
 <link name="hand"/></robot>"""
-ELASTIC = """
-[[joint]]
-name = "a"
-[joint.spring]
-stiffness = 100.0
-[joint.motor]
-motor_inertia = 0.1
-"""
+ELASTIC = joint_text("a", mass=None)
 
 
 def test_a_payload_at_a_link_of_a_urdf_is_seen_from_the_joint_that_carries_it(write):

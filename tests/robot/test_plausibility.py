@@ -6,6 +6,7 @@ import math
 import re
 
 import pytest
+from tests.builders import joint_text
 from tests.refusals import refused_with, unnamed
 
 import flexhinf as fh
@@ -13,34 +14,21 @@ from flexhinf.errors import InvalidInput
 from flexhinf.robot import RobotFileWarning, load_robot
 from flexhinf.robot.kinematics import check_delay, check_fast, heavy_motors
 
-ARM = """
-gravity = {gravity}
-down = {down}
-[[joint]]
-name = "shoulder"
-limits = {limits}
-rpy = {rpy}
-[joint.link]
-mass = 3.0
-centre_of_mass = [{centre}, 0.0, 0.0]
-inertia = {{ xx = 0.01, yy = {inertia}, zz = {inertia} }}
-[joint.spring]
-stiffness = {stiffness}
-[joint.motor]
-motor_inertia = {motor}
-coulomb_friction = 1.0
-static_friction = {static}
-"""
 
-USUAL = {
-    "gravity": 9.81, "down": [1, 0, 0], "limits": [-3.0, 3.0], "rpy": [0.0, 0.0, 0.0], "centre": 0.25,
-    "inertia": 0.06, "stiffness": 400.0, "motor": 0.3, "static": 1.5,
-}  # fmt: skip
+def text_of(
+    stiffness=400.0, motor=0.3, static=1.5, centre=0.25, inertia=0.06, gravity=9.81, down=(1, 0, 0), **keys
+):
+    joint = joint_text(
+        "shoulder", **{"limits": [-3.0, 3.0], **keys}, mass=3.0, centre=(centre, 0.0, 0.0),
+        inertia=(0.01, inertia, inertia), spring=f"stiffness = {stiffness}",
+        motor=f"motor_inertia = {motor}\ncoulomb_friction = 1.0\nstatic_friction = {static}",
+    )  # fmt: skip
+    return f"gravity = {gravity}\ndown = {list(down)}\n{joint}"
 
 
 def loaded(tmp_path, **changes):
     path = tmp_path / "arm.toml"
-    path.write_text(ARM.format(**USUAL | changes), encoding="utf-8")
+    path.write_text(text_of(**changes), encoding="utf-8")
     return load_robot(path)
 
 
@@ -99,7 +87,7 @@ def test_usual_numbers_are_not_asked_about(tmp_path):
 
 def test_a_message_has_no_more_than_its_three_parts(tmp_path):
     path = tmp_path / "arm.toml"
-    path.write_text(ARM.format(**USUAL | {"static": '"' + "x" * 100_000 + '"'}), encoding="utf-8")
+    path.write_text(text_of(static='"' + "x" * 100_000 + '"'), encoding="utf-8")
     with pytest.raises(InvalidInput) as caught:
         load_robot(path)
     assert max(map(len, str(caught.value).splitlines())) < 600
@@ -160,7 +148,7 @@ def test_a_number_with_another_unit_keeps_its_number(tmp_path):
 
 def test_a_torque_constant_in_another_unit_is_named_and_not_the_spring(tmp_path):
     path = tmp_path / "arm.toml"
-    text = ARM.format(**USUAL | {"stiffness": 16000.0}).replace(
+    text = text_of(stiffness=16000.0).replace(
         "motor_inertia = 0.3", "rotor_inertia = 3.5e-5\ngear_ratio = 100\ntorque_constant = 90"
     )
     path.write_text(text.replace("limits =", "effort_limit = 10\nlimits ="), encoding="utf-8")
@@ -178,6 +166,6 @@ def test_a_stiffness_in_arc_minutes_is_offered(tmp_path):
 def test_a_urdf_that_is_not_there_is_named_with_the_file_that_names_it(tmp_path):
     (tmp_path / "ranger.urdf").write_text("<robot/>", encoding="utf-8")
     path = tmp_path / "arm.toml"
-    path.write_text('urdf = "rangr.urdf"\n' + ARM.format(**USUAL), encoding="utf-8")
+    path.write_text('urdf = "rangr.urdf"\n' + text_of(), encoding="utf-8")
     with refused_with(InvalidInput, "arm.toml", "'rangr.urdf'", "urdf = 'ranger.urdf'"):
         load_robot(path)

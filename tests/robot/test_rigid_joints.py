@@ -6,6 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
+from tests.builders import runge_kutta
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -115,14 +116,8 @@ def test_mujoco_integrates_a_mixed_arm_to_the_same_motion():
     for _ in range(200):
         box.step(u, d, 1e-3)
 
-    def rates(at):
-        return plant.derivative(at, u, d)
-
     for _ in range(200):
-        k1 = rates(x)
-        k2 = rates(x + 5e-4 * k1)
-        k3 = rates(x + 5e-4 * k2)
-        x = x + 1e-3 / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + rates(x + 1e-3 * k3))
+        x = runge_kutta(lambda x: plant.derivative(x, u, d), x, 1e-3)
     np.testing.assert_allclose(box.output(), x, atol=1e-9)
 
 

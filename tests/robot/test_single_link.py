@@ -46,19 +46,6 @@ def test_the_arm_with_its_coil():
     )
 
 
-@pytest.mark.oracle
-def test_energy_is_kept_without_friction_and_motor():
-    robot = paper_arm().with_values({"friction": 0.0, "torque_constant": 0.0})
-    v, plant = robot.nominal, robot.plant()
-    x = RNG.normal(size=(50, 4))
-    rate = plant.derivative(x)
-    gradient = np.column_stack([
-        v["mass"] * v["gravity"] * v["length"] * np.sin(x[:, 0]) + v["stiffness"] * (x[:, 0] - x[:, 2]),
-        v["link_inertia"] * x[:, 1], v["stiffness"] * (x[:, 2] - x[:, 0]), v["motor_inertia"] * x[:, 3],
-    ])  # fmt: skip
-    np.testing.assert_allclose(np.sum(gradient * rate, axis=1), 0.0, atol=1e-12)
-
-
 def test_every_sensor_and_its_unit():
     plant = paper_arm().plant(measured=tuple(SENSORS))
     x = np.array([0.1, 0.2, 0.3, 0.4])

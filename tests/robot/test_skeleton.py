@@ -7,25 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.builders import joint_text
 
 import flexhinf as fh
 from flexhinf.robot.kinematics import FACTORS, magnification, picture_axes, skeleton
-
-ONE_JOINT = """
-[[joint]]
-name = "shoulder"
-axis = {axis}
-effort_limit = 10
-[joint.link]
-mass = 2.0
-centre_of_mass = [0, 0, 0.2]
-inertia = {{ xx = 0.05, yy = 0.05, zz = 0.01 }}
-[joint.spring]
-stiffness = 1000
-[joint.motor]
-motor_inertia = 1.0
-gear_ratio = 1
-"""
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.7, math.pi])
@@ -83,7 +68,8 @@ def test_what_is_to_the_right_in_the_world_is_so_in_the_picture(
     axis: list[float], right: list[float], name: str, tmp_path: Path
 ) -> None:
     """Whichever way the joint turns: who asks for x = 0.6 m sees the arm there, and reads where that is."""
-    (tmp_path / "arm.toml").write_text(ONE_JOINT.format(axis=axis))
+    text = joint_text("shoulder", axis=axis, effort_limit=10, spring="stiffness = 1000")
+    (tmp_path / "arm.toml").write_text(text)
     view = picture_axes(fh.load_robot(tmp_path / "arm.toml"))
     assert view is not None
     np.testing.assert_allclose(view.axes.T, [right, [0, 0, 1]], atol=1e-12)

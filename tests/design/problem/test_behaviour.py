@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any
 from unittest.mock import Mock
 
-import control
 import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_are
@@ -34,6 +33,8 @@ def _gain(family: LinearFamily, rng: np.random.Generator, price: float) -> np.nd
 def test_of_many_gains_the_plant_is_sampled_once(
     robot_of: Callable[[str], Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    import control
+
     family, rng = replace(_family(robot_of("paper"), 0), period=2e-3), np.random.default_rng(2)
     sampled = Mock(wraps=weights.exponential)
     monkeypatch.setattr(weights, "exponential", sampled)
@@ -59,6 +60,8 @@ def test_of_many_gains_the_plant_is_sampled_once(
 def test_each_bandwidth_is_the_first_crossing_of_the_frequency_response(
     robot_of: Callable[[str], Any], name: str, price: float
 ) -> None:
+    import control
+
     rng, family = np.random.default_rng(1), _family(robot_of(name), 4)
     gain, joints = _gain(family, rng, price), len(family.robot.joint_names)
     found = behaviour_of(family, gain)
@@ -136,6 +139,8 @@ def test_without_feedback_nothing_is_followed(robot_of: Callable[[str], Any]) ->
 
 def test_a_loop_that_never_vibrates_has_no_damping_to_miss(robot_of: Callable[[str], Any]) -> None:
     """Five real poles, placed: no vibration is left."""
+    import control
+
     family = _family(robot_of("paper"), 0)
     a, b = family.a[0], family.b[0]
     gain = -control.place(a, b, [-3.0, -4.0, -5.0, -6.0, -7.0])

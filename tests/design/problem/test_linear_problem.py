@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Any
 from unittest.mock import Mock
 
-import control
 import numpy as np
 import pytest
 
@@ -57,6 +56,8 @@ def test_its_smallest_level_is_bisected_once(
 
 @pytest.mark.parametrize("name", ["paper", "quanser-rotflex", "cart", "planar-two-link"])
 def test_what_a_gain_attains_is_the_norm_of_its_loop(robot_of: Callable[[str], Any], name: str) -> None:
+    import control
+
     game, _ = _game(robot_of(name), 0.5, 0.3, False)
     star = game.gamma_star
     gains = [game.design(ratio * star).gain for ratio in (1.05, 1.5, 1e3)]

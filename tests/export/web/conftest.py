@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.builders import arm_controller
 
 import flexhinf as fh
 from flexhinf.export.web import LiveArm
@@ -34,12 +35,10 @@ Run = Callable[[LiveArm, str], Any]
 
 def paper_live_arm(**options: Any) -> LiveArm:
     """The paper's arm with a cubic law and the unscented filter, for 90°."""
-    arm = fh.paper_arm()
-    x, _ = arm.operating_point(0.0)
-    ukf = fh.UnscentedKalmanFilter(arm.plant(), 1e-3, 1e-7, 1e-4, x, 1e-4)
-    law = fh.solve_hji(arm.problem(pose=np.pi / 2.0), gamma=math.inf, degree=4)
-    controller = fh.Controller(law, ukf, 1e-3, 48.0, start="bumpless", latency=1)
-    return LiveArm(controller, arm, np.array([0.0]), np.array([np.pi / 2.0]), noise=1e-4, **options)
+    controller = arm_controller(degree=4, pose=np.pi / 2.0, at=0.0, start="bumpless", latency=1)
+    return LiveArm(
+        controller, fh.paper_arm(), np.array([0.0]), np.array([np.pi / 2.0]), noise=1e-4, **options
+    )
 
 
 def moving_live_arm(name: str, **options: Any) -> LiveArm:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.linalg import expm
+from tests.builders import linear_law, linear_plant
 from tests.interpreter import interpret
 
 import flexhinf as fh
@@ -35,30 +36,11 @@ C = np.array([[1.0, 0.0]])
 GAINS = np.array([[2.5, 0.6, 4.0]])  # of position, speed, and the integral of the position
 
 
-class Gains(fh.Law):
-    """u = −K x."""
-
-    input_names = ("u",)
-    operating_input = np.zeros(1)
-    law_key = "gains of the tests of latency"
-
-    def __init__(self, integral: bool = True) -> None:
-        self.state_names = ("x", "v", *(("x_integral",) if integral else ()))
-        self.operating_point = np.zeros(2 + integral)
-        self.gains = GAINS[:, : 2 + integral]
-
-    @property
-    def law_data(self) -> np.ndarray:
-        return self.gains.ravel()
-
-    def evaluate_law(self, x: object, data: object) -> object:
-        return np.array([-(data @ x)])  # type: ignore[operator]
-
-
 def plant() -> fh.Plant:
-    return fh.Plant(
-        lambda x, u, d, p: A @ x + B @ u, lambda x, u, p: x[:1], ("x", "v"), ("u",), outputs=("x",)
-    )
+    return linear_plant(A, B, C, states=("x", "v"), inputs=("u",), outputs=("x",))
+
+
+LAW = linear_law(plant(), -GAINS, integrals=("x",))
 
 
 def kalman(mean: tuple[float, float] = (0.0, 0.0)) -> ExtendedKalmanFilter:
@@ -88,7 +70,7 @@ def test_a_linear_loop_is_the_recursion_of_its_matrices(latency: int) -> None:
     """With a queue of the inputs that wait and the prediction over them, written out; an unknown delay on top."""
     phi, gamma = sampled()
     gain = np.asarray(estimator().initial.gain)
-    loop = Loop(plant(), Controller(Gains(), estimator(), PERIOD, latency=latency), 1, delay=PERIOD)
+    loop = Loop(plant(), Controller(LAW, estimator(), PERIOD, latency=latency), 1, delay=PERIOD)
     run = loop.run(1.0, duration=1.0, initial_state=[0.2, -0.1])
     assert loop.channel.delay == latency + 1
     x, guess, inputs, integral, before = np.array([0.2, -0.1]), np.zeros(2), [], 0.0, None
@@ -123,7 +105,7 @@ def test_poles_are_those_of_the_loop_without_latency_and_zeros(latency: int, kin
         if kind == "gain"
         else OutputInjectionObserver(plant(), PERIOD, 1e-4, 1e-3, np.zeros(2), poles=-np.array([20.0, 25.0]))
     )
-    law, goal = Gains(integral=False), (np.zeros(2), np.zeros(1))
+    law, goal = linear_law(plant(), -GAINS[:, :2]), (np.zeros(2), np.zeros(1))
     poles = []
     for samples in (0, latency):
         loop = EquilibriumLoop(law, made, plant(), PERIOD, equilibrium=goal, moving=True, latency=samples)
@@ -140,12 +122,11 @@ def test_prediction_buys_delay_margin() -> None:
     fewer."""
     from flexhinf.analysis import margins
 
-    law = Gains()
-    loop = EquilibriumLoop(law, estimator(), plant(), PERIOD, latency=2)
+    loop = EquilibriumLoop(LAW, estimator(), plant(), PERIOD, latency=2)
     whole = int(margins(loop).delay_margin_s / PERIOD)
     assert 1 <= whole < 50
     for more, stable in ((whole, True), (whole + 1, False)):
-        late = EquilibriumLoop(law, estimator(), plant(), PERIOD, delay=more, latency=2)
+        late = EquilibriumLoop(LAW, estimator(), plant(), PERIOD, delay=more, latency=2)
         assert bool(late.modes([{}]).stable[0]) is stable
 
 
@@ -156,7 +137,7 @@ def test_a_move_is_followed_without_lag(latency: int) -> None:
     held = (30.0 * speed * (times + PERIOD / 2.0) + 0.4 * speed) / 9.0  # at the middle of its hold
     exact = {"x": fh.Samples(times, speed * times), "v": speed, "u": fh.Samples(times, held)}
     for samples in (0, latency):
-        controller = Controller(Gains(), estimator((0.0, speed)), PERIOD, moving=True, latency=samples)
+        controller = Controller(LAW, estimator((0.0, speed)), PERIOD, moving=True, latency=samples)
         loop = Loop(plant(), controller)
         run = loop.run(exact, duration=3.0, initial_state=[0.0, speed], initial_input=held[:1])
         wanted = speed * run.time
@@ -171,7 +152,7 @@ def test_a_move_is_followed_without_lag(latency: int) -> None:
 def test_every_form_of_the_step_does_the_same(moving: bool, tmp_path: Path) -> None:
     made = kalman()
     options = {"latency": 2, "moving": moving, "saturation": 20.0, "start": "bumpless"}
-    controller = Controller(Gains(), made, PERIOD, **options)
+    controller = Controller(LAW, made, PERIOD, **options)
     loop = Loop(plant(), controller)
     command = {"x": fh.Sine(0.3, 1.0), "v": 0.0, "u": 0.1} if moving else fh.Sine(0.3, 1.0)
     prepared = loop.prepared(command, noise=1e-3, duration=0.6)
@@ -194,7 +175,7 @@ def test_every_form_of_the_step_does_the_same(moving: bool, tmp_path: Path) -> N
 
 def test_a_file_without_latency_means_none(tmp_path: Path) -> None:
     path = tmp_path / "controller.npz"
-    Controller(Gains(), kalman(), PERIOD, latency=2).save(path)
+    Controller(LAW, kalman(), PERIOD, latency=2).save(path)
     arrays, _ = read_arrays(path)
     header = json.loads(str(arrays.pop("header")))
     assert header["options"].pop("latency") == 2 == fh.load_controller(path).mode.latency
@@ -208,7 +189,7 @@ def test_a_file_without_latency_means_none(tmp_path: Path) -> None:
 def test_the_loop_in_python_control_has_the_queue(latency: int) -> None:
     import control
 
-    controller = Controller(Gains(), kalman(), PERIOD, latency=latency)
+    controller = Controller(LAW, kalman(), PERIOD, latency=latency)
     loop = Loop(plant(), controller)
     run, system = loop.run(0.5, duration=0.4), loop.to_control()
     time, start = run.time, np.concatenate([np.zeros(2), controller.initial_memory()])
@@ -221,23 +202,23 @@ def test_the_loop_in_python_control_has_the_queue(latency: int) -> None:
 @pytest.mark.parametrize("latency", [-1, 0.5, 11, "one", True, np.nan])
 def test_what_is_no_latency_is_refused(latency: object) -> None:
     with pytest.raises(InvalidInput, match=r"(?s)latency.* 0 to 10.*latency=1"):
-        Controller(Gains(), estimator(), PERIOD, latency=latency)  # type: ignore[arg-type]
+        Controller(LAW, estimator(), PERIOD, latency=latency)  # type: ignore[arg-type]
 
 
 def test_one_sample_is_the_default_where_something_predicts() -> None:
     """Of a controller, its linear loop and a specification; what is stated wins."""
     for made, samples in ((kalman(), 1), (None, 0)):
-        assert Controller(Gains(), made, PERIOD).mode.latency == samples
-        assert EquilibriumLoop(Gains(), made, plant(), PERIOD).delay == samples
+        assert Controller(LAW, made, PERIOD).mode.latency == samples
+        assert EquilibriumLoop(LAW, made, plant(), PERIOD).delay == samples
         assert Specification(estimator="none" if made is None else "ukf").known_latency == samples
-    assert Controller(Gains(), kalman(), PERIOD, latency=0).mode.latency == 0
+    assert Controller(LAW, kalman(), PERIOD, latency=0).mode.latency == 0
     assert Specification(latency=0).known_latency == 0
 
 
 def test_without_an_estimator_nothing_predicts() -> None:
-    assert Controller(Gains(), None, PERIOD).mode.latency == 0
+    assert Controller(LAW, None, PERIOD).mode.latency == 0
     with pytest.raises(InvalidInput, match=r"(?s)0 to 0.*latency=0"):
-        Controller(Gains(), None, PERIOD, latency=1)
+        Controller(LAW, None, PERIOD, latency=1)
 
 
 def test_the_exponential_is_near_the_step_of_the_loop() -> None:

@@ -7,40 +7,27 @@ import pickle
 
 import numpy as np
 import pytest
+from tests.builders import FORMS, KALMAN, LinearLaw, forced_pendulum, linear_law, still
 from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
-from flexhinf.plant import Law
 
 # Kernels that run once each: 2 s instead of 4 s.
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 PERIOD = 0.01
-FORMS = pytest.mark.parametrize("form", ["covariance", "square_root"])
+
+
 NOISE = {"angle": 1e-8, "speed": 1e-6, "wind": 1e-4, "pull": 1e-6, "angle_seen_offset": 1e-12}
-
-
-def flow(x, u, d, p):
-    return np.array([x[1], -p.pull * np.sin(x[0]) - 0.3 * x[1] + u[0] + d[0]])
-
-
-def pendulum(**changes):
-    names = {
-        "inputs": ("torque",),
-        "disturbances": ("wind",),
-        "outputs": ("angle_seen",),
-        "parameters": {"pull": 4.0},
-    }
-    return fh.Plant(flow, lambda x, u, p: x[:1], ("angle", "speed"), **names, **changes)
 
 
 def reordered():
     """The same with the states in another order, and one between them that nothing depends on."""
 
     def turned(x, u, d, p):
-        rates = flow(np.array([x[2], x[0]]), u, d, p)
+        rates = forced_pendulum().flow(np.array([x[2], x[0]]), u, d, p)
         return np.array([rates[1], -x[1], rates[0]])
 
     return fh.Plant(
@@ -49,32 +36,20 @@ def reordered():
     )  # fmt: skip
 
 
-class Spring(Law):
-    """u = −6 angle − 3 speed − 4 ∫ angle, about 0.3 rad, which 4 sin 0.3 holds."""
-
-    state_names, input_names = ("angle", "speed", "angle_integral"), ("torque",)
-    operating_point, operating_input = np.array([0.3, 0.0, 0.0]), np.array([4.0 * np.sin(0.3)])
-    law_data = np.array([-6.0, -3.0, -4.0])  # type: ignore[assignment]
-
-    def evaluate_law(self, x, data):
-        return np.array([data @ x])
-
-
-class Plain(Spring):
-    """The same without an integral."""
-
-    state_names, operating_point = ("angle", "speed"), np.array([0.3, 0.0])
-    law_data = np.array([-6.0, -3.0])  # type: ignore[assignment]
+def plain(integral=()):
+    """About 0.3 rad, which 4 sin 0.3 holds."""
+    gain = [-6.0, -3.0, -4.0] if integral else [-6.0, -3.0]
+    return linear_law(forced_pendulum(), gain, [0.3, 0.0], [4.0 * np.sin(0.3)], integral)
 
 
 def controller(law=None, kind=UnscentedKalmanFilter, form="covariance", plant=None, **options):
-    plant = plant or pendulum().augmented(("pull",), ("wind",), ("angle_seen",))
+    plant = plant or forced_pendulum().augmented(("pull",), ("wind",), ("angle_seen",))
     start = {"angle": 0.3, "pull": 4.0}
     estimator = kind(
         plant, PERIOD, [NOISE.get(name, 1e-9) for name in plant.states], 1e-6,
         [start.get(name, 0.0) for name in plant.states], [0.01 * (name != "other") for name in plant.states], form=form,
     )  # fmt: skip
-    return fh.Controller(law or Spring(), estimator, PERIOD, **options)
+    return fh.Controller(law or plain(("angle",)), estimator, PERIOD, **options)
 
 
 def samples(count=25):
@@ -85,11 +60,11 @@ def samples(count=25):
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @FORMS
-@pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter])
+@KALMAN
 @pytest.mark.parametrize("pieces", [False, True])
 def test_a_step_is_that_of_filter_and_law(kind, form, pieces):
     """Against the filter's own `correct` and `predict`, and the law's formula in NumPy."""
-    control = controller(Plain(), kind, form, latency=0)
+    control = controller(plain(), kind, form, latency=0)
     control = control.in_pieces() if pieces else control
     assert control.estimated == ("angle", "speed", "pull", "wind", "angle_seen_offset")
     estimator = kind(**control.estimator.settings())
@@ -109,7 +84,7 @@ def test_a_step_is_that_of_filter_and_law(kind, form, pieces):
 
 @pytest.mark.oracle
 def test_the_order_of_the_estimated_states_does_not_matter():
-    first = controller(kind=ExtendedKalmanFilter, plant=pendulum(), latency=1)
+    first = controller(kind=ExtendedKalmanFilter, plant=forced_pendulum(), latency=1)
     second = controller(kind=ExtendedKalmanFilter, plant=reordered(), latency=1)
     assert second.estimated == ("speed", "other", "angle")
     for y in samples():
@@ -129,9 +104,9 @@ def test_the_order_of_the_estimated_states_does_not_matter():
     "option", [{}, {"offset_time": 0.2}, {"compensate": ("wind",)}, {"start": "bumpless"}]
 )
 def test_a_loop_is_the_controller_step_by_step(latency, option):
-    plant = pendulum().augmented(disturbances=("wind",), offsets=("angle_seen",))
+    plant = forced_pendulum().augmented(disturbances=("wind",), offsets=("angle_seen",))
     control = controller(plant=plant, latency=latency, **option)
-    run = fh.Loop(pendulum(), control).run(disturbance={"wind": 0.4}, noise=1e-3, duration=0.6)
+    run = fh.Loop(forced_pendulum(), control).run(disturbance={"wind": 0.4}, noise=1e-3, duration=0.6)
     assert run.names["estimate"] == control.estimated
     stepped = control.fresh()
     for y, u, estimate in zip(*(run.signals[name] for name in ("output", "input", "estimate"))):
@@ -182,14 +157,6 @@ def test_a_load_moves_input_and_state_as_the_equilibrium_does():
         twist = 80.0 * (x[2] - x[0])
         return np.array([x[1], (twist - 5.0 * np.sin(x[0]) + d[0]) / 0.7, x[3], (2.0 * u[0] - twist) / 0.2])
 
-    class Four(Law):
-        state_names, input_names = ("q", "v", "t", "w"), ("drive",)
-        operating_point, operating_input = np.zeros(4), np.zeros(1)
-        law_data = np.array([-3.0, -1.0, -5.0, -1.0])  # type: ignore[assignment]
-
-        def evaluate_law(self, x, data):
-            return np.array([data @ x])
-
     names = (("q", "v", "t", "w"), ("drive",), ("load",))
     for sampled in (False, True):
 
@@ -200,7 +167,9 @@ def test_a_load_moves_input_and_state_as_the_equilibrium_does():
         estimator = ExtendedKalmanFilter(
             plant.augmented(disturbances="load"), 1e-3, 1e-8, 1e-8, np.zeros(5), 1.0
         )
-        control = fh.Controller(Four(), estimator, 1e-3, compensate="load")
+        control = fh.Controller(
+            linear_law(plant, [-3.0, -1.0, -5.0, -1.0]), estimator, 1e-3, compensate="load"
+        )
         np.testing.assert_allclose(control.balance[0][:, 0], [0.0, 0.0, -1.0 / 80.0, 0.0], atol=1e-12)
         np.testing.assert_allclose(control.balance[1], [[-0.5]], rtol=1e-12)
 
@@ -208,10 +177,10 @@ def test_a_load_moves_input_and_state_as_the_equilibrium_does():
 @pytest.mark.oracle
 def test_without_an_integral_the_load_sags_the_robot_and_its_balance_does_not():
     """Sag of the linear loop under wind w: 6 Δ + 4 cos(0.3) Δ = w, with small Δ."""
-    plant, sag = pendulum().augmented(disturbances=("wind",)), {}
+    plant, sag = forced_pendulum().augmented(disturbances=("wind",)), {}
     for compensate in (None, ("wind",)):
-        control = controller(Plain(), plant=plant, compensate=compensate)
-        run = fh.Loop(pendulum(), control).run(disturbance={"wind": 0.05}, duration=20.0)
+        control = controller(plain(), plant=plant, compensate=compensate)
+        run = fh.Loop(forced_pendulum(), control).run(disturbance={"wind": 0.05}, duration=20.0)
         sag[compensate] = run.signal("state", "angle")[-1] - 0.3
         assert run.signal("estimate", "wind")[-1] == pytest.approx(0.05, rel=1e-4)
     assert sag[None] == pytest.approx(0.05 / (6.0 + 4.0 * np.cos(0.3)), rel=2e-3)
@@ -315,9 +284,9 @@ def test_what_is_no_estimated_load_is_not_compensated():
     with refused_with(InvalidInput, "pull", "wind"):
         controller(compensate=("pull",))
     with refused_with(InvalidInput, "wind", "augmented"):
-        controller(plant=pendulum(), compensate=("wind",))
+        controller(plant=forced_pendulum(), compensate=("wind",))
     with refused_with(InvalidInput, "compensate", "None"):
-        fh.Controller(Spring(), None, PERIOD, compensate=("wind",))
+        fh.Controller(plain(("angle",)), None, PERIOD, compensate=("wind",))
     with refused_with(InvalidInput, "wind"):
         controller(compensate=("wind", "wind"))
 
@@ -326,33 +295,21 @@ def test_a_load_that_no_input_reaches_is_not_compensated():
     def two(x, u, d, p):
         return np.array([x[1], u[0] - x[0], -x[2] + d[0]])
 
-    class Three(Law):
-        state_names, input_names = ("a", "b", "c"), ("u",)
-        operating_point, operating_input, law_data = np.zeros(3), np.zeros(1), np.zeros(3)  # type: ignore[assignment]
-
-        def evaluate_law(self, x, data):
-            return np.array([data @ x])
-
-    plant = fh.Plant(two, lambda x, u, p: x, ("a", "b", "c"), ("u",), ("load",)).augmented(
-        disturbances="load"
+    plant = fh.Plant(two, lambda x, u, p: x, ("a", "b", "c"), ("u",), ("load",))
+    estimator = ExtendedKalmanFilter(
+        plant.augmented(disturbances="load"), PERIOD, 1e-6, 1e-6, np.zeros(4), 1.0
     )
-    estimator = ExtendedKalmanFilter(plant, PERIOD, 1e-6, 1e-6, np.zeros(4), 1.0)
-    control = fh.Controller(Three(), estimator, PERIOD, compensate="load")
+    control = fh.Controller(still(plant), estimator, PERIOD, compensate="load")
     np.testing.assert_allclose(control.balance[0][:, 0], [0.0, 0.0, 1.0], atol=1e-12)  # c may stand anywhere
-    Three.state_names = ("a", "b", "c", "c_integral")
-    Three.operating_point = Three.law_data = np.zeros(4)  # type: ignore[assignment]
     with refused_with(InvalidInput, "load", "held", "compensate"):
-        fh.Controller(Three(), estimator, PERIOD, compensate="load")
+        fh.Controller(linear_law(plant, np.zeros(4), integrals=("c",)), estimator, PERIOD, compensate="load")
 
 
 def test_an_estimator_without_the_laws_states_is_refused():
-    class Other(Plain):
-        state_names = ("angle", "rate")
-
     with refused_with(InvalidInput, "rate", "speed", "augmented"):
-        controller(Other())
+        controller(LinearLaw(("angle", "rate"), ("torque",), [-6.0, -3.0]))
     from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
 
     control = controller()
     with refused_with(InvalidInput, "wind", "Loop.run"):
-        EquilibriumLoop(Spring(), control.estimator, pendulum(), PERIOD)
+        EquilibriumLoop(plain(("angle",)), control.estimator, forced_pendulum(), PERIOD)

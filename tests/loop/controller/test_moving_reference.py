@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.builders import PlantBox
+from tests.loop.conftest import moving_commands as commands
 from tests.refusals import refused_with
 
 from flexhinf.errors import InvalidInput, NumericalFailure
@@ -13,20 +15,12 @@ from flexhinf.estimation import UnscentedKalmanFilter
 from flexhinf.hinf import solve_hji
 from flexhinf.loop import Controller, Loop, Samples, Sine, Step
 from flexhinf.loop.controller import controller
-from flexhinf.plant import BlackBox, rk4_step
 from flexhinf.robot import paper_arm
 
 # Kernels that run once each: 2 s instead of 5 s.
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 H = 1e-2
-
-
-def commands(times):
-    """(x_d, u_d) of the two double integrators: a moves as a sine, b as another; u_d is their feedforward."""
-    a, b = np.sin(1.3 * times), 0.5 * np.cos(2.1 * times)
-    da, db = 1.3 * np.cos(1.3 * times), -1.05 * np.sin(2.1 * times)
-    return np.stack([a, da, b, db, -1.69 * a, -4.41 * b / 2.0], axis=-1)
 
 
 def plain_law(gain, states, positions, references, limit):
@@ -197,24 +191,11 @@ def test_composed_equals_one_trace(made, monkeypatch, estimated):
 def test_a_black_box_runs_the_same(made):
     plant, law = made.two_inputs()
 
-    class Box(BlackBox):
-        states, disturbances = plant.states, plant.disturbances
-
-        def reset(self, initial_state):
-            self.x = np.zeros(4) if initial_state is None else initial_state
-
-        def step(self, u, d, period):
-            self.x = rk4_step(lambda x, v: plant.derivative(x, u, d), self.x, (None,) * 3, period)
-
-        def output(self):
-            return self.x[[0, 2]]
-
-        def state(self):
-            return self.x
-
     ukf = UnscentedKalmanFilter(plant, H, 1e-4, 1e-6, np.zeros(4), 1e-2)
     control = Controller(law, ukf, H, moving=True)
-    one, two = (Loop(true, control).run(commands, {"push": 0.5}, 1e-3, 1.0) for true in (plant, Box()))
+    one, two = (
+        Loop(true, control).run(commands, {"push": 0.5}, 1e-3, 1.0) for true in (plant, PlantBox(plant))
+    )
     for name, values in one.signals.items():
         np.testing.assert_allclose(two.signals[name], values, atol=1e-11)
 

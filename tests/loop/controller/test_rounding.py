@@ -4,12 +4,12 @@
 from __future__ import annotations
 
 import copy
-import math
 import pickle
 from typing import Any
 
 import numpy as np
 import pytest
+from tests.builders import arm_controller
 
 import flexhinf as fh
 from flexhinf.codegen.emit import emit_module
@@ -20,9 +20,7 @@ SAMPLES = 200
 
 
 def made(form: str = "covariance", pieces: bool = False) -> fh.Controller:
-    arm = fh.paper_arm()
-    ukf = fh.UnscentedKalmanFilter(arm.plant(), 1e-3, 1e-7, 1e-4, [0.0] * 4, 1e-4, form=form)
-    one = fh.Controller(fh.linear_law(arm.problem(), gamma=math.inf), ukf, 1e-3, 48.0)
+    one = arm_controller(filter={"form": form})
     return one.in_pieces() if pieces else one
 
 

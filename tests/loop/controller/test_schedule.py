@@ -1,9 +1,11 @@
 """Several laws behind one controller: which is active, and that the input does not jump."""
 
 import pickle
+from functools import partial
 
 import numpy as np
 import pytest
+from tests.loop.conftest import moving_commands
 
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import UnscentedKalmanFilter
@@ -18,6 +20,7 @@ from flexhinf.robot import load_robot, paper_arm
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 H = 1e-2
+commands = partial(moving_commands, size=1.4)
 
 
 @pytest.fixture(scope="module")
@@ -51,12 +54,6 @@ def followed(made_controller, run):
         np.testing.assert_allclose(again.step(y, r), u, atol=1e-9)
         active.append(int(np.argmax(again.memory.named(again._history.memory).active)))
     return np.array(active)
-
-
-def commands(times):
-    a, b = 1.4 * np.sin(1.3 * times), 0.5 * np.cos(2.1 * times)
-    da, db = 1.82 * np.cos(1.3 * times), -1.05 * np.sin(2.1 * times)
-    return np.stack([a, da, b, db, -1.69 * a, -4.41 * b / 2.0], axis=-1)
 
 
 @pytest.mark.quick_cases(2)

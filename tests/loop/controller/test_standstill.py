@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from scipy.optimize import brentq
+from tests.builders import runge_kutta
 from tests.loop.conftest import LinearLaw, arm_ukf, two_inputs
 from tests.refusals import refused_with
 
@@ -42,17 +43,9 @@ def moved(
     for _ in range(count):
         y = np.ravel(np.asarray(PLANT.evaluate_output(x, u, model), dtype=float)) + offset
         inputs.append(controller.step(y, command))
-        x, u = step(x, u), inputs[-1]
+        x, u = runge_kutta(lambda x, u=u: PLANT.derivative(x, u), x, 1e-3), inputs[-1]
         worst = max(worst, float(np.abs((x - start)[:2]).max()))
     return worst, np.array(inputs)
-
-
-def step(x: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """The classical Runge–Kutta method over a period."""
-    a = PLANT.derivative(x, u)
-    b = PLANT.derivative(x + 5e-4 * a, u)
-    c = PLANT.derivative(x + 5e-4 * b, u)
-    return x + 1e-3 / 6.0 * (a + 2.0 * b + 2.0 * c + PLANT.derivative(x + 1e-3 * c, u))
 
 
 @pytest.mark.quick_cases(1)

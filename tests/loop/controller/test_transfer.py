@@ -5,13 +5,15 @@ from functools import cache
 
 import numpy as np
 import pytest
+from tests.builders import PlantBox
+from tests.loop.conftest import moving_commands
 
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ExtendedKalmanFilter
 from flexhinf.hinf import smallest_gamma, solve_hji
 from flexhinf.loop import Controller, Loop, Quintic, Step
 from flexhinf.loop.controller import controller, law_code, options
-from flexhinf.plant import BlackBox, Law, Plant, equilibrium, rk4_step
+from flexhinf.plant import Law, Plant, equilibrium
 from flexhinf.robot import paper_arm
 
 # Kernels that run once each: 2 s instead of 3 s.
@@ -19,12 +21,6 @@ pytestmark = pytest.mark.usefixtures("unoptimised")
 
 H = 1e-2
 LAST = [1.2, -0.7]
-
-
-def moving_commands(times):
-    a, b = np.sin(1.3 * times), 0.5 * np.cos(2.1 * times)
-    da, db = 1.3 * np.cos(1.3 * times), -1.05 * np.sin(2.1 * times)
-    return np.stack([a, da, b, db, -1.69 * a, -4.41 * b / 2.0], axis=-1)
 
 
 @pytest.fixture(scope="module")
@@ -206,25 +202,10 @@ def test_the_estimators_first_step_sees_the_input(made):
 def test_a_black_box_and_a_late_input_run_the_same(made):
     plant, law = made.two_inputs()
 
-    class Box(BlackBox):
-        states = plant.states
-
-        def reset(self, initial_state):
-            self.x = np.zeros(4) if initial_state is None else initial_state
-
-        def step(self, u, d, period):
-            self.x = rk4_step(lambda x, v: plant.derivative(x, u), self.x, (None,) * 3, period)
-
-        def output(self):
-            return self.x
-
-        def state(self):
-            return self.x
-
     control = Controller(law, None, H, start="bumpless")
     runs = [
         Loop(true, control, delay=2 * H).run(Quintic(0.0, 1.0, 1.0), initial_input=LAST)
-        for true in (plant, Box())
+        for true in (plant, PlantBox(plant, seen=lambda x: x))
     ]
     for name in ("state", "input", "reference"):
         np.testing.assert_allclose(runs[1].signals[name], runs[0].signals[name], atol=1e-10)

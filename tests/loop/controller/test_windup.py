@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from tests.estimation.conftest import pairs
+from tests.builders import pairs
 
 import flexhinf as fh
 from flexhinf.baselines import lqr

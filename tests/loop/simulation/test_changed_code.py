@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.builders import runge_kutta
 from tests.refusals import refused_with
 
 import flexhinf as fh
@@ -62,15 +63,11 @@ def run_of(plant):
 
 def simulated(run, flow):
     """The same plant in plain NumPy, with the inputs of the run."""
-    x, h = np.array(run.data.state[0]), 1e-3
+    x = np.array(run.data.state[0])
     states = [x]
     for u in run.data.input.values[:-1]:
         for _ in range(10):
-            f = lambda s, u=u: flow(s, u, [0.0], None)  # noqa: E731
-            k1 = f(x)
-            k2 = f(x + h / 2 * k1)
-            k3 = f(x + h / 2 * k2)
-            x = x + h / 6 * (k1 + 2 * (k2 + k3) + f(x + h * k3))
+            x = runge_kutta(lambda x, u=u: flow(x, u, [0.0], None), x, 1e-3)
         states.append(x)
     return np.array(states)
 

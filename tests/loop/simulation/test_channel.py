@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from tests.builders import PlantBox
 from tests.interpreter import interpret
 from tests.refusals import refused_with
 
 from flexhinf.errors import InvalidInput
-from flexhinf.loop import BlackBox, Controller, Loop, Step
+from flexhinf.loop import Controller, Loop, Step
 from flexhinf.loop.simulation.program import LONGEST, Channel, check_delay, measure_function
 from flexhinf.robot import paper_arm
 
@@ -14,32 +15,6 @@ from flexhinf.robot import paper_arm
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 STEP = 2 * np.pi / 4096
-
-
-class Wrapped(BlackBox):
-    """The paper's arm as a black box, integrated by its own loop of one sub-step."""
-
-    def __init__(self):
-        self.plant = paper_arm().plant()
-        self.states, self.disturbances = self.plant.states, self.plant.disturbances
-
-    def reset(self, initial_state):
-        self.x = np.zeros(4) if initial_state is None else np.array(initial_state, dtype=float)
-
-    def step(self, u, disturbance, period):
-        from flexhinf.plant import rk4_step
-
-        inputs = (u, u, u)
-        for _ in range(2):
-            self.x = rk4_step(
-                lambda x, v: self.plant.derivative(x, v, disturbance), self.x, inputs, period / 2
-            )
-
-    def output(self):
-        return self.x[:1]
-
-    def state(self):
-        return self.x
 
 
 def test_measurements_lie_on_the_grid(made):
@@ -83,7 +58,9 @@ def test_a_black_box_sees_the_same_channel(made):
     ours = Loop(paper_arm().plant(), controller, sub_steps=2, **options).run(
         Step(1.0), noise=1e-3, duration=0.4
     )
-    theirs = Loop(Wrapped(), controller, **options).run(Step(1.0), noise=1e-3, duration=0.4)
+    theirs = Loop(PlantBox(paper_arm().plant(), 2), controller, **options).run(
+        Step(1.0), noise=1e-3, duration=0.4
+    )
     np.testing.assert_allclose(ours.signals["input"], theirs.signals["input"], atol=1e-7)
 
 

@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from tests.builders import runge_kutta
 from tests.interpreter import interpret
 from tests.refusals import refused_with
 
@@ -68,11 +69,7 @@ def plain_loop(gain, reference, torque, noise, steps, parts, coil, saturation=np
         estimates.append(mean)
         root = 2.0 * np.linalg.cholesky(covariance)
         points = np.column_stack([mean, mean[:, None] + root, mean[:, None] - root])
-        k1 = arm_columns(points, u)
-        k2 = arm_columns(points + h / 2 * k1, u)
-        k3 = arm_columns(points + h / 2 * k2, u)
-        k4 = arm_columns(points + h * k3, u)
-        points = points + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        points = runge_kutta(lambda points: arm_columns(points, u), points, h)  # noqa: B023
         mean = points[:, 1:].mean(axis=1)
         e = points - mean[:, None]
         covariance = (e * wc) @ e.T + process

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.builders import PlantBox, forced_pendulum, linear_law
 from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
-from flexhinf.plant import Law
 
 # Kernels that run once each: 1 s instead of 3 s.
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -16,60 +16,20 @@ pytestmark = pytest.mark.usefixtures("unoptimised")
 PERIOD = 0.01
 
 
-def flow(x, u, d, p):
-    return np.array([x[1], -p.pull * np.sin(x[0]) - 0.3 * x[1] + u[0] + d[0]])
-
-
-PLANT = fh.Plant(
-    flow, lambda x, u, p: np.array([x[0], x[1]]), ("angle", "speed"), ("torque",), ("wind",), {"pull": 4.0},
-    ("encoder", "gyro"), groups={"all": ("encoder", "gyro")},
-)  # fmt: skip
+PLANT = forced_pendulum(("encoder", "gyro"), groups={"all": ("encoder", "gyro")})
+#: About 0.3 rad, which 4 sin 0.3 holds.
+SPRING = linear_law(PLANT, [-6.0, -3.0, -4.0], [0.3, 0.0], [4.0 * np.sin(0.3)], ("angle",))
 SENSORS = (
     fh.Sensor("gyro", noise=1e-2, delay=2 * PERIOD),
     fh.Sensor("encoder", period=4 * PERIOD, delay=PERIOD, noise=1e-3, quantisation=2e-3),
 )
 
 
-class Spring(Law):
-    """u = −6 angle − 3 speed − 4 ∫ angle, about 0.3 rad, which 4 sin 0.3 holds."""
-
-    state_names, input_names = ("angle", "speed", "angle_integral"), ("torque",)
-    operating_point, operating_input = np.array([0.3, 0.0, 0.0]), np.array([4.0 * np.sin(0.3)])
-    law_data = np.array([-6.0, -3.0, -4.0])  # type: ignore[assignment]
-
-    def evaluate_law(self, x, data):
-        return np.array([data @ x])
-
-
 def controller(sensors=SENSORS, **options):
     estimator = fh.UnscentedKalmanFilter(
         PLANT, PERIOD, [1e-8, 1e-5], None, [0.3, 0.0], [1e-4, 1e-4], form="square_root", sensors=sensors
     )
-    return fh.Controller(Spring(), estimator, PERIOD, **options)
-
-
-class Box(fh.BlackBox):
-    """The same plant, integrated by the loop's own text, one period at a time."""
-
-    states, disturbances = ("angle", "speed"), ("wind",)
-
-    def reset(self, initial_state):
-        self.x, self.u = np.array([0.3, 0.0] if initial_state is None else initial_state), None
-
-    def step(self, u, disturbance, period):
-        p = PLANT.parameters.named(PLANT.parameters.vector())
-        h, self.u = period / PARTS, u
-        for _ in range(PARTS):
-            k1 = flow(self.x, u, disturbance, p)
-            k2 = flow(self.x + h / 2 * k1, u, disturbance, p)
-            k3 = flow(self.x + h / 2 * k2, u, disturbance, p)
-            self.x = self.x + h / 6 * (k1 + 2 * (k2 + k3) + flow(self.x + h * k3, u, disturbance, p))
-
-    def output(self):
-        return self.x.copy()
-
-    def state(self):
-        return self.x.copy()
+    return fh.Controller(SPRING, estimator, PERIOD, **options)
 
 
 PARTS = 5
@@ -121,7 +81,7 @@ def test_a_black_box_and_an_ensemble_have_the_same_sensors():
     loop = fh.Loop(PLANT, control, sub_steps=PARTS, sensors=SENSORS)
     given = {"disturbance": {"wind": 0.2}, "duration": 0.6}
     run = loop.run(**given, seed=5)
-    box = fh.Loop(Box(), control, sensors=SENSORS).run(**given, seed=5)
+    box = fh.Loop(PlantBox(PLANT, PARTS, [0.3, 0.0]), control, sensors=SENSORS).run(**given, seed=5)
     np.testing.assert_allclose(box.signals["output"], run.signals["output"], rtol=1e-7, atol=1e-9)
     np.testing.assert_allclose(box.signals["input"], run.signals["input"], rtol=1e-7)
     names = ("output.encoder", "output.gyro", "input.torque")
@@ -166,7 +126,7 @@ def test_sensors_that_do_not_fit_the_loop_are_refused():
     with refused_with(InvalidInput, "quantisation", "sensors"):
         fh.Loop(PLANT, controller(), quantisation=1e-3, sensors=SENSORS)
     with refused_with(InvalidInput, "estimator"):
-        fh.Loop(PLANT, fh.Controller(Spring(), None, PERIOD), sensors=(
+        fh.Loop(PLANT, fh.Controller(SPRING, None, PERIOD), sensors=(
             fh.Sensor("angle", period=2 * PERIOD, noise=1e-3), fh.Sensor("speed", noise=1e-3),
         ))  # fmt: skip
     with refused_with(InvalidInput, "gyro"):

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.estimation.test_gaps import GIVEN, NOISE, STATES, sensors
-from tests.estimation.test_modal import Linear
+from tests.builders import PlantBox, linear_law, seen_by_three, three_sensors
 
 import flexhinf as fh
-from flexhinf.plant import BlackBox, rk4_step
 from flexhinf.scalars import where
 
 # Kernels that run once each: half of the time.
@@ -19,18 +17,17 @@ START = {"x0": 0.3, "x1": 0.5, "x2": 0.0}
 
 def asleep(until=0.35):
     """The same plant, whose sensors give nothing before its first state has come so low."""
-    plain = sensors()
+    plain = three_sensors()
 
     def seen(x, u, p):
         return np.array([where(x[0] > until, np.nan, one) for one in plain.output(x, u, p)])
 
-    return fh.Plant(plain.flow, seen, STATES, ("u",), parameters={"scale": 1.3})
+    return fh.Plant(plain.flow, seen, plain.states, ("u",), parameters={"scale": 1.3})
 
 
 def controller(kind=fh.ExtendedKalmanFilter, **options):
-    filter = kind(sensors(), 0.05, measurement_noise=NOISE, **GIVEN)
-    law = Linear(sensors(), np.array([[1.0, 0.5, 0.2]]), (np.zeros(3), np.array([0.2])))
-    return fh.Controller(law, filter, 0.05, before_first=[0.07], **options)
+    law = linear_law(three_sensors(), [-1.0, -0.5, -0.2], rest=[0.2])
+    return fh.Controller(law, seen_by_three(kind), 0.05, before_first=[0.07], **options)
 
 
 @pytest.mark.quick_cases(1)
@@ -74,35 +71,11 @@ def test_runs_in_lanes_wait_each_for_itself():
     assert waited.tolist() == [21, 0, 29]
 
 
-class Box(BlackBox):
-    """The plant as a physics engine that integrates itself."""
-
-    states = STATES
-
-    def __init__(self, plant):
-        self._plant, self._p = plant, plant.parameters.vector()
-
-    def reset(self, initial_state):
-        self._x, self._u = np.array(initial_state, dtype=float), np.array([0.07])
-
-    def step(self, u, disturbance, period):
-        def flow(x, d):
-            return np.asarray(self._plant.evaluate_flow(x, u, np.zeros(0), self._p), float)
-
-        self._x, self._u = rk4_step(flow, self._x, (None,) * 3, period), u
-
-    def output(self):
-        return np.asarray(self._plant.evaluate_output(self._x, self._u, self._p), float)
-
-    def state(self):
-        return self._x
-
-
 def test_a_black_box_and_a_plant_wait_alike():
     one = controller()
     runs = [
         loop.run(duration=4.0, initial_state=[0.6, 0.0, 0.0])
-        for loop in (fh.Loop(asleep(), one, sub_steps=1), fh.Loop(Box(asleep()), one))
+        for loop in (fh.Loop(asleep(), one, sub_steps=1), fh.Loop(PlantBox(asleep()), one))
     ]
     for kind in ("input", "estimate", "output"):
         np.testing.assert_allclose(runs[0].signals[kind], runs[1].signals[kind], rtol=1e-10, atol=1e-13)
@@ -110,6 +83,6 @@ def test_a_black_box_and_a_plant_wait_alike():
 
 def test_what_always_measures_has_the_code_of_before():
     """No step is guarded where no number of an output is written as NaN."""
-    loop = fh.Loop(sensors(), controller())
+    loop = fh.Loop(three_sensors(), controller())
     assert not loop.prepared(duration=0.2).code.waits
     assert fh.Loop(asleep(), controller()).prepared(duration=0.2).code.waits

@@ -79,36 +79,6 @@ def test_regrouped_bodies_move_alike(seed, random_links):
     np.testing.assert_allclose(again, matrix, rtol=0.0, atol=1e-12 * np.abs(matrix).max())
 
 
-@pytest.mark.property
-@pytest.mark.parametrize("seed", range(10))
-def test_forward_undoes_inverse_dynamics(seed, random_links):
-    rng = np.random.default_rng([seed, 3])
-    n = int(rng.integers(1, 8))
-    tree, *links = random_links(rng, n)
-    q, dq, ddq = rng.normal(size=(3, n))
-    bodies, fall = bodies_of(tree, *links), (0.3, -0.2, -9.81)
-    torque = inverse_dynamics(tree, bodies, q, dq, ddq, fall)
-    np.testing.assert_allclose(np.array(forward_dynamics(tree, bodies, q, dq, torque, fall)), ddq, atol=1e-10)
-
-
-@pytest.mark.property
-@pytest.mark.parametrize("seed", range(6))
-def test_energy_changes_by_the_power_of_the_torques(seed, random_links):
-    """d/dt (½ q̇ᵀ M q̇ + U) = q̇ᵀ τ, with Ṁ and U' by central differences of the mass matrix and of the height."""
-    rng = np.random.default_rng([seed, 5])
-    n = int(rng.integers(2, 6))
-    tree, *links = random_links(rng, n)
-    bodies, fall = bodies_of(tree, *links), (0.0, 0.0, -9.81)
-    q, dq, torque = rng.normal(size=(3, n))
-    matrix = mass_matrix(tree, bodies, q).astype(float)
-    step = 1e-5
-    ahead, behind = (mass_matrix(tree, bodies, q + s * step * dq).astype(float) for s in (1, -1))
-    weight = np.array(inverse_dynamics(tree, bodies, q, [0.0] * n, [0.0] * n, fall), dtype=float)
-    acceleration = np.array(forward_dynamics(tree, bodies, q, dq, torque, fall), dtype=float)
-    rate = dq @ matrix @ acceleration + 0.5 * dq @ ((ahead - behind) / (2 * step)) @ dq + dq @ weight
-    assert rate == pytest.approx(dq @ torque, abs=1e-7 * (1.0 + np.abs(dq @ matrix @ acceleration)))
-
-
 def seven_links():
     robot = load_robot("seven-link")
     tree, mass, centre, inertia = robot.links.rigid(

@@ -1,24 +1,9 @@
+"""Random linear plants, and the Kalman filter in NumPy: what filters of linear plants are compared with."""
+
 from dataclasses import dataclass
-from itertools import combinations, product
 
 import numpy as np
-import pytest
-
-from flexhinf.plant import Plant
-
-
-def pairs(*options):
-    """So few cases, always the same, that every two levels of two options meet in one of them."""
-
-    def met(case):
-        return set(combinations(enumerate(case), 2))
-
-    every = list(product(*(range(len(levels)) for levels in options)))
-    missing, chosen = set().union(*map(met, every)), []
-    while missing:
-        chosen.append(max(every, key=lambda case: len(met(case) & missing)))
-        missing -= met(chosen[-1])
-    return [tuple(levels[k] for levels, k in zip(options, case)) for case in chosen]
+from tests.builders import linear_plant
 
 
 @dataclass
@@ -50,13 +35,7 @@ class LinearCase:
 
     @property
     def plant(self):
-        return Plant(
-            lambda x, u, d, p: p.a @ x + p.b @ u,
-            lambda x, u, p: p.c @ x,
-            tuple(f"x{i}" for i in range(self.n)),
-            tuple(f"u{i}" for i in range(self.m)),
-            parameters={"a": self.a, "b": self.b, "c": self.c},
-        )
+        return linear_plant(self.a, self.b, self.c)
 
     def arguments(self, **changes):
         values = {
@@ -78,11 +57,11 @@ class LinearCase:
         return f, g
 
 
-def kalman_predict(mean, covariance, f, g, u, q):
+def predict(mean, covariance, f, g, u, q):
     return f @ mean + g @ u, f @ covariance @ f.T + q
 
 
-def kalman_correct(mean, covariance, c, y, r):
+def correct(mean, covariance, c, y, r):
     s = c @ covariance @ c.T + r
     gain = np.linalg.solve(s, c @ covariance).T
     rest = np.eye(len(mean)) - gain @ c
@@ -95,12 +74,3 @@ def relative(mean, covariance, other_mean, other_covariance):
     spread = np.where(spread > 0.0, spread, 1.0)
     first = np.abs(mean - other_mean) / np.maximum(spread, np.abs(other_mean))
     return max(first.max(), (np.abs(covariance - other_covariance) / np.outer(spread, spread)).max())
-
-
-@pytest.fixture
-def kalman():
-    class Tools:
-        case, predict, correct, relative = LinearCase, kalman_predict, kalman_correct, staticmethod(relative)
-
-    Tools.predict, Tools.correct = staticmethod(kalman_predict), staticmethod(kalman_correct)
-    return Tools
