@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
@@ -31,6 +31,7 @@ from flexhinf.estimation import ExtendedKalmanFilter, ModalFilter, stationary_ga
 from flexhinf.loop import Controller, Loop, Moving, Supervision, Waypoints
 from flexhinf.modal import ModalLaw
 from flexhinf.plant import Plant
+from flexhinf.robot import Robot
 from flexhinf.robot.springs import DAMPED
 from flexhinf.robot.workspace import Workspace
 
@@ -61,8 +62,8 @@ HOLD, ON_THE_WAY = 0.7, 21
 #: joint that hunts swings by so much, rad, or so many standard deviations of its noise, peak to peak.
 FOLLOWING_TIME, FOLLOWING, POSITION_SWING, SWING_NOISE = 0.1, 0.1, 2e-3, 14.0
 
-#: Plans that are kept for sampled robots, which make the same moves.
-PLANS = 32
+#: Plans that are kept for sampled robots, which make the same moves; linear controllers that are kept, by their poses.
+PLANS, STEPS = 32, 1000
 
 
 def pose_limits(s: Specification) -> tuple[float, float]:
@@ -121,12 +122,17 @@ class WorkspaceSetup(LoopPlants):
     workspace: Workspace
     law: ModalLaw
     random: tuple[float, float] = EXPECTED
+    other: Robot | None = None  # the true robot, where it is another one than the model's
+
+    def __getstate__(self) -> dict[str, Any]:
+        """State to pickle for other processes: what is computed from it is left out."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     @cached_property
     def true(self) -> LoopPlants:
         """Plants of the true robot, whose springs are damped as the file states, or as no real spring is without. Law,
         estimator and feedforward know no damping."""
-        return LoopPlants(*true_robot(self.robot, self.specification))
+        return LoopPlants(*true_robot(self.other or self.robot, self.specification))
 
     @cached_property
     def true_plant(self) -> Plant:
@@ -249,12 +255,12 @@ class WorkspaceSetup(LoopPlants):
         s, states, n = self.specification, self.model.states, len(self.joints)
         plant = with_values(self.smooth_plant if damped else self.undamped_plant, values)
         smooth = tuple(name for name in s.extras if name in SMOOTH_EXTRAS)
-        a, b, g, c = plant.linearise(*self.robot.operating_point(at, smooth, values))
+        a, b, g, c = plant.linearise(*self.true.robot.operating_point(at, smooth, values))
         whole = np.eye(plant.n)[[plant.index(name) for name in states]]
         c = whole if self.filter is None else c
-        if at.tobytes() not in self._steps:  # robots at corners of the tolerances have the same controller
-            self._steps[at.tobytes()] = self._step(at)
-        memory, law = self._steps[at.tobytes()]
+        memory, law = self._kept_step(
+            at.tobytes()
+        )  # robots at corners of the tolerances have the same controller
         return LinearLoop(
             s.period, a, b, c, np.zeros((len(c), n)), memory, law, np.zeros((len(memory), n)), np.zeros((n, n)),
             whole[:n], tuple(states[:n]), g, tuple(plant.disturbances), tuple(plant.inputs),
@@ -262,8 +268,8 @@ class WorkspaceSetup(LoopPlants):
         )  # fmt: skip
 
     @cached_property
-    def _steps(self) -> dict[bytes, tuple[np.ndarray, np.ndarray]]:
-        return {}
+    def _kept_step(self) -> Callable[[bytes], tuple[np.ndarray, np.ndarray]]:
+        return lru_cache(STEPS)(lambda pose: self._step(np.frombuffer(pose)))
 
     def _step(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The controller's step at rest at a pose (n,): its next memory (s, s + p) and the input (n, s + p), by its
@@ -417,17 +423,30 @@ class WorkspaceSetup(LoopPlants):
     ) -> Move:
         """A move with feedforward between the rows of `ends` (2, n), and a dwell, s; the true robot has the parameters
         `values`, and the dry friction that the robot states. The loop has held it at the start for long."""
-        s, (start, goal) = self.specification, ends
-        (plan, reference), controller = self._command(*map(bytes, ends)), self.controller(start)
-        linear, extras = self.linear(start, values), self.dry_plant[0]
-        state, held, memory = settled(self.true.robot, self.limits, controller, linear, start, extras, values)
-        run = self.loop(controller, values).prepared(
-            reference=reference, noise=self.noise,
-            duration=s.period * round((plan.duration + dwell) / s.period), seed=s.seed + seed,
-            initial_state=state, initial_input=held,
+        plan, arguments = self.run_from_rest(ends, values, dwell)
+        loop = self.loop(self.moving, values)
+        run = loop.run(**arguments, noise=self.noise, seed=self.specification.seed + seed)
+        return Move(plan, Response(run, ends[1], ends[0], self.joints), self.limits)
+
+    @cached_property
+    def moving(self) -> Controller:
+        """The controller of all moves, each of which begins with a memory of its own."""
+        return self.controller(np.array(self.workspace.home))
+
+    def run_from_rest(
+        self, ends: np.ndarray, values: Mapping[str, Any] | None = None, dwell: float = STILL
+    ) -> tuple[Waypoints, dict[str, Any]]:
+        """The plan of a `move`, and what `Loop.run` is to begin with and to follow."""
+        (plan, reference), start, extras = self._command(*map(bytes, ends)), ends[0], self.dry_plant[0]
+        state, held, memory = settled(
+            self.true.robot, self.robot.operating_point(start), self.limits, self.moving,
+            self.linear(start, values), start, extras, values,
         )  # fmt: skip
-        trajectory, *_ = replace(run, arrays=run.arrays | {"memory": memory}).run()
-        return Move(plan, Response(trajectory, goal, start, self.joints), self.limits)
+        period = self.specification.period
+        return plan, {
+            "reference": reference, "duration": period * round((plan.duration + dwell) / period),
+            "initial_state": state, "initial_input": held, "initial_memory": memory,
+        }  # fmt: skip
 
     def power_on(self, ends: np.ndarray, values: Mapping[str, Any], seed: int = 0) -> Response:
         """The first second at the start of a move, of a controller that does not know the robot's parameters."""
