@@ -126,8 +126,13 @@ def test_other_commands_take_its_folder_or_say_why_not(
     robot: str, folder: Path, refused: Callable[..., str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     main(["design", robot, "--draws", "0", "--out", "made"])
-    for command in ("compare", "certify", "campaign"):
-        refused([command, "made"], ("workspace", "--pose"), folder)
+    refused(["compare", "made"], ("workspace", "--pose"), folder)
+    refused(["certify", "made", "--observer", "10"], "--observer", folder)
+    capsys.readouterr()
+    assert main(["certify", "made", "--out", "proof"]) == 0
+    proof = json.loads((folder / "proof" / "proof.json").read_text(encoding="utf-8"))
+    assert 0.0 < proof["proved"]["error"] < proof["computed"]["error"]
+    assert unnamed(capsys.readouterr().out, "proved", f"{100.0 * proof['proved']['error']:.3g} %") == []
     loaded, s = fh.load_design(folder / "made")
     assert (loaded.name, s.workspace) == ("arm", "limits")
     stated = ["--pose", "5deg", "--degrees", "2", "--rays", "0", "--draws", "0", "--no-compare-rigid"]

@@ -26,7 +26,8 @@ from flexhinf.campaign.journal import check_own_folder, differing, listed
 from flexhinf.campaign.manifest import UNREADABLE
 from flexhinf.certify.certificate import linear_part
 from flexhinf.design import certification, checks, design_file, evaluation, laws, pipeline
-from flexhinf.design.deployed_run import DesignCampaign, fields_text
+from flexhinf.design.deployed_run import DesignCampaign
+from flexhinf.design.design_file import fields_text
 from flexhinf.design.synthesis.by_step import STATES
 from flexhinf.design.synthesis.steps import synthesise
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict, stored_length, stored_rows

@@ -23,7 +23,7 @@ from flexhinf.design import (
     requirements as required,
     responses,
 )
-from flexhinf.design.specification import FIELDS, Specification, is_for_workspace
+from flexhinf.design.specification import Specification, is_for_workspace
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.realtime import RealTimeRun
@@ -309,7 +309,7 @@ class DesignCampaign:
             "samples": str(o.samples), "seed": str(o.seed), "batch": str(o.batch), "method": o.method,
             **{f"variable {v.name}": v.text() for v in self.variables},
             "start": str(start.tolist()), "goal": str(goal.tolist()),
-            **{f"design {name}": text for name, text in fields_text(s).items()},
+            **{f"design {name}": text for name, text in design_file.fields_text(s).items()},
             **{f"{which} {p.name}": f"{p.value!r} {p.unit} {p.spread}".strip() for which, p in parameters},
             **({} if o.duration is None else {"duration": str(float(o.duration))}),
         }  # fmt: skip
@@ -343,16 +343,6 @@ class DesignCampaign:
         peak = ("input_limit_use<=1",) if limits.limits_peak else ()
         speed = ("speed_limit_use<=1",) if limits.limits_speed else ()
         return (*(step if self.plan is None else move), *peak, *speed)
-
-
-def fields_text(s: Specification) -> dict[str, str]:
-    """The fields of a specification that are not at their defaults, as text."""
-    values = {name: design_file.plain(name, getattr(s, name)) for name in FIELDS}
-    return {
-        name: str(value)
-        for name, value in values.items()
-        if value != design_file.plain(name, FIELDS[name].default)
-    }
 
 
 def _spread(parameter: Parameter, text: str) -> Parameter:

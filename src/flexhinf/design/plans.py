@@ -310,7 +310,12 @@ def settled(
         beside = beside - change[size - n :] @ np.concatenate([found, y]) / loop.period
     held = np.clip(held, controller.limits.lower, controller.limits.upper)
     memory = controller.initial_memory(None if estimator is None else x + found[: len(x)], held)
-    settled_parts = {"integral": found[size - n :], "position": at, "started": 1.0, "reference": np.append(x, u)}
+    settled_parts = {
+        "integral": found[size - n :],
+        "position": at,
+        "started": 1.0,
+        "reference": np.append(x, u),
+    }
     if controller.mode.has_offset:
         settled_parts["offset_known"] = 1.0
     if lead := controller.mode.command_lead:
