@@ -287,14 +287,14 @@ def _slower(robot: Robot, s: Specification, limits: JointLimits) -> str:
 
 def settled(
     robot: Robot, point: tuple[np.ndarray, np.ndarray], limits: JointLimits, controller: Controller, loop: LinearLoop,
-    at: np.ndarray, extras: Sequence[str], values: Mapping[str, Any] | None = None,
+    at: np.ndarray, extras: Sequence[str], values: Mapping[str, Any] | None = None, offset: Any = 0.0,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """State and input of a true robot, with the parameters `values`, and memory of a controller, wherever that begins,
     all as they are once the loop has come to rest at a pose (n,), of which `point` is the model's state and input.
 
     Integrals and estimate supply what the model does not know, and the tracked positions are at the command; where
     these are estimates, the links are beside it. `loop` is linearised at the pose; the memory of its controller begins
-    with the estimator's prediction and ends with the integrals.
+    with the estimator's prediction and ends with the integrals. `offset`: of the measurements (p,).
     """
     n, size, estimator, (x, u) = len(at), len(loop.memory), controller.estimator, point
     seen = np.eye(len(x)) if estimator is None else estimator.plant.linearise(x, u)[3]
@@ -304,7 +304,7 @@ def settled(
     for _ in range(CORRECTIONS):
         pose = np.clip(at + beside, limits.lower, limits.upper)
         state, held = robot.operating_point(pose, extras, values)
-        y = loop.c @ state - seen @ x
+        y = loop.c @ state + offset - seen @ x
         right = np.concatenate([np.zeros(size - n), held - u]) - rows[:, size:] @ y
         found = np.linalg.solve(rows[:, :size], right)
         beside = beside - change[size - n :] @ np.concatenate([found, y]) / loop.period

@@ -117,6 +117,7 @@ def write_campaign(
             Section("Failures", _failures(judged), "failures"),
         )
     lead, sections = first_screen(parts, ("signals", "metrics"), ("success", "worst-case"))
+    runs = "moves between random goals" if "goals" in settings else f"loops of {settings['duration']} s"
     spread = f", spread {SPREAD[judged.method]}" if "method" in settings else ""
     case = next((worst for worst in cases if worst.metric == judged.main), next(iter(cases), None))
     search = "" if case is None else f"Search: {worst_text(case)}"
@@ -136,8 +137,8 @@ def write_campaign(
         journal.folder, "report of the campaign",
         Page(
             journal.about.get("title", "Campaign"),
-            f"{judged.count} loops of {settings['duration']} s with the same controller, each with its own measurement "
-            f"noise and with {len(table.names('parameter'))} numbers of its own{spread}.",
+            f"{judged.count} {runs} with the same controller, each with its own measurement noise and with "
+            f"{len(table.names('parameter'))} numbers of its own{spread}.",
             f"{campaign_verdict(judged)} {campaign_design(judged, brief=True)}".rstrip(),
             sections,
             Settings({name: group for name, group in groups.items() if group}),

@@ -121,7 +121,7 @@ def _proved_text(proof: WorkspaceProof) -> str:
     if not proof.holds:
         return "Nothing is proved of this controller."
     if not proof.proved.error:
-        return "Small motions about rest are proved to be stable without errors of the model. Of errors nothing is proved."
+        return "Small motions about rest are proved to be stable without errors. Of errors nothing is proved."
     return (
         f"Errors of the accelerations up to {_error(proof)} are proved to be tolerated: with them, small motions about "
         f"rest are stable at every pose (computed: up to {number(100.0 * proof.tolerance.error, 3)} %)."

@@ -81,6 +81,14 @@ def gain_limit(s: Specification) -> float:
     return GAIN if s.gain_margin is None else s.gain_margin
 
 
+def deployed_plant(true: LoopPlants) -> tuple[tuple[str, ...], Plant, int | None]:
+    """As `WorkspaceSetup.dry_plant`, of the plants of a true robot."""
+    backlash = np.any(np.array(true.robot.plant_parameters().get("backlash", 0.0)) > 0.0)
+    own = LoopPlants(true.robot, with_extras(true.specification, *("backlash",) * bool(backlash)))
+    extras = own.specification.extras
+    return own.plant_with_friction(np.array(true.robot.home)) or (extras, own.true_plant, None)
+
+
 class CornerLoop(NamedTuple):
     """The loop at rest at one pose, of a robot at a corner of its tolerances; as in `PoseLoop`."""
 
@@ -385,10 +393,7 @@ class WorkspaceSetup(LoopPlants):
     def dry_plant(self) -> tuple[tuple[str, ...], Plant, int | None]:
         """Extras of the true robot, with the dry friction and the backlash that it states; its plant, and Runge–Kutta
         steps per period, None without dry friction."""
-        s, gaps = self.true.specification, ("backlash",) if np.any(self.backlash > 0.0) else ()
-        own = LoopPlants(self.true.robot, with_extras(s, *gaps))
-        extras = own.specification.extras
-        return own.plant_with_friction(np.array(self.robot.home)) or (extras, own.true_plant, None)
+        return deployed_plant(self.true)
 
     @property
     def may_swing(self) -> bool:
@@ -434,13 +439,18 @@ class WorkspaceSetup(LoopPlants):
         return self.controller(np.array(self.workspace.home))
 
     def run_from_rest(
-        self, ends: np.ndarray, values: Mapping[str, Any] | None = None, dwell: float = STILL
+        self,
+        ends: np.ndarray,
+        values: Mapping[str, Any] | None = None,
+        dwell: float = STILL,
+        offset: Any = 0.0,
     ) -> tuple[Waypoints, dict[str, Any]]:
-        """The plan of a `move`, and what `Loop.run` is to begin with and to follow."""
+        """The plan of a `move`, and what `Loop.run` is to begin with and to follow; the measurements are off by an
+        `offset` (p,)."""
         (plan, reference), start, extras = self._command(*map(bytes, ends)), ends[0], self.dry_plant[0]
         state, held, memory = settled(
             self.true.robot, self.robot.operating_point(start), self.limits, self.moving,
-            self.linear(start, values), start, extras, values,
+            self.linear(start, values), start, extras, values, offset,
         )  # fmt: skip
         period = self.specification.period
         return plan, {

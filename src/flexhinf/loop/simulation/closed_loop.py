@@ -273,14 +273,13 @@ class Loop(Summarised):
         point = operating_state(plant.states, controller)
         return sub_steps(controller.period, plant.fastest_mode(point, controller.law.operating_input))
 
-    def with_plant(self, plant: Plant | BlackBox) -> Loop:
-        """The same controller, channel and sub-steps with another true plant."""
-        if plant is self.true_plant:
+    def with_plant(self, plant: Plant | BlackBox, later: int = 0) -> Loop:
+        """The same controller, channel and sub-steps with another true plant, and inputs so many samples later."""
+        if plant is self.true_plant and not later:
             return self
         integrated = [isinstance(one, Plant) and not one.sampled for one in (plant, self.true_plant)]
-        steps = self.sub_steps if all(integrated) else None
-        other = Loop(plant, self.controller, steps)
-        other.channel = self.channel
+        other = Loop(plant, self.controller, self.sub_steps if all(integrated) else None)
+        other.channel = replace(self.channel, delay=self.channel.delay + later)
         return other
 
     def run(
@@ -343,7 +342,9 @@ class Loop(Summarised):
             "initial_state": initial_state, "initial_input": initial_input, "multi_turn": multi_turn,
         }  # fmt: skip
         if not isinstance(self.true_plant, Plant):
-            refuse_if(initial_memory is not None, "A black box takes no memory.", "got initial_memory", "a Plant")
+            refuse_if(
+                initial_memory is not None, "A black box takes no memory.", "got initial_memory", "a Plant"
+            )
             return self.run_paced(AT_ONCE, **settings)
         settings["initial_memory"] = initial_memory
         prepared = self.prepared(**settings)
