@@ -481,7 +481,9 @@ def _histograms(judged: CampaignJudgement, names: Sequence[str]) -> list[Any]:
 
 
 def _sensitivities(judged: CampaignJudgement) -> list[Any]:
-    ranked = ((name, judged.sensitivity(name)) for name in judged.table.names("metric"))
+    names = judged.table.names("metric")  # the use of a limit changes as the metric itself does
+    names = tuple(name for name in names if name.removesuffix("_use") not in {*names} - {name})
+    ranked = ((name, judged.sensitivity(name)) for name in names)
     sensitivities = dict(islice(((name, sobol) for name, sobol in ranked if sobol is not None), RANKED))
     if not sensitivities:
         few = Paragraph("The samples are too few to say which number matters: ten for each number, at least.")
