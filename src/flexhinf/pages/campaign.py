@@ -497,7 +497,7 @@ def _sensitivities(judged: CampaignJudgement) -> list[Any]:
         axis.set_yticks(places, [n.replace("_", " ") for n in sobol.names[: len(places)]])
         axis.set_xlim(0.0, 1.0)
         axis.grid(axis="y", visible=False)
-        axis.set_title(f"{metric_text(name)}, R² {number(sobol.r_squared, 2)}")
+        axis.set_title(f"{metric_text(name)}, R² {number(sobol.r_squared, 2)}", loc="right")
     legend_above(figure, axes[0], 2)
     first = next(iter(sensitivities.values()))
     low = [metric_text(name) for name, sobol in sensitivities.items() if sobol.r_squared < 0.5]
