@@ -134,10 +134,8 @@ def test_other_commands_take_its_folder_or_say_why_not(
     assert 0.0 < proof["proved"]["error"] < proof["computed"]["error"]
     assert unnamed(capsys.readouterr().out, "proved", f"{100.0 * proof['proved']['error']:.3g} %") == []
     loaded, s = fh.load_design(folder / "made")
-    for word in ("--duration", "2s"), ("--tolerance", "coulomb_friction=10%"):
-        refused(
-            ["campaign", "made", *word], word[0].strip("-") if word[0] == "--duration" else "coulomb", folder
-        )
+    refused(["campaign", "made", "--duration", "2s"], "--duration", folder)
+    refused(["campaign", "made", "--tolerance", "coulomb_friction=10%"], "coulomb_friction", folder)
     campaign = ["campaign", "made", "--samples", "5", "--batch", "2", "--encoder-offset", "1e-4"]
     assert main(
         [*campaign, "--out", "whole", "--worst-case", "--metric", "remaining_error", "--starts", "1"]
