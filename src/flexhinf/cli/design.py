@@ -366,7 +366,7 @@ def _certify_workspace(context: typer.Context, o: options.CertifyOptions, reques
     tables, text = pages.workspace_proof_ending(proof, verdict)
     show(tables)
     typer.echo(f"{text}\nreport: {folder / 'index.html'}")
-    return 0 if proof.holds else NOT_MET
+    return 0 if proof.is_proved else NOT_MET
 
 
 def _whole_command(context: typer.Context, advice: str) -> str:

@@ -303,7 +303,7 @@ class DesignCampaign(ABC):
         }  # fmt: skip
 
 
-def carrying(design: design_file.DesignRequest, payload: str | None) -> Robot:
+def with_payload(design: design_file.DesignRequest, payload: str | None) -> Robot:
     """The robot of a design, with another payload where one is stated."""
     return design.robot if payload is None else load_robot(design.source, design.elastic, payload=payload)
 
@@ -342,7 +342,7 @@ class PoseCampaign(DesignCampaign):
             )
         if o.duration is not None:
             sample_count(o.duration, s.period)
-        robot, variables = varied(carrying(design, o.payload), o, s.extras)
+        robot, variables = varied(with_payload(design, o.payload), o, s.extras)
         refuse_if(
             not variables,
             f"Nothing differs from sample to sample: the robot {robot.name!r} states no tolerance.",

@@ -118,7 +118,7 @@ def _error(proof: WorkspaceProof) -> str:
 
 def _proved_text(proof: WorkspaceProof) -> str:
     """The theorem in one sentence."""
-    if not proof.holds:
+    if not proof.is_proved:
         return "Nothing is proved of this controller."
     if not proof.proved.error:
         return "Small motions about rest are proved to be stable without errors. Of errors nothing is proved."
@@ -152,7 +152,7 @@ def workspace_proof_page(proof: WorkspaceProof, command: Sequence[str], verdict:
                     f"of {count_text(proof.proved.intervals, 'interval')} of the vibrations one quadratic storage "
                     "function falls from sample to sample, whatever the errors."
                 ),
-            ) if proof.holds else (Paragraph(PAIRS),), "theorem", True),
+            ) if proof.is_proved else (Paragraph(PAIRS),), "theorem", True),
             Section("Vibrations and errors", (pair_table(setup, proof.tolerance, proof.proved),), "pairs"),
         ),
         Settings(settings_in_groups({
@@ -163,8 +163,8 @@ def workspace_proof_page(proof: WorkspaceProof, command: Sequence[str], verdict:
         Provenance(shlex.join(command), s.seed),
         [KeyNumber("errors that are proved to be tolerated", _error(proof))] if proof.proved.error else [],
         [
-            *([Status("proved", _proved_text(proof))] if proof.holds else []),
-            Status("not proved", _unproved_text(proof) if proof.holds else _proved_text(proof)),
+            *([Status("proved", _proved_text(proof))] if proof.is_proved else []),
+            Status("not proved", _unproved_text(proof) if proof.is_proved else _proved_text(proof)),
             *design_statuses(verdict),
         ],
     )  # fmt: skip
@@ -175,8 +175,8 @@ def workspace_proof_ending(proof: WorkspaceProof, verdict: DesignVerdict) -> End
     own = verdict.unmet or verdict.brief
     parts = (
         _proved_text(proof),
-        f"It holds for {'; '.join(hypotheses(proof))}." if proof.holds else "",
-        f"Not proved: {_unproved_text(proof)}" if proof.holds else "",
+        f"It holds for {'; '.join(hypotheses(proof))}." if proof.is_proved else "",
+        f"Not proved: {_unproved_text(proof)}" if proof.is_proved else "",
         f"{own[:1].upper()}{own[1:]}.",
     )  # fmt: skip
     return screen(lambda _: pair_table(proof.setup, proof.tolerance, proof.proved), [1], parts)

@@ -12,7 +12,7 @@ import numpy as np
 from flexhinf.campaign import Campaign, Metrics, Sample, Tolerances, Variable
 from flexhinf.campaign.draws import METHODS
 from flexhinf.design import requirements as required
-from flexhinf.design.deployed_run import DELAY, ERROR, OFFSET, TORQUE, DesignCampaign, carrying, varied
+from flexhinf.design.deployed_run import DELAY, ERROR, OFFSET, TORQUE, DesignCampaign, varied, with_payload
 from flexhinf.design.design_file import DesignRequest
 from flexhinf.design.loop_setup import LoopPlants
 from flexhinf.design.plans import true_robot
@@ -180,7 +180,7 @@ class MovedRobots(Tolerances):
         values = robot.plant_parameters(robot.nominal | {k: v for k, v in row.items() if k in robot.nominal})
         off = {name: row[key] for name in plant.outputs if (key := f"{OFFSET}_{name}") in row}
         offset = np.array([off.get(name, 0.0) for name in plant.outputs]) if off else 0.0
-        _, options = setup.run_from_rest(ends, values, offset=offset)
+        _, options = setup.move_arguments(ends, values, offset=offset)
         errors = np.array([row.get(name, 0.0) for name in signal_names(ERROR, setup.joints)])
         if errors.any():
             options["initial_state"] = robot.operating_point(ends[0] + errors, extras, values)[0]
@@ -255,7 +255,7 @@ class WorkspaceCampaign(DesignCampaign):
             f"expected no duration, got {o.duration} s",
             "leave out --duration; a design of one pose (--pose) has a run of one length",
         )
-        plants = LoopPlants(*true_robot(carrying(design, o.payload), s))
+        plants = LoopPlants(*true_robot(with_payload(design, o.payload), s))
         extras, plant, _ = deployed_plant(plants)
         robot, variables = varied(plants.robot, o, extras)
         offsets = tuple(name for name in plant.outputs if "position" in name) if o.encoder_offset else ()
@@ -290,7 +290,7 @@ class WorkspaceCampaign(DesignCampaign):
         if self.offsets:
             loop = loop.with_plant(setup.dry_plant[1].augmented(offsets=self.offsets))
         draw = MovedRobots(self.variables, o.method, setup=setup, seed=o.seed, longest_delay=o.extra_delay)
-        first = setup.run_from_rest(draw.ends(0))[1]
+        first = setup.move_arguments(draw.ends(0))[1]
         options = {"duration": first["duration"], "noise": setup.noise}
         options = {name: value for name, value in options.items() if value is not None}
         return Campaign(

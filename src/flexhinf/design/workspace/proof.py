@@ -30,7 +30,7 @@ class WorkspaceProof(NamedTuple):
     proved: ProvedRange  # with no error where stability alone is proved, and empty where nothing is
 
     @property
-    def holds(self) -> bool:
+    def is_proved(self) -> bool:
         """Whether anything is proved."""
         return self.proved.high > self.proved.low
 

@@ -428,7 +428,7 @@ class WorkspaceSetup(LoopPlants):
     ) -> Move:
         """A move with feedforward between the rows of `ends` (2, n), and a dwell, s; the true robot has the parameters
         `values`, and the dry friction that the robot states. The loop has held it at the start for long."""
-        plan, arguments = self.run_from_rest(ends, values, dwell)
+        plan, arguments = self.move_arguments(ends, values, dwell)
         loop = self.loop(self.moving, values)
         run = loop.run(**arguments, noise=self.noise, seed=self.specification.seed + seed)
         return Move(plan, Response(run, ends[1], ends[0], self.joints), self.limits)
@@ -438,7 +438,7 @@ class WorkspaceSetup(LoopPlants):
         """The controller of all moves, each of which begins with a memory of its own."""
         return self.controller(np.array(self.workspace.home))
 
-    def run_from_rest(
+    def move_arguments(
         self,
         ends: np.ndarray,
         values: Mapping[str, Any] | None = None,
