@@ -266,9 +266,7 @@ def stored_request(journal: Journal) -> DesignCampaign:
         raise InvalidInput(
             "The options of the campaign cannot be read.", f"{journal.folder}: {error}", "a copy of its manifest",
         ) from error  # fmt: skip
-    return campaign_of(
-        design_file.read_request(journal.folder / SETUP / design_file.DESIGN_FILE), options
-    )
+    return campaign_of(design_file.read_request(journal.folder / SETUP / design_file.DESIGN_FILE), options)
 
 
 def open_pair(pair: DesignPair, progress: Callable[[str], None] = print) -> list[tuple[Campaign, Journal]]:

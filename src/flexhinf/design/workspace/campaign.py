@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from flexhinf.design.design_file import DesignRequest
 from flexhinf.design.loop_setup import LoopPlants
 from flexhinf.design.plans import true_robot
 from flexhinf.design.requirements import REQUIREMENTS, Requirement
-from flexhinf.design.responses import LOAD_START, JointLimits, Move, Response, joint_limits
+from flexhinf.design.responses import LOAD_START, JointLimits, Move, Plan, Response, joint_limits
 from flexhinf.design.specification import Specification
 from flexhinf.design.workspace.design import GOALS, GOALS_SEED
 from flexhinf.design.workspace.setup import WorkspaceSetup, deployed_plant
@@ -119,7 +119,7 @@ class MoveMetrics:
         ]
         plan = FollowedPlan(run.time, run.signals["reference"][:, columns])
         response = Response(run, plan.positions[-1], plan.positions[0], limits.joints)
-        rows = Move(plan, response, limits).motion
+        rows = Move(cast("Plan", plan), response, limits).motion
         lines: dict[str, Requirement] = {
             line.what: line
             for line in (

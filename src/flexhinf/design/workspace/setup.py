@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
@@ -372,7 +372,7 @@ class WorkspaceSetup(LoopPlants):
         )
 
     # Moves --------------------------------------------------------------------------------------------
-    def goals(self, count: int, seed: int) -> tuple[np.ndarray, int]:
+    def goals(self, count: int, seed: int | Sequence[int]) -> tuple[np.ndarray, int]:
         """Goals (count, n), one after another, and how many poses were left out between them: those to which the motors
         do not carry the heaviest robot of the tolerances with `HOLD` of their limits, straight on."""
         kept: list[np.ndarray] = []
