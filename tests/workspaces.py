@@ -5,7 +5,9 @@ from typing import Any
 
 import pytest
 
-ROOMS = [import_module(f"flexhinf.design.workspace.{name}") for name in ("setup", "search", "design")]
+ROOMS = [
+    import_module(f"flexhinf.design.workspace.{name}") for name in ("setup", "search", "design", "campaign")
+]
 
 
 def few(patch: pytest.MonkeyPatch, **values: Any) -> None:

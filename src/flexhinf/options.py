@@ -532,8 +532,12 @@ class CampaignOptions:
         "Largest error of the estimator's position at the start.", "0.01", "rad, m")
     disturbance: NotNegative = option(0.0, UNCERTAIN,
         "Largest constant torque on each link. It begins after a tenth of the run.", "0.1", "N·m or N")
-    duration: Duration | None = option(None, RUN, "Length of a run.", "5s", "s", zero="the default",
-        default="that of the design")
+    encoder_offset: NotNegative = option(0.0, UNCERTAIN,
+        "Largest offset of each position sensor. Of a design for a workspace.", "0.0005", "rad, m")
+    extra_delay: Whole = option(0, UNCERTAIN,
+        "Largest delay of the inputs that the controller does not know, in samples. Of a design for a workspace.", "1")
+    duration: Duration | None = option(None, RUN, "Length of a run. Of a design of one pose.", "5s", "s",
+        zero="the default", default="that of the design")
     # fmt: on
 
     def __post_init__(self) -> None:
@@ -542,5 +546,5 @@ class CampaignOptions:
         check_counts(self.samples, self.seed, self.batch)
         one_of("There is no such distribution.", self.distribution, DISTRIBUTIONS)
         one_of("There is no such method.", self.method, METHODS)
-        for name in ("initial_error", "disturbance"):
+        for name in ("initial_error", "disturbance", "encoder_offset", "extra_delay"):
             object.__setattr__(self, name, declared(CampaignOptions)[name].read(getattr(self, name)))

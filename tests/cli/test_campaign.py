@@ -376,7 +376,9 @@ def test_another_campaign_in_the_folder_is_refused(judged: Path, refused: Callab
 
 def test_a_robot_without_tolerances(folder: Path, arm: str, refused: Callable[..., str]) -> None:
     (folder / "arm.toml").write_text(arm)
-    refused(["campaign", "arm.toml", "--samples", "4"], ("'arm'", "tolerance", "--initial-error"), folder)
+    (folder / "one.toml").write_text('[design]\nrobot = "arm.toml"\npose = [0.1]\n')
+    refused(["campaign", "one.toml", "--samples", "4"], ("'arm'", "tolerance", "--initial-error"), folder)
+    refused(["campaign", "one.toml", "--encoder-offset", "1e-3"], ("--encoder-offset", "--pose"), folder)
 
 
 @pytest.mark.ci("two campaigns with their pages")

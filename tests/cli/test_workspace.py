@@ -126,9 +126,32 @@ def test_other_commands_take_its_folder_or_say_why_not(
     robot: str, folder: Path, refused: Callable[..., str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     main(["design", robot, "--draws", "0", "--out", "made"])
-    for command in ("compare", "certify", "campaign"):
-        refused([command, "made"], ("workspace", "--pose"), folder)
+    refused(["compare", "made"], ("workspace", "--pose"), folder)
+    refused(["certify", "made", "--observer", "10"], "--observer", folder)
+    capsys.readouterr()
+    assert main(["certify", "made", "--out", "proof"]) == 0
+    proof = json.loads((folder / "proof" / "proof.json").read_text(encoding="utf-8"))
+    assert 0.0 < proof["proved"]["error"] < proof["computed"]["error"]
+    assert unnamed(capsys.readouterr().out, "proved", f"{100.0 * proof['proved']['error']:.3g} %") == []
     loaded, s = fh.load_design(folder / "made")
+    refused(["campaign", "made", "--duration", "2s"], "--duration", folder)
+    refused(["campaign", "made", "--tolerance", "coulomb_friction=10%"], "coulomb_friction", folder)
+    campaign = ["campaign", "made", "--samples", "5", "--batch", "2", "--encoder-offset", "1e-4"]
+    assert main(
+        [*campaign, "--out", "whole", "--worst-case", "--metric", "remaining_error", "--starts", "1"]
+    ) in (0, 1)
+    assert main([*campaign, "--out", "part", "--shard", "2/2"]) == 0
+    assert main([*campaign, "--out", "part"]) in (0, 1)  # goes on from there
+    tables = [(folder / name / "samples.parquet").read_bytes() for name in ("whole", "part")]
+    assert tables[0] == tables[1]
+    capsys.readouterr()
+    for which in ("--sample", "4"), ("--worst-case", "remaining_error"):
+        assert main(["campaign", "replay", "whole", *which]) == 0
+        assert unnamed(capsys.readouterr().out, "bits", "design") == []
+    page = (folder / "whole" / "index.html").read_text(encoding="utf-8")
+    assert unnamed(page, "random goals", "remaining error") == []
+    assert main(["campaign", "compare", "made", "made", "--samples", "3", "--out", "pair"]) == 0
+    assert unnamed(capsys.readouterr().err, "differ") == []
     assert (loaded.name, s.workspace) == ("arm", "limits")
     stated = ["--pose", "5deg", "--degrees", "2", "--rays", "0", "--draws", "0", "--no-compare-rigid"]
     capsys.readouterr()

@@ -12,7 +12,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.campaign import Campaign, run_batch
-from flexhinf.design import DesignCampaign, DesignRequest, Specification
+from flexhinf.design import DesignRequest, PoseCampaign, Specification
 from flexhinf.design.responses import Response
 from flexhinf.loop.simulation.metrics import steady_state_error
 from flexhinf.options import CampaignOptions
@@ -20,20 +20,20 @@ from flexhinf.options import CampaignOptions
 ROBOT = "planar-two-link"
 
 
-def asked(**fields: Any) -> DesignCampaign:
+def asked(**fields: Any) -> PoseCampaign:
     specification = Specification(estimator="none", **fields)
-    return DesignCampaign.of(
+    return PoseCampaign.of(
         DesignRequest(fh.load_robot(ROBOT), specification, ROBOT), CampaignOptions(8, batch=8)
     )
 
 
-def campaign_of(one: DesignCampaign) -> Campaign:
+def campaign_of(one: PoseCampaign) -> Campaign:
     robot = one.request.robot
     law = fh.linear_law(robot.problem(pose=one.specification.pose), math.inf)
     return one.campaign(fh.Controller(law, None, 1e-3, start="bumpless"), 4.0)
 
 
-def check_by_signals(one: DesignCampaign, campaign: Campaign, found: Mapping[str, np.ndarray]) -> None:
+def check_by_signals(one: PoseCampaign, campaign: Campaign, found: Mapping[str, np.ndarray]) -> None:
     """The same bits (a rise time to its rounding) by another route: of the signals of each run, in NumPy."""
     metrics, (start, goal) = one.metrics, one.ends
     limits = metrics.limits
@@ -100,14 +100,14 @@ MOVE = "time [s],shoulder [deg],elbow [deg]\n0,0,0\n1,10,10\n2,20,10\n"
 
 
 @pytest.fixture
-def along(tmp_path: Path) -> DesignCampaign:
+def along(tmp_path: Path) -> PoseCampaign:
     file = tmp_path / "move.csv"
     file.write_text(MOVE)
     return asked(move=str(file))
 
 
 @pytest.mark.ci("a kernel of moves")
-def test_a_campaign_along_a_move_says_how_far_from_it_and_from_its_end(along: DesignCampaign) -> None:
+def test_a_campaign_along_a_move_says_how_far_from_it_and_from_its_end(along: PoseCampaign) -> None:
     robot = along.request.robot
     np.testing.assert_allclose(np.degrees(along.ends), [[0.0, 0.0], [20.0, 10.0]], atol=1e-9)
     law = fh.linear_law(robot.problem(pose=along.ends[1]), math.inf)

@@ -163,11 +163,11 @@ def test_a_settled_start_stays_where_it_is(measured: tuple[str, ...]) -> None:
     heavy = setup.robot.corner([1.0 if "payload" in p.name else 0.0 for p in setup.robot.uncertain])
     q = np.array([0.4, -0.9])
     controller, drifts = setup.controller(q), []
-    state, held, memory = settled(setup.robot, setup.limits, controller, setup.linear(q, heavy), q, (), heavy)
+    point, loop = setup.robot.operating_point(q), setup.linear(q, heavy)
+    state, held, memory = settled(setup.robot, point, setup.limits, controller, loop, q, (), heavy)
     loop = Loop(setup.true_plant.with_parameters(**setup.true_plant.parameters.known(heavy)), controller)
-    for own in ({"memory": memory}, {}):
-        run = loop.prepared(duration=0.3, initial_state=state, initial_input=held)
-        run, *_ = replace(run, arrays=run.arrays | own).run()
+    for own in ({"initial_memory": memory}, {}):
+        run = loop.run(duration=0.3, initial_state=state, initial_input=held, **own)
         drifts.append(np.ptp(run.signals["state"][:, :2], axis=0).max())
     assert drifts[0] < 1e-5  # of second order in the twist that 0.5 kg makes
     assert drifts[1] > 1e-3

@@ -38,8 +38,10 @@ LANGUAGES = {"sh", "python", "toml", "xml", "csv", "c", "text"}
 PROGRAMS = {"clang": "clang", "lld": "wasm-ld"}
 #: Blocks that run by night, each alone in a folder with the files of its page, and what does the same with less.
 NIGHTLY = {
-    "docs/campaigns.md-4": "searches a disturbance; so does tests/cli/test_campaign.py",
-    "docs/campaigns.md-7": "designs two laws; tests/cli/test_campaign_compare.py compares smaller ones",
+    "docs/campaigns.md-2": "moves of a workspace; tests/cli/test_workspace.py makes fewer",
+    "docs/campaigns.md-5": "searches a disturbance; so does tests/cli/test_campaign.py",
+    "docs/campaigns.md-8": "designs two laws; tests/cli/test_campaign_compare.py compares smaller ones",
+    "docs/certificate.md-2": "a proof of 20 s; tests/cli/test_workspace.py makes one of one joint",
     "docs/comparison.md-1": "tunes fourteen laws; tests/cli/test_compare.py compares fewer",
     "docs/design.md-2": "a design of one pose, as that of docs/guides/specify.md",
     "docs/design.md-3": "a design of one pose, as that of docs/guides/specify.md",

@@ -19,12 +19,15 @@ from flexhinf.design.advice import Advice, Change, Trial
 from flexhinf.design.requirements import REQUIREMENTS
 from flexhinf.design.responses import motion_metrics
 from flexhinf.design.robustness import LATEST, quantity_of, remaining_cause, remaining_errors, robustness
+from flexhinf.design.verdict import UNKNOWN
 from flexhinf.design.workspace.design import GOALS_SEED, POSES_SEED, SAMPLED_SEED
 from flexhinf.design.workspace.judgement import holding_requirement
+from flexhinf.design.workspace.proof import WorkspaceProof
 from flexhinf.design.workspace.setup import CHOSEN_SEED, OFFSET_TIME
 from flexhinf.modal import ProvedRange, pair_gains
 from flexhinf.pages import workspace as page, workspace_summary as summary
 from flexhinf.pages.page import files_section
+from flexhinf.pages.workspace_proof import stability_text, workspace_proof_ending, workspace_proof_page
 from flexhinf.robot.workspace import workspace_of
 
 #: The loops of a design that is made once: 2 s instead of 3 s.
@@ -166,7 +169,26 @@ def test_what_is_proved_and_what_is_computed_are_told_apart(made, design, tolera
     assert unnamed(text, "proved", "computed", float(f"{100 * tolerated.tolerance.error:.3g}")) == []
     assert tolerated.proved.high == design.setup.law.gains.ends[1]
     part = tolerated._replace(proved=ProvedRange(70.0, 81.0, 0.0, 3))
-    assert unnamed(page._not_proved(design, part), "9 rad/s", "random samples") == []
+    assert unnamed(stability_text(design.setup, part.proved), "9 rad/s", "stable") == []
+
+
+def test_a_proof_names_its_hypotheses_and_what_is_left_out(design, tolerated):
+    """Errors that are proved, stability alone of a part of the vibrations, and nothing."""
+    high, setup, error = design.setup.law.gains.ends[1], design.setup, tolerated.tolerance
+    for proved, kinds, told in (
+        (
+            ProvedRange(70.0, high, 0.125, 9),
+            ["proved", "not proved"],
+            ("12.5 %", "dry friction", "1 sample"),
+        ),
+        (ProvedRange(70.0, 81.0, 0.0, 3), ["proved", "not proved"], ("9 rad/s", "errors nothing")),
+        (ProvedRange(70.0, 70.0, 0.0, 0), ["not proved"], ("proved",)),
+    ):
+        proof = WorkspaceProof(setup, error, proved)
+        made = workspace_proof_page(proof, ["flexhinf", "certify"], UNKNOWN)
+        assert [status.kind for status in made.status][: len(kinds)] == kinds
+        for text in (text_of(made.html()), " ".join(workspace_proof_ending(proof, UNKNOWN).text.split())):
+            assert unnamed(text, *told) == []
 
 
 def test_what_offsets_of_encoders_do_is_said(design, tolerated):

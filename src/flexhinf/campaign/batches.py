@@ -178,7 +178,7 @@ class Campaign:
                     "a draw that returns Sample(plant=…), a plant of its own for each sample",
                 )
             plant = plant.with_parameters(**sample.parameters)
-        return self.loop.with_plant(plant)
+        return self.loop.with_plant(plant, sample.delay)
 
     def _arguments(self, index: int, sample: Sample) -> dict[str, Any]:
         return {**self.options, **sample.options, "seed": sample_seed(self.seed, index)}
@@ -233,7 +233,7 @@ class Campaign:
     def _mode(self, sample: Sample) -> str:
         """Execution mode of a sample: alone, or batched with samples that all have an initial input, or all have
         none."""
-        shared = isinstance(self.loop.true_plant, Plant) and sample.plant is None
+        shared = isinstance(self.loop.true_plant, Plant) and sample.plant is None and not sample.delay
         mode = "with input" if "initial_input" in sample.options else "lanes"
         return mode if shared and set(sample.options) <= _BATCHABLE else ALONE
 

@@ -287,6 +287,7 @@ class Sample:
     loads: Mapping[str, float] = field(default_factory=dict)
     # Why the sample cannot be run, such as a robot that its motors cannot hold; it is then only counted
     failure: str = ""
+    delay: int = 0  # Of the inputs, in samples, on top of the loop's own
 
     def row(self) -> dict[str, float]:
         """The varied numbers of the sample, by the names of their columns."""
@@ -372,8 +373,9 @@ class Tolerances(Draw):
 
     def samples(self, indices: Sequence[int], count: int, seed: int) -> list[Sample]:
         """Samples of these indices: quantiles of each variable at the points of the method."""
-        values = self.numbers(indices, count, seed)
-        return [self.built(dict(zip(values, map(float, row), strict=True))) for row in zip(*values.values())]
+        values = {name: column.tolist() for name, column in self.numbers(indices, count, seed).items()}
+        rows = ({name: column[k] for name, column in values.items()} for k in range(len(indices)))
+        return [self.built(numbers, int(index)) for numbers, index in zip(rows, indices)]
 
     def numbers(self, indices: Sequence[int], count: int, seed: int) -> dict[str, np.ndarray]:
         """Values (N,) of each variable for these samples, by its name."""
@@ -391,8 +393,8 @@ class Tolerances(Draw):
         whole = known and len(known) == len(names) and "build" not in settings and "method" in settings
         return Tolerances(known, settings["method"]) if whole else None
 
-    def built(self, numbers: Mapping[str, float]) -> Sample:
-        """The sample with these values of the variables, by name."""
+    def built(self, numbers: Mapping[str, float], index: int = 0) -> Sample:
+        """The sample with these values of the variables, by name, and with what else the sample of an index has."""
         if self.build is None:
             return Sample(numbers, numbers=numbers)
         try:

@@ -91,7 +91,7 @@ class WorstCase:
 
     def run(self, campaign: Campaign, plant: EvaluatedPlant | None = None) -> Trajectory:
         """Run the plant found, or another one with the same noise; InvalidInput where it cannot be run."""
-        sample = _box(campaign).built((plant or self.found).numbers)
+        sample = _box(campaign).built((plant or self.found).numbers, self.sample)
         refuse_if(
             sample.failure,
             f"The plant with the worst {self.metric} cannot be run.",
@@ -209,11 +209,11 @@ def check_starts(starts: Any) -> None:
 
 
 def _box(campaign: Campaign) -> Tolerances:
-    if isinstance(campaign.draw, Tolerances):
+    if isinstance(campaign.draw, Tolerances) and campaign.draw.variables:
         return campaign.draw
     raise InvalidInput(
         "The samples of this campaign have no box that could be searched.",
-        f"expected a draw by Tolerances, got {type(campaign.draw).__name__}",
+        f"expected a draw by Tolerances with variables, got {type(campaign.draw).__name__}",
         "Tolerances([Variable('stiffness', 0.9, 1.1), …])",
     )
 
@@ -239,7 +239,7 @@ def _runs(
     box, plants = _box(campaign), []
     for begin in range(0, len(numbers), CHUNK):
         some = numbers[begin : begin + CHUNK]
-        rows = rows_of(campaign, [noise] * len(some), [box.built(point) for point in some])
+        rows = rows_of(campaign, [noise] * len(some), [box.built(point, noise) for point in some])
         plants += [
             EvaluatedPlant(dict(point), float(value), str(status))
             for point, value, status in zip(some, rows[metric], rows["status"])

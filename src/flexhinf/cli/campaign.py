@@ -101,7 +101,7 @@ def run(context: typer.Context, o: options.RunCampaignOptions) -> int:
 
 
 def _request(o: options.BatchOptions, source: str) -> DesignCampaign:
-    from flexhinf.design import DesignCampaign
+    from flexhinf.design import campaign_of
 
     values: dict[str, Any] = {field.name: getattr(o, field.name) for field in fields(CampaignOptions)}
     nameless = [text for text in o.tolerance if "=" not in text]
@@ -114,7 +114,7 @@ def _request(o: options.BatchOptions, source: str) -> DesignCampaign:
     values["tolerances"] = tuple(
         (name.strip(), value.strip()) for name, value in (text.split("=", 1) for text in o.tolerance)
     )
-    return DesignCampaign.of(read_source(source, o.elastic, {}), CampaignOptions(**values))
+    return campaign_of(read_source(source, o.elastic, {}), CampaignOptions(**values))
 
 
 def _executor(o: options.BatchOptions) -> Executor | None:

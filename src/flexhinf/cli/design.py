@@ -19,6 +19,7 @@ import typer
 import flexhinf as fh
 from flexhinf import export, pages, report
 from flexhinf.cli.arguments import (
+    of_workspace_proof,
     refuse_idle,
     refuse_stated,
     reproduce_command,
@@ -39,6 +40,7 @@ from flexhinf.options import option_name
 
 if TYPE_CHECKING:
     from flexhinf.design import Advice
+    from flexhinf.design.design_file import DesignRequest
 
 #: Steps by which the bar of advice moves; a trial has about five, and some end early.
 TRIAL_STEPS = 12
@@ -239,8 +241,8 @@ def paper(context: typer.Context, o: options.PaperOptions) -> None:
     typer.echo(f"report: {folder / 'index.html'}")
 
 
-#: In the folder that is written.
-CERTIFICATE = "certificate.json"
+#: In the folder that is written: of one pose, of a workspace.
+CERTIFICATE, PROOF = "certificate.json", "proof.json"
 
 
 @with_options(lambda: (options.CertifyOptions, options.CERTIFY_FIELDS))
@@ -254,15 +256,19 @@ def certify(context: typer.Context, o: options.CertifyOptions) -> int:
     true state is fed back; with --observer the proof covers an observer too.
     With --tolerances it proves the step of the design for every robot within its
     tolerances. Weights that leave a state out, such as the paper's own, have no
-    margin that could be proved: --preset damped finds others. For robots of more joints a region can only be sampled:
-    `flexhinf design ROBOT --degrees 2 --damping 0.3 --rays 50`.
+    margin that could be proved: --preset damped finds others. Of one pose of a robot of more joints a region can only
+    be sampled: `flexhinf design ROBOT --degrees 2 --damping 0.3 --rays 50`.
+
+    Of a design for a workspace it proves which errors of the model small motions
+    about rest tolerate, at any pose, and writes proof.json.
 
     With --check, an independent program checks a certificate and reads nothing
     but the file. With --every-cell it trusts no rounding in doubles. --verbose
     prints the theorem with all its hypotheses.
 
-    Exit code: 0 if something is proved; 1 if a check refuses a certificate;
-    2 for a mistake, or where nothing can be proved; 130 if interrupted.
+    Exit code: 0 if something is proved; 1 if a check refuses a certificate, or
+    nothing is proved of a workspace; 2 for a mistake, or where nothing can be
+    proved of a pose; 130 if interrupted.
     """
     refuse_if(
         o.every_cell and o.check is None,
@@ -288,8 +294,12 @@ def certify(context: typer.Context, o: options.CertifyOptions) -> int:
         proved,
     )
     from flexhinf.design.problem.presets import preset_of
+    from flexhinf.design.specification import is_for_workspace
 
     request = request_of(context, o, o.robot, o.elastic)
+    several = len(request.robot.joint_names) > 1
+    if request.specification.workspace is not None or (several and is_for_workspace(request.specification)):
+        return _certify_workspace(context, o, request)
     boxed = "--tolerances" if o.tolerances else "--preset proved"
     other = "--decay" if o.decay else "--observer"
     refuse_if(
@@ -300,7 +310,7 @@ def certify(context: typer.Context, o: options.CertifyOptions) -> int:
         "for the nominal robot; got both",
         f"leave out {other}, or {boxed}",
     )
-    if len(request.robot.joint_names) == 1:
+    if not several:
         refuse_idle(context, request, tolerances=o.tolerances, observer=o.observer is not None)
     folder = report.check(o.out)
     with ProofProgress() as bar:
@@ -338,6 +348,25 @@ def certify(context: typer.Context, o: options.CertifyOptions) -> int:
         f"check:       {join(['flexhinf', 'certify', '--check', str(file)])}"
     )
     return 0
+
+
+def _certify_workspace(context: typer.Context, o: options.CertifyOptions, request: DesignRequest) -> int:
+    """Write what is proved of a controller for a workspace."""
+    from flexhinf.design.workspace.law_file import requested_setup
+    from flexhinf.design.workspace.proof import prove_workspace
+
+    refuse_stated(context, of_workspace_proof(request))
+    folder = report.check(o.out)
+    with ProofProgress() as bar:
+        setup, verdict = requested_setup(request, bar.step)
+        proof = prove_workspace(setup, bar.step)
+        page = pages.workspace_proof_page(proof, reproduce_command(context), verdict)
+    files = {"index.html": page.html(), PROOF: report.to_json(pages.workspace_proof_numbers(proof))}
+    report.write(folder, files)
+    tables, text = pages.workspace_proof_ending(proof, verdict)
+    show(tables)
+    typer.echo(f"{text}\nreport: {folder / 'index.html'}")
+    return 0 if proof.is_proved else NOT_MET
 
 
 def _whole_command(context: typer.Context, advice: str) -> str:

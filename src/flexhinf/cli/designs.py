@@ -89,8 +89,7 @@ def controller_of(path: Path, tell: bool = True, limits: bool = False) -> Design
 
 def verdict_of(request: DesignRequest) -> DesignVerdict:
     """The verdict on a requested design; not known where no unchanged report of the same design is named."""
-    from flexhinf.design.deployed_run import fields_text
-    from flexhinf.design.design_file import DESIGN_FILE, has_controller
+    from flexhinf.design.design_file import DESIGN_FILE, fields_text, has_controller
     from flexhinf.design.verdict import UNKNOWN, DesignVerdict, stored_rows
     from flexhinf.robot.parts import file_warnings
 

@@ -3,11 +3,12 @@
 from .advice import Advice as Advice, advise as advise
 from .campaign_folder import (
     DesignPair as DesignPair,
+    campaign_of as campaign_of,
     open_campaign as open_campaign,
     open_pair as open_pair,
     stored_campaign as stored_campaign,
 )
-from .deployed_run import DesignCampaign as DesignCampaign
+from .deployed_run import DesignCampaign as DesignCampaign, PoseCampaign as PoseCampaign
 from .design_file import (
     DesignRequest as DesignRequest,
     design_schema as design_schema,

@@ -26,15 +26,21 @@ from flexhinf.campaign.journal import check_own_folder, differing, listed
 from flexhinf.campaign.manifest import UNREADABLE
 from flexhinf.certify.certificate import linear_part
 from flexhinf.design import certification, checks, design_file, evaluation, laws, pipeline
-from flexhinf.design.deployed_run import DesignCampaign, fields_text
+from flexhinf.design.deployed_run import DesignCampaign, PoseCampaign
+from flexhinf.design.design_file import fields_text
+from flexhinf.design.specification import is_for_workspace
 from flexhinf.design.synthesis.by_step import STATES
 from flexhinf.design.synthesis.steps import synthesise
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict, stored_length, stored_rows
+from flexhinf.design.workspace.campaign import WorkspaceCampaign
+from flexhinf.design.workspace.law_file import law_numbers, read_setup, requested_setup
+from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.files import locked, write_file
 from flexhinf.loop import Controller, load_controller
 from flexhinf.options import CampaignOptions
 from flexhinf.plant import GeneralisedPlant, Penalty
+from flexhinf.report import to_json
 from flexhinf.validation import NotReadable, checked_path
 
 #: Folders of the two campaigns, inside the folder of their comparison.
@@ -44,6 +50,7 @@ FOLDERS = ("a", "b")
 #: are compared as numbers.
 SHARED = (
     "measured", "measurement_noise", "quantisation", "period", "latency", "unknown_delay", "extras", "move",
+    "workspace",
 )  # fmt: skip
 
 
@@ -103,16 +110,16 @@ def _circumstances(side: DesignCampaign) -> dict[str, str]:
 
 @dataclass(frozen=True, eq=False)
 class DesignedLaw:
-    """What a campaign runs: the controller of a design, the length of its runs, s, and the verdict on the design, which
-    is not known where the law was made for the campaign alone."""
+    """What a campaign runs: the law of a design, the length of its runs, s (0 of moves, each of which has its own), and
+    the verdict on the design, which is not known where the law was made for the campaign alone."""
 
-    controller: Controller
+    law: Controller | WorkspaceSetup
     length: float
     verdict: DesignVerdict = UNKNOWN
 
 
-#: Folder of the design file and the controller inside a campaign's, and their names.
-SETUP, CONTROLLER = "setup", "controller"
+#: Folder of the design file and the law inside a campaign's; the law's file, of one pose and of a workspace.
+SETUP, CONTROLLER, LAW = "setup", "controller", "law.json"
 
 #: Lock file, held while a controller is designed and written.
 SETUP_LOCK = ".campaign-setup-lock"
@@ -147,16 +154,20 @@ def open_campaign(
 def _begun(
     request: DesignCampaign, place: Path, command: Sequence[str], designed: DesignedLaw
 ) -> tuple[Campaign, Journal]:
-    o, design, setup, controller = request.options, request.request, place / SETUP, designed.controller
+    o, design, setup, law = request.options, request.request, place / SETUP, designed.law
     duration = designed.length if o.duration is None else o.duration
-    request.campaign(controller, duration)  # refuses what does not fit before anything is written
+    campaign_with(request, law, duration)  # refuses what does not fit before anything is written
     document = design_file.request_document(
         design.specification, design.source, design.elastic, setup, design.payload, design.robot.links.slides
     )
     text, file = tomlkit.dumps(document), setup / design_file.DESIGN_FILE
     write_file(file, "design file", lambda name: Path(name).write_text(text, encoding="utf-8"))
-    controller.save(setup / CONTROLLER)
-    campaign = request.campaign(load_controller(setup / CONTROLLER), duration)
+    if isinstance(law, WorkspaceSetup):
+        numbers = to_json(law_numbers(law))
+        write_file(setup / LAW, "law", lambda name: Path(name).write_text(numbers, encoding="utf-8"))
+    else:
+        law.save(setup / CONTROLLER)
+    campaign = campaign_with(request, stored_law(request, setup), duration)
     about = {
         "title": f"Campaign of the robot “{design.robot.name}”", "requirements": list(request.requirements),
         "nominal": {v.name: request.robot.nominal.get(v.name, 0.0) for v in request.variables},
@@ -164,6 +175,29 @@ def _begun(
         "design": designed.verdict.numbers,
     }  # fmt: skip
     return campaign, Journal.opened(place, campaign, command, about)
+
+
+def campaign_of(design: design_file.DesignRequest, o: CampaignOptions) -> DesignCampaign:
+    """The campaign of any design with these options; InvalidInput as of its kind."""
+    kind = WorkspaceCampaign if is_for_workspace(design.specification) else PoseCampaign
+    return kind.of(design, o)
+
+
+def campaign_with(request: DesignCampaign, law: Controller | WorkspaceSetup, duration: float) -> Campaign:
+    """The campaign with a law of its kind; `duration` of runs that have one length, s."""
+    if isinstance(request, WorkspaceCampaign) and isinstance(law, WorkspaceSetup):
+        return request.campaign(law)
+    assert isinstance(request, PoseCampaign)
+    assert isinstance(law, Controller)
+    return request.campaign(law, duration)
+
+
+def stored_law(request: DesignCampaign, setup: Path) -> Controller | WorkspaceSetup:
+    """The law in a campaign's folder."""
+    design = request.request
+    if isinstance(request, WorkspaceCampaign):
+        return read_setup(design.robot, request.specification, setup / LAW)
+    return load_controller(setup / CONTROLLER)
 
 
 def verdict_of(journal: Journal) -> DesignVerdict | None:
@@ -177,6 +211,10 @@ def designed_controller(request: DesignCampaign, progress: Callable[[str], None]
     A report's controller begins at the start of the step. For a move, a controller is designed that begins at its
     start.
     """
+    if isinstance(request, WorkspaceCampaign):
+        setup, verdict = requested_setup(request.request, progress)
+        return DesignedLaw(setup, 0.0, verdict)
+    assert isinstance(request, PoseCampaign)
     path, plan, robot, s = request.request.file, request.plan, request.request.robot, request.specification
     report = path if plan is None and path is not None and path.name == design_file.DESIGN_FILE else None
     if report and design_file.has_controller(report):
@@ -196,8 +234,8 @@ def designed_controller(request: DesignCampaign, progress: Callable[[str], None]
 def reopened(request: DesignCampaign, journal: Journal) -> Campaign:
     """The campaign of a folder, with its stored controller; InvalidInput if it was begun with other settings."""
     journal.refuse_other(request.stated, partly=True)
-    controller = load_controller(journal.folder / SETUP / CONTROLLER)
-    return request.campaign(controller, float(journal.settings["duration"]))
+    law = stored_law(request, journal.folder / SETUP)
+    return campaign_with(request, law, float(journal.settings["duration"]))
 
 
 def stored_campaign(folder: str | Path) -> tuple[Campaign, Journal]:
@@ -228,9 +266,7 @@ def stored_request(journal: Journal) -> DesignCampaign:
         raise InvalidInput(
             "The options of the campaign cannot be read.", f"{journal.folder}: {error}", "a copy of its manifest",
         ) from error  # fmt: skip
-    return DesignCampaign.of(
-        design_file.read_request(journal.folder / SETUP / design_file.DESIGN_FILE), options
-    )
+    return campaign_of(design_file.read_request(journal.folder / SETUP / design_file.DESIGN_FILE), options)
 
 
 def open_pair(pair: DesignPair, progress: Callable[[str], None] = print) -> list[tuple[Campaign, Journal]]:
@@ -305,7 +341,8 @@ class GainResults:
 
 def searches_gain(request: DesignCampaign) -> bool:
     """Whether a disturbance is searched for; with many states one ascent would take minutes."""
-    return STATES * len(request.request.robot.joint_names) <= certification.MOST_SEARCHED
+    states = STATES * len(request.request.robot.joint_names)
+    return isinstance(request, PoseCampaign) and states <= certification.MOST_SEARCHED
 
 
 class _Claim(NamedTuple):
@@ -445,8 +482,8 @@ def search_gain(
     """Results of `GainSearch`; they are stored in the campaign's folder, and read from there if they exist."""
     refuse_if(
         not searches_gain(request),
-        "The worst disturbance is not searched for robots of so many joints.",
-        f"expected at most {certification.MOST_SEARCHED // STATES}, got {len(request.request.robot.joint_names)}",
+        "The worst disturbance is not searched for this design.",
+        f"expected one of one pose of at most {certification.MOST_SEARCHED // STATES} joints",
         "--metric with a metric of the runs, as overshoot_percent",
     )
     results = stored_gains(journal)

@@ -5,11 +5,12 @@ The robots may have a payload, or other parameters than those of the design. The
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -23,14 +24,14 @@ from flexhinf.design import (
     requirements as required,
     responses,
 )
-from flexhinf.design.specification import FIELDS, Specification, is_for_workspace
+from flexhinf.design.specification import Specification, is_for_workspace
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.realtime import RealTimeRun
 from flexhinf.loop import Controller, Loop, Status, Step
 from flexhinf.loop.simulation.inputs import sample_count
 from flexhinf.loop.simulation.metrics import WINDOW
-from flexhinf.options import CampaignOptions, quantity
+from flexhinf.options import CampaignOptions, declared, quantity
 from flexhinf.robot import MuJoCoPlant, Parameter, Robot, elastic, load_robot, signals
 from flexhinf.robot.mujoco import EXPRESSED
 from flexhinf.robot.parameters import per_joint
@@ -220,10 +221,11 @@ def robot_sample(
     return Sample(parameters, {"initial_state": x}, numbers, loads=loads)
 
 
-ERROR, TORQUE = "initial_error", "link_torque"
+#: Names of numbers of a sample, before those of a joint or a measurement; the last has none.
+ERROR, TORQUE, OFFSET, DELAY = "initial_error", "link_torque", "encoder_offset", "unknown_delay_samples"
 
 
-def _varied(robot: Robot, o: CampaignOptions, extras: Sequence[str]) -> tuple[Robot, tuple[Variable, ...]]:
+def varied(robot: Robot, o: CampaignOptions, extras: Sequence[str]) -> tuple[Robot, tuple[Variable, ...]]:
     """The robot with the tolerances of a campaign, and what varies from sample to sample."""
     inactive = elastic.inactive_parameters(extras, robot.joint_names)
     for name, spread in o.tolerances:
@@ -244,45 +246,91 @@ def _varied(robot: Robot, o: CampaignOptions, extras: Sequence[str]) -> tuple[Ro
             Variable(full_name, -size, size, o.distribution, signals.UNITS[signal][sliding])
             for full_name, sliding in zip(names, robot.links.slides)
         ]
-    refuse_if(
-        not variables,
-        f"Nothing differs from sample to sample: the robot {robot.name!r} states no tolerance.",
-        "expected a tolerance, a range of the payload, an initial error or a disturbance",
-        "--tolerance stiffness=10%, --payload 0..2kg, --initial-error 0.01, --disturbance 0.5",
-    )
     return robot, tuple(variables)
 
 
+class RunNumbers(Protocol):
+    """Metrics of the runs of a campaign."""
+
+    @property
+    def limits(self) -> responses.JointLimits:
+        """Limits of the joints."""
+        ...
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Units by metric."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
-class DesignCampaign:
-    """A design and the options of its campaign. An unchanged report of the design supplies the controller."""
+class DesignCampaign(ABC):
+    """A design and the options of its campaign. An unchanged report of the design supplies the law."""
 
     request: design_file.DesignRequest
     options: CampaignOptions
-    plan: responses.Plan | None  # the move that the design is judged along, as `stated_move`; None for a step
-    ends: tuple[np.ndarray, np.ndarray]  # link positions (n,) where a run begins and should end, rad or m
     robot: Robot  # the true robot with the tolerances of the campaign
     variables: tuple[Variable, ...]  # what varies from sample to sample
-    metrics: monte_carlo.RunMetrics  # those of each run, with the limits of the design
+    metrics: RunNumbers  # those of each run, with the limits of the design
 
     @property
     def specification(self) -> Specification:
         """The specification of the design."""
         return self.request.specification
 
+    @property
+    @abstractmethod
+    def runs(self) -> Mapping[str, str]:
+        """Settings that say which runs are made, as text by name."""
+
+    @property
+    @abstractmethod
+    def requirements(self) -> tuple[str, ...]:
+        """Requirements on each run from the design's specification, besides reaching its end."""
+
+    @property
+    def stated(self) -> dict[str, str]:
+        """Settings of design and campaign as text by name, known before anything is designed."""
+        o, s, model = self.options, self.specification, self.request.robot
+        changed = [p for p in self.robot.parameters if p not in model.parameters]
+        parameters = [*(("robot", p) for p in model.parameters), *(("true robot", p) for p in changed)]
+        return {
+            "samples": str(o.samples), "seed": str(o.seed), "batch": str(o.batch), "method": o.method,
+            **{f"variable {v.name}": v.text() for v in self.variables},
+            **self.runs,
+            **{f"design {name}": text for name, text in design_file.fields_text(s).items()},
+            **{f"{which} {p.name}": f"{p.value!r} {p.unit} {p.spread}".strip() for which, p in parameters},
+        }  # fmt: skip
+
+
+def with_payload(design: design_file.DesignRequest, payload: str | None) -> Robot:
+    """The robot of a design, with another payload where one is stated."""
+    return design.robot if payload is None else load_robot(design.source, design.elastic, payload=payload)
+
+
+@dataclass(frozen=True, eq=False)
+class PoseCampaign(DesignCampaign):
+    """The campaign of a design of one pose: its step or its move, by many robots."""
+
+    metrics: monte_carlo.RunMetrics
+    plan: responses.Plan | None  # the move that the design is judged along, as `stated_move`; None for a step
+    ends: tuple[np.ndarray, np.ndarray]  # link positions (n,) where a run begins and should end, rad or m
+
     @classmethod
-    def of(cls, design: design_file.DesignRequest, o: CampaignOptions) -> DesignCampaign:
+    def of(cls, design: design_file.DesignRequest, o: CampaignOptions) -> PoseCampaign:
         """The campaign of a design with these options.
 
         Raises InvalidInput: for a parameter that does not act, where nothing varies, or for a duration that does not
             fit the period.
         """
         s, robot = design.specification, design.robot
-        plans.refuse_workspace(
-            s, robot, "A campaign",
-            f"flexhinf design {design.argument} --draws 1000, whose robots make a move each; or flexhinf design "
-            f"{design.argument} --pose {{pose}} --out one, then flexhinf campaign run one",
-        )  # fmt: skip
+        for name in ("encoder_offset", "extra_delay"):
+            refuse_if(
+                getattr(o, name),
+                f"The option {declared(CampaignOptions)[name].option} is of a design for a workspace.",
+                f"expected none for a design of one pose, got {getattr(o, name):g}",
+                "a design without --pose, or leave it out",
+            )
         plan, start, goal = plans.run_ends(robot, s)
         limits = responses.joint_limits(robot, s)
         metrics = monte_carlo.RunMetrics(limits, (start, goal))
@@ -294,25 +342,21 @@ class DesignCampaign:
             )
         if o.duration is not None:
             sample_count(o.duration, s.period)
-        if o.payload is not None:
-            robot = load_robot(design.source, design.elastic, payload=o.payload)
-        robot, variables = _varied(robot, o, s.extras)
-        return cls(design, o, plan, (start, goal), robot, variables, metrics)
+        robot, variables = varied(with_payload(design, o.payload), o, s.extras)
+        refuse_if(
+            not variables,
+            f"Nothing differs from sample to sample: the robot {robot.name!r} states no tolerance.",
+            "expected a tolerance, a range of the payload, an initial error or a disturbance",
+            "--tolerance stiffness=10%, --payload 0..2kg, --initial-error 0.01, --disturbance 0.5",
+        )
+        return cls(design, o, robot, variables, metrics, plan, (start, goal))
 
     @property
-    def stated(self) -> dict[str, str]:
-        """Settings of design and campaign as text by name, known before anything is designed."""
-        o, s, (start, goal), model = self.options, self.specification, self.ends, self.request.robot
-        changed = [p for p in self.robot.parameters if p not in model.parameters]
-        parameters = [*(("robot", p) for p in model.parameters), *(("true robot", p) for p in changed)]
-        return {
-            "samples": str(o.samples), "seed": str(o.seed), "batch": str(o.batch), "method": o.method,
-            **{f"variable {v.name}": v.text() for v in self.variables},
-            "start": str(start.tolist()), "goal": str(goal.tolist()),
-            **{f"design {name}": text for name, text in fields_text(s).items()},
-            **{f"{which} {p.name}": f"{p.value!r} {p.unit} {p.spread}".strip() for which, p in parameters},
-            **({} if o.duration is None else {"duration": str(float(o.duration))}),
-        }  # fmt: skip
+    def runs(self) -> dict[str, str]:
+        """Where a run begins and should end, and its length where one is stated."""
+        (start, goal), duration = self.ends, self.options.duration
+        own = {} if duration is None else {"duration": str(float(duration))}
+        return {"start": str(start.tolist()), "goal": str(goal.tolist()), **own}
 
     def campaign(self, controller: Controller, duration: float) -> Campaign:
         """The campaign with a controller and runs of this length, s."""
@@ -343,16 +387,6 @@ class DesignCampaign:
         peak = ("input_limit_use<=1",) if limits.limits_peak else ()
         speed = ("speed_limit_use<=1",) if limits.limits_speed else ()
         return (*(step if self.plan is None else move), *peak, *speed)
-
-
-def fields_text(s: Specification) -> dict[str, str]:
-    """The fields of a specification that are not at their defaults, as text."""
-    values = {name: design_file.plain(name, getattr(s, name)) for name in FIELDS}
-    return {
-        name: str(value)
-        for name, value in values.items()
-        if value != design_file.plain(name, FIELDS[name].default)
-    }
 
 
 def _spread(parameter: Parameter, text: str) -> Parameter:

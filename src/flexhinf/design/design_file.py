@@ -334,6 +334,12 @@ Units: rad (m), rad/s, s, V or N·m (N), or text with a unit: "90deg", "0.6Hz", 
 """
 
 
+def fields_text(s: Specification) -> dict[str, str]:
+    """The fields of a specification that are not at their defaults, as text."""
+    values = {name: plain(name, getattr(s, name)) for name in FIELDS}
+    return {name: str(value) for name, value in values.items() if value != plain(name, FIELDS[name].default)}
+
+
 def request_document(
     specification: Specification, robot: str | Path, elastic: str | Path | None = None, folder: str | Path = ".",
     payload: str | None = None, slides: Sequence[bool] = (False,),

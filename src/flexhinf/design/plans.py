@@ -309,18 +309,17 @@ def _slower(robot: Robot, s: Specification, limits: JointLimits) -> str:
 
 
 def settled(
-    robot: Robot, limits: JointLimits, controller: Controller, loop: LinearLoop, at: np.ndarray, extras: Sequence[str],
-    values: Mapping[str, Any] | None = None,
+    robot: Robot, point: tuple[np.ndarray, np.ndarray], limits: JointLimits, controller: Controller, loop: LinearLoop,
+    at: np.ndarray, extras: Sequence[str], values: Mapping[str, Any] | None = None, offset: Any = 0.0,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-    """State and input of a true robot, with the parameters `values`, and memory of a controller that begins at a pose
-    (n,), all as they are once the loop has come to rest there.
+    """State and input of a true robot, with the parameters `values`, and memory of a controller, wherever that begins,
+    all as they are once the loop has come to rest at a pose (n,), of which `point` is the model's state and input.
 
     Integrals and estimate supply what the model does not know, and the tracked positions are at the command; where
     these are estimates, the links are beside it. `loop` is linearised at the pose; the memory of its controller begins
-    with the estimator's prediction and ends with the integrals.
+    with the estimator's prediction and ends with the integrals. `offset`: of the measurements (p,).
     """
-    n, size, estimator = len(at), len(loop.memory), controller.estimator
-    x, u = robot.operating_point(at)
+    n, size, estimator, (x, u) = len(at), len(loop.memory), controller.estimator, point
     seen = np.eye(len(x)) if estimator is None else estimator.plant.linearise(x, u)[3]
     change = loop.memory - np.eye(*loop.memory.shape)
     rows = np.vstack([change[: size - n], loop.law])  # the integrals stand still where the errors are zero
@@ -328,15 +327,22 @@ def settled(
     for _ in range(CORRECTIONS):
         pose = np.clip(at + beside, limits.lower, limits.upper)
         state, held = robot.operating_point(pose, extras, values)
-        y = loop.c @ state - seen @ x
+        y = loop.c @ state + offset - seen @ x
         right = np.concatenate([np.zeros(size - n), held - u]) - rows[:, size:] @ y
         found = np.linalg.solve(rows[:, :size], right)
         beside = beside - change[size - n :] @ np.concatenate([found, y]) / loop.period
     held = np.clip(held, controller.limits.lower, controller.limits.upper)
     memory = controller.initial_memory(None if estimator is None else x + found[: len(x)], held)
-    settled_parts = {"integral": found[size - n :], "position": at, "started": 1.0}
+    settled_parts = {
+        "integral": found[size - n :],
+        "position": at,
+        "started": 1.0,
+        "reference": np.append(x, u),
+    }
     if controller.mode.has_offset:
         settled_parts["offset_known"] = 1.0
+    if lead := controller.mode.command_lead:
+        settled_parts["commands"] = np.tile(settled_parts["reference"], lead)
     for name, value in settled_parts.items():
         memory[controller.memory.places[name]] = value
     return state, held, memory

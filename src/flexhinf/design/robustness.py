@@ -16,9 +16,9 @@ from flexhinf.analysis.optimiser import bisected
 from flexhinf.design.plans import STILL
 from flexhinf.design.responses import Move, with_values
 from flexhinf.design.workspace.design import POSES_SEED, SAMPLED_SEED, WorkspaceDesign
+from flexhinf.design.workspace.proof import computed_tolerance, proved_tolerance
 from flexhinf.design.workspace.setup import HOLD
-from flexhinf.estimation import ModalFilter
-from flexhinf.modal import ProvedRange, Tolerance, error_tolerance, proved_range
+from flexhinf.modal import ProvedRange, Tolerance
 
 #: Largest extra delay, samples, and largest factor of the inputs up to which margins are searched for; share of that
 #: range to which they are found.
@@ -27,9 +27,6 @@ LATEST, LOUDEST, ACCURACY = 20.0, 100.0, 3e-4
 #: Dry friction by its numbers; a cause is named where this share of the remaining error, or less, is left without it; a
 #: longer rest after a move, s.
 DRY_FRICTION, MOSTLY, LONGER = ("coulomb_friction", "static_friction"), 0.7, 5.0
-
-#: Fastest pairs whose tolerated errors are computed, rad/s.
-FASTEST = 350.0
 
 
 class Robustness(NamedTuple):
@@ -73,7 +70,6 @@ def robustness(design: WorkspaceDesign) -> Robustness:
         return least if late else float(np.exp(least))
 
     needs = setup.needs(design.poses, design.robot.heaviest)
-    gains, filter = setup.law.gains, setup.filter if isinstance(setup.filter, ModalFilter) else None
     at = np.array(setup.workspace.home)
     undamped = 0.0
     if max(loop.growth for loop in design.undamped[0]) < 1.0:
@@ -82,8 +78,7 @@ def robustness(design: WorkspaceDesign) -> Robustness:
         margin("late", LATEST, loops), undamped,
         margin("louder", np.log(LOUDEST), loops), margin("softer", -np.log(LOUDEST), loops),
         int(np.sum(needs > HOLD)), int(np.sum(needs > 1.0)), fastest_vibration(design),
-        error_tolerance(gains, FASTEST, s.known_latency, filter),
-        proved_range(gains, 0.0, np.inf, s.known_latency, filter),
+        computed_tolerance(setup), proved_tolerance(setup),
         np.vstack([setup.encoder_offsets(at, None)[0], setup.encoder_offsets(at)]),
     )  # fmt: skip
 

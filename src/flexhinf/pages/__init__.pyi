@@ -70,4 +70,9 @@ from .run import (
     run_verdict as run_verdict,
 )
 from .terminal import SCREEN as SCREEN, comparison_ending as comparison_ending, wrapped as wrapped
+from .workspace_proof import (
+    workspace_proof_ending as workspace_proof_ending,
+    workspace_proof_numbers as workspace_proof_numbers,
+    workspace_proof_page as workspace_proof_page,
+)
 from .workspace_summary import workspace_verdict as workspace_verdict

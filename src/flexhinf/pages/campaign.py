@@ -117,6 +117,7 @@ def write_campaign(
             Section("Failures", _failures(judged), "failures"),
         )
     lead, sections = first_screen(parts, ("signals", "metrics"), ("success", "worst-case"))
+    runs = "moves between random goals" if "goals" in settings else f"loops of {settings['duration']} s"
     spread = f", spread {SPREAD[judged.method]}" if "method" in settings else ""
     case = next((worst for worst in cases if worst.metric == judged.main), next(iter(cases), None))
     search = "" if case is None else f"Search: {worst_text(case)}"
@@ -136,8 +137,8 @@ def write_campaign(
         journal.folder, "report of the campaign",
         Page(
             journal.about.get("title", "Campaign"),
-            f"{judged.count} loops of {settings['duration']} s with the same controller, each with its own measurement "
-            f"noise and with {len(table.names('parameter'))} numbers of its own{spread}.",
+            f"{judged.count} {runs} with the same controller, each with its own measurement noise and with "
+            f"{len(table.names('parameter'))} numbers of its own{spread}.",
             f"{campaign_verdict(judged)} {campaign_design(judged, brief=True)}".rstrip(),
             sections,
             Settings({name: group for name, group in groups.items() if group}),
@@ -480,7 +481,9 @@ def _histograms(judged: CampaignJudgement, names: Sequence[str]) -> list[Any]:
 
 
 def _sensitivities(judged: CampaignJudgement) -> list[Any]:
-    ranked = ((name, judged.sensitivity(name)) for name in judged.table.names("metric"))
+    names = judged.table.names("metric")  # the use of a limit changes as the metric itself does
+    names = tuple(name for name in names if name.removesuffix("_use") not in {*names} - {name})
+    ranked = ((name, judged.sensitivity(name)) for name in names)
     sensitivities = dict(islice(((name, sobol) for name, sobol in ranked if sobol is not None), RANKED))
     if not sensitivities:
         few = Paragraph("The samples are too few to say which number matters: ten for each number, at least.")
@@ -494,7 +497,7 @@ def _sensitivities(judged: CampaignJudgement) -> list[Any]:
         axis.set_yticks(places, [n.replace("_", " ") for n in sobol.names[: len(places)]])
         axis.set_xlim(0.0, 1.0)
         axis.grid(axis="y", visible=False)
-        axis.set_title(f"{metric_text(name)}, R² {number(sobol.r_squared, 2)}")
+        axis.set_title(f"{metric_text(name)}, R² {number(sobol.r_squared, 2)}", loc="right")
     legend_above(figure, axes[0], 2)
     first = next(iter(sensitivities.values()))
     low = [metric_text(name) for name, sobol in sensitivities.items() if sobol.r_squared < 0.5]

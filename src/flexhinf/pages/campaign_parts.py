@@ -58,7 +58,12 @@ METRIC_LABELS = {
     "estimation_error": "largest estimation error", "input_limit_use": "use of the input's limit",
     "speed_limit_use": "use of the speed's limit", "tracking_error_use": "use of the tracking error's limit",
     "tracking_error": "tracking error", "final_error_use": "use of the limit after the move",
-    "final_error": "distance after the move",
+    "final_error": "distance after the move", "remaining_error_use": "use of the remaining error's limit",
+    "path_distance_use": "use of the limit beside the path", "path_distance": "distance from the path",
+    "wrong_way_percent_use": "use of the limit of motion the wrong way", "wrong_way_percent": "motion the wrong way",
+    "ripple_percent_use": "use of the ripple's limit", "ripple_percent": "ripple of the motors",
+    "time_at_limit_s_use": "use of the time at an input's limit", "time_at_limit_s": "time at an input's limit",
+    "range_use": "distance beyond a joint's range",
 }  # fmt: skip
 
 #: The requirement of a design that a metric of its campaign judges.
@@ -67,6 +72,8 @@ JUDGED = {
     for metric, name in {
         "overshoot_percent": "overshoot", "settling_time_s": "unsettled", "input_limit_use": "peak",
         "speed_limit_use": "speed", "tracking_error_use": "tracking", "final_error_use": "final",
+        "remaining_error_use": "remaining", "path_distance_use": "path", "wrong_way_percent_use": "undershoot",
+        "ripple_percent_use": "ripple", "time_at_limit_s_use": "at_limit", "range_use": "range",
     }.items()
 }  # fmt: skip
 

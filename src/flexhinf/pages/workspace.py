@@ -10,7 +10,7 @@ import numpy as np
 
 from flexhinf.design.advice import Advice
 from flexhinf.design.plans import SPEED, STILL, UNLIMITED, shortest_time
-from flexhinf.design.robustness import FASTEST, LATEST, LOUDEST, Robustness, robustness
+from flexhinf.design.robustness import LATEST, LOUDEST, Robustness, robustness
 from flexhinf.design.specification import FIELDS
 from flexhinf.design.workspace.design import GOALS_SEED, POSES_SEED, SAMPLED_SEED, WorkspaceDesign
 from flexhinf.design.workspace.search import BANDWIDTHS
@@ -26,7 +26,6 @@ from flexhinf.design.workspace.setup import (
     gain_limit,
     pose_limits,
 )
-from flexhinf.estimation import ModalFilter
 from flexhinf.loop.simulation.metrics import WINDOW, peak_of
 from flexhinf.pages.design.overview import moves_lead
 from flexhinf.pages.drawing import (
@@ -42,6 +41,7 @@ from flexhinf.pages.drawing import (
 )
 from flexhinf.pages.page import files_section, requirement_table, requirements_text
 from flexhinf.pages.settings import loop_rows, robot_rows, sensor_rows, settings_in_groups
+from flexhinf.pages.workspace_proof import PAIRS, pair_table, stability_text
 from flexhinf.pages.workspace_summary import (
     columns_of,
     damping_text,
@@ -70,13 +70,6 @@ from flexhinf.report import (
     number,
 )
 from flexhinf.robot.waypoints import LIMITS
-
-#: What the section about tolerance begins with.
-PAIRS = (
-    "At any pose an arm of n elastic joints vibrates in n ways, each of which is like one link on one spring with one "
-    "motor. The law knows only their frequencies, which change with the pose. So what holds for every frequency of a "
-    "range holds at every pose that has its vibrations there."
-)
 
 
 def workspace_page(
@@ -111,7 +104,7 @@ def workspace_page(
             Section("Margins, tolerance and proof", (
                 Paragraph(PAIRS),
                 _margin_table(design, tolerated),
-                _pair_table(design, tolerated),
+                pair_table(setup, tolerated.tolerance, tolerated.proved),
                 *_offsets(design, tolerated),
             ), "tolerance", group="For experts"),
             Section("The law and its estimator", (_law_table(design), _watched(design)), "law"),
@@ -132,7 +125,7 @@ def workspace_page(
         [
             Status("met", f"{len(design.requirements)} requirements.") if design.met else
             Status("not met", f"{missed_text(design)}. {workspace_advice(design, advice)}{_command(advice)}"),
-            Status("not proved", _not_proved(design, tolerated)),
+            Status("not proved", f"Tested on random samples, not proved. {stability_text(setup, tolerated.proved)}"),
         ],
         [scope_text(design)], lead,
     )  # fmt: skip
@@ -347,47 +340,6 @@ def _offsets(design: WorkspaceDesign, tolerated: Robustness) -> list[Paragraph]:
     )
     more = " An offset of a link's encoder remains as an error of its position." if len(measured) > 1 else ""
     return [Paragraph(text + more)]
-
-
-def _pair_table(design: WorkspaceDesign, tolerated: Robustness) -> Table:
-    error, proved, (low, high) = tolerated.tolerance, tolerated.proved, np.sqrt(design.setup.law.gains.ends)
-    rows = [
-        (
-            "vibrations of the workspace", f"{number(low, 3)} to {number(high, 3)} rad/s",
-            "random poses, and 1.2 times beyond",
-        ),
-        (
-            f"stable, with latency{' and estimator' if isinstance(design.setup.filter, ModalFilter) else ''}",
-            f"{number(np.sqrt(proved.low), 3)} to {number(np.sqrt(proved.high), 3)} rad/s"
-            if proved.high > proved.low else "none",
-            f"proved, in {count_text(proved.intervals, 'interval')}",
-        ),
-        (
-            f"errors of accelerations of vibrations below {FASTEST:g} rad/s, the others exact",
-            f"{number(100.0 * error.error, 3)} %",
-            "computed for 30 vibrations; errors may change with time",
-        ),
-        (
-            "the same, errors that do not change with time", f"{number(100.0 * error.constant, 3)} %",
-            "computed for 30 vibrations",
-        ),
-    ]  # fmt: skip
-    caption = (
-        "For motors made alike, gravity without slope, springs without damping, no dry friction, small motions. An "
-        "error of an acceleration is that of a mass, a spring or a motor: 10 % more mass at all links is one of 9 %."
-    )
-    return Table(("each vibration by itself", "range or size", "how it is known"), rows, caption, stacks=True)
-
-
-def _not_proved(design: WorkspaceDesign, tolerated: Robustness) -> str:
-    proved, high = tolerated.proved, design.setup.law.gains.ends[1]
-    latency = count_text(design.specification.known_latency, "sample")
-    loop = f"{latency} of latency and {'the' if isinstance(design.setup.filter, ModalFilter) else 'no'} estimator"
-    up_to = "" if proved.high >= high else f", its vibrations up to {number(np.sqrt(proved.high), 3)} rad/s"
-    return (
-        "Tested on random samples, not proved. Only this is proved: without gravity, with equal motors, springs "
-        f"without damping and no dry friction, small motions about rest are stable{up_to}, with {loop}."
-    )
 
 
 def _law_table(design: WorkspaceDesign) -> Table:

@@ -6,6 +6,7 @@ the tool. A file of waypoints, as for moves, is the poses in it and the straight
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain, repeat
 from typing import Any
@@ -47,7 +48,7 @@ class Workspace:
     box: np.ndarray | None = None  # (2, 3), m, of the tool
     tool: Tool = ORIGIN
 
-    def sample(self, count: int, seed: int) -> np.ndarray:
+    def sample(self, count: int, seed: int | Sequence[int]) -> np.ndarray:
         """Poses (count, n): uniform in the box, or on the path by its length in joint ranges.
 
         Raises `InvalidInput` where hardly any pose within the joint ranges has its tool in the box in space.

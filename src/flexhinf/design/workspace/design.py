@@ -15,7 +15,6 @@ from typing import Any, TypeVar
 import numpy as np
 
 from flexhinf.analysis import LinearLoop
-from flexhinf.design.design_file import tool_of
 from flexhinf.design.loop_setup import sensor_steps
 from flexhinf.design.requirements import Judged, Requirement
 from flexhinf.design.responses import Move, Response, joint_limits
@@ -28,6 +27,7 @@ from flexhinf.design.workspace.judgement import (
     pose_requirements,
     standstill_requirement,
 )
+from flexhinf.design.workspace.law_file import stated_workspace
 from flexhinf.design.workspace.search import BANDWIDTHS, tuned_setup
 from flexhinf.design.workspace.setup import CornerLoop, PoseLoop, WorkspaceSetup
 from flexhinf.estimation.modal import pair_sensors
@@ -36,7 +36,6 @@ from flexhinf.robot import Robot, kinematics
 from flexhinf.robot.elastic import checked_pose
 from flexhinf.robot.signals import SENSORS, expanded
 from flexhinf.robot.waypoints import LIMITS
-from flexhinf.robot.workspace import Workspace, workspace_of
 
 #: Limits by which loops and moves are judged, and which change neither; margins with which loops are computed.
 JUDGED = ("damping", "ripple", "undershoot", "path_distance", "remaining_error", "tracking_error")
@@ -214,14 +213,6 @@ def _reused(
     same = (before.law.gains.weights, before.random) == (setup.law.gains.weights, setup.random)
     loops = like if same and {*changed} <= {*JUDGED, "peak_speed"} else None
     return loops, like if same and {*changed} <= {*JUDGED, *MARGINS} else None
-
-
-def stated_workspace(robot: Robot, stated: Any) -> Workspace:
-    """The workspace of a specification; a box in space has its tool behind an @."""
-    if not isinstance(stated, str):
-        return workspace_of(robot, stated)
-    place, _, tool = stated.partition("@")
-    return workspace_of(robot, place, tool_of(tool))
 
 
 def sampled_moves(robot: Robot, s: Specification) -> int:

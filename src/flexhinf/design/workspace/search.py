@@ -162,6 +162,16 @@ def motors_alone(robot: Robot, s: Specification) -> bool:
     return s.estimator != "none" and all(y.startswith("motor") for y in robot.plant(s.measured).outputs)
 
 
+def known_setup(
+    robot: Robot, s: Specification, workspace: Workspace, weights: PairWeights, random: tuple[float, float]
+) -> WorkspaceSetup:
+    """The setup that a search has found before, by the weights of its pairs and the torques that its estimator
+    expects."""
+    problem = robot.problem(penalty=Penalty({"link_position": 1.0}))
+    modal = workspace.sample(MODAL_POSES, CHOSEN_SEED)
+    return WorkspaceSetup(robot, s, workspace, ModalLaw.tuned(problem, s.period, weights, modal), random)
+
+
 def pair_weights(robot: Robot, bandwidth: float, gamma: float = GAMMA) -> PairWeights:
     """Weights of pairs with encoders of links, for a bandwidth, rad/s, and γ/γ*."""
     share = SHARE[bool(stated_friction(robot.plant_parameters()))]

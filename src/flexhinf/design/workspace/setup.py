@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
@@ -31,6 +31,7 @@ from flexhinf.estimation import ExtendedKalmanFilter, ModalFilter, stationary_ga
 from flexhinf.loop import Controller, Governor, Loop, Moving, Supervision, Waypoints
 from flexhinf.modal import ModalLaw
 from flexhinf.plant import Plant
+from flexhinf.robot import Robot
 from flexhinf.robot.springs import DAMPED
 from flexhinf.robot.workspace import Workspace
 
@@ -65,8 +66,8 @@ FOLLOWING_TIME, FOLLOWING, POSITION_SWING, SWING_NOISE = 0.1, 0.1, 2e-3, 14.0
 #: is brought back, at most with this share of its speed limit, which it reaches in the last time, s.
 FAR_TIME, FAR, BACK, BACK_TIME = 0.02, 0.02, 0.8, 0.3
 
-#: Plans that are kept for sampled robots, which make the same moves.
-PLANS = 32
+#: Plans that are kept for sampled robots, which make the same moves; linear controllers that are kept, by their poses.
+PLANS, STEPS = 32, 1000
 
 
 def pose_limits(s: Specification) -> tuple[float, float]:
@@ -82,6 +83,12 @@ def corner_damping(s: Specification) -> float:
 def gain_limit(s: Specification) -> float:
     """Factor by which all inputs may grow or shrink at once."""
     return GAIN if s.gain_margin is None else s.gain_margin
+
+
+def deployed_plant(true: LoopPlants) -> tuple[tuple[str, ...], Plant, int | None]:
+    """As `WorkspaceSetup.dry_plant`, of the plants of a true robot."""
+    home = np.array(true.robot.home)
+    return true.plant_with_friction(home) or (true.specification.extras, true.true_plant, None)
 
 
 class CornerLoop(NamedTuple):
@@ -125,11 +132,16 @@ class WorkspaceSetup(LoopPlants):
     workspace: Workspace
     law: ModalLaw
     random: tuple[float, float] = EXPECTED
+    other: Robot | None = None  # the true robot, where it is another one than the model's
+
+    def __getstate__(self) -> dict[str, Any]:
+        """State to pickle for other processes: what is computed from it is left out."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     @cached_property
     def true(self) -> LoopPlants:
         """The robot with what `true_robot` adds. Law, estimator and feedforward know no damping."""
-        return LoopPlants(*true_robot(self.robot, self.specification))
+        return LoopPlants(*true_robot(self.other or self.robot, self.specification))
 
     @cached_property
     def undamped_plant(self) -> Plant:
@@ -250,12 +262,12 @@ class WorkspaceSetup(LoopPlants):
         s, states, n = self.specification, self.model.states, len(self.joints)
         plant = with_values(self.smooth_plant if damped else self.undamped_plant, values)
         smooth = tuple(name for name in s.extras if name in SMOOTH_EXTRAS)
-        a, b, g, c = plant.linearise(*self.robot.operating_point(at, smooth, values))
+        a, b, g, c = plant.linearise(*self.true.robot.operating_point(at, smooth, values))
         whole = np.eye(plant.n)[[plant.index(name) for name in states]]
         c = whole if self.filter is None else c
-        if at.tobytes() not in self._steps:  # robots at corners of the tolerances have the same controller
-            self._steps[at.tobytes()] = self._step(at)
-        memory, law = self._steps[at.tobytes()]
+        memory, law = self._kept_step(
+            at.tobytes()
+        )  # robots at corners of the tolerances have the same controller
         return LinearLoop(
             s.period, a, b, c, np.zeros((len(c), n)), memory, law, np.zeros((len(memory), n)), np.zeros((n, n)),
             whole[:n], tuple(states[:n]), g, tuple(plant.disturbances), tuple(plant.inputs),
@@ -263,8 +275,8 @@ class WorkspaceSetup(LoopPlants):
         )  # fmt: skip
 
     @cached_property
-    def _steps(self) -> dict[bytes, tuple[np.ndarray, np.ndarray]]:
-        return {}
+    def _kept_step(self) -> Callable[[bytes], tuple[np.ndarray, np.ndarray]]:
+        return lru_cache(STEPS)(lambda pose: self._step(np.frombuffer(pose)))
 
     def _step(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The controller's step at rest at a pose (n,): its next memory (s, s + p) and the input (n, s + p), by its
@@ -359,7 +371,7 @@ class WorkspaceSetup(LoopPlants):
         )
 
     # Moves --------------------------------------------------------------------------------------------
-    def goals(self, count: int, seed: int) -> tuple[np.ndarray, int]:
+    def goals(self, count: int, seed: int | Sequence[int]) -> tuple[np.ndarray, int]:
         """Goals (count, n), one after another, and how many poses were left out between them: those to which the motors
         do not carry the heaviest robot of the tolerances with `HOLD` of their limits, straight on."""
         kept: list[np.ndarray] = []
@@ -380,8 +392,7 @@ class WorkspaceSetup(LoopPlants):
     def dry_plant(self) -> tuple[tuple[str, ...], Plant, int | None]:
         """Extras of the true robot; its plant, whose dry friction sticks, and Runge–Kutta steps per period, None
         without dry friction."""
-        extras, home = self.true.specification.extras, np.array(self.robot.home)
-        return self.plant_with_friction(home) or (extras, self.true_plant, None)
+        return deployed_plant(self.true)
 
     @property
     def may_swing(self) -> bool:
@@ -416,17 +427,35 @@ class WorkspaceSetup(LoopPlants):
     ) -> Move:
         """A move with feedforward between the rows of `ends` (2, n), and a dwell, s; the true robot has the parameters
         `values`, and the dry friction that the robot states. The loop has held it at the start for long."""
-        s, (start, goal) = self.specification, ends
-        (plan, reference), controller = self._command(*map(bytes, ends)), self.controller(start)
-        linear, extras = self.linear(start, values), self.dry_plant[0]
-        state, held, memory = settled(self.true.robot, self.limits, controller, linear, start, extras, values)
-        run = self.loop(controller, values).prepared(
-            reference=reference, noise=self.noise,
-            duration=s.period * round((plan.duration + dwell) / s.period), seed=s.seed + seed,
-            initial_state=state, initial_input=held,
+        plan, arguments = self.move_arguments(ends, values, dwell)
+        loop = self.loop(self.moving, values)
+        run = loop.run(**arguments, noise=self.noise, seed=self.specification.seed + seed)
+        return Move(plan, Response(run, ends[1], ends[0], self.joints), self.limits)
+
+    @cached_property
+    def moving(self) -> Controller:
+        """The controller of all moves, each of which begins with a memory of its own."""
+        return self.controller(np.array(self.workspace.home))
+
+    def move_arguments(
+        self,
+        ends: np.ndarray,
+        values: Mapping[str, Any] | None = None,
+        dwell: float = STILL,
+        offset: Any = 0.0,
+    ) -> tuple[Waypoints, dict[str, Any]]:
+        """The plan of a `move`, and what `Loop.run` is to begin with and to follow; the measurements are off by an
+        `offset` (p,)."""
+        (plan, reference), start, extras = self._command(*map(bytes, ends)), ends[0], self.dry_plant[0]
+        state, held, memory = settled(
+            self.true.robot, self.robot.operating_point(start), self.limits, self.moving,
+            self.linear(start, values), start, extras, values, offset,
         )  # fmt: skip
-        trajectory, *_ = replace(run, arrays=run.arrays | {"memory": memory}).run()
-        return Move(plan, Response(trajectory, goal, start, self.joints), self.limits)
+        period = self.specification.period
+        return plan, {
+            "reference": reference, "duration": period * round((plan.duration + dwell) / period),
+            "initial_state": state, "initial_input": held, "initial_memory": memory,
+        }  # fmt: skip
 
     def power_on(self, ends: np.ndarray, values: Mapping[str, Any], seed: int = 0) -> Response:
         """The first second at the start of a move, of a controller that does not know the robot's parameters."""

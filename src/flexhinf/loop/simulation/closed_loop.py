@@ -273,14 +273,13 @@ class Loop(Summarised):
         point = operating_state(plant.states, controller)
         return sub_steps(controller.period, plant.fastest_mode(point, controller.law.operating_input))
 
-    def with_plant(self, plant: Plant | BlackBox) -> Loop:
-        """The same controller, channel and sub-steps with another true plant."""
-        if plant is self.true_plant:
+    def with_plant(self, plant: Plant | BlackBox, later: int = 0) -> Loop:
+        """The same controller, channel and sub-steps with another true plant, and inputs so many samples later."""
+        if plant is self.true_plant and not later:
             return self
         integrated = [isinstance(one, Plant) and not one.sampled for one in (plant, self.true_plant)]
-        steps = self.sub_steps if all(integrated) else None
-        other = Loop(plant, self.controller, steps)
-        other.channel = self.channel
+        other = Loop(plant, self.controller, self.sub_steps if all(integrated) else None)
+        other.channel = replace(self.channel, delay=self.channel.delay + later)
         return other
 
     def run(
@@ -294,6 +293,7 @@ class Loop(Summarised):
         initial_input: Any = None,
         *,
         multi_turn: bool = False,
+        initial_memory: Any = None,
     ) -> Trajectory:
         """Simulate from a fresh controller; a run that diverges is returned up to where it did.
 
@@ -323,6 +323,8 @@ class Loop(Summarised):
         multi_turn : bool
             Whether the command may turn a joint by more than 2π rad. Otherwise a number or a house signal beyond
             that is refused, as it is degrees more often; `Samples` and functions of time are taken as they are.
+        initial_memory : (s,) array, optional
+            Of the controller, on a `Plant`; by default `Controller.initial_memory`.
 
         Returns
         -------
@@ -340,7 +342,11 @@ class Loop(Summarised):
             "initial_state": initial_state, "initial_input": initial_input, "multi_turn": multi_turn,
         }  # fmt: skip
         if not isinstance(self.true_plant, Plant):
+            refuse_if(
+                initial_memory is not None, "A black box takes no memory.", "got initial_memory", "a Plant"
+            )
             return self.run_paced(AT_ONCE, **settings)
+        settings["initial_memory"] = initial_memory
         prepared = self.prepared(**settings)
         run = prepared.run()[0]
         if self._brakes and (at := self._braking(run, prepared.arrays, initial_input)) is not None:
@@ -471,15 +477,17 @@ class Loop(Summarised):
         initial_input: Any = None,
         *,
         multi_turn: bool = False,
+        initial_memory: Any = None,
     ) -> PreparedRun:
         """A run on a `Plant`, prepared but not yet made; arguments as of `run`. Where their text says all of them, and
         is that of the last time, only the noise is new."""
         arguments = reference, disturbance, noise, duration, initial_state, initial_input
-        said = repr((*arguments, multi_turn)) if is_written((*arguments, multi_turn)) else ""
+        others = {"multi_turn": multi_turn, "initial_memory": initial_memory}
+        said = repr((*arguments, others)) if is_written((*arguments, others)) else ""
         start = getattr(self.controller.estimator, "initial", None)
         if self._last and self._last[0] == said and self._last[1] is start:
             return self._last[2].with_seed(seed)
-        run = self.ensemble(*arguments, multi_turn=multi_turn).single(seed, self.sub_steps)
+        run = self.ensemble(*arguments, **others).single(seed, self.sub_steps)
         if said and len(run.times) <= LONGEST_KEPT:
             self._last = said, start, run
         return run
@@ -494,6 +502,7 @@ class Loop(Summarised):
         initial_input: Any = None,
         *,
         multi_turn: bool = False,
+        initial_memory: Any = None,
         reductions: Sequence[Reduction] = (),
         kept: Sequence[str] = (),
         instants: Any = (),
@@ -503,7 +512,7 @@ class Loop(Summarised):
 
         Parameters
         ----------
-        reference, disturbance, noise, duration, initial_state, initial_input, multi_turn
+        reference, disturbance, noise, duration, initial_state, initial_input, multi_turn, initial_memory
             As for `run`.
         reductions : sequence of Reduction
             Numbers of a user's own beside the metrics of `Trajectory.metrics`.
@@ -528,7 +537,9 @@ class Loop(Summarised):
         start = {
             "x": starting_state(initial_state, plant.states, controller),
             "held": controller.input_before(initial_input),
-            "memory": controller.initial_memory(input=initial_input),
+            "memory": controller.initial_memory(input=initial_input)
+            if initial_memory is None
+            else initial_memory,
         }
         noise = self.channel.noise(noise)
         deviation = None if noise is None else checked_deviation(noise, controller.measured)

@@ -1,0 +1,298 @@
+"""The campaign of a controller for a workspace: each sample is a robot of the tolerances with a move of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import Any, cast
+
+import numpy as np
+
+from flexhinf.campaign import Campaign, Metrics, Sample, Tolerances, Variable
+from flexhinf.campaign.draws import METHODS
+from flexhinf.design import requirements as required
+from flexhinf.design.deployed_run import DELAY, ERROR, OFFSET, TORQUE, DesignCampaign, varied, with_payload
+from flexhinf.design.design_file import DesignRequest
+from flexhinf.design.loop_setup import LoopPlants
+from flexhinf.design.plans import true_robot
+from flexhinf.design.requirements import REQUIREMENTS, Requirement
+from flexhinf.design.responses import LOAD_START, JointLimits, Move, Plan, Response, joint_limits
+from flexhinf.design.specification import Specification
+from flexhinf.design.workspace.design import GOALS, GOALS_SEED
+from flexhinf.design.workspace.setup import WorkspaceSetup, deployed_plant
+from flexhinf.errors import FlexhinfError, NumericalFailure, refuse_if
+from flexhinf.loop import Step, Trajectory
+from flexhinf.options import CampaignOptions
+from flexhinf.robot.signals import UNITS, signal_names
+from flexhinf.robot.waypoints import LIMITS
+from flexhinf.validation import one_of
+
+#: Blocks of goals that are kept; names of the ends of a move in a row, before those of the joints.
+BLOCKS, ENDS = 8, ("start", "goal")
+
+#: Metrics by the rows of `REQUIREMENTS` that they measure, and whether single joints have them too.
+METRICS = {
+    "tracking": ("tracking_error", True), "remaining": ("remaining_error", True), "path": ("path_distance", True),
+    "undershoot": ("wrong_way_percent", False), "ripple": ("ripple_percent", False),
+    "at_limit": ("time_at_limit_s", False),
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class FollowedPlan:
+    """A plan by its samples in a run."""
+
+    time: np.ndarray  # (N,), s
+    positions: np.ndarray  # (N, n), rad or m
+
+    @cached_property
+    def duration(self) -> float:
+        """When it comes to rest, s."""
+        moving = np.flatnonzero(np.any(self.positions != self.positions[-1], axis=1))
+        return float(self.time[moving[-1] + 1]) if len(moving) else 0.0
+
+    def __call__(self, t: Any) -> Any:
+        """Link positions (…, n) at times t, straight between samples."""
+        return np.stack([np.interp(t, self.time, column) for column in self.positions.T], axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class MoveMetrics:
+    """Metrics of a move, by the requirements of a design for a workspace."""
+
+    specification: Specification
+    limits: JointLimits
+
+    @cached_property
+    def units(self) -> dict[str, str]:
+        """Units by metric: the worst of all joints and its share of what is allowed; then those of single joints."""
+        limits, known = self.limits, [name for name in METRICS if self._applies(name)]
+        units = {METRICS[name][0]: self._unit(name) for name in known}
+        units |= {f"{METRICS[name][0]}_use": "" for name in known}
+        uses = {
+            "input_limit_use": limits.limits_peak,
+            "speed_limit_use": limits.limits_speed,
+            "range_use": True,
+        }
+        units |= {name: "" for name, limited in uses.items() if limited}
+        return units | {f"{METRICS[name][0]}_{joint}": unit for name, joint, unit in self._parts}
+
+    @property
+    def _parts(self) -> list[tuple[str, str, str]]:
+        pairs = list(zip(self.limits.joints, self.limits.position_units))
+        several = [
+            name for name, (_, each) in METRICS.items() if each and self._applies(name) and len(pairs) > 1
+        ]
+        return [(name, *pair) for name in several for pair in pairs]
+
+    def _applies(self, name: str) -> bool:
+        limited = {
+            "path": self.specification.path_distance is not None, "ripple": bool(np.isfinite(self.limits.effort).any()),
+            "at_limit": self.limits.saturated is not None,
+        }  # fmt: skip
+        return limited.get(name, True)
+
+    def _unit(self, name: str) -> str:
+        own = {"at_limit": "s"}.get(name, REQUIREMENTS[name].unit)
+        return own or (self.limits.position_units[0] if len(set(self.limits.position_units)) == 1 else "")
+
+    @property
+    def required(self) -> tuple[str, ...]:
+        """Requirements on each run."""
+        return tuple(
+            f"{name}<={1e-9 if name == 'range_use' else 1:g}" for name in self.units if name.endswith("_use")
+        )
+
+    @property
+    def metrics(self) -> Metrics:
+        """For a campaign."""
+        return Metrics(
+            self.units, self, parts=[f"{METRICS[name][0]}_{joint}" for name, joint, _ in self._parts]
+        )
+
+    def __call__(self, run: Trajectory) -> dict[str, float]:
+        """The numbers of one run."""
+        s, limits = self.specification, self.limits
+        columns = [
+            run.names["reference"].index(name) for name in signal_names("link_position", limits.joints)
+        ]
+        plan = FollowedPlan(run.time, run.signals["reference"][:, columns])
+        response = Response(run, plan.positions[-1], plan.positions[0], limits.joints)
+        rows = Move(cast("Plan", plan), response, limits).motion
+        lines: dict[str, Requirement] = {
+            line.what: line
+            for line in (
+                *required.motion_requirements(s, limits, rows, 0.0, "", rests=True),
+                *required.saturation_requirement(limits, [response], ""),
+            )
+        }
+        found = {
+            "input_limit_use": limits.input_use(response).share, "speed_limit_use": limits.speed_use(response).share,
+            "range_use": limits.range_use(response).share,
+        }  # fmt: skip
+        for name, (metric, _) in METRICS.items():
+            line = lines.get(REQUIREMENTS[name].what)
+            found[metric] = 0.0 if line is None else line.found
+            found[f"{metric}_use"] = 0.0 if line is None else line.found / line.limit
+        for name, joint, _ in self._parts:
+            metric = METRICS[name][0]
+            found[f"{metric}_{joint}"] = rows[limits.joints.index(joint)][metric]
+        return found
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MovedRobots(Tolerances):
+    """Robots of the tolerances, each with a move of its own between random goals.
+
+    The move belongs to the index of a sample, as its noise does. The first moves are those that the design is judged
+    by, which follow one another; then each has goals of its own.
+    """
+
+    setup: WorkspaceSetup
+    seed: int  # of the campaign
+    longest_delay: int = 0  # samples
+
+    def __post_init__(self) -> None:
+        one_of("There is no such method.", self.method, METHODS)
+
+    def built(self, numbers: Mapping[str, float], index: int = 0) -> Sample:
+        """The robot with these numbers, settled at the start of the move of an index."""
+        joints, ends, row = self.setup.joints, self.ends(index), dict(numbers)
+        if DELAY in row:
+            row[DELAY] = float(min(max(int(row[DELAY]), 0), self.longest_delay))
+        for which, pose in zip(ENDS, ends.tolist()):
+            row |= zip(signal_names(which, joints), pose)
+        try:
+            refuse_if(
+                not np.all(np.isfinite(ends)),
+                "The motors hold hardly any pose of the workspace.",
+                "no goals were found for this sample",
+                "a smaller workspace",
+            )
+            return self._settled(row, ends)
+        except FlexhinfError as error:
+            return Sample(numbers=row, failure=" ".join(str(error).split()))
+
+    def _settled(self, row: Mapping[str, float], ends: np.ndarray) -> Sample:
+        setup, (extras, plant, _) = self.setup, self.setup.dry_plant
+        robot = setup.true.robot
+        values = robot.plant_parameters(robot.nominal | {k: v for k, v in row.items() if k in robot.nominal})
+        off = {name: row[key] for name in plant.outputs if (key := f"{OFFSET}_{name}") in row}
+        offset = np.array([off.get(name, 0.0) for name in plant.outputs]) if off else 0.0
+        _, options = setup.move_arguments(ends, values, offset=offset)
+        errors = np.array([row.get(name, 0.0) for name in signal_names(ERROR, setup.joints)])
+        if errors.any():
+            options["initial_state"] = robot.operating_point(ends[0] + errors, extras, values)[0]
+        options["initial_state"] = np.append(options["initial_state"], list(off.values()))
+        at = LOAD_START * options["duration"]
+        if loads := {
+            name: Step(row[name], at=at) for name in signal_names(TORQUE, setup.joints) if name in row
+        }:
+            options["disturbance"] = loads
+        delay = int(row.get(DELAY, 0.0))
+        return Sample(plant.parameters.known(values), options, row, delay=delay)
+
+    def ends(self, index: int) -> np.ndarray:
+        """Start and goal (2, n) of the move of an index, rad or m; NaN where the search for goals fails."""
+        block, place = divmod(index, GOALS)
+        goals = self._goals(block)
+        return goals[place : place + 2] if block == 0 else goals[2 * place : 2 * place + 2]
+
+    @cached_property
+    def _goals(self) -> Any:
+        setup = self.setup
+
+        @lru_cache(BLOCKS)
+        def goals(block: int) -> np.ndarray:
+            own = GOALS_SEED + 100 * setup.specification.seed
+            try:
+                if block == 0:
+                    return setup.goals(GOALS + 1, own)[0]
+                return setup.goals(2 * GOALS, [own, self.seed, block])[0]
+            except NumericalFailure:
+                return np.full((2 * GOALS, len(setup.joints)), np.nan)
+
+        return goals
+
+    def __getstate__(self) -> dict[str, Any]:
+        """State to pickle for other processes: the goals are found again."""
+        return {name: value for name, value in vars(self).items() if name != "_goals"}
+
+    @property
+    def units(self) -> Mapping[str, str]:
+        """Units of the variables, and of the ends of moves, by name."""
+        joints, slides = self.setup.joints, self.setup.robot.links.slides
+        units = [UNITS["link_position"][sliding] for sliding in slides]
+        ends = {name: unit for which in ENDS for name, unit in zip(signal_names(which, joints), units)}
+        return {**super().units, **ends}
+
+    @property
+    def settings(self) -> Mapping[str, str]:
+        """The method, every variable, and where the moves are from."""
+        own = GOALS_SEED + 100 * self.setup.specification.seed
+        return {
+            **super().settings,
+            "moves": f"between random goals of the workspace, the first {GOALS} by seed {own}",
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class WorkspaceCampaign(DesignCampaign):
+    """The campaign of a controller for a workspace: moves between random goals, by many robots."""
+
+    metrics: MoveMetrics
+    offsets: tuple[str, ...]  # measurements that are off in each sample by a number of its own
+
+    @classmethod
+    def of(cls, design: DesignRequest, o: CampaignOptions) -> WorkspaceCampaign:
+        """The campaign of a design with these options; raises InvalidInput for a parameter that does not act, and for a
+        duration, as each move has its own."""
+        s = replace(design.specification, workspace=design.specification.workspace or LIMITS)
+        refuse_if(
+            o.duration is not None,
+            "A move of a workspace has a duration of its own.",
+            f"expected no duration, got {o.duration} s",
+            "leave out --duration; a design of one pose (--pose) has a run of one length",
+        )
+        plants = LoopPlants(*true_robot(with_payload(design, o.payload), s))
+        extras, plant, _ = deployed_plant(plants)
+        robot, variables = varied(plants.robot, o, extras)
+        offsets = tuple(name for name in plant.outputs if "position" in name) if o.encoder_offset else ()
+        refuse_if(
+            offsets and s.estimator == "none",
+            "Encoders are not read where the true state is fed back.",
+            f"expected no encoder offset, got {o.encoder_offset:g}",
+            "a design with an estimator, or leave it out",
+        )
+        size, late = o.encoder_offset, o.extra_delay
+        off = [
+            Variable(f"{OFFSET}_{name}", -size, size, o.distribution, plant.unit(name)) for name in offsets
+        ]
+        off += [Variable(DELAY, 0.0, late + 1.0, o.distribution)] if late else []
+        metrics = MoveMetrics(s, joint_limits(design.robot, s))
+        return cls(replace(design, specification=s), o, robot, (*variables, *off), metrics, offsets)
+
+    @property
+    def runs(self) -> dict[str, str]:
+        """Where the moves are from; they do not differ between two designs of one seed."""
+        return {"goals": f"by seed {GOALS_SEED + 100 * self.specification.seed}, then by that of the samples"}
+
+    @property
+    def requirements(self) -> tuple[str, ...]:
+        """Requirements on each run: those of the design on its moves."""
+        return self.metrics.required
+
+    def campaign(self, setup: WorkspaceSetup) -> Campaign:
+        """The campaign with the law of a setup."""
+        o, setup = self.options, replace(setup, other=self.robot)
+        loop = setup.loop(setup.moving)
+        if self.offsets:
+            loop = loop.with_plant(setup.dry_plant[1].augmented(offsets=self.offsets))
+        draw = MovedRobots(self.variables, o.method, setup=setup, seed=o.seed, longest_delay=o.extra_delay)
+        first = setup.move_arguments(draw.ends(0))[1]
+        options = {"duration": first["duration"], "noise": setup.noise}
+        options = {name: value for name, value in options.items() if value is not None}
+        return Campaign(
+            loop, draw, o.samples, o.seed, options, self.metrics.metrics, (), o.batch, self.stated
+        )

@@ -1,0 +1,119 @@
+"""The campaign of a controller for a workspace: whose moves, whose robots, and what is measured on them."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from tests import workspaces
+from tests.refusals import refused_with
+
+import flexhinf as fh
+from flexhinf.campaign import Campaign, run_batch
+from flexhinf.design import DesignRequest
+from flexhinf.design.workspace.campaign import FollowedPlan, WorkspaceCampaign
+from flexhinf.design.workspace.law_file import stated_workspace
+from flexhinf.design.workspace.search import known_setup
+from flexhinf.design.workspace.setup import WorkspaceSetup
+from flexhinf.modal.pair import PairWeights
+from flexhinf.options import CampaignOptions
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
+
+@pytest.fixture(autouse=True)
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    workspaces.few(monkeypatch, GOALS=2, MODAL_POSES=20)
+
+
+@cache
+def law(estimator: str, exact: bool) -> WorkspaceSetup:
+    robot = fh.paper_arm()
+    if exact:
+        robot = robot.with_parameters(*(replace(p, tolerance=0.0, range=None) for p in robot.parameters))
+    s = fh.Specification(workspace=((-1.0, 1.0),), estimator=estimator)
+    weights = PairWeights(bandwidth=10.0, integral=0.5, gamma=1.5)
+    return known_setup(robot, s, stated_workspace(robot, s.workspace), weights, (0.0025, 0.03))
+
+
+def campaign(estimator: str = "ukf", exact: bool = False, samples: int = 5, **options: Any) -> Campaign:
+    setup = law(estimator, exact)
+    request = DesignRequest(setup.robot, setup.specification, "paper")
+    return WorkspaceCampaign.of(request, CampaignOptions(samples=samples, **options)).campaign(setup)
+
+
+def test_the_first_moves_are_those_of_the_design() -> None:
+    """Without noise and tolerances, sample k is move k; later ones have goals of their own."""
+    setup, one = law("none", True), campaign("none", True)
+    rows, (goals, _) = run_batch(one, 0), setup.goals(3, 7)
+    for k in range(2):
+        (motion,) = setup.move(goals[k : k + 2]).motion
+        for name in ("tracking_error", "remaining_error", "wrong_way_percent"):
+            np.testing.assert_allclose(rows[name][k], motion[name], rtol=1e-9, atol=1e-15)
+        assert (rows["start"][k], rows["goal"][k]) == (goals[k, 0], goals[k + 1, 0])
+    assert len({*rows["goal"], *rows["start"]}) == 3 + 2 * 3
+    limit = 1e-3 * np.array([5.0, 1.0])
+    for name, most in zip(("tracking_error", "remaining_error"), limit):
+        np.testing.assert_allclose(rows[f"{name}_use"], rows[name] / most, rtol=1e-12)
+
+
+def test_a_sample_does_not_depend_on_the_others() -> None:
+    """Other batches, a campaign from a pickle, and a replay alone give the same bits; another seed other moves."""
+    one, other = campaign(samples=4), campaign(samples=4, batch=3)
+    rows = run_batch(one, 0)
+    again = pickle.loads(pickle.dumps(other))
+    parts = [run_batch(again, k) for k in (1, 0)]
+    for name in ("tracking_error", "mass", "goal", "remaining_error"):
+        np.testing.assert_array_equal(np.concatenate([parts[1][name], parts[0][name]]), rows[name])
+    assert one.metrics[-1](one.replay(3))["tracking_error"] == rows["tracking_error"][3]
+    assert (rows["status"] == "completed").all()
+    far = one.draw.samples([1_000_001, 3], 4, 0)
+    assert far[1].row() == one.sample(3).row()
+    moved = campaign(samples=4, seed=1).draw.samples([1, 3], 4, 1)
+    assert moved[0].row()["goal"] == rows["goal"][1]
+    assert moved[1].row()["goal"] != rows["goal"][3]
+
+
+def test_encoders_are_off_and_inputs_late() -> None:
+    """A link rests beside its goal by what its encoder is off, for it is settled there from the start."""
+    one = campaign(
+        exact=True, samples=3, encoder_offset=2e-3, extra_delay=2, method="latin-hypercube", disturbance=1e-3
+    )
+    rows = run_batch(one, 0)
+    off = rows["encoder_offset_link_position"]
+    assert np.all(np.abs(np.abs(off) - rows["remaining_error"]) < 3e-4)
+    assert set(rows["unknown_delay_samples"]) == {0.0, 1.0, 2.0}
+    for k in range(3):
+        run = one.replay(k)
+        assert run.settings["input_delay_samples"] == 1 + rows["unknown_delay_samples"][k]
+        beside = run.tracked("link_position") + off[k] - run.signal("reference", "link_position")
+        assert np.abs(beside[:50]).max() < 2e-4
+        assert run.signal("disturbance", "link_torque")[-1] == rows["link_torque"][k] != 0.0
+
+
+def test_robots_carry_a_payload_that_the_model_does_not_know() -> None:
+    one = campaign(samples=9, payload="0..1kg")
+    first = one.sample(0)
+    assert len({one.sample(k).row()["payload_mass"] for k in range(3)}) == 3
+    nominal = law("ukf", False).move_arguments(one.draw.ends(0))[1]
+    twisted = first.options["initial_state"] - nominal["initial_state"]
+    assert twisted[0] == 0.0 < abs(twisted[2])  # the link is where it should be, the motor holds the weight
+
+
+def test_what_a_workspace_has_not_is_refused() -> None:
+    with refused_with(fh.InvalidInput, "duration"):
+        campaign(duration=2.0)
+    with refused_with(fh.InvalidInput, "Encoders", "estimator"):
+        campaign("none", encoder_offset=1e-3)
+
+
+def test_a_plan_is_followed_by_its_samples() -> None:
+    time = np.linspace(0.0, 1.0, 11)
+    plan = FollowedPlan(time, np.column_stack([np.minimum(time, 0.5), np.zeros(11)]))
+    assert plan.duration == 0.5
+    np.testing.assert_allclose(plan([0.25, 0.7]), [[0.25, 0.0], [0.5, 0.0]])
+    assert FollowedPlan(time, np.ones((11, 1))).duration == 0.0
