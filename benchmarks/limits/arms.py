@@ -158,15 +158,23 @@ def described(folder: Path, name: str) -> dict[str, Any] | None:
     place, number = found
     design, first = (_json(at / "design.json") for at in (place, folder / f"{name}.1"))
     words = named(said(folder, name, 1)) or []
-    noise = re.search(r"measurement_noise = (\S+)", (place / "design.toml").read_text(encoding="utf-8"))
+    text = (place / "design.toml").read_text(encoding="utf-8")
     return {
         "met": design["met"], "command": number, "more": added(words) if number == 2 else [],
         "missed": sorted({one["what"] for one in first["requirements"] if not one["met"]}),
         "limits": {
             one["what"]: one["limit"] for one in design["requirements"] if "robots at corners" in one["where"]
         },
-        "noise": float(np.sqrt(float(noise[1]))) if noise else 0.0,
+        "noise": noise_in(text),
     }  # fmt: skip
+
+
+def noise_in(text: str) -> float:
+    """Standard deviation of the encoders' noise, rad, that a design file states: a variance, or text in mrad."""
+    found = re.search(r'measurement_noise = "?([0-9.e-]+)(mrad)?', text)
+    if found is None:
+        raise ValueError("the design file states no measurement_noise")
+    return 1e-3 * float(found[1]) if found[2] else float(np.sqrt(float(found[1])))
 
 
 def added(words: list[str]) -> list[str]:

@@ -7,8 +7,9 @@ more than `SHARE` of a motor's limit on the way; that is computed by Pinocchio.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -82,9 +83,9 @@ def _path(arm: Arm, at: Planned, duration: float, rest: float) -> Path:
     return Path(links[0], links[-1], links, own, whole(arm, own), inputs, round(duration / PERIOD))
 
 
-def heaviest(robot: object) -> Arm:
+def heaviest(robot: Any) -> Arm:
     """The heaviest of robots at corners of the tolerances."""
-    arms = [Arm.of(robot, values) for values in robot.random_corners(CORNERS, SEED)]  # type: ignore[attr-defined]
+    arms = [Arm.of(robot, values) for values in robot.random_corners(CORNERS, SEED)]
     return max(arms, key=lambda arm: float(arm.mass.sum()))
 
 
@@ -223,8 +224,3 @@ def curve(arm: Arm, heavy: Arm, shape: str) -> Path:
             break
         rate /= SLOWER
     return _path(arm, planned, duration, 0.5)
-
-
-def poses_between(start: np.ndarray, goal: np.ndarray, shares: Sequence[float]) -> np.ndarray:
-    """Poses on the straight way."""
-    return start + np.outer(shares, goal - start)

@@ -71,6 +71,27 @@ def _judged(limits: dict[str, float], run: dict[str, Any]) -> tuple[str, str]:
     return ", ".join(texts), f"{beyond_limits(limits, run)} of {run['moves']}"
 
 
+def rest(folder: Path) -> str:
+    """The 40 moves with each law: how many arrive within what the design allows, and the worst that remains."""
+    lines = _head(("arm", "within", *LAWS.values()))
+    for name in ARMS:
+        rows = kept(folder, name)
+        runs = rows.get(MET, {})
+        if PRODUCT in runs and len(runs) > 1:
+            most = rows["design"]["limits"]["remaining error"]
+            texts = [_arrived(runs[law], most) if law in runs else MISSING for law in LAWS]
+            lines.append(_cells([name, f"{_milli(most)} mrad", *texts]))
+    return "\n".join(lines)
+
+
+def _arrived(run: dict[str, Any], most: float) -> str:
+    errors = run["remaining error"]
+    worst = (
+        "" if not errors else f", {_milli(max(errors))} mrad" if not run["lost"] else f", {run['lost']} lost"
+    )
+    return f"{sum(error <= most for error in errors)} of {run['moves']}{worst}"
+
+
 def limits(folder: Path) -> str:
     """What happens at the limits: a line for each arm and trial."""
     lines = _head((
@@ -147,7 +168,7 @@ def rivals(folder: Path) -> str:
 
 
 TABLES: dict[str, Callable[[Path], str]] = {
-    "met": met, "limits": limits, "before": before, "tracking": tracking, "rivals": rivals,
+    "met": met, "rest": rest, "limits": limits, "before": before, "tracking": tracking, "rivals": rivals,
 }  # fmt: skip
 
 

@@ -267,11 +267,11 @@ def test_rows_are_kept_as_they_are_made_and_not_made_again(
     bench = Bench(PLANAR, tmp_path, tmp_path, None)
     monkeypatch.setattr(Bench, "law", lambda *_: Held())
     monkeypatch.setattr(Bench, "one", lambda *_: {"lost": 0})
-    assert list(bench.make(["stop", "met"], ["pd"])) == [f"{PLANAR} stop PD"]
+    assert list(bench.make(["stop", "met"], ["pd"])) == [f"{PLANAR} {row} PD" for row in ("stop", "met")]
     again = Bench(PLANAR, tmp_path, tmp_path, None)
     assert list(again.make(["stop"], ["pd"])) == []
     assert list(again.make(["stop"], ["pd"], again=True)) == [f"{PLANAR} stop PD"]
-    assert kept(tmp_path, PLANAR) == {"stop": {"pd": {"lost": 0}}}
+    assert kept(tmp_path, PLANAR) == {row: {"pd": {"lost": 0}} for row in ("stop", "met")}
     assert named_rows(["limits", "met"]) == [*TRIALS, "met"]
 
 
@@ -289,7 +289,7 @@ def test_the_rule_of_the_limits_is_judged() -> None:
 def test_moves_beyond_a_limit_of_the_design_are_counted(tmp_path: Path) -> None:
     limits = {"remaining error": 1e-3, "tracking error": 5e-3}
     run = {
-        "moves": 3, "run": 2, "remaining error": [5e-4, 2e-3], "tracking error": [1e-3, 1e-3],
+        "moves": 3, "run": 2, "lost": 0, "remaining error": [5e-4, 2e-3], "tracking error": [1e-3, 1e-3],
         "motion the wrong way": [9.0, 9.0], "ripple of the motors": [9.0, 9.0],
     }  # fmt: skip
     assert beyond_limits(limits, run) == 2  # one beyond, one not run
@@ -308,6 +308,9 @@ def test_moves_beyond_a_limit_of_the_design_are_counted(tmp_path: Path) -> None:
     assert "| with `--x 1` | ripple | remains 2 of 1 mrad, tracking 1 of 5 mrad | 2 of 3 |" in text
     assert "0 met at the first command, 1 by the command that it names, 0 not met." in text
     assert text.count("not measured") == len(ARMS) - 1
+    rows = {"design": design, "met": {"flexhinf": run, "pd": run | {"lost": 1}}}
+    (tmp_path / "paper.json").write_text(json.dumps(rows), encoding="utf-8")
+    assert "| paper | 1 mrad | 1 of 3, 2 mrad | 1 of 3, 1 lost | not measured |" in TABLES["rest"](tmp_path)
 
 
 def test_no_kept_row_that_is_met_has_a_move_beyond_unsaid(repository: Path) -> None:
