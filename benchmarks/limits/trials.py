@@ -126,7 +126,7 @@ def drive(
             return Run(q[:k], dq[:k], u[:k], True)
         q[k] = links
         y = size * np.rint((np.concatenate((links, motors)) + errors[k]) / size)
-        u[k] = np.clip(law.step(y, path.reference(k, own)), -limit, limit)
+        u[k] = np.minimum(np.maximum(law.step(y, path.reference(k, own)), -limit), limit)
         queue.append(u[k])
         plant.advance(queue.pop(0))
     dq[1:] = np.diff(q, axis=0) / PERIOD
