@@ -453,7 +453,7 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
     "workspace-many": ("docs/workspace.md", benchmark("benchmarks.workspace", "--table", "many")),
     **{
         f"limits-{table}": ("docs/limits.md", benchmark("benchmarks.limits", "--table", table))
-        for table in ("met", "rest", "limits", "before", "tracking", "rivals")
+        for table in ("short", "met", "rest", "limits", "before", "tracking", "rivals")
     },
     "which-laws": ("docs/which_law.md", benchmark("benchmarks.workspace", "--table", "laws")),
     "which-sensors": ("docs/which_law.md", benchmark("benchmarks.workspace", "--table", "sensors")),

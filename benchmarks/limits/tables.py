@@ -16,6 +16,8 @@ from flexhinf import Status
 __all__ = ["TABLES", "beyond_limits", "judged"]
 
 MISSING = "not measured"
+#: Laws that a row needs for a comparison.
+BOTH = {PRODUCT, "pd"}
 #: A rival is beaten where our number is at most this times its own, or below 2 mrad; the speed, of its limit.
 TIMES, LEAST, SPEED = 1.2, 2e-3, 1.2
 #: Motors hold an arm at rest everywhere on its way where its weight needs at most this of their limits.
@@ -167,8 +169,80 @@ def rivals(folder: Path) -> str:
     return "\n".join(lines)
 
 
+def short(folder: Path) -> str:
+    """What the tables say: where PD is better, what misses the rule, which "met" is not true."""
+    every = {name: kept(folder, name) for name in ARMS}
+    lines = [
+        f"- PD {what}: {_listed([text for name, rows in every.items() for text in found(name, rows)], 'in no row')}."
+        for what, found in (
+            ("goes less far beyond", _less_far), ("follows more exactly", _more_exactly),
+            ("arrives more often", _more_often),
+        )
+    ]  # fmt: skip
+    verdicts = [
+        (f"{name}, {about.title}", judged(rows[trial]))
+        for name, rows in every.items()
+        for trial, about in TRIALS.items()
+        if {*rows.get(trial, {})} >= BOTH
+    ]
+    missed = [f"{where} ({said})" for where, said in verdicts if said != "kept"]
+    count = len(verdicts)
+    lines.append(
+        f"- The rule of limits is kept in {count - len(missed)} of {count} rows. Not in: {_listed(missed)}."
+    )
+    run = {
+        name: (beyond_limits(rows["design"]["limits"], rows[MET][PRODUCT]), rows[MET][PRODUCT]["moves"])
+        for name, rows in every.items()
+        if rows.get("design", {}).get("met") and PRODUCT in rows.get(MET, {})
+    }
+    false = [f"`{name}` ({beyond} of {moves} moves)" for name, (beyond, moves) in run.items() if beyond]
+    met = f"- All 40 moves of {len(run) - len(false)} of {len(run)} arms that were met and run are within the limits."
+    return "\n".join([*lines, f"{met} Not of: {_listed(false)}."])
+
+
+def _less_far(name: str, rows: dict[str, Any]) -> list[str]:
+    """Trials in which PD goes beyond by at least 2 mrad less."""
+    found = []
+    for trial, about in TRIALS.items():
+        if {*(row := rows.get(trial, {}))} >= BOTH:
+            own, pd = (row[law]["beyond"] for law in (PRODUCT, "pd"))
+            if pd is not None and (own is None or pd < own - LEAST):
+                found.append(f"{name}, {about.title} ({_against(pd, own)})")
+    return found
+
+
+def _more_exactly(name: str, rows: dict[str, Any]) -> list[str]:
+    """Paths along which PD's largest error is smaller."""
+    found = []
+    for path, title in CURVED.items():
+        if {*(row := rows.get(path, {}))} >= BOTH:
+            for who in ("nominal", "corners"):
+                own, pd = (row[law][who]["peak"] for law in (PRODUCT, "pd"))
+                if pd is not None and (own is None or pd < own):
+                    found.append(f"{name}, {title}, {who} ({_against(pd, own)})")
+    return found
+
+
+def _more_often(name: str, rows: dict[str, Any]) -> list[str]:
+    """The arm, where more of PD's moves end within what the design allows."""
+    if not {*(runs := rows.get(MET, {}))} >= BOTH:
+        return []
+    most = rows["design"]["limits"]["remaining error"]
+    own, pd = (sum(error <= most for error in runs[law]["remaining error"]) for law in (PRODUCT, "pd"))
+    return [f"{name} ({pd} moves, flexhinf {own})"] if pd > own else []
+
+
+def _against(pd: float, own: float | None) -> str:
+    return f"{_milli(pd)} mrad, flexhinf {'lost' if own is None else _milli(own)}"
+
+
+def _listed(texts: list[str], none: str = "none") -> str:
+    return "; ".join(texts) or none
+
+
 TABLES: dict[str, Callable[[Path], str]] = {
-    "met": met, "rest": rest, "limits": limits, "before": before, "tracking": tracking, "rivals": rivals,
+    "short": short, "met": met, "rest": rest, "limits": limits, "before": before, "tracking": tracking,
+    "rivals": rivals,
 }  # fmt: skip
 
 
