@@ -17,13 +17,15 @@ from benchmarks.limits.laws import LAWS, Product, Rival, Runs, tuned
 from benchmarks.limits.trials import CURVED, TRIALS, follow, limits_of, many_goals, noise_of
 from benchmarks.workspace.arm import Arm
 
-__all__ = ["GROUPS", "ROWS", "Bench", "kept", "named_rows"]
+__all__ = ["GROUPS", "NONE", "ROWS", "Bench", "kept", "named_rows"]
 
 #: The rows that the docs show.
 ROWS = Path(__file__).resolve().parent / "rows"
 MET, PRODUCT = "met", "flexhinf"
 #: What ``--rows`` may name at once.
 GROUPS = {"met": [MET], "tracking": list(CURVED), "limits": list(TRIALS)}
+#: What is said of a rival without a law.
+NONE = "no candidate is stable"
 #: Noise of the encoders of joints that slide, m, in the moves by which "met" is looked at.
 SLIDING = 1e-5
 
@@ -56,7 +58,7 @@ class Bench:
         part.replace(self.rows / f"{self.name}.json")
 
     def law(self, name: str) -> Runs | None:
-        """A law, tuned where it is a rival and has not been; None without a design."""
+        """A law, tuned where it is a rival and has not been; None without a design, or without a stable candidate."""
         if name == PRODUCT:
             found = design_of(self.designs, self.name)
             self.data["design"] = described(self.designs, self.name)
@@ -65,7 +67,7 @@ class Bench:
         if name not in rivals:
             rivals[name] = tuned(self.arm, name, noise_of(self.arm))
             self.keep()
-        return Rival(self.arm, name, rivals[name]["numbers"])
+        return None if rivals[name] is None else Rival(self.arm, name, rivals[name]["numbers"])
 
     def make(self, rows: Sequence[str], laws: Sequence[str], again: bool = False) -> Iterator[str]:
         """Make the rows that are missing, or all; what is to be said of each."""
@@ -75,7 +77,7 @@ class Bench:
                 continue
             law = self.law(name)
             if law is None:
-                yield f"{self.name}: no design"
+                yield f"{self.name} {LAWS[name]}: {'no design' if name == PRODUCT else NONE}"
                 continue
             for row in wanted:
                 if row == MET and name == PRODUCT and not self.data["design"]["met"]:

@@ -9,7 +9,7 @@ from typing import Any
 
 from benchmarks.limits.arms import ARMS
 from benchmarks.limits.laws import LAWS
-from benchmarks.limits.rows import MET, PRODUCT, kept
+from benchmarks.limits.rows import MET, NONE, PRODUCT, kept
 from benchmarks.limits.trials import CURVED, TRIALS
 from flexhinf import Status
 
@@ -81,7 +81,7 @@ def rest(folder: Path) -> str:
         runs = rows.get(MET, {})
         if PRODUCT in runs and len(runs) > 1:
             most = rows["design"]["limits"]["remaining error"]
-            texts = [_arrived(runs[law], most) if law in runs else MISSING for law in LAWS]
+            texts = [_arrived(runs[law], most) if law in runs else _missing(rows, law) for law in LAWS]
             lines.append(_cells([name, f"{_milli(most)} mrad", *texts]))
     return "\n".join(lines)
 
@@ -104,7 +104,7 @@ def limits(folder: Path) -> str:
         for trial, about in TRIALS.items():
             row = rows.get(trial)
             if row and PRODUCT in row:
-                texts = [_limit(row[law]) if law in row else MISSING for law in LAWS]
+                texts = [_limit(row[law]) if law in row else _missing(rows, law) for law in LAWS]
                 lines.append(
                     _cells([name, about.title, *texts, _status(row[PRODUCT]["status"]), judged(row)])
                 )
@@ -147,7 +147,13 @@ def tracking(folder: Path) -> str:
             row = rows.get(path)
             if row and PRODUCT in row:
                 lines.append(
-                    _cells([name, title, *(_followed(row[law]) if law in row else MISSING for law in LAWS)])
+                    _cells(
+                        [
+                            name,
+                            title,
+                            *(_followed(row[law]) if law in row else _missing(rows, law) for law in LAWS),
+                        ]
+                    )
                 )
     return "\n".join(lines)
 
@@ -236,6 +242,11 @@ def _against(pd: float, own: float | None) -> str:
     return f"{_milli(pd)} mrad, flexhinf {'lost' if own is None else _milli(own)}"
 
 
+def _missing(rows: dict[str, Any], law: str) -> str:
+    """Why a law has no row."""
+    return NONE if rows.get("tuned", {}).get(law, {}) is None else MISSING
+
+
 def _listed(texts: list[str], none: str = "none") -> str:
     return "; ".join(texts) or none
 
@@ -246,8 +257,12 @@ TABLES: dict[str, Callable[[Path], str]] = {
 }  # fmt: skip
 
 
-def _tuned(one: dict[str, Any]) -> str:
-    return f"{_digits(one['bandwidth'])} rad/s, {one['damping']:.2f}, {_digits(one['ripple'])} %"
+def _tuned(one: dict[str, Any] | None) -> str:
+    return (
+        NONE
+        if one is None
+        else f"{_digits(one['bandwidth'])} rad/s, {one['damping']:.2f}, {_digits(one['ripple'])} %"
+    )
 
 
 def _followed(row: dict[str, Any]) -> str:

@@ -16,7 +16,7 @@ from benchmarks.limits.arms import ARMS, added, designed, named, robot_of
 from benchmarks.limits.laws import DAMPING, RIPPLE, Rival, tuned
 from benchmarks.limits.paths import CURVES, curve, heaviest, held, jump, needed, whole
 from benchmarks.limits.plant import SPRINGS, Stop, TrueArm, damped, stiff
-from benchmarks.limits.rows import ROWS, Bench, kept, named_rows
+from benchmarks.limits.rows import NONE, ROWS, Bench, kept, named_rows
 from benchmarks.limits.tables import TABLES, beyond_limits, judged
 from benchmarks.limits.trials import TRIALS, drive, limits_of, noise_of
 from benchmarks.workspace.arm import LATENCY, PERIOD, Arm
@@ -215,6 +215,7 @@ def test_a_rival_gets_the_fastest_candidate_that_keeps_the_rule(
     """Torque feedback of this arm keeps it; a faster one with a mark of its own does not."""
     monkeypatch.setattr("benchmarks.limits.laws.POSES", 4)
     found = tuned(planar, "torque", noise_of(planar))
+    assert found is not None
     assert found["damping"] >= DAMPING
     assert found["ripple"] <= RIPPLE
     law = Rival(planar, "torque", found["numbers"])
@@ -315,6 +316,10 @@ def test_moves_beyond_a_limit_of_the_design_are_counted(tmp_path: Path) -> None:
     rows = {"design": design, "met": {"flexhinf": run, "pd": run | {"lost": 1}}}
     (tmp_path / "paper.json").write_text(json.dumps(rows), encoding="utf-8")
     assert re.findall(r"\d+", TABLES["rest"](tmp_path).splitlines()[2]) == ["1", "1", "3", "2", "1", "3", "1"]
+    rows["tuned"] = {"torque": None}
+    (tmp_path / "paper.json").write_text(json.dumps(rows), encoding="utf-8")
+    assert TABLES["rest"](tmp_path).splitlines()[2].endswith(f"{NONE} |")
+    assert NONE in TABLES["rivals"](tmp_path)
     assert "`paper`" in TABLES["short"](tmp_path).splitlines()[-1]
 
 
