@@ -6,7 +6,8 @@
 # make docs      the documentation site, in build/docs/html;  make docs-links also asks whether external addresses answer
 # make pages     the tables, transcripts and figures of the docs, computed anew
 # make bench, make bench-hji, make bench-arm, make bench-jitter, make bench-hardware, make bench-workspace,
-# make bench-firmware, make bench-estimator, make bench-certificates, make bench-filters, make bench-studio: measure
+# make bench-limits, make bench-firmware, make bench-estimator, make bench-certificates, make bench-filters,
+# make bench-studio: measure
 # make mutants;  make clean;  make locks
 #
 # Needs Python 3.11 or newer, pip and make. A stamp in .venv remembers what was installed from which lock:
@@ -33,7 +34,7 @@ PIP     := if $(PY) -m pip --version >/dev/null 2>&1; then pip="$(PY) -m pip"; e
 SHARED  := -n auto --maxprocesses 8 --dist loadfile
 QUICK   := -m "not ci and not nightly" $(SHARED)
 
-.PHONY: demo test check ci nightly bench bench-hji bench-arm bench-jitter bench-campaign bench-hardware bench-workspace bench-firmware bench-estimator bench-certificates bench-filters bench-studio peers pages docs docs-links mutants locks clean environment environment-dev environment-docs
+.PHONY: demo test check ci nightly bench bench-hji bench-arm bench-jitter bench-campaign bench-hardware bench-workspace bench-limits bench-firmware bench-estimator bench-certificates bench-filters bench-studio peers pages docs docs-links mutants locks clean environment environment-dev environment-docs
 .DELETE_ON_ERROR:
 
 demo: environment
@@ -118,6 +119,11 @@ bench-hardware: environment-dev
 JOBS ?= 1
 bench-workspace: environment-dev
 	$(PY) -m benchmarks.workspace --jobs $(JOBS)
+
+# Designs of the arms of docs/limits.md, then the rows that are missing, in an hour or two with every one missing;
+# FILES=folder has the robot files of others.
+bench-limits: environment-dev
+	$(PY) -m benchmarks.limits $(if $(FILES),--files $(FILES))
 
 # Needs gcc, valgrind, arm-none-eabi-gcc and qemu-system-arm; two minutes.
 bench-firmware: environment-dev

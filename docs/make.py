@@ -458,6 +458,10 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
     ),
     "workspace-better": ("docs/workspace.md", benchmark("benchmarks.workspace", "--table", "better")),
     "workspace-many": ("docs/workspace.md", benchmark("benchmarks.workspace", "--table", "many")),
+    **{
+        f"limits-{table}": ("docs/limits.md", benchmark("benchmarks.limits", "--table", table))
+        for table in ("short", "met", "rest", "limits", "before", "tracking", "rivals")
+    },
     "which-laws": ("docs/which_law.md", benchmark("benchmarks.workspace", "--table", "laws")),
     "which-sensors": ("docs/which_law.md", benchmark("benchmarks.workspace", "--table", "sensors")),
     "which-gamma": ("docs/which_law.md", benchmark("benchmarks.workspace", "--table", "gamma")),

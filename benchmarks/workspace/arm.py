@@ -38,7 +38,7 @@ class Arm:
     centre: np.ndarray  # (n, 3), m, in each link's frame
     inertia: np.ndarray  # (n, 3, 3), kg·m², about the centre of mass
     fall: np.ndarray  # (3,), m/s²
-    stiffness: np.ndarray
+    stiffness: np.ndarray  # infinite of a joint without a spring, whose motor turns with the link
     spring_damping: np.ndarray
     rotor: np.ndarray  # J, reflected to the link side
     viscous: np.ndarray  # B, back-EMF included
@@ -53,7 +53,7 @@ class Arm:
     def of(robot: Any, values: Mapping[str, Any] | None = None) -> Arm:
         """The numbers of a robot, or of one with other parameters of its plant, as `Robot.corner` returns them.
 
-        Raises `fh.InvalidInput` for a rigid joint, a motor without a limit, and a sliding joint without a range.
+        Raises `fh.InvalidInput` for a motor without a limit, and a sliding joint without a range.
         """
         p = dict(robot.plant_parameters() if values is None else values)
         n, named = len(robot.joint_names), Parameters(p)
@@ -63,16 +63,20 @@ class Arm:
             for pair, slides in zip(robot.links.limits, robot.links.slides)
         ]
         limits = [*robot.effort_limits, *robot.speed_limits]
-        if robot.rigid or not np.all(np.isfinite([*np.ravel(ends), *limits])):
+        if not np.all(np.isfinite([*np.ravel(ends), *limits])):
             raise fh.InvalidInput(
                 f"The robot {robot.name!r} cannot be judged over its workspace.",
-                f"expected elastic joints, a range of each sliding one and limits of all motors, got rigid "
-                f"{list(robot.rigid)}, ranges {ends}, limits {limits}",
+                f"expected a range of each sliding joint and limits of all motors, got ranges {ends}, limits {limits}",
                 "effort_limit, speed_limit and limits in the robot's file",
             )
 
         def number(name: str, default: float = 0.0) -> np.ndarray:
             return np.broadcast_to(np.asarray(p.get(name, default), dtype=float), n).copy()
+
+        def of_springs(name: str, rigid: float) -> np.ndarray:
+            found, elastic = np.full(n, rigid), [joint not in robot.rigid for joint in robot.joint_names]
+            found[elastic] = np.asarray(p.get(name, 0.0), dtype=float)
+            return found
 
         constant, resistance = number("torque_constant", 1.0), number("resistance", 1.0)
         per_input = constant / resistance
@@ -81,7 +85,8 @@ class Arm:
             robot=robot, tree=tree, mass=np.array(mass, dtype=float), centre=np.array(centre, dtype=float),
             inertia=np.array([_symmetric(six) for six in inertia]),
             fall=np.array(robot.links.fall(named), dtype=float),
-            stiffness=number("stiffness"), spring_damping=number("damping"), rotor=number("motor_inertia"),
+            stiffness=of_springs("stiffness", np.inf), spring_damping=of_springs("damping", 0.0),
+            rotor=number("motor_inertia"),
             viscous=number("friction") + back, dry=number("coulomb_friction"), per_input=per_input,
             lower=np.array([low for low, _ in ends]), upper=np.array([high for _, high in ends]),
             limit=np.array(robot.effort_limits, dtype=float), speed=np.array(robot.speed_limits, dtype=float),
@@ -182,8 +187,9 @@ class Arm:
 
     def fastest(self) -> float:
         """An upper bound of the vibrations' frequencies at home, rad/s."""
-        inverse = np.linalg.inv(self.inertia_matrix(self.home))
-        return float(np.sqrt(np.max(self.stiffness * (np.diag(inverse) + 1.0 / self.rotor))))
+        inverse, elastic = np.linalg.inv(self.inertia_matrix(self.home)), np.isfinite(self.stiffness)
+        turns = np.sqrt(self.stiffness[elastic] * (np.diag(inverse) + 1.0 / self.rotor)[elastic])
+        return float(np.max(turns, initial=0.0))
 
 
 def _symmetric(six: Any) -> np.ndarray:

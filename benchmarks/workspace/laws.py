@@ -101,9 +101,9 @@ class DifferenceLaw:
 
     def __init__(
         self, arm: Arm, links: bool, share: float, fastest: float = FASTEST[0], *,
-        matrix: bool = False, integral: bool = False, lighter: float = 1.0, turning: float = 0.0,
+        matrix: bool = False, integral: bool = False, lighter: float = 1.0, turning: float = 0.0, blend: float = BLEND,
     ) -> None:  # fmt: skip
-        self.arm, self.links, self.matrix = arm, links, matrix
+        self.arm, self.links, self.matrix, self.blend = arm, links, matrix, blend
         self.torque = links and (lighter != 1.0 or turning != 0.0)
         self.w, self.integral = bandwidths(arm, share, fastest), integral
         own = np.diag(arm.inertia_matrix(arm.home))
@@ -151,7 +151,7 @@ class DifferenceLaw:
         now = (y, np.concatenate((x[n : 2 * n], x[3 * n :]))) if self.torque else (y[-n:], x[3 * n :])
         before = self.before or now
         rate = (now[0] - before[0]) / PERIOD - 0.5 * (now[1] + before[1])  # no blow where the command jumps
-        self.velocity = self.velocity + BLEND * (rate - self.velocity)
+        self.velocity = self.velocity + self.blend * (rate - self.velocity)
         self.before = now
         p, d, i = self.gains(x[:n])
         wish = reference.input - p @ motor - d @ self.velocity[-n:] - self.sum
@@ -176,11 +176,11 @@ class DifferenceLaw:
         spring = np.diag(self.turn * self.arm.stiffness) @ twist
         rate, m = d @ motor + np.diag(self.damper) @ twist, motor.shape[1]
         a, b, c = np.zeros((2 * m + n, 2 * m + n)), np.zeros((2 * m + n, m)), np.zeros((n, 2 * m + n))
-        a[m : 2 * m, : 2 * m] = np.hstack([-BLEND / PERIOD * np.eye(m), (1.0 - BLEND) * np.eye(m)])
+        a[m : 2 * m, : 2 * m] = np.hstack([-self.blend / PERIOD * np.eye(m), (1.0 - self.blend) * np.eye(m)])
         a[2 * m :, 2 * m :] = unit
-        b[:m], b[m : 2 * m] = np.eye(m), BLEND / PERIOD * np.eye(m)
-        c[:] = np.hstack([BLEND / PERIOD * rate - LEAD * spring, -(1.0 - BLEND) * rate, -unit])
-        through = (1.0 + LEAD) * spring - p @ motor - BLEND / PERIOD * rate
+        b[:m], b[m : 2 * m] = np.eye(m), self.blend / PERIOD * np.eye(m)
+        c[:] = np.hstack([self.blend / PERIOD * rate - LEAD * spring, -(1.0 - self.blend) * rate, -unit])
+        through = (1.0 + LEAD) * spring - p @ motor - self.blend / PERIOD * rate
         seen = np.eye(2 * n if self.links else n)  # what is differentiated, of what is measured
         b, through = b @ seen[-m:], through @ seen[-m:]
         b[2 * m :] = PERIOD * i @ seen[:n]

@@ -36,7 +36,8 @@ class Plant(Protocol):
 class RungeKutta:
     """Pinocchio's articulated-body algorithm, and Runge–Kutta steps of fourth order between changes of stick and slip.
 
-    A motor sticks while the torque on it is at most its dry friction; it slides until its velocity changes sign.
+    A motor sticks while the torque on it is at most its dry friction; it slides until its velocity changes sign. Joints
+    have springs.
     """
 
     def __init__(self, arm: Arm, friction: bool = True, sub_steps: int | None = None) -> None:
@@ -88,7 +89,10 @@ class RungeKutta:
 
 
 class MuJoCo:
-    """MuJoCo's dynamics of two joints in series at each axis: the motor with its rotor, and the twist of the spring."""
+    """MuJoCo's dynamics of two joints in series at each axis: the motor with its rotor, and the twist of the spring.
+
+    A joint without a spring is its motor's alone.
+    """
 
     def __init__(self, arm: Arm, friction: bool = True, sub_steps: int | None = None) -> None:
         mujoco: Any = import_module("mujoco")
@@ -98,26 +102,29 @@ class MuJoCo:
         self.data = mujoco.MjData(self.model)
         self.positions, self.applied = self.data.qpos, self.data.qfrc_applied  # views
         names = arm.robot.joint_names
+        self.elastic = np.flatnonzero(np.isfinite(arm.stiffness))
         self.motors = np.array([self.model.joint(f"motor {name}").qposadr[0] for name in names])
-        self.twists = np.array([self.model.joint(f"twist {name}").qposadr[0] for name in names])
+        self.twists = np.array([self.model.joint(f"twist {names[i]}").qposadr[0] for i in self.elastic], int)
 
     def rest(self, q: np.ndarray) -> None:
         """Start at rest with the links at q."""
         theta = self.arm.rest(q)[0]
         self._mujoco.mj_resetData(self.model, self.data)
-        self.data.qpos[self.motors], self.data.qpos[self.twists] = theta, q - theta
+        self.data.qpos[self.motors], self.data.qpos[self.twists] = theta, (q - theta)[self.elastic]
         self._mujoco.mj_forward(self.model, self.data)
 
     def read(self) -> tuple[np.ndarray, np.ndarray]:
         """Positions of links and motors."""
         theta = self.positions[self.motors]
-        return theta + self.positions[self.twists], theta
+        q = theta.copy()
+        q[self.elastic] += self.positions[self.twists]
+        return q, theta
 
     def advance(self, u: np.ndarray, push: np.ndarray | None = None) -> None:
         """One period with this input; a torque on a link does work on the motor's joint and on the twist."""
         torque = self.arm.per_input * u
         self.applied[self.motors] = torque if push is None else torque + push
-        self.applied[self.twists] = 0.0 if push is None else push
+        self.applied[self.twists] = 0.0 if push is None else push[self.elastic]
         self._mujoco.mj_step(self.model, self.data, self.sub_steps)
 
 
@@ -134,13 +141,16 @@ def mjcf(arm: Arm, friction: bool, step: float) -> str:
             xx, xy, xz, _, yy, yz, _, _, zz = arm.inertia[i].ravel()
             rotation, name = np.array(joint.placement.rotation), arm.robot.joint_names[i]
             axes = np.concatenate([rotation[:, 0], rotation[:, 1]])
+            twist = (
+                f'<joint name={quoteattr(f"twist {name}")} {kind} stiffness="{float(arm.stiffness[i])!r}" '
+                f'damping="{float(arm.spring_damping[i])!r}"/>'
+            )
             text += (
                 f'<body pos="{_row(joint.placement.translation)}" xyaxes="{_row(axes)}">'
                 f'<joint name={quoteattr(f"motor {name}")} {kind} armature="{float(arm.rotor[i])!r}" '
                 f'damping="{float(arm.viscous[i])!r}" frictionloss="{float(dry[i])!r}" '
                 f'solreffriction="0.004 1" solimpfriction="0.999 0.9999 0.001"/>'
-                f'<joint name={quoteattr(f"twist {name}")} {kind} stiffness="{float(arm.stiffness[i])!r}" '
-                f'damping="{float(arm.spring_damping[i])!r}"/>'
+                f"{twist if np.isfinite(arm.stiffness[i]) else ''}"
                 f'<inertial pos="{_row(arm.centre[i])}" mass="{float(arm.mass[i])!r}" '
                 f'fullinertia="{_row((xx, yy, zz, xy, xz, yz))}"/>{bodies(i)}</body>'
             )

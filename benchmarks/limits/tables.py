@@ -1,0 +1,305 @@
+"""The tables of docs/limits.md, of the rows that are kept."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from benchmarks.limits.arms import ARMS
+from benchmarks.limits.laws import LAWS
+from benchmarks.limits.rows import MET, NONE, PRODUCT, kept
+from benchmarks.limits.trials import CURVED, TRIALS
+from flexhinf import Status
+
+__all__ = ["TABLES", "beyond_limits", "judged"]
+
+MISSING = "not measured"
+#: Laws that a row needs for a comparison.
+BOTH = {PRODUCT, "pd"}
+#: A rival is beaten where our number is at most this times its own, or below 2 mrad; the speed, of its limit.
+TIMES, LEAST, SPEED = 1.2, 2e-3, 1.2
+#: Motors hold an arm at rest everywhere on its way where its weight needs at most this of their limits.
+HELD = 0.9
+#: Numbers of the issue's first measurement, brakes for 0.5 s: rad beyond, times the speed limit.
+BEFORE = {"beltscara": (3.23, 2.3), "iiwa": (0.87, 5.2), "pallet": (0.44, None)}
+
+
+def met(folder: Path) -> str:
+    """Thirteen arms: by which command they are met, and what 40 moves in the simulator say."""
+    lines = _head(
+        ("arm", "met", "the first command missed", "40 moves: worst, of what the design allows", "beyond")
+    )
+    counts = [0, 0, 0]
+    for name, source in ARMS.items():
+        rows = kept(folder, name)
+        design = rows.get("design")
+        if design is None:
+            lines.append(_cells([f"{name}: {source.about}", MISSING, "", "", ""]))
+            continue
+        counts[design["command"] - 1 if design["met"] else 2] += 1
+        how = "no"
+        if design["met"]:
+            how = "at once" if design["command"] == 1 else f"with `{shlex.join(design['more'])}`"
+        run = rows.get(MET, {}).get(PRODUCT)
+        lines.append(_cells([
+            f"{name}: {source.about}", how, ", ".join(design["missed"]) or "nothing",
+            *((MISSING, "") if run is None else _judged(design["limits"], run)),
+        ]))  # fmt: skip
+    said = f"{counts[0]} met at the first command, {counts[1]} by the command that it names, {counts[2]} not met."
+    return "\n".join([*lines, "", said])
+
+
+#: What a design allows and the simulator measures, with the factor and unit of a reader.
+MEASURED = {
+    "remaining error": ("remains", 1e3, "mrad"), "tracking error": ("tracking", 1e3, "mrad"),
+    "motion the wrong way": ("wrong way", 1.0, "%"), "ripple of the motors": ("ripple", 1.0, "%"),
+}  # fmt: skip
+
+
+def beyond_limits(limits: dict[str, float], run: dict[str, Any]) -> int:
+    """Moves beyond one of the limits, those that were lost or not run included."""
+    whole = [all(run[key][k] <= limits[key] for key in MEASURED if key in limits) for k in range(run["run"])]
+    return run["moves"] - sum(whole)
+
+
+def _judged(limits: dict[str, float], run: dict[str, Any]) -> tuple[str, str]:
+    texts = [
+        f"{what} {_digits(factor * max(run[key]))} of {_digits(factor * limits[key])} {unit}"
+        for key, (what, factor, unit) in MEASURED.items()
+        if key in limits and run["run"]
+    ]
+    return ", ".join(texts), f"{beyond_limits(limits, run)} of {run['moves']}"
+
+
+def rest(folder: Path) -> str:
+    """The 40 moves with each law: how many arrive within what the design allows, and the worst that remains."""
+    lines = _head(("arm", "within", *LAWS.values()))
+    for name in ARMS:
+        rows = kept(folder, name)
+        runs = rows.get(MET, {})
+        if PRODUCT in runs and len(runs) > 1:
+            most = rows["design"]["limits"]["remaining error"]
+            texts = [_arrived(runs[law], most) if law in runs else _missing(rows, law) for law in LAWS]
+            lines.append(_cells([name, f"{_milli(most)} mrad", *texts]))
+    return "\n".join(lines)
+
+
+def _arrived(run: dict[str, Any], most: float) -> str:
+    errors = run["remaining error"]
+    worst = (
+        "" if not errors else f", {_milli(max(errors))} mrad" if not run["lost"] else f", {run['lost']} lost"
+    )
+    return f"{sum(error <= most for error in errors)} of {run['moves']}{worst}"
+
+
+def limits(folder: Path) -> str:
+    """What happens at the limits: a line for each arm and trial."""
+    lines = _head((
+        "arm", "trial", *(f"{LAWS[law]}: beyond, speed, back" for law in LAWS), "status of flexhinf", "rule",
+    ))  # fmt: skip
+    for name in ARMS:
+        rows = kept(folder, name)
+        for trial, about in TRIALS.items():
+            row = rows.get(trial)
+            if row and PRODUCT in row:
+                texts = [_limit(row[law]) if law in row else _missing(rows, law) for law in LAWS]
+                lines.append(
+                    _cells([name, about.title, *texts, _status(row[PRODUCT]["status"]), judged(row)])
+                )
+    return "\n".join(lines)
+
+
+def judged(row: dict[str, dict[str, Any]]) -> str:
+    """Whether a trial keeps the rule: where the motors hold the arm, not farther than 1.2 times PD or 2 mrad, and at
+    most 1.2 times the speed limit, or than PD's; else not worse than PD, with a status."""
+    if "pd" not in row:
+        return MISSING
+    own, pd = row[PRODUCT], row["pd"]
+    if own["lost"]:
+        return "lost"
+    if pd["lost"]:
+        return "kept"
+    far = own["beyond"] <= max(TIMES * pd["beyond"], LEAST)
+    fast = own["speed"] <= SPEED or (own["hold"] > HELD and own["speed"] <= pd["speed"] and own["status"] > 0)
+    missed = [text for text, good in (("beyond", far), ("speed", fast)) if not good]
+    return f"missed: {', '.join(missed)}" if missed else "kept"
+
+
+def before(folder: Path) -> str:
+    """Brakes for half a second: as it was before, and now."""
+    lines = _head(("arm", "before: beyond, speed", "now: beyond, speed", "PD now"))
+    for name, (far, fast) in BEFORE.items():
+        row = kept(folder, name).get("brake-0.5", {})
+        speed = "" if fast is None else f", {fast:g}"
+        now = [_short(row[law]) if law in row else MISSING for law in (PRODUCT, "pd")]
+        lines.append(_cells([name, f"{far:g} rad{speed}", *now]))
+    return "\n".join(lines)
+
+
+def tracking(folder: Path) -> str:
+    """Paths at full speed: peak and root mean square, nominal and corners."""
+    lines = _head(("arm", "path", *(f"{LAWS[law]}: nominal peak, rms; corners" for law in LAWS)))
+    for name in ARMS:
+        rows = kept(folder, name)
+        for path, title in CURVED.items():
+            row = rows.get(path)
+            if row and PRODUCT in row:
+                lines.append(
+                    _cells(
+                        [
+                            name,
+                            title,
+                            *(_followed(row[law]) if law in row else _missing(rows, law) for law in LAWS),
+                        ]
+                    )
+                )
+    return "\n".join(lines)
+
+
+def rivals(folder: Path) -> str:
+    """What each rival was tuned to."""
+    lines = _head(("arm", *(f"{LAWS[law]}: bandwidth, damping, ripple" for law in LAWS if law != PRODUCT)))
+    for name in ARMS:
+        tuned = kept(folder, name).get("tuned", {})
+        if tuned:
+            lines.append(
+                _cells(
+                    [
+                        name,
+                        *(_tuned(tuned[law]) if law in tuned else MISSING for law in LAWS if law != PRODUCT),
+                    ]
+                )
+            )
+    return "\n".join(lines)
+
+
+def short(folder: Path) -> str:
+    """What the tables say: where PD is better, what misses the rule, which "met" is not true."""
+    every = {name: kept(folder, name) for name in ARMS}
+    lines = [
+        f"- PD {what}: {_listed([text for name, rows in every.items() for text in found(name, rows)], 'in no row')}."
+        for what, found in (
+            ("goes less far beyond", _less_far), ("follows more exactly", _more_exactly),
+            ("arrives more often", _more_often),
+        )
+    ]  # fmt: skip
+    verdicts = [
+        (f"{name}, {about.title}", judged(rows[trial]))
+        for name, rows in every.items()
+        for trial, about in TRIALS.items()
+        if {*rows.get(trial, {})} >= BOTH
+    ]
+    missed = [f"{where} ({said})" for where, said in verdicts if said != "kept"]
+    count = len(verdicts)
+    lines.append(
+        f"- The rule of limits is kept in {count - len(missed)} of {count} rows. Not in: {_listed(missed)}."
+    )
+    run = {
+        name: (beyond_limits(rows["design"]["limits"], rows[MET][PRODUCT]), rows[MET][PRODUCT]["moves"])
+        for name, rows in every.items()
+        if rows.get("design", {}).get("met") and PRODUCT in rows.get(MET, {})
+    }
+    false = [f"`{name}` ({beyond} of {moves} moves)" for name, (beyond, moves) in run.items() if beyond]
+    met = f"- All 40 moves of {len(run) - len(false)} of {len(run)} arms that were met and run are within the limits."
+    return "\n".join([*lines, f"{met} Not of: {_listed(false)}."])
+
+
+def _less_far(name: str, rows: dict[str, Any]) -> list[str]:
+    """Trials in which PD goes beyond by at least 2 mrad less."""
+    found = []
+    for trial, about in TRIALS.items():
+        if {*(row := rows.get(trial, {}))} >= BOTH:
+            own, pd = (row[law]["beyond"] for law in (PRODUCT, "pd"))
+            if pd is not None and (own is None or pd < own - LEAST):
+                found.append(f"{name}, {about.title} ({_against(pd, own)})")
+    return found
+
+
+def _more_exactly(name: str, rows: dict[str, Any]) -> list[str]:
+    """Paths along which PD's largest error is smaller."""
+    found = []
+    for path, title in CURVED.items():
+        if {*(row := rows.get(path, {}))} >= BOTH:
+            for who in ("nominal", "corners"):
+                own, pd = (row[law][who]["peak"] for law in (PRODUCT, "pd"))
+                if pd is not None and (own is None or pd < own):
+                    found.append(f"{name}, {title}, {who} ({_against(pd, own)})")
+    return found
+
+
+def _more_often(name: str, rows: dict[str, Any]) -> list[str]:
+    """The arm, where more of PD's moves end within what the design allows."""
+    if not {*(runs := rows.get(MET, {}))} >= BOTH:
+        return []
+    most = rows["design"]["limits"]["remaining error"]
+    own, pd = (sum(error <= most for error in runs[law]["remaining error"]) for law in (PRODUCT, "pd"))
+    return [f"{name} ({pd} moves, flexhinf {own})"] if pd > own else []
+
+
+def _against(pd: float, own: float | None) -> str:
+    return f"{_milli(pd)} mrad, flexhinf {'lost' if own is None else _milli(own)}"
+
+
+def _missing(rows: dict[str, Any], law: str) -> str:
+    """Why a law has no row."""
+    return NONE if rows.get("tuned", {}).get(law, {}) is None else MISSING
+
+
+def _listed(texts: list[str], none: str = "none") -> str:
+    return "; ".join(texts) or none
+
+
+TABLES: dict[str, Callable[[Path], str]] = {
+    "short": short, "met": met, "rest": rest, "limits": limits, "before": before, "tracking": tracking,
+    "rivals": rivals,
+}  # fmt: skip
+
+
+def _tuned(one: dict[str, Any] | None) -> str:
+    return (
+        NONE
+        if one is None
+        else f"{_digits(one['bandwidth'])} rad/s, {one['damping']:.2f}, {_digits(one['ripple'])} %"
+    )
+
+
+def _followed(row: dict[str, Any]) -> str:
+    nominal, corners = ((one["peak"], one["rms"]) for one in (row["nominal"], row["corners"]))
+    return "; ".join(
+        "lost" if peak is None or rms is None else f"{_milli(peak)}, {_milli(rms)}" for peak, rms in (nominal, corners)
+    ) + " mrad"  # fmt: skip
+
+
+def _limit(row: dict[str, Any]) -> str:
+    if row["lost"]:
+        return "lost"
+    back = "never" if row["back"] is None else f"{row['back']:.2f} s"
+    return f"{_short(row)}, {back}"
+
+
+def _short(row: dict[str, Any]) -> str:
+    return "lost" if row["lost"] else f"{_milli(row['beyond'])} mrad, {row['speed']:.1f}"
+
+
+def _status(bits: int) -> str:
+    names = [str(one.name).lower().replace("_", " ") for one in Status if one & bits]
+    return ", ".join(names) or "none"
+
+
+def _milli(value: float) -> str:
+    return _digits(1e3 * value)
+
+
+def _digits(value: float) -> str:
+    """Two digits, none after the point from ten on; nothing below a hundredth."""
+    return "0" if value < 5e-3 else f"{value:.2g}" if value < 9.95 else f"{value:.0f}"
+
+
+def _head(titles: tuple[str, ...]) -> list[str]:
+    return [_cells(list(titles)), "|---" * len(titles) + "|"]
+
+
+def _cells(cells: list[str]) -> str:
+    return f"| {' | '.join(cells)} |"
