@@ -450,6 +450,10 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
         benchmark("benchmarks.workspace", "--table", "criterion"),
     ),
     "workspace-better": ("docs/workspace.md", benchmark("benchmarks.workspace", "--table", "better")),
+    "workspace-overcome": (
+        "docs/workspace.md",
+        benchmark("benchmarks.workspace", "--table", "overcome"),
+    ),
     "workspace-many": ("docs/workspace.md", benchmark("benchmarks.workspace", "--table", "many")),
     "which-laws": ("docs/which_law.md", benchmark("benchmarks.workspace", "--table", "laws")),
     "which-sensors": ("docs/which_law.md", benchmark("benchmarks.workspace", "--table", "sensors")),
