@@ -94,7 +94,7 @@ def test_the_advised_command_samples_a_region(
     less: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(["certify", "planar-two-link"]) == 2
+    assert main(["certify", "planar-two-link", "--pose", "0.3,0.2"]) == 2
     words = advised(capsys)
     assert main([*words[1:], *less]) in (0, 1)
     page = (tmp_path / "flexhinf-design" / "index.html").read_text(encoding="utf-8")

@@ -46,6 +46,7 @@ def campaign(estimator: str = "ukf", exact: bool = False, samples: int = 5, **op
     return WorkspaceCampaign.of(request, CampaignOptions(samples=samples, **options)).campaign(setup)
 
 
+@pytest.mark.costs("compiles a loop")
 def test_the_first_moves_are_those_of_the_design() -> None:
     """Without noise and tolerances, sample k is move k; later ones have goals of their own."""
     setup, one = law("none", True), campaign("none", True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import astuple, dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -181,7 +182,10 @@ class Campaign:
         return self.loop.with_plant(plant, sample.delay)
 
     def _arguments(self, index: int, sample: Sample) -> dict[str, Any]:
-        return {**self.options, **sample.options, "seed": sample_seed(self.seed, index)}
+        own = dict(sample.options)
+        if "reference" in own:  # what a signal keeps of a run goes with the copy
+            own["reference"] = copy(own["reference"])
+        return {**self.options, **own, "seed": sample_seed(self.seed, index)}
 
     def sample(self, index: int) -> Sample:
         """The sample of this number; InvalidInput if there is none."""
