@@ -19,7 +19,7 @@ from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
 from flexhinf.certify import Certificate, Function, Term
 from flexhinf.certify.certificate import quadratic_part
-from flexhinf.certify.claim import Polynomial
+from flexhinf.certify.claim import PolynomialTerms
 from flexhinf.certify.problem_to_claim import few_bits, nearest_double, rational, terms_of
 
 __all__ = ["Model", "evaluated", "even", "model_of", "quotient_bounds", "with_value"]
@@ -118,7 +118,7 @@ class _Reader:
     def _moved(self, terms: dict[tuple[int, ...], fmpq]) -> fmpq_mpoly:
         return self.x.from_dict(terms).compose(*self.state, ctx=self.ring)
 
-    def _polynomial(self, polynomial: Polynomial) -> fmpq_mpoly:
+    def _polynomial(self, polynomial: PolynomialTerms) -> fmpq_mpoly:
         return self._moved({powers: rational(value) for powers, value in polynomial})
 
     def _terms(self, row: Iterable[Term]) -> fmpq_mpoly:
@@ -220,7 +220,7 @@ def even(claim: Certificate) -> Certificate:
         if any(sum(powers) % 2 != parity and abs(value) > 1e-9 * largest for powers, value in row):
             return claim
 
-    def cleaned(row: Polynomial, parity: int) -> Polynomial:
+    def cleaned(row: PolynomialTerms, parity: int) -> PolynomialTerms:
         return tuple((powers, value) for powers, value in row if sum(powers) % 2 == parity)
 
     return replace(claim, value=cleaned(claim.value, 0), law=tuple(cleaned(row, 1) for row in claim.law))

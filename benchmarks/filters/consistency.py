@@ -19,8 +19,8 @@ from flexhinf.loop import Step
 from flexhinf.paper.estimators import (
     DURATION,
     RUNS,
+    FilterTrial,
     Scores,
-    Trial,
     driving,
     inertial_plant,
     outcome_of,
@@ -36,16 +36,16 @@ PERIODS, START, SETS = (1e-3, 1e-2, 5e-2), 1e-2, 20
 UNKNOWN_STIFFNESS = 0.3
 
 
-def trials(setup: PaperSetup) -> Iterator[Trial]:
+def trials(setup: PaperSetup) -> Iterator[FilterTrial]:
     """All cases, with filters of the default form."""
     s, model, stiff = setup.settings, setup.model, setup.arm["stiffness"]
     q, r, form = s.process_noise, (s.measurement_noise,), "square_root"
     for name, changes in (("", {}), (", stiffness 12 % larger", {"stiffness": stiff.interval[1]})):
         for period in PERIODS:
             title = f"link position, {1e3 * period:g} ms{name}"
-            yield Trial(title, model, period, q, r, (START,) * 4, changes, form=form)
+            yield FilterTrial(title, model, period, q, r, (START,) * 4, changes, form=form)
     imu = inertial_plant(model)
-    yield Trial(
+    yield FilterTrial(
         "IMU on the link alone, 10 ms, start unknown by 0.3",
         imu,
         0.01,
@@ -57,7 +57,7 @@ def trials(setup: PaperSetup) -> Iterator[Trial]:
     )
     augmented = model.augmented(parameters=("stiffness",))
     for start in (START, 0.3):
-        yield Trial(
+        yield FilterTrial(
             f"link position, 10 ms, start unknown by {start:g}, stiffness estimated and unknown by 30 %", augmented,
             0.01,
             (q, q, q, q, 0.0), r, (start,) * 4 + (UNKNOWN_STIFFNESS * stiff.value,), {},
@@ -71,7 +71,7 @@ def within(nees: np.ndarray, n: int) -> bool:
     return bool(low < nees.sum() < high)
 
 
-def row_of(setup: PaperSetup, trial: Trial, step: Any, sets: int = SETS) -> dict[str, Any]:
+def row_of(setup: PaperSetup, trial: FilterTrial, step: Any, sets: int = SETS) -> dict[str, Any]:
     """A row of the table."""
     volts, n = driving(step, trial.period), trial.model.n
     both = [run_trial(trial, volts, RUNS, seed) for seed in range(sets)]

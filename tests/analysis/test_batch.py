@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from flexhinf.analysis.sampled_controller import Rows, near_equilibrium, one_period, solved
+from flexhinf.analysis.sampled_controller import DerivativeRows, near_equilibrium, one_period, solved
 from flexhinf.robot import load_robot, paper_arm
 
 # Rows of three plants, computed once: 0.1 s instead of 0.7 s.
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.usefixtures("unoptimised")
 def test_values_and_slopes_of_rows_with_their_own_and_with_common_numbers() -> None:
     x, p = ca.SX.sym("x", 3), ca.SX.sym("p", 2)
     build = lambda: ca.Function("f", [x, p], [ca.vertcat(p[0] * x[0] * x[1], ca.sin(p[1] * x[2]))])  # noqa: E731
-    rows, rng = Rows("test rows", build), np.random.default_rng(0)
+    rows, rng = DerivativeRows("test rows", build), np.random.default_rng(0)
     points, own = rng.normal(size=(5, 3)), rng.normal(size=(5, 2))
     for held in (own, own[0]):
         a, b = np.broadcast_to(held, (5, 2)).T
@@ -34,7 +34,9 @@ def test_values_and_slopes_of_rows_with_their_own_and_with_common_numbers() -> N
 def test_repeated_rows_carry_slopes_along() -> None:
     x = ca.SX.sym("x", 2)
     function = ca.Function("f", [x, ca.SX.sym("none", 0)], [ca.vertcat(x[1], x[0] * x[0])])
-    value, slope = Rows("test repeated", lambda: function, repeated=True)(np.array([[2.0, 3.0]]), None, 4)
+    value, slope = DerivativeRows("test repeated", lambda: function, repeated=True)(
+        np.array([[2.0, 3.0]]), None, 4
+    )
     # (a, b) → (b, a²) → (a², b²) → (b², a⁴) → (a⁴, b⁴)
     assert np.allclose(value, [[16.0, 81.0]])
     assert np.allclose(slope, [[[32.0, 0.0], [0.0, 108.0]]])

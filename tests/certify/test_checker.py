@@ -17,7 +17,7 @@ from tests.refusals import unnamed
 from flexhinf.certify import Certificate, Function, Parameter, Signal, Start, Term
 from flexhinf.certify.checker import bounds as bounds_file, bounds as taylor, second_route, subdivision
 from flexhinf.certify.checker.bounds import Face, Proof, Quotient
-from flexhinf.certify.checker.second_route import Cell
+from flexhinf.certify.checker.second_route import ConfirmedCell
 
 GRAVITY = 9.8
 LEVEL = 17.872  # of the quadratic V: the largest that was proved is 17.8721
@@ -272,7 +272,7 @@ _AT, _FORM, _UPPER, _SHIFTED = (
     taylor.TaylorTable.upper,
     taylor.TaylorTable.shifted,
 )
-_INTERVAL, _RESIDUAL, _BOUND = bounds_file._interval, bounds_file.Residual, taylor.concave_bound
+_INTERVAL, _RESIDUAL, _BOUND = bounds_file._interval, bounds_file.ExactResidual, taylor.concave_bound
 
 
 def _wrong_residual(change: Callable[[Any], None]) -> Callable[[Any], Any]:
@@ -302,8 +302,8 @@ MUTATIONS: dict[str, tuple[Any, str, Any]] = {
     "half of the box": (taylor.TaylorTable, "shifted", lambda self, c, t, h: _SHIFTED(self, c, t, h / 2)),
     "another centre": (taylor.TaylorTable, "shifted", lambda self, c, t, h: _SHIFTED(self, c, t + h / 8, h)),
     "half of the radius": (bounds_file, "_interval", lambda a, b: (_INTERVAL(a, b)[0], (b - a) / 4, b)),
-    "the sine's sign": (bounds_file, "Residual", _wrong_residual(_scaled("factors", -1))),
-    "twice the polynomial part": (bounds_file, "Residual", _wrong_residual(_scaled("plain", 2))),
+    "the sine's sign": (bounds_file, "ExactResidual", _wrong_residual(_scaled("factors", -1))),
+    "twice the polynomial part": (bounds_file, "ExactResidual", _wrong_residual(_scaled("plain", 2))),
 }  # fmt: skip
 
 
@@ -315,10 +315,10 @@ def test_each_step_is_needed_for_soundness(name: str, monkeypatch: pytest.Monkey
 
 
 MARCHING: dict[str, tuple[Any, str, Any]] = {
-    "V > c everywhere": (bounds_file.Bounds, "finished", property(lambda self: np.ones(len(self.value), bool))),
-    "all is proved": (bounds_file.Bounds, "proved", property(lambda self: np.ones(len(self.value), bool))),
+    "V > c everywhere": (bounds_file.CellEnclosure, "finished", property(lambda self: np.ones(len(self.value), bool))),
+    "all is proved": (bounds_file.CellEnclosure, "proved", property(lambda self: np.ones(len(self.value), bool))),
     "r < 0 is enough at the centre": (
-        bounds_file.Bounds, "proved", property(lambda self: (self.least_growth > 0) & (self.constant < 0)),
+        bounds_file.CellEnclosure, "proved", property(lambda self: (self.least_growth > 0) & (self.constant < 0)),
     ),
     "a cut leaves out one half": (subdivision, "_cut", lambda *a: _CUT(*a)[:-1]),
     "what follows an accepted cell is left out": (subdivision, "_further", lambda cells: cells[:, :0]),
@@ -362,7 +362,7 @@ def test_the_second_route_catches_what_the_first_lets_through(monkeypatch: pytes
 
 def test_the_second_route_alone_tells_right_from_wrong() -> None:
     of = Proof(upright())
-    cell = Cell((0, 1), (0.25,), (0.25,), 1.0, 1.5, 0.0)
+    cell = ConfirmedCell((0, 1), (0.25,), (0.25,), 1.0, 1.5, 0.0)
     assert second_route.cell_is_proved(of, cell, 0)
     assert not second_route.cell_is_proved(of, replace(cell, begin=1.0, end=12.0), 0)
 

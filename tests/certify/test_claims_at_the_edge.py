@@ -14,7 +14,7 @@ from flexhinf.certify import Certificate, Function, Parameter, Signal, Term, che
 from flexhinf.certify.checker import _check_matrices, _check_sizes, _prove_again, verify
 from flexhinf.certify.checker.bounds import BITS, Proof
 from flexhinf.certify.checker.residual import Refusal
-from flexhinf.certify.checker.second_route import Cell
+from flexhinf.certify.checker.second_route import ConfirmedCell
 
 from .a_cubic import CUBIC
 from .test_checker import LEVEL, uncertain, upright
@@ -131,14 +131,14 @@ def test_every_cell_is_reported_as_such() -> None:
 
 
 def test_a_sample_is_shown_at_both_ends_and_at_all_corners_in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[tuple[Cell, list[int]]] = []
+    asked: list[tuple[ConfirmedCell, list[int]]] = []
     monkeypatch.setattr(
         checker_file, "confirm", lambda proof, cell, corners: asked.append((cell, list(corners)))
     )
     with ctx.workprec(BITS):
         proof = Proof(uncertain(0.04))
         uneven = Proof(upright(functions=(Function("exp", (0.1, 0.0)),)))
-    cell = Cell((0, 1), (0.25,), (0.25,), 1.0, 2.0, 0.0)
+    cell = ConfirmedCell((0, 1), (0.25,), (0.25,), 1.0, 2.0, 0.0)
     assert proof.even
     assert _prove_again(proof, [cell] * 200, 3) == 200
     assert {one.face for one, _ in asked} == {(0, 1), (0, -1)}

@@ -24,7 +24,7 @@ from tests.certify.test_checker import V_2, V_4, uncertain, upright
 from flexhinf.certify import Certificate, Function, Term
 from flexhinf.certify.checker.bounds import (
     ORDER,
-    Bounds,
+    CellEnclosure,
     CentredForm,
     Face,
     Proof,
@@ -429,7 +429,9 @@ def test_a_cell_is_proved_by_growth_and_one_of_two_bounds_and_finished_beyond_th
     rows = np.array(list(product((-1.0, 0.0, 1.0), repeat=4))).T
     growth, largest, inside, value = rows
     nothing, form = np.zeros_like(value), CentredForm(*np.zeros((3, 1, 81)))
-    bounds = Bounds(value, growth, largest, inside, nothing, 0.0, nothing, nothing, nothing, nothing, form)
+    bounds = CellEnclosure(
+        value, growth, largest, inside, nothing, 0.0, nothing, nothing, nothing, nothing, form
+    )
     expected = [
         g > 0 and (one < 0 or other < 0) for g, one, other in zip(growth, largest, inside, strict=True)
     ]

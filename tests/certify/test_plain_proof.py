@@ -17,9 +17,9 @@ from flexhinf.certify.checker import second_route
 from flexhinf.certify.checker.bounds import Face, Proof
 from flexhinf.certify.checker.residual import Refusal, offset_of, series_of
 from flexhinf.certify.checker.second_route import (
-    Cell,
+    CellSample,
+    ConfirmedCell,
     EveryCell,
-    Sample,
     cell_ended,
     cell_is_proved,
     cell_of,
@@ -44,7 +44,7 @@ CLAIMS = {
 SOME = [*list(CLAIMS)[:3], pytest.param("three states", marks=pytest.mark.ci("products in four variables"))]
 
 
-def cells(proof: Proof, count: int, seed: int) -> list[Cell]:
+def cells(proof: Proof, count: int, seed: int) -> list[ConfirmedCell]:
     rng, found = np.random.default_rng(seed), []
     for _ in range(count):
         h = np.exp2(-rng.integers(1, 6, proof.n - 1).astype(float))
@@ -53,7 +53,7 @@ def cells(proof: Proof, count: int, seed: int) -> list[Cell]:
         end = begin * (1 + 2.0 ** -int(rng.integers(1, 6)))
         face = (int(rng.integers(proof.n)), int(rng.choice([-1, 1])))
         multiplier = float(rng.uniform(0.1, 4.0))
-        found.append(Cell(face, tuple(t.tolist()), tuple(h.tolist()), begin, end, multiplier))
+        found.append(ConfirmedCell(face, tuple(t.tolist()), tuple(h.tolist()), begin, end, multiplier))
     return found
 
 
@@ -91,7 +91,7 @@ def as_fraction(value: fmpq) -> Fraction:
     return Q(int(value.p), int(value.q))
 
 
-def bound_of_r(proof: Proof, cell: Cell, corner: int) -> tuple[Fraction, Fraction]:
+def bound_of_r(proof: Proof, cell: ConfirmedCell, corner: int) -> tuple[Fraction, Fraction]:
     """Of r/ρ² − λV, and of −∂V/∂ρ/ρ; with the polynomials and remainders of `_taylor`, which has its own tests."""
     n, here = proof.n, Exact(cell.face, list(cell.t), list(cell.h), cell.begin, cell.end)
     zero = (0, (0,) * (n - 1))
@@ -174,11 +174,11 @@ def test_a_cell_in_which_v_may_not_grow_does_not_hold() -> None:
             low, high = begin, 1.0
             for _ in range(60):
                 end = (low + high) / 2
-                cell = Cell((0, 1), (), (), begin, end, 1.0)
+                cell = ConfirmedCell((0, 1), (), (), begin, end, 1.0)
                 low, high = (end, high) if bound_of_r(proof, cell, 0)[1] < 0 else (low, end)
             assert begin < low < 0.71
-            assert cell_is_proved(proof, Cell((0, 1), (), (), begin, low * (1 - 1e-9), 1.0), 0)
-            assert not cell_is_proved(proof, Cell((0, 1), (), (), begin, high * (1 + 1e-9), 1.0), 0)
+            assert cell_is_proved(proof, ConfirmedCell((0, 1), (), (), begin, low * (1 - 1e-9), 1.0), 0)
+            assert not cell_is_proved(proof, ConfirmedCell((0, 1), (), (), begin, high * (1 + 1e-9), 1.0), 0)
 
 
 @pytest.mark.parametrize("name", CLAIMS)
@@ -194,19 +194,19 @@ def test_a_level_set_has_ended_where_v_exceeds_the_level_in_all_directions(name:
                 for share, ended in ((1 - 1e-9, True), (1 + 1e-9, False)):
                     assert cell_ended(at_level(proof, float(least) * share), cell) == ended
     exact = replace(CLAIMS["one state"], level=0.125)  # V = x²/2 at x = 0.5: not above the level
-    assert not cell_ended(Proof(exact), Cell((0, 1), (), (), 0.5, 0.6, 0.0))
+    assert not cell_ended(Proof(exact), ConfirmedCell((0, 1), (), (), 0.5, 0.6, 0.0))
 
 
 def test_zero_is_not_negative() -> None:
     """r = 0 everywhere, and a V that does not depend on one state: neither is proved."""
     lazy = replace(CUBIC, value=(((2,), 1.0),), drift=((Term(-1.0, (1,)),),), g1=(((),),), g2=(((),),), law=((),),
                    penalty=((((1,), 2.0),),), parameters=())  # fmt: skip
-    cell = Cell((0, 1), (), (), 0.5, 1.0, 0.0)
+    cell = ConfirmedCell((0, 1), (), (), 0.5, 1.0, 0.0)
     assert not cell_is_proved(Proof(lazy), cell, 0)
     assert cell_is_proved(Proof(replace(lazy, penalty=((((1,), 1.99),),))), cell, 0)
     flat = at_level(Proof(upright((((2, 0), 1.0),), coordinates=((1.0, 0.0), (0.0, 1.0)))), -1e6)
-    assert not cell_is_proved(flat, Cell((1, 1), (0.0,), (1.0,), 0.5, 1.0, 1.0), 0)
-    assert cell_is_proved(flat, Cell((0, 1), (0.0,), (1.0,), 0.5, 1.0, 1.0), 0)
+    assert not cell_is_proved(flat, ConfirmedCell((1, 1), (0.0,), (1.0,), 0.5, 1.0, 1.0), 0)
+    assert cell_is_proved(flat, ConfirmedCell((0, 1), (0.0,), (1.0,), 0.5, 1.0, 1.0), 0)
 
 
 # Taylor polynomials -----------------------------------------------------------------------------------------------
@@ -269,7 +269,7 @@ def test_a_sample_is_drawn_from_accepted_cells_alike() -> None:
     good = np.arange(40) % 2 == 0
     chances = np.zeros(40)
     for seed in range(300):
-        sample = Sample((1, 1), 5, seed)
+        sample = CellSample((1, 1), 5, seed)
         for part in (slice(0, 3), slice(3, 25), slice(25, 40)):
             some = replace(bounds, **{n: getattr(bounds, n)[part] for n in ("largest", "multiplier")})
             sample.offer(columns[:, part], good[part], ~good[part], some, claim.reach)
@@ -282,7 +282,7 @@ def test_a_sample_is_drawn_from_accepted_cells_alike() -> None:
     assert not chances[~good].any()
     assert (chances[good] > 300 * 5 / 20 * 0.6).all()
     assert (chances[good] < 300 * 5 / 20 * 1.5).all()
-    few = Sample((1, 1), 100, 0)
+    few = CellSample((1, 1), 100, 0)
     few.offer(columns, good, ~good, bounds, claim.reach)
     assert len(few.cells) == 20
 

@@ -14,7 +14,7 @@ from tests.certify.test_checker import V_4, upright
 from flexhinf.certify.checker import bounds as quotient_file, second_route
 from flexhinf.certify.checker.bounds import ORDER, Proof, Quotient
 from flexhinf.certify.checker.residual import quotient_range
-from flexhinf.certify.checker.second_route import Cell, cell_is_proved
+from flexhinf.certify.checker.second_route import ConfirmedCell, cell_is_proved
 from flexhinf.certify.claim import Function
 from flexhinf.certify.inequality import QuotientTable
 
@@ -86,7 +86,7 @@ def test_no_cell_with_a_pole_is_held(name: str, multiplier: float) -> None:
             continue
         at = pole / along  # radius at which s is the pole
         for begin, end in ((0.0, 1.2 * at), (0.9 * at, 1.1 * at), (1.5 * at, 2.0 * at)):
-            cell = Cell((face, sign), (t,), (2.0**-6,), begin, end, multiplier)
+            cell = ConfirmedCell((face, sign), (t,), (2.0**-6,), begin, end, multiplier)
             assert not cell_is_proved(proof, cell, 0), cell
 
 

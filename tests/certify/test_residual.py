@@ -12,7 +12,7 @@ from flint import fmpq, fmpq_mat
 
 from flexhinf.certify import Certificate, Function, Parameter, Signal, Term
 from flexhinf.certify.checker.residual import (
-    Residual,
+    ExactResidual,
     as_rational,
     box_corners,
     positive_definite,
@@ -82,7 +82,7 @@ def evaluated(polynomial: Any, z: list[fmpq]) -> fmpq:
 def test_the_residual_is_its_definition(seed: int) -> None:
     """At rational places, parameters and quotients: with S_j ℓ_jᵀx for each function, all is a polynomial."""
     claim = drawn(seed)
-    exact = Residual(claim)
+    exact = ExactResidual(claim)
     assert len(exact.factors) == len(exact.arguments) == 3
     rng = np.random.default_rng(100 + seed)
     for _ in range(3):
@@ -144,7 +144,7 @@ def _slope(at: Definition, claim: Certificate, i: int) -> fmpq:
 @pytest.mark.parametrize("seed", range(4))
 def test_corners_are_all_ends_and_the_zero_between(seed: int) -> None:
     claim = drawn(seed)
-    exact = Residual(claim)
+    exact = ExactResidual(claim)
     used = {name for product in exact.products for name, _ in product}
     ends = {"mass": (0.5, 1.25), "length": (0.75, 1.5), "drag": (-0.5, 0.0, 0.25)}
     assert used == set(ends)  # of the drawn plants; a known parameter is a number
@@ -162,15 +162,15 @@ def test_corners_are_all_ends_and_the_zero_between(seed: int) -> None:
                 expected.add(tuple(map(str, row)))
     assert {tuple(map(str, row)) for _, row in box_corners(claim, exact.products)} == expected
     touching = replace(claim, parameters=(*claim.parameters[:-1], Parameter("drag", 0.0, 0.25)))
-    assert len(box_corners(touching, Residual(touching).products)) == 8
+    assert len(box_corners(touching, ExactResidual(touching).products)) == 8
     beyond = replace(claim, parameters=(*claim.parameters[:-1], Parameter("drag", 0.125, 0.25)))
-    assert len(box_corners(beyond, Residual(beyond).products)) == 8
+    assert len(box_corners(beyond, ExactResidual(beyond).products)) == 8
 
 
 def test_the_gradient_law_is_told_from_others() -> None:
     """R2 k = −g2ᵀV_xᵀ, up to 1e-12 of the largest coefficient of each degree, with a known g2."""
     sound = upright()
-    assert Residual(sound).gradient_law
+    assert ExactResidual(sound).gradient_law
     (law,) = sound.law
     for share, expected in ((1e-13, True), (-1e-13, True), (1e-11, False), (-1e-11, False)):
         for number in range(2):
@@ -178,24 +178,24 @@ def test_the_gradient_law_is_told_from_others() -> None:
             largest = max(abs(v) for _, v in law)
             judged = abs(law[number][1] * share) <= 1e-12 * largest
             assert judged == expected
-            assert Residual(replace(sound, law=(moved,))).gradient_law == expected
+            assert ExactResidual(replace(sound, law=(moved,))).gradient_law == expected
     for extra in (1e-14, -1e-14):  # of a degree that the gradient does not have
-        assert not Residual(replace(sound, law=((*law, ((0, 3), extra)),))).gradient_law
-    assert not Residual(uncertain(0.04)).gradient_law
+        assert not ExactResidual(replace(sound, law=((*law, ((0, 3), extra)),))).gradient_law
+    assert not ExactResidual(uncertain(0.04)).gradient_law
     one, half = Term(1.0, (0, 0)), Term(0.5, (0, 0))
     two = replace(
         sound, inputs=(Signal("torque"), Signal("second")),
         g2=(((), ()), ((one,), (half,))), r2=((1.0, 0.0), (0.0, 2.0)),
         law=(law, tuple((e, v / 4) for e, v in law)),
     )  # fmt: skip
-    assert Residual(two).gradient_law
+    assert ExactResidual(two).gradient_law
     for wrong in ((law, law), (tuple((e, v / 2) for e, v in law), two.law[1])):
-        assert not Residual(replace(two, law=wrong)).gradient_law
+        assert not ExactResidual(replace(two, law=wrong)).gradient_law
     halved = Parameter("known", 0.5, 0.5)
     known = replace(two, parameters=(halved,), g2=(((), ()), ((one,), (Term(1.0, (0, 0), (("known", 1),)),))))
-    assert Residual(known).gradient_law
+    assert ExactResidual(known).gradient_law
     unknown = replace(known, parameters=(Parameter("known", 0.5, 0.51),))
-    assert not Residual(unknown).gradient_law
+    assert not ExactResidual(unknown).gradient_law
 
 
 def test_a_small_law_is_the_gradient_s_to_its_own_twelve_digits() -> None:
@@ -203,9 +203,9 @@ def test_a_small_law_is_the_gradient_s_to_its_own_twelve_digits() -> None:
     small = replace(
         sound, value=tuple((e, 1e-9 * v) for e, v in sound.value), law=(tuple((e, 1e-9 * v) for e, v in sound.law[0]),)
     )  # fmt: skip
-    assert Residual(small).gradient_law
+    assert ExactResidual(small).gradient_law
     moved = tuple((e, v * (1 + 1e-9 * (i == 0))) for i, (e, v) in enumerate(small.law[0]))
-    assert not Residual(replace(small, law=(moved,))).gradient_law
+    assert not ExactResidual(replace(small, law=(moved,))).gradient_law
 
 
 def test_more_corners_than_are_looked_at_prove_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -213,7 +213,7 @@ def test_more_corners_than_are_looked_at_prove_nothing(monkeypatch: pytest.Monke
     for most, corners in ((2, 2), (1, 0)):
         monkeypatch.setattr(quadratic, "_MOST_CORNERS", most)
         assert sound.definite_corners() == corners
-        assert quadratic.look_at_corners(sound, Residual(sound)) == (corners, [])
+        assert quadratic.look_at_corners(sound, ExactResidual(sound)) == (corners, [])
 
 
 def test_definite_matrices_are_told_from_singular_ones() -> None:
@@ -237,7 +237,7 @@ def test_rationals_are_the_doubles_and_back() -> None:
 def test_the_reach_holds_all_of_the_level_set_or_nothing_is_said() -> None:
     """The largest |z_i| where V ≤ c is (c (W⁻¹)_ii)^½ for V = zᵀWz: just below it nothing is said, just above it is."""
     claim = upright(level=LEVEL / 4)
-    value = Residual(claim).value.to_dict()
+    value = ExactResidual(claim).value.to_dict()
     w = np.zeros((2, 2))
     for powers, c in value.items():
         i, j = (k for k, e in enumerate(powers) for _ in range(int(e)))

@@ -13,7 +13,7 @@ from tests.certify.test_checker import LEVEL, V_4, upright
 
 from flexhinf.certify.checker import second_route
 from flexhinf.certify.checker.bounds import Proof
-from flexhinf.certify.checker.second_route import Cell, cell_ended, cell_is_proved
+from flexhinf.certify.checker.second_route import ConfirmedCell, cell_ended, cell_is_proved
 
 CLAIM = upright(V_4, LEVEL)
 
@@ -32,7 +32,7 @@ def crossing(direction: np.ndarray, residual: bool, wanted: float) -> float:
 
 
 @cache
-def wrong_cells() -> tuple[tuple[Cell, bool], ...]:
+def wrong_cells() -> tuple[tuple[ConfirmedCell, bool], ...]:
     """Cells with a point where r > 0, or (True) with one where V < c at the inner end; each only just."""
     rng, found = np.random.default_rng(5), []
     for _ in range(60):
@@ -42,11 +42,14 @@ def wrong_cells() -> tuple[tuple[Cell, bool], ...]:
         if np.isfinite(radius):
             end = radius * (1 + 1e-6)
             found.append(
-                (Cell(face, (t,), (h,), end * (1 - 2.0 ** -int(rng.integers(2, 8))), end, 0.0), False)
+                (
+                    ConfirmedCell(face, (t,), (h,), end * (1 - 2.0 ** -int(rng.integers(2, 8))), end, 0.0),
+                    False,
+                )
             )
         radius = crossing(worst, False, CLAIM.level)
         if np.isfinite(radius):
-            found.append((Cell(face, (t,), (h,), radius * (1 - 1e-5), 2 * radius, 0.0), True))
+            found.append((ConfirmedCell(face, (t,), (h,), radius * (1 - 1e-5), 2 * radius, 0.0), True))
     return tuple(found)
 
 

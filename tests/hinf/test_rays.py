@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flexhinf.hinf import linear_law, smallest_gamma, solve_hji
-from flexhinf.hinf.rays import Inequality, Rays
+from flexhinf.hinf.rays import RayInequality, Rays
 from flexhinf.hinf.sampled import PENALTY_MARGIN
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 
@@ -29,12 +29,12 @@ def test_points_on_rays_are_what_the_solution_says_of_them(solved):
 
 def test_terms_of_the_designed_pair_add_up_to_the_residual(solved):
     x = 0.3 * np.random.default_rng(1).standard_normal((20, 3))
-    terms = Inequality(solved, solved.gamma, lambda x, h: h).terms(x, solved.gradient(x))
+    terms = RayInequality(solved, solved.gamma, lambda x, h: h).terms(x, solved.gradient(x))
     assert terms.sum(axis=0) == pytest.approx(solved.residual(x), rel=1e-9, abs=1e-12 * np.abs(terms).max())
 
 
 def test_directions_lie_on_one_level_of_the_quadratic_part_and_back(solved):
-    game = Inequality(solved, solved.gamma, lambda x, h: h)
+    game = RayInequality(solved, solved.gamma, lambda x, h: h)
     sphere = np.random.default_rng(2).standard_normal((9, 3))
     directions = game.directions(sphere)
     assert ((directions @ solved.P) * directions).sum(1) == pytest.approx(np.ones(9), rel=1e-12)
@@ -47,14 +47,14 @@ def test_rays_find_the_edge_and_why():
     plant = PolynomialPlant({(1,): [-1.0], (3,): [1.0]}, [[1.0]], [[1.0]], {(1,): [1.0]}, 1.0)
     solution = linear_law(plant, 2.0)
     p = solution.P[0, 0]
-    stops = Inequality(solution, 4.0, lambda x, h: 0 * h).follow(
+    stops = RayInequality(solution, 4.0, lambda x, h: 0 * h).follow(
         np.array([[1.0], [-2.0]]), np.array([0.01, 0.01]), 1.1, 100.0, np.inf
     )
     edge = np.sqrt(1 - p * (1 / 16 - 1) / 2)
     assert stops.point[:, 0] == pytest.approx([edge, -edge], rel=1e-6)
     assert stops.level == pytest.approx(p * edge**2 / 2, rel=1e-6)
     assert stops.broken.all()
-    near = Inequality(solution, 4.0, lambda x, h: 0 * h).follow(
+    near = RayInequality(solution, 4.0, lambda x, h: 0 * h).follow(
         np.array([[1.0]]), np.array([0.01]), 1.1, 0.5, np.inf
     )
     assert np.isinf(near.level[0])
@@ -62,7 +62,7 @@ def test_rays_find_the_edge_and_why():
 
 def test_few_rays_stop_where_they_do_among_many(solved):
     """Few rays are followed at several radii at once, many at one."""
-    inequality = Inequality(solved, 1.2 * solved.gamma, lambda x, h: 0.9 * h)
+    inequality = RayInequality(solved, 1.2 * solved.gamma, lambda x, h: 0.9 * h)
     directions = inequality.directions(np.random.default_rng(5).standard_normal((100, len(solved.P))))
     many = inequality.follow(directions, np.full(100, 1e-3), 1.05, 50.0, np.inf)
     stopped = np.flatnonzero(np.isfinite(many.level))
@@ -76,7 +76,7 @@ def test_few_rays_stop_where_they_do_among_many(solved):
 
 def test_the_worst_rate_is_the_slope_of_the_residual_in_the_gradient(solved):
     """r is quadratic in V_x, so that differences are exact; the checked level is not the designed one."""
-    game = Inequality(solved, 1.3 * solved.gamma, lambda x, h: h)
+    game = RayInequality(solved, 1.3 * solved.gamma, lambda x, h: h)
     rng = np.random.default_rng(5)
     x, slope = 0.3 * rng.standard_normal((2, 10, 3))
     rate = game.worst_rate(slope, game.checked_fields(x))
@@ -89,7 +89,7 @@ def test_the_margin_is_the_rate_of_r_close_to_the_goal(solved):
     """r ≤ −rate · V there, and equal in its direction: two inputs and three disturbances, another γ."""
     gamma = 1.4 * solved.gamma
     margin = solved.checked_margin(gamma=gamma)
-    game = Inequality(solved, gamma, lambda x, h: PENALTY_MARGIN * h)
+    game = RayInequality(solved, gamma, lambda x, h: PENALTY_MARGIN * h)
 
     def rates(directions):
         x = 1e-5 * directions / np.linalg.norm(directions, axis=1, keepdims=True)

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from flexhinf.analysis.linear_loop import LinearLoop, Modes, with_queue
 from flexhinf.analysis.sampled_controller import (
-    Rows,
+    DerivativeRows,
     SampledController,
     Stepped,
     check_states,
@@ -173,7 +173,7 @@ class EquilibriumLoop:
 
     # One period ----------------------------------------------------------------------------------------
     @cached_property
-    def measure(self) -> Rows:
+    def measure(self) -> DerivativeRows:
         """(x, u, parameters) → the controller's measurement."""
         plant, n = self.plant, self.plant.n
         places = [plant.index(name) for name in self._states] if self.filter is None else None
@@ -182,7 +182,9 @@ class EquilibriumLoop:
             return plant.evaluate_output(moving[:n], moving[n:], held) if places is None else moving[places]
 
         sizes = (n + len(plant.inputs), plant.parameters.size)
-        return Rows(("measure", plant.code_key, places), lambda: trace(measured, *sizes, name="measure"))
+        return DerivativeRows(
+            ("measure", plant.code_key, places), lambda: trace(measured, *sizes, name="measure")
+        )
 
     def by_loop(self, by: np.ndarray, by_y: np.ndarray) -> np.ndarray:
         """Derivatives (N, j, n + s) by plant and memory, from those by memory and measurement (N, j, s + p …), with

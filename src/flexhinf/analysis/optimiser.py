@@ -199,12 +199,12 @@ def minimise(
 
 
 Size = TypeVar("Size", float, np.ndarray)
-Outcome = TypeVar("Outcome")
+Accepted = TypeVar("Accepted")
 
 
 def bisected(
-    accepts: Callable[[Size], Outcome], good: Size, bad: Size, width: float, relative: bool = True
-) -> tuple[Size, Outcome | None]:
+    accepts: Callable[[Size], Accepted], good: Size, bad: Size, width: float, relative: bool = True
+) -> tuple[Size, Accepted | None]:
     """The last value that is accepted between one that is and one that is not, numbers or arrays, to a width; and what
     `accepts` returned for it (None: no value between was accepted).
 

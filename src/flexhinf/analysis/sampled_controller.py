@@ -4,11 +4,11 @@ The same step as `flexhinf.loop.controller.step.controller_step` (correct, integ
 limits of the input, put together from its parts by the chain rule: a derivative costs matrix products, not a trace
 of the whole.
 
-Each part is compiled to run over many rows of its arguments at once (`Rows`). Derivatives are taken column by column: a
-tangent costs a few times the function, whatever the number of its arguments, and the columns of a row run side by side
-in vector lanes. A whole Jacobian as one trace, some hundred thousand operations for a step of a seven-link arm, is
-never formed. Also the plant over one period; and a law and its slope at many points, with the integrals with which it
-holds a goal off its operating point.
+Each part is compiled to run over many rows of its arguments at once (`DerivativeRows`). Derivatives are taken column by
+column: a tangent costs a few times the function, whatever the number of its arguments, and the columns of a row run
+side by side in vector lanes. A whole Jacobian as one trace, some hundred thousand operations for a step of a seven-link
+arm, is never formed. Also the plant over one period; and a law and its slope at many points, with the integrals with
+which it holds a goal off its operating point.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from flexhinf.polynomial.algebra import gradient, monomials
 from flexhinf.scalars import drop_empty, trace
 
 
-class Rows:
+class DerivativeRows:
     """y = f(moving, held) and ∂y/∂moving for N rows.
 
     `key` identifies the function's code: it is compiled once for each. `build` makes the CasADi function (moving (a,),
@@ -126,7 +126,7 @@ def one_period(
         after = rk4_function(plant)(moving[:n], moving[n : n + m], ca.repmat(moving[n + m :], 3), held)
         return ca.Function("sub_step", [moving, held], [ca.densify(ca.vertcat(after, moving[n:]))])
 
-    rows = Rows(("one period", plant.code_key), sub_step, repeated=True)
+    rows = DerivativeRows(("one period", plant.code_key), sub_step, repeated=True)
     held = np.column_stack([np.full(count, period / sub_steps), p])
     later, slope = rows(np.hstack([x, u, np.zeros((count, k)) if d is None else d]), held, sub_steps)
     return later[:, :n], slope[:, :n]
@@ -154,7 +154,7 @@ def near_equilibrium(
         rate = plant.traced_flow(moving[:n], moving[n:], ca.SX.zeros(len(plant.disturbances)), held)
         return ca.Function("flow", [moving, held], [ca.densify(rate)])
 
-    value, slope = Rows(("flow", plant.code_key), flow)(np.hstack([x, u]), p)
+    value, slope = DerivativeRows(("flow", plant.code_key), flow)(np.hstack([x, u]), p)
     h, unit = period / sub_steps, np.eye(n + m + 1)
     moving = np.zeros((count, n + m + 1, n + m + 1))
     moving[:, :n, : n + m], moving[:, :n, n + m] = h * slope, h * value
@@ -198,10 +198,10 @@ class LawRows:
         return parts, slopes
 
     @cached_property
-    def _rows(self) -> Rows:
+    def _rows(self) -> DerivativeRows:
         law, n, size = self.law, len(self.law.state_names), np.size(self.law.law_data)
         key = ("law", type(law), law.law_key, n, size)
-        return Rows(key, lambda: trace(law.evaluate_law, n, size, name="law"))
+        return DerivativeRows(key, lambda: trace(law.evaluate_law, n, size, name="law"))
 
     @cached_property
     def about(self) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
@@ -214,7 +214,7 @@ class LawRows:
             return law.evaluate_about(moving[:n], moving[n : n + states], moving[n + states :], held)
 
         key = ("law about", type(law), law.law_key, tuple(law.state_names), m, size)
-        rows = Rows(key, lambda: trace(about, n + states + m, size, name="law_about"))
+        rows = DerivativeRows(key, lambda: trace(about, n + states + m, size, name="law_about"))
         return lambda moving: rows(moving, np.ravel(law.law_data))
 
     def __call__(self, deviation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -331,7 +331,7 @@ def check_states(law: Law, estimator: Estimator | None) -> None:
     )
 
 
-def model_rows(filter: RecursiveFilter) -> Rows:
+def model_rows(filter: RecursiveFilter) -> DerivativeRows:
     """One sub-step of a filter's model: (x, u), parameters → (x, u) after it; `filter.sub_steps` make F."""
     n, m, size = filter.plant.n, len(filter.plant.inputs), filter.plant.parameters.size
 
@@ -339,7 +339,7 @@ def model_rows(filter: RecursiveFilter) -> Rows:
         return np.concatenate([np.asarray(filter.sub_step(moving[:n], moving[n:], held)), moving[n:]])
 
     key = ("model", filter.period, filter.sub_steps, filter.stages, filter.plant.code_key)
-    return Rows(key, lambda: trace(once, n + m, size, name="model"), repeated=True)
+    return DerivativeRows(key, lambda: trace(once, n + m, size, name="model"), repeated=True)
 
 
 class Stepped(NamedTuple):
@@ -567,7 +567,7 @@ class SampledController:
             beliefs.append(self._predict(np.hstack([corrected, u[k : k + 1]]), held)[0])
         return np.vstack(beliefs)
 
-    def _update_rows(self, name: str, measured: bool) -> Rows:
+    def _update_rows(self, name: str, measured: bool) -> DerivativeRows:
         e, width = self._believed, self.p + self.m if measured else self.m
         sizes = (self.places["belief"].stop + width, self._held(None).size)
 
@@ -575,10 +575,10 @@ class SampledController:
             return self._moved(self._updated(moving, held, measured))
 
         key = (name, type(e), e.estimator_key, e.plant.code_key)
-        return Rows(key, lambda: trace(update, *sizes, name=name))
+        return DerivativeRows(key, lambda: trace(update, *sizes, name=name))
 
     @cached_property
-    def _correct(self) -> Rows:
+    def _correct(self) -> DerivativeRows:
         return self._update_rows("correct", True)
 
     @cached_property

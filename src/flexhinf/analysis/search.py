@@ -44,7 +44,7 @@ class Climbed(NamedTuple):
 
 
 @dataclass(eq=False)
-class _Search:
+class _Climber:
     point: np.ndarray  # the centre
     value: float
     step: float = FIRST_STEP
@@ -101,7 +101,7 @@ def climb(
     def valued(groups: list[np.ndarray]) -> list[np.ndarray]:
         return np.split(function(np.vstack(groups)), np.cumsum([len(group) for group in groups])[:-1])
 
-    searches = [_Search(point, float(value)) for point, value in zip(starts, function(starts))]
+    searches = [_Climber(point, float(value)) for point, value in zip(starts, function(starts))]
     evaluations, best = len(starts), max(searches, key=lambda search: search.value)
     for _ in range(SEARCH_ROUNDS):
         every, searches = sorted(searches, key=lambda search: -search.value), []

@@ -32,7 +32,7 @@ from numpy.typing import ArrayLike
 
 from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
 from flexhinf.analysis.linear_loop import DiscreteSystem
-from flexhinf.analysis.sampled_controller import LawRows, Rows, equilibrium_integrals, one_period
+from flexhinf.analysis.sampled_controller import DerivativeRows, LawRows, equilibrium_integrals, one_period
 from flexhinf.analysis.search import climb
 from flexhinf.arrays import Elements
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure, refuse_if
@@ -149,7 +149,7 @@ class DisturbanceRuns:
         return np.column_stack(columns) if columns else np.zeros((len(run.time), 0))
 
     @cached_property
-    def _penalty(self) -> Rows:
+    def _penalty(self) -> DerivativeRows:
         problem = self.problem
         p, n = problem.plant.parameters, len(problem.state_names)
 
@@ -157,7 +157,7 @@ class DisturbanceRuns:
             h = np.asarray(problem.penalty_output(x, p.named(p.vector())))
             return np.array([h @ h])
 
-        return Rows(("penalty", problem), lambda: trace(squared, n, 0, name="penalty"))
+        return DerivativeRows(("penalty", problem), lambda: trace(squared, n, 0, name="penalty"))
 
     def cost(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """|z|² (N,) at deviations x (N, n) and u (N, m), and its derivatives by both."""

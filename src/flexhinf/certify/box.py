@@ -51,7 +51,7 @@ from flexhinf.certify.certificate import (
 )
 from flexhinf.certify.claim import Function, Term
 from flexhinf.certify.problem_to_claim import (
-    Ranges,
+    ParameterRanges,
     claim_of,
     coordinates,
     flat_names,
@@ -92,7 +92,7 @@ def parameter_ranges(robot: Robot, plant: Plant, scale: float = 1.0) -> dict[str
 def tolerance_statement(
     solution: ValueFunction,
     problem: GeneralisedPlant,
-    ranges: Ranges,
+    ranges: ParameterRanges,
     gamma: float,
     *,
     scale: float = 1.0,

@@ -44,7 +44,16 @@ import numpy as np
 
 from flexhinf.certify.certificate import polynomial_at
 from flexhinf.certify.inequality import BoxExcess, Inequality, QuotientTable, Rational, by_parity, parity
-from flexhinf.certify.kernel import LANES, LOW, OUTPUTS, POINTERS, Layout, Shape, kernel_text, monomials_of
+from flexhinf.certify.kernel import (
+    LANES,
+    LOW,
+    OUTPUTS,
+    POINTERS,
+    CellShape,
+    MonomialLayout,
+    kernel_text,
+    monomials_of,
+)
 from flexhinf.certify.problem_to_claim import nearest_double, terms_of
 from flexhinf.codegen import machine
 from flexhinf.codegen.compiler import cached
@@ -104,7 +113,7 @@ class CellBounds:
             powers += map(terms_of, accumulate([line] * order, mul, initial=inequality.z.from_dict(factor)))
         every = sorted({k for part in (whole, *powers) for k in map(sum, part)})
         degrees = [_degrees(factor) or (2,) for factor in factors]
-        self.shape = shape = Shape(self.n, _degrees(value), degrees, every, [*map(_degrees, powers)])
+        self.shape = shape = CellShape(self.n, _degrees(value), degrees, every, [*map(_degrees, powers)])
         self.value_table = self._table(value, shape.value)
         self.quotient_table = np.hstack(
             [self._table(part, layout) for part, layout in zip(factors, shape.quotients)]
@@ -143,7 +152,7 @@ class CellBounds:
         self._compile()
 
     # Tables -------------------------------------------------------------------------------------
-    def _table(self, terms: Rational, layout: Layout) -> np.ndarray:
+    def _table(self, terms: Rational, layout: MonomialLayout) -> np.ndarray:
         table = np.zeros((len(self.faces), layout.count))
         values = {key: nearest_double(value) for key, value in terms.items() if sum(key) in layout.degrees}
         for row, (variable, sign) in zip(table, self.faces):
@@ -311,7 +320,7 @@ def time_limit(seconds: float) -> Progress:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class SearchOutcome:
     """Result of a search: proved, refuted or given up.
 
     `reason` is "proved"; "r > 0" or "V stops increasing" at a point of the region, which disproves; "undecided" where
@@ -333,7 +342,7 @@ def search(
     most_cells: int = 100_000_000,
     threads: int = 1,
     progress: Progress | None = None,
-) -> Outcome:
+) -> SearchOutcome:
     """Prove the inequality on the component of {V ≤ level} around 0, or return the point at which that fails."""
     d, count = bounds.n - 1, len(bounds.faces)
     stack = [
@@ -350,7 +359,7 @@ def search(
                 room -= len(parts[-1])
             cells = np.concatenate(parts).view(np.recarray)
             if done + len(cells) > most_cells:
-                return Outcome(False, "too many cells", None, float("nan"), float("nan"), done)
+                return SearchOutcome(False, "too many cells", None, float("nan"), float("nan"), done)
             results = bounds.bound(cells, level, pool)
             done += len(cells)
             outside = results.least_value > level
@@ -362,14 +371,14 @@ def search(
             if failed.any():
                 part, failing = results[failed], cells[failed]
                 end = _disproved(bounds, failing, part, level) or _halves(bounds, failing, part)
-                if isinstance(end, Outcome):
+                if isinstance(end, SearchOutcome):
                     return replace(end, cells=done)
                 stack.append(end)
             if accepted.any():
                 stack.append(_following(cells[accepted]))
             if progress is not None:
                 progress(done, min(share, 1.0))
-    return Outcome(True, "proved", None, level, float("nan"), done)
+    return SearchOutcome(True, "proved", None, level, float("nan"), done)
 
 
 def _following(cells: Records) -> Records:
@@ -379,14 +388,16 @@ def _following(cells: Records) -> Records:
 
 def _outcome(
     bounds: CellBounds, cells: Records, results: Records, place: int, reason: str
-) -> tuple[Outcome, np.ndarray]:
+) -> tuple[SearchOutcome, np.ndarray]:
     variable, sign = bounds.faces[int(cells.face[place])]
     radius = bounds.reach * (cells.inner[place] + cells.outer[place]) / 2
     point = np.insert(cells.t[place] * radius, variable, sign * radius)
-    return Outcome(False, reason, point, float(results.value[place]), float(results.centre[place]), 0), point
+    return SearchOutcome(
+        False, reason, point, float(results.value[place]), float(results.centre[place]), 0
+    ), point
 
 
-def _disproved(bounds: CellBounds, cells: Records, results: Records, level: float) -> Outcome | None:
+def _disproved(bounds: CellBounds, cells: Records, results: Records, level: float) -> SearchOutcome | None:
     """A point of the region with r > 0 or with V decreasing along the ray, if the middle of a cell is such a point."""
     broken = (results.centre > results.allowance) & np.isfinite(results.allowance)
     stops = results.growth_at_centre < -bounds.rows(cells)[:, bounds.shape.inputs["growth_rounding"]]
@@ -400,7 +411,7 @@ def _disproved(bounds: CellBounds, cells: Records, results: Records, level: floa
     return None
 
 
-def _halves(bounds: CellBounds, cells: Records, results: Records) -> Outcome | Records:
+def _halves(bounds: CellBounds, cells: Records, results: Records) -> SearchOutcome | Records:
     """Halves of every cell; of a cell cut in ρ the inner half only. The outer half is made when the inner one is
     accepted."""
     length, d = cells.outer - cells.inner, bounds.n - 1

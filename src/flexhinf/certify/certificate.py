@@ -27,9 +27,9 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from flexhinf.certify.checker import Verification, verify
-from flexhinf.certify.checker.residual import Refusal, Residual, look_at_corners
+from flexhinf.certify.checker.residual import ExactResidual, Refusal, look_at_corners
 from flexhinf.certify.checker.statements import check_observer, check_start, proved_peaks
-from flexhinf.certify.claim import Claim, Function, Observer, Polynomial, Signal, Start, Term, Terms
+from flexhinf.certify.claim import Claim, Function, Observer, PolynomialTerms, Signal, Start, Term, Terms
 from flexhinf.errors import InvalidInput
 from flexhinf.files import write_file
 from flexhinf.notebook import Summarised, number_text
@@ -77,7 +77,7 @@ class Certificate(Summarised, Claim):
     @property
     def is_gradient_law(self) -> bool:
         """Whether the law is −R2⁻¹g2ᵀV_xᵀ up to rounding, with a known g2: for the budget of the theorem."""
-        return Residual(self).gradient_law
+        return ExactResidual(self).gradient_law
 
     @property
     def stated(self) -> Verification:
@@ -86,7 +86,7 @@ class Certificate(Summarised, Claim):
 
     def definite_corners(self) -> int:
         """Number of corners at which r is a negative definite form, if that proves the claim without cells; else 0."""
-        count, failed = look_at_corners(self, Residual(self))
+        count, failed = look_at_corners(self, ExactResidual(self))
         return 0 if failed else count
 
     def with_proved_starts(self) -> Certificate:
@@ -220,7 +220,7 @@ def polynomial_at(polynomial: Iterable[tuple[tuple[int, ...], float]], x: np.nda
     return sum(monomials, np.zeros(len(x)))
 
 
-def linear_part(rows: Sequence[Polynomial], n: int) -> np.ndarray:
+def linear_part(rows: Sequence[PolynomialTerms], n: int) -> np.ndarray:
     """The linear part (rows, n) of polynomials."""
     units = [tuple(unit) for unit in np.eye(n, dtype=int).tolist()]
     return np.array([[dict(row).get(unit, 0.0) for unit in units] for row in rows], dtype=float).reshape(
@@ -228,7 +228,7 @@ def linear_part(rows: Sequence[Polynomial], n: int) -> np.ndarray:
     )
 
 
-def quadratic_part(value: Polynomial, n: int) -> np.ndarray:
+def quadratic_part(value: PolynomialTerms, n: int) -> np.ndarray:
     """P of V_2 = ½ xᵀPx."""
     coefficients, unit = dict(value), np.eye(n, dtype=int)
     p = np.array([[coefficients.get(tuple((a + b).tolist()), 0.0) for b in unit] for a in unit])
@@ -587,7 +587,7 @@ def _named(signal: Signal) -> str:
     return f"{signal.name} [{signal.unit}]" if signal.unit else signal.name
 
 
-def _row(polynomial: Polynomial, states: tuple[Signal, ...], most: int = _MAX_TERMS) -> str:
+def _row(polynomial: PolynomialTerms, states: tuple[Signal, ...], most: int = _MAX_TERMS) -> str:
     """A polynomial as text, with every digit; with more than `most` terms, their number."""
     text = ""
     for powers, value in polynomial[:most]:

@@ -67,8 +67,8 @@ Powers = Annotated[
 Name = Annotated[str, Strict()]
 
 #: A polynomial in the states: its monomials' exponents and coefficients, each monomial once.
-Polynomial = Annotated[tuple[tuple[Powers, Double], ...], Field(max_length=MOST_TERMS)]
-Matrix = Annotated[
+PolynomialTerms = Annotated[tuple[tuple[Powers, Double], ...], Field(max_length=MOST_TERMS)]
+MatrixRows = Annotated[
     tuple[Annotated[tuple[Double, ...], Field(max_length=MOST_STATES)], ...], Field(max_length=MOST_STATES)
 ]
 
@@ -77,7 +77,7 @@ Matrix = Annotated[
 Check = tuple[bool, str, str]
 
 
-class Part:
+class ClaimPart:
     """Base of the parts of a certificate. An unknown key is refused, as it would be in the file but not in the
     theorem."""
 
@@ -85,7 +85,7 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Signal(Part):
+class Signal(ClaimPart):
     """The name and the unit of a state, an input or a disturbance."""
 
     name: Name
@@ -96,7 +96,7 @@ class Signal(Part):
 
 
 @dataclass(frozen=True)
-class Parameter(Part):
+class Parameter(ClaimPart):
     """A parameter of the plant, anywhere in [low, high], in `unit`; constant in time."""
 
     name: Name
@@ -116,7 +116,7 @@ class Parameter(Part):
 
 
 @dataclass(frozen=True)
-class Function(Part):
+class Function(ClaimPart):
     """φ(o + s) − φ(o) of s = ℓᵀx, with o = offset + pi_halves · π/2; φ is one of `FUNCTIONS`, `name`.
 
     Multiples of π/2 stand apart because π is no double, and about 180° a sine is odd only in exact numbers.
@@ -134,7 +134,7 @@ class Function(Part):
 
 
 @dataclass(frozen=True)
-class Term(Part):
+class Term(ClaimPart):
     """coefficient · Π p_j^e_j · Π x_k^a_k · (function of this index, if any); parameters are (name, exponent) pairs."""
 
     coefficient: Double
@@ -153,7 +153,7 @@ Entries = Annotated[
 
 
 @dataclass(frozen=True)
-class Start(Part):
+class Start(ClaimPart):
     """A continuous path of starts x(a), 0 ≤ a ≤ amplitude, from x(0) = 0: each is proved to lie in the region.
 
     x_i(a) is a sum of terms in the one variable a, with functions of ℓa, plus `table_i` interpolated linearly over
@@ -200,15 +200,15 @@ class Start(Part):
 
 
 @dataclass(frozen=True)
-class Observer(Part):
+class Observer(ClaimPart):
     """x̂' = f with its nonlinear part taken from y, + g2 u + L (y − C x̂), of the n_e states that are not `known`."""
 
-    measured: Matrix  # C (p, n): y = C x, in deviations
+    measured: MatrixRows  # C (p, n): y = C x, in deviations
     # Integrators, whose estimates have no errors.
     known: Annotated[tuple[Name, ...], Field(max_length=MOST_STATES)]
-    gain: Matrix  # L (n_e, p)
-    weight: Matrix  # M (n_e, n_e)
-    storage: Matrix  # X (n_e, n_e): ½ eᵀXe pays for ½ eᵀMe ≥ ½ vᵀR2v, v = k(x̂) − k(x)
+    gain: MatrixRows  # L (n_e, p)
+    weight: MatrixRows  # M (n_e, n_e)
+    storage: MatrixRows  # X (n_e, n_e): ½ eᵀXe pays for ½ eᵀMe ≥ ½ vᵀR2v, v = k(x̂) − k(x)
     gain_error: Double  # γ_e: ½ γ_e² |d|² pays for what disturbances do to e; 0 where they do nothing
     energy: Double  # ε: initial errors e₀ have ½ e₀ᵀXe₀ + ½ γ_e² ∫|d|² ≤ ε
 
@@ -304,7 +304,7 @@ def check_terms(
 
 
 @dataclass(frozen=True, repr=False)
-class Claim(Part):
+class Claim(ClaimPart):
     """On the component of {V ≤ level} around 0 the dissipation inequality holds; see docs/theorem.md.
 
     Attributes
@@ -351,13 +351,13 @@ class Claim(Part):
     drift: Annotated[tuple[Terms, ...], Field(max_length=MOST_STATES)]
     g1: Entries
     g2: Entries
-    penalty: Annotated[tuple[Polynomial, ...], Field(max_length=2 * MOST_STATES)]
-    r2: Matrix
-    value: Polynomial
-    law: Annotated[tuple[Polynomial, ...], Field(max_length=MOST_CHANNELS)]
+    penalty: Annotated[tuple[PolynomialTerms, ...], Field(max_length=2 * MOST_STATES)]
+    r2: MatrixRows
+    value: PolynomialTerms
+    law: Annotated[tuple[PolynomialTerms, ...], Field(max_length=MOST_CHANNELS)]
     gamma: Double
     level: Double
-    coordinates: Matrix
+    coordinates: MatrixRows
     reach: Double
     decay: Double = 0.0
     parameters: Annotated[tuple[Parameter, ...], Field(max_length=MOST_PARAMETERS)] = ()

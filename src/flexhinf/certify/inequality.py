@@ -47,7 +47,7 @@ from flint import arb, arb_series, ctx, fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
 from flexhinf.certify.box import group_ends, parameter_groups, power_product
 from flexhinf.certify.certificate import Certificate
-from flexhinf.certify.claim import Function, Polynomial, Term
+from flexhinf.certify.claim import Function, PolynomialTerms, Term
 from flexhinf.certify.problem_to_claim import nearest_double, rational, terms_of
 from flexhinf.errors import InvalidInput
 
@@ -55,7 +55,7 @@ from flexhinf.errors import InvalidInput
 Rational = dict[tuple[int, ...], fmpq]
 
 
-class Algebra:
+class ExactAlgebra:
     """Polynomials in x and in z for the parts of one certificate, every parameter in the middle of its range."""
 
     def __init__(self, certificate: Certificate) -> None:
@@ -70,7 +70,7 @@ class Algebra:
         self._units = [tuple(int(j == i) for j in range(n)) for i in range(n)]
         self.parameters = {parameter.name: rational(parameter.middle) for parameter in certificate.parameters}
 
-    def in_x(self, polynomial: Polynomial) -> fmpq_mpoly:
+    def in_x(self, polynomial: PolynomialTerms) -> fmpq_mpoly:
         """A polynomial of the certificate in x, with exact coefficients."""
         return self.x.from_dict({powers: rational(value) for powers, value in polynomial})
 
@@ -92,7 +92,7 @@ class Algebra:
         ).reshape(-1, self.n)
 
 
-class Inequality(Algebra):
+class Inequality(ExactAlgebra):
     """V(z), and r = A(z) + Σ_j Q_j(z) S_j(ℓ_j(z)): `value`, `polynomial`, and the `factors` of those `functions` that
     have one."""
 
@@ -151,10 +151,10 @@ def _tanh(s: arb_series) -> arb_series:
     return 1 - 2 / below if below[0] > 0 else arb_series([arb("nan")] * s.prec, prec=s.prec)
 
 
-Series = Callable[[arb_series], arb_series]
+QuotientSeries = Callable[[arb_series], arb_series]
 
 #: The functions of certificates on power series over intervals, which bound their own derivatives.
-SERIES: dict[str, Series] = {
+SERIES: dict[str, QuotientSeries] = {
     "sin": arb_series.sin,
     "cos": arb_series.cos,
     "exp": arb_series.exp,
@@ -219,7 +219,7 @@ def _beyond(table: np.ndarray, reach: np.ndarray) -> np.ndarray:
     return np.where(place < len(table), table[np.minimum(place, len(table) - 1)], np.inf)
 
 
-def _row(function: Series, node: int, order: int) -> list[float]:
+def _row(function: QuotientSeries, node: int, order: int) -> list[float]:
     """The Taylor polynomial of the quotient about a node, in powers of ℓ, rounded to doubles."""
     a = arb(node) * _SPACING
     series = function(arb_series([a, 1], prec=order + 3))
@@ -239,7 +239,7 @@ def _row(function: Series, node: int, order: int) -> list[float]:
     ]
 
 
-def _derivative(function: Series, centre: float, order: int) -> float:
+def _derivative(function: QuotientSeries, centre: float, order: int) -> float:
     """An upper bound of |Φ^(order)|/order! on the piece about `centre`."""
     bound = function(arb_series([arb(centre, _PIECE * 0.5), 1], prec=order + 1))[order].abs_upper()
     return float(bound) * (1 + 1e-12) if bound.is_finite() else float("inf")
@@ -319,7 +319,7 @@ _BOX_ORDER = 3  # of the polynomials that stand for quotients of elementary func
 _MOST_VERTICES = 4096
 
 
-class BoxExcess(Algebra):
+class BoxExcess(ExactAlgebra):
     """An upper bound of [r(p) − r(p0)]/ρ² on cells in max|z_i| ≤ reach, over the box of parameters.
 
     The difference is a sum of (an entry of V_x) · (a form) · (a quotient S_j or 1), with weights at each vertex.

@@ -58,7 +58,7 @@ _VECTOR, _TRUTHS = f"<{LANES} x double>", f"<{LANES} x i1>"
 _ATTRIBUTES = 'nounwind "min-legal-vector-width"="512" "prefer-vector-width"="512"'
 
 
-class Group(NamedTuple):
+class MonomialGroup(NamedTuple):
     """The monomials of one |β|, `size`, of a polynomial.
 
     The coefficient (monomial, degree) stands at offset + monomial · degrees + degree.
@@ -81,17 +81,17 @@ def monomials_of(directions: int, highest: int) -> tuple[tuple[int, ...], ...]:
     return tuple(sorted(every, key=lambda beta: (sum(beta), any(e % 2 for e in beta), beta)))
 
 
-class Layout:
+class MonomialLayout:
     """Where the coefficients of a polynomial with these ascending degrees in z stand; t has `directions` entries."""
 
     def __init__(self, directions: int, degrees: Sequence[int]) -> None:
         self.directions, self.degrees = directions, tuple(degrees)
         self.monomials, first = monomials_of(directions, max(self.degrees)), 0
-        self.groups, self.place = list[Group](), dict[tuple[int, tuple[int, ...]], int]()
+        self.groups, self.place = list[MonomialGroup](), dict[tuple[int, tuple[int, ...]], int]()
         for size, betas in groupby(self.monomials, sum):
             group, degrees = list(betas), tuple(k for k in self.degrees if k >= size)
             even = sum(not any(e % 2 for e in beta) for beta in group)
-            self.groups.append(Group(size, first, len(group), even, degrees, len(self.place)))
+            self.groups.append(MonomialGroup(size, first, len(group), even, degrees, len(self.place)))
             keys, first = [(k, beta) for beta in group for k in degrees], first + len(group)
             self.place |= zip(keys, range(len(self.place), len(self.place) + len(keys)))
         self.count = len(self.place)
@@ -108,7 +108,7 @@ class Layout:
         return result
 
 
-class Shape:
+class CellShape:
     """Sizes that the text depends on.
 
     `value`, `whole` and `quotients` lay out V, r with all quotients multiplied out, and the factors Q_j; `terms` are
@@ -126,8 +126,8 @@ class Shape:
     ) -> None:
         self.states, d = states, states - 1
         self.directions, self.terms = d, terms
-        self.value, self.whole = Layout(d, value), Layout(d, whole)
-        self.quotients = [Layout(d, degrees) for degrees in quotients]
+        self.value, self.whole = MonomialLayout(d, value), MonomialLayout(d, whole)
+        self.quotients = [MonomialLayout(d, degrees) for degrees in quotients]
         #: What stands in the table of r on a face, in this order: the polynomial, 0 or 1 and up for `terms`, and the
         #: place of the coefficient.
         self.columns = [
@@ -161,16 +161,16 @@ def _places(sizes: dict[str, int]) -> dict[str, int]:
     return dict(zip([*sizes, "count"], np.cumsum([0, *sizes.values()]).tolist()))
 
 
-def kernel_text(shape: Shape, entry: str) -> str:
+def kernel_text(shape: CellShape, entry: str) -> str:
     """LLVM text of the entry and of the shift it calls."""
     module = ModuleText(Lanes(LANES))
     layouts = (shape.whole, shape.value, *shape.quotients)
-    _Kernel(module, shape).write_shift(max(1, *(layout.degrees[-1] for layout in layouts)))
-    _Kernel(module, shape).write(entry)
+    _CellKernel(module, shape).write_shift(max(1, *(layout.degrees[-1] for layout in layouts)))
+    _CellKernel(module, shape).write(entry)
     return str(module)
 
 
-class _Kernel(Writer):
+class _CellKernel(Writer):
     """The text of one function of the kernel: rows, tables and buffers of a group of cells, and what is done to the
     polynomials in them."""
 
@@ -181,7 +181,7 @@ class _Kernel(Writer):
     absolute = partialmethod(Writer.intrinsic, "fabs")
     fused = partialmethod(Writer.intrinsic, "fmuladd")  # a b + c, fused where the processor can
 
-    def __init__(self, module: ModuleText, shape: Shape) -> None:
+    def __init__(self, module: ModuleText, shape: CellShape) -> None:
         super().__init__(module)
         self.shape = shape
         self.top = max(shape.whole.degrees[-1] - 2, shape.value.degrees[-1])  # highest power of ρ
@@ -258,7 +258,7 @@ class _Kernel(Writer):
         """inner, outer, middle, half, outer − middle (of the powers), to an exponent."""
         return self.load(self.work("powers", str(which * (self.top + 3) + exponent)))
 
-    def moved(self, layout: Layout, table: str, base: str, place: str, number: int) -> None:
+    def moved(self, layout: MonomialLayout, table: str, base: str, place: str, number: int) -> None:
         """Coefficients of the face in every lane, re-expanded about the middle of the box of directions."""
         with self.loop(str(layout.count)) as i:
             self.store(self.number(self.pointers[table], self.integer("add", base, i)), self.work(place, i))
@@ -270,7 +270,7 @@ class _Kernel(Writer):
         arguments = f"ptr {self.work(place)}, ptr {segments}, ptr {self.pointers['lines']}, ptr {self.rows}"
         self.do(f"call void @shift({arguments}, i64 {bounds[0]}, i64 {bounds[1]})")
 
-    def each(self, groups: Sequence[Group]) -> Iterator[tuple[Group, str, bool]]:
+    def each(self, groups: Sequence[MonomialGroup]) -> Iterator[tuple[MonomialGroup, str, bool]]:
         """Loops over the monomials of groups: of each first those with even exponents, then the others."""
         for group in groups:
             for start, end, even in ((0, group.even, True), (group.even, group.count, False)):
@@ -278,7 +278,7 @@ class _Kernel(Writer):
                     with self.loop(str(end), str(start)) as b:
                         yield group, b, even
 
-    def coefficients(self, group: Group, b: str, place: str) -> list[str]:
+    def coefficients(self, group: MonomialGroup, b: str, place: str) -> list[str]:
         scale = self.load(self.work("scale", self.integer("add", b, str(group.first))))
         start = self.affine(b, len(group.degrees), group.offset)
         return [
@@ -286,13 +286,13 @@ class _Kernel(Writer):
             for i in range(len(group.degrees))
         ]
 
-    def low_place(self, place: str, group: Group, b: str, power: int) -> str:
+    def low_place(self, place: str, group: MonomialGroup, b: str, power: int) -> str:
         return self.work(place, self.affine(self.integer("add", b, str(group.first)), self.top + 1, power))
 
-    def kept(self, place: str, group: Group, b: str) -> list[str]:
+    def kept(self, place: str, group: MonomialGroup, b: str) -> list[str]:
         return [self.load(self.low_place(place, group, b, p)) for p in range(self.top + 1)]
 
-    def about_middle(self, layout: Layout, place: str, lift: int = 0) -> tuple[str, str]:
+    def about_middle(self, layout: MonomialLayout, place: str, lift: int = 0) -> tuple[str, str]:
         """V, or with `lift` 2 r/ρ², about the middle of the cell in the cell's own variables.
 
         The value there is an output, the low coefficients stand in their buffer. Returned are sums of what the others

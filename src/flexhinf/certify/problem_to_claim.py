@@ -21,7 +21,7 @@ from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
 from flexhinf.arrays import Elements
 from flexhinf.certify.certificate import Certificate, linear_part
-from flexhinf.certify.claim import FUNCTIONS, Function, Parameter, Polynomial, Signal, Term, Terms
+from flexhinf.certify.claim import FUNCTIONS, Function, Parameter, PolynomialTerms, Signal, Term, Terms
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf.sampled import CheckedPenalty, checked_pair
 from flexhinf.hinf.value_function import ValueFunction
@@ -64,13 +64,13 @@ class PlantFields(TypedDict):
     drift: tuple[Terms, ...]
     g1: tuple[tuple[Terms, ...], ...]
     g2: tuple[tuple[Terms, ...], ...]
-    penalty: tuple[Polynomial, ...]
+    penalty: tuple[PolynomialTerms, ...]
     functions: NotRequired[tuple[Function, ...]]
     parameters: NotRequired[tuple[Parameter, ...]]
 
 
 #: The smallest and the largest value of parameters, by name.
-Ranges = Mapping[str, tuple[float, float]]
+ParameterRanges = Mapping[str, tuple[float, float]]
 
 
 def rational(value: float) -> fmpq:
@@ -89,7 +89,7 @@ def terms_of(polynomial: fmpq_mpoly) -> dict[tuple[int, ...], fmpq]:
 
 
 def plant_fields(
-    problem: Problem | None, penalty: PenaltyMap | None = None, ranges: Ranges | None = None
+    problem: Problem | None, penalty: PenaltyMap | None = None, ranges: ParameterRanges | None = None
 ) -> PlantFields:
     """The fields of a claim that contain f, g1, g2 and h of a problem, in exact terms.
 
@@ -116,7 +116,7 @@ def plant_fields(
     output = trace(
         lambda x, p: _checked(penalty, x, problem.penalty_output(x, table.named(p))), n, table.size
     )
-    reader = _Reader(
+    reader = _TraceReader(
         n, m + k, flat_names(table), table.vector(), flow.n_instructions() + output.n_instructions()
     )
     moved = [a + rational(b) for a, b in zip(reader.states, problem.operating_point)]
@@ -170,7 +170,7 @@ def _of_polynomials(plant: PolynomialPlant, penalty: PenaltyMap | None) -> Plant
         )
 
     output = trace(lambda x, h: _checked(penalty, x, h), n, outputs)
-    reader = _Reader(n, 0, (), np.zeros(0), output.n_instructions())
+    reader = _TraceReader(n, 0, (), np.zeros(0), output.n_instructions())
     others, h = (0,) * (len(reader.context.names()) - n), [row(plant.h_parts, i) for i in range(outputs)]
     designed = [
         reader.context.from_dict({(*t.powers, *others): rational(t.coefficient) for t in terms})
@@ -184,7 +184,7 @@ def _of_polynomials(plant: PolynomialPlant, penalty: PenaltyMap | None) -> Plant
     }
 
 
-class _Reader:
+class _TraceReader:
     """Runs traced code on polynomials in states, inputs (u, then d), parameters, their inverses, and functions.
 
     `values` are the nominal values of the `parameters`, `most` bounds the number of functions.
@@ -312,7 +312,7 @@ class _Reader:
             if above != below
         ]
 
-    def polynomial(self, part: fmpq_mpoly) -> Polynomial:
+    def polynomial(self, part: fmpq_mpoly) -> PolynomialTerms:
         """A penalised output, with coefficients rounded to doubles: these are claimed and checked."""
         terms, n = terms_of(part), self.edges[1]
         require(
@@ -392,7 +392,7 @@ def claim_of(
     )
 
 
-def value_polynomial(solution: ValueFunction, scale: float = 1.0) -> Polynomial:
+def value_polynomial(solution: ValueFunction, scale: float = 1.0) -> PolynomialTerms:
     """scale · V."""
     return tuple(
         (tuple(powers), scale * value)
@@ -407,7 +407,7 @@ def matrix_rows(matrix: np.ndarray) -> tuple[tuple[float, ...], ...]:
     return tuple(map(tuple, matrix.tolist()))
 
 
-def _without_rounding(row: Polynomial) -> Polynomial:
+def _without_rounding(row: PolynomialTerms) -> PolynomialTerms:
     largest = max((abs(value) for _, value in row), default=0.0)
     return tuple((powers, value) for powers, value in row if abs(value) > _LEFT_OVER * largest)
 
@@ -423,7 +423,7 @@ def _unit(problem: Problem | None, name: str) -> str:
     return problem.plant.unit(name).replace(" ", "·") if isinstance(problem, GeneralisedPlant) else ""
 
 
-def law_polynomials(solution: ValueFunction, fields: PlantFields) -> tuple[Polynomial, ...]:
+def law_polynomials(solution: ValueFunction, fields: PlantFields) -> tuple[PolynomialTerms, ...]:
     """The law −R2⁻¹ g2ᵀ V_xᵀ in doubles: the controller's own numbers if g2 is constant, else the product, rounded."""
     n, _, m, _ = solution.expansion.size
     rows: list[dict[tuple[int, ...], float]] = [{} for _ in range(m)]
@@ -454,7 +454,7 @@ def law_polynomials(solution: ValueFunction, fields: PlantFields) -> tuple[Polyn
 def coordinates(
     plant: PolynomialPlant,
     h: np.ndarray,
-    law: Sequence[Polynomial],
+    law: Sequence[PolynomialTerms],
     p: np.ndarray,
     root: np.ndarray,
     gamma: float,

@@ -16,11 +16,11 @@ from dataclasses import replace
 import numpy as np
 from flint import fmpq
 
-from flexhinf.certify.box import Ranges, tolerance_statement
-from flexhinf.certify.cells import CellBounds, Outcome, Progress, search
+from flexhinf.certify.box import ParameterRanges, tolerance_statement
+from flexhinf.certify.cells import CellBounds, Progress, SearchOutcome, search
 from flexhinf.certify.certificate import Certificate, linear_system, polynomial_at, quadratic_part
 from flexhinf.certify.claim import MOST_STATES, Observer
-from flexhinf.certify.inequality import Algebra, Inequality, Rational
+from flexhinf.certify.inequality import ExactAlgebra, Inequality, Rational
 from flexhinf.certify.problem_to_claim import matrix_rows, nearest_double, statement_of, terms_of
 from flexhinf.certify.starts import (
     PATH_POINTS,
@@ -60,7 +60,7 @@ class NotProved(NumericalFailure):
         Deviation at which it fails, or where the search gave up.
     """
 
-    def __init__(self, statement: Certificate, outcome: Outcome) -> None:
+    def __init__(self, statement: Certificate, outcome: SearchOutcome) -> None:
         self.point, self.reason, where = None, outcome.reason, ""
         if outcome.point is not None:
             self.point = np.array(statement.coordinates) @ outcome.point
@@ -139,7 +139,7 @@ def prove(
     threads: int = 1,
     progress: Progress | None = None,
     most_cells: int = 100_000_000,
-) -> tuple[Certificate, Outcome]:
+) -> tuple[Certificate, SearchOutcome]:
     """Search for a proof of a statement: first by a definite quadratic form, then by cells.
 
     The statement's `reach` is replaced; its starts are ignored. The result does not depend on `threads`. `progress` is
@@ -149,9 +149,9 @@ def prove(
     if progress is not None:
         progress(0, 0.0)  # a time limit may end the search here
     if (wide := wide_statement(statement)) is not None and wide.definite_corners():
-        return wide, Outcome(True, "proved", None, statement.level, 0.0, 0)
+        return wide, SearchOutcome(True, "proved", None, statement.level, 0.0, 0)
     if not most_cells:
-        return statement, Outcome(False, "no definite quadratic form", None, np.nan, np.nan, 0)
+        return statement, SearchOutcome(False, "no definite quadratic form", None, np.nan, np.nan, 0)
     inequality = Inequality(statement)
     farthest, forms = _extent(inequality, statement.level)
     reach, extent = _rounded_up(_ROOM * farthest), (1.3 * forms + 0.1).tolist()
@@ -174,7 +174,7 @@ def wide_statement(statement: Certificate) -> Certificate | None:
     return replace(statement, reach=_rounded_up(reach)) if 0.0 < reach < HUGE else None
 
 
-def _provenance(outcome: Outcome, more: str = "") -> dict[str, str]:
+def _provenance(outcome: SearchOutcome, more: str = "") -> dict[str, str]:
     return {
         "cells": str(outcome.cells),
         "method": ("branch and bound along rays" if outcome.cells else "a definite quadratic form") + more,
@@ -217,7 +217,7 @@ def _extent(inequality: Inequality, level: float) -> tuple[float, np.ndarray]:
 def certify_tolerances(
     solution: ValueFunction,
     problem: GeneralisedPlant,
-    ranges: Ranges,
+    ranges: ParameterRanges,
     gamma: float,
     *,
     level: float | None = None,
@@ -238,7 +238,7 @@ def certify_tolerances(
     problem : GeneralisedPlant
         Has the disturbance, penalty and R2 of the gain; need not be the one that the law was designed for.
     ranges : mapping of str to (float, float)
-        Ranges of the plant's parameters, see `parameter_ranges`; those that are not named are nominal.
+        ParameterRanges of the plant's parameters, see `parameter_ranges`; those that are not named are nominal.
     level, step : float
         The level of the storage function, or the largest step without a jump of the input that is to be inside; a
         negative one is from above the goal to it.
@@ -366,7 +366,7 @@ def _error_energy(
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """M, X and γ_e of the observer's inequalities. The hull depends on X and M on the hull, so they are iterated."""
     size = len(closed)
-    algebra = Algebra(certificate)
+    algebra = ExactAlgebra(certificate)
     slopes = [
         [terms_of(algebra.moved(law.derivative(j))) for j in range(size)]
         for law in map(algebra.in_x, certificate.law)

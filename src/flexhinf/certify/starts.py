@@ -26,7 +26,7 @@ import numpy as np
 from flexhinf.certify.certificate import Certificate, path_start, path_states
 from flexhinf.certify.claim import Claim, Function, Start, Term, Terms
 from flexhinf.errors import FlexhinfError, NumericalFailure
-from flexhinf.hinf.rays import Inequality
+from flexhinf.hinf.rays import RayInequality
 from flexhinf.hinf.sampled import CheckedPenalty, checked_pair, sample_region, settled, step_roles
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.loop.simulation.metrics import StepShape, peak_of, step_metrics
@@ -512,7 +512,7 @@ def _on(
     """V and r + αV at deviations (B, A, n), each (B, A)."""
     flat, pair = points.reshape(-1, points.shape[-1]), checked_pair(solution, certificate.gamma, penalty)
     value, slope = solution.value_and_gradient(flat)
-    residual = Inequality(solution, pair.gamma, pair.output).terms(flat, slope).sum(axis=0)
+    residual = RayInequality(solution, pair.gamma, pair.output).terms(flat, slope).sum(axis=0)
     residual += certificate.decay * value
     return value.reshape(points.shape[:-1]), residual.reshape(points.shape[:-1])
 

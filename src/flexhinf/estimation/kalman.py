@@ -341,7 +341,7 @@ class UnscentedKalmanFilter(RecursiveFilter):
         means: list[Elements] = []
 
         def stages(
-            inner: Elements, deviation: Elements, mean: Elements, u: Elements, p: Elements
+            inner: Run, deviation: Elements, mean: Elements, u: Elements, p: Elements
         ) -> Elements:
             pairs: Any = Pairs(inner, self.flow, self._flow_and_difference)
             mean, deviation = self.sub_step(cast(Elements, (mean, deviation)), u, p, pairs)

@@ -82,7 +82,7 @@ from flexhinf.errors import InfeasibleGamma, InvalidInput, NumericalFailure, ref
 from flexhinf.hinf.homological import rotates_in_machine_code
 from flexhinf.hinf.linear_part import (
     LinearPart,
-    Parts,
+    PartsByDegree,
     RiccatiSolution,
     ScaledProblem,
     Scaling,
@@ -382,7 +382,7 @@ def _solve(
     degree: int,
     advance: Callable[[int], None],
     stretch: np.ndarray | None = None,
-) -> tuple[Scaling, ScaledProblem, Parts, tuple[DegreeRecord, ...], float, float, float] | None:
+) -> tuple[Scaling, ScaledProblem, PartsByDegree, tuple[DegreeRecord, ...], float, float, float] | None:
     """One pass of the algorithm; None where no P was found.
 
     Returns the scaling, the problem in scaled states and V there (tensor entries), the records, the condition number of
@@ -425,7 +425,9 @@ def _growth(
     return float(np.linalg.norm(change)) / size if size > 0 else 0.0
 
 
-def _nearby(plant: PolynomialPlant, gamma: float, degree: int, scaling: Scaling, value: Parts) -> Parts:
+def _nearby(
+    plant: PolynomialPlant, gamma: float, degree: int, scaling: Scaling, value: PartsByDegree
+) -> PartsByDegree:
     """V, in the same scaled states, of the problem with every number moved in its last bit."""
     rng = np.random.default_rng(0)
     stretch = rng.uniform(0.7, 1.4, len(plant.state_names))

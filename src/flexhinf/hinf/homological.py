@@ -48,7 +48,7 @@ _WORTH = (
 )
 
 
-class Workspace:
+class SolverWorkspace:
     """Two buffers that the steps write to in turn, kept from one change of variables to the next.
 
     Memory that is fresh from the system costs several times the arithmetic done on it.
@@ -72,7 +72,7 @@ class Workspace:
 
 
 def change_variables(
-    entries: np.ndarray, n: int, k: int, matrix: np.ndarray, workspace: Workspace | None = None
+    entries: np.ndarray, n: int, k: int, matrix: np.ndarray, workspace: SolverWorkspace | None = None
 ) -> np.ndarray:
     """Tensor entries (count(n, k),) of p(M z) as a polynomial in z, of those of p, homogeneous of degree `k`.
 
@@ -81,7 +81,9 @@ def change_variables(
     dtype = np.result_type(entries, matrix)
     if np.issubdtype(dtype, np.float64) and rotates_in_machine_code(n, k):
         rotation = Rotation(n, k, np.asarray(matrix, float))
-        return rotation.apply(np.asarray(entries, float), (workspace or Workspace()).aligned(rotation.size))
+        return rotation.apply(
+            np.asarray(entries, float), (workspace or SolverWorkspace()).aligned(rotation.size)
+        )
     tensor, matrix = np.ascontiguousarray(entries, dtype).reshape(-1, 1), np.ascontiguousarray(matrix, dtype)
     for s in range(k):
         opening, width = basis.insertion(n, k - s), tensor.shape[1]
@@ -158,7 +160,7 @@ class Coordinates:
     real: np.ndarray
     inverse: np.ndarray
     rotations: dict[int, np.ndarray]
-    workspace: Workspace = field(default_factory=Workspace, repr=False)
+    workspace: SolverWorkspace = field(default_factory=SolverWorkspace, repr=False)
 
     @cached_property
     def condition(self) -> float:

@@ -155,7 +155,7 @@ def _riccati_residual(a: np.ndarray, m: np.ndarray, q: np.ndarray, p: np.ndarray
 
 
 #: Monomial coefficients by degree.
-Parts = dict[int, np.ndarray]
+PartsByDegree = dict[int, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -182,9 +182,9 @@ class ScaledProblem:
 
     n: int
     degree: int
-    f: Parts
-    g: Parts
-    q: Parts
+    f: PartsByDegree
+    g: PartsByDegree
+    q: PartsByDegree
     signs: np.ndarray
 
     @classmethod
@@ -197,7 +197,7 @@ class ScaledProblem:
         disturbed = np.isfinite(gamma)
         lower = np.linalg.cholesky(plant.r2)
         f = {k: part * powers[k] / d[:, None] for k, part in plant.f_parts.items()}
-        g: Parts = {}
+        g: PartsByDegree = {}
         for k in sorted({*plant.g1_parts, *plant.g2_parts}):
             width = powers[k].shape[1]
             first = plant.g1_parts.get(k, np.zeros((n, md, width))) / gamma
@@ -208,7 +208,7 @@ class ScaledProblem:
             g[k] = channels * powers[k] * (s / d)[:, None, None]
         signs = np.r_[np.ones(md if disturbed else 0), -np.ones(m)]
         h = {k: part * powers[k] / s for k, part in plant.h_parts.items()}
-        q: Parts = {}  # ½ hᵀh through `degree`
+        q: PartsByDegree = {}  # ½ hᵀh through `degree`
         for a, left in h.items():
             for b, right in h.items():
                 if b <= a and a + b <= degree:

@@ -85,7 +85,7 @@ class Rays:
         return self.direction * radius[:, None], terms.sum(1), slope, terms @ self.degrees
 
 
-class Inequality:
+class RayInequality:
     """r(x) ≤ 0 with the exact fields, for a checked attenuation level and penalty.
 
     `output`: The checked h from x (N, n) and the designed h (N, s). `root`: P^(−½) up to a rotation, (n, n): V_2 = ½
@@ -195,7 +195,7 @@ class Landscape:
     −x·V_x/|y|² instead of r/|y|².
     """
 
-    inequality: Inequality
+    inequality: RayInequality
     scale: np.ndarray
     level: float
     largest: float

@@ -37,7 +37,7 @@ import numpy as np
 
 from flexhinf.errors import NumericalFailure
 from flexhinf.hinf.homological import HomologicalEquation, change_variables
-from flexhinf.hinf.linear_part import Parts, RiccatiSolution, ScaledProblem
+from flexhinf.hinf.linear_part import PartsByDegree, RiccatiSolution, ScaledProblem
 from flexhinf.hinf.products import LARGE, product, square
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.polynomial import basis
@@ -70,7 +70,7 @@ class BoundedStates:
             q={k: self._substituted(part, k) for k, part in problem.q.items()},
         )
 
-    def value(self, value: Parts) -> Parts:
+    def value(self, value: PartsByDegree) -> PartsByDegree:
         """Tensor entries in x of a V given in y; degree 2 in the precision it comes in."""
         n, back = len(self.to_x), self.to_y.astype(float)
         parts = {k: change_variables(part, n, k, back) for k, part in value.items() if k > 2}
@@ -115,7 +115,7 @@ class DegreeRecord:
 
 def solve_degrees(
     problem: ScaledProblem, riccati: RiccatiSolution, seconds: float, advance: Callable[[int], None]
-) -> tuple[Parts, tuple[DegreeRecord, ...], float]:
+) -> tuple[PartsByDegree, tuple[DegreeRecord, ...], float]:
     """All degrees of V in scaled coordinates.
 
     `riccati`: Of the scaled linear part. `seconds`: Time of the Riccati equation, for the record. `advance`: Called
@@ -126,11 +126,11 @@ def solve_degrees(
     """
     n, p = problem.n, riccati.p.astype(float)
     equation = HomologicalEquation(riccati.closed_loop)
-    value: Parts = {2: p[np.triu_indices(n)] / 2}
+    value: PartsByDegree = {2: p[np.triu_indices(n)] / 2}
     records = [DegreeRecord(2, "Riccati", riccati.residual, seconds)]
-    gradients: Parts = {2: gradient(value[2], n, 2)}
+    gradients: PartsByDegree = {2: gradient(value[2], n, 2)}
     # w, of shape (count(n, degree), channels).
-    rows: Parts = {1: matrix_product(gradients[2], problem.g[0][:, :, 0])}
+    rows: PartsByDegree = {1: matrix_product(gradients[2], problem.g[0][:, :, 0])}
     for k in range(3, problem.degree + 1):
         begin = perf_counter()
         # w_{k−1} without V_k,x g(0): Σ_{i<k} V_i,x g_{k−i}
@@ -154,7 +154,9 @@ def solve_degrees(
     return value, tuple(records), equation.eigenbasis.condition if problem.degree > 2 else float("nan")
 
 
-def _known_part(problem: ScaledProblem, gradients: Parts, rows: Parts, k: int) -> np.ndarray | None:
+def _known_part(
+    problem: ScaledProblem, gradients: PartsByDegree, rows: PartsByDegree, k: int
+) -> np.ndarray | None:
     n, terms = problem.n, [problem.q[k]] if k in problem.q else []
     joined: dict[tuple[int, int], list[tuple[np.ndarray, np.ndarray]]] = {}  # by their degrees
 
@@ -190,7 +192,7 @@ _SAFETY = 4.0  # on the measured difference, which is one draw of the rounding e
 _LAST_BIT = float(np.finfo(float).eps)
 
 
-def equation_residuals(problem: ScaledProblem, value: Parts) -> dict[int, float]:
+def equation_residuals(problem: ScaledProblem, value: PartsByDegree) -> dict[int, float]:
     """Left-hand side of Eq. (8) by degree, relative to the largest of its four terms (root mean squares at points).
 
     `value`: Tensor entries of V, in the states of the problem.
@@ -200,7 +202,7 @@ def equation_residuals(problem: ScaledProblem, value: Parts) -> dict[int, float]
     slopes = {k: _slope(part.astype(float), powers[k - 1], problem.n, k) for k, part in value.items()}
     f = {k: powers[k] @ part.T for k, part in problem.f.items() if k < problem.degree}
     channels = {k: part @ powers[k].T for k, part in problem.g.items() if k < problem.degree}
-    rows: Parts = {}
+    rows: PartsByDegree = {}
     for i, slope in slopes.items():
         for j, fields in channels.items():
             if i - 1 + j < problem.degree:
@@ -238,7 +240,7 @@ def _slope(entries: np.ndarray, powers: np.ndarray, n: int, k: int) -> np.ndarra
 def moved(plant: PolynomialPlant, rng: np.random.Generator) -> PolynomialPlant:
     """The plant with every coefficient multiplied by 1 ± ε; what is zero stays zero."""
 
-    def move(parts: Parts) -> Parts:
+    def move(parts: PartsByDegree) -> PartsByDegree:
         return {k: part * (1 + _LAST_BIT * rng.choice((-1.0, 1.0), part.shape)) for k, part in parts.items()}
 
     f, g1, g2, h = (move(parts) for parts in (plant.f_parts, plant.g1_parts, plant.g2_parts, plant.h_parts))
@@ -246,7 +248,7 @@ def moved(plant: PolynomialPlant, rng: np.random.Generator) -> PolynomialPlant:
 
 
 def degree_errors(
-    value: Parts, growth: float, largest: float, other: Parts | None = None
+    value: PartsByDegree, growth: float, largest: float, other: PartsByDegree | None = None
 ) -> dict[int, float]:
     """Estimated error of each degree, relative to its largest coefficient.
 

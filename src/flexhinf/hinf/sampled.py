@@ -32,7 +32,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flexhinf.errors import NumericalFailure, refuse_if
-from flexhinf.hinf.rays import Inequality, Landscape, Stops, ascend, touching_point
+from flexhinf.hinf.rays import Landscape, RayInequality, Stops, ascend, touching_point
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.notebook import Summarised, number_text
 from flexhinf.plant.penalty import Penalty
@@ -488,7 +488,9 @@ def sample_region(
             linear = highest == (1, 1, 0, 0)  # r is its quadratic part everywhere
         if not (linear and margin.semidefinite):
             return None
-    search = _Search(Inequality(solution, pair.gamma, pair.output), np.random.default_rng(seed), largest)
+    search = _RegionSearch(
+        RayInequality(solution, pair.gamma, pair.output), np.random.default_rng(seed), largest
+    )
     with np.errstate(all="ignore"):
         contact = search.lowest(rays)
     level = float(contact.level[0])
@@ -500,13 +502,13 @@ def sample_region(
     return SampledCheck(solution, pair.gamma, pair.text, level, point, limit, rays, seed, float(largest))
 
 
-class _Search:
+class _RegionSearch:
     """The lowest level at which a ray from 0 stops, over all directions; no state is larger than `largest`.
 
     `first`: Radius at which rays start, for directions with V_2 = ½.
     """
 
-    def __init__(self, inequality: Inequality, rng: np.random.Generator, largest: float) -> None:
+    def __init__(self, inequality: RayInequality, rng: np.random.Generator, largest: float) -> None:
         self.inequality, self.rng, self.largest = inequality, rng, largest
         self.states = len(inequality.solution.P)
         self.first = _SMALLEST / float(np.abs(inequality.root).max())

@@ -87,7 +87,7 @@ def proved_range(
     low, high = gains.ends[0], min(gains.ends[1], fastest**2)
 
     @lru_cache(3)
-    def at(*links: float) -> _Loop:
+    def at(*links: float) -> _PairLoop:
         ctx.cap = TERMS if len(links) > 1 else 1  # of one λ the value counts alone
         try:
             return _loop(gains, links, error, latency, filter, scaling)
@@ -112,7 +112,7 @@ def proved_range(
     return ProvedRange(low, place, error, count)
 
 
-class _Loop(NamedTuple):
+class _PairLoop(NamedTuple):
     """A, Q and W of a pair, (n, n) each, arrays of series in λ."""
 
     a: np.ndarray
@@ -131,7 +131,7 @@ def _loop(
     latency: int,
     filter: ModalFilter | None,
     scaling: float,
-) -> _Loop:
+) -> _PairLoop:
     series, period, one, o = (
         arb_series([reduce(arb.union, map(arb, links)), links[0]]),
         gains.period,
@@ -176,7 +176,7 @@ def _loop(
     a = np.vstack([moved[:4] @ acting, memory])
     whole = np.zeros(a.shape, dtype=object)
     whole[:4, :4] = w[:4, :4]
-    return _Loop(a, acting.T @ q @ acting, whole)
+    return _PairLoop(a, acting.T @ q @ acting, whole)
 
 
 def _array(rows: Sequence[Sequence[arb_series]]) -> np.ndarray:
@@ -248,7 +248,7 @@ def _numbers(matrix: arb_mat) -> np.ndarray:
     return np.array([[float(entry.mid()) for entry in row] for row in matrix.tolist()])
 
 
-def _roots(loop: _Loop) -> Iterator[arb_mat]:
+def _roots(loop: _PairLoop) -> Iterator[arb_mat]:
     """T (n, n), P = TᵀT, with some room."""
     a, q, w = map(_numbers, loop.order(0))
     unit, radius = np.eye(len(a)), float(np.abs(np.linalg.eigvals(a)).max())
@@ -263,11 +263,11 @@ def _roots(loop: _Loop) -> Iterator[arb_mat]:
             yield arb_mat(np.linalg.cholesky(0.5 * (p + p.T)).T.tolist())
 
 
-def _positive(ends: tuple[_Loop, _Loop], between: _Loop, bend: arb, root: arb_mat) -> bool:
+def _positive(ends: tuple[_PairLoop, _PairLoop], between: _PairLoop, bend: arb, root: arb_mat) -> bool:
     """Whether L > 0 in an interval, in the coordinates T ξ; `bend` is a quarter of its length squared."""
     inverse = root.inv()
 
-    def inequality(loop: _Loop, order: int) -> np.ndarray:
+    def inequality(loop: _PairLoop, order: int) -> np.ndarray:
         a, q, w = loop.order(order)
         turned = root * a * inverse, inverse.transpose() * q * inverse, root * w * root.transpose()
         a, q, w = (np.array(part.tolist()) for part in turned)

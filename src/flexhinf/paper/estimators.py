@@ -145,7 +145,7 @@ def _reconstructs(setup: PaperSetup) -> Finding:
 
 # Trials of two filters -----------------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
-class Trial:
+class FilterTrial:
     """A comparison of two filters: the model that both use, with its sensors; the period, s; q of R^v = q I, or its
     diagonal (n,), and the variances R^n (p,), of the truth and of the filters; standard deviations (n,) of the true
     start about the filters' initial mean (n,), their P0; parameters of the truth that differ from the model's; and the
@@ -174,7 +174,7 @@ class Scores:
     nees_of_samples: np.ndarray
 
 
-def run_trial(trial: Trial, inputs: np.ndarray, runs: int, seed: int) -> tuple[Scores, Scores]:
+def run_trial(trial: FilterTrial, inputs: np.ndarray, runs: int, seed: int) -> tuple[Scores, Scores]:
     """Run both filters on the same data; returns (UKF's, EKF's) scores. Inputs (steps, m) are held between samples."""
     n, p = trial.model.n, len(trial.model.outputs)
     q, r, initial = (np.array(part) for part in (trial.process_noise, trial.measurement_noise, trial.initial))
@@ -287,7 +287,7 @@ def _program(filter: RecursiveFilter) -> Program:
 
 
 # Against the EKF -----------------------------------------------------------------------------------------
-class Outcome(NamedTuple):
+class TrialOutcome(NamedTuple):
     """Result of a trial: pairs in which neither filter failed; mean of the paired relative difference (UKF − EKF) and
     half its 95 % interval; largest |mean error| over the RMS error, and NEES, of UKF and EKF; verdict on the UKF."""
 
@@ -299,12 +299,12 @@ class Outcome(NamedTuple):
     verdict: str
 
 
-def outcome_of(ukf: Scores, ekf: Scores) -> Outcome:
+def outcome_of(ukf: Scores, ekf: Scores) -> TrialOutcome:
     """What both filters' scores say."""
     kept, nan = np.isfinite(ukf.squared).all(axis=1) & np.isfinite(ekf.squared).all(axis=1), math.nan
     pairs = int(kept.sum())
     if pairs < 2:
-        return Outcome(pairs, nan, nan, (nan, nan), (nan, nan), "unknown")
+        return TrialOutcome(pairs, nan, nan, (nan, nan), (nan, nan), "unknown")
     scale = np.sqrt(ekf.squared[kept].mean(axis=0))
     own, other = (np.sqrt((s.squared[kept] / scale**2).mean(axis=1)) for s in (ukf, ekf))
     bias = [float(np.abs(s.mean[kept].mean(axis=0) / scale).max()) for s in (ukf, ekf)]
@@ -313,7 +313,7 @@ def outcome_of(ukf: Scores, ekf: Scores) -> Outcome:
     close = abs(difference) <= half or abs(difference) < MATTERS
     verdict = "tie" if close else "better" if difference < 0.0 else "worse"
     verdict = verdict if math.isfinite(difference) else "unknown"
-    return Outcome(pairs, difference, half, (bias[0], bias[1]), (nees[0], nees[1]), verdict)
+    return TrialOutcome(pairs, difference, half, (bias[0], bias[1]), (nees[0], nees[1]), verdict)
 
 
 def inertial_plant(model: Plant) -> Plant:
@@ -335,17 +335,17 @@ def inertial_plant(model: Plant) -> Plant:
     )
 
 
-def _trials(setup: PaperSetup) -> tuple[list[Trial], list[Trial]]:
+def _trials(setup: PaperSetup) -> tuple[list[FilterTrial], list[FilterTrial]]:
     """Trials with the link position measured, and trials with sensors of which sin x1 is no function."""
     s, model = setup.settings, setup.model
     q, r, near = s.process_noise, (s.measurement_noise,), (math.sqrt(INITIAL_VARIANCE),) * model.n
     motor, inertial = setup.arm.plant(measured=("motor_position",)), inertial_plant(setup.model)
     return [
         *(
-            Trial(f"{1e3 * period:g} ms", model, period, q, r, near, {})
+            FilterTrial(f"{1e3 * period:g} ms", model, period, q, r, near, {})
             for period in dict.fromkeys((s.period, 0.01, 0.05))
         ),
-        Trial(
+        FilterTrial(
             "10 ms, stiffness +12 %",
             model,
             0.01,
@@ -354,10 +354,10 @@ def _trials(setup: PaperSetup) -> tuple[list[Trial], list[Trial]]:
             near,
             {"stiffness": setup.arm["stiffness"].interval[1]},
         ),
-        Trial("10 ms, start off by 30°, 1 rad/s", model, 0.01, q, r, FAR, {}),
+        FilterTrial("10 ms, start off by 30°, 1 rad/s", model, 0.01, q, r, FAR, {}),
     ], [
-        Trial("motor position, 10 ms, start off by 30°", motor, 0.01, q, r, FAR, {}),
-        Trial(
+        FilterTrial("motor position, 10 ms, start off by 30°", motor, 0.01, q, r, FAR, {}),
+        FilterTrial(
             "IMU on the link, 10 ms, start off by 17°", inertial, 0.01, q, (1e-2, 1e-2, 1e-4), (0.3,) * 4, {}
         ),
     ]
@@ -373,7 +373,7 @@ def driving(step: Trajectory, period: float) -> np.ndarray:
 def _beats_ekf(setup: PaperSetup) -> Finding:
     step = setup.run(setup.nonlinear, Step(math.pi), DURATION, estimator=None)
 
-    def outcome(trial: Trial) -> Outcome:
+    def outcome(trial: FilterTrial) -> TrialOutcome:
         """Outcome of both filters on the voltage of a step, which drives every plant of the trial."""
         count = affordable(RUNS, trial.period, DURATION)
         return outcome_of(*run_trial(trial, driving(step, trial.period), count, setup.settings.seed))

@@ -593,7 +593,7 @@ def plant_from_control(system: Any, inputs: Sequence[str] | None = None) -> Plan
         f"expected D = 0 for {list(disturbances)}",
         "measurement noise is the loop's; other disturbances act through a state",
     )
-    at_rest = map(np.zeros, (len(a), len(chosen), len(c)))
-    values = a, b[:, places], b[:, others], c, d[:, places], *at_rest
+    still = map(np.zeros, (len(a), len(chosen), len(c)))
+    values = a, b[:, places], b[:, others], c, d[:, places], *still
     names = {"disturbances": disturbances, "outputs": tuple(linear.output_labels)}
     return _linear_plant(values, tuple(linear.state_labels), tuple(chosen), **names)

@@ -212,7 +212,7 @@ def compose(series: Sequence[float], a: Support, x: np.ndarray) -> tuple[Support
     return support, result
 
 
-Series = Callable[[float, int], np.ndarray]
+SeriesCoefficients = Callable[[float, int], np.ndarray]
 
 #: Where a function is real and analytic, if not everywhere: between two numbers.
 DOMAINS = {
@@ -342,7 +342,7 @@ def power(x: float, exponent: float, degree: int) -> np.ndarray:
 
 
 #: The functions of one variable, by NumPy's name.
-FUNCTIONS: dict[str, Series] = {
+FUNCTIONS: dict[str, SeriesCoefficients] = {
     name: partial(_series, name)
     for name in (*CYCLES, *INVERSES, "tan", "tanh", "log", "log1p", "log10", "sqrt")
 }

@@ -295,7 +295,7 @@ class Jet:
 
     # functions; NumPy's ufuncs on object arrays call the method of the same name
 
-    def _compose(self, series: truncated.Series) -> Jet:
+    def _compose(self, series: truncated.SeriesCoefficients) -> Jet:
         support, values = self.support, self.values
         outer = series(self.constant, support.space.degree)
         if support.has_constant:

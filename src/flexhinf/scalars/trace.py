@@ -200,10 +200,10 @@ def function_from_arrays(arrays: Mapping[str, np.ndarray], name: str = "stored")
     return ca.Function(name, arguments, [ca.densify(result) for result in results])
 
 
-Shape = int | tuple[int, ...]
+ArgumentShape = int | tuple[int, ...]
 
 
-def symbols(name: str, shape: Shape) -> Elements:
+def symbols(name: str, shape: ArgumentShape) -> Elements:
     """Object array of fresh symbols, for example ``symbols("x", 4)``."""
     shape = (shape,) if isinstance(shape, int) else tuple(shape)
     return unpack(ca.SX.sym(name, int(np.prod(shape, dtype=int))), shape)
@@ -236,7 +236,10 @@ def pack(array: object) -> ca.SX:
 
 
 def trace(
-    function: Callable[..., Any], *shapes: Shape, name: str = "traced", names: Sequence[str] | None = None
+    function: Callable[..., Any],
+    *shapes: ArgumentShape,
+    name: str = "traced",
+    names: Sequence[str] | None = None,
 ) -> ca.Function:
     """Run `function` on symbols and return its results as a CasADi function.
 
@@ -335,7 +338,7 @@ def digest(function: ca.Function) -> str:
 
 
 def jacobian(
-    function: Callable[..., Any], *shapes: Shape, name: str = "jacobian"
+    function: Callable[..., Any], *shapes: ArgumentShape, name: str = "jacobian"
 ) -> Callable[..., tuple[np.ndarray, np.ndarray]]:
     """Exact value and Jacobian of `function` with respect to its first argument.
 
@@ -390,24 +393,24 @@ def divide(
         names.append(ca.SX.sym(f"before{len(names)}"))
         return names[-1]
 
-    def outside(value: _Value) -> ca.SX:
+    def outside(value: _Divided) -> ca.SX:
         if not value.moves and not value.leaf and value.name is None:
             value.name = named(value.sx)
         return value.sx if value.name is None else value.name
 
-    def operation(code: int, operands: list[_Value]) -> _Value:
+    def operation(code: int, operands: list[_Divided]) -> _Divided:
         if not any(operand.moves for operand in operands):
-            return _Value(built(code, [operand.sx for operand in operands]), False, False)
+            return _Divided(built(code, [operand.sx for operand in operands]), False, False)
         symbols = [outside(operand) for operand in operands]
         if code == ca.OP_DIV and not operands[1].moves and not operands[1].sx.is_constant():
             code, symbols[1] = ca.OP_MUL, operands[1].reciprocal(named)
-        return _Value(built(code, symbols), True, False)
+        return _Divided(built(code, symbols), True, False)
 
     values = list(
         walk(
             function,
-            lambda k, element: _Value(arguments[k][element], moving[k], True),
-            lambda constant: _Value(ca.SX(constant), False, True),
+            lambda k, element: _Divided(arguments[k][element], moving[k], True),
+            lambda constant: _Divided(ca.SX(constant), False, True),
             operation,
         )
     )
@@ -425,7 +428,7 @@ def divide(
 
 
 @dataclass
-class _Value:
+class _Divided:
     """A number of a function that is divided: whether it moves, is an argument or a constant, and its later names."""
 
     sx: ca.SX
@@ -468,27 +471,23 @@ SWITCHING: dict[int, Callable[..., list[ca.SX]]] = {
 }
 
 
-def _argument(a: ca.SX) -> ca.SX:
-    return a
+def _last(*operands: ca.SX) -> ca.SX:
+    return operands[-1]
 
 
-def _divisor(a: ca.SX, b: ca.SX) -> ca.SX:
-    return b
-
-
-def _at_one(a: ca.SX) -> ca.SX:
+def _branch_points(a: ca.SX) -> ca.SX:
     return 1.0 - a**2
 
 
 #: Operations with poles, arctan(sin x / cos x) jumps at those, or with a branch point, √(x²) is |x| and arcsin(sin x) a
 #: triangle wave; and what is zero there.
 POLES: dict[int, Callable[..., ca.SX]] = {
-    ca.OP_TAN: _argument,
-    ca.OP_INV: _argument,
-    ca.OP_DIV: _divisor,
-    ca.OP_SQRT: _argument,
-    ca.OP_ASIN: _at_one,
-    ca.OP_ACOS: _at_one,
+    ca.OP_TAN: _last,
+    ca.OP_INV: _last,
+    ca.OP_DIV: _last,
+    ca.OP_SQRT: _last,
+    ca.OP_ASIN: _branch_points,
+    ca.OP_ACOS: _branch_points,
 }
 
 #: Operations whose result is a linear combination of their operands.

@@ -26,7 +26,7 @@ QUANTILES = (0.0, 0.05, 0.5, 0.95, 1.0)
 #: How far curves are drawn beyond the step, in steps: those that diverge end there.
 BEYOND = 4.0
 
-Payload = dict[str, Any]
+PlotData = dict[str, Any]
 
 
 def packed(values: ArrayLike) -> str:
@@ -37,7 +37,7 @@ def packed(values: ArrayLike) -> str:
     return base64.b64encode(small.tobytes()).decode("ascii")
 
 
-def curve(x: ArrayLike, y: ArrayLike, **style: str | bool) -> Payload:
+def curve(x: ArrayLike, y: ArrayLike, **style: str | bool) -> PlotData:
     """A line through points."""
     return {"kind": "line", "x": packed(x), "y": packed(y), **style}
 
@@ -74,18 +74,18 @@ def _clipped(nominal: Nominal, joint: int, positions: np.ndarray, scale: float) 
     return scale * np.clip(positions, low, high)
 
 
-def _step_line(nominal: Nominal, response: Response, joint: int, **style: str | bool) -> Payload:
+def _step_line(nominal: Nominal, response: Response, joint: int, **style: str | bool) -> PlotData:
     few = _thinned(len(response.run.time))
     y = _clipped(nominal, joint, response.positions[few, joint], Scales(nominal, joint).factor)
     return curve(response.run.time[few], y, **style)
 
 
-def _input_line(response: Response, joint: int, **style: str | bool) -> Payload:
+def _input_line(response: Response, joint: int, **style: str | bool) -> PlotData:
     few = _thinned(len(response.run.time))
     return curve(response.run.time[few], response.inputs[few, joint], **style)
 
 
-def step_series(nominal: Nominal, joint: int) -> dict[str, Payload | None]:
+def step_series(nominal: Nominal, joint: int) -> dict[str, PlotData | None]:
     """The step of the nominal robot, and the command."""
     scale = Scales(nominal, joint).factor
     goal, command = scale * nominal.setup.goal[joint], nominal.setup.command
@@ -98,7 +98,7 @@ def step_series(nominal: Nominal, joint: int) -> dict[str, Payload | None]:
     return {"command": commanded, "nominal": own, "picked": None}
 
 
-def linear_series(linear: LinearParts, joint: int) -> tuple[Payload | None, Payload | None]:
+def linear_series(linear: LinearParts, joint: int) -> tuple[PlotData | None, PlotData | None]:
     """Step and input with the linear law; None where the law itself is linear."""
     if linear.step is None:
         return None, None
@@ -106,7 +106,7 @@ def linear_series(linear: LinearParts, joint: int) -> tuple[Payload | None, Payl
     return _step_line(linear.nominal, linear.step, joint, **style), _input_line(linear.step, joint, **style)
 
 
-def band_series(band: Band, joint: int) -> dict[str, Payload | None]:
+def band_series(band: Band, joint: int) -> dict[str, PlotData | None]:
     """The band of the sampled robots: all of them, and nine out of ten."""
     samples = band.samples
     if samples is None:
@@ -118,7 +118,7 @@ def band_series(band: Band, joint: int) -> dict[str, Payload | None]:
     low, most_low, _, most_high, high = np.take_along_axis(rows, places, axis=0)
     time = packed(samples.time)
 
-    def filled(y: np.ndarray, top: np.ndarray, name: str) -> Payload:
+    def filled(y: np.ndarray, top: np.ndarray, name: str) -> PlotData:
         return {
             "kind": "band",
             "x": time,
@@ -134,7 +134,7 @@ def band_series(band: Band, joint: int) -> dict[str, Payload | None]:
     }
 
 
-def effort_series(nominal: Nominal, joint: int) -> dict[str, Payload | None]:
+def effort_series(nominal: Nominal, joint: int) -> dict[str, PlotData | None]:
     """The input of a motor, and its limit."""
     limit = float(nominal.setup.limits.effort[joint])
     ends, bound = [0.0, nominal.duration], {"colour": "limit", "dash": True}
@@ -153,7 +153,7 @@ def estimated_names(nominal: Nominal) -> list[str]:
     return [name for name in names["estimate"] if name in names["state"]] if nominal.deviations else []
 
 
-def error_series(nominal: Nominal, name: str, joint: int) -> dict[str, Payload | None]:
+def error_series(nominal: Nominal, name: str, joint: int) -> dict[str, PlotData | None]:
     """The error of one estimated state, with ±3 standard deviations."""
     if name not in estimated_names(nominal):
         return {"deviation": None, "nominal": None, "picked": None}
@@ -174,7 +174,7 @@ def error_series(nominal: Nominal, name: str, joint: int) -> dict[str, Payload |
     }
 
 
-def error_curve(response: Response, state: str, factor: float, **style: str | bool) -> Payload:
+def error_curve(response: Response, state: str, factor: float, **style: str | bool) -> PlotData:
     """Estimate minus true value of a state."""
     run = response.run
     few, names = _thinned(len(run.time)), run.names
@@ -185,7 +185,7 @@ def error_curve(response: Response, state: str, factor: float, **style: str | bo
 
 def picked_series(
     nominal: Nominal, run: Response, joint: int, state: str
-) -> tuple[Payload, Payload, Payload | None]:
+) -> tuple[PlotData, PlotData, PlotData | None]:
     """Step, input and estimation error of the run that was picked."""
     style, error = {"colour": "third", "name": "picked robot"}, None
     if state in estimated_names(nominal):
@@ -195,7 +195,7 @@ def picked_series(
 
 
 # The linear loop ---------------------------------------------------------------------------------------------
-def sensitivity_series(linear: LinearParts) -> dict[str, Payload | None]:
+def sensitivity_series(linear: LinearParts) -> dict[str, PlotData | None]:
     """|S| and |T| at the inputs, largest singular values, over rad/s."""
     if linear.response is None:
         return {"S": None, "T": None, "limit": None}
@@ -210,13 +210,13 @@ def sensitivity_series(linear: LinearParts) -> dict[str, Payload | None]:
     }
 
 
-def pole_series(linear: LinearParts) -> dict[str, Payload | None]:
+def pole_series(linear: LinearParts) -> dict[str, PlotData | None]:
     """Poles of the running loop and of the robot without control, as equivalent continuous ones, 1/s."""
     if linear.failure:
         return {"robot": None, "loop": None}
     evaluation = linear.nominal.evaluation
 
-    def dots(modes: Sequence[Mode], mark: str, **style: str | bool) -> Payload:
+    def dots(modes: Sequence[Mode], mark: str, **style: str | bool) -> PlotData:
         poles = np.array([mode.eigenvalue for mode in modes], dtype=complex)
         both = np.concatenate([poles, np.conj(poles[np.imag(poles) != 0.0])])
         return {"kind": "dots", "x": packed(np.real(both)), "y": packed(np.imag(both)), "mark": mark, **style}
@@ -228,7 +228,7 @@ def pole_series(linear: LinearParts) -> dict[str, Payload | None]:
 
 
 # The arm ---------------------------------------------------------------------------------------------------------
-def arm_frames(nominal: Nominal, response: Response) -> Payload:
+def arm_frames(nominal: Nominal, response: Response) -> PlotData:
     """The arm along a run: points of its links, where they are, and where they would be with springs that do not give.
 
     ``links`` and ``motors`` are (F, P, 3), m; ``counts`` says how many of the P points each link has, ``normal`` along

@@ -11,7 +11,7 @@ from nicegui.element import Element
 from flexhinf.studio.controls import Control
 
 
-class Figure(Element, component="figure.js"):
+class LiveFigure(Element, component="figure.js"):
     """Curves on a canvas, see figure.js."""
 
     def __init__(self, title: str, xlabel: str, **options: bool) -> None:
@@ -46,7 +46,7 @@ def mark_chosen(button: ui.button, chosen: bool) -> None:
     button.classes(**{"add" if chosen else "remove": "chosen"}).props(f"aria-pressed={str(chosen).lower()}")
 
 
-class Row:
+class ControlRow:
     """A control: its text and, where it has a range, its slider; `take` is called with a text that the user made."""
 
     def __init__(self, control: Control, take: Callable[[Control, str], None]) -> None:

@@ -15,9 +15,9 @@ from flexhinf.design.responses import Response
 from flexhinf.errors import FlexhinfError
 from flexhinf.studio import controls, drawing
 from flexhinf.studio.controls import CONTROLS, Control
-from flexhinf.studio.elements import ArmView, Figure, Row, mark_chosen, plain_button
+from flexhinf.studio.elements import ArmView, ControlRow, LiveFigure, mark_chosen, plain_button
 from flexhinf.studio.preview import Band, LinearParts, Nominal
-from flexhinf.studio.session import Note, Replay, Session
+from flexhinf.studio.session import FileNote, Replay, Session
 from flexhinf.studio.tiles import TILES, Tile, tiles_of
 from flexhinf.studio.worker import Begun, Worker
 
@@ -83,11 +83,11 @@ class StudioPage:
                 if label in ("C", "FMU", "Report"):
                     button.props(f'aria-label="Export {label}"')
 
-    def _group(self, group: str) -> Iterator[Row]:
+    def _group(self, group: str) -> Iterator[ControlRow]:
         ui.html(f"<h2>{group}</h2>", sanitize=False)
         for control in CONTROLS:
             if control.group == group:
-                yield Row(control, self.change)
+                yield ControlRow(control, self.change)
 
     def _tiles(self) -> dict[str, tuple[ui.element, ui.label, ui.label]]:
         found: dict[str, tuple[ui.element, ui.label, ui.label]] = {}
@@ -121,12 +121,12 @@ class StudioPage:
 
     def _figures(self) -> None:
         self.arm = ArmView("Arm")
-        self.step = Figure("Step", "time, s", pickable=True).classes("studio-step")
+        self.step = LiveFigure("Step", "time, s", pickable=True).classes("studio-step")
         self.step.on("pick", self._clicked)
-        self.effort = Figure("Input", "time, s")
-        self.error = Figure("Estimation error", "time, s")
-        self.sensitivity = Figure("Sensitivity at the inputs", "frequency, rad/s", logx=True, logy=True)
-        self.poles = Figure("Poles", "real part, 1/s")
+        self.effort = LiveFigure("Input", "time, s")
+        self.error = LiveFigure("Estimation error", "time, s")
+        self.sensitivity = LiveFigure("Sensitivity at the inputs", "frequency, rad/s", logx=True, logy=True)
+        self.poles = LiveFigure("Poles", "real part, 1/s")
 
     def _joints_of(self) -> None:
         """Buttons for the joints of the robot, and the first one that moves."""
@@ -273,7 +273,7 @@ class StudioPage:
         if self.client.id not in Client.instances:
             return
         with self.client:
-            if isinstance(result, Note):
+            if isinstance(result, FileNote):
                 self._say(result.text)
             elif isinstance(result, Begun):
                 if revision == self.revision:

@@ -147,7 +147,7 @@ class LinearParts:
         ]
 
 
-Stage = Nominal | Band | LinearParts
+PreviewStage = Nominal | Band | LinearParts
 
 
 def stages(

@@ -28,7 +28,7 @@ from flexhinf.files import write_file
 from flexhinf.studio import controls
 from flexhinf.studio.controls import Control
 from flexhinf.studio.folder import WorkingFolder
-from flexhinf.studio.preview import Band, LinearParts, Nominal, Stage, stages
+from flexhinf.studio.preview import Band, LinearParts, Nominal, PreviewStage, stages
 from flexhinf.studio.worker import Ticket, Work
 from flexhinf.validation import one_of, value_text
 
@@ -49,7 +49,7 @@ class Replay:
 
 
 @dataclass(frozen=True)
-class Note:
+class FileNote:
     """A sentence for the page: what was written or is under way."""
 
     text: str
@@ -138,11 +138,11 @@ class Session:
         self.robot = base if factor == 1.0 else base.with_parameters(*scaled)
         self.tolerances = factor
 
-    def preview(self, ticket: Ticket) -> Iterator[Stage]:
+    def preview(self, ticket: Ticket) -> Iterator[PreviewStage]:
         """Work: the stages of the design as it is asked for now."""
         return stages(self.robot, self.specification, ticket.check)
 
-    def keep(self, stage: Stage) -> None:
+    def keep(self, stage: PreviewStage) -> None:
         """Keep a finished stage; the later ones of an earlier design are forgotten with the first."""
         if isinstance(stage, Nominal):
             self.nominal = stage
@@ -228,7 +228,7 @@ class Session:
         robot, s, nominal, request = self.robot, self.specification, self.nominal, self.request
         folder = self.folder
 
-        def work(ticket: Ticket) -> Iterator[Note]:
+        def work(ticket: Ticket) -> Iterator[FileNote]:
             if nominal is None:
                 raise InvalidInput(
                     "There is no controller yet.",
@@ -241,26 +241,26 @@ class Session:
             name, unlimited = export.identifier_of(robot.name), export.unlimited_inputs(nominal.controller())
             free = f" Nothing limits {', '.join(unlimited)}: state --saturation." if unlimited else ""
             if kind == "c":
-                yield Note("writing C …", done=False)
+                yield FileNote("writing C …", done=False)
                 place = folder.free_name(f"{name}-c")
                 files = export.controller_files(nominal.controller(), name, robot=robot)
                 export.write_files(export.checked_folder(folder.place("folder", place), force=False), files)
-                yield Note(
+                yield FileNote(
                     f"C in {place}: {len(files)} files; make -C {place} test compiles and runs them.{free}"
                 )
             else:
-                yield Note("compiling the FMU …", done=False)
+                yield FileNote("compiling the FMU …", done=False)
                 place = folder.free_name(name, ".fmu")
                 export.export_fmu(nominal.controller(), folder.place("file", place), name, limits=False)
-                yield Note(f"FMU: {place}.{free}")
+                yield FileNote(f"FMU: {place}.{free}")
 
         return work
 
 
-def _report(folder: WorkingFolder, request: DesignRequest, ticket: Ticket) -> Iterator[Note]:
+def _report(folder: WorkingFolder, request: DesignRequest, ticket: Ticket) -> Iterator[FileNote]:
     place = folder.free_name("flexhinf-design")
     target = report.check(folder.place("folder", place))
-    yield Note(
+    yield FileNote(
         f"designing for the report, about {len(design_stages(request.robot, request.specification))} steps …",
         False,
     )
@@ -268,7 +268,7 @@ def _report(folder: WorkingFolder, request: DesignRequest, ticket: Ticket) -> It
     files = pages.design_files(result, (), request.warnings, ("design.toml",))
     files["design.toml"] = pages.design_text(result, request, target)
     report.write(target, files)
-    yield Note(f"Report: {place}/index.html. Requirements: {result.judgement}.")
+    yield FileNote(f"Report: {place}/index.html. Requirements: {result.judgement}.")
 
 
 def _number(text: str) -> float:

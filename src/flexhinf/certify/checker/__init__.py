@@ -37,8 +37,8 @@ from flint import ctx
 from flexhinf.certify.checker.bounds import BITS, Face, Proof
 from flexhinf.certify.checker.guidance import refute_at_corners
 from flexhinf.certify.checker.residual import (
+    ExactResidual,
     Refusal,
-    Residual,
     check_reach,
     corner_text,
     look_at_corners,
@@ -46,7 +46,7 @@ from flexhinf.certify.checker.residual import (
     positive_definite,
     require,
 )
-from flexhinf.certify.checker.second_route import Cell, EveryCell, Sample, confirm
+from flexhinf.certify.checker.second_route import CellSample, ConfirmedCell, EveryCell, confirm
 from flexhinf.certify.checker.statements import check_observer, check_start, proved_peaks
 from flexhinf.certify.checker.subdivision import Verification, subdivide_face
 from flexhinf.certify.claim import Claim
@@ -83,7 +83,7 @@ def verify(
         _check_sizes(claim)
         _check_matrices(claim)
         starts = sum(check_start(claim, start) for start in claim.starts)
-        exact, peaks = Residual(claim), proved_peaks(claim)
+        exact, peaks = ExactResidual(claim), proved_peaks(claim)
         if claim.observer is not None:
             check_observer(claim, claim.observer, exact.gradient_law)
         corners, failed = (0, []) if by_cells else look_at_corners(claim, exact)
@@ -105,7 +105,7 @@ def verify(
             tick(cells)
 
         chosen = [
-            EveryCell(proof, face, watch) if sample is None else Sample(face, sample, seed)
+            EveryCell(proof, face, watch) if sample is None else CellSample(face, sample, seed)
             for face in proof.faces
         ]
         with ThreadPoolExecutor(threads) as pool:
@@ -174,12 +174,12 @@ def _check_matrices(claim: Claim) -> None:
     require(not claim.shift, "a moved equilibrium is not yet covered by this checker")
 
 
-def _face(proof: Proof, chosen: EveryCell | Sample, tick: Callable[[int], None]) -> Verification:
+def _face(proof: Proof, chosen: EveryCell | CellSample, tick: Callable[[int], None]) -> Verification:
     with np.errstate(all="ignore"):  # NaN and infinity are not accepted
         return subdivide_face(Face(proof, chosen.face), chosen, tick=tick)
 
 
-def _prove_again(proof: Proof, cells: list[Cell], seed: int) -> int:
+def _prove_again(proof: Proof, cells: list[ConfirmedCell], seed: int) -> int:
     rng = np.random.default_rng(seed)
     for cell in cells:
         corner = int(rng.integers(len(proof.exact_corners)))

@@ -22,7 +22,14 @@ from typing import NamedTuple
 import numpy as np
 from flint import arb, arb_series, ctx, fmpq_mpoly
 
-from flexhinf.certify.checker.residual import Residual, box_corners, offset_of, rounded, row_of, series_of
+from flexhinf.certify.checker.residual import (
+    ExactResidual,
+    box_corners,
+    offset_of,
+    rounded,
+    row_of,
+    series_of,
+)
 from flexhinf.certify.claim import Claim, Function
 
 #: Largest relative error of one rounded operation.
@@ -216,7 +223,7 @@ _UP = 1 + 1e-12  # more than a few roundings
 
 
 @dataclass(frozen=True, eq=False)
-class Bounds:
+class CellEnclosure:
     """Bounds of V, its growth and r on each cell of a batch; arrays (cells,) unless stated."""
 
     least_value: np.ndarray  # lower bound of V at the inner end of the interval of ρ
@@ -247,7 +254,7 @@ class Proof:
 
     def __init__(self, claim: Claim) -> None:
         self.claim, self.n = claim, len(claim.states)
-        exact = self.exact = Residual(claim)
+        exact = self.exact = ExactResidual(claim)
         self.exact_corners = [weights for _, weights in box_corners(claim, exact.products)]
         self.corners = np.array([[rounded(weight) for weight in row] for row in self.exact_corners])
         low, high = self.corners.min(0), self.corners.max(0)
@@ -297,7 +304,7 @@ def _is_odd(function: Function) -> bool:
     }.get(function.name, function.name in ("tanh", "arctan") and function.pi_halves == 0)
 
 
-class _Columns(NamedTuple):
+class _TableColumns(NamedTuple):
     """A table's rows (rows, components), and by degree a bound of what rounding and odd parts add at ρ = 1."""
 
     rows: np.ndarray
@@ -317,12 +324,14 @@ class Face:
 
         def columns(
             table: TaylorTable, pairs: list[tuple[fmpq_mpoly, fmpq_mpoly]], weight: np.ndarray
-        ) -> _Columns:
+        ) -> _TableColumns:
             kept, left = (
                 np.stack([table.fill(p, *face) for p in half], 1) for half in zip(*pairs, strict=True)
             )
             count = _roundings(table, len(proof.mid), len(exact.arguments)) * UNIT
-            return _Columns(kept, (count * table.magnitudes(kept) + table.magnitudes(left) * _UP) @ weight)
+            return _TableColumns(
+                kept, (count * table.magnitudes(kept) + table.magnitudes(left) * _UP) @ weight
+            )
 
         self._value = columns(proof.small, [proof.parts(exact.value)], np.ones(1))
         self._plain = columns(proof.table, [proof.parts(p) for p in exact.plain], weight)
@@ -333,7 +342,7 @@ class Face:
             lifted = ([(a * s**m, b * s**m) for a, b in pairs] for m in range(ORDER + 1))
             self._lifted.append([columns(proof.table, power, weight) for power in lifted])
 
-    def bounds(self, t: np.ndarray, h: np.ndarray, begin: np.ndarray, end: np.ndarray) -> Bounds:
+    def bounds(self, t: np.ndarray, h: np.ndarray, begin: np.ndarray, end: np.ndarray) -> CellEnclosure:
         """On cells |t_i − τ_i| ≤ h_i, `begin` ≤ ρ ≤ `end`; t and h are (n − 1, cells)."""
         proof, small, table, c = self.proof, self.proof.small, self.proof.table, self.proof.claim.level
         interval, at_begin = _interval(begin, end), (begin, np.zeros_like(end), begin)
@@ -353,7 +362,7 @@ class Face:
         lowered = table.upper(  # r/ρ² − λV, and V has no radius
             CentredForm(low, form.radius, tail), constant + multiplier * (c - at_center[0])
         )
-        return Bounds(
+        return CellEnclosure(
             least_value=least_value - 8 * UNIT * np.abs(least_value),
             least_growth=-small.upper(growth) - small.degree * error,
             largest=table.upper(form, constant) + remainder + rounding,
@@ -395,7 +404,9 @@ class Face:
         )
         return form, constants, remainder, rounding * _UP
 
-    def _shifted(self, table: TaylorTable, columns: _Columns, t: np.ndarray, h: np.ndarray) -> np.ndarray:
+    def _shifted(
+        self, table: TaylorTable, columns: _TableColumns, t: np.ndarray, h: np.ndarray
+    ) -> np.ndarray:
         return table.shifted(np.repeat(columns.rows[..., None], t.shape[1], 2), t, h)
 
 

@@ -10,11 +10,11 @@ from __future__ import annotations
 import numpy as np
 from flint import arb, arb_series, fmpq, fmpq_mat, fmpq_mpoly
 
-from flexhinf.certify.checker.bounds import Bounds, CentredForm, TaylorTable
+from flexhinf.certify.checker.bounds import CellEnclosure, CentredForm, TaylorTable
 from flexhinf.certify.checker.residual import (
     Corner,
+    ExactResidual,
     Refusal,
-    Residual,
     as_rational,
     corner_text,
     form_of,
@@ -32,7 +32,7 @@ _FLAT = 0.02  # an interval of ρ shorter than this times the widest t_i is not 
 
 
 def refuse(
-    face: tuple[int, int], cells: np.ndarray, undecided: np.ndarray, bounds: Bounds, reach: float
+    face: tuple[int, int], cells: np.ndarray, undecided: np.ndarray, bounds: CellEnclosure, reach: float
 ) -> None:
     """Raise where a cell that is neither finished nor proved is wrong at its centre, or too small to go on.
 
@@ -79,7 +79,7 @@ def axis_to_cut(table: TaylorTable, form: CentredForm, cells: np.ndarray) -> np.
 _POINTS, _NEAREST = 200, 1e-6  # along a ray at which r is looked at, and the first, relative to the last
 
 
-def refute_at_corners(claim: Claim, exact: Residual, failed: list[Corner]) -> None:
+def refute_at_corners(claim: Claim, exact: ExactResidual, failed: list[Corner]) -> None:
     """Raise a `Refusal` if r > 0 at a point with V ≤ c, for parameters at a corner of their box.
 
     The points lie on a ray for each corner, along which its quadratic form of r is largest; r > 0 is shown in balls.

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from flint import Ordering, arb, arb_series, fmpq, fmpq_mat, fmpq_mpoly, fmpq_mpoly_ctx
 
-from flexhinf.certify.claim import Claim, Function, Polynomial, Terms
+from flexhinf.certify.claim import Claim, Function, PolynomialTerms, Terms
 
 #: A product of powers of parameters: (name, exponent) pairs.
 Exponents = tuple[tuple[str, int], ...]
@@ -61,7 +61,7 @@ def offset_of(function: Function) -> arb:
     return arb(function.offset) + arb.pi() * function.pi_halves / 2
 
 
-def polynomial_of(polynomial: Polynomial, context: fmpq_mpoly_ctx) -> fmpq_mpoly:
+def polynomial_of(polynomial: PolynomialTerms, context: fmpq_mpoly_ctx) -> fmpq_mpoly:
     """A claim's polynomial as an exact one."""
     return context.from_dict({powers: as_rational(value) for powers, value in polynomial})
 
@@ -98,7 +98,7 @@ def leading_minors(matrix: fmpq_mat) -> Iterator[fmpq]:
         yield fmpq_mat([[matrix[i, j] for j in range(k)] for i in range(k)]).det()
 
 
-class Residual:
+class ExactResidual:
     """r = V_x (f + g2 k) + ½ hᵀh + ½ kᵀR2 k + |V_x g1|²/(2γ²) + αV, with x = T z:
     r(z, p) = Σ over products π of parameters: π(p) · (A_π(z) + Σ_j S_j(ℓ_jᵀTz) B_{π,j}(z)).
 
@@ -125,7 +125,7 @@ class Residual:
         def linear(row: Iterable[float]) -> fmpq_mpoly:
             return total(as_rational(a) * gen for a, gen in zip(row, gens[:n], strict=True))
 
-        def polynomial(pairs: Polynomial) -> fmpq_mpoly:
+        def polynomial(pairs: PolynomialTerms) -> fmpq_mpoly:
             return ring.from_dict({(*powers, *(0,) * (end - n)): as_rational(a) for powers, a in pairs})
 
         # Eq. (2). An uncertain p^e is one variable, since p stands with no other exponent.
@@ -230,7 +230,7 @@ class Corner(NamedTuple):
     form: fmpq_mat
 
 
-def look_at_corners(claim: Claim, exact: Residual) -> tuple[int, list[Corner]]:
+def look_at_corners(claim: Claim, exact: ExactResidual) -> tuple[int, list[Corner]]:
     """Number of corners (0 if r is no quadratic form, or the region leaves the reach), and the first few failing
     corners, the one with the smallest minor first."""
     # One part for each product of parameters.
@@ -270,7 +270,7 @@ def _farther(claim: Claim, widest: fmpq_mat) -> list[int]:
     return [i for i in range(widest.nrows()) if widest[i, i] > as_rational(claim.reach) ** 2]
 
 
-def check_reach(claim: Claim, exact: Residual) -> None:
+def check_reach(claim: Claim, exact: ExactResidual) -> None:
     """Raise a `Refusal` where V is a quadratic form and {V ≤ c} leaves the reach: no cell ends there."""
     if any(sum(map(int, e)) != 2 for e in exact.value.to_dict()):
         return

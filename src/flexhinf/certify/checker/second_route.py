@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from flint import arb, arb_series, fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
-from flexhinf.certify.checker.bounds import Bounds, Proof
+from flexhinf.certify.checker.bounds import CellEnclosure, Proof
 from flexhinf.certify.checker.residual import as_rational, offset_of, require, series_of
 from flexhinf.certify.claim import Function
 
@@ -23,7 +23,7 @@ _PIECES = 32  # number of pieces on which a derivative is bounded
 
 
 @dataclass(frozen=True)
-class Cell:
+class ConfirmedCell:
     """An accepted cell: face z_f = sign · ρ, t ± h, begin ≤ ρ ≤ end, and λ."""
 
     face: tuple[int, int]
@@ -33,20 +33,22 @@ class Cell:
     end: float
     multiplier: float
 
-    def opposite(self) -> Cell:
+    def opposite(self) -> ConfirmedCell:
         """The cell at −z."""
         return replace(self, face=(self.face[0], -self.face[1]), t=tuple(-t for t in self.t))
 
 
-def cell_of(face: tuple[int, int], cells: np.ndarray, i: int, bounds: Bounds, reach: float) -> Cell:
+def cell_of(
+    face: tuple[int, int], cells: np.ndarray, i: int, bounds: CellEnclosure, reach: float
+) -> ConfirmedCell:
     """One cell of a batch. Its λ is 0 where r < 0 was shown without it."""
     n = len(cells) // 2
     t, h, (begin, end) = (part.tolist() for part in np.split(cells[:, i], [n - 1, 2 * n - 2]))
     multiplier = 0.0 if bounds.largest[i] < 0 else float(bounds.multiplier[i])
-    return Cell(face, tuple(t), tuple(h), begin * reach, end * reach, multiplier)
+    return ConfirmedCell(face, tuple(t), tuple(h), begin * reach, end * reach, multiplier)
 
 
-def cell_is_proved(proof: Proof, cell: Cell, corner: int) -> bool:
+def cell_is_proved(proof: Proof, cell: ConfirmedCell, corner: int) -> bool:
     """Whether V grows and r < 0 (or r/ρ² + λ(c − V) < 0) on a cell, at one corner of the box of parameters."""
     exact, n, context = proof.exact, proof.n, proof.exact.value.context()
     begin, end = as_rational(cell.begin), as_rational(cell.end)
@@ -74,20 +76,20 @@ def cell_is_proved(proof: Proof, cell: Cell, corner: int) -> bool:
     return bool(bound.is_finite() and bound < 0)
 
 
-def cell_ended(proof: Proof, cell: Cell) -> bool:
+def cell_ended(proof: Proof, cell: ConfirmedCell) -> bool:
     """Whether V > c at the inner end of a cell, in all its directions."""
     context = proof.exact.value.context()
     value = _on_face(proof.exact.value, cell, _places(context, cell, as_rational(cell.begin), fmpq(0)), 2)
     return bool(_upper(context.constant(as_rational(proof.claim.level)) - value, proof.n) < 0)
 
 
-def _places(context: fmpq_mpoly_ctx, cell: Cell, middle: fmpq, half: fmpq) -> list[fmpq_mpoly]:
+def _places(context: fmpq_mpoly_ctx, cell: ConfirmedCell, middle: fmpq, half: fmpq) -> list[fmpq_mpoly]:
     boxes = [(middle, half), *zip(map(as_rational, cell.t), map(as_rational, cell.h), strict=True)]
     return [context.constant(m) + r * s for (m, r), s in zip(boxes, context.gens(), strict=True)]
 
 
 def _on_face(
-    polynomial: fmpq_mpoly, cell: Cell, places: list[fmpq_mpoly], lift: int, growth: bool = False
+    polynomial: fmpq_mpoly, cell: ConfirmedCell, places: list[fmpq_mpoly], lift: int, growth: bool = False
 ) -> fmpq_mpoly:
     """Σ_k ρ^(k−2+lift) P_k(t) in the variables s; each part times k for the growth along rays."""
     f, sign = cell.face
@@ -150,7 +152,7 @@ def _upper(polynomial: fmpq_mpoly, n: int) -> arb:
 
 
 # Cells that are accepted or finished ------------------------------------------------------------------
-def confirm(proof: Proof, cell: Cell, corners: Iterable[int], ended: bool = False) -> None:
+def confirm(proof: Proof, cell: ConfirmedCell, corners: Iterable[int], ended: bool = False) -> None:
     """Raise a `Refusal` unless a cell is proved at these corners of the parameters, or V > c at its inner end."""
     require(
         cell_ended(proof, cell) if ended else all(cell_is_proved(proof, cell, i) for i in corners),
@@ -158,15 +160,15 @@ def confirm(proof: Proof, cell: Cell, corners: Iterable[int], ended: bool = Fals
     )
 
 
-class Sample:
+class CellSample:
     """A random sample of the accepted cells of a face (reservoir sampling, equal chances)."""
 
     def __init__(self, face: tuple[int, int], size: int, seed: int) -> None:
-        self.face, self.size, self.cells, self.count = face, size, list[Cell](), 0
+        self.face, self.size, self.cells, self.count = face, size, list[ConfirmedCell](), 0
         self._rng, self._seen = np.random.default_rng([seed, face[0], face[1] + 1]), 0
 
     def offer(
-        self, cells: np.ndarray, good: np.ndarray, finished: np.ndarray, bounds: Bounds, reach: float
+        self, cells: np.ndarray, good: np.ndarray, finished: np.ndarray, bounds: CellEnclosure, reach: float
     ) -> None:
         """Cells of one batch, as columns of t, h and ends of ρ, and which of them are accepted and finished."""
         for i in np.flatnonzero(good):
@@ -180,10 +182,10 @@ class EveryCell:
     """Every accepted or finished cell of a face, and its opposite where that has no face of its own, at all corners."""
 
     def __init__(self, proof: Proof, face: tuple[int, int], tick: Callable[[int], None]) -> None:
-        self.proof, self.face, self.cells, self.count, self.tick = proof, face, list[Cell](), 0, tick
+        self.proof, self.face, self.cells, self.count, self.tick = proof, face, list[ConfirmedCell](), 0, tick
 
     def offer(
-        self, cells: np.ndarray, good: np.ndarray, finished: np.ndarray, bounds: Bounds, reach: float
+        self, cells: np.ndarray, good: np.ndarray, finished: np.ndarray, bounds: CellEnclosure, reach: float
     ) -> None:
         """Cells of one batch, as columns of t, h and ends of ρ, and which of them are accepted and finished."""
         for chosen in (good, finished):

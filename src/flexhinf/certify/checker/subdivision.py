@@ -14,7 +14,7 @@ import numpy as np
 from flexhinf.certify.checker.bounds import CentredForm, Face
 from flexhinf.certify.checker.guidance import axis_to_cut, refuse
 from flexhinf.certify.checker.residual import require
-from flexhinf.certify.checker.second_route import EveryCell, Sample
+from flexhinf.certify.checker.second_route import CellSample, EveryCell
 
 BATCH = 64
 _GROWTH = 2.0  # of the interval of ρ after a cell that was accepted
@@ -64,7 +64,7 @@ class Verification:
 
 
 def subdivide_face(
-    face: Face, chosen: Sample | EveryCell, *, tick: Callable[[int], None] = lambda cells: None
+    face: Face, chosen: CellSample | EveryCell, *, tick: Callable[[int], None] = lambda cells: None
 ) -> Verification:
     """Prove that each direction of a face is finished after accepted cells that adjoin from ρ = 0 on, or raise a
     `Refusal`."""
