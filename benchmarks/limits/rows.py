@@ -61,7 +61,6 @@ class Bench:
         """A law, tuned where it is a rival and has not been; None without a design, or without a stable candidate."""
         if name == PRODUCT:
             found = design_of(self.designs, self.name)
-            self.data["design"] = described(self.designs, self.name)
             return None if found is None else Product(self.robot, found[0])
         rivals = self.data.setdefault("tuned", {})
         if name not in rivals:
@@ -70,7 +69,10 @@ class Bench:
         return None if rivals[name] is None else Rival(self.arm, name, rivals[name]["numbers"])
 
     def make(self, rows: Sequence[str], laws: Sequence[str], again: bool = False) -> Iterator[str]:
-        """Make the rows that are missing, or all; what is to be said of each."""
+        """Make the rows that are missing, or all; what is to be said of each. The design is described first."""
+        if (found := described(self.designs, self.name)) is not None:
+            self.data["design"] = found
+            self.keep()
         for name in laws:
             wanted = [row for row in rows if again or name not in self.data.get(row, {})]
             if not wanted:

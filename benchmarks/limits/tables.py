@@ -178,13 +178,13 @@ def rivals(folder: Path) -> str:
 def short(folder: Path) -> str:
     """What the tables say: where PD is better, what misses the rule, which "met" is not true."""
     every = {name: kept(folder, name) for name in ARMS}
-    lines = [
-        f"- PD {what}: {_listed([text for name, rows in every.items() for text in found(name, rows)], 'in no row')}."
-        for what, found in (
-            ("goes less far beyond", _less_far), ("follows more exactly", _more_exactly),
-            ("arrives more often", _more_often),
-        )
-    ]  # fmt: skip
+    lines = [*_head(("what", "where"))]
+    for what, found in (
+        ("PD goes less far beyond", _less_far), ("PD follows more exactly", _more_exactly),
+        ("PD arrives more often", _more_often),
+    ):  # fmt: skip
+        where = [text for name, rows in every.items() for text in found(name, rows)]
+        lines.append(_cells([what, _listed(where, "in no row")]))
     verdicts = [
         (f"{name}, {about.title}", judged(rows[trial]))
         for name, rows in every.items()
@@ -192,18 +192,16 @@ def short(folder: Path) -> str:
         if {*rows.get(trial, {})} >= BOTH
     ]
     missed = [f"{where} ({said})" for where, said in verdicts if said != "kept"]
-    count = len(verdicts)
-    lines.append(
-        f"- The rule of limits is kept in {count - len(missed)} of {count} rows. Not in: {_listed(missed)}."
-    )
+    kept_in = f"{len(verdicts) - len(missed)} of {len(verdicts)} rows"
+    lines.append(_cells(["flexhinf keeps the rule of limits", f"{kept_in}; not in: {_listed(missed)}"]))
     run = {
         name: (beyond_limits(rows["design"]["limits"], rows[MET][PRODUCT]), rows[MET][PRODUCT]["moves"])
         for name, rows in every.items()
         if rows.get("design", {}).get("met") and PRODUCT in rows.get(MET, {})
     }
     false = [f"`{name}` ({beyond} of {moves} moves)" for name, (beyond, moves) in run.items() if beyond]
-    met = f"- All 40 moves of {len(run) - len(false)} of {len(run)} arms that were met and run are within the limits."
-    return "\n".join([*lines, f"{met} Not of: {_listed(false)}."])
+    true = f"{len(run) - len(false)} of {len(run)} arms whose moves were run; not of: {_listed(false)}"
+    return "\n".join([*lines, _cells(['"met" is true', true])])
 
 
 def _less_far(name: str, rows: dict[str, Any]) -> list[str]:
