@@ -340,9 +340,7 @@ class UnscentedKalmanFilter(RecursiveFilter):
         """The mean, and deviations (2n, n) from it, after one of the `sub_steps`."""
         means: list[Elements] = []
 
-        def stages(
-            inner: Run, deviation: Elements, mean: Elements, u: Elements, p: Elements
-        ) -> Elements:
+        def stages(inner: Run, deviation: Elements, mean: Elements, u: Elements, p: Elements) -> Elements:
             pairs: Any = Pairs(inner, self.flow, self._flow_and_difference)
             mean, deviation = self.sub_step(cast(Elements, (mean, deviation)), u, p, pairs)
             means.append(mean)

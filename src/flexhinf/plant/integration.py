@@ -74,9 +74,9 @@ def rk4_step(
     """One Runge–Kutta step of order four for ẋ = flow(x, v), v at the start, the middle and the end of the step, s."""
     start, middle, end = inputs
     k1 = flow(x, start)
-    k2 = flow(_RungeKuttaStage((step / 2,))(x, k1), middle)
-    k3 = flow(_RungeKuttaStage((step / 2,))(x, k2), middle)
-    return _RungeKutta(step)(x, k1, k2, k3, flow(_RungeKuttaStage((step,))(x, k3), end))
+    k2 = flow(_Stage((step / 2,))(x, k1), middle)
+    k3 = flow(_Stage((step / 2,))(x, k2), middle)
+    return _RungeKutta(step)(x, k1, k2, k3, flow(_Stage((step,))(x, k3), end))
 
 
 def rk4_stages(
@@ -84,11 +84,9 @@ def rk4_stages(
 ) -> Elements:
     """`rk4_step` of ẋ = flow(x, *held), x (n,), over a step in s, the flow called four times by a run."""
     k1 = run.call(flow, x, *held)
-    k2 = run.call(flow, run.call(_RungeKuttaStage((step / 2,)), x, k1), *held)
-    k3 = run.call(flow, run.call(_RungeKuttaStage((step / 2,)), x, k2), *held)
-    return run.call(
-        _RungeKutta(step), x, k1, k2, k3, run.call(flow, run.call(_RungeKuttaStage((step,)), x, k3), *held)
-    )
+    k2 = run.call(flow, run.call(_Stage((step / 2,)), x, k1), *held)
+    k3 = run.call(flow, run.call(_Stage((step / 2,)), x, k2), *held)
+    return run.call(_RungeKutta(step), x, k1, k2, k3, run.call(flow, run.call(_Stage((step,)), x, k3), *held))
 
 
 #: Nodes c₁ … c₈ of `eight_stages`, and weights of its stages 1, 6 and 8.
@@ -119,23 +117,21 @@ def eight_stages(
     bᵀAᵏ1 = 1/(k + 1)!, k = 4 … 7. A vibration errs by (h|λ|)⁸/9! of its phase, and does not grow up to h|λ| = 3.39.
     """
     first = run.call(flow, x, *held)
-    stages = [first, run.call(flow, run.call(_RungeKuttaStage((step * NODES[1],)), x, first), *held)]
+    stages = [first, run.call(flow, run.call(_Stage((step * NODES[1],)), x, first), *held)]
     for before, node in pairwise(NODES[1:]):
         part = node**2 / (2.0 * before)
         stages.append(
             run.call(
                 flow,
-                run.call(_RungeKuttaStage((step * (node - part), step * part)), x, first, stages[-1]),
+                run.call(_Stage((step * (node - part), step * part)), x, first, stages[-1]),
                 *held,
             )
         )
-    return run.call(
-        _RungeKuttaStage(tuple(step * weight for weight in WEIGHTS)), x, first, stages[5], stages[7]
-    )
+    return run.call(_Stage(tuple(step * weight for weight in WEIGHTS)), x, first, stages[5], stages[7])
 
 
 @dataclass(frozen=True)
-class _RungeKuttaStage:  # equal ones are one function
+class _Stage:  # equal ones are one function; generated C has its name
     steps: tuple[float, ...]
 
     def __call__(self, x: Elements, *rates: Elements) -> Elements:
