@@ -341,6 +341,8 @@ def settled(
     }
     if controller.mode.has_offset:
         settled_parts["offset_known"] = 1.0
+    if controller.mode.changes_command:
+        settled_parts["command"] = settled_parts["reference"]
     if lead := controller.mode.command_lead:
         settled_parts["commands"] = np.tile(settled_parts["reference"], lead)
     for name, value in settled_parts.items():

@@ -77,9 +77,9 @@ class Governor:
         alike = len({row.shape for row in (*sizes, *rows.values())}) == 1 and sizes[0].ndim == 1
         refuse_if(
             not alike or not all(np.all(np.isfinite(row) & (row > 0.0)) for row in rows.values())
-            or not np.all(sizes[0] < sizes[1]),
+            or not np.all(sizes[0] <= sizes[1]),
             "The governor of a controller does not fit the joints.",
-            "expected a positive distance, speed and acceleration for each joint and lower < upper, got "
+            "expected a positive distance, speed and acceleration for each joint and lower <= upper, got "
             f"{value_text(vars(self))}",
             "one number per tracked position: Governor([0.05], [1.0], [3.0], [-3.0], [3.0])",
         )  # fmt: skip
