@@ -88,8 +88,8 @@ def test_joints_that_samples_do_not_show_are_tried_rigid_by_a_file(
 
 
 def test_limits_that_would_be_far_away_are_not_offered() -> None:
-    assert relaxable(missed("remaining", 2.9))
-    assert not relaxable(missed("remaining", 3.1))
+    assert relaxable(missed("remaining", 3.9))
+    assert not relaxable(missed("remaining", 4.1))
     assert not relaxable(missed("corners", 2.0))  # no limit keeps an unstable robot
     assert relaxable(missed("corners", 2.0, field="gain_margin"))
 

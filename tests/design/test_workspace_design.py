@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests import workspaces
-from tests.refusals import refused_with
+from tests.refusals import refused_with, unnamed
 
 import flexhinf as fh
 from flexhinf.design import design_workspace, stages
@@ -21,6 +21,7 @@ from flexhinf.design.workspace.design import check_loop
 from flexhinf.design.workspace.search import tuned_setup
 from flexhinf.design.workspace.setup import DAMPING, GAIN
 from flexhinf.pages import design_files
+from flexhinf.pages.workspace_summary import workspace_verdict
 from flexhinf.robot.workspace import workspace_of
 
 Named = Callable[[str], Any]
@@ -134,6 +135,26 @@ def test_seed_draws_speeds_and_gains_change_what_is_looked_at(robot_of: Named) -
     missed = [next(line.found for line in d.requirements if "gain" in line.what) for d in (stays, leaves)]
     assert missed == [0.0, 4.0]
     assert all(max(loop.louder, loop.softer) < 1.0 for loop in stays.loops)
+
+
+@pytest.mark.costs("designs the arm twice")
+def test_where_the_worst_move_is_near_a_limit_further_robots_move(robot_of: Named) -> None:
+    """Between goals of their own, after the first ones, which stay the same; stated draws are kept."""
+    arm, s = (
+        robot_of("paper"),
+        fh.Specification(workspace=((0.0, 0.3),), tracking_error=1.0, remaining_error=1.0),
+    )
+    far = fh.design(arm, s)
+    worst = max(joint["tracking_error"] for move in far.sampled for joint in move.motion)
+    limits = {"tracking_error": worst / 0.9, "remaining_error": 1.0}
+    near = fh.design(arm, replace(s, **limits))
+    assert (len(far.sampled), len(near.sampled)) == (2, 4)
+    first, further = near.sampled[:2], near.sampled[2:]
+    assert [move.motion for move in first] == [move.motion for move in far.sampled]
+    goals = {float(move.response.goal[0]) for move in (*first, *further)}
+    assert len(goals) == 4
+    assert unnamed(workspace_verdict(near), "2 further ones") == []
+    assert len(fh.design(arm, replace(s, **limits, draws=2)).sampled) == 2
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from flexhinf.design.plans import UNLIMITED
 from flexhinf.design.requirements import REQUIREMENTS, STANDSTILL_SHARE, Requirement
@@ -24,14 +24,15 @@ from flexhinf.design.workspace.search import TOLERATED, motors_alone
 from flexhinf.errors import FlexhinfError
 from flexhinf.robot import Robot
 from flexhinf.robot.modes import modes_of, stiffness_and_inertia
+from flexhinf.robot.signals import units_of
 
 #: A limit of moves is offered with room for this share of all moves: the worst of 20 moves was passed by 6 of 40 later
 #: ones. Confidence of the mean tail; nine of ten limits have the share, as the median is estimated too.
 QUANTILE, CONFIDENCE = 0.99, 0.95
 
-#: A limit is offered that is at most so many times the present one, of the error on the way so many; room of a limit of
-#: poses, of which there are enough for their worst.
-WITHIN, ON_THE_WAY, ROOM = 3.0, 10.0, 1.05
+#: A limit is offered that is at most so many times the present one, of the error at rest, and of that on the way, so
+#: many; room of a limit of poses, of which there are enough for their worst.
+WITHIN, AT_REST, ON_THE_WAY, ROOM = 3.0, 4.0, 10.0, 1.05
 
 #: Least margins that are offered.
 SMALLEST_MARGINS: dict[str, float] = dict(zip(MARGINS, (TOLERATED, 0.5)))
@@ -42,8 +43,10 @@ OF_MOVES = {
     "undershoot": "wrong_way_percent",
 }  # fmt: skip
 
-#: Noise of sensors, rms, where none is stated and ten times as much is assumed: a step of 2π/2¹⁸, 24 µrad, has 7 µrad.
-FINER, FINER_BITS = "0.01mrad", "a tenth of the sensor noise that is assumed, as encoders of 18 bits have"
+#: Noise of positions, rms, where none is stated and ten times as much is assumed: a step of 2π/2¹⁸ has 7 µrad.
+FINER, FINER_BITS = (
+    {"rad": "0.01mrad", "m": "0.001mm"}, "a tenth of the sensor noise that is assumed, as encoders of 18 bits have",
+)  # fmt: skip
 
 #: Factors of the speed limits with which moves are tried, and of the period.
 SLOWER, SHORTER = (0.5, 0.25), 0.5
@@ -221,9 +224,13 @@ def changes(design: WorkspaceDesign) -> Iterator[Change]:
     looped = any(line.what not in MOVING and line.field not in OF_MOVES for line in missed)
     if looped and (rigid := unseen(design.robot, s.period)):
         yield Change("joints whose vibration is faster than samples show", {}, rigid)
-    quiet = s.estimator == "none" or s.measurement_noise is not FIELDS["measurement_noise"].default
-    if not quiet and (looped or any(line.field in OF_MOVES for line in missed)):
-        yield Change(f"{FINER_BITS}, if the sensors are so", {"measurement_noise": FINER})
+    assumed = s.estimator != "none" and s.measurement_noise is FIELDS["measurement_noise"].default
+    if (
+        assumed
+        and (finer := finer_noise(design))
+        and (looped or any(line.field in OF_MOVES for line in missed))
+    ):
+        yield Change(f"{FINER_BITS}, if the sensors are so", {"measurement_noise": finer})
     moving = any(line.what in MOVING or line.field == "path_distance" for line in missed)
     if moving:
         yield slower_moves(design, SLOWER[0])
@@ -237,6 +244,13 @@ def changes(design: WorkspaceDesign) -> Iterator[Change]:
         alike = not any(isinstance(value, tuple) for value in (s.measurement_noise, s.quantisation))
         if alike and s.estimator != "none":
             yield Change("encoders on links and motors", {"measured": "link_position,motor_position"})
+
+
+def finer_noise(design: WorkspaceDesign) -> str:
+    """A tenth of the assumed noise of all sensors, as text; "" where not all of them are positions."""
+    units = units_of(design.robot.joint_names, design.robot.links.slides)
+    each = [FINER.get(units[name], "") for name in design.robot.plant(design.specification.measured).outputs]
+    return "" if "" in each else each[0] if len(set(each)) == 1 else ",".join(each)
 
 
 def unseen(robot: Robot, period: float) -> tuple[str, ...]:
@@ -269,7 +283,7 @@ def relaxable(line: Requirement) -> bool:
 
 
 def _within(name: str) -> float:
-    return ON_THE_WAY if name == "tracking_error" else WITHIN
+    return {"tracking_error": ON_THE_WAY, "remaining_error": AT_REST}.get(name, WITHIN)
 
 
 def limit_change(design: WorkspaceDesign, margins: bool = True) -> Change | None:
@@ -341,7 +355,7 @@ def with_room(values: Sequence[float]) -> float:
     beyond = [value - middle for value in values if value > middle]
     if not beyond or not math.isfinite(max(values)):
         return max(values)
-    mean = 2.0 * sum(beyond) / float(chi2.ppf(1.0 - CONFIDENCE, 2 * len(beyond)))
+    mean = 2.0 * sum(beyond) / float(chdtri(2 * len(beyond), CONFIDENCE))
     return max(max(values), middle + mean * math.log(0.5 / (1.0 - QUANTILE)))
 
 

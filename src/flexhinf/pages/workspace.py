@@ -217,10 +217,7 @@ def _heads(design: WorkspaceDesign) -> list[str]:
 
 def _joint_table(design: WorkspaceDesign) -> Table:
     """Of each joint the largest number of all moves, and the move."""
-    moves = [*design.moves, *design.sampled]
-    found = [move.motion for move in moves]
-    names = [str(k + 1) for k in range(len(design.moves))]
-    names += [f"{names[k % len(names)]}, at a corner" for k in range(len(design.sampled))]
+    found = [move.motion for move in (*design.moves, *design.sampled)]
     rows = []
     for k, joint in enumerate(design.setup.joints):
         cells = [joint]
@@ -228,11 +225,19 @@ def _joint_table(design: WorkspaceDesign) -> Table:
             values = [row[k].get(key, np.nan) if row else np.inf for row in found]
             worst = None if np.isnan(values).all() else int(np.nanargmax(values))
             cells.append(
-                "–" if worst is None else f"{number(factor * values[worst], 3)} (move {names[worst]})"
+                "–" if worst is None else f"{number(factor * values[worst], 3)} ({_move_name(design, worst)})"
             )
         rows.append(cells)
     caption = "The worst move of each joint, by the nominal robot or by one at a corner of its tolerances."
     return Table(("joint", *_heads(design)), rows, caption, stacks=True)
+
+
+def _move_name(design: WorkspaceDesign, place: int) -> str:
+    """What a move is called, by its place among those of the nominal robot and the others."""
+    count, at = len(design.moves), place - len(design.moves)
+    if at < 0:
+        return f"move {place + 1}"
+    return f"move {at + 1}, at a corner" if at < count else f"further move {at - count + 1}, at a corner"
 
 
 def _ends_of_moves(design: WorkspaceDesign) -> list[np.ndarray]:
@@ -285,10 +290,10 @@ def _move_figure(design: WorkspaceDesign) -> Any:
         joint_panel("error", small, time, joints, factor * (run.positions - planned), zero=True),
         joint_panel("input", "% of the limit" if limited else units.effort, time, joints, inputs, zero=True),
     ]
-    which = "nominal robot" if worst < len(design.moves) else "robot at a corner of its tolerances"
+    name = _move_name(design, worst)
     caption = (
-        f"Move {worst % len(design.moves) + 1} of the {which}, the one with the largest remaining error. Error: "
-        f"position of the link less that of the plan, which ends after {number(move.plan.duration, 3)} s."
+        f"The worst move, {name}, by the largest remaining error. Error: position of the link less that of the plan, "
+        f"which ends after {number(move.plan.duration, 3)} s."
     )
     if limited and not np.isfinite(design.setup.limits.effort).all():
         caption += " A motor without a limit is shown with the one that is assumed below."

@@ -70,7 +70,8 @@ def scope_text(design: WorkspaceDesign) -> str:
     poses, moves = count_text(len(design.loops), "random pose"), count_text(len(design.moves), "move")
     both = ", each with your robot and with robots at the ends of their tolerances"
     if design.corner_loops and design.sampled:
-        tested = f"{poses} and in {moves}{both}"
+        further = len(design.sampled) - len(design.moves)
+        tested = f"{poses} and in {moves}{both}{f', and in {further} further ones of these' if further > 0 else ''}"
     else:
         tested = f"{poses}{f'{both},' if design.corner_loops else ''} and in {moves}"
     if design.moves:
