@@ -32,7 +32,7 @@ QUANTILE, CONFIDENCE = 0.99, 0.95
 
 #: A limit is offered that is at most so many times the present one, of the error at rest, and of that on the way, so
 #: many; room of a limit of poses, of which there are enough for their worst.
-WITHIN, AT_REST, ON_THE_WAY, ROOM = 3.0, 4.0, 10.0, 1.05
+WITHIN, REMAINING, ON_THE_WAY, ROOM = 3.0, 4.0, 10.0, 1.05
 
 #: Least margins that are offered.
 SMALLEST_MARGINS: dict[str, float] = dict(zip(MARGINS, (TOLERATED, 0.5)))
@@ -283,7 +283,7 @@ def relaxable(line: Requirement) -> bool:
 
 
 def _within(name: str) -> float:
-    return {"tracking_error": ON_THE_WAY, "remaining_error": AT_REST}.get(name, WITHIN)
+    return {"tracking_error": ON_THE_WAY, "remaining_error": REMAINING}.get(name, WITHIN)
 
 
 def limit_change(design: WorkspaceDesign, margins: bool = True) -> Change | None:
