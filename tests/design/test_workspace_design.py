@@ -137,7 +137,7 @@ def test_seed_draws_speeds_and_gains_change_what_is_looked_at(robot_of: Named) -
     assert all(max(loop.louder, loop.softer) < 1.0 for loop in stays.loops)
 
 
-@pytest.mark.costs("designs the arm twice")
+@pytest.mark.ci("designs the arm three times")
 def test_where_the_worst_move_is_near_a_limit_further_robots_move(robot_of: Named) -> None:
     """Between goals of their own, after the first ones, which stay the same; stated draws are kept."""
     arm, s = (
