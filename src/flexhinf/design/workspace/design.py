@@ -7,7 +7,7 @@ judgement uses other poses, and moves. The words are those of docs/workspace.md.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
 from typing import Any, TypeVar
@@ -34,6 +34,7 @@ from flexhinf.estimation.modal import pair_sensors
 from flexhinf.loop import Controller, Trajectory
 from flexhinf.robot import Robot, kinematics
 from flexhinf.robot.elastic import checked_pose
+from flexhinf.robot.parameters import PlantValues
 from flexhinf.robot.signals import SENSORS, expanded
 from flexhinf.robot.waypoints import LIMITS
 
@@ -235,7 +236,7 @@ def decided_by_few(setup: WorkspaceSetup, moves: Sequence[Move]) -> bool:
     return any(NEAR < share < FAR for share in shares)
 
 
-def further_moves(setup: WorkspaceSetup) -> list[tuple[np.ndarray, Mapping[str, Any] | None, int]]:
+def further_moves(setup: WorkspaceSetup) -> list[tuple[np.ndarray, PlantValues, int]]:
     """Arguments of `WorkspaceSetup.move` of further robots at corners, between goals of their own."""
     own = 100 * setup.specification.seed + 1
     goals, _ = setup.goals(FURTHER + 1, GOALS_SEED + own)
