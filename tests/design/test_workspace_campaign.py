@@ -105,6 +105,22 @@ def test_robots_carry_a_payload_that_the_model_does_not_know() -> None:
     assert twisted[0] == 0.0 < abs(twisted[2])  # the link is where it should be, the motor holds the weight
 
 
+def test_dry_friction_varies_with_the_viscous_one() -> None:
+    """Where the file states no tolerance of its own for it."""
+    arm, s = fh.load_robot("planar-two-link"), fh.Specification(workspace="limits", estimator="none")
+    robot = arm.with_parameters(*(replace(p, tolerance=0.0) for p in arm.parameters if "coulomb" in p.name))
+    weights = PairWeights(bandwidth=10.0, integral=0.5, gamma=1.5)
+    setup = known_setup(robot, s, stated_workspace(robot, s.workspace), weights, (0.0025, 0.03))
+    options = CampaignOptions(
+        samples=2, tolerances=tuple((f"friction_{joint}", "20%") for joint in robot.joint_names)
+    )
+    one = WorkspaceCampaign.of(DesignRequest(robot, s, robot.name), options).campaign(setup)
+    drawn, nominal = one.sample(0).parameters, robot.plant_parameters()
+    viscous, dry = (np.divide(drawn[name], nominal[name]) for name in ("friction", "coulomb_friction"))
+    np.testing.assert_allclose(dry, viscous, rtol=1e-12)
+    assert np.all(viscous != 1.0)
+
+
 def test_what_a_workspace_has_not_is_refused() -> None:
     with refused_with(fh.InvalidInput, "duration"):
         campaign(duration=2.0)

@@ -24,7 +24,7 @@ from flexhinf.design.workspace.search import TOLERATED, motors_alone
 from flexhinf.errors import FlexhinfError
 from flexhinf.robot import Robot
 from flexhinf.robot.modes import modes_of, stiffness_and_inertia
-from flexhinf.robot.signals import units_of
+from flexhinf.robot.signals import SENSORS, expanded, units_of
 
 #: A limit of moves is offered with room for this share of all moves: the worst of 20 moves was passed by 6 of 40 later
 #: ones. Confidence of the mean tail; nine of ten limits have the share, as the median is estimated too.
@@ -224,12 +224,9 @@ def changes(design: WorkspaceDesign) -> Iterator[Change]:
     looped = any(line.what not in MOVING and line.field not in OF_MOVES for line in missed)
     if looped and (rigid := unseen(design.robot, s.period)):
         yield Change("joints whose vibration is faster than samples show", {}, rigid)
+    heard = looped or any(line.field in OF_MOVES for line in missed)
     assumed = s.estimator != "none" and s.measurement_noise is FIELDS["measurement_noise"].default
-    if (
-        assumed
-        and (finer := finer_noise(design))
-        and (looped or any(line.field in OF_MOVES for line in missed))
-    ):
+    if heard and assumed and (finer := finer_noise(design)):
         yield Change(f"{FINER_BITS}, if the sensors are so", {"measurement_noise": finer})
     moving = any(line.what in MOVING or line.field == "path_distance" for line in missed)
     if moving:
@@ -249,7 +246,8 @@ def changes(design: WorkspaceDesign) -> Iterator[Change]:
 def finer_noise(design: WorkspaceDesign) -> str:
     """A tenth of the assumed noise of all sensors, as text; "" where not all of them are positions."""
     units = units_of(design.robot.joint_names, design.robot.links.slides)
-    each = [FINER.get(units[name], "") for name in design.robot.plant(design.specification.measured).outputs]
+    signals = expanded(design.specification.measured, SENSORS, design.robot.joint_names, design.robot.rigid)
+    each = [FINER.get(units[name], "") for name in signals]
     return "" if "" in each else each[0] if len(set(each)) == 1 else ",".join(each)
 
 

@@ -382,7 +382,7 @@ class GainSearch:
     def problem_of(self, problem: GeneralisedPlant, numbers: Mapping[str, float]) -> GeneralisedPlant:
         """A problem with another robot, about that robot's equilibrium at the goal; FlexhinfError where it has none."""
         robot, plant = self.request.robot, problem.plant
-        values = robot.plant_parameters(robot.varied(dict(numbers)))
+        values = robot.varied(numbers)
         equilibrium = robot.operating_point(self.synthesis.goal, (), values)
         plant = plant.with_parameters(**plant.parameters.known(values))
         return replace(problem, plant=plant, pose=None, equilibrium=equilibrium)

@@ -211,7 +211,7 @@ def robot_sample(
     The estimator starts at `start` (n,), rad or m. Raises an error if no input holds the robot there; the sample then
     fails.
     """
-    values = robot.plant_parameters(robot.varied({k: v for k, v in numbers.items() if k in robot.nominal}))
+    values = robot.varied(numbers)
     errors = [numbers.get(name, 0.0) for name in signals.signal_names(ERROR, robot.joint_names)]
     x, _ = robot.operating_point(start + errors, extras, values)
     loads = {

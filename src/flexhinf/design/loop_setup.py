@@ -252,9 +252,9 @@ class LoopPlants:
         """Extras, true plant with the dry friction that the robot states, which sticks, and its Runge–Kutta steps per
         period at a pose (n,); None for a robot without dry friction, or with none above zero."""
         s, robot = self.true.specification, self.true.robot
-        if not (dry := elastic.stated_friction(robot.plant_parameters())):
+        if not elastic.stated_friction(values := robot.plant_parameters()):
             return None
-        extras = tuple(dict.fromkeys((*s.extras, *(tuple(name for name in dry if name in s.extras) or dry))))
+        extras = elastic.with_dry_friction(s.extras, values)
         plant = robot.plant(s.measured, extras=extras, sticking=True)
         fastest = plant.fastest_mode(*robot.operating_point(at, s.extras))
         return extras, plant, max(MIN_PARTS, sub_steps(s.period, fastest, RK4_STEP))

@@ -207,9 +207,9 @@ def true_robot(robot: Robot, s: Specification) -> tuple[Robot, Specification]:
     damped as the robot states, or as no real spring is without, and it has the backlash and the dry friction that are
     stated, of which `extras` may name one kind."""
     values = robot.plant_parameters()
-    dry, gaps = elastic.stated_friction(values), np.any(np.asarray(values.get("backlash", 0.0)) > 0.0)
-    named = [name for name in dry if name in s.extras] or dry
-    return robot.damped, with_extras(s, DAMPED, *named, *(("backlash",) if gaps else ()))
+    gaps = np.any(np.asarray(values.get("backlash", 0.0)) > 0.0)
+    dry = elastic.with_dry_friction(s.extras, values)
+    return robot.damped, with_extras(s, DAMPED, *dry, *(("backlash",) if gaps else ()))
 
 
 def stated_dry_friction(robot: Robot) -> DryFriction | None:

@@ -133,6 +133,12 @@ def stated_friction(parameters: Any) -> tuple[str, ...]:
     return tuple(name for name in DRY if np.any(np.asarray(parameters.get(EXTRAS[name], 0.0)) > 0.0))
 
 
+def with_dry_friction(extras: Sequence[str], parameters: Any) -> tuple[str, ...]:
+    """Extras with the dry friction that a robot has, of which they may name one kind."""
+    dry = stated_friction(parameters)
+    return tuple(dict.fromkeys((*extras, *([name for name in dry if name in extras] or dry))))
+
+
 def dry_level(velocity: Any, p: Any, extras: Collection[str]) -> Any:
     """F: F_c, or with stribeck_friction F_c + (F_s − F_c) exp(−(q̇2 / v_s)²)."""
     level = p.coulomb_friction

@@ -502,7 +502,7 @@ class Robot(Summarised):
     def draw(self, rng: np.random.Generator) -> dict[str, Any]:
         """Parameters of a plant (`Plant.with_parameters`), the uncertain ones uniform in their intervals."""
         values = {p.name: float(rng.uniform(*p.interval)) for p in self.uncertain}
-        return self.plant_parameters(self.varied(values))
+        return self.varied(values)
 
     @cached_property
     def dry_by_viscous(self) -> dict[str, str]:
@@ -518,13 +518,15 @@ class Robot(Summarised):
         ]  # fmt: skip
         return {dry: wet for dry, wet in pairs if dry in {*self.nominal} - own and self.nominal[wet] > 0.0}
 
-    def varied(self, values: Mapping[str, float]) -> dict[str, float]:
-        """All numbers by name, those of `values` in place of the nominal ones, with `dry_by_viscous`."""
+    def varied(self, values: Mapping[str, float]) -> PlantValues:
+        """Parameters of a plant, those of `values` in place of the nominal ones, with `dry_by_viscous`; names that are
+        not the robot's are left out."""
+        own = {name: value for name, value in values.items() if name in self.nominal}
         dry = {
-            name: self.nominal[name] * values[wet] / self.nominal[wet]
-            for name, wet in self.dry_by_viscous.items() if wet in values
+            name: self.nominal[name] * own[wet] / self.nominal[wet]
+            for name, wet in self.dry_by_viscous.items() if wet in own
         }  # fmt: skip
-        return {**self.nominal, **dry, **values}
+        return self.plant_parameters({**self.nominal, **dry, **own})
 
     def corner(self, signs: Mapping[str, float] | Sequence[float]) -> PlantValues:
         """Parameters of a plant (`Plant.with_parameters`), the uncertain ones at one end of their intervals.
@@ -549,7 +551,7 @@ class Robot(Summarised):
                     "−1, 0 or 1",
                 )
         moved = {p.name: p.at(float(signs[p.name])) for p in self.uncertain if signs.get(p.name)}
-        return self.plant_parameters(self.varied(moved))
+        return self.varied(moved)
 
     @cached_property
     def heaviest(self) -> dict[str, Any]:

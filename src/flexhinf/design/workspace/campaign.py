@@ -20,7 +20,7 @@ from flexhinf.design.requirements import REQUIREMENTS, Requirement
 from flexhinf.design.responses import LOAD_START, JointLimits, Move, Plan, Response, joint_limits
 from flexhinf.design.specification import Specification
 from flexhinf.design.workspace.design import GOALS, GOALS_SEED
-from flexhinf.design.workspace.setup import WorkspaceSetup, deployed_plant
+from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.errors import FlexhinfError, NumericalFailure, refuse_if
 from flexhinf.loop import Step, Trajectory
 from flexhinf.options import CampaignOptions
@@ -177,7 +177,7 @@ class MovedRobots(Tolerances):
     def _settled(self, row: Mapping[str, float], ends: np.ndarray) -> Sample:
         setup, (extras, plant, _) = self.setup, self.setup.dry_plant
         robot = setup.true.robot
-        values = robot.plant_parameters(robot.nominal | {k: v for k, v in row.items() if k in robot.nominal})
+        values = robot.varied(row)
         off = {name: row[key] for name in plant.outputs if (key := f"{OFFSET}_{name}") in row}
         offset = np.array([off.get(name, 0.0) for name in plant.outputs]) if off else 0.0
         _, options = setup.move_arguments(ends, values, offset=offset)
@@ -256,9 +256,10 @@ class WorkspaceCampaign(DesignCampaign):
             "leave out --duration; a design of one pose (--pose) has a run of one length",
         )
         plants = LoopPlants(*true_robot(with_payload(design, o.payload), s))
-        extras, plant, _ = deployed_plant(plants)
-        robot, variables = varied(plants.robot, o, extras)
-        offsets = tuple(name for name in plant.outputs if "position" in name) if o.encoder_offset else ()
+        robot, variables = varied(plants.robot, o, plants.specification.extras)
+        offsets = (
+            tuple(name for name in plants.model.outputs if "position" in name) if o.encoder_offset else ()
+        )
         refuse_if(
             offsets and s.estimator == "none",
             "Encoders are not read where the true state is fed back.",
@@ -267,7 +268,8 @@ class WorkspaceCampaign(DesignCampaign):
         )
         size, late = o.encoder_offset, o.extra_delay
         off = [
-            Variable(f"{OFFSET}_{name}", -size, size, o.distribution, plant.unit(name)) for name in offsets
+            Variable(f"{OFFSET}_{name}", -size, size, o.distribution, plants.model.unit(name))
+            for name in offsets
         ]
         off += [Variable(DELAY, 0.0, late + 1.0, o.distribution)] if late else []
         metrics = MoveMetrics(s, joint_limits(design.robot, s))

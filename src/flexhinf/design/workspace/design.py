@@ -200,10 +200,13 @@ def design_workspace(
     if others:
         progress("moves of sampled robots")
         sampled = ran.sampled if ran else tuple(setup.move(*one) for one in watched(others))
-        if s.draws is None and (len(sampled) > GOALS or decided_by_few(setup, sampled)):
+        which = "robots at corners of their tolerances"
+        judged = move_requirements(setup, sampled, which)
+        if s.draws is None and (len(sampled) > GOALS or decided_by_few(judged)):
             others += further_moves(setup)
             sampled += tuple(setup.move(*one) for one in watched(others[len(sampled) :]))
-        lines += move_requirements(setup, sampled, "robots at corners of their tolerances")
+            judged = move_requirements(setup, sampled, which)
+        lines += judged
         power_on = setup.power_on(*max(others, key=lambda one: setup.unknown_load(*one[:2])))
     if setup.may_swing:
         watch(lines)
@@ -228,10 +231,9 @@ def sampled_moves(robot: Robot, s: Specification) -> int:
     return (GOALS if s.draws is None else s.draws) if robot.uncertain else 0
 
 
-def decided_by_few(setup: WorkspaceSetup, moves: Sequence[Move]) -> bool:
+def decided_by_few(lines: Sequence[Requirement]) -> bool:
     """Whether the worst of moves is so near to a limit that others may pass it, or that it says little of a larger
     limit."""
-    lines = move_requirements(setup, moves, "")
     shares = [line.found / line.limit for line in lines if line.field in JUDGED and line.limit]
     return any(NEAR < share < FAR for share in shares)
 

@@ -85,12 +85,6 @@ def gain_limit(s: Specification) -> float:
     return GAIN if s.gain_margin is None else s.gain_margin
 
 
-def deployed_plant(true: LoopPlants) -> tuple[tuple[str, ...], Plant, int | None]:
-    """As `WorkspaceSetup.dry_plant`, of the plants of a true robot."""
-    home = np.array(true.robot.home)
-    return true.plant_with_friction(home) or (true.specification.extras, true.true_plant, None)
-
-
 class CornerLoop(NamedTuple):
     """The loop at rest at one pose, of a robot at a corner of its tolerances; as in `PoseLoop`."""
 
@@ -265,9 +259,8 @@ class WorkspaceSetup(LoopPlants):
         a, b, g, c = plant.linearise(*self.true.robot.operating_point(at, smooth, values))
         whole = np.eye(plant.n)[[plant.index(name) for name in states]]
         c = whole if self.filter is None else c
-        memory, law = self._kept_step(
-            at.tobytes()
-        )  # robots at corners of the tolerances have the same controller
+        # Robots at corners of the tolerances have the same controller.
+        memory, law = self._kept_step(at.tobytes())
         return LinearLoop(
             s.period, a, b, c, np.zeros((len(c), n)), memory, law, np.zeros((len(memory), n)), np.zeros((n, n)),
             whole[:n], tuple(states[:n]), g, tuple(plant.disturbances), tuple(plant.inputs),
@@ -392,7 +385,8 @@ class WorkspaceSetup(LoopPlants):
     def dry_plant(self) -> tuple[tuple[str, ...], Plant, int | None]:
         """Extras of the true robot; its plant, whose dry friction sticks, and Runge–Kutta steps per period, None
         without dry friction."""
-        return deployed_plant(self.true)
+        extras, home = self.true.specification.extras, np.array(self.robot.home)
+        return self.plant_with_friction(home) or (extras, self.true_plant, None)
 
     @property
     def may_swing(self) -> bool:
