@@ -1,8 +1,6 @@
 """``python -m flexhinf`` is the command ``flexhinf``."""
 
-import sys
-
-from flexhinf.cli import main
+from flexhinf.cli import console
 
 if __name__ == "__main__":
-    sys.exit(main())
+    console()

@@ -11,9 +11,9 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
-from typing import Any
+from typing import Any, NoReturn
 
-__all__ = ["main"]
+__all__ = ["console", "main"]
 
 #: What ends a command in order: Ctrl-C; `kill`, `docker stop`, a time limit; a terminal that is closed.
 _ENDING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
@@ -75,6 +75,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if backend is not None:
                 os.environ["MPLBACKEND"] = backend
     return 128 + received[0] if received and code == 128 + signal.SIGINT else code
+
+
+def console() -> NoReturn:
+    """`main` as a process of its own, which an interrupted command ends also where a thread is still busy in compiled
+    code: the interpreter would wait for that thread."""
+    code = main()
+    if code > 128:
+        end = threading.Timer(_PATIENCE, os._exit, [code])
+        end.daemon = True
+        end.start()
+    sys.exit(code)
 
 
 def _streams() -> list[Any]:
