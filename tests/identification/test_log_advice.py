@@ -128,6 +128,13 @@ def test_degrees_and_milliseconds_are_advised_as_such(tmp_path: Path) -> None:
     assert raised.value.advice == "columns={'motor_position': 'motor_position_deg [deg]'}"
 
 
+def test_a_column_whose_name_is_no_letter_is_advised_too(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text(UNITS.replace("t_ms", "\u202e", 1), encoding="utf-8")
+    with pytest.raises(InvalidInput) as raised:
+        fh.read_log(tmp_path / "log.csv", PLANT)
+    assert r"time='\u202e" in raised.value.advice
+
+
 DEG = 180.0 / math.pi
 SPELLED = [
     *((name, 1e3) for name in (

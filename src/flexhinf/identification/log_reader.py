@@ -271,10 +271,10 @@ class _Heading:
     def _advised_time(self) -> str:
         """What to state where no column has a name of times: one with a unit of times before all others."""
         free = [column for column in self.columns if not is_other(column.name, column.unit, "time", "s")]
-        names = [column.name for column in free or self.columns]
-        inside = [column.name for column in free if unit_in(column.unit or column.name, "s")]
-        name = inside[0] if inside else nearest("time", names, repr(names[0])).strip("'")
-        column = self.named(name)[0]
+        choices = [each for each in free if unit_in(each.unit or each.name, "s")] or free or self.columns
+        near = nearest("time", [column.name for column in choices], "")
+        column = next((each for each in choices if repr(each.name) == near), choices[0])
+        name = column.name
         text, what = (f"{name} [{column.unit}]", "") if column.unit else with_unit(name, "s", TIMES)
         plain = text == name
         return f"time={text!r}{what}" + f", or with the unit of its numbers: time='{name} [ms]'" * plain
