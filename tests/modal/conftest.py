@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from functools import lru_cache
 from itertools import pairwise
 
@@ -11,7 +12,7 @@ from benchmarks.hardware.robots import files_of
 from scipy.linalg import expm
 
 from flexhinf.modal import ModalLaw
-from flexhinf.robot import load_robot
+from flexhinf.robot import RobotFileWarning, load_robot
 
 PERIOD = 1e-3
 
@@ -21,7 +22,9 @@ def known_robot(name):
     if name not in ("panda", "ur5"):
         return load_robot(name)
     try:
-        return load_robot(*map(str, files_of(name)))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RobotFileWarning)  # foreign attributes are told
+            return load_robot(*map(str, files_of(name)))
     except FileNotFoundError as missing:
         pytest.skip(f"missing: {missing}")
 

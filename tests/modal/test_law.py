@@ -42,6 +42,7 @@ def eigen(law, table, x, q):
     return -motor / root * kappa * (v @ f) / joints.torque_per_input
 
 
+@pytest.mark.costs("laws of all tests here")
 @pytest.mark.quick_cases(2)
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ROBOTS)
@@ -235,6 +236,7 @@ def test_what_it_cannot_serve_is_refused():
         ModalLaw.tuned(problem_of("planar-two-link"), 0.0)
 
 
+@pytest.mark.ci("gains of many pairs")
 def test_a_rigid_joint_has_the_gains_of_a_spring_as_stiff_for_its_motor_as_the_others():
     robot = known_robot("planar-two-link")
     rigid = replace(robot, rigid=("shoulder",))

@@ -52,6 +52,7 @@ def model(gains, link):
     return whole[:4, :4], whole[:4, 4:]
 
 
+@pytest.mark.costs("laws of all tests here")
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize(("latency", "fastest"), [(0, 100.0), (0, 300.0), (1, 300.0)])

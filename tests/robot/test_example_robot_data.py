@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from flexhinf.robot import RobotFileWarning
 from flexhinf.robot.dynamics import Tree, bodies_of, forward_dynamics, inverse_dynamics, mass_matrix
 from flexhinf.robot.urdf import read_urdf
 from flexhinf.validation import read_xml
@@ -38,7 +40,9 @@ def test_arms_of_others_equal_pinocchio(name):
     pin = pytest.importorskip("pinocchio")
     path = folder() / name
     model = pin.buildModelFromUrdf(str(path))
-    arm = read_urdf(read_xml(path), locked={joint: 0.0 for joint in model.names if "finger" in joint})
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RobotFileWarning)  # foreign attributes are told
+        arm = read_urdf(read_xml(path), locked={joint: 0.0 for joint in model.names if "finger" in joint})
     names = [joint.name for joint in arm.joints]
     held = [model.getJointId(joint) for joint in list(model.names)[1:] if joint not in names]
     model = pin.buildReducedModel(model, held, pin.neutral(model)) if held else model
