@@ -13,7 +13,7 @@ ROOMS = [
 def few(patch: pytest.MonkeyPatch, **values: Any) -> None:
     """Set constants, such as `POSES=4` or `BANDWIDTHS=(28.0,)`, in every module that reads them; with few goals there
     are as few further ones."""
-    further = {"FURTHER": values["GOALS"]} if "GOALS" in values else {}
+    further = {"FURTHER": ((values["GOALS"], 0.6, 3.0),)} if "GOALS" in values else {}
     for name, value in (further | values).items():
         rooms = [room for room in ROOMS if hasattr(room, name)]
         assert rooms, name

@@ -17,7 +17,7 @@ import flexhinf as fh
 from flexhinf.design import design_workspace, stages
 from flexhinf.design.responses import motion_metrics
 from flexhinf.design.specification import FIELDS, OF_WORKSPACE, SpecificationError, is_for_workspace
-from flexhinf.design.workspace.design import check_loop
+from flexhinf.design.workspace.design import check_loop, corner_moves
 from flexhinf.design.workspace.search import tuned_setup
 from flexhinf.design.workspace.setup import DAMPING, GAIN
 from flexhinf.pages import design_files
@@ -153,6 +153,8 @@ def test_where_the_worst_move_is_near_a_limit_further_robots_move(robot_of: Name
     assert [move.motion for move in first] == [move.motion for move in far.sampled]
     goals = {float(move.response.goal[0]) for move in (*first, *further)}
     assert len(goals) == 4
+    made = [near.setup.move(*one).motion for after in (0, 1) for one in corner_moves(near.setup, after)]
+    assert made == [move.motion for move in near.sampled]  # by which the cause of an error is found
     assert unnamed(workspace_verdict(near), "2 further ones") == []
     assert len(fh.design(arm, replace(s, **limits, draws=2)).sampled) == 2
 

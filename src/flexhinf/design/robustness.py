@@ -7,6 +7,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ from flexhinf.analysis import LinearLoop
 from flexhinf.analysis.optimiser import bisected
 from flexhinf.design.plans import STILL
 from flexhinf.design.responses import Move, with_values
-from flexhinf.design.workspace.design import POSES_SEED, SAMPLED_SEED, WorkspaceDesign
+from flexhinf.design.workspace.design import FURTHER, POSES_SEED, WorkspaceDesign, corner_moves
 from flexhinf.design.workspace.proof import computed_tolerance, proved_tolerance
 from flexhinf.design.workspace.setup import HOLD
 from flexhinf.modal import ProvedRange, Tolerance
@@ -114,15 +115,17 @@ def remaining_cause(design: WorkspaceDesign) -> Cause:
     The causes are the tolerances of each quantity, of all joints at once, the dry friction of the robot, and the end of
     the rest.
     """
-    setup, s, nominal = design.setup, design.specification, len(design.moves)
+    setup, nominal = design.setup, len(design.moves)
     moves = (*design.moves, *design.sampled)
     found = [remaining_errors(move) for move in moves]
     worst = int(np.argmax([errors.max() for errors in found]))
     joint, move = int(np.argmax(found[worst])), moves[worst]
     error = float(found[worst][joint])
-    ends, seed = np.array([move.response.start, move.response.goal]), worst - nominal * (worst >= nominal)
-    corners = setup.true.robot.random_corners(len(design.sampled), SAMPLED_SEED + 100 * s.seed)
-    own = setup.true.robot.nominal if worst < nominal else corners[seed].numbers
+    ends, seed, own = np.array([move.response.start, move.response.goal]), worst, setup.true.robot.nominal
+    if worst >= nominal:
+        rounds = (one for after in range(1 + len(FURTHER)) for one in corner_moves(setup, after))
+        _, values, seed = next(islice(rounds, worst - nominal, None))
+        own = values.numbers
     tried: dict[str, tuple[dict[str, float], float]] = {"rest": (own, LONGER)}
     if setup.dry_plant[2] is not None:
         still = {name: 0.0 for name in own if name.startswith(DRY_FRICTION)}
