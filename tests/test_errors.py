@@ -53,6 +53,7 @@ def _infeasible(ratio: float) -> None:
     flexhinf.solve_hji(plant, ratio * flexhinf.smallest_gamma(plant), 4)
 
 
+@pytest.mark.ci("starts a pool of processes")
 def test_an_infeasible_level_reaches_the_parent_of_a_pool():
     with get_context("spawn").Pool(1) as pool:
         future = pool.map_async(_infeasible, [0.5])

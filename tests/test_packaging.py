@@ -13,6 +13,7 @@ import pytest
 from flit_core import sdist
 
 
+@pytest.mark.ci("builds the source distribution")
 def test_the_source_distribution_has_docs_and_tests(
     repository: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -180,6 +180,7 @@ TOO_MUCH_XML = [
 ]
 
 
+@pytest.mark.ci("long texts")
 @pytest.mark.parametrize(("text", "what"), TOO_MUCH_XML)
 def test_xml_that_no_robot_needs_is_refused_with_little_work(
     tmp_path: Path, text: str, what: str, bounded_work: Callable[[int], AbstractContextManager[None]]

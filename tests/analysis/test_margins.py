@@ -213,6 +213,7 @@ def test_runs_on_both_sides_of_the_delay_margin(
     assert sizes[0] < 0.8 < 1.3 < sizes[1]
 
 
+@pytest.mark.ci("a loop of each filter")
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", [pytest.param(None, marks=pytest.mark.ci("one more loop")), "ekf"])
 def test_a_search_knows_the_delay_margin_up_to_what_it_needs(

@@ -174,6 +174,7 @@ def test_the_limit_of_small_energies_is_the_norm(torques: GeneralisedPlant, quar
         assert 0.97 * norm < found.gain < 1.001 * norm
 
 
+@pytest.mark.ci("an ascent over whole runs")
 def test_ascent_climbs_and_the_loop_itself_is_judged(
     arm: Robot, torques: GeneralisedPlant, quartic: HJISolution
 ) -> None:

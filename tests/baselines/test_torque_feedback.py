@@ -128,6 +128,7 @@ def test_a_lighter_rotor_damps_the_vibration_that_pd_leaves():
     assert smallest_damping(TorqueFeedback.tuned(problem, 6.0, inertia_ratio=0.25)) > 3.0 * plain
 
 
+@pytest.mark.ci("compiles a loop of its own")
 def test_in_the_sampled_loop_the_goal_is_reached():
     robot = by_name("spatial-three-link")
     goal, held = robot.operating_point([0.5, 0.8, 0.2])

@@ -70,6 +70,7 @@ def test_mcnemar_counts_pairs_in_which_one_fails():
     assert McNemar(5, 1, 9, 85).failures == (6, 14)
 
 
+@pytest.mark.ci("many random samples")
 def test_the_interval_holds_as_often_as_it_says():
     """Skewed differences: 400 samples of 40, each with its median 0 in the interval or not."""
     rng = np.random.default_rng(0)

@@ -107,6 +107,7 @@ WRONG = (
 )  # fmt: skip
 
 
+@pytest.mark.ci("proofs with other observers")
 @pytest.mark.parametrize("name", WRONG)
 def test_what_does_not_pay_is_refused(name: str) -> None:
     changes, reason = wrong()[name]

@@ -158,6 +158,7 @@ def test_numbers_have_their_units() -> None:
     assert {p.name: p.unit for p in statement.parameters}["stiffness"] == "N·m/rad"
 
 
+@pytest.mark.ci("a proof of its own")
 def test_a_nonlinear_law_needs_an_equilibrium_that_stays() -> None:
     tolerance_statement(solution(180, 4), problem(180), ranges(), 20.0)
     with pytest.raises(InvalidInput, match="equilibrium"):

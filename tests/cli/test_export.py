@@ -54,6 +54,7 @@ def test_the_file_of_a_controller(
     assert "make -C" in capsys.readouterr().out
 
 
+@pytest.mark.ci("starts flexhinf")
 def test_a_controller_that_is_there_needs_neither_a_synthesis_nor_pages(controller: Path) -> None:
     code = (
         "import sys; from pathlib import Path; from flexhinf.cli.designs import controller_of;"

@@ -61,6 +61,7 @@ def test_a_run_with_its_log(design: str, folder: Path, capsys: pytest.CaptureFix
     assert {path.name for path in folder.iterdir()} == {"arm", "run.csv", "again.csv"}
 
 
+@pytest.mark.ci("runs with other options")
 def test_options_change_the_run(design: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["run", f"{design}/design.toml", "--mujoco", "--no-realtime", "--no-noise", "--duration", "50ms"]
     assert main([*words, "--load", "0.2", "--load-at", "20ms", "--pose", "5deg", "--log", "run.csv"]) in (

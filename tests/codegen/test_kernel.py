@@ -67,6 +67,7 @@ def test_a_status_does_not_change_with_the_next_run(make):
     np.testing.assert_array_equal(status.code, [0, 3])
 
 
+@pytest.mark.ci("compiles and drops kernels until memory would show it")
 @BOTH
 def test_a_bound_kernel_keeps_its_arrays_and_its_code(make):
     x, u = np.zeros(1), np.full(1, np.e)
@@ -83,6 +84,7 @@ def test_a_bound_kernel_keeps_its_arrays_and_its_code(make):
     assert watched() is None
 
 
+@pytest.mark.ci("compiles a program twice")
 def test_two_kernels_of_one_program_live_side_by_side():
     first, second = compile_program(PROGRAM), compile_program(PROGRAM)
     del first

@@ -69,6 +69,7 @@ def every(body: tuple[Step, ...]) -> Iterator[Step]:
             yield from every(step.body)
 
 
+@pytest.mark.ci("long random functions")
 @pytest.mark.parametrize("latency", [0, 1])
 def test_straightened_steps_give_the_same_numbers(controller: fh.Controller, latency: int) -> None:
     own = controller.fresh(latency=latency).in_pieces()

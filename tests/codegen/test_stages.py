@@ -45,6 +45,7 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stages, "LONGEST", 40)
 
 
+@pytest.mark.ci("traces a whole step")
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("seed", range(4))
 def test_a_product_stays_with_the_sum_that_it_is_fused_into(seed: int) -> None:

@@ -75,6 +75,7 @@ def check_by_signals(one: PoseCampaign, campaign: Campaign, found: Mapping[str, 
         assert all("_error_use" in name for name in set(metrics.units) - set(checked))
 
 
+@pytest.mark.ci("a campaign of its own")
 def test_each_joint_has_figures_of_its_own() -> None:
     one = asked(pose=(0.3, 0.2), start=(0.2, 0.1))
     campaign = campaign_of(one)

@@ -56,7 +56,7 @@ def proof_of(made: Any, start: float = 100.0, spent: float = 10.0, **asked: Any)
     return prove_design(ARM, replace(ASKED, **asked), made, start, worth(spent))
 
 
-@pytest.mark.costs("a sampled region, and its proof")
+@pytest.mark.ci("a sampled region, and its proof")
 def test_the_sampled_region_is_proved_and_the_budget_is_judged_by_it(made: Any) -> None:
     found = proof_of(made)
     given = found.certificate
@@ -71,6 +71,7 @@ def test_the_sampled_region_is_proved_and_the_budget_is_judged_by_it(made: Any) 
     assert not proof_of(made, spent=given.level).lasts
 
 
+@pytest.mark.ci("a proof that fails, and the one below it")
 def test_a_level_that_was_sampled_too_large_is_lowered(made: Any) -> None:
     chosen = SimpleNamespace(level=1.01 * made.chosen.level, looked=True, degree=2)
     larger = SimpleNamespace(**{**vars(made), "chosen": chosen})

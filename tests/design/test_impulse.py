@@ -113,6 +113,7 @@ def test_a_delay_is_remembered(setup_of: Setups) -> None:
     assert runs.damping == pytest.approx(LawEvaluation("late", setup).margins.damping, rel=0.01)
 
 
+@pytest.mark.ci("a loop of its own")
 def test_runs_that_leave_the_numbers_are_not_damped(setup_of: Setups) -> None:
     setup = setup_of(
         "paper", (np.pi / 2,), (0.0,), degree=4, game={"bandwidth": 9.0, "damping": 0.1}, period=0.1

@@ -78,7 +78,7 @@ def test_a_robot_that_settles_after_the_step_is_judged_by_a_longer_run(
         assert len(runs.positions) == 8
 
 
-@pytest.mark.costs("the runs that all tests here share")
+@pytest.mark.ci("a kernel for each robot")
 @pytest.mark.parametrize("k", [0, 5])
 def test_each_is_the_robot_of_its_values_run_by_hand(setup: LoopSetup, drawn: MonteCarlo, k: int) -> None:
     """A controller and a loop of our own round the plant of these parameters, in its equilibrium at the start; the

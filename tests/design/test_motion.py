@@ -95,6 +95,7 @@ def test_each_number_is_judged_for_the_joint_that_is_nearest_to_its_limit(setup_
     assert path == lines[1]
 
 
+@pytest.mark.ci("two designs of a loop")
 def test_a_sensor_that_resolves_less_allows_more_to_remain(setup_of: Any) -> None:
     limits = setup_of("planar-two-link", (0.4, 0.6)).limits
     (line,) = [

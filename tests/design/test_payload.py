@@ -88,6 +88,7 @@ def test_a_robot_without_a_range_carries_nothing_untold(evaluation: LawEvaluatio
     assert evaluate_payloads(cast(LoopSetup, known), RUNS) == ()
 
 
+@pytest.mark.ci("a design and its reports")
 def test_what_is_too_heavy_is_not_met_and_every_report_says_so(evaluation: LawEvaluation) -> None:
     setup = evaluation.setup
     heavy, far = (

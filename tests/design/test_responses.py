@@ -76,6 +76,7 @@ def test_the_step_begins_without_a_jump_of_the_input(setup_of: Benches) -> None:
         assert setup.step(0.5).run.signals["input"][0] == pytest.approx(held, rel=2e-3)
 
 
+@pytest.mark.ci("a loop of its own")
 def test_a_run_that_leaves_the_numbers_says_when_and_has_no_figures(setup_of: Benches) -> None:
     setup = setup_of(
         "paper", (np.pi / 2,), (0.0,), degree=4, game={"bandwidth": 9.0, "damping": 0.1}, period=0.1

@@ -118,6 +118,7 @@ def test_a_plan_beyond_the_joints_limits_is_refused(setup_of: Benches) -> None:
         planned(replace(inside, goal=np.array([0.7, 0.3])), np.array([6.0, 6.0]))
 
 
+@pytest.mark.ci("a synthesis, and its move")
 @pytest.mark.parametrize("option", ["peak_effort", "saturation"])
 def test_the_feedforward_leaves_room_below_the_limit_of_the_input(setup_of: Benches, option: str) -> None:
     held = 9.8 / 0.9  # at 90°

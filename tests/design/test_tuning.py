@@ -242,6 +242,7 @@ def test_an_unstable_loop_has_no_figures_in_its_favour(rig: Tuner) -> None:
         reference_metrics(LawEvaluation(DESIGN, fast.setup, rig.own.scenario))
 
 
+@pytest.mark.costs("a synthesis, which other tests share")
 @pytest.mark.parametrize("figure", ["peak_input", "load_deviation", "move_error"])
 def test_a_design_with_a_run_that_diverges_measures_no_law(
     rig: Tuner, figure: str, monkeypatch: pytest.MonkeyPatch
@@ -254,6 +255,7 @@ def test_a_design_with_a_run_that_diverges_measures_no_law(
         reference_metrics(rig.own)
 
 
+@pytest.mark.ci("a search of its own")
 def test_a_law_that_keeps_no_limit_is_told_with_what_it_exceeds(short: Tuner) -> None:
     """A `pid` once was driven to a damping of 0.026 for a peak that it could not reach."""
     tight = replace(

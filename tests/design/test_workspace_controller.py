@@ -135,7 +135,7 @@ def leaving() -> tuple[WorkspaceSetup, fh.Waypoints, float]:
     return setup, plan, float(times[np.reshape(plan(times), (-1, 2))[:, 0] > 1.0 + 2e-6][0])
 
 
-@pytest.mark.costs("two kernels of a loop")
+@pytest.mark.ci("two kernels of a loop")
 @pytest.mark.parametrize(
     "plant",
     [
@@ -181,6 +181,7 @@ def test_a_move_out_of_the_workspace_comes_to_rest_on_its_path(
     assert run.signals["input"][before] == pytest.approx(told.signals["input"][before], abs=1e-7)
 
 
+@pytest.mark.ci("a move with a kernel of its own")
 def test_an_input_at_its_limit_for_long_brakes_the_move() -> None:
     """A stuck elbow: a load that the motor cannot move away."""
     setup = made(saturation=24.0)
@@ -276,6 +277,7 @@ def test_swings_at_rest_are_watched_without_limits_too(limit: float | None, size
 
 
 # Where it starts ----------------------------------------------------------------------------------------
+@pytest.mark.costs("the setup of all tests here")
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("pose", [AWAY, (2.9, -2.5)])
 def test_it_starts_at_rest_anywhere_in_the_workspace(
@@ -379,6 +381,7 @@ def test_offsets_of_an_unstable_loop_have_no_end() -> None:
 
 
 # Noise, and motors without limits -----------------------------------------------------------------------
+@pytest.mark.ci("a robot of its own")
 def test_noise_is_that_of_each_joints_unit() -> None:
     """0.1 mrad, 10 µm; torques that twist the spring so; a stated list as it stands."""
     setup = made("scara", measured=("link_position", "joint_torque"))

@@ -101,6 +101,7 @@ def test_moves_are_those_that_the_heaviest_robot_can_make() -> None:
     assert spare(slower) < 0.3 < spare(1.0) + 1e-3  # at finer instants than those of the check
 
 
+@pytest.mark.ci("searches the gain at the margin")
 def test_a_pose_that_lacks_less_than_the_tolerance_of_a_margin_is_not_counted() -> None:
     """A margin is met within 2 %: asked for are 1 % and 3 % more than the last stable gain of a pose."""
     setup, pose = setup_of("1kg"), np.array([0.3, 0.4])
@@ -152,6 +153,7 @@ def test_a_fast_vibration_that_grows_is_a_requirement_that_is_not_met() -> None:
 
 
 # Where moves begin, and how they end ---------------------------------------------------------------------
+@pytest.mark.ci("a loop of each kind of sensors")
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("measured", [BOTH, ("motor_position",)])
@@ -236,6 +238,7 @@ def test_they_are_stable_and_do_not_ring(changes: dict[str, float], missed: list
     assert corner_requirements(s, []) == []
 
 
+@pytest.mark.ci("a long run")
 def test_noise_moves_links_and_motors_as_the_linear_loop_says() -> None:
     setup = setup_of("1kg")
     q = setup.workspace.sample(1, 3)[0]

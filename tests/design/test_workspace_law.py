@@ -207,6 +207,7 @@ def test_the_search_sees_the_corners_of_a_rotary_joint() -> None:
     assert min(found) > 0.1
 
 
+@pytest.mark.ci("a loop of its own")
 def test_bare_steps_that_saturate_a_soft_arm_come_to_rest(monkeypatch: pytest.MonkeyPatch) -> None:
     """48 V drive the paper's arm half a radian, also with a law of twice √λ, which would not come to rest if integrals
     grew while the motor cannot follow."""
@@ -339,6 +340,7 @@ def test_requirements_at_poses_are_those_of_the_worst(changes, missed):
     assert [line.found for line in lines[:3]] == [float(k in missed) for k in range(3)]
 
 
+@pytest.mark.ci("several moves")
 def test_requirements_of_moves_are_those_of_the_worst():
     made = setup()
     goals, _ = made.goals(4, 7)

@@ -162,6 +162,7 @@ def injected(**options):
     return OutputInjectionObserver(plant, 1e-3, 1e-8, np.diag([1e-6, 4e-6]), np.zeros(4), **options)
 
 
+@pytest.mark.ci("compiles each filter")
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("pieces", [False, True])

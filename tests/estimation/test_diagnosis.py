@@ -104,6 +104,7 @@ def test_no_noise_gets_near_the_limit_of_innovations(size):
     assert innovation_limit(size) < 10_000 + 250 * size
 
 
+@pytest.mark.ci("compiles each filter")
 @pytest.mark.quick_cases(1)
 @KALMAN
 @FORMS

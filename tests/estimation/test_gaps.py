@@ -280,6 +280,7 @@ def test_an_offset_is_taken_where_a_sensor_first_speaks(gap):
 
 
 # In the loop -------------------------------------------------------------------------------------------
+@pytest.mark.ci("compiles a loop of each filter")
 @pytest.mark.quick_cases(1)
 @EVERY
 def test_a_loop_whose_sensors_give_nothing_at_times_is_that_of_its_steps(kind):

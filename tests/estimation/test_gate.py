@@ -156,6 +156,7 @@ def test_to_a_controller_an_outlier_is_a_missing_element(kind, pieces):
     assert gated.rejected.tolist() == [0, 0]
 
 
+@pytest.mark.ci("compiles a loop of each filter")
 @pytest.mark.quick_cases(1)
 @KALMAN_FORMS
 def test_a_loop_is_that_of_its_steps_and_files_keep_the_gate(kind, tmp_path):

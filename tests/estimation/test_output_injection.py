@@ -90,6 +90,7 @@ def test_two_observers_differ_by_powers_of_a_matrix(make, poles, period):
         second.predict(u)
 
 
+@pytest.mark.ci("runs at several periods")
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("make", [arm, lambda: oscillators(0.4)], ids=["arm", "two"])

@@ -117,6 +117,7 @@ def check(controller: fh.Controller, real: str) -> None:
             ), call
 
 
+@pytest.mark.ci("exports a controller for each type")
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_one_link_decides_nothing_by_data_but_what_is_listed(real: str, controller: fh.Controller) -> None:
@@ -158,6 +159,7 @@ def test_what_is_computed_only_sometimes_is_found(line: str, plain: bool) -> Non
     assert is_choice(line) == plain
 
 
+@pytest.mark.ci("exports a controller of its own")
 def test_stages_stand_under_what_they_compute(controller: fh.Controller) -> None:
     """Of a filter and a law that are one trace."""
     source = code_of(controller, "arm", "double").source
@@ -170,6 +172,7 @@ def test_stages_stand_under_what_they_compute(controller: fh.Controller) -> None
     assert 40 < max(map(len, bodies.values())) <= 120
 
 
+@pytest.mark.ci("exports a controller for each type")
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_stages_are_functions_with_named_arguments_and_results(real: str, controller: fh.Controller) -> None:

@@ -293,6 +293,7 @@ def test_no_rule_of_misra_is_broken_but_those_that_are_listed_with_a_reason(
     assert found == {line for line in listed if line.startswith("misra")}
 
 
+@pytest.mark.ci("compiles and links for each level")
 @pytest.mark.quick_cases(3)
 @pytest.mark.parametrize("flags", ["-O2", "-O0 -fno-builtin", "-O0 -fno-builtin -mfma"])
 @pytest.mark.parametrize("real", ["double", "float"])
@@ -393,6 +394,7 @@ def test_templates_begin_with_one_export_alone_and_latch(exported: dict[str, Pat
         assert said == told
 
 
+@pytest.mark.ci("a hundred thousand samples")
 @pytest.mark.parametrize(
     ("real", "steps"),
     [("double", 100_000), pytest.param("double", 2_000_000, marks=pytest.mark.nightly("twenty times the samples")),

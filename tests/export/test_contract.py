@@ -108,6 +108,7 @@ def made(with_estimator: bool = True, saturation: float | None = 48.0) -> fh.Con
     )  # fmt: skip
 
 
+@pytest.mark.ci("compiles several codes")
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_the_first_code_that_holds_is_returned_and_limits_are_not_widened(
@@ -160,6 +161,7 @@ FAULTS = [
 ]  # fmt: skip
 
 
+@pytest.mark.costs("compiles the code of all tests here")
 @pytest.mark.quick_cases(3)
 @pytest.mark.parametrize(("right", "wrong", "program"), FAULTS)
 def test_vector_and_rehearsal_find_faults(

@@ -140,6 +140,7 @@ def test_without_a_command_the_last_good_one_holds_whatever_was_refused_before(
     assert found.count(BAD_COMMAND) > 10
 
 
+@pytest.mark.ci("compiles a controller for each way")
 @pytest.mark.parametrize("how", ["reset", "fresh", "copy", "deepcopy", "pickle", "file"])
 def test_wherever_a_controller_comes_from_the_same_samples_give_the_same_bits(
     how: str, tmp_path: Path
@@ -170,6 +171,7 @@ def test_wherever_a_controller_comes_from_the_same_samples_give_the_same_bits(
         np.testing.assert_array_equal(u, wanted)
 
 
+@pytest.mark.ci("compiles a controller with its memory")
 @pytest.mark.parametrize("missing", [0.0, 0.3, 0.9])
 def test_the_older_memory_is_32_to_64_good_samples_old(missing: float) -> None:
     """Of measured and predicted samples alike: each program once had a count of its own."""

@@ -53,6 +53,7 @@ def test_fmpy_finds_nothing_wrong(name: str, files: dict[str, Path]) -> None:
     assert {variable.name for variable in description.modelVariables if variable.start is None} == computed
 
 
+@pytest.mark.costs("exports and compiles the model of all tests here")
 def test_the_controller_answers_as_in_python(
     controller: fh.Controller, files: dict[str, Path], tmp_path: Path
 ) -> None:
@@ -150,6 +151,7 @@ def test_the_plant_moves_as_an_independent_integration(files: dict[str, Path], t
     assert measured == [states[plant.states.index(name)] for name in plant.outputs]
 
 
+@pytest.mark.ci("packs a model twice")
 def test_the_same_model_gives_the_same_bytes_but_for_the_library(
     controller: fh.Controller, files: dict[str, Path], tmp_path: Path
 ) -> None:

@@ -71,6 +71,7 @@ def test_in_float_it_does_without_them_too(kind: str, build: Callable[..., Any])
     assert np.abs(u - expected).max() < 1e-2 * np.abs(expected).max()
 
 
+@pytest.mark.ci("compiles a controller of each filter")
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", ["ukf", "ukf, rows", "ekf"])

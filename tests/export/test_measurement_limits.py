@@ -68,6 +68,7 @@ def test_limits_that_are_kept_change_no_bit() -> None:
         assert not checked.rejected.any()
 
 
+@pytest.mark.ci("compiles a controller with its limits")
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("pieces", [False, True])
 @pytest.mark.parametrize("gate", [None, 0.9999])

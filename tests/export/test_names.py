@@ -61,6 +61,7 @@ def test_the_terms_in_the_comments_are_the_law(cubic: fh.Controller, pieces: boo
         np.testing.assert_allclose(total, law.evaluate_law(x, law.law_data)[0], rtol=1e-12)
 
 
+@pytest.mark.ci("exports a controller of its own")
 def test_parameters_stand_at_their_constants(cubic: fh.Controller, arm: fh.Robot) -> None:
     header = code_of(cubic, "arm", "double", arm).header
     units = {parameter.name: parameter.unit for parameter in arm.parameters}

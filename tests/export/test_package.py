@@ -108,6 +108,7 @@ def test_the_memory_that_is_stated_is_that_of_the_state(
     subprocess.run([compiler, "-fsyntax-only", "-x", "c", "arm.h"], cwd=tmp_path, check=True)
 
 
+@pytest.mark.ci("exports a controller of its own")
 def test_a_recording_reaches_the_limits_at_its_end_alone(estimating: fh.Controller) -> None:
     run = record(estimating)
     quiet, moved = (np.abs(run.u[part]) for part in run.parts)
@@ -185,6 +186,7 @@ def test_what_float_loses_is_measured_and_the_test_vector_allows_little_more(
         assert float(said.split("error ")[1].split()[0]) == pytest.approx(expected, rel=0.1)
 
 
+@pytest.mark.ci("exports a controller of its own")
 def test_a_controller_that_float_does_not_hold_is_refused(
     estimating: fh.Controller, compiler: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -174,6 +174,7 @@ def test_control_c_keeps_what_was_recorded(controller: fh.Controller, clock: Clo
     assert len(ended.trajectory.time) == 1
 
 
+@pytest.mark.ci("a run in real time")
 def test_in_another_thread_signals_are_left_alone(controller: fh.Controller) -> None:
     runs: list[Any] = []
     thread = threading.Thread(

@@ -89,7 +89,7 @@ def hostile(controller: fh.Controller, samples: int, seed: int) -> tuple[np.ndar
     return y, r, measured
 
 
-@pytest.mark.costs("compiles an unscented filter, in Python and in C")
+@pytest.mark.ci("compiles an unscented filter, in Python and in C")
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", CONTROLLERS)

@@ -343,6 +343,7 @@ int main(int count, char **words)
 """
 
 
+@pytest.mark.ci("compiles a controller and its signal")
 @pytest.mark.oracle
 def test_a_motion_that_is_played_more_slowly_has_the_command_of_the_slower_one(
     compiler: str, tmp_path: Path

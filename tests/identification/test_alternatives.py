@@ -172,6 +172,7 @@ def test_noise_is_never_below_that_of_a_step():
     assert right.consistent
 
 
+@pytest.mark.ci("two fits")
 def test_large_disturbances_fit_where_they_are_stated(arm):
     """Forces of a fifth of the input are no part of the model, unless somebody says so."""
     log = linear_log(3, count=1200, noise=1e-4, level=0.3)

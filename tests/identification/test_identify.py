@@ -137,6 +137,7 @@ def test_numbers_that_must_not_be_negative_are_not(arm):
     assert found.intervals["friction"][1] < 1e-3
 
 
+@pytest.mark.costs("a fit, which other tests share")
 def test_a_saved_robot_has_the_numbers_and_their_intervals(arm, found, tmp_path):
     robot = arm[0]
     found.save(tmp_path / "arm.toml")
@@ -161,6 +162,7 @@ def test_what_is_not_told_stays_as_it_was_stated(arm, partly_found, tmp_path):
     assert (saved["mass"], saved["length"]) == (wrong["mass"], wrong["length"])
 
 
+@pytest.mark.ci("a fit of its own")
 def test_noises_may_be_held():
     log = linear_log(6)
     filter = fh.ExtendedKalmanFilter(oscillator(), PERIOD, np.diag([0.0, 1e-4]), 1e-4, [0.0, 0.0], 1.0)
@@ -170,6 +172,7 @@ def test_noises_may_be_held():
     assert level.noise["process noise"] == pytest.approx(1.0, rel=0.4)
 
 
+@pytest.mark.ci("a fit of its own")
 def test_one_of_an_array_is_named_by_its_place():
     plant = fh.Plant(
         lambda x, u, d, p: np.array([x[1], -p.k[0] * x[0] - p.k[1] * x[1] + u[0]]), lambda x, u, p: x[:1],

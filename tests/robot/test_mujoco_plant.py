@@ -71,6 +71,7 @@ def test_one_second_of_mujocos_own_integration(name, step, extras):
     assert np.abs(np.array(found) - expected).max() < 1e-9
 
 
+@pytest.mark.ci("compiles a loop with MuJoCo's robot")
 def test_a_closed_loop_on_mujocos_plant_agrees_with_ours():
     robot = load_robot("planar-two-link")
     problem = robot.problem(measured=("motor_position",))

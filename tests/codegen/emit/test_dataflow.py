@@ -73,6 +73,7 @@ def test_a_truth_value_is_not_compared_again(result, expected):
     assert operations(result) == expected
 
 
+@pytest.mark.ci("many random functions")
 @pytest.mark.oracle
 def test_shortened_conditions_are_those_of_casadi(pointwise):
     """Random expressions of conditions, on numbers with NaN, infinities and both zeros."""

@@ -344,6 +344,7 @@ def test_without_fusing_random_functions_equal_casadi_to_the_bit(function, x):
     np.testing.assert_array_equal(got, evaluate(interpret, function, x))
 
 
+@pytest.mark.ci("many random functions")
 @pytest.mark.property
 @pytest.mark.oracle
 @settings(max_examples=60, deadline=None)

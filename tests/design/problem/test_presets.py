@@ -89,6 +89,7 @@ def test_bandwidths_fit_the_joints_or_are_refused(robot_of: Named, problem_of: G
 
 
 # What is stated -------------------------------------------------------------------------------------
+@pytest.mark.ci("searches of weights")
 def test_who_says_so_is_never_silent(robot_of: Named, problem_of: Games) -> None:
     own = problem_of("vertical-rig")
     assert own.penalty is robot_of("vertical-rig").penalty
@@ -328,6 +329,7 @@ def test_robust_needs_tolerances_that_matter(robot_of: Named, only_uncertain: Ca
         assert "preset='damped'" in str(refused.value)
 
 
+@pytest.mark.ci("searches of weights")
 def test_a_default_damping_out_of_reach_yields_and_a_stated_one_is_refused(robot_of: Named) -> None:
     """A vibration of 51 Hz has three samples of 6 ms a period: no sampled law damps it as by default."""
     robot = robot_of("vertical-rig stiffness*100")

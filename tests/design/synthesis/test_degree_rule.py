@@ -109,6 +109,7 @@ def test_a_law_whose_step_diverges_is_not_used() -> None:
     assert any(np.isinf(choice.cost) for choice in higher)
 
 
+@pytest.mark.ci("compiles a loop of its own")
 @pytest.mark.oracle
 def test_the_cost_is_the_integral_of_the_squared_penalty() -> None:
     """Summed up from the run by the weights, the integral of the error left out."""

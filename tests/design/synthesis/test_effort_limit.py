@@ -137,6 +137,7 @@ def test_a_dead_zone_as_large_as_the_step_is_refused_before_any_work(robot_of: N
     assert len(told) == 1
 
 
+@pytest.mark.ci("two syntheses")
 def test_without_a_limit_or_a_search_nothing_is_tried(robot_of: Named) -> None:
     told: list[str] = []
     choose_within_effort(robot_of("paper"), asked(), told.append)

@@ -94,6 +94,7 @@ def test_noise_levels_are_searched_for_the_delay_margin(setup_of: Callable[..., 
     assert 1.0 <= chosen[0] < 0.98 * 30.0 <= chosen[1]
 
 
+@pytest.mark.ci("a search of noise levels")
 def test_a_limit_that_no_levels_reach_is_left_out(soft: Any) -> None:
     """No noise is paid in vain: seven links were given 11.9 N·m of it for a damping of 0.037 instead of 0.15."""
     robot, synthesis = soft

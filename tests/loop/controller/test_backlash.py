@@ -43,7 +43,7 @@ def test_the_arm_without_a_gap_has_the_same_torques_and_is_where_the_command_has
         assert added[1] == 0.2
 
 
-@pytest.mark.costs("compiles a loop of two links")
+@pytest.mark.ci("a long run")
 def test_links_without_weight_rest_in_their_gaps() -> None:
     """No friction holds them. A controller that takes the gap for twist throws each from side to side of its gap."""
     level = replace(ARM, links=replace(ARM.links, down=(0.0, 0.0, 1.0)))

@@ -116,7 +116,7 @@ def test_a_joint_without_a_static_friction_keeps_its_own_at_low_speeds() -> None
     assert friction.stribeck == (0.2, 0.1)
 
 
-@pytest.mark.costs("compiles two steps of a filter with latency")
+@pytest.mark.ci("a loop for each latency")
 @pytest.mark.parametrize("latency", [0, 2])
 def test_the_estimator_sees_the_inputs_without_it(latency: int) -> None:
     """Where the true robot has that friction, a filter that knows none estimates as on one without."""

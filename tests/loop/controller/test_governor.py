@@ -98,7 +98,7 @@ def test_an_arm_that_is_held_and_let_go_comes_back_slowly_and_says_what_happened
     assert own["q"][-1] == pytest.approx(GOAL, abs=1e-4)
 
 
-@pytest.mark.costs("moves against a stiff wall, in small steps")
+@pytest.mark.ci("a kernel of its own")
 def test_an_arm_that_a_wall_blocks_lets_go_where_a_following_error_holds_it() -> None:
     """Torque of the base on a wall of 2e5 N·m/rad that is put before it in mid-move, at 1.3 rad/s. It is said as soon
     as the command is 0.15 rad further. Braked, the arm pushes on with up to its motor's limit; held, with nothing."""
@@ -165,6 +165,7 @@ def test_a_command_that_jumps_throws_no_joint() -> None:
     assert found[0] < 0.2 * found[1]
 
 
+@pytest.mark.ci("many random commands")
 def test_what_the_law_is_shown_keeps_speed_acceleration_range_and_distance() -> None:
     """Of joints and commands anywhere, in any order."""
     rng, places, tracked = (

@@ -87,6 +87,7 @@ def test_the_requested_command_is_kept_for_samples_without_one(made):
     assert kept.memory.named(kept._history.memory).command[0] == pytest.approx(40 * 0.3 * H)
 
 
+@pytest.mark.ci("compiles a loop, and its pieces")
 def test_with_an_estimator_in_a_loop_and_in_pieces(made, monkeypatch):
     """The compiled loop, the step alone and the composed step do the same."""
     options = {"saturation": 12.0, "command_range": 0.4, "command_rate": 2.0, "input_rate": 300.0}

@@ -93,6 +93,7 @@ def test_perfect_feedforward_needs_no_feedback(made):
     assert run.metrics()["tracking_rmse"] < 1e-9
 
 
+@pytest.mark.ci("compiles two loops")
 @pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("degree", [2, 4])

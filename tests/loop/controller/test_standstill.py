@@ -48,6 +48,7 @@ def moved(
     return worst, np.array(inputs)
 
 
+@pytest.mark.ci("a loop of its own")
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("kind", ["zero", "bumpless", "moving"])
 def test_a_law_of_one_pose_holds_the_robot_wherever_it_starts(kind: str) -> None:

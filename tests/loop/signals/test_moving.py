@@ -103,6 +103,7 @@ def test_the_wrong_number_of_joints_is_refused():
 
 
 # In loops -----------------------------------------------------------------------------------------
+@pytest.mark.ci("a loop of its own")
 @pytest.mark.paper
 def test_the_papers_tracking_command():
     """π + sin(πt/10) about 180°: with the true state what is left is the input held for a period."""

@@ -169,6 +169,7 @@ def test_compiled_equals_interpreted(made):
         np.testing.assert_allclose(values, interpreted.signals[name], atol=1e-12)
 
 
+@pytest.mark.ci("compiles a loop of its own")
 def test_the_same_seed_gives_the_same_bits(made):
     def run(seed):
         return Loop(paper_arm().plant(), Controller(made.law, made.ukf())).run(

@@ -112,6 +112,7 @@ def test_neither_lanes_nor_threads_nor_other_runs_matter(made):
     assert whole.kept[0, -1, 0] == run.signals["state"][-1, 0]
 
 
+@pytest.mark.ci("compiles an ensemble of its own")
 @pytest.mark.parametrize("delay", [0.0, 2e-3])
 def test_each_run_begins_from_its_own_input(made, delay):
     loop, arguments = prepared(made, delay=delay)

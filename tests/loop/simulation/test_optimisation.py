@@ -12,7 +12,7 @@ from flexhinf.loop.simulation.ensemble import LANES
 from flexhinf.robot import paper_arm
 
 
-@pytest.mark.costs("compiles a loop twice")
+@pytest.mark.ci("compiles a loop at each level")
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("lanes", [1, LANES])
 def test_the_level_of_optimisation_changes_no_bit(made, lanes, monkeypatch):
