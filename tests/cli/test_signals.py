@@ -128,7 +128,7 @@ console()
     ("number", "where"), [(signal.SIGTERM, "beside"), (signal.SIGINT, "here"), (signal.SIGTERM, "behind")]
 )
 def test_a_signal_ends_a_process_that_is_busy_in_compiled_code(number: int, where: str) -> None:
-    """The compiler of a large design took 23 s, also beside or behind the main thread; a container is killed after 10 s."""
+    """The compiler of a large design took 23 s, also beside or behind the main thread; a container waits for ten."""
     words = [sys.executable, "-c", BUSY, where]
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         try:
