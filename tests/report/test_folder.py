@@ -229,6 +229,13 @@ def test_a_file_that_would_leave_the_folder_is_refused(tmp_path: Path, name: str
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_path_of_very_many_folders_is_refused_at_once(tmp_path: Path) -> None:
+    """Half a million of them took 20 GB."""
+    with refused_with(InvalidInput, "relative", "1000004 characters"):
+        report.write(tmp_path / "r", {"a/" * 500_000 + "text": "text"})
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("failing", [1, 2])
 @pytest.mark.parametrize("error", [KeyboardInterrupt, OSError])
 def test_interrupted_it_leaves_the_earlier_report(

@@ -29,6 +29,9 @@ _WHAT = "flexhinf report"
 #: Seconds for which a run waits while another one publishes in the same place, which takes less than one.
 _PATIENCE = 60.0
 
+#: Characters of a file's path, as systems allow; its folders, one within another, are listed each with its whole path.
+_LONGEST = 4000
+
 #: Seconds for which the check before a run waits; what another run is publishing is no report to judge yet.
 _BRIEFLY = 1.0
 
@@ -134,9 +137,9 @@ def write(
     for name, content in files.items():
         pure, outside = PurePosixPath(name), "\\" in name or name == MARKER or not name.isprintable()
         refuse_if(
-            outside or not pure.parts or ".." in pure.parts or pure.is_absolute(),
-            "A file of a report has a relative path.",
-            f"got {name!r}",
+            outside or not pure.parts or ".." in pure.parts or pure.is_absolute() or len(name) > _LONGEST,
+            f"A file of a report has a relative path of at most {_LONGEST} characters.",
+            f"got {name[:_LONGEST]!r}, {len(name)} characters",
             "figure_03.svg",
         )
         contents[name] = content.encode("utf-8") if isinstance(content, str) else content
