@@ -124,7 +124,7 @@ def remaining_cause(design: WorkspaceDesign) -> Cause:
     corners = setup.true.robot.random_corners(len(design.sampled), SAMPLED_SEED + 100 * s.seed)
     own = setup.true.robot.nominal if worst < nominal else corners[seed].numbers
     tried: dict[str, tuple[dict[str, float], float]] = {"rest": (own, LONGER)}
-    if setup.dry_plant[2] is not None:
+    if setup.dry_friction:
         still = {name: 0.0 for name in own if name.startswith(DRY_FRICTION)}
         tried["dry friction"] = {**own, **still}, STILL
     changed = {name for name, value in own.items() if value != setup.true.robot.nominal[name]}
