@@ -120,18 +120,19 @@ def prepare_run(
     (model, original), s = designed, specification
     plan, start, goal = plans.run_ends(model, s)
     plants = loop_setup.LoopPlants(model, s)
-    damped = is_for_workspace(original)  # as it is judged
-    robot, true = plans.true_robot(robot, s, damped)
-    box = loop_setup.LoopPlants(robot, plans.with_extras(s, *([DAMPED] if damped else []))).mujoco_plant(goal)
+    rests = is_for_workspace(original)
+    robot, true = plans.true_robot(robot, s, rests)  # as it is judged
+    box = loop_setup.LoopPlants(robot, plans.with_extras(s, *([DAMPED] if rests else []))).mujoco_plant(goal)
     begun, aim = responses.start_and_goal(model, original, plans.stated_move(model, original))
-    rests = controller.mode.moving
     if rests and plan is None:
         plan = plans.quintic_move(model, plants.limits, start, goal)
     if plan is None:
         command = plans.step_command(model, s, start, goal, controller.law)
         reference: Any = None
         names = signals.signal_names("link_position", model.joint_names)
-        if command is None and set(names) <= set(controller.commanded):
+        if command is None and controller.mode.moving:
+            reference = dict(zip(controller.commanded, np.concatenate(model.operating_point(goal)).tolist()))
+        elif command is None and set(names) <= set(controller.commanded):
             reference = dict(zip(names, goal.tolist(), strict=True))
         elif command is None and not np.allclose(goal, aim, rtol=0.0, atol=1e-12):
             raise InvalidInput(

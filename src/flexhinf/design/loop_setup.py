@@ -476,6 +476,16 @@ class LoopSetup(LoopPlants):
         """Whether the command of the step comes with its feedforward."""
         return self.command is not None and self.specification.feedforward
 
+    @property
+    def moves(self) -> bool:
+        """Whether the deployed controller follows a moving reference, as it is judged: a stated move or a shaped step
+        with feedforward."""
+        return self.feeds_forward or (self.specification.move is not None and self._forward)
+
+    @property
+    def _forward(self) -> bool:
+        return self.specification.feedforward or not has_integrals(self.law)
+
     def step_arguments(self, duration: float) -> dict[str, Any]:
         """Arguments of `run` and `ensemble` for the step of a duration, s: as of `along`."""
         if self.command is not None and self.feeds_forward:
@@ -526,8 +536,10 @@ class LoopSetup(LoopPlants):
         period, begin = self.specification.period, np.reshape(plan(0.0), -1)
         near = np.allclose(begin, self.start, rtol=0.0, atol=1e-12)
         duration = plan.duration + (0.5 * plan.duration if dwell is None else dwell)
-        forward = self.specification.feedforward or not has_integrals(self.law)
-        known = self.tracking_controller if forward else self.bumpless_controller
+        forward, known = (
+            self._forward,
+            self.tracking_controller if self._forward else self.bumpless_controller,
+        )
         return {
             "controller": known if near else self.controller(begin, moving=forward),
             "at": self.start if near else begin,
