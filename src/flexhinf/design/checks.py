@@ -146,7 +146,7 @@ def impulse_runs(
     scales = JointScales.of(setup.model, setup.goal_equilibrium)
     impulses = FRACTION * default_load(scales.per_input, peak) / scales.vibration
     duration = round(min(most, PERIODS * 2.0 * np.pi / scales.antiresonance) / period) * period
-    _, state, holding_input = setup.struck
+    _, state, holding_input = setup.at_impulse
     runs = tuple(quiet.impulse_responses(impulses, duration, sub_steps))
     room = np.maximum(setup.limits.effort - np.abs(holding_input), 1e-12)
     with np.errstate(invalid="ignore"):  # of a run that diverges

@@ -504,7 +504,7 @@ class LoopSetup(LoopPlants):
         return LoadResponse(response, load, at, np.where(step > 0.0, step, step.max()))
 
     @cached_property
-    def struck(self) -> tuple[Plant, np.ndarray, np.ndarray]:
+    def at_impulse(self) -> tuple[Plant, np.ndarray, np.ndarray]:
         """The plant of impulses, with its equilibrium at the goal: it has dry friction and backlash only where `extras`
         name them. A motor that sticks leaves its link swinging whatever the law."""
         s, robot = self.specification, self.true.robot
@@ -516,7 +516,7 @@ class LoopSetup(LoopPlants):
     ) -> Iterator[Response]:
         """Runs from equilibrium at the goal, each with an impulse, N·m·s or N·s, of `impulses` (n,) on one link: the
         velocities jump, unknown to law and estimator. There is no measurement noise where `quiet`."""
-        plant, x, u = self.struck
+        plant, x, u = self.at_impulse
         enter = plant.linearise(x, u)[2][:, : len(self.goal)]
         sub_steps = None if self.dry_friction else sub_steps  # these are of another plant
         loop = self.loop(self.controller(self.goal, moving=True), plant, sub_steps)

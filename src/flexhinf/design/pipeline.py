@@ -133,12 +133,11 @@ class Design(Judged):
         """A new controller as it is deployed and judged: it takes over without a jump of the input, and follows
         positions; of a design for a move, or for a shaped step with feedforward, states and inputs (`Moving`).
 
-        `at`: (n,), Pose at which it takes over; the start by default.
+        `at`: (n,), Pose at which it takes over; by default the start of move or step.
         """
-        move, setup = self.evaluation.runs.plan, self.setup
-        start = self.start if setup.specification.move is None else np.reshape(move(0.0), -1)
-        pose = start if at is None else np.atleast_1d(at).astype(float)
-        return setup.controller(pose, moving=setup.moves, supervised=True)
+        start = self.start if self.setup.specification.move is None else self.evaluation.runs.plan(0.0)
+        pose = np.atleast_1d(start if at is None else at).astype(float).ravel()
+        return self.setup.controller(pose, moving=self.setup.moves, supervised=True)
 
 
 @dataclass(frozen=True, eq=False)
