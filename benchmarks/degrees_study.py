@@ -20,8 +20,9 @@ from rich.progress import track
 import flexhinf as fh
 from flexhinf.analysis.modes import JointScales
 from flexhinf.design import Specification
-from flexhinf.design.loop_setup import EstimatorNoise, LoopSetup
+from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.monte_carlo import sampled_runs
+from flexhinf.design.noise_levels import EstimatorNoise
 from flexhinf.design.problem.presets import DesignProblem, choose, required_damping
 from flexhinf.design.responses import (
     LOAD_FRACTION,

@@ -95,3 +95,26 @@ def test_a_true_plant_that_does_not_rest_there_says_so() -> None:
     words = f"d/dt {heavy.states[worst]} = {rate[worst]:.3g}"
     assert unnamed(run.settings["start"], "controller", "true plant", words) == []
     assert words in repr(run)
+
+
+@pytest.mark.ci("a whole design, and its C")
+def test_the_exported_c_follows_a_shaped_step_as_it_was_judged(tmp_path: Path) -> None:
+    """With its feedforward, that of dry friction too: a controller that took positions alone left the house."""
+    rough = fh.paper_arm().with_parameters(fh.Parameter("coulomb_friction", 0.5, unit="N·m"))
+    made = fh.design(
+        rough,
+        Specification(
+            pose="40deg", start="0", shaping="quintic", degrees=(2,), draws=0, proof_seconds=0.0, rays=0,
+            compare_rigid=False, torque_noise=1e-7,
+        ),
+    )  # fmt: skip
+    controller, setup = made.controller(), replace(made.setup, quiet=True)
+    assert controller.mode.moving
+    assert controller.dry_friction is not None
+    run = setup.step(1e-3 * (SAMPLES - 1)).run
+    arguments = setup.step_arguments(1e-3 * (SAMPLES - 1)) | {"controller": controller}
+    np.testing.assert_array_equal(setup.run(**arguments).run.signals["input"], run.signals["input"])
+    compiled = fh.load_compiled(compile_controller(controller, tmp_path / "arm.so"))
+    steps = controller.fresh()
+    for y, r in zip(run.signals["output"], run.signals["reference"], strict=True):
+        np.testing.assert_array_equal(steps.step(y, r), compiled.step(y, r))

@@ -28,7 +28,7 @@ def test_non_smooth_extras_are_left_out_of_the_linear_loop_in_one_place(setup_of
     assert rough.margins.bandwidth == pytest.approx(smooth.margins.bandwidth, rel=1e-6)
     s = rough.setup
     with_slope = EquilibriumLoop(
-        s.law, s.estimator(s.goal), s.true_plant, 1e-3, equilibrium=s.goal_equilibrium,
+        s.law, s.estimator(s.goal), s.robot.plant(extras="coulomb_friction"), 1e-3, equilibrium=s.goal_equilibrium,
         positions=s.model.states[:2],
     )  # fmt: skip
     assert margins(with_slope).delay_margin_s > 1.5 * rough.margins.delay_margin_s  # what was shown before

@@ -17,7 +17,8 @@ from flexhinf.cli.arguments import _value
 from flexhinf.cli.messages import error_text
 from flexhinf.design import Specification, design
 from flexhinf.design.design_file import read_request
-from flexhinf.design.loop_setup import LoopSetup, other_quantisation, sensor_steps
+from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.noise_levels import other_quantisation, sensor_steps
 from flexhinf.design.plans import plan_move
 from flexhinf.design.responses import ROBOT, joint_limits
 from flexhinf.design.specification import FIELDS, SpecificationError

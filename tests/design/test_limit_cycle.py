@@ -23,7 +23,7 @@ MOTORS = {"measured": "motor_position", "degrees": "2", "rays": 0}
 
 @pytest.fixture(scope="module")
 def setup(robot_of) -> LoopSetup:
-    """Planar two-link, weights of its own, motors measured, friction neither in model nor in `extras`."""
+    """Planar two-link, weights of its own, motors measured, friction not in the model."""
     robot, s = robot_of("planar-two-link"), Specification(**MOTORS)
     return synthesise(robot, s, lambda text: None).setup(robot, s)
 
@@ -76,14 +76,14 @@ def test_a_dead_zone_as_wide_as_the_limit_cycle_ends_it(setup):
 
 @pytest.mark.ci("a long run at rest")
 def test_friction_in_the_model_of_the_estimator_ends_it_too(setup):
-    known = check_limit_cycle(with_options(setup, extras="coulomb_friction", friction_model=True))
+    known = check_limit_cycle(with_options(setup, friction_model=True))
     assert known is not None
     assert not known.oscillating
 
 
 @pytest.mark.costs("a search of noise levels, which other tests share")
 def test_linear_figures_are_those_without_friction(setup):
-    known = with_options(setup, extras="coulomb_friction", friction_model=True)
+    known = with_options(setup, friction_model=True)
     np.testing.assert_array_equal(known.equilibrium_loop().linear().a, setup.equilibrium_loop().linear().a)
     assert known.estimator_model is not known.model
     assert setup.estimator_model is setup.model
@@ -102,9 +102,8 @@ def test_a_stated_zone_that_does_not_fit_is_refused(setup):
 class PlainFeedforward(LoopSetup):
     """The feedforward as it was: of a robot without dry friction."""
 
-    @property
-    def dry_friction(self):
-        return ()
+    def overcoming(self, estimator):
+        return {}
 
 
 def vars_of(setup):
@@ -115,9 +114,30 @@ def vars_of(setup):
 def test_feedforward_with_friction_follows_the_move_better(setup):
     way = np.abs(setup.goal - setup.start)
     plan = JerkLimited(setup.start, setup.goal, 1.6 * way, 6.4 * way, 51.0 * way, smoothing=0.2)
-    known = with_options(setup, extras="coulomb_friction")
-    errors = [np.abs(loop.move(plan).error).max() for loop in (known, PlainFeedforward(**vars_of(known)))]
+    errors = [np.abs(loop.move(plan).error).max() for loop in (setup, PlainFeedforward(**vars_of(setup)))]
     assert errors[0] < 0.75 * errors[1]
+
+
+def test_every_run_has_the_friction_of_the_file_and_moves_overcome_it(setup):
+    """Without --extras: steps, moves and sampled robots of one pose were without it, and so was their feedforward."""
+    assert setup.extras == setup.dry_friction == ("coulomb_friction",)
+    assert setup.true_plant.arrest is not None
+    assert setup.loop(setup.bumpless_controller).sub_steps == setup.sub_steps == 4
+    known = setup.robot.plant_parameters()
+    tracking = setup.tracking_controller
+    gain = known["torque_constant"] / known["resistance"]
+    np.testing.assert_allclose(tracking.dry_friction.level, known["coulomb_friction"] / gain)
+    assert setup.bumpless_controller.dry_friction is None  # its command has no speed
+    plan = JerkLimited(setup.start, setup.goal, [1.0] * 2, [4.0] * 2, [40.0] * 2, smoothing=0.2)
+    other, reference = setup.driven(setup.bumpless_controller, plan)
+    assert other.dry_friction == tracking.dry_friction
+    instant = 0.5 * plan.duration
+    np.testing.assert_array_equal(reference(instant), setup.reference(plan)(instant))
+    model = with_options(setup, friction_model=True)  # whose estimator knows what the motor is told
+    assert model.tracking_controller.dry_friction is None
+    assert np.abs(model.reference(plan)(instant) - reference(instant))[-2:].min() > 0.9 * np.min(
+        tracking.dry_friction.level
+    )
 
 
 @pytest.mark.ci("runs three commands")
@@ -132,7 +152,7 @@ def test_every_report_says_which_joint_oscillates(setup):
         robot=setup.robot,
     )
     note, figure, table = with_figures(long_run(cast(Design, design)))
-    assert unnamed(note.text, "shoulder", "`--extras coulomb_friction --friction-model`", "both sides") == []
+    assert unnamed(note.text, "shoulder", "`--friction-model`", "both sides") == []
     assert " ±1.2" in note.text
     design.specification = replace(setup.specification, measured=("link_position", "motor_position"))
     other = next(long_run(cast(Design, design))).text
@@ -149,8 +169,7 @@ def test_every_report_says_which_joint_oscillates(setup):
 def test_the_papers_arm_with_its_motor_measured_comes_to_rest_with_a_dead_zone_only(robot_of):
     """The figures of docs/real_loop.md."""
     robot = robot_of("paper").with_parameters(Parameter("coulomb_friction", 1.0))
-    options = {**MOTORS, "extras": "coulomb_friction"}
-    s = Specification(**options)
+    s = Specification(**MOTORS)
     setup = synthesise(robot, s, lambda text: None).setup(robot, s)
     changed, run = end_limit_cycle(setup)
     assert run is not None
@@ -158,6 +177,6 @@ def test_the_papers_arm_with_its_motor_measured_comes_to_rest_with_a_dead_zone_o
     assert run.without.amplitudes[0] == pytest.approx(1.08e-3, rel=0.05)
     assert run.amplitudes[0] < 0.3e-3
     np.testing.assert_array_equal(changed.dead_zone, [1e-3])
-    known = check_limit_cycle(replace(setup, specification=Specification(**options, friction_model=True)))
+    known = check_limit_cycle(replace(setup, specification=Specification(**MOTORS, friction_model=True)))
     assert known is not None
     assert known.oscillating

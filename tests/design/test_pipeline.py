@@ -21,7 +21,7 @@ import flexhinf as fh
 from flexhinf.analysis.modes import closed_loop
 from flexhinf.design import Design, Specification, design, stages
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.loop_setup import EstimatorNoise
+from flexhinf.design.noise_levels import EstimatorNoise
 from flexhinf.errors import NotDetectable
 from flexhinf.pages import design_files, notes, verdict
 

@@ -164,7 +164,7 @@ def test_a_shaped_step_has_its_feedforward_unless_it_is_switched_off(setup_of: B
         np.abs(run.positions - np.reshape(setup.command(run.run.time), run.positions.shape)).max()
         for run in (step, late)
     ]
-    assert away[0] < 1e-3 < 0.05 < away[1]
+    assert away[0] < 2e-3 < 0.05 < away[1]  # with the dry friction of the file
     np.testing.assert_array_equal(
         late.inputs, setup.run(setup.bumpless_controller, setup.start, 2.0, reference=setup.command).inputs
     )

@@ -9,7 +9,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.analysis.modes import JointScales
-from flexhinf.design.loop_setup import EstimatorNoise, noise_variances
+from flexhinf.design.noise_levels import EstimatorNoise, noise_variances
 from flexhinf.plant import Penalty
 from flexhinf.robot import Robot, load_robot
 from flexhinf.robot.modes import modes_of, stiffness_and_inertia

@@ -17,7 +17,8 @@ from tests.refusals import refused_with, unnamed
 from flexhinf.cli.messages import error_text
 from flexhinf.design import Specification, compare, design
 from flexhinf.design.design_file import read_request, request_document
-from flexhinf.design.loop_setup import LoopPlants, other_quantisation
+from flexhinf.design.loop_setup import LoopPlants
+from flexhinf.design.noise_levels import other_quantisation
 from flexhinf.design.specification import SpecificationError
 from flexhinf.design.stated_units import check_stated_units
 from flexhinf.options import Stated

@@ -384,11 +384,11 @@ def test_backlash_that_the_file_states_is_in_the_true_robot_and_half_of_it_in_th
     for stated, zone in ((None, (0.0, 2e-4)), (1e-3, (1e-3, 1e-3)), (0.0, None)):
         s = replace(plain.specification, integral_dead_zone=stated)
         made = replace(plain, robot=robot, specification=s)
-        assert set(made.dry_plant[0]) == {"backlash", "coulomb_friction", "joint_damping"}
+        assert set(made.extras) == {"backlash", "coulomb_friction", "joint_damping"}
         assert made.may_swing
         kept = made.controller(np.array(robot.home)).integral_dead_zone
         assert (kept if zone is None else tuple(kept)) == zone
-    assert set(plain.dry_plant[0]) == {"coulomb_friction", "joint_damping"}
+    assert set(plain.extras) == {"coulomb_friction", "joint_damping"}
     assert plain.controller(np.array(robot.home)).integral_dead_zone is None
 
 

@@ -79,9 +79,8 @@ def test_poles_are_those_of_springs_that_are_damped_by_hand(setup: WorkspaceSetu
 def test_what_the_file_states_is_what_the_true_robot_has(setup: WorkspaceSetup) -> None:
     """Without --extras; zero is stated too. Corners of a robot that states some keep what is assumed of others."""
     assert ARM.damped == ARM
-    assert setup_of(ARM).true_plant is ARM.damped.plant(
-        setup.specification.measured, extras=("joint_damping", "coulomb_friction")
-    )
+    known = {"extras": ("joint_damping", "coulomb_friction"), "sticking": True}
+    assert setup_of(ARM).true_plant is ARM.damped.plant(setup.specification.measured, **known)
     still = ARM.with_values({"damping_shoulder": 0.0, "damping_elbow": 0.0})
     assert still.damped.nominal["damping_elbow"] == 0.0
     some = without("elbow")
@@ -95,7 +94,7 @@ def test_every_plant_is_of_the_true_robot(setup: WorkspaceSetup) -> None:
     assert setup.smooth_plant is setup.robot.damped.plant(
         setup.specification.measured, extras="joint_damping"
     )
-    assert setup.plant_with_friction(np.array(ARM.home))[0] == ("joint_damping", "coulomb_friction")
+    assert setup.extras == ("joint_damping", "coulomb_friction")
     pytest.importorskip("mujoco")
     springs = setup.mujoco_plant(np.array(ARM.home)).model.tendon_damping
     np.testing.assert_array_equal(springs, setup.true.robot.plant_parameters()["damping"])
@@ -110,7 +109,6 @@ def test_runs_outside_of_a_design_have_the_friction_that_its_controller_overcome
     assert friction is not None
     arm = live_arm(setup.controller(home), setup.robot, s)
     assert "coulomb_friction" in arm.extras
-    assert arm.left_out == []
     np.testing.assert_array_equal(arm._dry[[0, 2]], [friction.level] * 2)
     pytest.importorskip("mujoco")
     static = setup.robot.with_parameters(
@@ -126,8 +124,7 @@ def test_law_estimator_and_feedforward_know_no_damping(setup: WorkspaceSetup) ->
     assert "damping" not in setup.model.parameters.values
     assert "damping" not in setup.undamped_plant.parameters.values
     ends = setup.workspace.sample(2, 4)
-    assert "joint_damping" in setup.dry_plant[0]
-    assert setup.dry_friction == ()
+    assert setup.knows_friction is False
     assert np.isfinite(
         setup.move(ends, setup.true.robot.random_corners(1, 2)[0]).motion[0]["remaining_error"]
     )

@@ -304,12 +304,12 @@ def without_effect(
 
 
 def without_effect_on_run(
-    s: Specification, robot: Robot, noise: bool, commanded: bool, moving: bool = False
+    s: Specification, robot: Robot, noise: bool, commanded: bool, workspace: bool = False
 ) -> dict[str, str]:
     """Fields on which a run of a finished controller does not depend, as `without_effect`.
 
-    `noise`: whether measurements have noise. `commanded`: whether the controller takes a command. `moving`: whether it
-    is for a workspace.
+    `noise`: whether measurements have noise. `commanded`: whether the controller takes a command. `workspace`: whether
+    it is for one.
     """
     idle, random = _of_loop(robot, s), noise and s.estimator != "none"
     if not random:
@@ -319,7 +319,7 @@ def without_effect_on_run(
     elif not commanded:
         idle["shaping"] = "a controller that takes a command: its penalty weighs link_position_integral"
     of_pose = dict.fromkeys(("shaping", "overshoot", "feedforward"), "a controller of one pose")
-    return _active(s, idle) | (of_pose if moving else {})
+    return _active(s, idle) | (of_pose if workspace else {})
 
 
 def _active(s: Specification, idle: Mapping[str, str]) -> dict[str, str]:  # a seed of 0 is a seed

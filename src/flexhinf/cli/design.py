@@ -436,6 +436,7 @@ def run_design(context: typer.Context, o: options.RunOptions) -> int:
     from flexhinf.cli.arguments import without_effect_on_run
     from flexhinf.design.deployed_run import perturbed, prepare_run
     from flexhinf.design.plans import has_integrals
+    from flexhinf.design.specification import is_for_workspace
     from flexhinf.robot.mujoco import MuJoCoView, check_display, check_expressed
     from flexhinf.robot.parts import file_warnings
 
@@ -464,7 +465,9 @@ def run_design(context: typer.Context, o: options.RunOptions) -> int:
     with file_warnings():  # `request_of` has told them
         designed, stored = fh.load_design(path), controller_of(path, tell=False)
     controller = stored.controller
-    refuse_stated(context, acting(commanded=has_integrals(controller.law), moving=controller.mode.moving))
+    refuse_stated(
+        context, acting(commanded=has_integrals(controller.law), workspace=is_for_workspace(designed[1]))
+    )
     prepared = prepare_run(
         controller,
         designed,

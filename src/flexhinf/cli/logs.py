@@ -197,7 +197,8 @@ def _stated_noises(
     """R^v (n, n) per row, None if no option states it, and the sensors whose noise or step an option states."""
     import numpy as np  # here, as --help needs none
 
-    from flexhinf.design.loop_setup import EstimatorNoise, LoopPlants, sensor_steps
+    from flexhinf.design.loop_setup import LoopPlants
+    from flexhinf.design.noise_levels import EstimatorNoise, sensor_steps
 
     s, robot = request.specification, request.robot
     process = None
@@ -223,7 +224,8 @@ def _filter(
     bounds: Bounds,
 ) -> tuple[fh.UnscentedKalmanFilter | fh.ExtendedKalmanFilter, dict[str, str]]:
     """The filter, and who states its period and its noises: options, the design, or the log itself."""
-    from flexhinf.design.loop_setup import EstimatorNoise, LoopPlants  # not for `flexhinf --help`
+    from flexhinf.design.loop_setup import LoopPlants  # not for `flexhinf --help`
+    from flexhinf.design.noise_levels import EstimatorNoise
     from flexhinf.identification.defaults import default_filter
 
     kinds = {"unscented": fh.UnscentedKalmanFilter, "extended": fh.ExtendedKalmanFilter}

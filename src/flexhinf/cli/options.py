@@ -308,7 +308,7 @@ class ExportFmuOptions:
         "Version of FMI: 2.0, which most programs read, or 3.0.", "3.0")
     limits: bool = option(True, TARGET, LIMITED)
     plant: bool = option(False, WRITTEN,
-        "Export the elastic robot instead of the controller, with the extras of the design.")
+        "Export the elastic robot instead of the controller, as the design is judged by it.")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,7 +18,8 @@ from .design_file import (
 from .evaluation import LawEvaluation as LawEvaluation
 from .laws import DEFAULT_LAWS as DEFAULT_LAWS, law_names as law_names
 from .live_page import export_web as export_web
-from .loop_setup import EstimatorNoise as EstimatorNoise, LoopSetup as LoopSetup
+from .loop_setup import LoopSetup as LoopSetup
+from .noise_levels import EstimatorNoise as EstimatorNoise
 from .pipeline import (
     ComparedLaw as ComparedLaw,
     Comparison as Comparison,

@@ -28,6 +28,7 @@ from flexhinf.certify.certificate import linear_part
 from flexhinf.design import certification, checks, design_file, evaluation, laws, pipeline
 from flexhinf.design.deployed_run import DesignCampaign, PoseCampaign
 from flexhinf.design.design_file import fields_text
+from flexhinf.design.loop_setup import LoopPlants
 from flexhinf.design.specification import is_for_workspace
 from flexhinf.design.synthesis.by_step import STATES
 from flexhinf.design.synthesis.steps import synthesise
@@ -73,8 +74,7 @@ class DesignPair:
         self.folder = checked_path("The comparison's folder", self.folder).expanduser().absolute()
         a, b = _circumstances(self.a), _circumstances(self.b)
         rows = [f"{name}: {in_a} ↔ {in_b}" for name, in_a, in_b in differing(a, b, [*a, *b], "default")]
-        designs = [(side.robot, side.specification) for side in (self.a, self.b)]
-        keys = [robot.plant(s.measured, extras=s.extras).code_key for robot, s in designs]
+        keys = [LoopPlants(side.robot, side.specification).true_plant.code_key for side in (self.a, self.b)]
         if not rows and keys[0] != keys[1]:
             rows = ["the equations of the robots, which have the same parameters"]
         refuse_if(

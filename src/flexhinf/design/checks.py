@@ -47,6 +47,7 @@ from flexhinf.loop.simulation import metrics
 from flexhinf.loop.simulation.ring_down import FITS, Oscillation, RingDown, ring_down
 from flexhinf.plant import Law, Parameters
 from flexhinf.robot import Robot, Weighing, arm, weigh_payload
+from flexhinf.robot.elastic import DRY
 
 # An impulse on each joint of the resting loop ------------------------------------------------------------
 
@@ -145,7 +146,7 @@ def impulse_runs(
     scales = JointScales.of(setup.model, setup.goal_equilibrium)
     impulses = FRACTION * default_load(scales.per_input, peak) / scales.vibration
     duration = round(min(most, PERIODS * 2.0 * np.pi / scales.antiresonance) / period) * period
-    state, holding_input = setup.equilibrium(setup.goal)
+    _, state, holding_input = setup.at_impulse
     runs = tuple(quiet.impulse_responses(impulses, duration, sub_steps))
     room = np.maximum(setup.limits.effort - np.abs(holding_input), 1e-12)
     with np.errstate(invalid="ignore"):  # of a run that diverges
@@ -221,7 +222,7 @@ def as_far_as_judged(
     return [replace(line, judged=not left) for line, left in zip(lines, open_ended, strict=True)]
 
 
-# A long run at rest with dry friction --------------------------------------------------------------------
+# A long run at rest with dry friction or backlash --------------------------------------------------------
 
 #: Length of the run, s, and its largest number of samples. A joint sticks until the integral has grown by twice the
 #: friction, which may take tens of seconds.
@@ -230,9 +231,6 @@ LENGTH, MOST_SAMPLES = 120.0, 240_000
 #: Most samples times sub-steps times disturbances.
 MOST_NUMBERS = 30_000_000
 
-#: What the run is.
-LONG_RUN = "long run at rest, nominal robot with dry friction, no noise"
-
 #: Largest dead zone as a fraction of the joint's step (of the largest step for a joint that makes none): half of the
 #: settling band. The second number says how often the zone is widened.
 WIDEST, WIDENED = 0.01, 2
@@ -240,11 +238,10 @@ WIDEST, WIDENED = 0.01, 2
 
 @dataclass(frozen=True, eq=False)
 class LimitCycleCheck:
-    """A long run of the step without measurement noise; the true plant has dry friction that sticks."""
+    """A long run of the step without measurement noise, of a robot with backlash, or dry friction that sticks."""
 
     response: Response
-    # Extras of the true plant: those of the specification, and the dry friction that the robot states
-    extras: tuple[str, ...]
+    extras: tuple[str, ...]  # of the true plant
     limit: float  # Largest amplitude that is no limit cycle, rad or m
     # Whether friction sticks; smoothed friction, as of rigid joints, creeps and may hide a cycle
     sharp: bool = True
@@ -253,6 +250,17 @@ class LimitCycleCheck:
     # did
     without: LimitCycleCheck | None = None
     tried: LimitCycleCheck | None = None
+
+    @property
+    def cause(self) -> str:
+        """What of the true plant may keep it swinging."""
+        dry = ["dry friction"] if set(self.extras) & set(DRY) else []
+        return " and ".join([*dry, *(["backlash"] if "backlash" in self.extras else [])])
+
+    @property
+    def where(self) -> str:
+        """What the run is."""
+        return f"long run at rest, nominal robot with {self.cause}, no noise"
 
     @cached_property
     def cycles(self) -> tuple[metrics.LimitCycle, ...]:
@@ -269,7 +277,7 @@ class LimitCycleCheck:
     @property
     def remaining(self) -> tuple[np.ndarray, str]:
         """Remaining error (n,) of each link, rad or m, and what this run is."""
-        return remaining_errors(self.response, self.response.goal), LONG_RUN
+        return remaining_errors(self.response, self.response.goal), self.where
 
     @property
     def amplitudes(self) -> np.ndarray:
@@ -287,10 +295,10 @@ class LimitCycleCheck:
         return tuple(np.flatnonzero(self.amplitudes > self.limit).tolist())
 
     def requirement(self, units: Sequence[str]) -> required.Requirement:
-        """The requirement that dry friction causes no limit cycle; `units` are those of the link positions."""
+        """The requirement that `cause` makes no limit cycle; `units` are those of the link positions."""
         worst = self.worst
         return required.REQUIREMENTS["limit_cycle"].judge(
-            None, self.limit, self.amplitudes[worst], LONG_RUN,
+            None, self.limit, self.amplitudes[worst], self.where,
             unit=units[worst], joint=required.of_several(self.response.joints, worst),
         )  # fmt: skip
 
@@ -327,29 +335,24 @@ def remaining_errors(response: Response, references: np.ndarray) -> np.ndarray:
 
 
 def errors_after_move(setup: LoopSetup, plan: Plan, dwell: float | None) -> tuple[np.ndarray, str] | None:
-    """Remaining error (n,) of each link after a move, rad or m, on the robot with its dry friction, and what this run
-    is; None for a robot without."""
-    found = setup.plant_with_friction(setup.goal)
-    if found is None:
+    """Remaining error (n,) of each link after a move without noise, rad or m, and what this run is; None for a robot
+    without dry friction and backlash."""
+    if not setup.may_swing:
         return None
-    _, plant, parts = found
-    move = setup.without_noise.move(plan, dwell, plant=plant, sub_steps=parts)
-    return remaining_errors(
-        move.response, move.planned
-    ), "the stated move, nominal robot with dry friction, no noise"
+    move = setup.without_noise.move(plan, dwell)
+    return remaining_errors(move.response, move.planned), "the stated move, nominal robot, no noise"
 
 
 def check_limit_cycle(setup: LoopSetup) -> LimitCycleCheck | None:
-    """Run the check; None for a robot without dry friction, or with none above zero."""
-    s, plant = setup.specification, setup.plant_with_friction(setup.goal)
-    if plant is None:
+    """Run the check; None for a robot without dry friction and backlash, or with none above zero."""
+    if not setup.may_swing:
         return None
-    extras, plant, parts = plant
+    s, plant, parts = setup.specification, setup.true_plant, setup.loop(setup.bumpless_controller).sub_steps
     samples = min(MOST_SAMPLES, MOST_NUMBERS // (parts * len(plant.disturbances)))
     # no noise: it acts as a dither that may hide sticking
-    response = setup.without_noise.step(min(LENGTH, samples * s.period), plant=plant, sub_steps=parts)
+    response = setup.without_noise.step(min(LENGTH, samples * s.period))
     zone, limit = setup.dead_zone if has_integrals(setup.law) else None, setup.position_resolution(DEVIATIONS)
-    return LimitCycleCheck(response, extras, limit, plant.arrest is not None, zone)
+    return LimitCycleCheck(response, setup.extras, limit, plant.arrest is not None, zone)
 
 
 # The running loop at poses along a stated move -----------------------------------------------------------

@@ -33,8 +33,8 @@ from flexhinf.loop.simulation.inputs import sample_count
 from flexhinf.loop.simulation.metrics import WINDOW
 from flexhinf.options import CampaignOptions, declared, quantity
 from flexhinf.robot import MuJoCoPlant, Parameter, Robot, elastic, load_robot, signals
-from flexhinf.robot.mujoco import EXPRESSED
 from flexhinf.robot.parameters import per_joint
+from flexhinf.robot.springs import DAMPED
 from flexhinf.validation import nearest, value_text
 
 #: Default length of a run: of a step in s, of a move of one pose's controller as a multiple of its duration. One for a
@@ -120,18 +120,19 @@ def prepare_run(
     (model, original), s = designed, specification
     plan, start, goal = plans.run_ends(model, s)
     plants = loop_setup.LoopPlants(model, s)
-    robot, true = plans.true_robot(robot, s) if is_for_workspace(original) else (robot, s)  # as it is judged
-    true = replace(true, extras=tuple(name for name in true.extras if name in (*s.extras, *EXPRESSED)))
-    box = loop_setup.LoopPlants(robot, true).mujoco_plant(goal)
+    rests = is_for_workspace(original)
+    robot, true = plans.true_robot(robot, s, rests)  # as it is judged
+    box = loop_setup.LoopPlants(robot, plans.with_extras(s, *([DAMPED] if rests else []))).mujoco_plant(goal)
     begun, aim = responses.start_and_goal(model, original, plans.stated_move(model, original))
-    rests = controller.mode.moving
     if rests and plan is None:
         plan = plans.quintic_move(model, plants.limits, start, goal)
     if plan is None:
         command = plans.step_command(model, s, start, goal, controller.law)
         reference: Any = None
         names = signals.signal_names("link_position", model.joint_names)
-        if command is None and set(names) <= set(controller.commanded):
+        if command is None and controller.mode.moving:
+            reference = dict(zip(controller.commanded, np.concatenate(model.operating_point(goal)).tolist()))
+        elif command is None and set(names) <= set(controller.commanded):
             reference = dict(zip(names, goal.tolist(), strict=True))
         elif command is None and not np.allclose(goal, aim, rtol=0.0, atol=1e-12):
             raise InvalidInput(
@@ -140,11 +141,11 @@ def prepare_run(
                 "the goal of the design; or a design whose penalty weighs link_position_integral",
             )
         if command is not None:
-            controller, reference = plans.driven(controller, model, command, s, plants.dry_friction)
+            controller, reference = plants.driven(controller, command)
         begun = 0.0 if command is None else command.duration
         duration = max(STEP_TIME + begun, length)
     else:
-        controller, reference = plans.driven(controller, model, plan, s, plants.dry_friction)
+        controller, reference = plants.driven(controller, plan)
         begun = plan.duration
         still = plans.STILL if rests else max((MOVE_TIMES - 1.0) * begun, WINDOW)
         duration = s.period * round((begun + still) / s.period)
@@ -342,7 +343,8 @@ class PoseCampaign(DesignCampaign):
             )
         if o.duration is not None:
             sample_count(o.duration, s.period)
-        robot, variables = varied(with_payload(design, o.payload), o, s.extras)
+        robot = with_payload(design, o.payload)
+        robot, variables = varied(robot, o, loop_setup.LoopPlants(robot, s).extras)
         refuse_if(
             not variables,
             f"Nothing differs from sample to sample: the robot {robot.name!r} states no tolerance.",
@@ -361,18 +363,23 @@ class PoseCampaign(DesignCampaign):
     def campaign(self, controller: Controller, duration: float) -> Campaign:
         """The campaign with a controller and runs of this length, s."""
         s, robot, o, model = self.specification, self.robot, self.options, self.request.robot
-        plants, plant = loop_setup.LoopPlants(robot, s), robot.plant(s.measured, extras=s.extras)
+        plants = loop_setup.LoopPlants(robot, s)
         plan = self.plan or plans.step_command(model, s, *self.ends, controller.law)
         reference = None
         if plan is not None:
-            controller, reference = plans.driven(controller, model, plan, s, plants.dry_friction)
-        loop = Loop(plant, controller, None, quantisation=plants.quantisation, delay=s.unknown_delay)
+            controller, reference = loop_setup.LoopPlants(model, s).driven(controller, plan)
+        plant = plants.true_plant
+        loop = Loop(
+            plant, controller, plants.sub_steps, quantisation=plants.quantisation, delay=s.unknown_delay
+        )
         options: dict[str, Any] = {"duration": duration, "noise": plants.noise, "reference": reference}
         if o.disturbance:  # of 1 N·m or 1 N; each sample has its own factor
             torque = Step(1.0, at=responses.LOAD_START * duration)
             options["disturbance"] = dict.fromkeys(signals.signal_names(TORQUE, robot.joint_names), torque)
         options = {name: value for name, value in options.items() if value is not None}
-        draw = Tolerances(self.variables, o.method, partial(robot_sample, robot, self.ends[0], s.extras))
+        draw = Tolerances(
+            self.variables, o.method, partial(robot_sample, plants.true.robot, self.ends[0], plants.extras)
+        )
         return Campaign(
             loop, draw, o.samples, o.seed, options,
             self.metrics.metrics(plant.states, controller.states, controller.commanded),

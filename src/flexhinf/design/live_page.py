@@ -81,14 +81,14 @@ def live_arm(
 
     `not_met`: which requirements the design does not meet; empty if it meets all.
     """
-    robot, s = plans.true_robot(robot, s) if is_for_workspace(s) else (robot, s)  # as its design is judged
+    robot, s = plans.true_robot(robot, s, for_workspace := is_for_workspace(s))  # as its design is judged
     plants = loop_setup.LoopPlants(robot, s)
     plan, start, goal = plans.run_ends(robot, s)
     limits, slides = plants.limits, np.array(robot.links.slides)
     speed = np.where(
         np.isfinite(limits.speed), plans.SPEED * limits.speed, np.where(slides, SLIDING, TURNING)
     )
-    workspace, shortest, rival_time = controller.mode.moving, plans.SHORTEST, 1.0
+    workspace, shortest, rival_time = for_workspace, plans.SHORTEST, 1.0
     if workspace and plan is None:
         start, goal = goal, _elsewhere(robot, goal, limits)
     elif plan is None:
@@ -97,7 +97,7 @@ def live_arm(
             speed, shortest = np.full(len(start), np.inf), 0.0
             rival_time = quickest_move(controller, plants, start, goal)
         else:
-            controller, _ = plans.driven(controller, robot, command, s, plants.dry_friction)
+            controller, _ = plants.driven(controller, command)
             shortest = command.duration
     return LiveArm(
         controller, robot, start, goal, s.extras, 0.0 if plants.noise is None else plants.noise, speed, shortest,
@@ -117,7 +117,7 @@ def quickest_move(
     if not np.isfinite(most).all():
         x, u = robot.operating_point(start, s.extras)
         reference = dict(zip(controller.commanded, goal.tolist(), strict=False)) or None
-        run = Loop(plants.true_plant, controller.fresh(), delay=s.unknown_delay).run(
+        run = Loop(plants.true_plant, controller.fresh(), plants.sub_steps, delay=s.unknown_delay).run(
             reference=reference, duration=STEP, initial_state=x, initial_input=u
         )
         most = np.where(np.isfinite(most), most, np.abs(run.signals["input"]).max(axis=0))

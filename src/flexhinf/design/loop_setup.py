@@ -1,9 +1,4 @@
-"""The loop that a law runs in: estimator, controller, true plant, and the runs of every evaluation.
-
-R^v and R^n are the covariances of process and measurement noise per sample. No paper gives R^v and nobody can measure
-it, so it is a parameter of the design: its ratio to R^n decides how fast the estimator is, and with it the margins of
-the running loop.
-"""
+"""The loop that a law runs in: estimator, controller, true plant, and the runs of every evaluation."""
 
 from __future__ import annotations
 
@@ -15,7 +10,15 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import EquilibriumLoop
-from flexhinf.design.plans import has_integrals, move_reference, step_command
+from flexhinf.design.noise_levels import EstimatorNoise, noise_variances, sensor_steps
+from flexhinf.design.plans import (
+    has_integrals,
+    move_reference,
+    stated_backlash,
+    stated_dry_friction,
+    step_command,
+    true_robot,
+)
 from flexhinf.design.responses import (
     LOAD_START,
     JointLimits,
@@ -27,7 +30,7 @@ from flexhinf.design.responses import (
     joint_limits,
     with_values,
 )
-from flexhinf.design.specification import TORQUE_NOISE, Specification, SpecificationError
+from flexhinf.design.specification import Specification, SpecificationError
 from flexhinf.design.stated_units import per_signal
 from flexhinf.estimation import (
     ExtendedKalmanFilter,
@@ -36,22 +39,17 @@ from flexhinf.estimation import (
     stationary,
     stationary_covariance,
 )
-from flexhinf.loop import Controller, EnsembleResult, Loop, Schedule, Step, Supervision
+from flexhinf.loop import Controller, EnsembleResult, Loop, Moving, Schedule, Step, Supervision
 from flexhinf.plant import Law, Plant, linear_plant, sub_steps
 from flexhinf.robot import MuJoCoPlant, Robot, elastic
-from flexhinf.robot.signals import SENSORS, UNITS, expanded, signal_names, units_of
+from flexhinf.robot.mujoco import EXPRESSED
+from flexhinf.robot.signals import signal_names
 
 #: Initial variance where no process noise is assumed: standard deviations of 1 mrad (mm) and 1 mrad/s (mm/s).
 INITIAL_VARIANCE = 1e-6
 
 #: A motion up to this number of standard deviations of a measured position, or one sensor step, is not seen.
 DEVIATIONS = 3.0
-
-#: A measured velocity has the noise of a position that is differentiated at this rate, 1/s.
-VELOCITY_RATE = 100.0
-
-#: One radian of noise is so many metres of a joint that slides: 0.1 mrad of the others, 10 µm of this one.
-RADIAN = 0.1
 
 #: How far commands may lie beyond start, goal and poses of the laws: a share of the largest travel of a joint, and at
 #: least so much, rad or m.
@@ -62,135 +60,6 @@ KINDS: dict[str, Any] = {
     "ukf": UnscentedKalmanFilter, "ekf": ExtendedKalmanFilter, "observer": OutputInjectionObserver,
 }  # fmt: skip
 
-#: Largest step of a sensor, by the unit of its signal: one turn, and more than any robot has of the others.
-COARSEST = {"rad": 2.0 * np.pi, "m": 10.0, "rad/s": 1e3, "m/s": 1e3, "N·m": 1e6, "N": 1e6}
-
-
-#: One variance for all joints, or one for each.
-Levels = float | tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class EstimatorNoise:
-    """R^v of the estimator, a diagonal: variances per sample in the states' units squared.
-
-    Model errors act as torques, so the levels of the velocities are added to the level of all states.
-    """
-
-    all_states: float = 0.0
-    link_velocities: Levels = 0.0
-    motor_velocities: Levels = 0.0
-    source: str = "ours"  # an option, a search, or a default of ours
-
-    @staticmethod
-    def stated(s: Specification) -> EstimatorNoise:
-        """The levels that a specification states; `TORQUE_NOISE` on all velocities where it states none."""
-        options = {"--process-noise": s.process_noise, "--torque-noise": s.torque_noise}
-        named = " and ".join(option for option, value in options.items() if value is not None)
-        if not named:
-            return EstimatorNoise(0.0, TORQUE_NOISE, TORQUE_NOISE, "ours")
-        torques = s.torque_noise or 0.0
-        return EstimatorNoise(s.process_noise or 0.0, torques, torques, f"option {named}")
-
-    @property
-    def largest(self) -> float:
-        """The largest of the levels; 0 for an estimator that trusts its model entirely."""
-        return float(max(map(np.max, (self.all_states, self.link_velocities, self.motor_velocities))))
-
-    def scaled(self, factor: float, motors: float, source: str) -> EstimatorNoise:
-        """All levels times a factor (above 1: a faster estimator); those of the motor velocities also times
-        `motors`."""
-        links, own = (_times(factor, levels) for levels in (self.link_velocities, self.motor_velocities))
-        return EstimatorNoise(factor * self.all_states, links, _times(motors, own), source)
-
-    def covariance(self, states: Sequence[str]) -> np.ndarray:
-        """R^v (n, n) for a plant with these states."""
-        values, layout = np.full(len(states), self.all_states), elastic.Layout.of(states)
-        links, motors = self.link_velocities, self.motor_velocities
-        if layout.rigid and layout.elastic:  # an unknown motor torque of a rigid joint acts on its link
-            every = np.broadcast_to(motors, layout.n)
-            links = layout.motors(every, np.broadcast_to(links, layout.n)[layout.elastic])
-            motors = every[layout.elastic]
-        for kind, levels in (("link_velocity", links), ("motor_velocity", motors)):
-            values[[k for k, name in enumerate(states) if name.startswith(kind)]] += levels
-        return np.diag(values)
-
-
-def _times(factor: float, levels: Levels) -> Levels:
-    return tuple(factor * level for level in levels) if isinstance(levels, tuple) else factor * levels
-
-
-def noise_variances(plant: Plant, position: float) -> np.ndarray:
-    """Diagonal (p,) of R^n for each measured signal.
-
-    `position` (rad²) is the variance of an angle; that of a length is `position` times `RADIAN` squared. The variance
-    of a velocity is that of its position times `VELOCITY_RATE` squared, that of a joint torque times the stiffness
-    squared.
-    """
-    p, motor = plant.parameters.named(plant.parameters.vector()), "motor_position"
-    joints = [name.removeprefix(motor) for name in plant.states if name.startswith(motor)]
-    stiffness = np.atleast_1d(p.stiffness).astype(float).tolist()
-    springs = {f"joint_torque{joint}": k**2 for joint, k in zip(joints, stiffness)}
-    others = {name: VELOCITY_RATE**2 if "velocity" in name else 1.0 for name in plant.outputs}
-    factors = [(springs if name.startswith("joint_torque") else others)[name] for name in plant.outputs]
-    slides = [RADIAN**2 if plant.unit(name) in ("m", "m/s", "N") else 1.0 for name in plant.outputs]
-    return position * np.multiply(factors, slides)
-
-
-def sensor_steps(robot: Robot, measured: Sequence[str], quantisation: Any, estimator: str) -> np.ndarray:
-    """Quantisation step (p,) of each measured signal; one number, shape (), where the true state is fed back.
-
-    Raises `SpecificationError` unless there is one step for all, one for each name in `measured`, or one for each
-    signal; and for a step larger than `COARSEST`.
-    """
-    each, signals = per_signal(robot, measured, quantisation)
-    units = units_of(robot.joint_names, robot.links.slides)
-    for name, step in zip(signals, each * len(signals) if len(each) == 1 else each):
-        if step > COARSEST[units[name]]:
-            raise SpecificationError(
-                "quantisation",
-                f"The quantisation of {name!r} leaves nothing to be measured.",
-                f"expected a step of at most {COARSEST[units[name]]:g} {units[name]}, got {step:g}",
-            )
-    steps = np.asarray(quantisation, dtype=float)
-    if steps.shape == () or (estimator == "none" and steps.size == 1):
-        return steps.reshape(())
-    if estimator != "none" and len(each) == len(signals):
-        return np.array(each)
-    signals = () if estimator == "none" else signals
-    allowed = f"one number, or one for each of {list(measured)}" if signals else "one number"
-    raise SpecificationError(
-        "quantisation",
-        "The quantisation does not fit what is measured.",
-        f"expected {allowed}{f' or of {list(signals)}' if signals else ''}, got {len(steps)}",
-        example=",".join(f"{step:g}" for step in np.resize(steps, max(1, len(measured)))),
-    )
-
-
-def other_quantisation(
-    robot: Robot, measured: Sequence[str], quantisation: Any, estimator: str, sensors: Sequence[str]
-) -> Any:
-    """The quantisation for other `sensors`. Signals that stay keep their step. A new signal takes the step of a signal
-    with the same unit, of the same joint if possible, and has none if there is no such signal."""
-    if isinstance(quantisation, float) or estimator == "none":
-        # A plain number: the other sensors may have other units.
-        return np.asarray(quantisation, dtype=float).tolist()
-
-    def kind(name: str) -> tuple[str, str]:
-        quantity = next(quantity for quantity in SENSORS if name.startswith(quantity))
-        return UNITS[quantity][0], name.removeprefix(quantity)
-
-    names, others = (expanded(each, SENSORS, robot.joint_names, robot.rigid) for each in (measured, sensors))
-    known = dict(zip(names, sensor_steps(robot, measured, quantisation, estimator).tolist()))
-    steps = []
-    for name in others:
-        alike = [value for other, value in known.items() if kind(other)[0] == kind(name)[0]]
-        own = [value for other, value in known.items() if kind(other) == kind(name)]
-        steps.append(known.get(name, (own or alike or [0.0])[0]))
-    return tuple(steps)
-
-
-# The loop ------------------------------------------------------------------------------------------------
 #: Extras whose linearisation at standstill holds beyond the smallest motions. Dry friction and backlash are left out of
 #: the linear loop: their slope holds only below the smoothing velocity, as damping that a moving robot lacks.
 SMOOTH_EXTRAS = ("inductance", "joint_damping", "spring_hardening")
@@ -224,62 +93,113 @@ class LoopPlants:
         """The nominal robot with its sensors: the estimator's model, without dry friction."""
         return self.robot.plant(self.specification.measured)
 
-    @property
+    @cached_property
     def true(self) -> LoopPlants:
-        """The true robot with the specification of its plants, of which all plants below are."""
-        return self
+        """The robot by which everything is judged, and the specification of its plants: those of all plants below."""
+        return LoopPlants(*true_robot(self.robot, self.specification))
 
     @property
+    def extras(self) -> tuple[str, ...]:
+        """What the true robot has and the model has not: the stated extras, and what `true_robot` adds."""
+        return self.true.specification.extras
+
+    @cached_property
     def dry_friction(self) -> tuple[str, ...]:
-        """Stated extras that are dry friction: the feedforward has them, the estimator on request."""
-        return tuple(name for name in self.specification.extras if name in elastic.DRY)
+        """Dry friction of the true robot: a controller adds it along a command, the estimator has it on request."""
+        stated = elastic.stated_friction(self.robot.plant_parameters())
+        return tuple(name for name in self.extras if name in stated)
+
+    @property
+    def knows_friction(self) -> bool:
+        """Whether the model of the deployed estimator has dry friction; the observer's gain is computed without."""
+        return self.specification.friction_model and self.specification.estimator in ("ukf", "ekf")
+
+    @property
+    def may_swing(self) -> bool:
+        """Whether the true robot has what makes a loop with integrals swing at rest: dry friction, or backlash."""
+        return bool(self.dry_friction) or "backlash" in self.extras
+
+    @cached_property
+    def backlash(self) -> np.ndarray:
+        """Width of each joint's gap (n,), rad or m; 0 where the robot states none."""
+        width, own = np.zeros(len(self.joints)), self.robot.plant_parameters().get("backlash", 0.0)
+        width[self.robot.layout.elastic] = own
+        return width
+
+    @property
+    def dead_zone(self) -> np.ndarray | None:
+        """Errors (n,) that are not integrated, rad or m: as stated, or half the backlash; None without any."""
+        return integral_dead_zone(self.joints, self.specification.integral_dead_zone, 0.5 * self.backlash)
 
     @cached_property
     def estimator_model(self) -> Plant:
         """The model of the deployed estimator: on request with smoothed dry friction. Its slope at standstill would
         count as damping, so linear metrics use `model`."""
-        s = self.specification
-        # The observer's gain is computed without friction.
-        known = s.friction_model and s.estimator in ("ukf", "ekf")
-        return self.robot.plant(s.measured, extras=self.dry_friction) if known else self.model
+        known = self.dry_friction if self.knows_friction else ()
+        return self.robot.plant(self.specification.measured, extras=known)
+
+    def overcoming(self, estimator: Any) -> dict[str, Any]:
+        """Options of a controller that follows a moving reference: the dry friction of the file, which it adds unless
+        its estimator's model has it, and the backlash, where both sides of the springs are measured."""
+        seen = () if estimator is None else tuple(estimator.plant.outputs)
+        known = None if self.knows_friction else stated_dry_friction(self.robot)
+        return {"dry_friction": known, "backlash": stated_backlash(self.robot, seen)}
+
+    def reference(self, plan: Plan) -> Moving:
+        """A planned move with its feedforward, for a controller with the options of `overcoming`."""
+        return move_reference(self.robot, plan, self.dry_friction if self.knows_friction else ())
+
+    def driven(self, controller: Controller, plan: Plan) -> tuple[Controller, Any]:
+        """A deployed controller and its reference for a plan: in error coordinates with the feedforward, without it
+        along the positions if the law integrates their errors."""
+        c = controller
+        if not c.mode.moving and not self.specification.feedforward and has_integrals(c.law):
+            return c, plan
+        if not c.mode.moving:
+            c = Controller(
+                c.law, c.estimator, c.period, (c.limits.lower, c.limits.upper), moving=True, latency=c.mode.latency,
+                integral_dead_zone=c.integral_dead_zone, before_first=c.first_input.option, offset_time=c.offset_time,
+                supervision=c.supervision and replace(c.supervision, reactions={}), **self.overcoming(c.estimator),
+            )  # fmt: skip
+        return c, self.reference(plan)
 
     @cached_property
     def true_plant(self) -> Plant:
-        """The nominal robot with the extras."""
-        return self.true.robot.plant(self.specification.measured, extras=self.true.specification.extras)
+        """The nominal robot with the extras; its dry friction sticks."""
+        s = self.true.specification
+        return self.true.robot.plant(s.measured, extras=s.extras, sticking=True)
 
-    def plant_with_friction(self, at: np.ndarray) -> tuple[tuple[str, ...], Plant, int] | None:
-        """Extras, true plant with the dry friction that the robot states, which sticks, and its Runge–Kutta steps per
-        period at a pose (n,); None for a robot without dry friction, or with none above zero."""
-        s, robot = self.true.specification, self.true.robot
-        if not elastic.stated_friction(values := robot.plant_parameters()):
+    @cached_property
+    def sub_steps(self) -> int | None:
+        """Runge–Kutta steps per period of a robot with dry friction; None: by the loop, without any."""
+        if not self.dry_friction:
             return None
-        extras = elastic.with_dry_friction(s.extras, values)
-        plant = robot.plant(s.measured, extras=extras, sticking=True)
-        fastest = plant.fastest_mode(*robot.operating_point(at, s.extras))
-        return extras, plant, max(MIN_PARTS, sub_steps(s.period, fastest, RK4_STEP))
+        fastest = self.true_plant.fastest_mode(*self.true.robot.operating_point(extras=self.extras))
+        return max(MIN_PARTS, sub_steps(self.specification.period, fastest, RK4_STEP))
 
     def mujoco_plant(self, at: np.ndarray) -> MuJoCoPlant:
-        """The true plant in MuJoCo; its time step is at most 0.1 rad of the fastest mode's phase at a pose (n,).
+        """The true plant in MuJoCo, with what it expresses of the robot's file; its time step is at most 0.1 rad of the
+        fastest mode's phase at a pose (n,).
 
-        Raises `InvalidInput` if MuJoCo is not installed, or does not express the extras.
+        Raises `InvalidInput` if MuJoCo is not installed, or does not express a stated extra.
         """
         s, robot = self.true.specification, self.true.robot
+        extras = [name for name in s.extras if name in (*self.specification.extras, *EXPRESSED)]
         fastest = self.true_plant.fastest_mode(*robot.operating_point(at, s.extras))
         step = s.period / sub_steps(s.period, fastest, 0.1)
         measured = None if s.estimator == "none" else s.measured
-        return MuJoCoPlant(robot, measured=measured, step=step, extras=s.extras)
+        return MuJoCoPlant(robot, measured=measured, step=step, extras=extras)
 
     @cached_property
     def smooth_plant(self) -> Plant:
         """The true plant of the linear loop: without the extras that are not smooth at standstill."""
-        s = self.true.specification
-        return self.true.robot.plant(s.measured, extras=[name for name in s.extras if name in SMOOTH_EXTRAS])
+        smooth = [name for name in self.extras if name in SMOOTH_EXTRAS]
+        return self.true.robot.plant(self.specification.measured, extras=smooth)
 
     @property
     def left_out(self) -> tuple[str, ...]:
         """Extras of the true plant that the linear loop does not have."""
-        return tuple(name for name in self.true.specification.extras if name not in SMOOTH_EXTRAS)
+        return tuple(name for name in self.extras if name not in SMOOTH_EXTRAS)
 
     @cached_property
     def limits(self) -> JointLimits:
@@ -376,7 +296,9 @@ class LoopSetup(LoopPlants):
     start: np.ndarray  # (n,), likewise
     estimator_noise: EstimatorNoise | None = None  # R^v; by default what the specification states
     linear_model: bool = False  # whether the estimator is a linear Kalman filter about the goal
-    chosen_zone: np.ndarray | None = None  # (n,), where none is stated, see `design.checks`
+    chosen_zone: np.ndarray | None = (
+        None  # (n,), where none is stated and more is needed, see `design.checks`
+    )
     quiet: bool = False  # no measurement noise in runs of the nominal robot; runs of sampled robots have it
     unlimited: bool = False  # no limits of the inputs, which would hide the peak that a law demands
     blend_time: float | None = None  # s, of the bias with which a law without integrals takes over
@@ -427,26 +349,31 @@ class LoopSetup(LoopPlants):
         `start` is "zero" for integrals at zero, the default of a moving reference, or "bumpless": the first input
         is the one that holds the model at `at`. `supervised`: with the `supervision` of the design.
         """
-        start = start or ("zero" if moving else "bumpless")
+        start, estimator = start or ("zero" if moving else "bumpless"), self.estimator(at, deployed=True)
         return Controller(
-            self.law, self.estimator(at, deployed=True), self.specification.period,
+            self.law, estimator, self.specification.period,
             None if self.unlimited else self.limits.saturated, moving=moving, start=start,
             integral_dead_zone=self.dead_zone if has_integrals(self.law) else None,
             before_first=self.robot.operating_point(at)[1], blend_time=self.blend_time if start == "bumpless" else None,
             latency=self.specification.known_latency, supervision=self.supervision if supervised else None,
+            **(self.overcoming(estimator) if moving else {}),
         )  # fmt: skip
 
     @property
     def dead_zone(self) -> np.ndarray | None:
-        """Errors (k,) that are not integrated, rad or m; None without a dead zone."""
-        return integral_dead_zone(self.joints, self.specification.integral_dead_zone, self.chosen_zone)
+        """Errors (n,) that are not integrated, rad or m; None without a dead zone."""
+        zone = super().dead_zone
+        if self.chosen_zone is None or self.specification.integral_dead_zone is not None:
+            return zone
+        return self.chosen_zone if zone is None else np.maximum(self.chosen_zone, zone)
 
     def loop(
         self, controller: Controller, plant: Any = None, sub_steps: int | None = None,
         values: Mapping[str, Any] | None = None,
     ) -> Loop:  # fmt: skip
         """A loop with the true plant and these parameters, or with another plant; with delay and quantisation."""
-        plant = with_values(self.true_plant, values) if plant is None or values is not None else plant
+        if plant is None or values is not None:
+            plant, sub_steps = with_values(self.true_plant, values), sub_steps or self.sub_steps
         return Loop(
             plant, controller, sub_steps, quantisation=self.quantisation, delay=self.specification.unknown_delay,
         )  # fmt: skip
@@ -455,7 +382,7 @@ class LoopSetup(LoopPlants):
         self, at: np.ndarray, values: Mapping[str, Any] | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """State and input with which the true robot is held at a pose (n,), with these parameters."""
-        return self.robot.operating_point(at, self.specification.extras, values)
+        return self.true.robot.operating_point(at, self.extras, values)
 
     def equilibrium_loop(
         self, estimated: bool = True, values: Mapping[str, Any] | None = None
@@ -549,6 +476,16 @@ class LoopSetup(LoopPlants):
         """Whether the command of the step comes with its feedforward."""
         return self.command is not None and self.specification.feedforward
 
+    @property
+    def moves(self) -> bool:
+        """Whether the deployed controller follows a moving reference, as it is judged: a stated move or a shaped step
+        with feedforward."""
+        return self.feeds_forward or (self.specification.move is not None and self._forward)
+
+    @property
+    def _forward(self) -> bool:
+        return self.specification.feedforward or not has_integrals(self.law)
+
     def step_arguments(self, duration: float) -> dict[str, Any]:
         """Arguments of `run` and `ensemble` for the step of a duration, s: as of `along`."""
         if self.command is not None and self.feeds_forward:
@@ -566,14 +503,23 @@ class LoopSetup(LoopPlants):
         step = np.abs(self.goal - self.start)
         return LoadResponse(response, load, at, np.where(step > 0.0, step, step.max()))
 
+    @cached_property
+    def at_impulse(self) -> tuple[Plant, np.ndarray, np.ndarray]:
+        """The plant of impulses, with its equilibrium at the goal: it has dry friction and backlash only where `extras`
+        name them. A motor that sticks leaves its link swinging whatever the law."""
+        s, robot = self.specification, self.true.robot
+        extras = [name for name in self.extras if name in (*SMOOTH_EXTRAS, *s.extras)]
+        return robot.plant(s.measured, extras=extras), *robot.operating_point(self.goal, extras)
+
     def impulse_responses(
         self, impulses: np.ndarray, duration: float, sub_steps: int | None = None
     ) -> Iterator[Response]:
         """Runs from equilibrium at the goal, each with an impulse, N·m·s or N·s, of `impulses` (n,) on one link: the
         velocities jump, unknown to law and estimator. There is no measurement noise where `quiet`."""
-        x, u = self.equilibrium(self.goal)
-        enter = self.true_plant.linearise(x, u)[2][:, : len(self.goal)]
-        loop = self.loop(self.controller(self.goal, moving=True), sub_steps=sub_steps)
+        plant, x, u = self.at_impulse
+        enter = plant.linearise(x, u)[2][:, : len(self.goal)]
+        sub_steps = None if self.dry_friction else sub_steps  # these are of another plant
+        loop = self.loop(self.controller(self.goal, moving=True), plant, sub_steps)
         runs = loop.ensemble(noise=None if self.quiet else self.noise, duration=duration)
         starts, own = x + (enter * impulses).T, [{}] * len(self.goal)
         for run in runs.trajectories(own, self.specification.seed, starts):
@@ -590,11 +536,13 @@ class LoopSetup(LoopPlants):
         period, begin = self.specification.period, np.reshape(plan(0.0), -1)
         near = np.allclose(begin, self.start, rtol=0.0, atol=1e-12)
         duration = plan.duration + (0.5 * plan.duration if dwell is None else dwell)
-        forward = self.specification.feedforward or not has_integrals(self.law)
-        known = self.tracking_controller if forward else self.bumpless_controller
+        forward, known = (
+            self._forward,
+            self.tracking_controller if self._forward else self.bumpless_controller,
+        )
         return {
             "controller": known if near else self.controller(begin, moving=forward),
             "at": self.start if near else begin,
             "duration": round(duration / period) * period,
-            "reference": move_reference(self.robot, plan, self.dry_friction) if forward else plan,
+            "reference": self.reference(plan) if forward else plan,
         }

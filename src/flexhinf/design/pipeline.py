@@ -130,12 +130,14 @@ class Design(Judged):
         return self.evaluation.move.response.run
 
     def controller(self, at: np.ndarray | None = None) -> Controller:
-        """A new controller as it is deployed: it takes over without a jump of the input.
+        """A new controller as it is deployed and judged: it takes over without a jump of the input, and follows
+        positions; of a design for a move, or for a shaped step with feedforward, states and inputs (`Moving`).
 
-        `at`: (n,), Pose at which it takes over; the start of the step by default.
+        `at`: (n,), Pose at which it takes over; by default the start of move or step.
         """
-        pose = self.start if at is None else np.atleast_1d(at).astype(float)
-        return self.setup.controller(pose, supervised=True)
+        start = self.start if self.setup.specification.move is None else self.evaluation.runs.plan(0.0)
+        pose = np.atleast_1d(start if at is None else at).astype(float).ravel()
+        return self.setup.controller(pose, moving=self.setup.moves, supervised=True)
 
 
 @dataclass(frozen=True, eq=False)

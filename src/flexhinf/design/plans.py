@@ -202,14 +202,15 @@ def with_extras(s: Specification, *names: str) -> Specification:
     return replace(s, extras=tuple(dict.fromkeys((*s.extras, *names))))
 
 
-def true_robot(robot: Robot, s: Specification) -> tuple[Robot, Specification]:
-    """The robot by which a design for a workspace is judged, and the specification of its plants: springs are
-    damped as the robot states, or as no real spring is without, and it has the backlash and the dry friction that are
-    stated, of which `extras` may name one kind."""
+def true_robot(robot: Robot, s: Specification, damped: bool = False) -> tuple[Robot, Specification]:
+    """The robot by which a design is judged, and the specification of its plants: it has the backlash and the dry
+    friction that are stated, of which `extras` may name one kind, and `damped` springs as the robot states, or as no
+    real spring is without."""
     values = robot.plant_parameters()
     gaps = np.any(np.asarray(values.get("backlash", 0.0)) > 0.0)
     dry = elastic.with_dry_friction(s.extras, values)
-    return robot.damped, with_extras(s, DAMPED, *dry, *(("backlash",) if gaps else ()))
+    s = with_extras(s, *((DAMPED,) if damped else ()), *dry, *(("backlash",) if gaps else ()))
+    return robot.damped if damped else robot, s
 
 
 def stated_dry_friction(robot: Robot) -> DryFriction | None:
@@ -244,28 +245,10 @@ def stated_backlash(robot: Robot, measured: Sequence[str]) -> Backlash | None:
     return Backlash(*map(list, zip(*seen))) if seen else None
 
 
-def move_reference(robot: Robot, plan: Plan, dry_friction: Sequence[str]) -> Moving:
+def move_reference(robot: Robot, plan: Plan, dry_friction: Sequence[str] = ()) -> Moving:
     """A planned move with feedforward by inverse dynamics of the elastic robot, including these kinds of dry
-    friction, which a controller with `dry_friction` adds itself."""
+    friction, where no controller with `dry_friction` adds it."""
     return Moving(plan, partial(robot.inverse_dynamics, extras=tuple(dry_friction)))
-
-
-def driven(
-    controller: Controller, robot: Robot, plan: Plan, s: Specification, dry_friction: Sequence[str]
-) -> tuple[Controller, Any]:
-    """The controller and its reference for a plan: in error coordinates with the feedforward, without it along the
-    positions if the law integrates their errors."""
-    if controller.mode.moving or s.feedforward or not has_integrals(controller.law):
-        if not controller.mode.moving:
-            controller = Controller(
-                controller.law, controller.estimator, controller.period,
-                (controller.limits.lower, controller.limits.upper), moving=True,
-                integral_dead_zone=controller.integral_dead_zone, before_first=controller.first_input.option,
-                latency=controller.mode.latency, offset_time=controller.offset_time,
-                supervision=controller.supervision and replace(controller.supervision, reactions={}),
-            )  # fmt: skip
-        return controller, move_reference(robot, plan, () if controller.dry_friction else dry_friction)
-    return controller, plan
 
 
 def _through(robot: Robot, s: Specification, factor: float) -> Plan:

@@ -175,7 +175,7 @@ def compare_rigid(
     for side in FEEDBACK_SIDES:
         law = RigidLaw(solution, problem, side)
         controller = Controller(law, None, s.period, setup.limits.saturated, start="bumpless")
-        run = Loop(setup.true_plant, controller, delay=s.period * late).run(
+        run = Loop(setup.true_plant, controller, setup.sub_steps, delay=s.period * late).run(
             duration=scenario.step_duration, initial_state=x, initial_input=u, seed=s.seed
         )
         response = Response(run, goal, x[: len(goal)], setup.joints)

@@ -127,7 +127,7 @@ def remaining_cause(design: WorkspaceDesign) -> Cause:
         _, values, seed = next(islice(rounds, worst - nominal, None))
         own = values.numbers
     tried: dict[str, tuple[dict[str, float], float]] = {"rest": (own, LONGER)}
-    if setup.dry_plant[2] is not None:
+    if setup.dry_friction:
         still = {name: 0.0 for name in own if name.startswith(DRY_FRICTION)}
         tried["dry friction"] = {**own, **still}, STILL
     changed = {name for name, value in own.items() if value != setup.true.robot.nominal[name]}

@@ -230,7 +230,7 @@ class Specification:
         default="no requirement")
     remaining_error: options.Tolerances | None = option(None, LOOP,
         "Largest error of a link at the end of a move: 0.5e-3 (rad, m), or one per joint 0.05deg,1mm. It is looked at "
-        "in the last 0.3 s, with the dry friction that the robot states and the dead zone of the integrals.",
+        "in the last 0.3 s, with the dead zone of the integrals.",
         "1e-3", "rad, m",
         default="1e-3 rad, m, or what the sensors resolve; without dry friction 0.5 % of the travel if that is more")
     ripple: options.Positive | None = option(None, LOOP,
@@ -267,7 +267,7 @@ class Specification:
         default="the command instead, as in the paper")
     command: options.Flag = option(False, ADVANCED, "Whether the command is a disturbance too, beside --disturbances.")
     friction_model: options.Flag = option(False, ADVANCED,
-        "Whether the estimator's model (ukf, ekf) has the dry friction of --extras, smoothed. The feedforward of the "
+        "Whether the estimator's model (ukf, ekf) has the dry friction of the file, smoothed. The feedforward of a "
         "planned move always has it.")
     measured: options.Names = option(("link_position",), SENSORS,
         "The sensors: link_position, motor_position, joint_torque, link_velocity, motor_velocity. NAME_JOINT is the "
@@ -293,8 +293,8 @@ class Specification:
         default="the robot's effort limits, or none")
     extras: options.Names = option((), UNCERTAIN,
         "What the true robot has and the model has not: inductance, joint_damping, spring_hardening, backlash, "
-        "coulomb_friction, stribeck_friction. Over a workspace it always has joint_damping, and the backlash and dry "
-        "friction of the file.", "coulomb_friction")
+        "coulomb_friction, stribeck_friction. It always has the backlash and dry friction of the file, and over a "
+        "workspace joint_damping.", "inductance")
     latency: options.Count | None = option(None, SENSORS,
         "Samples between a measurement and the effect of its input, at most 10. The estimator predicts over them.",
         "1", "samples", default=f"{LATENCY}, or 0 where the true state is fed back")

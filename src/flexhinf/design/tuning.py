@@ -33,7 +33,8 @@ from flexhinf.design.laws import (
     LawKind,
     is_hinf,
 )
-from flexhinf.design.loop_setup import LoopSetup, other_quantisation
+from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.noise_levels import other_quantisation
 from flexhinf.design.plans import has_integrals
 from flexhinf.design.requirements import peak_option
 from flexhinf.design.responses import JointLimits, forwarded

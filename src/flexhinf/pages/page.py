@@ -162,7 +162,7 @@ PARTS = {
     "payload": Part("Payload", runs.payload),
     "ring-down": Part("Ring-down after an impulse", runs.ring_down),
     "move": Part("Planned move", runs.move),
-    "rest": Part("Long run at rest with dry friction", runs.long_run),
+    "rest": Part("Long run at rest", runs.long_run),
     "along": Part("Margins along the move", runs.margins_along, group="Robustness"),
     "margins": Part("Margins of the running loop", lambda design: frequency.margins(design.evaluation)),
     "modes": Part("Poles", law.poles),
@@ -185,7 +185,8 @@ def design_page(
     robot, s, sections = design.robot, design.specification, []
     about = f"{robot.description.rstrip('.')}. " if robot.description else ""
     measured = ", ".join(s.measured).replace("_", " ") if s.estimator != "none" else "the true state"
-    extras = f" The true plant also has {', '.join(s.extras).replace('_', ' ')}." if s.extras else ""
+    extras = ", ".join(design.setup.extras).replace("_", " ")
+    extras = f" The true plant also has {extras}." if extras else ""
     slides, degrees = robot.links.slides, units_of(design.evaluation).degrees
     start, goal = (pose_text(pose, slides, degrees) for pose in (design.start, design.goal))
     with house_style():  # once for all figures

@@ -201,7 +201,7 @@ def _estimator(e: LawEvaluation) -> Rows:
 def _simulation(e: LawEvaluation) -> Rows:
     s, runs, filter, position = e.setup.specification, e.scenario, e.loop.filter, _position_unit(e)
     assert runs is not None
-    extras = f", with {', '.join(s.extras)}" if s.extras else ", no extras"
+    extras = f", with {', '.join(e.setup.extras)}" if e.setup.extras else ", no extras"
     steps, seed = "Runge–Kutta steps per period", f"uniform within the tolerances, seed ({s.seed}, 7)"
     rows: Rows = [
         ("start pose", e.setup.start, position, source_of(s, "start", "ours: 0.1 rad (10 mm) from the goal")),

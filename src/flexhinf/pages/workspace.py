@@ -405,7 +405,7 @@ def _watched(design: WorkspaceDesign) -> Paragraph:
 
 def _sample_rows(design: WorkspaceDesign) -> list[tuple[Any, ...]]:
     """Settings: where the design is judged, by which random numbers."""
-    s, space, dry = design.specification, design.setup.workspace, ", ".join(design.setup.dry_plant[0])
+    s, space, dry = design.specification, design.setup.workspace, ", ".join(design.setup.extras)
     seed, option = 100 * s.seed, FIELDS["workspace"].option
     ranged = s.workspace == LIMITS or space.box is not None
     turning = any(ends is None for ends in design.robot.links.limits)

@@ -19,9 +19,8 @@ from flexhinf.design.design_file import (
     read_request,
     request_document,
 )
-from flexhinf.design.loop_setup import TORQUE_NOISE
 from flexhinf.design.responses import Response, default_start
-from flexhinf.design.specification import Specification
+from flexhinf.design.specification import TORQUE_NOISE, Specification
 from flexhinf.design.stated_units import check_stated_units
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.files import write_file

@@ -11,7 +11,8 @@ import pytest
 
 from flexhinf.analysis import frequency_response, margins
 from flexhinf.design import Specification
-from flexhinf.design.loop_setup import EstimatorNoise, LoopSetup
+from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.noise_levels import EstimatorNoise
 from flexhinf.design.responses import Response
 from flexhinf.design.synthesis.noise import COMPLIANT_BAND, search_noise
 from flexhinf.design.synthesis.steps import synthesise

@@ -22,9 +22,9 @@ import numpy as np
 
 from flexhinf.analysis.modes import closed_loop
 from flexhinf.analysis.optimiser import bisected
-from flexhinf.design.loop_setup import EstimatorNoise, LoopSetup
+from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.monte_carlo import sampled_runs
-from flexhinf.design.plans import move_reference
+from flexhinf.design.noise_levels import EstimatorNoise
 from flexhinf.design.problem.presets import DesignProblem, choose
 from flexhinf.design.requirements import sample_requirements, step_requirements
 from flexhinf.design.responses import ROBOT, JointLimits, Response, joint_limits, run_length, sample_robots
@@ -242,7 +242,7 @@ class _Trial:
         columns = [run.names["state"].index(name) for name in self.problem.plant.states]
         about, integrals = law.operating_point[: len(columns)], setup.departure(law)[len(columns) :]
         if command is not None and setup.feeds_forward:  # in error coordinates
-            about, integrals = move_reference(setup.robot, command, setup.dry_friction).state(run.time), 0.0
+            about, integrals = setup.reference(command).state(run.time), 0.0
         moved = np.hstack([run.signals["state"][:, columns] - about, integrals + grown])
         moved = moved[:: max(1, len(run.time) // INSTANTS)]
         own, ratios = law.inputs(moved), []
@@ -341,7 +341,7 @@ class _BandwidthSearch:
         self.sampled = sample_robots(robot, SAMPLES, s.seed) if robot.uncertain and s.draws != 0 else ()
         # Inputs (1 + N, n) that hold the nominal and the sampled robots at the goal.
         self.holding_input = np.array(
-            [robot.operating_point(task.goal, s.extras, values)[1] for values in (None, *self.sampled)]
+            [robot.operating_point(task.goal, parameters=values)[1] for values in (None, *self.sampled)]
         )
 
     def shares(self, peaks: np.ndarray) -> np.ndarray:

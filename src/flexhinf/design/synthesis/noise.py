@@ -42,7 +42,8 @@ from flexhinf.analysis import (
     modes,
 )
 from flexhinf.analysis.optimiser import PENALTY
-from flexhinf.design.loop_setup import EstimatorNoise, LoopSetup
+from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.noise_levels import EstimatorNoise
 from flexhinf.design.specification import RINGS, RIPPLE, TOLERANCE
 from flexhinf.errors import FlexhinfError, NumericalFailure
 from flexhinf.robot.arm import payload_ends

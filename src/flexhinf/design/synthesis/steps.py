@@ -31,7 +31,8 @@ from flexhinf.analysis import (
     minimise,
 )
 from flexhinf.design import checks, monte_carlo, plans, proved_step, responses
-from flexhinf.design.loop_setup import EstimatorNoise, LoopPlants, LoopSetup, sensor_steps
+from flexhinf.design.loop_setup import LoopPlants, LoopSetup
+from flexhinf.design.noise_levels import EstimatorNoise, sensor_steps
 from flexhinf.design.problem.presets import DesignProblem, preset_of, required_damping, tolerance_channels
 from flexhinf.design.problem.weights import Candidate, SearchResult, behaviour_of
 from flexhinf.design.specification import MIN_DAMPING, RINGS, TOLERANCE, Specification, SpecificationError

@@ -175,15 +175,14 @@ class MovedRobots(Tolerances):
             return Sample(numbers=row, failure=" ".join(str(error).split()))
 
     def _settled(self, row: Mapping[str, float], ends: np.ndarray) -> Sample:
-        setup, (extras, plant, _) = self.setup, self.setup.dry_plant
-        robot = setup.true.robot
+        setup, robot, plant = self.setup, self.setup.true.robot, self.setup.true_plant
         values = robot.varied(row)
         off = {name: row[key] for name in plant.outputs if (key := f"{OFFSET}_{name}") in row}
         offset = np.array([off.get(name, 0.0) for name in plant.outputs]) if off else 0.0
         _, options = setup.move_arguments(ends, values, offset=offset)
         errors = np.array([row.get(name, 0.0) for name in signal_names(ERROR, setup.joints)])
         if errors.any():
-            options["initial_state"] = robot.operating_point(ends[0] + errors, extras, values)[0]
+            options["initial_state"] = robot.operating_point(ends[0] + errors, setup.extras, values)[0]
         options["initial_state"] = np.append(options["initial_state"], list(off.values()))
         at = LOAD_START * options["duration"]
         if loads := {
@@ -255,7 +254,7 @@ class WorkspaceCampaign(DesignCampaign):
             f"expected no duration, got {o.duration} s",
             "leave out --duration; a design of one pose (--pose) has a run of one length",
         )
-        plants = LoopPlants(*true_robot(with_payload(design, o.payload), s))
+        plants = LoopPlants(*true_robot(with_payload(design, o.payload), s, True))
         robot, variables = varied(plants.robot, o, plants.specification.extras)
         offsets = (
             tuple(name for name in plants.model.outputs if "position" in name) if o.encoder_offset else ()
@@ -290,7 +289,7 @@ class WorkspaceCampaign(DesignCampaign):
         o, setup = self.options, replace(setup, other=self.robot)
         loop = setup.loop(setup.moving)
         if self.offsets:
-            loop = loop.with_plant(setup.dry_plant[1].augmented(offsets=self.offsets))
+            loop = loop.with_plant(setup.true_plant.augmented(offsets=self.offsets))
         draw = MovedRobots(self.variables, o.method, setup=setup, seed=o.seed, longest_delay=o.extra_delay)
         first = setup.move_arguments(draw.ends(0))[1]
         options = {"duration": first["duration"], "noise": setup.noise}

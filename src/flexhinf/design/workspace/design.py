@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from flexhinf.analysis import LinearLoop
-from flexhinf.design.loop_setup import sensor_steps
+from flexhinf.design.noise_levels import sensor_steps
 from flexhinf.design.requirements import Judged, Requirement
 from flexhinf.design.responses import Move, Response, joint_limits
 from flexhinf.design.specification import TOLERANCE, Specification
@@ -112,11 +112,11 @@ class WorkspaceDesign(Judged):
         The robot is the nominal one, with the sensors' noise and the dry friction that it states. A step asks for more
         than a robot can do at once; `move` is what the design is judged by.
         """
-        robot, begin, extras = self.setup.true.robot, self._pose(start), self.setup.dry_plant[0]
+        robot, begin = self.setup.true.robot, self._pose(start)
         controller, end = self.controller(begin), np.concatenate(robot.operating_point(goal))
         return self.setup.loop(controller).run(
             dict(zip(controller.commanded, end.tolist())), noise=self.setup.noise, duration=duration,
-            initial_state=robot.operating_point(begin, extras)[0], seed=self.specification.seed,
+            initial_state=robot.operating_point(begin, self.setup.extras)[0], seed=self.specification.seed,
         )  # fmt: skip
 
     def move(self, goal: Any, start: Any = None) -> Trajectory:

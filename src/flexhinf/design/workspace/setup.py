@@ -11,7 +11,8 @@ import numpy as np
 
 from flexhinf.analysis import LinearLoop
 from flexhinf.analysis.linear_loop import exponential
-from flexhinf.design.loop_setup import RADIAN, SMOOTH_EXTRAS, EstimatorNoise, LoopPlants
+from flexhinf.design.loop_setup import SMOOTH_EXTRAS, LoopPlants
+from flexhinf.design.noise_levels import RADIAN, EstimatorNoise
 from flexhinf.design.plans import (
     BEYOND,
     SPEED,
@@ -20,11 +21,9 @@ from flexhinf.design.plans import (
     move_reference,
     quintic_move,
     settled,
-    stated_backlash,
-    stated_dry_friction,
     true_robot,
 )
-from flexhinf.design.responses import Move, Response, integral_dead_zone, with_values
+from flexhinf.design.responses import Move, Response, with_values
 from flexhinf.design.specification import RINGS, RIPPLE, Specification
 from flexhinf.errors import NumericalFailure
 from flexhinf.estimation import ExtendedKalmanFilter, ModalFilter, stationary_gain
@@ -135,7 +134,7 @@ class WorkspaceSetup(LoopPlants):
     @cached_property
     def true(self) -> LoopPlants:
         """The robot with what `true_robot` adds. Law, estimator and feedforward know no damping."""
-        return LoopPlants(*true_robot(self.other or self.robot, self.specification))
+        return LoopPlants(*true_robot(self.other or self.robot, self.specification, True))
 
     @cached_property
     def undamped_plant(self) -> Plant:
@@ -230,11 +229,10 @@ class WorkspaceSetup(LoopPlants):
         s, held = self.specification, self.robot.operating_point(at)
         own = {
             "offset_time": None if s.estimator == "none" else OFFSET_TIME, "integral_dead_zone": self.dead_zone,
-            "dry_friction": stated_dry_friction(self.robot), "governor": self.governor,
-            "backlash": None if s.estimator == "none" else stated_backlash(self.robot, self.model.outputs),
+            "governor": self.governor, **self.overcoming(estimator := self.estimator(at)),
         }  # fmt: skip
         return Controller(
-            replace(self.law, equilibrium=held), self.estimator(at), s.period, self.limits.saturated, moving=True,
+            replace(self.law, equilibrium=held), estimator, s.period, self.limits.saturated, moving=True,
             start="zero", latency=s.known_latency, **(own | options),
         )  # fmt: skip
 
@@ -382,30 +380,6 @@ class WorkspaceSetup(LoopPlants):
         )
 
     @cached_property
-    def dry_plant(self) -> tuple[tuple[str, ...], Plant, int | None]:
-        """Extras of the true robot; its plant, whose dry friction sticks, and Runge–Kutta steps per period, None
-        without dry friction."""
-        extras, home = self.true.specification.extras, np.array(self.robot.home)
-        return self.plant_with_friction(home) or (extras, self.true_plant, None)
-
-    @property
-    def may_swing(self) -> bool:
-        """Whether the true robot has what makes a loop with integrals swing at rest: dry friction, or backlash."""
-        return self.dry_plant[2] is not None or "backlash" in self.dry_plant[0]
-
-    @cached_property
-    def backlash(self) -> np.ndarray:
-        """Width of each joint's gap (n,), rad or m; 0 where the robot states none."""
-        width, own = np.zeros(len(self.joints)), self.robot.plant_parameters().get("backlash", 0.0)
-        width[self.robot.layout.elastic] = own
-        return width
-
-    @property
-    def dead_zone(self) -> np.ndarray | None:
-        """Errors (n,) that are not integrated, rad or m: as stated, or half the backlash; None without any."""
-        return integral_dead_zone(self.joints, self.specification.integral_dead_zone, 0.5 * self.backlash)
-
-    @cached_property
     def _command(self) -> Callable[[bytes, bytes], tuple[Waypoints, Moving]]:
         """Plan and reference of a move; sampled robots make the moves of the nominal one."""
 
@@ -440,10 +414,10 @@ class WorkspaceSetup(LoopPlants):
     ) -> tuple[Waypoints, dict[str, Any]]:
         """The plan of a `move`, and what `Loop.run` is to begin with and to follow; the measurements are off by an
         `offset` (p,)."""
-        (plan, reference), start, extras = self._command(*map(bytes, ends)), ends[0], self.dry_plant[0]
+        (plan, reference), start = self._command(*map(bytes, ends)), ends[0]
         state, held, memory = settled(
             self.true.robot, self.robot.operating_point(start), self.limits, self.moving,
-            self.linear(start, values), start, extras, values, offset,
+            self.linear(start, values), start, self.extras, values, offset,
         )  # fmt: skip
         period = self.specification.period
         return plan, {
@@ -456,7 +430,7 @@ class WorkspaceSetup(LoopPlants):
         s, at = self.specification, ends[0]
         run = self.loop(self.controller(at), values).run(
             noise=self.noise, duration=s.period * round(STILL / s.period), seed=s.seed + seed,
-            initial_state=self.true.robot.operating_point(at, self.dry_plant[0], values)[0],
+            initial_state=self.true.robot.operating_point(at, self.extras, values)[0],
         )  # fmt: skip
         return Response(run, at, at, self.joints)
 
@@ -467,5 +441,5 @@ class WorkspaceSetup(LoopPlants):
 
     def loop(self, controller: Controller, values: Mapping[str, Any] | None = None) -> Loop:
         """A controller and the true robot with its dry friction and the parameters `values`."""
-        plant, late = with_values(self.dry_plant[1], values), self.specification.unknown_delay
-        return Loop(plant, controller, self.dry_plant[2], quantisation=self.quantisation, delay=late)
+        plant, late = with_values(self.true_plant, values), self.specification.unknown_delay
+        return Loop(plant, controller, self.sub_steps, quantisation=self.quantisation, delay=late)

@@ -28,7 +28,7 @@ from flexhinf.plant.integration import fastest_modes
 from flexhinf.plant.joints import elastic_joints, joint_places, joint_ranges, standstill_function
 from flexhinf.robot import Parameter, Robot
 from flexhinf.robot.dynamics import frames_of
-from flexhinf.robot.elastic import DRY, EXTRAS, InverseFlow
+from flexhinf.robot.elastic import DRY, InverseFlow
 from flexhinf.robot.kinematics import magnification, picture_axes, position_ranges
 from flexhinf.robot.parameters import QUANTITIES, per_joint
 from flexhinf.scalars import apply, trace
@@ -199,16 +199,7 @@ class LiveArm:
         if any(name in self.extras for name in DRY):
             added = ". Both controllers add it" * (self.controller.dry_friction is not None)
             return f"Both arms have the viscous and the dry friction of the robot file, the latter smoothed{added}."
-        more = "the file's dry friction is left out" if self.left_out else "the file states no dry friction"
-        return f"Both arms have the viscous friction of the robot file; {more}."
-
-    @property
-    def left_out(self) -> list[str]:
-        """The dry friction that the robot's file states, and that the arms of the page do not have."""
-        if any(name in self.extras for name in DRY):
-            return []
-        stated = [p.name for p in self.robot.parameters if self.robot.nominal.get(p.name, 0.0)]
-        return [extra for extra in DRY if any(name.startswith(EXTRAS[extra]) for name in stated)]
+        return "Both arms have the viscous friction of the robot file, and no dry friction."
 
     @cached_property
     def fastest(self) -> float:

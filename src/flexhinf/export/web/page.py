@@ -60,17 +60,10 @@ def _file(name: str) -> str:
 
 
 def _warnings(arm: LiveArm) -> list[str]:
-    """Which requirements are not met, how the arms of the page differ from those that were tested, and whether the PD
-    is a fair comparison."""
+    """Which requirements are not met, and whether the PD is a fair comparison."""
     found = []
     if arm.not_met:
-        less = ""
-        if arm.left_out:
-            less = (
-                " This page leaves out dry friction, so it may look better than the test; a design with --extras "
-                f"{arm.left_out[0]} has it here too."
-            )
-        found.append(f"{arm.not_met}.{less}")
+        found.append(f"{arm.not_met}.")
     if not arm.rival.fair:
         found.append(
             "The PD beside this design is no fair comparison: none of the gains that were tried keep it stable, with "

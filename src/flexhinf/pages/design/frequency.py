@@ -367,10 +367,8 @@ def corners_text(e: LawEvaluation) -> str:
         if np.isfinite(rate)
         else "has no equilibrium at the goal"
     )
-    return (
-        f"Measured: {sensors}. {unstable}{other}. The worst corner ({changes_text(worst, e.setup.robot, s.extras)}) "
-        f"{grows}."
-    )
+    corner = changes_text(worst, e.setup.robot, e.setup.extras)
+    return f"Measured: {sensors}. {unstable}{other}. The worst corner ({corner}) {grows}."
 
 
 def corner_rows(e: LawEvaluation) -> list[dict[str, Any]]:

@@ -1,5 +1,5 @@
 """Runs beside the step: torques on the links, payloads that the model does not know, impulses, the planned move with
-the margins along it, and a long run at rest with dry friction."""
+the margins along it, and a long run at rest."""
 
 from __future__ import annotations
 
@@ -388,9 +388,9 @@ def _ring_down_figure(runs: ImpulseRuns) -> Figure:
     return draw_figure("ringing", [panel], caption, "After an impulse", 2.9)
 
 
-# At rest with dry friction -------------------------------------------------------------------------------
+# At rest with dry friction or backlash -------------------------------------------------------------------
 def long_run(design: Design) -> Blocks:
-    """Limit cycle check (dry friction): figure and table; nothing without dry friction or where the run diverged."""
+    """Limit cycle check: figure and table; nothing without dry friction and backlash, or where the run diverged."""
     run, s, units = design.limit_cycle, design.specification, units_of(design.evaluation)
     if run is None:
         return
@@ -412,22 +412,22 @@ def long_run(design: Design) -> Blocks:
 
     if run.without is not None:
         yield note(
-            "Dry friction and integral action would keep the robot moving: "
+            f"{run.cause[0].upper()}{run.cause[1:]} and integral action would keep the robot moving: "
             f"{motion(run.without, [run.without.worst])}. So errors up to {zone(run)} are not integrated; they may "
             "remain. `--integral-dead-zone` states another zone, 0 none."
         )
     if not run.cycles:
         if run.oscillating:
-            yield note("The long run at rest with the robot's dry friction diverges.")
+            yield note(f"The long run at rest with the robot's {run.cause} diverges.")
         return
     dry, outcome = [name for name in run.extras if name in DRY], ""
     if run.oscillating:
-        outcome, narrow = f"{run.response.run.time[-1]:.3g} s at rest with dry friction: limit cycle", ""
+        outcome, narrow = f"{run.response.run.time[-1]:.3g} s at rest with {run.cause}: limit cycle", ""
         both = all(
             any(name.startswith(side) for name in s.measured) for side in ("link_position", "motor_position")
         )
         advice = {
-            f"`--extras {','.join(dict.fromkeys((*s.extras, *dry)))} --friction-model`": not s.friction_model,
+            "`--friction-model`": bool(dry) and not s.friction_model,
             "another `--integral-dead-zone`": True,
             "sensors on both sides of the springs": not both,
             "weights that damp the vibration (`--preset damped`)": preset_of(design.evaluation.setup.robot, s)
@@ -440,7 +440,7 @@ def long_run(design: Design) -> Blocks:
                 "the joint's step by itself; a wider one may leave an error as large as itself."
             )
         yield note(
-            f"With dry friction the robot does not come to rest: {motion(run, run.oscillating)}.{narrow} "
+            f"With {run.cause} the robot does not come to rest: {motion(run, run.oscillating)}.{narrow} "
             f"Try {' or '.join(text for text, there in advice.items() if there)}."
         )
     yield lambda: _long_run_figure(design, run)
@@ -460,7 +460,7 @@ def long_run(design: Design) -> Blocks:
             }
             for row in long_run_rows(run)
         ],
-        f"With {listed(dry).replace('_', ' ')}{'' if run.dead_zone is None else ', and a dead zone of the integrals'}. "
+        f"With {run.cause}{'' if run.dead_zone is None else ', and a dead zone of the integrals'}. "
         "Amplitude: half of the distance between the extremes in the last half. Remaining error: largest in the last "
         "tenth",
         "table-hunting", outcome,
@@ -495,16 +495,17 @@ def _long_run_figure(design: Design, run: LimitCycleCheck) -> Figure:
     )
     few, deviation = _extremes(time, scale * (positions - response.goal))
     limit = {"limits": np.full(len(joints), scale * run.limit), "limit_name": "limit"}
-    friction = "sharp: it holds a motor until the torque exceeds it" if run.sharp else "smoothed"
+    sharp = "sharp: it holds a motor until the torque exceeds it" if run.sharp else "smoothed"
+    friction = f" Dry friction is {sharp}." if set(run.extras) & set(DRY) else ""
     return draw_figure(
         "rest",
         (
             joint_panel("link position − goal", unit, few, joints, deviation, zero=True, **limit),
             joint_panel("input", units.effort, few, joints, _extremes(time, inputs)[1]),
         ),
-        f"The last half of {response.run.time[-1]:.3g} s at the goal, without measurement noise. Dry friction is "
-        f"{friction}. An amplitude beyond {units.small_text(run.limit, 3)} is a limit cycle.",
-        "At rest with dry friction",
+        f"The last half of {response.run.time[-1]:.3g} s at the goal, without measurement "
+        f"noise.{friction} An amplitude beyond {units.small_text(run.limit, 3)} is a limit cycle.",
+        f"At rest with {run.cause}",
     )
 
 

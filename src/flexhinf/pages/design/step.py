@@ -64,7 +64,7 @@ STAGES = (0.0, 0.25, 0.5, 0.75, 1.0)
 def step(e: LawEvaluation, mujoco: Response | None) -> Blocks:
     """The step: figure and metrics of each joint; on MuJoCo's plant too."""
     s, units = e.setup.specification, units_of(e)
-    yield from map(note, left_out_notes(e.setup.robot, s.extras, "the true plant of this report"))
+    yield from map(note, left_out_notes(e.setup.robot, e.setup.extras, "the true plant of this report"))
     if e.step.diverged_at is not None:
         yield note(
             f"The step diverges at {number(e.step.diverged_at, 3)} s. Start nearer to the goal, or change the weights."
@@ -335,7 +335,7 @@ def samples(e: LawEvaluation) -> Blocks:
             f"{runs.diverged} of {len(runs)} robots within their tolerances diverge with this controller."
             + " --preset robust includes the tolerances in the synthesis." * applies
         )
-    robot, extras = e.setup.robot, e.setup.specification.extras
+    robot, extras = e.setup.robot, e.setup.extras
     which = (
         f" {what}: robot {k + 1} ({changes_text(runs.values[k], robot, extras)})."
         for what, k in (
