@@ -42,7 +42,9 @@ def own() -> WorkspaceSetup:
 def with_rival(own: WorkspaceSetup, name: str, **numbers: Any) -> WorkspaceSetup:
     """The setup with a law of this name."""
     known = {"share", "vibration", *RIVALS[name].names}
-    return replace(own, law=rival_law(own, name, {k: v for k, v in (NUMBERS | numbers).items() if k in known}))
+    return replace(
+        own, law=rival_law(own, name, {k: v for k, v in (NUMBERS | numbers).items() if k in known})
+    )
 
 
 @pytest.mark.oracle
@@ -75,10 +77,15 @@ def test_gains_are_those_of_textbooks(own: WorkspaceSetup) -> None:
     slope = with_rival(own, "pd", share=1e6).law.slope_at(POSE)
     np.testing.assert_allclose(np.diag(slope[:, 2 * n : 3 * n]), -inertia * 20.0**2 / unit, rtol=1e-9)
     np.testing.assert_allclose(
-        np.diag(slope[:, 3 * n : 4 * n]), -np.maximum(32.0 * inertia - home.motor_damping, 0.0) / unit, rtol=1e-9
+        np.diag(slope[:, 3 * n : 4 * n]),
+        -np.maximum(32.0 * inertia - home.motor_damping, 0.0) / unit,
+        rtol=1e-9,
     )
     more = with_rival(own, "pd-gravity", share=1e6).law.slope_at(POSE) - slope
-    (x, u), moved = robot.operating_point(POSE), [robot.operating_point(POSE + 1e-6 * row) for row in np.eye(n)]
+    (x, u), moved = (
+        robot.operating_point(POSE),
+        [robot.operating_point(POSE + 1e-6 * row) for row in np.eye(n)],
+    )
     by_motor = np.column_stack([b - u for _, b in moved]) @ np.linalg.inv(
         np.column_stack([(a - x)[2 * n : 3 * n] for a, _ in moved])
     )
@@ -153,7 +160,11 @@ def test_a_file_of_gains_is_read_or_refused(text: str | None, what: str, tmp_pat
 
 def test_laws_of_one_pose_and_gains_of_others_are_refused() -> None:
     assert rival_names(["pid", "design", "pid"], {}) == ("pid",)
-    for names, stated, what in ((["nl-hinf"], {}, "--pose"), (["pid"], {"lqg": {}}, "pid,lqg"), (["pd-x"], {}, "pd")):
+    for names, stated, what in (
+        (["nl-hinf"], {}, "--pose"),
+        (["pid"], {"lqg": {}}, "pid,lqg"),
+        (["pd-x"], {}, "pd"),
+    ):
         with refused_with(fh.InvalidInput, what):
             rival_names(names, stated)
 
@@ -184,7 +195,9 @@ def small(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 @pytest.mark.costs("designs for a workspace of one joint, and runs two more laws")
-def test_each_law_has_a_row_and_the_report_says_which_is_best(small: None, robot_of: Named, tmp_path: Path) -> None:
+def test_each_law_has_a_row_and_the_report_says_which_is_best(
+    small: None, robot_of: Named, tmp_path: Path
+) -> None:
     """A stated law that cannot hold the arm has its row too."""
     wanted, told = fh.Specification(workspace=((0.0, 0.5),), estimator="none"), list[str]()
     gains = {"pid": {"kp": 0.01, "kd": 0.01, "ki": 0.0}}
@@ -195,7 +208,10 @@ def test_each_law_has_a_row_and_the_report_says_which_is_best(small: None, robot
     assert {name.split(":")[0] for name in told if ":" in name} >= {"pid", "flatness-i"}
     folder = found.save(tmp_path / "report")
     numbers = json.loads((folder / "comparison.json").read_text(encoding="utf-8"))
-    assert (numbers["kind"], [law["name"] for law in numbers["laws"]]) == ("workspace", ["design", "pid", "flatness-i"])
+    assert (numbers["kind"], [law["name"] for law in numbers["laws"]]) == (
+        "workspace",
+        ["design", "pid", "flatness-i"],
+    )
     assert all(law["specification"] for law in numbers["laws"])
     page, end = (folder / "index.html").read_text(encoding="utf-8"), compared_ending(found).text
     assert unnamed(page, "Criterion", "flatness-i", "kp") == []

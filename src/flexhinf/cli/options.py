@@ -180,7 +180,7 @@ class CompareOptions(RobotOptions, VerboseOptions):
         "are, and have bandwidth, damping and other numbers, or kp, kd and ki for each joint.", "gains.toml",
         unit="path")
     tune: Text = option("peak", COMPARED,
-        "At a pose: what limits all laws when they are tuned: peak, the largest input of the step, as the motors or "
+        "At a pose: what limits all laws when tuned: peak, the largest input of the step, as the motors or "
         "--peak-effort limit it; bandwidth, at most the --bandwidth that is asked for; or none. The limits of "
         "margins, damping and noise at the motors (--ripple) hold too. All limits are of the specification.",
         "bandwidth")
