@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -186,12 +186,11 @@ def test_what_the_other_kind_reads_is_refused(
 
 # Rows ---------------------------------------------------------------------------------------------------
 @pytest.fixture
-def small(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few poses, moves and bandwidths."""
     workspaces.few(monkeypatch, POSES=3, GOALS=2, CHOSEN_POSES=2, MODAL_POSES=30, BANDWIDTHS=(28.0,))
     for name, value in {"BANDWIDTHS": (320.0, 30.0), "TUNING_POSES": (2, 1), "TUNING_MOVES": 1}.items():
         monkeypatch.setattr(comparison, name, value)
-    yield
 
 
 @pytest.mark.costs("designs for a workspace of one joint, and runs two more laws")
