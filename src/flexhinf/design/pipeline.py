@@ -23,12 +23,7 @@ from flexhinf.design.rigid import RigidComparison, compare_rigid
 from flexhinf.design.specification import Specification, is_for_workspace
 from flexhinf.design.status import Status, in_brackets, status_of
 from flexhinf.design.synthesis import by_step, steps
-from flexhinf.design.workspace.comparison import (
-    WorkspaceComparison,
-    check_kind,
-    compare_over_workspace,
-    compare_stages,
-)  # fmt: skip
+from flexhinf.design.workspace import comparison as over
 from flexhinf.design.workspace.design import design_workspace, workspace_stages
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.hinf import HJISolution
@@ -170,7 +165,17 @@ class ComparedLaw:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison(Reported):
-    """Several laws, each tuned for the same criterion and evaluated in the scenario of `flexhinf.design`."""
+    """Several laws, each tuned for the same criterion and evaluated in the scenario of `flexhinf.design`.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> spec = fh.Specification(pose="10deg", start="0", degrees="2", draws=0, rays=0, estimator="none")
+    >>> paper = fh.load_robot("paper")
+    >>> comparison = fh.compare(paper, spec, ["pd"], "none", candidates=(0, 0))  # doctest: +SKIP
+    >>> comparison.row("pd").evaluation.step.run.status  # doctest: +SKIP
+    'completed'
+    """
 
     robot: Robot
     specification: Specification
@@ -261,8 +266,6 @@ def design(robot: Robot, specification: Specification | None = None, progress: P
 
     Examples
     --------
-    Of one pose, as a goal is stated:
-
     >>> import flexhinf as fh
     >>> quick = dict(degrees="2", draws=0, rays=0, proof_seconds=0, compare_rigid=False)
     >>> arm = fh.design(fh.load_robot("paper"), fh.Specification(pose="10deg", start="0", estimator="none", **quick))
@@ -477,7 +480,7 @@ def stages(
     names begin or end, and what part of the work each is, relative to the others."""
     if is_for_workspace(specification):
         own = workspace_stages(robot, specification)
-        return own if laws is None else compare_stages(own, laws)
+        return own if laws is None else over.compare_stages(own, laws)
     s, states = specification, by_step.STATES * len(robot.joint_names)
     preset, limits = presets.preset_of(robot, s), responses.joint_limits(robot, s)
     limited = preset in ("damped", "robust") and (limits.limits_peak or limits.limits_speed)
@@ -500,9 +503,8 @@ def stages(
         sampled = bool(responses.sample_count(robot, states, s.draws))
         runs = [("step, load and move", 1.0), *([("robots within their tolerances", 1.0)] * sampled)]
         tuned = (("tune", 8.0), ("tune from the others", 3.0), ("tune from the best", 3.0))
-        count = len(law_names(laws))
-        rounds = [each for each in tuned for _ in range(count)]
-        return [*found, ("what all laws share", 2.0), *rounds, *(runs * count)]
+        rounds = [each for each in tuned for _ in law_names(laws)]
+        return [*found, ("what all laws share", 2.0), *rounds, *(runs * len(law_names(laws)))]
     found += [("margins of the running loop", 1.0), ("compile the closed loop", 2.0), ("corners", 3.0)]
     found.append(("the worst disturbance", 1.0 if certification.searches_disturbance(states, rays) else 0.2))
     found += [("the step on MuJoCo's plant", 1.0)] * s.mujoco
@@ -513,7 +515,7 @@ def compare(
     robot: Robot, specification: Specification, laws: Sequence[str] | None = None, tune: str = "peak",
     progress: Progress | None = None, same_sensors: bool = False,
     candidates: Sequence[int | str] | None = None, gains: Mapping[str, Mapping[str, Any]] | None = None,
-) -> Comparison | WorkspaceComparison:  # fmt: skip
+) -> Comparison | over.WorkspaceComparison:  # fmt: skip
     """Compare laws on one robot, each tuned by one rule and judged in the same runs; nothing is written.
 
     A specification is for a workspace or for one pose, as for `design`. Over a workspace all laws are judged by the
@@ -547,8 +549,7 @@ def compare(
     Raises
     ------
     InvalidInput
-        For laws, gains, ways to tune or searches that are not known, do not fit or are of the other kind; at a pose for
-        nothing to move, or a design whose own loop diverges. And as `design`.
+        For laws, gains or a search that are not known, do not fit or are of the other kind; and as `design`.
 
     Examples
     --------
@@ -560,9 +561,9 @@ def compare(
     ['design', 'nl-hinf', 'pd']
     """
     s, progress = checked_specification(robot, specification), progress or (lambda text: None)
-    check_kind(is_for_workspace(s), tune != "peak", candidates is not None, gains is not None)
+    over.check_kind(is_for_workspace(s), tune != "peak", candidates is not None, gains is not None)
     if is_for_workspace(s):
-        return compare_over_workspace(robot, s, laws, progress, same_sensors, gains)
+        return over.compare_over_workspace(robot, s, laws, progress, same_sensors, gains)
     kinds = [law_kind(name) for name in law_names(laws)]
     counts = tuning.checked_candidates(candidates)
     tuning.check_mode(tune, "tune='peak'", s.bandwidth is not None)

@@ -330,7 +330,7 @@ def settled(
     # The integrals stand still where the errors are zero, and give the input that holds the robot.
     rows = np.vstack([change[: size - n], loop.law]) if integrals else change
 
-    def at_rest(beside: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def equilibrium(beside: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """State, input and memory with the links beside the pose, and what is wrong there."""
         pose = np.clip(at + beside, limits.lower, limits.upper)
         state, held = robot.operating_point(pose, extras, values)
@@ -345,12 +345,12 @@ def settled(
 
     slope, beside = np.eye(n), np.zeros(n)
     if not integrals:
-        first = at_rest(beside)[-1]
-        slope = np.column_stack([at_rest(small)[-1] - first for small in SMALL * np.eye(n)]) / SMALL
-    state, held, found, wrong = at_rest(beside)
+        first = equilibrium(beside)[-1]
+        slope = np.column_stack([equilibrium(small)[-1] - first for small in SMALL * np.eye(n)]) / SMALL
+    state, held, found, wrong = equilibrium(beside)
     for _ in range(CORRECTIONS - 1):
         beside = beside - np.linalg.solve(slope, wrong)
-        state, held, found, wrong = at_rest(beside)
+        state, held, found, wrong = equilibrium(beside)
     held = np.clip(held, controller.limits.lower, controller.limits.upper)
     memory = controller.initial_memory(None if estimator is None else x + found[: len(x)], held)
     settled_parts = {

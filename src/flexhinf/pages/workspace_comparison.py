@@ -77,7 +77,7 @@ def laws_verdict(comparison: WorkspaceComparison) -> str:
         text = f"No law meets every requirement. Least is missed by {_misses(comparison, first)}, more by "
         text += f"{_misses(comparison, last)}."
     else:
-        theirs, mine = _found(comparison, rival, TRACKING), _found(comparison, own, TRACKING)
+        theirs, mine = _value_text(comparison, rival, TRACKING), _value_text(comparison, own, TRACKING)
         a, b = (row.worst(TRACKING) for row in (rival, own))
         ratio = a.found / a.limit / (b.found / b.limit) if a and b and b.found else 1.0
         word = "beats" if ratio < 1.0 else "loses to"
@@ -94,7 +94,7 @@ def _misses(comparison: WorkspaceComparison, row: ComparedController) -> str:
     return f"{row.name}, which misses {line.what} ({line.achieved_text}, required {line.limit_text}{more})"
 
 
-def _found(comparison: WorkspaceComparison, row: ComparedController, what: str) -> str:
+def _value_text(comparison: WorkspaceComparison, row: ComparedController, what: str) -> str:
     line = row.worst(what)
     return "–" if line is None else line.converted(_degrees(comparison)).achieved_text
 
@@ -124,15 +124,12 @@ def _degrees(comparison: WorkspaceComparison) -> bool:
     return judged is not None and units_in(judged).degrees
 
 
-def _cell(line: Requirement | None, degrees: bool, words: bool = False) -> Cell | str:
+def _cell(line: Requirement | None, degrees: bool) -> Cell | str:
     """What was found, marked where it is missed; of a law for which there is no such requirement, a dash."""
     if line is None:
         return "–"
-    shown = line.converted(degrees)
-    text = "diverges" if np.isinf(line.found) else number(shown.found, 3)
-    return (
-        Cell(f"{text} ✗" if line.missed else text, "red" if line.missed else "") if words else Cell(text, "")
-    )
+    text = "diverges" if np.isinf(line.found) else number(line.converted(degrees).found, 3)
+    return Cell(f"{text} ✗", "red") if line.missed else text
 
 
 def _numbers_text(row: ComparedController) -> str:
@@ -155,7 +152,7 @@ def _law_table(comparison: WorkspaceComparison, brief: bool = False) -> Table:
             verdict = f"{len(row.missed)} missed: {worst.what} {number(worst.found, 3)}, {worst.limit_text}"
         measured = () if row.judged is None else row.judged.specification.measured
         speed = "–" if row.bandwidth is None else number(row.bandwidth, 3)
-        errors = [_cell(row.worst(what), degrees, True) for what in heads]
+        errors = [_cell(row.worst(what), degrees) for what in heads]
         if brief:
             rows.append((row.name, speed, *errors, verdict))
             continue
@@ -193,7 +190,7 @@ def _requirement_rows(comparison: WorkspaceComparison) -> Table:
     for key in keys:
         first = next(lines[key] for lines in known if key in lines).converted(degrees)
         name = f"{key[0]}, {key[1]}" if key[1] else key[0]
-        rows.append((name, first.limit_text, *(_cell(lines.get(key), degrees, True) for lines in known)))
+        rows.append((name, first.limit_text, *(_cell(lines.get(key), degrees) for lines in known)))
     return Table(
         ("requirement", "required", *(Column(row.name, right=True) for row in laws)), rows,
         "The same poses, moves, robots and seeds for all laws, those of flexhinf design. ✗: missed.",

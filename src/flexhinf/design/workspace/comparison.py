@@ -107,10 +107,11 @@ class WorkspaceComparison(Reported):
     Examples
     --------
     >>> import flexhinf as fh
-    >>> wanted = fh.Specification(workspace="limits")
-    >>> compared = fh.compare(fh.load_robot("planar-two-link"), wanted, ["pid"])  # doctest: +SKIP
-    >>> compared.row("pid").met  # doctest: +SKIP
-    True
+    >>> wanted = fh.Specification(workspace=((0.0, 0.02),), draws=0, estimator="none")
+    >>> gains = {"pid": {"bandwidth": 12.0}}
+    >>> compared = fh.compare(fh.load_robot("paper"), wanted, ["pid"], gains=gains)  # doctest: +SKIP
+    >>> [row.name for row in compared.rows]  # doctest: +SKIP
+    ['design', 'pid']
     """
 
     robot: Robot

@@ -232,7 +232,7 @@ def _reused(
 ) -> tuple[WorkspaceDesign | None, WorkspaceDesign | None]:
     """The design whose loops, and whose moves, are those of a setup of which only the fields `changed` differ."""
     before = like.setup
-    same = (before.law.gains.weights, before.random) == (setup.gains.weights, setup.random)
+    same = (before.gains.weights, before.random) == (setup.gains.weights, setup.random)
     loops = like if same and {*changed} <= {*JUDGED, "peak_speed"} else None
     return loops, like if same and {*changed} <= {*JUDGED, *MARGINS} else None
 

@@ -123,7 +123,7 @@ def _by_torque(model: PoseModel, numbers: Numbers, fixed: bool, weight: bool, in
     return np.hstack([-soft, damper, soft - rows @ p, -damper - rows @ d, -rows @ i])
 
 
-def _both(matrix: Matrix, factor: Vector) -> Matrix:
+def _both(matrix: Matrix, factor: Vector | float) -> Matrix:
     """The matrix with √factor on both sides, of one number or one for each joint."""
     root = np.sqrt(np.broadcast_to(factor, len(matrix)))
     return root[:, None] * matrix * root
