@@ -34,7 +34,7 @@ PIP     := if $(PY) -m pip --version >/dev/null 2>&1; then pip="$(PY) -m pip"; e
 SHARED  := -n auto --maxprocesses 8 --dist loadfile
 QUICK   := -m "not ci and not nightly" $(SHARED)
 
-.PHONY: demo test check ci nightly bench bench-hji bench-arm bench-jitter bench-campaign bench-hardware bench-workspace bench-limits bench-firmware bench-estimator bench-certificates bench-filters bench-studio peers pages docs docs-links mutants locks clean environment environment-dev environment-docs
+.PHONY: demo test check ci nightly bench bench-hji bench-arm bench-jitter bench-campaign bench-hardware bench-workspace bench-compared bench-limits bench-firmware bench-estimator bench-certificates bench-filters bench-studio peers pages docs docs-links mutants locks clean environment environment-dev environment-docs
 .DELETE_ON_ERROR:
 
 demo: environment
@@ -119,6 +119,10 @@ bench-hardware: environment-dev
 JOBS ?= 1
 bench-workspace: environment-dev
 	$(PY) -m benchmarks.workspace --jobs $(JOBS)
+
+# The table of docs/comparison.md over workspaces, some minutes a robot.
+bench-compared: environment-dev
+	$(PY) -m benchmarks.compared
 
 # Designs of the arms of docs/limits.md, then the rows that are missing, in an hour or two with every one missing;
 # FILES=folder has the robot files of others.

@@ -466,6 +466,7 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
         f"limits-{table}": ("docs/limits.md", benchmark("benchmarks.limits", "--table", table))
         for table in ("short", "met", "rest", "limits", "before", "tracking", "rivals")
     },
+    "compared": ("docs/comparison.md", benchmark("benchmarks.compared", "--table")),
     "which-laws": ("docs/which_law.md", benchmark("benchmarks.workspace", "--table", "laws")),
     "which-sensors": ("docs/which_law.md", benchmark("benchmarks.workspace", "--table", "sensors")),
     "which-gamma": ("docs/which_law.md", benchmark("benchmarks.workspace", "--table", "gamma")),

@@ -16,7 +16,7 @@ import flexhinf as fh
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 #: Names whose examples take long, or need another compiler; those that are one example together.
-LONG = [("Comparison", "compare"), ("WorkspaceDesign",), ("export_web",)]
+LONG = [("Comparison", "compare"), ("WorkspaceDesign",), ("WorkspaceComparison",), ("export_web",)]
 
 #: Of tests that look at an object of each public class.
 SHOWN = pytest.mark.ci("makes all of them: designs, filters, identifies, proves, compiles")
@@ -124,7 +124,7 @@ def test_a_repr_fills_a_screen_at_most(results: dict[str, Any]) -> None:
 @SHOWN
 def test_every_public_class_is_shown(results: dict[str, Any]) -> None:
     bases = {"BlackBox", "Estimator", "Law"}
-    long = {"Comparison", "WorkspaceDesign"}  # tests/design
+    long = {"Comparison", "WorkspaceComparison", "WorkspaceDesign"}  # tests/design
     classes = {
         name
         for name in fh.__all__

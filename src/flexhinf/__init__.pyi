@@ -6,6 +6,7 @@ from .design import (
     Comparison as Comparison,
     Design as Design,
     Specification as Specification,
+    WorkspaceComparison as WorkspaceComparison,
     WorkspaceDesign as WorkspaceDesign,
     compare as compare,
     design as design,

@@ -111,7 +111,9 @@ def test_an_interrupted_design_leaves_what_was_there(
         (["design", "--workspace", "here"], "'here'"),
         (["design", "--gamma-ratio", "1.5"], ("--gamma-ratio", "--pose")),
         (["design", "--estimator", "ukf"], ("--estimator", "--pose")),
-        (["compare", "--workspace", "limits"], ("--workspace", "--pose", "flexhinf design")),
+        (["compare", "--laws", "nl-hinf"], ("'nl-hinf'", "--pose")),
+        (["compare", "--tune", "none"], ("--tune", "--pose")),
+        (["compare", "--degrees", "2", "--gains", "mine.toml"], "mine.toml"),
         (["certify", "--workspace", "limits"], ("--workspace", "--pose", "flexhinf design")),
     ],
 )
@@ -126,9 +128,13 @@ def test_other_commands_take_its_folder_or_say_why_not(
     robot: str, folder: Path, refused: Callable[..., str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     main(["design", robot, "--draws", "0", "--out", "made"])
-    refused(["compare", "made"], ("workspace", "--pose"), folder)
     refused(["certify", "made", "--observer", "10"], "--observer", folder)
+    (folder / "mine.toml").write_text("[pid]\nbandwidth = 12.0\n")
     capsys.readouterr()
+    assert main(["compare", "made", "--laws", "pid", "--gains", "mine.toml", "--verbose"]) == 0
+    assert unnamed(capsys.readouterr().out, "Criterion", "pid", "design", "unstable poses") == []
+    laws = json.loads((folder / "flexhinf-compare" / "comparison.json").read_text(encoding="utf-8"))["laws"]
+    assert [(law["name"], law["stated"], law["bandwidth"]) for law in laws][1:] == [("pid", True, 12.0)]
     assert main(["certify", "made", "--out", "proof"]) == 0
     proof = json.loads((folder / "proof" / "proof.json").read_text(encoding="utf-8"))
     assert 0.0 < proof["proved"]["error"] < proof["computed"]["error"]

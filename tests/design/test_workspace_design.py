@@ -73,12 +73,6 @@ def test_by_default_it_is_for_the_joint_ranges(robot_of: Named) -> None:
     assert len(told) == len(stages(other.robot, other.specification))
 
 
-def test_laws_are_compared_and_proved_at_one_pose(robot_of: Named) -> None:
-    s = fh.Specification(workspace="limits")
-    with refused_with(fh.InvalidInput, "workspace", "`pose`"):
-        fh.compare(robot_of("paper"), s)
-
-
 @pytest.mark.ci("designs for a workspace")
 def test_a_rigid_joint_is_served_too(robot_of: Named) -> None:
     whole, s = (

@@ -42,7 +42,7 @@ NIGHTLY = {
     "docs/campaigns.md-5": "searches a disturbance; so does tests/cli/test_campaign.py",
     "docs/campaigns.md-8": "designs two laws; tests/cli/test_campaign_compare.py compares smaller ones",
     "docs/certificate.md-2": "a proof of 20 s; tests/cli/test_workspace.py makes one of one joint",
-    "docs/comparison.md-1": "tunes fourteen laws; tests/cli/test_compare.py compares fewer",
+    "docs/comparison.md-3": "tunes fourteen laws; tests/cli/test_compare.py compares fewer",
     "docs/design.md-2": "a design of one pose, as that of docs/guides/specify.md",
     "docs/design.md-3": "a design of one pose, as that of docs/guides/specify.md",
     "docs/hardware.md-2": "designs seven joints; docs/guides/limits_and_payload.md has two and a payload",

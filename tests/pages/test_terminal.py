@@ -15,7 +15,7 @@ import flexhinf as fh
 from flexhinf.design import Comparison, Design, Specification
 from flexhinf.design.problem.presets import robust_applies
 from flexhinf.design.requirements import REQUIREMENTS
-from flexhinf.pages import comparison_ending, ending
+from flexhinf.pages import compared_ending, ending
 from flexhinf.pages.terminal import SCREEN, Ending, advice_text, screen, tolerances_text
 from flexhinf.report import Table
 
@@ -61,7 +61,7 @@ def test_every_kind_that_is_missed_is_named(report_design: Make) -> None:
 
 @pytest.mark.ci("tunes four laws")
 def test_a_comparison_ends_with_a_screen(report_comparison: Comparison) -> None:
-    lines = printed(comparison_ending(report_comparison))
+    lines = printed(compared_ending(report_comparison))
     assert len(lines) <= SCREEN
     assert max(map(len, lines)) <= 80
     best = min(report_comparison.compared, key=lambda law: law.tuned.cost if law.tuned else float("inf"))

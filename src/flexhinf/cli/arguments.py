@@ -283,7 +283,7 @@ def without_effect(
     from flexhinf.design.problem.presets import preset_of
     from flexhinf.design.synthesis.by_step import STATES, rays_of
 
-    if command == "design" and not s.pose_fields_stated:
+    if command in ("design", "compare") and not s.pose_fields_stated:
         return _active(s, _of_workspace(robot, s))
     idle, preset, joints = _of_loop(robot, s), preset_of(robot, s), len(robot.joint_names)
     sampled = command == "design" and rays_of(STATES * joints, s.rays) > 0
@@ -294,8 +294,10 @@ def without_effect(
             idle |= dict.fromkeys(("checked_gamma_ratio", "checked_penalty"), "a sampled region (--rays)")
         if not sampled or joints > 1 or s.via:
             idle["proof_seconds"] = "a robot of one joint, one law (no --via) and a sampled region (--rays)"
-    elif command == "compare" and preset != "proved":
-        idle |= dict.fromkeys(("checked_penalty", "proof_seconds"), "--preset proved")
+    elif command == "compare":
+        idle["tracking_error"] = "a workspace (no --pose)"
+        if preset != "proved":
+            idle |= dict.fromkeys(("checked_penalty", "proof_seconds"), "--preset proved")
     elif command == "certify":
         idle |= _of_certificate(robot, s, preset, tolerances)
         if observer:

@@ -71,9 +71,10 @@ COMMANDS = {
     ),
     "compare": (
         compare,
+        "flexhinf compare planar-two-link --laws pid,torque-i",
         "flexhinf compare paper --pose 90deg",
         "flexhinf compare planar-two-link --pose 35deg,20deg --laws pd,pid,flatness-i --measured motor_position",
-        "flexhinf compare flexhinf-design/design.toml --tune none",
+        "flexhinf compare flexhinf-design",
     ),
     "certify": (
         certify,

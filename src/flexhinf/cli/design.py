@@ -157,30 +157,37 @@ def _show_design(
 
 @with_options(lambda: (options.CompareOptions, options.COMPARE_FIELDS))
 def compare(context: typer.Context, o: options.CompareOptions) -> None:
-    """Compare nonlinear H∞ with other laws on the same robot.
+    """Compare a design with other laws on the same robot.
 
-    All laws have the same plants, commands, disturbances and seeds. Each has its
-    own sensors, and is tuned over all its parameters for one criterion, which is
-    stated first. The result is a table, a figure and a page, whose headline
-    names the best rival.
+    By default over the workspace, as `flexhinf design` designs: every law runs in
+    the design's own loop and is judged by its requirements, each rival with the
+    largest bandwidth that keeps all limits, or with the numbers of --gains.
+
+    An option of one pose, such as --pose or --preset, compares laws at that pose.
+    There nonlinear H∞ and all others are tuned for one criterion.
+
+    The criterion is stated first. The result is a table and a page, whose
+    headline names the best rival.
 
     Exit code: 0 when the report is written, whoever wins; 2 for a mistake
     (nothing is written); 130 if interrupted.
     """
-    from rich.console import Console
-
-    from flexhinf.design import law_names, stages
+    from flexhinf.design import stages
 
     request = request_of(context, o, o.robot, o.elastic)
     refuse_idle(context, request)
     chosen = tuple(name.strip() for name in o.laws.split(",") if name.strip()) or None
+    counts, gains = o.candidates.split(",") if o.candidates else None, None
+    if o.gains is not None:
+        from flexhinf.design import read_gains
+
+        gains = read_gains(o.gains)
     folder = report.check(o.out)
     other = other_robot(folder, request.robot.name)
-    steps = stages(request.robot, request.specification, law_names(chosen))
+    steps = stages(request.robot, request.specification, chosen or ())
     with step_progress([*steps, ("report", 3.0)], lines=True) as progress:
-        counts = o.candidates.split(",") if o.candidates else None
         result = fh.compare(
-            request.robot, request.specification, chosen, o.tune, progress, o.same_sensors, counts
+            request.robot, request.specification, chosen, o.tune, progress, o.same_sensors, counts, gains
         )
         progress("report")
         verdict = verdict_of(request)
@@ -188,9 +195,10 @@ def compare(context: typer.Context, o: options.CompareOptions) -> None:
     keep(folder, other)
     report.write(folder, files)
     if o.verbose:
-        typer.echo(f"Criterion: {result.criterion.text}")
-        show(pages.comparison_tables(result, Console().width), pages.comparison_notes(result))
-    tables, text = pages.comparison_ending(result, verdict)
+        tables, notes, text = pages.compared_details(result)
+        show(tables, notes)
+        typer.echo(f"{text}\n")
+    tables, text = pages.compared_ending(result, verdict)
     show(tables)
     typer.echo(f"{text}\nreport: {folder / 'index.html'}")
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from flexhinf.design.laws import LARGEST_DEGREE, NL_HINF, RIVALS
+from flexhinf.design.laws import LARGEST_DEGREE, NL_HINF, RIVALS, RIVALS_OVER, USUAL
 from flexhinf.design.specification import FIELDS
 from flexhinf.options import (
     ADVANCED,
@@ -48,8 +48,8 @@ from flexhinf.paper.settings import PaperSettings
 
 ALL = tuple(FIELDS)
 
-#: Fields that a comparison does not compute with: what only the design is judged by, and its region.
-NOT_COMPARED = ("workspace", "tracking_error", "compare_rigid", "mujoco", "rays", "checked_gamma_ratio")
+#: Fields that no comparison computes with: what only the design is judged by, and its region.
+NOT_COMPARED = ("compare_rigid", "mujoco", "rays", "checked_gamma_ratio")
 COMPARE_FIELDS = tuple(name for name in FIELDS if name not in NOT_COMPARED)
 
 #: Fields of runs by which no law is chosen, and of a sampled region: a certificate says nothing of them.
@@ -172,10 +172,15 @@ class CompareOptions(RobotOptions, VerboseOptions):
 
     out: Path = option(Path("flexhinf-compare"), WRITTEN, FOLDER)
     laws: Text = option("", COMPARED,
-        "Names of laws between commas: pd,pid. Default: all. They are "
-        f"{NL_HINF}, {', '.join(RIVALS)}; and {NL_HINF}-2 … {NL_HINF}-{LARGEST_DEGREE} for one degree of V.", "pd,pid")
+        f"Names of laws between commas: pd,pid. Over a workspace they are {', '.join(RIVALS_OVER)}; the default is "
+        f"{', '.join(USUAL)}. At a pose they are {NL_HINF}, {', '.join(RIVALS)}, and {NL_HINF}-2 … "
+        f"{NL_HINF}-{LARGEST_DEGREE} for one degree of V; the default is all.", "pd,pid")
+    gains: Path | None = option(None, COMPARED,
+        "Over a workspace: a TOML file with numbers of laws, which are then not tuned. Its tables are named as laws "
+        "are, and have bandwidth, damping and other numbers, or kp, kd and ki for each joint.", "gains.toml",
+        unit="path")
     tune: Text = option("peak", COMPARED,
-        "What limits all laws when they are tuned: peak, the largest input of the step, as the motors or "
+        "At a pose: what limits all laws when tuned: peak, the largest input of the step, as the motors or "
         "--peak-effort limit it; bandwidth, at most the --bandwidth that is asked for; or none. The limits of "
         "margins, damping and noise at the motors (--ripple) hold too. All limits are of the specification.",
         "bandwidth")
@@ -183,8 +188,9 @@ class CompareOptions(RobotOptions, VerboseOptions):
         "Every law measures what the design measures. Without this option each law has the sensors that its proponents "
         "would choose, such as an encoder on the motor for a PD.")
     candidates: Text = option("", COMPARED,
-        "Candidates per parameter when a law is tuned: in the first round, and in each of the two later ones. Fewer "
-        "take less time; 0,0 tries the starting values of each law alone.", "4,2", default="16,10; large models 3,2")
+        "At a pose: candidates per parameter when a law is tuned: in the first round, and in each of the two later "
+        "ones. Fewer take less time; 0,0 tries the starting values of each law alone.", "4,2",
+        default="16,10; large models 3,2")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -37,4 +37,8 @@ from .synthesis.by_step import (
     shrinking as shrinking,
     try_degrees as try_degrees,
 )
+from .workspace.comparison import (
+    WorkspaceComparison as WorkspaceComparison,
+    read_gains as read_gains,
+)
 from .workspace.design import WorkspaceDesign as WorkspaceDesign, design_workspace as design_workspace

@@ -20,6 +20,7 @@ from flexhinf.design.responses import joint_limits
 from flexhinf.design.robustness import robustness
 from flexhinf.design.specification import FIELDS, RINGS, Specification
 from flexhinf.design.workspace.design import JUDGED, MARGINS, WorkspaceDesign, design_workspace
+from flexhinf.design.workspace.judgement import missed_by
 from flexhinf.design.workspace.search import TOLERATED, motors_alone
 from flexhinf.errors import FlexhinfError
 from flexhinf.robot import Robot
@@ -355,12 +356,6 @@ def with_room(values: Sequence[float]) -> float:
         return max(values)
     mean = 2.0 * sum(beyond) / float(chdtri(2 * len(beyond), CONFIDENCE))
     return max(max(values), middle + mean * math.log(0.5 / (1.0 - QUANTILE)))
-
-
-def missed_by(line: Requirement) -> float:
-    """How far a requirement is missed, found over allowed or the other way round; a limit of 0 counts as one of 1."""
-    found, limit = (line.found, line.limit) if line.at_most else (line.limit, line.found)
-    return found / limit if limit > 0.0 else 1.0 + found if line.at_most else math.inf
 
 
 def _up(value: float) -> float:

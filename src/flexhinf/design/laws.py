@@ -209,6 +209,10 @@ DEFAULT_LAWS = tuple(_BY_NAME)
 #: Those that are compared with the design's own law and the same tuned.
 RIVALS = DEFAULT_LAWS[2:]
 
+#: Those that can be compared over a workspace, and those that are where no laws are named.
+RIVALS_OVER = ("pd", "pd-gravity", "pid", "torque", "torque-i", "flatness", "flatness-i", "lqg")
+USUAL = ("pd-gravity", "pid", "torque-i", "flatness-i", "lqg")
+
 
 def law_kind(name: str) -> LawKind:
     """The law of a name. Raises `InvalidInput` for a name that is not known, with the nearest that is."""

@@ -23,6 +23,7 @@ from flexhinf.design.rigid import RigidComparison, compare_rigid
 from flexhinf.design.specification import Specification, is_for_workspace
 from flexhinf.design.status import Status, in_brackets, status_of
 from flexhinf.design.synthesis import by_step, steps
+from flexhinf.design.workspace import comparison as over
 from flexhinf.design.workspace.design import design_workspace, workspace_stages
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.hinf import HJISolution
@@ -267,8 +268,6 @@ def design(robot: Robot, specification: Specification | None = None, progress: P
 
     Examples
     --------
-    Of one pose, as a goal is stated:
-
     >>> import flexhinf as fh
     >>> quick = dict(degrees="2", draws=0, rays=0, proof_seconds=0, compare_rigid=False)
     >>> arm = fh.design(fh.load_robot("paper"), fh.Specification(pose="10deg", start="0", estimator="none", **quick))
@@ -479,10 +478,11 @@ def _law_requirements(
 def stages(
     robot: Robot, specification: Specification, laws: Sequence[str] | None = None
 ) -> list[tuple[str, float]]:
-    """The work steps of a design, or of a comparison of laws, about as they come: how their names begin or end, and
-    what part of the work each is, relative to the others."""
-    if laws is None and is_for_workspace(specification):
-        return workspace_stages(robot, specification)
+    """The work steps of a design, or of a comparison of `laws` (empty: the usual ones), about as they come: how their
+    names begin or end, and what part of the work each is, relative to the others."""
+    if is_for_workspace(specification):
+        own = workspace_stages(robot, specification)
+        return own if laws is None else over.compare_stages(own, laws)
     s, states = specification, by_step.STATES * len(robot.joint_names)
     preset, limits = presets.preset_of(robot, s), responses.joint_limits(robot, s)
     limited = preset in ("damped", "robust") and (limits.limits_peak or limits.limits_speed)
@@ -505,8 +505,8 @@ def stages(
         sampled = bool(responses.sample_count(robot, states, s.draws))
         runs = [("step, load and move", 1.0), *([("robots within their tolerances", 1.0)] * sampled)]
         tuned = (("tune", 8.0), ("tune from the others", 3.0), ("tune from the best", 3.0))
-        rounds = [each for each in tuned for _ in laws]
-        return [*found, ("what all laws share", 2.0), *rounds, *(runs * len(laws))]
+        rounds = [each for each in tuned for _ in law_names(laws)]
+        return [*found, ("what all laws share", 2.0), *rounds, *(runs * len(law_names(laws)))]
     found += [("margins of the running loop", 1.0), ("compile the closed loop", 2.0), ("corners", 3.0)]
     found.append(("the worst disturbance", 1.0 if certification.searches_disturbance(states, rays) else 0.2))
     found += [("the step on MuJoCo's plant", 1.0)] * s.mujoco
@@ -516,42 +516,42 @@ def stages(
 def compare(
     robot: Robot, specification: Specification, laws: Sequence[str] | None = None, tune: str = "peak",
     progress: Progress | None = None, same_sensors: bool = False,
-    candidates: Sequence[int | str] | None = None,
-) -> Comparison:  # fmt: skip
-    """Compare laws on one robot, each tuned for the same criterion and evaluated in the same runs; nothing is written.
+    candidates: Sequence[int | str] | None = None, gains: Mapping[str, Mapping[str, Any]] | None = None,
+) -> Comparison | over.WorkspaceComparison:  # fmt: skip
+    """Compare laws on one robot, each tuned by one rule and judged in the same runs; nothing is written.
+
+    A specification is for a workspace or for one pose, as for `design`. Over a workspace all laws are judged by the
+    requirements of a design; at a pose each is tuned for one criterion.
 
     Parameters
     ----------
-    robot : Robot
-        From `load_robot`.
-    specification : Specification
+    robot, specification : Robot and Specification
         Of the design that the others are compared with, and of the loop.
     laws : sequence of str, optional
-        Names, see `flexhinf.design.laws`; always among them are the design's own law as it is (``design``), the
-        reference of the criterion, and the nonlinear H∞ law tuned for the criterion as the others are (``nl-hinf``).
+        Names, see `flexhinf.design.laws`; always among them are the design's own law as it is (``design``) and, at a
+        pose, the nonlinear H∞ law tuned for the criterion as the others are (``nl-hinf``).
     tune : {"peak", "bandwidth", "none"}
-        Which limit of the specification holds beside the margins and the noise at the motors: of the peak input, the
-        stated bandwidth as the largest, or none.
+        At a pose, which limit of the specification holds beside the margins and the noise at the motors: of the peak
+        input, the stated bandwidth as the largest, or none.
     progress : callable, optional
         Called with what comes next, about `stages` times in all.
     same_sensors : bool
         Every law measures what the design measures, instead of what its proponents would choose.
     candidates : (int, int), optional
-        Candidates per parameter of a law, in the first round and in each of the two later ones. By default 16 and 10,
-        for models of more than 15 states 3 and 2. With (0, 0) a law tries its starting values, and is not searched.
+        At a pose, candidates per parameter, in the first round and in each of the two later ones; by default 16 and 10,
+        for models of more than 15 states 3 and 2. With (0, 0) a law tries its starting values alone.
+    gains : mapping of str to numbers, optional
+        Over a workspace, numbers of laws that are then not tuned: ``{"pid": {"bandwidth": [20.0, 30.0]}}``.
 
     Returns
     -------
-    Comparison
-        The laws with their runs and costs; `Comparison.save` writes the report.
+    WorkspaceComparison or Comparison
+        The laws with their runs; `save` writes the report.
 
     Raises
     ------
     InvalidInput
-        For a name, a way to tune or a search that is not known, a bandwidth as limit where none is stated, nothing to
-        move, a design whose own loop diverges, or a law that was asked for and does not fit the robot.
-    FlexhinfError
-        As `design`.
+        For laws, gains or a search that are not known, do not fit or are of the other kind; and as `design`.
 
     Examples
     --------
@@ -562,10 +562,12 @@ def compare(
     >>> [row.name for row in comparison.rows]  # doctest: +SKIP
     ['design', 'nl-hinf', 'pd']
     """
-    s, kinds = checked_specification(robot, specification), [law_kind(name) for name in law_names(laws)]
-    plans.refuse_workspace(s, robot, "A comparison of laws")
+    s, progress = checked_specification(robot, specification), progress or (lambda text: None)
+    over.check_kind(is_for_workspace(s), tune != "peak", candidates is not None, gains is not None)
+    if is_for_workspace(s):
+        return over.compare_over_workspace(robot, s, laws, progress, same_sensors, gains)
+    kinds = [law_kind(name) for name in law_names(laws)]
     counts = tuning.checked_candidates(candidates)
-    progress = progress or (lambda text: None)
     tuning.check_mode(tune, "tune='peak'", s.bandwidth is not None)
     progress("equilibrium, and weights")
     synthesis = steps.synthesise(robot, replace(s, rays=0), progress)  # no region is compared

@@ -48,6 +48,9 @@ VELOCITY, ACCELERATION, JERK = 0.4, 0.4, 0.8
 #: How often a settled pose is corrected where the links are beside the command.
 CORRECTIONS = 4
 
+#: Distance by which slopes of what is wrong at rest are found, rad or m.
+SMALL = 1e-6
+
 #: Largest fraction of the effort limit, after the holding input, that feedforward may use; the rest is left for
 #: feedback. The second factor slows the move until it keeps this, at most as often as the third number says.
 EFFORT_FRACTION, STRETCH, STRETCHES = 0.7, 1.15, 25
@@ -299,25 +302,42 @@ def settled(
     all as they are once the loop has come to rest at a pose (n,), of which `point` is the model's state and input.
 
     Integrals and estimate supply what the model does not know, and the tracked positions are at the command; where
-    these are estimates, the links are beside it. `loop` is linearised at the pose; the memory of its controller begins
-    with the estimator's prediction and ends with the integrals. `offset`: of the measurements (p,).
+    these are estimates, the links are beside it. A law without integrals leaves the links where its feedback holds
+    them. `loop` is linearised at the pose; the memory of its controller begins with the estimator's prediction and ends
+    with the integrals, if the law has some. `offset`: of the measurements (p,).
     """
     n, size, estimator, (x, u) = len(at), len(loop.memory), controller.estimator, point
     seen = np.eye(len(x)) if estimator is None else estimator.plant.linearise(x, u)[3]
     change = loop.memory - np.eye(*loop.memory.shape)
-    rows = np.vstack([change[: size - n], loop.law])  # the integrals stand still where the errors are zero
-    beside, state, held, found = np.zeros(n), x, u, np.zeros(size)
-    for _ in range(CORRECTIONS):
+    integrals = size - len(x) - controller.mode.latency * n
+    # The integrals stand still where the errors are zero, and give the input that holds the robot.
+    rows = np.vstack([change[: size - n], loop.law]) if integrals else change
+
+    def equilibrium(beside: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """State, input and memory with the links beside the pose, and what is wrong there."""
         pose = np.clip(at + beside, limits.lower, limits.upper)
         state, held = robot.operating_point(pose, extras, values)
         y = loop.c @ state + offset - seen @ x
-        right = np.concatenate([np.zeros(size - n), held - u]) - rows[:, size:] @ y
-        found = np.linalg.solve(rows[:, :size], right)
-        beside = beside - change[size - n :] @ np.concatenate([found, y]) / loop.period
+        right = np.zeros(size)
+        if integrals:
+            right[size - n :] = held - u
+        found = np.linalg.solve(rows[:, :size], right - rows[:, size:] @ y)
+        both = np.concatenate([found, y])
+        wrong = change[size - n :] @ both / loop.period if integrals else loop.law @ both - (held - u)
+        return state, held, found, wrong
+
+    slope, beside = np.eye(n), np.zeros(n)
+    if not integrals:
+        first = equilibrium(beside)[-1]
+        slope = np.column_stack([equilibrium(small)[-1] - first for small in SMALL * np.eye(n)]) / SMALL
+    state, held, found, wrong = equilibrium(beside)
+    for _ in range(CORRECTIONS - 1):
+        beside = beside - np.linalg.solve(slope, wrong)
+        state, held, found, wrong = equilibrium(beside)
     held = np.clip(held, controller.limits.lower, controller.limits.upper)
     memory = controller.initial_memory(None if estimator is None else x + found[: len(x)], held)
     settled_parts = {
-        "integral": found[size - n :],
+        "integral": found[size - n :] if integrals else np.zeros(n),
         "position": at,
         "started": 1.0,
         "reference": np.append(x, u),

@@ -25,13 +25,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexhinf.arrays import Elements
-from flexhinf.baselines.equilibrium_law import PlacedLaw, equilibrium_of
+from flexhinf.baselines.equilibrium_law import equilibrium_of
+from flexhinf.baselines.posed_laws import PosedLaw
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.modal.pair import DEFAULT_WEIGHTS, FOLDED, PairGains, PairWeights, pair_gains
 from flexhinf.plant import GeneralisedPlant, Plant
 from flexhinf.plant.joints import (
     ElasticJoints,
-    LinkCompliance,
     elastic_joints,
     joint_places,
     joint_ranges,
@@ -110,7 +110,7 @@ def check_folded(plant: Plant, joints: ElasticJoints, matrices: np.ndarray, peri
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class ModalLaw(PlacedLaw):
+class ModalLaw(PosedLaw):
     """The modal law of a plant of elastic joints, with M(q) at the commanded link positions.
 
     Parameters
@@ -171,16 +171,6 @@ class ModalLaw(PlacedLaw):
         beta = float((joints.motor_damping / joints.motor_inertia).mean())
         gains = _kept_gains((found.min() / MARGIN, found.max() * MARGIN), kappa, beta, period, weights)
         return cls(plant=plant, equilibrium=equilibrium, integrate=problem.integrate, gains=gains)
-
-    @cached_property
-    def joints(self) -> ElasticJoints:
-        """The numbers of the joints at the equilibrium, of rigid ones as the law takes them."""
-        return elastic_joints(self.plant, *self.equilibrium, rigid=True)
-
-    @cached_property
-    def compliance(self) -> LinkCompliance:
-        """M(q)⁻¹ of the plant."""
-        return link_compliance(self.plant)
 
     @cached_property
     def _places(self) -> np.ndarray:

@@ -40,6 +40,8 @@ from .estimate import (
 )
 from .estimate_figures import FilteredLog as FilteredLog
 from .files import (
+    compared_details as compared_details,
+    compared_ending as compared_ending,
     comparison_files as comparison_files,
     design_files as design_files,
     design_text as design_text,
@@ -69,7 +71,7 @@ from .run import (
     run_tables as run_tables,
     run_verdict as run_verdict,
 )
-from .terminal import SCREEN as SCREEN, comparison_ending as comparison_ending, wrapped as wrapped
+from .terminal import SCREEN as SCREEN, wrapped as wrapped
 from .workspace_proof import (
     workspace_proof_ending as workspace_proof_ending,
     workspace_proof_numbers as workspace_proof_numbers,

@@ -22,16 +22,18 @@ from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import ROBOT
 from flexhinf.design.tuning import best_rival, pareto_front
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict, result_row
+from flexhinf.design.workspace.comparison import WorkspaceComparison
 from flexhinf.design.workspace.design import WorkspaceDesign
 from flexhinf.errors import InvalidInput
-from flexhinf.pages.comparison import comparison_page, is_ranked
+from flexhinf.pages.comparison import comparison_notes, comparison_page, comparison_tables, is_ranked
 from flexhinf.pages.design.frequency import corner_rows
 from flexhinf.pages.design.region import BOX_FILE, budget_of, proof_numbers
 from flexhinf.pages.design.runs import MARGINS as ALONG, long_run_rows, ring_down_rows
 from flexhinf.pages.design.weights import is_used, state_weights, whole_loop_rows
 from flexhinf.pages.page import design_page, design_tables, input_rows, notes, verdict
-from flexhinf.pages.terminal import Ending, design_ending
+from flexhinf.pages.terminal import Ending, comparison_ending, design_ending
 from flexhinf.pages.workspace import workspace_numbers, workspace_page
+from flexhinf.pages.workspace_comparison import laws_details, laws_ending, laws_numbers, laws_page
 from flexhinf.pages.workspace_summary import every_requirement, workspace_ending, workspace_verdict
 from flexhinf.report import finite, to_json, write
 from flexhinf.robot import catalogue, load_robot
@@ -92,11 +94,14 @@ def _workspace_files(
 
 
 def comparison_files(
-    comparison: Comparison, command: Sequence[str], warnings: Sequence[str] = (), beside: Sequence[str] = (),
-    verdict: DesignVerdict = UNKNOWN,
+    comparison: Comparison | WorkspaceComparison, command: Sequence[str], warnings: Sequence[str] = (),
+    beside: Sequence[str] = (), verdict: DesignVerdict = UNKNOWN,
 ) -> dict[str, str | bytes]:  # fmt: skip
-    """Files of a report: index.html, comparison.json, and every run of the nominal robot, in a folder for each law;
-    parameters as for `design_files`, and the verdict on the design."""
+    """Files of a report: index.html, comparison.json, and at a pose every run of the nominal robot, in a folder for
+    each law; parameters as for `design_files`, and the verdict on the design."""
+    if isinstance(comparison, WorkspaceComparison):
+        files = {"comparison.json": to_json(laws_numbers(comparison))}
+        return {"index.html": laws_page(comparison, command, warnings, (*files, *beside)).html(), **files}
     saved = {
         f"runs/{row.name}/{name}.{ENDING}": response.run.save
         for row in comparison.compared
@@ -108,12 +113,14 @@ def comparison_files(
     return {"index.html": page.html(), **files}
 
 
-def write_report(result: Design | WorkspaceDesign | Comparison, folder: str | Path) -> Path:
+def write_report(
+    result: Design | WorkspaceDesign | Comparison | WorkspaceComparison, folder: str | Path
+) -> Path:
     """Write the report of a design or a comparison into a folder, which is returned; raises as `report.write`.
 
     Beside a design stands its design file, where the robot is of the catalogue or of a file that states its numbers.
     """
-    if isinstance(result, Comparison):
+    if isinstance(result, Comparison | WorkspaceComparison):
         return write(folder, comparison_files(result, ()))
     own, origins = _design_file(result, folder)
     return write(folder, {**design_files(result, (), beside=tuple(own)), **own}, origins)
@@ -405,6 +412,25 @@ def _estimator_noise(design: Design) -> dict[str, Any]:
         "count": 0 if search is None else search.count,
         "tried": [{**_picked(c, NOISE), "used": search is not None and is_used(search, c)} for c in tried],
     }
+
+
+def compared_details(comparison: Comparison | WorkspaceComparison) -> tuple[list[Any], list[str], str]:
+    """Tables, notes and the rule of a comparison, for a terminal."""
+    if isinstance(comparison, WorkspaceComparison):
+        return laws_details(comparison)
+    from rich.console import Console
+
+    text = f"Criterion: {comparison.criterion.text}"
+    return comparison_tables(comparison, Console().width), comparison_notes(comparison), text
+
+
+def compared_ending(comparison: Comparison | WorkspaceComparison, verdict: DesignVerdict = UNKNOWN) -> Ending:
+    """What a terminal says at the end of a comparison."""
+    return (
+        laws_ending(comparison)
+        if isinstance(comparison, WorkspaceComparison)
+        else comparison_ending(comparison, verdict)
+    )
 
 
 def comparison_numbers(comparison: Comparison, verdict: DesignVerdict = UNKNOWN) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flexhinf.analysis.modes import JointScales
-from flexhinf.design.advice import OF_MOVES, WITHIN, missed_by
+from flexhinf.design.advice import OF_MOVES, WITHIN
 from flexhinf.design.loop_setup import LoopPlants
 from flexhinf.design.pipeline import Comparison, Design
 from flexhinf.design.problem.presets import robust_applies
@@ -23,6 +23,7 @@ from flexhinf.design.requirements import REQUIREMENTS, STANDSTILL_SHARE, Require
 from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.design.tuning import RATIOS, TunedLaw
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict
+from flexhinf.design.workspace.judgement import missed_by
 from flexhinf.pages.comparison import (
     METRICS,
     cell,

@@ -349,7 +349,7 @@ def _offsets(design: WorkspaceDesign, tolerated: Robustness) -> list[Paragraph]:
 
 def _law_table(design: WorkspaceDesign) -> Table:
     """What the law and its estimator are made from, and who says so."""
-    setup, s, gains = design.setup, design.specification, design.setup.law.gains
+    setup, s, gains = design.setup, design.specification, design.setup.gains
     w, r = gains.weights, setup.noise_levels
     tried = ", ".join(f"{each:g}" for each in BANDWIDTHS)
     rows = [
@@ -430,7 +430,7 @@ def _sample_rows(design: WorkspaceDesign) -> list[tuple[Any, ...]]:
 
 def workspace_numbers(design: WorkspaceDesign) -> dict[str, Any]:
     """What design.json holds of a controller for a workspace."""
-    law, t, run = design.setup.law.gains, robustness(design), design.power_on
+    law, t, run = design.setup.gains, robustness(design), design.power_on
     return {
         "version": 1, "kind": "workspace", "robot": design.robot.name, "met": design.met,
         "pairs": {"ends": list(law.ends), "motor": law.motor, "damping": law.damping},

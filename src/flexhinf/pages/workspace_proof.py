@@ -42,7 +42,7 @@ PAIRS = (
 
 def pair_table(setup: WorkspaceSetup, error: Tolerance, proved: ProvedRange) -> Table:
     """The vibrations of a workspace, which of them are proved to be stable, and the errors that they tolerate."""
-    low, high = np.sqrt(setup.law.gains.ends)
+    low, high = np.sqrt(setup.gains.ends)
     rows = [
         (
             "vibrations of the workspace", f"{number(low, 3)} to {number(high, 3)} rad/s",
@@ -73,7 +73,7 @@ def pair_table(setup: WorkspaceSetup, error: Tolerance, proved: ProvedRange) -> 
 
 def stability_text(setup: WorkspaceSetup, proved: ProvedRange) -> str:
     """What alone is proved of a design: stability at rest, without errors of the model."""
-    low, high = proved.low, setup.law.gains.ends[1]
+    low, high = proved.low, setup.gains.ends[1]
     if proved.high <= low:
         return "Nothing is proved."
     up_to = "" if proved.high >= high else f", its vibrations up to {number(np.sqrt(proved.high), 3)} rad/s"
@@ -109,7 +109,7 @@ def hypotheses(proof: WorkspaceProof) -> tuple[str, ...]:
 
 def _left_out(proof: WorkspaceProof) -> bool:
     """Whether the workspace has vibrations of which nothing is proved."""
-    return proof.proved.high < proof.setup.law.gains.ends[1]
+    return proof.proved.high < proof.setup.gains.ends[1]
 
 
 def _error(proof: WorkspaceProof) -> str:
@@ -130,7 +130,7 @@ def _proved_text(proof: WorkspaceProof) -> str:
 
 def _unproved_text(proof: WorkspaceProof) -> str:
     """What is not proved."""
-    ends = number(np.sqrt(proof.proved.high), 3), number(np.sqrt(proof.setup.law.gains.ends[1]), 3)
+    ends = number(np.sqrt(proof.proved.high), 3), number(np.sqrt(proof.setup.gains.ends[1]), 3)
     faster = "Vibrations from {} to {} rad/s, moves".format(*ends) if _left_out(proof) else "Moves"
     return f"{faster}, noise, limits of inputs and the hypotheses themselves; these are tested."
 

@@ -8,12 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from flexhinf.design.advice import Advice, Trial, missed_by
+from flexhinf.design.advice import Advice, Trial
 from flexhinf.design.requirements import REQUIREMENTS, Requirement
 from flexhinf.design.responses import Move
 from flexhinf.design.robustness import LATEST, LONGER, LOUDEST, remaining_cause, robustness
 from flexhinf.design.workspace.design import WorkspaceDesign
-from flexhinf.design.workspace.judgement import UNHELD
+from flexhinf.design.workspace.judgement import UNHELD, missed_by
 from flexhinf.design.workspace.search import motors_alone
 from flexhinf.design.workspace.setup import OFFSET
 from flexhinf.loop.simulation.metrics import peak_of
@@ -146,7 +146,7 @@ def _cause_check(design: WorkspaceDesign) -> str:
 
 def vibration_text(design: WorkspaceDesign) -> str:
     """The arm's own vibrations with held motors beside the bandwidth of the law."""
-    gains = design.setup.law.gains
+    gains = design.setup.gains
     low, high = (f"{float(end):.0f}" for end in np.sqrt(gains.ends))
     fastest = (
         "" if design.robot.rigid else f" to {high} (fastest)"

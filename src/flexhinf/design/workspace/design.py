@@ -166,7 +166,18 @@ def design_workspace(
     check_loop(robot, s)
     s = replace(s, workspace=LIMITS) if s.workspace is None else s
     setup = tuned_setup(robot, s, stated_workspace(robot, s.workspace), progress, lambda: watch(()))
-    lines: list[Requirement] = []
+    return judged_design(setup, progress, watch, like, changed)
+
+
+def judged_design(
+    setup: WorkspaceSetup, progress: Callable[[str], None] = lambda text: None, watch: Watch = lambda lines: None,
+    like: WorkspaceDesign | None = None, changed: Collection[str] = (), undamped: bool = True,
+) -> WorkspaceDesign:  # fmt: skip
+    """Judge a law at poses and in moves that no search uses; parameters as of `design_workspace`.
+
+    `undamped`: whether the loops whose springs nothing damps are computed too; they decide nothing.
+    """
+    robot, s, lines = setup.robot, setup.specification, list[Requirement]()
 
     def watched(items: Iterable[T]) -> Iterator[T]:
         for item in items:
@@ -182,14 +193,14 @@ def design_workspace(
     corners = true.random_corners(POSES, POSES_SEED + 100 * s.seed)
     cornered = known.corner_loops if known else tuple(map(setup.at_corner, watched(poses), corners))
     lines += corner_requirements(s, cornered)
-    undamped = (
-        known.undamped
-        if known
-        else (
+    bare: tuple[tuple[CornerLoop, ...], tuple[CornerLoop, ...]] = ((), ())
+    if known:
+        bare = known.undamped
+    elif undamped:
+        bare = (
             tuple(setup.at_corner(pose, None, damped=False) for pose in poses),
             tuple(setup.at_corner(*one, damped=False) for one in zip(poses, corners)),
         )
-    )
     progress(f"moves between {GOALS} goals")
     goals, left_out = setup.goals(GOALS + 1, GOALS_SEED + 100 * s.seed)
     nominal = [(goals[k : k + 2], None, k) for k in range(GOALS)]
@@ -213,7 +224,7 @@ def design_workspace(
         watch(lines)
         lines.append(standstill_requirement(setup, [*nominal, *others], [*moves, *sampled]))
     return WorkspaceDesign(
-        setup, poses, loops, cornered, undamped, moves, left_out, sampled, power_on, tuple(lines)
+        setup, poses, loops, cornered, bare, moves, left_out, sampled, power_on, tuple(lines)
     )  # fmt: skip
 
 
@@ -222,7 +233,7 @@ def _reused(
 ) -> tuple[WorkspaceDesign | None, WorkspaceDesign | None]:
     """The design whose loops, and whose moves, are those of a setup of which only the fields `changed` differ."""
     before = like.setup
-    same = (before.law.gains.weights, before.random) == (setup.law.gains.weights, setup.random)
+    same = (before.gains.weights, before.random) == (setup.gains.weights, setup.random)
     loops = like if same and {*changed} <= {*JUDGED, "peak_speed"} else None
     return loops, like if same and {*changed} <= {*JUDGED, *MARGINS} else None
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -34,6 +35,12 @@ UNSEEN = (
 
 #: The requirement that the motors hold the robot.
 UNHELD = "poses that the motors cannot hold"
+
+
+def missed_by(line: Requirement) -> float:
+    """How far a requirement is missed, found over allowed or the other way round; a limit of 0 counts as one of 1."""
+    found, limit = (line.found, line.limit) if line.at_most else (line.limit, line.found)
+    return found / limit if limit > 0.0 else 1.0 + found if line.at_most else math.inf
 
 
 def pose_requirements(s: Specification, loops: Sequence[PoseLoop]) -> list[Requirement]:

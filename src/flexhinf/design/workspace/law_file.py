@@ -42,7 +42,7 @@ def stated_workspace(robot: Robot, stated: Any) -> Workspace:
 
 def law_numbers(setup: WorkspaceSetup) -> dict[str, Any]:
     """The numbers that the search has found, for a file; with robot and specification they make the setup again."""
-    return {"weights": finite(vars(setup.law.gains.weights)), "random_torques": list(setup.random)}
+    return {"weights": finite(vars(setup.gains.weights)), "random_torques": list(setup.random)}
 
 
 def read_setup(robot: Robot, s: Specification, file: str | Path) -> WorkspaceSetup:

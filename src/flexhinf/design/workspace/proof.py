@@ -37,14 +37,14 @@ class WorkspaceProof(NamedTuple):
 
 def computed_tolerance(setup: WorkspaceSetup) -> Tolerance:
     """Errors of the accelerations that pairs up to `FASTEST` tolerate, with latency and filter; computed."""
-    return error_tolerance(setup.law.gains, FASTEST, setup.specification.known_latency, modal_filter(setup))
+    return error_tolerance(setup.gains, FASTEST, setup.specification.known_latency, modal_filter(setup))
 
 
 def proved_tolerance(
     setup: WorkspaceSetup, tolerance: Tolerance | None = None, share: float = 0.0
 ) -> ProvedRange:
     """Pairs that are proved to tolerate this share of a computed error; of no error all pairs of the workspace."""
-    gains, latency, filter = setup.law.gains, setup.specification.known_latency, modal_filter(setup)
+    gains, latency, filter = setup.gains, setup.specification.known_latency, modal_filter(setup)
     if tolerance is None:
         return proved_range(gains, 0.0, np.inf, latency, filter)
     return proved_range(gains, share * tolerance.error, FASTEST, latency, filter, tolerance.scaling)
@@ -60,7 +60,7 @@ def prove_workspace(
 ) -> WorkspaceProof:
     """The proof of the largest of `SHARES` that all pairs up to `FASTEST` tolerate; without one, of stability alone."""
     progress("errors that are tolerated, computed")
-    tolerance, gains = computed_tolerance(setup), setup.law.gains
+    tolerance, gains = computed_tolerance(setup), setup.gains
     high = min(gains.ends[1], FASTEST**2)
     for share in SHARES if 0.0 < tolerance.error < np.inf else ():
         progress(f"proof of an error of {100.0 * share * tolerance.error:.3g} %")

@@ -73,32 +73,14 @@ def tuned_setup(
 
     `tick` is called before each pose; what it raises ends the search.
     """
-    poses, (damping, ripple) = workspace.sample(CHOSEN_POSES, CHOSEN_SEED), pose_limits(s)
-    corners, delay = robot.damped.random_corners(CORNERS * CHOSEN_POSES, CHOSEN_SEED), s.delay_margin_limit
-    wanted = replace(
-        s, damping=min(1.0, RESERVE * damping), ripple=ripple / RESERVE, gain_margin=RESERVE * gain_limit(s),
-        delay_margin=None if delay is None else RESERVE * delay,
-    )  # fmt: skip
+    poses = ChosenPoses(robot, s, workspace, 2 if motors_alone(robot, s) else 4, tick)
     chosen, least, faster = None, [np.inf], None
-    order = [(pose, corners[k::CHOSEN_POSES]) for k, pose in enumerate(poses)]
-    counted = 2 if motors_alone(robot, s) else 4
-    for setup in _candidates(robot, wanted, workspace, progress):
-        slower = chosen is not None and setup.law.gains.weights != chosen.law.gains.weights
+    for setup in _candidates(robot, poses.wanted, workspace, progress):
+        slower = chosen is not None and setup.gains.weights != chosen.gains.weights
         if slower and not any(least[:3]):
             break
-        excess = np.zeros(4)
-        for k, (pose, others) in enumerate(order):
-            tick()
-            found = setup.at_pose(pose).excess(*pose_limits(wanted), s.period)
-            found[counted:] = 0.0
-            for loop in (setup.at_corner(pose, corner) for corner in others):
-                lacking = 1.0 - loop.damping / (RESERVE * corner_damping(s))
-                found[0] = max(found[0], lacking, np.log(loop.growth) / s.period)
-            excess = np.maximum(excess, found)
-            if chosen is not None and excess.tolist() >= least:
-                order.insert(0, order.pop(k))  # the next candidate may fail here too
-                break
-        else:
+        excess = poses.excess(setup, None if chosen is None else least)
+        if excess is not None:
             faster = chosen if slower and faster is None and not least[0] else faster
             chosen, least = setup, (LESS * excess).tolist()
         if not any(least):
@@ -109,6 +91,50 @@ def tuned_setup(
         return chosen
     faster = replace(faster, specification=s)
     return faster if tolerates(faster, TOLERATED) and 1.0 < missed(chosen) > missed(faster) else chosen
+
+
+class ChosenPoses:
+    """Some random poses by which laws are chosen, each with robots at corners of the tolerances.
+
+    `counted`: how many parts of `PoseLoop.excess` count; the last are only preferred. `tick` is called before each
+    pose; what it raises ends the search. `sizes`: other numbers of poses, and of robots at each.
+    """
+
+    def __init__(
+        self, robot: Robot, s: Specification, workspace: Workspace, counted: int,
+        tick: Callable[[], None] = lambda: None, sizes: tuple[int, int] | None = None,
+    ) -> None:  # fmt: skip
+        count, corners_each = sizes or (CHOSEN_POSES, CORNERS)
+        poses, (damping, ripple), delay = (
+            workspace.sample(count, CHOSEN_SEED), pose_limits(s), s.delay_margin_limit
+        )  # fmt: skip
+        corners = robot.damped.random_corners(corners_each * count, CHOSEN_SEED)
+        #: The specification with a reserve, since other poses are judged.
+        self.wanted = replace(
+            s, damping=min(1.0, RESERVE * damping), ripple=ripple / RESERVE, gain_margin=RESERVE * gain_limit(s),
+            delay_margin=None if delay is None else RESERVE * delay,
+        )  # fmt: skip
+        self._corner_damping, self._counted, self._tick = RESERVE * corner_damping(s), counted, tick
+        self._order = [(pose, corners[k::count]) for k, pose in enumerate(poses)]
+
+    def excess(self, setup: WorkspaceSetup, least: list[float] | None = None) -> np.ndarray | None:
+        """How far the loops of a setup, whose specification is the wanted one, miss it at worst, as `PoseLoop.excess`;
+        None as soon as that is no less than `least`."""
+        s, excess = self.wanted, np.zeros(4)
+        for k, (pose, others) in enumerate(self._order):
+            self._tick()
+            found = setup.at_pose(pose).excess(*pose_limits(s), s.period)
+            found[self._counted :] = 0.0
+            for corner in (None, *others):  # where the pose alone is too much, corners are not computed
+                if corner is not None:
+                    loop = setup.at_corner(pose, corner)
+                    lacking = 1.0 - loop.damping / self._corner_damping
+                    found[0] = max(found[0], lacking, np.log(loop.growth) / s.period)
+                excess = np.maximum(excess, found)
+                if least is not None and excess.tolist() >= least:
+                    self._order.insert(0, self._order.pop(k))  # the next candidate may fail here too
+                    return None
+        return excess
 
 
 def tolerates(setup: WorkspaceSetup, gain: float) -> bool:

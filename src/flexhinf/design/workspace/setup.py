@@ -1,4 +1,4 @@
-"""A modal law with its estimator and controller at any pose of a workspace: its loop at rest there, and its moves."""
+"""A law with its estimator and controller at any pose of a workspace: its loop at rest there, and its moves."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from flexhinf.analysis import LinearLoop
 from flexhinf.analysis.linear_loop import exponential
+from flexhinf.baselines.posed_laws import PosedLaw
 from flexhinf.design.loop_setup import SMOOTH_EXTRAS, LoopPlants
 from flexhinf.design.noise_levels import RADIAN, EstimatorNoise
 from flexhinf.design.plans import (
@@ -28,7 +29,7 @@ from flexhinf.design.specification import RINGS, RIPPLE, Specification
 from flexhinf.errors import NumericalFailure
 from flexhinf.estimation import ExtendedKalmanFilter, ModalFilter, stationary_gain
 from flexhinf.loop import Controller, Governor, Loop, Moving, Supervision, Waypoints
-from flexhinf.modal import ModalLaw
+from flexhinf.modal import ModalLaw, PairGains
 from flexhinf.plant import Plant
 from flexhinf.robot import Robot
 from flexhinf.robot.springs import DAMPED
@@ -116,20 +117,26 @@ class PoseLoop(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class WorkspaceSetup(LoopPlants):
-    """A modal law with its estimator and controller, at any pose of the workspace.
+    """A law with its estimator and controller, at any pose of the workspace.
 
     Poses are link positions (n,), rad or m. The loop runs with the period, latency, sensors, noise and limits of the
     specification.
     """
 
     workspace: Workspace
-    law: ModalLaw
+    law: PosedLaw
     random: tuple[float, float] = EXPECTED
     other: Robot | None = None  # the true robot, where it is another one than the model's
 
     def __getstate__(self) -> dict[str, Any]:
         """State to pickle for other processes: what is computed from it is left out."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    @property
+    def gains(self) -> PairGains:
+        """Those of the pairs, of a modal law."""
+        assert isinstance(self.law, ModalLaw)
+        return self.law.gains
 
     @cached_property
     def true(self) -> LoopPlants:
@@ -223,16 +230,16 @@ class WorkspaceSetup(LoopPlants):
     def _radian(self) -> np.ndarray:  # what is a radian of others, of a joint that slides in m
         return np.where(self.robot.links.slides, RADIAN, 1.0)
 
-    def controller(self, at: np.ndarray, **options: Any) -> Controller:
+    def controller(self, at: np.ndarray, law: PosedLaw | None = None, **options: Any) -> Controller:
         """A controller that begins at rest at a pose (n,), with the input that holds the model there, and holds it
-        until there is a command; with further options of `flexhinf.Controller`."""
+        until there is a command; with another law, and further options of `flexhinf.Controller`."""
         s, held = self.specification, self.robot.operating_point(at)
         own = {
             "offset_time": None if s.estimator == "none" else OFFSET_TIME, "integral_dead_zone": self.dead_zone,
             "governor": self.governor, **self.overcoming(estimator := self.estimator(at)),
         }  # fmt: skip
         return Controller(
-            replace(self.law, equilibrium=held), estimator, s.period, self.limits.saturated, moving=True,
+            replace(law or self.law, equilibrium=held), estimator, s.period, self.limits.saturated, moving=True,
             start="zero", latency=s.known_latency, **(own | options),
         )  # fmt: skip
 
@@ -271,8 +278,8 @@ class WorkspaceSetup(LoopPlants):
 
     def _step(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The controller's step at rest at a pose (n,): its next memory (s, s + p) and the input (n, s + p), by its
-        memory and what is measured. The memory is the estimator's prediction, the inputs that have not acted yet, and
-        the integrals with the half of the last error that the next step adds."""
+        memory and what is measured. The memory is the estimator's prediction, the inputs that have not acted yet, and,
+        of a law that uses them, the integrals with the half of the last error that the next step adds."""
         s, model, n = self.specification, self.model, len(self.joints)
         x, u = self.robot.operating_point(at)
         inner, driven, _, seen = model.linearise(x, u)
@@ -297,8 +304,11 @@ class WorkspaceSetup(LoopPlants):
             ahead = moved @ ahead + driven @ late
         law = self.law.slope_at(at)
         waiting.append(law[:, : model.n] @ ahead + law[:, model.n :] @ (integral + half))
-        memory = [moved @ estimate + driven @ waiting[0], *waiting[1:], integral + 2.0 * half]
-        return np.vstack(memory), waiting[-1]
+        memory = np.vstack([moved @ estimate + driven @ waiting[0], *waiting[1:], integral + 2.0 * half])
+        if law[:, model.n :].any():
+            return memory, waiting[-1]
+        kept = np.delete(np.arange(size + len(seen)), np.s_[size - n : size])
+        return memory[: size - n, kept], waiting[-1][:, kept]
 
     def at_corner(self, at: np.ndarray, values: Mapping[str, Any] | None, damped: bool = True) -> CornerLoop:
         """The loop at rest at a pose (n,), of a robot with the parameters `values`, as for `linear`."""
@@ -396,7 +406,7 @@ class WorkspaceSetup(LoopPlants):
         """A move with feedforward between the rows of `ends` (2, n), and a dwell, s; the true robot has the parameters
         `values`, and the dry friction that the robot states. The loop has held it at the start for long."""
         plan, arguments = self.move_arguments(ends, values, dwell)
-        loop = self.loop(self.moving, values)
+        loop = self.loop(self.moving_along(ends), values)
         run = loop.run(**arguments, noise=self.noise, seed=self.specification.seed + seed)
         return Move(plan, Response(run, ends[1], ends[0], self.joints), self.limits)
 
@@ -404,6 +414,11 @@ class WorkspaceSetup(LoopPlants):
     def moving(self) -> Controller:
         """The controller of all moves, each of which begins with a memory of its own."""
         return self.controller(np.array(self.workspace.home))
+
+    def moving_along(self, ends: np.ndarray) -> Controller:
+        """The controller of a move between the rows of `ends` (2, n): that of all moves, or with gains of its own."""
+        law = self.law.along(*ends)
+        return self.moving if law is self.law else self.controller(np.array(self.workspace.home), law=law)
 
     def move_arguments(
         self,

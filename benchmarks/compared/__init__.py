@@ -1,0 +1,1 @@
+"""Laws compared over the workspaces of robots, by the product."""

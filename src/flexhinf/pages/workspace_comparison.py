@@ -1,0 +1,317 @@
+"""The report of laws compared over a workspace, and its verdict: who meets every requirement, then who errs least."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from flexhinf.design.requirements import REQUIREMENTS, Requirement
+from flexhinf.design.verdict import result_row
+from flexhinf.design.workspace.comparison import (
+    TUNING_MOVES,
+    TUNING_POSES,
+    ComparedController,
+    WorkspaceComparison,
+)
+from flexhinf.pages.drawing import Line, Panel, count_text, draw_figure, joint_count, line_style, listed
+from flexhinf.pages.page import files_section
+from flexhinf.pages.settings import loop_rows, robot_rows, settings_in_groups
+from flexhinf.pages.terminal import Ending, screen
+from flexhinf.pages.workspace_summary import range_of, units_in, worst_motion
+from flexhinf.report import (
+    INK,
+    Cell,
+    Column,
+    Note,
+    Page,
+    Paragraph,
+    Provenance,
+    Section,
+    Settings,
+    Status,
+    Table,
+    finite,
+    house_style,
+    number,
+)
+
+#: What laws that meet every requirement are ranked by, and what else is named where a rival has less.
+TRACKING, REMAINING = REQUIREMENTS["tracking"].what, REQUIREMENTS["remaining"].what
+
+#: Differences of errors smaller than this share say nothing: other moves would change them as much.
+EQUAL = 0.1
+
+CRITERION = "Criterion: every requirement of a design is met; then the smallest tracking error, the worst of all moves."
+
+
+def ordered_rows(comparison: WorkspaceComparison) -> list[ComparedController]:
+    """Laws by the criterion: those that meet all by their tracking errors, then those that miss, the fewest first."""
+
+    def order(row: ComparedController) -> tuple[bool, int, float]:
+        line = row.worst(TRACKING)
+        found = np.inf if line is None else line.found / line.limit
+        return not row.met, len(row.missed), found
+
+    return sorted(comparison.compared, key=order)
+
+
+def laws_verdict(comparison: WorkspaceComparison) -> str:
+    """The criterion, and the best rival by it beside the design; where the design loses, that stands first."""
+    own, ordered = comparison.own, ordered_rows(comparison)
+    rival = next((row for row in ordered if row is not own), None)
+    if rival is None:
+        return f"{CRITERION} No other law could be compared with the design."
+    if own.met and not rival.met:
+        text = f"The design alone meets every requirement. The best rival is {_misses(comparison, rival)}."
+    elif rival.met and not own.met:
+        text = (
+            f"The best rival, {rival.name}, meets every requirement, and the design does not: it is "
+            f"{_misses(comparison, own)}."
+        )
+    elif not rival.met:
+        better = len(rival.missed) < len(own.missed)
+        first, last = (rival, own) if better else (own, rival)
+        text = f"No law meets every requirement. Least is missed by {_misses(comparison, first)}, more by "
+        text += f"{_misses(comparison, last)}."
+    else:
+        theirs, mine = _value_text(comparison, rival, TRACKING), _value_text(comparison, own, TRACKING)
+        a, b = (row.worst(TRACKING) for row in (rival, own))
+        ratio = a.found / a.limit / (b.found / b.limit) if a and b and b.found else 1.0
+        word = "beats" if ratio < 1.0 else "loses to"
+        word = "has about the tracking error of" if abs(ratio - 1.0) <= EQUAL else word
+        text = f"The best rival, {rival.name}, meets every requirement too, and {word} the design: "
+        text += f"{theirs} against {mine}."
+    return f"{CRITERION} {text} {_single(comparison)}".rstrip()
+
+
+def _misses(comparison: WorkspaceComparison, row: ComparedController) -> str:
+    kinds = {line.what for line in row.missed}
+    line = row.missed[0].converted(_degrees(comparison))
+    more = f", and {len(kinds) - 1} more" if len(kinds) > 1 else ""
+    return f"{row.name}, which misses {line.what} ({line.achieved_text}, required {line.limit_text}{more})"
+
+
+def _value_text(comparison: WorkspaceComparison, row: ComparedController, what: str) -> str:
+    line = row.worst(what)
+    return "–" if line is None else line.converted(_degrees(comparison)).achieved_text
+
+
+def _single(comparison: WorkspaceComparison) -> str:
+    """Errors of rivals that are smaller than the design's, the smallest of each kind."""
+    parts = []
+    for what in (TRACKING, REMAINING):
+        mine = comparison.own.worst(what)
+        lines = [
+            (line.found / line.limit, row, line)
+            for row in comparison.compared
+            if row is not comparison.own and (line := row.worst(what)) is not None
+        ]
+        if mine is None or not lines:
+            continue
+        share, row, line = min(lines, key=lambda one: one[0])
+        if share < (1.0 - EQUAL) * mine.found / mine.limit:
+            other = "" if row.met else ", which misses another requirement"
+            theirs, own = (each.converted(_degrees(comparison)).achieved_text for each in (line, mine))
+            parts.append(f"{row.name} has the smallest {what} ({theirs} against {own}{other})")
+    return f"In single numbers rivals are better: {'; '.join(parts)}." if parts else ""
+
+
+def _degrees(comparison: WorkspaceComparison) -> bool:
+    judged = comparison.own.judged
+    return judged is not None and units_in(judged).degrees
+
+
+def _cell(line: Requirement | None, degrees: bool) -> Cell | str:
+    """What was found, marked where it is missed; of a law for which there is no such requirement, a dash."""
+    if line is None:
+        return "–"
+    text = "diverges" if np.isinf(line.found) else number(line.converted(degrees).found, 3)
+    return Cell(f"{text} ✗", "red") if line.missed else text
+
+
+def _numbers_text(row: ComparedController) -> str:
+    numbers = {} if row.numbers is None else row.numbers
+    texts = [
+        f"{name.replace('_', ' ')} {listed([number(x, 3) for x in values])}"
+        for name, values in numbers.items()
+    ]
+    return ", ".join(texts) or "–"
+
+
+def _law_table(comparison: WorkspaceComparison, brief: bool = False) -> Table:
+    degrees, rows = _degrees(comparison), []
+    heads = [what for what in (TRACKING, REMAINING) if what in comparison.whats]
+    units = {what: _unit(comparison, what) for what in heads}
+    for row in ordered_rows(comparison):
+        worst = row.missed[0].converted(degrees) if row.missed else None
+        verdict = "met"
+        if worst is not None:
+            verdict = f"{len(row.missed)} missed: {worst.what} {number(worst.found, 3)}, {worst.limit_text}"
+        measured = () if row.judged is None else row.judged.specification.measured
+        speed = "–" if row.bandwidth is None else number(row.bandwidth, 3)
+        errors = [_cell(row.worst(what), degrees) for what in heads]
+        if brief:
+            rows.append((row.name, speed, *errors, verdict))
+            continue
+        known = "true state" if comparison.specification.estimator == "none" else ", ".join(measured)
+        rows.append((
+            row.name, row.kind.description if row is not comparison.own else "the modal law of flexhinf design",
+            known.replace("_", " "), speed, f"{_numbers_text(row)}{' (stated)' * row.stated}", *errors,
+            Cell(verdict, "green" if row.met else "red"),
+        ))  # fmt: skip
+    columns = [f"{what}\n{units[what]}" if brief else f"{what}, {units[what]}" for what in heads]
+    if brief:
+        wide = (Column(name, right=True) for name in ("bandwidth\nrad/s", *columns))
+        title = f"{comparison.robot.name}: laws over the workspace, the best first (✗ missed)"
+        return Table(("law", *wide, "requirements"), rows, title=title)
+    return Table(
+        ("law", "what it is", "measured", "bandwidth, rad/s", "other numbers", *columns, "met, or what it misses most"),
+        rows, f"{CRITERION} ✗: missed.", "table-laws", stacks=True,
+    )  # fmt: skip
+
+
+def _unit(comparison: WorkspaceComparison, what: str) -> str:
+    lines = (row.worst(what) for row in comparison.compared)
+    return next(line for line in lines if line is not None).converted(_degrees(comparison)).unit
+
+
+def _requirement_rows(comparison: WorkspaceComparison) -> Table:
+    """Each requirement as a row, and what each law has of it."""
+    degrees, laws = _degrees(comparison), ordered_rows(comparison)
+    known = [
+        {(line.what, _kind(line)): line for line in (() if row.judged is None else row.judged.requirements)}
+        for row in laws
+    ]
+    keys = dict.fromkeys(key for lines in known for key in lines)
+    rows = []
+    for key in keys:
+        first = next(lines[key] for lines in known if key in lines).converted(degrees)
+        name = f"{key[0]}, {key[1]}" if key[1] else key[0]
+        rows.append((name, first.limit_text, *(_cell(lines.get(key), degrees) for lines in known)))
+    return Table(
+        ("requirement", "required", *(Column(row.name, right=True) for row in laws)), rows,
+        "The same poses, moves, robots and seeds for all laws, those of flexhinf design. ✗: missed.",
+        "table-requirements",
+    )  # fmt: skip
+
+
+def _kind(line: Requirement) -> str:
+    """Whose requirement it is, of the two kinds of robots."""
+    return "robots at corners" if "corner" in line.where else ""
+
+
+def _figure(comparison: WorkspaceComparison) -> Any:
+    """Tracking errors of all moves, in ascending order."""
+    judged, lines, limit = comparison.own.judged, [], None
+    assert judged is not None
+    small, factor = units_in(judged).small
+    for k, row in enumerate(comparison.compared):
+        if row.judged is None:
+            continue
+        errors = [each["tracking_error"] for each in worst_motion((*row.judged.moves, *row.judged.sampled))]
+        values = factor * np.sort(np.array(errors, dtype=float))
+        values = values[np.isfinite(values)]
+        lines.append(
+            Line(100.0 * (np.arange(len(values)) + 1) / len(errors), values, row.name, line_style(k))
+        )
+        limit = row.worst(TRACKING) or limit
+    dashed = [] if limit is None else [(factor * limit.limit, INK, "allowed")]
+    panel = Panel("tracking error", small, lines, across="share of the moves (%)", dashed=dashed)
+    caption = "The largest error of each move, in ascending order: 80 % of moves have less than a curve has at 80 %."
+    return draw_figure("laws", [panel], caption, "Errors along the moves")
+
+
+def laws_notes(comparison: WorkspaceComparison) -> list[str]:
+    """What was not compared, and why."""
+    return [
+        f"{row.name} was not compared: {row.failure.rstrip('.')}." for row in comparison.rows if row.failure
+    ]
+
+
+def _rule(comparison: WorkspaceComparison) -> str:
+    return (
+        "Each rival has the largest bandwidth, found by bisection, whose loops keep every limit with a tenth to spare "
+        f"at {TUNING_POSES[0]} poses, and which keeps all limits in {TUNING_MOVES} moves of robots at corners of the "
+        "tolerances; where none does, it is the one that lacks least. Poses and moves that judge are others. All laws "
+        "run in the loop of the design: feedforward by the inverse dynamics along the move and of the dry friction "
+        "that the file states, the design's kind of estimator with the sensors that the law's proponents would have, "
+        "prediction over the latency, anti-windup and limits."
+    )
+
+
+def laws_page(
+    comparison: WorkspaceComparison,
+    command: Sequence[str],
+    warnings: Sequence[str] = (),
+    files: Sequence[str] = (),
+) -> Page:
+    """The page of a comparison over a workspace; parameters as for `flexhinf.pages.page.design_page`."""
+    own, robot, verdict = comparison.own, comparison.robot, laws_verdict(comparison)
+    assert own.judged is not None
+    count = count_text(len(comparison.compared), "law")
+    met = [row.name for row in comparison.compared if row.met]
+    with house_style():
+        sections = [
+            Section("Laws by the criterion", (
+                _law_table(comparison), Paragraph(_rule(comparison)), *map(Note, laws_notes(comparison)),
+                *(Note(" ".join(text.split())) for text in warnings),
+            ), "criterion", True),
+            Section("Every requirement of every law", (_requirement_rows(comparison),), "requirements", True),
+        ]  # fmt: skip
+        lead = [_figure(comparison)]
+    return Page(
+        f"Control laws compared over the workspace of {robot.name}",
+        f"{joint_count(len(robot.joint_names)).capitalize()}, {robot.drive} driven. {count} over "
+        f"{range_of(own.judged)}.",
+        verdict,
+        (*sections, *([files_section(files)] if files else [])),
+        Settings(settings_in_groups({
+            "Robot": robot_rows(own.judged.setup.true.robot), "Loop": loop_rows(own.judged.setup),
+        })),
+        Provenance(shlex.join(command), comparison.specification.seed),
+        status=[
+            Status("met", f"Every requirement: {listed(met)}.") if met else
+            Status("not met", "No law meets every requirement."),
+            Status("not proved", "Tested on random samples, not proved."),
+        ],
+        lead=lead,
+    )  # fmt: skip
+
+
+def laws_numbers(comparison: WorkspaceComparison) -> dict[str, Any]:
+    """Numbers of comparison.json, in SI units; each requirement as in the table [result] of a design file."""
+    return finite({
+        "version": 1, "kind": "workspace", "robot": comparison.robot.name, "joints": list(comparison.robot.joint_names),
+        "seed": comparison.specification.seed, "criterion": CRITERION, "rule": _rule(comparison),
+        "order": [row.name for row in ordered_rows(comparison)],
+        "laws": [
+            {
+                "name": row.name, "what": row.kind.description, "compared": row.judged is not None, "met": row.met,
+                "failure": row.failure, "bandwidth": row.bandwidth, "stated": row.stated,
+                "numbers": None if row.numbers is None else {name: list(x) for name, x in row.numbers.items()},
+                "measured": [] if row.judged is None else list(row.judged.specification.measured),
+                "random_torques": None if row.judged is None else list(row.judged.setup.random),
+                "moves": 0 if row.judged is None else len(row.judged.moves) + len(row.judged.sampled),
+                "specification": [result_row(line) for line in (row.judged.requirements if row.judged else ())],
+            }
+            for row in comparison.rows
+        ],
+    })  # fmt: skip
+
+
+def laws_ending(comparison: WorkspaceComparison) -> Ending:
+    """What a terminal says at the end: the laws by the criterion, and the verdict."""
+    return screen(
+        lambda size: _law_table(comparison, brief=True),
+        [1],
+        [laws_verdict(comparison)],
+        laws_notes(comparison),
+    )
+
+
+def laws_details(comparison: WorkspaceComparison) -> tuple[list[Any], list[str], str]:
+    """Every requirement of every law, what was not compared, and the rule, for a terminal."""
+    return [_requirement_rows(comparison).terminal(wide=True)], laws_notes(comparison), _rule(comparison)

@@ -1,0 +1,217 @@
+"""Laws compared over a workspace: gains against other routes to them, the loop without integrals, and the rows."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tests import workspaces
+from tests.refusals import refused_with, unnamed
+
+import flexhinf as fh
+from flexhinf.analysis import EquilibriumLoop
+from flexhinf.baselines import LinearQuadratic
+from flexhinf.baselines.placed_laws import bessel_coefficients
+from flexhinf.design.workspace import comparison
+from flexhinf.design.workspace.comparison import read_gains, rival_names
+from flexhinf.design.workspace.rivals import RIVALS, check_numbers, rival_law
+from flexhinf.design.workspace.search import known_setup, pair_weights
+from flexhinf.design.workspace.setup import WorkspaceSetup
+from flexhinf.pages import compared_ending
+from flexhinf.robot.workspace import workspace_of
+
+Named = Callable[[str], Any]
+POSE = np.array([0.4, -0.7])
+BOTH = ("link_position", "motor_position")
+NUMBERS = {"bandwidth": 20.0, "share": 1.0, "rotor_inertia": 0.5, "vibration_damping": 0.2}
+
+
+@pytest.fixture(scope="module")
+def own() -> WorkspaceSetup:
+    """A design's setup of two joints, without a search."""
+    robot = fh.load_robot("planar-two-link")
+    s = fh.Specification(measured=BOTH, workspace="limits")
+    return known_setup(robot, s, workspace_of(robot), pair_weights(robot, 28.0), (0.0025, 0.03))
+
+
+def with_rival(own: WorkspaceSetup, name: str, **numbers: Any) -> WorkspaceSetup:
+    """The setup with a law of this name."""
+    known = {"share", "vibration", *RIVALS[name].names}
+    return replace(
+        own, law=rival_law(own, name, {k: v for k, v in (NUMBERS | numbers).items() if k in known})
+    )
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("name", ["pd-gravity", "torque-i", "lqg"])
+def test_the_loop_of_a_rival_is_that_of_the_running_controller(own: WorkspaceSetup, name: str) -> None:
+    """By derivatives of the traced step, of a PD without the integrals that it does not feed back."""
+    made, s = with_rival(own, name), own.specification
+    point = made.robot.operating_point(POSE)
+    law: Any = replace(made.law, equilibrium=point)
+    if name == "pd-gravity":
+        law = LinearQuadratic(plant=law.plant, equilibrium=point, gain=law.slope_at(POSE)[:, :8])
+    traced = EquilibriumLoop(
+        law, made.filter, made.smooth_plant, s.period, equilibrium=point, moving=True, delay=s.unknown_samples,
+        latency=s.known_latency, positions=made.model.states[:2],
+    ).linear()  # fmt: skip
+    found, expected = (
+        np.sort(np.abs(loop.closed_loop.multipliers))[::-1][:10] for loop in (made.linear(POSE), traced)
+    )
+    np.testing.assert_allclose(found, expected, atol=2e-6)
+
+
+@pytest.mark.oracle
+def test_gains_are_those_of_textbooks(own: WorkspaceSetup) -> None:
+    """PD by hand, the weight by differences of what a motor carries, and poles of flatness by a Bessel filter."""
+    robot, n = own.robot, 2
+    joints, home = (
+        replace(own.law, equilibrium=robot.operating_point(q)).joints for q in (POSE, np.array(robot.home))
+    )
+    unit, inertia = joints.torque_per_input, np.diag(home.link_inertia) + home.motor_inertia
+    slope = with_rival(own, "pd", share=1e6).law.slope_at(POSE)
+    np.testing.assert_allclose(np.diag(slope[:, 2 * n : 3 * n]), -inertia * 20.0**2 / unit, rtol=1e-9)
+    np.testing.assert_allclose(
+        np.diag(slope[:, 3 * n : 4 * n]),
+        -np.maximum(32.0 * inertia - home.motor_damping, 0.0) / unit,
+        rtol=1e-9,
+    )
+    more = with_rival(own, "pd-gravity", share=1e6).law.slope_at(POSE) - slope
+    (x, u), moved = (
+        robot.operating_point(POSE),
+        [robot.operating_point(POSE + 1e-6 * row) for row in np.eye(n)],
+    )
+    by_motor = np.column_stack([b - u for _, b in moved]) @ np.linalg.inv(
+        np.column_stack([(a - x)[2 * n : 3 * n] for a, _ in moved])
+    )
+    np.testing.assert_allclose(more[:, 2 * n : 3 * n], by_motor, rtol=1e-4, atol=1e-6)
+    flat = with_rival(own, "flatness-i", share=1e6).law
+    law = replace(flat, equilibrium=robot.operating_point(POSE))
+    chain = np.array([1.0, *bessel_coefficients(5, 20.0)[::-1]])
+    np.testing.assert_allclose(np.poly(law.closed_loop()), np.polymul(chain, chain), rtol=1e-6)
+
+
+def test_gains_of_a_move_are_those_of_its_poses(own: WorkspaceSetup) -> None:
+    law = with_rival(own, "torque-i").law
+    start, goal, x = np.array([-0.8, 1.0]), np.array([0.9, -1.1]), np.linspace(-1.0, 1.0, 10)
+    there = law.along(start, goal)
+    for share, exact in ((0.0, 1e-12), (0.25, 1e-12), (1.0, 1e-12), (0.3, 2e-2)):
+        pose = start + share * (goal - start)
+        state, held = own.robot.operating_point(pose)
+        found = there.evaluate_about(x, state, held, there.law_data)
+        np.testing.assert_allclose(found, law.slope_at(pose) @ x, rtol=exact, atol=exact)
+
+
+@pytest.mark.parametrize("name", ["pd", "pid"])
+def test_a_robot_that_is_heavier_than_the_model_begins_at_rest(own: WorkspaceSetup, name: str) -> None:
+    """Without integrals it rests beside the command, where the feedback holds it; with them at the command."""
+    quiet = replace(with_rival(own, name), specification=replace(own.specification, measurement_noise=1e-18))
+    values = own.true.robot.random_corners(3, 5)[0]
+    ends = np.array([POSE, POSE])
+    _, options = quiet.move_arguments(ends, values)
+    before = options["initial_state"][:2]
+    after = quiet.move(ends, values, dwell=0.3).response.positions[-1]
+    np.testing.assert_allclose(after, before, atol=2e-5)
+    assert (np.abs(before - POSE).max() > 1e-4) == (name == "pd")
+
+
+# What is stated -----------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("numbers", "what"),
+    [
+        ({"bandwith": 3.0}, "bandwith"),
+        ({"bandwidth": [1.0, 2.0, 3.0]}, "list of 2"),
+        ({"bandwidth": float("nan")}, "finite"),
+        ({"bandwidth": "fast"}, "finite"),
+        ({"bandwidth": 0.0}, "positive"),
+        ({"kp": 1.0, "kd": -1.0}, ">= 0"),
+        ({"kp": 100.0, "kd": 1.0}, "ki"),
+        ({}, "bandwidth"),
+    ],
+)
+def test_gains_that_do_not_fit_are_refused(numbers: dict[str, Any], what: str) -> None:
+    with refused_with(fh.InvalidInput, what):
+        check_numbers("pid", numbers, 2)
+
+
+def test_gains_per_joint_are_taken_as_they_are(own: WorkspaceSetup) -> None:
+    stated = check_numbers("pid", {"kp": [400.0, 90], "kd": 5.0, "ki": [100.0, 30.0]}, 2)
+    slope, unit = rival_law(own, "pid", stated).slope_at(POSE), own.law.joints.torque_per_input
+    np.testing.assert_allclose(np.diag(slope[:, 4:6]), -np.array([400.0, 90.0]) / unit)
+    np.testing.assert_allclose(np.diag(slope[:, 6:8]), -5.0 / unit)
+    np.testing.assert_allclose(np.diag(slope[:, 8:]), -np.array([100.0, 30.0]) / unit)
+
+
+@pytest.mark.parametrize(
+    ("text", "what"), [("", "empty"), ("bandwidth = 2.0", "[pid]"), ("[pid", "TOML"), (None, "no file")]
+)
+def test_a_file_of_gains_is_read_or_refused(text: str | None, what: str, tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    if text is not None:
+        file.write_text(text)
+    with refused_with(fh.InvalidInput, what):
+        read_gains(file)
+
+
+def test_laws_of_one_pose_and_gains_of_others_are_refused() -> None:
+    assert rival_names(["pid", "design", "pid"], {}) == ("pid",)
+    for names, stated, what in (
+        (["nl-hinf"], {}, "--pose"),
+        (["pid"], {"lqg": {}}, "pid,lqg"),
+        (["pd-x"], {}, "pd"),
+    ):
+        with refused_with(fh.InvalidInput, what):
+            rival_names(names, stated)
+
+
+@pytest.mark.parametrize(
+    ("fields", "more", "what"),
+    [
+        ({"pose": "10deg"}, {"gains": {"pid": {"bandwidth": 2.0}}}, "--gains"),
+        ({}, {"tune": "none"}, "--tune"),
+        ({}, {"candidates": (1, 1)}, "--candidates"),
+    ],
+)
+def test_what_the_other_kind_reads_is_refused(
+    fields: dict[str, Any], more: dict[str, Any], what: str, robot_of: Named
+) -> None:
+    with refused_with(fh.InvalidInput, what):
+        fh.compare(robot_of("paper"), fh.Specification(**fields), ["pid"], **more)
+
+
+# Rows ---------------------------------------------------------------------------------------------------
+@pytest.fixture
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few poses, moves and bandwidths."""
+    workspaces.few(monkeypatch, POSES=3, GOALS=2, CHOSEN_POSES=2, MODAL_POSES=30, BANDWIDTHS=(28.0,))
+    for name, value in {"BANDWIDTHS": (320.0, 30.0), "TUNING_POSES": (2, 1), "TUNING_MOVES": 1}.items():
+        monkeypatch.setattr(comparison, name, value)
+
+
+@pytest.mark.costs("designs for a workspace of one joint, and runs two more laws")
+def test_each_law_has_a_row_and_the_report_says_which_is_best(
+    small: None, robot_of: Named, tmp_path: Path
+) -> None:
+    """A stated law that cannot hold the arm has its row too."""
+    wanted, told = fh.Specification(workspace=((0.0, 0.5),), estimator="none"), list[str]()
+    gains = {"pid": {"kp": 0.01, "kd": 0.01, "ki": 0.0}}
+    found = fh.compare(robot_of("paper"), wanted, ["pid", "flatness-i"], progress=told.append, gains=gains)
+    assert [row.name for row in found.rows] == ["design", "pid", "flatness-i"]
+    assert (found.row("pid").stated, found.row("pid").met, found.row("pid").bandwidth) == (True, False, None)
+    assert found.row("flatness-i").numbers is not None
+    assert {name.split(":")[0] for name in told if ":" in name} >= {"pid", "flatness-i"}
+    folder = found.save(tmp_path / "report")
+    numbers = json.loads((folder / "comparison.json").read_text(encoding="utf-8"))
+    assert (numbers["kind"], [law["name"] for law in numbers["laws"]]) == (
+        "workspace",
+        ["design", "pid", "flatness-i"],
+    )
+    assert all(law["specification"] for law in numbers["laws"])
+    page, end = (folder / "index.html").read_text(encoding="utf-8"), compared_ending(found).text
+    assert unnamed(page, "Criterion", "flatness-i", "kp") == []
+    assert unnamed(" ".join(end.split()), "Criterion: every requirement", "best rival") == []
