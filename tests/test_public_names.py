@@ -100,7 +100,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
         "ExtendedKalmanFilter": modal, "ModalFilter": fh.ModalFilter(modal), "Controller": controller, "Loop": loop,
         "Trajectory": run, "Schedule": fh.Schedule([solution]), "Supervision": watch, "Status": controller.status,
         "Certificate": fh.solve_hji(polynomial, 1.5, 4).certify(gamma=2.0), "Penalty": problem.penalty,
-        "Design": fh.design(arm, wanted), "Specification": wanted, "CompiledController": fh.load_compiled(library),
+        "PoseDesign": fh.design(arm, wanted), "Specification": wanted, "CompiledController": fh.load_compiled(library),
         "Identification": fh.identify(arm.with_values({"stiffness": 90.0}), run, "stiffness"),
         "Excitation": fh.excitation(arm, "stiffness", duration=4.0, period=1e-2, candidates=1),
         "Log": fh.Log(run.time, run.signals["input"], run.signals["output"]), "Consistency": fh.consistency(data),
@@ -123,7 +123,7 @@ def test_a_repr_fills_a_screen_at_most(results: dict[str, Any]) -> None:
 
 @SHOWN
 def test_every_public_class_is_shown(results: dict[str, Any]) -> None:
-    bases = {"BlackBox", "Estimator", "Law"}
+    bases = {"BlackBox", "Design", "Estimator", "Law"}
     long = {"Comparison", "WorkspaceComparison", "WorkspaceDesign"}  # tests/design
     classes = {
         name

@@ -7,7 +7,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.analysis import dissipation_budget
-from flexhinf.design import Design, Specification, design
+from flexhinf.design import PoseDesign, Specification, design
 from flexhinf.design.certification import searches_disturbance
 
 pytestmark = pytest.mark.ci("a whole design")
@@ -16,7 +16,7 @@ TORQUES = ("link_torque", "motor_torque")
 
 
 @pytest.fixture(scope="module")
-def made() -> Design:
+def made() -> PoseDesign:
     """About 90°, torques at link and motor as disturbances, a step that starts inside the region."""
     asked = Specification(
         pose=[np.pi / 2], start=[np.pi / 2 - 0.3], preset="damped", disturbances=TORQUES, degrees=(4,), rays=500,
@@ -25,7 +25,7 @@ def made() -> Design:
     return design(fh.paper_arm(), asked)
 
 
-def test_no_disturbance_found_attains_more_than_gamma(made: Design) -> None:
+def test_no_disturbance_found_attains_more_than_gamma(made: PoseDesign) -> None:
     found = made.attenuation.attained
     assert found is not None
     assert found.largest_value <= made.chosen.level
@@ -35,7 +35,7 @@ def test_no_disturbance_found_attains_more_than_gamma(made: Design) -> None:
     assert np.abs(state[:, 0] - np.pi / 2).max() > 1e-3  # it moves
 
 
-def test_the_parts_spend_one_after_the_other(made: Design) -> None:
+def test_the_parts_spend_one_after_the_other(made: PoseDesign) -> None:
     rows = made.attenuation.budget
     assert [row.name for row in rows] == ["sampling", "delay", "estimator", "saturation"]
     assert all(row.budget.level == made.chosen.level for row in rows)
@@ -46,7 +46,7 @@ def test_the_parts_spend_one_after_the_other(made: Design) -> None:
     assert rows[-1].budget.kept
 
 
-def test_the_last_row_is_the_step_of_the_report_without_extras(made: Design) -> None:
+def test_the_last_row_is_the_step_of_the_report_without_extras(made: PoseDesign) -> None:
     setup = made.setup
     loop = setup.loop(setup.controller(setup.start))
     x, u = setup.equilibrium(setup.start)

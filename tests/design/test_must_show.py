@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.design import Design, Specification, design
+from flexhinf.design import PoseDesign, Specification, design
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.monte_carlo import MonteCarlo, sampled_runs
@@ -220,7 +220,7 @@ def test_tracking_withstands_a_start_against_the_limit_of_the_input(
 
 # Two links and seven ------------------------------------------------------------------------------
 def check(
-    result: Design, overshoot: float, peak: float, count: int, missed: frozenset[str] = frozenset()
+    result: PoseDesign, overshoot: float, peak: float, count: int, missed: frozenset[str] = frozenset()
 ) -> None:
     """The specification, line by line and by hand; `missed` are the requirements that the running loop misses."""
     assert {line.what for line in result.requirements if not line.met} == missed

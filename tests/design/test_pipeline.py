@@ -19,7 +19,7 @@ from tests.tiers import ci_and_night
 
 import flexhinf as fh
 from flexhinf.analysis.modes import closed_loop
-from flexhinf.design import Design, Specification, design, stages
+from flexhinf.design import PoseDesign, Specification, design, stages
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.noise_levels import EstimatorNoise
 from flexhinf.errors import NotDetectable
@@ -27,20 +27,20 @@ from flexhinf.pages import design_files, notes, verdict
 
 
 @pytest.fixture(scope="module")
-def two() -> Design:
+def two() -> PoseDesign:
     asked = Specification(
         pose=(0.6, 0.3), start=(0.55, 0.36), measured=("motor_position",), degrees=(2, 4), rays=20, draws=0
     )
     return design(fh.load_robot("planar-two-link"), asked)
 
 
-def quick(name: str, **options: object) -> Design:
+def quick(name: str, **options: object) -> PoseDesign:
     settings = {"rays": 0, "degrees": (2,), "compare_rigid": False, "draws": 0, **options}
     return design(fh.load_robot(name), Specification(**settings))  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope="module")
-def seven() -> Design:
+def seven() -> PoseDesign:
     start = (0.1, 0.4, -0.1, -1.1, 0.1, 0.8, 0.1)
     return quick("seven-link", start=start, measured=("motor_position",), compare_rigid=True)
 
@@ -68,7 +68,7 @@ def test_a_small_step_is_that_of_the_linear_loop() -> None:
 
 
 @pytest.mark.ci("a whole design")
-def test_both_estimators_end_where_the_true_state_does(two: Design) -> None:
+def test_both_estimators_end_where_the_true_state_does(two: PoseDesign) -> None:
     steps = []
     for estimator in ("ukf", "ekf", "none"):
         s = dataclasses.replace(two.specification, estimator=estimator)
@@ -81,7 +81,7 @@ def test_both_estimators_end_where_the_true_state_does(two: Design) -> None:
 
 
 @pytest.mark.ci("a whole design")
-def test_the_lowest_degree_takes_a_small_step_and_its_start_is_judged(two: Design) -> None:
+def test_the_lowest_degree_takes_a_small_step_and_its_start_is_judged(two: PoseDesign) -> None:
     assert two.chosen is two.choices[0]
     assert two.choices[1].acting < 0.05
     assert all(choice.looked for choice in two.choices), "the regions of stated degrees are sampled"
@@ -102,7 +102,7 @@ def test_the_lowest_degree_takes_a_small_step_and_its_start_is_judged(two: Desig
 
 
 @pytest.mark.ci("a whole design")
-def test_the_rigid_design_fails_on_it_from_the_link_side(two: Design) -> None:
+def test_the_rigid_design_fails_on_it_from_the_link_side(two: PoseDesign) -> None:
     assert two.rigid is not None
     link, motor = two.rigid.loops
     assert not link.stable
@@ -113,7 +113,7 @@ def test_the_rigid_design_fails_on_it_from_the_link_side(two: Design) -> None:
 
 
 @pytest.mark.ci("a whole design")
-def test_the_report_has_the_numbers_and_their_sources(two: Design) -> None:
+def test_the_report_has_the_numbers_and_their_sources(two: PoseDesign) -> None:
     files = design_files(two, ["flexhinf", "design", "planar-two-link", "--pose", "0.6,0.3"], ["A warning."])
     page = files["index.html"]
     for text in (
@@ -134,7 +134,7 @@ def test_the_report_has_the_numbers_and_their_sources(two: Design) -> None:
 
 
 @pytest.mark.nightly("seven links")
-def test_seven_links_move_between_two_poses_with_the_motors_measured(seven: Design) -> None:
+def test_seven_links_move_between_two_poses_with_the_motors_measured(seven: PoseDesign) -> None:
     result = seven
     assert result.evaluation.step.diverged_at is None
     assert all(m["settling_time_s"] is not None for m in result.evaluation.step.metrics)
@@ -184,7 +184,7 @@ def test_any_mix_can_be_measured_and_what_hides_a_mode_is_refused() -> None:
 
 
 @pytest.mark.nightly("seven links")
-def test_a_vibration_that_the_motors_hardly_show_is_told_before_it_rings(seven: Design) -> None:
+def test_a_vibration_that_the_motors_hardly_show_is_told_before_it_rings(seven: PoseDesign) -> None:
     blind = seven
     assert min(mode.damping for mode in blind.evaluation.estimator_modes if mode.vibration) < 1e-3
     assert any("ringing" in note for note in notes(blind))
@@ -373,5 +373,5 @@ def test_a_design_saves_its_report_and_gives_its_controller(at_a_pose: Any, tmp_
     assert (folder / "design.json").exists()
     controller = result.controller()
     assert controller.reset(input=np.zeros(1)) is None
-    assert unnamed(repr(result), "<Design", "paper", "requirements") == []
+    assert unnamed(repr(result), "<PoseDesign", "paper", "requirements") == []
     assert len(repr(result)) < 200

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -82,12 +83,27 @@ def test_frequency_response_and_bode_are_those_of_python_control(design: Any) ->
     assert below.get_xlabel().endswith("(Hz)")
 
 
+@pytest.mark.ci("whole designs, and their campaigns")
+def test_any_design_has_campaigns_and_more(design: Any) -> None:
+    assert isinstance(design, fh.Design)
+    few = design.campaign(3, seed=2)
+    assert few.sizes["sample"] == 3
+    assert set(few.status.values.tolist()) == {"completed"}
+    again = design.campaign(2, seed=2, batch=1)
+    for name in few.data_vars:
+        if few[name].dims == ("sample",):
+            np.testing.assert_array_equal(few[name].values[:2], again[name].values)
+    with refused_with(fh.InvalidInput, "samples_each", "'samples'"):
+        design.campaign(2, samples_each=3)
+
+
 def test_a_design_of_one_pose_has_one_loop(at_a_pose: Any) -> None:
     design = at_a_pose.design
     assert design.margins() is design.evaluation.margins
     assert design.margins(design.goal).damping == pytest.approx(design.margins().damping)
-    with refused_with(fh.InvalidInput, 0.25, "workspace"):
-        design.linear(0.25)
+    for ask in (design.linear, design.move, partial(design.move, None)):
+        with refused_with(fh.InvalidInput, 0.25, "workspace"):
+            ask(0.25)
     assert design.step() is design.evaluation.step.run
     assert design.move().tracked("link_position")[-1] == pytest.approx(np.radians(30.0), abs=2e-3)
 

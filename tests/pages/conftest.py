@@ -13,12 +13,12 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.certify.starts import limit_slice, proved_steps, start_surface, worst_step
-from flexhinf.design import Comparison, Design, Specification, compare, design
+from flexhinf.design import Comparison, PoseDesign, Specification, compare, design
 from flexhinf.design.certification import CertifiedDegree, Evidence
 from flexhinf.design.synthesis.by_step import DegreeChoice
 
 
-def with_evaluation(design: Design, **parts: object) -> Design:
+def with_evaluation(design: PoseDesign, **parts: object) -> PoseDesign:
     """The same design with other parts of its evaluation."""
     evaluation = dataclasses.replace(design.evaluation)
     vars(evaluation).update({**vars(design.evaluation), **parts})
@@ -28,7 +28,7 @@ def with_evaluation(design: Design, **parts: object) -> Design:
 @pytest.fixture(scope="session")
 def report_design(
     robot_of: Callable[[str], Any], only_uncertain: Callable[..., Any]
-) -> Callable[[str], Design]:
+) -> Callable[[str], PoseDesign]:
     """By what is special about it."""
     half_turn = {"pose": "90deg", "start": "0", "draws": 16, "degrees": (2, 4), "compare_rigid": True}
     noise = {"torque_noise": 1e-5}
@@ -57,9 +57,9 @@ def report_design(
             {"estimator": "none", "degrees": (2,), "rays": 20, "draws": 0, "compare_rigid": False},
         ),
     }  # fmt: skip
-    made: dict[str, Design] = {}
+    made: dict[str, PoseDesign] = {}
 
-    def of(name: str) -> Design:
+    def of(name: str) -> PoseDesign:
         if name not in made:
             robot, uncertain, options = cases[name]
             with pytest.MonkeyPatch.context() as patch:  # "met" in 6 s instead of 8 s

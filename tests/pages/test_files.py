@@ -10,9 +10,9 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.certify import load_certificate
-from flexhinf.design import Design
+from flexhinf.design import PoseDesign
 
-Make = Callable[[str], Design]
+Make = Callable[[str], PoseDesign]
 
 
 @pytest.mark.ci("searches weights and noise of a law of degree 4")

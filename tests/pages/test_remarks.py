@@ -11,22 +11,22 @@ import pytest
 from tests.pages.conftest import with_evaluation
 from tests.refusals import unnamed
 
-from flexhinf.design import Design
+from flexhinf.design import PoseDesign
 from flexhinf.design.certification import DesignProof
 from flexhinf.pages import notes, verdict
 from flexhinf.pages.design.region import proof_text
 from flexhinf.pages.page import remarks
 from flexhinf.report import number
 
-Make = Callable[[str], Design]
+Make = Callable[[str], PoseDesign]
 
 
-def with_attenuation(design: Design, **parts: object) -> Design:
+def with_attenuation(design: PoseDesign, **parts: object) -> PoseDesign:
     """The same design with other bounds of its gain."""
     return dataclasses.replace(design, attenuation=dataclasses.replace(design.attenuation, **parts))
 
 
-def added(design: Design, changed: Design) -> list[tuple[str, str]]:
+def added(design: PoseDesign, changed: PoseDesign) -> list[tuple[str, str]]:
     """The remarks that a change brings, each with the anchor of its section."""
     before = remarks(design)
     return [

@@ -12,14 +12,14 @@ from rich.console import Console
 from tests.refusals import unnamed
 
 import flexhinf as fh
-from flexhinf.design import Comparison, Design, Specification
+from flexhinf.design import Comparison, PoseDesign, Specification
 from flexhinf.design.problem.presets import robust_applies
 from flexhinf.design.requirements import REQUIREMENTS
 from flexhinf.pages import compared_ending, ending
 from flexhinf.pages.terminal import SCREEN, Ending, advice_text, screen, tolerances_text
 from flexhinf.report import Table
 
-Make = Callable[[str], Design]
+Make = Callable[[str], PoseDesign]
 
 
 def printed(end: Ending) -> list[str]:

@@ -9,10 +9,10 @@ import pytest
 from rich.console import Console
 from tests.refusals import unnamed
 
-from flexhinf.design import Comparison, Design
+from flexhinf.design import Comparison, PoseDesign
 from flexhinf.pages import comparison_tables, design_tables, verdict
 
-Make = Callable[[str], Design]
+Make = Callable[[str], PoseDesign]
 
 
 def printed(tables: list) -> str:

@@ -16,7 +16,9 @@ from .driver import (
     drive as drive,
     in_cluster as in_cluster,
     in_processes as in_processes,
+    in_this_process as in_this_process,
     run_campaign as run_campaign,
+    run_in_memory as run_in_memory,
 )
 from .journal import Journal as Journal
 from .metrics import (

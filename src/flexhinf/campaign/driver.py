@@ -369,11 +369,20 @@ def run_campaign(
         table = drive(campaign, Journal.opened(Path(folder), campaign), executor=executor, progress=progress)
         assert table is not None
         return table.dataset()
+    return run_in_memory(campaign, executor, progress)
+
+
+def run_in_memory(
+    campaign: Campaign,
+    executor: Executor = in_this_process,
+    progress: Callable[[Report], None] = lambda report: None,
+) -> xr.Dataset:
+    """All samples of a campaign, without a journal; the result of `run_campaign`."""
     parts, done = {}, 0
     for index, rows in _run(executor, campaign, range(campaign.batches)):
         parts[index] = rows
         done += len(rows["sample"])
-        progress(Report(done, samples, done))
+        progress(Report(done, campaign.samples, done))
     ordered = [parts[index] for index in range(campaign.batches)]
     table = {
         c.name: np.concatenate([part[c.name] for part in ordered])[: TRACED if c.kind == "trace" else None]

@@ -23,13 +23,14 @@ from .noise_levels import EstimatorNoise as EstimatorNoise
 from .pipeline import (
     ComparedLaw as ComparedLaw,
     Comparison as Comparison,
-    Design as Design,
     compare as compare,
     design as design,
     stages as stages,
 )
+from .pose_design import PoseDesign as PoseDesign
 from .proved_step import ProvedLaw as ProvedLaw, search_proved_step as search_proved_step
 from .requirements import Requirement as Requirement
+from .result import Design as Design
 from .specification import Specification as Specification
 from .status import Status as Status
 from .synthesis.by_step import (

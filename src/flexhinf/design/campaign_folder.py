@@ -14,14 +14,22 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import tomlkit
 
 from flexhinf.analysis import Attained, worst_disturbance
 from flexhinf.analysis.worst_disturbance import DisturbanceRuns, MovedLaw, worst_gain
-from flexhinf.campaign import Campaign, CampaignJudgement, Journal, PairedCampaigns
+from flexhinf.campaign import (
+    Campaign,
+    CampaignJudgement,
+    Journal,
+    PairedCampaigns,
+    in_processes,
+    in_this_process,
+    run_in_memory,
+)
 from flexhinf.campaign.journal import check_own_folder, differing, listed
 from flexhinf.campaign.manifest import UNREADABLE
 from flexhinf.certify.certificate import linear_part
@@ -29,11 +37,14 @@ from flexhinf.design import certification, checks, design_file, evaluation, laws
 from flexhinf.design.deployed_run import DesignCampaign, PoseCampaign
 from flexhinf.design.design_file import fields_text
 from flexhinf.design.loop_setup import LoopPlants
+from flexhinf.design.pose_design import PoseDesign
+from flexhinf.design.result import Design
 from flexhinf.design.specification import is_for_workspace
 from flexhinf.design.synthesis.by_step import STATES
 from flexhinf.design.synthesis.steps import synthesise
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict, stored_length, stored_rows
 from flexhinf.design.workspace.campaign import WorkspaceCampaign
+from flexhinf.design.workspace.design import WorkspaceDesign
 from flexhinf.design.workspace.law_file import law_numbers, read_setup, requested_setup
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.errors import InvalidInput, refuse_if
@@ -42,7 +53,10 @@ from flexhinf.loop import Controller, load_controller
 from flexhinf.options import CampaignOptions
 from flexhinf.plant import GeneralisedPlant, Penalty
 from flexhinf.report import to_json
-from flexhinf.validation import NotReadable, checked_path
+from flexhinf.validation import NotReadable, checked_path, unknown_name
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 #: Folders of the two campaigns, inside the folder of their comparison.
 FOLDERS = ("a", "b")
@@ -229,6 +243,28 @@ def designed_controller(request: DesignCampaign, progress: Callable[[str], None]
         return DesignedLaw(setup.bumpless_controller, length)
     length = round((plan.duration + length) / s.period) * s.period
     return DesignedLaw(setup.along(plan)["controller"], length)
+
+
+def campaign_in_memory(design: Design, samples: int, workers: int = 0, **options: Any) -> xr.Dataset:
+    """The runs of a campaign of a design, as `flexhinf.run_campaign` returns them; options as of `CampaignOptions`.
+
+    Raises `InvalidInput` before any work for what does not fit.
+    """
+    if unknown := [name for name in options if name not in CampaignOptions.__dataclass_fields__]:
+        known = [*CampaignOptions.__dataclass_fields__]
+        raise unknown_name(f"A campaign of a design has no option {unknown[0]!r}.", unknown[0], known)
+    request = campaign_of(
+        design_file.DesignRequest(design.robot, design.specification, design.robot.name),
+        CampaignOptions(samples=samples, **options),
+    )
+    if isinstance(design, WorkspaceDesign):
+        made = DesignedLaw(design.setup, 0.0)
+    elif isinstance(design, PoseDesign) and isinstance(request, PoseCampaign) and request.plan is None:
+        made = DesignedLaw(design.setup.bumpless_controller, design.scenario.step_duration)
+    else:
+        made = designed_controller(request, lambda text: None)
+    run = campaign_with(request, made.law, options.get("duration") or made.length)
+    return run_in_memory(run, in_processes(workers) if workers else in_this_process)
 
 
 def reopened(request: DesignCampaign, journal: Journal) -> Campaign:

@@ -6,29 +6,26 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis import LinearLoop, Margins, modes
+from flexhinf.analysis import modes
 from flexhinf.design import certification, checks, plans, requirements as required, responses, tuning
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import DESIGN, LawFactory, LawKind, law_kind, law_names
 from flexhinf.design.loop_setup import DEVIATIONS, LoopSetup, with_derived
+from flexhinf.design.pose_design import PoseDesign
 from flexhinf.design.problem import presets
-from flexhinf.design.requirements import Judged, Reported, Requirement
-from flexhinf.design.responses import forwarded
+from flexhinf.design.requirements import Reported, Requirement
+from flexhinf.design.result import Design
 from flexhinf.design.rigid import RigidComparison, compare_rigid
 from flexhinf.design.specification import Specification, is_for_workspace
-from flexhinf.design.status import Status, in_brackets, status_of
+from flexhinf.design.status import status_of
 from flexhinf.design.synthesis import by_step, steps
 from flexhinf.design.workspace import comparison as over
 from flexhinf.design.workspace.design import design_workspace, workspace_stages
-from flexhinf.errors import InvalidInput, refuse_if
-from flexhinf.hinf import HJISolution
-from flexhinf.loop import Controller, Trajectory
-from flexhinf.plant import GeneralisedPlant
+from flexhinf.errors import InvalidInput
 from flexhinf.robot import Robot, mujoco
 from flexhinf.validation import checked_kind, value_text
 
@@ -39,106 +36,6 @@ RIGID_STATES = 15
 
 #: The runs that are judged.
 STEP, MUJOCO = "the step, nominal robot", "the step on MuJoCo's plant"
-
-
-@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Design(Judged):
-    """A synthesised law for a robot and a specification, its evaluation in the loop, and the judgement of both.
-
-    Examples
-    --------
-    >>> import flexhinf as fh
-    >>> quick = dict(degrees="2", draws=0, rays=0, proof_seconds=0, compare_rigid=False)
-    >>> wanted = fh.Specification(pose="10deg", start="0", estimator="none", **quick)
-    >>> found = fh.design(fh.load_robot("paper"), wanted)
-    >>> found.margins().stable, bool(found.poles().real.max() < 0.0)
-    (True, True)
-    >>> step, figure = found.step(), found.bode()
-    """
-
-    robot: Robot
-    specification: Specification
-    synthesis: steps.Synthesis  # Weights, problem, solutions of several degrees, and the law
-    evaluation: LawEvaluation  # The law in its loop
-    # The worst disturbance found, and the dissipation budget of the step
-    attenuation: certification.Attenuation
-    # Whether the step starts inside the sampled region of the solution; None if no region was sampled
-    inside: bool | None
-    proof: certification.DesignProof  # Proof of the law that is used, and of the step
-    mujoco: responses.Response | None  # The step on MuJoCo's plant, if requested
-    rigid: RigidComparison | None  # The rigid design on the same robot, fed the true state
-    # The long run at rest with dry friction; None for a robot that states none
-    limit_cycle: checks.LimitCycleCheck | None
-    # The runs with payloads at the ends of their ranges; none for a robot without such a range
-    payloads: tuple[checks.PayloadEvaluation, ...] = ()
-    law_modes: tuple[modes.Mode, ...]  # Of the law alone: continuous, with the true state fed back
-    requirements: tuple[Requirement, ...]
-    status: Status
-
-    @property
-    def step_proof(self) -> certification.StepProof:
-        """Whether the requested step is proved."""
-        return certification.step_proof(self.proof, self.chosen, self.inside)
-
-    def summary(self) -> dict[str, str]:
-        """Robot, whether the requirements are met, degree and level, and the step in numbers."""
-        step = self.evaluation.step
-        unit = self.setup.model.unit(self.setup.model.inputs[0])
-        of = partial(in_brackets, self.setup.joints)
-        settling = f"{step.settling.value:.3g} s" if np.isfinite(step.settling.value) else "not settled"
-        return {
-            "robot": self.robot.name,
-            "requirements": self.judgement,
-            "degree of V": str(self.chosen.degree),
-            "γ": f"{self.gamma:.4g}",
-            "settling": f"{settling}{of(step.settling.joint)}",
-            "peak input": f"{step.peak_input:.3g} {unit}{of(step.peak.joint)}",
-        }
-
-    setup = forwarded("evaluation.setup", LoopSetup, "The loop of all runs.")
-    scenario = forwarded("evaluation.scenario", responses.Scenario, "The runs.")
-    goal = forwarded("synthesis.goal", np.ndarray, "Link positions (n,), rad or m.")
-    start = forwarded("synthesis.start", np.ndarray, "Link positions (n,), rad or m.")
-    design_problem = forwarded("synthesis.design_problem", presets.DesignProblem, "With its sources.")
-    problem = forwarded("synthesis.problem", GeneralisedPlant, "The nominal problem about the goal.")
-    choices = forwarded("synthesis.choices", tuple[by_step.DegreeChoice, ...], "Every solved degree.")
-    chosen = forwarded("synthesis.chosen", by_step.DegreeChoice, "The degree that is used.")
-    solution = forwarded("synthesis.chosen.solution", HJISolution, "The solution that is used, at the goal.")
-    gamma_star = forwarded("synthesis.design_problem.gamma_star", float, "Smallest; of robust with channels.")
-    gamma = forwarded("synthesis.chosen.solution.gamma", float, "Level of the solution.")
-
-    def linear(self, at: Any = None) -> LinearLoop:
-        """The running loop at the goal, linearised; an InvalidInput for another pose."""
-        elsewhere = at is not None and not np.array_equal(np.atleast_1d(at), self.goal)
-        refuse_if(
-            elsewhere,
-            "A design of one pose has one linear loop, at its goal.",
-            f"expected no pose, got {value_text(at, 80)}",
-            "Specification(workspace='limits') for a design of all poses",
-        )
-        return self.evaluation.loop.linear()
-
-    def margins(self, at: Any = None) -> Margins:
-        """Margins of the running loop at the goal, computed once."""
-        return super().margins(at) if at is not None else self.evaluation.margins
-
-    def step(self) -> Trajectory:
-        """The run of the step from start to goal that is judged."""
-        return self.evaluation.step.run
-
-    def move(self) -> Trajectory:
-        """The run of the planned move with feedforward that is judged."""
-        return self.evaluation.move.response.run
-
-    def controller(self, at: np.ndarray | None = None) -> Controller:
-        """A new controller as it is deployed and judged: it takes over without a jump of the input, and follows
-        positions; of a design for a move, or for a shaped step with feedforward, states and inputs (`Moving`).
-
-        `at`: (n,), Pose at which it takes over; by default the start of move or step.
-        """
-        start = self.start if self.setup.specification.move is None else self.evaluation.runs.plan(0.0)
-        pose = np.atleast_1d(start if at is None else at).astype(float).ravel()
-        return self.setup.controller(pose, moving=self.setup.moves, supervised=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +49,10 @@ class ComparedLaw:
     requirements: tuple[Requirement, ...] = ()
     failure: str = ""  # Why there is no evaluation
 
-    name = forwarded("kind.name", str, "Of the law.")
+    @property
+    def name(self) -> str:
+        """Of the law."""
+        return self.kind.name
 
     @property
     def evaluation(self) -> LawEvaluation | None:
@@ -236,7 +136,9 @@ def checked_specification(robot: Robot, specification: Specification | None) -> 
     return specification
 
 
-def design(robot: Robot, specification: Specification | None = None, progress: Progress | None = None) -> Any:
+def design(
+    robot: Robot, specification: Specification | None = None, progress: Progress | None = None
+) -> Design:
     """Design a controller for a robot, and judge the loop in which it runs; nothing is written.
 
     The controller is for a workspace, by default all poses within the joint ranges: one law for all of them, judged at
@@ -255,8 +157,8 @@ def design(robot: Robot, specification: Specification | None = None, progress: P
 
     Returns
     -------
-    WorkspaceDesign or Design
-        For a workspace, or of one pose: law, estimator, runs and requirements. Of both, ``met`` says whether the
+    Design
+        `WorkspaceDesign` or `PoseDesign`: law, estimator, runs and requirements. Of both, ``met`` says whether the
         requirements are met, ``save(folder)`` writes the report, and ``controller(at)`` is what runs.
 
     Raises
@@ -323,7 +225,7 @@ def design(robot: Robot, specification: Specification | None = None, progress: P
     proof = certification.with_tolerances(
         robot, s, synthesis, certification.prove_design(robot, s, synthesis, start, worth)
     )
-    return Design(
+    return PoseDesign(
         robot=robot, specification=s, synthesis=synthesis, evaluation=evaluation, attenuation=worth, inside=inside,
         proof=proof, mujoco=on_mujoco, rigid=same_on_rigid, limit_cycle=limit_cycle, payloads=payloads,
         law_modes=law_modes, requirements=lines,

@@ -8,7 +8,6 @@ linearised.
 
 from __future__ import annotations
 
-import abc
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -20,12 +19,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf.analysis import (
-    FrequencyResponse,
-    LinearLoop,
     Margins,
     ToleranceCorners,
-    frequency_response,
-    margins,
 )
 from flexhinf.design.monte_carlo import MonteCarlo
 from flexhinf.design.responses import (
@@ -55,7 +50,7 @@ from flexhinf.report import number
 from flexhinf.robot.springs import SPRING_DAMPING
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure as MatplotlibFigure
+    pass
 
 #: The room whose pages show results. It reads designs, so it is loaded when one is saved.
 PAGES = "flexhinf.pages"
@@ -180,54 +175,6 @@ class Reported(Summarised):
         """Write the report and its numbers, of a design also the controller, every run and ``design.toml``, into a
         folder, which is returned. `flexhinf.load_design` and `flexhinf.load_controller` take this folder."""
         return import_module(PAGES).write_report(self, folder)
-
-
-class Judged(Reported):
-    """Base of designs, which are judged by their requirements.
-
-    `linear`, `margins`, `poles`, `frequency_response` and `bode` are about the running loop at rest: linearised and
-    sampled, with the estimator and the latency. `at` is the pose (n,), rad or m: by default the goal of a design of one
-    pose, which has no other, and the home of a workspace.
-    """
-
-    requirements: tuple[Requirement, ...]
-
-    @abc.abstractmethod
-    def linear(self, at: Any = None) -> LinearLoop:
-        """The running loop, linearised; ``closed_loop`` has the matrices of the sampled system."""
-
-    def margins(self, at: Any = None) -> Margins:
-        """Margins of the running loop: of gain, delay and disk, peaks of S and T, bandwidth, damping."""
-        return margins(self.linear(at))
-
-    def poles(self, at: Any = None) -> np.ndarray:
-        """Poles of the running loop as exponents log(z)/T, (K,) complex, 1/s, slowest first; those at z = 0 are left
-        out, and of a loop with latency the echoes of its queue (`DiscreteSystem.modes`)."""
-        return self.linear(at).closed_loop.poles
-
-    def frequency_response(self, frequencies: Any = None, at: Any = None) -> FrequencyResponse:
-        """L, S, T and closed-loop responses at frequencies (F,), rad/s; by default a grid that misses no resonance."""
-        return frequency_response(self.linear(at), frequencies)
-
-    def bode(self, frequencies: Any = None, at: Any = None) -> MatplotlibFigure:
-        """Bode diagram of the running loop, opened at one motor's input with the others closed: magnitude and phase,
-        with the frequencies where the gain margins are."""
-        return import_module(PAGES).bode_figure(self.frequency_response(frequencies, at))
-
-    @property
-    def missed(self) -> tuple[Requirement, ...]:
-        """Requirements that are not met."""
-        return tuple(line for line in self.requirements if line.missed)
-
-    @property
-    def met(self) -> bool:
-        """Whether every requirement is met."""
-        return all(line.met for line in self.requirements)
-
-    @property
-    def judgement(self) -> str:
-        """Whether they are met, for a summary."""
-        return f"{len(self.missed)} of {len(self.requirements)} not met" if self.missed else "met"
 
 
 #: Name, unit, whether the limit is an upper one (≤), field of the specification that states it, and criterion.

@@ -12,7 +12,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from operator import attrgetter
 from typing import Any, NamedTuple, Protocol, TypeVar, cast
 
 import numpy as np
@@ -47,11 +46,6 @@ COMPARED_SAMPLES = ((15, 50), (10_000, 20))
 
 
 T = TypeVar("T")
-
-
-def forwarded(path: str, kind: type[T], doc: str) -> T:
-    """A property that reads an attribute of a part by its path; `kind` is its type."""
-    return cast("T", property(attrgetter(path), doc=doc))
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,9 +198,12 @@ class Response:
         return rows
 
     peak = _worst("peak_input", "Largest |input| of all motors, with the joint that it drives.")
-    peak_input = forwarded(
-        "peak.value", float, "Largest |input| of all motors; infinite where the run diverged."
-    )
+
+    @property
+    def peak_input(self) -> float:
+        """Largest |input| of all motors; infinite where the run diverged."""
+        return self.peak.value
+
     overshoot = _worst(
         "overshoot_percent", "Largest overshoot of all joints that move, per cent of the joint's own step."
     )

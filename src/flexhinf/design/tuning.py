@@ -37,7 +37,7 @@ from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.noise_levels import other_quantisation
 from flexhinf.design.plans import has_integrals
 from flexhinf.design.requirements import peak_option
-from flexhinf.design.responses import JointLimits, forwarded
+from flexhinf.design.responses import JointLimits
 from flexhinf.design.specification import FIELDS, MIN_DAMPING, RIPPLE, TOLERANCE, Specification
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure, refuse_if
 
@@ -396,8 +396,15 @@ class TunedLaw:
         corners = f"unstable corners of the tolerances at most 0, found {unstable}" if unstable else ""
         return "; ".join(filter(None, (self.reason, corners)))
 
-    name = forwarded("kind.name", str, "Name of the law.")
-    setup = forwarded("evaluation.setup", LoopSetup, "The law's own loop.")
+    @property
+    def name(self) -> str:
+        """Name of the law."""
+        return self.kind.name
+
+    @property
+    def setup(self) -> LoopSetup:
+        """The law's own loop."""
+        return self.evaluation.setup
 
     @property
     def parameters(self) -> Mapping[str, float]:

@@ -17,7 +17,8 @@ import tomlkit
 from flexhinf.analysis import Margins
 from flexhinf.design import design_file
 from flexhinf.design.advice import Advice
-from flexhinf.design.pipeline import ComparedLaw, Comparison, Design
+from flexhinf.design.pipeline import ComparedLaw, Comparison
+from flexhinf.design.pose_design import PoseDesign
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import ROBOT
 from flexhinf.design.tuning import best_rival, pareto_front
@@ -47,7 +48,7 @@ ROBOT_FILE = "robot.toml"
 
 
 def design_files(
-    design: Design | WorkspaceDesign,
+    design: PoseDesign | WorkspaceDesign,
     command: Sequence[str],
     warnings: Sequence[str] = (),
     beside: Sequence[str] = (),
@@ -114,7 +115,7 @@ def comparison_files(
 
 
 def write_report(
-    result: Design | WorkspaceDesign | Comparison | WorkspaceComparison, folder: str | Path
+    result: PoseDesign | WorkspaceDesign | Comparison | WorkspaceComparison, folder: str | Path
 ) -> Path:
     """Write the report of a design or a comparison into a folder, which is returned; raises as `report.write`.
 
@@ -127,7 +128,7 @@ def write_report(
 
 
 def _design_file(
-    design: Design | WorkspaceDesign, folder: str | Path
+    design: PoseDesign | WorkspaceDesign, folder: str | Path
 ) -> tuple[dict[str, str | bytes], dict[str, str]]:
     """The design file of a design that was made in Python, with the robot's file where its numbers were changed, and
     digests of the robot's files; empty for a robot or a penalty that no file states."""
@@ -148,14 +149,14 @@ def _design_file(
     return {}, {}
 
 
-def details(design: Design | WorkspaceDesign) -> tuple[list[Any], list[str], str]:
+def details(design: PoseDesign | WorkspaceDesign) -> tuple[list[Any], list[str], str]:
     """Every table, note and sentence of a design for a terminal."""
     if isinstance(design, WorkspaceDesign):
         return [every_requirement(design).terminal()], [], workspace_verdict(design)
     return design_tables(design), notes(design), verdict(design)
 
 
-def ending(design: Design | WorkspaceDesign, advice: Advice | None = None) -> Ending:
+def ending(design: PoseDesign | WorkspaceDesign, advice: Advice | None = None) -> Ending:
     """What a terminal says of a design at the end, with what was tried after one for a workspace."""
     return workspace_ending(design, advice) if isinstance(design, WorkspaceDesign) else design_ending(design)
 
@@ -173,7 +174,7 @@ def _saved(files: Mapping[str, Callable[[Path], object]]) -> dict[str, str | byt
 
 
 def design_text(
-    design: Design | WorkspaceDesign, request: design_file.DesignRequest, folder: str | Path = "."
+    design: PoseDesign | WorkspaceDesign, request: design_file.DesignRequest, folder: str | Path = "."
 ) -> str:
     """Text of the design file of a design: the request, and the result.
 
@@ -200,7 +201,7 @@ def design_text(
 
 
 # Numbers ------------------------------------------------------------------------------------------------
-def _result(design: Design) -> dict[str, Any]:
+def _result(design: PoseDesign) -> dict[str, Any]:
     problem, evaluation = design.design_problem, design.evaluation
     samples, margins = evaluation.step_samples, evaluation.margins
     weights = (
@@ -254,7 +255,7 @@ RUN = "diverged_at_s=diverged_at joints=metrics"
 LOADED_RUN = "diverged_at_s=response.diverged_at joints=metrics"
 
 
-def design_numbers(design: Design) -> dict[str, Any]:
+def design_numbers(design: PoseDesign) -> dict[str, Any]:
     """Numbers of design.json."""
     e, s, attained, limit_cycle = (
         design.evaluation,
@@ -373,7 +374,7 @@ def _margins(m: Margins) -> dict[str, Any]:
     return {**_picked(m, MARGINS), "gain_margins": pairs[0] if len(pairs) == 1 else pairs}
 
 
-def _weights(design: Design) -> dict[str, Any]:
+def _weights(design: PoseDesign) -> dict[str, Any]:
     problem, whole = design.design_problem, design.synthesis.robust
     search, target, r = problem.search, problem.target, problem.robustness
     tried = """damping_weights target_frequency bandwidth=behaviour.bandwidth damping=behaviour.damping
@@ -400,7 +401,7 @@ def _weights(design: Design) -> dict[str, Any]:
     }
 
 
-def _estimator_noise(design: Design) -> dict[str, Any]:
+def _estimator_noise(design: PoseDesign) -> dict[str, Any]:
     search, tried = design.synthesis.noise_search, []
     if search is not None:
         tried = sorted(

@@ -16,7 +16,8 @@ import numpy as np
 from flexhinf.analysis.modes import JointScales
 from flexhinf.design.advice import OF_MOVES, WITHIN
 from flexhinf.design.loop_setup import LoopPlants
-from flexhinf.design.pipeline import Comparison, Design
+from flexhinf.design.pipeline import Comparison
+from flexhinf.design.pose_design import PoseDesign
 from flexhinf.design.problem.presets import robust_applies
 from flexhinf.design.problem.weights import vibration_text
 from flexhinf.design.requirements import REQUIREMENTS, STANDSTILL_SHARE, Requirement
@@ -227,7 +228,7 @@ def noise_text(setup: LoopPlants) -> str:
     return f"Sensor noise: {listed(texts)} ({'as stated' if stated else 'assumed'})."
 
 
-def design_ending(design: Design) -> Ending:
+def design_ending(design: PoseDesign) -> Ending:
     """What a terminal says at the end of a design of one pose."""
     risks = "; ".join(design.status.risky)
     parts = (
@@ -241,7 +242,7 @@ def design_ending(design: Design) -> Ending:
     return requirements_screen(lines, units_of(design.evaluation).degrees, parts, notes(design))
 
 
-def _vibration(design: Design) -> str:
+def _vibration(design: PoseDesign) -> str:
     """The arm's own lowest vibration, where a bandwidth is asked for."""
     if design.specification.bandwidth is None:
         return ""
@@ -250,7 +251,7 @@ def _vibration(design: Design) -> str:
     return f"{text[0].upper()}{text[1:]}." if np.isfinite(scales.antiresonance) else ""
 
 
-def _advice(design: Design) -> str:
+def _advice(design: PoseDesign) -> str:
     """What to try where a requirement is not met; nothing otherwise."""
     missed = design.missed
     fields = {line.field for line in missed}

@@ -315,10 +315,15 @@ class Synthesis:
     robust: WholeLoopSearch | None = None  # of weights and noise levels for the tolerances; preset robust
     proved: proved_step.ProvedLaw | None = None  # with its certificate for all tolerances; preset proved
 
-    solution = responses.forwarded("chosen.solution", HJISolution, "The chosen solution at the goal.")
-    problem = responses.forwarded(
-        "design_problem.nominal", GeneralisedPlant, "The nominal problem about the goal."
-    )
+    @property
+    def solution(self) -> HJISolution:
+        """The chosen solution at the goal."""
+        return self.chosen.solution
+
+    @property
+    def problem(self) -> GeneralisedPlant:
+        """The nominal problem about the goal."""
+        return self.design_problem.nominal
 
     @property
     def sampled(self) -> bool:

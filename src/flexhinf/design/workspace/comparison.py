@@ -19,9 +19,8 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.laws import DESIGN, USUAL, LawKind, law_kind
-from flexhinf.design.loop_setup import other_quantisation
+from flexhinf.design.noise_levels import other_quantisation
 from flexhinf.design.requirements import Reported, Requirement
-from flexhinf.design.responses import forwarded
 from flexhinf.design.specification import Specification
 from flexhinf.design.workspace.design import WorkspaceDesign, check_loop, judged_design
 from flexhinf.design.workspace.judgement import missed_by, move_requirements
@@ -64,7 +63,10 @@ class ComparedController:
     stated: bool = False  # whether the user states them
     failure: str = ""  # why it could not be made
 
-    name = forwarded("kind.name", str, "Of the law.")
+    @property
+    def name(self) -> str:
+        """Of the law."""
+        return self.kind.name
 
     @cached_property
     def bandwidth(self) -> float | None:

@@ -16,8 +16,9 @@ import numpy as np
 
 from flexhinf.analysis import LinearLoop
 from flexhinf.design.noise_levels import sensor_steps
-from flexhinf.design.requirements import Judged, Requirement
+from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Move, Response, joint_limits
+from flexhinf.design.result import Design
 from flexhinf.design.specification import TOLERANCE, Specification
 from flexhinf.design.stated_units import check_stated_units
 from flexhinf.design.workspace.judgement import (
@@ -28,8 +29,10 @@ from flexhinf.design.workspace.judgement import (
     standstill_requirement,
 )
 from flexhinf.design.workspace.law_file import stated_workspace
+from flexhinf.design.workspace.proof import WorkspaceProof, prove_workspace
 from flexhinf.design.workspace.search import BANDWIDTHS, tuned_setup
 from flexhinf.design.workspace.setup import CornerLoop, PoseLoop, WorkspaceSetup
+from flexhinf.errors import refuse_if
 from flexhinf.estimation.modal import pair_sensors
 from flexhinf.loop import Controller, Trajectory
 from flexhinf.robot import Robot, kinematics
@@ -58,7 +61,7 @@ POSES_SEED, GOALS_SEED, SAMPLED_SEED = 1, 7, 11
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class WorkspaceDesign(Judged):
+class WorkspaceDesign(Design):
     """One controller for a workspace, its loops at poses and its moves, and the judgement of both.
 
     Poses, moves and robots are random samples by the seed of the specification: nothing is proved between them.
@@ -124,6 +127,20 @@ class WorkspaceDesign(Judged):
         each, rad or m, and a second of rest."""
         return self.setup.move(np.array([self._pose(start), self._pose(goal)])).response.run
 
+    def certificate(self) -> WorkspaceProof:
+        """The errors of the model that small motions about rest are proved to tolerate, at every pose.
+
+        Raises `InvalidInput` where nothing is proved.
+        """
+        found = prove_workspace(self.setup)
+        refuse_if(
+            not found.is_proved,
+            "Nothing is proved of this design.",
+            "expected pairs of a link and a motor that are proved stable, got none",
+            "encoders on both sides of the springs, or a smaller bandwidth",
+        )
+        return found
+
     def controller(self, at: Any = None, **options: Any) -> Controller:
         """A new controller as it is deployed, which begins at rest at a pose (n,), by default the robot's home or,
         where that is not in the workspace, a pose in it.
@@ -177,7 +194,7 @@ def judged_design(
 
     `undamped`: whether the loops whose springs nothing damps are computed too; they decide nothing.
     """
-    robot, s, lines = setup.robot, setup.specification, list[Requirement]()
+    s, lines = setup.specification, list[Requirement]()
 
     def watched(items: Iterable[T]) -> Iterator[T]:
         for item in items:
