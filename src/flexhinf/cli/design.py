@@ -83,7 +83,7 @@ def design(context: typer.Context, o: options.DesignOptions) -> int:
     ending = [("what holds for all poses", 2.5), ("report", 2.5)]
     begun, command = process_time(), reproduce_command(context)
 
-    def written(result: fh.Design | fh.WorkspaceDesign, advice: Advice | None = None) -> None:
+    def written(result: fh.Design, advice: Advice | None = None) -> None:
         files = pages.design_files(result, command, request.warnings, ("design.toml",), advice)
         files["design.toml"] = pages.design_text(result, request, folder)
         if advice is not None and advice.found is not None and advice.found.change.rigid:
@@ -137,9 +137,7 @@ def _advice(
     return replace(advice, command=(*command, *options))
 
 
-def _show_design(
-    result: fh.Design | fh.WorkspaceDesign, folder: Path, o: options.DesignOptions, advice: Advice | None
-) -> None:
+def _show_design(result: fh.Design, folder: Path, o: options.DesignOptions, advice: Advice | None) -> None:
     """The verdict, and what to do next."""
     if o.verbose:
         tables, notes, text = pages.details(result)

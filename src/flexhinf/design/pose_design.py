@@ -90,7 +90,7 @@ class PoseDesign(Design):
     @property
     def scenario(self) -> responses.Scenario:
         """The runs."""
-        return self.evaluation.scenario
+        return self.evaluation.runs
 
     @property
     def goal(self) -> np.ndarray:

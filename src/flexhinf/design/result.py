@@ -12,17 +12,13 @@ import numpy as np
 from flexhinf.analysis import FrequencyResponse, LinearLoop, Margins, frequency_response, margins
 from flexhinf.design.requirements import PAGES, Reported, Requirement
 from flexhinf.design.specification import Specification
-from flexhinf.loop import Controller
+from flexhinf.loop import Controller, Trajectory
 from flexhinf.robot import Robot
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure as MatplotlibFigure
 
-    from flexhinf.certify import Certificate
-    from flexhinf.design.pipeline import Comparison
-    from flexhinf.design.workspace.comparison import WorkspaceComparison
-    from flexhinf.design.workspace.proof import WorkspaceProof
 
 #: What is made of a design by rooms that know its kinds.
 CAMPAIGNS, PIPELINE = "flexhinf.design.campaign_folder", "flexhinf.design.pipeline"
@@ -63,7 +59,11 @@ class Design(Reported):
         """A new controller as it is deployed, which takes over at a pose (n,), rad or m."""
 
     @abc.abstractmethod
-    def certificate(self) -> Certificate | WorkspaceProof:
+    def move(self, goal: Any = None, start: Any = None) -> Trajectory:
+        """The run of a move from rest at `start` to `goal`, (n,) each, rad or m."""
+
+    @abc.abstractmethod
+    def certificate(self) -> object:
         """What is proved of it: a region with its gain, or errors of the model that small motions tolerate.
 
         Raises `InvalidInput` where nothing is proved, with why.
@@ -115,6 +115,6 @@ class Design(Reported):
         """
         return import_module(CAMPAIGNS).campaign_in_memory(self, samples, workers, **options)
 
-    def compare(self, laws: Sequence[str] | None = None, **options: Any) -> Comparison | WorkspaceComparison:
+    def compare(self, laws: Sequence[str] | None = None, **options: Any) -> Reported:
         """Other laws for the same task, judged by the same requirements; see `flexhinf.compare`."""
         return import_module(PIPELINE).compare(self.robot, self.specification, laws, **options)

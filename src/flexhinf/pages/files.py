@@ -21,6 +21,7 @@ from flexhinf.design.pipeline import ComparedLaw, Comparison
 from flexhinf.design.pose_design import PoseDesign
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import ROBOT
+from flexhinf.design.result import Design
 from flexhinf.design.tuning import best_rival, pareto_front
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict, result_row
 from flexhinf.design.workspace.comparison import WorkspaceComparison
@@ -48,7 +49,7 @@ ROBOT_FILE = "robot.toml"
 
 
 def design_files(
-    design: PoseDesign | WorkspaceDesign,
+    design: Design,
     command: Sequence[str],
     warnings: Sequence[str] = (),
     beside: Sequence[str] = (),
@@ -62,6 +63,7 @@ def design_files(
     """
     if isinstance(design, WorkspaceDesign):
         return _workspace_files(design, command, warnings, beside, advice)
+    assert isinstance(design, PoseDesign)
     e, proof = design.evaluation, design.proof
     runs = {
         **_picked(e, RUNS),
@@ -114,9 +116,7 @@ def comparison_files(
     return {"index.html": page.html(), **files}
 
 
-def write_report(
-    result: PoseDesign | WorkspaceDesign | Comparison | WorkspaceComparison, folder: str | Path
-) -> Path:
+def write_report(result: Design | Comparison | WorkspaceComparison, folder: str | Path) -> Path:
     """Write the report of a design or a comparison into a folder, which is returned; raises as `report.write`.
 
     Beside a design stands its design file, where the robot is of the catalogue or of a file that states its numbers.
@@ -127,9 +127,7 @@ def write_report(
     return write(folder, {**design_files(result, (), beside=tuple(own)), **own}, origins)
 
 
-def _design_file(
-    design: PoseDesign | WorkspaceDesign, folder: str | Path
-) -> tuple[dict[str, str | bytes], dict[str, str]]:
+def _design_file(design: Design, folder: str | Path) -> tuple[dict[str, str | bytes], dict[str, str]]:
     """The design file of a design that was made in Python, with the robot's file where its numbers were changed, and
     digests of the robot's files; empty for a robot or a penalty that no file states."""
     robot, files = design.robot, dict[str, str | bytes]()
@@ -149,16 +147,20 @@ def _design_file(
     return {}, {}
 
 
-def details(design: PoseDesign | WorkspaceDesign) -> tuple[list[Any], list[str], str]:
+def details(design: Design) -> tuple[list[Any], list[str], str]:
     """Every table, note and sentence of a design for a terminal."""
     if isinstance(design, WorkspaceDesign):
         return [every_requirement(design).terminal()], [], workspace_verdict(design)
+    assert isinstance(design, PoseDesign)
     return design_tables(design), notes(design), verdict(design)
 
 
-def ending(design: PoseDesign | WorkspaceDesign, advice: Advice | None = None) -> Ending:
+def ending(design: Design, advice: Advice | None = None) -> Ending:
     """What a terminal says of a design at the end, with what was tried after one for a workspace."""
-    return workspace_ending(design, advice) if isinstance(design, WorkspaceDesign) else design_ending(design)
+    if isinstance(design, WorkspaceDesign):
+        return workspace_ending(design, advice)
+    assert isinstance(design, PoseDesign)
+    return design_ending(design)
 
 
 def _saved(files: Mapping[str, Callable[[Path], object]]) -> dict[str, str | bytes]:
@@ -173,9 +175,7 @@ def _saved(files: Mapping[str, Callable[[Path], object]]) -> dict[str, str | byt
     return contents
 
 
-def design_text(
-    design: PoseDesign | WorkspaceDesign, request: design_file.DesignRequest, folder: str | Path = "."
-) -> str:
+def design_text(design: Design, request: design_file.DesignRequest, folder: str | Path = ".") -> str:
     """Text of the design file of a design: the request, and the result.
 
     `request`: where the robot came from, and its payload.
@@ -193,8 +193,11 @@ def design_text(
     )
     document.add(tomlkit.nl())
     document.add(tomlkit.comment("What came of it. This part is not read: changing it changes nothing."))
-    own = isinstance(design, WorkspaceDesign)
-    table = {"verdict": workspace_verdict(design), "met": design.met} if own else _result(design)
+    if isinstance(design, WorkspaceDesign):
+        table = {"verdict": workspace_verdict(design), "met": design.met}
+    else:
+        assert isinstance(design, PoseDesign)
+        table = _result(design)
     table["specification"] = [result_row(line) for line in design.requirements]
     document.add("result", design_file.toml_table({k: v for k, v in table.items() if v is not None}))
     return tomlkit.dumps(document)

@@ -122,9 +122,9 @@ class WorkspaceDesign(Design):
             initial_state=robot.operating_point(begin, self.setup.extras)[0], seed=self.specification.seed,
         )  # fmt: skip
 
-    def move(self, goal: Any, start: Any = None) -> Trajectory:
+    def move(self, goal: Any = None, start: Any = None) -> Trajectory:
         """The run of a quintic move with feedforward, at half the speed limits, from rest at `start` to `goal`, (n,)
-        each, rad or m, and a second of rest."""
+        each, rad or m, by default the home, and a second of rest."""
         return self.setup.move(np.array([self._pose(start), self._pose(goal)])).response.run
 
     def certificate(self) -> WorkspaceProof:
