@@ -21,7 +21,7 @@ ROWS = Path(__file__).parent / "rows"
 
 #: Robots, and what is measured.
 ROBOTS: dict[str, tuple[str, ...]] = {
-    "planar-two-link": ("link_position",), "scara": ("link_position", "motor_position"),
+    "planar-two-link": ("link_position",), "vertical-rig": ("link_position", "motor_position"),
 }  # fmt: skip
 
 #: Requirements in the table, with the unit that they are shown in and its factor.

@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,12 +18,20 @@ import flexhinf as fh
 from flexhinf.analysis import EquilibriumLoop
 from flexhinf.baselines import LinearQuadratic
 from flexhinf.baselines.placed_laws import bessel_coefficients
+from flexhinf.design.laws import law_kind
+from flexhinf.design.requirements import REQUIREMENTS
 from flexhinf.design.workspace import comparison
-from flexhinf.design.workspace.comparison import read_gains, rival_names
+from flexhinf.design.workspace.comparison import (
+    ComparedController,
+    WorkspaceComparison,
+    read_gains,
+    rival_names,
+)
 from flexhinf.design.workspace.rivals import RIVALS, check_numbers, rival_law
 from flexhinf.design.workspace.search import known_setup, pair_weights
 from flexhinf.design.workspace.setup import WorkspaceSetup
-from flexhinf.pages import compared_ending
+from flexhinf.pages import compared_ending, workspace_comparison
+from flexhinf.pages.workspace_comparison import laws_verdict
 from flexhinf.robot.workspace import workspace_of
 
 Named = Callable[[str], Any]
@@ -215,3 +224,31 @@ def test_each_law_has_a_row_and_the_report_says_which_is_best(
     page, end = (folder / "index.html").read_text(encoding="utf-8"), compared_ending(found).text
     assert unnamed(page, "Criterion", "flatness-i", "kp") == []
     assert unnamed(" ".join(end.split()), "Criterion: every requirement", "best rival") == []
+
+
+@pytest.mark.parametrize(
+    ("own", "rival", "said"),
+    [
+        (1e-3, 5e-4, "pid, meets every requirement too, and beats the design: 0.5 mrad against 1 mrad"),
+        (1e-3, 4e-3, "and loses to the design"),
+        (1e-3, 6e-3, "The design alone meets every requirement. The best rival is pid, which misses tracking error"),
+        (6e-3, 1e-3, "The best rival, pid, meets every requirement, and the design does not"),
+        (6e-3, 7e-3, "No law meets every requirement. Least is missed by design"),
+    ],
+)  # fmt: skip
+def test_the_verdict_says_the_criterion_and_who_is_better(
+    own: float, rival: float, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(workspace_comparison, "_degrees", lambda comparison: False)
+
+    def row(name: str, found: float) -> ComparedController:
+        line = REQUIREMENTS["tracking"].judge(None, 5e-3, found, "moves", unit="rad")
+        judged: Any = SimpleNamespace(requirements=(line,), missed=(line,) * line.missed, met=line.met)
+        return ComparedController(law_kind(name), judged)
+
+    robot: Any = None
+    text = laws_verdict(
+        WorkspaceComparison(robot, fh.Specification(), (row("design", own), row("pid", rival)))
+    )
+    assert text.startswith("Criterion: ")
+    assert said in text

@@ -40,7 +40,7 @@ Numbers = Mapping[str, tuple[float, ...]]
 
 #: Bandwidths of the search, rad/s, the fastest first; their ratio, and the steps of the bisection between two of them.
 RATIO, BISECTIONS = math.sqrt(2.0), 2
-BANDWIDTHS = tuple(160.0 / RATIO**k for k in range(12))
+BANDWIDTHS = tuple(160.0 * 2.0 ** (-0.5 * k) for k in range(12))
 
 #: Poses by which a rival is tuned, and robots at corners of the tolerances at each: its fastest gains are at a limit,
 #: so it needs more poses than the design, which has a choice of six bandwidths.
