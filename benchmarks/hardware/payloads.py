@@ -74,7 +74,8 @@ def _gripped(setup: WorkspaceSetup, true: dict[str, Any]) -> dict[str, Any]:
     plan = quintic_move(setup.robot, setup.limits, home, home)
     run = fh.Loop(setup.true_plant, setup.controller(home), setup.sub_steps).run(
         reference=move_reference(robot, plan, ()), disturbance=torques, noise=setup.noise,
-        duration=LONG, seed=setup.specification.seed, initial_state=setup.true.robot.operating_point(home, setup.extras)[0],
+        duration=LONG, seed=setup.specification.seed,
+        initial_state=setup.true.robot.operating_point(home, setup.extras)[0],
     )  # fmt: skip
     error = np.abs(Response(run, home, home, setup.joints).positions - home)
     away = np.flatnonzero(error.max(axis=1) > NEAR)
