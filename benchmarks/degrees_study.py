@@ -118,7 +118,7 @@ class KnownSprings(LoopSetup):
     @cached_property
     def model(self) -> Plant:
         """With the extras."""
-        return self.true_plant
+        return self.smooth_plant
 
     @cached_property
     def goal_equilibrium(self) -> tuple[np.ndarray, np.ndarray]:

@@ -26,7 +26,7 @@ def swing() -> tuple[str, str]:
     measured = ("link_position", "motor_position")
     found = fh.design(robot, fh.Specification(measured=measured, saturation=48.0, peak_speed=8.0))
     plan = fh.Waypoints([0.0, MOVING], [start, goal], "quintic")
-    loop = fh.Loop(found.setup.true_plant, found.controller(at=start))
+    loop = fh.Loop(found.setup.true_plant, found.controller(at=start), found.setup.sub_steps)
     reference = fh.Moving(plan, robot.inverse_dynamics)
     state = robot.operating_point(start)[0]
     run = loop.run(reference=reference, duration=WATCHED, initial_state=state)

@@ -71,10 +71,11 @@ def _gripped(setup: WorkspaceSetup, true: dict[str, Any]) -> dict[str, Any]:
     torques = dict(
         zip(signal_names("link_torque", setup.joints), (fh.Step(-float(w), at=AT) for w in weight))
     )
-    (extras, plant, parts), plan = setup.dry_plant, quintic_move(setup.robot, setup.limits, home, home)
-    run = fh.Loop(plant, setup.controller(home), parts).run(
+    plan = quintic_move(setup.robot, setup.limits, home, home)
+    run = fh.Loop(setup.true_plant, setup.controller(home), setup.sub_steps).run(
         reference=move_reference(robot, plan, ()), disturbance=torques, noise=setup.noise,
-        duration=LONG, seed=setup.specification.seed, initial_state=setup.true.robot.operating_point(home, extras)[0],
+        duration=LONG, seed=setup.specification.seed,
+        initial_state=setup.true.robot.operating_point(home, setup.extras)[0],
     )  # fmt: skip
     error = np.abs(Response(run, home, home, setup.joints).positions - home)
     away = np.flatnonzero(error.max(axis=1) > NEAR)

@@ -206,6 +206,7 @@ def test_run_takes_what_it_reads(read: set[str], tmp_path: Path) -> None:
         ("certify", "paper", {"seed": 5}, {"proof_seconds"}),
         ("design", "paper", {"friction_model": True}, {"friction_model"}),
         ("design", "paper", {"friction_model": True, "extras": ["coulomb_friction"]}, set()),
+        ("design", "planar-two-link", {"friction_model": True}, {"proof_seconds"}),
         ("design", "paper", {"rays": 0, "checked_penalty": [1.0]}, {"checked_penalty", "proof_seconds"}),
         ("design", "paper", {"rays": 0, "proof_seconds": 0}, set()),
         ("design", "paper", {"via": [(0.1,)]}, {"proof_seconds"}),

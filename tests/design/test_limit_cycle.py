@@ -9,8 +9,9 @@ import pytest
 from tests.refusals import refused_with, unnamed
 
 from flexhinf.design import PoseDesign, Specification
-from flexhinf.design.checks import check_limit_cycle, end_limit_cycle
+from flexhinf.design.checks import LimitCycleCheck, check_limit_cycle, end_limit_cycle
 from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.responses import Response
 from flexhinf.design.synthesis.steps import synthesise
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import JerkLimited
@@ -138,6 +139,22 @@ def test_every_run_has_the_friction_of_the_file_and_moves_overcome_it(setup):
     assert np.abs(model.reference(plan)(instant) - reference(instant))[-2:].min() > 0.9 * np.min(
         tracking.dry_friction.level
     )
+
+
+def test_backlash_of_the_file_is_in_the_robot_in_the_dead_zone_and_in_the_controller_of_a_move(setup):
+    loose = setup.robot.with_values({f"coulomb_friction_{joint}": 0.0 for joint in setup.joints})
+    loose = loose.with_parameters(Parameter("backlash_elbow", 4e-4))
+    both = {**MOTORS, "measured": "link_position,motor_position"}
+    made = replace(setup, robot=loose, specification=Specification(**both))
+    assert made.extras == ("backlash",)
+    assert made.may_swing
+    assert made.sub_steps is None
+    np.testing.assert_array_equal(made.dead_zone, [0.0, 2e-4])
+    np.testing.assert_array_equal(replace(made, chosen_zone=np.array([1e-3, 1e-4])).dead_zone, [1e-3, 2e-4])
+    assert made.tracking_controller.backlash.motors == ("motor_position_elbow",)
+    assert replace(setup, robot=loose).tracking_controller.backlash is None  # where one side is measured
+    run = LimitCycleCheck(cast(Response, None), made.extras, 1e-3)
+    assert run.where == "long run at rest, nominal robot with backlash, no noise"
 
 
 @pytest.mark.ci("runs three commands")

@@ -347,7 +347,7 @@ def of_workspace_proof(request: DesignRequest) -> dict[str, str]:
 
 def _of_loop(robot: Robot, s: Specification) -> dict[str, str]:
     from flexhinf.design.responses import joint_limits
-    from flexhinf.robot.elastic import DRY
+    from flexhinf.robot.elastic import DRY, with_dry_friction
 
     idle = {} if joint_limits(robot, s).limits_effort else {"ripple": "limits of the motors (--saturation)"}
     if s.move is None:
@@ -356,8 +356,9 @@ def _of_loop(robot: Robot, s: Specification) -> dict[str, str]:
         idle["command"] = "--disturbances: without them the command is the disturbance anyway"
     if s.estimator == "none":
         idle |= dict.fromkeys(("measured", *NOISES), "an estimator")
-    if s.estimator not in ("ukf", "ekf") or not set(s.extras) & set(DRY):
-        idle["friction_model"] = "the estimator ukf or ekf, and dry friction among --extras"
+    dry = set(with_dry_friction(s.extras, robot.plant_parameters())) & set(DRY)
+    if s.estimator not in ("ukf", "ekf") or not dry:
+        idle["friction_model"] = "the estimator ukf or ekf, and dry friction in the robot's file"
     if not robot.uncertain:
         idle["draws"] = "tolerances in the robot's file"
     if all(robot.links.slides):

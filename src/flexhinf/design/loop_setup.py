@@ -12,10 +12,12 @@ import numpy as np
 from flexhinf.analysis import EquilibriumLoop
 from flexhinf.design.noise_levels import EstimatorNoise, noise_variances, sensor_steps
 from flexhinf.design.plans import (
+    ON_THE_WAY,
     has_integrals,
     move_reference,
     stated_backlash,
     stated_dry_friction,
+    stated_move,
     step_command,
     true_robot,
 )
@@ -330,10 +332,13 @@ class LoopSetup(LoopPlants):
 
     @property
     def supervision(self) -> Supervision:
-        """What a deployed controller watches: the box of start, goal and laws' poses, with a `WORKSPACE_MARGIN`."""
+        """What a deployed controller watches: the box of start, goal, laws' poses and a stated move, with a
+        `WORKSPACE_MARGIN`."""
         names, laws = self.law.plant_states, self.law.laws if isinstance(self.law, Schedule) else (self.law,)
         places = [names.index(name) for name in self.law.tracked]
         ends = [self.robot.operating_point(at)[0] for at in (self.start, self.goal)]
+        if move := stated_move(self.robot, self.specification):
+            ends += list(np.reshape(move(np.linspace(0.0, move.duration, ON_THE_WAY)), (ON_THE_WAY, -1)))
         poses = np.array([np.asarray(end)[places] for end in (*ends, *(law.operating_point for law in laws))])
         share, smallest = WORKSPACE_MARGIN
         margin = max(share * float(np.ptp(poses, axis=0).max(initial=0.0)), smallest)
