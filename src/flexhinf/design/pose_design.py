@@ -161,9 +161,9 @@ class PoseDesign(Design):
     def move(self, goal: Any = None, start: Any = None) -> Trajectory:
         """The run of the planned move with feedforward that is judged, from `start` to `goal`; an InvalidInput for
         others."""
-        for asked, known in ((goal, self.goal), (start, self.start)):
+        for pose, known in ((goal, self.goal), (start, self.start)):
             self._refuse_elsewhere(
-                "A design of one pose has one move, from its start to its goal.", asked, known
+                "A design of one pose has one move, from its start to its goal.", pose, known
             )
         return self.evaluation.move.response.run
 

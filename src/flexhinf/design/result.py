@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf.analysis import FrequencyResponse, LinearLoop, Margins, frequency_response, margins
-from flexhinf.design.requirements import PAGES, Reported, Requirement
+from flexhinf.design.requirements import Reported, Requirement
 from flexhinf.design.specification import Specification
 from flexhinf.loop import Controller, Trajectory
 from flexhinf.robot import Robot
@@ -18,10 +18,6 @@ from flexhinf.robot import Robot
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure as MatplotlibFigure
-
-
-#: What is made of a design by rooms that know its kinds.
-CAMPAIGNS, PIPELINE = "flexhinf.design.campaign_folder", "flexhinf.design.pipeline"
 
 
 class Design(Reported):
@@ -34,10 +30,10 @@ class Design(Reported):
     Examples
     --------
     >>> import flexhinf as fh
-    >>> found = fh.design(fh.load_robot("planar-two-link"))  # doctest: +SKIP
-    >>> isinstance(found, fh.Design), found.met  # doctest: +SKIP
-    (True, True)
-    >>> found.campaign(200).status  # doctest: +SKIP
+    >>> quick = dict(degrees="2", draws=0, rays=0, proof_seconds=0, compare_rigid=False, estimator="none")
+    >>> found = fh.design(fh.load_robot("paper"), fh.Specification(pose="10deg", start="0", **quick))
+    >>> isinstance(found, fh.Design), found.campaign(3).sizes["sample"]
+    (True, 3)
     """
 
     requirements: tuple[Requirement, ...]
@@ -89,7 +85,7 @@ class Design(Reported):
     def bode(self, frequencies: Any = None, at: Any = None) -> MatplotlibFigure:
         """Bode diagram of the running loop, opened at one motor's input with the others closed: magnitude and phase,
         with the frequencies where the gain margins are."""
-        return import_module(PAGES).bode_figure(self.frequency_response(frequencies, at))
+        return import_module("flexhinf.pages").bode_figure(self.frequency_response(frequencies, at))
 
     @property
     def missed(self) -> tuple[Requirement, ...]:
@@ -113,8 +109,12 @@ class Design(Reported):
         ``options`` are those of `flexhinf campaign run`, such as ``seed``, ``method`` and ``extra_delay``; the result
         is that of `flexhinf.run_campaign`. Raises `InvalidInput` before any work for what does not fit.
         """
-        return import_module(CAMPAIGNS).campaign_in_memory(self, samples, workers, **options)
+        return import_module("flexhinf.design.campaign_folder").campaign_in_memory(
+            self, samples, workers, **options
+        )
 
     def compare(self, laws: Sequence[str] | None = None, **options: Any) -> Reported:
         """Other laws for the same task, judged by the same requirements; see `flexhinf.compare`."""
-        return import_module(PIPELINE).compare(self.robot, self.specification, laws, **options)
+        return import_module("flexhinf.design.pipeline").compare(
+            self.robot, self.specification, laws, **options
+        )

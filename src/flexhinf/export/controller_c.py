@@ -304,7 +304,8 @@ class ControllerCode:
     def _comment(self, facts: Mapping[str, str]) -> str:
         """Facts as lines of a comment, each in lines of its own."""
         return "\n * ".join(
-            "\n *   ".join(wrap(comment(f"{name}: {text}"), 112)) for name, text in facts.items()
+            "\n *   ".join(wrap(comment(f"{name}: {text}"), 112, break_on_hyphens=False))
+            for name, text in facts.items()
         )
 
     @cached_property
