@@ -10,7 +10,17 @@ NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "Designs": (
         "From a robot and a specification to a judged controller.",
-        ("design", "Specification", "Design", "WorkspaceDesign", "compare", "Comparison", "load_design"),
+        (
+            "design",
+            "Specification",
+            "Design",
+            "PoseDesign",
+            "WorkspaceDesign",
+            "compare",
+            "Comparison",
+            "WorkspaceComparison",
+            "load_design",
+        ),
     ),
     "Plants and problems": (
         "Models of any system, what is measured of it, and what a law is asked for.",

@@ -82,7 +82,7 @@ def test_advice_on_an_option_works(
     assert unnamed("".join(told[:1]), *named) == [], told
 
 
-@pytest.mark.parametrize("command", ["compare", "campaign run ws/runs", "campaign merge"])
+@pytest.mark.parametrize("command", ["campaign run ws/runs", "campaign merge"])
 def test_advice_on_a_folder_of_another_kind_works(
     command: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -154,7 +154,7 @@ def test_backlash_of_the_file_is_in_the_robot_in_the_dead_zone_and_in_the_contro
     assert made.tracking_controller.backlash.motors == ("motor_position_elbow",)
     assert replace(setup, robot=loose).tracking_controller.backlash is None  # where one side is measured
     run = LimitCycleCheck(cast(Response, None), made.extras, 1e-3)
-    assert run.where == "long run at rest, nominal robot with backlash, no noise"
+    assert "backlash" in run.where
 
 
 @pytest.mark.ci("runs three commands")

@@ -223,21 +223,21 @@ def test_each_law_has_a_row_and_the_report_says_which_is_best(
     assert all(law["specification"] for law in numbers["laws"])
     page, end = (folder / "index.html").read_text(encoding="utf-8"), compared_ending(found).text
     assert unnamed(page, "Criterion", "flatness-i", "kp") == []
-    assert unnamed(" ".join(end.split()), "Criterion: every requirement", "best rival") == []
+    assert unnamed(" ".join(end.split()), "Criterion:", "best rival") == []
 
 
 @pytest.mark.parametrize(
-    ("own", "rival", "said"),
+    ("own", "rival", "parts"),
     [
-        (1e-3, 5e-4, "pid, meets every requirement too, and beats the design: 0.5 mrad against 1 mrad"),
-        (1e-3, 4e-3, "and loses to the design"),
-        (1e-3, 6e-3, "The design alone meets every requirement. The best rival is pid, which misses tracking error"),
-        (6e-3, 1e-3, "The best rival, pid, meets every requirement, and the design does not"),
-        (6e-3, 7e-3, "No law meets every requirement. Least is missed by design"),
+        (1e-3, 5e-4, ("pid", "too", "beats", "0.5 mrad", "1 mrad")),
+        (1e-3, 4e-3, ("pid", "loses")),
+        (1e-3, 6e-3, ("design alone", "pid", "misses", "tracking error")),
+        (6e-3, 1e-3, ("pid, meets", "does not")),
+        (6e-3, 7e-3, ("No law", "by design")),
     ],
 )  # fmt: skip
 def test_the_verdict_says_the_criterion_and_who_is_better(
-    own: float, rival: float, said: str, monkeypatch: pytest.MonkeyPatch
+    own: float, rival: float, parts: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(workspace_comparison, "_degrees", lambda comparison: False)
 
@@ -251,4 +251,4 @@ def test_the_verdict_says_the_criterion_and_who_is_better(
         WorkspaceComparison(robot, fh.Specification(), (row("design", own), row("pid", rival)))
     )
     assert text.startswith("Criterion: ")
-    assert said in text
+    assert unnamed(text, *parts) == []

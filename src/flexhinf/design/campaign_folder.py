@@ -258,12 +258,12 @@ def campaign_in_memory(design: Design, samples: int, workers: int = 0, **options
         CampaignOptions(samples=samples, **options),
     )
     if isinstance(design, WorkspaceDesign):
-        made = DesignedLaw(design.setup, 0.0)
+        designed = DesignedLaw(design.setup, 0.0)
     elif isinstance(design, PoseDesign) and isinstance(request, PoseCampaign) and request.plan is None:
-        made = DesignedLaw(design.setup.bumpless_controller, design.scenario.step_duration)
+        designed = DesignedLaw(design.setup.bumpless_controller, design.scenario.step_duration)
     else:
-        made = designed_controller(request, lambda text: None)
-    run = campaign_with(request, made.law, options.get("duration") or made.length)
+        designed = designed_controller(request, lambda text: None)
+    run = campaign_with(request, designed.law, options.get("duration") or designed.length)
     return run_in_memory(run, in_processes(workers) if workers else in_this_process)
 
 

@@ -224,7 +224,7 @@ def test_a_fast_move_takes_a_vibration_or_what_its_limits_allow(two_links: LiveA
 
 @pytest.mark.ci("tunes the PD of two joints")
 def test_the_page_says_which_friction_acts(two_links: LiveArm) -> None:
-    assert "no dry friction" in two_links.friction
+    assert "smoothed" not in two_links.friction
     assert "smoothed" in replace(two_links, extras=("coulomb_friction",)).friction
 
 
