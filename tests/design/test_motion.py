@@ -110,6 +110,7 @@ def test_a_sensor_that_resolves_less_allows_more_to_remain(setup_of: Any) -> Non
     assert (elsewhere.found, elsewhere.where, elsewhere.joint) == (3e-3, "there", "elbow")
 
 
+@pytest.mark.costs("the first setup of all tests here")
 def test_a_long_way_leaves_more_at_the_end_of_a_run(setup_of: Any) -> None:
     """A step of 1.6 rad may leave 8 mrad after eight time constants; the long run at rest has no such excuse."""
     limits, rows = (
