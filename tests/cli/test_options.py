@@ -179,7 +179,7 @@ def test_run_takes_what_it_reads(read: set[str], tmp_path: Path) -> None:
         prepared.requirements(made)
     assert set(RUN_FIELDS) - {"load"} - read == set()  # --load is an option of the run's own
     of_controller = {
-        "bandwidth", "estimator", "measured", "period", "peak_effort", "peak_speed", "saturation",
+        "bandwidth", "estimator", "friction_model", "measured", "period", "peak_effort", "peak_speed", "saturation",
     }  # fmt: skip
     assert read - set(RUN_FIELDS) <= of_controller
 

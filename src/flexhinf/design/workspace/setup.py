@@ -188,6 +188,11 @@ class WorkspaceSetup(LoopPlants):
         return kalman if self.robot.rigid else ModalFilter(kalman, self.law.equilibrium[0])
 
     @property
+    def knows_friction(self) -> bool:
+        """Never: the controller adds the friction of the file itself."""
+        return False
+
+    @property
     def supervision(self) -> Supervision:
         """What a deployed controller watches: commands outside the box of the workspace (of a path with room for what a
         spline swings beyond its points), limit cycles by a tenth of `authority` or by `position_swing`, saturation, and
