@@ -95,8 +95,10 @@ def test_a_design_file_holds_a_weight_for_each_motor() -> None:
 @pytest.mark.ci("designs the SCARA")
 def test_a_small_motor_is_no_reaction_wheel() -> None:
     """The catalogue's SCARA (150, 60 and 6 N·m, 250 N): with R2 = 0.01 in SI units its loop at home was unstable, and
-    in the small step its wrist went 35 times its way into the other direction."""
+    in the small step its wrist went 35 times its way into the other direction; here without its dry friction."""
+    robot = fh.load_robot("scara")
+    robot = robot.with_values({name: 0.0 for name in robot.nominal if name.startswith("coulomb_friction")})
     quick = Specification(degrees="2", draws=0, rays=0, proof_seconds=0, compare_rigid=False)
-    scara = fh.design(fh.load_robot("scara"), quick)
+    scara = fh.design(robot, quick)
     assert scara.evaluation.margins.stable
     assert max(row["wrong_way_percent"] for row in scara.evaluation.step_motion) < 0.01
