@@ -200,7 +200,8 @@ def short(folder: Path) -> str:
         if rows.get("design", {}).get("met") and PRODUCT in rows.get(MET, {})
     }
     false = [f"`{name}` ({beyond} of {moves} moves)" for name, (beyond, moves) in run.items() if beyond]
-    true = f"{len(run) - len(false)} of {len(run)} arms whose moves were run; not of: {_listed(false)}"
+    true = f"{len(run) - len(false)} of {len(run)} met arms whose moves were run"
+    true += f"; not of: {_listed(false)}" * bool(false)
     return "\n".join([*lines, _cells(['"met" is true', true])])
 
 
