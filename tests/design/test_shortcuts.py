@@ -93,6 +93,9 @@ def test_any_design_has_campaigns_and_more(design: Any) -> None:
     for name in few.data_vars:
         if few[name].dims == ("sample",):
             np.testing.assert_array_equal(few[name].values[:2], again[name].values)
+    if isinstance(design, fh.PoseDesign):
+        short = design.campaign(1, duration=0.5)
+        assert short.time[-1] == pytest.approx(0.5, abs=0.02)
     with refused_with(fh.InvalidInput, "samples_each", "'samples'"):
         design.campaign(2, samples_each=3)
 

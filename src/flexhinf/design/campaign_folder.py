@@ -263,7 +263,7 @@ def campaign_in_memory(design: Design, samples: int, workers: int = 0, **options
         designed = DesignedLaw(design.setup.bumpless_controller, design.scenario.step_duration)
     else:
         designed = designed_controller(request, lambda text: None)
-    run = campaign_with(request, designed.law, options.get("duration") or designed.length)
+    run = campaign_with(request, designed.law, request.options.duration or designed.length)
     return run_in_memory(run, in_processes(workers) if workers else in_this_process)
 
 

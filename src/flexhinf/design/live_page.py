@@ -81,14 +81,15 @@ def live_arm(
 
     `not_met`: which requirements the design does not meet; empty if it meets all.
     """
-    robot, s = plans.true_robot(robot, s, for_workspace := is_for_workspace(s))  # as its design is judged
+    workspace = is_for_workspace(s)
+    robot, s = plans.true_robot(robot, s, workspace)  # as its design is judged
     plants = loop_setup.LoopPlants(robot, s)
     plan, start, goal = plans.run_ends(robot, s)
     limits, slides = plants.limits, np.array(robot.links.slides)
     speed = np.where(
         np.isfinite(limits.speed), plans.SPEED * limits.speed, np.where(slides, SLIDING, TURNING)
     )
-    workspace, shortest, rival_time = for_workspace, plans.SHORTEST, 1.0
+    shortest, rival_time = plans.SHORTEST, 1.0
     if workspace and plan is None:
         start, goal = goal, _elsewhere(robot, goal, limits)
     elif plan is None:

@@ -298,9 +298,7 @@ class LoopSetup(LoopPlants):
     start: np.ndarray  # (n,), likewise
     estimator_noise: EstimatorNoise | None = None  # R^v; by default what the specification states
     linear_model: bool = False  # whether the estimator is a linear Kalman filter about the goal
-    chosen_zone: np.ndarray | None = (
-        None  # (n,), where none is stated and more is needed, see `design.checks`
-    )
+    chosen_zone: np.ndarray | None = None  # (n,), where more than the stated is needed, see `design.checks`
     quiet: bool = False  # no measurement noise in runs of the nominal robot; runs of sampled robots have it
     unlimited: bool = False  # no limits of the inputs, which would hide the peak that a law demands
     blend_time: float | None = None  # s, of the bias with which a law without integrals takes over
@@ -541,10 +539,8 @@ class LoopSetup(LoopPlants):
         period, begin = self.specification.period, np.reshape(plan(0.0), -1)
         near = np.allclose(begin, self.start, rtol=0.0, atol=1e-12)
         duration = plan.duration + (0.5 * plan.duration if dwell is None else dwell)
-        forward, known = (
-            self._forward,
-            self.tracking_controller if self._forward else self.bumpless_controller,
-        )
+        forward = self._forward
+        known = self.tracking_controller if forward else self.bumpless_controller
         return {
             "controller": known if near else self.controller(begin, moving=forward),
             "at": self.start if near else begin,

@@ -14,14 +14,11 @@ from dataclasses import dataclass, replace
 from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis import (
-    Margins,
-    ToleranceCorners,
-)
+from flexhinf.analysis import Margins, ToleranceCorners
 from flexhinf.design.monte_carlo import MonteCarlo
 from flexhinf.design.responses import (
     ROBOT,
@@ -48,9 +45,6 @@ from flexhinf.loop.simulation.metrics import SETTLING_BAND
 from flexhinf.notebook import Summarised
 from flexhinf.report import number
 from flexhinf.robot.springs import SPRING_DAMPING
-
-if TYPE_CHECKING:
-    pass
 
 #: The room whose pages show results. It reads designs, so it is loaded when one is saved.
 PAGES = "flexhinf.pages"

@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol, TypeVar, cast
+from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
 
@@ -43,9 +43,6 @@ SAMPLES = ((15, 200), (10_000, 20))
 
 #: Robots sampled for each law of a comparison: (largest number of states, robots).
 COMPARED_SAMPLES = ((15, 50), (10_000, 20))
-
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)

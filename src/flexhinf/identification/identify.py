@@ -421,9 +421,8 @@ def identify(
         expected, other = restricted(likelihood, bounded, expected, other)
         judged = judgement(other, plant, outputs)
         likelier = evaluation.value - other.value > LIKELIER
-        if (
-            judged.innovations_fit and not likelier
-        ):  # larger disturbances explained steps of sensors, or nothing
+        # else larger disturbances explained steps of sensors, or nothing
+        if judged.innovations_fit and not likelier:
             unknowns, found, evaluation = bounded, expected, other
     clear = np.zeros(len(unknowns.numbers), dtype=bool)
     if not standing(inputs, outputs):

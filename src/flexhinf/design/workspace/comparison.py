@@ -92,14 +92,7 @@ class ComparedController:
     def worst(self, what: str) -> Requirement | None:
         """The requirement of a name nearest to its limit, or farthest beyond it; None where it is not judged."""
         lines = () if self.judged is None else self.judged.requirements
-        return max((line for line in lines if line.what == what), key=_share, default=None)
-
-
-def _share(line: Requirement) -> float:
-    """What is found over what is allowed."""
-    if line.at_most:
-        return line.found / line.limit if line.limit > 0.0 else line.found
-    return line.limit / line.found if line.found > 0.0 else math.inf
+        return max((line for line in lines if line.what == what), key=missed_by, default=None)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -275,7 +268,6 @@ class _Search:
         self.poses = ChosenPoses(own.robot, s, own.workspace, 2, sizes=TUNING_POSES)
         known = s.estimator == "none" or s.process_noise is not None or s.torque_noise is not None
         tried = MOTORS_RANDOM if motors_alone(own.robot, s) else RANDOM
-        self.step = RATIO
         self.torques = tried[: 1 if known else None]
 
     def stated(self, numbers: Numbers) -> tuple[WorkspaceSetup, Numbers]:
@@ -299,25 +291,20 @@ class _Search:
                 break
             tried.append((self._missed(setup), setup, numbers))
         missed, setup, numbers = min(tried, key=lambda one: one[0])
+        step = RATIO
         for _ in range(BISECTIONS if missed <= 1.0 and place > 0 else 0):
-            setup, numbers = self._faster(setup, numbers)
+            step = math.sqrt(step)
+            setup, numbers = self._faster(setup, numbers, step)
         return setup, numbers
 
     def _scan(self, first: int) -> tuple[int, list[float], WorkspaceSetup, Numbers]:
         """The first place in `BANDWIDTHS` from one on with a setup whose loops lack nothing, or least of all: the
         place, what they lack, and the setup with its numbers."""
         least, chosen = [math.inf], None
-        for place in range(first, len(BANDWIDTHS)):
-            for more in RIVALS[self.kind.name].variants:
-                numbers = {name: (x,) for name, x in {"bandwidth": BANDWIDTHS[place], **more}.items()}
-                for setup in self._at(numbers):
-                    excess = self.poses.excess(setup, least)
-                    if excess is not None:
-                        least, chosen = excess.tolist(), (place, setup, numbers)
-                    if not any(least):
-                        break
-                if not any(least):
-                    break
+        for place, numbers, setup in self._candidates(first):
+            excess = self.poses.excess(setup, least)
+            if excess is not None:
+                least, chosen = excess.tolist(), (place, setup, numbers)
             if not any(least):
                 break
         if chosen is None:
@@ -328,6 +315,13 @@ class _Search:
         place, setup, numbers = chosen
         return place, least, replace(setup, specification=self.specification), numbers
 
+    def _candidates(self, first: int) -> Iterator[tuple[int, Numbers, WorkspaceSetup]]:
+        """Setups from a place in `BANDWIDTHS` on, the fastest first."""
+        for place in range(first, len(BANDWIDTHS)):
+            for more in RIVALS[self.kind.name].variants:
+                numbers = {name: (x,) for name, x in {"bandwidth": BANDWIDTHS[place], **more}.items()}
+                yield from ((place, numbers, setup) for setup in self._at(numbers))
+
     def _at(self, numbers: Numbers) -> Iterator[WorkspaceSetup]:
         """The law with each estimator, to be judged with the reserve."""
         base = replace(self.own, specification=self.poses.wanted)
@@ -335,10 +329,9 @@ class _Search:
         for random in self.torques:
             yield replace(base, law=law, random=random)
 
-    def _faster(self, setup: WorkspaceSetup, numbers: Numbers) -> tuple[WorkspaceSetup, Numbers]:
-        """One step of the bisection towards the next faster bandwidth: the setup there if it keeps all limits."""
-        self.step = math.sqrt(self.step)
-        more = {**numbers, "bandwidth": tuple(self.step * x for x in numbers["bandwidth"])}
+    def _faster(self, setup: WorkspaceSetup, numbers: Numbers, step: float) -> tuple[WorkspaceSetup, Numbers]:
+        """The setup with bandwidths that are larger by the factor `step` if it keeps all limits, else this one."""
+        more = {**numbers, "bandwidth": tuple(step * x for x in numbers["bandwidth"])}
         for other in self._at(more):
             if self.poses.excess(other, TINY) is not None:
                 other = replace(other, specification=self.specification)

@@ -25,7 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -185,34 +185,6 @@ def _by_lqg(model: PoseModel, numbers: Numbers) -> Matrix:
     return -np.linalg.solve(cost + g.T @ p @ g, g.T @ p @ f)
 
 
-def _pd(model: PoseModel, numbers: Numbers) -> Matrix:
-    return _by_torque(model, numbers, fixed=True, weight=False, integral=False)
-
-
-def _pd_gravity(model: PoseModel, numbers: Numbers) -> Matrix:
-    return _by_torque(model, numbers, fixed=True, weight=True, integral=False)
-
-
-def _pid(model: PoseModel, numbers: Numbers) -> Matrix:
-    return _by_torque(model, numbers, fixed=False, weight=False, integral=True)
-
-
-def _torque(model: PoseModel, numbers: Numbers) -> Matrix:
-    return _by_torque(model, numbers, fixed=False, weight=True, integral=False)
-
-
-def _torque_i(model: PoseModel, numbers: Numbers) -> Matrix:
-    return _by_torque(model, numbers, fixed=False, weight=True, integral=True)
-
-
-def _flatness(model: PoseModel, numbers: Numbers) -> Matrix:
-    return _by_flatness(model, numbers, integral=False)
-
-
-def _flatness_i(model: PoseModel, numbers: Numbers) -> Matrix:
-    return _by_flatness(model, numbers, integral=True)
-
-
 _SHARES = ({"share": 1.0}, {"share": 2.0}, {"share": 0.5})
 _SLOW_INTEGRAL = {"integral_rate": 0.1}
 _TORQUES = (
@@ -225,19 +197,33 @@ _OF_TORQUE = ("rotor_inertia", "vibration_damping")
 
 #: By name, as in `flexhinf.design.laws`.
 RIVALS = {
-    "pd": Rival(_pd, _GAINS, _SHARES),
-    "pd-gravity": Rival(_pd_gravity, _GAINS, _SHARES),
-    "pid": Rival(_pid, (*_GAINS, *_INTEGRAL), (*_SHARES, *({**each, **_SLOW_INTEGRAL} for each in _SHARES))),
-    "torque": Rival(_torque, (*_GAINS, *_OF_TORQUE), _TORQUES),
+    "pd": Rival(partial(_by_torque, fixed=True, weight=False, integral=False), _GAINS, _SHARES),
+    "pd-gravity": Rival(partial(_by_torque, fixed=True, weight=True, integral=False), _GAINS, _SHARES),
+    "pid": Rival(
+        partial(_by_torque, fixed=False, weight=False, integral=True),
+        (*_GAINS, *_INTEGRAL),
+        (*_SHARES, *({**each, **_SLOW_INTEGRAL} for each in _SHARES)),
+    ),
+    "torque": Rival(
+        partial(_by_torque, fixed=False, weight=True, integral=False), (*_GAINS, *_OF_TORQUE), _TORQUES
+    ),
     "torque-i": Rival(
-        _torque_i,
+        partial(_by_torque, fixed=False, weight=True, integral=True),
         (*_GAINS, *_INTEGRAL, *_OF_TORQUE),
         (*_TORQUES, *({**each, **_SLOW_INTEGRAL} for each in _TORQUES)),
     ),
-    "flatness": Rival(_flatness, ("bandwidth",), ({"vibration": 0.0}, {"vibration": 1.0})),
-    "flatness-i": Rival(_flatness_i, ("bandwidth",), ({"vibration": 0.0}, {"vibration": 1.0})),
+    "flatness": Rival(
+        partial(_by_flatness, integral=False), ("bandwidth",), ({"vibration": 0.0}, {"vibration": 1.0})
+    ),
+    "flatness-i": Rival(
+        partial(_by_flatness, integral=True), ("bandwidth",), ({"vibration": 0.0}, {"vibration": 1.0})
+    ),
     "lqg": Rival(_by_lqg, ("bandwidth",), ({},)),
 }
+
+
+def _arrays(numbers: Mapping[str, object]) -> Numbers:
+    return {name: np.atleast_1d(np.asarray(x, dtype=float)) for name, x in numbers.items()}
 
 
 def rival_law(setup: WorkspaceSetup, name: str, numbers: Mapping[str, object]) -> GainsOnTheWay:
@@ -245,7 +231,7 @@ def rival_law(setup: WorkspaceSetup, name: str, numbers: Mapping[str, object]) -
 
     Raises `InvalidInput` for a law that does not fit the robot.
     """
-    plant, own = setup.model, {key: np.atleast_1d(np.asarray(x, dtype=float)) for key, x in numbers.items()}
+    plant, own = setup.model, _arrays(numbers)
     places, home = joint_places(plant), np.asarray(setup.robot.home, dtype=float)
 
     @lru_cache(KEPT)
@@ -275,11 +261,10 @@ def rival_law(setup: WorkspaceSetup, name: str, numbers: Mapping[str, object]) -
 
 def home_bandwidths(setup: WorkspaceSetup, numbers: Mapping[str, object]) -> Vector:
     """ω_j (n,) of a law with these numbers at home, rad/s: what the springs leave of the stated bandwidth."""
-    own = {key: np.atleast_1d(np.asarray(x, dtype=float)) for key, x in numbers.items()}
     home = np.asarray(setup.robot.home, dtype=float)
     joints = elastic_joints(setup.model, *setup.robot.operating_point(home), rigid=True)
     places = joint_places(setup.model)
-    return PoseModel(setup, home, joints, joints, places[0] != places[2]).bandwidths(own)
+    return PoseModel(setup, home, joints, joints, places[0] != places[2]).bandwidths(_arrays(numbers))
 
 
 def check_numbers(name: str, numbers: Mapping[str, object], joints: int) -> dict[str, tuple[float, ...]]:

@@ -105,9 +105,8 @@ class ChosenPoses:
         tick: Callable[[], None] = lambda: None, sizes: tuple[int, int] | None = None,
     ) -> None:  # fmt: skip
         count, corners_each = sizes or (CHOSEN_POSES, CORNERS)
-        poses, (damping, ripple), delay = (
-            workspace.sample(count, CHOSEN_SEED), pose_limits(s), s.delay_margin_limit
-        )  # fmt: skip
+        poses, (damping, ripple) = workspace.sample(count, CHOSEN_SEED), pose_limits(s)
+        delay = s.delay_margin_limit
         corners = robot.damped.random_corners(corners_each * count, CHOSEN_SEED)
         #: The specification with a reserve, since other poses are judged.
         self.wanted = replace(
