@@ -272,7 +272,7 @@ def study(name: str) -> Callable[[], str]:
 
 def refusal() -> str:
     """What the command line prints of a peak input that cannot be kept."""
-    command = "flexhinf design paper --pose 90deg --start 0 --bandwidth 4 --damping 0.3 --peak-voltage 15"
+    command = "flexhinf design paper --pose 90deg --start 0 --bandwidth 4 --damping 0.3 --peak-effort 15"
     return f"```text\n$ {command}\n{_printed(command)}\n```"
 
 

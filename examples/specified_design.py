@@ -4,7 +4,7 @@ A law from a specification, judged on robots within their tolerances
 
 You state a bandwidth, a damping of the vibration and a peak voltage. The design finds weights and noise levels that
 stand the largest tolerances, and judges each requirement in the running loop. The same at the command line:
-``flexhinf design paper --pose 90deg --start 0 --preset robust --bandwidth 3 --damping 0.2 --peak-voltage 60``
+``flexhinf design paper --pose 90deg --start 0 --preset robust --bandwidth 3 --damping 0.2 --peak-effort 60``
 """
 
 import flexhinf as fh

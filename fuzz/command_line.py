@@ -81,11 +81,12 @@ COMMANDS = (
 QUICK = (
     "--degrees",
     "2",
-    "--rays",
-    "0",
+    "--set",
+    "rays=0",
     "--draws",
     "0",
-    "--no-compare-rigid",
+    "--set",
+    "compare_rigid=no",
     "--estimator",
     "none",
     "--duration",
@@ -188,8 +189,8 @@ def _options(rng: np.random.Generator, count: int, declared: list[Any] | None = 
     for _ in range(count):
         field = fields[rng.integers(len(fields))]
         others = (
-            "--out", "--elastic", "--laws", "--tune", "--payload", "--pose-xyz", "--goal", "--tool", "--gamma-ratio",
-            "--unknown", "--peak-voltage", "-x", "--decay", "--observer", "--degree", "--threads", "--check",
+            "--out", "--elastic", "--laws", "--tune", "--payload", "--pose-xyz", "--goal", "--tool", "--set",
+            "--unknown", "--peak-effort", "-x", "--decay", "--observer", "--degree", "--threads", "--check",
         )  # fmt: skip
         option = field.option.split("/")[0] if rng.random() < 0.93 else others[rng.integers(len(others))]
         if "/" in field.option and option in field.option:

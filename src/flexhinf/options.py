@@ -389,6 +389,7 @@ class About:
     unit: str = ""
     zero: str = ""  # meaning of 0 at the command line, where it is not a number of the range
     default: str = ""  # choice where the default is None
+    setting: bool = False  # seldom stated: at the command line by ``--set``
 
     @property
     def text(self) -> str:
@@ -406,7 +407,7 @@ class FieldInfo:
     kind: Any  # Its type, with how it is read and its range
     allowed: str  # Its range in words
     default: Any
-    option: str  # Its option, which has its name; of a flag both, ``--mujoco/--no-mujoco``
+    option: str  # Its option, which has its name, or ``--set load``; of a flag both, ``--mujoco/--no-mujoco``
 
     @property
     def is_path(self) -> bool:
@@ -465,6 +466,14 @@ def option(value: Any, group: str, help: str, /, *others: str, **named: str) -> 
     return dataclasses.field(**default, metadata={"about": About(group, help, *others, **named)})
 
 
+def setting(value: Any, group: str, help: str, /, *others: str, **named: str) -> Any:
+    """An `option` that is seldom stated, and shares one at the command line: ``--set NAME=VALUE``."""
+    default = {"default": value}
+    return dataclasses.field(
+        **default, metadata={"about": About(group, help, *others, **named, setting=True)}
+    )
+
+
 def argument(help: str, metavar: str = "", *, default: Any = dataclasses.MISSING) -> Any:
     """A field that has no name at the command line, only a place."""
     return dataclasses.field(default=default, metadata={"about": About("", help, unit=metavar)})
@@ -480,16 +489,32 @@ def option_name(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
 
+def _option(name: str, about: About, flag: bool) -> str:
+    if about.setting:
+        return "/".join(f"--set {name}{value}" for value in (("=yes", "=no") if flag else ("",)))
+    return option_name(name) + (f"/--no-{option_name(name)[2:]}" if flag else "")
+
+
+def with_value(option: str, value: str) -> str:
+    """An option with its value, as it is written at the command line.
+
+    Examples
+    --------
+    >>> with_value("--draws", "5"), with_value("--set rays", "5")
+    ('--draws 5', '--set rays=5')
+    """
+    return f"{option}{'=' if option.startswith('--set ') else ' '}{value}"
+
+
 def declared(cls: Any) -> dict[str, FieldInfo]:
     """The options that are declared in a dataclass, by name."""
     kinds, fields = get_type_hints(cls, include_extras=True), {}
     for field in dataclasses.fields(cls):
         if "about" in field.metadata:
             name, default = field.name, field.default
-            flag = f"/--no-{option_name(name)[2:]}" if default is True or default is False else ""
+            flag, about, kind = default is True or default is False, field.metadata["about"], kinds[name]
             default = [] if field.default_factory is not dataclasses.MISSING else default
-            about, kind = field.metadata["about"], kinds[name]
-            fields[name] = FieldInfo(name, about, kind, _allowed(kind), default, option_name(name) + flag)
+            fields[name] = FieldInfo(name, about, kind, _allowed(kind), default, _option(name, about, flag))
     return fields
 
 

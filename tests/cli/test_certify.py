@@ -164,7 +164,7 @@ STATED = ("paper", "--pose", "90deg", "--preset", "paper", "--degrees", "2")
             ("flexhinf design planar-two-link --degrees 2",),
         ),
         (["certify", *STATED, "--start", "0"], ("--start", "no effect")),
-        (["certify", *STATED, "--peak-voltage", "30"], ("--peak-voltage", "no effect")),
+        (["certify", *STATED, "--peak-effort", "30"], ("--peak-effort", "no effect")),
         (["certify", *STATED, "--quantisation", "1e-4"], ("--quantisation", "no effect")),
         (
             [
@@ -176,10 +176,10 @@ STATED = ("paper", "--pose", "90deg", "--preset", "paper", "--degrees", "2")
                 "2",
                 "--damping",
                 "0.3",
-                "--shaping",
-                "quintic",
+                "--set",
+                "shaping=quintic",
             ],
-            ("--shaping", "no effect"),
+            ("--set shaping", "no effect"),
         ),
         (["certify", "paper", "--tolerances", "--observer", "10"], ("--tolerances", "--observer")),
         (["certify", "paper", "--tolerances", "--decay", "0.1"], ("--tolerances", "--decay")),

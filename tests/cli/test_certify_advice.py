@@ -48,12 +48,14 @@ def test_the_advice_names_the_file_that_was_typed_and_keeps_what_was_asked_for(
         "2",
         "--damping",
         "0.3",
-        "--rays",
-        "50",
+        "--set",
+        "rays=50",
     ]
 
 
-@pytest.mark.parametrize("words", [["paper"], ["paper", "--degree", "4", "--pose", "90deg", "--effort", "9"]])
+@pytest.mark.parametrize(
+    "words", [["paper"], ["paper", "--degree", "4", "--pose", "90deg", "--set", "effort=9"]]
+)
 def test_where_nothing_is_proved_the_advice_is_the_whole_command(
     words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -83,7 +85,7 @@ def test_where_nothing_is_proved_the_advice_is_the_whole_command(
     "less",
     [
         pytest.param(
-            ["--rays", "5", "--draws", "0", "--no-compare-rigid", "--estimator", "none"],
+            ["--set", "rays=5", "--draws", "0", "--set", "compare_rigid=no", "--estimator", "none"],
             marks=pytest.mark.ci("designs two links and samples a region"),
         ),
         pytest.param([], marks=pytest.mark.nightly("the command as it is printed")),
@@ -100,4 +102,4 @@ def test_the_advised_command_samples_a_region(
     page = (tmp_path / "flexhinf-design" / "index.html").read_text(encoding="utf-8")
     assert "V up to" in page
     notes = json.loads((tmp_path / "flexhinf-design" / "design.json").read_text(encoding="utf-8"))["notes"]
-    assert not any("--rays" in note for note in notes)  # a region was sampled
+    assert not any("--set rays" in note for note in notes)  # a region was sampled

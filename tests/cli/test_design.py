@@ -18,7 +18,7 @@ from flexhinf.cli.designs import keep, other_robot
 # Every design compiles its loops for a few runs: compiled in half the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-QUICK = ["--degrees", "2", "--rays", "0", "--draws", "0", "--no-compare-rigid"]
+QUICK = ["--degrees", "2", "--set", "rays=0", "--draws", "0", "--set", "compare_rigid=no"]
 
 
 def text_of(folder: Path, file: str = "index.html") -> str:
@@ -32,9 +32,10 @@ def test_a_design_is_told_and_written(folder: Path, capsys: pytest.CaptureFixtur
         "2,4",
         "--pose",
         "180deg",
-        "--rays",
-        "40",
-        "--no-compare-rigid",
+        "--set",
+        "rays=40",
+        "--set",
+        "compare_rigid=no",
         "--draws",
         "0",
         "--verbose",
@@ -44,9 +45,9 @@ def test_a_design_is_told_and_written(folder: Path, capsys: pytest.CaptureFixtur
     for text in ("cubic", "not proved", "vibration", "index.html", "overshoot", "≤ 5 %*"):
         assert text in shown.out, text
     assert re.search(r"linear +used", shown.out)
-    assert "--rays" not in shown.err  # no note: what is sampled was stated
+    assert "--set rays" not in shown.err  # no note: what is sampled was stated
     assert sorted(p.name for p in folder.iterdir()) == ["flexhinf-design"]
-    again = "flexhinf design paper --pose 180deg --draws 0 --no-compare-rigid --degrees 2,4 --rays 40"
+    again = "flexhinf design paper --pose 180deg --draws 0 --set compare_rigid=no --degrees 2,4 --set rays=40"
     assert again in text_of(folder)
     main(["design", "vertical-rig", *QUICK])
     assert "vertical-rig" in text_of(folder)
@@ -112,12 +113,12 @@ def test_the_exit_code_says_whether_the_specification_is_met(
 def test_a_behaviour_is_asked_for_and_every_line_of_it_is_told(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["--bandwidth", "0.5Hz,3", "--damping", "0.25", "--peak-voltage", "24", "--via", "0.35,0.55"]
+    words = ["--bandwidth", "0.5Hz,3", "--damping", "0.25", "--peak-effort", "24", "--via", "0.35,0.55"]
     true = [
         "--estimator",
         "none",
-        "--load",
-        "0.1",
+        "--set",
+        "load=0.1",
         "--unknown-delay",
         "1e-3",
         "--quantisation",
@@ -135,7 +136,7 @@ def test_a_behaviour_is_asked_for_and_every_line_of_it_is_told(
         "via": [[0.35, 0.55]], "load": 0.1, "unknown_delay": 1e-3, "quantisation": 1e-5,
         "estimator": "none", "degrees": [2], "rays": 0, "draws": 0, "compare_rigid": False,
     }  # fmt: skip
-    for again in ("--via 0.35,0.55", "--bandwidth 0.5Hz,3 --damping 0.25 --peak-voltage 24"):
+    for again in ("--via 0.35,0.55", "--bandwidth 0.5Hz,3 --damping 0.25 --peak-effort 24"):
         assert again in text_of(folder)
 
 
@@ -150,10 +151,10 @@ def test_the_observer_can_be_asked_for(folder: Path) -> None:
 def test_what_cannot_be_met_is_refused_with_the_best_found(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["--bandwidth", "6", "--pose", "20deg", "--start", "-20deg", "--peak-voltage", "5"]
+    words = ["--bandwidth", "6", "--pose", "20deg", "--start", "-20deg", "--peak-effort", "5"]
     assert main(["design", "paper", *words, *QUICK]) == 2
     told = capsys.readouterr().err
-    assert unnamed(told, "peak", "input", "--peak-voltage") == []  # the option that was typed
+    assert unnamed(told, "peak", "input", "--peak-effort") == []  # the option that was typed
     assert "try:" in told
     assert list(folder.iterdir()) == []
 
@@ -192,7 +193,7 @@ def test_help_lists_every_option_with_its_default(capsys: pytest.CaptureFixture[
     for text in (
         "--preset",
         "--via",
-        "--peak-voltage",
+        "--peak-effort",
         "4 (rad/s)",
         "[mujoco]",
         "Examples",

@@ -17,7 +17,18 @@ from flexhinf.cli import main
 # Every design compiles its loops for a few runs: compiled in half the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-QUICK = ["--degrees", "2", "--rays", "0", "--draws", "0", "--no-compare-rigid", "--estimator", "none"]
+QUICK = [
+    "--degrees",
+    "2",
+    "--set",
+    "rays=0",
+    "--draws",
+    "0",
+    "--set",
+    "compare_rigid=no",
+    "--estimator",
+    "none",
+]
 
 
 def numbers(folder: Path) -> dict:
@@ -59,7 +70,7 @@ def test_the_weights_that_were_found_make_the_same_law(folder: Path) -> None:
     first, found = numbers(folder / "flexhinf-design"), file_of(folder / "flexhinf-design")["result"]
     assert (found["preset"], found["R2"]) == ("damped", 1.0)
     weights = ",".join(f"{name}={weight!r}" for name, weight in found["weights"].items())
-    main(["design", "vertical-rig", "--penalty", weights, "--effort", "1", *QUICK])
+    main(["design", "vertical-rig", "--set", f"penalty={weights}", "--set", "effort=1", *QUICK])
     again = numbers(folder / "flexhinf-design")
     assert again["gamma"] == pytest.approx(first["gamma"], rel=1e-6)
     assert again["closed_modes"][0]["real"] == pytest.approx(first["closed_modes"][0]["real"], rel=1e-6)
@@ -84,7 +95,8 @@ def test_options_win_over_the_file_and_what_came_of_it_is_not_read(
             "0",
             "--saturation",
             "0",
-            "--compare-rigid",
+            "--set",
+            "compare_rigid=yes",
         ]
     )
     design = file_of(folder / "flexhinf-design")["design"]
@@ -92,13 +104,13 @@ def test_options_win_over_the_file_and_what_came_of_it_is_not_read(
         "robot": "vertical-rig", "bandwidth": 5.0, "degrees": [2], "rays": 0, "draws": 0, "estimator": "none",
     }  # fmt: skip
     page = (folder / "flexhinf-design" / "index.html").read_text(encoding="utf-8")
-    again = "design mine.toml --bandwidth 5rad/s --saturation 0 --duration 0 --compare-rigid"
+    again = "design mine.toml --bandwidth 5rad/s --saturation 0 --duration 0 --set compare_rigid=yes"
     assert again in page
     capsys.readouterr()
-    main(["design", "mine.toml", "--penalty", "link_position=40,link_position_integral=80"])
+    main(["design", "mine.toml", "--set", "penalty=link_position=40,link_position_integral=80"])
     note = capsys.readouterr().err
     assert "note: mine.toml: bandwidth " in note
-    assert "--penalty" in note
+    assert "--set penalty" in note
     design = file_of(folder / "flexhinf-design")["design"]
     assert "bandwidth" not in design
     assert design["penalty"] == {"link_position": 40.0, "link_position_integral": 80.0}
@@ -128,7 +140,7 @@ def test_what_is_wrong_with_a_design_file_is_told(
 
 def test_volts_do_not_fit_the_robot_of_a_design_file(folder: Path, refused: Callable[..., str]) -> None:
     (folder / "design.toml").write_text("[design]\nrobot = 'vertical-rig'", encoding="utf-8")
-    refused(["design", "design.toml", "--peak-voltage", "60"], "--peak-torque", folder)
+    refused(["design", "design.toml", "--peak-effort", "60V"], "--peak-effort in N·m", folder)
 
 
 @pytest.mark.parametrize("command", ["design", "compare"])

@@ -13,9 +13,11 @@ from typer.main import get_command
 
 from flexhinf.cli import main
 from flexhinf.cli.commands import app
+from flexhinf.design.specification import FIELDS
+from flexhinf.options import FieldInfo, option_name
 
-QUICK = ["--degrees", "2", "--rays", "0", "--draws", "0"]
-BOTH = ["--penalty", "link_position=1,link_position_integral=1"]
+QUICK = ["--degrees", "2", "--set", "rays=0", "--draws", "0"]
+BOTH = ["--set", "penalty=link_position=1,link_position_integral=1"]
 URDF = """<robot name="r"><link name="base"/><link name="a"><inertial><mass value="1"/>
 <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
 <joint name="elbow" type="continuous"><parent link="base"/><child link="a"/></joint></robot>"""
@@ -61,10 +63,8 @@ def test_what_is_wrong_with_a_robot_is_told(
         (["--damping", "2"], "damping"),
         (["--damping", "-0.1"], "damping"),
         (["--damping", "high"], "--damping"),
-        (["--peak-voltage", "60"], ("'arm'", "--peak-torque or --peak-effort", "--peak-voltage 60")),
-        (["--peak-torque", "60", "--peak-effort", "50"], "got --peak-effort, --peak-torque"),
-        (["--peak-torque", "-60"], ("(N·m or N)", "try:   --peak-torque 60")),
-        (["--peak-torque", "60mV"], ("driven by torque", "N·m", "'60mV'", "try:   --peak-torque in N·m")),
+        (["--peak-effort", "-60"], ("(V, A, N·m or N)", "try:   --peak-effort 60")),
+        (["--peak-effort", "60mV"], ("driven by torque", "N·m", "'60mV'", "try:   --peak-effort in N·m")),
         (["--saturation", "48V"], ("driven by torque", "N·m", "'48V'", "try:   --saturation in N·m")),
         (["--saturation", "24kV"], ("(V, A, N·m or N)", "'24kV'")),
         (["--latency", "1ms"], ("samples", "--period", "'1ms'", "try:   --latency 1")),
@@ -77,40 +77,43 @@ def test_what_is_wrong_with_a_robot_is_told(
         (["--duration", "5000"], "5000000 samples"),
         (["--quantisation", "-1"], "quantisation"),
         (["--quantisation", "inf"], "quantisation"),
-        (["--load", "nan"], "load"),
-        (["--load", "heavy"], "--load"),
+        (["--set", "load=nan"], "load"),
+        (["--set", "load=heavy"], "--set load"),
         (["--draws", "-3"], "draws"),
         (["--draws", "many"], "--draws"),
         (["--torque-noise", "-1"], "torque noise"),
         (["--preset", "paper", "--bandwidth", "4"], ("--preset paper", "--bandwidth", "contradict")),
-        (["--preset", "paper", *BOTH], ("--preset paper", "--penalty", "contradict")),
-        (["--preset", "damped", *BOTH], ("--preset damped", "--penalty", "contradict")),
-        (["--preset", "robust", "--effort", "3"], ("--preset robust", "--effort", "contradict")),
+        (["--preset", "paper", *BOTH], ("--preset paper", "--set penalty", "contradict")),
+        (["--preset", "damped", *BOTH], ("--preset damped", "--set penalty", "contradict")),
+        (["--preset", "robust", "--set", "effort=3"], ("--preset robust", "--set effort", "contradict")),
         ([*BOTH, "--bandwidth", "1"], "contradict"),
         ([*BOTH, "--damping", "0.3"], "contradict"),
         (["--preset", "robust"], ("'arm'", "robust", "tolerance")),
         (["--degrees", "two"], ("2 to 12", "'two'")),
         (["--degrees", "1"], "degrees"),
-        (["--penalty", "1,2,3"], "penalty"),
-        (["--penalty", "link_positon=1"], "try:   'link_position'"),
-        (["--penalty", "joint_torqe=1"], "try:   'joint_torque'"),
-        (["--penalty", "linkk=3"], "try:   'link_position'"),
+        (["--set", "penalty=1,2,3"], "penalty"),
+        (["--set", "penalty=link_positon=1"], "try:   'link_position'"),
+        (["--set", "penalty=joint_torqe=1"], "try:   'joint_torque'"),
+        (["--set", "penalty=linkk=3"], "try:   'link_position'"),
         (
-            ["--penalty", "link_position=-60,link_position_integral=300"],
+            ["--set", "penalty=link_position=-60,link_position_integral=300"],
             ("'link_position'", "-60.0"),
         ),
         (["--pose", "90", "deg"], ("(deg)", "'90 deg'")),
         (["--unknown-delay", "5", "ms"], ("(ms)", "'5 ms'")),
-        (["--penalty", "link_position=a"], "'link_position=a'"),
-        (["--gamma-ratio", "0.5"], "gamma ratio"),
-        (["--gamma-ratio", "1", "--preset", "paper"], "gamma ratio"),
-        (["--rays", "10", "--degrees", "2", "--checked-gamma-ratio", "1.2"], ("92.0694", "73.655")),
-        (["--effort", "-1"], "effort"),
+        (["--set", "penalty=link_position=a"], "'link_position=a'"),
+        (["--set", "gamma_ratio=0.5"], "gamma ratio"),
+        (["--set", "gamma_ratio=1", "--preset", "paper"], "gamma ratio"),
+        (
+            ["--set", "rays=10", "--degrees", "2", "--set", "checked_gamma_ratio=1.2"],
+            ("92.0694", "73.655"),
+        ),
+        (["--set", "effort=-1"], "effort"),
         (["--measured", "colour"], "colour"),
         (["--measured", "motor_positon"], ("'motor_positon'", "try:   --measured motor_position")),
         (["--measured", "load_cell"], ("'load_cell'", "load cell", "joint_torque")),
         (["--measured", "joint_torque_hip"], ("joint_torque_hip", "'elbow'")),
-        (["--disturbances", "wind"], "wind"),
+        (["--set", "disturbances=wind"], "wind"),
         (["--extras", "rust"], "rust"),
         (["--extras", "backlash"], "backlash"),
         (["--estimator", "kalman"], "observer"),
@@ -121,9 +124,9 @@ def test_what_is_wrong_with_a_robot_is_told(
         (["--goal", "0.1"], ("--goal ", "try:   --pose ")),
         (["--goal-xyz=0.1,0,0"], ("--goal-xyz ", "try:   --pose-xyz ")),
         (["--from-pose", "-0.1"], ("--from-pose ", "try:   --start ")),
-        (["--friction"], ("--friction ", "try:   --friction-model ")),
-        (["--no-friction"], ("--no-friction ", "try:   --no-friction-model ")),
-        (["--dead-zone", "0"], ("--dead-zone ", "try:   --integral-dead-zone ")),
+        (["--friction"], ("--friction ", "try:   --set friction_model=yes")),
+        (["--no-friction"], ("--no-friction ", "try:   --set friction_model=no")),
+        (["--dead-zone", "0"], ("--dead-zone ", "try:   --set integral_dead_zone=0")),
     ],
     ids=lambda words: " ".join(words) if isinstance(words, list) else "",
 )
@@ -214,11 +217,42 @@ def test_a_mistake_in_the_options_names_the_help_of_its_command(
     assert f"try:   flexhinf {path} --help" in told
 
 
-def test_torques_do_not_fit_motors_that_are_driven_by_volts(
-    folder: Path, refused: Callable[..., str]
+SETTINGS = [field for field in FIELDS.values() if field.about.setting]
+
+
+@pytest.mark.parametrize("field", SETTINGS, ids=lambda field: field.name)
+def test_a_setting_that_is_typed_as_an_option_is_told_how_it_is_stated(
+    field: FieldInfo, folder: Path, refused: Callable[..., str]
 ) -> None:
-    told = refused(["design", "planar-two-link", "--peak-torque", "60"], "'planar-two-link'", folder)
-    assert "--peak-voltage …" in told
+    """The advice is followed: with it the mistake is another one."""
+    flag = isinstance(field.default, bool)
+    typed = option_name(field.name)
+    told = refused(["design", "paper", typed, *([] if flag else [field.about.example])], typed, folder)
+    advice = told.split("try:")[1].split()
+    assert advice == ["--set", f"{field.name}={'yes' if flag else field.about.example}"]
+    refused(["design", "paper", *advice, "--draws", "many"], "--draws", folder)
+
+
+@pytest.mark.parametrize("drive", ["voltage", "current", "torque"])
+def test_the_peaks_of_earlier_versions_have_one_name(
+    drive: str, folder: Path, refused: Callable[..., str]
+) -> None:
+    words = ["design", "paper", f"--peak-{drive}", "24"]
+    assert "--peak-effort" in refused(words, f"--peak-{drive}", folder).split("try:")[1]
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("rays", "expected a name and a value"), ("ray=5", "--set rays=5"), ("draws=5", "--draws 5"),
+        ("compare_rigid=maybe", "--set compare_rigid=no"), ("", "expected a name and a value"),
+    ],
+)  # fmt: skip
+def test_a_setting_that_is_none_is_told(
+    text: str, what: str, folder: Path, refused: Callable[..., str]
+) -> None:
+    refused(["design", "paper", "--set", text], what, folder)
+    refused(["design", "paper", "--set", "rays=1", "--set", "rays=2"], "twice", folder)
 
 
 @pytest.mark.parametrize(
@@ -227,7 +261,7 @@ def test_torques_do_not_fit_motors_that_are_driven_by_volts(
 def test_a_pose_that_the_motor_cannot_hold_is_told(
     words: list[str], folder: Path, refused: Callable[..., str]
 ) -> None:
-    refused(["design", "paper", "--peak-voltage", "6", *words], ("'joint'", "6 V"), folder)
+    refused(["design", "paper", "--peak-effort", "6", *words], ("'joint'", "6 V"), folder)
 
 
 @pytest.mark.parametrize(

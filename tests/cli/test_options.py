@@ -108,7 +108,7 @@ def certified(robot: str = "paper", **fields: Any) -> None:
 
 @pytest.mark.ci("certificates of two degrees")
 def test_certify_takes_what_it_reads(read: set[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    """With weights that are stated, and a step that chooses the degree; --proof-seconds is of the preset proved."""
+    """With weights that are stated, and a step that chooses the degree; --set proof_seconds is of the preset proved."""
     monkeypatch.setattr(by_step, "ACTING", 0.0)
     monkeypatch.setattr(by_step, "GAIN", -1e9)  # a higher degree is judged whatever it costs
     certified(pose="20deg", degrees="2,4", preset="paper", estimator="ekf")
@@ -135,7 +135,7 @@ def test_certify_takes_what_it_reads_with_a_search(
 
 @pytest.mark.ci("a comparison and its page")
 def test_compare_takes_what_it_reads(read: set[str], tmp_path: Path) -> None:
-    """--proof-seconds is of the preset proved, and --checked-penalty of its proof."""
+    """--set proof_seconds is of the preset proved, and --set checked_penalty of its proof."""
     way = tmp_path / "way.csv"
     way.write_text("time,link [deg]\n0,0\n2,20\n")
     s = Specification(move=str(way), shaping="quintic", preset="damped", start="0", **SMALL)
@@ -177,7 +177,7 @@ def test_run_takes_what_it_reads(read: set[str], tmp_path: Path) -> None:
         made = fh.run_realtime(prepared.loop, **prepared.arguments, real_time=False)
         pages.run_tables(prepared, made)
         prepared.requirements(made)
-    assert set(RUN_FIELDS) - {"load"} - read == set()  # --load is an option of the run's own
+    assert set(RUN_FIELDS) - {"load"} - read == set()  # --set load is an option of the run's own
     of_controller = {
         "bandwidth", "estimator", "friction_model", "measured", "period", "peak_effort", "peak_speed", "saturation",
     }  # fmt: skip
@@ -264,20 +264,20 @@ def test_what_a_run_does_not_depend_on() -> None:
     [
         ("design paper --pose 90deg --tracking-error 1deg", "--tracking-error"),
         ("design arm.toml --draws 5", "--draws"),
-        ("design paper --estimator none --rays 0 --draws 0 --seed 5", "--seed"),
+        ("design paper --estimator none --set rays=0 --draws 0 --seed 5", "--seed"),
         ("design paper --estimator none --measured motor_position,link_position", "--measured"),
         ("design paper --estimator none --measured motor_position --pose 5deg", "--measured"),
-        ("design paper --gamma-ratio 1.5", "--gamma-ratio"),
+        ("design paper --set gamma_ratio=1.5", "--set gamma_ratio"),
         ("design paper --estimator ukf", "--estimator"),
-        ("design paper --rays 0 --checked-gamma-ratio 2", "--checked-gamma-ratio"),
-        ("compare paper --proof-seconds 5", "--proof-seconds"),
+        ("design paper --set rays=0 --set checked_gamma_ratio=2", "--set checked_gamma_ratio"),
+        ("compare paper --set proof_seconds=5", "--set proof_seconds"),
         ("certify paper --degrees 2 --overshoot 3", "--overshoot"),
-        ("certify paper --tolerances --checked-gamma-ratio 2", "--checked-gamma-ratio"),
+        ("certify paper --tolerances --set checked_gamma_ratio=2", "--set checked_gamma_ratio"),
         ("certify paper --preset proved --decay 0.1", "--decay"),
         ("certify paper --preset proved --observer 10", "--observer"),
         ("certify paper --observer=-1", "--observer"),
         ("compile design.toml --processor arm", "--processor"),
-        ("certify paper --degrees 2 --preset paper --peak-voltage 30", "--peak-voltage"),
+        ("certify paper --degrees 2 --preset paper --peak-effort 30", "--peak-effort"),
         ("run design.toml --mujoco --load-at 1s", "--load-at"),
         ("run design.toml --mujoco --no-noise --seed 1", "--seed"),
         ("campaign design.toml --starts 3", "--starts"),
@@ -328,6 +328,11 @@ def test_an_option_has_the_name_of_its_field(path: tuple[str, ...]) -> None:
         if parameter.name in function.options and parameter.param_type_name == "option":
             assert parameter.opts == [option_name(parameter.name)]
             assert parameter.rich_help_panel is not None
+
+
+def test_a_design_has_forty_options_at_most() -> None:
+    design = COMMANDS[("design",)]
+    assert sum(one.param_type_name == "option" and one.name != "help" for one in design.params) <= 40
 
 
 @pytest.mark.parametrize(

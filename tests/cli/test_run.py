@@ -164,7 +164,7 @@ def test_control_c_keeps_a_whole_log(
         (["DESIGN", "--mujoco", "--view"], "DISPLAY"),
         (["DESIGN", "--mujoco", "--library", "missing.so"], ("library", "missing.so")),
         (["DESIGN", "--mujoco", "--perturb", "stifness=1"], ("'paper'", "parameter", "'stifness=1'")),
-        (["DESIGN", "--mujoco", "--load", "1m"], "load"),
+        (["DESIGN", "--mujoco", "--set", "load=1m"], "load"),
         (["DESIGN", "--mujoco", "--priority", "0"], "real-time priority"),
         (["DESIGN", "--mujoco", "--extras", "inductance"], ("MuJoCo", "'inductance'")),
         (["DESIGN", "--mujoco", "--pose", "400deg"], "turn"),

@@ -109,7 +109,7 @@ def test_an_interrupted_design_leaves_what_was_there(
         (["design", "--workspace", "limits", "--pose", "0.1"], ("--workspace", "--pose")),
         (["design", "--workspace=-9:9"], "'elbow'"),
         (["design", "--workspace", "here"], "'here'"),
-        (["design", "--gamma-ratio", "1.5"], ("--gamma-ratio", "--pose")),
+        (["design", "--set", "gamma_ratio=1.5"], ("--set gamma_ratio", "--pose")),
         (["design", "--estimator", "ukf"], ("--estimator", "--pose")),
         (["compare", "--laws", "nl-hinf"], ("'nl-hinf'", "--pose")),
         (["compare", "--tune", "none"], ("--tune", "--pose")),
@@ -159,7 +159,18 @@ def test_other_commands_take_its_folder_or_say_why_not(
     assert main(["campaign", "compare", "made", "made", "--samples", "3", "--out", "pair"]) == 0
     assert unnamed(capsys.readouterr().err, "differ") == []
     assert (loaded.name, s.workspace) == ("arm", "limits")
-    stated = ["--pose", "5deg", "--degrees", "2", "--rays", "0", "--draws", "0", "--no-compare-rigid"]
+    stated = [
+        "--pose",
+        "5deg",
+        "--degrees",
+        "2",
+        "--set",
+        "rays=0",
+        "--draws",
+        "0",
+        "--set",
+        "compare_rigid=no",
+    ]
     capsys.readouterr()
     assert main(["design", "made", *stated, "--estimator", "none", "--out", "one"]) in (0, 1)
     shown = capsys.readouterr()
@@ -181,5 +192,5 @@ def test_its_controller_goes_from_pose_to_pose_in_mujoco(
     capsys.readouterr()
     assert main([*run, "--start", "-0.5", "--pose", "0.4", "--verbose"]) == 0
     assert unnamed(capsys.readouterr().out, "remaining error", "wrong way") == []
-    for words in (["--shaping", "quintic"], ["--no-feedforward"], ["--overshoot", "3"]):
+    for words in (["--set", "shaping=quintic"], ["--set", "feedforward=no"], ["--overshoot", "3"]):
         refused([*run, *words], words[0].removeprefix("--no-"), folder)

@@ -62,7 +62,7 @@ def test_the_requirement_is_that_of_the_worst_pose(along: AlongMove) -> None:
     lines = {line.what: line for line in along_requirements(Specification(peak_sensitivity=1.01), along)}
     line = lines["peak sensitivity"]
     assert (line.found, line.at) == (max(peaks), along.times[int(np.argmax(peaks))])
-    assert (line.met, line.stated_by) == (False, "--peak-sensitivity")
+    assert (line.met, line.stated_by) == (False, "--set peak_sensitivity")
     assert lines["gain margin"].found == min(one.gain_margin for one in along.margins)
     assert lines.keys() >= {REQUIREMENTS[key].what for key in ("damping", "gain_margin")}
 

@@ -83,7 +83,7 @@ def test_a_level_that_was_sampled_too_large_is_lowered(made: Any) -> None:
 @pytest.mark.parametrize(
     ("changes", "asked", "reason"),
     [
-        ({}, {"proof_seconds": 0.0}, "--proof-seconds 0"),
+        ({}, {"proof_seconds": 0.0}, "--set proof_seconds=0"),
         ({}, {"proof_seconds": 1e-6}, " 1e-06 s"),
         ({"law": None}, {}, "schedule"),
         ({"chosen": SimpleNamespace(level=np.nan, looked=True, degree=2)}, {}, "region"),

@@ -63,7 +63,7 @@ def test_a_dead_zone_as_wide_as_the_limit_cycle_ends_it(setup):
         limit_cycle=run, specification=setup.specification, evaluation=SimpleNamespace(setup=setup)
     )
     note = next(long_run(cast(PoseDesign, design))).text
-    assert unnamed(note, "1 mrad", "shoulder", "`--integral-dead-zone`") == []
+    assert unnamed(note, "1 mrad", "shoulder", "`--set integral_dead_zone`") == []
     # A zone of a hundredth of the step that is too narrow: old code said nothing of it.
     first = run.without
     design.limit_cycle = replace(first, tried=replace(first, dead_zone=run.dead_zone))
@@ -169,12 +169,12 @@ def test_every_report_says_which_joint_oscillates(setup):
         robot=setup.robot,
     )
     note, figure, table = with_figures(long_run(cast(PoseDesign, design)))
-    assert unnamed(note.text, "shoulder", "`--friction-model`", "both sides") == []
+    assert unnamed(note.text, "shoulder", "`--set friction_model=yes`", "both sides") == []
     assert " ±1.2" in note.text
     design.specification = replace(setup.specification, measured=("link_position", "motor_position"))
     other = next(long_run(cast(PoseDesign, design))).text
     assert "both sides" not in other  # old code advised what is there already
-    assert unnamed(other, "another `--integral-dead-zone`", "sides") == ["sides"]
+    assert unnamed(other, "another `--set integral_dead_zone`", "sides") == ["sides"]
     assert "limit cycle" in table.html()
     assert "below" in table.html()
     assert "<svg" in figure.html()

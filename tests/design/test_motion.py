@@ -90,7 +90,11 @@ def test_each_number_is_judged_for_the_joint_that_is_nearest_to_its_limit(setup_
     stated = Specification(undershoot=7, path_distance=(0.01, 0.1), remaining_error=2e-3, ripple=6)
     lines = motion_requirements(stated, limits, rows, 3e-4, "here")
     assert [line.met for line in lines] == [True, False, True, True]
-    assert (lines[1].joint, lines[1].limit, lines[1].stated_by) == ("shoulder", 0.01, "--path-distance")
+    assert (lines[1].joint, lines[1].limit, lines[1].stated_by) == (
+        "shoulder",
+        0.01,
+        "--set path_distance",
+    )
     (path,) = motion_requirements(stated, limits, rows, 3e-4, "here", always=False)
     assert path == lines[1]
 

@@ -31,6 +31,7 @@ from flexhinf.design.requirements import (
 from flexhinf.design.responses import ROBOT, JointLimits, Worst, joint_limits, worst_of
 from flexhinf.design.specification import (
     DELAY_MARGIN,
+    FIELDS,
     GAIN_MARGIN,
     OVERSHOOT,
     PEAK_SENSITIVITY,
@@ -223,7 +224,7 @@ def test_margins_have_stated_defaults_and_stated_limits_win() -> None:
     assert (peak.met, gain.met, delay.met) == (False, False, False)
     assert (delay.found, delay.unit, delay.limit) == (pytest.approx(1.5), "samples", 2.0)
     assert (peak.stated_by, gain.stated_by, delay.stated_by) == (
-        "--peak-sensitivity", "--gain-margin", "--delay-margin"
+        "--set peak_sensitivity", "--gain-margin", "--set delay_margin"
     )  # fmt: skip
     assert "; 4 samples" in delay.criterion
     assert "running loop" in peak.where
@@ -239,8 +240,7 @@ def test_margins_have_stated_defaults_and_stated_limits_win() -> None:
     ],
 )
 def test_a_limit_that_is_stated_as_its_default_is_stated(field: str, limit: float) -> None:
-    option = f"--{field.replace('_', '-')}"
-    for s, by in ((Specification(), "default"), (Specification(**{field: limit}), option)):
+    for s, by in ((Specification(), "default"), (Specification(**{field: limit}), FIELDS[field].option)):
         line = REQUIREMENTS[field].judge(s, getattr(s, f"{field}_limit"), 1.0, "the step")
         assert (line.limit, line.stated_by) == (limit, by)
 
@@ -284,7 +284,7 @@ def test_each_joint_is_judged_by_its_own_limit_and_the_moment_is_named() -> None
     _, peak, speed = step_requirements(asked, limits_of(asked), step, "here")
     assert (peak.found, peak.limit, peak.joint, peak.at, peak.met) == (11.0, 10.0, "elbow", 0.25, False)
     assert (speed.found, speed.limit, speed.joint, speed.at) == (pytest.approx(0.6), 0.5, "shoulder", 0.25)
-    assert (peak.stated_by, speed.stated_by, speed.unit) == ("--peak-voltage", "--peak-speed", "rad/s")
+    assert (peak.stated_by, speed.stated_by, speed.unit) == ("--peak-effort", "--peak-speed", "rad/s")
     wide = Specification(peak_effort=(87.0, 12.0), peak_speed="40deg/s")  # type: ignore[arg-type]
     assert all(one.met for one in step_requirements(wide, limits_of(wide), step, "here"))
 

@@ -97,8 +97,11 @@ def test_a_payload_is_no_heavier_link() -> None:
 
 
 def test_options_are_code_once() -> None:
-    found = note("Try `--extras a --friction-model`, `--integral-dead-zone`, or --rays.")
-    assert found.text == "Try `--extras a --friction-model`, `--integral-dead-zone`, or `--rays`."
+    found = note("Try `--extras a --set friction_model=yes`, `--set integral_dead_zone`, or --set rays.")
+    assert (
+        found.text
+        == "Try `--extras a --set friction_model=yes`, `--set integral_dead_zone`, or `--set rays`."
+    )
 
 
 def test_units_of_joints_that_turn_and_slide(robot_of: Callable[[str], Any]) -> None:

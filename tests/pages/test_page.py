@@ -362,6 +362,6 @@ def test_runs_that_diverge_are_a_result_on_the_page(report_design: Make) -> None
     assert unnamed(text_of(gone, "specification"), *cut_short) == []
     found = remarks(gone)
     assert unnamed(found["step"][-1], "diverges", "0.05 s") == []
-    assert unnamed(found["load"][0], "diverges", "--load") == []
+    assert unnamed(found["load"][0], "diverges", "--set load") == []
     assert unnamed(found["move"][0], "diverges", "--bandwidth") == []
     assert not re.search(r"\bnan\b", re.sub(r"<svg.*?</svg>", "", page.html(), flags=re.DOTALL))

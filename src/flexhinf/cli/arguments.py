@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import MISSING, replace
 from pathlib import Path
@@ -16,19 +16,19 @@ from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 from typer.models import OptionInfo
 
-from flexhinf.cli.messages import note, options, specification
+from flexhinf.cli.messages import note, options, show as show_tables, specification
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.options import (
     ADVANCED,
     GROUPS,
-    LIMITS,
     NO_LIMIT,
-    About,
     FieldInfo,
     declared,
     option_name,
     refused,
+    with_value,
 )
+from flexhinf.validation import nearest, value_text
 
 if TYPE_CHECKING:
     from flexhinf.design import DesignRequest
@@ -126,16 +126,28 @@ def _declare(command: Any) -> None:
     known = {name: specification.FIELDS[name] for name in fields} | own
     order = {group: k for k, group in enumerate(("", *GROUPS))}
     parameters = [CONTEXT]
+    settings = [name for name, field in known.items() if field.about.setting]
     for field in sorted(known.values(), key=lambda field: order[field.about.group]):
+        if field.about.setting:
+            continue
         parameters.append(_parameter(field, both=field.name not in own or field.default is True))
-        for name, (drive, unit) in options.PEAKS.items() if field.name == "peak_effort" else ():
-            about = About(LIMITS, f"--peak-effort of {drive}-driven motors.", unit=unit)
-            parameters.append(_parameter(FieldInfo(name, about, str, "", "", option_name(name)), both=True))
+    if settings:
+        parameters.append(_setting())
     if len(parameters) > options.SEVERAL:
         rare = (name for name in fields if name not in own and name not in options.USUAL_FIELDS)
-        parameters.append(_shortened(parameters, {*options.SELDOM, *rare}))
+        parameters.append(
+            _shortened(parameters, {*options.SELDOM, *rare}, [known[name] for name in settings])
+        )
     signature = inspect.Signature(parameters)
     vars(command).update(__signature__=signature, options=known, fields=tuple(fields), own=own_class)
+
+
+def _setting() -> inspect.Parameter:
+    """The option of all fields that are seldom stated."""
+    help = "A setting that is seldom stated, as in design.toml; --help-all lists them. Repeat the option for more."
+    option = typer.Option("--set", help=help, rich_help_panel=ADVANCED, metavar="<name=value>")
+    kind = Annotated[list[str], option]
+    return inspect.Parameter("set", inspect.Parameter.KEYWORD_ONLY, default=[], annotation=kind)
 
 
 # `both`: also ``--no-…`` of a flag
@@ -163,9 +175,11 @@ def _parameter(field: FieldInfo, both: bool) -> inspect.Parameter:
     return inspect.Parameter(field.name, keyword, default=value, annotation=Annotated[kind, shape])
 
 
-def _shortened(parameters: Iterable[inspect.Parameter], seldom: Collection[str]) -> inspect.Parameter:
+def _shortened(
+    parameters: Iterable[inspect.Parameter], seldom: Collection[str], settings: Sequence[FieldInfo]
+) -> inspect.Parameter:
     """Hide options that are seldom used, and all but the first sentence on the others; returns the option that shows
-    everything."""
+    everything, and the settings."""
     declared_options = {
         each.name: option
         for each in parameters
@@ -183,6 +197,7 @@ def _shortened(parameters: Iterable[inspect.Parameter], seldom: Collection[str])
                 if parameter.name in texts:
                     vars(parameter).update(hidden=False, help=texts[parameter.name])
             typer.echo(context.get_help())
+            show_tables([_settings_table(settings)] if settings else [])
             raise typer.Exit()
 
     count = sum(option.hidden for option in declared_options.values())
@@ -192,31 +207,27 @@ def _shortened(parameters: Iterable[inspect.Parameter], seldom: Collection[str])
     return inspect.Parameter("help_all", keyword, default=False, annotation=Annotated[bool, option])
 
 
+def _settings_table(settings: Iterable[FieldInfo]) -> Any:
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(
+        "Setting", "What it states", title="Settings, by --set NAME=VALUE or in design.toml", box=None
+    )
+    for field in settings:
+        default = "yes" if field.default is True else field.default or ""
+        table.add_row(field.name, escape(field.about.text + f" [default: {default}]" * bool(default)))
+    return table
+
+
 def request_of(
     context: typer.Context, o: options.PointOptions, source: str, elastic: str = ""
 ) -> DesignRequest:
     """Robot and specification of a command, whose options win over a design file; prints notes."""
-    stated, names = stated_options(context), ("peak_effort", *options.PEAKS)
-    peaks = [name for name in names if name in stated]
-    refuse_if(
-        len(peaks) > 1,
-        "The peak of the input is given twice.",
-        f"expected one of {', '.join(map(option_name, names))}, got {', '.join(map(option_name, peaks))}",
-        "leave out one of them",
-    )
-    if peaks:
-        stated["peak_effort"] = stated.pop(peaks[0])
+    stated = stated_options(context)
     request = read_source(source, elastic, _stated_fields(context, stated), o.payload, o.pose_xyz, o.tool)
     if context.info_name != "run":  # which needs both: the workspace of its controller, and a goal
         request = _of_pose_stated(request, stated)
-    robot, right = request.robot, f"--peak-{request.robot.drive}"
-    for name in peaks[:1]:  # volts for a robot that is driven by torques, and so on
-        refuse_if(
-            name in options.PEAKS and option_name(name) != right,
-            f"{option_name(name)} does not fit the robot {robot.name!r}, whose motors are driven by {robot.drive}.",
-            f"expected {right} or --peak-effort, got {option_name(name)} {context.params[name]}",
-            f"{right} …",
-        )
     return request
 
 
@@ -249,12 +260,14 @@ def refuse_idle(context: typer.Context, request: DesignRequest, **options: bool)
 
 def refuse_stated(context: typer.Context, idle: Mapping[str, str]) -> None:
     """Refuse options that are stated and have no effect; `idle`: by name, what each would act on."""
+    known = _command(context).options
     for name in stated_options(context):
+        option = known[name].option.partition("/")[0] if name in known else option_name(name)
         refuse_if(
-            needs := idle.get("peak_effort" if name in options.PEAKS else name, ""),
-            f"{option_name(name)} has no effect on this {context.info_name}.",
+            needs := idle.get(name, ""),
+            f"{option} has no effect on this {context.info_name}.",
             f"expected it with {needs}; got it without",
-            f"leave out {option_name(name)}",
+            f"leave out {option}",
         )
 
 
@@ -288,12 +301,16 @@ def without_effect(
     idle, preset, joints = _of_loop(robot, s), preset_of(robot, s), len(robot.joint_names)
     sampled = command == "design" and rays_of(STATES * joints, s.rays) > 0
     if s.estimator == "none" and not sampled and (not robot.uncertain or s.draws == 0):
-        idle["seed"] = "an estimator, robots within their tolerances (--draws) or a sampled region (--rays)"
+        idle["seed"] = (
+            "an estimator, robots within their tolerances (--draws) or a sampled region (--set rays)"
+        )
     if command == "design" and preset != "proved":
         if not sampled:
-            idle |= dict.fromkeys(("checked_gamma_ratio", "checked_penalty"), "a sampled region (--rays)")
+            idle |= dict.fromkeys(("checked_gamma_ratio", "checked_penalty"), "a sampled region (--set rays)")
         if not sampled or joints > 1 or s.via:
-            idle["proof_seconds"] = "a robot of one joint, one law (no --via) and a sampled region (--rays)"
+            idle["proof_seconds"] = (
+                "a robot of one joint, one law (no --via) and a sampled region (--set rays)"
+            )
     elif command == "compare":
         idle["tracking_error"] = "a workspace (no --pose)"
         if preset != "proved":
@@ -353,7 +370,7 @@ def _of_loop(robot: Robot, s: Specification) -> dict[str, str]:
     if s.move is None:
         idle["tracking_error"] = "a move (--move), or a workspace"
     if s.disturbances is None:
-        idle["command"] = "--disturbances: without them the command is the disturbance anyway"
+        idle["command"] = "--set disturbances: without them the command is the disturbance anyway"
     if s.estimator == "none":
         idle |= dict.fromkeys(("measured", *NOISES), "an estimator")
     dry = set(with_dry_friction(s.extras, robot.plant_parameters())) & set(DRY)
@@ -419,6 +436,8 @@ def _text(field: FieldInfo, value: Any) -> Any:
     stands for no limit."""
     if isinstance(value, bool):
         return value
+    if isinstance(field.default, bool):
+        return _flag(field, value)
     if isinstance(value, list):
         return [text for text in value if text]
     zero = False
@@ -427,6 +446,17 @@ def _text(field: FieldInfo, value: Any) -> Any:
     if zero and field.about.zero == NO_LIMIT:
         return math.inf
     return None if zero or not value.strip() else value
+
+
+def _flag(field: FieldInfo, value: str) -> bool:
+    known = {"yes": True, "true": True, "no": False, "false": False}
+    refuse_if(
+        value.lower() not in known,
+        refused(field.name),
+        f"expected yes or no, got {value_text(value)}",
+        f"--set {field.name}={'no' if field.default else 'yes'}",
+    )
+    return known[value.lower()]
 
 
 def _value(field: FieldInfo, value: Any) -> Any:
@@ -448,6 +478,9 @@ def reproduce_command(context: typer.Context, without: Collection[str] = ()) -> 
     for parameter in context.command.params:
         name = str(parameter.name)
         value = stated.get(name)
+        if name == "set":
+            pairs = {n: v for n, v in _settings(context, context.params[name]).items() if n not in without}
+            parts += [word for n, v in pairs.items() for word in ("--set", f"{n}={v}")]
         if value is None or name in (*without, "verbose"):
             continue
         values = value if isinstance(value, (list, tuple)) else [value]
@@ -466,8 +499,40 @@ def _command(context: typer.Context) -> Any:
 
 
 def stated_options(context: typer.Context) -> dict[str, Any]:
-    """Values of the options that the user stated, by the name of the parameter."""
+    """Values of the options and settings that the user stated, by their names."""
     sources = {name: context.get_parameter_source(name) for name in context.params}
-    return {
+    stated = {
         name: context.params[name] for name, source in sources.items() if source and source.name != "DEFAULT"
     }
+    return stated | _settings(context, stated.pop("set", ()))
+
+
+def _settings(context: typer.Context, texts: Iterable[str]) -> dict[str, str]:
+    """Values of ``--set``, by name; refused is what is no setting of the command, and what is stated twice."""
+    known, found = _command(context).options, dict[str, str]()
+    settings = [name for name, field in known.items() if field.about.setting]
+    for text in texts:
+        typed, equals, value = text.partition("=")
+        name = typed.strip().replace("-", "_")
+        refuse_if(
+            not equals,
+            "A setting has no value.",
+            f"expected a name and a value, got {text!r}",
+            f"--set {name if name in settings else settings[0]}=…",
+        )
+        meant = nearest(name, settings, settings[0]).strip("'")
+        option = known[name].option.partition("/")[0] if name in known else f"--set {meant}"
+        refuse_if(
+            name not in settings,
+            f"{typed!r} is no setting of {context.command_path}.",
+            f"expected one of {', '.join(settings)}, got {typed!r}",
+            with_value(option, value),
+        )
+        refuse_if(
+            name in found,
+            f"The setting {name!r} is given twice.",
+            f"expected it once, got {found.get(name)!r} and {value!r}",
+            f"--set {name}={value}",
+        )
+        found[name] = value
+    return found

@@ -66,7 +66,7 @@ COMMANDS = {
         "flexhinf design planar-two-link",
         "flexhinf design paper --pose 90deg",
         "flexhinf design planar-two-link --pose 35deg,20deg --measured motor_position --bandwidth 3 --damping 0.3",
-        "flexhinf design paper --preset robust --peak-voltage 24 --unknown-delay 2ms --out robust",
+        "flexhinf design paper --preset robust --peak-effort 24 --unknown-delay 2ms --out robust",
         "flexhinf design flexhinf-design/design.toml --seed 1",
     ),
     "compare": (
@@ -189,7 +189,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
                 return interrupted(written())
             return code if isinstance(code, int) else 0
         except FlexhinfError as error:
-            return mistake(error_text(error, command))
+            return mistake(error_text(error))
         except TyperException as error:
             return mistake(parser_error(error, command))
         except BrokenPipeError:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from contextlib import nullcontext
 from dataclasses import asdict, replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from shlex import join, quote
 from time import process_time
@@ -34,9 +35,9 @@ from flexhinf.cli.designs import (
     other_robot,
     verdict_of,
 )
-from flexhinf.cli.messages import NOT_MET, ProofProgress, note, options, show, step_progress
+from flexhinf.cli.messages import NOT_MET, ProofProgress, note, options, show, specification, step_progress
 from flexhinf.errors import InvalidInput, refuse_if
-from flexhinf.options import option_name
+from flexhinf.options import option_name, with_value
 
 if TYPE_CHECKING:
     from flexhinf.design import Advice
@@ -126,7 +127,8 @@ def _advice(
     if advice.found is None:
         return advice
     fields = advice.found.change.fields
-    options = [word for name, value in fields.items() for word in (option_name(name), value)]
+    known = specification.FIELDS
+    options = [word for name in fields for word in with_value(known[name].option, fields[name]).split()]
     if advice.found.change.rigid:
         own = reproduce_command(context, {*fields, "advice", "robot", "out"})
         place = own.index("design") + 1
@@ -258,12 +260,12 @@ def certify(context: typer.Context, o: options.CertifyOptions) -> int:
     Writes a folder with a page and certificate.json. For robots of one joint it
     finds the largest level of V that can be proved about the goal. Inside, the
     gain from disturbances is bounded, and so are the steps from rest. The gain
-    and the weights are those of --checked-gamma-ratio and --checked-penalty. The
+    and the weights are those of --set checked_gamma_ratio and --set checked_penalty. The
     true state is fed back; with --observer the proof covers an observer too.
     With --tolerances it proves the step of the design for every robot within its
     tolerances. Weights that leave a state out, such as the paper's own, have no
     margin that could be proved: --preset damped finds others. Of one pose of a robot of more joints a region can only
-    be sampled: `flexhinf design ROBOT --degrees 2 --damping 0.3 --rays 50`.
+    be sampled: `flexhinf design ROBOT --degrees 2 --damping 0.3 --set rays=50`.
 
     Of a design for a workspace it proves which errors of the model small motions
     about rest tolerate, at any pose, and writes proof.json.
@@ -329,7 +331,7 @@ def certify(context: typer.Context, o: options.CertifyOptions) -> int:
             own = ("out", "check", "every_cell", "degree", "decay", "observer", "tolerances", "threads")
             command = reproduce_command(context, (*own, "degrees", "damping"))
             command[command.index("certify")] = "design"
-            again = join([*command, "--degrees", "2", "--damping", "0.3", "--rays", "50"])
+            again = join([*command, "--degrees", "2", "--damping", "0.3", "--set", "rays=50"])
             raise InvalidInput(error.what, error.found, SAMPLED_ADVICE.format(again)) from None
         try:
             law = proved(laws, o.degree, o.tolerances or laws[0].box is not None)
@@ -379,7 +381,8 @@ def _whole_command(context: typer.Context, advice: str) -> str:
     """An advice that begins with options, as this command with them; only the rest of it where they are stated."""
     stated, comma, others = advice.partition(", ")
     arguments = stated.split()
-    names = {word.removeprefix("--").replace("-", "_") for word in arguments if word.startswith("--")}
+    settings = {word.partition("=")[0] for before, word in pairwise(arguments) if before == "--set"}
+    names = settings | {word[2:].replace("-", "_") for word in arguments if word.startswith("--")}
     out = {"preset": ("penalty", "effort"), "degrees": ("degree",)}  # what contradicts an option
     gone = {*names, *(other for name in names for other in out.get(name, ()))}
     command, now = [*reproduce_command(context, gone), *arguments], reproduce_command(context)
@@ -457,7 +460,7 @@ def run_design(context: typer.Context, o: options.RunOptions) -> int:
         "expected --mujoco, got none",
         "--mujoco, which simulates it",
     )
-    refuse_stated(context, {} if o.load is not None else {"load_at": "--load, which begins then"})
+    refuse_stated(context, {} if o.load is not None else {"load_at": "--set load, which begins then"})
     logs, films = [export.check_log(path) for path in o.log], [pages.check_film(path) for path in o.record]
     folder = None if o.out is None else report.check(o.out)
     if o.view:

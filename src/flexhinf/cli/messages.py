@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import cache
-from itertools import accumulate, pairwise
+from itertools import accumulate, dropwhile, islice, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +15,7 @@ import typer
 from typer.exceptions import TyperException
 
 from flexhinf.errors import FlexhinfError
-from flexhinf.options import option_name
+from flexhinf.options import option_name, with_value
 from flexhinf.validation import late_package
 
 if TYPE_CHECKING:
@@ -33,8 +34,8 @@ LOG_ENDINGS = (".csv", ".txt", ".tsv", ".parquet", ".mcap")
 
 #: Options of earlier versions, and what they are called now: an option has the name of its field.
 RENAMED = {
-    "--goal": "--pose", "--goal-xyz": "--pose-xyz", "--from-pose": "--start", "--friction": "--friction-model",
-    "--no-friction": "--no-friction-model", "--dead-zone": "--integral-dead-zone",
+    "--goal": "--pose", "--goal-xyz": "--pose-xyz", "--from-pose": "--start",
+    "--peak-voltage": "--peak-effort", "--peak-current": "--peak-effort", "--peak-torque": "--peak-effort",
 }  # fmt: skip
 
 
@@ -46,7 +47,7 @@ def _syntax() -> tuple[dict[str, str], re.Pattern[str], re.Pattern[str]]:
     known = {name: field.option for name, field in specification.FIELDS.items()}
     known |= {name: option_name(name) for name in own}
     names = "|".join(known)
-    keyword = rf"(?<![\w.])({names})=('[^']*'|\"[^\"]*\"|\([^()]*\)|\[[^\[\]]*\]|[^\s,;)]+)"
+    keyword = rf"(?<![\w.])(?<!--set )({names})=('[^']*'|\"[^\"]*\"|\([^()]*\)|\[[^\[\]]*\]|[^\s,;)]+)"
     return known, re.compile(keyword), re.compile(rf"`({names})`")
 
 
@@ -70,33 +71,21 @@ def option_syntax(text: str) -> str:
         if negative:
             return negative if match[2] == "False" else positive
         plain = re.sub(r"\s*,\s*", ",", match[2].strip("()[]'\"").rstrip(", "))
-        return f"{positive} {plain.translate({ord(mark): None for mark in chr(39) + chr(34)})}"
+        return with_value(positive, plain.translate({ord(mark): None for mark in chr(39) + chr(34)}))
 
     return field.sub(lambda match: known[match[1]].partition("/")[0], keyword.sub(option, text))
 
 
-def error_text(error: FlexhinfError, arguments: Sequence[str] = ()) -> str:
-    """An error in three parts, in the syntax of the command line, and with the option that was typed.
-
-    `arguments`: those of the command; the limit of the input has a name for each drive beside ``--peak-effort``.
-    """
-    stated = [argument.split("=")[0] for argument in arguments]
-    peak = next((name for name in options.PEAKS if option_name(name) in stated), "")
+def error_text(error: FlexhinfError) -> str:
+    """An error in three parts, in the syntax of the command line."""
     advice = error.advice
     if (
         isinstance(error, specification.SpecificationError)
         and error.field in specification.FIELDS
         and error.example
     ):
-        named = option_name(peak) if peak and error.field == "peak_effort" else _syntax()[0][error.field]
-        advice = f"{named.partition('/')[0]} {error.example}"
-    text = str(FlexhinfError(error.what, error.found, advice))
-    if peak:
-        text = text.replace("`peak_effort`", option_name(peak)).replace(
-            "The peak effort ", f"The {peak.replace('_', ' ')} "
-        )
-        text = text.replace(specification.FIELDS["peak_effort"].about.unit, options.PEAKS[peak][1])
-    return option_syntax(text)
+        advice = with_value(_syntax()[0][error.field].partition("/")[0], error.example)
+    return option_syntax(str(FlexhinfError(error.what, error.found, advice)))
 
 
 def mistake(text: str, code: int = USER_ERROR) -> int:
@@ -157,8 +146,13 @@ def parser_error(error: TyperException, arguments: Sequence[str]) -> str:
         (pair for pair in pairwise(arguments) if _NUMBERS.match(pair[0]) and _UNIT.fullmatch(pair[1])), ()
     )
     robot = _robot_of_log(path, arguments)
+    setting, as_set = _as_setting(option, arguments)
+    if setting:
+        commands = _with_option(context.find_root().command, "flexhinf", setting)
     if robot and "extra argument" in what:
         expected, advice = "one log, and the robot by --robot", robot
+    elif setting and path in commands:
+        what, expected, advice = f"{typed} is a setting", as_set, as_set
     elif path in commands and option != typed:
         what, expected, advice = f"{typed} is called {option}", option, f"{option} in the place of {typed}"
     elif commands and path not in commands:
@@ -176,6 +170,25 @@ def parser_error(error: TyperException, arguments: Sequence[str]) -> str:
     )
 
 
+#: Settings that had another name.
+_SETTINGS = {"friction": "friction_model", "dead_zone": "integral_dead_zone"}
+
+
+def _as_setting(option: str, arguments: Sequence[str]) -> tuple[str, str]:
+    """The name of a setting that is typed as an option, and how it is stated, with its value; empty for any other."""
+    bare = option.removeprefix("--").replace("-", "_")
+    name = bare.removeprefix("no_")
+    name = _SETTINGS.get(name, name)
+    field = specification.FIELDS.get(name)
+    if field is None or not field.about.setting:
+        return "", ""
+    if isinstance(field.default, bool):
+        return name, field.option.split("/")[bare.startswith("no_")]
+    joined = next((word for word in arguments if word.startswith(f"{option}=")), "").partition("=")[2]
+    after = islice(dropwhile(lambda word: word != option, arguments), 1, None)
+    return name, with_value(field.option, joined or next(after, "") or field.about.example)
+
+
 def _robot_of_log(path: str, arguments: Sequence[str]) -> str:
     """The command with the file that is no log as its robot, of a command that reads a log and got two files."""
     files = [word for word in arguments[:3] if not word.startswith("-")][1:]
@@ -186,7 +199,10 @@ def _robot_of_log(path: str, arguments: Sequence[str]) -> str:
 
 
 def _with_option(command: Any, path: str, option: str) -> list[str]:
-    own = [path] if any(option in (*entry.opts, *entry.secondary_opts) for entry in command.params) else []
+    """Commands that take an option, or a setting by its name."""
+    settings = getattr(inspect.unwrap(command.callback or str), "fields", ())
+    typed = [name for entry in command.params for name in (*entry.opts, *entry.secondary_opts)]
+    own = [path] if option in (*typed, *settings) else []
     inner = getattr(command, "commands", {}).items()
     return own + [each for name, entry in inner for each in _with_option(entry, f"{path} {name}", option)]
 

@@ -74,13 +74,6 @@ IDENTIFY_FIELDS = (
     "measured", "extras", "process_noise", "torque_noise", "measurement_noise", "quantisation",
 )  # fmt: skip
 
-#: An option of its own for the largest input by the kind of drive, beside ``--peak-effort``.
-PEAKS = {
-    "peak_voltage": ("voltage", "V"),
-    "peak_current": ("current", "A"),
-    "peak_torque": ("torque", "N·m or N"),
-}
-
 #: Where a command has more than `SEVERAL` options, its help shows these fields and its own options but the seldom used
 #: ones; --help-all shows all.
 USUAL_FIELDS = (
@@ -90,7 +83,7 @@ USUAL_FIELDS = (
 SELDOM = (
     "pose_xyz", "tool", "every_cell", "decay", "threads", "cluster", "shard", "starts", "metric", "batch", "core",
     "form", "table", "load_at", "noise", "method", "workers", "priority", "library", "gate", "bounds",
-    "process_noise", "torque_noise", "measurement_noise", *PEAKS,
+    "process_noise", "torque_noise", "measurement_noise",
 )  # fmt: skip
 SEVERAL = 16
 

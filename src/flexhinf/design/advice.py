@@ -23,6 +23,7 @@ from flexhinf.design.workspace.design import JUDGED, MARGINS, WorkspaceDesign, d
 from flexhinf.design.workspace.judgement import missed_by
 from flexhinf.design.workspace.search import TOLERATED, motors_alone
 from flexhinf.errors import FlexhinfError
+from flexhinf.options import with_value
 from flexhinf.robot import Robot
 from flexhinf.robot.modes import modes_of, stiffness_and_inertia
 from flexhinf.robot.signals import SENSORS, expanded, units_of
@@ -71,7 +72,9 @@ class Change:
     def text(self) -> str:
         """The options, ``--peak-speed 0.5``, and what the robot's file says."""
         joints = [f"rigid = true for {', '.join(self.rigid)}"] * bool(self.rigid)
-        return " ".join([*joints, *(f"{FIELDS[name].option} {value}" for name, value in self.fields.items())])
+        return " ".join(
+            [*joints, *(with_value(FIELDS[name].option, value) for name, value in self.fields.items())]
+        )
 
     @property
     def is_limit(self) -> bool:

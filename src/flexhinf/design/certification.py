@@ -421,7 +421,7 @@ def _refused(seconds: float, synthesis: Synthesis) -> str:
     if states > claim.MOST_STATES:
         return f"a proof is made in at most {claim.MOST_STATES} states, and this law has {states}"
     if not seconds:
-        return "no proof was asked for (--proof-seconds 0)"
+        return "no proof was asked for (--set proof_seconds=0)"
     if synthesis.law is not synthesis.solution:
         return "the law is a schedule of several poses"
     return "" if (chosen.looked and 0.0 < chosen.level < np.inf) else "there is no sampled region to prove"

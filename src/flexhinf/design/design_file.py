@@ -223,7 +223,7 @@ def has_controller(file: Path) -> bool:
     return unchanged(file.parent, (file.name, CONTROLLER_FILE)) and not why_anew(file)
 
 
-#: Other names of fields: those of earlier versions, and of --peak-effort by the kind of drive.
+#: Names of fields in earlier versions.
 OPTIONS = {
     "goal": "pose", "from_pose": "start", "friction": "friction_model", "dead_zone": "integral_dead_zone",
     "peak_voltage": "peak_effort", "peak_current": "peak_effort", "peak_torque": "peak_effort",

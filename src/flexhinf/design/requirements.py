@@ -226,12 +226,6 @@ REQUIREMENTS = {
 }
 
 
-def peak_option(unit: str, source: str = "") -> str:
-    """The option of the command line that limits an input of this unit, or `ROBOT` where that is the source."""
-    options = {"V": "--peak-voltage", "A": "--peak-current"}
-    return ROBOT if source == ROBOT else options.get(unit, "--peak-torque")
-
-
 def of_several(joints: Sequence[str], joint: str | int) -> str:
     """The name of a joint if there are several joints; otherwise empty."""
     return "" if len(joints) < 2 else joints[joint] if isinstance(joint, int) else joint
@@ -454,9 +448,10 @@ def _limit_lines(
     if limits.limits_peak:
         nearest = "|input| of the motor that is nearest to its limit"
         criterion = REQUIREMENTS["peak"].criterion if np.ptp(limits.peak) == 0.0 else nearest
-        option = peak_option(inputs.unit, limits.peak_source)
         what = f"{REQUIREMENTS['peak'].what}{how}"
-        lines.append(_limit_line("peak", limits, inputs, where, option, what=what, criterion=criterion))
+        lines.append(
+            _limit_line("peak", limits, inputs, where, limits.peak_source, what=what, criterion=criterion)
+        )
     if limits.limits_speed:
         lines.append(_limit_line("speed", limits, speeds, where, limits.speed_source))
     return lines

@@ -30,6 +30,7 @@ from flexhinf.options import (
     option,
     read_by,
     refused,
+    setting,
     with_parameters,
 )
 from flexhinf.robot.waypoints import WaypointError, stated_workspace, waypoints
@@ -177,11 +178,11 @@ class Specification:
     via: options.Poses = option((), ADVANCED,
         "A pose between start and goal at which a law is designed too; repeat the option for several. The "
         "controller takes the law whose pose is nearest to the command.", "0.1,0.2", "rad, m")
-    shaping: ShapingName = option("jump", WAY,
+    shaping: ShapingName = setting("jump", WAY,
         "How the command gets to the goal: jump (at once), quintic or jerk-limited. The last two are as fast as the "
         "bandwidth and the limits of effort and speed allow, and stop at the waypoints of a move; jump passes through "
         "them. A controller for the workspace always makes a quintic and takes no shaping.", "jerk-limited")
-    feedforward: options.Flag = option(True, ADVANCED,
+    feedforward: options.Flag = setting(True, ADVANCED,
         "Whether a move and a shaped command have the feedforward of the inverse dynamics. Without it a law with "
         "integrals follows the positions alone.")
     move: MoveTable | None = option(None, WAY,
@@ -192,7 +193,7 @@ class Specification:
         "Largest distance of a link from where the move is at the same time: 1deg, or one per joint 1deg,2mm.",
         "0.5deg", "rad, m",
         default="5 % of the joint's way along the move; in a workspace 5 times the remaining error")
-    angle_unit: AngleUnit | None = option(None, WRITTEN, "Unit of angles in the report: rad or deg.", "deg",
+    angle_unit: AngleUnit | None = setting(None, WRITTEN, "Unit of angles in the report: rad or deg.", "deg",
         default="the unit of the poses")
     preset: PresetName | None = option(None, SEARCH,
         "Where the weights come from: paper (the robot's file), damped (searched for bandwidth and damping), "
@@ -206,11 +207,11 @@ class Specification:
         "loop of the nominal robot.", "4", "rad/s",
         default="0.3 of the lowest vibration with held motors, less where margins of the loop ask for it")
     damping: options.Ratio | None = option(None, LOOP,
-        "Least damping ratio of every oscillation, at least 0.05. Those above --damped-below need only be stable. "
+        "Least damping ratio of every oscillation, at least 0.05. Those above --set damped_below need only be stable. "
         "Weights are searched for it, and it is judged, as for the bandwidth.", "0.3",
         default="0.2 for a workspace; where weights are searched, 0.2 down to 0.1 where noise at the motors asks for "
         "it; 0.05 otherwise")
-    damped_below: options.Frequency | None = option(None, ADVANCED,
+    damped_below: options.Frequency | None = setting(None, ADVANCED,
         "Frequency below which every oscillation has to be damped: 350 (rad/s) or 55Hz. It is at most a third of half "
         "the sampling frequency. Faster oscillations have to be stable.", "350", "rad/s",
         default="350 rad/s, or that third")
@@ -222,10 +223,10 @@ class Specification:
         "rad/s or m/s", zero=NO_LIMIT, default="the robot's speed limits, or none")
     overshoot: options.Positive | None = option(None, LOOP,
         "Largest overshoot of every link position, in per cent of the step.", "5", "%", default=f"{OVERSHOOT:g}")
-    undershoot: options.Positive | None = option(None, LOOP,
+    undershoot: options.Positive | None = setting(None, LOOP,
         "Largest motion of a link the wrong way, in per cent of its travel. Where a link travels little, 5 % of the "
         "largest travel counts instead.", "2", "%", default=f"{UNDERSHOOT:g}")
-    path_distance: options.Tolerances | None = option(None, LOOP,
+    path_distance: options.Tolerances | None = setting(None, LOOP,
         "Largest distance of a link from the path, at any time: 1deg, or one per joint 1deg,2mm.", "1deg", "rad, m",
         default="no requirement")
     remaining_error: options.Tolerances | None = option(None, LOOP,
@@ -237,36 +238,37 @@ class Specification:
         "Largest ripple of a motor's input by noise: standard deviation in per cent of its limit. It is looked at in "
         "the last 0.3 s. Searched noise levels of the estimator keep a stated one.", "1", "%",
         default=f"{RIPPLE:g}")
-    peak_sensitivity: options.AboveOne | None = option(None, LOOP,
+    peak_sensitivity: options.AboveOne | None = setting(None, LOOP,
         "Largest peak of |S| of the running loop, with estimator, sampling and delay.", "2",
         default=f"{PEAK_SENSITIVITY:g}")
     gain_margin: options.AboveOne | None = option(None, LOOP,
         "Least factor by which the gain of the running loop may grow or shrink.", "2",
         default=f"{GAIN_MARGIN:g}; 2 for a workspace")
-    delay_margin: options.Positive | None = option(None, LOOP,
+    delay_margin: options.Positive | None = setting(None, LOOP,
         "Least extra delay that the running loop tolerates, in samples on top of the latency.", "1", "samples",
         default=f"{DELAY_MARGIN:g}, or no requirement where the true state is fed back")
-    penalty: options.Weights | None = option(None, ADVANCED,
+    penalty: options.Weights | None = setting(None, ADVANCED,
         "Weights of h(x): link_position=60,link_position_integral=300, or one per state (integrals last).",
         "link_position=60,link_position_integral=300", default="by the preset")
-    effort: options.Efforts | None = option(None, ADVANCED,
+    effort: options.Efforts | None = setting(None, ADVANCED,
         "R2, the weight of the inputs, one number or one per joint 0.1,0.1,1. A motor's input counts in units of its "
         "limit (--saturation, or the robot's) relative to the largest limit, one without a limit as the strongest.",
         "10", zero="the default", default="the robot's own, or 1")
-    gamma_ratio: options.AboveOne = option(1.5, ADVANCED,
+    gamma_ratio: options.AboveOne = setting(1.5, ADVANCED,
         "γ/γ* of the design, at most 1e6. Preset proved takes the best of 1.3, 1.5 and 2 for 1.5.", "1.5")
-    checked_gamma_ratio: options.Positive = option(1.6, ADVANCED,
+    checked_gamma_ratio: options.Positive = setting(1.6, ADVANCED,
         "γ/γ* of the inequality that is checked, at most 1e6.", "1.6")
-    checked_penalty: options.Weights | None = option(None, ADVANCED, "Weights of the inequality that is checked.",
+    checked_penalty: options.Weights | None = setting(None, ADVANCED, "Weights of the inequality that is checked.",
         "link_position=54", default="0.9 times the penalty; the robot's own for all tolerances")
     degrees: options.Degrees | None = option(None, ADVANCED,
         "Degrees of V to compare: 4, or 2,4,6. The cost of the step decides between several.", "2,4",
         default="2, or up to 6 where that saves more than 5 % of the cost of the step")
-    disturbances: options.Names | None = option(None, ADVANCED,
+    disturbances: options.Names | None = setting(None, ADVANCED,
         "Torques that are disturbances of the synthesis: link_torque,motor_torque.", "link_torque",
         default="the command instead, as in the paper")
-    command: options.Flag = option(False, ADVANCED, "Whether the command is a disturbance too, beside --disturbances.")
-    friction_model: options.Flag = option(False, ADVANCED,
+    command: options.Flag = setting(False, ADVANCED,
+        "Whether the command is a disturbance too, beside --set disturbances.")
+    friction_model: options.Flag = setting(False, ADVANCED,
         "Whether the estimator's model (ukf, ekf) has the dry friction of the file, smoothed. The feedforward of a "
         "planned move always has it.")
     measured: options.Names = option(("link_position",), SENSORS,
@@ -304,26 +306,26 @@ class Specification:
     quantisation: options.Quanta = option(0.0, SENSORS,
         "Resolution of every sensor: 1e-4, or one per name of --measured 0.01deg,0.1Nm, or one per measured signal. "
         "The estimator does not know of it.", "1e-4", "rad, m, …")
-    integral_dead_zone: options.Distances | None = option(None, ADVANCED,
+    integral_dead_zone: options.Distances | None = setting(None, ADVANCED,
         "Errors up to this size are not integrated, against limit cycles: 1e-3 (rad, m), 0.05deg, or one per joint; "
         "0: none.", "1e-3", "rad, m",
         default="none, or the amplitude of the limit cycle that dry friction causes; in a workspace half the backlash")
-    load: options.Number | None = option(None, SEARCH, "Torque on every link in the load response.", "1", "N·m or N",
+    load: options.Number | None = setting(None, SEARCH, "Torque on every link in the load response.", "1", "N·m or N",
         default="a tenth of what the motors give at the peak input of the step")
     draws: options.Count | None = option(None, SEARCH,
         "Number of robots within their tolerances that are tried, at most 100,000; 0: none. Each makes the step, or a "
         "move in the workspace.", "200", default="by the number of states; one for each move in the workspace")
-    rays: options.Count | None = option(None, ADVANCED,
+    rays: options.Count | None = setting(None, ADVANCED,
         "Directions along which the region is sampled, at most 100,000; 0: none.", "1000",
         default="by the number of states")
-    proof_seconds: options.NotNegative = option(20.0, ADVANCED,
+    proof_seconds: options.NotNegative = setting(20.0, ADVANCED,
         "CPU time for a proof of the region, for a robot of one link; 0: no proof. What is not proved by then is "
         "sampled.", "60", "s")
     duration: options.Duration | None = option(None, SEARCH, "Length of the step response.", "5", "s",
         zero="the default", default="by the slowest mode")
     seed: options.Seed = option(0, ADVANCED,
         "Seed of noise, sampled robots, directions, and poses and moves in the workspace.", "0")
-    compare_rigid: options.Flag = option(True, SEARCH,
+    compare_rigid: options.Flag = setting(True, SEARCH,
         "Whether a controller for the rigid model is designed too, and run on the elastic robot.")
     mujoco: options.Flag = option(False, SEARCH,
         "Whether the step is run in MuJoCo too (needs flexhinf[mujoco]).")

@@ -36,7 +36,6 @@ from flexhinf.design.laws import (
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.noise_levels import other_quantisation
 from flexhinf.design.plans import has_integrals
-from flexhinf.design.requirements import peak_option
 from flexhinf.design.responses import JointLimits
 from flexhinf.design.specification import FIELDS, MIN_DAMPING, RIPPLE, TOLERANCE, Specification
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure, refuse_if
@@ -326,7 +325,7 @@ def stated_limits(s: Specification, joints: JointLimits, unit: str) -> dict[str,
         limits.append(Limit("delay_margin", "delay margin in samples", "", delay, of("delay_margin"), True))
     if joints.limits_effort:
         share, label = RIPPLE if s.ripple is None else s.ripple, "noise at the motor, rms, of its limit,"
-        source = peak_option(unit, joints.peak_source) if joints.limits_peak else joints.saturation_source
+        source = joints.peak_source if joints.limits_peak else joints.saturation_source
         limits += [
             Limit("noise_percent", label, "%", share, of("ripple")),
             Limit("peak_input", "peak input of the step", unit, joints.strongest, source),

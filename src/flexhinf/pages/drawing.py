@@ -389,5 +389,5 @@ def left_out_notes(robot: Robot, extras: Collection[str], model: str) -> list[st
 
 def note(text: str) -> Note:
     """A remark that the reader must not miss, options of the command line set as code."""
-    option = r"`[^`]*`|--[a-z]+(?:-[a-z]+)*"  # or what is code already
+    option = r"`[^`]*`|--set [a-z_]+(?:=\w+)?|--[a-z]+(?:-[a-z]+)*"  # or what is code already
     return Note(re.sub(option, lambda match: f"`{match[0].strip('`')}`", text))

@@ -25,6 +25,7 @@ from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.design.tuning import RATIOS, TunedLaw
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict
 from flexhinf.design.workspace.judgement import missed_by
+from flexhinf.options import with_value
 from flexhinf.pages.comparison import (
     METRICS,
     cell,
@@ -180,7 +181,9 @@ def enough_text(missed: Sequence[Requirement]) -> str:
         if not line.found <= WITHIN * line.limit:
             return ""
         least[line.field] = max(found, least.get(line.field, 0.0))
-    limits = [f"{FIELDS[field].option} {_two_digits_up(value):g}" for field, value in least.items()]
+    limits = [
+        with_value(FIELDS[field].option, f"{_two_digits_up(value):g}") for field, value in least.items()
+    ]
     return f"{' '.join(limits)}: with {'this' if len(limits) == 1 else 'these'} the same design meets all"
 
 
@@ -197,7 +200,7 @@ def _limit_text(field: str, missed: Sequence[Requirement]) -> str:
         return f"{option} (a quarter of it may be vibration at rest)"
     least = min(line.found for line in lines)
     if field == "damping" and least >= 0.1 and any(line.stated_by != "default" for line in lines):
-        return f"{option} {np.floor(100.0 * least) / 100.0:g}, the most that was found"
+        return f"{with_value(option, f'{np.floor(100.0 * least) / 100.0:g}')}, the most that was found"
     return option
 
 

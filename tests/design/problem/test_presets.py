@@ -97,14 +97,14 @@ def test_who_says_so_is_never_silent(robot_of: Named, problem_of: Games) -> None
     assert unnamed(own.source, "robot", "file") == []
     asked = problem_of("vertical-rig", penalty=WEIGHTS, effort=2.0)
     assert (asked.preset, asked.source, asked.effort_source) == (
-        "given", "option --penalty", "option --effort",
+        "given", "option --set penalty", "option --set effort",
     )  # fmt: skip
     assert asked.penalty.effort == 2.0
     kept = problem_of("vertical-rig", penalty=WEIGHTS)
     assert (kept.source, kept.effort_source) == (asked.source, own.effort_source)
     assert kept.penalty.effort == 4.0
     mine = problem_of("vertical-rig", penalty=fh.Penalty(WEIGHTS, effort=7.0))
-    assert (mine.effort_source, mine.penalty.effort) == ("option --penalty", 7.0)
+    assert (mine.effort_source, mine.penalty.effort) == ("option --set penalty", 7.0)
     found = problem_of("vertical-rig", damping=0.3)
     assert unnamed(found.source, "damping", 0.3) == []
 

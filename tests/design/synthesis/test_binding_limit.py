@@ -45,4 +45,4 @@ def test_a_shaped_command_is_advised_where_no_bandwidth_is_stated(
     problem: Any = SimpleNamespace(target=SimpleNamespace(bandwidth=np.array([5.0])))
     with refused_with(fh.InvalidInput, "start") as refused:
         by_step.problem_within_effort(task, problem, None)
-    assert ("--shaping quintic" in error_text(refused.value)) == shaped
+    assert ("--set shaping=quintic" in error_text(refused.value)) == shaped

@@ -397,7 +397,7 @@ def _without_channels(
 def _stated(robot: Robot, goal: np.ndarray, s: Specification) -> tuple[Penalty, str, str]:
     own, penalty, source, priced = robot.penalty, robot.penalty, "the robot's file", "the robot's file"
     if s.penalty is not None:
-        penalty, source = Penalty.of(s.penalty), "option --penalty"
+        penalty, source = Penalty.of(s.penalty), "option --set penalty"
         whole = isinstance(s.penalty, Penalty)
         priced = source if whole else "ours" if own is None else priced
         penalty = penalty if whole or own is None else replace(penalty, effort=own.effort)
@@ -410,7 +410,7 @@ def _stated(robot: Robot, goal: np.ndarray, s: Specification) -> tuple[Penalty, 
         source, priced = "ours: the form of Eq. (11), scaled to the robot", "ours"
     if s.effort is not None:
         effort = per_joint(robot.joint_names, "effort", s.effort) if np.ndim(s.effort) else s.effort
-        penalty, priced = replace(penalty, effort=effort), "option --effort"
+        penalty, priced = replace(penalty, effort=effort), "option --set effort"
     unit = input_units(robot, s)
     if np.all(unit == 1.0):
         return penalty, source, priced

@@ -233,8 +233,10 @@ def _notes(design: PoseDesign) -> Blocks:
                 "the region for this step. Try a shorter --period, a faster estimator, or a smaller step."
             )
     if not design.chosen.looked and proved is None:
-        why = f": with {len(design.problem.state_names)} states it takes minutes. `--rays 50` samples one."
-        yield note(f"No region was sampled{why if design.specification.rays is None else ' (--rays 0).'}")
+        why = (
+            f": with {len(design.problem.state_names)} states it takes minutes. `--set rays=50` samples one."
+        )
+        yield note(f"No region was sampled{why if design.specification.rays is None else ' (--set rays=0).'}")
 
 
 def _proof(design: PoseDesign) -> Blocks:

@@ -60,7 +60,7 @@ def load(design: PoseDesign) -> Blocks:
     e, run, units = design.evaluation, design.evaluation.load_response, units_of(design.evaluation)
     slow, (unit, scale) = [row["joint"] for row in run.metrics if row["recovery_time_s"] is None], units.small
     if run.response.diverged_at is not None:
-        yield note("With torques on the links the loop diverges. Try a smaller `--load`.")
+        yield note("With torques on the links the loop diverges. Try a smaller `--set load`.")
     elif slow:
         yield note(
             f"With constant torques on the links, {' and '.join(slow)} {'is' if len(slow) == 1 else 'are'} still more "
@@ -414,7 +414,7 @@ def long_run(design: PoseDesign) -> Blocks:
         yield note(
             f"{run.cause[0].upper()}{run.cause[1:]} and integral action would keep the robot moving: "
             f"{motion(run.without, [run.without.worst])}. So errors up to {zone(run)} are not integrated; they may "
-            "remain. `--integral-dead-zone` states another zone, 0 none."
+            "remain. `--set integral_dead_zone` states another zone, 0 none."
         )
     if not run.cycles:
         if run.oscillating:
@@ -427,8 +427,8 @@ def long_run(design: PoseDesign) -> Blocks:
             any(name.startswith(side) for name in s.measured) for side in ("link_position", "motor_position")
         )
         advice = {
-            "`--friction-model`": bool(dry) and not s.friction_model,
-            "another `--integral-dead-zone`": True,
+            "`--set friction_model=yes`": bool(dry) and not s.friction_model,
+            "another `--set integral_dead_zone`": True,
             "sensors on both sides of the springs": not both,
             "weights that damp the vibration (`--preset damped`)": preset_of(design.evaluation.setup.robot, s)
             == "paper",
