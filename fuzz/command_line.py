@@ -194,10 +194,13 @@ def _options(rng: np.random.Generator, count: int, declared: list[Any] | None = 
         )  # fmt: skip
         option = field.option.split("/")[0] if rng.random() < 0.93 else others[rng.integers(len(others))]
         if "/" in field.option and option in field.option:
-            found.append(option)
+            found += option.split(" ")
             continue
         value = field.about.example if rng.random() < 0.7 else VALUES[rng.integers(len(VALUES))]
-        found += [f"{option}={value}"] if rng.random() < 0.3 else [option, value]
+        if field.option.startswith("--set ") or rng.random() < 0.3:
+            found += f"{option}={value}".split(" ", 1)
+        else:
+            found += [option, value]
     return found
 
 
