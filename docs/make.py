@@ -265,6 +265,12 @@ def readme_figure(name: str) -> Callable[[], str]:
     return made
 
 
+def followed() -> str:
+    """The figure of numbers that are followed through the rooms."""
+    DRAWN[IMAGES / "followed.svg"] = runpy.run_path(str(ROOT / "docs" / "followed.py"))["figure"]()
+    return "![Six numbers, from where they come in to where they are read](images/followed.svg)"
+
+
 def study(name: str) -> Callable[[], str]:
     """The table of a program of this folder, which has a function of its own name."""
     return lambda: runpy.run_path(str(ROOT / "docs" / f"{name}.py"))[name]()
@@ -446,6 +452,7 @@ def arm() -> str:
 QUICK: dict[str, tuple[str, Callable[[], str]]] = {
     "options": ("docs/options.md", options),
     "rooms": ("docs/architecture.md", rooms),
+    "followed": ("docs/architecture.md", followed),
     "size": ("docs/architecture.md", size),
     "counts": ("docs/architecture.md", counts),
     "arm": ("docs/hardware.md", arm),

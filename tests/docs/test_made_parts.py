@@ -42,6 +42,10 @@ def test_a_part_is_what_the_code_makes(name: str, repository: Path) -> None:
         assert figure.read_text(encoding="utf-8") == drawn, f"run: python docs/make.py {name}"
 
 
+def test_numbers_are_followed_through_code_that_passes_them_on(repository: Path) -> None:
+    assert runpy.run_path(str(repository / "docs" / "followed.py"))["broken"]() == []
+
+
 @pytest.mark.ci("parses the package once more")
 @pytest.mark.parametrize("name", COUNTED)
 def test_a_table_of_counts_is_near_the_counts(name: str, repository: Path) -> None:
