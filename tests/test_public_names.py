@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import doctest
 import inspect
+import re
 import shutil
 from typing import Any
 
@@ -58,6 +59,33 @@ def test_examples_that_take_long_run_too(names: tuple[str, ...]) -> None:
 def test_only_those_are_skipped() -> None:
     skipped = {name for name in fh.__all__ if "+SKIP" in own(name)}
     assert skipped == {name for names in LONG for name in names}
+
+
+# Types ------------------------------------------------------------------------------------------------
+#: What has no type of its own: CasADi's and python-control's objects, signals of several kinds, numbers or one of them,
+#: functions of users. They may become fewer.
+UNTYPED = 100
+
+
+def test_few_public_signatures_are_untyped() -> None:
+    untyped = []
+    for name in set(fh.__all__) - {"__version__"}:
+        thing = getattr(fh, name)
+        functions = [thing] if inspect.isfunction(thing) else []
+        if inspect.isclass(thing):
+            members = (getattr(one, "fget", one) for one in vars(thing).values())
+            members = (getattr(one, "__func__", getattr(one, "func", one)) for one in members)
+            functions = [
+                one for one in members if inspect.isfunction(one) and one.__module__ == thing.__module__
+            ]
+        untyped += [
+            f"{one.__qualname__}({each})"
+            for one in functions
+            if one.__name__ == "__init__" or not one.__name__.startswith("_")
+            for each, kind in one.__annotations__.items()
+            if each != "options" and re.search(r"\bAny\b", str(kind))
+        ]
+    assert len(untyped) <= UNTYPED, sorted(untyped)
 
 
 # Reprs ------------------------------------------------------------------------------------------------

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 #: Numbers along one axis, (n,).
 Vector: TypeAlias = NDArray[np.float64]
@@ -16,6 +16,10 @@ Matrix: TypeAlias = NDArray[np.float64]
 #: An array of elements of one kind: floats, or objects with the arithmetic of `Element`. NumPy has no type for what an
 #: array of objects holds. Of code that runs on a `Run`, a block of a program stands for such an array.
 Elements: TypeAlias = NDArray[Any]
+
+
+#: Numbers of any shape that NumPy reads, or None where a default takes their place.
+Numbers: TypeAlias = ArrayLike | None
 
 
 class Element(Protocol):

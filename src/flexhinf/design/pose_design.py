@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import LinearLoop, Margins, modes
+from flexhinf.arrays import Numbers
 from flexhinf.certify import Certificate
 from flexhinf.design import certification, checks, responses
 from flexhinf.design.evaluation import LawEvaluation
@@ -137,7 +138,7 @@ class PoseDesign(Design):
         """Level of the solution."""
         return self.synthesis.chosen.solution.gamma
 
-    def linear(self, at: Any = None) -> LinearLoop:
+    def linear(self, at: Numbers = None) -> LinearLoop:
         """The running loop at the goal, linearised; an InvalidInput for another pose."""
         self._refuse_elsewhere("A design of one pose has one linear loop, at its goal.", at, self.goal)
         return self.evaluation.loop.linear()
@@ -150,7 +151,7 @@ class PoseDesign(Design):
             "Specification(workspace='limits') for a design of all poses",
         )
 
-    def margins(self, at: Any = None) -> Margins:
+    def margins(self, at: Numbers = None) -> Margins:
         """Margins of the running loop at the goal, computed once."""
         return super().margins(at) if at is not None else self.evaluation.margins
 
@@ -158,7 +159,7 @@ class PoseDesign(Design):
         """The run of the step from start to goal that is judged."""
         return self.evaluation.step.run
 
-    def move(self, goal: Any = None, start: Any = None) -> Trajectory:
+    def move(self, goal: Numbers = None, start: Numbers = None) -> Trajectory:
         """The run of the planned move with feedforward that is judged, from `start` to `goal`; an InvalidInput for
         others."""
         for pose, known in ((goal, self.goal), (start, self.start)):

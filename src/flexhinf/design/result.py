@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf.analysis import FrequencyResponse, LinearLoop, Margins, frequency_response, margins
+from flexhinf.arrays import Numbers
 from flexhinf.design.requirements import Reported, Requirement
 from flexhinf.design.specification import Specification
 from flexhinf.loop import Controller, Trajectory
@@ -51,11 +52,11 @@ class Design(Reported):
             ...
 
     @abc.abstractmethod
-    def controller(self, at: Any = None) -> Controller:
+    def controller(self, at: Numbers = None) -> Controller:
         """A new controller as it is deployed, which takes over at a pose (n,), rad or m."""
 
     @abc.abstractmethod
-    def move(self, goal: Any = None, start: Any = None) -> Trajectory:
+    def move(self, goal: Numbers = None, start: Numbers = None) -> Trajectory:
         """The run of a move from rest at `start` to `goal`, (n,) each, rad or m."""
 
     @abc.abstractmethod
@@ -66,23 +67,23 @@ class Design(Reported):
         """
 
     @abc.abstractmethod
-    def linear(self, at: Any = None) -> LinearLoop:
+    def linear(self, at: Numbers = None) -> LinearLoop:
         """The running loop, linearised; ``closed_loop`` has the matrices of the sampled system."""
 
-    def margins(self, at: Any = None) -> Margins:
+    def margins(self, at: Numbers = None) -> Margins:
         """Margins of the running loop: of gain, delay and disk, peaks of S and T, bandwidth, damping."""
         return margins(self.linear(at))
 
-    def poles(self, at: Any = None) -> np.ndarray:
+    def poles(self, at: Numbers = None) -> np.ndarray:
         """Poles of the running loop as exponents log(z)/T, (K,) complex, 1/s, slowest first; those at z = 0 are left
         out, and of a loop with latency the echoes of its queue (`DiscreteSystem.modes`)."""
         return self.linear(at).closed_loop.poles
 
-    def frequency_response(self, frequencies: Any = None, at: Any = None) -> FrequencyResponse:
+    def frequency_response(self, frequencies: Numbers = None, at: Numbers = None) -> FrequencyResponse:
         """L, S, T and closed-loop responses at frequencies (F,), rad/s; by default a grid that misses no resonance."""
         return frequency_response(self.linear(at), frequencies)
 
-    def bode(self, frequencies: Any = None, at: Any = None) -> MatplotlibFigure:
+    def bode(self, frequencies: Numbers = None, at: Numbers = None) -> MatplotlibFigure:
         """Bode diagram of the running loop, opened at one motor's input with the others closed: magnitude and phase,
         with the frequencies where the gain margins are."""
         return import_module("flexhinf.pages").bode_figure(self.frequency_response(frequencies, at))

@@ -19,8 +19,10 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexhinf import __version__
+from flexhinf.arrays import Numbers
 from flexhinf.errors import ControllerInUse, InvalidInput, refuse_if
 from flexhinf.files import check_replaceable, write_file
 from flexhinf.validation import checked_path, one_of, read_bytes, real_array, value_text
@@ -284,7 +286,7 @@ class CompiledController:
         self._begin = lambda x, v: self._library.flexhinf_start(state, x, v)
         self.reset()
 
-    def step(self, y: Any, reference: Any = None) -> np.ndarray:
+    def step(self, y: ArrayLike, reference: Numbers = None) -> np.ndarray:
         """Input u (m,) for the measurement y (p,) and the command (k,); None for y where there is no measurement.
 
         Without a command the last one is kept (that of the operating point at first).
@@ -342,7 +344,7 @@ class CompiledController:
         place = self._status_places[1]
         return 1.0 if place is None else min(max(float(self._state[place + 2]), 0.0), 1.0)
 
-    def reset(self, state: Any = None, input: Any = None) -> None:
+    def reset(self, state: Numbers = None, input: Numbers = None) -> None:
         """Forget; the estimate starts at `state` (n,) and the input before the first sample is `input` (m,), if given.
 
         Raises

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.arrays import Numbers
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant import GeneralisedPlant, Parameters, ParameterTable, Penalty, Plant
@@ -315,7 +316,10 @@ class Robot(Summarised):
         return {name: value for name, value in vars(self).items() if name != "_plants"}  # built again
 
     def operating_point(
-        self, pose: Any = None, extras: str | Sequence[str] = (), parameters: Mapping[str, Any] | None = None
+        self,
+        pose: Numbers = None,
+        extras: str | Sequence[str] = (),
+        parameters: Mapping[str, Any] | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """The equilibrium (x, u) of `plant` at a pose: q2 = q1 + K⁻¹ G(q1), exactly, and the input that holds it.
 
@@ -356,7 +360,7 @@ class Robot(Summarised):
             effort = np.asarray(p.resistance * effort, dtype=float)
         return np.concatenate(states), effort
 
-    def modes(self, pose: Any = None, parameters: Mapping[str, Any] | None = None) -> tuple[Mode, ...]:
+    def modes(self, pose: Numbers = None, parameters: Mapping[str, Any] | None = None) -> tuple[Mode, ...]:
         """Modes of the uncontrolled robot near the equilibrium at a pose, slowest first: how its springs vibrate.
 
         They are eigenvalues of the linearised `plant`, one for each conjugate pair, with ``frequency`` (|λ|/2π, Hz),
@@ -377,7 +381,7 @@ class Robot(Summarised):
         return modes_of(plant.linearise(*equilibrium)[0], self.joint_names, *energy)
 
     def inverse_dynamics(
-        self, q: Any, dq: Any = None, ddq: Any = None, dddq: Any = None, ddddq: Any = None,
+        self, q: Numbers, dq: Numbers = None, ddq: Numbers = None, dddq: Numbers = None, ddddq: Numbers = None,
         extras: str | Sequence[str] = (), parameters: Mapping[str, Any] | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
         """State and input of a motion of the links: elastic inverse dynamics [deluca2016], exact.
@@ -442,7 +446,7 @@ class Robot(Summarised):
     def problem(
         self,
         penalty: Any = None,
-        pose: Any = None,
+        pose: Numbers = None,
         measured: str | Sequence[str] = ("link_position",),
         command: str | None = "disturbance",
         disturbances: str | Sequence[str] | None = None,

@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from flexhinf.analysis import LinearLoop
+from flexhinf.arrays import Numbers
 from flexhinf.design.noise_levels import sensor_steps
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Move, Response, joint_limits
@@ -103,13 +104,13 @@ class WorkspaceDesign(Design):
     def _pose(self, at: Any) -> np.ndarray:
         return checked_pose(at, np.asarray(self.setup.workspace.home), self.robot.links, self.robot.name)
 
-    def linear(self, at: Any = None) -> LinearLoop:
+    def linear(self, at: Numbers = None) -> LinearLoop:
         """The running loop at rest at a pose, linearised."""
         return self.setup.linear(
             checked_pose(self._pose(at), self.poses[0], self.robot.links, self.robot.name)
         )
 
-    def step(self, goal: Any, start: Any = None, duration: float = 2.0) -> Trajectory:
+    def step(self, goal: Numbers, start: Numbers = None, duration: float = 2.0) -> Trajectory:
         """The run of a bare step of the command: from rest at `start` to `goal`, (n,) each, rad or m.
 
         The robot is the nominal one, with the sensors' noise and the dry friction that it states. A step asks for more
@@ -122,7 +123,7 @@ class WorkspaceDesign(Design):
             initial_state=robot.operating_point(begin, self.setup.extras)[0], seed=self.specification.seed,
         )  # fmt: skip
 
-    def move(self, goal: Any = None, start: Any = None) -> Trajectory:
+    def move(self, goal: Numbers = None, start: Numbers = None) -> Trajectory:
         """The run of a quintic move with feedforward, at half the speed limits, from rest at `start` to `goal`, (n,)
         each, rad or m, by default the home, and a second of rest."""
         return self.setup.move(np.array([self._pose(start), self._pose(goal)])).response.run
@@ -141,7 +142,7 @@ class WorkspaceDesign(Design):
         )
         return found
 
-    def controller(self, at: Any = None, **options: Any) -> Controller:
+    def controller(self, at: Numbers = None, **options: Any) -> Controller:
         """A new controller as it is deployed, which begins at rest at a pose (n,), by default the robot's home or,
         where that is not in the workspace, a pose in it.
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.arrays import Numbers, Vector
 from flexhinf.codegen import DIRECT, Block, Buffer, Call, Composer, Direct, Slice, compile_program
 from flexhinf.codegen.program import Step
 from flexhinf.codegen.shared import share
@@ -244,9 +245,8 @@ class Controller(Summarised):
     def _options(self) -> dict[str, Any]:
         mode, limits, command = self.mode, self.limits, self.command_limits
         return {
-            "moving": mode.moving, "start": mode.start, "blend_time": self.blend_time_option,
-            "before_first": self.first_input.option, "latency": mode.latency,
-            "saturation": (limits.lower, limits.upper),
+            "moving": mode.moving, "start": mode.start, "blend_time": self.blend_time_option, "latency": mode.latency,
+            "before_first": self.first_input.option, "saturation": (limits.lower, limits.upper),
             **({"input_rate": limits.rate} if mode.limits_input_rate else {}),
             **({"command_range": (command.lower, command.upper), "command_rate": command.rate}
                if mode.limits_command else {}),
@@ -284,7 +284,7 @@ class Controller(Summarised):
             dt=self.period,
         )
 
-    def evaluate(self, y: Any, r: Any, memory: Any) -> tuple[np.ndarray, np.ndarray]:
+    def evaluate(self, y: Numbers, r: Numbers, memory: Numbers) -> tuple[np.ndarray, np.ndarray]:
         """Input (m,) and next memory (s,) of one sample; the controller's own memory does not change."""
         u, _, after = self.traced()(y, r, memory, self.data_vector)
         return np.ravel(np.asarray(u, dtype=float)), np.ravel(np.asarray(after, dtype=float))
@@ -328,11 +328,11 @@ class Controller(Summarised):
         """Bound of the integral action on inputs without limits, or with limits beyond it."""
         return self._windup_option or Windup.of(self.laws, self._slopes, self.estimator, self.limits)
 
-    def input_before(self, input: Any = None, state: Any = None) -> np.ndarray:
+    def input_before(self, input: Numbers = None, state: Numbers = None) -> np.ndarray:
         """The input (m,) before the first sample: `input` if it fits, or by `before_first` for a start `state` (n,)."""
         return self.first_input.at(input, state)
 
-    def initial_memory(self, state: Any = None, input: Any = None, pose: Any = None) -> np.ndarray:
+    def initial_memory(self, state: Numbers = None, input: Numbers = None, pose: Numbers = None) -> Vector:
         """The memory before the first step, flat; see `reset`."""
         if pose is not None:
             kept = self.law, self.estimator, self.estimated_states, self.limits, self.mode.moving
@@ -443,7 +443,7 @@ class Controller(Summarised):
         return run, measurement_filler(y, self.gaps), filler(now.reference[: len(self.commanded)]), u.copy
 
     # The step -------------------------------------------------------------------------------------
-    def step(self, y: Any, reference: Any = None) -> np.ndarray:
+    def step(self, y: Numbers, reference: Numbers = None) -> np.ndarray:
         """Input u (m,) for the measurement y (p,) and the command (k,), or (n + m,) of a moving reference.
 
         A plain number will do for one signal. Without a command the last one, at first the operating point's, is kept.
@@ -547,7 +547,7 @@ class Controller(Summarised):
         rate = float(self._history.memory[self.memory.places["stop"]][2]) if self.mode.reacts else 1.0
         return min(max(rate, 0.0), 1.0)  # as in C: rounding may leave −5e-15
 
-    def reset(self, state: Any = None, input: Any = None, *, pose: Any = None) -> None:
+    def reset(self, state: Numbers = None, input: Numbers = None, *, pose: Numbers = None) -> None:
         """Forget: integrals zero, no command, belief initial, with the mean at `state` if given, (N,) of `estimated`.
 
         With `pose` (k,), the tracked positions in place of the state, the controller starts at rest anywhere: belief

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.arrays import Numbers
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import read_arrays, write_arrays
 from flexhinf.loop.controller.backlash import Backlash
@@ -118,7 +119,7 @@ class Schedule(Law):
         self.operating_point, self.operating_input = first.operating_point, first.operating_input
         self.law_data, self.law_key = first.law_data, first.law_key
 
-    def acting(self, pose: Any) -> int:
+    def acting(self, pose: Numbers) -> int:
         """Place of the law that acts at a pose, the nearest in the tracked positions, without hysteresis.
 
         Parameters

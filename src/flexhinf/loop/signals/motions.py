@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from flexhinf.arrays import Vector
 from flexhinf.errors import refuse_if
 from flexhinf.loop.signals.references import Quintic, Sampled, checked_order
 from flexhinf.validation import HUGE, real_array, unknown_name, value_text
@@ -185,7 +186,7 @@ class JerkLimited(_Motion):
             for a, b, profile in zip(start, goal, trajectory.profiles[0])
         )
 
-    def derivatives(self, t: Any, order: int = 4) -> Any:
+    def derivatives(self, t: float | Vector, order: int = 4) -> Vector:
         """The value and its time derivatives, (order + 1, …), from the right where they jump.
 
         An order above 3, or 4 with smoothing, is refused: the next derivative is not finite.
@@ -265,7 +266,7 @@ class Spline(_SampledMotion):
     def _unit(self) -> float:  # the mean distance of the samples keeps the spline well scaled
         return self.duration / max(1, len(self.times) - 1)
 
-    def derivatives(self, t: Any, order: int = 4) -> Any:
+    def derivatives(self, t: float | Vector, order: int = 4) -> Vector:
         """The value and its time derivatives, (order + 1, …); an order above 4, which jumps at the ends, is
         refused."""
         order = checked_order(order, "spline", 4, "the fifth jumps at its ends", "an order of at most 4")
@@ -359,7 +360,7 @@ class Waypoints(_SampledMotion):
         """A short description."""
         return f"{PROFILES[self.profile]} {len(self.times)} waypoints in {self.duration:.4g} s"
 
-    def derivatives(self, t: Any, order: int = 4) -> Any:
+    def derivatives(self, t: float | Vector, order: int = 4) -> Vector:
         """The value and its time derivatives, (order + 1, …), from the right where they jump.
 
         Refused is an order above the profile's highest finite derivative: 4 of a spline and of smoothed jerk-limited

@@ -16,6 +16,7 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
+from flexhinf.arrays import Vector
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop.shared import BRAKING
 from flexhinf.plant.plant import motion_of
@@ -195,7 +196,7 @@ class Sine(_Finite):
         wave = self.amplitude * np.sin(2.0 * math.pi * self.frequency * (t - self.at) + self.phase)
         return self.offset + where(t >= self.at, wave, 0.0)
 
-    def derivatives(self, t: Any, order: int = 4) -> Any:
+    def derivatives(self, t: float | Vector, order: int = 4) -> Vector:
         """The value and its time derivatives, (order + 1, …); zero before `at`."""
         pulsation = 2.0 * math.pi * self.frequency
         angle = pulsation * (t - self.at) + self.phase
@@ -271,7 +272,7 @@ class Samples(Sampled):
         columns = [np.interp(t, self.times, column) for column in np.atleast_2d(self.values.T)]
         return columns[0] if self.values.ndim == 1 else np.stack(columns, axis=-1)
 
-    def derivatives(self, t: Any, order: int = 4) -> Any:
+    def derivatives(self, t: float | Vector, order: int = 4) -> Vector:
         """The value alone, (1, …): the speed of a linear interpolation jumps at every sample, so that an order above 0
         is refused."""
         why, advice = "its speed jumps at every sample", "fh.Spline(times, values)"
@@ -302,7 +303,7 @@ class Braked:
     0.0
     """
 
-    signal: Any
+    signal: Signal | Callable[..., Any]
     at: float
     time: float = 0.3
 
@@ -326,7 +327,7 @@ class Braked:
         passed = np.clip((t - self.at) / self.time, 0.0, 1.0)
         return np.where(t < self.at, t, self.at + self.time * np.polynomial.Polynomial(BRAKING)(passed))
 
-    def derivatives(self, t: Any, order: int = 4) -> Any:
+    def derivatives(self, t: float | Vector, order: int = 4) -> Vector:
         """The value and its time derivatives, (order + 1, …)."""
         checked_order(order, "braked signal", 4, "the fifth of its path time jumps", "order=4")
         t, path = np.asarray(t, dtype=float), np.polynomial.Polynomial(BRAKING)
@@ -378,7 +379,7 @@ class Moving:
     (4,)
     """
 
-    signals: Any
+    signals: Sequence[Signal] | Signal
     inverse: Callable[..., tuple[Any, Any]]
     names: Sequence[str] = ()
 
@@ -391,16 +392,16 @@ class Moving:
         """A short description."""
         return f"moving along {signal_name(self.signals)}"
 
-    def derivatives(self, t: Any, order: int = 4) -> np.ndarray:
+    def derivatives(self, t: float | Vector, order: int = 4) -> np.ndarray:
         """Positions of the joints and their time derivatives, (order + 1, k) at a time or (order + 1, N, k)."""
         motion = motion_of(self.signals, np.array(t, dtype=float, ndmin=1), order, self.names)
         return motion if np.ndim(t) else motion[:, 0]
 
-    def state(self, t: Any) -> np.ndarray:
+    def state(self, t: float | Vector) -> np.ndarray:
         """x_d, (n,) at a time or (N, n); at the start, the initial state of a run without error."""
         return self._both(t)[0]
 
-    def input(self, t: Any) -> np.ndarray:
+    def input(self, t: float | Vector) -> np.ndarray:
         """u_d, (m,) at a time or (N, m)."""
         return self._both(t)[1]
 

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from flexhinf.arrays import Numbers
 from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.signals.references import braked, signal_name
@@ -238,13 +239,12 @@ class Loop(Summarised):
             return np.concatenate([y, controller.evaluate(y, v[:commanded], state[n:])[0]])
 
         return package.nlsys(
-            update,
-            output,
+            update, output,
             inputs=[*(f"r_{name}" for name in controller.commanded), *plant.disturbances],
             outputs=[*(f"y_{name}" for name in controller.measured), *controller.law.input_names],
             states=[*plant.states, *(f"memory[{k}]" for k in range(controller.memory.size))],
             dt=controller.period,
-        )
+        )  # fmt: skip
 
     def summary(self) -> dict[str, str]:
         """True plant and channel, then the controller."""
@@ -288,12 +288,12 @@ class Loop(Summarised):
         disturbance: Any = None,
         noise: Any = None,
         duration: float = 8.0,
-        initial_state: Any = None,
+        initial_state: Numbers = None,
         seed: int = 0,
-        initial_input: Any = None,
+        initial_input: Numbers = None,
         *,
         multi_turn: bool = False,
-        initial_memory: Any = None,
+        initial_memory: Numbers = None,
     ) -> Trajectory:
         """Simulate from a fresh controller; a run that diverges is returned up to where it did.
 
@@ -371,8 +371,8 @@ class Loop(Summarised):
 
     def run_paced(
         self, pacing: Pacing, stepped: Any = None, reference: Any = None, disturbance: Any = None,
-        noise: Any = None, duration: float = 8.0, initial_state: Any = None, seed: int = 0, initial_input: Any = None,
-        *, multi_turn: bool = False,
+        noise: Any = None, duration: float = 8.0, initial_state: Numbers = None, seed: int = 0,
+        initial_input: Numbers = None, *, multi_turn: bool = False,
     ) -> Trajectory:  # fmt: skip
         """As `run` on a black box (another plant is refused), with samples timed by `pacing`. `stepped` is a controller
         to step, as it is, instead of the loop's. A run that `pacing` ends stops before that sample."""
@@ -472,12 +472,12 @@ class Loop(Summarised):
         disturbance: Any = None,
         noise: Any = None,
         duration: float = 8.0,
-        initial_state: Any = None,
+        initial_state: Numbers = None,
         seed: int = 0,
-        initial_input: Any = None,
+        initial_input: Numbers = None,
         *,
         multi_turn: bool = False,
-        initial_memory: Any = None,
+        initial_memory: Numbers = None,
     ) -> PreparedRun:
         """A run on a `Plant`, prepared but not yet made; arguments as of `run`. Where their text says all of them, and
         is that of the last time, only the noise is new."""
@@ -498,11 +498,11 @@ class Loop(Summarised):
         disturbance: Any = None,
         noise: Any = None,
         duration: float = 8.0,
-        initial_state: Any = None,
-        initial_input: Any = None,
+        initial_state: Numbers = None,
+        initial_input: Numbers = None,
         *,
         multi_turn: bool = False,
-        initial_memory: Any = None,
+        initial_memory: Numbers = None,
         reductions: Sequence[Reduction] = (),
         kept: Sequence[str] = (),
         instants: Any = (),
