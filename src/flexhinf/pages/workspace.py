@@ -40,11 +40,10 @@ from flexhinf.pages.drawing import (
     listed,
 )
 from flexhinf.pages.page import files_section, requirement_table, requirements_text
-from flexhinf.pages.settings import loop_rows, robot_rows, sensor_rows, settings_in_groups
+from flexhinf.pages.settings import damping_text, loop_rows, robot_rows, sensor_rows, settings_in_groups
 from flexhinf.pages.workspace_proof import PAIRS, pair_table, stability_text
 from flexhinf.pages.workspace_summary import (
     columns_of,
-    damping_text,
     key_numbers,
     margin_text,
     missed_text,
