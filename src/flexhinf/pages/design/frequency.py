@@ -378,7 +378,7 @@ def corners_text(e: LawEvaluation) -> str:
         if np.isfinite(rate)
         else "has no equilibrium at the goal"
     )
-    corner = changes_text(worst, e.setup.robot, e.setup.extras)
+    corner = changes_text(worst, e.setup.true.robot, e.setup.extras)
     return f"Measured: {sensors}. {unstable}{other}. The worst corner ({corner}) {grows}."
 
 
