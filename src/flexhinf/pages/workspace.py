@@ -239,10 +239,6 @@ def _move_name(design: WorkspaceDesign, place: int) -> str:
     return f"move {at + 1}, at a corner" if at < count else f"further move {at - count + 1}, at a corner"
 
 
-def _ends_of_moves(design: WorkspaceDesign) -> list[np.ndarray]:
-    return [design.moves[0].response.start, *(move.response.goal for move in design.moves)]
-
-
 def _goals(design: WorkspaceDesign, tolerated: Robustness) -> Paragraph:
     """Where the moves go, and what holds the arm there."""
     text = (
@@ -444,7 +440,7 @@ def workspace_numbers(design: WorkspaceDesign) -> dict[str, Any]:
         ],
         "undamped": [[finite(loop.growth) for loop in loops] for loops in design.undamped],
         "corner_poses": [dict(zip(loop._fields, finite(list(loop)))) for loop in design.corner_loops],
-        "goals": _ends_of_moves(design), "left_out": design.left_out,
+        "goals": design.goals, "left_out": design.left_out,
         "tolerated": finite(t._asdict() | {"tolerance": t.tolerance._asdict(), "proved": t.proved._asdict()}),
         "power_on": None if run is None else finite(peak_of(run.positions - run.goal)),
         "moves": _known(worst_motion(design.moves)),
