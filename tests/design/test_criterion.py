@@ -118,7 +118,7 @@ def test_the_limit_of_damping_exempts_the_oscillations_that_the_requirement_exem
     evaluation: Any = SimpleNamespace(margins=margins, setup=setup, input_noises=None)
     far: Any = SimpleNamespace(is_far=lambda metrics: True)  # nothing is run
     found = metrics_of(evaluation, far)
-    slow, fast = oscillation_requirements(s, margins, margins, 0.2, ("", ""))[:2]
+    slow, fast = oscillation_requirements(s, margins, 0.2, ("", ""))[:2]
     assert (slow.found, fast.found, found.damping) == (0.4, 0.009, 0.4)
     assert slow.met
     assert fast.met

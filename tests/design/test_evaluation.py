@@ -36,20 +36,38 @@ def test_non_smooth_extras_are_left_out_of_the_linear_loop_in_one_place(setup_of
 
 @pytest.mark.ci("evaluates a design")
 @pytest.mark.oracle
-def test_the_second_delay_margin_is_that_of_the_robot_with_damped_springs(setup_of: Setups) -> None:
-    """Against the same loop round a plant whose own spring damping is D = 2ζ K/ω."""
-    law = LawEvaluation("law", setup_of("planar-two-link", (0.4, 0.6), latency=1, extras=("joint_damping",)))
-    stiffness, inertia = law.energy
+def test_a_law_is_judged_with_damped_springs_and_undamped_ones_are_shown(setup_of: Setups) -> None:
+    """Against the same loop round a plant of which D = 2ζ K/ω at home is stated, and round one without D."""
+    stated = setup_of("planar-two-link", (0.4, 0.6), latency=1)
+    names = [f"damping_{joint}" for joint in stated.joints]
+    kept = [p for p in stated.robot.parameters if p.name not in names]
+    bare = replace(stated, robot=replace(stated.robot, parameters=kept))
+    stiffness, inertia = LawEvaluation("law", bare).energy
     twice = 1.0 / np.diag(inertia)[2:] + np.diag(np.linalg.inv(inertia[:2, :2]))
-    more = 2.0 * 0.005 * stiffness / np.sqrt(stiffness * twice)
-    robot = law.setup.robot
-    names = [f"damping_{joint}" for joint in law.setup.joints]
-    values = {name: robot.nominal[name] + d for name, d in zip(names, more, strict=True)}
-    known = robot.plant_parameters({**robot.nominal, **values})
-    expected = margins(law.setup.equilibrium_loop(values=known))
-    assert law.damped_margins.delay_margin_s == pytest.approx(expected.delay_margin_s, rel=1e-8)
-    assert law.damped_margins.damping_about(40.0) == pytest.approx(expected.damping_about(40.0), rel=1e-6)
-    assert abs(expected.delay_margin_s / law.margins.delay_margin_s - 1.0) > 1e-5
+    own = (2.0 * 0.005 * stiffness / np.sqrt(stiffness * twice)).tolist()
+    by_hand = stated.robot.with_values(dict(zip(names, own, strict=True)))
+
+    def by_plant(plant: Any) -> Any:
+        s = stated.specification
+        return margins(EquilibriumLoop(
+            bare.law, bare.estimator(bare.goal), plant, s.period, equilibrium=bare.goal_equilibrium,
+            latency=s.known_latency, delay=s.unknown_samples, positions=bare.model.states[:2],
+        ))  # fmt: skip
+
+    for setup, robot in ((bare, by_hand), (stated, stated.robot)):
+        law = LawEvaluation("law", setup)
+        damped, free = by_plant(robot.plant(extras="joint_damping")), by_plant(robot.plant())
+        assert law.undamped_margins is not None
+        for found, expected in ((law.margins, damped), (law.undamped_margins, free)):
+            assert found.delay_margin_s == pytest.approx(expected.delay_margin_s, rel=1e-8)
+            assert found.damping_about(40.0) == pytest.approx(expected.damping_about(40.0), rel=1e-6)
+        assert abs(free.delay_margin_s / damped.delay_margin_s - 1.0) > 1e-5
+    kept.append(stated.robot["damping_shoulder"])
+    some = LawEvaluation("law", replace(bare, robot=replace(bare.robot, parameters=kept)), other_noise=False)
+    assert some.corners is not None
+    known = np.array([corner["damping"] for corner in some.corners.population.values])
+    ends = np.unique(np.round(known, 9), axis=0)
+    np.testing.assert_allclose(ends, [[d, own[1]] for d in (0.15, 0.3, 0.45)], rtol=1e-7)
 
 
 def test_the_inductance_stays_in_the_linear_loop(setup_of: Setups) -> None:

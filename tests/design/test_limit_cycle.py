@@ -121,7 +121,7 @@ def test_feedforward_with_friction_follows_the_move_better(setup):
 
 def test_every_run_has_the_friction_of_the_file_and_moves_overcome_it(setup):
     """Without --extras: steps, moves and sampled robots of one pose were without it, and so was their feedforward."""
-    assert setup.extras == setup.dry_friction == ("coulomb_friction",)
+    assert setup.extras == ("joint_damping", *setup.dry_friction) == ("joint_damping", "coulomb_friction")
     assert setup.true_plant.arrest is not None
     assert setup.loop(setup.bumpless_controller).sub_steps == setup.sub_steps == 4
     known = setup.robot.plant_parameters()
@@ -146,7 +146,7 @@ def test_backlash_of_the_file_is_in_the_robot_in_the_dead_zone_and_in_the_contro
     loose = loose.with_parameters(Parameter("backlash_elbow", 4e-4))
     both = {**MOTORS, "measured": "link_position,motor_position"}
     made = replace(setup, robot=loose, specification=Specification(**both))
-    assert made.extras == ("backlash",)
+    assert made.extras == ("joint_damping", "backlash")
     assert made.may_swing
     assert made.sub_steps is None
     np.testing.assert_array_equal(made.dead_zone, [0.0, 2e-4])

@@ -196,14 +196,12 @@ def test_no_oscillation_below_the_frequency_is_met_below_a_twentieth(
         assert below == pytest.approx(100.0 * math.pi)
         return slow, fast
 
-    own, damped, still = (
-        cast("Any", SimpleNamespace(damping_about=partial(ratios, fast=f))) for f in (0.0016, 0.0066, 1.0)
-    )
-    damping, fast = oscillation_requirements(stated, own, damped, required, ("a", "b"))
+    own, still = (cast("Any", SimpleNamespace(damping_about=partial(ratios, fast=f))) for f in (0.0016, 1.0))
+    damping, fast = oscillation_requirements(stated, own, required, ("a", "b"))
     assert (damping.limit, damping.found, damping.met, damping.joint) == (limit, slow, met, "a")
     assert (fast.limit, fast.found, fast.met, fast.joint) == (0.0, 0.0016, True, "b")
-    assert all(text in fast.criterion for text in ("314", "0.0066", "0.5"))
-    assert len(oscillation_requirements(stated, still, still, required)) == 1
+    assert "314" in fast.criterion
+    assert len(oscillation_requirements(stated, still, required)) == 1
 
 
 def test_what_has_to_be_damped_is_far_below_half_the_sampling_frequency() -> None:
@@ -220,13 +218,12 @@ def test_margins_have_stated_defaults_and_stated_limits_win() -> None:
     assert (peak.met, gain.met, delay.met, delay.stated_by) == (True, True, True, "default")
     assert len(margin_requirements(Specification(estimator="none"), found)) == 2
     stated = Specification(peak_sensitivity=2.0, gain_margin=2.0, delay_margin=2.0)
-    peak, gain, delay = margin_requirements(stated, found, damped=4e-3)
+    peak, gain, delay = margin_requirements(stated, found)
     assert (peak.met, gain.met, delay.met) == (False, False, False)
     assert (delay.found, delay.unit, delay.limit) == (pytest.approx(1.5), "samples", 2.0)
     assert (peak.stated_by, gain.stated_by, delay.stated_by) == (
         "--set peak_sensitivity", "--gain-margin", "--set delay_margin"
     )  # fmt: skip
-    assert "; 4 samples" in delay.criterion
     assert "running loop" in peak.where
 
 

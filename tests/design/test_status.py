@@ -36,7 +36,6 @@ def judged(
     margins["damping_about"] = lambda below: (slow, fast)
     evaluation: Any = SimpleNamespace(
         corners=corners, estimator_modes=(), margins=SimpleNamespace(**margins), input_noise=noise,
-        damped_margins=SimpleNamespace(**margins),
         setup=SimpleNamespace(
             specification=SimpleNamespace(period=1e-3, shows_degrees=lambda robot: False, damped_below_limit=350.0),
             joints=("elbow", "shoulder"),
@@ -80,8 +79,8 @@ def test_a_loop_without_faults_has_an_empty_status() -> None:
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"damping": 0.093}, ("0.093 only", "elbow", "0.5 %")),
-        ({"fast": 0.0016}, ("0.0016 only", "elbow", "0.5 %")),
+        ({"damping": 0.093}, ("0.093 only", "elbow")),
+        ({"fast": 0.0016}, ("0.0016 only", "elbow")),
         ({"delay_margin_s": 0.0029}, ("delay", "2.9 ms", "2.9 periods")),
         (
             {"recovery": None},

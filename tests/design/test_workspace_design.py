@@ -147,7 +147,8 @@ def test_where_the_worst_move_is_near_a_limit_further_robots_move(robot_of: Name
     assert [move.motion for move in first] == [move.motion for move in far.sampled]
     goals = {float(move.response.goal[0]) for move in (*first, *further)}
     assert len(goals) == 4
-    made = [near.setup.move(*one).motion for after in (0, 1) for one in corner_moves(near.setup, after)]
+    others = [one for after in (0, 1) for one in corner_moves(near.setup, after, near.goals)]
+    made = [near.setup.move(*one).motion for one in others]
     assert made == [move.motion for move in near.sampled]  # by which the cause of an error is found
     assert unnamed(workspace_verdict(near), "2 further ones") == []
     assert len(fh.design(arm, replace(s, **limits, draws=2)).sampled) == 2

@@ -122,7 +122,6 @@ def test_runs_outside_of_a_design_have_the_friction_that_its_controller_overcome
 def test_law_estimator_and_feedforward_know_no_damping(setup: WorkspaceSetup) -> None:
     assert setup.true_plant.parameters.values["damping"].shape == (2,)
     assert "damping" not in setup.model.parameters.values
-    assert "damping" not in setup.undamped_plant.parameters.values
     ends = setup.workspace.sample(2, 4)
     assert setup.knows_friction is False
     assert np.isfinite(

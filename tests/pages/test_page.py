@@ -34,6 +34,7 @@ from flexhinf.pages.drawing import joint_table, with_figures
 from flexhinf.pages.page import (
     design_settings,
     input_rows,
+    notes,
     remarks,
     requirement_table,
     title_of,
@@ -275,6 +276,20 @@ def test_margins_stand_beside_those_of_the_true_state(report_design: Make) -> No
     assert {ours for _, ours, _ in margin_table(unstable.evaluation).rows} == {"unstable"}
     alone = margin_table(report_design("true state").evaluation).rows
     assert {len(row) for row in alone} == {2}
+
+
+@pytest.mark.ci("evaluates two designs without damping of their springs")
+def test_one_line_says_how_springs_are_damped_and_how_the_loop_is_without(report_design: Make) -> None:
+    """Where a file states no damping; the paper's states that there is none, and has no such line."""
+    found = report_design("true state")
+    (line,) = (text for text in notes(found) if "Springs" in text)
+    without = found.evaluation.undamped_margins
+    assert without is not None
+    assert without.damping < found.evaluation.margins.damping
+    assert unnamed(line, "0.5 %", "arm", f"{without.damping:.3g}", "decides nothing") == []
+    paper = report_design("rings")
+    assert paper.evaluation.undamped_margins is None
+    assert not any("Springs" in text for text in notes(paper))
 
 
 @pytest.mark.ci("draws a whole page")

@@ -12,8 +12,12 @@ TABLES = {  # value and tolerance in per cent, as printed
 
 @pytest.mark.paper
 def test_tables_1_and_2():
-    assert {p.name: (p.value, p.tolerance) for p in paper_arm().parameters} == TABLES
-    assert all(p.unit and "Table" in p.source for p in paper_arm().parameters)
+    *printed, damping = paper_arm().parameters
+    assert {p.name: (p.value, p.tolerance) for p in printed} == TABLES
+    assert all(p.unit and "Table" in p.source for p in printed)
+    assert (damping.name, *damping.interval) == ("damping", 0.0, 0.0)  # Eq. (2) has none
+    arm = paper_arm()
+    assert arm.damped is arm
 
 
 @pytest.mark.paper

@@ -78,8 +78,8 @@ def test_with_values_makes_another_robot():
 def test_a_robot_has_the_parameters_of_its_model_once():
     arm = paper_arm()
     with pytest.raises(InvalidInput, match="friction"):
-        Robot("short", arm.parameters[:-1], arm.penalty)
-    with refused_with(InvalidInput, "'paper'", "once", "'friction', 'mass']"):
+        Robot("short", [p for p in arm.parameters if p.name != "friction"], arm.penalty)
+    with refused_with(InvalidInput, "'paper'", "once", "'damping', 'mass']"):
         replace(arm, parameters=(*arm.parameters, Parameter("mass", 2.0)))
 
 

@@ -80,7 +80,6 @@ def export_fmu(context: typer.Context, o: options.ExportFmuOptions) -> None:
     It needs a C compiler.
     """
     from flexhinf.design.plans import true_robot
-    from flexhinf.design.specification import is_for_workspace
     from flexhinf.robot.parts import file_warnings
 
     out = o.out or _named_after(o.source, "-plant.fmu" if o.plant else ".fmu")
@@ -94,7 +93,7 @@ def export_fmu(context: typer.Context, o: options.ExportFmuOptions) -> None:
         path = file_of(o.source, "A plant is that of a design file.", "flexhinf export fmu DIR --plant")
         with file_warnings(note):
             robot, s = fh.load_design(path)
-            robot, s = true_robot(robot, s, is_for_workspace(s))  # as its design is judged
+            robot, s = true_robot(robot, s)  # as its design is judged
         equilibrium = robot.operating_point(s.pose if s.start is None else s.start, s.extras)
         name = o.name or export.identifier_of(robot.name)
         written = export.export_plant_fmu(

@@ -53,6 +53,7 @@ from flexhinf.loop import Controller, load_controller
 from flexhinf.options import CampaignOptions
 from flexhinf.plant import GeneralisedPlant, Penalty
 from flexhinf.report import to_json
+from flexhinf.robot.elastic import inactive_parameters
 from flexhinf.validation import NotReadable, checked_path, unknown_name
 
 if TYPE_CHECKING:
@@ -405,7 +406,9 @@ class GainSearch:
         # length of the disturbances, s
         self.horizon = min(certification.LONGEST_DISTURBANCE, certification.STEPS * duration)
         # the robot's uncertain parameters, both ends (d,) of their intervals, and the nominal robot in the unit box
-        variables = [v for v in request.variables if v.name in known]
+        # that the model has: disturbances are searched for on it, as the claim is of it
+        off = inactive_parameters((), designed.joint_names)
+        variables = [v for v in request.variables if v.name in known and v.name not in off]
         self.names = tuple(v.name for v in variables)
         self.low, self.high = np.array([(v.low, v.high) for v in variables], dtype=float).reshape(-1, 2).T
         width = np.where(self.high > self.low, self.high - self.low, 1.0)

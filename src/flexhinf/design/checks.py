@@ -527,7 +527,7 @@ def evaluate_payloads(setup: LoopSetup, runs: Scenario) -> tuple[PayloadEvaluati
 def evaluate_payload(setup: LoopSetup, runs: Scenario, masses: Mapping[str, float]) -> PayloadEvaluation:
     """The step and the load step with these masses (kg, by the robot's parameters) in the true robot."""
     robot, load_step = setup.robot, None
-    true = robot.plant_parameters({**robot.nominal, **masses})
+    true = setup.true.robot.plant_parameters({**setup.true.robot.nominal, **masses})
 
     def step_of(length: float) -> Response:
         return setup.step(length, values=true, sub_steps=runs.sub_steps)

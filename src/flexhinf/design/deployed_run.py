@@ -34,7 +34,6 @@ from flexhinf.loop.simulation.metrics import WINDOW
 from flexhinf.options import CampaignOptions, declared, quantity
 from flexhinf.robot import MuJoCoPlant, Parameter, Robot, elastic, load_robot, signals
 from flexhinf.robot.parameters import per_joint
-from flexhinf.robot.springs import DAMPED
 from flexhinf.validation import nearest, value_text
 
 #: Default length of a run: of a step in s, of a move of one pose's controller as a multiple of its duration. One for a
@@ -121,8 +120,8 @@ def prepare_run(
     plan, start, goal = plans.run_ends(model, s)
     plants = loop_setup.LoopPlants(model, s)
     rests = is_for_workspace(original)
-    robot, true = plans.true_robot(robot, s, rests)  # as it is judged
-    box = loop_setup.LoopPlants(robot, plans.with_extras(s, *([DAMPED] if rests else []))).mujoco_plant(goal)
+    robot, true = plans.true_robot(robot, s)  # as it is judged
+    box = loop_setup.LoopPlants(robot, s).mujoco_plant(goal)
     begun, aim = responses.start_and_goal(model, original, plans.stated_move(model, original))
     if rests and plan is None:
         plan = plans.quintic_move(model, plants.limits, start, goal)
@@ -343,8 +342,8 @@ class PoseCampaign(DesignCampaign):
             )
         if o.duration is not None:
             sample_count(o.duration, s.period)
-        robot = with_payload(design, o.payload)
-        robot, variables = varied(robot, o, loop_setup.LoopPlants(robot, s).extras)
+        robot, true = plans.true_robot(with_payload(design, o.payload), s)
+        robot, variables = varied(robot, o, true.extras)
         refuse_if(
             not variables,
             f"Nothing differs from sample to sample: the robot {robot.name!r} states no tolerance.",

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -19,7 +19,7 @@ from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.errors import FlexhinfError
 from flexhinf.estimation import stationary_gain
 from flexhinf.plant import Law
-from flexhinf.robot.springs import springs_of
+from flexhinf.robot.springs import DAMPED
 from flexhinf.scalars import trace
 
 #: Ratios of R^v to R^n for which corners are computed, by the number of states of the linear loop: large loops afford
@@ -34,19 +34,6 @@ POINTS = 5
 
 #: Slopes smaller than this, relative to the largest one, count as zero.
 NEGLIGIBLE = 1e-12
-
-
-def damped_springs(linear: analysis.LinearLoop, plant: Any, joints: Sequence[str]) -> analysis.LinearLoop:
-    """A loop of this plant with every spring damped by another `SPRING_DAMPING`.
-
-    Its torque K δ becomes K (δ + τ δ̇), with τ = 2ζ/ω for the vibration ω of link and motor on this spring alone.
-    """
-    a = linear.a.copy()
-    for spring in springs_of(linear.a, plant, joints):
-        damped = spring.time * linear.a[:, spring.motor]
-        a[:, spring.motor_rate] += damped
-        a[:, spring.link_rate] -= damped
-    return replace(linear, a=a)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,9 +124,14 @@ class LawEvaluation:
         return analysis.margins(self.loop)
 
     @cached_property
-    def damped_margins(self) -> analysis.Margins:
-        """Margins of the running loop with every spring damped more, see `damped_springs`."""
-        return analysis.margins(damped_springs(self.loop.linear(), self.loop.plant, self.setup.joints))
+    def undamped_margins(self) -> analysis.Margins | None:
+        """Margins of the running loop with springs that nothing damps, which decide nothing; None where the true robot
+        has no others."""
+        return (
+            analysis.margins(self.setup.equilibrium_loop(damped=False))
+            if DAMPED in self.setup.extras
+            else None
+        )
 
     @cached_property
     def linear_failure(self) -> str:
@@ -164,7 +156,7 @@ class LawEvaluation:
     @cached_property
     def corners(self) -> analysis.ToleranceCorners | None:
         """Corners of the tolerances in the running loop; None for a robot that states none."""
-        robot = self.setup.robot
+        robot = self.setup.true.robot
         if not robot.uncertain:
             return None
         noises = []

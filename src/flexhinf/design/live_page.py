@@ -82,7 +82,7 @@ def live_arm(
     `not_met`: which requirements the design does not meet; empty if it meets all.
     """
     workspace = is_for_workspace(s)
-    robot, s = plans.true_robot(robot, s, workspace)  # as its design is judged
+    robot, s = plans.true_robot(robot, s)  # as its design is judged
     plants = loop_setup.LoopPlants(robot, s)
     plan, start, goal = plans.run_ends(robot, s)
     limits, slides = plants.limits, np.array(robot.links.slides)

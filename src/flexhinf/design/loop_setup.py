@@ -46,6 +46,7 @@ from flexhinf.plant import Law, Plant, linear_plant, sub_steps
 from flexhinf.robot import MuJoCoPlant, Robot, elastic
 from flexhinf.robot.mujoco import EXPRESSED
 from flexhinf.robot.signals import signal_names
+from flexhinf.robot.springs import without_damping
 
 #: Initial variance where no process noise is assumed: standard deviations of 1 mrad (mm) and 1 mrad/s (mm/s).
 INITIAL_VARIANCE = 1e-6
@@ -388,14 +389,16 @@ class LoopSetup(LoopPlants):
         return self.true.robot.operating_point(at, self.extras, values)
 
     def equilibrium_loop(
-        self, estimated: bool = True, values: Mapping[str, Any] | None = None
+        self, estimated: bool = True, values: Mapping[str, Any] | None = None, damped: bool = True
     ) -> EquilibriumLoop:
-        """The sampled loop about the goal for linearisation: its plant is `smooth_plant`, its command that of the law.
+        """The sampled loop about the goal for linearisation: its plant is `smooth_plant`, with `damped` springs or with
+        none that is, its command that of the law.
 
         The command enters through the integrals of the law; a law without integrals follows x_d(q) and u_d(q). The loop
         has the estimator or feeds back the true state; the estimator does not know changed plant parameters (`values`).
         """
         s, law, plant = self.specification, self.linear_law, with_values(self.smooth_plant, values)
+        plant = plant if damped else without_damping(plant)
         return EquilibriumLoop(
             law, self.estimator(self.goal) if estimated else None, plant, s.period,
             equilibrium=self.goal_equilibrium, moving=not has_integrals(law), delay=s.unknown_samples,

@@ -279,7 +279,7 @@ def _in_scenario(
         holding_inputs,
     )  # fmt: skip
     count = responses.sample_count(robot, len(synthesis.problem.state_names), s.draws, samples)
-    robots, dwell = responses.sample_robots(robot, count, s.seed), duration if stated else None
+    robots, dwell = responses.sample_robots(setup.true.robot, count, s.seed), duration if stated else None
     runs = responses.Scenario(duration, loads, 2.0 * duration, plan, robots, sub_steps, dwell)
     evaluation = with_derived(linear, scenario=runs)
     vars(evaluation)["step"] = step
@@ -358,14 +358,16 @@ def _law_requirements(
     s, limits, corners = setup.specification, setup.limits, evaluation.corners if linear else None
     margins = []
     if linear:
-        own, damped = evaluation.margins, evaluation.damped_margins
-        delay = np.nan if s.delay_margin_limit is None else damped.delay_margin_s
-        ringing = [
-            required.of_several(setup.joints, mode.joint if mode else "") for mode in evaluation.least_damped
-        ]
+        own, ringing = (
+            evaluation.margins,
+            [
+                required.of_several(setup.joints, mode.joint if mode else "")
+                for mode in evaluation.least_damped
+            ],
+        )
         margins = [
-            *required.margin_requirements(s, own, setup.joints, delay),
-            *required.oscillation_requirements(s, own, damped, damping, ringing),
+            *required.margin_requirements(s, own, setup.joints),
+            *required.oscillation_requirements(s, own, damping, ringing),
         ]
     step = step_requirements(
         setup, evaluation.step, STEP,

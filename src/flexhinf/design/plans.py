@@ -20,7 +20,7 @@ from flexhinf.loop import Backlash, Controller, DryFriction, JerkLimited, Moving
 from flexhinf.plant import Law, Parameters
 from flexhinf.robot import Robot, check_reference, elastic, kinematics
 from flexhinf.robot.parameters import per_joint
-from flexhinf.robot.springs import DAMPED
+from flexhinf.robot.springs import DAMPED, DAMPING
 from flexhinf.robot.waypoints import WaypointError, WaypointTable
 from flexhinf.robot.workspace import ranges
 from flexhinf.validation import value_text
@@ -200,20 +200,16 @@ def refuse_workspace(s: Specification, robot: Robot, what: str, advice: str = "`
     )
 
 
-def with_extras(s: Specification, *names: str) -> Specification:
-    """The specification whose true plants have these extras too."""
-    return replace(s, extras=tuple(dict.fromkeys((*s.extras, *names))))
-
-
-def true_robot(robot: Robot, s: Specification, damped: bool = False) -> tuple[Robot, Specification]:
+def true_robot(robot: Robot, s: Specification) -> tuple[Robot, Specification]:
     """The robot by which a design is judged, and the specification of its plants: it has the backlash and the dry
-    friction that are stated, of which `extras` may name one kind, and `damped` springs as the robot states, or as no
+    friction that are stated, of which `extras` may name one kind, and springs damped as the robot states, or as no
     real spring is without."""
-    values = robot.plant_parameters()
+    robot, values = robot.damped, robot.plant_parameters()
     gaps = np.any(np.asarray(values.get("backlash", 0.0)) > 0.0)
     dry = elastic.with_dry_friction(s.extras, values)
-    s = with_extras(s, *((DAMPED,) if damped else ()), *dry, *(("backlash",) if gaps else ()))
-    return robot.damped if damped else robot, s
+    damped = any(p.interval[1] > 0.0 for p in robot.parameters if p.name.startswith(DAMPING))
+    names = *s.extras, *[DAMPED] * damped, *dry, *["backlash"] * bool(gaps)
+    return robot, replace(s, extras=tuple(dict.fromkeys(names)))
 
 
 def stated_dry_friction(robot: Robot) -> DryFriction | None:

@@ -44,7 +44,6 @@ from flexhinf.loop.controller.status import NEAR_LIMIT
 from flexhinf.loop.simulation.metrics import SETTLING_BAND
 from flexhinf.notebook import Summarised
 from flexhinf.report import number
-from flexhinf.robot.springs import SPRING_DAMPING
 
 #: The room whose pages show results. It reads designs, so it is loaded when one is saved.
 PAGES = "flexhinf.pages"
@@ -248,40 +247,31 @@ def damping_requirement(
 
 
 def oscillation_requirements(
-    s: Specification,
-    margins: Margins,
-    damped: Margins,
-    required: float | None = None,
-    joints: Sequence[str] = ("", ""),
+    s: Specification, margins: Margins, required: float | None = None, joints: Sequence[str] = ("", "")
 ) -> list[Requirement]:
-    """Damping of slow oscillations and, where there are any, of fast ones, each with its joint of `joints`. `damped`:
-    margins with more damping of the springs."""
+    """Damping of slow oscillations and, where there are any, of fast ones, each with its joint of `joints`."""
     below = s.damped_below_limit
     slow, fast = margins.damping_about(below)
-    more = f"{damped.damping_about(below)[1]:.2g} with springs damped by {100.0 * SPRING_DAMPING:g} % more"
     return [
         damping_requirement(s, required, slow, below, joint=joints[0]),
-        *fast_damping_requirement(fast, below, SAMPLED_LOOP, more, joints[1]),
+        *fast_damping_requirement(fast, below, SAMPLED_LOOP, joints[1]),
     ]
 
 
-def fast_damping_requirement(
-    fast: float, below: float, where: str, beside: str = "", joint: str = ""
-) -> list[Requirement]:
+def fast_damping_requirement(fast: float, below: float, where: str, joint: str = "") -> list[Requirement]:
     """The requirement that oscillations from a frequency on, rad/s, are stable; none without such oscillations.
 
-    `fast`: their smallest damping ratio. `beside`: what else the criterion says.
+    `fast`: their smallest damping ratio.
     """
     row = REQUIREMENTS["fast_damping"]
-    criterion = "; ".join(filter(None, (row.criterion.format(below=below), beside)))
+    criterion = row.criterion.format(below=below)
     return [row.judge(None, 0.0, fast, where, joint=joint, criterion=criterion)] if fast < 1.0 else []
 
 
 def margin_requirements(
-    s: Specification, margins: Margins, joints: Sequence[str] = ("",), damped: float = math.nan
+    s: Specification, margins: Margins, joints: Sequence[str] = ("",)
 ) -> list[Requirement]:
-    """Peak sensitivity, gain margin and required delay margin of the running loop. `joints` are those of the
-    inputs; `damped` is the delay margin with more damping of the springs, s, which the criterion states."""
+    """Peak sensitivity, gain margin and required delay margin of the running loop. `joints` are those of the inputs."""
     rows = [
         REQUIREMENTS["peak_sensitivity"].judge(s, s.peak_sensitivity_limit, margins.peak_sensitivity, SAMPLED_LOOP),
         REQUIREMENTS["gain_margin"].judge(
@@ -290,9 +280,8 @@ def margin_requirements(
         ),
     ]  # fmt: skip
     if (least := s.delay_margin_limit) is not None:
-        row, found = REQUIREMENTS["delay_margin"], margins.delay_margin_s / s.period
-        beside = f"{damped / s.period:.3g} samples with springs damped by {100.0 * SPRING_DAMPING:g} % more"
-        rows.append(row.judge(s, least, found, SAMPLED_LOOP, criterion=f"{row.criterion}; {beside}"))
+        found = margins.delay_margin_s / s.period
+        rows.append(REQUIREMENTS["delay_margin"].judge(s, least, found, SAMPLED_LOOP))
     return rows
 
 

@@ -123,7 +123,9 @@ def remaining_cause(design: WorkspaceDesign) -> Cause:
     error = float(found[worst][joint])
     ends, seed, own = np.array([move.response.start, move.response.goal]), worst, setup.true.robot.nominal
     if worst >= nominal:
-        rounds = (one for after in range(1 + len(FURTHER)) for one in corner_moves(setup, after))
+        rounds = (
+            one for after in range(1 + len(FURTHER)) for one in corner_moves(setup, after, design.goals)
+        )
         _, values, seed = next(islice(rounds, worst - nominal, None))
         own = values.numbers
     tried: dict[str, tuple[dict[str, float], float]] = {"rest": (own, LONGER)}

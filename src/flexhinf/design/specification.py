@@ -295,8 +295,8 @@ class Specification:
         default="the robot's effort limits, or none")
     extras: options.Names = option((), UNCERTAIN,
         "What the true robot has and the model has not: inductance, joint_damping, spring_hardening, backlash, "
-        "coulomb_friction, stribeck_friction. It always has the backlash and dry friction of the file, and over a "
-        "workspace joint_damping.", "inductance")
+        "coulomb_friction, stribeck_friction. It always has the backlash, the dry friction and the damping of springs "
+        "that the file states.", "inductance")
     latency: options.Count | None = option(None, SENSORS,
         "Samples between a measurement and the effect of its input, at most 10. The estimator predicts over them.",
         "1", "samples", default=f"{LATENCY}, or 0 where the true state is fed back")

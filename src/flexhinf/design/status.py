@@ -12,7 +12,6 @@ from flexhinf.design import certification, requirements as required
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.specification import MIN_DAMPING, PAST, RINGS
 from flexhinf.design.synthesis import by_step
-from flexhinf.robot.springs import SPRING_DAMPING
 
 #: Smallest extra delay, in periods, below which a late computation or a slow bus endangers the loop.
 FEW_PERIODS = 3.0
@@ -87,11 +86,9 @@ def _risks(lines: Sequence[required.Requirement], evaluation: LawEvaluation) -> 
         known = mode is None or any(np.isclose(mode.eigenvalue, own.eigenvalue, rtol=1e-3) for own in slow)
         least = 0.0 if fast else MIN_DAMPING
         if mode is not None and not known and least < mode.damping < hardly:
-            damped = evaluation.damped_margins.damping_about(setup.specification.damped_below_limit)[fast]
             risks.append(
                 f"an oscillation of the running loop at {mode.frequency:.3g} Hz{of(mode.joint)} is damped by "
-                f"{mode.damping:.2g} only, {damped:.2g} with springs damped by {100.0 * SPRING_DAMPING:g} % "
-                "more"
+                f"{mode.damping:.2g} only"
             )
     if margins.stable and margins.delay_margin_s < FEW_PERIODS * period:
         risks.append(

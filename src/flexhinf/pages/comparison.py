@@ -29,7 +29,7 @@ from flexhinf.pages.drawing import (
     units_of,
 )
 from flexhinf.pages.page import design_statuses, files_section
-from flexhinf.pages.settings import comparison_settings
+from flexhinf.pages.settings import comparison_settings, damping_text
 from flexhinf.report import (
     Cell,
     Column,
@@ -46,6 +46,7 @@ from flexhinf.report import (
     number,
 )
 from flexhinf.report.blocks import WIDTH
+from flexhinf.robot.springs import DAMPED
 
 #: What a law needs of the state, in the order of the model.
 SIGNALS = ("link_position", "link_velocity", "motor_position", "motor_velocity")
@@ -256,6 +257,8 @@ def comparison_notes(comparison: Comparison) -> list[str]:
     if own is not None and own.setup.left_out:
         names = " and ".join(own.setup.left_out).replace("_", " ")
         notes.append(f"The linear loops leave out {names}, as in flexhinf design; the runs have it.")
+    if own is not None and DAMPED in own.setup.extras:
+        notes.append(damping_text(comparison.robot))
     if not any(limit.metric == "noise_percent" for limit in comparison.criterion.limits):
         notes.append(
             "No motor has a limit, so neither the peak input nor the noise at the motors limits a law; --peak-effort "

@@ -16,10 +16,11 @@ from flexhinf.design.synthesis.steps import Synthesis
 from flexhinf.estimation import MODEL_STEP
 from flexhinf.options import option_name
 from flexhinf.pages.design.weights import effort_unit, state_weights
-from flexhinf.pages.drawing import Units, effort_text
+from flexhinf.pages.drawing import Units, effort_text, listed
 from flexhinf.report import Setting
 from flexhinf.robot import Robot
 from flexhinf.robot.signals import signal_names
+from flexhinf.robot.springs import SPRING_DAMPING
 
 #: Name, value, unit and source.
 Rows = list[tuple[Any, ...]]
@@ -57,7 +58,7 @@ def comparison_settings(comparison: Comparison) -> dict[str, list[Setting]]:
 def design_settings(synthesis: Synthesis, e: LawEvaluation, region: bool = True) -> dict[str, list[Setting]]:
     """Settings of a design in groups, in the order in which the design uses them; of its `region` too."""
     return settings_in_groups({
-        "Robot": robot_rows(e.setup.robot),
+        "Robot": robot_rows(e.setup.true.robot),
         "Synthesis": _synthesis(synthesis, e, region),
         "Estimator": _estimator(e),
         "Simulation": _simulation(e),
@@ -67,6 +68,20 @@ def design_settings(synthesis: Synthesis, e: LawEvaluation, region: bool = True)
 def settings_in_groups(groups: Mapping[str, Rows]) -> dict[str, list[Setting]]:
     """Rows as settings."""
     return {name: [Setting(*row) for row in rows] for name, rows in groups.items()}
+
+
+def damping_text(robot: Robot) -> str:
+    """With which damping of its springs the robot is judged."""
+    assumed, elastic = robot.assumed_damping, [name for name in robot.joint_names if name not in robot.rigid]
+    stated = [name for name in elastic if name not in assumed]
+    if not assumed:
+        return "Springs are damped as the file states."
+    share = f"{100.0 * SPRING_DAMPING:g} %"
+    beside = f"; that of {listed(stated)} is stated" if stated else ""
+    return (
+        f"Springs are assumed to be damped by {share} of their own vibration, since the file states no damping of "
+        f"{listed(list(assumed))}{beside}."
+    )
 
 
 def robot_rows(robot: Robot) -> Rows:

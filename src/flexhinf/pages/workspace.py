@@ -40,11 +40,10 @@ from flexhinf.pages.drawing import (
     listed,
 )
 from flexhinf.pages.page import files_section, requirement_table, requirements_text
-from flexhinf.pages.settings import loop_rows, robot_rows, sensor_rows, settings_in_groups
+from flexhinf.pages.settings import damping_text, loop_rows, robot_rows, sensor_rows, settings_in_groups
 from flexhinf.pages.workspace_proof import PAIRS, pair_table, stability_text
 from flexhinf.pages.workspace_summary import (
     columns_of,
-    damping_text,
     key_numbers,
     margin_text,
     missed_text,
@@ -238,10 +237,6 @@ def _move_name(design: WorkspaceDesign, place: int) -> str:
     if at < 0:
         return f"move {place + 1}"
     return f"move {at + 1}, at a corner" if at < count else f"further move {at - count + 1}, at a corner"
-
-
-def _ends_of_moves(design: WorkspaceDesign) -> list[np.ndarray]:
-    return [design.moves[0].response.start, *(move.response.goal for move in design.moves)]
 
 
 def _goals(design: WorkspaceDesign, tolerated: Robustness) -> Paragraph:
@@ -445,7 +440,7 @@ def workspace_numbers(design: WorkspaceDesign) -> dict[str, Any]:
         ],
         "undamped": [[finite(loop.growth) for loop in loops] for loops in design.undamped],
         "corner_poses": [dict(zip(loop._fields, finite(list(loop)))) for loop in design.corner_loops],
-        "goals": _ends_of_moves(design), "left_out": design.left_out,
+        "goals": design.goals, "left_out": design.left_out,
         "tolerated": finite(t._asdict() | {"tolerance": t.tolerance._asdict(), "proved": t.proved._asdict()}),
         "power_on": None if run is None else finite(peak_of(run.positions - run.goal)),
         "moves": _known(worst_motion(design.moves)),

@@ -19,6 +19,7 @@ from flexhinf.design.workspace.setup import OFFSET
 from flexhinf.loop.simulation.metrics import peak_of
 from flexhinf.pages.drawing import Units, count_text, listed
 from flexhinf.pages.page import requirement_table, requirements_text
+from flexhinf.pages.settings import damping_text
 from flexhinf.pages.terminal import (
     Ending,
     noise_text,
@@ -27,9 +28,7 @@ from flexhinf.pages.terminal import (
     tolerances_text,
 )
 from flexhinf.report import KeyNumber, Table, number
-from flexhinf.robot import Robot
 from flexhinf.robot.kinematics import heavy_motors
-from flexhinf.robot.springs import SPRING_DAMPING
 from flexhinf.robot.waypoints import LIMITS
 
 #: Columns of the table of moves: key of `motion_metrics`, heading, unit; "" for that of small deviations.
@@ -256,20 +255,6 @@ def workspace_ending(design: WorkspaceDesign, advice: Advice | None = None) -> E
     lines = requirements_with_margins(design)
     notes = [damping_text(design.robot), undamped_text(design)]
     return requirements_screen(lines, units_in(design).degrees, parts, notes)
-
-
-def damping_text(robot: Robot) -> str:
-    """With which damping of its springs the robot is judged."""
-    assumed, elastic = robot.assumed_damping, [name for name in robot.joint_names if name not in robot.rigid]
-    stated = [name for name in elastic if name not in assumed]
-    if not assumed:
-        return "Springs are damped as the file states."
-    share = f"{100.0 * SPRING_DAMPING:g} %"
-    beside = f"; that of {listed(stated)} is stated" if stated else ""
-    return (
-        f"Springs are assumed to be damped by {share} of their own vibration, since the file states no damping of "
-        f"{listed(list(assumed))}{beside}."
-    )
 
 
 def undamped_text(design: WorkspaceDesign) -> str:

@@ -222,8 +222,8 @@ class Robot(Summarised):
 
     @cached_property
     def damped(self) -> Robot:
-        """The same robot with `assumed_damping`."""
-        return self.with_parameters(*self.assumed_damping.values())
+        """The same robot with `assumed_damping`; the robot itself where its springs state theirs."""
+        return self.with_parameters(*self.assumed_damping.values()) if self.assumed_damping else self
 
     def with_rigid(self, *joints: str) -> Robot:
         """The same robot with these joints rigid too: the numbers of their springs are left out."""

@@ -217,6 +217,7 @@ def paper_arm() -> Robot:
             Parameter("torque_constant", 9.0, 3.0, "N·m/A", TABLE_2),
             Parameter("back_emf_constant", 1.0, 3.0, "V·s/rad", TABLE_2),
             Parameter("friction", 0.1, 15.0, "N·m·s/rad", TABLE_2),
+            Parameter("damping", 0.0, 0.0, "N·m·s/rad", "Elsa & Akbari 2014, Eq. (2): the spring has none"),
         ),
         Penalty({"link_position": 60.0, "link_position_integral": 300.0}, effort=10.0),
     )

@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from flexhinf.plant import Plant
 from flexhinf.robot.signals import signal_names
 
-#: Damping ratio of its own vibration that a spring is given where none is stated, and in addition for a second look at
-#: the delay margin of one pose: undamped vibrations decide it, and no real spring is undamped.
+#: Damping ratio of its own vibration that a spring is given where none is stated: no real one is undamped.
 SPRING_DAMPING = 5e-3
 
 #: The extra of a plant whose springs are damped, and the quantity that states by how much.
 DAMPED, DAMPING = "joint_damping", "damping"
+
+
+def without_damping(plant: Plant) -> Plant:
+    """A robot's plant with springs that nothing damps."""
+    stated = plant.parameters.values.get(DAMPING)
+    return plant if stated is None else plant.with_parameters(**{DAMPING: np.zeros_like(stated)})
 
 
 class Spring(NamedTuple):
@@ -27,7 +33,7 @@ class Spring(NamedTuple):
     link_rate: int
 
 
-def springs_of(a: np.ndarray, plant: Any, joints: Sequence[str]) -> list[Spring]:
+def springs_of(a: np.ndarray, plant: Plant, joints: Sequence[str]) -> list[Spring]:
     """Springs of a plant linearised as `a` (n, n); ω is the vibration of link and motor on this spring alone."""
     found, kinds = list[Spring](), ("motor_position", "motor_velocity", "link_velocity")
     for joint, *names in zip(joints, *(signal_names(kind, joints) for kind in kinds)):

@@ -138,13 +138,9 @@ class LinearParts:
         """Requirements on the margins and on the damping of the running loop."""
         if self.failure:
             return []
-        evaluation, setup = self.nominal.evaluation, self.nominal.setup
-        s, margins = setup.specification, evaluation.margins
-        damped = evaluation.damped_margins
-        return [
-            *margin_requirements(s, margins, setup.joints, damped.delay_margin_s),
-            *oscillation_requirements(s, margins, damped),
-        ]
+        setup, margins = self.nominal.setup, self.nominal.evaluation.margins
+        s = setup.specification
+        return [*margin_requirements(s, margins, setup.joints), *oscillation_requirements(s, margins)]
 
 
 PreviewStage = Nominal | Band | LinearParts
@@ -181,7 +177,7 @@ def _band(nominal: Nominal, begun: float) -> Band:
     count = min(stated, max(1, int(MOST_SAMPLES * s.period / nominal.duration)))
     samples = None
     if count:
-        robots = responses.sample_robots(setup.robot, count, s.seed)
+        robots = responses.sample_robots(setup.true.robot, count, s.seed)
         samples = sampled_runs(setup, robots, nominal.duration, _sub_steps(nominal.step))
     return Band(nominal, samples, stated, time.perf_counter() - begun)
 

@@ -22,7 +22,7 @@ import numpy as np
 
 from flexhinf.analysis.modes import closed_loop
 from flexhinf.analysis.optimiser import bisected
-from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.loop_setup import LoopPlants, LoopSetup
 from flexhinf.design.monte_carlo import sampled_runs
 from flexhinf.design.noise_levels import EstimatorNoise
 from flexhinf.design.problem.presets import DesignProblem, choose
@@ -263,7 +263,7 @@ class _Trial:
         lines = step_requirements(s, limits, step, "the step")
         if setup.robot.uncertain and s.draws != 0:
             runs = sampled_runs(
-                setup, sample_robots(setup.robot, SAMPLES, s.seed), self.length, step.run.settings["sub_steps"],
+                setup, sample_robots(setup.true.robot, SAMPLES, s.seed), self.length, step.run.settings["sub_steps"],
             )  # fmt: skip
             lines += sample_requirements(s, limits, runs)
         return frozenset(line.what for line in lines if line.missed)
@@ -338,7 +338,8 @@ class _BandwidthSearch:
         self.task, self.levels, self.first = task, levels, first
         self.limits, robot, s = np.array([limits.peak, limits.speed]), task.robot, task.s
         self.more = np.zeros_like(self.limits)
-        self.sampled = sample_robots(robot, SAMPLES, s.seed) if robot.uncertain and s.draws != 0 else ()
+        true, some = LoopPlants(robot, s).true.robot, robot.uncertain and s.draws != 0
+        self.sampled = sample_robots(true, SAMPLES, s.seed) if some else ()
         # Inputs (1 + N, n) that hold the nominal and the sampled robots at the goal.
         self.holding_input = np.array(
             [robot.operating_point(task.goal, parameters=values)[1] for values in (None, *self.sampled)]

@@ -180,7 +180,7 @@ class _Search:
     """Candidates of one loop; levels are x = log10(ρ/ω_v²), links before motors, (2 joints,)."""
 
     def __init__(self, setup: LoopSetup, damping: float | None) -> None:
-        self.setup, self.damping, s, robot = setup, damping or 0.0, setup.specification, setup.robot
+        self.setup, self.damping, s, robot = setup, damping or 0.0, setup.specification, setup.true.robot
         self.loop: EquilibriumLoop = setup.equilibrium_loop()
         law = margins(setup.equilibrium_loop(estimated=False))
         followed = law.bandwidth[np.isfinite(law.bandwidth)]
@@ -364,6 +364,6 @@ class _Search:
 
     @cached_property
     def corners(self) -> np.ndarray:
-        robot, table = self.setup.robot, self.loop.plant.parameters
+        robot, table = self.setup.true.robot, self.loop.plant.parameters
         population, _ = corner_plants(self.loop.states, robot.corner, robot.uncertain)
         return table.vectors([table.known(values) for values in population.values[:-1]])

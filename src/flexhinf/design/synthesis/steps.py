@@ -132,7 +132,8 @@ class _WholeLoop:
         robust = task.choose(bandwidth=damped.target.bandwidth.tolist(), damping=damped.target.damping)
         assert robust.channels is not None
         assert robust.search is not None
-        self.task, self.noise, self.damped = task, LoopPlants(task.robot, task.s.of_loop).noise, damped.search
+        plants = LoopPlants(task.robot, task.s.of_loop)
+        self.task, self.noise, self.damped, true = task, plants.noise, damped.search, plants.true.robot
         self.target, self.first = damped.target, damped.search.chosen
         self.channels, self.robust = robust.channels, robust.search.chosen
         self.levels, self.degree, self.best = levels, degree, 0.0
@@ -141,7 +142,7 @@ class _WholeLoop:
         self.duration = responses.run_length(SLOWEST * float(np.min(self.target.bandwidth)))
         # Metrics of `damped`, and the corners at which candidates are evaluated.
         loop = self.loop(damped, levels)
-        self.box = ToleranceBox.of(loop, task.robot.corner, task.robot.uncertain)
+        self.box = ToleranceBox.of(loop, true.corner, true.uncertain)
         every = np.arange(len(self.box.away))
         scale, corner = self.edge(loop)
         nearest = self.box.unstable(loop, 1.1 * scale)[:NEAREST] if corner >= 0 else every[:0]

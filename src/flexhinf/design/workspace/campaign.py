@@ -254,7 +254,7 @@ class WorkspaceCampaign(DesignCampaign):
             f"expected no duration, got {o.duration} s",
             "leave out --duration; a design of one pose (--pose) has a run of one length",
         )
-        plants = LoopPlants(*true_robot(with_payload(design, o.payload), s, True))
+        plants = LoopPlants(*true_robot(with_payload(design, o.payload), s))
         robot, variables = varied(plants.robot, o, plants.specification.extras)
         offsets = (
             tuple(name for name in plants.model.outputs if "position" in name) if o.encoder_offset else ()

@@ -98,6 +98,11 @@ class WorkspaceDesign(Design):
             "looked at": f"{len(self.loops)} poses, {len(self.moves) + len(self.sampled)} moves",
         }
 
+    @property
+    def goals(self) -> np.ndarray:
+        """Poses (M + 1, n) between which the M nominal moves go, one after another."""
+        return np.array([self.moves[0].response.start, *(move.response.goal for move in self.moves)])
+
     robot = property(attrgetter("setup.robot"))
     specification = property(attrgetter("setup.specification"))
 
@@ -225,7 +230,7 @@ def judged_design(
     moves = ran.moves if ran else tuple(setup.move(*one) for one in watched(nominal))
     sampled, power_on = (), None
     lines += move_requirements(setup, moves, "nominal robot")
-    if others := corner_moves(setup, 0):
+    if others := corner_moves(setup, 0, goals):
         progress("moves of sampled robots")
         sampled = ran.sampled if ran else tuple(setup.move(*one) for one in watched(others))
         which = "robots at corners of their tolerances"
@@ -233,7 +238,7 @@ def judged_design(
         for k, (_, *shares) in enumerate(FURTHER if s.draws is None else (), 1):
             if len(sampled) <= len(others) and not decided_by_few(judged, *shares):
                 break
-            others += corner_moves(setup, k)
+            others += corner_moves(setup, k, goals)
             sampled += tuple(setup.move(*one) for one in watched(others[len(sampled) :]))
             judged = move_requirements(setup, sampled, which)
         lines += judged
@@ -267,14 +272,16 @@ def decided_by_few(lines: Sequence[Requirement], near: float, far: float) -> boo
     return any(near < line.found / line.limit < far for line in lines if line.field in JUDGED and line.limit)
 
 
-def corner_moves(setup: WorkspaceSetup, after: int) -> list[tuple[np.ndarray, PlantValues, int]]:
+def corner_moves(
+    setup: WorkspaceSetup, after: int, first: np.ndarray
+) -> list[tuple[np.ndarray, PlantValues, int]]:
     """Arguments of `WorkspaceSetup.move` of robots at corners: of the first round between the goals of the nominal
-    moves, of each round `after` it between goals of their own."""
+    moves, `first` (GOALS + 1, n), of each round `after` it between goals of their own."""
     own = 100 * setup.specification.seed + after
     count = FURTHER[after - 1][0] if after else sampled_moves(setup.robot, setup.specification)
     between = count if after else GOALS
     before = GOALS + sum(count for count, *_ in FURTHER[: after - 1]) if after else 0
-    goals, _ = setup.goals(between + 1, GOALS_SEED + own)
+    goals = setup.goals(between + 1, GOALS_SEED + own)[0] if after else first
     ends = [goals[k % between : k % between + 2] for k in range(count)]
     robots = setup.true.robot.random_corners(count, SAMPLED_SEED + own)
     return [(ends[k], values, before + k) for k, values in enumerate(robots)]

@@ -30,9 +30,8 @@ from flexhinf.errors import NumericalFailure
 from flexhinf.estimation import ExtendedKalmanFilter, ModalFilter, stationary_gain
 from flexhinf.loop import Controller, Governor, Loop, Moving, Supervision, Waypoints
 from flexhinf.modal import ModalLaw, PairGains
-from flexhinf.plant import Plant
 from flexhinf.robot import Robot
-from flexhinf.robot.springs import DAMPED
+from flexhinf.robot.springs import without_damping
 from flexhinf.robot.workspace import Workspace
 
 #: Poses by which a law is chosen, and their seed; a ripple below which an estimator is preferred, per cent.
@@ -140,14 +139,8 @@ class WorkspaceSetup(LoopPlants):
 
     @cached_property
     def true(self) -> LoopPlants:
-        """The robot with what `true_robot` adds. Law, estimator and feedforward know no damping."""
-        return LoopPlants(*true_robot(self.other or self.robot, self.specification, True))
-
-    @cached_property
-    def undamped_plant(self) -> Plant:
-        """That of the linear loop with springs that nothing damps."""
-        extras = tuple(name for name in self.specification.extras if name in SMOOTH_EXTRAS and name != DAMPED)
-        return self.robot.plant(self.specification.measured, extras=extras)
+        """As of every loop, of the robot that is the true one."""
+        return LoopPlants(*true_robot(self.other or self.robot, self.specification))
 
     @cached_property
     def noise_levels(self) -> EstimatorNoise:
@@ -264,7 +257,8 @@ class WorkspaceSetup(LoopPlants):
         step, more slowly.
         """
         s, states, n = self.specification, self.model.states, len(self.joints)
-        plant = with_values(self.smooth_plant if damped else self.undamped_plant, values)
+        plant = with_values(self.smooth_plant, values)
+        plant = plant if damped else without_damping(plant)
         smooth = tuple(name for name in s.extras if name in SMOOTH_EXTRAS)
         a, b, g, c = plant.linearise(*self.true.robot.operating_point(at, smooth, values))
         whole = np.eye(plant.n)[[plant.index(name) for name in states]]

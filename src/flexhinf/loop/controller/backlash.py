@@ -15,13 +15,14 @@ integral acts on the link; and where that torque turns round, the motor goes thr
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from flexhinf.codegen import gives
 from flexhinf.errors import refuse_if
+from flexhinf.loop.controller.options import Listed
 from flexhinf.plant import Estimator, known, turned
 from flexhinf.scalars import clip, where
 from flexhinf.validation import real_array, value_text
@@ -31,7 +32,7 @@ Place = tuple[tuple[int, int], tuple[int, int]]
 
 
 @dataclass(frozen=True)
-class Backlash:
+class Backlash(Listed):
     """Gaps of springs whose two ends are measured.
 
     Parameters
@@ -60,10 +61,6 @@ class Backlash:
             "one number per joint, in its unit of position",
         )  # fmt: skip
         vars(self).update(width=tuple(width.tolist()), links=tuple(self.links), motors=tuple(self.motors))
-
-    def settings(self) -> dict[str, Any]:
-        """The arguments as lists, for a file."""
-        return {name: list(value) for name, value in asdict(self).items()}
 
     def places(self, estimator: Estimator | None, states: Sequence[str], moving: bool) -> tuple[Place, ...]:
         """Places of link and motor of each gap; refused where an estimator is not shown one, or nothing moves."""

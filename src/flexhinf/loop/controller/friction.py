@@ -15,13 +15,14 @@ The estimator's model has no dry friction: what it is told of an input is the re
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from flexhinf.codegen import gives
 from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.loop.controller.options import Listed
 from flexhinf.validation import real_array, value_text
 
 #: The model's smoothing over that of the feedforward. With 1, a wrist that came in slowly stuck 1.2 mrad before a goal.
@@ -29,7 +30,7 @@ SHARPNESS = 4.0
 
 
 @dataclass(frozen=True)
-class DryFriction:
+class DryFriction(Listed):
     """Dry friction that a controller overcomes along a moving reference.
 
     Parameters
@@ -70,10 +71,6 @@ class DryFriction:
         vars(self).update(
             {name: tuple(each.tolist()) for name, each in kept.items()}, speeds=tuple(self.speeds)
         )
-
-    def settings(self) -> dict[str, Any]:
-        """The arguments as lists, for a file."""
-        return {name: list(value) for name, value in asdict(self).items() if value is not None}
 
     @property
     def table(self) -> np.ndarray:

@@ -19,7 +19,7 @@ There the integral is taken back by the whole error, as without a governor.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,7 @@ import numpy as np
 from flexhinf.codegen import gives
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop.controller.measured import Source, positions
+from flexhinf.loop.controller.options import Listed
 from flexhinf.loop.controller.status import Supervision
 from flexhinf.scalars import absolute, clip, maximum, minimum, where
 from flexhinf.validation import real_array, value_text
@@ -43,7 +44,7 @@ KINDS = ("link_position", "link_velocity", "motor_position", "motor_velocity")
 
 
 @dataclass(frozen=True)
-class Governor:
+class Governor(Listed):
     """How a controller about a moving reference brings joints back that are far from their command.
 
     Parameters
@@ -84,10 +85,6 @@ class Governor:
             "one number per tracked position: Governor([0.05], [1.0], [3.0], [-3.0], [3.0])",
         )  # fmt: skip
         vars(self).update({name: tuple(real_array(value).tolist()) for name, value in vars(self).items()})
-
-    def settings(self) -> dict[str, Any]:
-        """The arguments as lists, for a file."""
-        return {name: list(value) for name, value in asdict(self).items()}
 
     @property
     def text(self) -> str:

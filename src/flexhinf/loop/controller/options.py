@@ -44,6 +44,14 @@ from flexhinf.validation import checked_positive, real_array, real_number, value
 PERIODS = (1e-6, 1.0)
 
 
+class Listed:
+    """An option of a controller whose arguments are sequences."""
+
+    def settings(self) -> dict[str, Any]:
+        """The arguments as lists, for a file."""
+        return {name: list(value) for name, value in vars(self).items() if value is not None}
+
+
 def checked_period(value: Any) -> float:
     """A sampling period, s, within `PERIODS`; else an InvalidInput asks for the unit that was probably meant."""
     period = checked_positive("The sampling period", value, "seconds", "1e-3 for 1 kHz")

@@ -27,6 +27,7 @@ from flexhinf.pages.drawing import (
     range_text,
     units_of,
 )
+from flexhinf.pages.settings import damping_text
 from flexhinf.report import INK, MUTED, Column, Figure, Paragraph, Table, number
 
 #: Bandwidths of more joints than this are given as a range.
@@ -102,6 +103,8 @@ def _margin_notes(e: LawEvaluation) -> Blocks:
             f"The linear loop leaves out {' and '.join(e.setup.left_out).replace('_', ' ')}: the slope at standstill "
             "holds only for the smallest velocities and would count as damping. The simulated runs have it."
         )
+    if e.undamped_margins is not None:
+        yield note(f"{damping_text(e.setup.robot)} {_undamped_text(e.undamped_margins, period)}")
     if not m.stable:
         yield note(
             "Linearised at the goal, the sampled loop with its estimator is unstable. Try a shorter --period, a faster "
@@ -124,6 +127,14 @@ def _margin_notes(e: LawEvaluation) -> Blocks:
             f"{number(largest, 2)} {units_of(e).effort} rms{share}. Try a slower estimator (smaller "
             "--torque-noise), better sensors, or less --bandwidth."
         )
+
+
+def _undamped_text(m: Margins, period: float) -> str:
+    """What the running loop tolerates where nothing damps the springs, which decides nothing."""
+    late = f"{number(m.delay_margin_s / period, 3)} samples of extra delay are tolerated"
+    damped = f", the smallest damping ratio is {number(m.damping, 3)}" if m.damping < 1.0 else ""
+    text = f"{late}{damped}" if m.stable else "the loop is unstable"
+    return f"Without damping of the springs {text} (decides nothing)."
 
 
 def _hertz(frequency: float) -> str:
@@ -367,7 +378,7 @@ def corners_text(e: LawEvaluation) -> str:
         if np.isfinite(rate)
         else "has no equilibrium at the goal"
     )
-    corner = changes_text(worst, e.setup.robot, e.setup.extras)
+    corner = changes_text(worst, e.setup.true.robot, e.setup.extras)
     return f"Measured: {sensors}. {unstable}{other}. The worst corner ({corner}) {grows}."
 
 

@@ -335,7 +335,7 @@ def samples(e: LawEvaluation) -> Blocks:
             f"{runs.diverged} of {len(runs)} robots within their tolerances diverge with this controller."
             + " --preset robust includes the tolerances in the synthesis." * applies
         )
-    robot, extras = e.setup.robot, e.setup.extras
+    robot, extras = e.setup.true.robot, e.setup.extras
     which = (
         f" {what}: robot {k + 1} ({changes_text(runs.values[k], robot, extras)})."
         for what, k in (
