@@ -38,7 +38,7 @@ def test_a_limit_cycle_is_found_with_its_joint_amplitude_and_period(setup):
     run = check_limit_cycle(setup)
     assert run is not None
     assert run.oscillating == (0,)
-    assert run.extras == ("coulomb_friction",)
+    assert run.extras == ("joint_damping", "coulomb_friction")
     assert 1e-3 < run.cycles[0].amplitude < 1.5e-3
     assert run.cycles[0].frequency is not None
     assert (

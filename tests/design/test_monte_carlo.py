@@ -91,7 +91,9 @@ def test_each_is_the_robot_of_its_values_run_by_hand(setup: LoopSetup, drawn: Mo
     belief = solve_discrete_are(expm(1e-3 * a).T, c.T, np.diag(noise), 1e-8 * np.eye(len(c)))
     ukf = fh.UnscentedKalmanFilter(setup.robot.plant(), 1e-3, np.diag(noise), 1e-8, model_rest, belief)
     controller = fh.Controller(setup.law, ukf, 1e-3, start="bumpless")
-    plant = setup.robot.plant(extras="coulomb_friction", sticking=True).with_parameters(**values)
+    plant = setup.robot.plant(extras=("joint_damping", "coulomb_friction"), sticking=True).with_parameters(
+        **values
+    )
     run = fh.Loop(plant, controller, STEPS).run(
         noise=1e-4, duration=2.0, initial_state=x, initial_input=u, seed=3 + 1 + k
     )

@@ -101,8 +101,8 @@ def test_a_small_torque_moves_the_links_as_the_linear_loop(
     """ẋ = (A + B K) x + G d from the torque's beginning on, by the matrix exponential."""
     setup = setup_of(name, goal, estimator="none", period=1e-4)
     assert isinstance(setup.law, HJISolution)
-    smooth = {name: 0.0 for name in setup.robot.nominal if name.startswith("coulomb_friction")}
-    setup = replace(setup, robot=setup.robot.with_values(smooth))  # no linear loop has dry friction
+    smooth = {name: 0.0 for name in setup.robot.nominal if name.startswith(("coulomb_friction", "damping"))}
+    setup = replace(setup, robot=setup.robot.with_values(smooth))  # the model of the law has neither
     found = setup.load_response(np.array(load), 2.0)
     problem = setup.robot.problem(setup.law.problem.penalty, pose=goal)  # type: ignore[union-attr]
     a, n = closed_loop(problem, setup.law.gain), len(goal)
