@@ -93,7 +93,7 @@ def test_it_watches_the_box_of_its_workspace(tmp_path: Path) -> None:
     for text, box in spaces.items():
         watch = replace(made(), workspace=workspace_of(arm(), text)).supervision
         assert np.array(watch.workspace) == pytest.approx(np.array(box), abs=1e-5)
-        assert watch.modes(moving=True) == ("brake", "none", "none", "brake")
+        assert watch.modes(True, made().governor) == ("brake", "none", "none", "brake", "brake")
     along = replace(made(), workspace=workspace_of(arm(), table)).supervision
     spans = BEYOND * np.ptp(poses, axis=0)
     assert np.array(along.workspace) == pytest.approx(
@@ -262,7 +262,7 @@ def test_swings_at_rest_are_watched_without_limits_too(limit: float | None, size
     """Encoders that swing by ±20 mrad at 5 Hz, or by 3 mrad in all, make a limit cycle of the status; their noise makes
     none in 5 s."""
     setup = made(saturation=limit)
-    assert setup.supervision.modes(moving=True)[2] == ("none" if limit is None else "brake")
+    assert setup.supervision.modes(True, setup.governor)[2] == ("none" if limit is None else "brake")
     one, held, told = deployed(setup), resting(None), fh.Status(0)
     for k in range(5000):
         one.step(held + size * math.sin(2.0 * math.pi * 5.0 * 1e-3 * k), reference(None))

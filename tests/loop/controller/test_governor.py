@@ -183,7 +183,7 @@ def test_what_the_law_is_shown_keeps_speed_acceleration_range_and_distance() -> 
         seen = seen if k % 700 else rng.uniform(lower, upper)
         before = shown
         shown, far, _ = governed(
-            tracked, places, np.append(seen, [0.0, 0.0]), shown[:4], r, before, far, np.ones(1), [PERIOD], numbers
+            tracked, places, np.append(seen, [0.0, 0.0]), shown[:4], r, r, before, far, np.ones(1), [PERIOD], numbers
         )  # fmt: skip
         assert np.all(far[np.abs(r[:2] - seen) > distance] == 1.0)
         moved = far == 1.0

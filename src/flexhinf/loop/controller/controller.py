@@ -18,7 +18,7 @@ from flexhinf.loop.controller.backlash import Backlash
 from flexhinf.loop.controller.data import data_values
 from flexhinf.loop.controller.estimated import EstimatedStates, balance, compensated_places
 from flexhinf.loop.controller.friction import DryFriction
-from flexhinf.loop.controller.governor import Governor
+from flexhinf.loop.controller.governor import Governor, first_grip
 from flexhinf.loop.controller.law_code import LawCode, law_slope
 from flexhinf.loop.controller.laws import NAMED, Schedule, check_kinds, read_controller, write_controller
 from flexhinf.loop.controller.measured import Source, within
@@ -197,12 +197,12 @@ class Controller(Summarised):
             bool(np.isfinite([command.lower, command.upper, command.rate]).any()),
             bool(np.isfinite(self.limits.rate).any()),
             self.integral_dead_zone is not None, bool(self.tracked) and bool(np.isfinite(self.windup.limit).any()),
-            checked_latency(latency, estimator), () if supervision is None else supervision.modes(moving),
+            checked_latency(latency, estimator), () if supervision is None else supervision.modes(moving, governor),
             offset_time is not None, self.estimated_states.places, compensated, self.measurement_limits is not None,
             dry_friction.places(self.states, solution.input_names, moving) if dry_friction else (),
             velocity_places(self.states) if moving and self.supervision else (),
             backlash.places(estimator, self.states, moving) if backlash else (),
-            governor.places(self.states, self.tracked, moving, supervision) if governor else (),
+            *(governor.places(solution, moving, supervision, self.estimated_states.places, estimator) if governor else ()),
         )  # fmt: skip
         self.first_input = FirstInput(before_first, solution, estimator, self.limits)
         self.blend_time = checked_blend_time(blend_time, self.mode.takes_over)
@@ -356,7 +356,7 @@ class Controller(Summarised):
         return {
             **belief, "u": u, "integral": zeros, "position": zeros, "reference": self.operating_reference,
             "started": np.zeros(1), **({"bias": np.zeros(len(u))} if mode.takes_over else {}),
-            **({"active": np.eye(mode.laws)[0]} if mode.laws > 1 else {}), **({"far": zeros} if mode.governed else {}),
+            **({"active": np.eye(mode.laws)[0]} if mode.laws > 1 else {}), **first_grip(mode, zeros),
             **({"command": self.operating_reference if mode.moving else zeros} if mode.changes_command else {}),
             **first_counters(len(u), len(zeros), mode.reactions),
             **(dict.fromkeys(("offset", "offset_known"), np.zeros(len(self.measured))) if mode.has_offset else {}),
