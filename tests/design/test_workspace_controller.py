@@ -230,7 +230,9 @@ def test_an_elbow_that_a_wall_blocks_is_said_let_go_and_comes_back_slowly() -> N
     for lets_go in (True, False):
         governor = replace(setup.governor, resistance=setup.governor.resistance if lets_go else None)
         reactions = {"blocked": "brake"} if lets_go else {}
-        one = deployed(setup, AWAY, governor=governor, supervision=replace(setup.supervision, reactions=reactions))
+        one = deployed(
+            setup, AWAY, governor=governor, supervision=replace(setup.supervision, reactions=reactions)
+        )
         x, waiting = arm().operating_point(AWAY)
         bits, speed, wall, d = [], 0.0, None, np.zeros(len(loads))
         for k in range(1500):

@@ -274,7 +274,11 @@ def test_unlike_motors_that_all_saturate_come_back_slowly_on_ten_arms() -> None:
                 given = np.clip(u, -power * unlike, power * unlike)
                 x[2:] += 0.5 * PERIOD * np.linalg.solve(mass, given - torque - [6.0, 0.3] * x[2:])
                 if begin <= k < begin + length:
-                    x[2:] = np.zeros(2) if kind else np.minimum(x[2:] * np.sign(GOAL - START), 0.0) * np.sign(GOAL - START)
+                    x[2:] = (
+                        np.zeros(2)
+                        if kind
+                        else np.minimum(x[2:] * np.sign(GOAL - START), 0.0) * np.sign(GOAL - START)
+                    )
                 x[:2] += 0.5 * PERIOD * x[2:]
             status |= int(own.status)
             fastest = max(fastest, float(np.abs(x[2:] / SPEED).max()))

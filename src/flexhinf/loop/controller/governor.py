@@ -116,12 +116,22 @@ class Governor:
     def text(self) -> str:
         """From how far on and how fast, for a summary."""
         rows = ", ".join(f"{far:.3g} at {speed:.3g} per s" for far, speed in zip(self.distance, self.speed))
-        loose = "" if self.resistance is None else ", let go of what resists by " + ", ".join(
-            f"{most:.3g}" for most in self.resistance) + " per s²"
+        loose = (
+            ""
+            if self.resistance is None
+            else ", let go of what resists by "
+            + ", ".join(f"{most:.3g}" for most in self.resistance)
+            + " per s²"
+        )
         return f"joints farther from their command than {rows} at most{loose}"
 
     def places(
-        self, law: Law, moving: bool, supervision: Supervision | None, own: Sequence[int], estimator: Estimator | None
+        self,
+        law: Law,
+        moving: bool,
+        supervision: Supervision | None,
+        own: Sequence[int],
+        estimator: Estimator | None,
     ) -> tuple[tuple[tuple[int, ...], ...], tuple[int, ...]]:
         """Places of the states that are shifted (k, 4), see `KINDS`, and of the velocities in an estimate that has the
         states at `own`, () where no joint lets go. Refused where a law has no such states, the reference does not move,
@@ -163,7 +173,14 @@ def first_grip(mode: Any, zeros: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def brought_back(
-    run: Any, tracked: Sequence[Source], mode: Any, seen: tuple[Any, Any], r: Any, means: Any, memory: Any, data: Any
+    run: Any,
+    tracked: Sequence[Source],
+    mode: Any,
+    seen: tuple[Any, Any],
+    r: Any,
+    means: Any,
+    memory: Any,
+    data: Any,
 ) -> tuple[Any, Any, dict[str, Any]]:
     """The command (n + m,) that the law is shown in place of r, the lag (k,) of `governed`, and what is remembered.
 
@@ -201,9 +218,9 @@ def gripped(
     numbers: Any,
     resistance: Any,
 ) -> Any:
-    """How the joints are held (4, k), by what a correction changed (k,) of their velocities: the share g of the distance
-    within which their motion is shown, the acceleration that no model explains, where the joint was nearest to its
-    command since that keeps it from it, and whether it has yielded since, 1 or 0."""
+    """How the joints are held (4, k), by what a correction changed (k,) of their velocities: the share g of the
+    distance within which their motion is shown, the acceleration that no model explains, where the joint was nearest
+    to its command since that keeps it from it, and whether it has yielded since, 1 or 0."""
     heard, columns = minimum(period[0] / HEARD, 1.0), list[list[Any]]()
     joints = zip(places, positions(tracked, y, estimate), change, far, numbers[0], resistance, *grip)
     for (link, *_), seen, gained, flag, distance, most, hold, push, nearest, load in joints:
@@ -234,8 +251,8 @@ def governed(
     *grip: Any,
 ) -> tuple[Any, Any, Any]:
     """The command (n + m,) that the law is shown in place of r, the joints that are brought back (k,), 1 or 0, and of
-    those at the distance from it the lag (k,), else 0. `before` is the command before r, `last` the one that the law
-was shown then, `grip` that of `gripped`, by default all of the distance."""
+        those at the distance from it the lag (k,), else 0. `before` is the command before r, `last` the one that the law
+    was shown then, `grip` that of `gripped`, by default all of the distance."""
     command, flags, lags = list(r), [], []
     grips = grip[0][0] if grip else [1.0] * len(places)
     joints = zip(places, positions(tracked, y, estimate), far, grips, *numbers)

@@ -424,7 +424,10 @@ def observed(
     full = _any([where(row[4] > watching[1], 1.0, 0.0) for row in rows])
     replaced, stop = [flag for part in others[: min(governs, 1)] for flag in part], others[governs:]
     blocked = _any([where(hold < 1.0, 1.0, 0.0) for part in others[1:governs] for hold in part[0]])
-    replaced += [beyond if reactions[0] in ("hold", "limit") else 0.0, *(s for part in stop for s in part[:2])]
+    replaced += [
+        beyond if reactions[0] in ("hold", "limit") else 0.0,
+        *(s for part in stop for s in part[:2]),
+    ]
     reacting = where(_any(replaced) > 0.0, 1.0, 0.0)
     return np.array(rows).T, np.array([beyond, cycles, full, reacting, lost, blocked])
 

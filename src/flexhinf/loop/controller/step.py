@@ -282,7 +282,7 @@ def controller_step(
     if mode.eases:
         feedback, after["ease"] = run.call(
             eased, feedback, operating_input, memory.u, memory.ease, memory.stop, *stop, memory.status, data.watching
-        )
+        )  # fmt: skip
     rates, bounds = (memory.u, data.period, data.input_rate) if mode.limits_input_rate else (), ()
     if mode.bounds_windup:
         places = None if mode.moving else [source.state for source in tracked]
