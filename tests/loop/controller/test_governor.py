@@ -227,7 +227,8 @@ def held_by(push: Any, yields: Any, samples: int) -> np.ndarray:
         seen = np.array([place, 0.0])
         grip = gripped(
             [Source(True, 0, 0)], ((0, 1, 0, 1),), seen, seen, np.array([0.5, 0.0, 0.0]),
-            np.array([-PERIOD * 20.0 * push(k)]), grip, np.ones(1), [PERIOD], BACK.data(PERIOD)[:, :1], np.array([20.0]),
+            np.array([-PERIOD * 20.0 * push(k)]), grip, np.ones(1), [PERIOD], BACK.data(PERIOD)[:, :1],
+            np.array([20.0]),
         )  # fmt: skip
         shares.append(grip[0, 0])
         place -= yields(shares[-1])
@@ -274,11 +275,7 @@ def test_unlike_motors_that_all_saturate_come_back_slowly_on_ten_arms() -> None:
                 given = np.clip(u, -power * unlike, power * unlike)
                 x[2:] += 0.5 * PERIOD * np.linalg.solve(mass, given - torque - [6.0, 0.3] * x[2:])
                 if begin <= k < begin + length:
-                    x[2:] = (
-                        np.zeros(2)
-                        if kind
-                        else np.minimum(x[2:] * np.sign(GOAL - START), 0.0) * np.sign(GOAL - START)
-                    )
+                    x[2:] = np.zeros(2) if kind else np.where(x[2:] * (GOAL - START) > 0.0, 0.0, x[2:])
                 x[:2] += 0.5 * PERIOD * x[2:]
             status |= int(own.status)
             fastest = max(fastest, float(np.abs(x[2:] / SPEED).max()))

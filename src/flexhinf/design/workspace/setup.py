@@ -226,8 +226,9 @@ class WorkspaceSetup(LoopPlants):
         blocks them."""
         speed, space = BACK * self._speed, self.workspace
         distance = np.maximum(FAR_TIME * self._speed, FAR * self._radian)
-        rows = [distance, speed, speed / BACK_TIME, space.lower, space.upper, self.resistance]
-        return Governor(*(None if row is None else row.tolist() for row in rows))
+        rows = distance, speed, speed / BACK_TIME, space.lower, space.upper
+        most = None if self.resistance is None else self.resistance.tolist()
+        return Governor(*(row.tolist() for row in rows), resistance=most)
 
     @cached_property
     def resistance(self) -> np.ndarray | None:

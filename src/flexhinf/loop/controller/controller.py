@@ -192,17 +192,18 @@ class Controller(Summarised):
         self.measurement_limits = checked_measurement_limits(measurement_limits, estimator)
         if windup is not None:
             windup.check(self.laws)
+        own = self.estimated_states.places
+        back = governor.places(solution, moving, supervision, own, estimator) if governor else ((), ())
         self.mode = Mode(
             moving, start, len(self.laws),
             bool(np.isfinite([command.lower, command.upper, command.rate]).any()),
             bool(np.isfinite(self.limits.rate).any()),
             self.integral_dead_zone is not None, bool(self.tracked) and bool(np.isfinite(self.windup.limit).any()),
             checked_latency(latency, estimator), () if supervision is None else supervision.modes(moving, governor),
-            offset_time is not None, self.estimated_states.places, compensated, self.measurement_limits is not None,
+            offset_time is not None, own, compensated, self.measurement_limits is not None,
             dry_friction.places(self.states, solution.input_names, moving) if dry_friction else (),
             velocity_places(self.states) if moving and self.supervision else (),
-            backlash.places(estimator, self.states, moving) if backlash else (),
-            *(governor.places(solution, moving, supervision, self.estimated_states.places, estimator) if governor else ()),
+            backlash.places(estimator, self.states, moving) if backlash else (), *back,
         )  # fmt: skip
         self.first_input = FirstInput(before_first, solution, estimator, self.limits)
         self.blend_time = checked_blend_time(blend_time, self.mode.takes_over)
