@@ -186,13 +186,12 @@ class Controller(Summarised):
         if compensated and estimator is not None:
             self.balance = balance(self.laws, estimator, self.estimated_states, compensated)
         self.supervision, self._windup_option, self.governor = supervision, windup, governor
-        self.dry_friction, self.backlash = dry_friction, backlash
+        self.dry_friction, self.backlash, own = dry_friction, backlash, self.estimated_states.places
         self.watched = watched_numbers(supervision, self.limits, len(self.tracked), self.period)
         self.offset_time = checked_offset_time(offset_time, estimator)
         self.measurement_limits = checked_measurement_limits(measurement_limits, estimator)
         if windup is not None:
             windup.check(self.laws)
-        own = self.estimated_states.places
         back = governor.places(solution, moving, supervision, own, estimator) if governor else ((), ())
         self.mode = Mode(
             moving, start, len(self.laws),

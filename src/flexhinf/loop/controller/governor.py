@@ -251,7 +251,7 @@ def governed(
     *grip: Any,
 ) -> tuple[Any, Any, Any]:
     """The command (n + m,) that the law is shown in place of r, the joints that are brought back (k,), 1 or 0, and of
-        those at the distance from it the lag (k,), else 0. `before` is the command before r, `last` the one that the law
+    those at the distance from it the lag (k,), else 0. `before` is the command before r, `last` the one that the law
     was shown then, `grip` that of `gripped`, by default all of the distance."""
     command, flags, lags = list(r), [], []
     grips = grip[0][0] if grip else [1.0] * len(places)
