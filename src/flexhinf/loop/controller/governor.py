@@ -25,7 +25,7 @@ as near as p is large: it stays within g d of the joint, and
 
 So the joint lets go of the obstacle but for a push of about w, springs are not loaded, and integrals stand still. An
 obstacle does not move a joint. Where p does so, by `YIELDED` of the distance away from the command, it is a load, and
-the joint grips until p is small. Where nothing keeps it back, g is 1.
+the joint shares until p is small. Where nothing keeps it back, g is 1.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ from flexhinf.validation import real_array, value_text
 #: lag is over. A slower end, of 10 1/s, left joints with dry friction sticking 12 mrad beside their goal.
 RATE, PER_SAMPLE, OVER = 40.0, 0.2, 1e-3
 
-#: What resists a joint is heard with this time constant, s; times t in which a joint lets go and grips again, s; share
+#: What resists a joint is heard with this time constant, s; times t in which a joint lets go and shares again, s; share
 #: of the resistance below which nothing keeps the joint, and of the distance by which a load moves it.
 HEARD, LET_GO, REGRIP, QUIET, YIELDED = 0.02, 0.03, 0.3, 0.5, 0.25
 
@@ -254,8 +254,8 @@ def governed(
     those at the distance from it the lag (k,), else 0. `before` is the command before r, `last` the one that the law
     was shown then, `grip` that of `gripped`, by default all of the distance."""
     command, flags, lags = list(r), [], []
-    grips = grip[0][0] if grip else [1.0] * len(places)
-    joints = zip(places, positions(tracked, y, estimate), far, grips, *numbers)
+    shares = grip[0][0] if grip else [1.0] * len(places)
+    joints = zip(places, positions(tracked, y, estimate), far, shares, *numbers)
     for row, seen, flag, hold, distance, *own in joints:
         link, turning, *_ = row
         goes_on, goal, rate = started[0] > 0.5, r[link], r[turning]
