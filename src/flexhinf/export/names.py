@@ -130,7 +130,7 @@ MEMORY = {
     "active": "which law acts",
     "command": "the last command, within its limits, or as the law is shown it",
     "far": "of each tracked position, whether it is brought back to its command: 1 or 0",
-    "grip": "of each tracked position: how it is held where something keeps it from its command",
+    "hold": "of each tracked position: how it is held where something keeps it from its command",
     "watch": "of each input, then of each tracked position: what is counted of its swings and of its saturation",
     "ease": "what the input still has beside that of the law, after a following error",
     "status": "bits of the status, one by one",
@@ -153,7 +153,7 @@ ROWS = {
         "outside": "bits of the status: 1 or 0", "limit_cycle": "likewise", "saturation": "likewise",
         "reacting": "likewise", "following_error": "likewise", "blocked": "likewise",
     },
-    "grip": {
+    "hold": {
         "share": "1, or less where the joint lets go", "push": "what the model does not explain, per s^2",
         "nearest": "where it was nearest to its command since then", "yielded": "whether it has yielded: 1 or 0",
     },

@@ -16,7 +16,7 @@ from tests.refusals import refused_with
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Governor
-from flexhinf.loop.controller.governor import governed, gripped
+from flexhinf.loop.controller.governor import governed, resisted
 from flexhinf.loop.controller.measured import Source
 
 # Kernels that run a few times.
@@ -225,7 +225,7 @@ def held_by(push: Any, yields: Any, samples: int) -> np.ndarray:
     grip, place, shares = np.outer([1.0, 0.0, 0.0, 0.0], np.ones(1)), 0.3, []
     for k in range(samples):
         seen = np.array([place, 0.0])
-        grip = gripped(
+        grip = resisted(
             [Source(True, 0, 0)], ((0, 1, 0, 1),), seen, seen, np.array([0.5, 0.0, 0.0]),
             np.array([-PERIOD * 20.0 * push(k)]), grip, np.ones(1), [PERIOD], BACK.data(PERIOD)[:, :1],
             np.array([20.0]),

@@ -25,7 +25,7 @@ as near as p is large: it stays within g d of the joint, and
 
 So the joint lets go of the obstacle but for a push of about w, springs are not loaded, and integrals stand still. An
 obstacle does not move a joint. Where p does so, by `YIELDED` of the distance away from the command, it is a load, and
-the joint shares until p is small. Where nothing keeps it back, g is 1.
+the joint grips until p is small. Where nothing keeps it back, g is 1.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ from flexhinf.validation import real_array, value_text
 #: lag is over. A slower end, of 10 1/s, left joints with dry friction sticking 12 mrad beside their goal.
 RATE, PER_SAMPLE, OVER = 40.0, 0.2, 1e-3
 
-#: What resists a joint is heard with this time constant, s; times t in which a joint lets go and shares again, s; share
+#: What resists a joint is heard with this time constant, s; times t in which a joint lets go and grips again, s; share
 #: of the resistance below which nothing keeps the joint, and of the distance by which a load moves it.
 HEARD, LET_GO, REGRIP, QUIET, YIELDED = 0.02, 0.03, 0.3, 0.5, 0.25
 
@@ -94,8 +94,8 @@ class Governor:
     resistance: Sequence[float] | None = None
 
     def __post_init__(self) -> None:
-        given = {name: value for name, value in vars(self).items() if value is not None}
-        rows = {name: real_array(value) for name, value in given.items()}
+        stated = {name: value for name, value in vars(self).items() if value is not None}
+        rows = {name: real_array(value) for name, value in stated.items()}
         sizes = [rows.pop(name) for name in ("lower", "upper")]
         alike = len({row.shape for row in (*sizes, *rows.values())}) == 1 and sizes[0].ndim == 1
         refuse_if(
@@ -106,7 +106,7 @@ class Governor:
             f"{value_text(vars(self))}",
             "one number per tracked position: Governor([0.05], [1.0], [3.0], [-3.0], [3.0])",
         )  # fmt: skip
-        vars(self).update({name: tuple(real_array(value).tolist()) for name, value in given.items()})
+        vars(self).update({name: tuple(real_array(value).tolist()) for name, value in stated.items()})
 
     def settings(self) -> dict[str, Any]:
         """The arguments as lists, for a file."""
@@ -166,9 +166,9 @@ class Governor:
         return np.array([self.distance, self.speed, self.acceleration, self.lower, self.upper, last])
 
 
-def first_grip(mode: Any, zeros: np.ndarray) -> dict[str, np.ndarray]:
+def first_of_joints(mode: Any, zeros: np.ndarray) -> dict[str, np.ndarray]:
     """Parts of the memory before the first sample, of joints (k,) that all follow."""
-    kept = {"grip": np.outer([1.0, 0.0, 0.0, 0.0], zeros + 1.0)} if mode.resisted else {}
+    kept = {"hold": np.outer([1.0, 0.0, 0.0, 0.0], zeros + 1.0)} if mode.resisted else {}
     return {"far": zeros, **kept} if mode.governed else {}
 
 
@@ -188,8 +188,8 @@ def brought_back(
     kept: dict[str, Any] = {}
     if mode.resisted:
         change = run.call(partial(_corrections, mode.resisted), *means)
-        kept["grip"] = run.call(
-            partial(gripped, tracked, mode.governed), *seen, r, change, memory.grip, memory.far, data.period,
+        kept["hold"] = run.call(
+            partial(resisted, tracked, mode.governed), *seen, r, change, memory.hold, memory.far, data.period,
             data.governor, data.resistance,
         )  # fmt: skip
     r, kept["far"], lag = run.call(
@@ -204,15 +204,15 @@ def _corrections(places: Sequence[int], before: Any, after: Any) -> Any:
     return np.array([after[place] - before[place] for place in places])
 
 
-@gives("grip_next")
-def gripped(
+@gives("hold_next")
+def resisted(
     tracked: Sequence[Source],
     places: Sequence[Sequence[int]],
     y: Any,
     estimate: Any,
     r: Any,
     change: Any,
-    grip: Any,
+    hold: Any,
     far: Any,
     period: Any,
     numbers: Any,
@@ -222,16 +222,16 @@ def gripped(
     distance within which their motion is shown, the acceleration that no model explains, where the joint was nearest
     to its command since that keeps it from it, and whether it has yielded since, 1 or 0."""
     heard, columns = minimum(period[0] / HEARD, 1.0), list[list[Any]]()
-    joints = zip(places, positions(tracked, y, estimate), change, far, numbers[0], resistance, *grip)
-    for (link, *_), seen, gained, flag, distance, most, hold, push, nearest, load in joints:
+    joints = zip(places, positions(tracked, y, estimate), change, far, numbers[0], resistance, *hold)
+    for (link, *_), seen, gained, flag, distance, most, share, push, nearest, load in joints:
         push = push + heard * (gained / period[0] - push)
         side = where(r[link] < seen, -1.0, 1.0)
         keeps = where(flag > 0.5, -side * push / most, 0.0)
         nearest = where(keeps < QUIET, seen, where(side * (seen - nearest) > 0.0, seen, nearest))
         load = where(side * (nearest - seen) > YIELDED * distance, 1.0, where(keeps < QUIET, 0.0, load))
         rate = where(load > 0.5, 1.0, clip(1.0 - keeps, -1.0, 1.0) * where(keeps < 1.0, LET_GO / REGRIP, 1.0))
-        hold = clip(hold + rate * period[0] / LET_GO, 0.0, 1.0)
-        columns.append([where(flag > 0.5, hold, 1.0), push, nearest, load])
+        share = clip(share + rate * period[0] / LET_GO, 0.0, 1.0)
+        columns.append([where(flag > 0.5, share, 1.0), push, nearest, load])
     return np.array(columns).T
 
 
@@ -248,22 +248,22 @@ def governed(
     started: Any,
     period: Any,
     numbers: Any,
-    *grip: Any,
+    *hold: Any,
 ) -> tuple[Any, Any, Any]:
     """The command (n + m,) that the law is shown in place of r, the joints that are brought back (k,), 1 or 0, and of
     those at the distance from it the lag (k,), else 0. `before` is the command before r, `last` the one that the law
-    was shown then, `grip` that of `gripped`, by default all of the distance."""
+    was shown then, `hold` that of `resisted`, by default all of the distance."""
     command, flags, lags = list(r), [], []
-    shares = grip[0][0] if grip else [1.0] * len(places)
+    shares = hold[0][0] if hold else [1.0] * len(places)
     joints = zip(places, positions(tracked, y, estimate), far, shares, *numbers)
-    for row, seen, flag, hold, distance, *own in joints:
+    for row, seen, flag, share, distance, *own in joints:
         link, turning, *_ = row
         goes_on, goal, rate = started[0] > 0.5, r[link], r[turning]
         place, speed = where(goes_on, last[link], seen), where(goes_on, last[turning], 0.0)
         step = period[0] * own[1]
         step = step + where(goes_on, absolute(rate - before[turning]), 0.0)
         place, faster, clipped = _followed(
-            (goal, rate), seen, (place, speed), step, period[0], (distance * hold, *own)
+            (goal, rate), seen, (place, speed), step, period[0], (distance * share, *own)
         )
         lag, ahead = place - goal, faster - rate
         slow = where(absolute(ahead) > 2.0 * period[0] * own[1], 0.0, 1.0)

@@ -301,7 +301,7 @@ def controller_step(
             position = run.call(partial(as_measured, tracked), y, offset[0], estimate)
         elif gap is not None:
             position = run.call(partial(positions, tracked), y, estimate)
-        marks = [kept[name] for name in ("far", "grip") if name in kept]
+        marks = [kept[name] for name in ("far", "hold") if name in kept]
         after["watch"], after["status"] = run.call(
             partial(observed, boxed, mode.reactions, len(marks)), u, requested, memory.reference, position, commanded,
             memory.started, memory.watch, data.lower, data.upper, data.workspace, data.swings, data.watching,
