@@ -31,7 +31,7 @@ def test_the_workspace_lies_about_start_goal_and_law(setup_of: Callable[..., Loo
         assert controller.status == fh.Status(0)
         controller.step(y, (high[0] + 1e-6, goal[1]))
         assert controller.status == fh.Status.OUTSIDE_WORKSPACE
-        assert controller.supervision.modes(moving=False) == ("none",) * 4
+        assert controller.supervision.modes(moving=False) == ("none",) * 5
 
 
 @pytest.mark.ci("searches weights")
@@ -60,7 +60,7 @@ def test_a_move_of_a_deployed_controller_is_watched_without_reactions() -> None:
     moving = run.loop.controller
     assert moving.supervision is not None
     assert moving.supervision.workspace == watch.workspace
-    assert moving.mode.reactions == ("none",) * 4
+    assert moving.mode.reactions == ("none",) * 5
     assert moving.offset_time == 0.5
     told = fh.run_realtime(run.loop, **run.arguments, real_time=False).status
     goals = np.abs(np.diff(told & fh.Status.OUTSIDE_WORKSPACE)).sum()

@@ -93,7 +93,7 @@ def test_it_watches_the_box_of_its_workspace(tmp_path: Path) -> None:
     for text, box in spaces.items():
         watch = replace(made(), workspace=workspace_of(arm(), text)).supervision
         assert np.array(watch.workspace) == pytest.approx(np.array(box), abs=1e-5)
-        assert watch.modes(moving=True) == ("brake", "none", "none", "brake")
+        assert watch.modes(True, made().governor) == ("brake", "none", "none", "brake", "brake")
     along = replace(made(), workspace=workspace_of(arm(), table)).supervision
     spans = BEYOND * np.ptp(poses, axis=0)
     assert np.array(along.workspace) == pytest.approx(
@@ -187,7 +187,7 @@ def test_an_input_at_its_limit_for_long_brakes_the_move() -> None:
     setup = made(saturation=24.0)
     plan = fh.Waypoints([0.0, 3.0], [AWAY, (0.9, -1.1)], "quintic")
     watch = replace(setup.supervision, reactions={"saturation": "brake"})
-    run = fh.Loop(setup.true_plant, deployed(setup, AWAY, supervision=watch)).run(
+    run = fh.Loop(setup.true_plant, deployed(setup, AWAY, supervision=watch, governor=None)).run(
         fh.Moving(plan, arm().inverse_dynamics), {"link_torque_elbow": fh.Step(60.0, at=0.5)}, duration=2.5,
         initial_state=arm().operating_point(AWAY)[0],
     )  # fmt: skip
@@ -232,7 +232,7 @@ def test_after_braking_it_begins_again_where_it_rests_and_may_come_back(
             one.step(resting(AWAY), reference(pose))
         assert int(one.status) == fh.Status.OUTSIDE_WORKSPACE | fh.Status.REACTING
         one.reset(**start)
-        for pose, said in ((out, 1), (out, 1), (AWAY, 0), (out, 9)):
+        for pose, said in ((out, 1), (out, 1), (AWAY, 8), (out, 9)):
             u = one.step(resting(out), reference(pose))
             assert int(one.status) == said
             assert (one.path_rate < 1.0) == (said == 9)
@@ -262,7 +262,7 @@ def test_swings_at_rest_are_watched_without_limits_too(limit: float | None, size
     """Encoders that swing by ±20 mrad at 5 Hz, or by 3 mrad in all, make a limit cycle of the status; their noise makes
     none in 5 s."""
     setup = made(saturation=limit)
-    assert setup.supervision.modes(moving=True)[2] == ("none" if limit is None else "brake")
+    assert setup.supervision.modes(True, setup.governor)[2] == ("none" if limit is None else "brake")
     one, held, told = deployed(setup), resting(None), fh.Status(0)
     for k in range(5000):
         one.step(held + size * math.sin(2.0 * math.pi * 5.0 * 1e-3 * k), reference(None))

@@ -284,7 +284,7 @@ def rich(moving: bool) -> fh.Controller:
     friction = fh.loop.DryFriction([1.0, 0.5], [0.01, 0.02], motors, [1.5, 0.5], [0.05, 0.1])
     gaps = fh.loop.Backlash([1e-4], ["link_position_elbow"], ["motor_position_elbow"])
     box: tuple[list[float], list[float]] = ([-1.0, -1.0], [1.0, 1.0])
-    back = fh.loop.Governor([0.02] * 2, [2.0] * 2, [20.0] * 2, *box)
+    back = fh.loop.Governor([0.02] * 2, [2.0] * 2, [20.0] * 2, *box, [0.5] * 2)
     standing = {"command_range": 2.0, "command_rate": 9.0}
     own: dict[str, Any] = (
         {"dry_friction": friction, "backlash": gaps, "governor": back} if moving else standing
@@ -352,6 +352,7 @@ def test_the_richest_controllers_agree_on_hostile_samples(
         seen |= {"braked"} if controller.path_rate < 1.0 else set()
         far = controller._history.memory[controller.memory.places.get("far", slice(0))]
         seen |= {"brought back"} if far.any() or not moving else set()
+        seen |= {"let go"} if controller.status & fh.Status.BLOCKED or not moving else set()
     assert seen >= {
         "OK",
         "BAD_COMMAND",
@@ -362,4 +363,5 @@ def test_the_richest_controllers_agree_on_hostile_samples(
         "rejected",
         "braked",
         "brought back",
+        "let go",
     }

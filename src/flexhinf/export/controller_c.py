@@ -419,7 +419,7 @@ class ControllerCode:
     def able(self) -> Status:
         """Bits of the status that this controller can set."""
         c = self.controller
-        return possible_status(c.supervision, c.watched, c.limits, self.doubt is not None)
+        return possible_status(c.supervision, c.watched, c.limits, self.doubt is not None, c.mode)
 
     @property
     def defaults(self) -> np.ndarray:

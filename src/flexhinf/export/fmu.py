@@ -103,7 +103,8 @@ def export_fmu(
             "output",
             0,
             kind="Integer",
-            about="bits: outside workspace, limit cycle, saturation, reacting, doubtful estimate, following error",
+            about="bits: outside workspace, limit cycle, saturation, reacting, doubtful estimate, following error, "
+            "blocked",
         ),
         *(Variable(name, "output", 0, kind="Integer", about=about) for name, about in _counts(code).items()),
         Variable("is_measured", "input", 1, kind="Boolean", about="whether there is a measurement"),

@@ -190,10 +190,11 @@ FINITE = "        to[i] = (isfinite(to[i]) != 0) ? to[i] : SAFE[i];\n"
 
 #: Bits of the status, whose numbers are a part of the memory.
 STATUS_BITS = """
-    static const int bits[5] = {
-        @BIG@_OUTSIDE_WORKSPACE, @BIG@_LIMIT_CYCLE, @BIG@_SATURATION, @BIG@_REACTING, @BIG@_FOLLOWING_ERROR
+    static const int bits[6] = {
+        @BIG@_OUTSIDE_WORKSPACE, @BIG@_LIMIT_CYCLE, @BIG@_SATURATION, @BIG@_REACTING, @BIG@_FOLLOWING_ERROR,
+        @BIG@_BLOCKED
     };
-    for (int i = 0; i < 5; ++i) {
+    for (int i = 0; i < 6; ++i) {
         output->status += (state->memory[AT_STATUS + i] > @ZERO@) ? bits[i] : 0;
     }"""
 
@@ -235,6 +236,7 @@ STATUS = (
     "the command is replaced, or the path rate falls",
     "the estimate is in doubt: rounding may move it by over 0.001 of its standard deviation, or it was repaired",
     "a tracked position is far from its command",
+    "something blocks a joint that is far from its command, by more than the model explains; it lets go",
 )
 
 #: Whether something is measured; and the step where nothing is, in which a finite result has a code of its own.

@@ -108,6 +108,8 @@ PARTS = {
     "from a third of which on it takes all; where stated, what it takes of slow motors, and how slow these are",
     "governor": "of each tracked position: how far from its command it is brought back, the speed and acceleration of "
     "that, its range, and how fast the last of it ends, 1/s",
+    "resistance": "acceleration of each tracked position, per s^2, that the model does not explain, and above which a "
+    "joint that is brought back lets go",
     "windup_line": "what integrals push at rest, by command from the operating point: of inputs without near limits",
     "windup_spread": "how much more they push, likewise",
     "windup_limit": "how much more they push at the operating point; infinite for an input that its limits keep nearer",
@@ -128,6 +130,7 @@ MEMORY = {
     "active": "which law acts",
     "command": "the last command, within its limits, or as the law is shown it",
     "far": "of each tracked position, whether it is brought back to its command: 1 or 0",
+    "hold": "of each tracked position: how it is held where something keeps it from its command",
     "watch": "of each input, then of each tracked position: what is counted of its swings and of its saturation",
     "ease": "what the input still has beside that of the law, after a following error",
     "status": "bits of the status, one by one",
@@ -148,7 +151,11 @@ ROWS = {
     },
     "status": {
         "outside": "bits of the status: 1 or 0", "limit_cycle": "likewise", "saturation": "likewise",
-        "reacting": "likewise", "following_error": "likewise",
+        "reacting": "likewise", "following_error": "likewise", "blocked": "likewise",
+    },
+    "hold": {
+        "share": "1, or less where the joint lets go", "push": "what the model does not explain, per s^2",
+        "nearest": "where it was nearest to its command since then", "yielded": "whether it has yielded: 1 or 0",
     },
     "stop": {
         "held": "whether the command is held", "braked": "fraction of the braking that is done",

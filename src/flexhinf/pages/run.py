@@ -224,6 +224,7 @@ STATUS_SENTENCES = {
     Status.REACTING: "The controller reacted: it replaced the command, or slowed it to rest along its path,",
     Status.DOUBTFUL_ESTIMATE: "The estimate was in doubt: rounding may have moved it, or a covariance was repaired,",
     Status.FOLLOWING_ERROR: "A joint was farther from its command than the limit of its following error",
+    Status.BLOCKED: "Something blocked a joint, which let go",
 }
 
 

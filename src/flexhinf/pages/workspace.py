@@ -389,6 +389,9 @@ def _watched(design: WorkspaceDesign) -> Paragraph:
         *(["whether an input stays at a limit"] if setup.limits.saturated is not None else []),
         f"whether a joint is further than {effort_text(np.round(setup.following, 4))} (rad, m) from its command",
     ]
+    if setup.resistance is not None:
+        sizes = effort_text(np.round(setup.resistance, 1))
+        watched.append(f"whether more than {sizes} (rad/s², m/s²) beyond its model keep such a joint from it")
     return Paragraph(
         f"At run time the controller watches {listed(watched)}; its status says so. {tool}Reactions: "
         f"{watch.reaction_text}. `path_rate` then falls to 0, and a command that advances so much of a period along "

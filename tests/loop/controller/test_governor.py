@@ -16,7 +16,7 @@ from tests.refusals import refused_with
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Governor
-from flexhinf.loop.controller.governor import governed
+from flexhinf.loop.controller.governor import governed, resisted
 from flexhinf.loop.controller.measured import Source
 
 # Kernels that run a few times.
@@ -183,7 +183,7 @@ def test_what_the_law_is_shown_keeps_speed_acceleration_range_and_distance() -> 
         seen = seen if k % 700 else rng.uniform(lower, upper)
         before = shown
         shown, far, _ = governed(
-            tracked, places, np.append(seen, [0.0, 0.0]), shown[:4], r, before, far, np.ones(1), [PERIOD], numbers
+            tracked, places, np.append(seen, [0.0, 0.0]), shown[:4], r, r, before, far, np.ones(1), [PERIOD], numbers
         )  # fmt: skip
         assert np.all(far[np.abs(r[:2] - seen) > distance] == 1.0)
         moved = far == 1.0
@@ -198,6 +198,92 @@ def test_what_the_law_is_shown_keeps_speed_acceleration_range_and_distance() -> 
         assert np.array_equal(shown[:4][np.tile(~moved, 2)], r[:4][np.tile(~moved, 2)])
         count += int(moved.sum())
     assert 1000 < count < 5900
+
+
+def test_a_late_joint_brakes_with_its_command() -> None:
+    """Held while a command speeds up that is faster than the governor, it does not go on where that slows down."""
+    rows, states, shown, far, seen = BACK.data(PERIOD), 6, np.zeros(6), np.zeros(2), np.zeros(2)
+    places, tracked = ((0, 2, 0, 2), (1, 3, 1, 3)), [Source(True, 0, 0), Source(True, 1, 1)]
+    before, beyond, brought = np.zeros(states), 0.0, 0
+    for k in range(1500):
+        t = min(PERIOD * k / 0.9, 1.0)
+        r = np.zeros(states)
+        r[0], r[2] = t**3 * (10.0 - 15.0 * t + 6.0 * t**2), 30.0 * t**2 * (1.0 - t) ** 2 / 0.9
+        shown, far, _ = governed(
+            tracked, places, np.append(seen, [0.0, 0.0]), shown[:4], r, before, shown, far,
+            np.array([float(k > 0)]), [PERIOD], rows,
+        )  # fmt: skip
+        seen = seen if k < 150 else shown[:2].copy()
+        before, beyond, brought = r, max(beyond, shown[0] - 1.0), brought + int(far[0])
+    assert brought > 100
+    assert beyond < 0.01
+
+
+def held_by(push: Any, yields: Any, samples: int) -> np.ndarray:
+    """Shares (N,) of the distance within which a joint is shown its motion: it is 0.2 rad from its command, kept back
+    by an acceleration push(k), in units of the resistance, and moves away by yields(share) per sample."""
+    grip, place, shares = np.outer([1.0, 0.0, 0.0, 0.0], np.ones(1)), 0.3, []
+    for k in range(samples):
+        seen = np.array([place, 0.0])
+        grip = resisted(
+            [Source(True, 0, 0)], ((0, 1, 0, 1),), seen, seen, np.array([0.5, 0.0, 0.0]),
+            np.array([-PERIOD * 20.0 * push(k)]), grip, np.ones(1), [PERIOD], BACK.data(PERIOD)[:, :1],
+            np.array([20.0]),
+        )  # fmt: skip
+        shares.append(grip[0, 0])
+        place -= yields(shares[-1])
+    return np.array(shares)
+
+
+def test_a_joint_lets_go_of_an_obstacle_and_holds_a_load() -> None:
+    """Below the resistance it grips; above, it has let go within 60 ms, and grips again where the obstacle is gone. A
+    load that moves the joint further from its command is held, however large."""
+    assert np.all(held_by(lambda k: 0.9, lambda share: 0.0, 500) == 1.0)
+    stopped = held_by(lambda k: 3.0 * (k < 400), lambda share: 0.0, 1000)
+    assert np.all(stopped[60:400] == 0.0)
+    assert np.all(np.diff(stopped[430:]) >= 0.0)
+    assert stopped[-1] == 1.0
+    loaded = held_by(lambda k: 3.0, lambda share: 1e-3 * (1.0 - share), 500)
+    assert 0.0 < loaded.min() < 0.5
+    assert np.all(loaded[100:] == 1.0)
+
+
+@pytest.mark.ci("ten arms move for three seconds each, in Python")
+def test_unlike_motors_that_all_saturate_come_back_slowly_on_ten_arms() -> None:
+    """Random masses and motors, of which one is many times as strong as the other. Both links are held and let go, or
+    stopped on one side, the drives give less than the controller knows, and both commands jump; several at once."""
+    full = 0
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        scale, unlike = rng.uniform(0.7, 1.5, 2), np.array([rng.uniform(60.0, 200.0), rng.uniform(6.0, 15.0)])
+        inertia, w = masses(START, np.zeros(2))[0] * np.sqrt(np.outer(scale, scale)), 12.0
+        gain = -np.hstack([3.0 * w**2 * inertia, 3.0 * w * inertia, w**3 * inertia])
+        names = tuple(f"link_position_{joint}_integral" for joint in "ab")
+        own = fh.Controller(
+            LinearLaw((*STATES, *names), ("u", "v"), gain), None, PERIOD, unlike, moving=True, governor=BACK,
+            supervision=WATCH,
+        )  # fmt: skip
+        power, begin, length = rng.uniform(0.6, 1.0, 2), rng.integers(300, 1200), rng.integers(20, 600)
+        jumps = np.concatenate([rng.uniform(-0.4, 0.4, 2), np.zeros(4)]) * (seed % 3 == 0)
+        kind, x, status, fastest, both = seed % 2, np.concatenate([START, np.zeros(2)]), 0, 0.0, 0
+        for k in range(6000):
+            u = own.step(x, command(PERIOD * k) + jumps * (k >= begin))
+            both += int(np.all(np.abs(u) >= 0.999 * unlike))
+            for _ in range(2):
+                mass, torque = masses(x[:2], x[2:])
+                mass = mass * np.sqrt(np.outer(scale, scale))
+                given = np.clip(u, -power * unlike, power * unlike)
+                x[2:] += 0.5 * PERIOD * np.linalg.solve(mass, given - torque - [6.0, 0.3] * x[2:])
+                if begin <= k < begin + length:
+                    x[2:] = np.zeros(2) if kind else np.where(x[2:] * (GOAL - START) > 0.0, 0.0, x[2:])
+                x[:2] += 0.5 * PERIOD * x[2:]
+            status |= int(own.status)
+            fastest = max(fastest, float(np.abs(x[2:] / SPEED).max()))
+        full += both > 0
+        assert fastest < 1.2, seed
+        assert x[:2] == pytest.approx(GOAL + jumps[:2], abs=2e-3), seed
+        assert status & fh.Status.REACTING or length < 100, seed
+    assert full >= 3
 
 
 def test_it_is_saved_copied_named_and_refused(tmp_path: Path) -> None:

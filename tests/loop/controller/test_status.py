@@ -396,7 +396,7 @@ def test_numbers_traced_functions_and_kernels_step_alike(pieces: bool) -> None:
         assert traced_u == pytest.approx(own, abs=1e-7)
         for place in (layout.places["status"], layout.places["stop"]):
             assert np.array_equal(plain[place], traced[place])
-        assert int(controller.status) == plain[layout.places["status"]] @ [1, 2, 4, 8, 32]
+        assert int(controller.status) == plain[layout.places["status"]] @ [1, 2, 4, 8, 32, 64]
         seen |= int(controller.status)
     assert seen == 47
 

@@ -29,8 +29,10 @@ from flexhinf.design.specification import RINGS, RIPPLE, Specification
 from flexhinf.errors import NumericalFailure
 from flexhinf.estimation import ExtendedKalmanFilter, ModalFilter, stationary_gain
 from flexhinf.loop import Controller, Governor, Loop, Moving, Supervision, Waypoints
+from flexhinf.loop.controller.governor import HEARD
 from flexhinf.modal import ModalLaw, PairGains
 from flexhinf.robot import Robot
+from flexhinf.robot.parameters import random_signs
 from flexhinf.robot.springs import without_damping
 from flexhinf.robot.workspace import Workspace
 
@@ -64,6 +66,10 @@ FOLLOWING_TIME, FOLLOWING, POSITION_SWING, SWING_NOISE = 0.1, 0.1, 2e-3, 14.0
 #: A joint that is farther from its command than it moves in this time, s, at its speed limit, and at least so far, rad,
 #: is brought back, at most with this share of its speed limit, which it reaches in the last time, s.
 FAR_TIME, FAR, BACK, BACK_TIME = 0.02, 0.02, 0.8, 0.3
+
+#: A joint is blocked where what resists it is so many times as large as tolerances explain, and so many standard
+#: deviations of its noise.
+EXCESS, HEARD_NOISE = 1.5, 7.0
 
 #: Plans that are kept for sampled robots, which make the same moves; linear controllers that are kept, by their poses.
 PLANS, STEPS = 32, 1000
@@ -189,13 +195,14 @@ class WorkspaceSetup(LoopPlants):
     def supervision(self) -> Supervision:
         """What a deployed controller watches: commands outside the box of the workspace (of a path with room for what a
         spline swings beyond its points), limit cycles by a tenth of `authority` or by `position_swing`, saturation, and
-        following errors. It brakes along the path where a command leaves the box, an input is at its limit for long, or
-        a joint is far from its command."""
+        following errors. It brakes along the path where a command leaves the box, an input is at its limit for long, a
+        joint is far from its command, or something blocks it."""
         space = self.workspace
         share = ROUNDING if space.path is None else BEYOND
         margin = np.maximum(share * (space.upper - space.lower), ROUNDING)
         box = space.lower - margin, space.upper + margin
-        watched = ("workspace", *(["saturation"] if self.limits.saturated is not None else []), "following")
+        watched = ["workspace", *(["saturation"] if self.limits.saturated is not None else []), "following"]
+        watched += [] if self.resistance is None else ["blocked"]
         return Supervision(
             box, swing=0.2 * self.authority, reactions=dict.fromkeys(watched, "brake"),
             position_swing=self.position_swing, following=self.following,
@@ -208,11 +215,48 @@ class WorkspaceSetup(LoopPlants):
 
     @property
     def governor(self) -> Governor:
-        """How a deployed controller brings joints back that were held, or whose command jumps."""
+        """How a deployed controller brings joints back that were held, or whose command jumps, and lets go of what
+        blocks them."""
         speed, space = BACK * self._speed, self.workspace
         distance = np.maximum(FAR_TIME * self._speed, FAR * self._radian)
         rows = distance, speed, speed / BACK_TIME, space.lower, space.upper
-        return Governor(*(row.tolist() for row in rows))
+        most = None if self.resistance is None else self.resistance.tolist()
+        return Governor(*(row.tolist() for row in rows), resistance=most)
+
+    @cached_property
+    def resistance(self) -> np.ndarray | None:
+        """Acceleration of each link (n,), rad/s² or m/s², that the estimator's model does not explain, from which on
+        something blocks a joint; None where the true state is fed back.
+
+        It is `EXCESS` times the largest that robots at corners of the tolerances show at some poses, where their
+        encoders are off by `OFFSET` and dry friction holds rigid joints, with half the speed of the governor and all of
+        its acceleration; and `HEARD_NOISE` standard deviations of the sensors' noise."""
+        if self.filter is None:
+            return None
+        model, n, speed = self.model, len(self.joints), 0.5 * BACK * self._speed
+        poses = self.workspace.sample(CHOSEN_POSES, CHOSEN_SEED)
+        signs = np.repeat(random_signs(2 * n, CHOSEN_POSES, CHOSEN_SEED), 2, axis=0)
+        motion = np.repeat(poses, 2, axis=0), signs[:, :n] * speed, signs[:, n:] * (2.0 * speed / BACK_TIME)
+        dry = self.overcoming(self.filter)["dry_friction"]
+        rubs = signs[:, :n] * (0.0 if dry is None else np.array(dry.level))
+        off = [OFFSET * name.startswith("motor_position") for name in model.states]
+        off = np.tile([-1.0, 1.0], len(poses))[:, None] * off
+        most, still = np.zeros(n), np.zeros((len(model.disturbances), len(off)))
+        for values in self.robot.random_corners(CHOSEN_POSES, CHOSEN_SEED) or [{}]:
+            x, u = self.robot.inverse_dynamics(*motion, parameters=values)
+            rates = model.traced_flow((x + off).T, (u + rubs).T, still, model.parameters.vector())
+            most = np.maximum(most, np.abs(np.array(rates)[n : 2 * n].T - motion[2]).max(axis=0))
+        period, home = self.specification.period, self.robot.operating_point()
+        heard = self._filter_gain(*home)[n : 2 * n] * self.read_noise
+        return EXCESS * most + HEARD_NOISE * np.sqrt((heard**2).sum(axis=1) / (2.0 * HEARD * period))
+
+    def _filter_gain(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """That of the estimator (states, p) at rest at an equilibrium."""
+        if isinstance(self.filter, ModalFilter):
+            return self.filter.gain(x)
+        inner, driven, _, seen = self.model.linearise(x, u)
+        moved, _ = exponential(inner, driven, self.specification.period)
+        return stationary_gain((moved, seen), self.filter.process_noise, self.filter.measurement_noise)
 
     @property
     def _speed(self) -> np.ndarray:
@@ -283,13 +327,10 @@ class WorkspaceSetup(LoopPlants):
         x, u = self.robot.operating_point(at)
         inner, driven, _, seen = model.linearise(x, u)
         moved, driven = exponential(inner, driven, s.period)
-        gain, measured = np.eye(model.n), model.outputs
         if self.filter is None:
-            seen, measured = np.eye(model.n), model.states
-        elif isinstance(self.filter, ModalFilter):
-            gain = self.filter.gain(x)
+            seen, measured, gain = np.eye(model.n), model.states, np.eye(model.n)
         else:
-            gain = stationary_gain((moved, seen), self.filter.process_noise, self.filter.measurement_noise)
+            gain, measured = self._filter_gain(x, u), model.outputs
         size = model.n + (s.known_latency + 1) * n
         unit = np.eye(size + len(seen))
         prediction, integral, y = unit[: model.n], unit[size - n : size], unit[size:]
@@ -337,9 +378,14 @@ class WorkspaceSetup(LoopPlants):
         """Standard deviations (2, n) of inputs, and of link positions, rad or m, by the sensors' noise and steps."""
         m, p, noise = len(self.joints), len(loop.c), np.zeros(loop.closed_loop.b.shape[1])
         if self.noise is not None:
-            steps = 0.0 if self.quantisation is None else self.quantisation
-            noise[m : m + p] = np.hypot(self.noise, steps / np.sqrt(12.0))
+            noise[m : m + p] = self.read_noise
         return loop.closed_loop.spread(noise)[m:].reshape(2, m)
+
+    @property
+    def read_noise(self) -> np.ndarray:
+        """Standard deviations (p,) of what is measured, with the steps of the sensors."""
+        steps = 0.0 if self.quantisation is None else self.quantisation
+        return np.hypot(0.0 if self.noise is None else self.noise, steps / np.sqrt(12.0))
 
     def encoder_offsets(self, at: np.ndarray, time: float | None = OFFSET_TIME) -> np.ndarray:
         """How far offsets of `OFFSET` of all motors' encoders, or without these the links', move each link that rests

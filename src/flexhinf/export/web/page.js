@@ -560,11 +560,12 @@ class Page {
     if (name === "STOPPED") return "no measurement for long, the output is held";
     if (name !== "OK") return this.s.codes[String(sim.code.code_of(0))];
     if (this.atLimit(0)) return "input at its limit";
+    if (bits & 64) return "something blocks the arm, and it lets go";
     if (bits & 32) return "the arm is far from its command";
     if (bits & 4) return "an input was at its limit for long";
     if (bits & 2) return "an input or the arm swings while the goal rests";
     if (bits & 16) return "its estimate is in doubt";
-    if (bits & 8) return "it brakes";
+    if (bits & 8) return "it brakes, or comes back slowly";
     if (bits & 1) return "the goal is outside of what it was designed for";
     return this.moving(0);
   }

@@ -19,7 +19,7 @@ from flexhinf.loop.controller.backlash import Backlash
 from flexhinf.loop.controller.data import data_values
 from flexhinf.loop.controller.estimated import EstimatedStates, balance, compensated_places
 from flexhinf.loop.controller.friction import DryFriction
-from flexhinf.loop.controller.governor import Governor
+from flexhinf.loop.controller.governor import Governor, first_of_joints
 from flexhinf.loop.controller.law_code import LawCode, law_slope
 from flexhinf.loop.controller.laws import NAMED, Schedule, check_kinds, read_controller, write_controller
 from flexhinf.loop.controller.measured import Source, within
@@ -187,23 +187,23 @@ class Controller(Summarised):
         if compensated and estimator is not None:
             self.balance = balance(self.laws, estimator, self.estimated_states, compensated)
         self.supervision, self._windup_option, self.governor = supervision, windup, governor
-        self.dry_friction, self.backlash = dry_friction, backlash
+        self.dry_friction, self.backlash, own = dry_friction, backlash, self.estimated_states.places
         self.watched = watched_numbers(supervision, self.limits, len(self.tracked), self.period)
         self.offset_time = checked_offset_time(offset_time, estimator)
         self.measurement_limits = checked_measurement_limits(measurement_limits, estimator)
         if windup is not None:
             windup.check(self.laws)
+        back = governor.places(solution, moving, supervision, own, estimator) if governor else ((), ())
         self.mode = Mode(
             moving, start, len(self.laws),
             bool(np.isfinite([command.lower, command.upper, command.rate]).any()),
             bool(np.isfinite(self.limits.rate).any()),
             self.integral_dead_zone is not None, bool(self.tracked) and bool(np.isfinite(self.windup.limit).any()),
-            checked_latency(latency, estimator), () if supervision is None else supervision.modes(moving),
-            offset_time is not None, self.estimated_states.places, compensated, self.measurement_limits is not None,
+            checked_latency(latency, estimator), () if supervision is None else supervision.modes(moving, governor),
+            offset_time is not None, own, compensated, self.measurement_limits is not None,
             dry_friction.places(self.states, solution.input_names, moving) if dry_friction else (),
             velocity_places(self.states) if moving and self.supervision else (),
-            backlash.places(estimator, self.states, moving) if backlash else (),
-            governor.places(self.states, self.tracked, moving, supervision) if governor else (),
+            backlash.places(estimator, self.states, moving) if backlash else (), *back,
         )  # fmt: skip
         self.first_input = FirstInput(before_first, solution, estimator, self.limits)
         self.blend_time = checked_blend_time(blend_time, self.mode.takes_over)
@@ -356,7 +356,7 @@ class Controller(Summarised):
         return {
             **belief, "u": u, "integral": zeros, "position": zeros, "reference": self.operating_reference,
             "started": np.zeros(1), **({"bias": np.zeros(len(u))} if mode.takes_over else {}),
-            **({"active": np.eye(mode.laws)[0]} if mode.laws > 1 else {}), **({"far": zeros} if mode.governed else {}),
+            **({"active": np.eye(mode.laws)[0]} if mode.laws > 1 else {}), **first_of_joints(mode, zeros),
             **({"command": self.operating_reference if mode.moving else zeros} if mode.changes_command else {}),
             **first_counters(len(u), len(zeros), mode.reactions),
             **(dict.fromkeys(("offset", "offset_known"), np.zeros(len(self.measured))) if mode.has_offset else {}),

@@ -65,6 +65,8 @@ def data_values(controller: Any, slopes: Sequence[np.ndarray]) -> dict[str, np.n
         values["backlash"] = c.backlash.width
     if mode.governed:
         values["governor"] = c.governor.data(c.period)
+    if mode.resisted:
+        values["resistance"] = c.governor.resistance
     if mode.bounds_windup:
         bound = c.windup
         values |= {

@@ -7,6 +7,7 @@ joint, and follows the command x_d as a planner would, with an acceleration a an
 
     v = v_d − sign(l) min(s/2, √(a |l|), k |l|),    l = x − x_d.
 
+What the command itself accelerates comes on top of a, or a joint that is late could not brake with it before the goal.
 Link and motor are shifted alike, so the twist of the spring, and the input u_d, stay those of the command; the law
 takes what the other pose needs beside them. Where the lag l is gone, the law is shown the command itself again, bit for
 bit.
@@ -14,12 +15,24 @@ bit.
 While something holds the joint, an error of d is integrated, and not one that grows: no integral stands still, as it
 may be what carries a payload. A joint that comes loose thus overshoots with the motion that is shown at d from it.
 There the integral is taken back by the whole error, as without a governor.
+
+An obstacle, or somebody who holds the arm, looks like a payload that nobody knows, but is larger. What the correction
+of the estimate adds to the velocity of a link is the acceleration p that the estimator's model does not explain. Of a
+joint that is brought back, and that p keeps from it by more than the *resistance* w of the tolerances, the motion comes
+as near as p is large: it stays within g d of the joint, and
+
+    ġ = (1 − |p|/w)/t,    0 ≤ g ≤ 1,    t = `REGRIP` where g grows, else `LET_GO`.
+
+So the joint lets go of the obstacle but for a push of about w, springs are not loaded, and integrals stand still. An
+obstacle does not move a joint. Where p does so, by `YIELDED` of the distance away from the command, it is a load, and
+the joint grips until p is small. Where nothing keeps it back, g is 1.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -29,12 +42,17 @@ from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop.controller.measured import Source, positions
 from flexhinf.loop.controller.options import Listed
 from flexhinf.loop.controller.status import Supervision
+from flexhinf.plant import Estimator, Law
 from flexhinf.scalars import absolute, clip, maximum, minimum, where
 from flexhinf.validation import real_array, value_text
 
 #: Largest k, 1/s, of the last of a lag, and the same in parts of the lag per sample. Share of the distance at which a
 #: lag is over. A slower end, of 10 1/s, left joints with dry friction sticking 12 mrad beside their goal.
 RATE, PER_SAMPLE, OVER = 40.0, 0.2, 1e-3
+
+#: What resists a joint is heard with this time constant, s; times t in which a joint lets go and grips again, s; share
+#: of the resistance below which nothing keeps the joint, and of the distance by which a load moves it.
+HEARD, LET_GO, REGRIP, QUIET, YIELDED = 0.02, 0.03, 0.3, 0.5, 0.25
 
 #: A number without a sign to speak of, whose root has a slope.
 TINY = 1e-18
@@ -59,6 +77,9 @@ class Governor(Listed):
         Of that motion, rad/s² or m/s².
     lower, upper : (k,)
         Range of the joints, rad or m, which that motion does not leave by itself.
+    resistance : (k,), optional
+        Acceleration of each joint, rad/s² or m/s², that the estimator's model does not explain, and above which a joint
+        that is brought back lets go of what keeps it. It needs an estimator; None: joints push on.
 
     Raises
     ------
@@ -71,36 +92,52 @@ class Governor(Listed):
     acceleration: Sequence[float]
     lower: Sequence[float]
     upper: Sequence[float]
+    resistance: Sequence[float] | None = None
 
     def __post_init__(self) -> None:
-        rows = {name: real_array(value) for name, value in vars(self).items()}
+        stated = {name: value for name, value in vars(self).items() if value is not None}
+        rows = {name: real_array(value) for name, value in stated.items()}
         sizes = [rows.pop(name) for name in ("lower", "upper")]
         alike = len({row.shape for row in (*sizes, *rows.values())}) == 1 and sizes[0].ndim == 1
         refuse_if(
             not alike or not all(np.all(np.isfinite(row) & (row > 0.0)) for row in rows.values())
             or not np.all(sizes[0] <= sizes[1]),
             "The governor of a controller does not fit the joints.",
-            "expected a positive distance, speed and acceleration for each joint and lower <= upper, got "
+            "expected a positive distance, speed, acceleration and resistance for each joint and lower <= upper, got "
             f"{value_text(vars(self))}",
             "one number per tracked position: Governor([0.05], [1.0], [3.0], [-3.0], [3.0])",
         )  # fmt: skip
-        vars(self).update({name: tuple(real_array(value).tolist()) for name, value in vars(self).items()})
+        vars(self).update({name: tuple(real_array(value).tolist()) for name, value in stated.items()})
 
     @property
     def text(self) -> str:
         """From how far on and how fast, for a summary."""
         rows = ", ".join(f"{far:.3g} at {speed:.3g} per s" for far, speed in zip(self.distance, self.speed))
-        return f"joints farther from their command than {rows} at most"
+        loose = (
+            ""
+            if self.resistance is None
+            else ", let go of what resists by "
+            + ", ".join(f"{most:.3g}" for most in self.resistance)
+            + " per s²"
+        )
+        return f"joints farther from their command than {rows} at most{loose}"
 
     def places(
-        self, states: Sequence[str], tracked: Sequence[str], moving: bool, supervision: Supervision | None
-    ) -> tuple[tuple[int, ...], ...]:
-        """Places of the states that are shifted (k, 4), see `KINDS`; refused where a law has no such states, the
-        reference does not move, or a following error holds the joints where they are."""
+        self,
+        law: Law,
+        moving: bool,
+        supervision: Supervision | None,
+        own: Sequence[int],
+        estimator: Estimator | None,
+    ) -> tuple[tuple[tuple[int, ...], ...], tuple[int, ...]]:
+        """Places of the states that are shifted (k, 4), see `KINDS`, and of the velocities in an estimate that has the
+        states at `own`, () where no joint lets go. Refused where a law has no such states, the reference does not move,
+        a following error holds the joints where they are, or nothing says what resists them."""
+        states, tracked = law.plant_states, law.tracked
         rows = [[name.replace(KINDS[0], kind) for kind in KINDS] for name in tracked]
-        own = [[n if n in states else n.replace("motor", "link") for n in row] for row in rows]
+        names = [[n if n in states else n.replace("motor", "link") for n in row] for row in rows]
         frozen = supervision is not None and supervision.reactions.get("following") == "hold"
-        fits = len(rows) == len(self.distance) and all(set(row) <= set(states) for row in own)
+        fits = len(rows) == len(self.distance) and all(set(row) <= set(states) for row in names)
         if not (moving and fits and all(KINDS[0] in name for name in tracked)) or frozen:
             raise InvalidInput(
                 "A governor does not fit the controller.",
@@ -110,12 +147,89 @@ class Governor(Listed):
                 * frozen,
                 "governor=None; for commands that stand command_rate=…, and 'brake' in place of 'hold'",
             )
-        return tuple(tuple(states.index(name) for name in row) for row in own)
+        refuse_if(
+            self.resistance is not None and estimator is None,
+            "Nothing says what resists the joints of a governor.",
+            "expected an estimator with a resistance, got None",
+            "resistance=None: joints push on against an obstacle; or an estimator",
+        )
+        places = tuple(tuple(states.index(name) for name in row) for row in names)
+        velocities = [row[1] for row in places] if self.resistance is not None else []
+        return places, tuple(own[place] if own else place for place in velocities)
 
     def data(self, period: float) -> np.ndarray:
         """Numbers of the step (6, k)."""
         last = np.full(len(self.distance), min(RATE, PER_SAMPLE / period))
         return np.array([self.distance, self.speed, self.acceleration, self.lower, self.upper, last])
+
+
+def first_of_joints(mode: Any, zeros: np.ndarray) -> dict[str, np.ndarray]:
+    """Parts of the memory before the first sample, of joints (k,) that all follow."""
+    kept = {"hold": np.outer([1.0, 0.0, 0.0, 0.0], zeros + 1.0)} if mode.resisted else {}
+    return {"far": zeros, **kept} if mode.governed else {}
+
+
+def brought_back(
+    run: Any,
+    tracked: Sequence[Source],
+    mode: Any,
+    seen: tuple[Any, Any],
+    r: Any,
+    means: Any,
+    memory: Any,
+    data: Any,
+) -> tuple[Any, Any, dict[str, Any]]:
+    """The command (n + m,) that the law is shown in place of r, the lag (k,) of `governed`, and what is remembered.
+
+    `seen` are measurement and estimate, `means` (2,) that of the estimator before and after its correction."""
+    kept: dict[str, Any] = {}
+    if mode.resisted:
+        change = run.call(partial(_corrections, mode.resisted), *means)
+        kept["hold"] = run.call(
+            partial(resisted, tracked, mode.governed), *seen, r, change, memory.hold, memory.far, data.period,
+            data.governor, data.resistance,
+        )  # fmt: skip
+    r, kept["far"], lag = run.call(
+        partial(governed, tracked, mode.governed), *seen, r, memory.reference, memory.command, memory.far,
+        memory.started, data.period, data.governor, *kept.values(),
+    )  # fmt: skip
+    return r, lag, kept
+
+
+@gives("corrections")
+def _corrections(places: Sequence[int], before: Any, after: Any) -> Any:
+    return np.array([after[place] - before[place] for place in places])
+
+
+@gives("hold_next")
+def resisted(
+    tracked: Sequence[Source],
+    places: Sequence[Sequence[int]],
+    y: Any,
+    estimate: Any,
+    r: Any,
+    change: Any,
+    hold: Any,
+    far: Any,
+    period: Any,
+    numbers: Any,
+    resistance: Any,
+) -> Any:
+    """How the joints are held (4, k), by what a correction changed (k,) of their velocities: the share g of the
+    distance within which their motion is shown, the acceleration that no model explains, where the joint was nearest
+    to its command since that keeps it from it, and whether it has yielded since, 1 or 0."""
+    heard, columns = minimum(period[0] / HEARD, 1.0), list[list[Any]]()
+    joints = zip(places, positions(tracked, y, estimate), change, far, numbers[0], resistance, *hold)
+    for (link, *_), seen, gained, flag, distance, most, share, push, nearest, load in joints:
+        push = push + heard * (gained / period[0] - push)
+        side = where(r[link] < seen, -1.0, 1.0)
+        keeps = where(flag > 0.5, -side * push / most, 0.0)
+        nearest = where(keeps < QUIET, seen, where(side * (seen - nearest) > 0.0, seen, nearest))
+        load = where(side * (nearest - seen) > YIELDED * distance, 1.0, where(keeps < QUIET, 0.0, load))
+        rate = where(load > 0.5, 1.0, clip(1.0 - keeps, -1.0, 1.0) * where(keeps < 1.0, LET_GO / REGRIP, 1.0))
+        share = clip(share + rate * period[0] / LET_GO, 0.0, 1.0)
+        columns.append([where(flag > 0.5, share, 1.0), push, nearest, load])
+    return np.array(columns).T
 
 
 @gives("governed_command", "far_next", "unwinding")
@@ -125,24 +239,33 @@ def governed(
     y: Any,
     estimate: Any,
     r: Any,
+    before: Any,
     last: Any,
     far: Any,
     started: Any,
     period: Any,
     numbers: Any,
+    *hold: Any,
 ) -> tuple[Any, Any, Any]:
     """The command (n + m,) that the law is shown in place of r, the joints that are brought back (k,), 1 or 0, and of
-    those at the distance from it the lag (k,), else 0. `last` is the command that it was shown before."""
+    those at the distance from it the lag (k,), else 0. `before` is the command before r, `last` the one that the law
+    was shown then, `hold` that of `resisted`, by default all of the distance."""
     command, flags, lags = list(r), [], []
-    for row, seen, flag, *own in zip(places, positions(tracked, y, estimate), far, *numbers):
+    shares = hold[0][0] if hold else [1.0] * len(places)
+    joints = zip(places, positions(tracked, y, estimate), far, shares, *numbers)
+    for row, seen, flag, share, distance, *own in joints:
         link, turning, *_ = row
-        before = where(started[0] > 0.5, last[link], seen)
-        speed = where(started[0] > 0.5, last[turning], 0.0)
-        place, faster, clipped = _followed(r[link], r[turning], seen, before, speed, period[0], own)
-        lag, ahead = place - r[link], faster - r[turning]
-        slow = where(absolute(ahead) > 2.0 * period[0] * own[2], 0.0, 1.0)
-        flag = where(absolute(r[link] - seen) > own[0], 1.0, flag)
-        flag = where(absolute(lag) > OVER * own[0], flag, flag * (1.0 - slow))
+        goes_on, goal, rate = started[0] > 0.5, r[link], r[turning]
+        place, speed = where(goes_on, last[link], seen), where(goes_on, last[turning], 0.0)
+        step = period[0] * own[1]
+        step = step + where(goes_on, absolute(rate - before[turning]), 0.0)
+        place, faster, clipped = _followed(
+            (goal, rate), seen, (place, speed), step, period[0], (distance * share, *own)
+        )
+        lag, ahead = place - goal, faster - rate
+        slow = where(absolute(ahead) > 2.0 * period[0] * own[1], 0.0, 1.0)
+        flag = where(absolute(goal - seen) > distance, 1.0, flag)
+        flag = where(absolute(lag) > OVER * distance, flag, flag * (1.0 - slow))
         lag, ahead = where(flag > 0.5, lag, 0.0), where(flag > 0.5, ahead, 0.0)
         for each, shift in dict(zip(row, (lag, ahead, lag, ahead))).items():
             command[each] = r[each] + shift
@@ -152,12 +275,13 @@ def governed(
 
 
 def _followed(
-    goal: Any, velocity: Any, seen: Any, before: Any, speed: Any, period: Any, numbers: Sequence[Any]
+    command: tuple[Any, Any], seen: Any, last: tuple[Any, Any], step: Any, period: Any, numbers: Sequence[Any]
 ) -> tuple[Any, Any, Any]:
-    """Position and speed of the motion that is shown of a joint, after those of the last sample, and by how much the
-    joint, which is `seen`, keeps it back."""
+    """Position and speed of the motion that is shown of a joint, after those of the last sample, whose speed changes by
+    a step at most, and by how much the joint, which is `seen`, keeps it back."""
+    (goal, velocity), (before, speed) = command, last
     distance, most, acceleration, lower, upper, rate = numbers
-    lag, step = before - goal, period * acceleration
+    lag = before - goal
     size = absolute(lag)
     back = minimum(minimum(0.5 * most, np.sqrt(acceleration * size + TINY)), rate * size)
     fastest = maximum(most, absolute(velocity))

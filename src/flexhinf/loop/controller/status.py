@@ -14,6 +14,8 @@ tracked position:
 - A *following error*: a tracked position is farther than `following` from the command of its instant. So are joints
   that something blocks, motors without power, and a robot that does not stand where the controller begins: what counts
   is the measurement itself, without the offset that `offset_time` takes in slowly.
+- A *blocked* joint, where a governor states a resistance: something keeps it from its command by more than the model
+  and its tolerances explain, and it lets go, see `flexhinf.loop.controller.governor`.
 
 Whether the *estimate is in doubt* is said without a supervision too, of estimators that know it: at this sample
 rounding may move the estimate by more than a thousandth of its standard deviation, or a covariance had to be repaired,
@@ -55,11 +57,13 @@ class Status(enum.IntFlag):
     REACTING = 8
     DOUBTFUL_ESTIMATE = 16
     FOLLOWING_ERROR = 32
+    BLOCKED = 64
 
 
 #: The bits of what is watched, in the order of their flags in the memory.
 WATCHED = (
     Status.OUTSIDE_WORKSPACE, Status.LIMIT_CYCLE, Status.SATURATION, Status.REACTING, Status.FOLLOWING_ERROR,
+    Status.BLOCKED,
 )  # fmt: skip
 
 #: What can be reacted to, in the order of the flags, and how: about a standing command, and about a moving reference.
@@ -68,6 +72,7 @@ REACTIONS = {
     "limit_cycle": (("none", "hold"), ("none",)),
     "saturation": (("none", "hold", "brake"), ("none", "brake")),
     "following": (("none", "hold", "brake"), ("none", "hold", "brake")),
+    "blocked": (("none", "brake"), ("none", "brake")),
 }
 
 #: Fraction of half of an input's range that counts as its limit; the range over a swing where there is no limit.
@@ -97,7 +102,8 @@ class Supervision:
         Largest distance of a tracked position from its command, rad or m; None: it is not watched. A command that jumps
         by more exceeds it.
     reactions : mapping
-        Of "workspace", "limit_cycle", "saturation" and "following" to "none" (the default), "hold", "limit" or "brake".
+        Of "workspace", "limit_cycle", "saturation", "following" and "blocked" to "none" (the default), "hold", "limit"
+        or "brake".
         "hold": the last command inside the workspace stays; at another event the command becomes the position at that
         sample, until `Controller.reset`. At a following error the input goes on without a jump: what the law then asks
         for less decays with `braking_time`; and a moving reference becomes the estimated state there without its
@@ -181,6 +187,7 @@ class Supervision:
             "workspace": "a command leaves the workspace", "limit_cycle": "a signal swings to and fro at rest",
             "saturation": f"an input is at a limit for {self.saturation_time:g} s",
             "following": f"a position is beyond {self._following_text} from its command",
+            "blocked": "something blocks a joint",
         }  # fmt: skip
         return ", ".join(f"{kind} where {events[e]}" for e, kind in self.reactions.items() if kind != "none")
 
@@ -189,9 +196,9 @@ class Supervision:
         sizes = np.atleast_1d(np.inf if self.following is None else self.following)
         return " or ".join(dict.fromkeys(f"{size:.3g}" for size in sizes))
 
-    def modes(self, moving: bool) -> tuple[str, ...]:
+    def modes(self, moving: bool, governor: Any = None) -> tuple[str, ...]:
         """The reaction to each of `REACTIONS`; one that a moving reference (or a standing command) cannot have is
-        refused."""
+        refused, or to what no `Governor` notices."""
         modes = tuple(self.reactions.get(event, "none") for event in REACTIONS)
         for (event, possible), reaction in zip(REACTIONS.items(), modes):
             refuse_if(
@@ -207,6 +214,12 @@ class Supervision:
             modes[3] != "none" and self.following is None, "A reaction is stated to a following error without a limit.",
             f"expected following=… with the reaction {modes[3]!r}, got None", "following=0.3",
         )  # fmt: skip
+        refuse_if(
+            modes[4] != "none" and getattr(governor, "resistance", None) is None,
+            "A reaction is stated to a joint that is blocked, which nothing notices.",
+            f"expected a governor with a resistance for the reaction {modes[4]!r}, got {value_text(governor)}",
+            "governor=Governor(…, resistance=…), or reactions without 'blocked'",
+        )
         return modes
 
     def data(self, limits: Any, commanded: int, period: float) -> dict[str, Any]:
@@ -254,9 +267,9 @@ class Supervision:
 
 
 def possible_status(
-    supervision: Supervision | None, watched: Mapping[str, Any], limits: Any, doubts: bool
+    supervision: Supervision | None, watched: Mapping[str, Any], limits: Any, doubts: bool, mode: Any
 ) -> Status:
-    """The bits that a controller can set; the others are always 0.
+    """The bits that a controller of a mode can set; the others are always 0.
 
     `watched`: as of `watched_numbers`, for inputs within `limits`; `doubts`: whether its estimator knows doubt.
     """
@@ -268,7 +281,9 @@ def possible_status(
         "limit_cycle": (Status.LIMIT_CYCLE, np.isfinite(watched["swings"][2]).any()),
         "saturation": (Status.SATURATION, np.isfinite([limits.lower, limits.upper]).any()),
         "following": (Status.FOLLOWING_ERROR, np.isfinite(watched["following"]).any()),
+        "blocked": (Status.BLOCKED, bool(mode.resisted)),
     }
+    able |= Status.REACTING if mode.governed else Status(0)
     for event, (bit, possible) in bits.items():
         if possible:
             reacts = supervision.reactions.get(event, "none") != "none"
@@ -302,7 +317,7 @@ def first_counters(inputs: int, tracked: int, reactions: tuple[str, ...]) -> dic
 
 def eases(reactions: tuple[str, ...]) -> bool:
     """Whether some reaction holds the robot without a jump of the input."""
-    return reactions[3:] == ("hold",)
+    return reactions[3:4] == ("hold",)
 
 
 def _any(flags: Sequence[Any]) -> Any:
@@ -330,10 +345,10 @@ def reaction(
     of the braking that is done, and the path rate.
 
     `last` (k,) is the command on which the law acted, `position` (k,) the one that rests where the joints are, `status`
-    (5,) that after the last sample; of a moving reference, r is what it is, and its positions are at `places`.
+    (6,) that after the last sample; of a moving reference, r is what it is, and its positions are at `places`.
     """
     positions = [r[place] for place in places]
-    events = (*status[1:3], status[4])
+    events = (*status[1:3], *status[4:])
     beyond = [_outside(positions, box), *events]
     leaving = where(started[0] > 0.5, beyond[0] - status[0], 0.0)
     frozen, braked, _ = stop
@@ -359,7 +374,7 @@ def eased(
     """The feedback (m,) with what keeps the input continuous where a following error froze the command, and that (m,).
 
     `operating` is the input to which the feedback adds, `last` the input before; `before` and `now` (3,) are the states
-    of the stop, `status` (5,) that after the last sample.
+    of the stop, `status` (6,) that after the last sample.
     """
     begins = status[4] * (now[0] - before[0]) > 0.5
     ease = where(begins, last - operating - feedback, watching[3] * ease)
@@ -370,6 +385,7 @@ def eased(
 def observed(
     places: Sequence[int],
     reactions: tuple[str, ...],
+    governs: int,
     u: Any,
     r: Any,
     last: Any,
@@ -383,13 +399,14 @@ def observed(
     swings: Any,
     watching: Any,
     following: Any,
-    *stop: Any,
+    *others: Any,
 ) -> tuple[Any, Any]:
-    """Counters (5, m + k) and status (5,) after an input u (m,); `r` and `last` are this command and the one before.
+    """Counters (5, m + k) and status (6,) after an input u (m,); `r` and `last` are this command and the one before.
 
     `position` (k,) is where the joints are, `wanted` the command that the law acts on for this instant. Counters of an
     input, and of a position: its last extreme, the direction since (±1), swings so far, samples since the last one
-    ended, samples at a limit.
+    ended, samples at a limit. The last of the arguments are, of a controller that `governs`, which joints are brought
+    back (k,), and with two of them how these are held (4, k); and the state of the stop.
     """
     resting = where(absolute(np.asarray(r) - last).sum() > 0.0, 0.0, started[0])
     columns = list(zip(*swings, *watch))
@@ -405,10 +422,14 @@ def observed(
     beyond = _outside([r[place] for place in places], box)
     cycles = _any([where(row[2] >= most, 1.0, 0.0) for row, most in zip(rows, swings[2])])
     full = _any([where(row[4] > watching[1], 1.0, 0.0) for row in rows])
-    reacting = _any(
-        [beyond if reactions[0] in ("hold", "limit") else 0.0, *(s for part in stop for s in part[:2])]
-    )
-    return np.array(rows).T, np.array([beyond, cycles, full, where(reacting > 0.0, 1.0, 0.0), lost])
+    replaced, stop = [flag for part in others[: min(governs, 1)] for flag in part], others[governs:]
+    blocked = _any([where(hold < 1.0, 1.0, 0.0) for part in others[1:governs] for hold in part[0]])
+    replaced += [
+        beyond if reactions[0] in ("hold", "limit") else 0.0,
+        *(s for part in stop for s in part[:2]),
+    ]
+    reacting = where(_any(replaced) > 0.0, 1.0, 0.0)
+    return np.array(rows).T, np.array([beyond, cycles, full, reacting, lost, blocked])
 
 
 def _counted(

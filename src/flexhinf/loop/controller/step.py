@@ -34,7 +34,7 @@ from flexhinf.codegen import DIRECT, gives
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.backlash import Place, engaged
 from flexhinf.loop.controller.friction import modelled, overcoming
-from flexhinf.loop.controller.governor import governed, unwound
+from flexhinf.loop.controller.governor import brought_back, unwound
 from flexhinf.loop.controller.law_code import LawCode
 from flexhinf.loop.controller.measured import (
     Source,
@@ -67,7 +67,8 @@ class Mode:
     `speeds`: places of the motors' velocities, where dry friction is overcome by them.
     `velocities`: places of the law's states that are zero at rest, where a moving reference may be held. `gaps`: places
     of links and motors with backlash between them. `governed`: of each tracked position, those of the states that are
-    shifted with it, where far joints are brought back slowly.
+    shifted with it, where far joints are brought back slowly; `resisted`: those of the velocities in the estimate,
+    where they let go of what keeps them.
     """
 
     moving: bool = False
@@ -87,6 +88,7 @@ class Mode:
     velocities: tuple[int, ...] = ()
     gaps: tuple[Place, ...] = ()
     governed: tuple[tuple[int, ...], ...] = ()
+    resisted: tuple[int, ...] = ()
 
     @property
     def eases(self) -> bool:
@@ -171,7 +173,7 @@ def controller_step(
             run.call(partial(modelled, mode.speeds), u, command, data.dry_friction)
             for u, command in zip([*waiting, acted], commands, strict=True)
         )
-    beliefs, ahead, push, doubt, seen, gap = [], estimate, None, None, None, None
+    beliefs, ahead, push, doubt, seen, gap, means = [], estimate, None, None, None, None, ()
     offset = [memory.offset, memory.offset_known] if mode.has_offset else [None, None]
     if estimator is not None:
         belief = type(estimator.initial)(*memory.belief)
@@ -186,7 +188,9 @@ def controller_step(
             y, *offset = run.call(partial(faded, turns), y, expected, *offset, data.offset_decay)
         if mode.gaps:
             y, gap = run.call(partial(engaged, mode.gaps, turns), y, r, data.backlash)
+        predicted = belief.mean
         belief, y = corrected(run, estimator, belief, y, acted, data)
+        means = predicted, belief.mean
         seen = run.call(refusals, seen, measurement, y) if mode.checks_measurements else None
         estimate = belief.mean
         if "rcond" in belief._fields:
@@ -225,13 +229,10 @@ def controller_step(
             partial(_limited, tracked), y, estimate, r, held, memory.started, data.period, data.command_lower,
             data.command_upper, data.command_rate,
         )  # fmt: skip
-    far, lag = None, ()
+    kept, lag = dict[str, Any](), list[Any]()
     if mode.governed:
         run.section("Joints that are far from the command are shown one that brings them back slowly")
-        r, far, *lag = run.call(
-            partial(governed, tracked, mode.governed), y, estimate, r, memory.command, memory.far, memory.started,
-            data.period, data.governor,
-        )  # fmt: skip
+        r, *lag, kept = brought_back(run, tracked, mode, (y, estimate), r, means, memory, data)
     active: Any = None
     run.section("Tracked positions, their integrals, and the law's argument")
     point, operating_input, relief = data.operating_point, data.operating_input, data.integral_relief
@@ -269,7 +270,7 @@ def controller_step(
     law_of = law.on(run, data.law, active, about)
     feedback = law_of(deviation)
     after = {"position": position, "reference": requested, "command": r, "active": active}
-    after |= {"queue": queue, "commands": commands, "doubt": doubt, "seen": seen, "far": far}
+    after |= {"queue": queue, "commands": commands, "doubt": doubt, "seen": seen, **kept}
     if mode.takes_over:
         run.section(
             "Where a law takes over: integrals that continue the last input, by Broyden's method, and a bias that fades"
@@ -280,16 +281,8 @@ def controller_step(
         )
     if mode.eases:
         feedback, after["ease"] = run.call(
-            eased,
-            feedback,
-            operating_input,
-            memory.u,
-            memory.ease,
-            memory.stop,
-            *stop,
-            memory.status,
-            data.watching,
-        )
+            eased, feedback, operating_input, memory.u, memory.ease, memory.stop, *stop, memory.status, data.watching
+        )  # fmt: skip
     rates, bounds = (memory.u, data.period, data.input_rate) if mode.limits_input_rate else (), ()
     if mode.bounds_windup:
         places = None if mode.moving else [source.state for source in tracked]
@@ -308,10 +301,11 @@ def controller_step(
             position = run.call(partial(as_measured, tracked), y, offset[0], estimate)
         elif gap is not None:
             position = run.call(partial(positions, tracked), y, estimate)
+        marks = [kept[name] for name in ("far", "hold") if name in kept]
         after["watch"], after["status"] = run.call(
-            partial(observed, boxed, mode.reactions), u, requested, memory.reference, position, commanded,
+            partial(observed, boxed, mode.reactions, len(marks)), u, requested, memory.reference, position, commanded,
             memory.started, memory.watch, data.lower, data.upper, data.workspace, data.swings, data.watching,
-            data.following, *stop,
+            data.following, *marks, *stop,
         )  # fmt: skip
     if estimator is not None:
         if mode.speeds and not beliefs:

@@ -1,0 +1,72 @@
+"""The controller for a workspace against an obstacle: it lets go and says so, and nothing changes without one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.design.test_workspace_controller import AWAY, arm, deployed, made
+
+import flexhinf as fh
+from flexhinf.design.responses import with_values
+
+
+@pytest.mark.ci("compiles two controllers, and integrates a wall's contact in Python")
+def test_an_elbow_that_a_wall_blocks_is_said_let_go_and_comes_back_slowly() -> None:
+    """A wall of twenty times the spring's stiffness for half a second in mid-move, while the command goes on. One that
+    pushes on leaves it at three times its speed limit; an unknown load of half the motor's torque is no wall."""
+    setup, speeds, pushes = made(peak_speed=4.0, saturation=24.0), [], []
+    plan = fh.Waypoints([0.0, 1.5], [AWAY, (0.2, -0.6)], "quintic")
+    numbers, flow = setup.true_plant.parameters.vector(), setup.true_plant.traced_flow
+    loads = setup.true_plant.disturbances
+    elbow = loads.index("link_torque_elbow")
+    for lets_go in (True, False):
+        governor = replace(setup.governor, resistance=setup.governor.resistance if lets_go else None)
+        reactions = {"blocked": "brake"} if lets_go else {}
+        one = deployed(
+            setup, AWAY, governor=governor, supervision=replace(setup.supervision, reactions=reactions)
+        )
+        x, waiting = arm().operating_point(AWAY)
+        bits, speed, wall, d = [], 0.0, None, np.zeros(len(loads))
+        for k in range(1500):
+            r = np.concatenate(arm().inverse_dynamics(*plan.derivatives(1e-3 * k)))
+            u = one.step(x[[0, 1, 4, 5]], r)
+            bits.append(int(one.status))
+            wall = x[1] if k == 750 else wall
+            for _ in range(8):
+                deep = 0.0 if wall is None or k >= 1250 else min(x[1] - wall, 0.0)
+                d[elbow] = max(-4e3 * deep - 20.0 * x[3], 0.0) if deep < 0.0 else 0.0
+                x = x + 1.25e-4 * np.array(flow(x, waiting, d, numbers), dtype=float)[:, 0]
+                speed = max(speed, abs(x[3]) / 4.0) if k >= 1250 else speed
+            pushes += [d[elbow]] if k == 1249 else []
+            waiting = u
+        said = [bool(bit & fh.Status.BLOCKED) for bit in bits]
+        assert any(said) == lets_go
+        assert not any(said[:751])
+        assert (one.path_rate < 1.0) == lets_go
+        speeds.append(speed)
+    assert speeds[0] < 1.2 < speeds[1]
+    assert pushes[0] < 0.5 * pushes[1]
+
+
+@pytest.mark.ci("two controllers of two arms, which move with noise")
+@pytest.mark.parametrize("name", ["planar-two-link", "scara"])
+def test_an_arm_that_nothing_blocks_has_the_input_of_one_that_never_lets_go(name: str) -> None:
+    """Bit for bit, a robot at a corner of the tolerances too."""
+    setup = made(name, saturation=24.0) if name == "planar-two-link" else made(name, measurement_noise=1e-10)
+    home = np.array(arm(name).home)
+    span = setup.workspace.upper - setup.workspace.lower
+    goal = np.clip(home + 0.2 * span, setup.workspace.lower, setup.workspace.upper)
+    plan, found = fh.Waypoints([0.0, 2.0], [home, goal], "quintic"), []
+    for values in [{}, *arm(name).random_corners(1, 7)]:
+        for resistance in (setup.governor.resistance, None):
+            governor, watch = replace(setup.governor, resistance=resistance), setup.supervision
+            reactions = {event: kind for event, kind in watch.reactions.items() if event != "blocked"}
+            one = deployed(setup, home, governor=governor, supervision=replace(watch, reactions=reactions))
+            run = fh.Loop(with_values(setup.true_plant, values), one).run(
+                fh.Moving(plan, arm(name).inverse_dynamics), duration=2.2, noise=setup.noise,
+                initial_state=arm(name).operating_point(home, parameters=values)[0],
+            )  # fmt: skip
+            found.append(run.signals["input"])
+        assert np.array_equal(*found[-2:])
