@@ -468,10 +468,8 @@ def option(value: Any, group: str, help: str, /, *others: str, **named: str) -> 
 
 def setting(value: Any, group: str, help: str, /, *others: str, **named: str) -> Any:
     """An `option` that is seldom stated, and shares one at the command line: ``--set NAME=VALUE``."""
-    default = {"default": value}
-    return dataclasses.field(
-        **default, metadata={"about": About(group, help, *others, **named, setting=True)}
-    )
+    about = dataclasses.replace(About(group, help, *others, **named), setting=True)
+    return dataclasses.field(default=value, metadata={"about": about})
 
 
 def argument(help: str, metavar: str = "", *, default: Any = dataclasses.MISSING) -> Any:

@@ -147,7 +147,7 @@ def parser_error(error: TyperException, arguments: Sequence[str]) -> str:
     )
     robot = _robot_of_log(path, arguments)
     setting, as_set = _as_setting(option, arguments)
-    if setting:
+    if setting and context is not None:
         commands = _with_option(context.find_root().command, "flexhinf", setting)
     if robot and "extra argument" in what:
         expected, advice = "one log, and the robot by --robot", robot

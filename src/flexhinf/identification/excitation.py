@@ -223,9 +223,10 @@ def _within_limits(
         motion = Waypoints(times[kept], poses[kept], "jerk-limited", smoothing=SMOOTHING * gap)
         t = np.arange(0.0, motion.duration + period, period)
         orders = motion.derivatives(t, 4).reshape(5, len(t), -1)
-        states, u = robot.inverse_dynamics(*orders)
-        if (np.abs(orders[1]) <= speeds).all() and (np.abs(u) <= efforts).all():
-            return motion, t, orders[0], states, u
+        q, dq, ddq, dddq, ddddq = orders
+        states, u = robot.inverse_dynamics(q, dq, ddq, dddq, ddddq)
+        if (np.abs(dq) <= speeds).all() and (np.abs(u) <= efforts).all():
+            return motion, t, q, states, u
         times = SLOWER * times
     return None
 
