@@ -389,7 +389,7 @@ class About:
     unit: str = ""
     zero: str = ""  # meaning of 0 at the command line, where it is not a number of the range
     default: str = ""  # choice where the default is None
-    setting: bool = False  # seldom stated: at the command line by ``--set``
+    setting: str = ""  # of what is seldom stated the option that it shares, ``--set``
 
     @property
     def text(self) -> str:
@@ -468,7 +468,7 @@ def option(value: Any, group: str, help: str, /, *others: str, **named: str) -> 
 
 def setting(value: Any, group: str, help: str, /, *others: str, **named: str) -> Any:
     """An `option` that is seldom stated, and shares one at the command line: ``--set NAME=VALUE``."""
-    about = dataclasses.replace(About(group, help, *others, **named), setting=True)
+    about = dataclasses.replace(About(group, help, *others, **named), setting="--set")
     return dataclasses.field(default=value, metadata={"about": about})
 
 
@@ -489,7 +489,7 @@ def option_name(name: str) -> str:
 
 def _option(name: str, about: About, flag: bool) -> str:
     if about.setting:
-        return "/".join(f"--set {name}{value}" for value in (("=yes", "=no") if flag else ("",)))
+        return "/".join(f"{about.setting} {name}{value}" for value in (("=yes", "=no") if flag else ("",)))
     return option_name(name) + (f"/--no-{option_name(name)[2:]}" if flag else "")
 
 
