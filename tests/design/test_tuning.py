@@ -19,7 +19,7 @@ from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import DESIGN, ESTIMATOR_NOISE, MOTOR_NOISE, NL_HINF, LawFactory, law_kind
 from flexhinf.design.plans import plan_move
 from flexhinf.design.responses import Scenario
-from flexhinf.design.specification import Specification
+from flexhinf.design.specification import TOLERANCE, Specification
 from flexhinf.design.synthesis.steps import synthesise
 from flexhinf.design.tuning import (
     RUNS,
@@ -114,7 +114,7 @@ def test_a_tuned_law_keeps_every_limit_in_a_loop_of_our_own(rig: Tuner, pd: Any)
     )  # fmt: skip
     peak = float(np.abs(run.signals["input"]).max())
     assert peak == pytest.approx(pd.metrics.peak_input, rel=1e-9)
-    assert peak <= most["peak_input"]
+    assert peak <= (1.0 + TOLERANCE) * most["peak_input"]  # so much past a limit counts as kept
     spread = float(np.std(replace(setup, start=setup.goal).step(4.0).inputs[1000:, 0]))
     assert 100.0 * spread / 0.18 == pytest.approx(pd.metrics.noise_percent, rel=0.25)
     assert pd.metrics.noise_percent <= most["noise_percent"] == 5.0
