@@ -47,7 +47,7 @@ def test_a_design_is_told_and_written(folder: Path, capsys: pytest.CaptureFixtur
     assert re.search(r"linear +used", shown.out)
     assert "--set rays" not in shown.err  # no note: what is sampled was stated
     assert sorted(p.name for p in folder.iterdir()) == ["flexhinf-design"]
-    again = "flexhinf design paper --pose 180deg --draws 0 --set compare_rigid=no --degrees 2,4 --set rays=40"
+    again = "flexhinf design paper --pose 180deg --draws 0 --degrees 2,4 --set rays=40 --set compare_rigid=no"
     assert again in text_of(folder)
     main(["design", "vertical-rig", *QUICK])
     assert "vertical-rig" in text_of(folder)
