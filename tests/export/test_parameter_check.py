@@ -85,6 +85,8 @@ def test_a_parameter_may_be_anywhere_within_its_tolerance(
     for name, first, _ in named_parameters(made, {}):
         place, (low, high) = made.data.places["parameters"].start + first, arm[name].interval
         width = high - low
+        if low == high == 0.0:  # springs that the paper leaves undamped: nothing is near in proportion
+            continue
         for value, code in (
             (low, OK), (high, OK), (low - 0.01 * width - 1e-4 * low, BEYOND_DESIGN),
             (high + 0.01 * width + 1e-4 * high, BEYOND_DESIGN), (math.nan, NOT_FINITE), (math.inf, NOT_FINITE),
