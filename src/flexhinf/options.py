@@ -410,6 +410,11 @@ class FieldInfo:
     option: str  # Its option, which has its name, or ``--set load``; of a flag both, ``--mujoco/--no-mujoco``
 
     @property
+    def switch(self) -> str:
+        """Its option; of a flag the one that switches it on."""
+        return self.option.partition("/")[0]
+
+    @property
     def is_path(self) -> bool:
         """Whether it is a file or a folder, or several."""
         return Path in (self.kind, *get_args(self.kind))
@@ -468,8 +473,7 @@ def option(value: Any, group: str, help: str, /, *others: str, **named: str) -> 
 
 def setting(value: Any, group: str, help: str, /, *others: str, **named: str) -> Any:
     """An `option` that is seldom stated, and shares one at the command line: ``--set NAME=VALUE``."""
-    about = dataclasses.replace(About(group, help, *others, **named), setting="--set")
-    return dataclasses.field(default=value, metadata={"about": about})
+    return option(value, group, help, *others, **named, setting="--set")
 
 
 def argument(help: str, metavar: str = "", *, default: Any = dataclasses.MISSING) -> Any:

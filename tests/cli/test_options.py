@@ -177,7 +177,7 @@ def test_run_takes_what_it_reads(read: set[str], tmp_path: Path) -> None:
         made = fh.run_realtime(prepared.loop, **prepared.arguments, real_time=False)
         pages.run_tables(prepared, made)
         prepared.requirements(made)
-    assert set(RUN_FIELDS) - {"load"} - read == set()  # --set load is an option of the run's own
+    assert set(RUN_FIELDS) - {"load"} - read == set()  # --load is an option of the run's own
     of_controller = {
         "bandwidth", "estimator", "friction_model", "measured", "period", "peak_effort", "peak_speed", "saturation",
     }  # fmt: skip
@@ -296,6 +296,24 @@ def test_what_would_be_ignored_is_refused(
     )
     told = refused(words.split(), option, folder)
     assert option in told.splitlines()[0]
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (
+            "run design.toml --mujoco --load-at 1s",
+            "--load,",
+        ),  # an option of the run, where a design has a setting
+        ("certify --check proof --set checked_gamma_ratio=2", "--set checked_gamma_ratio"),
+        ("certify paper --angle-unit deg", "--set angle_unit=deg is an option of flexhinf design"),
+    ],
+)
+def test_what_is_named_can_be_stated(
+    words: str, named: str, folder: Path, refused: Callable[..., str]
+) -> None:
+    (folder / "design.toml").write_text("[design]\nrobot = 'paper'\npose = '5deg'\n", encoding="utf-8")
+    refused(words.split(), named, folder)
 
 
 def test_the_help_of_laws_names_them_all_and_loads_no_synthesis() -> None:

@@ -164,7 +164,7 @@ def _parameter(field: FieldInfo, both: bool) -> inspect.Parameter:
     shape = typer.Argument(help=help, metavar=about.unit or None, show_default=False)
     if about.group:
         shape = typer.Option(
-            field.option if both else field.option.partition("/")[0],
+            field.option if both else field.switch,
             help=help,
             rich_help_panel=about.group,
             metavar=None if kind is bool else f"<{about.unit or 'value'}>",
@@ -260,9 +260,9 @@ def refuse_idle(context: typer.Context, request: DesignRequest, **options: bool)
 
 def refuse_stated(context: typer.Context, idle: Mapping[str, str]) -> None:
     """Refuse options that are stated and have no effect; `idle`: by name, what each would act on."""
-    known = _command(context).options
+    known = fields_of(context)
     for name in stated_options(context):
-        option = known[name].option.partition("/")[0] if name in known else option_name(name)
+        option = known[name].switch
         refuse_if(
             needs := idle.get(name, ""),
             f"{option} has no effect on this {context.info_name}.",
@@ -474,13 +474,13 @@ def _value(field: FieldInfo, value: Any) -> Any:
 def reproduce_command(context: typer.Context, without: Collection[str] = ()) -> list[str]:
     """The command that makes the same report again, as a list of arguments; `without` the parameters of these names,
     and without --verbose."""
-    parts, options, stated = context.command_path.split(), _command(context).options, stated_options(context)
+    parts, options, stated = context.command_path.split(), fields_of(context), stated_options(context)
     for parameter in context.command.params:
         name = str(parameter.name)
         value = stated.get(name)
         if name == "set":
-            pairs = {n: v for n, v in _settings(context, context.params[name]).items() if n not in without}
-            parts += [word for n, v in pairs.items() for word in ("--set", f"{n}={v}")]
+            pairs = [f"{n}={v}" for n, v in stated.items() if options[n].about.setting and n not in without]
+            parts += [word for pair in pairs for word in ("--set", pair)]
         if value is None or name in (*without, "verbose"):
             continue
         values = value if isinstance(value, (list, tuple)) else [value]
@@ -498,6 +498,11 @@ def _command(context: typer.Context) -> Any:
     return inspect.unwrap(context.command.callback)  # type: ignore[arg-type]
 
 
+def fields_of(context: typer.Context) -> dict[str, FieldInfo]:
+    """What a command takes, by name: its own options, and fields of a specification."""
+    return _command(context).options
+
+
 def stated_options(context: typer.Context) -> dict[str, Any]:
     """Values of the options and settings that the user stated, by their names."""
     sources = {name: context.get_parameter_source(name) for name in context.params}
@@ -509,7 +514,7 @@ def stated_options(context: typer.Context) -> dict[str, Any]:
 
 def _settings(context: typer.Context, texts: Iterable[str]) -> dict[str, str]:
     """Values of ``--set``, by name; refused is what is no setting of the command, and what is stated twice."""
-    known, found = _command(context).options, dict[str, str]()
+    known, found = fields_of(context), dict[str, str]()
     settings = [name for name, field in known.items() if field.about.setting]
     for text in texts:
         typed, equals, value = text.partition("=")
@@ -521,7 +526,7 @@ def _settings(context: typer.Context, texts: Iterable[str]) -> dict[str, str]:
             f"--set {name if name in settings else settings[0]}=…",
         )
         meant = nearest(name, settings, settings[0]).strip("'")
-        option = known[name].option.partition("/")[0] if name in known else f"--set {meant}"
+        option = known[name].switch if name in known else f"--set {meant}"
         refuse_if(
             name not in settings,
             f"{typed!r} is no setting of {context.command_path}.",

@@ -20,6 +20,7 @@ import typer
 import flexhinf as fh
 from flexhinf import export, pages, report
 from flexhinf.cli.arguments import (
+    fields_of,
     of_workspace_proof,
     refuse_idle,
     refuse_stated,
@@ -399,7 +400,7 @@ def _check(context: typer.Context, path: Path, o: options.CertifyOptions) -> int
         refuse_if(
             name not in ("check", "every_cell", "threads", "robot", "verbose"),
             "A certificate is checked as it is.",
-            f"expected --check FILE with --every-cell or --threads alone, got {option_name(name)}",
+            f"expected --check FILE with --every-cell or --threads alone, got {fields_of(context)[name].switch}",
             f"flexhinf certify --check {path}",
         )
     refuse_if(
@@ -460,7 +461,7 @@ def run_design(context: typer.Context, o: options.RunOptions) -> int:
         "expected --mujoco, got none",
         "--mujoco, which simulates it",
     )
-    refuse_stated(context, {} if o.load is not None else {"load_at": "--set load, which begins then"})
+    refuse_stated(context, {} if o.load is not None else {"load_at": "--load, which begins then"})
     logs, films = [export.check_log(path) for path in o.log], [pages.check_film(path) for path in o.record]
     folder = None if o.out is None else report.check(o.out)
     if o.view:

@@ -32,12 +32,6 @@ NOT_MET, USER_ERROR, INTERRUPTED = 1, 2, 130
 #: Endings of logs.
 LOG_ENDINGS = (".csv", ".txt", ".tsv", ".parquet", ".mcap")
 
-#: Options of earlier versions, and what they are called now: an option has the name of its field.
-RENAMED = {
-    "--goal": "--pose", "--goal-xyz": "--pose-xyz", "--from-pose": "--start",
-    "--peak-voltage": "--peak-effort", "--peak-current": "--peak-effort", "--peak-torque": "--peak-effort",
-}  # fmt: skip
-
 
 #: Python's way to write a field: ``name=value``, or its name in backticks. A value is quoted text, a tuple, a list or
 #: one word.
@@ -84,7 +78,7 @@ def error_text(error: FlexhinfError) -> str:
         and error.field in specification.FIELDS
         and error.example
     ):
-        advice = with_value(_syntax()[0][error.field].partition("/")[0], error.example)
+        advice = with_value(specification.FIELDS[error.field].switch, error.example)
     return option_syntax(str(FlexhinfError(error.what, error.found, advice)))
 
 
@@ -137,8 +131,11 @@ def parser_error(error: TyperException, arguments: Sequence[str]) -> str:
     known = getattr(error, "possibilities", None)
     what, _, meant = error.format_message().split(" (Possible")[0].partition(" Did you mean ")
     typed = getattr(error, "option_name", "")
-    option = RENAMED.get(typed, typed)
-    commands = _with_option(context.find_root().command, "flexhinf", option) if context is not None else []
+    then, now, _ = _field_of(typed)
+    option = typed if then == now else option_name(now)
+    setting, as_set = _as_setting(typed, arguments)
+    root = None if context is None else context.find_root().command
+    commands = [] if root is None else _with_option(root, "flexhinf", setting or option)
     whole = context is not None and any(entry.name == "help_all" for entry in context.command.params)
     expected = f"what `{path} --help{'-all' * whole}` lists"
     # a number and its unit in two words
@@ -146,9 +143,6 @@ def parser_error(error: TyperException, arguments: Sequence[str]) -> str:
         (pair for pair in pairwise(arguments) if _NUMBERS.match(pair[0]) and _UNIT.fullmatch(pair[1])), ()
     )
     robot = _robot_of_log(path, arguments)
-    setting, as_set = _as_setting(option, arguments)
-    if setting and context is not None:
-        commands = _with_option(context.find_root().command, "flexhinf", setting)
     if robot and "extra argument" in what:
         expected, advice = "one log, and the robot by --robot", robot
     elif setting and path in commands:
@@ -160,7 +154,7 @@ def parser_error(error: TyperException, arguments: Sequence[str]) -> str:
         if option == "--workspace":
             why, instead = "say nothing of one pose", "--pose"
         what = f"{path} does not take {option}, which would {why}"
-        advice = f"{instead}; {option} is an option of {', '.join(commands)}"
+        advice = f"{instead}; {as_set or option} is an option of {', '.join(commands)}"
     elif known or meant:
         advice = ", ".join(known or ()) or meant.rstrip("?").strip("'")
     else:
@@ -170,22 +164,23 @@ def parser_error(error: TyperException, arguments: Sequence[str]) -> str:
     )
 
 
-#: Settings that had another name.
-_SETTINGS = {"friction": "friction_model", "dead_zone": "integral_dead_zone"}
-
-
-def _as_setting(option: str, arguments: Sequence[str]) -> tuple[str, str]:
-    """The name of a setting that is typed as an option, and how it is stated, with its value; empty for any other."""
-    bare = option.removeprefix("--").replace("-", "_")
+def _field_of(typed: str) -> tuple[str, str, bool]:
+    """Of an option that is typed: the name of its field then and now, and whether it is ``--no-``."""
+    bare = typed.removeprefix("--").replace("-", "_")
     name = bare.removeprefix("no_")
-    name = _SETTINGS.get(name, name)
+    return name, {"goal_xyz": "pose_xyz", **specification.FORMER}.get(name, name), name != bare
+
+
+def _as_setting(typed: str, arguments: Sequence[str]) -> tuple[str, str]:
+    """The name of a setting that is typed as an option, and how it is stated, with its value; empty for any other."""
+    _, name, off = _field_of(typed)
     field = specification.FIELDS.get(name)
     if field is None or not field.about.setting:
         return "", ""
     if isinstance(field.default, bool):
-        return name, field.option.split("/")[bare.startswith("no_")]
-    joined = next((word for word in arguments if word.startswith(f"{option}=")), "").partition("=")[2]
-    after = islice(dropwhile(lambda word: word != option, arguments), 1, None)
+        return name, field.option.split("/")[off]
+    joined = next((word for word in arguments if word.startswith(f"{typed}=")), "").partition("=")[2]
+    after = islice(dropwhile(lambda word: word != typed, arguments), 1, None)
     return name, with_value(field.option, joined or next(after, "") or field.about.example)
 
 

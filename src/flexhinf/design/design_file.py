@@ -29,7 +29,7 @@ import tomlkit
 from pydantic import TypeAdapter
 
 from flexhinf import __version__
-from flexhinf.design.specification import FIELDS, Specification, SpecificationError
+from flexhinf.design.specification import FIELDS, FORMER, Specification, SpecificationError
 from flexhinf.design.stated_units import check_stated_units, parts_of
 from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 from flexhinf.loop import load_controller
@@ -223,13 +223,6 @@ def has_controller(file: Path) -> bool:
     return unchanged(file.parent, (file.name, CONTROLLER_FILE)) and not why_anew(file)
 
 
-#: Names of fields in earlier versions.
-OPTIONS = {
-    "goal": "pose", "from_pose": "start", "friction": "friction_model", "dead_zone": "integral_dead_zone",
-    "peak_voltage": "peak_effort", "peak_current": "peak_effort", "peak_torque": "peak_effort",
-}  # fmt: skip
-
-
 def _read(path: Path) -> tuple[dict[str, str], dict[str, Any]]:
     data, name = read_toml(path, "design file"), path.name
     table = data.get("design")
@@ -242,7 +235,7 @@ def _read(path: Path) -> tuple[dict[str, str], dict[str, Any]]:
         )  # fmt: skip
 
     def unknown(where: str, key: str, allowed: Sequence[str]) -> InvalidInput:
-        same = OPTIONS.get(key.replace("-", "_"))
+        same = FORMER.get(key.replace("-", "_"))
         advice = repr(same) if same in allowed else nearest(key, allowed, "one of these keys")
         found = f"expected keys out of {list(allowed)}, got {key!r}"
         return InvalidInput(f"{name}: {where} has an unknown key {key!r}.", found, advice)

@@ -118,6 +118,13 @@ MOST = {
 }
 
 
+#: Names of fields in earlier versions.
+FORMER = {
+    "goal": "pose", "from_pose": "start", "friction": "friction_model", "dead_zone": "integral_dead_zone",
+    "peak_voltage": "peak_effort", "peak_current": "peak_effort", "peak_torque": "peak_effort",
+}  # fmt: skip
+
+
 class SpecificationError(InvalidInput):
     """A field of a specification that cannot be used.
 

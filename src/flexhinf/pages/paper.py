@@ -88,7 +88,7 @@ MISPRINTS = (
 )
 
 OPEN = (
-    ("γ", "a multiple of the smallest feasible γ* (option --set gamma_ratio)"),
+    ("γ", "a multiple of the smallest feasible γ* (option --gamma-ratio)"),
     ("sampling", "estimator and law at one period, the input held between samples (option --period)"),
     ("F of Eq. (9)", "the nominal plant over one period by the classical Runge–Kutta method"),
     ("Rᵛ, Rⁿ, P0, X̂0", "q I and R^n (options), 1e-4 I, and rest; the tolerance claim is swept over q"),

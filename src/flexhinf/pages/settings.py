@@ -11,10 +11,9 @@ from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.loop_setup import INITIAL_VARIANCE, LoopPlants
 from flexhinf.design.pipeline import Comparison
 from flexhinf.design.responses import ROBOT
-from flexhinf.design.specification import Specification
+from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.design.synthesis.steps import Synthesis
 from flexhinf.estimation import MODEL_STEP
-from flexhinf.options import option_name
 from flexhinf.pages.design.weights import effort_unit, state_weights
 from flexhinf.pages.drawing import Units, effort_text, listed
 from flexhinf.report import Setting
@@ -145,7 +144,7 @@ def source_of(s: Specification, name: str, otherwise: str = "") -> str:
     if otherwise and value is None:
         return otherwise
     default = not otherwise and value == getattr(Specification(), name)
-    return f"{'default of' if default else 'option'} {option_name(name)}"
+    return f"{'default of' if default else 'option'} {FIELDS[name].switch}"
 
 
 def _synthesis(synthesis: Synthesis, e: LawEvaluation, region: bool) -> Rows:
