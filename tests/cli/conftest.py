@@ -16,6 +16,10 @@ ARM = joint_text(
 )  # fmt: skip
 
 
+#: Options of a design of one pose that is made soon: without a region, other robots and the rigid design.
+QUICK = ["--degrees", "2", "--set", "rays=0", "--draws", "0", "--set", "compare_rigid=no"]
+
+
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty working folder."""

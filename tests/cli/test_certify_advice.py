@@ -85,7 +85,7 @@ def test_where_nothing_is_proved_the_advice_is_the_whole_command(
     "less",
     [
         pytest.param(
-            ["--set", "rays=5", "--draws", "0", "--set", "compare_rigid=no", "--estimator", "none"],
+            ["--draws", "0", "--set", "compare_rigid=no", "--estimator", "none"],
             marks=pytest.mark.ci("designs two links and samples a region"),
         ),
         pytest.param([], marks=pytest.mark.nightly("the command as it is printed")),
@@ -98,6 +98,8 @@ def test_the_advised_command_samples_a_region(
     monkeypatch.chdir(tmp_path)
     assert main(["certify", "planar-two-link", "--pose", "0.3,0.2"]) == 2
     words = advised(capsys)
+    assert words[-1] == "rays=50"
+    words[-1] = "rays=5" if less else words[-1]  # a setting is stated once
     assert main([*words[1:], *less]) in (0, 1)
     page = (tmp_path / "flexhinf-design" / "index.html").read_text(encoding="utf-8")
     assert "V up to" in page

@@ -8,6 +8,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
+from tests.cli.conftest import QUICK
 from tests.refusals import unnamed
 from tests.tiers import ci_and_night
 
@@ -17,8 +18,6 @@ from flexhinf.cli.designs import keep, other_robot
 
 # Every design compiles its loops for a few runs: compiled in half the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")
-
-QUICK = ["--degrees", "2", "--set", "rays=0", "--draws", "0", "--set", "compare_rigid=no"]
 
 
 def text_of(folder: Path, file: str = "index.html") -> str:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from tests.cli.conftest import QUICK
 from tests.refusals import unnamed
 
 import flexhinf as fh
@@ -17,18 +18,8 @@ from flexhinf.cli import main
 # Every design compiles its loops for a few runs: compiled in half the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-QUICK = [
-    "--degrees",
-    "2",
-    "--set",
-    "rays=0",
-    "--draws",
-    "0",
-    "--set",
-    "compare_rigid=no",
-    "--estimator",
-    "none",
-]
+#: With the true state fed back.
+FED = [*QUICK, "--estimator", "none"]
 
 
 def numbers(folder: Path) -> dict:
@@ -44,7 +35,7 @@ def test_the_same_design_is_made_again(arm: str, folder: Path) -> None:
     (folder / "arm.toml").write_text(
         arm.replace("100.0", "{value = 100.0, tolerance = 10}"), encoding="utf-8"
     )
-    words = ["--bandwidth", "4", "--pose", "10deg", "--preset", "robust", "--seed=3", *QUICK, "--draws=2"]
+    words = ["--bandwidth", "4", "--pose", "10deg", "--preset", "robust", "--seed=3", *FED, "--draws=2"]
     code = main(["design", "arm.toml", *words])
     assert main(["design", "flexhinf-design/design.toml", "--out", "below/again"]) == code
     first, again = folder / "flexhinf-design", folder / "below" / "again"
@@ -66,11 +57,11 @@ def test_the_same_design_is_made_again(arm: str, folder: Path) -> None:
 
 @pytest.mark.ci("two designs")
 def test_the_weights_that_were_found_make_the_same_law(folder: Path) -> None:
-    main(["design", "vertical-rig", "--bandwidth", "4", "--damping", "0.4", *QUICK])
+    main(["design", "vertical-rig", "--bandwidth", "4", "--damping", "0.4", *FED])
     first, found = numbers(folder / "flexhinf-design"), file_of(folder / "flexhinf-design")["result"]
     assert (found["preset"], found["R2"]) == ("damped", 1.0)
     weights = ",".join(f"{name}={weight!r}" for name, weight in found["weights"].items())
-    main(["design", "vertical-rig", "--set", f"penalty={weights}", "--set", "effort=1", *QUICK])
+    main(["design", "vertical-rig", "--set", f"penalty={weights}", "--set", "effort=1", *FED])
     again = numbers(folder / "flexhinf-design")
     assert again["gamma"] == pytest.approx(first["gamma"], rel=1e-6)
     assert again["closed_modes"][0]["real"] == pytest.approx(first["closed_modes"][0]["real"], rel=1e-6)
@@ -167,7 +158,7 @@ def test_the_report_knows_the_files_of_its_robot(
 ) -> None:
     """Code of a robot that was edited is that of a new design, and says so."""
     (folder / "arm.toml").write_text(arm := f"gravity = 0.0\n{arm}", encoding="utf-8")
-    main(["design", "arm.toml", "--pose", "10deg", *QUICK])
+    main(["design", "arm.toml", "--pose", "10deg", *FED])
     assert main(["export", "c", "flexhinf-design", "--no-limits", "--out", "first"]) == 0
     assert "anew" not in capsys.readouterr().err
     (folder / "arm.toml").write_text(arm.replace("100.0", "130.0"), encoding="utf-8")

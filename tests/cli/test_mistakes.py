@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.cli.conftest import QUICK
 from typer.main import get_command
 
 from flexhinf.cli import main
@@ -16,7 +17,6 @@ from flexhinf.cli.commands import app
 from flexhinf.design.specification import FIELDS
 from flexhinf.options import FieldInfo, option_name
 
-QUICK = ["--degrees", "2", "--set", "rays=0", "--draws", "0"]
 BOTH = ["--set", "penalty=link_position=1,link_position_integral=1"]
 URDF = """<robot name="r"><link name="base"/><link name="a"><inertial><mass value="1"/>
 <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from tests import workspaces
+from tests.cli.conftest import QUICK
 from tests.refusals import unnamed
 
 import flexhinf as fh
@@ -159,18 +160,7 @@ def test_other_commands_take_its_folder_or_say_why_not(
     assert main(["campaign", "compare", "made", "made", "--samples", "3", "--out", "pair"]) == 0
     assert unnamed(capsys.readouterr().err, "differ") == []
     assert (loaded.name, s.workspace) == ("arm", "limits")
-    stated = [
-        "--pose",
-        "5deg",
-        "--degrees",
-        "2",
-        "--set",
-        "rays=0",
-        "--draws",
-        "0",
-        "--set",
-        "compare_rigid=no",
-    ]
+    stated = ["--pose", "5deg", *QUICK]
     capsys.readouterr()
     assert main(["design", "made", *stated, "--estimator", "none", "--out", "one"]) in (0, 1)
     shown = capsys.readouterr()
