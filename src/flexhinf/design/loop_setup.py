@@ -199,6 +199,11 @@ class LoopPlants:
         smooth = [name for name in self.extras if name in SMOOTH_EXTRAS]
         return self.true.robot.plant(self.specification.measured, extras=smooth)
 
+    def smooth_plant_of(self, values: Mapping[str, Any] | None, damped: bool) -> Plant:
+        """`smooth_plant` with the parameters `values`, its springs damped or with nothing that damps them."""
+        plant = with_values(self.smooth_plant, values)
+        return plant if damped else without_damping(plant)
+
     @property
     def left_out(self) -> tuple[str, ...]:
         """Extras of the true plant that the linear loop does not have."""
@@ -397,8 +402,7 @@ class LoopSetup(LoopPlants):
         The command enters through the integrals of the law; a law without integrals follows x_d(q) and u_d(q). The loop
         has the estimator or feeds back the true state; the estimator does not know changed plant parameters (`values`).
         """
-        s, law, plant = self.specification, self.linear_law, with_values(self.smooth_plant, values)
-        plant = plant if damped else without_damping(plant)
+        s, law, plant = self.specification, self.linear_law, self.smooth_plant_of(values, damped)
         return EquilibriumLoop(
             law, self.estimator(self.goal) if estimated else None, plant, s.period,
             equilibrium=self.goal_equilibrium, moving=not has_integrals(law), delay=s.unknown_samples,

@@ -358,13 +358,8 @@ def _law_requirements(
     s, limits, corners = setup.specification, setup.limits, evaluation.corners if linear else None
     margins = []
     if linear:
-        own, ringing = (
-            evaluation.margins,
-            [
-                required.of_several(setup.joints, mode.joint if mode else "")
-                for mode in evaluation.least_damped
-            ],
-        )
+        own, worst = evaluation.margins, evaluation.least_damped
+        ringing = [required.of_several(setup.joints, mode.joint if mode else "") for mode in worst]
         margins = [
             *required.margin_requirements(s, own, setup.joints),
             *required.oscillation_requirements(s, own, damping, ringing),

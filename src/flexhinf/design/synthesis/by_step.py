@@ -22,9 +22,10 @@ import numpy as np
 
 from flexhinf.analysis.modes import closed_loop
 from flexhinf.analysis.optimiser import bisected
-from flexhinf.design.loop_setup import LoopPlants, LoopSetup
+from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.monte_carlo import sampled_runs
 from flexhinf.design.noise_levels import EstimatorNoise
+from flexhinf.design.plans import true_robot
 from flexhinf.design.problem.presets import DesignProblem, choose
 from flexhinf.design.requirements import sample_requirements, step_requirements
 from flexhinf.design.responses import ROBOT, JointLimits, Response, joint_limits, run_length, sample_robots
@@ -338,8 +339,8 @@ class _BandwidthSearch:
         self.task, self.levels, self.first = task, levels, first
         self.limits, robot, s = np.array([limits.peak, limits.speed]), task.robot, task.s
         self.more = np.zeros_like(self.limits)
-        true, some = LoopPlants(robot, s).true.robot, robot.uncertain and s.draws != 0
-        self.sampled = sample_robots(true, SAMPLES, s.seed) if some else ()
+        some = robot.uncertain and s.draws != 0
+        self.sampled = sample_robots(true_robot(robot, s)[0], SAMPLES, s.seed) if some else ()
         # Inputs (1 + N, n) that hold the nominal and the sampled robots at the goal.
         self.holding_input = np.array(
             [robot.operating_point(task.goal, parameters=values)[1] for values in (None, *self.sampled)]

@@ -33,7 +33,6 @@ from flexhinf.loop.controller.governor import HEARD
 from flexhinf.modal import ModalLaw, PairGains
 from flexhinf.robot import Robot
 from flexhinf.robot.parameters import random_signs
-from flexhinf.robot.springs import without_damping
 from flexhinf.robot.workspace import Workspace
 
 #: Poses by which a law is chosen, and their seed; a ripple below which an estimator is preferred, per cent.
@@ -301,8 +300,7 @@ class WorkspaceSetup(LoopPlants):
         step, more slowly.
         """
         s, states, n = self.specification, self.model.states, len(self.joints)
-        plant = with_values(self.smooth_plant, values)
-        plant = plant if damped else without_damping(plant)
+        plant = self.smooth_plant_of(values, damped)
         smooth = tuple(name for name in s.extras if name in SMOOTH_EXTRAS)
         a, b, g, c = plant.linearise(*self.true.robot.operating_point(at, smooth, values))
         whole = np.eye(plant.n)[[plant.index(name) for name in states]]

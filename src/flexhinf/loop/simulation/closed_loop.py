@@ -216,9 +216,8 @@ class Loop(Summarised):
 
         def measured(x: Any) -> np.ndarray:
             x = np.asarray(x, dtype=float)
-            return np.ravel(
-                np.asarray(plant.traced_output(x, idle, p) if places is None else x[places], dtype=float)
-            )
+            y = plant.traced_output(x, idle, p) if places is None else x[places]
+            return np.ravel(np.asarray(y, dtype=float))
 
         def update(t: float, state: Any, v: Any, params: Any) -> np.ndarray:
             u, after = controller.evaluate(measured(state[:n]), v[:commanded], state[n:])
@@ -239,12 +238,13 @@ class Loop(Summarised):
             return np.concatenate([y, controller.evaluate(y, v[:commanded], state[n:])[0]])
 
         return package.nlsys(
-            update, output,
+            update,
+            output,
             inputs=[*(f"r_{name}" for name in controller.commanded), *plant.disturbances],
             outputs=[*(f"y_{name}" for name in controller.measured), *controller.law.input_names],
             states=[*plant.states, *(f"memory[{k}]" for k in range(controller.memory.size))],
             dt=controller.period,
-        )  # fmt: skip
+        )
 
     def summary(self) -> dict[str, str]:
         """True plant and channel, then the controller."""
