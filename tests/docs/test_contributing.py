@@ -71,8 +71,8 @@ def test_printed_edits_of_a_requirement_find_their_lines(repository: Path, tmp_p
 @pytest.mark.ci("designs with a copy of the package")
 def test_a_requirement_is_judged_after_the_printed_edits(repository: Path, tmp_path: Path) -> None:
     source = edited(repository, tmp_path)
-    options = {"pose": "20deg", "preset": "damped", "degrees": 2, "rays": 0, "draws": 0, "proof-seconds": 0}
-    words = [word for name, value in options.items() for word in (f"--{name}", str(value))]
+    options = "--pose 20deg --preset damped --degrees 2 --draws 0 --set rays=0 --set proof_seconds=0"
+    words = options.split()
     done = subprocess.run(
         [sys.executable, "-m", "flexhinf", "design", "paper", *words, "--rise-time", "0.1", "--out", "arm"],
         cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(source)}, capture_output=True, text=True, check=False,
