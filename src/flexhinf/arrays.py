@@ -17,6 +17,9 @@ Matrix: TypeAlias = NDArray[np.float64]
 #: array of objects holds. Of code that runs on a `Run`, a block of a program stands for such an array.
 Elements: TypeAlias = NDArray[Any]
 
+#: A number, or an array of numbers for many robots at once.
+Number: TypeAlias = float | NDArray[np.float64]
+
 #: Numbers of any shape that NumPy reads, or None where a default takes their place.
 Numbers: TypeAlias = ArrayLike | None
 

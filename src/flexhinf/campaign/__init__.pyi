@@ -6,7 +6,6 @@ from .draws import (
     METHODS as METHODS,
     Draw as Draw,
     FunctionDraw as FunctionDraw,
-    Sample as Sample,
     Tolerances as Tolerances,
     Variable as Variable,
     sample_seed as sample_seed,
@@ -42,6 +41,7 @@ from .results import (
     sensitivity as sensitivity,
     success_interval as success_interval,
 )
+from .samples import Sample as Sample
 from .worst_case import (
     EvaluatedPlant as EvaluatedPlant,
     WorstCase as WorstCase,

@@ -21,15 +21,16 @@ import re
 import types
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, is_dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from flexhinf.campaign.samples import Columns, Sample, SampleColumns, UniformColumns
 from flexhinf.codegen.noise import philox, seed_key
 from flexhinf.errors import FlexhinfError, refuse_if
-from flexhinf.plant import BlackBox, Plant
 from flexhinf.validation import checked_kind, checked_text, distinct, is_real, one_of, value_text
 
 #: Significant digits of computed numbers (of a short run, or read by a function): last bits may differ between
@@ -271,41 +272,11 @@ class Variable:
 _VARIABLE = re.compile(rf"({'|'.join(DISTRIBUTIONS)}) in \[([^\s,]+), ([^\s\]]+)\](?: (.+))?", re.DOTALL)
 
 
-@dataclass(frozen=True, eq=False)
-class Sample:
-    """The plant and the circumstances of one sample."""
-
-    # Parameters of the true plant that differ from the nominal ones (`Plant.with_parameters`)
-    parameters: Mapping[str, Any] = field(default_factory=dict)
-    # Of `Loop.run`: ``initial_state``, ``initial_input``, ``disturbance``, ``reference``, ``noise``; they win over
-    # the campaign's
-    options: Mapping[str, Any] = field(default_factory=dict)
-    # Numbers in the sample's row; by default the parameters, arrays element by element
-    numbers: Mapping[str, float] | None = None
-    plant: Plant | BlackBox | None = None  # A true plant of its own, for plants without parameters
-    # Factors of the campaign's disturbance, by channel; 1 where none is named
-    loads: Mapping[str, float] = field(default_factory=dict)
-    # Why the sample cannot be run, such as a robot that its motors cannot hold; it is then only counted
-    failure: str = ""
-    delay: int = 0  # Of the inputs, in samples, on top of the loop's own
-
-    def row(self) -> dict[str, float]:
-        """The varied numbers of the sample, by the names of their columns."""
-        stated = getattr(self.parameters, "numbers", None) if self.numbers is None else self.numbers
-        if isinstance(stated, Mapping):
-            return {name: float(value) for name, value in stated.items()}
-        return {
-            f"{name}_{k + 1}" if np.ndim(array) else name: float(value)
-            for name, array in self.parameters.items()
-            for k, value in enumerate(np.ravel(np.asarray(array, dtype=float)))
-        }
-
-
 class Draw(ABC):
     """Interface of a draw, which returns the samples of a campaign by their indices."""
 
     @abstractmethod
-    def samples(self, indices: Sequence[int], count: int, seed: int) -> list[Sample]:
+    def samples(self, indices: Sequence[int], count: int, seed: int) -> Sequence[Sample]:
         """Samples of these indices, of `count` in all; a sample does not depend on the other indices."""
 
     @property
@@ -326,8 +297,14 @@ class FunctionDraw(Draw):
     # Generator → parameters by name, or a `Sample`
     function: Callable[[np.random.Generator], Mapping[str, Any] | Sample]
 
-    def samples(self, indices: Sequence[int], count: int, seed: int) -> list[Sample]:
-        """Draw each sample with a generator of its own (Philox 4×64, the number of the sample in its counter)."""
+    def samples(self, indices: Sequence[int], count: int, seed: int) -> Sequence[Sample]:
+        """Draw each sample with a generator of its own (Philox 4×64, the number of the sample in its counter).
+
+        A draw of flexhinf, such as `flexhinf.Robot.draw`, takes all generators at once.
+        """
+        if is_library_code(self.function):
+            columns = self.function(UniformColumns(seed, _FUNCTIONS, indices))
+            return SampleColumns(columns.numbers, columns)
         generators = (np.random.Philox(key=[seed, _FUNCTIONS], counter=[0, 0, 0, k]) for k in indices)
         values = [self.function(np.random.Generator(bits)) for bits in generators]
         for value in values:
@@ -344,6 +321,15 @@ class FunctionDraw(Draw):
     def settings(self) -> Mapping[str, str]:
         """The name of the function and the digest of its code."""
         return {"draw": fingerprint(self.function)}
+
+
+@runtime_checkable
+class BuiltTogether(Protocol):
+    """A `Tolerances.build` that makes many samples at once too, each with the same bits."""
+
+    def columns(self, numbers: Columns) -> SampleColumns:
+        """Samples with these values (N,) of the variables, by name; a `FlexhinfError` where one of them fails."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -371,9 +357,12 @@ class Tolerances(Draw):
         )
         distinct("variables", [variable.name for variable in self.variables])
 
-    def samples(self, indices: Sequence[int], count: int, seed: int) -> list[Sample]:
+    def samples(self, indices: Sequence[int], count: int, seed: int) -> Sequence[Sample]:
         """Samples of these indices: quantiles of each variable at the points of the method."""
-        values = {name: column.tolist() for name, column in self.numbers(indices, count, seed).items()}
+        columns = self.numbers(indices, count, seed)
+        if (together := self.columns(columns)) is not None:
+            return together
+        values = {name: column.tolist() for name, column in columns.items()}
         rows = ({name: column[k] for name, column in values.items()} for k in range(len(indices)))
         return [self.built(numbers, int(index)) for numbers, index in zip(rows, indices)]
 
@@ -381,6 +370,15 @@ class Tolerances(Draw):
         """Values (N,) of each variable for these samples, by its name."""
         points = _points(self.method, np.asarray(indices, dtype=np.int64), len(self.variables), count, seed)
         return {variable.name: variable.values(points[:, k]) for k, variable in enumerate(self.variables)}
+
+    def columns(self, numbers: Columns) -> SampleColumns | None:
+        """All samples with these values (N,) of the variables at once; None where they are built one by one."""
+        if self.build is None:
+            return SampleColumns(numbers, numbers)
+        if isinstance(self.build, BuiltTogether):
+            with suppress(FlexhinfError):  # some of them fail: which ones, and why, is found one by one
+                return self.build.columns(numbers)
+        return None
 
     @staticmethod
     def stated(settings: Mapping[str, str], names: Sequence[str]) -> Tolerances | None:

@@ -8,6 +8,7 @@ import os
 import pickle
 import signal
 import threading
+import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -21,7 +22,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf import __version__
-from flexhinf.campaign.batches import BATCH, TRACED, Campaign, Rows, checked_integer, run_batch
+from flexhinf.campaign.batches import (
+    BATCH,
+    LARGEST_BATCH,
+    TRACED,
+    Campaign,
+    Rows,
+    checked_integer,
+    run_batch,
+    run_batches,
+)
 from flexhinf.campaign.journal import Journal, disk_refusals
 from flexhinf.campaign.results import MergedTable, labelled, merged
 from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
@@ -37,6 +47,9 @@ Executor = Callable[[Campaign, Sequence[int]], Iterator[tuple[int, Rows]]]
 
 #: Submitted batches per thread of the cluster; and how long a scheduler may take to answer, s.
 AHEAD, PATIENCE = 2, 10.0
+
+#: How long batches that run at once may take, s: progress is reported, and Ctrl-C noticed, between them.
+TOGETHER = 1.0
 
 #: Number of worker deaths in a row, without a finished batch, after which the driver gives up.
 DEATHS = 5
@@ -217,8 +230,17 @@ def drive(
 
 
 def in_this_process(campaign: Campaign, batches: Sequence[int]) -> Iterator[tuple[int, Rows]]:
-    """Run the batches in this process, one after the other."""
-    return ((batch, run_batch(campaign, batch)) for batch in batches)
+    """Run the batches in this process: as many at once as take about `TOGETHER`, by the time that the last ones took.
+
+    No row depends on what runs beside it.
+    """
+    remaining, count = list(batches), 1
+    while remaining:
+        some, remaining = remaining[:count], remaining[count:]
+        begun = time.perf_counter()
+        yield from run_batches(campaign, some)
+        taken = max(time.perf_counter() - begun, 1e-6)
+        count = max(1, min(2 * count, round(len(some) * TOGETHER / taken), LARGEST_BATCH // campaign.batch))
 
 
 def in_processes(workers: int, note: Callable[[str], None] = lambda text: None) -> Executor:

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, overload
 
 import numpy as np
 
@@ -45,8 +45,14 @@ SINE = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(10, 0, -1))
 TURN = 2.0 * math.pi * 2.0**-53
 
 
-def seed_key(seed: int) -> tuple[int, int]:
-    """The low and the high word, of 32 bits each, of a seed below 2⁶⁴."""
+@overload
+def seed_key(seed: int) -> tuple[int, int]: ...
+@overload
+def seed_key(seed: np.ndarray) -> tuple[np.ndarray, np.ndarray]: ...
+def seed_key(seed: int | np.ndarray) -> tuple[int, int] | tuple[np.ndarray, np.ndarray]:
+    """The low and the high word, of 32 bits each, of a seed below 2⁶⁴, or of several as an array of 64 bits."""
+    if isinstance(seed, np.ndarray):
+        return seed & np.uint64(0xFFFFFFFF), seed >> np.uint64(32)
     return seed & 0xFFFFFFFF, (seed >> 32) & 0xFFFFFFFF
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import keyword
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeAlias
@@ -115,19 +115,37 @@ class ParameterTable:
                 )
         return ParameterTable({**self.values, **changes})
 
-    def vectors(self, rows: Sequence[Mapping[str, Any]]) -> np.ndarray:
-        """Vectors (N, size) of many plants, each with some values changed: `replaced` for all of them at once."""
-        table = np.tile(self.vector(), (len(rows), 1))
-        fits = all(name in self.values for row in rows for name in row)
+    def vectors(self, rows: Sequence[Mapping[str, Any]] | Mapping[str, np.ndarray]) -> np.ndarray:
+        """Vectors (N, size) of many plants, each with some values changed: `replaced` for all of them at once.
+
+        A mapping has the values of all plants in an array (N, …) by name.
+        """
+        count = len(next(iter(rows.values()))) if isinstance(rows, Mapping) else len(rows)
+        table, fits = np.tile(self.vector(), (count, 1)), True
         try:
-            for name, value in self.values.items():
-                changed = [k for k, row in enumerate(rows) if name in row]
-                if changed:
-                    columns = real_array([rows[k][name] for k in changed])
-                    fits &= columns.shape == (len(changed), *value.shape)
-                    table[changed, self._places[name]] = columns.reshape(len(changed), -1)
-        except (TypeError, ValueError, OverflowError):  # another size, or no number
+            for name, places, columns in _changes(rows):
+                fits &= columns.shape == (len(places), *self.values[name].shape)
+                table[places, self._places[name]] = columns.reshape(len(places), -1)
+        except (KeyError, TypeError, ValueError, OverflowError):  # another name or size, or no number
             fits = False
         if not (fits and np.all(np.isfinite(table))):  # `replaced` raises, and says which value it is
-            return np.array([self.replaced(row).vector() for row in rows])
+            each = _rows(rows, count) if isinstance(rows, Mapping) else rows
+            return np.array([self.replaced(row).vector() for row in each])
         return table
+
+
+def _changes(
+    rows: Sequence[Mapping[str, Any]] | Mapping[str, np.ndarray],
+) -> Iterator[tuple[str, Any, np.ndarray]]:
+    """Each name that some plants change, which ones they are, and their values (N, …)."""
+    if isinstance(rows, Mapping):
+        for name, column in rows.items():
+            yield name, np.arange(len(column)), real_array(column)
+        return
+    for name in dict.fromkeys(name for row in rows for name in row):
+        changed = [k for k, row in enumerate(rows) if name in row]
+        yield name, changed, real_array([rows[k][name] for k in changed])
+
+
+def _rows(columns: Mapping[str, np.ndarray], count: int) -> Iterator[dict[str, Any]]:
+    return ({name: column[k] for name, column in columns.items()} for k in range(count))

@@ -17,6 +17,7 @@ holds a part of the weight that the input does not show, and limits the accuracy
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
@@ -24,6 +25,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from flexhinf.arrays import Vector
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.robot.dynamics import (
     Joint,
@@ -47,7 +49,7 @@ def is_loaded(load: Any) -> bool:
     return isinstance(load, Symbol) or bool(load)
 
 
-class JointTree:
+class JointTree(ABC):
     """Joints of a robot's links: which of them slide, ranges (rad, m); and the direction of free fall."""
 
     tree: Tree
@@ -62,6 +64,22 @@ class JointTree:
     def limits(self) -> tuple[tuple[float, float] | None, ...]:
         """Range of each joint, rad or m."""
         return tuple(joint.limits for joint in self.tree.joints)
+
+    @abstractmethod
+    def packed(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """The links' parameters as the plant has them, with their payloads, from the robot's by name."""
+
+    def packed_columns(self, values: Mapping[str, Vector]) -> dict[str, np.ndarray]:
+        """`packed` of N robots, (N, …), from columns (N,): one by one where they carry something."""
+        load = "payload_mass"
+        if any(np.any(column) for name, column in values.items() if name.startswith(load)):
+            rows = [
+                self.packed(dict(zip(values, numbers)))
+                for numbers in np.column_stack(list(values.values())).tolist()
+            ]
+            return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+        bare = {name: column for name, column in values.items() if not name.startswith(load)}
+        return {name: np.moveaxis(column, -1, 0) for name, column in self.packed(bare).items()}
 
     def fall(self, p: Any) -> tuple[Any, ...]:
         """Acceleration of free fall, m/s²: in the world's frame, of a `Pendulum` in that of `rigid`."""
@@ -89,7 +107,7 @@ class Pendulum(JointTree):
         moment zz.
         """
         own = {name: values[name] for name in self.required()}
-        own["link_inertia"] *= values.get("inertia_scale", 1.0)
+        own["link_inertia"] = own["link_inertia"] * values.get("inertia_scale", 1.0)
         if is_loaded(load := values.get("payload_mass", 0.0)):
             arm, about = (
                 values.get(f"payload_{name}", 0.0) for name in ("centre_of_mass_x", "inertia_per_mass_zz")
@@ -174,7 +192,7 @@ class Arm(JointTree):
             for quantity, components in (("centre_of_mass", VECTOR), ("inertia", INERTIA))
         )
         for i, row in enumerate(rows):
-            inertia[i] *= values.get(per_joint("inertia_scale", row, count), 1.0)
+            inertia[i] = inertia[i] * values.get(per_joint("inertia_scale", row, count), 1.0)
             load = values.get(per_joint("payload_mass", row, count), 0.0)
             if is_loaded(load):
                 place, per_mass = (

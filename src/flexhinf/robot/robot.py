@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.arrays import Numbers
+from flexhinf.arrays import Number, Numbers
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant import GeneralisedPlant, Parameters, ParameterTable, Penalty, Plant
@@ -503,10 +503,9 @@ class Robot(Summarised):
         """Parameters whose interval has a positive width (a tolerance in per cent of zero has none)."""
         return tuple(p for p in self.parameters if p.interval[0] < p.interval[1])
 
-    def draw(self, rng: np.random.Generator) -> dict[str, Any]:
+    def draw(self, rng: np.random.Generator) -> PlantValues:
         """Parameters of a plant (`Plant.with_parameters`), the uncertain ones uniform in their intervals."""
-        values = {p.name: float(rng.uniform(*p.interval)) for p in self.uncertain}
-        return self.varied(values)
+        return self.varied({p.name: rng.uniform(*p.interval) for p in self.uncertain})
 
     @cached_property
     def dry_by_viscous(self) -> dict[str, str]:
@@ -522,15 +521,32 @@ class Robot(Summarised):
         ]  # fmt: skip
         return {dry: wet for dry, wet in pairs if dry in {*self.nominal} - own and self.nominal[wet] > 0.0}
 
-    def varied(self, values: Mapping[str, float]) -> PlantValues:
+    def varied(self, values: Mapping[str, Number]) -> PlantValues:
         """Parameters of a plant, those of `values` in place of the nominal ones, with `dry_by_viscous`; names that are
-        not the robot's are left out."""
+        not the robot's are left out. Values may be arrays (N,), of N robots; so are then all parameters, (N, …)."""
         own = {name: value for name, value in values.items() if name in self.nominal}
         dry = {
             name: self.nominal[name] * own[wet] / self.nominal[wet]
             for name, wet in self.dry_by_viscous.items() if wet in own
         }  # fmt: skip
-        return self.plant_parameters({**self.nominal, **dry, **own})
+        whole = {**self.nominal, **dry, **own}
+        shape = np.broadcast_shapes(*(np.shape(value) for value in own.values()))
+        return self._columns(whole, shape) if shape else self.plant_parameters(whole)
+
+    def _columns(self, values: Mapping[str, Number], shape: tuple[int, ...]) -> PlantValues:
+        """`plant_parameters` of N robots, (N, …), each with the bits that it has alone."""
+
+        def column(value: Number) -> np.ndarray:
+            return np.broadcast_to(np.asarray(value, dtype=float), shape)
+
+        columns = {name: column(value) for name, value in values.items()}
+        arrays = {
+            name: np.moveaxis(np.array([*map(column, joints)]).reshape(-1, *shape), 0, -1)
+            for name, joints in reflected(columns, self.drive, self.joint_names, self.rigid).items()
+        }
+        if isinstance(self.links, Pendulum):
+            arrays = {name: joints[..., 0] for name, joints in arrays.items()}
+        return PlantValues(self.links.packed_columns(columns) | arrays, columns)
 
     def corner(self, signs: Mapping[str, float] | Sequence[float]) -> PlantValues:
         """Parameters of a plant (`Plant.with_parameters`), the uncertain ones at one end of their intervals.

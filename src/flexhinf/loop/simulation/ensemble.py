@@ -76,12 +76,12 @@ Disturbances = Mapping[int, np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class EnsemblePlants:
-    """N plants: parameters (N, P), Runge–Kutta steps of a sample (N,), seeds of the noise, and in `own`, by buffer,
-    other arrays with one row per plant."""
+    """N plants: parameters (N, P), Runge–Kutta steps of a sample (N,), seeds (N,) of noise of 64 bits, and in `own`,
+    by buffer, other arrays with one row per plant."""
 
     truth: np.ndarray
     parts: np.ndarray
-    seeds: tuple[int, ...]
+    seeds: np.ndarray
     own: Mapping[str, np.ndarray]
 
     def __len__(self) -> int:
@@ -198,8 +198,8 @@ class Ensemble:
 
         Parameters
         ----------
-        parameters : (N, P) array, or sequence of N mappings by name
-            Of each plant; an array in the order of `ParameterTable.vector`, a mapping has those that differ from the
+        parameters : (N, P) array, sequence of N mappings by name, or mapping of arrays (N, …) by name
+            Of each plant; an array in the order of `ParameterTable.vector`, mappings have those that differ from the
             nominal ones.
         seeds : int, or N of them
             Of each run's noise, 0 … 2⁶⁴ − 1, as for `Loop.run`. One number is the seed of all, which then have the
@@ -287,8 +287,9 @@ class Ensemble:
 
     def single(self, seed: int, parts: int) -> PreparedRun:
         """The run of the nominal plant, with so many sub-steps, before it is made."""
+        check_seed(seed)
         truth, own = self.plant.parameters.vector(), {"x": self.start["x"][None, :]}
-        plants = EnsemblePlants(truth[None, :], np.array([parts]), (seed,), own)
+        plants = EnsemblePlants(truth[None, :], np.array([parts]), np.array([seed], np.uint64), own)
         start = start_text(self.plant, self.start["x"], self.placed, self.controller, self.start["held"])
         settings = {**self.settings, "seed": seed, "sub_steps": parts, "start": start}
         return self._prepared(plants, self._disturbances(plants), 0, settings)
@@ -307,7 +308,7 @@ class Ensemble:
     ) -> Recorded:
         own = {**plants.own, "truth": np.column_stack([self.command.period / plants.parts, plants.truth])}
         if "deviation" in self.shared:
-            own["key"] = np.array([(0, *seed_key(seed)) for seed in plants.seeds], float).reshape(-1, 3)
+            own["key"] = np.column_stack([np.zeros(len(plants)), *seed_key(plants.seeds)])
         recorded = self._room(len(plants))
         values = self._disturbances(plants) if disturbances is None else disturbances
         for number in np.unique(plants.parts).tolist():
@@ -399,7 +400,9 @@ class Ensemble:
         parts, samples = int(plants.parts[k]), self.command.samples
         code = LoopCode(self.plant, self.controller, self.channel, parts)
         own = {**self.start, **{name: rows[k] for name, rows in plants.own.items()}}
-        noise = sample_noise(self.shared.get("deviation"), plants.seeds[k], samples, self.controller.measured)
+        noise = sample_noise(
+            self.shared.get("deviation"), int(plants.seeds[k]), samples, self.controller.measured
+        )
         acting = np.zeros((samples, code.sizes["d"]))
         if disturbances:
             values = disturbances[parts] * own["load"] if "load" in own else disturbances[parts]
@@ -422,7 +425,9 @@ class Ensemble:
     # What the runs have -----------------------------------------------------------------------------
     def _plants(self, parameters: Any, seeds: Any, states: Any, loads: Any, inputs: Any) -> EnsemblePlants:
         plant, controller, table = self.plant, self.controller, self.plant.parameters
-        if isinstance(parameters, Sequence) and all(isinstance(row, Mapping) for row in parameters):
+        if isinstance(parameters, Mapping) or (
+            isinstance(parameters, Sequence) and all(isinstance(row, Mapping) for row in parameters)
+        ):
             truth = table.vectors(parameters)
         else:
             truth = real_array(parameters)
@@ -465,16 +470,7 @@ class Ensemble:
             parts = np.array([sub_steps(controller.period, mode) for mode in modes.tolist()], dtype=int)
         else:
             parts = np.full(count, self.sub_steps)
-        seed_list = [seeds] * count if np.ndim(seeds) == 0 else list(seeds)
-        for seed in seed_list[:1] if np.ndim(seeds) == 0 else seed_list:
-            check_seed(seed)
-        refuse_if(
-            len(seed_list) != count,
-            "The seeds do not fit the plants.",
-            f"expected {count} integers, got {len(seed_list)}",
-            "one for each plant",
-        )
-        return EnsemblePlants(truth, parts, tuple(int(seed) for seed in seed_list), own)
+        return EnsemblePlants(truth, parts, _seeds(seeds, count), own)
 
     def _disturbances(self, plants: EnsemblePlants) -> Disturbances:
         if self.disturbance is None:
@@ -491,7 +487,7 @@ class Ensemble:
         placed = self.placed or not np.array_equal(own["x"], self.start["x"])
         return {
             **self.settings,
-            "seed": plants.seeds[k],
+            "seed": int(plants.seeds[k]),
             "sub_steps": int(plants.parts[k]),
             "start": start_text(plant, own["x"], placed, self.controller, own["held"]),
         }
@@ -532,6 +528,21 @@ class Ensemble:
             ("reductions", *sizes.values(), tuple(reduction.code_key for reduction in self.reductions)),
             lambda: compile_program(reduction_program(sizes, self.reductions)),
         )
+
+
+def _seeds(seeds: Any, count: int) -> np.ndarray:
+    """Seeds (N,) of 64 bits, from one of all runs or from one of each; others are refused."""
+    own = isinstance(seeds, np.ndarray) and seeds.dtype == np.uint64 and seeds.ndim == 1
+    each = seeds if own or np.ndim(seeds) else [seeds] * count
+    for seed in each[:1] if np.ndim(seeds) == 0 else () if own else each:
+        check_seed(seed)
+    refuse_if(
+        len(each) != count,
+        "The seeds do not fit the plants.",
+        f"expected {count} integers, got {len(each)}",
+        "one for each plant",
+    )
+    return np.array(each, dtype=np.uint64)
 
 
 def _signal_names(plant: Plant, controller: Controller) -> dict[str, tuple[str, ...]]:
