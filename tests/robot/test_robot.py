@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.refusals import refused_with
 
-from flexhinf.design.deployed_run import robot_sample
+from flexhinf.design.deployed_run import RobotSamples
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Penalty
 from flexhinf.robot import Parameter, Robot, load_robot, paper_arm
@@ -47,7 +47,7 @@ def test_dry_friction_without_a_tolerance_varies_with_the_viscous_one():
         "coulomb_friction_shoulder": "friction_shoulder", "static_friction_shoulder": "friction_shoulder",
     }  # fmt: skip
     nominal, upper = arm.plant_parameters(), arm.corner({"friction_shoulder": 1.0, "friction_elbow": 1.0})
-    sampled = robot_sample(arm, np.array(arm.home), DRY, {"friction_shoulder": 1.05}).parameters
+    sampled = RobotSamples(arm, np.array(arm.home), DRY)({"friction_shoulder": 1.05}).parameters
     drawn = arm.draw(np.random.default_rng(1))
     for kind in ("coulomb_friction", "static_friction"):
         assert upper[kind] == pytest.approx(nominal[kind] * [1.15, 1.0])

@@ -9,12 +9,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
 
 from flexhinf.campaign import Campaign, Sample, Tolerances, Variable
+from flexhinf.campaign.samples import Columns, SampleColumns
 from flexhinf.design import (
     checks,
     design_file,
@@ -32,6 +33,7 @@ from flexhinf.loop import Controller, Loop, Status, Step
 from flexhinf.loop.simulation.inputs import sample_count
 from flexhinf.loop.simulation.metrics import WINDOW
 from flexhinf.options import CampaignOptions, declared, quantity
+from flexhinf.plant import ParameterTable
 from flexhinf.robot import MuJoCoPlant, Parameter, Robot, elastic, load_robot, signals
 from flexhinf.robot.parameters import per_joint
 from flexhinf.validation import nearest, value_text
@@ -203,26 +205,38 @@ def perturbed(robot: Robot, changes: Sequence[str]) -> Robot:
 
 
 # A campaign: the same run on sampled robots ----------------------------------------------------------------
-def robot_sample(
-    robot: Robot, start: np.ndarray, extras: tuple[str, ...], numbers: Mapping[str, float]
-) -> Sample:
-    """True robot with the parameters of a sample and `extras`, in equilibrium at the sample's start.
-
-    The estimator starts at `start` (n,), rad or m. Raises an error if no input holds the robot there; the sample then
-    fails.
-    """
-    values = robot.varied(numbers)
-    errors = [numbers.get(name, 0.0) for name in signals.signal_names(ERROR, robot.joint_names)]
-    x, _ = robot.operating_point(start + errors, extras, values)
-    loads = {
-        name: numbers[name] for name in signals.signal_names(TORQUE, robot.joint_names) if name in numbers
-    }
-    parameters = robot.plant(extras=extras).parameters.known(values)
-    return Sample(parameters, {"initial_state": x}, numbers, loads=loads)
-
-
 #: Names of numbers of a sample, before those of a joint or a measurement; the last has none.
 ERROR, TORQUE, OFFSET, DELAY = "initial_error", "link_torque", "encoder_offset", "unknown_delay_samples"
+
+
+@dataclass(frozen=True, eq=False)
+class RobotSamples:
+    """Makes true robots from the numbers of samples, each in equilibrium where its run begins.
+
+    The estimator starts at `start` (n,), rad or m. Raises an error where no input holds a robot there; the sample then
+    fails.
+    """
+
+    robot: Robot
+    start: np.ndarray
+    extras: tuple[str, ...]
+
+    def __call__(self, numbers: Mapping[str, float]) -> Sample:
+        """The sample with these numbers."""
+        return self.columns({name: np.array([value]) for name, value in numbers.items()})[0]
+
+    def columns(self, numbers: Columns) -> SampleColumns:
+        """Samples with these numbers (N,), by name."""
+        robot, joints, count = self.robot, self.robot.joint_names, len(next(iter(numbers.values())))
+        values = robot.varied(numbers)
+        errors = [numbers.get(name, np.zeros(count)) for name in signals.signal_names(ERROR, joints)]
+        x = robot.starting_states(self.start + np.column_stack(errors), self.extras, values)
+        loads = {name: numbers[name] for name in signals.signal_names(TORQUE, joints) if name in numbers}
+        return SampleColumns(numbers, self._plant.known(values), x, loads)
+
+    @cached_property
+    def _plant(self) -> ParameterTable:
+        return self.robot.plant(extras=self.extras).parameters
 
 
 def varied(robot: Robot, o: CampaignOptions, extras: Sequence[str]) -> tuple[Robot, tuple[Variable, ...]]:
@@ -377,7 +391,7 @@ class PoseCampaign(DesignCampaign):
             options["disturbance"] = dict.fromkeys(signals.signal_names(TORQUE, robot.joint_names), torque)
         options = {name: value for name, value in options.items() if value is not None}
         draw = Tolerances(
-            self.variables, o.method, partial(robot_sample, plants.true.robot, self.ends[0], plants.extras)
+            self.variables, o.method, RobotSamples(plants.true.robot, self.ends[0], plants.extras)
         )
         return Campaign(
             loop, draw, o.samples, o.seed, options,

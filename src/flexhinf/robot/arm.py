@@ -129,7 +129,7 @@ class Pendulum(JointTree):
         return p.link_inertia * ddq + p.mass * p.gravity * p.length * np.sin(q)
 
     def gravity_torque(self, q: Any, p: Any) -> Any:
-        """M g l sin q1, (1,), N·m, of any element."""
+        """M g l sin q1, (1,), N·m, of any element; of N robots (1, N)."""
         return p.mass * p.gravity * p.length * np.sin(np.asarray(q))
 
     def rigid(self, p: Any) -> tuple[Tree, np.ndarray, np.ndarray, np.ndarray]:
@@ -224,8 +224,10 @@ class Arm(JointTree):
         return np.array(inverse_dynamics(self.tree, bodies_of(*self.rigid(p)), q, dq, ddq, self.fall(p)))
 
     def gravity_torque(self, q: Any, p: Any) -> Any:
-        """G(q1), (n,), N·m or N, of any element."""
-        return self.torques(np.asarray(q), [0.0] * len(self.tree), [0.0] * len(self.tree), p)
+        """G(q1), (n,), N·m or N, of any element; of N robots (n, N), where `q` and `p` have them in a last axis."""
+        still = [0.0] * len(self.tree)
+        parts = inverse_dynamics(self.tree, bodies_of(*self.rigid(p)), q, still, still, self.fall(p))
+        return np.array(parts if np.ndim(q) < 2 else np.broadcast_arrays(*parts))
 
 
 #: The links' side of a robot: what it is made of, and how torques move it. Frozen, so that it is a key.

@@ -334,6 +334,26 @@ class Robot(Summarised):
         """
         q = checked_pose(pose, np.asarray(self.home), self.links, self.name)
         packed = {**self.plant_parameters(), **(parameters or {})}
+        return self._equilibrium(q, packed, extras)
+
+    def starting_states(
+        self, poses: np.ndarray, extras: str | Sequence[str], parameters: Mapping[str, np.ndarray]
+    ) -> np.ndarray:
+        """The states (N, n) of `operating_point` at poses (N, j) of N robots, each with the bits that it has alone.
+
+        `parameters` (N, …) are all of the plant's, as `varied` returns them.
+        """
+        for end in (np.min, np.max):
+            checked_pose(end(poses, axis=0), np.asarray(self.home), self.links, self.name)
+        columns = {name: np.moveaxis(column, 0, -1) for name, column in parameters.items()}
+        if isinstance(self.links, Pendulum):
+            columns = {name: np.atleast_2d(column) for name, column in columns.items()}
+        return self._equilibrium(np.asarray(poses, dtype=float).T, columns, extras)[0].T
+
+    def _equilibrium(
+        self, q: np.ndarray, packed: Mapping[str, Any], extras: str | Sequence[str]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """`operating_point` of one robot, or of N with joints in the first axis and robots in the last one."""
         on, p = checked_extras(extras, False, packed, self.name), Parameters(packed)
         elastic = self.layout.elastic
         held = self.links.gravity_torque(q, p)
@@ -341,17 +361,21 @@ class Robot(Summarised):
         twist = weight / stiffness
         if "spring_hardening" in on:
             # K δ + K₃ δ³ = G, each joint by Newton's method from outside: it falls to the only root.
-            cubic = np.atleast_1d(p.spring_hardening)
+            cubic, done = np.atleast_1d(p.spring_hardening), np.array(False)
             for _ in range(100):
                 step = (stiffness * twist + cubic * twist**3 - weight) / (stiffness + 3.0 * cubic * twist**2)
-                twist = twist - step
-                if np.all(np.abs(step) <= 1e-16 * np.abs(twist)):
+                twist = np.where(done, twist, twist - step)
+                done = done | np.all(np.abs(step) <= 1e-16 * np.abs(twist), axis=0)
+                if np.all(done):
                     break
         if "backlash" in on:
             # A joint that carries nothing may stand anywhere in its gap: in the middle, not where rounding pushes it.
-            carries = np.abs(weight) > ROUNDING * np.sum(p.mass) * abs(p.gravity)
-            twist = twist + 0.5 * np.sign(weight) * carries * p.backlash
-        still = np.zeros(len(q))
+            mass = np.sum(np.atleast_1d(p.mass), axis=0)
+            twist = (
+                twist
+                + 0.5 * np.sign(weight) * (np.abs(weight) > ROUNDING * mass * abs(p.gravity)) * p.backlash
+            )
+        still = np.zeros(q.shape)
         states, effort = [q, still, q[elastic] + twist, still[elastic]], np.array(held, dtype=float)
         if self.drive != "torque":
             effort = np.asarray(held / p.torque_constant, dtype=float)
@@ -530,7 +554,7 @@ class Robot(Summarised):
             for name, wet in self.dry_by_viscous.items() if wet in own
         }  # fmt: skip
         whole = {**self.nominal, **dry, **own}
-        shape = np.broadcast_shapes(*(np.shape(value) for value in own.values()))
+        shape = np.broadcast_shapes(*(np.shape(value) for value in values.values()))
         return self._columns(whole, shape) if shape else self.plant_parameters(whole)
 
     def _columns(self, values: Mapping[str, Number], shape: tuple[int, ...]) -> PlantValues:
