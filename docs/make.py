@@ -202,7 +202,7 @@ WIDTH, HEIGHT, BOX, GAP = 860, 62, 96, 18
 ASIDE = (20, 20, -140, 20, -240, 80, 250, -160, 0, -20, 340, -20, 0, -300, -200, 60)
 
 #: Rooms that all others may import; their lines would say nothing.
-EVERYWHERE = {"arrays", "errors", "notebook"}
+EVERYWHERE = {"arrays", "errors", "notebook", "processors"}
 
 
 def figure() -> str:

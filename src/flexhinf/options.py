@@ -354,7 +354,7 @@ Degrees = Annotated[
 Text = Annotated[str, Allowed("text")]
 Real = Annotated[float, read_by(quantity), Allowed("a number")]  # what is used checks its range
 Whole = Annotated[int, read_by(_integer), Allowed("an integer")]
-Threads = Annotated[int, _field(ge=1, le=64), read_by(_integer), Allowed("an integer from 1 to 64")]
+Threads = Annotated[int, _field(ge=1, le=1024), read_by(_integer), Allowed("an integer from 1 to 1024")]
 CHOICE = read_by(choice)  # of a `Literal`
 Names = Annotated[tuple[str, ...], read_by(names), Allowed("a list of names")]
 Weights = Annotated[

@@ -56,7 +56,7 @@ def test_processes_get_every_batch_at_the_first_time(monkeypatch: pytest.MonkeyP
     """Fifty batches for one worker, two of them on the way; threads stand for processes."""
 
     class Pool(ThreadPoolExecutor):
-        def __init__(self, workers, context, initializer):
+        def __init__(self, workers, context, initializer, initargs):
             super().__init__(workers)
 
     monkeypatch.setattr(campaign_driver, "ProcessPoolExecutor", Pool)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -15,6 +14,7 @@ import flexhinf as fh
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.monte_carlo import MonteCarlo, judged_runs, sampled_runs
 from flexhinf.design.responses import sample_robots
+from flexhinf.processors import limited_threads
 
 Benches = Callable[..., LoopSetup]
 STEPS = 3
@@ -52,9 +52,9 @@ def test_the_same_seed_gives_the_same_and_another_seed_others(setup: LoopSetup, 
     assert not np.any(_rows(other)[2] == _rows(drawn)[2, :3])
 
 
-def test_threads_do_not_matter(setup: LoopSetup, drawn: MonteCarlo, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(importlib.import_module("flexhinf.loop.simulation.ensemble"), "THREADS", 5)
-    assert np.array_equal(_rows(sampled_steps(setup, 8, 2.0, STEPS)), _rows(drawn))
+def test_threads_do_not_matter(setup: LoopSetup, drawn: MonteCarlo) -> None:
+    with limited_threads(5):
+        assert np.array_equal(_rows(sampled_steps(setup, 8, 2.0, STEPS)), _rows(drawn))
 
 
 def test_many_robots_are_the_same_robots_alone(setup: LoopSetup, drawn: MonteCarlo) -> None:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import os
-
 import numpy as np
 
 from flexhinf.hinf import contraction, homological as transform
-from flexhinf.polynomial import algebra as threads, basis
+from flexhinf.polynomial import basis
 
 
 def test_two_threads_compute_the_same(monkeypatch):
@@ -22,10 +20,3 @@ def test_two_threads_compute_the_same(monkeypatch):
     alone = transform.change_variables(entries, n, k, matrix)
     monkeypatch.setenv("OMP_NUM_THREADS", "2")
     assert np.array_equal(transform.change_variables(entries, n, k, matrix), alone)
-
-
-def test_number_of_threads_follows_the_environment(monkeypatch):
-    monkeypatch.setenv("OMP_NUM_THREADS", "3")
-    assert threads.thread_count() == 3
-    monkeypatch.delenv("OMP_NUM_THREADS")
-    assert 1 <= threads.thread_count() <= (os.cpu_count() or 1)

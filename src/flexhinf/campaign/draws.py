@@ -24,7 +24,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, is_dataclass
 from functools import lru_cache
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, cast, runtime_checkable
 
 import numpy as np
 
@@ -303,10 +303,11 @@ class FunctionDraw(Draw):
         A draw of flexhinf, such as `flexhinf.Robot.draw`, takes all generators at once.
         """
         if is_library_code(self.function):
-            columns = self.function(UniformColumns(seed, _FUNCTIONS, indices))
+            generators = cast("np.random.Generator", UniformColumns(seed, _FUNCTIONS, indices))
+            columns: Any = self.function(generators)
             return SampleColumns(columns.numbers, columns)
-        generators = (np.random.Philox(key=[seed, _FUNCTIONS], counter=[0, 0, 0, k]) for k in indices)
-        values = [self.function(np.random.Generator(bits)) for bits in generators]
+        bit_generators = (np.random.Philox(key=[seed, _FUNCTIONS], counter=[0, 0, 0, k]) for k in indices)
+        values = [self.function(np.random.Generator(bits)) for bits in bit_generators]
         for value in values:
             checked_kind(
                 "The draw gives no parameters.",

@@ -35,6 +35,7 @@ from flexhinf.campaign.batches import (
 from flexhinf.campaign.journal import Journal, disk_refusals
 from flexhinf.campaign.results import MergedTable, labelled, merged
 from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
+from flexhinf.processors import MOST_THREADS, limited_threads, set_threads, thread_count
 from flexhinf.validation import extra_package, unknown_name, value_text
 
 if TYPE_CHECKING:
@@ -244,7 +245,8 @@ def in_this_process(campaign: Campaign, batches: Sequence[int]) -> Iterator[tupl
 
 
 def in_processes(workers: int, note: Callable[[str], None] = lambda text: None) -> Executor:
-    """An executor of worker processes. If one is killed, its batches run again, and `note` is called with a message.
+    """An executor of worker processes, which share the threads of this one (`thread_count`). If one is killed, its
+    batches run again, and `note` is called with a message.
 
     InvalidInput for a number below 1.
     """
@@ -273,7 +275,8 @@ def in_processes(workers: int, note: Callable[[str], None] = lambda text: None) 
 
 def _pooled(campaign: Campaign, batches: Sequence[int], workers: int) -> Iterator[tuple[int, Rows]]:
     context = multiprocessing.get_context("spawn")  # compiled code and threads do not survive a fork
-    pool = ProcessPoolExecutor(workers, context, initializer=begin_worker)
+    threads = max(1, thread_count() // workers)
+    pool = ProcessPoolExecutor(workers, context, initializer=begin_worker, initargs=(threads,))
     content, pending = pickle.dumps(campaign), {}
     try:
         yield from _as_done(
@@ -305,8 +308,9 @@ def _run(
         )
 
 
-def begin_worker() -> None:
-    """Set up a worker: it ignores Ctrl-C, which the driver handles, and ends when the driver was killed.
+def begin_worker(threads: int) -> None:
+    """Set up a worker with its share of the threads: it ignores Ctrl-C, which the driver handles, and ends when the
+    driver was killed.
 
     Workers keep the pipe open on which they wait for work: without the thread they would wait for ever.
     """
@@ -317,6 +321,7 @@ def begin_worker() -> None:
             driver.join()
             os._exit(1)
 
+    set_threads(threads)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=end_with_the_driver, daemon=True).start()
 
@@ -331,6 +336,7 @@ def run_campaign(
     signals: Sequence[str] | None = None,
     folder: str | os.PathLike[str] | None = None,
     workers: int = 0,
+    threads: int | None = None,
     batch: int = BATCH,
     progress: Callable[[Report], None] = lambda report: None,
     **options: Any,
@@ -355,6 +361,8 @@ def run_campaign(
         Folder of a journal: the same call continues an interrupted campaign.
     workers : int
         Processes; 0: this one.
+    threads : int, optional
+        Of all processes together; by default as many as the process may use processors. No number depends on them.
     batch : int
         Samples per batch, which is one file of the journal.
     **options
@@ -385,13 +393,17 @@ def run_campaign(
     """
     if unknown := [name for name in options if name not in _OPTIONS]:
         raise unknown_name(f"A campaign has no option {unknown[0]!r}.", unknown[0], _OPTIONS)
+    if threads is not None:
+        checked_integer("threads", threads, 1, MOST_THREADS, "4")
     campaign = Campaign(loop, draw, samples, seed, options, metrics, signals, batch)
     executor = in_processes(workers) if workers else in_this_process
-    if folder is not None:
-        table = drive(campaign, Journal.opened(Path(folder), campaign), executor=executor, progress=progress)
-        assert table is not None
-        return table.dataset()
-    return run_in_memory(campaign, executor, progress)
+    with limited_threads(threads):
+        if folder is None:
+            return run_in_memory(campaign, executor, progress)
+        journal = Journal.opened(Path(folder), campaign)
+        table = drive(campaign, journal, executor=executor, progress=progress)
+    assert table is not None
+    return table.dataset()
 
 
 def run_in_memory(

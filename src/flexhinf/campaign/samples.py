@@ -106,15 +106,15 @@ class UniformColumns:
     def __init__(self, seed: int, stream: int, indices: Sequence[int] | np.ndarray) -> None:
         self._key = (np.uint64(seed), np.uint64(stream))
         self._indices = np.asarray(indices, dtype=np.uint64)
-        self._blocks, self._words = 0, iter(())
+        self._blocks, self._bits = 0, iter(())
 
     def uniform(self, low: float = 0.0, high: float = 1.0) -> Vector:
         """Of each generator a number (N,) between two, as `numpy.random.Generator.uniform` makes it."""
-        bits = next(self._words, None)
+        bits = next(self._bits, None)
         if bits is None:
             self._blocks += 1
-            self._words = iter(_philox_4x64(self._blocks, self._indices, self._key))
-            bits = next(self._words)
+            self._bits = iter(_philox_4x64(self._blocks, self._indices, self._key))
+            bits = next(self._bits)
         return low + (high - low) * ((bits >> np.uint64(11)).astype(float) * 2.0**-53)
 
 
@@ -126,25 +126,25 @@ _FACTORS, _WEYL, _ROUNDS = (
 )
 
 
-def _philox_4x64(block: int, indices: np.ndarray, key: tuple[np.uint64, np.uint64]) -> list[np.ndarray]:
-    """Four words (N,) of 64 bits of the counters (block, 0, 0, index)."""
+def _philox_4x64(turn: int, indices: np.ndarray, key: tuple[np.uint64, np.uint64]) -> list[np.ndarray]:
+    """Four words (N,) of 64 bits of the counters (turn, 0, 0, index)."""
     zeros = np.zeros_like(indices)
-    words, keys = [zeros + np.uint64(block), zeros, zeros, indices], [int(part) for part in key]
+    block, keys = [zeros + np.uint64(turn), zeros, zeros, indices], [int(part) for part in key]
     for _ in range(_ROUNDS):
         (high, low), (other_high, other_low) = (
-            _product(words[place], factor) for place, factor in zip((0, 2), _FACTORS)
+            _product(block[place], factor) for place, factor in zip((0, 2), _FACTORS)
         )
         first, second = (np.uint64(part) for part in keys)
-        words = [other_high ^ words[1] ^ first, other_low, high ^ words[3] ^ second, low]
+        block = [other_high ^ block[1] ^ first, other_low, high ^ block[3] ^ second, low]
         keys = [(part + weyl) % 2**64 for part, weyl in zip(keys, _WEYL)]
-    return words
+    return block
 
 
-def _product(words: np.ndarray, factor: int) -> tuple[np.ndarray, np.ndarray]:
+def _product(left: np.ndarray, factor: int) -> tuple[np.ndarray, np.ndarray]:
     """The upper and the lower 64 bits of products of 64 bits each, by halves."""
     low, half = np.uint64(0xFFFFFFFF), np.uint64(32)
     right = np.uint64(factor & 0xFFFFFFFF), np.uint64(factor >> 32)
-    left = words & low, words >> half
-    cross = left[1] * right[0] + (left[0] * right[0] >> half)
-    middle = left[0] * right[1] + (cross & low)
-    return left[1] * right[1] + (cross >> half) + (middle >> half), words * np.uint64(factor)
+    halves = left & low, left >> half
+    cross = halves[1] * right[0] + (halves[0] * right[0] >> half)
+    middle = halves[0] * right[1] + (cross & low)
+    return halves[1] * right[1] + (cross >> half) + (middle >> half), left * np.uint64(factor)

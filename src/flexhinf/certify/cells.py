@@ -58,6 +58,7 @@ from flexhinf.certify.problem_to_claim import nearest_double, terms_of
 from flexhinf.codegen import machine
 from flexhinf.codegen.compiler import cached
 from flexhinf.errors import NumericalFailure
+from flexhinf.processors import thread_count
 
 #: A NumPy record array; type checkers do not know its fields.
 Records = Any
@@ -340,7 +341,7 @@ def search(
     level: float,
     *,
     most_cells: int = 100_000_000,
-    threads: int = 1,
+    threads: int | None = None,
     progress: Progress | None = None,
 ) -> SearchOutcome:
     """Prove the inequality on the component of {V ≤ level} around 0, or return the point at which that fails."""
@@ -349,6 +350,7 @@ def search(
         cells_of(np.arange(count), np.zeros((count, d)), np.ones((count, d)), np.zeros(count), np.ones(count))
     ]
     done, share, whole = 0, 0.0, count * 2.0**d
+    threads = thread_count() if threads is None else threads
     with ThreadPoolExecutor(threads) if threads > 1 else nullcontext() as pool:
         while stack:
             parts, room = list[Records](), _TOGETHER

@@ -33,6 +33,7 @@ from flexhinf.certify.claim import Claim, Function, Observer, PolynomialTerms, S
 from flexhinf.errors import InvalidInput
 from flexhinf.files import write_file
 from flexhinf.notebook import Summarised, number_text
+from flexhinf.processors import thread_count
 from flexhinf.validation import checked_path, read_text, value_text
 
 _FORMAT, _VERSION = "flexhinf certificate", 1
@@ -55,7 +56,7 @@ class Certificate(Summarised, Claim):
     def check(
         self,
         *,
-        threads: int = 2,
+        threads: int | None = None,
         sample: int | None = 10,
         by_cells: bool = False,
         tick: Callable[[int], None] = lambda cells: None,
@@ -72,6 +73,7 @@ class Certificate(Summarised, Claim):
         tick : callable
             Called with the number of cells that were just checked.
         """
+        threads = thread_count() if threads is None else threads
         return verify(self, threads=threads, sample=sample, by_cells=by_cells, tick=tick)
 
     @property

@@ -82,7 +82,7 @@ def certify(
     decay: float = 0.0,
     about: str = "",
     observer: float | None = None,
-    threads: int = 1,
+    threads: int | None = None,
     progress: Progress | None = None,
 ) -> Certificate:
     """See `HJISolution.certify`."""
@@ -136,7 +136,7 @@ def check_decay(decay: float) -> None:
 def prove(
     statement: Certificate,
     *,
-    threads: int = 1,
+    threads: int | None = None,
     progress: Progress | None = None,
     most_cells: int = 100_000_000,
 ) -> tuple[Certificate, SearchOutcome]:
@@ -225,7 +225,7 @@ def certify_tolerances(
     scale: float = 1.0,
     p: np.ndarray | None = None,
     about: str = "",
-    threads: int = 1,
+    threads: int | None = None,
     progress: Progress | None = None,
     most_cells: int = 100_000_000,
 ) -> Certificate:

@@ -208,7 +208,8 @@ class CertifyOptions(RobotOptions, VerboseOptions):
         default="the true state is fed back")
     tolerances: bool = option(False, PROVED,
         "Prove the step for every robot within the tolerances, instead of a region of the nominal robot.")
-    threads: Threads = option(2, ADVANCED, "Threads of the proof. The certificate does not depend on them.", "2")
+    threads: Threads | None = option(None, ADVANCED, "Threads of the proof. The certificate does not depend on them.",
+        "2", default="as many as processors")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -219,7 +220,9 @@ class BatchOptions(ElasticOptions, RequiredOptions, CampaignOptions):
         "Another tolerance of a parameter: stiffness=15% or mass=0.9..1.2. That of friction means dry friction too. "
         "Repeat the option for more.",
         "stiffness=15%", "name=x")
-    workers: Whole = option(0, RUN, "Worker processes; 0: this process alone, with two threads.", "4")
+    workers: Whole = option(0, RUN, "Worker processes; 0: this process alone, with `--threads`.", "4")
+    threads: Threads | None = option(None, RUN, "Threads of all workers together. No number depends on them.", "4",
+        default="as many as processors")
     cluster: Text = option("", RUN, "Address of a Dask scheduler, whose workers run the batches.", unit="tcp://…")
     shard: Text = option("", RUN, "Every n-th batch only, for job i of n. Then `merge`.", "1/4", "i/n")
 

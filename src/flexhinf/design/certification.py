@@ -139,7 +139,7 @@ class CertifiedDegree:
 
 def certify_design(
     robot: Robot, s: Specification, progress: Callable[[str], None], share: Callable[[int, float], None], *,
-    decay: float = 0.0, observer: float | None = None, tolerances: bool = False, threads: int = 1,
+    decay: float = 0.0, observer: float | None = None, tolerances: bool = False, threads: int | None = None,
 ) -> tuple[CertifiedDegree, ...]:  # fmt: skip
     """The laws of a design at its goal, and the proof of each, with the true state fed back.
 

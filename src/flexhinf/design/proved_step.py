@@ -121,7 +121,8 @@ def sampled_box(law: AnyBoxProof, ranges: Ranges) -> AnyBoxProof:
 
 def prove_box(
     robot: Robot, law: AnyBoxProof, ranges: Ranges, *, margins: tuple[float, ...] | None = None,
-    seconds: float = np.inf, most_cells: int = 100_000_000, threads: int = 1, progress: cells.Progress | None = None,
+    seconds: float = np.inf, most_cells: int = 100_000_000, threads: int | None = None,
+    progress: cells.Progress | None = None,
 ) -> AnyBoxProof:  # fmt: skip
     """The law of `sampled_box` with its certificate, for the smallest of some gains that can be proved.
 

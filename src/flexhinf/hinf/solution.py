@@ -91,7 +91,7 @@ class HJISolution(ValueFunction, Law):
         decay: float = 0.0,
         about: str = "",
         observer: float | None = None,
-        threads: int = 1,
+        threads: int | None = None,
         progress: Callable[[int, float], None] | None = None,
     ) -> Certificate:
         """Prove the dissipation inequality on a level set of V, by arithmetic that cannot round the wrong way.
@@ -110,8 +110,8 @@ class HJISolution(ValueFunction, Law):
         observer : float, optional
             Bandwidth of an output-injection observer, 1/s: the certificate covers output feedback too, for initial
             errors that take up to a tenth of the level (`flexhinf.certify.proof.with_observer`).
-        threads : int
-            The certificate does not depend on it.
+        threads : int, optional
+            The certificate does not depend on it. By default all processors.
         progress : callable, optional
             Called with the number of cells done and the estimated share of the whole, many times.
 

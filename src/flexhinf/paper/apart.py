@@ -8,11 +8,12 @@ judges its claims too.
 from __future__ import annotations
 
 import multiprocessing
-import os
 import signal
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, NamedTuple
+
+from flexhinf.processors import thread_count
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
@@ -38,11 +39,10 @@ class Apart(NamedTuple):
 def judged_apart(settings: PaperSettings) -> Generator[Apart | None]:
     """Begin to judge claims in another process, which is ended with the block.
 
-    It gives None where this process may run on one processor only. The process imports the main module again, as every
-    process of Python's multiprocessing does.
+    It gives None where this process has one thread only (`thread_count`). The process imports the main module again, as
+    every process of Python's multiprocessing does.
     """
-    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if count < 2:
+    if thread_count() < 2:
         yield None
         return
     context = multiprocessing.get_context("spawn")  # compiled code and threads do not survive a fork
@@ -85,7 +85,7 @@ def _judge_for_another(settings: PaperSettings, begun: Any, sending: Connection)
     from flexhinf.paper.claims import BY_LENGTH
     from flexhinf.paper.loop_setup import PaperSetup, judge
 
-    begin_worker()
+    begin_worker(max(1, thread_count() // 2))
     with suppress(Exception):  # it is raised again where the claim is judged instead
         setup = PaperSetup(settings)
         for k, claim in enumerate(BY_LENGTH):

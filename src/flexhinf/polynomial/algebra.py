@@ -10,7 +10,6 @@ below where BLAS starts threads, and the tiles are shared.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
@@ -18,20 +17,13 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.polynomial import basis
+from flexhinf.processors import thread_count
 from flexhinf.validation import read_only
 
 _TILE_PRODUCTS = 200_000  # multiplications of a real tile: OpenBLAS starts threads from 262,144 on
 _COMPLEX = 4  # and for complex numbers from a fourth of that on
 _TILE_ROWS = 64
 _LARGE = 20_000_000  # multiplications from which the tiles are worth a second thread
-
-
-def thread_count() -> int:
-    """Threads to use: OMP_NUM_THREADS if it is set, else the processors this process may run on."""
-    wanted = os.environ.get("OMP_NUM_THREADS", "")
-    if wanted.isdigit() and int(wanted) > 0:
-        return int(wanted)
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def tile_products(kind: np.dtype) -> int:

@@ -35,6 +35,7 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.arrays import Number
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.plant.model import ParameterTable
 from flexhinf.plant.plant import pose_values
@@ -186,15 +187,15 @@ def required_of_drive(
 
 
 def reflected(
-    values: Mapping[str, float], drive: str, joints: Sequence[str], rigid: Sequence[str] = ()
-) -> dict[str, list[float]]:
+    values: Mapping[str, Number], drive: str, joints: Sequence[str], rigid: Sequence[str] = ()
+) -> dict[str, list[Number]]:
     """Parameters of the plant's equations, one per joint (of springs: per elastic joint), reflected to the link side.
 
     J = N² J_rotor + J_hub; with a gear τ = η_g η_m N k_t (V − N k_b q̇2) / R, so the constants of the reflected
     motor are η_g η_m N k_t and N k_b. Stiffness, friction and what the joint adds are stated on the link side.
     """
 
-    def of(quantity: str, joint: str, default: Any = None) -> float:
+    def of(quantity: str, joint: str, default: Number | None = None) -> Number:
         name = per_joint(quantity, joint, len(joints))
         return values[name] if default is None else values.get(name, default)
 
@@ -205,7 +206,7 @@ def reflected(
         if any(per_joint(quantity, joint, len(joints)) in values for joint in joints)
         or (quantity in ("friction_smoothing", "stribeck_velocity", "coulomb_friction") and dry)
     ]
-    packed: dict[str, list[float]] = {
+    packed: dict[str, list[Number]] = {
         quantity: [] for quantity in ("stiffness", "motor_inertia", "friction", *CONSTANTS[drive], *stated)
     }
     for joint in joints:

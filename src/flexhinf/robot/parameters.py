@@ -188,7 +188,7 @@ class PlantValues(dict[str, Any]):
     A plant knows of a payload only that a link is heavier; the robot knows it by its own name.
     """
 
-    def __init__(self, values: Mapping[str, Any], numbers: Mapping[str, float]) -> None:
+    def __init__(self, values: Mapping[str, Any], numbers: Mapping[str, Any]) -> None:
         super().__init__(values)
         self.numbers = dict(numbers)
 

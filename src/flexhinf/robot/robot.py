@@ -15,7 +15,7 @@ import numpy as np
 from flexhinf.arrays import Number, Numbers
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.notebook import Summarised, names_text
-from flexhinf.plant import GeneralisedPlant, Parameters, ParameterTable, Penalty, Plant
+from flexhinf.plant import GeneralisedPlant, ParameterTable, Penalty, Plant
 from flexhinf.robot.arm import Arm, Links, Pendulum
 from flexhinf.robot.elastic import (
     DRIVES,
@@ -34,6 +34,7 @@ from flexhinf.robot.elastic import (
     required_of_drive,
     traced_inverse,
 )
+from flexhinf.robot.equilibrium import equilibrium, plant_columns
 from flexhinf.robot.modes import Mode, modes_of, stiffness_and_inertia
 from flexhinf.robot.parameters import (
     Parameter,
@@ -66,9 +67,6 @@ from flexhinf.validation import (
     real_array,
     real_number,
 )
-
-#: A torque (force) of less than this times the robot's weight, at a metre, is rounding.
-ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, repr=False)
@@ -334,7 +332,14 @@ class Robot(Summarised):
         """
         q = checked_pose(pose, np.asarray(self.home), self.links, self.name)
         packed = {**self.plant_parameters(), **(parameters or {})}
-        return self._equilibrium(q, packed, extras)
+        return equilibrium(
+            self.links,
+            self.drive,
+            self.layout.elastic,
+            q,
+            packed,
+            checked_extras(extras, False, packed, self.name),
+        )
 
     def starting_states(
         self, poses: np.ndarray, extras: str | Sequence[str], parameters: Mapping[str, np.ndarray]
@@ -348,41 +353,10 @@ class Robot(Summarised):
         columns = {name: np.moveaxis(column, 0, -1) for name, column in parameters.items()}
         if isinstance(self.links, Pendulum):
             columns = {name: np.atleast_2d(column) for name, column in columns.items()}
-        return self._equilibrium(np.asarray(poses, dtype=float).T, columns, extras)[0].T
-
-    def _equilibrium(
-        self, q: np.ndarray, packed: Mapping[str, Any], extras: str | Sequence[str]
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """`operating_point` of one robot, or of N with joints in the first axis and robots in the last one."""
-        on, p = checked_extras(extras, False, packed, self.name), Parameters(packed)
-        elastic = self.layout.elastic
-        held = self.links.gravity_torque(q, p)
-        weight, stiffness = np.asarray(held)[elastic], np.atleast_1d(p.stiffness)
-        twist = weight / stiffness
-        if "spring_hardening" in on:
-            # K δ + K₃ δ³ = G, each joint by Newton's method from outside: it falls to the only root.
-            cubic, done = np.atleast_1d(p.spring_hardening), np.array(False)
-            for _ in range(100):
-                step = (stiffness * twist + cubic * twist**3 - weight) / (stiffness + 3.0 * cubic * twist**2)
-                twist = np.where(done, twist, twist - step)
-                done = done | np.all(np.abs(step) <= 1e-16 * np.abs(twist), axis=0)
-                if np.all(done):
-                    break
-        if "backlash" in on:
-            # A joint that carries nothing may stand anywhere in its gap: in the middle, not where rounding pushes it.
-            mass = np.sum(np.atleast_1d(p.mass), axis=0)
-            twist = (
-                twist
-                + 0.5 * np.sign(weight) * (np.abs(weight) > ROUNDING * mass * abs(p.gravity)) * p.backlash
-            )
-        still = np.zeros(q.shape)
-        states, effort = [q, still, q[elastic] + twist, still[elastic]], np.array(held, dtype=float)
-        if self.drive != "torque":
-            effort = np.asarray(held / p.torque_constant, dtype=float)
-        if self.drive == "voltage":
-            states += [effort] if "inductance" in on else []
-            effort = np.asarray(p.resistance * effort, dtype=float)
-        return np.concatenate(states), effort
+        on = checked_extras(extras, False, columns, self.name)
+        return equilibrium(
+            self.links, self.drive, self.layout.elastic, np.asarray(poses, dtype=float).T, columns, on
+        )[0].T
 
     def modes(self, pose: Numbers = None, parameters: Mapping[str, Any] | None = None) -> tuple[Mode, ...]:
         """Modes of the uncontrolled robot near the equilibrium at a pose, slowest first: how its springs vibrate.
@@ -555,22 +529,9 @@ class Robot(Summarised):
         }  # fmt: skip
         whole = {**self.nominal, **dry, **own}
         shape = np.broadcast_shapes(*(np.shape(value) for value in values.values()))
-        return self._columns(whole, shape) if shape else self.plant_parameters(whole)
-
-    def _columns(self, values: Mapping[str, Number], shape: tuple[int, ...]) -> PlantValues:
-        """`plant_parameters` of N robots, (N, …), each with the bits that it has alone."""
-
-        def column(value: Number) -> np.ndarray:
-            return np.broadcast_to(np.asarray(value, dtype=float), shape)
-
-        columns = {name: column(value) for name, value in values.items()}
-        arrays = {
-            name: np.moveaxis(np.array([*map(column, joints)]).reshape(-1, *shape), 0, -1)
-            for name, joints in reflected(columns, self.drive, self.joint_names, self.rigid).items()
-        }
-        if isinstance(self.links, Pendulum):
-            arrays = {name: joints[..., 0] for name, joints in arrays.items()}
-        return PlantValues(self.links.packed_columns(columns) | arrays, columns)
+        if not shape:
+            return self.plant_parameters(whole)
+        return plant_columns(self.links, self.drive, self.joint_names, self.rigid, whole, shape)
 
     def corner(self, signs: Mapping[str, float] | Sequence[float]) -> PlantValues:
         """Parameters of a plant (`Plant.with_parameters`), the uncertain ones at one end of their intervals.

@@ -42,13 +42,11 @@ from flexhinf.loop.simulation.program import (
 )
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.plant import Plant, fastest_modes, sub_steps
+from flexhinf.processors import thread_count
 from flexhinf.validation import checked_array, read_only, real_array, value_text
 
 #: Runs side by side in one kernel. Eight numbers are one register of AVX-512 and two of AVX2.
 LANES = 8
-
-#: Threads by default: compiled code lets the others go on.
-THREADS = 2
 
 #: Samples of all runs together from which on a kernel of its own is worth compiling: a second, once on a machine.
 WORTH = 50_000
@@ -211,7 +209,8 @@ class Ensemble:
         initial_inputs : (N, m) array, optional
             Of each run, as `initial_input` for `Loop.run`.
         threads, lanes : int, optional
-            Results do not depend on them. By default `THREADS`, and `LANES` where the runs are worth a kernel of them.
+            Results do not depend on them. By default `thread_count`, and `LANES` where the runs are worth a kernel
+            of them.
 
         Raises
         ------
@@ -219,7 +218,7 @@ class Ensemble:
             For arrays that do not fit, and for a plant that is too fast for this period.
         """
         plants = self._plants(parameters, seeds, initial_states, loads, initial_inputs)
-        threads = THREADS if threads is None else threads
+        threads = thread_count() if threads is None else threads
         few = lanes is None and self._few(plants)
         lanes = LANES if lanes is None else lanes
         recorded = self._alone(plants, threads) if few else self._in_lanes(plants, lanes, threads)
@@ -251,8 +250,9 @@ class Ensemble:
         """The same runs with all signals, a few at a time, for metrics without a reduction; arguments as for `run`."""
         plants = self._plants(parameters, seeds, initial_states, loads, initial_inputs)
         disturbances = self._disturbances(plants)
+        threads = thread_count()
         if self._few(plants):
-            with ThreadPoolExecutor(THREADS) as pool:
+            with ThreadPoolExecutor(threads) as pool:
                 yield from pool.map(
                     lambda k: self._prepared(plants, disturbances, k, self._settings(plants, k)).run()[0],
                     range(len(plants)),
@@ -263,11 +263,11 @@ class Ensemble:
         everything = np.arange(self.command.samples)
         whole = replace(self, tracking={}, common=(), kept=kept, instants=everything)
         ends, times = np.cumsum([len(some) for some in names.values()])[:-1], everything * self.command.period
-        for first in range(0, len(plants), THREADS * LANES):
-            rows = slice(first, first + THREADS * LANES)
+        for first in range(0, len(plants), threads * LANES):
+            rows = slice(first, first + threads * LANES)
             own = {name: values[rows] for name, values in plants.own.items()}
             some = EnsemblePlants(plants.truth[rows], plants.parts[rows], plants.seeds[rows], own)
-            result = whole._in_lanes(some, LANES, THREADS, disturbances)
+            result = whole._in_lanes(some, LANES, threads, disturbances)
             for k, row in enumerate(result.kept):
                 recorded = dict(zip(names, np.split(row, ends, axis=1)))
                 acting = (

@@ -1,0 +1,68 @@
+"""How many threads to use: of the processors that this process may run on, or as many as were requested."""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+#: Largest number of threads that can be requested.
+MOST_THREADS = 1024
+
+#: Files of a group of processes whose share of the processors is limited: version 2 of the interface, and version 1.
+QUOTA, QUOTA_1, PERIOD_1 = (
+    Path("/sys/fs/cgroup", name) for name in ("cpu.max", "cpu/cpu.cfs_quota_us", "cpu/cpu.cfs_period_us")
+)
+
+_requested: list[int] = []
+
+
+def thread_count() -> int:
+    """Threads to use, at least 1: as many as `limited_threads` says, else ``OMP_NUM_THREADS``, else `available`.
+
+    No number that is computed depends on it.
+    """
+    if _requested:
+        return _requested[-1]
+    stated = os.environ.get("OMP_NUM_THREADS", "").partition(",")[0]  # of nested levels, the outer one
+    return int(stated) if stated.isdecimal() and stated.isascii() and int(stated) > 0 else available()
+
+
+def available() -> int:
+    """Processors that this process may run on: its affinity, and no more than the share of its group (cgroup)."""
+    own = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return max(1, min(own, _share()))
+
+
+def _share() -> int:
+    """Processors whose time the group of this process may use, rounded up; very many where it is not limited."""
+    try:
+        if QUOTA.exists():
+            quota, period = QUOTA.read_text().split()
+        else:
+            quota, period = QUOTA_1.read_text(), PERIOD_1.read_text()
+        share = float(quota) / float(period)
+    except (OSError, ValueError, ZeroDivisionError):  # not limited ("max"), or no such system
+        return sys.maxsize
+    return math.ceil(share) if share > 0.0 else sys.maxsize
+
+
+def set_threads(count: int) -> None:
+    """Make this number the one of `thread_count`, in all of the process."""
+    _requested.append(count)
+
+
+@contextmanager
+def limited_threads(count: int | None) -> Iterator[None]:
+    """Meanwhile `thread_count` is this number, in all of the process; None changes nothing."""
+    if count is None:
+        yield
+        return
+    _requested.append(count)
+    try:
+        yield
+    finally:
+        _requested.remove(count)

@@ -1,0 +1,85 @@
+"""Parameters of plants, with the equilibrium of each: of one robot, or of many that differ in their numbers.
+
+Many robots are computed at once, with the bits that each of them has alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from flexhinf.arrays import Number
+from flexhinf.plant import Parameters
+from flexhinf.robot.arm import Links, Pendulum
+from flexhinf.robot.elastic import reflected
+from flexhinf.robot.parameters import PlantValues
+
+#: A torque (force) of less than this times the robot's weight, at a metre, is rounding.
+ROUNDING = 1e-12
+
+
+def plant_columns(
+    links: Links,
+    drive: str,
+    joints: Sequence[str],
+    rigid: Sequence[str],
+    values: Mapping[str, Number],
+    shape: tuple[int, ...],
+) -> PlantValues:
+    """Parameters of N plants, (N, …), from the parameters of robots by name: a number for all, or (N,) of each."""
+
+    def column(value: Number) -> np.ndarray:
+        return np.broadcast_to(np.asarray(value, dtype=float), shape)
+
+    columns = {name: column(value) for name, value in values.items()}
+    arrays = {
+        name: np.moveaxis(np.array([*map(column, parts)]).reshape(-1, *shape), 0, -1)
+        for name, parts in reflected(columns, drive, joints, rigid).items()
+    }
+    if isinstance(links, Pendulum):
+        arrays = {name: array[..., 0] for name, array in arrays.items()}
+    return PlantValues(links.packed_columns(columns) | arrays, columns)
+
+
+def equilibrium(
+    links: Links,
+    drive: str,
+    elastic: list[int],
+    q: np.ndarray,
+    packed: Mapping[str, Any],
+    on: Collection[str],
+) -> tuple[np.ndarray, np.ndarray]:
+    """State and input at rest with links at q (n,): q2 = q1 + K⁻¹ G(q1), exactly.
+
+    `packed` are the parameters of the plant, `on` its extras. Of N robots, joints are in the first axis of each
+    array and robots in the last one.
+    """
+    p = Parameters(packed)
+    held = links.gravity_torque(q, p)
+    weight, stiffness = np.asarray(held)[elastic], np.atleast_1d(p.stiffness)
+    twist = weight / stiffness
+    if "spring_hardening" in on:
+        # K δ + K₃ δ³ = G, each joint by Newton's method from outside: it falls to the only root.
+        cubic, done = np.atleast_1d(p.spring_hardening), np.array(False)
+        for _ in range(100):
+            step = (stiffness * twist + cubic * twist**3 - weight) / (stiffness + 3.0 * cubic * twist**2)
+            twist = np.where(done, twist, twist - step)
+            done = done | np.all(np.abs(step) <= 1e-16 * np.abs(twist), axis=0)
+            if np.all(done):
+                break
+    if "backlash" in on:
+        # A joint that carries nothing may stand anywhere in its gap: in the middle, not where rounding pushes it.
+        mass = np.sum(np.atleast_1d(p.mass), axis=0)
+        twist = (
+            twist + 0.5 * np.sign(weight) * (np.abs(weight) > ROUNDING * mass * abs(p.gravity)) * p.backlash
+        )
+    still = np.zeros(q.shape)
+    states, effort = [q, still, q[elastic] + twist, still[elastic]], np.array(held, dtype=float)
+    if drive != "torque":
+        effort = np.asarray(held / p.torque_constant, dtype=float)
+    if drive == "voltage":
+        states += [effort] if "inductance" in on else []
+        effort = np.asarray(p.resistance * effort, dtype=float)
+    return np.concatenate(states), effort

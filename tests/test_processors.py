@@ -1,0 +1,56 @@
+"""Threads are those that were requested, else the processors that the process may use."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from flexhinf import processors
+from flexhinf.processors import available, limited_threads, thread_count
+
+
+def test_the_environment_and_a_request_limit_the_threads(monkeypatch: pytest.MonkeyPatch):
+    for text, expected in (
+        ("3", 3),
+        ("5,2", 5),
+        ("0", available()),
+        ("many", available()),
+        ("", available()),
+    ):
+        monkeypatch.setenv("OMP_NUM_THREADS", text)
+        assert thread_count() == expected
+    monkeypatch.setenv("OMP_NUM_THREADS", "3")
+    with limited_threads(7):
+        with limited_threads(None):
+            assert thread_count() == 7
+        with limited_threads(1):
+            assert thread_count() == 1
+    assert thread_count() == 3
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("max 100000", 12),
+        ("250000 100000", 3),
+        ("50000 100000", 1),
+        ("-1 100000", 12),
+        ("4 0", 12),
+        ("strange", 12),
+    ],
+)
+def test_affinity_and_the_share_of_a_group_limit_the_threads(
+    text: str, expected: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: set(range(12)), raising=False)
+    whole, (quota, _, period) = tmp_path / "cpu.max", text.partition(" ")
+    whole.write_text(text)
+    monkeypatch.setattr(processors, "QUOTA", whole)
+    assert available() == expected
+    for name, part in (("QUOTA_1", quota), ("PERIOD_1", period)):
+        (tmp_path / name).write_text(part)
+        monkeypatch.setattr(processors, name, tmp_path / name)
+    monkeypatch.setattr(processors, "QUOTA", tmp_path / "absent")
+    assert available() == expected
