@@ -26,6 +26,7 @@ from benchmarks.campaign.floating_point import LANES, peak, work_of
 from benchmarks.filterpy_loop import FilterpyLoop
 from benchmarks.measure import Timing, alternate, rounds
 from benchmarks.record import keep
+from flexhinf.campaign import Campaign
 
 PERIOD, GOAL, Q, R, THREADS = 1e-3, math.pi / 2, 1e-6, 1e-6, 2
 #: The environment of numba and JAX, which are in no lock of ours: `make peers`.
@@ -195,8 +196,45 @@ def campaigns(plants: int, steps: int, repetitions: int) -> list[dict[str, Any]]
             f"; results agree to {agreed[name]:.0e}" if name in agreed else ""
         )
         rows.append(_row(name, t[name], f"ours >= {least:,.0f} x", ratio >= least, note))
-    rows += [*_limit(work, t["one thread"]), _memory(arm)]
+    rows += [*_limit(work, t["one thread"]), _memory(arm), *end_to_end(arm, 40_000, 500, repetitions)]
     return rows
+
+
+def end_to_end(arm: PaperArm, samples: int, steps: int, repetitions: int) -> list[dict[str, Any]]:
+    """What `flexhinf.run_campaign` adds to its runs, in memory and with a journal: draws, metrics, the table."""
+    robot, options = fh.paper_arm(), {"noise": math.sqrt(R), "duration": (steps - 1) * PERIOD}
+    loop = fh.Loop(arm.plant, arm.controller, 1)
+    drawn = [arm.plant.parameters.known(robot.draw(np.random.default_rng(k))) for k in range(samples)]
+    truth, seeds = arm.plant.parameters.vectors(drawn), np.arange(samples)
+    campaign = Campaign(loop, robot.draw, samples, options={**options, "reference": fh.Step(GOAL)})
+    assert campaign.ensemble is not None
+    campaign.ensemble.run(truth[:LANES], seeds[:LANES])
+
+    def run(folder: Path | None) -> object:
+        return fh.run_campaign(loop, robot.draw, samples, reference=fh.Step(GOAL), folder=folder, **options)
+
+    def run_on_disk() -> object:
+        with tempfile.TemporaryDirectory() as folder:
+            return run(Path(folder) / "journal")
+
+    works: dict[str, tuple[Any, int]] = {
+        "ensemble": (lambda: campaign.ensemble.run(truth, seeds), samples * steps),
+        "memory": (lambda: run(None), samples * steps),
+        "disk": (run_on_disk, samples * steps),
+    }
+    t = alternate(works, repetitions)
+    what, share = f"{samples:,} robots x {steps:,} steps", {k: t["ensemble"].median / t[k].median for k in t}
+    return [
+        _row(f"ensemble of {what}", t["ensemble"]),
+        _row(
+            "run_campaign of them, in memory",
+            t["memory"],
+            ">= 0.8 x",
+            share["memory"] >= 0.8,
+            f"{share['memory']:.2f} x",
+        ),
+        _row("run_campaign of them, with a journal", t["disk"], "", None, f"{share['disk']:.2f} x"),
+    ]
 
 
 def rival(plants: int, steps: int, turns: int) -> list[dict[str, Any]]:
