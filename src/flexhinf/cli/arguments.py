@@ -330,6 +330,8 @@ def without_effect_on_run(
     `noise`: whether measurements have noise. `commanded`: whether the controller takes a command. `workspace`: whether
     it is for one.
     """
+    from flexhinf.design.requirements import on_loops
+
     idle, random = _of_loop(robot, s), noise and s.estimator != "none"
     if not random:
         idle |= dict.fromkeys(("measurement_noise", "seed"), "noise of the measurements")
@@ -337,6 +339,9 @@ def without_effect_on_run(
         idle |= dict.fromkeys(("pose", "start", "overshoot"), 'a step (--move "" takes back the move)')
     elif not commanded:
         idle["shaping"] = "a controller that takes a command: its penalty weighs link_position_integral"
+    for kind in on_loops():
+        if kind.of_motion is None:
+            idle[kind.field] = "flexhinf design, which linearises the loop"
     of_pose = dict.fromkeys(("shaping", "overshoot", "feedforward"), "a controller of one pose")
     return _active(s, idle) | (of_pose if workspace else {})
 
@@ -348,7 +353,7 @@ def _active(s: Specification, idle: Mapping[str, str]) -> dict[str, str]:  # a s
 def _of_workspace(robot: Robot, s: Specification) -> dict[str, str]:
     kept = {"ripple", "tracking_error"} | ({"estimator"} if s.estimator == "none" else set())
     idle = dict.fromkeys(
-        {*specification.FIELDS} - {*specification.OF_WORKSPACE} | {"estimator"},
+        {*specification.FIELDS} - {*specification.OF_WORKSPACE, *specification.EXTENDED} | {"estimator"},
         "a design of one pose (--pose)",
     )
     return {k: v for k, v in (_of_loop(robot, s) | idle).items() if k not in kept}

@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from flexhinf.design.laws import LARGEST_DEGREE, NL_HINF, RIVALS, RIVALS_OVER, USUAL
-from flexhinf.design.specification import FIELDS
+from flexhinf.design.specification import EXTENDED, FIELDS
+from flexhinf.extensions import load_extensions
 from flexhinf.options import (
     ADVANCED,
     CHOICE,
@@ -46,6 +47,7 @@ from flexhinf.options import (
 )
 from flexhinf.paper.settings import PaperSettings
 
+load_extensions()  # whose requirements and laws have options too
 ALL = tuple(FIELDS)
 
 #: Fields that no comparison computes with: what only the design is judged by, and its region.
@@ -57,13 +59,13 @@ NOT_CERTIFIED = (
     "workspace", "tracking_error", "angle_unit", "load", "rays", "compare_rigid", "mujoco", "undershoot",
     "path_distance", "remaining_error",
 )  # fmt: skip
-CERTIFY_FIELDS = tuple(name for name in FIELDS if name not in NOT_CERTIFIED)
+CERTIFY_FIELDS = tuple(name for name in FIELDS if name not in (*NOT_CERTIFIED, *EXTENDED))
 
 #: Fields that change a run and not its controller.
 RUN_FIELDS = (
     "pose", "start", "shaping", "feedforward", "move", "tracking_error", "undershoot", "path_distance",
     "remaining_error", "ripple", "overshoot", "angle_unit", "extras", "unknown_delay",
-    "quantisation",     "measurement_noise", "load", "duration", "seed",
+    "quantisation", "measurement_noise", "load", "duration", "seed", *EXTENDED,
 )  # fmt: skip
 
 #: Fields that a filter for a log is made of.

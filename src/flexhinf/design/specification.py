@@ -7,6 +7,7 @@ schema and the table of options in docs/options.md derive from this class, see `
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import functools
 import math
 from collections.abc import Sequence
@@ -14,7 +15,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from flexhinf import options
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.extensions import load_extensions
 from flexhinf.options import (
     ADVANCED,
     LIMITS,
@@ -196,10 +198,6 @@ class Specification:
         "A move to follow: a CSV file with columns time and the joints, 'time [s],elbow [deg]'. The loop is judged by "
         "it. The goal is by default its last waypoint.", "waypoints.csv", "s; rad, m",
         default="the way from start to goal, not judged")
-    tracking_error: options.Tolerances | None = option(None, LOOP,
-        "Largest distance of a link from where the move is at the same time: 1deg, or one per joint 1deg,2mm.",
-        "0.5deg", "rad, m",
-        default="5 % of the joint's way along the move; in a workspace 5 times the remaining error")
     angle_unit: AngleUnit | None = setting(None, WRITTEN, "Unit of angles in the report: rad or deg.", "deg",
         default="the unit of the poses")
     preset: PresetName | None = option(None, SEARCH,
@@ -236,6 +234,10 @@ class Specification:
     path_distance: options.Tolerances | None = setting(None, LOOP,
         "Largest distance of a link from the path, at any time: 1deg, or one per joint 1deg,2mm.", "1deg", "rad, m",
         default="no requirement")
+    tracking_error: options.Tolerances | None = option(None, LOOP,
+        "Largest distance of a link from where the move is at the same time: 1deg, or one per joint 1deg,2mm.",
+        "0.5deg", "rad, m",
+        default="5 % of the joint's way along the move; in a workspace 5 times the remaining error")
     remaining_error: options.Tolerances | None = option(None, LOOP,
         "Largest error of a link at the end of a move: 0.5e-3 (rad, m), or one per joint 0.05deg,1mm. It is looked at "
         "in the last 0.3 s, with the dead zone of the integrals.",
@@ -337,8 +339,12 @@ class Specification:
     mujoco: options.Flag = option(False, SEARCH,
         "Whether the step is run in MuJoCo too (needs flexhinf[mujoco]).")
     # fmt: on
+    #: Fields of `declare_limit` with their values; each is an attribute too.
+    extended: tuple[tuple[str, Any], ...] = dataclasses.field(default=(), repr=False)
 
     def __post_init__(self) -> None:
+        for name, value in self.extended:
+            object.__setattr__(self, name, value)
         for name, field in FIELDS.items():
             if (value := getattr(self, name)) is not field.default:
                 try:
@@ -347,6 +353,8 @@ class Specification:
                     if isinstance(error, WaypointError) or not error.what.startswith(refused(name)):
                         raise
                     raise SpecificationError(name, error.what, error.found, example=error.advice) from None
+        stated = tuple((name, getattr(self, name)) for name in EXTENDED if getattr(self, name) is not None)
+        object.__setattr__(self, "extended", stated)
         for name, (most, why) in MOST.items():
             if (value := getattr(self, name)) is not None and value > most:
                 raise _refusal(name, f"expected at most {most:g} ({why}), got {value_text(value)}")
@@ -379,7 +387,8 @@ class Specification:
     def pose_fields_stated(self) -> tuple[str, ...]:
         """Fields other than their defaults that only a design of one pose reads; without any, a design is for a
         workspace."""
-        both = OF_WORKSPACE if self.estimator not in OF_POSE else {*OF_WORKSPACE} - {"estimator"}
+        every = {*OF_WORKSPACE, *EXTENDED}
+        both = every if self.estimator not in OF_POSE else every - {"estimator"}
         values = ((name, getattr(self, name), field.default) for name, field in FIELDS.items())
         return tuple(
             name for name, value, default in values
@@ -443,6 +452,25 @@ class Specification:
 FIELDS = declared(Specification)
 Specification.__doc__ = with_parameters(Specification)
 
+#: Names of fields that `declare_limit` added, in that order. A design of a pose and of a workspace reads them.
+EXTENDED: list[str] = []
+
+
+def declare_limit(name: str, about: options.About, kind: Any) -> None:
+    """Add a field for the limit of a requirement that has a file of its own; by default None.
+
+    Raises `InvalidInput` for the name of another field, and for one that is no name in Python.
+    """
+    refuse_if(
+        name in FIELDS or hasattr(Specification, name) or not name.isidentifier(),
+        f"The limit {name!r} cannot be a field of a specification.",
+        f"expected a name in Python that no field has, got {name!r}",
+        f"my_{name.replace('-', '_')}",
+    )
+    FIELDS[name] = options.field_info(name, about, kind)
+    setattr(Specification, name, None)
+    EXTENDED.append(name)
+
 
 def per_joint(joints: Sequence[str], name: str, value: Any) -> np.ndarray:
     """A number of a field for each joint (n,); SpecificationError for another count of numbers."""
@@ -479,8 +507,12 @@ def _checked(make: Any) -> Any:
 
     @functools.wraps(make)
     def init(self: Specification, **fields: Any) -> None:
+        if any(name not in FIELDS for name in fields):
+            load_extensions()
+        own = {name: fields.pop(name) for name in [*fields] if name in EXTENDED}
+        fields["extended"] = tuple({**dict(fields.get("extended", ())), **own}.items())
         for name in fields:
-            if name not in FIELDS:
+            if name not in (*FIELDS, "extended"):
                 raise SpecificationError(
                     name, f"A specification has no field {name!r}.",
                     f"expected fields out of {list(FIELDS)}, got {name!r}", nearest(name, FIELDS),
