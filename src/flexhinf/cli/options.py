@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from flexhinf.design.laws import LARGEST_DEGREE, NL_HINF, RIVALS, RIVALS_OVER, USUAL
+from flexhinf.design.laws import LARGEST_DEGREE, NL_HINF, laws_over, rivals
 from flexhinf.design.specification import EXTENDED, FIELDS
 from flexhinf.extensions import load_extensions
 from flexhinf.options import (
@@ -167,8 +167,8 @@ class CompareOptions(RobotOptions, VerboseOptions):
 
     out: Path = option(Path("flexhinf-compare"), WRITTEN, FOLDER)
     laws: Text = option("", COMPARED,
-        f"Names of laws between commas: pd,pid. Over a workspace they are {', '.join(RIVALS_OVER)}; the default is "
-        f"{', '.join(USUAL)}. At a pose they are {NL_HINF}, {', '.join(RIVALS)}, and {NL_HINF}-2 … "
+        f"Names of laws between commas: pd,pid. Over a workspace they are {', '.join(laws_over())}; the default is "
+        f"{', '.join(laws_over(usual=True))}. At a pose they are {NL_HINF}, {', '.join(rivals())}, and {NL_HINF}-2 … "
         f"{NL_HINF}-{LARGEST_DEGREE} for one degree of V; the default is all.", "pd,pid")
     gains: Path | None = option(None, COMPARED,
         "Over a workspace: a TOML file with numbers of laws, which are then not tuned. Its tables are named as laws "

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexhinf.design.laws import DEFAULT_LAWS, DESIGN, NL_HINF, RIVALS, is_hinf
+from flexhinf.design.laws import DESIGN, LAWS, NL_HINF, is_hinf, rivals
 from flexhinf.design.pipeline import ComparedLaw, Comparison
 from flexhinf.design.tuning import (
     RATIOS,
@@ -87,7 +87,7 @@ def is_ranked(comparison: Comparison) -> bool:
 
 
 def _whole(text: str) -> str:
-    for name in sorted((n for n in DEFAULT_LAWS if "-" in n), key=len, reverse=True):
+    for name in sorted((n for n in LAWS if "-" in n), key=len, reverse=True):
         text = text.replace(name, name.replace("-", NO_BREAK))
     return text
 
@@ -252,7 +252,7 @@ def comparison_notes(comparison: Comparison) -> list[str]:
                 f"The loop of {row.name} could not be linearised: {row.evaluation.linear_failure.rstrip('.')}."
             )
     compared = {row.name for row in comparison.rows}
-    if others := [name for name in RIVALS if name not in compared]:
+    if others := [name for name in rivals() if name not in compared]:
         notes.append(f"Not asked for, and so not compared: {', '.join(others)}.")
     if own is not None and own.setup.left_out:
         names = " and ".join(own.setup.left_out).replace("_", " ")
