@@ -368,6 +368,7 @@ def of_workspace_proof(request: DesignRequest) -> dict[str, str]:
 
 
 def _of_loop(robot: Robot, s: Specification) -> dict[str, str]:
+    from flexhinf.design.estimators import is_kalman
     from flexhinf.design.responses import joint_limits
     from flexhinf.robot.elastic import DRY, with_dry_friction
 
@@ -379,8 +380,8 @@ def _of_loop(robot: Robot, s: Specification) -> dict[str, str]:
     if s.estimator == "none":
         idle |= dict.fromkeys(("measured", *NOISES), "an estimator")
     dry = set(with_dry_friction(s.extras, robot.plant_parameters())) & set(DRY)
-    if s.estimator not in ("ukf", "ekf") or not dry:
-        idle["friction_model"] = "the estimator ukf or ekf, and dry friction in the robot's file"
+    if not is_kalman(s) or not dry:
+        idle["friction_model"] = "a Kalman filter (ukf, ekf), and dry friction in the robot's file"
     if not robot.uncertain:
         idle["draws"] = "tolerances in the robot's file"
     if all(robot.links.slides):

@@ -57,7 +57,28 @@ Range = Annotated[
 ]  # fmt: skip
 
 PresetName = Annotated[Literal["paper", "damped", "robust", "proved"], options.CHOICE]
-EstimatorName = Annotated[Literal["ukf", "ekf", "observer", "none"], options.CHOICE]
+#: Estimators by name, in a sentence; `declare_estimator` adds others.
+ESTIMATED_BY = {
+    "ukf": "the unscented Kalman filter", "ekf": "the extended Kalman filter",
+    "observer": "the output-injection observer", "none": "the true state fed back",
+}  # fmt: skip
+
+
+def estimator_name(value: Any) -> str:
+    """The name of an estimator, in small letters. Raises `InvalidInput` for one that is not known."""
+    name = options.choice(value)
+    if not isinstance(name, str) or name not in ESTIMATED_BY:
+        load_extensions()
+    if not isinstance(name, str) or name not in ESTIMATED_BY:
+        found = f"expected {', '.join(ESTIMATED_BY)}, got {value_text(value)}"
+        raise InvalidInput(refused("estimator"), found, nearest(value, ESTIMATED_BY, "ukf").strip("'"))
+    return name
+
+
+EstimatorName = Annotated[
+    str, read_by(estimator_name), Allowed(", ".join(ESTIMATED_BY)),
+    options.Marker("WithJsonSchema", {"type": "string", "enum": [*ESTIMATED_BY]}),
+]  # fmt: skip
 ShapingName = Annotated[Literal["jump", "quintic", "jerk-limited"], options.CHOICE]
 AngleUnit = Annotated[Literal["rad", "deg"], options.CHOICE]
 
@@ -69,8 +90,8 @@ OF_WORKSPACE = (
     "quantisation", "integral_dead_zone", "draws", "seed", "angle_unit",
 )  # fmt: skip
 
-#: Estimators of a design of one pose alone.
-OF_POSE = ("ekf", "observer")
+#: Estimators of a design for a workspace; with any other one a design is of one pose.
+OVER_WORKSPACE = ("ukf", "none")
 
 #: Default variance of the velocities per sample. With the default R^n the estimator is so fast that a load deflects the
 #: link little more than with the true state fed back, see docs/real_loop.md.
@@ -388,7 +409,7 @@ class Specification:
         """Fields other than their defaults that only a design of one pose reads; without any, a design is for a
         workspace."""
         every = {*OF_WORKSPACE, *EXTENDED}
-        both = every if self.estimator not in OF_POSE else every - {"estimator"}
+        both = every if self.estimator in OVER_WORKSPACE else every - {"estimator"}
         values = ((name, getattr(self, name), field.default) for name, field in FIELDS.items())
         return tuple(
             name for name, value, default in values
@@ -483,6 +504,14 @@ def per_joint(joints: Sequence[str], name: str, value: Any) -> np.ndarray:
             example=",".join(f"{limit:g}" for limit in np.resize(limits, len(joints))),
         )
     return np.array(np.broadcast_to(limits, (len(joints),)))
+
+
+def declare_estimator(name: str, description: str) -> None:
+    """Add the name of an estimator that has a file of its own, with its description in a sentence."""
+    ESTIMATED_BY[name] = description
+    field = FIELDS["estimator"]
+    about = replace(field.about, help=f"{field.about.help} {name}: {description}.")
+    FIELDS["estimator"] = replace(field, about=about, allowed=", ".join(ESTIMATED_BY))
 
 
 # A workspace, or one pose ------------------------------------------------------------------------------

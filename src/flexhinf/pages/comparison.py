@@ -11,6 +11,7 @@ import numpy as np
 
 from flexhinf.design.laws import DESIGN, LAWS, NL_HINF, is_hinf, rivals
 from flexhinf.design.pipeline import ComparedLaw, Comparison
+from flexhinf.design.specification import ESTIMATED_BY
 from flexhinf.design.tuning import (
     RATIOS,
     TunedLaw,
@@ -21,7 +22,6 @@ from flexhinf.design.verdict import UNKNOWN, DesignVerdict
 from flexhinf.pages.comparison_figures import ranking_figure, responses_figure, trade_off_figure
 from flexhinf.pages.design.frequency import Loop, frequency_figures
 from flexhinf.pages.drawing import (
-    ESTIMATORS,
     count_text,
     joint_count,
     law_name,
@@ -190,7 +190,7 @@ def comparison_page(
         "All laws are for this goal alone; flexhinf design without a pose makes one for the workspace. "
         f"{count_text(len(comparison.compared), 'law')} with the same commands, load, move, robots, seeds and limits. "
         f"“{DESIGN}” is the law as flexhinf design makes it (preset {comparison.synthesis.design_problem.preset}, "
-        f"{law_name(comparison.synthesis.chosen.degree)}, {ESTIMATORS[s.estimator]}); {_whole(NL_HINF)} is the same "
+        f"{law_name(comparison.synthesis.chosen.degree)}, {ESTIMATED_BY[s.estimator]}); {_whole(NL_HINF)} is the same "
         f"problem tuned as the other laws are. Criterion: {comparison.criterion.measure}",
         _whole(said[0]),
         (*sections, *([files_section(files)] if files else [])), Settings(comparison_settings(comparison)),
