@@ -313,14 +313,14 @@ class ExportFmuOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExportWebOptions:
-    """Options of ``flexhinf export web``."""
+class ExportFileOptions:
+    """Options of ``flexhinf export web``, and of exports that other packages add."""
 
     source: Text = argument(
         "design.toml or the folder of a report, whose controller is taken as it was judged; a design.toml without one "
         "is designed first.", "DESIGN")
-    out: Path | None = option(None, WRITTEN, "The page that is written, a new file.", unit="path",
-        default="DESIGN.html")
+    out: Path | None = option(None, WRITTEN, "What is written, a new file.", unit="path",
+        default="DESIGN with the ending of the export")
     force: bool = option(False, WRITTEN, "Replace a file that is there.")
 
 
