@@ -13,4 +13,6 @@ def write(exported, path):
     return path
 
 
-register(ExportKind("signals", "Period and signals as JSON, for a fieldbus.", ".json", write, of_design=False))
+register(
+    ExportKind("signals", "Period and signals as JSON, for a fieldbus.", ".json", write, of_design=False)
+)

@@ -6,7 +6,7 @@ from flexhinf.design.requirements import RequirementKind, register
 
 
 def rise_times(motion):
-    """From 10 to 90 % of the way of each joint that travels, s."""
+    """Times from 10 to 90 % of the way of each joint that travels, s."""
     way = np.where(motion.moves, motion.path[-1] - motion.path[0], np.nan)
     share = (motion.positions - motion.path[0]) / way
     low, high = (motion.time[np.argmax(share >= part, axis=0)] for part in (0.1, 0.9))
