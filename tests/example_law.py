@@ -19,5 +19,5 @@ def over_a_workspace(model, numbers):
 
 over = LawOver(over_a_workspace, names=("bandwidth",), variants=({"share": 1.0}, {"share": 0.5}))
 tuned = ("bandwidth", "estimator_noise", "motor_noise")
-about = {"group": IN_USE, "source": "Tomei 1991", "model": "inertia"}
-register(LawKind("pd-critical", "critically damped PD", **about, make=about_a_pose, tuned=tuned, over=over))
+what = "pd-critical", "critically damped PD", IN_USE, "Tomei 1991", "inertia"
+register(LawKind(*what, make=about_a_pose, tuned=tuned, over=over))
