@@ -472,10 +472,19 @@ def motion_of(limits: JointLimits, run: Response, plan: Plan | None = None) -> M
         path, planned = (np.reshape(plan(t), (len(t), -1)) for t in instants)
     duration = 0.0 if plan is None else plan.duration
     return Motion(
-        time=time, positions=run.positions, velocities=run.velocities, inputs=run.inputs, planned=planned, path=path,
-        duration=duration, plans=plan is not None, rests=plan is None or time[-1] - duration >= metrics.WINDOW,
-        effort=limits.effort, span=limits.span, slides=np.array(limits.position_units) == "m",
-    )  # fmt: skip
+        time=time,
+        positions=run.positions,
+        velocities=run.velocities,
+        inputs=run.inputs,
+        planned=planned,
+        path=path,
+        duration=duration,
+        plans=plan is not None,
+        rests=plan is None or time[-1] - duration >= metrics.WINDOW,
+        effort=limits.effort,
+        span=limits.span,
+        slides=np.array(limits.position_units) == "m",
+    )
 
 
 def motion_metrics(limits: JointLimits, run: Response, plan: Plan | None = None) -> list[dict[str, Any]]:

@@ -59,9 +59,11 @@ Range = Annotated[
 PresetName = Annotated[Literal["paper", "damped", "robust", "proved"], options.CHOICE]
 #: Estimators by name, in a sentence; `declare_estimator` adds others.
 ESTIMATED_BY = {
-    "ukf": "the unscented Kalman filter", "ekf": "the extended Kalman filter",
-    "observer": "the output-injection observer", "none": "the true state fed back",
-}  # fmt: skip
+    "ukf": "the unscented Kalman filter",
+    "ekf": "the extended Kalman filter",
+    "observer": "the output-injection observer",
+    "none": "the true state fed back",
+}
 
 
 def estimator_name(value: Any) -> str:
@@ -76,9 +78,11 @@ def estimator_name(value: Any) -> str:
 
 
 EstimatorName = Annotated[
-    str, read_by(estimator_name), Allowed(", ".join(ESTIMATED_BY)),
+    str,
+    read_by(estimator_name),
+    Allowed(", ".join(ESTIMATED_BY)),
     options.Marker("WithJsonSchema", {"type": "string", "enum": [*ESTIMATED_BY]}),
-]  # fmt: skip
+]
 ShapingName = Annotated[Literal["jump", "quintic", "jerk-limited"], options.CHOICE]
 AngleUnit = Annotated[Literal["rad", "deg"], options.CHOICE]
 

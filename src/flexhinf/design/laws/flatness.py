@@ -71,15 +71,31 @@ def _at_pose(model: PoseModel, numbers: Mapping[str, Vector], integral: bool) ->
 
 _VIBRATIONS = ({"vibration": 0.0}, {"vibration": 1.0})
 
-register(LawKind(
-    "flatness", "feedback linearisation with flatness feedforward", IN_USE,
-    "Spong 1987; De Luca & Book 2016", "whole model and its derivatives",
-    _flatness, ("bandwidth", *ESTIMATOR), (BOTH,), place=12,
-    over=LawOver(partial(_at_pose, integral=False), ("bandwidth",), _VIBRATIONS),
-))  # fmt: skip
-register(LawKind(
-    "flatness-i", "the same with the integral of the link's error", IN_USE,
-    "Spong 1987; De Luca & Book 2016, with an integral", "whole model and its derivatives",
-    partial(_flatness, integral=True), ("bandwidth", "integral_rate", *ESTIMATOR), (BOTH,), place=13,
-    over=LawOver(partial(_at_pose, integral=True), ("bandwidth",), _VIBRATIONS, usual=True),
-))  # fmt: skip
+register(
+    LawKind(
+        "flatness",
+        "feedback linearisation with flatness feedforward",
+        IN_USE,
+        "Spong 1987; De Luca & Book 2016",
+        "whole model and its derivatives",
+        _flatness,
+        ("bandwidth", *ESTIMATOR),
+        (BOTH,),
+        place=12,
+        over=LawOver(partial(_at_pose, integral=False), ("bandwidth",), _VIBRATIONS),
+    )
+)
+register(
+    LawKind(
+        "flatness-i",
+        "the same with the integral of the link's error",
+        IN_USE,
+        "Spong 1987; De Luca & Book 2016, with an integral",
+        "whole model and its derivatives",
+        partial(_flatness, integral=True),
+        ("bandwidth", "integral_rate", *ESTIMATOR),
+        (BOTH,),
+        place=13,
+        over=LawOver(partial(_at_pose, integral=True), ("bandwidth",), _VIBRATIONS, usual=True),
+    )
+)

@@ -68,15 +68,41 @@ def _lqg_at_pose(model: PoseModel, numbers: Mapping[str, Vector]) -> Matrix:
     return -np.linalg.solve(cost + g.T @ p @ g, g.T @ p @ f)
 
 
-register(LawKind(
-    "lqr", "LQR", LINEAR_QUADRATIC, "Anderson & Moore 1990", "linear at the goal", _lqr, QUADRATIC, place=4,
-))  # fmt: skip
-register(LawKind(
-    "lqr-gravity", "LQR of the weightless robot, weight compensated at every pose", LINEAR_QUADRATIC,
-    "Anderson & Moore 1990", "linear, and gravity", _lqr_gravity, QUADRATIC, place=5,
-))  # fmt: skip
-register(LawKind(
-    "lqg", "LQR with a linear Kalman filter instead of the design's estimator", LINEAR_QUADRATIC,
-    "Anderson & Moore 1990", "linear at the goal", _lqr, QUADRATIC, linear_estimator=True, place=6,
-    over=LawOver(_lqg_at_pose, ("bandwidth",), usual=True, of_states=True),
-))  # fmt: skip
+register(
+    LawKind(
+        "lqr",
+        "LQR",
+        LINEAR_QUADRATIC,
+        "Anderson & Moore 1990",
+        "linear at the goal",
+        _lqr,
+        QUADRATIC,
+        place=4,
+    )
+)
+register(
+    LawKind(
+        "lqr-gravity",
+        "LQR of the weightless robot, weight compensated at every pose",
+        LINEAR_QUADRATIC,
+        "Anderson & Moore 1990",
+        "linear, and gravity",
+        _lqr_gravity,
+        QUADRATIC,
+        place=5,
+    )
+)
+register(
+    LawKind(
+        "lqg",
+        "LQR with a linear Kalman filter instead of the design's estimator",
+        LINEAR_QUADRATIC,
+        "Anderson & Moore 1990",
+        "linear at the goal",
+        _lqr,
+        QUADRATIC,
+        linear_estimator=True,
+        place=6,
+        over=LawOver(_lqg_at_pose, ("bandwidth",), usual=True, of_states=True),
+    )
+)

@@ -112,43 +112,85 @@ _INTEGRAL = ("integral_rate", "ki")
 _OF_TORQUE = ("rotor_inertia", "vibration_damping")
 
 
-register(LawKind(
-    "pd", "PD on the motor side, weight at the goal compensated", IN_USE,
-    "Tomei 1991", "inertia, gravity at the goal",
-    _pd, ("bandwidth", "damping", *ESTIMATOR), (MOTOR,), place=7,
-    over=LawOver(partial(_at_pose, fixed=True, weight=False, integral=False), _GAINS, _SHARES),
-))  # fmt: skip
-register(LawKind(
-    "pd-gravity", "PD on the motor side, weight compensated from the motor at every pose", IN_USE,
-    "De Luca, Siciliano & Zollo 2005", "inertia, stiffness, gravity",
-    partial(_torque, rotor_inertia=1.0), ("bandwidth", "damping", *ESTIMATOR), (MOTOR,), place=8,
-    over=LawOver(partial(_at_pose, fixed=True, weight=True, integral=False), _GAINS, _SHARES, usual=True),
-))  # fmt: skip
-register(LawKind(
-    "pid", "PD on the motor side with the integral of the link's error", IN_USE,
-    "Tomei 1991, with an integral", "inertia, gravity at the goal",
-    partial(_pd, integral="link_position"),
-    ("bandwidth", "damping", "integral_rate", *ESTIMATOR), (BOTH,), place=9,
-    over=LawOver(
-        partial(_at_pose, fixed=False, weight=False, integral=True), (*_GAINS, *_INTEGRAL),
-        (*_SHARES, *({**each, **_SLOW_INTEGRAL} for each in _SHARES)), usual=True,
-    ),
-))  # fmt: skip
-register(LawKind(
-    "torque", "PD with feedback of the spring's torque, weight compensated from the motor", IN_USE,
-    "Albu-Schäffer, Ott & Hirzinger 2007", "inertia, stiffness, gravity",
-    _torque, ("bandwidth", "damping", "rotor_inertia", *ESTIMATOR), (TORQUE,), place=10,
-    over=LawOver(
-        partial(_at_pose, fixed=False, weight=True, integral=False), (*_GAINS, *_OF_TORQUE), _TORQUES
-    ),
-))  # fmt: skip
-register(LawKind(
-    "torque-i", "the same with the integral of the link's error", IN_USE,
-    "Albu-Schäffer, Ott & Hirzinger 2007, with an integral", "inertia, stiffness, gravity",
-    partial(_torque, integral="link_position"),
-    ("bandwidth", "damping", "rotor_inertia", "integral_rate", *ESTIMATOR), (TORQUE_BOTH,), place=11,
-    over=LawOver(
-        partial(_at_pose, fixed=False, weight=True, integral=True), (*_GAINS, *_INTEGRAL, *_OF_TORQUE),
-        (*_TORQUES, *({**each, **_SLOW_INTEGRAL} for each in _TORQUES)), usual=True,
-    ),
-))  # fmt: skip
+register(
+    LawKind(
+        "pd",
+        "PD on the motor side, weight at the goal compensated",
+        IN_USE,
+        "Tomei 1991",
+        "inertia, gravity at the goal",
+        _pd,
+        ("bandwidth", "damping", *ESTIMATOR),
+        (MOTOR,),
+        place=7,
+        over=LawOver(partial(_at_pose, fixed=True, weight=False, integral=False), _GAINS, _SHARES),
+    )
+)
+register(
+    LawKind(
+        "pd-gravity",
+        "PD on the motor side, weight compensated from the motor at every pose",
+        IN_USE,
+        "De Luca, Siciliano & Zollo 2005",
+        "inertia, stiffness, gravity",
+        partial(_torque, rotor_inertia=1.0),
+        ("bandwidth", "damping", *ESTIMATOR),
+        (MOTOR,),
+        place=8,
+        over=LawOver(partial(_at_pose, fixed=True, weight=True, integral=False), _GAINS, _SHARES, usual=True),
+    )
+)
+register(
+    LawKind(
+        "pid",
+        "PD on the motor side with the integral of the link's error",
+        IN_USE,
+        "Tomei 1991, with an integral",
+        "inertia, gravity at the goal",
+        partial(_pd, integral="link_position"),
+        ("bandwidth", "damping", "integral_rate", *ESTIMATOR),
+        (BOTH,),
+        place=9,
+        over=LawOver(
+            partial(_at_pose, fixed=False, weight=False, integral=True),
+            (*_GAINS, *_INTEGRAL),
+            (*_SHARES, *({**each, **_SLOW_INTEGRAL} for each in _SHARES)),
+            usual=True,
+        ),
+    )
+)
+register(
+    LawKind(
+        "torque",
+        "PD with feedback of the spring's torque, weight compensated from the motor",
+        IN_USE,
+        "Albu-Schäffer, Ott & Hirzinger 2007",
+        "inertia, stiffness, gravity",
+        _torque,
+        ("bandwidth", "damping", "rotor_inertia", *ESTIMATOR),
+        (TORQUE,),
+        place=10,
+        over=LawOver(
+            partial(_at_pose, fixed=False, weight=True, integral=False), (*_GAINS, *_OF_TORQUE), _TORQUES
+        ),
+    )
+)
+register(
+    LawKind(
+        "torque-i",
+        "the same with the integral of the link's error",
+        IN_USE,
+        "Albu-Schäffer, Ott & Hirzinger 2007, with an integral",
+        "inertia, stiffness, gravity",
+        partial(_torque, integral="link_position"),
+        ("bandwidth", "damping", "rotor_inertia", "integral_rate", *ESTIMATOR),
+        (TORQUE_BOTH,),
+        place=11,
+        over=LawOver(
+            partial(_at_pose, fixed=False, weight=True, integral=True),
+            (*_GAINS, *_INTEGRAL, *_OF_TORQUE),
+            (*_TORQUES, *({**each, **_SLOW_INTEGRAL} for each in _TORQUES)),
+            usual=True,
+        ),
+    )
+)

@@ -7,8 +7,8 @@ declares the option of its limit. The other kinds stand in the tables of `loop_m
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -30,6 +30,9 @@ POSITION = "rad, m"
 
 #: How a limit is written, by its unit; in any other it is a positive number.
 LIMITS: dict[str, Any] = {POSITION: options.Tolerances, "s": options.Duration}
+
+#: A limit: one number or one for each joint; None where nothing is required.
+Limit = float | Sequence[float] | Vector | None
 
 #: A travel that is rounding, rad or m.
 STILL = 1e-9
@@ -102,7 +105,7 @@ class RequirementKind:
     of_motion: Callable[[Motion], Any] | None = None
     of_loop: Callable[[LinearLoop], float] | None = None
     key: str = ""  # Name of the numbers of `of_motion`, by default `name`
-    allowed: Callable[[Specification, Allowance], Any] | None = (
+    allowed: Callable[[Specification, Allowance], Limit] | None = (
         None  # Limit that depends on more than its field
     )
 
@@ -111,8 +114,8 @@ class RequirementKind:
         """Name of what `of_motion` measures, in tables of joints and in result files."""
         return self.key or self.name
 
-    def limit(self, s: Specification, about: Allowance | None = None) -> Any:
-        """The limit, one number or one for each joint; None where nothing is required."""
+    def limit(self, s: Specification, about: Allowance | None = None) -> Limit:
+        """What is required by a specification, of a motion `about` which more is known."""
         if self.allowed is not None and about is not None:
             return self.allowed(s, about)
         stated = getattr(s, self.field) if self.field else None
@@ -137,9 +140,12 @@ class RequirementKind:
         """The requirement with its numbers; `more` replaces what the kind says."""
         stated = s is not None and self.field and getattr(s, self.field) != FIELDS[self.field].default
         own = {
-            "unit": "" if self.unit == POSITION else self.unit, "at_most": self.at_most, "criterion": self.criterion,
-            "field": self.field, "stated_by": FIELDS[self.field].option if stated else "default",
-        }  # fmt: skip
+            "unit": "" if self.unit == POSITION else self.unit,
+            "at_most": self.at_most,
+            "criterion": self.criterion,
+            "field": self.field,
+            "stated_by": FIELDS[self.field].option if stated else "default",
+        }
         return Requirement(
             more.pop("what", self.what), float(limit), float(value), where=where, **(own | more)
         )
@@ -171,8 +177,7 @@ def register(kind: RequirementKind) -> RequirementKind:
     default = "no requirement" if kind.default is None else f"{kind.default:g}"
     about = options.About(LOOP, kind.help, kind.example, kind.unit, default=default, setting="--set")
     declare_limit(kind.name, about, LIMITS.get(kind.unit, options.Positive))
-    own = RequirementKind(**{**vars(kind), "field": kind.name})
-    return REQUIREMENTS.register(own)
+    return REQUIREMENTS.register(replace(kind, field=kind.name))
 
 
 def on_motions() -> tuple[RequirementKind, ...]:

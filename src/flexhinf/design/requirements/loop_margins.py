@@ -126,7 +126,8 @@ def loop_requirements(
 ) -> list[Requirement]:
     """Requirements of kinds that have a file of their own, for the worst of some loops at rest, which are linearised
     only if one of them has a limit."""
-    limited = [(kind, limit) for kind in on_loops() if (limit := kind.limit(s)) is not None]
+    stated = ((kind, kind.limit(s)) for kind in on_loops())
+    limited = [(kind, float(np.max(limit))) for kind, limit in stated if limit is not None]
     lines, linear = list[Requirement](), loops() if limited else ()
     for kind, limit in limited:
         values = [kind.of_loop(loop) for loop in linear if kind.of_loop is not None]

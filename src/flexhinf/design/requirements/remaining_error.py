@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from flexhinf.arrays import Vector
-from flexhinf.design.requirements.kinds import POSITION, Allowance, Motion, RequirementKind, register
+from flexhinf.design.requirements.kinds import POSITION, Allowance, Limit, Motion, RequirementKind, register
 from flexhinf.design.specification import REMAINING_ERROR, Specification
 from flexhinf.loop.simulation import metrics
 
@@ -20,7 +18,7 @@ def errors(motion: Motion) -> Vector | None:
     return metrics.remaining_error(motion.time, motion.positions, motion.planned) if motion.rests else None
 
 
-def allowed(s: Specification, about: Allowance) -> Any:
+def allowed(s: Specification, about: Allowance) -> Limit:
     """As stated; by default `REMAINING_ERROR`, but not less than the resolution, nor than `REMAINING_SHARE` of the
     joint's travel, of which a step of eight time constants keeps some."""
     share = 0.0 if about.rests else REMAINING_SHARE * np.asarray(about.travel)

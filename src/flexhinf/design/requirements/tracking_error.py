@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from flexhinf.arrays import Vector
-from flexhinf.design.requirements.kinds import POSITION, Allowance, Motion, RequirementKind, register
+from flexhinf.design.requirements.kinds import POSITION, Allowance, Limit, Motion, RequirementKind, register
 from flexhinf.design.requirements.remaining_error import allowed as allowed_to_remain
 from flexhinf.design.specification import Specification, per_joint
 from flexhinf.loop.simulation import metrics
@@ -19,7 +17,7 @@ def errors(motion: Motion) -> Vector | None:
     return metrics.peak_of(motion.positions - motion.planned) if motion.plans else None
 
 
-def allowed(s: Specification, about: Allowance) -> Any:
+def allowed(s: Specification, about: Allowance) -> Limit:
     """Of a move that rests: as stated, or `TRACKING_TIMES` the remaining error of each joint."""
     if not about.rests:
         return None

@@ -32,9 +32,16 @@ def _arrays(numbers: Mapping[str, object]) -> Numbers:
 def _pose_model(setup: WorkspaceSetup, pose: Vector, joints: ElasticJoints, home: ElasticJoints) -> PoseModel:
     places = joint_places(setup.model)
     return PoseModel(
-        setup.model, setup.robot.operating_point(pose), pose, setup.specification.period, setup.authority, joints, home,
-        setup.joints, places[0] != places[2],
-    )  # fmt: skip
+        setup.model,
+        setup.robot.operating_point(pose),
+        pose,
+        setup.specification.period,
+        setup.authority,
+        joints,
+        home,
+        setup.joints,
+        places[0] != places[2],
+    )
 
 
 def rival_law(setup: WorkspaceSetup, name: str, numbers: Mapping[str, object]) -> GainsOnTheWay:
