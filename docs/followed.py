@@ -31,7 +31,7 @@ FOLLOWED = {
         Step("design/problem/presets.py", "_searched", "required of each joint"),
         Step("design/problem/weights.py", "search", "weights that reach it", "target.bandwidth"),
         Step("design/pipeline.py", "_requirements", "required, and reached"),
-        Step("design/requirements.py", "bandwidth_requirement", "met, or not", "Requirement"),
+        Step("design/requirements/loop_margins.py", "bandwidth_requirement", "met, or not", "Requirement"),
         Step("pages/page.py", "requirement_table", "a line of the page"),
     ),
     "a tolerance": (

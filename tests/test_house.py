@@ -75,10 +75,12 @@ def test_the_contract_catches_what_it_is_there_for(
 #: beside is loaded when a method is called; the package loads `design` once, so that ``fh.design`` stays a function.
 LOADED_BY_NAME = {
     ("__init__.py", "flexhinf.design"),
-    ("design/requirements.py", "flexhinf.pages"),  # `save` of designs and of a comparison
+    ("design/requirements/requirement.py", "flexhinf.pages"),  # `save` of designs and of a comparison
     ("design/result.py", "flexhinf.pages"),  # what is made of a design by those that know its kinds
     ("design/result.py", "flexhinf.design.campaign_folder"),
     ("design/result.py", "flexhinf.design.pipeline"),
+    ("extensions.py", "package"),  # of a registry, with its files
+    ("extensions.py", "package.name"),
     ("paper/reproduction.py", "flexhinf.pages.paper"),  # `Reproduction.files`
     ("cli/messages.py", "flexhinf.cli.options"),  # the help of all commands takes no declaration of an option
     ("cli/messages.py", "flexhinf.design.specification"),

@@ -513,11 +513,15 @@ def declared(cls: Any) -> dict[str, FieldInfo]:
     kinds, fields = get_type_hints(cls, include_extras=True), {}
     for field in dataclasses.fields(cls):
         if "about" in field.metadata:
-            name, default = field.name, field.default
-            flag, about, kind = default is True or default is False, field.metadata["about"], kinds[name]
-            default = [] if field.default_factory is not dataclasses.MISSING else default
-            fields[name] = FieldInfo(name, about, kind, _allowed(kind), default, _option(name, about, flag))
+            default = [] if field.default_factory is not dataclasses.MISSING else field.default
+            fields[field.name] = field_info(field.name, field.metadata["about"], kinds[field.name], default)
     return fields
+
+
+def field_info(name: str, about: About, kind: Any, default: Any = None) -> FieldInfo:
+    """A field of this name, type and default."""
+    flag = default is True or default is False
+    return FieldInfo(name, about, kind, _allowed(kind), default, _option(name, about, flag))
 
 
 def _allowed(annotation: Any) -> str:

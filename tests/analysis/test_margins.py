@@ -357,7 +357,7 @@ def test_margins_of_several_inputs_one_at_a_time_and_at_once(
 
 
 @pytest.mark.parametrize("delay", [0, 1, 5, 30, 90])
-def test_damping_is_that_of_every_pole_of_the_running_loop(
+def test_damping_is_that_of_every_pole_of_the_loop_margins(
     arm: Robot, cubic: HJISolution, delay: int
 ) -> None:
     """Estimator and delay counted; as a free motion of that pole decays."""

@@ -20,7 +20,7 @@ from flexhinf.cli import main
 from flexhinf.cli.arguments import with_options, without_effect, without_effect_on_run
 from flexhinf.cli.commands import app
 from flexhinf.cli.options import CERTIFY_FIELDS, COMPARE_FIELDS, RUN_FIELDS, CompareOptions
-from flexhinf.design.laws import DEFAULT_LAWS, DESIGN
+from flexhinf.design.laws import DESIGN, LAWS
 from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.design.synthesis import by_step
 from flexhinf.options import CampaignOptions, declared, option_name
@@ -318,9 +318,9 @@ def test_what_is_named_can_be_stated(
 
 def test_the_help_of_laws_names_them_all_and_loads_no_synthesis() -> None:
     text = declared(CompareOptions)["laws"].about.text
-    assert [name for name in DEFAULT_LAWS if name not in re.split(r"[ ,;]+", text)] == [DESIGN]
+    assert [name for name in LAWS if name not in re.split(r"[ ,;]+", text)] == [DESIGN]
     code = (
-        "import sys, flexhinf.cli.options; assert 'flexhinf.design.laws' in sys.modules;"
+        "import sys, flexhinf.cli.options; assert 'flexhinf.design.laws.torque' in sys.modules;"
         "models = {'flexhinf.plant', 'flexhinf.hinf', 'flexhinf.design.pipeline', 'casadi', 'scipy'};"
         "print(models & set(sys.modules))"
     )

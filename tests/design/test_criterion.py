@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from tests.refusals import refused_with, unnamed
 
-from flexhinf.design.requirements import oscillation_requirements
+from flexhinf.design.requirements.loop_margins import oscillation_requirements
 from flexhinf.design.responses import joint_limits
 from flexhinf.design.specification import Specification
 from flexhinf.design.tuning import (

@@ -76,7 +76,7 @@ OTHERS: dict[str, Any] = {
 
 
 def names() -> list[str]:
-    return [field.name for field in dataclasses.fields(Specification)]
+    return [field.name for field in dataclasses.fields(Specification) if field.name != "extended"]
 
 
 def written(folder: Path, specification: Specification, **places: Any) -> Path:

@@ -79,7 +79,7 @@ def test_the_inductance_stays_in_the_linear_loop(setup_of: Setups) -> None:
 
 @pytest.mark.ci("evaluates a design")
 @pytest.mark.oracle
-def test_damping_is_that_of_every_oscillation_of_the_running_loop(setup_of: Setups) -> None:
+def test_damping_is_that_of_every_oscillation_of_the_loop_margins(setup_of: Setups) -> None:
     """Of law and estimator separately: with the nominal plant the sampled loop has the modes of both."""
     setup = setup_of("paper", (np.pi / 2,), (0.0,), estimator="ekf", torque_noise=1e-9)
     found = LawEvaluation("nl-hinf", setup)

@@ -15,10 +15,10 @@ from flexhinf.design import Specification
 from flexhinf.design.laws import (
     CHANNELS,
     CONTAINED,
-    DEFAULT_LAWS,
     DEGREE,
     DESIGN,
     ESTIMATOR_NOISE,
+    LAWS,
     MOTOR_NOISE,
     NL_HINF,
     LawFactory,
@@ -31,7 +31,7 @@ from flexhinf.design.synthesis.steps import synthesise
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import solve_hji
 
-NAMES = [name for name in DEFAULT_LAWS if name != DESIGN]
+NAMES = [name for name in LAWS if name != DESIGN]
 
 #: Laws without an integral.
 PROPORTIONAL = ("pd", "pd-gravity", "torque", "flatness")
@@ -139,7 +139,7 @@ def test_weights_are_those_of_the_quadratic_form() -> None:
 
 def test_sources_are_in_the_bibliography_or_named() -> None:
     text = Path("docs/references.bib").read_text().lower()
-    for name in DEFAULT_LAWS:
+    for name in LAWS:
         source = law_kind(name).source
         year = re.search(r"(1\d{3}|20\d{2})", source)
         assert year is None or year[1] in text

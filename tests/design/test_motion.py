@@ -11,8 +11,8 @@ from benchmarks.workspace.goals import Move as Reference
 from benchmarks.workspace.metrics import metrics as by_hand
 
 from flexhinf.design import Specification
+from flexhinf.design.judgement import motion_requirements
 from flexhinf.design.plans import plan_move
-from flexhinf.design.requirements import motion_requirements
 from flexhinf.design.responses import Response, motion_metrics
 
 #: Keys of the rows, and attributes of the other route.
@@ -64,6 +64,7 @@ def test_a_link_is_no_further_from_the_path_than_from_its_command(setup_of: Any)
     run = SimpleNamespace(
         diverged_at=None, run=SimpleNamespace(time=time), start=start, goal=goal, joints=setup.joints,
         positions=command + np.array([0, 1e-4]), inputs=np.zeros((101, 2)),
+        velocities=np.tile(goal, (101, 1)),
     )  # fmt: skip
     rows = motion_metrics(setup.limits, cast("Any", run))
     assert [row["path_distance"] for row in rows] == pytest.approx([0.0, 1e-4], abs=2e-6)

@@ -107,7 +107,7 @@ def test_so_do_the_arms_within_the_tolerances(
 
 @pytest.mark.ci("a whole design")
 @pytest.mark.parametrize(("preset", "goal"), BOTH)
-def test_margins_and_corners_of_the_running_loop_are_those_required(
+def test_margins_and_corners_of_the_loop_margins_are_those_required(
     papers_setup: Callable[[str, int, int], LoopSetup], preset: str, goal: int
 ) -> None:
     """Tables 1 and 2 with inductance, all 2048 corners; the noise levels of the estimator are searched for this."""

@@ -10,9 +10,9 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.design import Specification
+from flexhinf.design.judgement import move_limits, move_requirements
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.plans import stated_move, step_command
-from flexhinf.design.requirements import move_limits, move_requirements
 from flexhinf.design.responses import joint_limits
 from flexhinf.errors import InvalidInput
 

@@ -15,18 +15,16 @@ from tests.refusals import refused_with, unnamed
 import flexhinf as fh
 from flexhinf.cli.messages import error_text
 from flexhinf.design import Specification
+from flexhinf.design.judgement import sample_requirements, step_requirements
 from flexhinf.design.monte_carlo import MonteCarlo
 from flexhinf.design.pipeline import diverged_requirements
-from flexhinf.design.requirements import (
-    REQUIREMENTS,
-    Requirement,
+from flexhinf.design.requirements import REQUIREMENTS, Requirement
+from flexhinf.design.requirements.loop_margins import (
     bandwidth_requirement,
     corner_requirement,
     damping_requirement,
     margin_requirements,
     oscillation_requirements,
-    sample_requirements,
-    step_requirements,
 )
 from flexhinf.design.responses import ROBOT, JointLimits, Worst, joint_limits, worst_of
 from flexhinf.design.specification import (
@@ -358,7 +356,7 @@ def test_another_number_of_limits_than_joints_is_refused_in_the_syntax_of_the_us
     ],
 )
 def test_one_sample_is_no_plural(key: str, value: float, text: str) -> None:
-    assert REQUIREMENTS[key].unit_text(value) == text
+    assert REQUIREMENTS[key].judge(None, value, value, "here").unit_text(value) == text
 
 
 @pytest.mark.parametrize("impulses", [True, False])

@@ -11,7 +11,8 @@ import pytest
 import flexhinf as fh
 from flexhinf.design import Specification
 from flexhinf.design.checks import as_far_as_judged, judged_when_settled
-from flexhinf.design.requirements import Requirement, motion_requirements, step_requirements
+from flexhinf.design.judgement import motion_requirements, step_requirements
+from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import LONGEST, Response, joint_limits, motion_metrics, rests
 
 S = Specification(saturation=10.0)

@@ -37,7 +37,7 @@ def test_a_limit_with_room_keeps_the_share_that_it_promises(tail: str) -> None:
 def missed(name: str, times: float, field: str | None = None) -> Requirement:
     row = REQUIREMENTS[name]
     own = row.field if field is None else field
-    return dataclasses.replace(row, limit=1.0, found=times if row.at_most else 1.0 / times, field=own)
+    return row.judge(None, 1.0, times if row.at_most else 1.0 / times, "", field=own)
 
 
 def fake(robot: Any, lines: list[Requirement], **fields: Any) -> Any:

@@ -18,7 +18,7 @@ import flexhinf as fh
 from flexhinf.analysis import EquilibriumLoop
 from flexhinf.baselines import LinearQuadratic
 from flexhinf.baselines.placed_laws import bessel_coefficients
-from flexhinf.design.laws import law_kind
+from flexhinf.design.laws import law_kind, laws_over
 from flexhinf.design.requirements import REQUIREMENTS
 from flexhinf.design.workspace import comparison
 from flexhinf.design.workspace.comparison import (
@@ -27,7 +27,7 @@ from flexhinf.design.workspace.comparison import (
     read_gains,
     rival_names,
 )
-from flexhinf.design.workspace.rivals import RIVALS, check_numbers, rival_law
+from flexhinf.design.workspace.rivals import check_numbers, rival_law
 from flexhinf.design.workspace.search import known_setup, pair_weights
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.pages import compared_ending, workspace_comparison
@@ -50,7 +50,7 @@ def own() -> WorkspaceSetup:
 
 def with_rival(own: WorkspaceSetup, name: str, **numbers: Any) -> WorkspaceSetup:
     """The setup with a law of this name."""
-    known = {"share", "vibration", *RIVALS[name].names}
+    known = {"share", "vibration", *laws_over()[name].names}
     return replace(
         own, law=rival_law(own, name, {k: v for k, v in (NUMBERS | numbers).items() if k in known})
     )

@@ -15,8 +15,9 @@ from scipy.optimize import brentq
 from tests.refusals import unnamed
 
 import flexhinf as fh
-from flexhinf.design import requirements
+from flexhinf.design.judgement import standstill_requirement as run_standstill
 from flexhinf.design.plans import quintic_move, settled, shortest_time
+from flexhinf.design.requirements import REQUIREMENTS, Requirement
 from flexhinf.design.workspace import judgement, search
 from flexhinf.design.workspace.judgement import (
     corner_requirements,
@@ -147,7 +148,7 @@ def test_a_fast_vibration_that_grows_is_a_requirement_that_is_not_met() -> None:
     s, growing = fh.Specification(), {"fast_damping": -0.00027}
     for judge, loop in ((pose_requirements, GOOD), (corner_requirements, CornerLoop(0.98, 0.3, 0.1))):
         missed = [line for line in judge(s, [loop, loop._replace(**growing)]) if line.missed]
-        assert [line.what for line in missed] == [requirements.REQUIREMENTS["fast_damping"].what]
+        assert [line.what for line in missed] == [REQUIREMENTS["fast_damping"].what]
         assert missed[0].found == -0.00027
         assert not any(line.missed for line in judge(s, [loop]))
 
@@ -203,9 +204,9 @@ def test_the_rest_is_judged_by_the_remaining_error_or_the_sensors() -> None:
     s = setup.specification
     cases = [(s, 0.0, 2.5e-4), (s, 3e-4, 3e-4), (replace(s, remaining_error=4e-4), 0.0, 1e-4)]
     for stated, resolution, limit in cases:
-        line = requirements.standstill_requirement(stated, setup.limits, swings, resolution, "")
+        line = run_standstill(stated, setup.limits, swings, resolution, "")
         assert (line.limit, line.found, line.joint) == (pytest.approx(limit), 2.4e-4, "elbow")
-    assert requirements.standstill_requirement(s, setup.limits, np.array([np.inf, 0.0]), 0.0, "").met is False
+    assert run_standstill(s, setup.limits, np.array([np.inf, 0.0]), 0.0, "").met is False
 
 
 @pytest.mark.oracle
@@ -277,7 +278,7 @@ def test_moves_are_judged_by_the_limits_of_the_joints() -> None:
     top, fast = np.abs(inputs).max(axis=0), np.abs(states[:, 2:4]).max(axis=0)
     low, high = states[:, :2].min(axis=0), states[:, :2].max(axis=0)
 
-    def judged(peak: Any, speed: Any, ends: Any, of: Any = moves) -> dict[str, requirements.Requirement]:
+    def judged(peak: Any, speed: Any, ends: Any, of: Any = moves) -> dict[str, Requirement]:
         limits = replace(setup.limits, peak=peak, speed=speed, lower=ends[0], upper=ends[1])
         other: Any = SimpleNamespace(limits=limits, specification=setup.specification)
         return {line.what: line for line in move_requirements(other, of, "these")}
@@ -303,7 +304,7 @@ def test_an_input_that_stays_at_its_limit_in_a_move_is_missed() -> None:
     setup = setup_of("1kg")
     move, limits = setup.move(setup.goals(2, 7)[0]), replace(setup.limits, saturation=np.array([20.0, 10.0]))
 
-    def judged(runs: list[np.ndarray], limits: Any = limits) -> dict[str, requirements.Requirement]:
+    def judged(runs: list[np.ndarray], limits: Any = limits) -> dict[str, Requirement]:
         made = [replace(move, response=with_inputs(move.response, inputs)) for inputs in runs]
         other: Any = SimpleNamespace(limits=limits, specification=setup.specification)
         return {line.what: line for line in move_requirements(other, made, "these")}

@@ -3,12 +3,7 @@
 from __future__ import annotations
 
 import importlib
-import json
-import os
 import re
-import shutil
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
@@ -17,7 +12,6 @@ import pytest
 import flexhinf as fh
 
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
-EDIT = re.compile(r"^(\S+\.py), before `(.+)`:\n((?:    .*\n)+)", re.MULTILINE)
 
 
 def blocks(repository: Path, section: str) -> list[tuple[str, str]]:
@@ -27,7 +21,9 @@ def blocks(repository: Path, section: str) -> list[tuple[str, str]]:
     return FENCE.findall(found)
 
 
-@pytest.mark.parametrize("what", ["a law", "an estimator", "a metric", "a requirement", "a robot format"])
+@pytest.mark.parametrize(
+    "what", ["a law", "an estimator", "a metric", "a requirement", "an export", "a robot format"]
+)
 def test_an_example_has_at_most_twenty_lines_of_code(repository: Path, what: str) -> None:
     found = blocks(repository, f"Add {what}")
     assert found
@@ -43,45 +39,12 @@ def test_files_that_are_named_exist(repository: Path) -> None:
     ] == []
 
 
-def edited(repository: Path, folder: Path) -> Path:
-    """A copy of src with the printed lines of a requirement."""
-    shutil.copytree(repository / "src", folder / "src", ignore=shutil.ignore_patterns("__pycache__"))
-    ((_, text),) = blocks(repository, "Add a requirement")
-    edits = EDIT.findall(text)
-    assert EDIT.sub("", text) == ""
-    for name, before, new in edits:
-        file = folder / "src" / "flexhinf" / name
-        lines = file.read_text(encoding="utf-8").splitlines(keepends=True)
-        at = next(k for k, line in enumerate(lines) if line.strip().startswith(before))
-        margin = lines[at][: len(lines[at]) - len(lines[at].lstrip())]
-        lines[at:at] = [f"{margin}{line[4:]}" for line in new.splitlines(keepends=True)]
-        file.write_text("".join(lines), encoding="utf-8")
-    return folder / "src"
-
-
-def test_printed_edits_of_a_requirement_find_their_lines(repository: Path, tmp_path: Path) -> None:
-    package, before = edited(repository, tmp_path) / "flexhinf", repository / "src" / "flexhinf"
-    files = {file.relative_to(package) for file in package.rglob("*.py")}
-    changed = {file for file in files if (package / file).read_bytes() != (before / file).read_bytes()}
-    assert len(changed) > 1
-    for file in changed:
-        compile((package / file).read_text(encoding="utf-8"), str(file), "exec")
-
-
-@pytest.mark.ci("designs with a copy of the package")
-def test_a_requirement_is_judged_after_the_printed_edits(repository: Path, tmp_path: Path) -> None:
-    source = edited(repository, tmp_path)
-    options = "--pose 20deg --preset damped --degrees 2 --draws 0 --set rays=0 --set proof_seconds=0"
-    words = options.split()
-    done = subprocess.run(
-        [sys.executable, "-m", "flexhinf", "design", "paper", *words, "--rise-time", "0.1", "--out", "arm"],
-        cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(source)}, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 1, done.stderr
-    requirements = json.loads((tmp_path / "arm" / "design.json").read_text(encoding="utf-8"))["specification"]
-    (line,) = [each for each in requirements if each["what"] == "rise time"]
-    assert line["asked"] == 0.1
-    assert 0.1 < line["found"] < 5.0
+@pytest.mark.parametrize("what", ["law", "estimator", "requirement", "export"])
+def test_an_example_is_a_file_that_is_tested(repository: Path, what: str) -> None:
+    """`tests/test_extensions.py` adds it to the program."""
+    text = (repository / "tests" / f"example_{what}.py").read_text(encoding="utf-8")
+    printed = [program for _, program in blocks(repository, f"Add an? {what}")]
+    assert text.partition('"""\n\n')[2] in printed
 
 
 def test_a_robot_format_is_read_after_the_printed_lines(

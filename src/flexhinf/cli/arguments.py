@@ -330,6 +330,8 @@ def without_effect_on_run(
     `noise`: whether measurements have noise. `commanded`: whether the controller takes a command. `workspace`: whether
     it is for one.
     """
+    from flexhinf.design.requirements import on_loops
+
     idle, random = _of_loop(robot, s), noise and s.estimator != "none"
     if not random:
         idle |= dict.fromkeys(("measurement_noise", "seed"), "noise of the measurements")
@@ -337,6 +339,9 @@ def without_effect_on_run(
         idle |= dict.fromkeys(("pose", "start", "overshoot"), 'a step (--move "" takes back the move)')
     elif not commanded:
         idle["shaping"] = "a controller that takes a command: its penalty weighs link_position_integral"
+    for kind in on_loops():
+        if kind.of_motion is None:
+            idle[kind.field] = "flexhinf design, which linearises the loop"
     of_pose = dict.fromkeys(("shaping", "overshoot", "feedforward"), "a controller of one pose")
     return _active(s, idle) | (of_pose if workspace else {})
 
@@ -348,7 +353,7 @@ def _active(s: Specification, idle: Mapping[str, str]) -> dict[str, str]:  # a s
 def _of_workspace(robot: Robot, s: Specification) -> dict[str, str]:
     kept = {"ripple", "tracking_error"} | ({"estimator"} if s.estimator == "none" else set())
     idle = dict.fromkeys(
-        {*specification.FIELDS} - {*specification.OF_WORKSPACE} | {"estimator"},
+        {*specification.FIELDS} - {*specification.OF_WORKSPACE, *specification.EXTENDED} | {"estimator"},
         "a design of one pose (--pose)",
     )
     return {k: v for k, v in (_of_loop(robot, s) | idle).items() if k not in kept}
@@ -363,6 +368,7 @@ def of_workspace_proof(request: DesignRequest) -> dict[str, str]:
 
 
 def _of_loop(robot: Robot, s: Specification) -> dict[str, str]:
+    from flexhinf.design.estimators import is_kalman
     from flexhinf.design.responses import joint_limits
     from flexhinf.robot.elastic import DRY, with_dry_friction
 
@@ -374,8 +380,8 @@ def _of_loop(robot: Robot, s: Specification) -> dict[str, str]:
     if s.estimator == "none":
         idle |= dict.fromkeys(("measured", *NOISES), "an estimator")
     dry = set(with_dry_friction(s.extras, robot.plant_parameters())) & set(DRY)
-    if s.estimator not in ("ukf", "ekf") or not dry:
-        idle["friction_model"] = "the estimator ukf or ekf, and dry friction in the robot's file"
+    if not is_kalman(s) or not dry:
+        idle["friction_model"] = "a Kalman filter (ukf, ekf), and dry friction in the robot's file"
     if not robot.uncertain:
         idle["draws"] = "tolerances in the robot's file"
     if all(robot.links.slides):

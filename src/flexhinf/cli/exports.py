@@ -10,6 +10,7 @@ from shlex import join, quote
 from typing import Any
 
 import typer
+from typer.main import get_command
 
 import flexhinf as fh
 from flexhinf import export, report
@@ -28,8 +29,38 @@ from flexhinf.cli.messages import note, options
 from flexhinf.errors import refuse_if
 from flexhinf.validation import file_digest
 
+
+class ExportGroup(Group):
+    """The exports, with those that other packages add."""
+
+    def list_commands(self, ctx: typer.Context) -> list[str]:
+        """Names of all."""
+        from flexhinf.design.exports import EXPORTS
+
+        return list(dict.fromkeys([*super().list_commands(ctx), *EXPORTS]))
+
+    def get_command(self, ctx: typer.Context, cmd_name: str) -> Any:
+        """The command of a name; None for one that is not known."""
+        own = super().get_command(ctx, cmd_name)
+        if own is not None:
+            return own
+        from flexhinf.design.exports import EXPORTS
+
+        if cmd_name not in EXPORTS:
+            return None
+
+        def export(context: typer.Context, o: options.ExportFileOptions) -> None:
+            _export(cmd_name, o)
+
+        export.__doc__ = EXPORTS[cmd_name].help
+        alone = typer.Typer(add_completion=False)
+        alone.command(cmd_name, cls=Command)(with_options(lambda: (options.ExportFileOptions, ()))(export))
+        return get_command(alone)
+
+
 app = typer.Typer(
-    cls=Group, help="Export the controller of a design: C source, an FMU, or a page in which the arm moves."
+    cls=ExportGroup,
+    help="Export the controller of a design: C source, an FMU, or a page in which the arm moves.",
 )
 
 
@@ -108,34 +139,42 @@ def export_fmu(context: typer.Context, o: options.ExportFmuOptions) -> None:
 
 
 @app.command("web", cls=Command)
-@with_options(lambda: (options.ExportWebOptions, ()))
-def export_web(context: typer.Context, o: options.ExportWebOptions) -> None:
+@with_options(lambda: (options.ExportFileOptions, ()))
+def export_web(context: typer.Context, o: options.ExportFileOptions) -> None:
     """One page in which the arm runs in real time in the browser; no server, no network.
 
     Pull the link with the mouse, move the goal, change the arm by sliders; the
     same arm with a tuned PD moves beside it. The controller's and the plant's C
     are compiled to WebAssembly, which needs clang and wasm-ld.
     """
-    from flexhinf.design.live_page import live_arm
-    from flexhinf.export.web import check_compiler, write_page
+    _export("web", o)
 
-    path = file_of(o.source, "A page needs a design, which states the robot.", "flexhinf export web DIR")
-    out = o.out or _named_after(o.source, ".html")
+
+def _export(name: str, o: options.ExportFileOptions) -> None:
+    """Write what has a file of its own in `flexhinf.design.exports`."""
+    from flexhinf.design.exports import EXPORTS, Exported
+
+    kind = EXPORTS[name]
+    path = (
+        file_of(o.source, f"{name} needs a design, which states the robot.", f"flexhinf export {name} DIR")
+        if kind.of_design
+        else controller_file(o.source)
+    )
+    out = o.out or _named_after(o.source, kind.ending)
     refuse_if(
         out.exists() and not o.force,
-        "The page is there already.",
-        f"expected a new file, got {out.absolute()}",
+        f"{out.name} is there already.",
+        f"expected a new name, got {out.absolute()}",
         "another name, or --force, which replaces it",
     )
-    check_compiler()
+    if kind.check is not None:
+        kind.check()
     designed = controller_of(path)
-    controller, robot, s = designed.controller, designed.robot, designed.specification
-    assert robot is not None  # of a design file
-    assert s is not None
     _note_doubts(designed)
-    arm = live_arm(controller, robot, s, not_met=designed.verdict.unmet)
-    page = write_page(arm, out)
-    typer.echo(f"page: {page} ({page.stat().st_size / 1e3:.0f} kB)")
+    exported = Exported(designed.controller, designed.robot, designed.specification, designed.verdict.unmet)
+    written = kind.write(exported, out)
+    size = f" ({written.stat().st_size / 1e3:.0f} kB)" if written.is_file() else ""
+    typer.echo(f"{name}: {written}{size}")
 
 
 @with_options(lambda: (options.CompileOptions, ()))

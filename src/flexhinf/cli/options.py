@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from flexhinf.design.laws import LARGEST_DEGREE, NL_HINF, RIVALS, RIVALS_OVER, USUAL
-from flexhinf.design.specification import FIELDS
+from flexhinf.design.laws import LARGEST_DEGREE, NL_HINF, laws_over, rivals
+from flexhinf.design.specification import EXTENDED, FIELDS
+from flexhinf.extensions import load_extensions
 from flexhinf.options import (
     ADVANCED,
     CHOICE,
@@ -46,6 +47,7 @@ from flexhinf.options import (
 )
 from flexhinf.paper.settings import PaperSettings
 
+load_extensions()  # whose requirements and laws have options too
 ALL = tuple(FIELDS)
 
 #: Fields that no comparison computes with: what only the design is judged by, and its region.
@@ -57,13 +59,13 @@ NOT_CERTIFIED = (
     "workspace", "tracking_error", "angle_unit", "load", "rays", "compare_rigid", "mujoco", "undershoot",
     "path_distance", "remaining_error",
 )  # fmt: skip
-CERTIFY_FIELDS = tuple(name for name in FIELDS if name not in NOT_CERTIFIED)
+CERTIFY_FIELDS = tuple(name for name in FIELDS if name not in (*NOT_CERTIFIED, *EXTENDED))
 
 #: Fields that change a run and not its controller.
 RUN_FIELDS = (
     "pose", "start", "shaping", "feedforward", "move", "tracking_error", "undershoot", "path_distance",
     "remaining_error", "ripple", "overshoot", "angle_unit", "extras", "unknown_delay",
-    "quantisation",     "measurement_noise", "load", "duration", "seed",
+    "quantisation", "measurement_noise", "load", "duration", "seed", *EXTENDED,
 )  # fmt: skip
 
 #: Fields that a filter for a log is made of.
@@ -165,8 +167,8 @@ class CompareOptions(RobotOptions, VerboseOptions):
 
     out: Path = option(Path("flexhinf-compare"), WRITTEN, FOLDER)
     laws: Text = option("", COMPARED,
-        f"Names of laws between commas: pd,pid. Over a workspace they are {', '.join(RIVALS_OVER)}; the default is "
-        f"{', '.join(USUAL)}. At a pose they are {NL_HINF}, {', '.join(RIVALS)}, and {NL_HINF}-2 … "
+        f"Names of laws between commas: pd,pid. Over a workspace they are {', '.join(laws_over())}; the default is "
+        f"{', '.join(laws_over(usual=True))}. At a pose they are {NL_HINF}, {', '.join(rivals())}, and {NL_HINF}-2 … "
         f"{NL_HINF}-{LARGEST_DEGREE} for one degree of V; the default is all.", "pd,pid")
     gains: Path | None = option(None, COMPARED,
         "Over a workspace: a TOML file with numbers of laws, which are then not tuned. Its tables are named as laws "
@@ -314,14 +316,14 @@ class ExportFmuOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExportWebOptions:
-    """Options of ``flexhinf export web``."""
+class ExportFileOptions:
+    """Options of ``flexhinf export web``, and of exports that other packages add."""
 
     source: Text = argument(
         "design.toml or the folder of a report, whose controller is taken as it was judged; a design.toml without one "
         "is designed first.", "DESIGN")
-    out: Path | None = option(None, WRITTEN, "The page that is written, a new file.", unit="path",
-        default="DESIGN.html")
+    out: Path | None = option(None, WRITTEN, "What is written, a new file.", unit="path",
+        default="DESIGN with the ending of the export")
     force: bool = option(False, WRITTEN, "Replace a file that is there.")
 
 

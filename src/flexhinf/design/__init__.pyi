@@ -16,7 +16,7 @@ from .design_file import (
     read_request as read_request,
 )
 from .evaluation import LawEvaluation as LawEvaluation
-from .laws import DEFAULT_LAWS as DEFAULT_LAWS, law_names as law_names
+from .laws import LAWS as LAWS, law_names as law_names
 from .live_page import export_web as export_web
 from .loop_setup import LoopSetup as LoopSetup
 from .noise_levels import EstimatorNoise as EstimatorNoise

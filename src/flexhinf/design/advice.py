@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtri
 
+from flexhinf.design.judgement import STANDSTILL_SHARE
 from flexhinf.design.plans import UNLIMITED
-from flexhinf.design.requirements import REQUIREMENTS, STANDSTILL_SHARE, Requirement
+from flexhinf.design.requirements import REQUIREMENTS, Requirement
 from flexhinf.design.responses import joint_limits
 from flexhinf.design.robustness import robustness
 from flexhinf.design.specification import FIELDS, RINGS, Specification

@@ -25,9 +25,10 @@ import numpy as np
 
 from flexhinf.analysis import EquilibriumLoop, Margins, margins
 from flexhinf.analysis.modes import JointScales
-from flexhinf.design import requirements as required
+from flexhinf.design import judgement
 from flexhinf.design.loop_setup import DEVIATIONS, LoopSetup
 from flexhinf.design.plans import has_integrals
+from flexhinf.design.requirements import REQUIREMENTS, Requirement, loop_margins
 from flexhinf.design.responses import (
     LONGEST,
     JointLimits,
@@ -90,15 +91,15 @@ class ImpulseRuns:
             return self.ring_down.worst
         return next(k for k, response in enumerate(self.responses) if response.diverged_at is not None)
 
-    def requirement(self, s: Specification, damping: float) -> required.Requirement:
+    def requirement(self, s: Specification, damping: float) -> Requirement:
         """The requirement on the damping after an impulse: that of the running loop, for the same oscillations."""
-        row, below, fit = required.REQUIREMENTS["ring_down"], s.damped_below_limit, self.ring_down
+        row, below, fit = REQUIREMENTS["ring_down"], s.damped_below_limit, self.ring_down
         ratios = [] if fit is None else [fit.damping_of(k, below) for k in range(len(self.responses))]
         worst = int(np.argmin(ratios)) if ratios else self.worst
         return row.judge(
             s, damping, ratios[worst] if ratios else -np.inf,
             "nonlinear loop at rest at the goal, impulse on one joint after the other, nominal robot, no noise",
-            joint=required.of_several(self.responses[0].joints, worst),
+            joint=loop_margins.of_several(self.responses[0].joints, worst),
             criterion=row.criterion.format(below=below),
         )  # fmt: skip
 
@@ -178,13 +179,13 @@ def impulse_runs(
 # What a run is too short to tell --------------------------------------------------------------------------
 
 #: Requirements that are judged in the last moments of a run, at rest.
-STANDSTILL = {required.REQUIREMENTS[name].what for name in ("remaining", "ripple")}
+STANDSTILL = {REQUIREMENTS[name].what for name in ("remaining", "ripple")}
 
 
 def judged_when_settled(
-    judge: Callable[[Response], list[required.Requirement]], run: Response, where: str,
+    judge: Callable[[Response], list[Requirement]], run: Response, where: str,
     again: Callable[[float], Response], begun: float = 0.0,
-) -> list[required.Requirement]:  # fmt: skip
+) -> list[Requirement]:  # fmt: skip
     """Requirements of a run to rest. Of a run that misses some of them before its transient is over, or that does not
     settle, those of a longer one, so that its length decides nothing.
 
@@ -203,8 +204,8 @@ def judged_when_settled(
 
 
 def as_far_as_judged(
-    lines: Sequence[required.Requirement], run: Response, begun: float, enough: float, timed: bool = False
-) -> list[required.Requirement]:
+    lines: Sequence[Requirement], run: Response, begun: float, enough: float, timed: bool = False
+) -> list[Requirement]:
     """Requirements of a run that cannot be made again, without a judgement of those that it is too short for.
 
     A run that ends before its command and some rest, or unsettled before `enough` s, judges only what it exceeds. One
@@ -294,12 +295,12 @@ class LimitCycleCheck:
         """Joints whose amplitude exceeds the limit; all if the run diverged."""
         return tuple(np.flatnonzero(self.amplitudes > self.limit).tolist())
 
-    def requirement(self, units: Sequence[str]) -> required.Requirement:
+    def requirement(self, units: Sequence[str]) -> Requirement:
         """The requirement that `cause` makes no limit cycle; `units` are those of the link positions."""
         worst = self.worst
-        return required.REQUIREMENTS["limit_cycle"].judge(
+        return REQUIREMENTS["limit_cycle"].judge(
             None, self.limit, self.amplitudes[worst], self.where,
-            unit=units[worst], joint=required.of_several(self.response.joints, worst),
+            unit=units[worst], joint=loop_margins.of_several(self.response.joints, worst),
         )  # fmt: skip
 
 
@@ -467,7 +468,7 @@ def scheduled(
     return law, along
 
 
-def along_requirements(s: Specification, along: AlongMove) -> list[required.Requirement]:
+def along_requirements(s: Specification, along: AlongMove) -> list[Requirement]:
     """Peak sensitivity, gain margin and, where it is required, damping at the worst pose along a move."""
     laws = f", {along.count} laws" if along.count > 1 else ""
     where = f"running loop at {len(along.times)} poses along the move{laws}"
@@ -479,7 +480,7 @@ def along_requirements(s: Specification, along: AlongMove) -> list[required.Requ
     # for each margin, the pose at which it is nearest to its limit, or furthest beyond it
     worst = {name: int(np.argmax([shares[name] for shares in along.shares])) for name in limits}
     return [
-        required.REQUIREMENTS[name].judge(
+        REQUIREMENTS[name].judge(
             s, limit, along.limits.value(name, along.margins[worst[name]]), where, at=float(along.times[worst[name]]),
             criterion="worst pose; linearised about the robot at rest there",
         )
@@ -554,7 +555,7 @@ def _recovered_load_step(setup: LoopSetup, load: np.ndarray, runs: Scenario) -> 
 
 def payload_requirements(
     s: Specification, limits: JointLimits, load: PayloadEvaluation, damping: float | None, resolution: float
-) -> list[required.Requirement]:
+) -> list[Requirement]:
     """Requirements with a payload: of the step, on the deflection after the load step, and on damping.
 
     `damping`: required with the model's payload; with others the loop must not ring.
@@ -564,13 +565,13 @@ def payload_requirements(
     where = f"the step {name}"
     rows = motion_metrics(limits, load.step)
     lines = [
-        *required.step_requirements(s, limits, load.step, where),
-        *required.motion_requirements(s, limits, rows, resolution, where),
+        *judgement.step_requirements(s, limits, load.step, where),
+        *judgement.motion_requirements(s, limits, rows, resolution, where),
     ]
     least, below = min(RINGS, damping or 0.0), s.damped_below_limit
     (slow, fast), place = load.margins.damping_about(below), f"running loop at the goal {name}"
-    lines.append(required.damping_requirement(None, least, slow, below, place))
-    growing = required.fast_damping_requirement(fast, below, place)
+    lines.append(loop_margins.damping_requirement(None, least, slow, below, place))
+    growing = loop_margins.fast_damping_requirement(fast, below, place)
     lines += [line for line in growing if line.missed]
     if load.load_step is None:
         return lines
@@ -578,9 +579,9 @@ def payload_requirements(
     k = limits.joints.index(remaining.joint) if remaining.joint else 0
     return [
         *lines,
-        required.REQUIREMENTS["load_step"].judge(
+        REQUIREMENTS["load_step"].judge(
             None, metrics.SETTLING_BAND * float(load.load_step.reference_step[k]), remaining.value, where,
-            unit=limits.position_units[k], joint=required.of_several(limits.joints, remaining.joint),
+            unit=limits.position_units[k], joint=loop_margins.of_several(limits.joints, remaining.joint),
         ),
-        *required.limit_requirements(limits, [load.load_step.response], where, always=False),
+        *judgement.limit_requirements(limits, [load.load_step.response], where, always=False),
     ]  # fmt: skip

@@ -19,12 +19,13 @@ from flexhinf.campaign.samples import Columns, SampleColumns
 from flexhinf.design import (
     checks,
     design_file,
+    judgement,
     loop_setup,
     monte_carlo,
     plans,
-    requirements as required,
     responses,
 )
+from flexhinf.design.requirements import REQUIREMENTS, Requirement
 from flexhinf.design.specification import Specification, is_for_workspace
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict
 from flexhinf.errors import InvalidInput, refuse_if
@@ -68,7 +69,7 @@ class DeployedRun:
         """The run with its metrics for each joint."""
         return responses.Response(run.trajectory, self.goal, self.start, self.robot.joint_names)
 
-    def requirements(self, run: RealTimeRun) -> list[required.Requirement]:
+    def requirements(self, run: RealTimeRun) -> list[Requirement]:
         """The requirements of the specification, as far as the run is long enough to judge them, and the requirements
         that no input swings at rest and that no deadline was missed."""
         s, limits, response = self.plants.specification, self.plants.limits, self.response(run)
@@ -76,18 +77,18 @@ class DeployedRun:
         if self.plan is None:
             rows = responses.motion_metrics(limits, response)
             lines = [
-                *required.step_requirements(s, limits, response, WHERE),
-                *required.motion_requirements(s, limits, rows, resolution, WHERE),
+                *judgement.step_requirements(s, limits, response, WHERE),
+                *judgement.motion_requirements(s, limits, rows, resolution, WHERE),
             ]
         elif s.move is None:  # from pose to pose of a workspace
             rows = responses.Move.along(self.plan, response, limits).motion
-            lines = required.motion_requirements(s, limits, rows, resolution, WHERE, rests=self.rests)
-            lines += required.limit_requirements(limits, [response], WHERE)
+            lines = judgement.motion_requirements(s, limits, rows, resolution, WHERE, rests=self.rests)
+            lines += judgement.limit_requirements(limits, [response], WHERE)
         else:
             move = responses.Move.along(self.plan, response, limits)
-            lines = required.move_requirements(s, limits, move, resolution, rests=self.rests)
+            lines = judgement.move_requirements(s, limits, move, resolution, rests=self.rests)
         if self.rests:
-            lines += required.saturation_requirement(limits, [response], WHERE)
+            lines += judgement.saturation_requirement(limits, [response], WHERE)
         if (watch := self.loop.controller.supervision) is not None:
             # The status outlasts the last swing; what swings while a robot still moves to its goal is no limit cycle.
             over = responses.transient_end(response, self.begun) + watch.longest_swing
@@ -95,12 +96,12 @@ class DeployedRun:
                 run.trajectory.time > (over if np.isfinite(over) else 0.0)
             )
             time = self.loop.controller.period * float(np.sum(swings))
-            lines.append(required.REQUIREMENTS["swinging"].judge(None, 0.0, time, WHERE))
+            lines.append(REQUIREMENTS["swinging"].judge(None, 0.0, time, WHERE))
         lines = [replace(line, where=WHERE) for line in lines]
         lines = checks.as_far_as_judged(lines, response, self.begun, self.enough, timed=self.rests)
         if run.timing.real_time:
             missed = 100.0 * float(np.mean(run.timing.missed))
-            lines.insert(0, required.REQUIREMENTS["deadlines"].judge(None, 0.0, missed, WHERE))
+            lines.insert(0, REQUIREMENTS["deadlines"].judge(None, 0.0, missed, WHERE))
         return lines
 
 
@@ -352,7 +353,7 @@ class PoseCampaign(DesignCampaign):
             instants = np.arange(0.0, plan.duration + 0.5 * s.period, s.period)
             travel = np.ptp(np.reshape(plan(instants), (len(instants), -1)), axis=0)
             metrics = monte_carlo.RunMetrics(
-                limits, None, required.move_limits(s.tracking_error, limits, travel)
+                limits, None, judgement.move_limits(s.tracking_error, limits, travel)
             )
         if o.duration is not None:
             sample_count(o.duration, s.period)

@@ -29,7 +29,7 @@ import tomlkit
 from pydantic import TypeAdapter
 
 from flexhinf import __version__
-from flexhinf.design.specification import FIELDS, FORMER, Specification, SpecificationError
+from flexhinf.design.specification import EXTENDED, FIELDS, FORMER, Specification, SpecificationError
 from flexhinf.design.stated_units import check_stated_units, parts_of
 from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 from flexhinf.loop import load_controller
@@ -419,6 +419,9 @@ def design_schema() -> dict[str, Any]:
         "payload": "What the robot carries instead of its file's own payload: 0..3kg@hand.",
     }
     design = TypeAdapter(Specification).json_schema()
+    del design["properties"]["extended"]
+    for name in EXTENDED:
+        design["properties"][name] = FIELDS[name].adapter.json_schema()
     for name, field in FIELDS.items():
         about = field.about
         text = f"{about.help} Default: {about.default}." if about.default else about.help

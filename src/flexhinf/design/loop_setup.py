@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import EquilibriumLoop
+from flexhinf.design.estimators import ESTIMATORS, EstimatorTask, is_kalman
 from flexhinf.design.noise_levels import EstimatorNoise, noise_variances, sensor_steps
 from flexhinf.design.plans import (
     ON_THE_WAY,
@@ -35,9 +36,6 @@ from flexhinf.design.responses import (
 from flexhinf.design.specification import Specification, SpecificationError
 from flexhinf.design.stated_units import per_signal
 from flexhinf.estimation import (
-    ExtendedKalmanFilter,
-    OutputInjectionObserver,
-    UnscentedKalmanFilter,
     stationary,
     stationary_covariance,
 )
@@ -57,11 +55,6 @@ DEVIATIONS = 3.0
 #: How far commands may lie beyond start, goal and poses of the laws: a share of the largest travel of a joint, and at
 #: least so much, rad or m.
 WORKSPACE_MARGIN = (0.1, 0.05)
-
-#: Estimators by name.
-KINDS: dict[str, Any] = {
-    "ukf": UnscentedKalmanFilter, "ekf": ExtendedKalmanFilter, "observer": OutputInjectionObserver,
-}  # fmt: skip
 
 #: Extras whose linearisation at standstill holds beyond the smallest motions. Dry friction and backlash are left out of
 #: the linear loop: their slope holds only below the smoothing velocity, as damping that a moving robot lacks.
@@ -115,7 +108,7 @@ class LoopPlants:
     @property
     def knows_friction(self) -> bool:
         """Whether the model of the deployed estimator has dry friction; the observer's gain is computed without."""
-        return self.specification.friction_model and self.specification.estimator in ("ukf", "ekf")
+        return self.specification.friction_model and is_kalman(self.specification)
 
     @property
     def may_swing(self) -> bool:
@@ -276,20 +269,20 @@ class LoopPlants:
         equilibrium = self.robot.operating_point(goal)
         a, _, _, c = model.linearise(*equilibrium)
         process, measurement = noise.covariance(model.states), self.noise_variances
-        kind, options = s.estimator, {"form": "covariance"}
+        kind = s.estimator
         if linear:
             kind, model = "ekf", linear_plant(model, *equilibrium)
         else:
             stationary.check_detectable(a, c, model.states)
             model = self.estimator_model if deployed else model
-            options = {"about": equilibrium[0]} if kind == "observer" else options
         # Stationary covariance at the goal, so that the gain is constant from the start. Without process noise it would
         # be zero.
         covariance = INITIAL_VARIANCE * np.eye(len(a))
         if process.any():
             covariance = stationary_covariance((expm(a * s.period), c), process, np.diag(measurement))
         mean = self.robot.operating_point(at)[0]
-        return KINDS[kind](model, s.period, process, measurement, mean=mean, covariance=covariance, **options)
+        task = EstimatorTask(model, s.period, process, measurement, mean, covariance, equilibrium[0])
+        return ESTIMATORS[kind].make(task)
 
 
 @dataclass(frozen=True, eq=False)

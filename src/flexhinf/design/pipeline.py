@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import modes
-from flexhinf.design import certification, checks, plans, requirements as required, responses, tuning
+from flexhinf.design import certification, checks, judgement, plans, responses, tuning
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import DESIGN, LawFactory, LawKind, law_kind, law_names
 from flexhinf.design.loop_setup import DEVIATIONS, LoopSetup, with_derived
 from flexhinf.design.pose_design import PoseDesign
 from flexhinf.design.problem import presets
-from flexhinf.design.requirements import Reported, Requirement
+from flexhinf.design.requirements import REQUIREMENTS, Reported, Requirement, loop_margins
 from flexhinf.design.result import Design
 from flexhinf.design.rigid import RigidComparison, compare_rigid
 from flexhinf.design.specification import Specification, is_for_workspace
@@ -245,9 +245,7 @@ def diverged_requirements(evaluation: LawEvaluation, impulses: bool) -> list[Req
         "impulses on the links at the goal": impulses and evaluation.ring_down.ring_down is None,
         "constant torques on the links": not evaluation.load_response.metrics,
     }
-    return [
-        required.REQUIREMENTS["diverged"].judge(None, 0.0, 1, where) for where, lost in gone.items() if lost
-    ]
+    return [REQUIREMENTS["diverged"].judge(None, 0.0, 1, where) for where, lost in gone.items() if lost]
 
 
 def step_duration(linear: LawEvaluation, synthesis: steps.Synthesis) -> float:
@@ -306,7 +304,7 @@ def _requirements(
     lines, step, robots = _law_requirements(evaluation, damping, limit_cycle)
     if target is not None and damping is not None:
         lines.insert(
-            0, required.bandwidth_requirement(stated, target.bandwidth, evaluation.margins, setup.joints)
+            0, loop_margins.bandwidth_requirement(stated, target.bandwidth, evaluation.margins, setup.joints)
         )
         lines.append(evaluation.ring_down.requirement(s, damping))
     lines += step
@@ -318,7 +316,7 @@ def _requirements(
         )  # fmt: skip
     runs = evaluation.runs
     errors = None if s.move is None else checks.errors_after_move(setup, runs.plan, runs.dwell)
-    lines += required.move_requirements(s, limits, evaluation.move, resolution, errors)
+    lines += judgement.move_requirements(s, limits, evaluation.move, resolution, errors)
     if s.move is not None and synthesis.along is not None:
         lines += checks.along_requirements(s, synthesis.along)
     if limit_cycle is not None:
@@ -339,8 +337,8 @@ def step_requirements(
     def judge(run: responses.Response) -> list[Requirement]:
         rows = responses.motion_metrics(limits, run, setup.command)
         return [
-            *required.step_requirements(s, limits, run, where, unlimited),
-            *required.motion_requirements(s, limits, rows, resolution, where, remaining),
+            *judgement.step_requirements(s, limits, run, where, unlimited),
+            *judgement.motion_requirements(s, limits, rows, resolution, where, remaining),
         ]
 
     return checks.judged_when_settled(judge, run, where, again, setup.command_time)
@@ -359,18 +357,19 @@ def _law_requirements(
     margins = []
     if linear:
         own, worst = evaluation.margins, evaluation.least_damped
-        ringing = [required.of_several(setup.joints, mode.joint if mode else "") for mode in worst]
+        ringing = [loop_margins.of_several(setup.joints, mode.joint if mode else "") for mode in worst]
         margins = [
-            *required.margin_requirements(s, own, setup.joints),
-            *required.oscillation_requirements(s, own, damping, ringing),
+            *loop_margins.margin_requirements(s, own, setup.joints),
+            *loop_margins.oscillation_requirements(s, own, damping, ringing),
+            *loop_margins.loop_requirements(s, lambda: [evaluation.loop.linear()]),
         ]
     step = step_requirements(
         setup, evaluation.step, STEP,
         lambda length: setup.step(length, sub_steps=evaluation.runs.sub_steps),
         evaluation.unlimited_step if limits.limits_peak else None, limit_cycle and limit_cycle.remaining,
     )  # fmt: skip
-    robots = [] if corners is None else [required.corner_requirement(corners)]
-    robots += [] if samples is None else required.sample_requirements(s, limits, samples)
+    robots = [] if corners is None else [loop_margins.corner_requirement(corners)]
+    robots += [] if samples is None else judgement.sample_requirements(s, limits, samples)
     return margins, step, robots
 
 

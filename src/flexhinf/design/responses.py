@@ -16,6 +16,8 @@ from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
 
+from flexhinf.design.requirements import Motion, on_motions
+from flexhinf.design.requirements.kinds import STILL
 from flexhinf.design.specification import FIELDS, Specification, per_joint
 from flexhinf.loop import Signal, Trajectory
 from flexhinf.loop.simulation import metrics
@@ -454,46 +456,57 @@ class JointLimits:
         )
 
 
-#: Points of a path from which distances are measured, and a travel that is rounding, rad or m.
-PATH_POINTS, STILL = 400, 1e-9
+#: Points of a path from which distances are measured.
+PATH_POINTS = 400
+
+
+def motion_of(limits: JointLimits, run: Response, plan: Plan | None = None) -> Motion:
+    """A run that did not diverge as requirements measure it, along a plan, by default the straight one of a step."""
+    time, planned, path = (
+        run.run.time,
+        np.tile(run.goal, (len(run.run.time), 1)),
+        np.array([run.start, run.goal]),
+    )
+    if plan is not None:
+        instants = np.linspace(0.0, plan.duration, PATH_POINTS), time
+        path, planned = (np.reshape(plan(t), (len(t), -1)) for t in instants)
+    duration = 0.0 if plan is None else plan.duration
+    return Motion(
+        time=time,
+        positions=run.positions,
+        velocities=run.velocities,
+        inputs=run.inputs,
+        planned=planned,
+        path=path,
+        duration=duration,
+        plans=plan is not None,
+        rests=plan is None or time[-1] - duration >= metrics.WINDOW,
+        effort=limits.effort,
+        span=limits.span,
+        slides=np.array(limits.position_units) == "m",
+    )
 
 
 def motion_metrics(limits: JointLimits, run: Response, plan: Plan | None = None) -> list[dict[str, Any]]:
     """Metrics of the motion of each joint along a plan, by default the straight one of a step; an empty list where the
     run diverged.
 
-    Keys: joint, travel (rad or m), wrong_way_percent (of a joint that moves), excursion_percent (of one that should
-    rest; None where no travel compares with it), path_distance and remaining_error (rad or m), ripple_percent (of a
+    Keys: joint, travel (rad or m), excursion_percent (of one that should rest; None where no travel compares with it),
+    and the `metric` of each kind of requirement that measures motions, of joints that have it: wrong_way_percent (of a
+    joint that moves), path_distance, tracking_error (along a plan) and remaining_error (rad or m), ripple_percent (of a
     motor with a limit). The last two are those of joints at rest, so a run that ends too soon after its plan has none.
-    Along a plan also tracking_error (rad or m), the largest distance from where the plan is at the same time.
     """
     if run.diverged_at is not None:
         return []
-    time, planned = run.run.time, run.goal[None]
-    path = np.array([run.start, run.goal])
-    if plan is not None:
-        instants = np.linspace(0.0, plan.duration, PATH_POINTS), time
-        path, planned = (np.reshape(plan(t), (len(t), -1)) for t in instants)
-    travel, slides = np.ptp(path, axis=0), np.array(limits.position_units) == "m"
-    largest = metrics.largest_travel(travel, slides, limits.span)
-    counted = np.maximum(travel, metrics.MIN_TRAVEL * largest)
-    distances = metrics.path_distance(run.positions, path, np.where(largest > STILL, largest, 1.0))
-    ripples, rows = metrics.ripple(time, run.inputs, limits.effort), []
-    errors = metrics.remaining_error(time, run.positions, planned)
-    rests = plan is None or time[-1] - plan.duration >= metrics.WINDOW
+    motion = motion_of(limits, run, plan)
+    columns = {kind.metric: values for kind in on_motions() if (values := kind.measured(motion)) is not None}
+    rows = []
     for k, (joint, q) in enumerate(zip(run.joints, run.positions.T)):
-        if travel[k] > STILL:
-            own: dict[str, Any] = {"wrong_way_percent": metrics.wrong_way(q, path[:, k], counted[k])}
-        else:
-            away = metrics.excursion(q, path[0, k], largest[k]) if largest[k] > STILL else None
-            own = {"excursion_percent": away}
-        own |= {"travel": float(travel[k]), "path_distance": float(distances[k])}
-        if plan is not None:
-            own["tracking_error"] = float(metrics.peak_of(q - planned[:, k]))
-        if rests:
-            own["remaining_error"] = float(errors[k])
-            own |= {"ripple_percent": float(ripples[k])} if np.isfinite(limits.effort[k]) else {}
-        rows.append({"joint": joint, **own})
+        own: dict[str, Any] = {"joint": joint, "travel": float(motion.travel[k])}
+        if not motion.moves[k]:
+            largest, at = motion.largest[k], motion.path[0, k]
+            own["excursion_percent"] = metrics.excursion(q, at, largest) if largest > STILL else None
+        rows.append(own | {name: float(x[k]) for name, x in columns.items() if not np.isnan(x[k])})
     return rows
 
 

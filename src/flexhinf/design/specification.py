@@ -7,6 +7,7 @@ schema and the table of options in docs/options.md derive from this class, see `
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import functools
 import math
 from collections.abc import Sequence
@@ -14,7 +15,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from flexhinf import options
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.extensions import load_extensions
 from flexhinf.options import (
     ADVANCED,
     LIMITS,
@@ -55,7 +57,32 @@ Range = Annotated[
 ]  # fmt: skip
 
 PresetName = Annotated[Literal["paper", "damped", "robust", "proved"], options.CHOICE]
-EstimatorName = Annotated[Literal["ukf", "ekf", "observer", "none"], options.CHOICE]
+#: Estimators by name, in a sentence; `declare_estimator` adds others.
+ESTIMATED_BY = {
+    "ukf": "the unscented Kalman filter",
+    "ekf": "the extended Kalman filter",
+    "observer": "the output-injection observer",
+    "none": "the true state fed back",
+}
+
+
+def estimator_name(value: Any) -> str:
+    """The name of an estimator, in small letters. Raises `InvalidInput` for one that is not known."""
+    name = options.choice(value)
+    if not isinstance(name, str) or name not in ESTIMATED_BY:
+        load_extensions()
+    if not isinstance(name, str) or name not in ESTIMATED_BY:
+        found = f"expected {', '.join(ESTIMATED_BY)}, got {value_text(value)}"
+        raise InvalidInput(refused("estimator"), found, nearest(value, ESTIMATED_BY, "ukf").strip("'"))
+    return name
+
+
+EstimatorName = Annotated[
+    str,
+    read_by(estimator_name),
+    Allowed(", ".join(ESTIMATED_BY)),
+    options.Marker("WithJsonSchema", {"type": "string", "enum": [*ESTIMATED_BY]}),
+]
 ShapingName = Annotated[Literal["jump", "quintic", "jerk-limited"], options.CHOICE]
 AngleUnit = Annotated[Literal["rad", "deg"], options.CHOICE]
 
@@ -67,8 +94,8 @@ OF_WORKSPACE = (
     "quantisation", "integral_dead_zone", "draws", "seed", "angle_unit",
 )  # fmt: skip
 
-#: Estimators of a design of one pose alone.
-OF_POSE = ("ekf", "observer")
+#: Estimators of a design for a workspace; with any other one a design is of one pose.
+OVER_WORKSPACE = ("ukf", "none")
 
 #: Default variance of the velocities per sample. With the default R^n the estimator is so fast that a load deflects the
 #: link little more than with the true state fed back, see docs/real_loop.md.
@@ -196,10 +223,6 @@ class Specification:
         "A move to follow: a CSV file with columns time and the joints, 'time [s],elbow [deg]'. The loop is judged by "
         "it. The goal is by default its last waypoint.", "waypoints.csv", "s; rad, m",
         default="the way from start to goal, not judged")
-    tracking_error: options.Tolerances | None = option(None, LOOP,
-        "Largest distance of a link from where the move is at the same time: 1deg, or one per joint 1deg,2mm.",
-        "0.5deg", "rad, m",
-        default="5 % of the joint's way along the move; in a workspace 5 times the remaining error")
     angle_unit: AngleUnit | None = setting(None, WRITTEN, "Unit of angles in the report: rad or deg.", "deg",
         default="the unit of the poses")
     preset: PresetName | None = option(None, SEARCH,
@@ -236,6 +259,10 @@ class Specification:
     path_distance: options.Tolerances | None = setting(None, LOOP,
         "Largest distance of a link from the path, at any time: 1deg, or one per joint 1deg,2mm.", "1deg", "rad, m",
         default="no requirement")
+    tracking_error: options.Tolerances | None = option(None, LOOP,
+        "Largest distance of a link from where the move is at the same time: 1deg, or one per joint 1deg,2mm.",
+        "0.5deg", "rad, m",
+        default="5 % of the joint's way along the move; in a workspace 5 times the remaining error")
     remaining_error: options.Tolerances | None = option(None, LOOP,
         "Largest error of a link at the end of a move: 0.5e-3 (rad, m), or one per joint 0.05deg,1mm. It is looked at "
         "in the last 0.3 s, with the dead zone of the integrals.",
@@ -337,8 +364,12 @@ class Specification:
     mujoco: options.Flag = option(False, SEARCH,
         "Whether the step is run in MuJoCo too (needs flexhinf[mujoco]).")
     # fmt: on
+    #: Fields of `declare_limit` with their values; each is an attribute too.
+    extended: tuple[tuple[str, Any], ...] = dataclasses.field(default=(), repr=False)
 
     def __post_init__(self) -> None:
+        for name, value in self.extended:
+            object.__setattr__(self, name, value)
         for name, field in FIELDS.items():
             if (value := getattr(self, name)) is not field.default:
                 try:
@@ -347,6 +378,8 @@ class Specification:
                     if isinstance(error, WaypointError) or not error.what.startswith(refused(name)):
                         raise
                     raise SpecificationError(name, error.what, error.found, example=error.advice) from None
+        stated = tuple((name, getattr(self, name)) for name in EXTENDED if getattr(self, name) is not None)
+        object.__setattr__(self, "extended", stated)
         for name, (most, why) in MOST.items():
             if (value := getattr(self, name)) is not None and value > most:
                 raise _refusal(name, f"expected at most {most:g} ({why}), got {value_text(value)}")
@@ -379,7 +412,8 @@ class Specification:
     def pose_fields_stated(self) -> tuple[str, ...]:
         """Fields other than their defaults that only a design of one pose reads; without any, a design is for a
         workspace."""
-        both = OF_WORKSPACE if self.estimator not in OF_POSE else {*OF_WORKSPACE} - {"estimator"}
+        every = {*OF_WORKSPACE, *EXTENDED}
+        both = every if self.estimator in OVER_WORKSPACE else every - {"estimator"}
         values = ((name, getattr(self, name), field.default) for name, field in FIELDS.items())
         return tuple(
             name for name, value, default in values
@@ -443,6 +477,25 @@ class Specification:
 FIELDS = declared(Specification)
 Specification.__doc__ = with_parameters(Specification)
 
+#: Names of fields that `declare_limit` added, in that order. A design of a pose and of a workspace reads them.
+EXTENDED: list[str] = []
+
+
+def declare_limit(name: str, about: options.About, kind: Any) -> None:
+    """Add a field for the limit of a requirement that has a file of its own; by default None.
+
+    Raises `InvalidInput` for the name of another field, and for one that is no name in Python.
+    """
+    refuse_if(
+        name in FIELDS or hasattr(Specification, name) or not name.isidentifier(),
+        f"The limit {name!r} cannot be a field of a specification.",
+        f"expected a name in Python that no field has, got {name!r}",
+        f"my_{name.replace('-', '_')}",
+    )
+    FIELDS[name] = options.field_info(name, about, kind)
+    setattr(Specification, name, None)
+    EXTENDED.append(name)
+
 
 def per_joint(joints: Sequence[str], name: str, value: Any) -> np.ndarray:
     """A number of a field for each joint (n,); SpecificationError for another count of numbers."""
@@ -455,6 +508,14 @@ def per_joint(joints: Sequence[str], name: str, value: Any) -> np.ndarray:
             example=",".join(f"{limit:g}" for limit in np.resize(limits, len(joints))),
         )
     return np.array(np.broadcast_to(limits, (len(joints),)))
+
+
+def declare_estimator(name: str, description: str) -> None:
+    """Add the name of an estimator that has a file of its own, with its description in a sentence."""
+    ESTIMATED_BY[name] = description
+    field = FIELDS["estimator"]
+    about = replace(field.about, help=f"{field.about.help} {name}: {description}.")
+    FIELDS["estimator"] = replace(field, about=about, allowed=", ".join(ESTIMATED_BY))
 
 
 # A workspace, or one pose ------------------------------------------------------------------------------
@@ -479,8 +540,12 @@ def _checked(make: Any) -> Any:
 
     @functools.wraps(make)
     def init(self: Specification, **fields: Any) -> None:
+        if any(name not in FIELDS for name in fields):
+            load_extensions()
+        own = {name: fields.pop(name) for name in [*fields] if name in EXTENDED}
+        fields["extended"] = tuple({**dict(fields.get("extended", ())), **own}.items())
         for name in fields:
-            if name not in FIELDS:
+            if name not in (*FIELDS, "extended"):
                 raise SpecificationError(
                     name, f"A specification has no field {name!r}.",
                     f"expected fields out of {list(FIELDS)}, got {name!r}", nearest(name, FIELDS),

@@ -8,8 +8,9 @@ from functools import partial
 
 import numpy as np
 
-from flexhinf.design import certification, requirements as required
+from flexhinf.design import certification
 from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.requirements import Requirement
 from flexhinf.design.specification import MIN_DAMPING, PAST, RINGS
 from flexhinf.design.synthesis import by_step
 
@@ -47,7 +48,7 @@ def in_brackets(joints: Sequence[str], joint: str) -> str:
 
 
 def status_of(
-    lines: Sequence[required.Requirement], evaluation: LawEvaluation, chosen: by_step.DegreeChoice,
+    lines: Sequence[Requirement], evaluation: LawEvaluation, chosen: by_step.DegreeChoice,
     worth: certification.Attenuation, inside: bool | None, proof: certification.DesignProof,
 ) -> Status:  # fmt: skip
     """The status of a design."""
@@ -70,7 +71,7 @@ def status_of(
     return Status(tuple(missed), unproved, tuple(_risks(lines, evaluation)), "; ".join(scope))
 
 
-def _risks(lines: Sequence[required.Requirement], evaluation: LawEvaluation) -> list[str]:
+def _risks(lines: Sequence[Requirement], evaluation: LawEvaluation) -> list[str]:
     setup, margins, risks = evaluation.setup, evaluation.margins, []
     of, period = partial(in_brackets, setup.joints), setup.specification.period
     slow = [m for m in evaluation.estimator_modes if m.eigenvalue.imag > 0.0 and m.damping < MIN_DAMPING]

@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexhinf.design.laws import DEFAULT_LAWS, DESIGN, NL_HINF, RIVALS, is_hinf
+from flexhinf.design.laws import DESIGN, LAWS, NL_HINF, is_hinf, rivals
 from flexhinf.design.pipeline import ComparedLaw, Comparison
+from flexhinf.design.specification import ESTIMATED_BY
 from flexhinf.design.tuning import (
     RATIOS,
     TunedLaw,
@@ -21,7 +22,6 @@ from flexhinf.design.verdict import UNKNOWN, DesignVerdict
 from flexhinf.pages.comparison_figures import ranking_figure, responses_figure, trade_off_figure
 from flexhinf.pages.design.frequency import Loop, frequency_figures
 from flexhinf.pages.drawing import (
-    ESTIMATORS,
     count_text,
     joint_count,
     law_name,
@@ -87,7 +87,7 @@ def is_ranked(comparison: Comparison) -> bool:
 
 
 def _whole(text: str) -> str:
-    for name in sorted((n for n in DEFAULT_LAWS if "-" in n), key=len, reverse=True):
+    for name in sorted((n for n in LAWS if "-" in n), key=len, reverse=True):
         text = text.replace(name, name.replace("-", NO_BREAK))
     return text
 
@@ -190,7 +190,7 @@ def comparison_page(
         "All laws are for this goal alone; flexhinf design without a pose makes one for the workspace. "
         f"{count_text(len(comparison.compared), 'law')} with the same commands, load, move, robots, seeds and limits. "
         f"“{DESIGN}” is the law as flexhinf design makes it (preset {comparison.synthesis.design_problem.preset}, "
-        f"{law_name(comparison.synthesis.chosen.degree)}, {ESTIMATORS[s.estimator]}); {_whole(NL_HINF)} is the same "
+        f"{law_name(comparison.synthesis.chosen.degree)}, {ESTIMATED_BY[s.estimator]}); {_whole(NL_HINF)} is the same "
         f"problem tuned as the other laws are. Criterion: {comparison.criterion.measure}",
         _whole(said[0]),
         (*sections, *([files_section(files)] if files else [])), Settings(comparison_settings(comparison)),
@@ -252,7 +252,7 @@ def comparison_notes(comparison: Comparison) -> list[str]:
                 f"The loop of {row.name} could not be linearised: {row.evaluation.linear_failure.rstrip('.')}."
             )
     compared = {row.name for row in comparison.rows}
-    if others := [name for name in RIVALS if name not in compared]:
+    if others := [name for name in rivals() if name not in compared]:
         notes.append(f"Not asked for, and so not compared: {', '.join(others)}.")
     if own is not None and own.setup.left_out:
         names = " and ".join(own.setup.left_out).replace("_", " ")

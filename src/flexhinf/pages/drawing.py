@@ -220,13 +220,6 @@ def first_screen(
     return lead, [part for part in left if part.blocks]
 
 
-ESTIMATORS = {
-    "ukf": "the unscented Kalman filter",
-    "ekf": "the extended Kalman filter",
-    "observer": "the output-injection observer",
-    "none": "the true state fed back",
-}
-
 #: Changes of a robot within its tolerances that are listed, the largest first.
 LISTED = 6
 

@@ -15,12 +15,13 @@ import numpy as np
 
 from flexhinf.analysis.modes import JointScales
 from flexhinf.design.advice import OF_MOVES, WITHIN
+from flexhinf.design.judgement import STANDSTILL_SHARE
 from flexhinf.design.loop_setup import LoopPlants
 from flexhinf.design.pipeline import Comparison
 from flexhinf.design.pose_design import PoseDesign
 from flexhinf.design.problem.presets import robust_applies
 from flexhinf.design.problem.weights import vibration_text
-from flexhinf.design.requirements import REQUIREMENTS, STANDSTILL_SHARE, Requirement
+from flexhinf.design.requirements import REQUIREMENTS, Requirement
 from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.design.tuning import RATIOS, TunedLaw
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict

@@ -16,14 +16,11 @@ import numpy as np
 from flexhinf.analysis import FrequencyResponse
 from flexhinf.design import checks, pipeline, responses
 from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.judgement import sample_requirements
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.monte_carlo import MonteCarlo, sampled_runs
-from flexhinf.design.requirements import (
-    Requirement,
-    margin_requirements,
-    oscillation_requirements,
-    sample_requirements,
-)
+from flexhinf.design.requirements import Requirement
+from flexhinf.design.requirements.loop_margins import margin_requirements, oscillation_requirements
 from flexhinf.design.responses import Response
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis.steps import Synthesis, synthesise

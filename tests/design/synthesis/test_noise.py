@@ -36,7 +36,7 @@ def soft(robot_of: Callable[[str], Any], only_uncertain: Callable[..., Any]) -> 
 
 
 @pytest.mark.ci("searches noise levels over 2048 corners")
-def test_noise_levels_are_searched_until_the_running_loop_keeps_its_margins(
+def test_noise_levels_are_searched_until_the_loop_margins_keeps_its_margins(
     robot_of: Callable[[str], Any], searched: Any
 ) -> None:
     """With the default level of before, 1e-7 on all velocities, S peaks at 3.7 and the gain margin is 1.4."""

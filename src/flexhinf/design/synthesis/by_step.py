@@ -22,12 +22,12 @@ import numpy as np
 
 from flexhinf.analysis.modes import closed_loop
 from flexhinf.analysis.optimiser import bisected
+from flexhinf.design.judgement import sample_requirements, step_requirements
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.monte_carlo import sampled_runs
 from flexhinf.design.noise_levels import EstimatorNoise
 from flexhinf.design.plans import true_robot
 from flexhinf.design.problem.presets import DesignProblem, choose
-from flexhinf.design.requirements import sample_requirements, step_requirements
 from flexhinf.design.responses import ROBOT, JointLimits, Response, joint_limits, run_length, sample_robots
 from flexhinf.design.specification import TOLERANCE, Specification
 from flexhinf.errors import FlexhinfError, InvalidInput

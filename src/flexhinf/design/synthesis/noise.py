@@ -42,6 +42,7 @@ from flexhinf.analysis import (
     modes,
 )
 from flexhinf.analysis.optimiser import PENALTY
+from flexhinf.design.estimators import is_kalman
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.noise_levels import EstimatorNoise
 from flexhinf.design.specification import RINGS, RIPPLE, TOLERANCE
@@ -160,7 +161,7 @@ def search_noise(
     make it stable.
     """
     s = setup.specification
-    if s.estimator not in ("ukf", "ekf") or s.process_noise is not None or s.torque_noise is not None:
+    if not is_kalman(s) or s.process_noise is not None or s.torque_noise is not None:
         return None
     try:
         search = _Search(setup, damping)

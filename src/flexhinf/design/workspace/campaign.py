@@ -11,15 +11,16 @@ import numpy as np
 
 from flexhinf.campaign import Campaign, Metrics, Sample, Tolerances, Variable
 from flexhinf.campaign.draws import METHODS
-from flexhinf.design import requirements as required
+from flexhinf.design import judgement
 from flexhinf.design.deployed_run import DELAY, ERROR, OFFSET, TORQUE, DesignCampaign, varied, with_payload
 from flexhinf.design.design_file import DesignRequest
 from flexhinf.design.loop_setup import LoopPlants
 from flexhinf.design.plans import true_robot
-from flexhinf.design.requirements import REQUIREMENTS, Requirement
+from flexhinf.design.requirements import POSITION, REQUIREMENTS, Requirement, on_motions
 from flexhinf.design.responses import LOAD_START, JointLimits, Move, Plan, Response, joint_limits
-from flexhinf.design.specification import Specification
+from flexhinf.design.specification import EXTENDED, Specification
 from flexhinf.design.workspace.design import GOALS, GOALS_SEED
+from flexhinf.design.workspace.judgement import missed_by
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.errors import FlexhinfError, NumericalFailure, refuse_if
 from flexhinf.loop import Step, Trajectory
@@ -65,24 +66,30 @@ class MoveMetrics:
     limits: JointLimits
 
     @cached_property
+    def known(self) -> dict[str, tuple[str, bool]]:
+        """`METRICS`, and those of requirements that have a file of their own and a limit."""
+        own = (kind for kind in on_motions() if kind.name in EXTENDED and kind.limit(self.specification))
+        return METRICS | {kind.name: (kind.metric, False) for kind in own}
+
+    @cached_property
     def units(self) -> dict[str, str]:
         """Units by metric: the worst of all joints and its share of what is allowed; then those of single joints."""
-        limits, known = self.limits, [name for name in METRICS if self._applies(name)]
-        units = {METRICS[name][0]: self._unit(name) for name in known}
-        units |= {f"{METRICS[name][0]}_use": "" for name in known}
+        limits, known = self.limits, [name for name in self.known if self._applies(name)]
+        units = {self.known[name][0]: self._unit(name) for name in known}
+        units |= {f"{self.known[name][0]}_use": "" for name in known}
         uses = {
             "input_limit_use": limits.limits_peak,
             "speed_limit_use": limits.limits_speed,
             "range_use": True,
         }
         units |= {name: "" for name, limited in uses.items() if limited}
-        return units | {f"{METRICS[name][0]}_{joint}": unit for name, joint, unit in self._parts}
+        return units | {f"{self.known[name][0]}_{joint}": unit for name, joint, unit in self._parts}
 
     @property
     def _parts(self) -> list[tuple[str, str, str]]:
         pairs = list(zip(self.limits.joints, self.limits.position_units))
         several = [
-            name for name, (_, each) in METRICS.items() if each and self._applies(name) and len(pairs) > 1
+            name for name, (_, each) in self.known.items() if each and self._applies(name) and len(pairs) > 1
         ]
         return [(name, *pair) for name in several for pair in pairs]
 
@@ -95,7 +102,8 @@ class MoveMetrics:
 
     def _unit(self, name: str) -> str:
         own = {"at_limit": "s"}.get(name, REQUIREMENTS[name].unit)
-        return own or (self.limits.position_units[0] if len(set(self.limits.position_units)) == 1 else "")
+        units = {*self.limits.position_units}
+        return own if own != POSITION else self.limits.position_units[0] if len(units) == 1 else ""
 
     @property
     def required(self) -> tuple[str, ...]:
@@ -108,7 +116,7 @@ class MoveMetrics:
     def metrics(self) -> Metrics:
         """For a campaign."""
         return Metrics(
-            self.units, self, parts=[f"{METRICS[name][0]}_{joint}" for name, joint, _ in self._parts]
+            self.units, self, parts=[f"{self.known[name][0]}_{joint}" for name, joint, _ in self._parts]
         )
 
     def __call__(self, run: Trajectory) -> dict[str, float]:
@@ -123,20 +131,20 @@ class MoveMetrics:
         lines: dict[str, Requirement] = {
             line.what: line
             for line in (
-                *required.motion_requirements(s, limits, rows, 0.0, "", rests=True),
-                *required.saturation_requirement(limits, [response], ""),
+                *judgement.motion_requirements(s, limits, rows, 0.0, "", rests=True),
+                *judgement.saturation_requirement(limits, [response], ""),
             )
         }
         found = {
             "input_limit_use": limits.input_use(response).share, "speed_limit_use": limits.speed_use(response).share,
             "range_use": limits.range_use(response).share,
         }  # fmt: skip
-        for name, (metric, _) in METRICS.items():
+        for name, (metric, _) in self.known.items():
             line = lines.get(REQUIREMENTS[name].what)
             found[metric] = 0.0 if line is None else line.found
-            found[f"{metric}_use"] = 0.0 if line is None else line.found / line.limit
+            found[f"{metric}_use"] = 0.0 if line is None else missed_by(line)
         for name, joint, _ in self._parts:
-            metric = METRICS[name][0]
+            metric = self.known[name][0]
             found[f"{metric}_{joint}"] = rows[limits.joints.index(joint)][metric]
         return found
 

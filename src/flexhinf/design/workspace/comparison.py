@@ -18,14 +18,14 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.laws import DESIGN, USUAL, LawKind, law_kind
+from flexhinf.design.laws import DESIGN, LawKind, law_kind, laws_over
 from flexhinf.design.noise_levels import other_quantisation
 from flexhinf.design.requirements import Reported, Requirement
 from flexhinf.design.specification import Specification
 from flexhinf.design.workspace.design import WorkspaceDesign, check_loop, judged_design
 from flexhinf.design.workspace.judgement import missed_by, move_requirements
 from flexhinf.design.workspace.law_file import stated_workspace
-from flexhinf.design.workspace.rivals import RIVALS, check_numbers, home_bandwidths, rival_law
+from flexhinf.design.workspace.rivals import check_numbers, home_bandwidths, rival_law
 from flexhinf.design.workspace.search import MOTORS_RANDOM, RANDOM, ChosenPoses, motors_alone, tuned_setup
 from flexhinf.design.workspace.setup import CHOSEN_SEED, WorkspaceSetup
 from flexhinf.errors import FlexhinfError, NumericalFailure, refuse_if
@@ -149,13 +149,13 @@ def rival_names(names: Sequence[str] | None, stated: Mapping[str, Any]) -> tuple
     Raises `InvalidInput` for a name that is not known, for a law of one pose, and for numbers of a law that is not
     compared.
     """
-    wanted = tuple(dict.fromkeys(names or (*USUAL, *stated)))
+    wanted = tuple(dict.fromkeys(names or (*laws_over(usual=True), *stated)))
     for name in (*wanted, *stated):
         law_kind(name)
         refuse_if(
-            name not in (*RIVALS, DESIGN) or (name == DESIGN and name in stated),
+            name not in (*laws_over(), DESIGN) or (name == DESIGN and name in stated),
             f"The law {name!r} is not compared over a workspace{' with stated gains' * (name == DESIGN)}.",
-            f"expected some of {', '.join(RIVALS)}",
+            f"expected some of {', '.join(laws_over())}",
             "--laws pid,torque-i; or --pose with a goal, where laws of one pose are compared",
         )
     for name in stated:
@@ -318,7 +318,7 @@ class _Search:
     def _candidates(self, first: int) -> Iterator[tuple[int, Numbers, WorkspaceSetup]]:
         """Setups from a place in `BANDWIDTHS` on, the fastest first."""
         for place in range(first, len(BANDWIDTHS)):
-            for more in RIVALS[self.kind.name].variants:
+            for more in laws_over()[self.kind.name].variants:
                 numbers = {name: (x,) for name, x in {"bandwidth": BANDWIDTHS[place], **more}.items()}
                 yield from ((place, numbers, setup) for setup in self._at(numbers))
 

@@ -20,11 +20,13 @@ from flexhinf.design.noise_levels import sensor_steps
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Move, Response, joint_limits
 from flexhinf.design.result import Design
-from flexhinf.design.specification import TOLERANCE, Specification
+from flexhinf.design.specification import EXTENDED, TOLERANCE, Specification
 from flexhinf.design.stated_units import check_stated_units
 from flexhinf.design.workspace.judgement import (
     corner_requirements,
     holding_requirement,
+    loop_requirements,
+    missed_by,
     move_requirements,
     pose_requirements,
     standstill_requirement,
@@ -211,7 +213,11 @@ def judged_design(
     progress(f"loops at {POSES} poses")
     poses = setup.workspace.sample(POSES, POSES_SEED + 100 * s.seed)
     loops = known.loops if known else tuple(setup.at_pose(pose, TOLERANCE) for pose in watched(poses))
-    lines += (*pose_requirements(s, loops), *holding_requirement(setup, poses))
+    lines += (
+        *pose_requirements(s, loops),
+        *loop_requirements(setup, poses),
+        *holding_requirement(setup, poses),
+    )
     true = setup.true.robot
     corners = true.random_corners(POSES, POSES_SEED + 100 * s.seed)
     cornered = known.corner_loops if known else tuple(map(setup.at_corner, watched(poses), corners))
@@ -269,7 +275,9 @@ def sampled_moves(robot: Robot, s: Specification) -> int:
 def decided_by_few(lines: Sequence[Requirement], near: float, far: float) -> bool:
     """Whether the worst of moves uses a share of a limit between these, so that others may pass it, or that it says
     little of a larger limit."""
-    return any(near < line.found / line.limit < far for line in lines if line.field in JUDGED and line.limit)
+    return any(
+        near < missed_by(line) < far for line in lines if line.field in (*JUDGED, *EXTENDED) and line.limit
+    )
 
 
 def corner_moves(

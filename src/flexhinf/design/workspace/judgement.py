@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design import requirements as required
+from flexhinf.design import judgement
 from flexhinf.design.loop_setup import DEVIATIONS
-from flexhinf.design.requirements import REQUIREMENTS, Requirement
+from flexhinf.design.requirements import REQUIREMENTS, Requirement, loop_margins
 from flexhinf.design.responses import Move
 from flexhinf.design.specification import TOLERANCE, Specification
 from flexhinf.design.workspace.setup import (
@@ -60,11 +60,19 @@ def pose_requirements(s: Specification, loops: Sequence[PoseLoop]) -> list[Requi
     return [
         *(replace(row, what=what, field=field, criterion=criterion).judge(
             s, 0.0, int(np.sum(np.array(growths) >= 1.0)), where) for what, field, criterion, growths in unstable),
-        required.damping_requirement(s, damping, min(l.damping for l in loops), s.damped_below_limit, where),
+        loop_margins.damping_requirement(s, damping, min(l.damping for l in loops), s.damped_below_limit, where),
         REQUIREMENTS["ripple"].judge(s, ripple, max(loop.ripple for loop in loops), where,
             criterion="largest standard deviation of an input by the noise of the sensors, per cent of its limit"),
         *_growing(s, min(loop.fast_damping for loop in loops), where),
     ]  # fmt: skip
+
+
+def loop_requirements(setup: WorkspaceSetup, poses: np.ndarray) -> list[Requirement]:
+    """Requirements on loops that have a file of their own, for the worst of poses (N, n)."""
+    where = f"{len(poses)} random poses, sampled loop"
+    return loop_margins.loop_requirements(
+        setup.specification, lambda: [setup.linear(pose) for pose in poses], where
+    )
 
 
 def holding_requirement(setup: WorkspaceSetup, poses: np.ndarray) -> list[Requirement]:
@@ -87,14 +95,14 @@ def corner_requirements(s: Specification, loops: Sequence[CornerLoop]) -> list[R
     damping = min(loop.damping for loop in loops)
     return [
         REQUIREMENTS["corners"].judge(None, 0.0, unstable, where),
-        required.damping_requirement(None, corner_damping(s), damping, s.damped_below_limit, where),
+        loop_margins.damping_requirement(None, corner_damping(s), damping, s.damped_below_limit, where),
         *_growing(s, min(loop.fast_damping for loop in loops), where),
     ]
 
 
 def _growing(s: Specification, fast: float, where: str) -> list[Requirement]:
     """The requirement on fast oscillations where it is not met."""
-    lines = required.fast_damping_requirement(fast, s.damped_below_limit, where)
+    lines = loop_margins.fast_damping_requirement(fast, s.damped_below_limit, where)
     return [line for line in lines if line.missed]
 
 
@@ -104,15 +112,15 @@ def move_requirements(setup: WorkspaceSetup, moves: Sequence[Move], which: str) 
     lines: dict[str, Requirement] = {}
     s, where = setup.specification, f"the worst of {len(moves)} moves, {which}"
     for move in moves:
-        for line in required.motion_requirements(s, setup.limits, move.motion, 0.0, where, rests=True):
+        for line in judgement.motion_requirements(s, setup.limits, move.motion, 0.0, where, rests=True):
             other = lines.get(line.what)
-            if other is None or line.found / line.limit > other.found / other.limit:
+            if other is None or missed_by(line) > missed_by(other):
                 lines[line.what] = line
     runs = [move.response for move in moves]
     return [
         *lines.values(),
-        *required.limit_requirements(setup.limits, runs, where),
-        *required.saturation_requirement(setup.limits, runs, where),
+        *judgement.limit_requirements(setup.limits, runs, where),
+        *judgement.saturation_requirement(setup.limits, runs, where),
     ]
 
 
@@ -125,7 +133,7 @@ def standstill_requirement(setup: WorkspaceSetup, runs: Sequence[Any], moves: Se
         noisy = LARGEST_OF_NOISE * setup.noise_spread(setup.linear(runs[k][0][1], runs[k][1]))[1]
         noisy[~np.isfinite(noisy)] = 0.0  # an unstable loop, which friction may hold for a while
         resolution = np.maximum(setup.position_resolution(DEVIATIONS), noisy)
-        return required.standstill_requirement(setup.specification, setup.limits, swing, resolution, where)
+        return judgement.standstill_requirement(setup.specification, setup.limits, swing, resolution, where)
 
     lines = [judged(k, move.swing, "") for k, move in enumerate(moves)]
     worst = int(np.argmax([line.found / line.limit for line in lines]))

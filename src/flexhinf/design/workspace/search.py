@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from flexhinf.design.requirements import motion_requirements
+from flexhinf.design.judgement import motion_requirements
 from flexhinf.design.specification import Specification
+from flexhinf.design.workspace.judgement import missed_by
 from flexhinf.design.workspace.setup import (
     CHOSEN_POSES,
     CHOSEN_SEED,
@@ -152,7 +153,7 @@ def missed(setup: WorkspaceSetup) -> float:
     lines = [
         line for motion in motions for line in motion_requirements(s, limits, motion, 0.0, "", rests=True)
     ]
-    return max(float(line.found / line.limit) for line in lines)
+    return max(missed_by(line) for line in lines)
 
 
 def _candidates(

@@ -20,7 +20,8 @@ from typing import Any
 import numpy as np
 
 from flexhinf.arrays import Numbers
-from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
+from flexhinf.extensions import load_extensions
 from flexhinf.files import read_arrays, write_arrays
 from flexhinf.loop.controller.backlash import Backlash
 from flexhinf.loop.controller.friction import DryFriction
@@ -258,6 +259,28 @@ FORMAT, VERSION = "flexhinf controller", 1
 #: Estimators are made again by the public classes of this room only: a file cannot name, nor import, other code.
 ESTIMATORS = "flexhinf.estimation"
 
+#: Other classes that were registered, by module and name: that of an installed package, or of a program's own file.
+SAVABLE: dict[str, type[Estimator]] = {}
+
+
+def _name(kind: type[Estimator]) -> str:
+    return f"{kind.__module__}.{kind.__qualname__}"
+
+
+def savable_estimator(kind: type[Estimator]) -> None:
+    """Let files of controllers name a class of estimators, which is made again by its `settings`.
+
+    Raises `InvalidInput` for a class that does not state them.
+    """
+    refuse_if(
+        kind.settings is Estimator.settings,
+        f"{kind.__name__} cannot be saved.",
+        "expected a class with the method settings(), which returns the arguments that make it again, got none",
+        "def settings(self): return {'plant': self.plant, 'period': self.period, …}",
+    )
+    SAVABLE[_name(kind)] = kind
+
+
 #: Most states or inputs of a law that a file may claim.
 MOST_SIGNALS = 1000
 
@@ -464,7 +487,7 @@ def _prefixed(prefix: str, arrays: Mapping[str, np.ndarray]) -> dict[str, np.nda
 def _store(value: Any, prefix: str, arrays: dict[str, np.ndarray]) -> Any:
     if isinstance(value, Estimator):
         kind = type(value)
-        if getattr(import_module(ESTIMATORS), kind.__name__, None) is not kind:
+        if getattr(import_module(ESTIMATORS), kind.__name__, None) is not kind and _name(kind) not in SAVABLE:
             raise InvalidInput(
                 f"{kind.__name__} cannot be saved.",
                 "expected an estimator of flexhinf.estimation: a file names no other code",
@@ -492,9 +515,12 @@ def _store(value: Any, prefix: str, arrays: dict[str, np.ndarray]) -> Any:
 
 def _restore(part: dict[str, Any], prefix: str, arrays: Mapping[str, np.ndarray]) -> Any:
     if "estimator" in part:
-        _, name = part["estimator"]
-        room = import_module(ESTIMATORS)
+        place, name = part["estimator"]
+        room, full = import_module(ESTIMATORS), f"{place}.{name}"
         kind = getattr(room, name) if name in room.__all__ else None
+        if kind is None:
+            load_extensions()
+            kind = SAVABLE.get(full)
         if not (isinstance(kind, type) and issubclass(kind, Estimator)):
             raise InvalidInput("No estimator.", value_text(name, 60))
         settings = {k: _restore(value, f"{prefix}{k}.", arrays) for k, value in part["settings"].items()}

@@ -12,9 +12,9 @@ from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.monte_carlo import MonteCarlo
 from flexhinf.design.problem.presets import robust_applies
 from flexhinf.design.responses import ROBOT, Response
+from flexhinf.design.specification import ESTIMATED_BY
 from flexhinf.pages.drawing import (
     DASHED,
-    ESTIMATORS,
     Blocks,
     Line,
     Panel,
@@ -193,7 +193,7 @@ def input_panel(e: LawEvaluation, response: Response) -> tuple[Panel, str]:
 def _step_figure(e: LawEvaluation, units: Units) -> Figure:
     response, command, s, joints = e.step, e.setup.command, e.setup.specification, e.setup.joints
     time, goal, (inputs, limit) = response.run.time, response.goal, input_panel(e, response)
-    fed = ESTIMATORS[s.estimator]
+    fed = ESTIMATED_BY[s.estimator]
     if s.estimator != "none":
         fed = f"with {fed} on {', '.join(s.measured).replace('_', ' ')} and measurement noise"
     bound = f" (dashed: {limit})" if inputs.dashed else f" ({limit}, beyond the panel)" if limit else ""

@@ -1,0 +1,116 @@
+"""Judged requirements: a value with its limit, and whether it is met."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+
+from flexhinf.design.specification import TOLERANCE
+from flexhinf.design.verdict import display_unit
+from flexhinf.notebook import Summarised
+from flexhinf.report import number
+
+#: The room whose pages show results. It reads designs, so it is loaded when one is saved.
+PAGES = "flexhinf.pages"
+
+#: The requirement of the links' speeds.
+SPEED = "link speed"
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """One line of a specification."""
+
+    what: str
+    # limit, found: In `unit`
+    limit: float = math.nan
+    found: float = math.nan
+    unit: str = ""
+    at_most: bool = True  # Whether `limit` is an upper limit; otherwise a lower one
+    where: str = ""  # The run or loop that was judged
+    criterion: str = ""  # Definition of `found`
+    stated_by: str = "default"  # The option that states the limit, or "default"
+    joint: str = ""  # Joint of the worst value; empty for a robot of one joint, or a value without a joint
+    at: float | None = None  # Time at which the value occurs, s; None for a value without a time
+    field: str = ""  # Field of the specification that states the limit; "" if none does
+    tolerance: float = TOLERANCE  # Relative
+    detail: str = ""  # What else is known of `found`, a few words
+    judged: bool = True  # False: the run is too short to tell, so the requirement is neither met nor missed
+
+    @property
+    def _kept(self) -> bool:
+        low, high = self.limit * (1.0 - self.tolerance), self.limit * (1.0 + self.tolerance)
+        return bool(self.found <= high if self.at_most else self.found >= low)
+
+    @property
+    def met(self) -> bool:
+        """Whether the requirement is judged, and met within its tolerance."""
+        return self.judged and self._kept
+
+    @property
+    def missed(self) -> bool:
+        """Whether the requirement is judged, and not met."""
+        return self.judged and not self._kept
+
+    @property
+    def within_tolerance(self) -> bool:
+        """Whether the limit is exceeded by so little that the requirement counts as met."""
+        return self.met and not (self.found <= self.limit if self.at_most else self.found >= self.limit)
+
+    @property
+    def judgement(self) -> str:
+        """``met``, ``NOT MET``, ``not judged``, or, for a value slightly beyond the limit, ``met within 2 %``."""
+        met = f"met within {100.0 * TOLERANCE:g} %" if self.within_tolerance else "met"
+        return met if self.met else "NOT MET" if self.judged else "not judged"
+
+    def unit_text(self, value: float) -> str:
+        """The unit as it stands behind a value: with a space, but for degrees; 1 sample, 2 samples."""
+        unit = "sample" if (self.unit, value) == ("samples", 1.0) else self.unit
+        return unit if unit in ("", "°") else f" {unit}"
+
+    @property
+    def limit_text(self) -> str:
+        """The limit with its sign and unit, for example ``≤ 60 V``."""
+        return f"{'≤' if self.at_most else '≥'} {number(self.limit, 3)}{self.unit_text(self.limit)}"
+
+    @property
+    def achieved_text(self) -> str:
+        """The value with its unit, the joint and time of the worst one, and what else is known of it."""
+        if np.isinf(self.found):
+            return "diverges" if (self.found > 0.0) is self.at_most else "unlimited"
+        places = [self.joint, "" if self.at is None else f"at {number(self.at, 3)} s", self.detail]
+        where = f" ({', '.join(filter(None, places))})" if any(places) else ""
+        return f"{number(self.found, 3)}{self.unit_text(self.found)}{where}"
+
+    @property
+    def text(self) -> str:
+        """One phrase, for example ``overshoot: 9 % (at most 5 %; the step, nominal robot)``."""
+        limit = f"{'at most' if self.at_most else 'at least'} {self.limit_text.split(' ', 1)[1]}"
+        return f"{self.what}: {self.achieved_text} ({'; '.join(filter(None, (limit, self.where)))})"
+
+    def __str__(self) -> str:
+        """The phrase and the judgement; small angles and lengths are in mrad and mm."""
+        return f"{self.converted(degrees=False).text}: {self.judgement}"
+
+    def converted(self, degrees: bool) -> Requirement:
+        """The requirement with angles and speeds of links in `degrees` where the report has them; bandwidths stay.
+        Without degrees small angles and lengths are in mrad and mm."""
+        unit, factor = display_unit(self.unit, self.limit, degrees)
+        if degrees and self.unit == "rad/s" and self.what == SPEED:
+            unit, factor = "°/s", math.degrees(1.0)
+        return self if unit == self.unit else replace(
+            self, limit=factor * self.limit, found=factor * self.found, unit=unit
+        )  # fmt: skip
+
+
+class Reported(Summarised):
+    """Base of results that have a report."""
+
+    def save(self, folder: str | Path) -> Path:
+        """Write the report and its numbers, of a design also the controller, every run and ``design.toml``, into a
+        folder, which is returned. `flexhinf.load_design` and `flexhinf.load_controller` take this folder."""
+        return import_module(PAGES).write_report(self, folder)
