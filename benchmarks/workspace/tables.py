@@ -231,19 +231,6 @@ def moves(folder: Path) -> str:
     return "\n".join(lines)
 
 
-def overcome(folder: Path) -> str:
-    """Moves in MuJoCo's robot of laws that overcome dry friction: how many arrive, and what remains."""
-    lines = _head(
-        "robot", "law", "arrive: nominal", "payload", "remains: median, worst", "off the path", "with the payload"
-    )  # fmt: skip
-    for robot, law in _laws(folder, MUJOCO):
-        rows = [_row(folder, robot, law, name) for name in ("overcome", "overcome-payload")]
-        if None not in rows:
-            one, other = _numbers(rows[0]), _numbers(rows[1])
-            lines.append(_cells(robot, LAWS[law].title, *map(_arrive, rows), one[0], one[2], other[2]))
-    return "\n".join(lines)
-
-
 def many(folder: Path) -> str:
     """Moves of the law for the workspace to more goals: how many arrive, and the worst that remains."""
     lines = _head(
@@ -369,7 +356,6 @@ TABLES: dict[str, Callable[[Path], str]] = {
     "sensors": sensors,
     "gamma": gamma.table,
     "moves": moves,
-    "overcome": overcome,
     "many": many,
     "loops": loops,
     "others": others,
