@@ -234,9 +234,10 @@ class Bench:
         return record
 
     def has(self, robot: str, law: str, plant: str, condition: str) -> bool:
-        """Whether a row is there, for this number of goals."""
+        """Whether a row is there, for this number of goals, and with dry friction fed forward where it is to be."""
         row = kept(self.folder, row_name(robot, law, plant, condition))
-        return row is not None and row["goals"] == self.goals
+        fed = CONDITIONS[condition].friction
+        return row is not None and row["goals"] == self.goals and row.get("fed_forward") == fed
 
     def row(self, robot: str, law: str, plant: str, condition: str) -> dict[str, Any] | None:
         """A row, made where it is missing; None where the law cannot be run so."""
@@ -253,7 +254,8 @@ class Bench:
         found = trip(lambda true: PLANTS[plant](true, how.friction), controller, arms, moves, how, self.done)
         row = {
             "robot": robot, "law": law, "plant": plant, "condition": condition, "goals": self.goals,
-            "left_out": left, "refused_steps": found.refused, "step_cpu": found.step_cpu, **summary(found.moves),
+            "fed_forward": how.friction, "left_out": left, "refused_steps": found.refused,
+            "step_cpu": found.step_cpu, **summary(found.moves),
         }  # fmt: skip
         if not how.links:
             row["statics"] = statics(arm, arms, moves)
