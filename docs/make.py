@@ -464,10 +464,6 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
         benchmark("benchmarks.workspace", "--table", "criterion"),
     ),
     "workspace-better": ("docs/workspace.md", benchmark("benchmarks.workspace", "--table", "better")),
-    "workspace-overcome": (
-        "docs/workspace.md",
-        benchmark("benchmarks.workspace", "--table", "overcome"),
-    ),
     "workspace-many": ("docs/workspace.md", benchmark("benchmarks.workspace", "--table", "many")),
     **{
         f"limits-{table}": ("docs/limits.md", benchmark("benchmarks.limits", "--table", table))

@@ -20,9 +20,9 @@ from typing import Any, Protocol
 import numpy as np
 
 import flexhinf as fh
-from benchmarks.limits.plant import TrueArm, damped, stiff
+from benchmarks.limits.plant import TrueArm, stiff
 from benchmarks.workspace import goals as the_goals
-from benchmarks.workspace.arm import LATENCY, Arm
+from benchmarks.workspace.arm import LATENCY, Arm, damped
 from benchmarks.workspace.goals import Reference
 from benchmarks.workspace.laws import FASTEST, INTEGRAL, LIGHTER, SHARES, TURNING, DifferenceLaw, bandwidths
 from benchmarks.workspace.linear import closed, damping, late, outputs, stable

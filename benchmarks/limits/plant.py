@@ -13,23 +13,12 @@ import numpy as np
 from benchmarks.workspace.arm import Arm
 from benchmarks.workspace.plants import MuJoCo
 
-__all__ = ["SPRINGS", "Stop", "TrueArm", "damped", "stiff"]
+__all__ = ["Stop", "TrueArm", "stiff"]
 
-#: Damping ratio of a spring whose file states none, of its own vibration at home: no real one is undamped.
-SPRINGS = 0.005
 #: A brake holds so many times the limit of its motor; a stop is so much stiffer than the joint's spring.
 BRAKES, STOP = 3.0, 20.0
 #: Vibration, rad/s, and its damping by which a joint without a spring is one with a spring, for laws and linear loops.
 RIGID, RIGID_DAMPING = 1e4, 0.5
-
-
-def damped(arm: Arm) -> Arm:
-    """The arm with the damping that its file leaves out."""
-    inverse = np.diag(np.linalg.inv(arm.inertia_matrix(arm.home)))
-    elastic = np.isfinite(arm.stiffness)
-    turns = np.sqrt(np.where(elastic, arm.stiffness, 1.0) * (inverse + 1.0 / arm.rotor))
-    least = 2.0 * SPRINGS * np.where(elastic, arm.stiffness, 0.0) / turns
-    return replace(arm, spring_damping=np.where(arm.spring_damping > 0.0, arm.spring_damping, least))
 
 
 def stiff(arm: Arm) -> Arm:

@@ -25,8 +25,8 @@ from benchmarks.limits.paths import (
     move,
     pick_and_place,
 )  # fmt: skip
-from benchmarks.limits.plant import Stop, TrueArm, damped
-from benchmarks.workspace.arm import LATENCY, PERIOD, Arm
+from benchmarks.limits.plant import Stop, TrueArm
+from benchmarks.workspace.arm import LATENCY, PERIOD, Arm, damped
 from benchmarks.workspace.trip import NOISE, RESOLUTION
 
 __all__ = [

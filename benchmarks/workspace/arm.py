@@ -9,7 +9,7 @@ k_u = k_t / R, and its back-EMF, k_t k_b / R, is a part of B.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import import_module
 from typing import Any
@@ -19,13 +19,15 @@ import numpy as np
 import flexhinf as fh
 from flexhinf.plant import Parameters
 
-__all__ = ["LATENCY", "PERIOD", "Arm"]
+__all__ = ["LATENCY", "PERIOD", "SPRINGS", "Arm", "damped"]
 
 #: Its names come from compiled code, which type checkers do not see.
 pin: Any = import_module("pinocchio")
 
 #: Sampling period of every loop, s, and the latency that every law knows, samples.
 PERIOD, LATENCY = 1e-3, 1
+#: Damping ratio of a spring whose file states none, of its own vibration at home: no real one is undamped.
+SPRINGS = 0.005
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,6 +192,15 @@ class Arm:
         inverse, elastic = np.linalg.inv(self.inertia_matrix(self.home)), np.isfinite(self.stiffness)
         turns = np.sqrt(self.stiffness[elastic] * (np.diag(inverse) + 1.0 / self.rotor)[elastic])
         return float(np.max(turns, initial=0.0))
+
+
+def damped(arm: Arm) -> Arm:
+    """The arm with the damping of springs that its file leaves out."""
+    inverse = np.diag(np.linalg.inv(arm.inertia_matrix(arm.home)))
+    elastic = np.isfinite(arm.stiffness)
+    turns = np.sqrt(np.where(elastic, arm.stiffness, 1.0) * (inverse + 1.0 / arm.rotor))
+    least = 2.0 * SPRINGS * np.where(elastic, arm.stiffness, 0.0) / turns
+    return replace(arm, spring_damping=np.where(arm.spring_damping > 0.0, arm.spring_damping, least))
 
 
 def _symmetric(six: Any) -> np.ndarray:

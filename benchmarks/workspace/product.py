@@ -64,7 +64,7 @@ class Product:
             controller.save(part)
             part.replace(file)
             note.write_text(json.dumps(said), encoding="utf-8")
-        self.controller = fh.load_controller(file)
+        self.controller = fh.load_controller(file).fresh(dry_friction=None)  # see `overcome`
         self.note = json.loads(note.read_text(encoding="utf-8"))
 
     @abstractmethod
@@ -135,7 +135,7 @@ class OverWorkspace(Product):
 
     def designed(self) -> tuple[fh.Controller, dict[str, Any]]:
         """Its controller."""
-        return self.setup.controller(self.arm.home, dry_friction=None), {}  # see `overcome`
+        return self.setup.controller(self.arm.home), {}
 
     def loop(self, q: np.ndarray) -> LinearLoop:
         """By the design, which is made anew where the controller is loaded: much faster than from the controller."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import flexhinf as fh
 from benchmarks.hardware.robots import ROBOTS as HARDWARE, files_of
-from benchmarks.workspace.arm import Arm
+from benchmarks.workspace.arm import Arm, damped
 
 __all__ = ["ROBOTS", "Entry", "true_arms"]
 
@@ -52,8 +52,8 @@ ROBOTS = {
 
 
 def true_arms(entry: Entry, kind: str) -> list[Arm]:
-    """The true robots of a condition: "nominal", with the "payload", or "sampled"."""
+    """The true robots of a condition: "nominal", with the "payload", or "sampled"; no spring of theirs is undamped."""
     if kind == "sampled":
         robot = entry.robot()
-        return [Arm.of(robot, values) for values in robot.random_corners(SAMPLES, SEED)]
-    return [Arm.of(entry.robot(payload=kind == "payload"))]
+        return [damped(Arm.of(robot, values)) for values in robot.random_corners(SAMPLES, SEED)]
+    return [damped(Arm.of(entry.robot(payload=kind == "payload")))]

@@ -12,7 +12,7 @@ import numpy as np
 
 import flexhinf as fh
 from benchmarks.workspace import goals as the_goals
-from benchmarks.workspace.arm import Arm
+from benchmarks.workspace.arm import Arm, damped
 from benchmarks.workspace.laws import LAWS, TUNING, TUNING_SEED, Choice, Law, Numbers, Overcoming, bandwidths
 from benchmarks.workspace.linear import LEAST, MARGINS, PoseLoop, judged
 from benchmarks.workspace.metrics import MOST, summary
@@ -114,7 +114,7 @@ def tuned(entry: Entry, arm: Arm, choice: Choice, links: bool) -> tuple[Numbers,
                 judged.append(_judged(arm, choice, links, numbers))
         for one in sorted(judged, key=lambda one: -one["lines"]):
             if one["stable"] == TUNED_POSES:
-                law = choice.make(arm, links, **one["numbers"])
+                law = Overcoming(choice.make(arm, links, **one["numbers"]), arm)
                 _driven(one, law, arm, moves, links, max(map(order, tried), default=(-1.0,)))
             tried.append(one)
         if max(map(order, tried))[0] == LINES:
@@ -136,7 +136,7 @@ def _driven(
         if at_most < best:
             return
         condition = Condition("tuning", links=links)
-        run = summary(trip(PLANTS["mujoco"], law, [arm], moves[:count], condition).moves)
+        run = summary(trip(PLANTS["mujoco"], law, [damped(arm)], moves[:count], condition).moves)
         worst, ripple = (np.inf if run[key] is None else run[key] for key in ("remaining_worst", "ripple"))
         one |= {name: run[name] for name in ("moves", "arrived", "remaining_worst", "ripple")}
         one["lines"] = linear + (ripple <= MOST["ripple"]) + (run["arrived"] == count)
@@ -160,9 +160,9 @@ def _judged(arm: Arm, choice: Choice, links: bool, numbers: Numbers) -> dict[str
 
 
 def made(
-    choice: Choice, arm: Arm, links: bool, record: dict[str, Any], folder: Path, overcomes: bool = False
+    choice: Choice, arm: Arm, links: bool, record: dict[str, Any], folder: Path, overcomes: bool = True
 ) -> Law:
-    """The law of a record, that may overcome dry friction; one that is designed is loaded from the folder."""
+    """The law of a record, that overcomes dry friction or does not; one that is designed is loaded from the folder."""
     if choice.tuned:
         law = choice.make(arm, links, **record["numbers"])
         return Overcoming(law, arm) if overcomes else law
@@ -234,9 +234,10 @@ class Bench:
         return record
 
     def has(self, robot: str, law: str, plant: str, condition: str) -> bool:
-        """Whether a row is there, for this number of goals."""
+        """Whether a row is there, for this number of goals, and with dry friction fed forward where it is to be."""
         row = kept(self.folder, row_name(robot, law, plant, condition))
-        return row is not None and row["goals"] == self.goals
+        fed = CONDITIONS[condition].friction
+        return row is not None and row["goals"] == self.goals and row.get("fed_forward") == fed
 
     def row(self, robot: str, law: str, plant: str, condition: str) -> dict[str, Any] | None:
         """A row, made where it is missing; None where the law cannot be run so."""
@@ -248,12 +249,13 @@ class Bench:
             return None
         entry = ROBOTS[robot]
         arm, (moves, left) = Arm.of(entry.robot()), self.moves(robot, how.steps)
-        controller = made(choice, arm, how.links, record, self.folder, how.overcomes)
+        controller = made(choice, arm, how.links, record, self.folder, how.friction)
         arms = true_arms(entry, how.robots)
         found = trip(lambda true: PLANTS[plant](true, how.friction), controller, arms, moves, how, self.done)
         row = {
             "robot": robot, "law": law, "plant": plant, "condition": condition, "goals": self.goals,
-            "left_out": left, "refused_steps": found.refused, "step_cpu": found.step_cpu, **summary(found.moves),
+            "fed_forward": how.friction, "left_out": left, "refused_steps": found.refused,
+            "step_cpu": found.step_cpu, **summary(found.moves),
         }  # fmt: skip
         if not how.links:
             row["statics"] = statics(arm, arms, moves)

@@ -83,7 +83,7 @@ def judgement(folder: Path) -> str:
         for law in (best_rival(folder, robot), OVER_ALL):
             found = None if law is None else criterion(folder, robot, law)
             if found is None:
-                lines.append(_cells(robot, LAWS[OVER_ALL].title, MISSING, ""))
+                lines.append(_cells(_dated(folder, robot), LAWS[OVER_ALL].title, MISSING, ""))
                 continue
             missed: dict[str, list[str]] = {}
             for name, (met, said) in found.items():
@@ -91,7 +91,7 @@ def judgement(folder: Path) -> str:
                     missed.setdefault(said, []).append(name)
             count = f"{sum(met for met, _ in found.values())} of {len(found)}"
             texts = [f"{', '.join(names)} ({said})" for said, names in missed.items()]
-            lines.append(_cells(robot, LAWS[law].title, count, "; ".join(texts) or "–"))
+            lines.append(_cells(_dated(folder, robot), LAWS[law].title, count, "; ".join(texts) or "–"))
     return "\n".join(lines)
 
 
@@ -148,7 +148,8 @@ def better(folder: Path) -> str:
             ahead = values[best] > mine if more else values[best] < mine
             if ahead and text(values[best]) != text(mine):
                 found.setdefault(best, []).append(f"{title} ({text(values[best])}, {text(mine)})")
-        lines += [_cells(robot, SHORT[law], "; ".join(found[law])) for law in SHORT if law in found]
+        name = _dated(folder, robot)
+        lines += [_cells(name, SHORT[law], "; ".join(found[law])) for law in SHORT if law in found]
     return "\n".join(lines)
 
 
@@ -209,7 +210,8 @@ def sensors(folder: Path) -> str:
         if rows[0] is None:
             continue
         cells = [MISSING if row is None else _milli(row["remaining_worst"]) for row in rows]
-        lines.append(_cells(robot, *cells, MISSING if rows[3] is None else _milli(rows[3]["statics"])))
+        left = MISSING if rows[3] is None else _milli(rows[3]["statics"])
+        lines.append(_cells(_dated(folder, robot), *cells, left))
     return "\n".join(lines)
 
 
@@ -225,22 +227,9 @@ def moves(folder: Path) -> str:
     for robot, law in _laws(folder, MUJOCO):
         row, others = _row(folder, robot, law, "nominal"), ("payload", "sampled", "late")
         arrive = [_arrive(row), *(_arrive(_row(folder, robot, law, name)) for name in others)]
-        left = row["left_out"] if row else 0
-        name = f"{robot} ({left} goals left out)" if left else robot
+        left, name = row["left_out"] if row else 0, _dated(folder, robot)
+        name = f"{name} ({left} goals left out)" if left else name
         lines.append(_cells(name, LAWS[law].title, *arrive, *_numbers(row)))
-    return "\n".join(lines)
-
-
-def overcome(folder: Path) -> str:
-    """Moves in MuJoCo's robot of laws that overcome dry friction: how many arrive, and what remains."""
-    lines = _head(
-        "robot", "law", "arrive: nominal", "payload", "remains: median, worst", "off the path", "with the payload"
-    )  # fmt: skip
-    for robot, law in _laws(folder, MUJOCO):
-        rows = [_row(folder, robot, law, name) for name in ("overcome", "overcome-payload")]
-        if None not in rows:
-            one, other = _numbers(rows[0]), _numbers(rows[1])
-            lines.append(_cells(robot, LAWS[law].title, *map(_arrive, rows), one[0], one[2], other[2]))
     return "\n".join(lines)
 
 
@@ -369,7 +358,6 @@ TABLES: dict[str, Callable[[Path], str]] = {
     "sensors": sensors,
     "gamma": gamma.table,
     "moves": moves,
-    "overcome": overcome,
     "many": many,
     "loops": loops,
     "others": others,
@@ -387,6 +375,12 @@ def _laws(folder: Path, plant: str) -> Iterator[tuple[str, str]]:
 
 def _row(folder: Path, robot: str, law: str, condition: str, plant: str = MUJOCO) -> dict[str, Any] | None:
     return kept(folder, row_name(robot, law, plant, condition))
+
+
+def _dated(folder: Path, robot: str) -> str:
+    """A robot's name, and whether the moves of its rows are from before laws fed dry friction forward."""
+    row = _row(folder, robot, OVER_ALL, "nominal")
+    return robot if row is None or row.get("fed_forward") else f"{robot} (before)"
 
 
 def _head(*titles: str) -> list[str]:

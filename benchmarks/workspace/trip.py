@@ -29,12 +29,11 @@ class Condition:
 
     title: str
     robots: str = "nominal"  # or "payload", "sampled": see `robots.true_arms`
-    friction: bool = True
+    friction: bool = True  # of the motors; the law feeds it forward by their planned speeds
     links: bool = True  # encoders on both sides, or on the motors alone
     latency: int = LATENCY  # samples; the law counts on `LATENCY`
     pushed: bool = False
     steps: bool = False  # bare steps of one joint, each from rest
-    overcomes: bool = False  # the law adds dry friction by the planned speeds of the motors
 
 
 #: By name.
@@ -45,8 +44,6 @@ CONDITIONS = {
     "late": Condition("a second sample of latency, unknown", latency=LATENCY + 1),
     "motors": Condition("motor encoders alone", links=False),
     "motors-payload": Condition("the same with the payload", robots="payload", links=False),
-    "overcome": Condition("dry friction fed forward by the planned speeds", overcomes=True),
-    "overcome-payload": Condition("the same with the payload", robots="payload", overcomes=True),
     "frictionless": Condition("without dry friction", friction=False),
     "push": Condition("30 % of the limits on all links for 50 ms, at rest", pushed=True),
     "steps": Condition("bare steps of one joint by 2 % of its range", steps=True),

@@ -15,11 +15,11 @@ from benchmarks.limits import arms as the_arms
 from benchmarks.limits.arms import ARMS, added, designed, named, robot_of
 from benchmarks.limits.laws import DAMPING, RIPPLE, Rival, tuned
 from benchmarks.limits.paths import CURVES, curve, heaviest, held, jump, needed, whole
-from benchmarks.limits.plant import SPRINGS, Stop, TrueArm, damped, stiff
+from benchmarks.limits.plant import Stop, TrueArm, stiff
 from benchmarks.limits.rows import NONE, ROWS, Bench, kept, named_rows
 from benchmarks.limits.tables import TABLES, beyond_limits, judged
 from benchmarks.limits.trials import TRIALS, drive, limits_of, noise_of
-from benchmarks.workspace.arm import LATENCY, PERIOD, Arm
+from benchmarks.workspace.arm import LATENCY, PERIOD, SPRINGS, Arm, damped
 from benchmarks.workspace.goals import Reference
 from scipy.integrate import solve_ivp
 

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 import pytest
 from benchmarks.workspace import __main__ as program, rows as the_rows
-from benchmarks.workspace.arm import Arm
+from benchmarks.workspace.arm import Arm, damped
 from benchmarks.workspace.goals import goals, moves, poses
-from benchmarks.workspace.laws import FASTEST, LAWS, TUNING_SEED, Choice, DifferenceLaw
+from benchmarks.workspace.laws import FASTEST, LAWS, TUNING_SEED, Choice, DifferenceLaw, Overcoming
 from benchmarks.workspace.linear import judged
 from benchmarks.workspace.plants import PLANTS
 from benchmarks.workspace.robots import ROBOTS, true_arms
@@ -70,7 +70,7 @@ def test_a_rival_gets_the_candidate_that_keeps_most_lines(
     monkeypatch.setattr(
         the_rows, "judged_at", lambda arm, law, *_: {"poses": 2, "stable": 2} | ALL | known[law][0]
     )
-    monkeypatch.setattr(the_rows, "trip", lambda plant, law, *_: SimpleNamespace(moves=law))
+    monkeypatch.setattr(the_rows, "trip", lambda plant, fed, *_: SimpleNamespace(moves=fed.law))
     monkeypatch.setattr(the_rows, "summary", lambda law: FINE | known[law][1])
     entry = ROBOTS[PLANAR]
     numbers, tried = tuned(entry, Arm.of(entry.robot()), choice, True)
@@ -94,7 +94,8 @@ def test_the_rule_on_a_small_robot(monkeypatch: pytest.MonkeyPatch) -> None:
     for share in shares:
         law = DifferenceLaw(arm, True, share, fastest)
         loops = [judged(arm, q, law.linear(q), True) for q in poses(arm, 3, TUNING_SEED)]
-        run = trip(PLANTS["mujoco"], law, [arm], way, Condition("by hand")).moves
+        fed = Overcoming(law, arm)
+        run = trip(PLANTS["mujoco"], fed, [damped(arm)], way, Condition("by hand")).moves
         held = all(loop.stable for loop in loops)
         least = [min(getattr(loop, name) for loop in loops) for name in ALL]
         lines = [held and value >= bound for value, bound in zip(least, ALL.values())]
@@ -356,6 +357,9 @@ def test_the_size_of_a_law_is_that_of_its_exported_code(tmp_path: Path) -> None:
 def test_a_row_of_other_goals_is_made_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Bench(tmp_path, goals=2, poses=3)
     kept = {"goals": 1, "moves": 1}
+    the_rows.written(tmp_path, f"{PLANAR}.pd.mujoco.nominal", kept)
+    assert not Bench(tmp_path, goals=1, poses=3).has(PLANAR, "pd", "mujoco", "nominal")  # without feedforward
+    kept["fed_forward"] = True
     the_rows.written(tmp_path, f"{PLANAR}.pd.mujoco.nominal", kept)
     assert not bench.has(PLANAR, "pd", "mujoco", "nominal")
     assert Bench(tmp_path, goals=1, poses=3).row(PLANAR, "pd", "mujoco", "nominal") == kept
