@@ -14,12 +14,13 @@ from tests.refusals import refused_with, unnamed
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.identification.alternatives import Alternative
+from flexhinf.identification.doctor.likelier import alternative_advice
 from flexhinf.identification.identify import likelier_log
 from flexhinf.pages.identify import identified_verdict
-from flexhinf.pages.log_remarks import alternative_advice
 
 SENSORS, NAMES = ("motor_position", "link_position"), ("stiffness", "friction", "motor_inertia")
 COUNT = 2.0 * np.pi / 2048.0
+NO_FINDINGS: Any = SimpleNamespace(findings=(), log=SimpleNamespace(columns={}))
 
 
 def late(column, samples):
@@ -67,7 +68,7 @@ def test_a_short_log_does_not_tell_a_late_sensor_and_its_intervals_say_so(arm):
     assert short.values["stiffness"] < 99.0
     low, high = short.intervals["stiffness"]
     assert low < 100.0 < high
-    result: Any = SimpleNamespace(found=short, filtered=SimpleNamespace(remarks=[]), stated=arm, motion=None)
+    result: Any = SimpleNamespace(found=short, filtered=NO_FINDINGS, stated=arm, motion=None)
     said = " ".join(identified_verdict(result))
     assert unnamed(said, "too short", "link_position comes later", "stiffness", "intervals") == []
     stiff = arm.with_values({"stiffness": 300.0, "friction": 1.5, "motor_inertia": 0.3})
@@ -180,7 +181,7 @@ def test_large_disturbances_fit_where_they_are_stated(arm):
     assert not free.consistent
     level, assumed = free.disturbances["load"]
     assert level > 10.0 * assumed
-    result: Any = SimpleNamespace(found=free, filtered=SimpleNamespace(remarks=[]), stated=arm, extras=())
+    result: Any = SimpleNamespace(found=free, filtered=NO_FINDINGS, stated=arm, extras=())
     said = " ".join(identified_verdict(result))
     share = re.search(r"`--disturbance (\S+)`", said)
     assert share is not None

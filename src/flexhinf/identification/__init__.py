@@ -6,6 +6,7 @@ it does not tell.
 """
 
 from flexhinf.identification.consistency import consistency
+from flexhinf.identification.doctor import LogFinding, examine
 from flexhinf.identification.excitation import Excitation, excitation
 from flexhinf.identification.filtering import filter_log
 from flexhinf.identification.identify import Identification, identify
@@ -16,7 +17,9 @@ __all__ = [
     "Excitation",
     "Identification",
     "Log",
+    "LogFinding",
     "consistency",
+    "examine",
     "excitation",
     "filter_log",
     "identify",

@@ -11,6 +11,7 @@ import numpy as np
 
 from flexhinf.identification import Excitation, Identification
 from flexhinf.identification.consistency import SMALL_CORRELATION
+from flexhinf.identification.doctor.likelier import alternative_advice
 from flexhinf.pages.drawing import Line, Panel, draw_figure, first_screen, listed, note, with_figures
 from flexhinf.pages.estimate import (
     FilteredLog,
@@ -20,7 +21,7 @@ from flexhinf.pages.estimate import (
     measured_blocks,
 )
 from flexhinf.pages.estimate_figures import signal_label
-from flexhinf.pages.log_remarks import alternative_advice
+from flexhinf.pages.log_findings import finding_numbers, finding_section, finding_texts
 from flexhinf.pages.page import files_section
 from flexhinf.pages.settings import robot_rows, settings_in_groups
 from flexhinf.pages.terminal import Ending, table_screen
@@ -79,7 +80,7 @@ def identified_verdict(result: IdentifiedRobot) -> list[str]:
     clear = [signal_label(name) for name in found.names if name not in found.hidden]
     if not found.consistent:
         return [*_misfit_texts(result), *_advice(result)]
-    texts = [*result.filtered.remarks, *_undecided_texts(found)]
+    texts = [*finding_texts(result.filtered.findings), *_undecided_texts(found)]
     if clear:
         texts.append(f"The log tells {listed(clear)}, if the other numbers of the robot are right.")
     if found.hidden:
@@ -117,8 +118,9 @@ def _misfit_texts(result: IdentifiedRobot) -> Iterator[str]:
     """That the model does not fit, and the numbers and limits that say so."""
     found = result.found
     yield "The model does not fit the log: numbers may be wrong by more than their intervals."
-    yield from result.filtered.remarks
-    if result.filtered.remarks:
+    remarks = finding_texts(result.filtered.findings)
+    yield from remarks
+    if remarks:
         yield "That may be the reason for all else: try a log without it first."
     if found.alternative is not None:
         yield f"{found.alternative.text[0].upper()}{found.alternative.text[1:]}."
@@ -162,7 +164,7 @@ def _advice(result: IdentifiedRobot) -> list[str]:
     """What to try where the model does not fit."""
     other = result.found.alternative
     if other is not None:
-        return [alternative_advice(other, result.found.plant, result.late)]
+        return [alternative_advice(other, result.found.plant, result.late, result.filtered.log.columns)]
     left = left_out(result.stated.nominal, result.extras)
     quick = [name for name in left if name != "inductance"] or left  # stiff: it takes ten times as long
     extras = (
@@ -302,9 +304,14 @@ def identified_page(
                 ("signals", "Measured and predicted", measured_blocks),
             )
         ]
-    sections.append(Section("The log", (*(note(text) for text in warnings), log_table(filtered)), "log"))
-    sections.append(files_section(files))
-    lead, sections = first_screen(sections, ("measured", "innovations"), ("numbers", "motion"))
+    about = tuple(note(text) for text in warnings)
+    sections += [
+        finding_section(filtered.findings),
+        Section("The log", (*about, log_table(filtered)), "log"),
+        files_section(files),
+    ]
+    unfolded = ("numbers", "motion", *(["findings"] if finding_texts(filtered.findings) else []))
+    lead, sections = first_screen(sections, ("measured", "innovations"), unfolded)
     log = filtered.log
     keys = [
         KeyNumber(
@@ -348,6 +355,7 @@ def identified_numbers(result: IdentifiedRobot) -> dict[str, Any]:
     return finite({
         "robot": result.stated.name, "log": result.filtered.log.source, "samples": found.samples,
         "log_likelihood": found.log_likelihood, "says": identified_verdict(result),
+        "findings": finding_numbers(result.filtered.findings),
         "model_fits": found.consistent, **innovation_numbers(result.filtered),
         "disturbances": {
             name: {"found": level, "assumed": assumed} for name, (level, assumed) in found.disturbances.items()
