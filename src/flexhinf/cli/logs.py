@@ -97,7 +97,8 @@ def identify(context: typer.Context, o: options.IdentifyOptions) -> None:
     intervals as tolerances; `flexhinf design` takes it. A number that the log does
     not determine stays as it was. motion.csv then is a motion within the limits
     that would determine it, if there is one. Where the model does not fit the log,
-    numbers may be wrong by more than their intervals.
+    numbers may be wrong by more than their intervals; what explains the rest is
+    named. A simulation with the log's inputs is fitted too, as a second opinion.
 
     Without --parameters they are those that have a tolerance in the robot's file.
 
@@ -105,6 +106,7 @@ def identify(context: typer.Context, o: options.IdentifyOptions) -> None:
     number, or the model does not fit the log; 2 for a mistake (nothing is
     written); 130 if interrupted.
     """
+    from flexhinf.identification.explanations import explanations
     from flexhinf.identification.unknowns import extras_of, model_of, uncertain_numbers
     from flexhinf.robot.saved_file import robot_text
 
@@ -159,7 +161,11 @@ def identify(context: typer.Context, o: options.IdentifyOptions) -> None:
                 extras=s.extras, noise={name: level for name, level in found.noise.items() if name in known},
                 seed=o.seed,
             )  # fmt: skip
-        result = pages.IdentifiedRobot(robot, found, filtered, motion, extras, stated_late(o, plant, latency))
+        second = fh.output_error(found, log) if o.simulate else None
+        unfit = not found.consistent and found.alternative is None
+        causes = explanations(found, log) if unfit else ()
+        late = stated_late(o, plant, latency)
+        result = pages.IdentifiedRobot(robot, found, filtered, motion, extras, second, causes, late)
         progress("report")
         text = robot_text(found.robot, folder)
         notes = pages.left_out_notes(robot, extras, "the model")

@@ -475,6 +475,8 @@ class IdentifyOptions(LogOptions):
     quantisation: Quanta | None = option(None, ADVANCED,
         "Resolution of the sensors, as for `flexhinf design`: 0.01deg. Noise is at least that of a step.", "1e-4",
         "rad, m, …", default="the smallest step in the log")
+    simulate: bool = option(True, RUN,
+        "Whether a simulation with the inputs of the log is fitted too, as a second opinion.")
     motion: Seconds = option(10.0, WRITTEN,
         "Longest duration of a motion that is proposed where the log does not determine a parameter.", "5", "s")
     seed: Whole = option(0, ADVANCED, "Seed of the motions that are tried.", "1")

@@ -185,7 +185,7 @@ def _slope(record: LogRecord, motor: LoggedSignal, link: LoggedSignal) -> float 
             return None
         filled = np.interp(np.arange(count), channel.rows, channel.values)
         blocks = filled[: count // width * width].reshape(-1, width).mean(axis=1)
-        if np.ptp(blocks) < max(SLOW * channel.span, CLEAR * channel.step):
+        if np.ptp(blocks) <= max(SLOW * channel.span, CLEAR * channel.step):
             return None
         tables.append(blocks - blocks.mean())
     sizes = [float(np.sqrt(table @ table)) for table in tables]
@@ -210,7 +210,7 @@ def speeds(record: LogRecord) -> Iterator[LogFinding]:
         both = np.column_stack([moved, travelled])
         both = both - drift @ np.linalg.lstsq(drift, both, rcond=None)[0]
         sizes = np.sqrt((both**2).sum(axis=0))
-        if np.ptp(both[:, 0]) < CLEAR * position.step or not (sizes > 0.0).all():
+        if np.ptp(both[:, 0]) <= CLEAR * position.step or not (sizes > 0.0).all():
             continue
         correlation = float(both[:, 0] @ both[:, 1]) / float(np.prod(sizes))
         slope = np.sign(correlation) * sizes[1] / sizes[0]
