@@ -162,8 +162,7 @@ def identify(context: typer.Context, o: options.IdentifyOptions) -> None:
                 seed=o.seed,
             )  # fmt: skip
         second = fh.output_error(found, log) if o.simulate else None
-        unfit = not found.consistent and found.alternative is None
-        causes = explanations(found, log) if unfit else ()
+        causes = () if found.consistent else explanations(found, log)
         late = stated_late(o, plant, latency)
         result = pages.IdentifiedRobot(robot, found, filtered, motion, extras, second, causes, late)
         progress("report")

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.estimation import ExtendedKalmanFilter
+from flexhinf.identification.alternatives import Alternative
 from flexhinf.identification.defaults import UNKNOWN
 from flexhinf.identification.filtering import filter_log, log_arrays
 from flexhinf.identification.identify import Identification
@@ -25,6 +26,9 @@ from flexhinf.plant import Plant
 from flexhinf.robot import Robot
 from flexhinf.robot.parameters import per_joint
 from flexhinf.robot.signals import MECHANICAL
+
+#: The kind of an explanation that is a signal at another time.
+DELAY = "a delay"
 
 #: A little of a candidate, in parts of what would move an output by its noise; and of a number.
 LITTLE = 1e-3
@@ -202,6 +206,17 @@ def explanations(found: Identification, log: Any) -> tuple[Explanation, ...]:
     return tuple(causes)
 
 
+def believed(found: Identification, causes: Sequence[Explanation]) -> Alternative | None:
+    """The likelier log of an identification, if nothing but a delay explains more of what is left, or None.
+
+    Friction and springs that a model lacks also make a log likelier whose input is a sample later.
+    """
+    other = found.alternative
+    if other is None or other.kind == "sign" or not causes or causes[0].kind == DELAY:
+        return other
+    return None
+
+
 def _fitted(
     candidate: _Candidate, known: np.ndarray, columns: np.ndarray, residual: np.ndarray
 ) -> tuple[float, np.ndarray, np.ndarray]:
@@ -274,11 +289,11 @@ def _candidates(
         yield from _of_joint(robot, joint, signals, values, acting)
     for k, name in enumerate(names[:width]):
         late = np.append(inputs[:1, k], inputs[:-1, k]) - inputs[:, k]
-        yield _Candidate("a delay", name, "samples", "", [acting({name: late})], positive=False)
+        yield _Candidate(DELAY, name, "samples", "", [acting({name: late})], positive=False)
     for k, name in enumerate(plant.outputs):
         changed = np.zeros_like(outputs)
         changed[1:, k] = outputs[:-1, k] - outputs[1:, k]
-        yield _Candidate("a delay", name, "samples", "", [], -changed, positive=False)
+        yield _Candidate(DELAY, name, "samples", "", [], -changed, positive=False)
 
 
 def _of_joint(

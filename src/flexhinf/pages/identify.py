@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from flexhinf.identification import Excitation, Identification
+from flexhinf.identification.alternatives import Alternative
 from flexhinf.identification.consistency import SMALL_CORRELATION
-from flexhinf.identification.doctor.likelier import alternative_advice
-from flexhinf.identification.explanations import Explanation
+from flexhinf.identification.doctor.beside_model import alternative_advice
+from flexhinf.identification.explanations import Explanation, believed
 from flexhinf.identification.output_error import OutputError
 from flexhinf.identification.unknowns import EXTRA_OF
 from flexhinf.pages.drawing import Line, Panel, draw_figure, first_screen, listed, note, with_figures
@@ -66,6 +67,11 @@ class IdentifiedRobot:
     second: OutputError | None = None
     causes: tuple[Explanation, ...] = ()
     late: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def likelier(self) -> Alternative | None:
+        """The log with a signal at another time or of another sign that is likelier, where nothing explains more."""
+        return believed(self.found, self.causes)
 
     @property
     def telling(self) -> Excitation | None:
@@ -129,8 +135,12 @@ def _misfit_texts(result: IdentifiedRobot) -> Iterator[str]:
     yield from remarks
     if remarks:
         yield "That may be the reason for all else: try a log without it first."
-    if found.alternative is not None:
-        yield f"{found.alternative.text[0].upper()}{found.alternative.text[1:]}."
+    other = result.likelier
+    if other is not None:
+        yield f"{other.text[0].upper()}{other.text[1:]}."
+    elif result.causes:
+        several = listed([each.text for each in result.causes])
+        yield f"What is left is explained best by {several}."
     if found.absorbing:
         name, level, assumed = _largest_disturbance(found)
         unit = f"{found.plant.unit(name)}·√s".lstrip("·")
@@ -156,9 +166,6 @@ def _misfit_texts(result: IdentifiedRobot) -> Iterator[str]:
         slow = f"slow changes have {number(test.slow, 2)} times the power of white noise (below {test.slowest:g})"
         large = abs(test.correlations[worst]) >= SMALL_CORRELATION
         yield f"Innovations of {signal_label(output.name)} are not white: {size if large else slow}."
-    if result.causes:
-        several = listed([each.text for each in result.causes])
-        yield f"What is left is explained best by {several}."
     yield from _second_texts(result)
     if found.hidden:
         names = listed([signal_label(name) for name in found.hidden])
@@ -212,7 +219,7 @@ def _largest_disturbance(found: Identification) -> tuple[str, float, float]:
 
 def _advice(result: IdentifiedRobot) -> list[str]:
     """What to try where the model does not fit."""
-    other = result.found.alternative
+    other = result.likelier
     if other is not None:
         return [alternative_advice(other, result.found.plant, result.late, result.filtered.log.columns)]
     if causes := list(_cause_advice(result)):
@@ -457,9 +464,9 @@ def identified_numbers(result: IdentifiedRobot) -> dict[str, Any]:
         "disturbances": {
             name: {"found": level, "assumed": assumed} for name, (level, assumed) in found.disturbances.items()
         },
-        "likelier": found.alternative and {
-            "signal": found.alternative.signal, "kind": found.alternative.kind,
-            "samples": found.alternative.samples, "gain": found.alternative.gain,
+        "likelier": result.likelier and {
+            "signal": result.likelier.signal, "kind": result.likelier.kind,
+            "samples": result.likelier.samples, "gain": result.likelier.gain,
         },
         "undecided": [
             {

@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 
-import numpy as np
-
-from flexhinf.errors import FlexhinfError
-from flexhinf.identification.defaults import standing
 from flexhinf.identification.doctor import scales, times
+from flexhinf.identification.doctor.beside_model import beside_model
 from flexhinf.identification.doctor.finding import LogFinding, above_note, ordered
-from flexhinf.identification.doctor.likelier import likelier_finding
 from flexhinf.identification.doctor.record import LogRecord
 from flexhinf.identification.doctor.values import cleaned
 from flexhinf.identification.log import Log
@@ -36,8 +32,8 @@ def examine(
     """What a log shows of itself, before any model, and then beside its robot: the worst first.
 
     First what its reader noticed, then each signal's own values, the times, and the sizes of columns beside each other
-    and beside the robot's limits. If all this is right, signals that are late or of the other sign by the likelihood of
-    the robot's model.
+    and beside the robot's limits. If all this is right, signals that are late or of the other sign, by the likelihood
+    of the robot's model, whose stiffness, friction and motor inertia may be others than its file says.
 
     Parameters
     ----------
@@ -76,20 +72,5 @@ def examine(
         if any(finding.refused for finding in findings):
             return ordered(findings)  # nothing else can be said of numbers in another unit
     if robot is not None and model and not above_note(findings):
-        findings += _by_model(log, robot, late)
+        findings += beside_model(log, robot, late)
     return ordered(findings)
-
-
-def _by_model(log: Log, robot: Robot, late: Mapping[str, int] | None) -> Iterator[LogFinding]:
-    """A signal that is late or of the other sign, by the robot's model."""
-    from flexhinf.identification.identify import likelier_log
-
-    plant = robot.plant(log.names.get("output") or ("link_position",))
-    if standing(log.inputs, log.outputs) or not np.ptp(log.inputs, axis=0).any():
-        return
-    try:
-        other = likelier_log(plant, log)
-    except FlexhinfError:  # a model that cannot be filtered says nothing of the log
-        return
-    if other is not None:
-        yield likelier_finding(other, plant, late, log.columns)

@@ -15,6 +15,9 @@ from flexhinf.notebook import number_text
 from flexhinf.robot import Robot
 from flexhinf.robot.signals import MECHANICAL
 
+#: A gap is so many times as long as the time between most rows.
+GAP = 10.0
+
 #: Fewest different values of a signal by which it is said to have steps, and how far they may lie off the grid.
 FEWEST_VALUES, OFF_GRID = 3, 0.02
 
@@ -135,6 +138,11 @@ class LogRecord:
     def period(self) -> float:
         """The median of the steps, s."""
         return float(np.median(self.steps))
+
+    @cached_property
+    def gaps(self) -> np.ndarray:
+        """Which steps (N − 1,) are so much longer than most that they are gaps."""
+        return self.steps > GAP * float(np.quantile(self.steps, 0.9, method="lower"))
 
     @cached_property
     def vibrations(self) -> np.ndarray | None:

@@ -10,9 +10,9 @@ from flexhinf.identification.doctor.finding import LogFinding
 from flexhinf.identification.doctor.record import LogRecord
 from flexhinf.notebook import number_text
 
-#: A gap is so many times as long as the time between most rows; a step that is so near to a whole number of them is of
+#: A step that is so near to a whole number of them is of
 #: dropped rows; rows show a vibration that are at most this share of its period apart.
-GAP, NEAR, SEEN = 10.0, 0.25, 0.5
+NEAR, SEEN = 0.25, 0.5
 
 #: A step is odd that differs from the usual one by this share; stamps with this share of odd ones are of arrival.
 ODD, ARRIVAL = 0.5, 0.1
@@ -25,8 +25,7 @@ UNIT = 'the unit of the times: `--time "{column} [ms]"` or `--time "{column} [us
 
 def gaps(record: LogRecord) -> Iterator[LogFinding]:
     """Times without a row, over which the last input is held."""
-    steps, usual = record.steps, record.period
-    long = np.flatnonzero(steps > GAP * usual)
+    steps, long = record.steps, np.flatnonzero(record.gaps)
     if not long.size:
         return
     worst = int(np.argmax(steps))
@@ -46,11 +45,13 @@ def gaps(record: LogRecord) -> Iterator[LogFinding]:
 
 def arrival_or_drops(record: LogRecord) -> Iterator[LogFinding]:
     """Rows that are missing one by one, and stamps that come in bursts, as of messages that arrive."""
-    steps, usual = record.steps, record.period
+    steps = record.steps[~record.gaps]
+    regular = np.abs(steps / record.period - 1.0) <= ODD
+    usual = record.period if regular.mean() > 0.5 else float(steps.mean())
     parts = steps / usual
     whole = np.rint(parts)
-    missing = (whole >= 2) & (parts <= GAP) & (np.abs(parts - whole) < NEAR)
-    odd = (np.abs(parts - 1.0) > ODD) & ~missing & (parts <= GAP)
+    missing = (whole >= 2) & (np.abs(parts - whole) < NEAR)
+    odd = (np.abs(parts - 1.0) > ODD) & ~(missing & (regular.mean() > 0.5))
     if odd.mean() > ARRIVAL:
         low, high = (number_text(float(f"{1e3 * q:.3g}"), "ms") for q in np.quantile(steps, (0.05, 0.95)))
         grid = _grid(steps)
