@@ -69,6 +69,9 @@ RUN_FIELDS = (
 #: Fields that a filter for a log is made of.
 ESTIMATE_FIELDS = ("measured", "extras", "period", "process_noise", "torque_noise", "measurement_noise")
 
+#: Fields that a log is checked with.
+CHECK_FIELDS = ("measured",)
+
 #: Fields that the model of an identification is made of.
 IDENTIFY_FIELDS = (
     "measured", "extras", "process_noise", "torque_noise", "measurement_noise", "quantisation",
@@ -398,6 +401,25 @@ class LogOptions(ElasticOptions):
     sensor_delay: list[Text] = option(list, LOGGED,
         "Samples by which a sensor is late: motor_position=1. Its values are moved back in the log. Repeat the option "
         "for more.", "motor_position=1", "signal=samples")
+    missing: list[Number] = option(list, LOGGED,
+        "A value that stands for a missing one, in the unit of the file: -9999. Repeat the option for more.", "-9999",
+        "number")
+    unwrap: list[Text] = option(list, LOGGED,
+        "A sensor that begins anew after a turn, or when its counter is full: it goes on counting. `time` is the "
+        "column of times. Repeat the option for more.", "motor_position", "signal")
+    repeated: list[Text] = option(list, LOGGED,
+        "A sensor that is slower than the rows, and repeats its value: repeated ones count as missing. Repeat the "
+        "option for more.", "link_position", "signal")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckLogOptions(LogOptions):
+    """Options of ``flexhinf check`` of a log."""
+
+    model: bool = option(True, RUN,
+        "Whether signals that are late or of the other sign are looked for by the robot's model, in seconds.")
+    out: Path | None = option(None, WRITTEN,
+        "Write a report into this folder: a page and its numbers.", "flexhinf-check", "path", default="none")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -456,6 +478,8 @@ class IdentifyOptions(LogOptions):
     quantisation: Quanta | None = option(None, ADVANCED,
         "Resolution of the sensors, as for `flexhinf design`: 0.01deg. Noise is at least that of a step.", "1e-4",
         "rad, m, …", default="the smallest step in the log")
+    simulate: bool = option(True, RUN,
+        "Whether a simulation with the inputs of the log is fitted too, as a second opinion.")
     motion: Seconds = option(10.0, WRITTEN,
         "Longest duration of a motion that is proposed where the log does not determine a parameter.", "5", "s")
     seed: Whole = option(0, ADVANCED, "Seed of the motions that are tried.", "1")

@@ -55,7 +55,12 @@ from .identify import (
     identified_ending as identified_ending,
     identified_files as identified_files,
 )
-from .log_remarks import likelier_remark as likelier_remark, log_remarks as log_remarks
+from .log_findings import (
+    checked_log_ending as checked_log_ending,
+    checked_log_files as checked_log_files,
+    checked_log_page as checked_log_page,
+    finding_texts as finding_texts,
+)
 from .page import (
     design_page as design_page,
     design_tables as design_tables,
