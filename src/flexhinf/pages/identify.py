@@ -198,7 +198,9 @@ def _cause_advice(result: IdentifiedRobot) -> Iterator[str]:
         name = f"{cause.quantity}_{joint}" if joint else cause.quantity
         if cause.kind == "a delay":
             option = (
-                "--latency" if cause.signal in result.found.plant.inputs else f"--sensor-delay {cause.signal}="
+                "--latency"
+                if cause.signal in result.found.plant.inputs
+                else f"--sensor-delay {cause.signal}="
             )
             samples = result.late.get(cause.signal, 0) + round(cause.sizes[0])
             if samples >= 0:

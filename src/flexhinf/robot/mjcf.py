@@ -19,18 +19,21 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.robot.arm import Frame
-from flexhinf.robot.dynamics import Placement
+from flexhinf.robot.dynamics import Placement, matrix_of
 from flexhinf.robot.parts import ask
 from flexhinf.robot.rigid_arm import (
     MOST_LINKS,
+    NEAREST,
+    Correction,
     RigidArm,
     check_count,
     locked_joints,
     moved,
+    nearest_inertia,
     range_of,
     selection,
 )
-from flexhinf.validation import HUGE, checked_name, extra_package, value_text
+from flexhinf.validation import HUGE, checked_name, extra_package, one_of, value_text
 
 KINDS = {"mjJNT_HINGE": "revolute", "mjJNT_SLIDE": "prismatic"}
 
@@ -101,12 +104,15 @@ _NOT_FINITE = re.compile(r"(^|\s)[+-]?(nan|inf)", re.IGNORECASE)
 
 
 def read_mjcf(
-    root: Element, joints: Sequence[str] | None = None, locked: Mapping[str, float] | None = None
+    root: Element,
+    joints: Sequence[str] | None = None,
+    locked: Mapping[str, float] | None = None,
+    inertias: Mapping[str, Correction] | None = None,
 ) -> RigidArm:
     """The moving joints of an MJCF file, of its root <mujoco>, and their links. Needs the extra ``mujoco``.
 
-    `joints` and `locked` as for `flexhinf.robot.urdf.read_urdf`; what is not read and would change the dynamics is
-    refused.
+    `joints`, `locked` and `inertias` as for `flexhinf.robot.urdf.read_urdf`; what is not read and would change the
+    dynamics is refused.
     """
     mujoco = extra_package("mujoco", "mujoco", "MJCF is read by MuJoCo, which is not installed.")
     _check_elements(root, ("include", "attach", "replicate"))  # which may hold the arm
@@ -122,6 +128,7 @@ def read_mjcf(
     _check_still(spec, moving, joints is not None or bool(locked))
     spec.compiler.fusestatic = spec.compiler.discardvisual = False
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)  # shapes may overlap
+    _correct(spec, inertias or {})
     _check_couplings(root, moving)
     _use_shapes(spec, set(moving))
     model = _by_mujoco(spec.compile)
@@ -129,6 +136,22 @@ def read_mjcf(
     _warn_of_actuators(root, moving)
     arm.locked = _with_followers(root, arm.locked, model)
     return _filled(arm, model)
+
+
+def _correct(spec: Any, inertias: Mapping[str, Correction]) -> None:
+    """Put other inertias in the place of those of bodies: MuJoCo refuses a file with one that no body has."""
+    bodies = {body.name: body for body in spec.bodies}
+    for name, six in inertias.items():
+        one_of(f"There is no body {value_text(name, 60)} whose inertia could be corrected.", name, bodies)
+        body, full = bodies[name], np.array(bodies[name].fullinertia)
+        if six != NEAREST:
+            xx, xy, xz, yy, yz, zz = map(float, six)
+            body.fullinertia, body.iquat = [xx, yy, zz, xy, xz, yz], [1.0, 0.0, 0.0, 0.0]
+        elif np.isfinite(full[0]):
+            whole = nearest_inertia(matrix_of([full[k] for k in (0, 3, 4, 1, 5, 2)]))
+            body.fullinertia = [whole[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+        else:
+            body.inertia = np.diag(nearest_inertia(np.diag(body.inertia)))
 
 
 def _check_elements(root: Element, refused: Collection[str]) -> None:

@@ -155,10 +155,10 @@ class RobotFile:
         """The robot of a TOML file that states its links too."""
         table, file = self.root, self.file
         refuse_if(
-            chosen is not None or locked or "joints" in table or table["locked"],
-            f"{file}: joints are chosen or locked in a URDF only.",
-            "expected neither joints nor locked without urdf",
-            "leave the joint out of the file",
+            chosen is not None or locked or "joints" in table or table["locked"] or table["links"],
+            f"{file}: joints are chosen or locked, and links corrected, in a URDF only.",
+            "expected neither joints, locked nor links without urdf",
+            "leave the joint out of the file; state the link's inertia in [joint.link]",
         )
         joints = []
         for row in table["joint"]:
@@ -212,7 +212,8 @@ class RobotFile:
         read = read_mjcf if rigid.suffix.lower() in MJCF and root.tag == "mujoco" else read_urdf
         chosen = table.get("joints") if chosen is None else chosen
         with located(rigid.name):
-            arm = read(root, chosen, {**table["locked"], **(locked or {})})
+            inertias = {name: row["inertia"] for name, row in table["links"].items()}
+            arm = read(root, chosen, {**table["locked"], **(locked or {})}, inertias)
         distinct(f"{file}: the joint", [row["name"] for row in table["joint"]])
         names = [joint.name for joint in arm.joints]
         for name in [name for name in rows if name not in arm.movable]:
