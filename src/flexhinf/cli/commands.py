@@ -24,6 +24,7 @@ from flexhinf.cli.campaign import app as campaign
 from flexhinf.cli.check_log import check
 from flexhinf.cli.design import certify, compare, design, paper, run_design
 from flexhinf.cli.exports import app as export, compile_design
+from flexhinf.cli.init import init
 from flexhinf.cli.logs import estimate, identify
 from flexhinf.cli.messages import (
     INTERRUPTED,
@@ -92,6 +93,7 @@ COMMANDS = {
         "flexhinf run flexhinf-design --mujoco --library arm.so --priority 80 --core 1",
         "flexhinf run flexhinf-design --mujoco --payload 2kg --perturb stiffness=-20% --duration 3s",
     ),
+    "init": (init, "flexhinf init arm.urdf", "flexhinf init --joints 3 --drive current --out arm.toml"),
     "check": (
         check,
         "flexhinf check run.csv --robot arm.toml",

@@ -423,6 +423,22 @@ class CheckLogOptions(LogOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
+class InitOptions:
+    """Options of ``flexhinf init``."""
+
+    source: Text = argument("A URDF (.urdf) or an MJCF file (.xml); none with --joints.", "[FILE]", default="")
+    move: list[Text] = option(list, ROBOT,
+        "A joint that is to move; all others are locked. Repeat the option for more.", "shoulder", "name",
+        default="all with a motor that follow no other one")
+    joints: Whole = option(0, ROBOT, "A template of so many joints in a vertical plane, instead of a file.", "3")
+    drive: Annotated[Literal["torque", "current", "voltage"], CHOICE] = option("torque", ROBOT,
+        "What the motors of the template take: torque, current or voltage.", "current")
+    out: Path | None = option(None, WRITTEN, "The robot file to write.", "arm.toml", "path",
+        default="the name of the file with .toml, here")
+    force: bool = option(False, WRITTEN, "Replace a file of that name.")
+
+
+@dataclass(frozen=True, kw_only=True)
 class EstimateOptions(LogOptions):
     """Options of ``flexhinf estimate``."""
 

@@ -38,6 +38,11 @@ def collected_faults() -> Iterator[list[PartFault]]:
         _collected.reset(token)
 
 
+def collects_faults() -> bool:
+    """Whether faults are collected here."""
+    return _collected.get() is not None
+
+
 def refuse_part(wrong: object, kind: str, parts: tuple[str, ...], what: str, found: str, advice: str) -> bool:
     """Raise InvalidInput if `wrong` is true, or collect the fault; whether there is one."""
     if not wrong:

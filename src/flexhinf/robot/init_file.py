@@ -53,6 +53,11 @@ class Description:
                 self._work_around(fault, arm)
         raise _error(faults[0])
 
+    def arm_as_it_is(self) -> RigidArm:
+        """All joints that move in the file, read as they are."""
+        joints = _moving(self.root)
+        return (read_mjcf if self.is_mjcf else read_urdf)(self.root, joints)
+
     def _work_around(self, fault: PartFault, arm: RigidArm) -> None:
         if fault.kind == NO_BODY:
             self.inertias |= dict.fromkeys(fault.parts, NEAREST)

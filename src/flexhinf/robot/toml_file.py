@@ -12,6 +12,7 @@ from flexhinf.plant import Penalty
 from flexhinf.robot.arm import SHAPES, Frame, Payload, Pendulum, inertia_of_shape, payload_from_text
 from flexhinf.robot.dynamics import ZERO, Joint, Placement, Tree
 from flexhinf.robot.elastic import DRIVES
+from flexhinf.robot.faults import collects_faults, refuse_part
 from flexhinf.robot.file_keys import (
     NESTING,
     TABLES,
@@ -69,6 +70,8 @@ class RobotFile:
         self.stated: list[tuple[tuple[Any, ...], tuple[str, ...], Stated]] = []
         self._mistakes: list[tuple[str, str, str]] = []
         self.root = self.table(self.data, TABLES[""], ())
+        for what, found, advice in self._mistakes if collects_faults() else ():
+            refuse_part(True, "", (), f"{self.file}: {what}.", found, advice)
         if self._mistakes:
             what, found, advice = self._mistakes[0]
             others = f" (and {len(self._mistakes) - 1} more)" if len(self._mistakes) > 1 else ""
