@@ -8,7 +8,7 @@ import typer
 
 import flexhinf as fh
 from flexhinf import pages, report
-from flexhinf.cli.arguments import read_source, reproduce_command, stated_fields, with_options
+from flexhinf.cli.arguments import read_source, reproduce_command, stated_fields
 from flexhinf.cli.logs import read_stated, stated_columns, stated_late, stated_robot
 from flexhinf.cli.messages import options, show, step_progress
 from flexhinf.errors import InvalidInput
@@ -20,25 +20,7 @@ if TYPE_CHECKING:
 DOUBTS, FAULTS = 1, 2
 
 
-@with_options(lambda: (options.CheckLogOptions, options.CHECK_FIELDS))
-def check(context: typer.Context, o: options.CheckLogOptions) -> None:
-    """Check a log: what is wrong or doubtful with it, and what to try.
-
-    Sensors that never change or stop for a while, turns and counters that begin
-    anew, lost values, gaps, times of arrival, columns in another unit, of a motor
-    before its gear or of the other sign, and signals that are late. Estimate and
-    identify print the same list. All signals of the robot that the log has are
-    looked at, or those of --measured.
-
-    Exit code: 0 if nothing is more than a note; 1 for doubts; 2 for a fault, or a
-    mistake; 130 if interrupted.
-    """
-    code = check_log(context, o)
-    if code:
-        raise typer.Exit(code)
-
-
-def check_log(context: typer.Context, o: options.CheckLogOptions) -> int:
+def check_log(context: typer.Context, o: options.CheckOptions) -> int:
     """Check a log as options state it: prints, writes the report if one is stated; the exit code."""
     fields, columns = stated_fields(context), stated_columns(o.column)
     request = read_source(stated_robot(o), o.elastic, fields, o.payload)
@@ -73,7 +55,7 @@ def check_log(context: typer.Context, o: options.CheckLogOptions) -> int:
     return FAULTS if "fault" in severities else DOUBTS if "doubt" in severities else 0
 
 
-def _logged(o: options.CheckLogOptions, robot: Robot, columns: dict[str, str]) -> tuple[str, ...]:
+def _logged(o: options.CheckOptions, robot: Robot, columns: dict[str, str]) -> tuple[str, ...]:
     """The signals of a robot that a log has columns for, by their names or as they are stated."""
     from flexhinf.identification.log_reader import signals_in
     from flexhinf.robot.signals import SENSORS, signal_names

@@ -21,7 +21,7 @@ from typer.main import get_command
 from flexhinf import __version__, pages
 from flexhinf.cli.arguments import Command, Group
 from flexhinf.cli.campaign import app as campaign
-from flexhinf.cli.check_log import check
+from flexhinf.cli.check import check
 from flexhinf.cli.design import certify, compare, design, paper, run_design
 from flexhinf.cli.exports import app as export, compile_design
 from flexhinf.cli.init import init
@@ -96,6 +96,7 @@ COMMANDS = {
     "init": (init, "flexhinf init arm.urdf", "flexhinf init --joints 3 --drive current --out arm.toml"),
     "check": (
         check,
+        "flexhinf check arm.urdf",
         "flexhinf check run.csv --robot arm.toml",
         'flexhinf check log.csv --robot arm.toml --column "motor_position=pos (deg)" --out checked',
     ),

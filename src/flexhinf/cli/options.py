@@ -69,8 +69,8 @@ RUN_FIELDS = (
 #: Fields that a filter for a log is made of.
 ESTIMATE_FIELDS = ("measured", "extras", "period", "process_noise", "torque_noise", "measurement_noise")
 
-#: Fields that a log is checked with.
-CHECK_FIELDS = ("measured",)
+#: Fields that a log is checked with, and a robot's description.
+CHECK_FIELDS = ("measured", "period")
 
 #: Fields that the model of an identification is made of.
 IDENTIFY_FIELDS = (
@@ -413,8 +413,8 @@ class LogOptions(ElasticOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CheckLogOptions(LogOptions):
-    """Options of ``flexhinf check`` of a log."""
+class CheckOptions(LogOptions):
+    """Options of ``flexhinf check``."""
 
     model: bool = option(True, RUN,
         "Whether signals that are late or of the other sign are looked for by the robot's model, in seconds.")

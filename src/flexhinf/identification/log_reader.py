@@ -167,7 +167,7 @@ def read_log(
         if signal.kind == "output" and signal.name in held:
             values[:, k] = _without_repeats(values[:, k])
     log = delayed_inputs(_log(file, plant, chosen, times, values, loaded, hold_inputs), latency)
-    columns = {
+    places = {
         signal.name: FileColumn(column.name, float(size))
         for (signal, column), size in zip(chosen.items(), sizes)
         if signal.kind != "state"
@@ -175,7 +175,7 @@ def read_log(
     return replace(
         log,
         outputs=moved_back(log.outputs, _late(plant, delays or {})),
-        columns={**columns, "time": FileColumn(stamp.name, second)},
+        columns={**places, "time": FileColumn(stamp.name, second)},
         findings=tuple(_noticed(plant, chosen, stamp)),
     )
 

@@ -68,6 +68,11 @@ from .page import (
     robots_table as robots_table,
     verdict as verdict,
 )
+from .robot_check import (
+    checked_robot_ending as checked_robot_ending,
+    checked_robot_files as checked_robot_files,
+    checked_robot_page as checked_robot_page,
+)
 from .run import (
     run_ending as run_ending,
     run_files as run_files,

@@ -67,7 +67,7 @@ def _lost(channel: LoggedSignal) -> Iterator[tuple[LogFinding, LoggedSignal]]:
             "outliers",
             "doubt",
             f"{channel.subject} has {_many(count, 'value')} far off, for a moment, such as "
-            f"{channel.text(channel.values[worst])} in row {channel.rows[worst] + 1}.",
+            f"{channel.text(float(channel.values[worst]))} in row {channel.rows[worst] + 1}.",
             "To try: `--gate 0.999` of `flexhinf estimate` skips them; for `flexhinf identify` leave such cells empty.",
             channel.name,
             channel.column.name,
