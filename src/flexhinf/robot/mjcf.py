@@ -37,6 +37,9 @@ from flexhinf.validation import HUGE, checked_name, extra_package, one_of, value
 
 KINDS = {"mjJNT_HINGE": "revolute", "mjJNT_SLIDE": "prismatic"}
 
+#: What is wrong where the extra is not installed.
+NO_MUJOCO = "MJCF is read by MuJoCo, which is not installed."
+
 #: How MuJoCo writes a file with all that it takes from others.
 WHOLE = "mujoco.mj_saveLastXML('whole.xml', mujoco.MjModel.from_xml_path('this.xml')) writes it in one file"
 
@@ -114,10 +117,10 @@ def read_mjcf(
     `joints`, `locked` and `inertias` as for `flexhinf.robot.urdf.read_urdf`; what is not read and would change the
     dynamics is refused.
     """
-    mujoco = extra_package("mujoco", "mujoco", "MJCF is read by MuJoCo, which is not installed.")
+    mujoco = extra_package("mujoco", "mujoco", NO_MUJOCO)
     _check_elements(root, ("include", "attach", "replicate"))  # which may hold the arm
     check_count("bodies", sum(1 for _ in root.iter("body")), MOST_LINKS)
-    scene = _by_mujoco(mujoco.MjSpec.from_string, ElementTree.tostring(_kept(root), encoding="unicode"))
+    scene = scene_of(root)
     movable = tuple(joint.name for joint in scene.joints if joint.type.name in KINDS)
     arm = RigidArm(movable, locked_joints(movable, joints, locked))
     moving = [name for name in movable if name not in arm.locked]
@@ -277,9 +280,9 @@ def _warn_of_actuators(root: Element, moving: Sequence[str]) -> None:
         for part in group
         if all(part.get(key) is None for key in ON_JOINT) and part.tag != "adhesion"
     ]
-    joints = {name for part in others for name in _acted_on(root, part)}
+    joints = {name for part in others for name in acted_on(root, part)}
     ask(
-        others and (joints & set(moving) or any(not _acted_on(root, part) for part in others)),
+        others and (joints & set(moving) or any(not acted_on(root, part) for part in others)),
         "Not every actuator is read: the motors' limits that it would state are unknown.",
         f"expected actuators of a joint each, got {len(others)} of other kinds, such as "
         f"{value_text(others[0].get('name') or others[0].tag, 60) if others else ''}",
@@ -287,7 +290,7 @@ def _warn_of_actuators(root: Element, moving: Sequence[str]) -> None:
     )
 
 
-def _acted_on(root: Element, actuator: Element) -> set[str]:
+def acted_on(root: Element, actuator: Element) -> set[str]:
     """The joints of the tendon that an actuator pulls; none where it pulls something else."""
     tendon = actuator.get("tendon")
     parts = [part for group in root.findall("tendon") for part in group if part.get("name") == tendon]
@@ -506,6 +509,12 @@ def _with_followers(root: Element, locked: Mapping[str, float | None], model: An
         return float(min(max(place, low), high))
 
     return {name: stand(name) if name in coupled else value for name, value in placed.items()}
+
+
+def scene_of(root: Element) -> Any:
+    """MuJoCo's own reading of a file, without what shows or touches; a mistake that it finds is refused."""
+    mujoco = extra_package("mujoco", "mujoco", NO_MUJOCO)
+    return _by_mujoco(mujoco.MjSpec.from_string, ElementTree.tostring(_kept(root), encoding="unicode"))
 
 
 # From MuJoCo's model ------------------------------------------------------------------------------

@@ -148,6 +148,10 @@ class RigidArm:
         turn = np.array(place.rotation)
         self._bodies[carrier].append((link, mass, np.array(place.translation), turn @ inertia @ turn.T))
 
+    def mass_of(self, link: str) -> float:
+        """The mass of a link behind a moving joint, kg."""
+        return sum(body[1] for bodies in self._bodies for body in bodies if body[0] == link)
+
     def merge(self) -> RigidArm:
         """The arm with the bodies that move together merged into one link each; inertias that no body has are refused
         all at once, or taken as the nearest one where little is missing."""
