@@ -280,7 +280,16 @@ LIMITED = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExportCOptions:
+class EstimatesOptions:
+    """The option of commands by which a controller leaves for a machine."""
+
+    accept_estimates: bool = option(False, TARGET,
+        "Export a design although numbers of its robot are estimates and were not measured, such as the stiffness of "
+        "a joint. Without this option it is refused.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportCOptions(EstimatesOptions):
     """Options of ``flexhinf export c``."""
 
     source: Text = argument(CONTROLLER, "DESIGN")
@@ -303,7 +312,7 @@ class ExportCOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExportFmuOptions:
+class ExportFmuOptions(EstimatesOptions):
     """Options of ``flexhinf export fmu``."""
 
     source: Text = argument(CONTROLLER, "DESIGN")
@@ -329,7 +338,7 @@ class ExportWebOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CompileOptions:
+class CompileOptions(EstimatesOptions):
     """Options of ``flexhinf compile``."""
 
     source: Text = argument(CONTROLLER, "DESIGN")
