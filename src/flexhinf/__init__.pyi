@@ -49,10 +49,14 @@ from .identification import (
     Excitation as Excitation,
     Identification as Identification,
     Log as Log,
+    LogFinding as LogFinding,
+    OutputError as OutputError,
     consistency as consistency,
+    examine as examine,
     excitation as excitation,
     filter_log as filter_log,
     identify as identify,
+    output_error as output_error,
     read_log as read_log,
 )
 from .loop import (

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.builders import arm_controller
+from tests.builders import arm_controller, joint_text
 from tests.refusals import unnamed
 
 import flexhinf as fh
@@ -131,6 +131,37 @@ def test_limits_are_looked_at_before_a_design(
     design.write_text('[design]\nrobot = "paper"\nsaturation = 48.0\n')
     assert main(["export", "c", str(design), "--out", str(tmp_path / "c")]) == 2
     assert unnamed(capsys.readouterr().err, "motor_voltage") == ["motor_voltage"]
+
+
+def guessed_arm(path: Path) -> Path:
+    """A robot file of a single link whose stiffness and friction are estimates."""
+    guess = '{{ value = {}, source = "Estimate: of its size" }}'.format
+    motor = f"motor_inertia = 0.1\nfriction = {guess(0.5)}"
+    path.write_text(joint_text("shoulder", spring=f"stiffness = {guess(100.0)}", motor=motor))
+    return path
+
+
+def test_a_robot_with_estimates_is_exported_on_purpose_only(
+    controller: Path, no_design: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    guessed_arm(tmp_path / "arm.toml")
+    design = tmp_path / "design.toml"
+    design.write_text('[design]\nrobot = "arm.toml"\nsaturation = 48.0\n')
+    for kind in ("c", "fmu"):
+        arguments = ["export", kind, str(design), "--out", str(tmp_path / kind)]
+        assert main(arguments) == 2
+        words = ("estimated, not measured: stiffness, friction", "flexhinf identify", "--accept-estimates")
+        assert unnamed(capsys.readouterr().err, *words) == []
+        assert main([*arguments, "--accept-estimates"]) == 2
+        assert "A design begins." in capsys.readouterr().err
+    files = {"design.toml": design.read_bytes(), "controller": controller.read_bytes()}
+    folder = report.write(tmp_path / "report", files)
+    (folder / "arm.toml").write_text((tmp_path / "arm.toml").read_text())
+    assert main(["compile", str(folder), "--out", str(tmp_path / "arm.so")]) == 2
+    assert main(["export", "c", str(folder), "--out", str(tmp_path / "c"), "--accept-estimates"]) == 0
+    assert "Estimated, not measured: stiffness, friction." in capsys.readouterr().err
+    header = next((tmp_path / "c").glob("*.h")).read_text()
+    assert unnamed(header, "estimated, not measured: stiffness, friction", "--accept-estimates") == []
 
 
 @pytest.mark.parametrize("changed", ["design.toml", "controller"])
@@ -327,7 +358,7 @@ def test_the_gear_ratios_of_the_robot_are_stated(
     for k, (one, text) in enumerate(
         [(found, "(motor angle / 70)"), (DesignedController(found.controller), "after the gear")]
     ):
-        monkeypatch.setattr("flexhinf.cli.exports.controller_of", lambda path, limits, one=one: one)
+        monkeypatch.setattr("flexhinf.cli.exports.controller_of", lambda path, one=one, **options: one)
         assert main(["export", "c", str(controller), "--out", str(tmp_path / str(k))]) == 0
         assert text in (tmp_path / str(k) / "README.md").read_text()
 

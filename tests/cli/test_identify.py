@@ -147,7 +147,7 @@ def test_an_ending_fits_a_screen_and_names_what_the_model_leaves_out(
     assert "…" not in shown
 
 
-FILTERED: Any = SimpleNamespace(remarks=())
+FILTERED: Any = SimpleNamespace(findings=(), log=SimpleNamespace(columns={}))
 
 
 def correlated() -> Consistency:

@@ -29,7 +29,7 @@ def judged(
     """The status of a loop that is fine but for what is given."""
     margins: dict[str, Any] = {"stable": True, "damping": 0.5, "delay_margin_s": 0.05, **changes}
     noise, recovery = margins.pop("noise", 0.0), margins.pop("recovery", 0.3)
-    tolerances = margins.pop("tolerances", True)
+    tolerances, estimated = margins.pop("tolerances", True), margins.pop("estimated", {})
     corners = SimpleNamespace(unstable=0, count=8) if tolerances else None
     slow, fast = margins.pop("damping"), margins.pop("fast", 1.0)
     least_damped = tuple(Mode(complex(-ratio, 1.0) * 60.0, True, "elbow") for ratio in (slow, fast))
@@ -39,7 +39,11 @@ def judged(
         setup=SimpleNamespace(
             specification=SimpleNamespace(period=1e-3, shows_degrees=lambda robot: False, damped_below_limit=350.0),
             joints=("elbow", "shoulder"),
-            robot=SimpleNamespace(links=SimpleNamespace(slides=(False, False))),
+            robot=SimpleNamespace(
+                links=SimpleNamespace(slides=(False, False)),
+                joint_names=("elbow", "shoulder"),
+                estimated=estimated,
+            ),
         ),
         step=SimpleNamespace(peak_input=10.0), least_damped=least_damped, input_noises=None,
         load_response=SimpleNamespace(
@@ -67,6 +71,13 @@ def test_a_proof_is_judged_for_the_step(start: float, spent: float, words: tuple
     found = judged(proof=DesignProof(certificate, "", start, budget)).not_proved
     assert len(found) == len(words)
     assert all(word in one for word, one in zip(words, found))
+
+
+def test_what_was_estimated_and_not_measured_is_in_the_status() -> None:
+    found = judged(estimated={"stiffness": ("elbow", "shoulder"), "motor_inertia": ("elbow",), "gravity": ()})
+    text = "estimated, not measured: stiffness of 2 joints, motor inertia of elbow, gravity"
+    assert found.risky == (text,)
+    assert text in found.line
 
 
 def test_a_loop_without_faults_has_an_empty_status() -> None:

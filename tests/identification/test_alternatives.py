@@ -14,12 +14,13 @@ from tests.refusals import refused_with, unnamed
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.identification.alternatives import Alternative
-from flexhinf.identification.identify import likelier_log
-from flexhinf.pages.identify import identified_verdict
-from flexhinf.pages.log_remarks import alternative_advice
+from flexhinf.identification.doctor import above_note
+from flexhinf.identification.doctor.beside_model import alternative_advice
+from flexhinf.pages.identify import IdentifiedRobot, identified_verdict
 
 SENSORS, NAMES = ("motor_position", "link_position"), ("stiffness", "friction", "motor_inertia")
 COUNT = 2.0 * np.pi / 2048.0
+NO_FINDINGS: Any = SimpleNamespace(findings=(), log=SimpleNamespace(columns={}))
 
 
 def late(column, samples):
@@ -67,7 +68,7 @@ def test_a_short_log_does_not_tell_a_late_sensor_and_its_intervals_say_so(arm):
     assert short.values["stiffness"] < 99.0
     low, high = short.intervals["stiffness"]
     assert low < 100.0 < high
-    result: Any = SimpleNamespace(found=short, filtered=SimpleNamespace(remarks=[]), stated=arm, motion=None)
+    result: Any = SimpleNamespace(found=short, filtered=NO_FINDINGS, stated=arm, motion=None, second=None)
     said = " ".join(identified_verdict(result))
     assert unnamed(said, "too short", "link_position comes later", "stiffness", "intervals") == []
     stiff = arm.with_values({"stiffness": 300.0, "friction": 1.5, "motor_inertia": 0.3})
@@ -80,16 +81,16 @@ def test_a_short_log_does_not_tell_a_late_sensor_and_its_intervals_say_so(arm):
 
 
 @pytest.mark.ci("compiles the likelihood of an arm")
-def test_with_known_numbers_a_late_sensor_is_named_too(arm):
-    """As `flexhinf estimate` has them."""
+def test_a_late_sensor_is_named_though_the_file_is_wrong(arm):
+    """As `flexhinf check` and `flexhinf estimate` look for it; a wrong file alone is no fault of a log."""
     times, u, y = arm_log(arm, count=600, measured=SENSORS)
-    plant = arm.plant(SENSORS)
-    assert likelier_log(plant, (times, u, y)) is None
+    guess = arm.with_values({"stiffness": 70.0, "friction": 0.2})
+    names = {"input": ("motor_voltage",), "output": SENSORS}
+    assert above_note(fh.examine(fh.Log(times, u, y, names=names), guess)) == []
     y[:, 1] = late(y[:, 1], 2)
-    other = likelier_log(plant, (times, u, y))
-    assert other is not None
-    assert (other.signal, other.samples) == ("link_position", 2.0)
-    assert alternative_advice(other, plant) == "To try: `--sensor-delay link_position=2`."
+    (other,) = above_note(fh.examine(fh.Log(times, u, y, names=names), guess))
+    assert (other.kind, other.signal) == ("late", "link_position")
+    assert other.advice == "To try: `--sensor-delay link_position=2`."
 
 
 @pytest.mark.parametrize(
@@ -180,7 +181,7 @@ def test_large_disturbances_fit_where_they_are_stated(arm):
     assert not free.consistent
     level, assumed = free.disturbances["load"]
     assert level > 10.0 * assumed
-    result: Any = SimpleNamespace(found=free, filtered=SimpleNamespace(remarks=[]), stated=arm, extras=())
+    result: Any = IdentifiedRobot(arm, free, NO_FINDINGS, None)
     said = " ".join(identified_verdict(result))
     share = re.search(r"`--disturbance (\S+)`", said)
     assert share is not None

@@ -21,8 +21,10 @@ from typer.main import get_command
 from flexhinf import __version__, pages
 from flexhinf.cli.arguments import Command, Group
 from flexhinf.cli.campaign import app as campaign
+from flexhinf.cli.check import check
 from flexhinf.cli.design import certify, compare, design, paper, run_design
 from flexhinf.cli.exports import app as export, compile_design
+from flexhinf.cli.init import init
 from flexhinf.cli.logs import estimate, identify
 from flexhinf.cli.messages import (
     INTERRUPTED,
@@ -90,6 +92,13 @@ COMMANDS = {
         "flexhinf run flexhinf-design --mujoco --log run.csv --record arm.gif",
         "flexhinf run flexhinf-design --mujoco --library arm.so --priority 80 --core 1",
         "flexhinf run flexhinf-design --mujoco --payload 2kg --perturb stiffness=-20% --duration 3s",
+    ),
+    "init": (init, "flexhinf init arm.urdf", "flexhinf init --joints 3 --drive current --out arm.toml"),
+    "check": (
+        check,
+        "flexhinf check arm.urdf",
+        "flexhinf check run.csv --robot arm.toml",
+        'flexhinf check log.csv --robot arm.toml --column "motor_position=pos (deg)" --out checked',
     ),
     "estimate": (
         estimate,

@@ -58,9 +58,12 @@ def controller_file(source: str) -> Path:
     return path
 
 
-def controller_of(path: Path, tell: bool = True, limits: bool = False) -> DesignedController:
+def controller_of(
+    path: Path, tell: bool = True, limits: bool = False, estimates: bool = True
+) -> DesignedController:
     """The controller of a report, of a file, or of a design that is made now, from a `controller_file`; `tell`:
-    whether warnings about the robot's file are printed; `limits`: whether inputs without limits are refused."""
+    whether warnings about the robot's file are printed; `limits`: whether inputs without limits are refused;
+    `estimates`: whether numbers of the robot may be estimates."""
     from flexhinf.design.design_file import has_controller, is_design_file, why_anew
     from flexhinf.design.verdict import result_row, stored_length, stored_rows
     from flexhinf.robot.parts import file_warnings
@@ -69,6 +72,8 @@ def controller_of(path: Path, tell: bool = True, limits: bool = False) -> Design
         return _checked(DesignedController(fh.load_controller(path)), limits)
     with file_warnings(note if tell else str):
         robot, specification = fh.load_design(path)
+    if not estimates:
+        refuse_estimates(robot)
     if has_controller(path):
         stored = fh.load_controller(path.parent / "controller")
         rows, length = stored_rows(path), stored_length(path) or 0.0
@@ -107,6 +112,19 @@ def _checked(designed: DesignedController, limits: bool) -> DesignedController:
     if limits:
         export.check_limits(designed.controller)
     return designed
+
+
+def refuse_estimates(robot: fh.Robot) -> None:
+    """Refuse a robot of which numbers are estimates: a controller for a machine would rest on them."""
+    from flexhinf.design.verdict import estimated_text
+
+    text = estimated_text(robot)
+    refuse_if(
+        text,
+        "The controller rests on numbers that nobody measured.",
+        f"expected numbers with a source in the robot's file, got {text}",
+        "flexhinf identify on a log of the robot, and its numbers in the robot's file; or --accept-estimates",
+    )
 
 
 def refuse_unlimited(robot: fh.Robot, s: fh.Specification) -> None:

@@ -80,7 +80,7 @@ def export_c(context: typer.Context, o: options.ExportCOptions) -> None:
     path = controller_file(o.source)  # the input first: a misspelt name is no matter of the output
     out = o.out or _named_after(o.source, "-c")
     folder = export.checked_folder(out, o.force)
-    designed = controller_of(path, limits=o.limits)
+    designed = controller_of(path, limits=o.limits, estimates=o.accept_estimates)
     controller, robot, s = designed.controller, designed.robot, designed.specification
     name = o.name or _identifier(robot)
     _note_doubts(designed)
@@ -89,7 +89,11 @@ def export_c(context: typer.Context, o: options.ExportCOptions) -> None:
         controller = export.with_measurement_limits(controller, robot, speeds)
     if uncounted := export.check_room(controller, o.real, period=o.period, flash=o.flash, ram=o.ram):
         note(uncounted)
-    stated = {"--check-measurements": o.check_measurements, "--no-limits": not o.limits}
+    stated = {
+        "--check-measurements": o.check_measurements,
+        "--no-limits": not o.limits,
+        "--accept-estimates": o.accept_estimates,
+    }
     chosen = [option for option, there in stated.items() if there]
     again = join(("flexhinf", "export", "c", o.source, "--name", name, "--real", o.real, *chosen))
     origin = _origin(path, again, designed)
@@ -131,7 +135,7 @@ def export_fmu(context: typer.Context, o: options.ExportFmuOptions) -> None:
             robot.plant(s.measured, extras=s.extras), out, name, s.period, *equilibrium, fmi=o.fmi
         )
     else:
-        designed = controller_of(controller_file(o.source), limits=o.limits)
+        designed = controller_of(controller_file(o.source), limits=o.limits, estimates=o.accept_estimates)
         _note_doubts(designed)
         name = o.name or _identifier(designed.robot)
         written = export.export_fmu(designed.controller, out, name, o.fmi, limits=False)
@@ -184,7 +188,7 @@ def compile_design(context: typer.Context, o: options.CompileOptions) -> None:
     fh.load_compiled(FILE) steps it from Python, without LLVM and CasADi; every
     output is the simulation's. For this platform; needs a C compiler.
     """
-    designed = controller_of(controller_file(o.source))
+    designed = controller_of(controller_file(o.source), estimates=o.accept_estimates)
     _note_doubts(designed)
     out = o.out or _named_after(o.source, ".so")
     typer.echo(f"library: {export.compile_controller(designed.controller, out, o.processor)}")
@@ -200,8 +204,12 @@ def _named_after(source: str, ending: str) -> Path:
 
 def _note_doubts(designed: DesignedController) -> None:
     """Print what speaks against a controller that leaves for a machine."""
+    from flexhinf.design.verdict import estimated_text
+
     if text := designed.verdict.unmet:
         note(f"{text}.")
+    if designed.robot is not None and (text := estimated_text(designed.robot)):
+        note(f"{text[:1].upper()}{text[1:]}.")
     if free := export.unlimited_inputs(designed.controller):
         note(f"NOTHING LIMITS {', '.join(free)}: the controller may ask for any value.")
 
@@ -211,6 +219,7 @@ def _origin(path: Path, command: str, designed: DesignedController) -> dict[str,
     it met its requirements, and what it says of itself."""
     from flexhinf.design.design_file import has_controller
     from flexhinf.design.specification import PAST
+    from flexhinf.design.verdict import estimated_text
 
     digest, numbers, rows = file_digest(path), {}, designed.rows
     if has_controller(path) and report.unchanged(path.parent, ("design.json",)):
@@ -227,6 +236,8 @@ def _origin(path: Path, command: str, designed: DesignedController) -> dict[str,
         else f"all {len(rows)} met"
     )
     judged = {"requirements": designed.verdict.unmet or met} if rows else {}
+    if designed.robot is not None and (text := estimated_text(designed.robot)):
+        judged["estimated, not measured"] = text.partition(": ")[2]
     result = (
         tomllib.loads(path.read_text(encoding="utf-8")).get("result", {}) if path.suffix == ".toml" else {}
     )

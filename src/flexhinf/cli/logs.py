@@ -27,6 +27,7 @@ _SYNTAX = (
     (r"units=\{'([^']*)': '([^']*)'\}", r'--column "SIGNAL=\1 [\2]"'),
     (r"delays=\{'([^']*)': (\d+)\}", r"--sensor-delay \1=\2"),
     (r"hold_inputs=True", "--hold-inputs"),
+    (r"unwrap=\('(\w+)',\)", r"--unwrap \1"),
     (r"\btime=('[^']*')", r"--time \1"),
     (r"robot\.plant\(measured=\.\.\.\)", "--measured"),
 )
@@ -48,10 +49,8 @@ def estimate(context: typer.Context, o: options.EstimateOptions) -> None:
     Exit code: 0 when the report is written; 2 for a mistake (nothing is written);
     130 if interrupted.
     """
-    from flexhinf.identification.identify import likelier_log
-
-    fields, columns = stated_fields(context), _columns(o.column)
-    request = read_source(_robot(o), o.elastic, fields, o.payload)
+    fields, columns = stated_fields(context), stated_columns(o.column)
+    request = read_source(stated_robot(o), o.elastic, fields, o.payload)
     if o.table == "parquet":
         extra_package("pyarrow", "log", "Estimates in Parquet need another package.")
     folder = report.check(o.out)
@@ -61,15 +60,14 @@ def estimate(context: typer.Context, o: options.EstimateOptions) -> None:
         progress(f"read {o.log.name}")
         known = request.specification.known_latency if request.file is not None else 0
         latency = known if o.latency is None else o.latency
-        log = _read(o, request.robot, plant, columns, latency)
+        log = _usable(o, request.robot, plant, columns, latency)
         progress("filter")
         filter, sources = _filter(o, request, plant, log, fields, bounds)
         data = fh.filter_log(filter, log, o.smooth)
         judged = fh.consistency(data)
-        remarks = pages.log_remarks(request.robot, log)
-        if not judged.innovations_fit and not remarks and (other := likelier_log(plant, log)) is not None:
-            remarks = [pages.likelier_remark(other, plant, _late(o, plant, latency))]
-        result = pages.FilteredLog(request.robot, log, filter, data, judged, sources, remarks)
+        late = stated_late(o, plant, latency)
+        findings = fh.examine(log, request.robot, not judged.innovations_fit, late)
+        result = pages.FilteredLog(request.robot, log, filter, data, judged, sources, findings)
         progress("report")
         notes = pages.left_out_notes(request.robot, request.specification.extras, "the model")
         files = pages.estimate_files(result, reproduce_command(context), [*request.warnings, *notes], o.table)
@@ -79,7 +77,8 @@ def estimate(context: typer.Context, o: options.EstimateOptions) -> None:
     typer.echo(f"{ending.text}\nreport: {folder / 'index.html'}")
 
 
-def _robot(o: options.LogOptions) -> str:
+def stated_robot(o: options.LogOptions) -> str:
+    """The robot that options state, which a log needs."""
     refuse_if(
         not o.robot,
         "The robot of the log is not stated.",
@@ -98,7 +97,8 @@ def identify(context: typer.Context, o: options.IdentifyOptions) -> None:
     intervals as tolerances; `flexhinf design` takes it. A number that the log does
     not determine stays as it was. motion.csv then is a motion within the limits
     that would determine it, if there is one. Where the model does not fit the log,
-    numbers may be wrong by more than their intervals.
+    numbers may be wrong by more than their intervals; what explains the rest is
+    named. A simulation with the log's inputs is fitted too, as a second opinion.
 
     Without --parameters they are those that have a tolerance in the robot's file.
 
@@ -106,11 +106,12 @@ def identify(context: typer.Context, o: options.IdentifyOptions) -> None:
     number, or the model does not fit the log; 2 for a mistake (nothing is
     written); 130 if interrupted.
     """
+    from flexhinf.identification.explanations import explanations
     from flexhinf.identification.unknowns import extras_of, model_of, uncertain_numbers
     from flexhinf.robot.saved_file import robot_text
 
-    fields, columns = stated_fields(context), _columns(o.column)
-    request = read_source(_robot(o), o.elastic, fields, o.payload)
+    fields, columns = stated_fields(context), stated_columns(o.column)
+    request = read_source(stated_robot(o), o.elastic, fields, o.payload)
     robot, s = request.robot, request.specification
     stated = [name for name in map(str.strip, o.parameters.split(",")) if name]
     names = stated or list(uncertain_numbers(robot))
@@ -128,7 +129,7 @@ def identify(context: typer.Context, o: options.IdentifyOptions) -> None:
         progress(f"read {o.log.name}")
         known_latency = s.known_latency if request.file is not None else 0
         latency = known_latency if o.latency is None else o.latency
-        log = _read(o, robot, plant, columns, latency)
+        log = _usable(o, robot, plant, columns, latency)
         progress("identify")
         process, sensors = _stated_noises(request, plant, fields)
         found = fh.identify(
@@ -149,8 +150,8 @@ def identify(context: typer.Context, o: options.IdentifyOptions) -> None:
                 ("process noise", process is not None), ("measurement noise", "measurement_noise" in fields),
             )
         }  # fmt: skip
-        remarks = pages.log_remarks(robot, log)
-        filtered = pages.FilteredLog(found.robot, log, filter, data, found.consistency, sources, remarks)
+        findings = fh.examine(log, robot, model=False)
+        filtered = pages.FilteredLog(found.robot, log, filter, data, found.consistency, sources, findings)
         progress("motion")
         motion = None
         if found.unidentifiable:
@@ -160,7 +161,10 @@ def identify(context: typer.Context, o: options.IdentifyOptions) -> None:
                 extras=s.extras, noise={name: level for name, level in found.noise.items() if name in known},
                 seed=o.seed,
             )  # fmt: skip
-        result = pages.IdentifiedRobot(robot, found, filtered, motion, extras, _late(o, plant, latency))
+        second = fh.output_error(found, log) if o.simulate else None
+        causes = () if found.consistent else explanations(found, log)
+        late = stated_late(o, plant, latency)
+        result = pages.IdentifiedRobot(robot, found, filtered, motion, extras, second, causes, late)
         progress("report")
         text = robot_text(found.robot, folder)
         notes = pages.left_out_notes(robot, extras, "the model")
@@ -173,22 +177,38 @@ def identify(context: typer.Context, o: options.IdentifyOptions) -> None:
         raise typer.Exit(1)
 
 
-def _read(
-    o: options.LogOptions, robot: fh.Robot, plant: fh.Plant, columns: dict[str, str], latency: int
-) -> fh.Log:
-    """The log; a refusal is in the syntax of the command line."""
-    from flexhinf.identification.plausibility import check_plausible
-
+def read_stated(o: options.LogOptions, plant: fh.Plant, columns: dict[str, str], latency: int) -> fh.Log:
+    """The log as options state its columns; a refusal is in the syntax of the command line."""
     try:
-        delays = _delays(o.sensor_delay)
-        log = fh.read_log(o.log, plant, columns, o.time or None, None, o.hold_inputs, latency, delays)
-        check_plausible(robot, log, columns)
-        return log
+        return fh.read_log(
+            o.log,
+            plant,
+            columns,
+            o.time or None,
+            None,
+            o.hold_inputs,
+            latency,
+            _delays(o.sensor_delay),
+            o.missing,
+            o.unwrap,
+            o.repeated,
+        )
     except InvalidInput as error:
         texts = [error.what, error.found, error.advice]
         for pattern, option in _SYNTAX:
             texts = [re.sub(pattern, option, text) for text in texts]
         raise InvalidInput(*texts) from None
+
+
+def _usable(
+    o: options.LogOptions, robot: fh.Robot, plant: fh.Plant, columns: dict[str, str], latency: int
+) -> fh.Log:
+    """The log, if its times and positions can be in the units that they are taken in."""
+    from flexhinf.identification.doctor import refuse_unusable
+
+    log = read_stated(o, plant, columns, latency)
+    refuse_unusable(fh.examine(log, robot, model=False))
+    return log
 
 
 def _stated_noises(
@@ -284,7 +304,7 @@ def _delays(stated: Sequence[str]) -> dict[str, int]:
     return delays
 
 
-def _late(o: options.LogOptions, plant: fh.Plant, latency: int) -> dict[str, int]:
+def stated_late(o: options.LogOptions, plant: fh.Plant, latency: int) -> dict[str, int]:
     """Samples by which signals are stated late, by name: inputs by the latency."""
     delays = _delays(o.sensor_delay)
     return dict.fromkeys(plant.inputs, latency) | {
@@ -292,7 +312,7 @@ def _late(o: options.LogOptions, plant: fh.Plant, latency: int) -> dict[str, int
     }
 
 
-def _columns(stated: Sequence[str]) -> dict[str, str]:
+def stated_columns(stated: Sequence[str]) -> dict[str, str]:
     """Columns by signal, of ``signal=column``."""
     columns: dict[str, str] = {}
     for text in stated:

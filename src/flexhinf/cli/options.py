@@ -71,6 +71,9 @@ RUN_FIELDS = (
 #: Fields that a filter for a log is made of.
 ESTIMATE_FIELDS = ("measured", "extras", "period", "process_noise", "torque_noise", "measurement_noise")
 
+#: Fields that a log is checked with, and a robot's description.
+CHECK_FIELDS = ("measured", "period")
+
 #: Fields that the model of an identification is made of.
 IDENTIFY_FIELDS = (
     "measured", "extras", "process_noise", "torque_noise", "measurement_noise", "quantisation",
@@ -279,7 +282,16 @@ LIMITED = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExportCOptions:
+class EstimatesOptions:
+    """The option of commands by which a controller leaves for a machine."""
+
+    accept_estimates: bool = option(False, TARGET,
+        "Export a design although numbers of its robot are estimates and were not measured, such as the stiffness of "
+        "a joint. Without this option it is refused.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportCOptions(EstimatesOptions):
     """Options of ``flexhinf export c``."""
 
     source: Text = argument(CONTROLLER, "DESIGN")
@@ -302,7 +314,7 @@ class ExportCOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExportFmuOptions:
+class ExportFmuOptions(EstimatesOptions):
     """Options of ``flexhinf export fmu``."""
 
     source: Text = argument(CONTROLLER, "DESIGN")
@@ -328,7 +340,7 @@ class ExportFileOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CompileOptions:
+class CompileOptions(EstimatesOptions):
     """Options of ``flexhinf compile``."""
 
     source: Text = argument(CONTROLLER, "DESIGN")
@@ -400,6 +412,41 @@ class LogOptions(ElasticOptions):
     sensor_delay: list[Text] = option(list, LOGGED,
         "Samples by which a sensor is late: motor_position=1. Its values are moved back in the log. Repeat the option "
         "for more.", "motor_position=1", "signal=samples")
+    missing: list[Number] = option(list, LOGGED,
+        "A value that stands for a missing one, in the unit of the file: -9999. Repeat the option for more.", "-9999",
+        "number")
+    unwrap: list[Text] = option(list, LOGGED,
+        "A sensor that begins anew after a turn, or when its counter is full: it goes on counting. `time` is the "
+        "column of times. Repeat the option for more.", "motor_position", "signal")
+    repeated: list[Text] = option(list, LOGGED,
+        "A sensor that is slower than the rows, and repeats its value: repeated ones count as missing. Repeat the "
+        "option for more.", "link_position", "signal")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckOptions(LogOptions):
+    """Options of ``flexhinf check``."""
+
+    model: bool = option(True, RUN,
+        "Whether signals that are late or of the other sign are looked for by the robot's model, in seconds.")
+    out: Path | None = option(None, WRITTEN,
+        "Write a report into this folder: a page and its numbers.", "flexhinf-check", "path", default="none")
+
+
+@dataclass(frozen=True, kw_only=True)
+class InitOptions:
+    """Options of ``flexhinf init``."""
+
+    source: Text = argument("A URDF (.urdf) or an MJCF file (.xml); none with --joints.", "[FILE]", default="")
+    move: list[Text] = option(list, ROBOT,
+        "A joint that is to move; all others are locked. Repeat the option for more.", "shoulder", "name",
+        default="all with a motor that follow no other one")
+    joints: Whole = option(0, ROBOT, "A template of so many joints in a vertical plane, instead of a file.", "3")
+    drive: Annotated[Literal["torque", "current", "voltage"], CHOICE] = option("torque", ROBOT,
+        "What the motors of the template take: torque, current or voltage.", "current")
+    out: Path | None = option(None, WRITTEN, "The robot file to write.", "arm.toml", "path",
+        default="the name of the file with .toml, here")
+    force: bool = option(False, WRITTEN, "Replace a file of that name.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -458,6 +505,8 @@ class IdentifyOptions(LogOptions):
     quantisation: Quanta | None = option(None, ADVANCED,
         "Resolution of the sensors, as for `flexhinf design`: 0.01deg. Noise is at least that of a step.", "1e-4",
         "rad, m, …", default="the smallest step in the log")
+    simulate: bool = option(True, RUN,
+        "Whether a simulation with the inputs of the log is fitted too, as a second opinion.")
     motion: Seconds = option(10.0, WRITTEN,
         "Longest duration of a motion that is proposed where the log does not determine a parameter.", "5", "s")
     seed: Whole = option(0, ADVANCED, "Seed of the motions that are tried.", "1")

@@ -13,6 +13,7 @@ from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.specification import MIN_DAMPING, PAST, RINGS
 from flexhinf.design.synthesis import by_step
+from flexhinf.design.verdict import estimated_text
 
 #: Smallest extra delay, in periods, below which a late computation or a slow bus endangers the loop.
 FEW_PERIODS = 3.0
@@ -72,7 +73,8 @@ def status_of(
 
 
 def _risks(lines: Sequence[Requirement], evaluation: LawEvaluation) -> list[str]:
-    setup, margins, risks = evaluation.setup, evaluation.margins, []
+    setup, margins = evaluation.setup, evaluation.margins
+    risks = [text for text in [estimated_text(setup.robot)] if text]
     of, period = partial(in_brackets, setup.joints), setup.specification.period
     slow = [m for m in evaluation.estimator_modes if m.eigenvalue.imag > 0.0 and m.damping < MIN_DAMPING]
     if slow:

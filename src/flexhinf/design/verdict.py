@@ -10,9 +10,12 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from flexhinf.validation import read_toml
+
+if TYPE_CHECKING:
+    from flexhinf.robot import Robot
 
 #: Limits of angles and lengths below this one are shown in mrad and mm, rad or m.
 SMALL = 0.02
@@ -119,6 +122,15 @@ class DesignVerdict:
         judged += f"; the other {left} need other tests, which flexhinf design makes. " if left else ". "
         verdict = self.brief if brief else self.unmet or self.brief
         return f"{judged if self.names else ''}{verdict[:1].upper()}{verdict[1:]}."
+
+
+def estimated_text(robot: Robot) -> str:
+    """Which numbers of a robot are estimates, on which a verdict about it rests; "" where none is."""
+    count, texts = len(robot.joint_names), list[str]()
+    for quantity, joints in robot.estimated.items():
+        whose = f" of {len(joints)} joints" if len(joints) > 1 else f" of {joints[0]}" if joints else ""
+        texts.append(f"{quantity.replace('_', ' ')}{whose if count > 1 else ''}")
+    return f"estimated, not measured: {', '.join(texts)}" if texts else ""
 
 
 #: Of a design that is not judged.

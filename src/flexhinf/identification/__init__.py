@@ -6,19 +6,25 @@ it does not tell.
 """
 
 from flexhinf.identification.consistency import consistency
+from flexhinf.identification.doctor import LogFinding, examine
 from flexhinf.identification.excitation import Excitation, excitation
 from flexhinf.identification.filtering import filter_log
 from flexhinf.identification.identify import Identification, identify
 from flexhinf.identification.log import Log
 from flexhinf.identification.log_reader import read_log
+from flexhinf.identification.output_error import OutputError, output_error
 
 __all__ = [
     "Excitation",
     "Identification",
     "Log",
+    "LogFinding",
+    "OutputError",
     "consistency",
+    "examine",
     "excitation",
     "filter_log",
     "identify",
+    "output_error",
     "read_log",
 ]

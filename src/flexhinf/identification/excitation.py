@@ -20,9 +20,9 @@ from flexhinf.files import write_file
 from flexhinf.identification.defaults import UNKNOWN, disturbance_levels, process_covariance
 from flexhinf.identification.information import Information, Unidentifiable
 from flexhinf.identification.likelihood import Likelihood
-from flexhinf.identification.plausibility import vibration_periods
 from flexhinf.identification.recursion import rows_of
 from flexhinf.identification.unknowns import Noises, Number, Unknowns, model_of
+from flexhinf.identification.vibrations import vibration_periods
 from flexhinf.loop import Waypoints
 from flexhinf.notebook import Summarised
 from flexhinf.plant import Plant

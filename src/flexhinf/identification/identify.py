@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -25,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.estimation import ExtendedKalmanFilter, RecursiveFilter
 from flexhinf.identification.alternatives import Alternative, Shifts, alternatives
 from flexhinf.identification.consistency import DEVIATIONS, Consistency, innovation_consistency
@@ -55,9 +54,6 @@ from flexhinf.notebook import Summarised, number_text
 from flexhinf.plant import Plant, Sensor
 from flexhinf.robot import Parameter, Robot, load_robot
 from flexhinf.validation import checked_kind, checked_names, real_number, value_text
-
-#: Largest plant whose logs are compared with others before a number is sought: three joints.
-MOST_STATES = 12
 
 #: Gain of the logarithm of the likelihood above which disturbances are larger than assumed: what a number that is not
 #: needed brings in the mean, half of χ² of one degree. Numbers and intervals are then those with the larger ones; with
@@ -439,25 +435,3 @@ def identify(
         chosen.period, judged, expected, own.innovations_fit and not judged.innovations_fit,
         *alternatives(shifts, spread, judged.innovations_fit, slow), size,
     )  # fmt: skip
-
-
-def likelier_log(plant: Plant, log: Any) -> Alternative | None:
-    """The log with a signal at another time or of another sign that is likelier by far with the plant's own numbers.
-
-    Noises are sought; of a plant with more than `MOST_STATES` states nothing is tried. See `identify` for the log.
-    """
-    if plant.n > MOST_STATES:
-        return None
-    times, inputs, outputs = log_arrays(log, plant)
-    chosen: ExtendedKalmanFilter = default_filter(plant, times, inputs, outputs, form="covariance")
-    levels = disturbance_levels(plant, chosen.initial.mean, inputs, chosen.period)
-    noises = Noises.of(chosen, levels, True, np.sqrt(smallest_variances(outputs)))
-    unknowns = Unknowns(plant, None, (), noises)
-    likelihood = Likelihood(chosen, rows_of(times, inputs, outputs, chosen.period), len(unknowns.names))
-    with suppress(NumericalFailure):
-        found, evaluation, _ = searched(likelihood, unknowns, unknowns.inside(unknowns.start))
-        white = judgement(evaluation, plant, outputs).outputs
-        slow = max((each.whiteness.slow for each in white if each.whiteness), default=1.0)
-        shifts = Shifts(chosen, unknowns, found, times, inputs, outputs)
-        return alternatives(shifts, np.zeros(0), False, slow).likelier
-    return None

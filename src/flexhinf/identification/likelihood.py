@@ -162,8 +162,16 @@ class Likelihood:
         `model`: parameters (flat), R^v (n, n) per second and R^n (p, p). `directions`: (size, k), derivatives of these
         numbers, one below the other, along each direction.
         """
+        start, k = self.filter.initial, self.count
+        belief = np.concatenate([start.mean, start.covariance.ravel()])
+        return self._from(belief, np.zeros((len(belief), k)), model, directions)
+
+    def _from(
+        self, belief: np.ndarray, turned: np.ndarray, model: Sequence[np.ndarray], directions: np.ndarray
+    ) -> Evaluation | None:
+        """As `evaluate`, from a first belief, flat (size,), and its derivatives along the directions (size, k)."""
         rows, k = self.rows, self.count
-        count, start, p = len(rows.seconds), self.filter.initial, self.sizes["outputs"]
+        count, p = len(rows.seconds), self.sizes["outputs"]
         arrays = {name: np.ascontiguousarray(part, dtype=float).ravel() for name, part in zip(MODEL, model)}
         arrays = {name: array for name, array in arrays.items() if array.size}
         arrays |= {
@@ -171,8 +179,8 @@ class Likelihood:
         }
         arrays |= {
             "directions": np.ascontiguousarray(directions, dtype=float),
-            "belief": np.concatenate([start.mean, start.covariance.ravel()]),
-            "turned": np.zeros(self.sizes["belief"] * k),
+            "belief": belief.copy(),
+            "turned": np.ascontiguousarray(turned, dtype=float).ravel(),
             "information": np.zeros((k, k)),
             "scores": np.empty((count, k)),
             "facts": np.empty((count, 2)),

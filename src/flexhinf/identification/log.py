@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -20,8 +20,18 @@ from flexhinf.validation import (
     value_text,
 )
 
+if TYPE_CHECKING:
+    from flexhinf.identification.doctor.finding import LogFinding
+
 #: Fewest rows, and the longest gap relative to the time between most samples (the 90 % quantile).
 FEWEST_ROWS, LONGEST_GAP = 3, 1000.0
+
+
+class FileColumn(NamedTuple):
+    """The column of a signal in a log's file: its name without the unit, and what one of its unit is in SI units."""
+
+    name: str
+    size: float = 1.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -43,6 +53,10 @@ class Log(Summarised):
         Names of the columns by "input", "output" and "state".
     source : str, optional
         Where the log comes from.
+    columns : mapping of str to FileColumn, optional
+        Columns of a file by signal, and by "time"; `read_log` states them.
+    findings : tuple of LogFinding, optional
+        What `read_log` noticed; `examine` begins with it.
 
     Raises
     ------
@@ -65,6 +79,8 @@ class Log(Summarised):
     truth: Any = None
     names: Mapping[str, Sequence[str]] = field(default_factory=dict)
     source: str = ""
+    columns: Mapping[str, FileColumn] = field(default_factory=dict)
+    findings: tuple[LogFinding, ...] = ()
 
     def __post_init__(self) -> None:
         times = log_numbers("times", self.times)
@@ -126,7 +142,12 @@ class Log(Summarised):
         checked_kind("A part of a log is a slice.", part, slice, "a slice", "log[:1000]")
         truth = None if self.truth is None else self.truth[part]
         return replace(
-            self, times=self.times[part], inputs=self.inputs[part], outputs=self.outputs[part], truth=truth
+            self,
+            times=self.times[part],
+            inputs=self.inputs[part],
+            outputs=self.outputs[part],
+            truth=truth,
+            findings=(),  # their rows are those of the whole log
         )
 
     @property
@@ -170,12 +191,24 @@ def _remedy(what: str, values: Any) -> str:
 def check_increasing(times: np.ndarray, place: Callable[[int], str]) -> None:
     """Refuse times (N,) of which one is not later than the one before; `place` names it."""
     steps = np.diff(times)
-    back = int(np.argmax(steps <= 0.0))
-    refuse_if(
-        not (steps > 0.0).all(),
+    wrong = np.flatnonzero(~(steps > 0.0))
+    if not wrong.size:
+        return
+    back = int(wrong[0])
+    repeats, many = int((steps == 0.0).sum()), len(wrong)
+    places = f", in {many} places" if many > 1 else ""
+    advice = "sort the rows, and drop repeated times"
+    if repeats > 0.1 * len(steps):
+        advice = (
+            "times with more digits, or a column of times of the row's number times the period: those here are "
+            "rounded"
+        )
+    elif many == 1 and steps[back] < 0.0 and FEWEST_ROWS <= back + 1 <= len(times) - FEWEST_ROWS:
+        advice = f"two logs: the first {back + 1} rows, and those behind them; or {advice}"
+    raise InvalidInput(
         f"The times of the log {'repeat' if steps[back] == 0.0 else 'go backwards'}: {place(back + 1)}.",
-        f"expected increasing times, got {times[back + 1]:.9g} s after {times[back]:.9g} s",
-        "sort the rows, and drop repeated times",
+        f"expected increasing times, got {times[back + 1]:.9g} s after {times[back]:.9g} s{places}",
+        advice,
     )
 
 
@@ -203,9 +236,12 @@ def delayed_inputs(log: Log, latency: int) -> Log:
         f"expected at least {latency + FEWEST_ROWS} samples, got {len(log)}",
         "a longer log",
     )
+    if not latency:
+        return log
     later = log[latency:]
-    return (
-        replace(later, times=later.times - later.times[0], inputs=log.inputs[: len(later)])
-        if latency
-        else log
+    return replace(
+        later,
+        times=later.times - later.times[0],
+        inputs=log.inputs[: len(later)],
+        findings=log.findings,
     )

@@ -44,13 +44,15 @@ _EPOCHS = {"ns": (1e17, 1e19), "us": (1e14, 1e16), "ms": (1e11, 1e13)}
 class FileColumns:
     """The columns of a file before they are read.
 
-    `names`: as they are written, units included. `load`: the numbers (N, k) of some of them, by their places, after
-    the exact stamps of the time column; see `Loaded`.
+    `names`: as they are written, units included; without a header their numbers from 1 on. `load`: the numbers (N, k)
+    of some of them, by their places, after the exact stamps of the column of times, or of two, whole seconds and
+    nanoseconds; see `Loaded`.
     """
 
     path: Path
     names: tuple[str, ...]
-    load: Callable[[int, Sequence[int]], Loaded]
+    load: Callable[[Sequence[int], Sequence[int]], Loaded]
+    has_header: bool = True
 
 
 @dataclass(frozen=True)
@@ -146,6 +148,21 @@ def stamps_of_text(
     return np.array([float(stamp - stamps[0]) for stamp in stamps]), float(stamps[0]), False
 
 
+def joint_stamps(
+    file: str, names: Sequence[str], columns: Sequence[Sequence[str]], where: Callable[[int], str]
+) -> Sequence[str]:
+    """Stamps (N,) of one column as they are; of two, whole seconds and nanoseconds, as one number of nanoseconds."""
+    if len(columns) == 1:
+        return columns[0]
+    stamps = list[str]()
+    for row, (seconds, part) in enumerate(zip(*columns)):
+        for name, cell in zip(names, (seconds, part)):
+            if not re.fullmatch(r"\s*[+-]?\d{1,18}(?:\.0*)?\s*", cell, re.ASCII):
+                raise no_stamp(file, name, where(row), cell)
+        stamps.append(str(1_000_000_000 * int(float(seconds)) + int(float(part))))
+    return stamps
+
+
 def date_of(cell: str) -> np.datetime64 | None:
     """A date with a time in UTC: 2026-01-31T12:00:00.5+02:00, or with the day first, 31.01.2026 12:00:00,5; else None.
 
@@ -218,6 +235,11 @@ def stamps_of_numbers(stamps: np.ndarray) -> tuple[np.ndarray, float, bool]:
             is_date,
         )
     return numbers.astype(float) - float(numbers[0]), float(numbers[0]), is_date
+
+
+def nanoseconds(seconds: np.ndarray, fractions: np.ndarray) -> np.ndarray:
+    """Whole seconds (N,) and nanoseconds (N,) as one integer of nanoseconds (N,)."""
+    return 1_000_000_000 * seconds.astype(np.int64) + fractions.astype(np.int64)
 
 
 def row_place(row: int) -> str:

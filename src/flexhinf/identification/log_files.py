@@ -26,6 +26,8 @@ from flexhinf.identification.log_columns import (
     first_place,
     foreign_errors,
     is_number,
+    joint_stamps,
+    nanoseconds,
     no_number,
     no_stamp,
     numbers_of,
@@ -36,7 +38,7 @@ from flexhinf.identification.log_columns import (
     stamps_of_text,
 )
 from flexhinf.identification.log_messages import mcap_columns
-from flexhinf.robot.table import name_and_unit, read_table
+from flexhinf.robot.table import TableRow, name_and_unit, read_table
 from flexhinf.validation import extra_package, open_regular, value_text
 
 #: Most bytes of a row of a Parquet column when it is unpacked.
@@ -78,7 +80,12 @@ def file_columns(path: Path) -> FileColumns:
 def _csv_columns(path: Path) -> FileColumns:
     heading, rows, separator = read_table(path, LARGEST, MOST_ROWS, "a log as CSV")
     first = next(rows, None)
-    if first is not None and (units := _units_of(first.cells)):
+    has_header = not all(is_number(_pointed(cell, separator)) for cell in heading)
+    if not has_header:  # as MATLAB writes matrices
+        above = TableRow(max(1, first.line - 1) if first is not None else 1, heading)
+        rows = chain([above], [] if first is None else [first], rows)
+        heading = [str(place + 1) for place in range(len(heading))]
+    elif first is not None and (units := _units_of(first.cells)):
         heading = [
             f"{name.strip()} [{unit}]" if unit and not name_and_unit(name)[1] else name
             for name, unit in zip(heading, units)
@@ -86,8 +93,8 @@ def _csv_columns(path: Path) -> FileColumns:
     elif first is not None:
         rows = chain([first], rows)
 
-    def load(time: int, places: Sequence[int]) -> Loaded:
-        lines, needed = [], (time, *places)
+    def load(time: Sequence[int], places: Sequence[int]) -> Loaded:
+        lines, needed = [], (*time, *places)
         cells: list[list[str]] = [[] for _ in needed]
         for line, row in rows:
             lines.append(line)
@@ -101,11 +108,20 @@ def _csv_columns(path: Path) -> FileColumns:
         def where(row: int) -> str:
             return f"line {lines[row]}"
 
-        stamps, first, is_date = stamps_of_text(path.name, names[0], cells[0], where)
-        values = [numbers_of(path.name, name, column, where) for name, column in zip(names[1:], cells[1:])]
+        count = len(time)
+        written = joint_stamps(path.name, names[:count], cells[:count], where)
+        stamps, first, is_date = stamps_of_text(path.name, names[0], written, where)
+        values = [
+            numbers_of(path.name, name, column, where) for name, column in zip(names[count:], cells[count:])
+        ]
         return Loaded(stamps, first, is_date, _stacked(values, len(lines)), where)
 
-    return FileColumns(path, tuple(heading), load)
+    return FileColumns(path, tuple(heading), load, has_header)
+
+
+def _pointed(cell: str, separator: str) -> str:
+    """A cell with a decimal point, where commas do not separate columns."""
+    return cell if separator == "," else cell.replace(",", ".", 1)
 
 
 def _units_of(cells: Sequence[str]) -> list[str]:
@@ -137,20 +153,22 @@ def _parquet_columns(path: Path) -> FileColumns:
     with foreign_errors(path, "Parquet"):
         names = tuple(parquet.read_schema(path).names)
 
-    def load(time: int, places: Sequence[int]) -> Loaded:
-        chosen = [names[k] for k in (time, *places)]
+    def load(time: Sequence[int], places: Sequence[int]) -> Loaded:
+        chosen = [names[k] for k in (*time, *places)]
         with foreign_errors(path, "Parquet"), parquet.ParquetFile(path) as file:
             _check_size(file, path.name, chosen)
             table = file.read(columns=chosen)
             arrays = [table.column(name).to_numpy() for name in chosen]
-        arrays[0] = _clocks(arrays[0])
-        bad = first_place(np.array([entry is None or entry != entry for entry in arrays[0]], dtype=bool))
-        if arrays[0].dtype.kind not in "iufmM" or bad is not None:
-            raise no_stamp(path.name, names[time], row_place(bad or 0), arrays[0][bad or 0 : (bad or 0) + 1])
+        parts, kinds = [_clocks(array) for array in arrays[: len(time)]], "iufmM" if len(time) == 1 else "iu"
+        for place, part in zip(time, parts):
+            bad = first_place(np.array([entry is None or entry != entry for entry in part], dtype=bool))
+            if part.dtype.kind not in kinds or bad is not None:
+                raise no_stamp(path.name, names[place], row_place(bad or 0), part[bad or 0 : (bad or 0) + 1])
         values = [
-            _finite_numbers(path.name, names[k], array) for k, array in zip(places, arrays[1:], strict=True)
+            _finite_numbers(path.name, names[k], array)
+            for k, array in zip(places, arrays[len(time) :], strict=True)
         ]
-        stamps = stamps_of_numbers(arrays[0])
+        stamps = stamps_of_numbers(parts[0] if len(parts) == 1 else nanoseconds(*parts))
         return Loaded(*stamps, _stacked(values, len(table)), row_place)
 
     return FileColumns(path, names, load)

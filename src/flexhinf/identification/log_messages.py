@@ -19,6 +19,7 @@ from flexhinf.identification.log_columns import (
     Loaded,
     first_place,
     foreign_errors,
+    nanoseconds,
     no_number,
     refuse_rows,
     row_place,
@@ -89,11 +90,12 @@ def mcap_columns(path: Path) -> FileColumns:
                 )
     names = tuple(columns)
 
-    def load(time: int, places: Sequence[int]) -> Loaded:
-        by_header = time > 0 and names[time - 1] in stamped
+    def load(time: Sequence[int], places: Sequence[int]) -> Loaded:
+        own = time != [0]
+        by_header = own and names[time[0] - 1] in stamped
         chosen = [columns[names[k - 1]] for k in places]
-        if time and not by_header:
-            chosen.append(columns[names[time - 1]])
+        if own and not by_header:
+            chosen += [columns[names[k - 1]] for k in time]
         every = [np.array(each.stamps if by_header else each.times, dtype=np.int64) for each in chosen]
         stamps = np.unique(np.concatenate(every)) if every else np.zeros(0, dtype=np.int64)
         table = np.full((len(stamps), len(chosen)), np.nan)
@@ -101,7 +103,7 @@ def mcap_columns(path: Path) -> FileColumns:
             again = np.diff(np.sort(times)) == 0
             refuse_if(
                 again.any(), f"{path.name}: two messages of one topic have the same time.",
-                f"expected increasing times of {names[(*places, time)[k] - 1]!r}, got {int(again.sum())} repeated ones",
+                f"expected increasing times of {names[(*places, *time)[k] - 1]!r}, got {int(again.sum())} repeated",
                 "the times of the log, which need no time='...'" if by_header
                 else "a log with one message of a topic at a time",
             )  # fmt: skip
@@ -109,10 +111,12 @@ def mcap_columns(path: Path) -> FileColumns:
         infinite = first_place(np.asarray(np.isinf(table).any(axis=1)))
         if infinite is not None:
             raise no_number(path.name, "of a message", row_place(infinite), math.inf)
-        if not time or by_header:
+        if not own or by_header:
             return Loaded(*stamps_of_numbers(stamps), table, row_place)
-        known = np.isfinite(table[:, -1])
-        return Loaded(*stamps_of_numbers(table[known, -1]), table[known, :-1], row_place)
+        parts, values = table[:, len(places) :], table[:, : len(places)]
+        known = np.isfinite(parts).all(axis=1)
+        written = parts[known, 0] if len(time) == 1 else nanoseconds(*parts[known].T)
+        return Loaded(*stamps_of_numbers(written), values[known], row_place)
 
     headings = (f"{name} [ns]" if name in stamped else name for name in names)
     return FileColumns(path, (f"{LOG_TIME} [ns]", *headings) if names else (), load)

@@ -3,41 +3,42 @@
 from __future__ import annotations
 
 import os
-import re
-from collections.abc import Collection, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from flexhinf.errors import InvalidInput, refuse_if
-from flexhinf.identification.log import FEWEST_ROWS, Log, check_times, delayed_inputs
-from flexhinf.identification.log_files import FileColumns, Loaded, file_columns
-from flexhinf.identification.log_units import is_other, unit_in, unit_size, units_of, with_unit
+from flexhinf.identification.doctor import jumps
+from flexhinf.identification.doctor.finding import LogFinding
+from flexhinf.identification.log import FEWEST_ROWS, FileColumn, Log, check_times, delayed_inputs
+from flexhinf.identification.log_columns import FileColumns, Loaded
+from flexhinf.identification.log_files import file_columns
+from flexhinf.identification.log_heading import Heading, NamedColumn
+from flexhinf.identification.log_units import is_other, unit_in, with_unit, without_unit
+from flexhinf.identification.quantisation import smallest_step
 from flexhinf.identification.sensing import moved_back
 from flexhinf.plant import Plant
-from flexhinf.robot.parameters import SECONDS, respelled
-from flexhinf.robot.table import name_and_unit
 from flexhinf.validation import (
     checked_kind,
+    checked_names,
     checked_path,
     is_integer,
-    is_real,
     nearest,
     one_of,
-    real_number,
+    real_array,
     value_text,
 )
-
-#: Names of the column of times that need not be stated.
-TIMES = ("time", "t", "timestamp", "stamp")
 
 #: What stands before a signal's name in files that flexhinf writes, by its kind: ``state.link_velocity [rad/s]`` in a
 #: report's folder, ``measured/link_position[rad]`` in the log of a run.
 PREFIXES = {"input": ("input.", "input/"), "output": ("output.", "measured/"), "state": ("state.", "state/")}
 
 MOST_LATENCY = 1000  # samples: a second at 1 kHz
+
+#: Where counters and clocks of stamps begin anew, in their unit, and by how many usual steps they may be late there.
+CLOCKS, STALE = (2.0**16, 2.0**24, 2.0**32, 2.0**31, 60.0, 1e3, 3600.0, 86400.0, 86.4e6, 1e6, 1e9), 20.0
 
 
 def read_log(
@@ -49,6 +50,9 @@ def read_log(
     hold_inputs: bool = False,
     latency: int = 0,
     delays: Mapping[str, int] | None = None,
+    missing: float | Sequence[float] = (),
+    unwrap: str | Sequence[str] = (),
+    repeated: str | Sequence[str] = (),
 ) -> Log:
     """A log from a file: CSV, Parquet (columns) or MCAP (messages in JSON, or of ROS 2).
 
@@ -58,10 +62,11 @@ def read_log(
     input and every output of the plant needs a column, whose values may be missing where a sensor is slower than
     others.
 
-    Numbers are in SI units, or in the unit behind the column's name: ``link_position [deg]``, or ``pos_deg`` of a
-    column that is stated. Times of the day or since 1970 begin with 0 at the first row; differences are taken of all
-    their digits. Without a unit stamps of the size of milliseconds, microseconds or nanoseconds since 1970 are such,
-    and others seconds. Dates are 2026-01-31T12:00:00.5 or 31.01.2026 12:00:00,5, in UTC or with an offset, +02:00.
+    Numbers are in SI units, or in the unit behind the column's name: ``link_position [deg]``, ``link_position_deg``, or
+    ``pos_deg`` of a column that is stated. Times of the day or since 1970 begin with 0 at the first row; differences
+    are taken of all their digits. Without a unit stamps of the size of milliseconds, microseconds or nanoseconds since
+    1970 are such, and others seconds. Dates are 2026-01-31T12:00:00.5 or 31.01.2026 12:00:00,5, in UTC or with an
+    offset, +02:00.
 
     Parameters
     ----------
@@ -77,7 +82,8 @@ def read_log(
         the place of a unit is what one is in the signal's SI unit, ``"counts [0.00153]"``. ``state.NAME`` is a true
         state.
     time : str, optional
-        The column of times, also with its unit, ``"stamp [ms]"``; by default one called time, t, timestamp or stamp.
+        The column of times, also with its unit, ``"stamp [ms]"``; by default one called time, t, timestamp or stamp,
+        also with a unit behind it, ``time_ms``; or ``header.stamp.sec`` with ``header.stamp.nanosec`` beside it.
     units : mapping of str to str or float, optional
         Units by the name of a column or of a signal: ``{"pos": "deg"}``.
     hold_inputs : bool
@@ -89,6 +95,13 @@ def read_log(
     delays : mapping of str to int, optional
         Samples by which a sensor is late, by the name of an output or of a group of them: ``{"motor_position": 1}``.
         Its values are moved back to the rows at which they were true.
+    missing : float or sequence of float
+        Values that stand for missing ones, in the units of the file: −9999.
+    unwrap : sequence of str
+        Measured signals that begin anew after a turn, or when a counter is full, and are to go on counting; ``"time"``
+        of stamps that do so.
+    repeated : sequence of str
+        Measured signals of which a value that repeats the one before is none: the sensor is slower than the rows.
 
     Raises
     ------
@@ -113,27 +126,151 @@ def read_log(
     )
     for what, mapping in (("columns", columns), ("units", units), ("delays", delays)):
         checked_kind(
-            f"The {what} of a log are no mapping.", {} if mapping is None else mapping, Mapping, "a mapping by name",
+            f"The {what} of a log are no mapping.",
+            {} if mapping is None else mapping,
+            Mapping,
+            "a mapping by name",
             "delays={'motor_position': 1}" if what == "delays" else "columns={'motor_position': 'pos [deg]'}",
-        )  # fmt: skip
+        )
     _check_samples("The latency of a log", latency, "1, where an input acts from the next sample on")
+    marks = real_array(missing).ravel()
+    again, held = (
+        _measured(what, names, plant) for what, names in (("unwrap", unwrap), ("repeated", repeated))
+    )
     file = file_columns(checked_path("The log", path))
-    heading = _Heading(file, units or {})
+    heading = Heading(file, units or {})
     stamp = heading.stamp(time)
     chosen = _chosen(heading, plant, columns or {}, stamp)
-    loaded = file.load(stamp.place, [column.place for column in chosen.values()])
-    times = loaded.stamps * heading.seconds(stamp, loaded)
+    loaded = file.load(stamp.places, [column.place for column in chosen.values()])
+    stamps = _going_on(loaded.stamps) if "time" in again else loaded.stamps
+    second = heading.seconds(stamp, loaded)
+    times = stamps * second
     refuse_if(
         len(times) < FEWEST_ROWS,
         f"{file.path.name} has too few rows.",
         f"expected at least {FEWEST_ROWS} below the header, got {len(times)}",
         "a log of some seconds, at the rate of the controller",
     )
+    _refuse_renewed(file, stamp, stamps, loaded)
     check_times(times, lambda k: f"{file.path.name}, {loaded.place(k)}")
-    scales = [heading.scale(column, signal, plant) for signal, column in chosen.items()]
-    values = loaded.values * np.array(scales)
+    names = _signals(plant)
+    sizes = [
+        heading.scale(
+            column, f"the {signal.kind} {signal.name!r}", plant.unit(signal.name), column.name in names
+        )
+        for signal, column in chosen.items()
+    ]
+    values = np.where(np.isin(loaded.values, marks), np.nan, loaded.values) * np.array(sizes)
+    for k, (signal, size) in enumerate(zip(chosen, sizes)):
+        if signal.kind == "output" and signal.name in again:
+            values[:, k] = _unwrapped(values[:, k], size)
+        if signal.kind == "output" and signal.name in held:
+            values[:, k] = _without_repeats(values[:, k])
     log = delayed_inputs(_log(file, plant, chosen, times, values, loaded, hold_inputs), latency)
-    return replace(log, outputs=moved_back(log.outputs, _late(plant, delays or {})))
+    places = {
+        signal.name: FileColumn(column.name, float(size))
+        for (signal, column), size in zip(chosen.items(), sizes)
+        if signal.kind != "state"
+    }
+    return replace(
+        log,
+        outputs=moved_back(log.outputs, _late(plant, delays or {})),
+        columns={**places, "time": FileColumn(stamp.name, second)},
+        findings=tuple(_noticed(plant, chosen, stamp)),
+    )
+
+
+def _measured(what: str, names: str | Sequence[str], plant: Plant) -> tuple[str, ...]:
+    """Measured signals by name, or "time" of what is to go on counting; a group's name stands for all of them."""
+    known = (*plant.outputs, *(("time",) if what == "unwrap" else ()))
+    several = [one for name in checked_names(f"The {what}", names) for one in plant.expanded(name) or (name,)]
+    for name in several:
+        one_of(f"There is no measured signal {value_text(name, 60)} for {what}.", name, known)
+    return tuple(several)
+
+
+def _unwrapped(values: np.ndarray, size: float) -> np.ndarray:
+    """A signal (N,) that goes on counting where it begins anew."""
+    known = np.isfinite(values)
+    again = jumps.renewal(values[known], smallest_step(values), size)
+    if again is not None:
+        values = values.copy()
+        values[known] = jumps.unwrapped(values[known], again.modulus)
+    return values
+
+
+def _without_repeats(values: np.ndarray) -> np.ndarray:
+    """A signal (N,) without the values that repeat the one before."""
+    before = _previous(np.append(np.nan, values[:-1]))
+    return np.where(values == before, np.nan, values)
+
+
+def _going_on(stamps: np.ndarray) -> np.ndarray:
+    """Stamps (N,) of a counter of any bits, or of a clock, that go on where it begins anew."""
+    steps = np.diff(stamps)
+    usual = float(np.median(steps))
+    for k in np.flatnonzero(steps < 0.0).tolist():
+        fitting = [size for size in CLOCKS if 0.0 < size + steps[k] < max(STALE * usual, 0.1 * size)]
+        if fitting:
+            stamps = np.append(stamps[: k + 1], stamps[k + 1 :] + fitting[0])
+    return stamps
+
+
+def _refuse_renewed(file: FileColumns, stamp: NamedColumn, stamps: np.ndarray, loaded: Loaded) -> None:
+    """Refuse stamps (N,) of a counter that is full, or of a clock that begins anew, in one place or more."""
+    back = np.flatnonzero(np.diff(stamps) < 0.0)
+    refuse_if(
+        bool(back.size)
+        and not (np.diff(stamps) == 0.0).any()
+        and bool((np.diff(_going_on(stamps)) > 0.0).all()),
+        f"{file.path.name}: the times begin anew: {loaded.place(int(back[0]) + 1) if back.size else ''}.",
+        f"expected increasing times, got a counter or a clock in {stamp.name!r} that begins anew in {len(back)} "
+        f"place{'s' * (len(back) != 1)}",
+        "unwrap=('time',)",
+    )
+
+
+def _noticed(plant: Plant, chosen: Mapping[Signal, NamedColumn], stamp: NamedColumn) -> Iterator[LogFinding]:
+    """Units and times that the names of columns say."""
+    known = _signals(plant)
+    for signal, column in chosen.items():
+        unit = "" if column.name in known or column.unit else unit_in(column.name, plant.unit(signal.name))
+        if unit:
+            yield LogFinding(
+                "unit",
+                "note",
+                f"{signal.name} is read in {unit}, as the name of its column says.",
+                "",
+                signal.name,
+                column.name,
+            )
+    if not stamp.unit and unit_in(stamp.name, "s") and without_unit(stamp.name, "s")[1]:
+        unit = unit_in(stamp.name, "s")
+        yield LogFinding(
+            "unit",
+            "note",
+            f"Times are read in {unit}, as the name of their column says.",
+            "",
+            "time",
+            stamp.name,
+        )
+    if stamp.nanoseconds is not None:
+        yield LogFinding(
+            "stamp",
+            "note",
+            "Times are whole seconds and nanoseconds, of two columns.",
+            "",
+            "time",
+            stamp.name,
+        )
+
+
+def signals_in(path: str | os.PathLike[str], plant: Plant) -> tuple[str, ...]:
+    """The inputs and outputs of a plant that a file has columns for, by their names alone. Raises as `read_log`."""
+    known = _signals(plant)
+    columns = Heading(file_columns(checked_path("The log", path)), {}).columns
+    signals = (known.get(column.name) or _by_unit(column, plant, known) for column in columns)
+    return tuple(dict.fromkeys(signal.name for signal in signals if signal and signal.kind != "state"))
 
 
 def _check_samples(what: str, samples: Any, advice: str) -> None:
@@ -164,176 +301,6 @@ class Signal(NamedTuple):
     name: str
 
 
-class _Column(NamedTuple):
-    """A column of the file: its place, its name without the unit, and the unit or number that stands there."""
-
-    place: int
-    name: str
-    unit: str
-
-
-class _Heading:
-    """The columns of a file, by the names that people call them."""
-
-    def __init__(self, file: FileColumns, units: Mapping[str, str | float]) -> None:
-        self.file, self.units = file, units
-        self.columns = []
-        for place, text in enumerate(file.names):
-            name, unit = name_and_unit(text)
-            if unit.isdigit():  # position[0] of an array
-                name, unit = text.strip(), ""
-            self.columns.append(_Column(place, name, unit))
-        self._unused = dict.fromkeys(map(str, units))
-
-    def named(self, text: str) -> list[_Column]:
-        """The columns that are called so, with their unit or without it."""
-        exact = [column for column in self.columns if self.file.names[column.place].strip() == text.strip()]
-        return exact or [column for column in self.columns if column.name == text.strip()]
-
-    def column(self, text: Any, what: str) -> _Column:
-        """The column of a stated name, with the unit that is stated behind it."""
-        checked_kind(f"The column of {what} has no name.", text, str, "text", "'pos' or 'pos [deg]'")
-        columns, (name, unit) = self.named(text), name_and_unit(text)
-        if not columns and unit:
-            columns = [column._replace(unit=unit) for column in self.named(name)]
-        if not columns:
-            raise InvalidInput(
-                f"{self.file.path.name} has no column {value_text(text, 60)} for {what}.",
-                f"expected one of {[name.strip() for name in self.file.names]}",
-                nearest(name, [column.name for column in self.columns], "a name of the header"),
-            )
-        return self.only(columns, what)
-
-    def only(self, columns: Sequence[_Column], what: str) -> _Column:
-        """The one of several columns of a name; refused if there are more."""
-        count = {2: "two", 3: "three"}.get(len(columns), str(len(columns)))
-        places = ", ".join(f"column {column.place + 1}" for column in columns)
-        refuse_if(
-            len(columns) > 1,
-            f"{self.file.path.name} has {count} columns for {what}: {places}.",
-            f"expected one, got {[self.file.names[column.place].strip() for column in columns]}",
-            f"other names in the file for all but one of the columns {columns[0].name!r}",
-        )
-        return columns[0]
-
-    def in_stated_unit(self, column: _Column, signal: str = "") -> _Column:
-        """The column with the unit that is stated for it or for its signal, else as it is."""
-        for key in (signal, column.name, self.file.names[column.place].strip()):
-            if key in self.units:
-                self._unused.pop(key, None)
-                unit = self.units[key]
-                text = unit if isinstance(unit, str) else repr(float(unit)) if is_real(unit) else ""
-                refuse_if(
-                    not text, f"The unit of {key!r} is none.", f"expected text or a number, got {value_text(unit)}",
-                    f"units={{{key!r}: 'deg'}}",
-                )  # fmt: skip
-                column = column._replace(unit=text.strip())
-        return column
-
-    def check_units(self) -> None:
-        """Refuse units of columns and signals that are not read."""
-        for key in self._unused:
-            names = [column.name for column in self.columns]
-            raise InvalidInput(
-                f"A unit is stated for {value_text(key, 60)}, which is not read from {self.file.path.name}.",
-                f"expected a signal of the plant or one of {names}",
-                nearest(key, names, "leave it out"),
-            )
-
-    def stamp(self, time: str | None) -> _Column:
-        """The column of times."""
-        if time is not None:
-            stated = self.column(time, "the time")
-            self._check_whole(stated)
-            return self.in_stated_unit(stated)
-        called = [
-            [column for column in self.columns if column.name.casefold().lstrip("%_ ") == name]
-            for name in TIMES
-        ]
-        columns = next(filter(None, called), [])
-        if not columns:
-            names = [column.name for column in self.columns]
-            refuse_if(
-                len(names) == 1 or all(_is_finite(name) for name in names),
-                f"{self.file.path.name} has no header.",
-                f"expected the names of columns in the first row, got {names}",
-                "a header 'time,motor_torque,motor_position' as the first row; what stands before it begins with #",
-            )
-            for column in self.columns:
-                self._check_whole(column)
-            raise InvalidInput(
-                f"{self.file.path.name} has no column of times.",
-                f"expected one of {list(TIMES)}, got {names}",
-                self._advised_time(),
-            )
-        return self.in_stated_unit(self.only(columns, "the time"))
-
-    def _advised_time(self) -> str:
-        """What to state where no column has a name of times: one with a unit of times before all others."""
-        free = [column for column in self.columns if not is_other(column.name, column.unit, "time", "s")]
-        choices = [each for each in free if unit_in(each.unit or each.name, "s")] or free or self.columns
-        near = nearest("time", [column.name for column in choices], "")
-        column = next((each for each in choices if repr(each.name) == near), choices[0])
-        name = column.name
-        text, what = (f"{name} [{column.unit}]", "") if column.unit else with_unit(name, "s", TIMES)
-        plain = text == name
-        return f"time={text!r}{what}" + f", or with the unit of its numbers: time='{name} [ms]'" * plain
-
-    def _check_whole(self, stamp: _Column) -> None:
-        """Refuse seconds whose fractions are another column's."""
-        start = re.sub(r"secs?$", "", stamp.name)
-        beside = {f"{start}{part}" for part in ("nanosec", "nsec", "nsecs")} if start != stamp.name else set()
-        parts = [column.name for column in self.columns if column.name in beside]
-        refuse_if(
-            bool(parts),
-            f"{self.file.path.name}: the times are in two columns.",
-            f"expected one, got {[stamp.name, *parts]}",
-            f"a column 'time [ns]' of 1000000000 * {stamp.name} + {''.join(parts[:1])}, in whole numbers",
-        )
-
-    def seconds(self, stamp: _Column, loaded: Loaded) -> float:
-        """What a unit of the stamps is in seconds."""
-        unit = stamp.unit or unit_in(stamp.name, "s")
-        return self.size(stamp._replace(unit=unit), "the time", ("s",)) if unit else SECONDS[loaded.unit()]
-
-    def scale(self, column: _Column, signal: Signal, plant: Plant) -> float:
-        """What a unit of the column is in the unit of the plant's signal: ``pos_deg`` is in deg."""
-        unit = plant.unit(signal.name)
-        if not column.unit and column.name not in _signals(plant):
-            column = column._replace(unit=unit_in(column.name, unit))
-        if not column.unit:
-            return 1.0
-        return self.size(column, f"the {signal.kind} {signal.name!r}", (unit,) if unit else ())
-
-    def size(self, column: _Column, what: str, si: Sequence[str]) -> float:
-        """What a unit of the column is in one of these SI units; a plant without units takes SI units as they are."""
-        size = real_number(_float(column.unit.strip()))
-        if np.isfinite(size) and size != 0.0:
-            return size
-        with suppress(ValueError):
-            return unit_size(column.unit, si)
-        meant = [spelled.removeprefix("1 ") for spelled in respelled(f"1 {column.unit.strip()}", *si)]
-        raise InvalidInput(
-            f"{self.file.path.name}: the unit of {column.name!r} does not fit {what}.",
-            f"expected {' or '.join(si) or 'the unit of a plant that states one'}, or what measures the same, got "
-            f"{column.unit!r}",
-            " or ".join(meant)
-            or f"in the place of {column.unit!r} "
-            + (units_of(si[0]) if si else "a number: what one is in the unit of the plant"),
-        )
-
-
-def _is_finite(text: str) -> bool:
-    return bool(np.isfinite(_float(text)))
-
-
-def _float(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return float("nan")
-
-
 def _signals(plant: Plant) -> dict[str, Signal]:
     """Signals by every name that a column of theirs may have; a plain name is that of an input or an output."""
     known: dict[str, Signal] = {}
@@ -348,10 +315,10 @@ def _signals(plant: Plant) -> dict[str, Signal]:
 
 
 def _chosen(
-    heading: _Heading, plant: Plant, columns: Mapping[str, str], stamp: _Column
-) -> dict[Signal, _Column]:
+    heading: Heading, plant: Plant, columns: Mapping[str, str], stamp: NamedColumn
+) -> dict[Signal, NamedColumn]:
     """The column of each signal, those of all inputs and outputs first, in the plant's order."""
-    known, chosen = _signals(plant), dict[Signal, list[_Column]]()
+    known, chosen = _signals(plant), dict[Signal, list[NamedColumn]]()
     for name, text in columns.items():
         if name not in known:
             raise InvalidInput(
@@ -363,12 +330,16 @@ def _chosen(
         chosen.setdefault(known[name], []).append(heading.column(text, repr(name)))
     stated, used = (
         set(chosen),
-        {column.place for several in chosen.values() for column in several} | {stamp.place},
+        {column.place for several in chosen.values() for column in several} | {*stamp.places},
     )
     for column in heading.columns:
         signal = known.get(column.name)
         if signal is not None and signal not in stated and column.place not in used:
             chosen.setdefault(signal, []).append(column)
+    for column in heading.columns:
+        signal = _by_unit(column, plant, known)
+        if signal is not None and signal not in chosen and column.place not in used:
+            chosen[signal] = [column]
     for signal, several in chosen.items():
         one = several[0]
         refuse_if(
@@ -379,7 +350,7 @@ def _chosen(
         )
         heading.only(several, f"the {signal.kind} {signal.name!r}")
     file = heading.file.path.name
-    places = [column.place for several in chosen.values() for column in several] + [stamp.place]
+    places = [column.place for several in chosen.values() for column in several] + stamp.places
     twice = next((place for place in places if places.count(place) > 1), None)
     refuse_if(
         twice is not None,
@@ -394,8 +365,20 @@ def _chosen(
     return read
 
 
+def _by_unit(column: NamedColumn, plant: Plant, known: Mapping[str, Signal]) -> Signal | None:
+    """The input or output whose name a column has with its unit behind it, ``link_position_deg``; else None."""
+    if column.name in known or column.unit:
+        return None
+    for si in {plant.unit(name) for name in (*plant.inputs, *plant.outputs)} - {""}:
+        name, unit = without_unit(column.name, si)
+        signal = known.get(name) or known.get(name.casefold())
+        if unit and signal is not None and signal.kind != "state" and plant.unit(signal.name) == si:
+            return signal
+    return None
+
+
 def _check_complete(
-    heading: _Heading, plant: Plant, chosen: Collection[Signal], used: Collection[int]
+    heading: Heading, plant: Plant, chosen: Collection[Signal], used: Collection[int]
 ) -> None:
     names = [column.name for column in heading.columns]
     free = [
@@ -415,7 +398,7 @@ def _check_complete(
             )
 
 
-def _advised_column(signal: str, si: str, free: Sequence[_Column]) -> str:
+def _advised_column(signal: str, si: str, free: Sequence[NamedColumn]) -> str:
     """What to state for a signal without a column: the free one most like it, of those that may measure it."""
     fitting = [column for column in free if not is_other(column.name, column.unit, signal, si)]
     names = [column.name for column in fitting]
@@ -433,7 +416,7 @@ def _advised_column(signal: str, si: str, free: Sequence[_Column]) -> str:
 def _log(
     file: FileColumns,
     plant: Plant,
-    chosen: Mapping[Signal, _Column],
+    chosen: Mapping[Signal, NamedColumn],
     times: np.ndarray,
     values: np.ndarray,
     loaded: Loaded,
@@ -480,7 +463,7 @@ def _log(
     )
 
 
-def _place_of(chosen: Mapping[Signal, _Column], kind: str, index: int) -> str:
+def _place_of(chosen: Mapping[Signal, NamedColumn], kind: str, index: int) -> str:
     return next(
         column.name for signal, column in chosen.items() if (signal.kind, signal.index) == (kind, index)
     )

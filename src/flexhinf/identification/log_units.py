@@ -128,6 +128,28 @@ def unit_in(name: str, si: str) -> str:
     return unit if measures == si else ""
 
 
+def without_unit(name: str, si: str) -> tuple[str, str]:
+    """A column's name without the unit at its end, and that unit, if it measures what the SI unit does; else the name.
+
+    A small letter alone is none: ``pos_m`` may be that of a motor.
+
+    Examples
+    --------
+    >>> without_unit("motor_position_deg", "rad"), without_unit("time (ms)", "s"), without_unit("pos_m", "m")
+    (('motor_position', 'deg'), ('time', 'ms'), ('pos_m', ''))
+    """
+    for begin in sorted({match.start() for match in _BEGIN.finditer(name)}):
+        unit = name[begin:].strip("[]() ")
+        size = unit_in(unit, si)
+        if (
+            begin
+            and (size == unit or _COUNTED.match(unit))
+            and (len(size) > 1 or unit.isupper() or unit == si == "s")
+        ):
+            return name[:begin].rstrip("_-/ .[("), size
+    return name, ""
+
+
 def is_other(name: str, stated: str, signal: str, si: str) -> bool:
     """Whether a column, with the unit that is stated behind it, plainly measures something else than a signal does.
 

@@ -6,6 +6,7 @@ The noises are then turned towards the restricted likelihood, and each number is
 from __future__ import annotations
 
 from contextlib import suppress
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -29,9 +30,29 @@ FAR, APART, DROP, NEAR, TRIES = 8.0, 0.5, 12.0, 2.0, 20
 LITTLE = 1e-4
 
 
+class SearchSpace(Protocol):
+    """What a search needs of its unknowns z (k,); see `Unknowns`."""
+
+    def model(self, z: np.ndarray) -> tuple[Any, np.ndarray]:
+        """The model's arrays, and their derivatives."""
+        ...
+
+    def sizes(self, z: np.ndarray) -> np.ndarray:
+        """What a change of each by a hundred per cent is (k,)."""
+        ...
+
+    def free(self, z: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+        """Places that a step may move."""
+        ...
+
+    def inside(self, z: np.ndarray) -> np.ndarray:
+        """The unknowns within their bounds."""
+        ...
+
+
 def searched(
     likelihood: Likelihood,
-    unknowns: Unknowns,
+    unknowns: SearchSpace,
     start: np.ndarray,
     iterations: int = ITERATIONS,
     held: int | None = None,
@@ -68,7 +89,7 @@ def searched(
 
 
 def scaled(
-    unknowns: Unknowns, z: np.ndarray, gradient: np.ndarray, information: np.ndarray, free: np.ndarray
+    unknowns: SearchSpace, z: np.ndarray, gradient: np.ndarray, information: np.ndarray, free: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of the `free` unknowns: units in which the information's diagonal is one, the gradient and the information."""
     scale = np.sqrt(np.diag(information) + LITTLE / unknowns.sizes(z) ** 2)

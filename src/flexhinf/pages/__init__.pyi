@@ -55,13 +55,23 @@ from .identify import (
     identified_ending as identified_ending,
     identified_files as identified_files,
 )
-from .log_remarks import likelier_remark as likelier_remark, log_remarks as log_remarks
+from .log_findings import (
+    checked_log_ending as checked_log_ending,
+    checked_log_files as checked_log_files,
+    checked_log_page as checked_log_page,
+    finding_texts as finding_texts,
+)
 from .page import (
     design_page as design_page,
     design_tables as design_tables,
     notes as notes,
     robots_table as robots_table,
     verdict as verdict,
+)
+from .robot_check import (
+    checked_robot_ending as checked_robot_ending,
+    checked_robot_files as checked_robot_files,
+    checked_robot_page as checked_robot_page,
 )
 from .run import (
     run_ending as run_ending,

@@ -20,6 +20,7 @@ from flexhinf.pages.estimate_figures import (
     measured_blocks,
     signal_label,
 )
+from flexhinf.pages.log_findings import finding_numbers, finding_section, finding_texts
 from flexhinf.pages.page import files_section
 from flexhinf.pages.settings import robot_rows, settings_in_groups
 from flexhinf.pages.terminal import Ending, table_screen
@@ -51,7 +52,7 @@ BIAS = 0.2
 def judgement(result: FilteredLog) -> tuple[bool, list[str]]:
     """Whether the filter fits the log, and what the log and the innovations say, in sentences, the main ones first."""
     judged = result.judged
-    nis, texts = judged.nis, list(result.remarks)
+    nis, texts = judged.nis, finding_texts(result.findings)
     low, high = (number(end, 3) for end in nis.interval)
     mean = f"(mean NIS {number(nis.mean, 3)} of 1, consistent from {low} to {high})"
     correlated = judged.correlated
@@ -228,10 +229,11 @@ def estimate_page(
             )
         ]
     about = [note(text) for text in warnings]
-    sections.append(Section("The log", (*about, log_table(result)), "log"))
+    sections += [finding_section(result.findings), Section("The log", (*about, log_table(result)), "log")]
     if files:
         sections.append(files_section(files))
-    lead, sections = first_screen(sections, ("measured", "innovations"), ("innovations",))
+    unfolded = ("innovations", *(["findings"] if finding_texts(result.findings) else []))
+    lead, sections = first_screen(sections, ("measured", "innovations"), unfolded)
     states = "fits the log" if fits else "does not fit the log"
     return Page(
         f"The log {log.source} and a filter for “{robot.name}”",
@@ -330,7 +332,7 @@ def estimate_numbers(result: FilteredLog) -> dict[str, Any]:
             "sources": dict(result.sources), "gate": filter.gate,
             "bounds": {name: list(ends) for name, ends in filter.bounds.items()},
         },
-        "fits": fits, "says": texts,
+        "fits": fits, "says": texts, "findings": finding_numbers(result.findings),
         "log_likelihood": data.attrs["log_likelihood"], **innovation_numbers(result),
         "last_estimate": {
             name: {"value": float(value), "standard_deviation": float(deviation), "unit": filter.plant.unit(name)}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf.estimation import UnscentedKalmanFilter
-from flexhinf.identification import Log
+from flexhinf.identification import Log, LogFinding
 from flexhinf.identification.consistency import CONFIDENCE, DEVIATIONS, Consistency, OutputConsistency
 from flexhinf.pages.drawing import Blocks, Line, Panel, draw_figure, listed, thin
 from flexhinf.report import INK, MUTED, SERIES, legend, number
@@ -36,7 +36,7 @@ class FilteredLog:
     """A log with what a filter made of it: what the page, the files and the terminal show.
 
     `data`: as `filter_log` returns it. `judged`: its `consistency`. `sources`: who states the period, R^v and R^n, by
-    "period", "process noise" and "measurement noise". `remarks`: what the log shows of itself, as `log_remarks` says.
+    "period", "process noise" and "measurement noise". `findings`: what the log shows of itself, as `examine` says.
     """
 
     robot: Robot
@@ -45,7 +45,7 @@ class FilteredLog:
     data: xr.Dataset
     judged: Consistency
     sources: Mapping[str, str]
-    remarks: Sequence[str] = ()
+    findings: Sequence[LogFinding] = ()
 
     @property
     def name(self) -> str:

@@ -10,7 +10,12 @@ from typing import Any
 import numpy as np
 
 from flexhinf.identification import Excitation, Identification
+from flexhinf.identification.alternatives import Alternative
 from flexhinf.identification.consistency import SMALL_CORRELATION
+from flexhinf.identification.doctor.beside_model import alternative_advice
+from flexhinf.identification.explanations import Explanation, believed
+from flexhinf.identification.output_error import OutputError
+from flexhinf.identification.unknowns import EXTRA_OF
 from flexhinf.pages.drawing import Line, Panel, draw_figure, first_screen, listed, note, with_figures
 from flexhinf.pages.estimate import (
     FilteredLog,
@@ -20,7 +25,7 @@ from flexhinf.pages.estimate import (
     measured_blocks,
 )
 from flexhinf.pages.estimate_figures import signal_label
-from flexhinf.pages.log_remarks import alternative_advice
+from flexhinf.pages.log_findings import finding_numbers, finding_section, finding_texts
 from flexhinf.pages.page import files_section
 from flexhinf.pages.settings import robot_rows, settings_in_groups
 from flexhinf.pages.terminal import Ending, table_screen
@@ -50,7 +55,8 @@ class IdentifiedRobot:
 
     `stated`: the robot before. `found`: the identification. `filtered`: the log through the filter of what was found.
     `motion`: what is proposed where the log does not tell a number, or None. `extras`: of the model. `late`: samples by
-    which signals were stated late, by name.
+    which signals were stated late, by name. `second`: the numbers of the simulation, None where it was not made or goes
+    astray. `causes`: what explains what is left where the model does not fit.
     """
 
     stated: Robot
@@ -58,7 +64,14 @@ class IdentifiedRobot:
     filtered: FilteredLog
     motion: Excitation | None
     extras: tuple[str, ...] = ()
+    second: OutputError | None = None
+    causes: tuple[Explanation, ...] = ()
     late: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def likelier(self) -> Alternative | None:
+        """The log with a signal at another time or of another sign that is likelier, where nothing explains more."""
+        return believed(self.found, self.causes)
 
     @property
     def telling(self) -> Excitation | None:
@@ -79,12 +92,13 @@ def identified_verdict(result: IdentifiedRobot) -> list[str]:
     clear = [signal_label(name) for name in found.names if name not in found.hidden]
     if not found.consistent:
         return [*_misfit_texts(result), *_advice(result)]
-    texts = [*result.filtered.remarks, *_undecided_texts(found)]
+    texts = [*finding_texts(result.filtered.findings), *_undecided_texts(found)]
     if clear:
         texts.append(f"The log tells {listed(clear)}, if the other numbers of the robot are right.")
     if found.hidden:
         texts.append(f"It does not tell {listed([signal_label(name) for name in found.hidden])}.")
     texts += [f"{each.text[0].upper()}{each.text[1:]}." for each in found.unidentifiable]
+    texts += _second_texts(result)
     if result.motion is not None and result.telling is None:
         texts.append("No motion tells them with these sensors: state some of them, or measure more.")
     return texts
@@ -117,11 +131,16 @@ def _misfit_texts(result: IdentifiedRobot) -> Iterator[str]:
     """That the model does not fit, and the numbers and limits that say so."""
     found = result.found
     yield "The model does not fit the log: numbers may be wrong by more than their intervals."
-    yield from result.filtered.remarks
-    if result.filtered.remarks:
+    remarks = finding_texts(result.filtered.findings)
+    yield from remarks
+    if remarks:
         yield "That may be the reason for all else: try a log without it first."
-    if found.alternative is not None:
-        yield f"{found.alternative.text[0].upper()}{found.alternative.text[1:]}."
+    other = result.likelier
+    if other is not None:
+        yield f"{other.text[0].upper()}{other.text[1:]}."
+    elif result.causes:
+        several = listed([each.text for each in result.causes])
+        yield f"What is left is explained best by {several}."
     if found.absorbing:
         name, level, assumed = _largest_disturbance(found)
         unit = f"{found.plant.unit(name)}·√s".lstrip("·")
@@ -147,9 +166,51 @@ def _misfit_texts(result: IdentifiedRobot) -> Iterator[str]:
         slow = f"slow changes have {number(test.slow, 2)} times the power of white noise (below {test.slowest:g})"
         large = abs(test.correlations[worst]) >= SMALL_CORRELATION
         yield f"Innovations of {signal_label(output.name)} are not white: {size if large else slow}."
+    yield from _second_texts(result)
     if found.hidden:
         names = listed([signal_label(name) for name in found.hidden])
         yield f"What the log tells of {names} cannot be said before the model fits."
+
+
+def _second_texts(result: IdentifiedRobot) -> Iterator[str]:
+    """What the simulation alone tells, where it differs or comes near."""
+    second = result.second
+    if second is None:
+        return
+    near = number(100.0 * min(second.fits.values()), 3)
+    if second.differing:
+        several = listed(
+            [f"{signal_label(name)} {number(second.values[name], 4)}" for name in second.differing]
+        )
+        yield (
+            f"A simulation with the inputs alone, {near} % of the motion, says otherwise: {several}. One of both "
+            "explains what the model lacks."
+        )
+    elif not result.found.hidden:
+        yield f"A simulation with the inputs alone has {near} % of the motion and tells the same numbers."
+
+
+def _cause_advice(result: IdentifiedRobot) -> Iterator[str]:
+    """What to try for each cause."""
+    robot = result.stated
+    for cause in result.causes:
+        joint = cause.signal.partition("_torque")[2].removeprefix("_")
+        name = f"{cause.quantity}_{joint}" if joint else cause.quantity
+        if cause.kind == "a delay":
+            option = (
+                "--latency"
+                if cause.signal in result.found.plant.inputs
+                else f"--sensor-delay {cause.signal}="
+            )
+            samples = result.late.get(cause.signal, 0) + round(cause.sizes[0])
+            if samples >= 0:
+                yield f"`{option}{' ' if option == '--latency' else ''}{samples}`"
+        elif cause.quantity and name in robot.nominal:
+            extra = EXTRA_OF[cause.quantity]
+            if name not in result.found.names:
+                yield f"`--parameters {','.join([*result.found.names, name])}`, with which the model has {extra}"
+        elif cause.quantity:
+            yield f"`{cause.quantity} = {cause.size:.3g}` in the robot's file, and then `--parameters …,{name}`"
 
 
 def _largest_disturbance(found: Identification) -> tuple[str, float, float]:
@@ -160,9 +221,11 @@ def _largest_disturbance(found: Identification) -> tuple[str, float, float]:
 
 def _advice(result: IdentifiedRobot) -> list[str]:
     """What to try where the model does not fit."""
-    other = result.found.alternative
+    other = result.likelier
     if other is not None:
-        return [alternative_advice(other, result.found.plant, result.late)]
+        return [alternative_advice(other, result.found.plant, result.late, result.filtered.log.columns)]
+    if causes := list(_cause_advice(result)):
+        return [f"To try: {'; '.join(causes)}."]
     left = left_out(result.stated.nominal, result.extras)
     quick = [name for name in left if name != "inductance"] or left  # stiff: it takes ten times as long
     extras = (
@@ -241,6 +304,49 @@ def noise_table(result: IdentifiedRobot) -> Table:
     )  # fmt: skip
 
 
+def second_table(second: OutputError, result: IdentifiedRobot) -> Table:
+    """Numbers of the simulation beside those of the likelihood."""
+    rows = [
+        (
+            signal_label(name),
+            f"{number(result.found.values[name], 5)} {result.stated[name].unit}".rstrip(),
+            f"{number(value, 5)} {result.stated[name].unit}".rstrip(),
+            number(second.standard_errors[name], 2) if np.isfinite(second.standard_errors[name]) else None,
+            Cell("no", "yellow") if name in second.differing else Cell("yes", "green"),
+        )
+        for name, value in second.values.items()
+    ]
+    near = [f"{signal_label(name)} {number(100.0 * fit, 4)} %" for name, fit in second.fits.items()]
+    return Table(
+        (
+            "number", Column("by the likelihood", right=True), Column("by the simulation", right=True),
+            Column("standard error", right=True), "the same",
+        ),
+        rows,
+        "A second opinion: the numbers with which a simulation with the log's inputs comes nearest (output error). It "
+        f"has of the motion of {listed(near)}",
+        "table-second",
+    )  # fmt: skip
+
+
+def cause_table(causes: Sequence[Explanation]) -> Table:
+    """What explains what is left, the most first."""
+    rows = [
+        (
+            f"{cause.kind} {cause.place}", f"{number(cause.size, 3)} {cause.unit}".rstrip(),
+            number(max(cause.errors), 2), f"{number(100.0 * cause.share, 3)} %", number(cause.gain, 3),
+        )
+        for cause in causes
+    ]  # fmt: skip
+    return Table(
+        (
+            "cause", Column("size", right=True), Column("standard error", right=True),
+            Column("share of what is left", right=True), Column("log-likelihood +", right=True),
+        ),
+        rows, "What explains the innovations that are left, each beside those above it", "table-causes",
+    )  # fmt: skip
+
+
 def correlation_table(result: IdentifiedRobot) -> Table:
     """Correlations of the errors of the numbers."""
     names = [signal_label(name) for name in result.found.names]
@@ -289,6 +395,8 @@ def identified_page(
         identified_table(result),
         noise_table(result),
         *([correlation_table(result)] if len(found.names) > 1 else []),
+        *([second_table(result.second, result)] if result.second is not None else []),
+        *([cause_table(result.causes)] if result.causes else []),
     ]
     with house_style():
         sections = [Section("What the log tells", tuple(tables), "numbers")]
@@ -302,9 +410,14 @@ def identified_page(
                 ("signals", "Measured and predicted", measured_blocks),
             )
         ]
-    sections.append(Section("The log", (*(note(text) for text in warnings), log_table(filtered)), "log"))
-    sections.append(files_section(files))
-    lead, sections = first_screen(sections, ("measured", "innovations"), ("numbers", "motion"))
+    about = tuple(note(text) for text in warnings)
+    sections += [
+        finding_section(filtered.findings),
+        Section("The log", (*about, log_table(filtered)), "log"),
+        files_section(files),
+    ]
+    unfolded = ("numbers", "motion", *(["findings"] if finding_texts(filtered.findings) else []))
+    lead, sections = first_screen(sections, ("measured", "innovations"), unfolded)
     log = filtered.log
     keys = [
         KeyNumber(
@@ -348,13 +461,14 @@ def identified_numbers(result: IdentifiedRobot) -> dict[str, Any]:
     return finite({
         "robot": result.stated.name, "log": result.filtered.log.source, "samples": found.samples,
         "log_likelihood": found.log_likelihood, "says": identified_verdict(result),
+        "findings": finding_numbers(result.filtered.findings),
         "model_fits": found.consistent, **innovation_numbers(result.filtered),
         "disturbances": {
             name: {"found": level, "assumed": assumed} for name, (level, assumed) in found.disturbances.items()
         },
-        "likelier": found.alternative and {
-            "signal": found.alternative.signal, "kind": found.alternative.kind,
-            "samples": found.alternative.samples, "gain": found.alternative.gain,
+        "likelier": result.likelier and {
+            "signal": result.likelier.signal, "kind": result.likelier.kind,
+            "samples": result.likelier.samples, "gain": result.likelier.gain,
         },
         "undecided": [
             {
@@ -370,6 +484,17 @@ def identified_numbers(result: IdentifiedRobot) -> dict[str, Any]:
                 "identifiable": name not in found.hidden,
             } for name, value in found.values.items()
         },
+        "simulation": result.second and {
+            "values": result.second.values, "standard_errors": result.second.standard_errors,
+            "errors": result.second.errors, "fits": result.second.fits, "differing": list(result.second.differing),
+        },
+        "causes": [
+            {
+                "kind": each.kind, "signal": each.signal, "size": each.size, "standard_error": max(each.errors),
+                "unit": each.unit, "gain": each.gain, "share": each.share,
+            }
+            for each in result.causes
+        ],
         "correlations": found.correlations.tolist(),
         "unidentifiable": [
             {"direction": each.direction, "standard_error": each.standard_error} for each in found.unidentifiable

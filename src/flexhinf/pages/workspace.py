@@ -44,6 +44,7 @@ from flexhinf.pages.settings import damping_text, loop_rows, robot_rows, sensor_
 from flexhinf.pages.workspace_proof import PAIRS, pair_table, stability_text
 from flexhinf.pages.workspace_summary import (
     columns_of,
+    estimates_text,
     key_numbers,
     margin_text,
     missed_text,
@@ -124,6 +125,7 @@ def workspace_page(
         [
             Status("met", f"{len(design.requirements)} requirements.") if design.met else
             Status("not met", f"{missed_text(design)}. {workspace_advice(design, advice)}{_command(advice)}"),
+            *([Status("risky", estimates_text(robot))] if estimates_text(robot) else []),
             Status("not proved", f"Tested on random samples, not proved. {stability_text(setup, tolerated.proved)}"),
         ],
         [scope_text(design)], lead,

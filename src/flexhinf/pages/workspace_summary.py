@@ -12,6 +12,7 @@ from flexhinf.design.advice import Advice, Trial
 from flexhinf.design.requirements import REQUIREMENTS, Requirement
 from flexhinf.design.responses import Move
 from flexhinf.design.robustness import LATEST, LONGER, LOUDEST, remaining_cause, robustness
+from flexhinf.design.verdict import estimated_text
 from flexhinf.design.workspace.design import WorkspaceDesign
 from flexhinf.design.workspace.judgement import UNHELD, missed_by
 from flexhinf.design.workspace.search import motors_alone
@@ -28,6 +29,7 @@ from flexhinf.pages.terminal import (
     tolerances_text,
 )
 from flexhinf.report import KeyNumber, Table, number
+from flexhinf.robot import Robot
 from flexhinf.robot.kinematics import heavy_motors
 from flexhinf.robot.waypoints import LIMITS
 
@@ -61,7 +63,22 @@ def units_in(design: WorkspaceDesign) -> Units:
 def workspace_verdict(design: WorkspaceDesign) -> str:
     """Whether the requirements are met, and by what."""
     missed = missed_text(design)
-    return f"{f'Not met: {missed}' if missed else 'Every requirement is met'}. {scope_text(design)}"
+    return " ".join(
+        filter(
+            None,
+            (
+                f"Not met: {missed}." if missed else "Every requirement is met.",
+                estimates_text(design.robot),
+                scope_text(design),
+            ),
+        )
+    )
+
+
+def estimates_text(robot: Robot) -> str:
+    """That numbers of a robot are estimates, as a sentence; "" where none is."""
+    text = estimated_text(robot)
+    return f"{text[:1].upper()}{text[1:]}." if text else ""
 
 
 def scope_text(design: WorkspaceDesign) -> str:
@@ -246,7 +263,7 @@ def workspace_ending(design: WorkspaceDesign, advice: Advice | None = None) -> E
     """What a terminal says at the end: what is met, the worst numbers, what was tried and what to check."""
     worst = f"At worst: {numbers_text(key_numbers(design))}."
     parts = (
-        f"{requirements_text(design.requirements)} {scope_text(design)}",
+        f"{requirements_text(design.requirements)} {estimates_text(design.robot)} {scope_text(design)}",
         f"{worst} {vibration_text(design)}",
         cause_text(design),
         _starts(design),

@@ -19,6 +19,7 @@ from flexhinf.robot.dynamics import KINDS
 from flexhinf.robot.elastic import DRIVES, SPRING
 from flexhinf.robot.parameters import INERTIA, QUANTITIES, Stated, measured, respelled, split
 from flexhinf.robot.parts import ElasticJoint, ask
+from flexhinf.robot.rigid_arm import NEAREST
 from flexhinf.robot.signals import UNITS
 from flexhinf.validation import nearest, real_number
 
@@ -181,6 +182,23 @@ def _named(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> di
     return {name: _numbers(file, entry, key, (*place, name)) for name, entry in value.items()}
 
 
+def _corrections(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
+    """``[links.NAME] inertia = "nearest"``, or its six components, by the names of links of a URDF or an MJCF file."""
+    if not isinstance(value, dict):
+        raise Unusable("tables of links, by name", "")
+    kind = Key(_correction, ("kg·m²",), required=True)
+    return {name: file.table(row, {"inertia": kind}, (*place, name)) for name, row in value.items()}
+
+
+def _correction(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> str | tuple[float, ...]:
+    if isinstance(value, str):
+        if value.strip().lower() != NEAREST:
+            raise Unusable(f"{NEAREST!r}, or a table with xx, yy, zz in kg·m²", repr(NEAREST))
+        return NEAREST
+    table = file.table(value, TABLES["inertia"], place)
+    return tuple(table.get(axes) or 0.0 for axes in INERTIA)
+
+
 def _table(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
     return file.table(value, TABLES[key.inside], place)
 
@@ -223,7 +241,8 @@ TABLES: dict[str, dict[str, Key]] = {
             usable=lambda value: isinstance(value, list) and all(isinstance(entry, str) for entry in value),
             expected="a list of names",
         ),
-        "locked": Key(_named, _POSITION, default={}), "penalty": Key(_table, inside="penalty"),
+        "locked": Key(_named, _POSITION, default={}), "links": Key(_corrections, default={}),
+        "penalty": Key(_table, inside="penalty"),
         "tolerances": _TOLERANCES, "payload": Key(_rows, inside="payload", default=[]),
         "joint": Key(_rows, inside="joint", required=True),
     },

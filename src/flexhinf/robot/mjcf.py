@@ -19,20 +19,27 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.robot.arm import Frame
-from flexhinf.robot.dynamics import Placement
+from flexhinf.robot.dynamics import Placement, matrix_of
+from flexhinf.robot.mjcf_actuators import largest_effort
 from flexhinf.robot.parts import ask
 from flexhinf.robot.rigid_arm import (
     MOST_LINKS,
+    NEAREST,
+    Correction,
     RigidArm,
     check_count,
     locked_joints,
     moved,
+    nearest_inertia,
     range_of,
     selection,
 )
-from flexhinf.validation import HUGE, checked_name, extra_package, value_text
+from flexhinf.validation import HUGE, checked_name, extra_package, one_of, value_text
 
 KINDS = {"mjJNT_HINGE": "revolute", "mjJNT_SLIDE": "prismatic"}
+
+#: What is wrong where the extra is not installed.
+NO_MUJOCO = "MJCF is read by MuJoCo, which is not installed."
 
 #: How MuJoCo writes a file with all that it takes from others.
 WHOLE = "mujoco.mj_saveLastXML('whole.xml', mujoco.MjModel.from_xml_path('this.xml')) writes it in one file"
@@ -101,17 +108,20 @@ _NOT_FINITE = re.compile(r"(^|\s)[+-]?(nan|inf)", re.IGNORECASE)
 
 
 def read_mjcf(
-    root: Element, joints: Sequence[str] | None = None, locked: Mapping[str, float] | None = None
+    root: Element,
+    joints: Sequence[str] | None = None,
+    locked: Mapping[str, float] | None = None,
+    inertias: Mapping[str, Correction] | None = None,
 ) -> RigidArm:
     """The moving joints of an MJCF file, of its root <mujoco>, and their links. Needs the extra ``mujoco``.
 
-    `joints` and `locked` as for `flexhinf.robot.urdf.read_urdf`; what is not read and would change the dynamics is
-    refused.
+    `joints`, `locked` and `inertias` as for `flexhinf.robot.urdf.read_urdf`; what is not read and would change the
+    dynamics is refused.
     """
-    mujoco = extra_package("mujoco", "mujoco", "MJCF is read by MuJoCo, which is not installed.")
+    mujoco = extra_package("mujoco", "mujoco", NO_MUJOCO)
     _check_elements(root, ("include", "attach", "replicate"))  # which may hold the arm
     check_count("bodies", sum(1 for _ in root.iter("body")), MOST_LINKS)
-    scene = _by_mujoco(mujoco.MjSpec.from_string, ElementTree.tostring(_kept(root), encoding="unicode"))
+    scene = scene_of(root)
     movable = tuple(joint.name for joint in scene.joints if joint.type.name in KINDS)
     arm = RigidArm(movable, locked_joints(movable, joints, locked))
     moving = [name for name in movable if name not in arm.locked]
@@ -122,6 +132,7 @@ def read_mjcf(
     _check_still(spec, moving, joints is not None or bool(locked))
     spec.compiler.fusestatic = spec.compiler.discardvisual = False
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)  # shapes may overlap
+    _correct(spec, inertias or {})
     _check_couplings(root, moving)
     _use_shapes(spec, set(moving))
     model = _by_mujoco(spec.compile)
@@ -129,6 +140,22 @@ def read_mjcf(
     _warn_of_actuators(root, moving)
     arm.locked = _with_followers(root, arm.locked, model)
     return _filled(arm, model)
+
+
+def _correct(spec: Any, inertias: Mapping[str, Correction]) -> None:
+    """Put other inertias in the place of those of bodies: MuJoCo refuses a file with one that no body has."""
+    bodies = {body.name: body for body in spec.bodies}
+    for name, six in inertias.items():
+        one_of(f"There is no body {value_text(name, 60)} whose inertia could be corrected.", name, bodies)
+        body, full = bodies[name], np.array(bodies[name].fullinertia)
+        if six != NEAREST:
+            xx, xy, xz, yy, yz, zz = map(float, six)
+            body.fullinertia, body.iquat = [xx, yy, zz, xy, xz, yz], [1.0, 0.0, 0.0, 0.0]
+        elif np.isfinite(full[0]):
+            whole = nearest_inertia(matrix_of([full[k] for k in (0, 3, 4, 1, 5, 2)]))
+            body.fullinertia = [whole[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+        else:
+            body.inertia = np.diag(nearest_inertia(np.diag(body.inertia)))
 
 
 def _check_elements(root: Element, refused: Collection[str]) -> None:
@@ -254,9 +281,9 @@ def _warn_of_actuators(root: Element, moving: Sequence[str]) -> None:
         for part in group
         if all(part.get(key) is None for key in ON_JOINT) and part.tag != "adhesion"
     ]
-    joints = {name for part in others for name in _acted_on(root, part)}
+    joints = {name for part in others for name in acted_on(root, part)}
     ask(
-        others and (joints & set(moving) or any(not _acted_on(root, part) for part in others)),
+        others and (joints & set(moving) or any(not acted_on(root, part) for part in others)),
         "Not every actuator is read: the motors' limits that it would state are unknown.",
         f"expected actuators of a joint each, got {len(others)} of other kinds, such as "
         f"{value_text(others[0].get('name') or others[0].tag, 60) if others else ''}",
@@ -264,7 +291,7 @@ def _warn_of_actuators(root: Element, moving: Sequence[str]) -> None:
     )
 
 
-def _acted_on(root: Element, actuator: Element) -> set[str]:
+def acted_on(root: Element, actuator: Element) -> set[str]:
     """The joints of the tendon that an actuator pulls; none where it pulls something else."""
     tendon = actuator.get("tendon")
     parts = [part for group in root.findall("tendon") for part in group if part.get("name") == tendon]
@@ -485,6 +512,12 @@ def _with_followers(root: Element, locked: Mapping[str, float | None], model: An
     return {name: stand(name) if name in coupled else value for name, value in placed.items()}
 
 
+def scene_of(root: Element) -> Any:
+    """MuJoCo's own reading of a file, without what shows or touches; a mistake that it finds is refused."""
+    mujoco = extra_package("mujoco", "mujoco", NO_MUJOCO)
+    return _by_mujoco(mujoco.MjSpec.from_string, ElementTree.tostring(_kept(root), encoding="unicode"))
+
+
 # From MuJoCo's model ------------------------------------------------------------------------------
 def _filled(arm: RigidArm, model: Any) -> RigidArm:
     places: list[tuple[int | None, Placement]] = [(None, Placement())]
@@ -506,7 +539,7 @@ def _filled(arm: RigidArm, model: Any) -> RigidArm:
             kind = "continuous" if kind == "revolute" and limits is None else kind
             carrier, place = arm.add_joint(carrier, joint, kind, axis, place, limits)
             if joint not in arm.locked:
-                arm.efforts.append(_effort(model, j))
+                arm.efforts.append(largest_effort(model, j))
                 columns = {
                     "motor_inertia": model.dof_armature, "friction": model.dof_damping,
                     "coulomb_friction": model.dof_frictionloss,
@@ -546,49 +579,3 @@ def _placement(position: np.ndarray, quaternion: np.ndarray) -> Placement:
     place = Placement(translation=tuple(position.tolist()))
     angle = 2.0 * float(np.arctan2(np.linalg.norm(axis), w))
     return place if angle == 0.0 else place.then(moved("revolute", axis, angle))
-
-
-def _effort(model: Any, joint: int) -> float:
-    """Largest torque or force that the actuators of a joint give in both directions; infinite where one of them has no
-    limit that is known, or there is none."""
-    low = high = 0.0
-    acting = np.flatnonzero((model.actuator_trnid[:, 0] == joint) & (model.actuator_trntype <= _ON_JOINT))
-    unclear = list[str]()
-    for k in acting:
-        gear, ends = float(model.actuator_gear[k, 0]), np.array([-np.inf, np.inf])
-        understood = not model.actuator_gaintype[k] and model.actuator_dyntype[k] in _DIRECT
-        kind, clamped = model.actuator_biastype[k], not model.opt.disableflags & _NO_CLAMP
-        unbiased = not kind or (kind == _AFFINE and not np.any(model.actuator_biasprm[k, :3]))
-        if understood and unbiased and model.actuator_ctrllimited[k] and clamped:
-            ends = np.sort(model.actuator_gainprm[k, 0] * model.actuator_ctrlrange[k])
-        if model.actuator_forcelimited[k]:  # which cuts the force before the gear
-            ends = np.clip(ends, *model.actuator_forcerange[k])
-        elif not understood:
-            unclear.append(model.actuator(k).name or f"number {k + 1}")
-        if gear:
-            least, most = sorted(gear * float(end) for end in ends)
-            low, high = low + least, high + most
-    if not acting.size:
-        low, high = -np.inf, np.inf
-    if model.jnt_actfrclimited[joint]:
-        own = model.jnt_actfrcrange[joint].tolist()
-        low, high = max(low, own[0]), min(high, own[1])
-    name = model.joint(joint).name
-    same_sign = acting.size and not low < 0.0 < high
-    ask(
-        same_sign or (unclear and np.isinf(min(-low, high))),
-        f"The motor limit of the joint {name!r} is unknown: "
-        + (
-            "its actuators push one way."
-            if same_sign
-            else f"actuator {', '.join(unclear)} is not understood."
-        ),
-        f"expected actuators with forcerange, or <motor> with ctrlrange, got {low:g} to {high:g}",
-        f"effort_limit = … for {name!r} in [[joint]] of the elastic file",
-    )
-    return np.inf if same_sign else min(-low, high)
-
-
-_ON_JOINT = 1  # mjTRN_JOINT, mjTRN_JOINTINPARENT
-_AFFINE, _NO_CLAMP = 1, 1 << 8  # mjBIAS_AFFINE; mjDSBL_CLAMPCTRL
-_DIRECT = (0, 2, 3)  # mjDYN_NONE, mjDYN_FILTER, mjDYN_FILTEREXACT: the control is a force, if late

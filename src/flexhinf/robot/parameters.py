@@ -109,6 +109,18 @@ def per_joint(quantity: str, joint: str, joints: int) -> str:
     return quantity if joints == 1 else f"{quantity}_{joint}"
 
 
+def whole_quantity(quantity: str) -> str:
+    """The quantity that a component belongs to.
+
+    Examples
+    --------
+    >>> whole_quantity("centre_of_mass_x"), whole_quantity("inertia_xx"), whole_quantity("mass")
+    ('centre_of_mass', 'inertia', 'mass')
+    """
+    head, _, component = quantity.rpartition("_")
+    return head if component in (*VECTOR, *INERTIA) else quantity
+
+
 def check_parameters(robot: str, parameters: Sequence[Parameter], slides: Mapping[str, bool]) -> None:
     """Refuse parameters that are unknown, or have the wrong sign; `slides`: joints by name, whether prismatic."""
     known: dict[str, tuple[str, str]] = {}
@@ -180,6 +192,10 @@ def checked_limits(what: str, stated: Any, joints: Sequence[str], signals: Seque
         f"[{', '.join(['10.0'] * len(joints))}]",
     )
     return limits
+
+
+#: How the source of a number begins that nobody stated, and that is guessed from others.
+ESTIMATE = "estimate"
 
 
 class PlantValues(dict[str, Any]):
@@ -268,6 +284,11 @@ class Parameter:
     def interval(self) -> tuple[float, float]:
         """Smallest and largest possible value."""
         return self.at(-1.0), self.at(1.0)
+
+    @property
+    def estimated(self) -> bool:
+        """Whether the value is guessed from other numbers: its source begins with `ESTIMATE`."""
+        return self.source.strip().lower().startswith(ESTIMATE)
 
     @property
     def spread(self) -> str:

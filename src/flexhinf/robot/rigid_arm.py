@@ -7,13 +7,14 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from flexhinf.errors import InvalidInput, located, refuse_if
 from flexhinf.robot.arm import Frame
-from flexhinf.robot.dynamics import Joint, Placement, lumped, six_of
+from flexhinf.robot.dynamics import Joint, Placement, lumped, matrix_of, six_of
+from flexhinf.robot.faults import NO_BODY, NO_EXTENT, NO_MASS, refuse_part
 from flexhinf.robot.parameters import INERTIA
 from flexhinf.robot.parts import Link, ask
 from flexhinf.validation import HUGE, distinct, one_of, real_number, value_text
@@ -21,6 +22,11 @@ from flexhinf.validation import HUGE, distinct, one_of, real_number, value_text
 #: An inertia of less than this radius of gyration, m², squared is none; and what an inertia may lack of its largest
 #: component to be taken as the nearest one that a body has, as rounded data sheets do.
 NO_SIZE, NEARLY = 1e-12, 0.05
+
+#: What stands for the inertia of a link: its six components as `INERTIA`, about the centre of mass in the axes of the
+#: file's own, or the nearest that a body has.
+NEAREST = "nearest"
+Correction: TypeAlias = str | tuple[float, ...]
 
 #: Limits beyond which a joint has none: exporters write ±1e16 then.
 NO_LIMIT = 1e4
@@ -49,6 +55,8 @@ class RigidArm:
     locked
         Joints that do not move, and where they stand, rad or m; None, where nobody placed one, is 0 or the nearer
         limit.
+    inertias
+        By link what takes the place of the inertia that the file states.
     joints, links
         That move; one link per joint, of the bodies that are fixed to it.
     frames
@@ -66,6 +74,7 @@ class RigidArm:
 
     movable: tuple[str, ...]
     locked: Mapping[str, float | None]
+    inertias: Mapping[str, Correction] = field(default_factory=dict)
     joints: list[Joint] = field(default_factory=list)
     links: list[Link] = field(default_factory=list)
     frames: dict[str, Frame] = field(default_factory=dict)
@@ -93,7 +102,10 @@ class RigidArm:
             low, high = limits or (0.0, 0.0)
             value = min(max(0.0, low), high) if stated is None else float(stated)
             if limits is not None and not limits[0] <= value <= limits[1]:
-                raise InvalidInput(
+                refuse_part(
+                    True,
+                    "",
+                    (name,),
                     f"The joint {name!r} is locked outside its limits.",
                     f"expected {limits[0]:g} to {limits[1]:g}, got {value:g}",
                     f"locked = {{{toml_key(name)} = {min(max(value, low), high):g}}} at the top of the robot file, or "
@@ -108,14 +120,20 @@ class RigidArm:
 
     def add_body(self, carrier: int, link: str, mass: float, inertia: np.ndarray, place: Placement) -> None:
         """Add a body with its centre of mass at `place` and inertia (3, 3) there; it may be a point, or massless."""
-        (a, b, c), axes = np.linalg.eigh(inertia)
+        correction = self.inertias.get(link)
+        if correction is not None and correction != NEAREST:
+            inertia = matrix_of(correction)
+        a, b, c = np.linalg.eigvalsh(inertia).tolist()
         size, floor = max(abs(a), c), NO_SIZE * mass
-        refuse_if(
+        if refuse_part(
             mass < 0.0,
+            "",
+            (link,),
             f"The link {link!r} has a negative mass: no such body exists.",
             f"expected mass >= 0, got {mass:g} kg",
             "its mass, in kg",
-        )
+        ):
+            return
         # Second moments along the principal axes, which no body has below zero.
         moments = (a + b + c) / 2.0 - np.array([a, b, c])
         short = -min(float(moments.min()), a)
@@ -123,59 +141,105 @@ class RigidArm:
             fault = "a negative inertia" if a < 0.0 else "none that keeps the triangle inequality"
             self._doubtful[link] = f"{link!r} has {fault}: ({a:.4g}, {b:.4g}, {c:.4g}) kg·m²"
         if min(float(moments.min()), a) < 0.0:
-            moments = np.maximum(moments, 0.0)
-            inertia = axes @ np.diag(moments.sum() - moments) @ axes.T
-        if short > max(1e-9 * size, floor, NEARLY * size):
+            inertia = nearest_inertia(inertia)
+        if short > max(1e-9 * size, floor, NEARLY * size) and correction != NEAREST:
             six = dict(zip(INERTIA, six_of(inertia)))
             self._nearest[link] = " ".join(f"i{axis}='{moment:.4g}'" for axis, moment in six.items())
         turn = np.array(place.rotation)
         self._bodies[carrier].append((link, mass, np.array(place.translation), turn @ inertia @ turn.T))
 
+    def mass_of(self, link: str) -> float:
+        """The mass of a link behind a moving joint, kg."""
+        return sum(body[1] for bodies in self._bodies for body in bodies if body[0] == link)
+
     def merge(self) -> RigidArm:
         """The arm with the bodies that move together merged into one link each; inertias that no body has are refused
         all at once, or taken as the nearest one where little is missing."""
+        corrected = [link for link in self._doubtful if self.inertias.get(link) == NEAREST]
         ask(
-            self._doubtful,
+            corrected,
+            f"The nearest inertia of a body is taken for {', '.join(map(repr, corrected))}.",
+            "; ".join(self._doubtful.pop(link) for link in corrected),
+            "the inertia as it was measured, in [links.NAME] of the robot file",
+        )
+        wrong = refuse_part(self._nearest, NO_BODY, tuple(self._nearest), *self._no_body())
+        ask(self._doubtful and not wrong, *self._no_body())
+        self._merge_links()
+        return self
+
+    def _no_body(self) -> tuple[str, str, str]:
+        nearest = "; ".join(f"{text} of {link!r}" for link, text in self._nearest.items())
+        return (
             f"{', '.join(map(repr, self._doubtful))}: no body has such an inertia.",
             "expected principal inertias >= 0 of which none exceeds the sum of the others; "
             + "; ".join(self._doubtful.values())
             + ("" if self._nearest else "; the nearest that a body has are taken"),
-            "the nearest that a body has, in its <inertia>: "
-            + "; ".join(f"{text} of {link!r}" for link, text in self._nearest.items())
+            f"inertia = 'nearest' in {' and '.join(f'[links.{toml_key(link)}]' for link in self._nearest)} of the "
+            f"robot file; or in its <inertia>: {nearest}"
             if self._nearest
             else "the inertia about the centre of mass, in kg·m²",
-            bool(self._nearest),
         )
+
+    def _merge_links(self) -> None:
         masses = {
             joint.name: sum(body[1] for body in bodies) for joint, bodies in zip(self.joints, self._bodies)
         }
         empty = [name for name, mass in masses.items() if not mass > 0.0]
-        refuse_if(
+        refuse_part(
             empty,
+            NO_MASS,
+            tuple(empty),
             f"There is no mass behind {', '.join(map(repr, empty))}.",
             "expected an <inertial> in the links that a joint moves, got 0 kg",
             selection([name for name in masses if name not in empty], self.movable)
             if len(empty) < len(masses)
             else "a file with inertials: this one is made for display only",
         )
-        wholes = [lumped([body[1:] for body in bodies]) for bodies in self._bodies]
-        names = [[body[0] for body in bodies] for bodies in self._bodies]
-        balls = {  # of those without size: the inertia of a plastic ball
-            str(name): 0.4 * mass ** (5.0 / 3.0) * BALL**2
-            for name, (mass, _, inertia) in zip(names, wholes)
+        moved_bodies = {
+            joint.name: bodies for joint, bodies in zip(self.joints, self._bodies) if joint.name not in empty
+        }
+        wholes = {joint: lumped([body[1:] for body in bodies]) for joint, bodies in moved_bodies.items()}
+        balls = {  # of those without size: the inertia of a plastic ball, by the heaviest link
+            max(moved_bodies[joint], key=lambda body: body[1])[0]: (joint, ball_inertia(mass))
+            for joint, (mass, _, inertia) in wholes.items()
             if not float(np.linalg.eigvalsh(inertia)[0]) > 0.0
         }
-        refuse_if(
+        names = {link: [body[0] for body in moved_bodies[joint]] for link, (joint, _) in balls.items()}
+        refuse_part(
             balls,
-            f"What a joint moves has no inertia about an axis: {', '.join(balls)}.",
-            f"expected the <inertia> of links, got a principal moment of 0 in {', '.join(balls)}",
+            NO_EXTENT,
+            tuple(balls),
+            f"What a joint moves has no inertia about an axis: {', '.join(map(str, names.values()))}.",
+            f"expected the <inertia> of links, got a principal moment of 0 in {', '.join(map(str, names.values()))}",
             "as measured, or of a plastic ball of that mass, "
-            + "; ".join(f"ixx='{i:.2g}' iyy='{i:.2g}' izz='{i:.2g}' in {name}" for name, i in balls.items()),
+            + "; ".join(
+                f"ixx='{i:.2g}' iyy='{i:.2g}' izz='{i:.2g}' in {names[link]}"
+                for link, (_, i) in balls.items()
+            ),
         )
-        for name, (mass, centre, inertia) in zip(names, wholes):
-            with located(f"link {name}"):
+        small = {joint for joint, _ in balls.values()}
+        for joint, (mass, centre, inertia) in wholes.items():
+            if joint in small:
+                continue
+            with located(f"link {[body[0] for body in moved_bodies[joint]]}"):
                 self.links.append(Link(mass, [float(c) for c in centre], six_of(inertia)))
-        return self
+
+
+def nearest_inertia(inertia: np.ndarray) -> np.ndarray:
+    """The inertia (3, 3), kg·m², that a body can have and whose second moments are nearest to those of another one.
+
+    A body's second moments Σ = ½ tr(I) 1 − I are positive semidefinite; negative ones become zero, which is nearest in
+    the Frobenius norm (Wensing, Kim & Slotine, "Linear matrix inequalities for physically-consistent inertial
+    parameter identification", IEEE Robotics and Automation Letters 3, 2018, for the condition).
+    """
+    principal, axes = np.linalg.eigh(inertia)
+    moments = np.maximum(0.5 * principal.sum() - principal, 0.0)
+    return axes @ np.diag(moments.sum() - moments) @ axes.T
+
+
+def ball_inertia(mass: float) -> float:
+    """The inertia of a plastic ball of a mass, kg, about its centre, kg·m²."""
+    return 0.4 * mass ** (5.0 / 3.0) * BALL**2
 
 
 def toml_key(name: str) -> str:

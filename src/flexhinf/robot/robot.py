@@ -37,6 +37,7 @@ from flexhinf.robot.elastic import (
 from flexhinf.robot.equilibrium import equilibrium, plant_columns
 from flexhinf.robot.modes import Mode, modes_of, stiffness_and_inertia
 from flexhinf.robot.parameters import (
+    QUANTITIES,
     Parameter,
     PlantValues,
     check_parameters,
@@ -44,6 +45,7 @@ from flexhinf.robot.parameters import (
     per_joint,
     random_signs,
     unit_of,
+    whole_quantity,
 )
 from flexhinf.robot.saved_file import save_robot
 from flexhinf.robot.signals import (
@@ -190,6 +192,21 @@ class Robot(Summarised):
             "parameters": f"{len(self.parameters)}, {len(self.uncertain)} with a tolerance",
             "penalty of its own": "no" if self.penalty is None else "yes",
         }
+
+    @cached_property
+    def estimated(self) -> dict[str, tuple[str, ...]]:
+        """Joints whose numbers are estimates and were not measured, by quantity; no joint for gravity."""
+        n, found = len(self.joint_names), dict[str, list[str]]()
+        homes = {
+            per_joint(quantity, joint, n): (quantity, joint)
+            for quantity in QUANTITIES
+            for joint in self.joint_names
+        }
+        for parameter in self.parameters:
+            if parameter.estimated:
+                quantity, joint = homes.get(parameter.name, (parameter.name, ""))
+                found.setdefault(whole_quantity(quantity), []).append(joint)
+        return {quantity: tuple(dict.fromkeys(filter(None, joints))) for quantity, joints in found.items()}
 
     def __getitem__(self, name: str) -> Parameter:
         one_of(f"The robot {self.name!r} has no parameter {name!r}.", name, tuple(self.nominal))

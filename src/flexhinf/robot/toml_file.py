@@ -12,6 +12,7 @@ from flexhinf.plant import Penalty
 from flexhinf.robot.arm import SHAPES, Frame, Payload, Pendulum, inertia_of_shape, payload_from_text
 from flexhinf.robot.dynamics import ZERO, Joint, Placement, Tree
 from flexhinf.robot.elastic import DRIVES
+from flexhinf.robot.faults import collects_faults, refuse_part
 from flexhinf.robot.file_keys import (
     NESTING,
     TABLES,
@@ -69,6 +70,8 @@ class RobotFile:
         self.stated: list[tuple[tuple[Any, ...], tuple[str, ...], Stated]] = []
         self._mistakes: list[tuple[str, str, str]] = []
         self.root = self.table(self.data, TABLES[""], ())
+        for what, found, advice in self._mistakes if collects_faults() else ():
+            refuse_part(True, "", (), f"{self.file}: {what}.", found, advice)
         if self._mistakes:
             what, found, advice = self._mistakes[0]
             others = f" (and {len(self._mistakes) - 1} more)" if len(self._mistakes) > 1 else ""
@@ -155,10 +158,10 @@ class RobotFile:
         """The robot of a TOML file that states its links too."""
         table, file = self.root, self.file
         refuse_if(
-            chosen is not None or locked or "joints" in table or table["locked"],
-            f"{file}: joints are chosen or locked in a URDF only.",
-            "expected neither joints nor locked without urdf",
-            "leave the joint out of the file",
+            chosen is not None or locked or "joints" in table or table["locked"] or table["links"],
+            f"{file}: joints are chosen or locked, and links corrected, in a URDF only.",
+            "expected neither joints, locked nor links without urdf",
+            "leave the joint out of the file; state the link's inertia in [joint.link]",
         )
         joints = []
         for row in table["joint"]:
@@ -212,7 +215,8 @@ class RobotFile:
         read = read_mjcf if rigid.suffix.lower() in MJCF and root.tag == "mujoco" else read_urdf
         chosen = table.get("joints") if chosen is None else chosen
         with located(rigid.name):
-            arm = read(root, chosen, {**table["locked"], **(locked or {})})
+            inertias = {name: row["inertia"] for name, row in table["links"].items()}
+            arm = read(root, chosen, {**table["locked"], **(locked or {})}, inertias)
         distinct(f"{file}: the joint", [row["name"] for row in table["joint"]])
         names = [joint.name for joint in arm.joints]
         for name in [name for name in rows if name not in arm.movable]:

@@ -14,10 +14,12 @@ import numpy as np
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.robot.arm import Frame
 from flexhinf.robot.dynamics import KINDS, ZERO, Placement, matrix_of
+from flexhinf.robot.faults import NO_KIND, NO_ROOM, refuse_part
 from flexhinf.robot.parameters import INERTIA, measured
 from flexhinf.robot.parts import ask
 from flexhinf.robot.rigid_arm import (
     MOST_LINKS,
+    Correction,
     RigidArm,
     check_count,
     check_turns,
@@ -26,7 +28,7 @@ from flexhinf.robot.rigid_arm import (
     selection,
     toml_key,
 )
-from flexhinf.validation import HUGE, checked_name, distinct, value_text
+from flexhinf.validation import HUGE, checked_name, distinct, one_of, value_text
 
 #: What may stand in an element, and only once, with what else a URDF has there.
 ONCE = {
@@ -83,12 +85,16 @@ NO_MOTOR = 1e9
 
 
 def read_urdf(
-    root: Element, joints: Sequence[str] | None = None, locked: Mapping[str, float] | None = None
+    root: Element,
+    joints: Sequence[str] | None = None,
+    locked: Mapping[str, float] | None = None,
+    inertias: Mapping[str, Correction] | None = None,
 ) -> RigidArm:
     """The moving joints of a URDF, of its root, and their links; neither meshes nor transmissions.
 
     `joints` are those that move (by default all that are not fixed); `locked` is where others stand, rad or m. Those
     that `joints` leaves out stand at zero or at the nearer limit, or where the joint that they mimic takes them.
+    `inertias` take the place of those that the file states, by link.
     """
     refuse_if(
         root.tag != "robot",
@@ -105,29 +111,39 @@ def read_urdf(
     links, elements = _named(root, "link"), _named(root, "joint")
     behind, base = _tree(links, elements)
     movable = tuple(name for name, element in elements.items() if element.get("type") != "fixed")
-    arm = RigidArm(movable, _with_mimics(elements, locked_joints(movable, joints, locked)))
+    arm = RigidArm(movable, _with_mimics(elements, locked_joints(movable, joints, locked)), inertias or {})
+    for link in arm.inertias:
+        one_of(f"There is no link {value_text(link, 60)} whose inertia could be corrected.", link, links)
     # From the base outwards, each link before those behind it, without recursion: chains may be long.
     ahead: list[Any] = [(name, None, Placement()) for name in reversed(behind.get(base, []))]
     while ahead:
         name, carrier, above = ahead.pop()
         element, link = elements[name], _link_at(elements[name], "child")
         kind, place = element.get("type", ""), above.then(_origin(name, element))
-        refuse_if(
+        if kind not in KINDS and name in arm.locked:
+            kind = "fixed"  # of a base that floats, say
+        if refuse_part(
             kind not in (*KINDS, "fixed"),
+            NO_KIND,
+            (name,),
             f"The joint {name!r} is of kind {value_text(kind, 60)}.",
             f"expected fixed or one of {list(KINDS)}, got {value_text(kind, 60)}",
             f"type='{close[0]}' in the <joint name={name!r}>"
             if (close := difflib.get_close_matches(kind[:60].strip().lower(), (*KINDS, "fixed"), n=1))
             else f"type='fixed' in the <joint name={name!r}>, where the base, or what is behind it, stands still",
-        )
+        ):
+            kind = "fixed"
         if kind != "fixed":
             axis = _vector(name, element.find("axis"), "xyz", (1.0, 0.0, 0.0))
-            refuse_if(
+            if refuse_part(
                 not np.linalg.norm(axis) > 1.0 / HUGE,
+                NO_ROOM,
+                (name,),
                 f"The axis of the joint {name!r} has no direction.",
                 f"expected a vector that is not zero, got {axis}",
                 "xyz='0 0 1'",
-            )
+            ):
+                axis = (1.0, 0.0, 0.0)
             limits = _limits(name, element, name in arm.locked)
             carrier, place = arm.add_joint(carrier, name, kind, axis, place, limits)
             if name not in arm.locked:
@@ -390,8 +406,10 @@ def _dynamics(name: str, joint: Element) -> dict[str, float]:
         "friction": _number(name, joint.find("dynamics"), "damping", _slides(joint)),
         "coulomb_friction": _number(name, joint.find("dynamics"), "friction", _slides(joint)),
     }
-    refuse_if(
+    refuse_part(
         min(stated.values()) < 0.0,
+        "",
+        (name,),
         f"<dynamics> of the joint {name!r} is negative.",
         f"expected damping and friction >= 0, got {list(stated.values())}",
         "0 for none",
@@ -404,14 +422,17 @@ def _limits(name: str, joint: Element, locked: bool) -> tuple[float, float] | No
     if joint.get("type") == "continuous":
         return None
     lower, upper = (_number(name, joint.find("limit"), key, _slides(joint)) for key in ("lower", "upper"))
-    refuse_if(
+    if refuse_part(
         lower > upper or (lower == upper != 0.0 and not locked),
+        NO_ROOM,
+        (name,),
         f"The limits of the joint {name!r} leave no room.",
         f"expected lower < upper, got lower {lower:g} and upper {upper:g} (0 where not stated)",
         f"lower='{upper:g}' upper='{lower:g}'"
         if lower > upper
         else f"locked = {{{toml_key(name)} = {lower:g}}} at the top of the robot file",
-    )
+    ):
+        return None
     return range_of(lower, upper) if lower < upper or lower == upper != 0.0 else None
 
 
@@ -419,8 +440,10 @@ def _largest(name: str, joint: Element, key: str) -> float:
     """The limit that <limit effort velocity> states; infinite without one, and for 0 and -1, which exporters write
     then, and for what is beyond all motors."""
     stated = _number(name, joint.find("limit"), key, _slides(joint))
-    refuse_if(
+    refuse_part(
         stated < 0.0 and stated != -1.0,
+        "",
+        (name,),
         f"The {key} limit of the joint {name!r} is negative.",
         f"expected {key} >= 0 (0 or -1 for none) in <limit>, got {stated:g}",
         f"{key}='0' for none, or the limit",
@@ -436,11 +459,14 @@ def _add_body(arm: RigidArm, carrier: int, link: str, element: Element, place: P
     mass = _number(link, mass_element, "value")
     if six is None and mass_element is not None and mass == 0.0:
         return
-    refuse_if(
+    if refuse_part(
         mass_element is None or six is None,
+        "",
+        (link,),
         f"The <inertial> of the link {link!r} has no {'mass' if mass_element is None else 'inertia'}.",
         "expected <mass value=…/>, kg, and <inertia ixx=… iyy=… izz=…/> about the centre of mass",
         "the missing one; or no <inertial> for a link without mass",
-    )
+    ):
+        return
     moments = matrix_of([_number(link, six, f"i{axes}") for axes in INERTIA])
     arm.add_body(carrier, link, mass, moments, place.then(_origin(link, inertial)))

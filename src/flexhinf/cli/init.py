@@ -1,0 +1,73 @@
+"""``flexhinf init``: a robot file to begin with."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import typer
+
+from flexhinf.cli.arguments import with_options
+from flexhinf.cli.messages import note, options
+from flexhinf.errors import refuse_if
+from flexhinf.files import write_file
+from flexhinf.validation import checked_path, value_text
+
+
+@with_options(lambda: (options.InitOptions, ()))
+def init(context: typer.Context, o: options.InitOptions) -> None:
+    """Write a robot file for a URDF or an MJCF file, or a template.
+
+    Every joint with a motor is in it by name, at home in the middle of its range.
+    Grippers and joints that follow others are locked. Friction, gears and rotors
+    that the file states are taken. What nobody states (no such file has a
+    stiffness) is estimated from masses and limits, with a wide tolerance, and says
+    so in its source. Links with an inertia that no body has get the nearest one.
+
+    Then: flexhinf check arm.toml, and flexhinf design arm.toml.
+    """
+    from flexhinf.robot.init_file import described, robot_file_text
+    from flexhinf.robot.template import template_text
+
+    refuse_if(
+        bool(o.source) == bool(o.joints),
+        "There is nothing to begin with." if not o.source else "A template has no URDF.",
+        f"expected a URDF or MJCF file, or --joints, got {value_text(o.source)} and --joints {o.joints}",
+        "flexhinf init arm.urdf, or flexhinf init --joints 3",
+    )
+    refuse_if(
+        o.source and o.drive != "torque",
+        "The motor's constants of a file with links are not known.",
+        f"expected --drive torque beside {value_text(o.source)}, got {o.drive}",
+        "torque_constant (and resistance, back_emf_constant) in [joint.motor] of the file that is written",
+    )
+    refuse_if(
+        o.joints and o.move,
+        "A template has no joints to choose.",
+        f"got --move {', '.join(o.move)}",
+        "leave it out",
+    )
+    path = checked_path("The description", o.source) if o.source else None
+    out = o.out or Path("my-arm.toml" if path is None else f"{path.stem}.toml")
+    refuse_if(
+        out.suffix != ".toml",
+        "A robot file has another name.",
+        f"expected a name that ends in .toml, got {value_text(str(out))}",
+        f"--out {out.with_suffix('.toml').name}",
+    )
+    refuse_if(
+        out.exists() and not o.force,
+        f"There is a file {value_text(str(out))} already.",
+        "expected a new name, got one that exists",
+        "--out another.toml, or --force to replace it",
+    )
+    changes: list[str] = []
+    if path is None:
+        text = template_text(o.joints, o.drive)
+    else:
+        found, arm = described(path, o.move or None)
+        text, changes = robot_file_text(found, arm, out), found.changes
+    out.parent.mkdir(parents=True, exist_ok=True)
+    write_file(out, "robot file", lambda name: Path(name).write_text(text, encoding="utf-8"))
+    for change in changes:
+        note(change)
+    typer.echo(f"robot file: {out}\ncheck:  flexhinf check {out}\ndesign: flexhinf design {out}")

@@ -1,0 +1,177 @@
+"""What a log shows of itself, as a table and as sentences that come before anything that blames the model."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+
+import numpy as np
+
+from flexhinf.identification import Log, LogFinding
+from flexhinf.identification.doctor import above_note
+from flexhinf.notebook import number_text
+from flexhinf.pages.drawing import Blocks, Line, Panel, draw_figure, listed, note, thin, with_figures
+from flexhinf.pages.estimate_figures import MOST_PANELS, signal_label
+from flexhinf.pages.terminal import Ending, wrapped
+from flexhinf.report import (
+    INK,
+    SERIES,
+    Cell,
+    Column,
+    KeyNumber,
+    Page,
+    Provenance,
+    Section,
+    Settings,
+    Status,
+    Table,
+    finite,
+    house_style,
+    to_json,
+)
+from flexhinf.robot import Robot
+
+#: Colours of the severities in a table.
+COLOURS = {"fault": "red", "doubt": "yellow", "note": "green"}
+
+
+def finding_texts(findings: Sequence[LogFinding]) -> list[str]:
+    """Sentences of the findings that are more than a note, the worst first."""
+    return [finding.text for finding in above_note(findings)]
+
+
+def finding_table(findings: Sequence[LogFinding]) -> Table:
+    """A row for each finding: how severe, what, where, how often, what to try."""
+    rows = [
+        (
+            Cell(finding.severity, COLOURS[finding.severity]),
+            f"{finding.what}{f' ({finding.numbers})' if finding.numbers else ''}",
+            finding.place or "all",
+            str(finding.count),
+            finding.advice.removeprefix("To try: ").replace("`", ""),
+        )
+        for finding in findings
+    ]
+    return Table(
+        ("", "finding", Column("where", brief=None), Column("places", right=True, brief=None), "to try"),
+        rows or [(Cell("none", "green"), "Nothing is conspicuous.", "", "", "")],
+        "What the log shows of itself and beside its robot: a fault makes numbers wrong that are taken from it, a "
+        "doubt may, a note is something to know",
+        "table-findings",
+        title="Findings",
+        stacks=True,
+    )
+
+
+def finding_section(findings: Sequence[LogFinding]) -> Section:
+    """The findings as a section of a page."""
+    return Section("What the log shows of itself", (finding_table(findings),), "findings")
+
+
+def finding_numbers(findings: Sequence[LogFinding]) -> list[dict[str, object]]:
+    """The findings for the JSON of a page; rows from 1 on."""
+    return [
+        {
+            "kind": finding.kind, "severity": finding.severity, "what": finding.what, "advice": finding.advice,
+            "signal": finding.signal, "column": finding.column, "count": finding.count,
+            "rows": None if finding.rows is None else [row + 1 for row in finding.rows],
+        }
+        for finding in findings
+    ]  # fmt: skip
+
+
+def checked_verdict(findings: Sequence[LogFinding]) -> str:
+    """How many findings there are of each severity, as a sentence."""
+    counts = {severity: sum(each.severity == severity for each in findings) for severity in COLOURS}
+    several = [f"{count} {name}{'s' * (count != 1)}" for name, count in counts.items() if count]
+    state = (
+        "The log is ill"
+        if counts["fault"]
+        else "The log is doubtful"
+        if counts["doubt"]
+        else "Nothing speaks against the log"
+    )
+    return f"{state}: {listed(several)}." if several else f"{state}."
+
+
+def checked_log_ending(findings: Sequence[LogFinding]) -> Ending:
+    """What a terminal says of a log that was checked: each finding with what to try, and the verdict."""
+    texts = []
+    for finding in findings:
+        where = f" [{finding.place}]" if finding.place else ""
+        numbers = f" {finding.numbers[:1].upper()}{finding.numbers[1:]}." if finding.numbers else ""
+        advice = finding.advice.replace("`", "")
+        texts.append(wrapped(f"{finding.severity}: {finding.what}{numbers}{where} {advice}".strip()))
+    return Ending([], "\n".join([*texts, checked_verdict(findings)]))
+
+
+def checked_log_page(
+    source: str,
+    robot: Robot,
+    log: Log | None,
+    findings: Sequence[LogFinding],
+    command: Sequence[str],
+    warnings: Sequence[str] = (),
+) -> Page:
+    """The page of a log that was checked; `log` is None where it could not be read."""
+    worst = findings[0].severity if findings else "note"
+    size = "a log that cannot be read"
+    keys = []
+    if log is not None:
+        seconds = number_text(float(log.times[-1] - log.times[0]), "s")
+        measured = listed([signal_label(name) for name in log.names.get("output", ())])
+        size = f"a log of {len(log)} rows in {seconds}, with {measured}"
+        keys = [
+            KeyNumber("rows", len(log)),
+            KeyNumber("period", number_text(1e3 * log.period, ""), "ms"),
+        ]
+    verdict = checked_verdict(findings)
+    sections = [finding_section(findings)]
+    if log is not None:
+        with house_style():
+            sections.append(Section("The signals", tuple(with_figures(_signals(log, findings))), "signals"))
+    if warnings:
+        sections.append(Section("The robot's file", tuple(note(text) for text in warnings), "robot"))
+    return Page(
+        f"The log {source}, checked",
+        f"{size[0].upper()}{size[1:]}, beside the robot “{robot.name}”.",
+        verdict,
+        sections,
+        Settings({}),
+        Provenance(shlex.join(command), None),
+        keys,
+        [Status("met" if worst == "note" else "not met" if worst == "fault" else "risky", verdict)],
+        finding_texts(findings)[:3],
+    )
+
+
+def _signals(log: Log, findings: Sequence[LogFinding]) -> Blocks:
+    """The signals of a log, those with findings first, with the rows of these."""
+    tables = {
+        name: values
+        for kind, table in (("output", log.outputs), ("input", log.inputs))
+        for name, values in zip(log.names.get(kind, ()), table.T)
+    }
+    named = dict.fromkeys(finding.signal for finding in above_note(findings))
+    order = [*(name for name in named if name in tables), *(name for name in tables if name not in named)]
+    panels = []
+    for name in order[:MOST_PANELS]:
+        few = thin(log.times)
+        lines = [
+            Line(log.times[few], tables[name][few], "in the log", {"color": SERIES[0], "linewidth": 1.2})
+        ]
+        for finding in above_note(findings):
+            if finding.rows is not None and finding.signal in (name, "time"):
+                ends = np.clip(finding.rows, 0, len(log) - 1)
+                mark = {"color": INK, "linestyle": "", "marker": "o", "markersize": 4.0}
+                lines.append(Line(log.times[ends], tables[name][ends], finding.kind, mark))
+        panels.append(Panel(signal_label(name), "", lines))
+    yield draw_figure(
+        "signals", panels, "Signals of the log; dots: first and last row of a finding.", "Signals"
+    )
+
+
+def checked_log_files(page: Page, findings: Sequence[LogFinding]) -> dict[str, str | bytes]:
+    """The files of the report by name."""
+    numbers = finite({"findings": finding_numbers(findings), "says": checked_verdict(findings)})
+    return {"index.html": page.html(), "check.json": to_json(numbers)}

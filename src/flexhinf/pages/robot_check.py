@@ -1,0 +1,143 @@
+"""What a robot's description shows before any design: findings, and what weight and springs do to each joint."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Sequence
+from dataclasses import asdict
+
+from flexhinf.pages.drawing import listed
+from flexhinf.pages.log_findings import COLOURS
+from flexhinf.pages.terminal import Ending, wrapped
+from flexhinf.report import (
+    Cell,
+    Column,
+    KeyNumber,
+    Page,
+    Provenance,
+    Section,
+    Settings,
+    Status,
+    Table,
+    finite,
+    to_json,
+)
+from flexhinf.robot.examination import JointFacts, RobotExamination
+
+
+def joint_table(joints: Sequence[JointFacts]) -> Table:
+    """A row for each joint: its range, mass, weight against its motor, twist and vibrations."""
+    rows = []
+    for joint in joints:
+        angle, torque, twist = ("mm", "N", "mm") if joint.slides else ("°", "N·m", "mrad")
+        scale = 1e3 if joint.slides else math.degrees(1.0)
+        ends = (
+            None
+            if joint.limits is None
+            else f"{scale * joint.limits[0]:.4g} to {scale * joint.limits[1]:.4g} {angle}"
+        )
+        hertz = None if math.isnan(joint.slowest) else f"{joint.slowest:.3g} to {joint.fastest:.3g}"
+        rows.append(
+            (
+                joint.name,
+                ends,
+                f"{joint.mass:.3g}",
+                f"{joint.weight:.3g} {torque}",
+                None if math.isinf(joint.effort) else f"{joint.effort:.4g} {torque}",
+                None if math.isnan(joint.twist) else f"{1e3 * joint.twist:.3g} {twist}",
+                hertz,
+            )
+        )
+    return Table(
+        (
+            "joint", Column("range", brief=None), Column("link, kg", right=True), Column("weight at most", right=True),
+            Column("motor at most", right=True), Column("twist by it", right=True), Column("vibration, Hz", right=True),
+        ),
+        rows,
+        "Each joint over its range: the largest torque that holds the arm, what the motor gives, the spring's twist under "
+        "it, and vibrations that are mostly of this joint",
+        "table-joints",
+        title="Joints",
+    )  # fmt: skip
+
+
+def robot_finding_table(result: RobotExamination) -> Table:
+    """A row for each finding: how severe, what, where, what to try."""
+    rows = [
+        (
+            Cell(finding.severity, COLOURS[finding.severity]),
+            f"{finding.what}{f' {finding.numbers[:1].upper()}{finding.numbers[1:]}.' if finding.numbers else ''}",
+            finding.place or "the file",
+            finding.advice.replace("`", ""),
+        )
+        for finding in result.findings
+    ]
+    return Table(
+        ("", "finding", Column("where", brief=None), "to try"),
+        rows or [(Cell("none", "green"), "Nothing is conspicuous.", "", "")],
+        "With a fault no robot can be made of the file; a doubt makes a design wrong or impossible, or rests on a guess; "
+        "a note is something to know",
+        "table-findings",
+        title="Findings",
+        stacks=True,
+    )
+
+
+def robot_verdict(result: RobotExamination) -> str:
+    """How many findings there are of each severity, and whether a design can be made, as a sentence."""
+    counts = {severity: sum(each.severity == severity for each in result.findings) for severity in COLOURS}
+    several = [f"{count} {name}{'s' * (count != 1)}" for name, count in counts.items() if count]
+    state = (
+        "No robot can be made of this file"
+        if counts["fault"]
+        else "A design can be made"
+        if result.robot is not None
+        else "The links can be read, and a design needs springs and motors"
+    )
+    return f"{state}: {listed(several)}." if several else f"{state}; nothing is conspicuous."
+
+
+def checked_robot_ending(result: RobotExamination) -> Ending:
+    """What a terminal says of a description: its joints, each finding with what to try, and the verdict."""
+    texts = []
+    for finding in result.findings:
+        where = f" [{finding.place}]" if finding.place else ""
+        numbers = f" {finding.numbers[:1].upper()}{finding.numbers[1:]}." if finding.numbers else ""
+        advice = f" To try: {finding.advice}." if finding.advice else ""
+        texts.append(wrapped(f"{finding.severity}: {finding.what}{where}{numbers}{advice.replace('`', '')}"))
+    tables = [joint_table(result.joints).terminal()] if result.joints else []
+    return Ending(tables, "\n".join([*texts, robot_verdict(result)]))
+
+
+def checked_robot_page(result: RobotExamination, command: Sequence[str]) -> Page:
+    """The page of a description that was checked."""
+    worst = result.findings[0].severity if result.findings else "note"
+    verdict, count = robot_verdict(result), len(result.joints)
+    sections = [Section("What the description shows", (robot_finding_table(result),), "findings")]
+    if result.joints:
+        sections.append(Section("Joints", (joint_table(result.joints),), "joints"))
+    keys = [KeyNumber("joints", count)] if count else []
+    return Page(
+        f"The robot {result.path.name}, checked",
+        "Before any design: what is wrong or doubtful in a robot's description.",
+        verdict,
+        sections,
+        Settings({}),
+        Provenance(shlex.join(command), None),
+        keys,
+        [Status("met" if worst == "note" else "not met" if worst == "fault" else "risky", verdict)],
+        [finding.what for finding in result.findings if finding.severity != "note"][:3],
+    )
+
+
+def checked_robot_files(page: Page, result: RobotExamination) -> dict[str, str | bytes]:
+    """The files of the report by name."""
+    numbers = finite(
+        {
+            "findings": [asdict(finding) for finding in result.findings],
+            "joints": [asdict(joint) for joint in result.joints],
+            "says": robot_verdict(result),
+        }
+    )
+    return {"index.html": page.html(), "check.json": to_json(numbers)}

@@ -1,0 +1,261 @@
+"""What is wrong or doubtful in a description of a robot, all at once and before any design."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.plant import Parameters
+from flexhinf.robot.estimates import ESTIMATE
+from flexhinf.robot.faults import PartFault, collected_faults
+from flexhinf.robot.init_file import Description, described
+from flexhinf.robot.parts import file_warnings
+from flexhinf.robot.robot import Robot
+from flexhinf.robot.robot_file import load_robot
+from flexhinf.validation import read_xml
+
+#: Poses at which weights and vibrations are looked at, and their seed.
+POSES, SEED = 60, 0
+
+#: A spring that its weight twists by more, rad (m), was probably stated in another unit.
+MOST_TWIST = (0.2, 0.05)
+
+#: Share of the largest torque beyond which the weight leaves little for a motion.
+HEAVY = 0.7
+
+#: Samples in a period of the fastest vibration, below which no controller of this period damps it.
+FEWEST_SAMPLES = 2.5
+
+
+@dataclass(frozen=True)
+class RobotFinding:
+    """Something about a robot's description: a fault with which no design is made, a doubt, or a note."""
+
+    severity: Literal["fault", "doubt", "note"]
+    what: str
+    place: str = ""  # links or joints
+    numbers: str = ""  # what was expected, and what there is
+    advice: str = ""
+    count: int = 1
+
+
+@dataclass(frozen=True)
+class JointFacts:
+    """What the weight and the springs of a robot do to one joint, over its range: SI units."""
+
+    name: str
+    slides: bool
+    limits: tuple[float, float] | None
+    mass: float  # of its link, with what is fixed to it
+    weight: float  # the largest torque that holds a pose
+    effort: float  # the largest torque of the motor; infinite where none is stated
+    twist: float  # of the spring under that weight; NaN of a rigid joint
+    slowest: float  # vibration that is mostly of this joint, Hz; NaN where there is none
+    fastest: float
+
+
+@dataclass
+class RobotExamination:
+    """Findings about a description, and the facts of each joint where the robot could be made."""
+
+    path: Path
+    findings: list[RobotFinding] = field(default_factory=list)
+    joints: list[JointFacts] = field(default_factory=list)
+    robot: Robot | None = None
+
+    def add(self, severity: Literal["fault", "doubt", "note"], what: str, **others: Any) -> None:
+        """Add a finding."""
+        self.findings.append(RobotFinding(severity, what, **others))
+
+
+def examine_robot(path: Path, elastic: str | Path | None = None, period: float = 1e-3) -> RobotExamination:
+    """Examine a robot file, or a URDF or MJCF file with or without the elastic data in another one.
+
+    Raises InvalidInput where the file is not there, or is no such file at all.
+    """
+    result = RobotExamination(path)
+    if path.suffix.lower() != ".toml" and elastic is None:
+        _examine_links(path, result)
+    else:
+        result.robot = _loaded(path, elastic, result)
+    if result.robot is not None:
+        result.joints = joint_facts(result.robot)
+        for finding in (*_of_numbers(result.robot), *_of_joints(result.joints, period)):
+            result.findings.append(finding)
+    order = ("fault", "doubt", "note")
+    result.findings.sort(key=lambda finding: order.index(finding.severity))
+    return result
+
+
+def _loaded(path: Path, elastic: str | Path | None, result: RobotExamination) -> Robot | None:
+    robot = None
+    with file_warnings() as remarks, collected_faults() as faults:
+        try:
+            robot = load_robot(path, elastic)
+        except InvalidInput as error:
+            last = PartFault("", (), error.what, error.found, error.advice)
+            if not faults:
+                faults.append(last)
+    _tell(faults, remarks, result)
+    return None if faults else robot
+
+
+def _examine_links(path: Path, result: RobotExamination) -> None:
+    """What a URDF or MJCF file says by itself: all its faults, and what a design needs besides."""
+    found = Description(path, read_xml(path))
+    with file_warnings() as remarks, collected_faults() as faults:
+        try:
+            found.arm_as_it_is()
+        except FlexhinfError as error:
+            if not isinstance(error, InvalidInput):
+                raise
+            faults.append(PartFault("", (), error.what, error.found, error.advice))
+    _tell(faults, remarks, result)
+    try:
+        found, arm = described(path)
+    except InvalidInput as error:
+        if error.what not in {finding.what for finding in result.findings}:
+            result.add("fault", error.what, numbers=error.found, advice=error.advice)
+        return
+    if faults:
+        result.add("note", "A robot file gets round these faults.", advice=f"flexhinf init {path.name}")
+    for change in found.changes:
+        result.add("note", f"`flexhinf init` changes what the file says: {change}.")
+    idle = [joint.name for joint, effort in zip(arm.joints, arm.efforts) if not np.isfinite(effort)]
+    if idle:
+        result.add(
+            "doubt", "The largest torque of joints is not stated.", place=", ".join(idle), count=len(idle),
+            numbers="expected <limit effort> greater than 0, got none, 0, −1 or a number that stands for none",
+            advice="effort_limit in [[joint]] of the robot file",
+        )  # fmt: skip
+    free = [joint.name for joint in arm.joints if joint.limits is None]
+    if free:
+        result.add("note", "Joints without limits.", place=", ".join(free), count=len(free))
+    away = [
+        joint.name for joint in arm.joints if joint.limits and not joint.limits[0] <= 0.0 <= joint.limits[1]
+    ]
+    if away:
+        result.add(
+            "note", "Zero is outside the limits of joints.", place=", ".join(away), count=len(away),
+            advice="home = […] in the robot file",
+        )  # fmt: skip
+    result.add(
+        "doubt", "No file of links states springs: stiffness, motor inertia and friction of each joint are missing.",
+        place=", ".join(joint.name for joint in arm.joints), count=len(arm.joints),
+        advice=f"flexhinf init {path.name}, which estimates them, then numbers of data sheets or `flexhinf identify`",
+    )  # fmt: skip
+
+
+def _tell(faults: Sequence[PartFault], remarks: Sequence[str], result: RobotExamination) -> None:
+    for fault in faults:
+        result.add(
+            "fault", fault.what, place=", ".join(fault.parts), numbers=fault.found, advice=fault.advice,
+            count=max(1, len(fault.parts)),
+        )  # fmt: skip
+    for remark in remarks:
+        what, _, rest = remark.partition("\n  found: ")
+        numbers, _, advice = rest.partition("\n  try:   ")
+        result.add("doubt", what, numbers=numbers, advice=advice)
+
+
+# Facts --------------------------------------------------------------------------------------------
+def joint_facts(robot: Robot) -> list[JointFacts]:
+    """Weight, twist and vibrations of each joint at random poses of its range, and at home."""
+    ends = np.array([limits or (-math.pi, math.pi) for limits in robot.links.limits])
+    poses = np.random.default_rng(SEED).uniform(ends[:, 0], ends[:, 1], (POSES, len(ends)))
+    poses = np.vstack([np.asarray(robot.home, dtype=float)[None, :], poses])
+    numbers = robot.plant_parameters()
+    p = Parameters(numbers)
+    weights = np.abs(np.array([robot.links.gravity_torque(pose, p) for pose in poses])).max(axis=0)
+    seen: dict[str, list[float]] = {name: [] for name in robot.joint_names}
+    for pose in poses[:: max(1, POSES // 12)]:
+        for mode in robot.modes(pose):
+            if mode.name == "vibration":
+                seen[mode.joint].append(mode.frequency)
+    masses = np.atleast_1d(p.mass)
+    stiffness = dict(
+        zip([robot.joint_names[k] for k in robot.layout.elastic], np.atleast_1d(p.stiffness).tolist())
+    )
+    efforts = _largest_torques(robot, p)
+    return [
+        JointFacts(
+            name, slides, limits, float(masses[k]), float(weights[k]), efforts[k],
+            float(weights[k]) / stiffness[name] if name in stiffness else math.nan,
+            min(seen[name], default=math.nan), max(seen[name], default=math.nan),
+        )
+        for k, (name, slides, limits) in enumerate(zip(robot.joint_names, robot.links.slides, robot.links.limits))
+    ]  # fmt: skip
+
+
+def _largest_torques(robot: Robot, p: Parameters) -> list[float]:
+    """The largest torque of each motor at rest; infinite where no limit is stated."""
+    limits = robot.effort_limits or [None] * len(robot.joint_names)
+    gain = np.ones(len(limits))
+    if robot.drive != "torque":
+        gain = np.broadcast_to(p.torque_constant, gain.shape)
+    if robot.drive == "voltage":
+        gain = gain / p.resistance
+    return [math.inf if limit is None else float(limit * k) for limit, k in zip(limits, gain)]
+
+
+def _of_numbers(robot: Robot) -> Iterator[RobotFinding]:
+    estimated = [p.name for p in robot.parameters if p.source.startswith(ESTIMATE)]
+    if estimated:
+        yield RobotFinding(
+            "doubt", "Numbers are estimated, not measured.", ", ".join(estimated), count=len(estimated),
+            advice="numbers of data sheets, or `flexhinf identify` with a log; code for a machine is exported with "
+            "--accept-estimates only",
+        )  # fmt: skip
+    if not robot.uncertain:
+        yield RobotFinding(
+            "note", "No number has a tolerance.", numbers="a design is then tried on one robot alone",
+            advice="[tolerances] with stiffness = 10 in the robot file",
+        )  # fmt: skip
+    names = " ".join(robot.nominal)
+    if "coulomb_friction" not in names:
+        yield RobotFinding(
+            "note", "No joint states dry friction.", numbers="gears have 2 to 10 % of their largest torque",
+            advice="coulomb_friction in [joint.motor]",
+        )  # fmt: skip
+
+
+def _of_joints(joints: Sequence[JointFacts], period: float) -> Iterator[RobotFinding]:
+    for joint in joints:
+        unit = "N" if joint.slides else "N·m"
+        share = joint.weight / joint.effort
+        if share > 1.0:
+            yield RobotFinding(
+                "doubt", "The motor does not hold the weight everywhere.", joint.name,
+                f"expected at most {joint.effort:.4g} {unit}, got {joint.weight:.4g} at a pose of its range",
+                "a workspace without these poses (--workspace), a smaller payload, or the motor's own limit",
+            )  # fmt: skip
+        elif share > HEAVY:
+            yield RobotFinding(
+                "note", "The weight takes most of the motor's torque.", joint.name,
+                f"{100 * share:.0f} % of {joint.effort:.4g} {unit} at the heaviest pose",
+            )  # fmt: skip
+        if math.isinf(joint.effort):
+            yield RobotFinding(
+                "doubt", "The largest torque of the motor is not stated.", joint.name,
+                "a design then asks for what no motor may give", "effort_limit in [[joint]] of the robot file",
+            )  # fmt: skip
+        if joint.twist > MOST_TWIST[joint.slides]:
+            yield RobotFinding(
+                "doubt", "The weight twists the spring far.", joint.name,
+                f"{joint.twist:.3g} {'m' if joint.slides else 'rad'} at the heaviest pose",
+                f"stiffness in {'N/m' if joint.slides else 'N·m/rad'}, seen from the link",
+            )  # fmt: skip
+        if joint.fastest * period * FEWEST_SAMPLES > 1.0:
+            needed = 1.0 / (4.0 * joint.fastest)
+            yield RobotFinding(
+                "doubt", "A vibration is too fast for the period.", joint.name,
+                f"expected at most {1.0 / (FEWEST_SAMPLES * period):.4g} Hz at {1e3 * period:g} ms, got "
+                f"{joint.fastest:.4g} Hz",
+                f"--period {1e3 * needed:.2g}ms, or rigid = true in its [[joint]]",
+            )  # fmt: skip

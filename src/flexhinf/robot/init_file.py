@@ -1,0 +1,220 @@
+"""A robot file for a URDF or an MJCF file, with estimates of what nobody states."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element
+
+from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.robot.dynamics import KINDS
+from flexhinf.robot.estimates import ESTIMATE, EstimatedJoint, estimated_joints
+from flexhinf.robot.faults import NO_BODY, NO_EXTENT, NO_KIND, NO_MASS, NO_ROOM, PartFault, collected_faults
+from flexhinf.robot.mjcf import read_mjcf
+from flexhinf.robot.mjcf_joints import coupled_joints, driven_joints, first_keyframe
+from flexhinf.robot.parts import file_warnings
+from flexhinf.robot.rigid_arm import NEAREST, Correction, RigidArm, ball_inertia, toml_key
+from flexhinf.robot.urdf import read_urdf
+from flexhinf.validation import read_xml
+
+#: So often what a reader refuses is worked around: each time it may find more.
+ROUNDS = 10
+
+
+@dataclass
+class Description:
+    """The links of a file, read with what helps where it cannot be read as it is."""
+
+    path: Path
+    root: Element
+    joints: list[str] = field(default_factory=list)  # that move
+    inertias: dict[str, Correction] = field(default_factory=dict)
+    changes: list[str] = field(default_factory=list)  # what was done to read it, in sentences
+    remarks: list[str] = field(default_factory=list)  # warnings of the reader
+
+    @property
+    def is_mjcf(self) -> bool:
+        """Whether it is a file of MuJoCo."""
+        return self.root.tag == "mujoco"
+
+    def arm(self) -> RigidArm:
+        """The moving joints with their links; InvalidInput for a fault that has no way round."""
+        read = read_mjcf if self.is_mjcf else read_urdf
+        for _ in range(ROUNDS):
+            with file_warnings() as self.remarks, collected_faults() as faults:
+                arm = read(self.root, self.joints, None, self.inertias)
+            if not faults:
+                return arm
+            for fault in faults:
+                self._work_around(fault, arm)
+        raise _error(faults[0])
+
+    def arm_as_it_is(self) -> RigidArm:
+        """All joints that move in the file, read as they are."""
+        joints = _moving(self.root)
+        return (read_mjcf if self.is_mjcf else read_urdf)(self.root, joints)
+
+    def _work_around(self, fault: PartFault, arm: RigidArm) -> None:
+        if fault.kind == NO_BODY:
+            self.inertias |= dict.fromkeys(fault.parts, NEAREST)
+            self.changes.append(
+                f"no body has the inertia of {_listed(fault.parts)}: the nearest that one has is taken"
+            )
+        elif fault.kind == NO_EXTENT:
+            for link in fault.parts:
+                moment = float(f"{ball_inertia(arm.mass_of(link)):.4g}")
+                self.inertias[link] = (moment, 0.0, 0.0, moment, 0.0, moment)
+            self.changes.append(f"{_listed(fault.parts)} state no inertia: that of a plastic ball is taken")
+        elif fault.kind in (NO_MASS, NO_ROOM, NO_KIND) and len(self.joints) > len(fault.parts):
+            still = [name for name in fault.parts if name in self.joints]
+            refuse_if(not still, fault.what, fault.found, fault.advice)
+            self.joints = [name for name in self.joints if name not in still]
+            self.changes.append(f"{_listed(still)} stand still: {fault.what}")
+        else:
+            raise _error(fault)
+
+
+def described(path: Path, joints: Sequence[str] | None = None) -> tuple[Description, RigidArm]:
+    """A URDF or MJCF file, with the joints that move: by default those with a motor that nothing couples to others."""
+    root = read_xml(path)
+    found = Description(path, root)
+    found.joints = list(joints) if joints is not None else _moving(root)
+    arm = found.arm()
+    return found, arm
+
+
+def _moving(root: Element) -> list[str]:
+    """Joints with an actuator or a largest torque, else all that can move; without those of couplings and grippers."""
+    if root.tag == "mujoco":
+        driven, coupled = driven_joints(root), coupled_joints(root)
+        kinds = dict.fromkeys(driven.every, "revolute")
+        chosen = [name for name in driven.every if name in driven.names] or driven.every
+    else:
+        elements = {joint.get("name", ""): joint for joint in root.findall("joint")}
+        kinds = {
+            name: joint.get("type", "") for name, joint in elements.items() if joint.get("type") != "fixed"
+        }
+        coupled = {name for name, joint in elements.items() if joint.find("mimic") is not None}
+        coupled |= {
+            str(mimic.get("joint")) for joint in elements.values() for mimic in joint.findall("mimic")
+        }
+        acted = {str(joint.get("name")) for one in root.iter("transmission") for joint in one.iter("joint")}
+        strong = [name for name in kinds if name in acted or _effort(elements[name])]
+        chosen = strong or list(kinds)
+    free = [name for name in chosen if kinds[name] in KINDS and name not in coupled]
+    refuse_if(
+        not free,
+        "No joint moves.",
+        f"expected joints that turn or slide and follow no other one, got {list(kinds)}",
+        "--move NAME, the joints that are to move",
+    )
+    return free
+
+
+def _effort(joint: Element) -> bool:
+    limit = joint.find("limit")
+    try:
+        return limit is not None and float(limit.get("effort", "0")) > 0.0
+    except ValueError:
+        return False
+
+
+def _error(fault: PartFault) -> InvalidInput:
+    return InvalidInput(fault.what, fault.found, fault.advice)
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(map(repr, names))
+
+
+# Text ---------------------------------------------------------------------------------------------
+def robot_file_text(found: Description, arm: RigidArm, out: Path) -> str:
+    """A robot file beside which `out` is: every joint that moves, numbers of the file, estimates of the others."""
+    file, key = found.path.name, "mjcf" if found.is_mjcf else "urdf"
+    beside = Path(os.path.relpath(found.path.absolute(), out.absolute().parent)).as_posix()
+    home = _home(found, arm)
+    lines = [
+        f"# Numbers whose source begins with “{ESTIMATE}” are guesses from masses and limits, with wide tolerances:",
+        "# nobody measured them. Replace them by those of data sheets, or by `flexhinf identify`.",
+        *(f"# {change[:1].upper()}{change[1:]}." for change in found.changes),
+        f"name = {_text(found.path.stem)}",
+        f"{key} = {_text(beside)}",
+        f"joints = {json.dumps(found.joints, ensure_ascii=False)}",
+        f"home = {[home[joint.name] for joint in arm.joints]}  # rad, or m: "
+        + ("the keyframe, or " if found.is_mjcf else "")
+        + "the middle of each range",
+    ]
+    for link, inertia in found.inertias.items():
+        value = _text(NEAREST) if isinstance(inertia, str) else _moments(inertia)
+        lines += ["", f"[links.{toml_key(link)}]", f"inertia = {value}"]
+    stated = {} if found.is_mjcf else transmissions(found.root)
+    for name, joint in estimated_joints(arm).items():
+        lines += ["", *_joint(name, joint, arm.motors.get(name, {}), stated.get(name, {}), file)]
+    return "\n".join(lines) + "\n"
+
+
+def _joint(
+    name: str, guess: EstimatedJoint, numbers: Mapping[str, float], gear: Mapping[str, float], file: str
+) -> Iterator[str]:
+    yield from ("[[joint]]", f"name = {_text(name)}")
+    if not guess.stated:
+        yield f"effort_limit = {guess.effort:g}  # {ESTIMATE}: twice what its weight asks for"
+    yield from ("[joint.spring]", f"stiffness = {_number(vars(guess.stiffness))}", "[joint.motor]")
+    own = dict(numbers)
+    if "rotor_inertia" in gear and "gear_ratio" in gear and "motor_inertia" not in own:
+        own |= gear
+    elif "motor_inertia" not in own:
+        yield f"motor_inertia = {_number(vars(guess.motor_inertia))}"
+    if "friction" not in own:
+        yield f"friction = {_number(vars(guess.friction))}"
+    for quantity, value in own.items():
+        yield f"{quantity} = {_number({'value': value, 'source': file})}"
+
+
+def _number(row: Mapping[str, Any]) -> str:
+    tolerance = f", tolerance = {row['tolerance']:g}" if row.get("tolerance") else ""
+    return f"{{ value = {float(row['value']):.6g}{tolerance}, source = {_text(row['source'])} }}"
+
+
+def _moments(six: Sequence[float]) -> str:
+    axes = ("xx", "xy", "xz", "yy", "yz", "zz")
+    return "{ " + ", ".join(f"{axis} = {value:g}" for axis, value in zip(axes, six)) + " }"
+
+
+def _text(value: str) -> str:
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _home(found: Description, arm: RigidArm) -> dict[str, float]:
+    """Where each joint rests: at the keyframe of an MJCF file, else in the middle of its range."""
+    keyed = first_keyframe(found.root) if found.is_mjcf else {}
+    home = {}
+    for joint in arm.joints:
+        low, high = joint.limits or (0.0, 0.0)
+        place = keyed.get(joint.name, 0.5 * (low + high))
+        inside = joint.limits is None or low <= place <= high
+        home[joint.name] = float(f"{place if inside else 0.5 * (low + high):.6g}")
+    return home
+
+
+def transmissions(root: Element) -> dict[str, dict[str, float]]:
+    """Gear ratio and rotor inertia (kg·m², before the gear) by joint, of <transmission> with Drake's elements."""
+    gears: dict[str, dict[str, float]] = {}
+    for one in root.iter("transmission"):
+        numbers: dict[str, float] = {}
+        for element in one.iter():
+            key = {"mechanicalReduction": "gear_ratio"}.get(element.tag) or element.tag.rpartition("}")[2]
+            if key in ("gear_ratio", "rotor_inertia"):
+                try:
+                    value = float(element.get("value") or element.text or "")
+                except ValueError:
+                    continue
+                if 0.0 < abs(value) < float("inf"):
+                    numbers[key] = abs(value)
+        for joint in one.iter("joint"):
+            gears[joint.get("name", "")] = numbers
+    return gears

@@ -1,0 +1,64 @@
+"""A robot file of a chain of joints, as a template whose numbers are guesses to be replaced."""
+
+from __future__ import annotations
+
+from flexhinf.robot.estimates import ESTIMATE, estimated_joint
+
+#: Links of the template from the base on: length m, mass kg of the first; each next one is this much shorter, lighter.
+LENGTH, MASS, TAPER = 0.4, 4.0, 0.8
+
+#: The motor of the template by what it is driven with: constants before the gear, which its input's limit is for.
+GEAR, TORQUE_CONSTANT, RESISTANCE = 100.0, 0.06, 1.2
+
+#: What the largest torque of the first joint is, N·m, and of each next one a part of it.
+EFFORT, PART = 80.0, 0.5
+
+
+def template_text(joints: int, drive: str) -> str:
+    """A robot file of so many joints in a vertical plane, driven by "torque", "current" or "voltage"."""
+    lines = [
+        f"# A template: every number is a guess ({ESTIMATE}). Replace it by that of your robot, with its source.",
+        'name = "my-arm"',
+        "down = [1.0, 0.0, 0.0]  # x points down, z is the axis of every joint; position zero hangs",
+    ]
+    for k in range(joints):
+        length, mass, effort = (round(x, 4) for x in (LENGTH * TAPER**k, MASS * TAPER**k, EFFORT * PART**k))
+        guess = estimated_joint(effort, True, 2.0, False)
+        moment = round(mass * length**2 / 12.0, 6)
+        source = f'source = "{ESTIMATE}: template"'
+        gap = f"\nxyz = [{LENGTH * TAPER ** (k - 1):.4g}, 0.0, 0.0]  # m" if k else ""
+        constants = {
+            "torque": "",
+            "current": f"\ntorque_constant = {{ value = {TORQUE_CONSTANT * GEAR:g}, {source} }}  # N·m/A at the link",
+            "voltage": f"\nresistance = {{ value = {RESISTANCE}, {source} }}  # Ω"
+            f"\ntorque_constant = {{ value = {TORQUE_CONSTANT * GEAR:g}, {source} }}  # N·m/A at the link"
+            f"\nback_emf_constant = {{ value = {TORQUE_CONSTANT * GEAR:g}, {source} }}  # V·s/rad at the link",
+        }[drive]
+        most = {
+            "torque": (effort, "N·m"),
+            "current": (effort / (TORQUE_CONSTANT * GEAR), "A"),
+            "voltage": (
+                1.5 * RESISTANCE * effort / (TORQUE_CONSTANT * GEAR) + 2.0 * TORQUE_CONSTANT * GEAR,
+                "V",
+            ),
+        }[drive]
+        lines.append(f"""
+[[joint]]
+name = "joint{k + 1}"
+axis = [0.0, 0.0, 1.0]{gap}
+limits = [-2.5, 2.5]  # rad
+speed_limit = 2.0  # rad/s
+effort_limit = {most[0]:.3g}  # {most[1]}
+
+[joint.link]
+mass = {{ value = {mass:g}, tolerance = 5, {source} }}  # kg
+centre_of_mass = {{ value = [{0.5 * length:g}, 0.0, 0.0], {source} }}  # m
+inertia = {{ xx = {0.05 * moment:.3g}, yy = {moment:.3g}, zz = {moment:.3g}, {source} }}  # kg·m²
+
+[joint.spring]
+stiffness = {{ value = {guess.stiffness.value:g}, tolerance = 10, {source} }}  # N·m/rad
+
+[joint.motor]
+motor_inertia = {{ value = {guess.motor_inertia.value:g}, tolerance = 10, {source} }}  # kg·m², seen from the link
+friction = {{ value = {guess.friction.value:g}, tolerance = 30, {source} }}  # N·m·s/rad{constants}""")
+    return "\n".join(lines) + "\n"
