@@ -55,8 +55,8 @@ def joint_table(joints: Sequence[JointFacts]) -> Table:
             Column("motor at most", right=True), Column("twist by it", right=True), Column("vibration, Hz", right=True),
         ),
         rows,
-        "Each joint over its range: the largest torque that holds the arm, what the motor gives, the spring's twist under "
-        "it, and vibrations that are mostly of this joint",
+        "Each joint over its range: the largest torque that holds the arm, what the motor gives, the spring's twist "
+        "under it, and vibrations that are mostly of this joint",
         "table-joints",
         title="Joints",
     )  # fmt: skip
@@ -76,8 +76,8 @@ def robot_finding_table(result: RobotExamination) -> Table:
     return Table(
         ("", "finding", Column("where", brief=None), "to try"),
         rows or [(Cell("none", "green"), "Nothing is conspicuous.", "", "")],
-        "With a fault no robot can be made of the file; a doubt makes a design wrong or impossible, or rests on a guess; "
-        "a note is something to know",
+        "With a fault no robot can be made of the file; a doubt makes a design wrong or impossible, or rests on a "
+        "guess; a note is something to know",
         "table-findings",
         title="Findings",
         stacks=True,

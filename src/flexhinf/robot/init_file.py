@@ -12,10 +12,11 @@ from xml.etree.ElementTree import Element
 
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.robot.dynamics import KINDS
-from flexhinf.robot.estimates import ESTIMATE, EstimatedJoint, estimated_joints
+from flexhinf.robot.estimates import EstimatedJoint, estimated_joints
 from flexhinf.robot.faults import NO_BODY, NO_EXTENT, NO_KIND, NO_MASS, NO_ROOM, PartFault, collected_faults
 from flexhinf.robot.mjcf import read_mjcf
 from flexhinf.robot.mjcf_joints import coupled_joints, driven_joints, first_keyframe
+from flexhinf.robot.parameters import ESTIMATE
 from flexhinf.robot.parts import file_warnings
 from flexhinf.robot.rigid_arm import NEAREST, Correction, RigidArm, ball_inertia, toml_key
 from flexhinf.robot.urdf import read_urdf
@@ -73,7 +74,7 @@ class Description:
             still = [name for name in fault.parts if name in self.joints]
             refuse_if(not still, fault.what, fault.found, fault.advice)
             self.joints = [name for name in self.joints if name not in still]
-            self.changes.append(f"{_listed(still)} stand still: {fault.what}")
+            self.changes.append(f"{_listed(still)} stand still: {fault.what.rstrip('.')}")
         else:
             raise _error(fault)
 
