@@ -94,6 +94,8 @@ def examine_robot(path: Path, elastic: str | Path | None = None, period: float =
 
 def _loaded(path: Path, elastic: str | Path | None, result: RobotExamination) -> Robot | None:
     robot = None
+    if not path.is_file():
+        load_robot(path, elastic)  # says what it may have meant
     with file_warnings() as remarks, collected_faults() as faults:
         try:
             robot = load_robot(path, elastic)
