@@ -114,9 +114,9 @@ def checked_robot_page(result: RobotExamination, command: Sequence[str]) -> Page
     """The page of a description that was checked."""
     worst = result.findings[0].severity if result.findings else "note"
     verdict, count = robot_verdict(result), len(result.joints)
-    sections = [Section("What the description shows", (robot_finding_table(result),), "findings")]
+    sections = [Section("What the description shows", (robot_finding_table(result),), "findings", open=True)]
     if result.joints:
-        sections.append(Section("Joints", (joint_table(result.joints),), "joints"))
+        sections.append(Section("Joints", (joint_table(result.joints),), "joints", open=True))
     keys = [KeyNumber("joints", count)] if count else []
     return Page(
         f"The robot {result.path.name}, checked",
