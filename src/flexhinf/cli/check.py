@@ -49,6 +49,7 @@ def _is_robot(path: Path) -> bool:
 
 def check_robot(context: typer.Context, o: options.CheckOptions) -> int:
     """Check a robot's description: prints, writes the report if one is stated; the exit code."""
+    from flexhinf.design.specification import Specification
     from flexhinf.robot import catalogue
     from flexhinf.robot.examination import examine_robot
 
@@ -56,7 +57,7 @@ def check_robot(context: typer.Context, o: options.CheckOptions) -> int:
     refuse_stated(context, dict.fromkeys(others - OF_ROBOTS, "a log"))
     folder = None if o.out is None else report.check(o.out)
     path = catalogue().get(str(o.log)) or checked_path("The robot file", o.log)
-    period = float(stated_fields(context).get("period", 1e-3))
+    period = Specification(**stated_fields(context)).period
     with step_progress(1) as progress:
         progress(f"examine {path.name}")
         result = examine_robot(path, o.elastic or None, period)

@@ -65,7 +65,7 @@ def finding_table(findings: Sequence[LogFinding]) -> Table:
 
 def finding_section(findings: Sequence[LogFinding]) -> Section:
     """The findings as a section of a page."""
-    return Section("What the log shows of itself", (finding_table(findings),), "findings")
+    return Section("What the log shows of itself", (finding_table(findings),), "findings", open=True)
 
 
 def finding_numbers(findings: Sequence[LogFinding]) -> list[dict[str, object]]:

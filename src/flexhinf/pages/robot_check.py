@@ -55,8 +55,8 @@ def joint_table(joints: Sequence[JointFacts]) -> Table:
             Column("motor at most", right=True), Column("twist by it", right=True), Column("vibration, Hz", right=True),
         ),
         rows,
-        "Each joint over its range: the largest torque that holds the arm, what the motor gives, the spring's twist under "
-        "it, and vibrations that are mostly of this joint",
+        "Each joint over its range: the largest torque that holds the arm, what the motor gives, the spring's twist "
+        "under it, and vibrations that are mostly of this joint",
         "table-joints",
         title="Joints",
     )  # fmt: skip
@@ -76,8 +76,8 @@ def robot_finding_table(result: RobotExamination) -> Table:
     return Table(
         ("", "finding", Column("where", brief=None), "to try"),
         rows or [(Cell("none", "green"), "Nothing is conspicuous.", "", "")],
-        "With a fault no robot can be made of the file; a doubt makes a design wrong or impossible, or rests on a guess; "
-        "a note is something to know",
+        "With a fault no robot can be made of the file; a doubt makes a design wrong or impossible, or rests on a "
+        "guess; a note is something to know",
         "table-findings",
         title="Findings",
         stacks=True,
@@ -114,9 +114,9 @@ def checked_robot_page(result: RobotExamination, command: Sequence[str]) -> Page
     """The page of a description that was checked."""
     worst = result.findings[0].severity if result.findings else "note"
     verdict, count = robot_verdict(result), len(result.joints)
-    sections = [Section("What the description shows", (robot_finding_table(result),), "findings")]
+    sections = [Section("What the description shows", (robot_finding_table(result),), "findings", open=True)]
     if result.joints:
-        sections.append(Section("Joints", (joint_table(result.joints),), "joints"))
+        sections.append(Section("Joints", (joint_table(result.joints),), "joints", open=True))
     keys = [KeyNumber("joints", count)] if count else []
     return Page(
         f"The robot {result.path.name}, checked",

@@ -21,11 +21,8 @@ import numpy as np
 from flexhinf.plant import Parameters
 from flexhinf.robot.arm import Arm
 from flexhinf.robot.dynamics import Tree, bodies_of, inverse_dynamics
-from flexhinf.robot.parameters import Parameter
+from flexhinf.robot.parameters import ESTIMATE, Parameter
 from flexhinf.robot.rigid_arm import RigidArm
-
-#: How the source of an estimated number begins.
-ESTIMATE = "estimate"
 
 #: Twist at the largest torque, rad and m; largest torque over inertia, rad/s² and m/s²; speed where none is stated.
 TWIST, ACCELERATION, SPEED = (0.008, 0.0005), (70.0, 50.0), (2.0, 0.5)

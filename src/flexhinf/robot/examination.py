@@ -12,7 +12,6 @@ import numpy as np
 
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.plant import Parameters
-from flexhinf.robot.estimates import ESTIMATE
 from flexhinf.robot.faults import PartFault, collected_faults
 from flexhinf.robot.init_file import Description, described
 from flexhinf.robot.parts import file_warnings
@@ -95,6 +94,8 @@ def examine_robot(path: Path, elastic: str | Path | None = None, period: float =
 
 def _loaded(path: Path, elastic: str | Path | None, result: RobotExamination) -> Robot | None:
     robot = None
+    if not path.is_file():
+        load_robot(path, elastic)  # says what it may have meant
     with file_warnings() as remarks, collected_faults() as faults:
         try:
             robot = load_robot(path, elastic)
@@ -205,10 +206,14 @@ def _largest_torques(robot: Robot, p: Parameters) -> list[float]:
 
 
 def _of_numbers(robot: Robot) -> Iterator[RobotFinding]:
-    estimated = [p.name for p in robot.parameters if p.source.startswith(ESTIMATE)]
-    if estimated:
+    if robot.estimated:
+        every = set(robot.joint_names)
+        places = [
+            f"{quantity.replace('_', ' ')} of {'every joint' if set(joints) == every else ', '.join(joints)}"
+            for quantity, joints in robot.estimated.items()
+        ]
         yield RobotFinding(
-            "doubt", "Numbers are estimated, not measured.", ", ".join(estimated), count=len(estimated),
+            "doubt", "Numbers are estimated, not measured.", "; ".join(places), count=len(places),
             advice="numbers of data sheets, or `flexhinf identify` with a log; code for a machine is exported with "
             "--accept-estimates only",
         )  # fmt: skip
@@ -226,6 +231,13 @@ def _of_numbers(robot: Robot) -> Iterator[RobotFinding]:
 
 
 def _of_joints(joints: Sequence[JointFacts], period: float) -> Iterator[RobotFinding]:
+    endless = [joint.name for joint in joints if math.isinf(joint.effort)]
+    if endless:
+        yield RobotFinding(
+            "note", "The largest torque of motors is not stated.", ", ".join(endless),
+            "a design then asks for what no motor may give", "effort_limit in [[joint]] of the robot file",
+            count=len(endless),
+        )  # fmt: skip
     for joint in joints:
         unit = "N" if joint.slides else "N·m"
         share = joint.weight / joint.effort
@@ -239,11 +251,6 @@ def _of_joints(joints: Sequence[JointFacts], period: float) -> Iterator[RobotFin
             yield RobotFinding(
                 "note", "The weight takes most of the motor's torque.", joint.name,
                 f"{100 * share:.0f} % of {joint.effort:.4g} {unit} at the heaviest pose",
-            )  # fmt: skip
-        if math.isinf(joint.effort):
-            yield RobotFinding(
-                "doubt", "The largest torque of the motor is not stated.", joint.name,
-                "a design then asks for what no motor may give", "effort_limit in [[joint]] of the robot file",
             )  # fmt: skip
         if joint.twist > MOST_TWIST[joint.slides]:
             yield RobotFinding(

@@ -12,10 +12,11 @@ from xml.etree.ElementTree import Element
 
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.robot.dynamics import KINDS
-from flexhinf.robot.estimates import ESTIMATE, EstimatedJoint, estimated_joints
+from flexhinf.robot.estimates import EstimatedJoint, estimated_joints
 from flexhinf.robot.faults import NO_BODY, NO_EXTENT, NO_KIND, NO_MASS, NO_ROOM, PartFault, collected_faults
 from flexhinf.robot.mjcf import read_mjcf
 from flexhinf.robot.mjcf_joints import coupled_joints, driven_joints, first_keyframe
+from flexhinf.robot.parameters import ESTIMATE
 from flexhinf.robot.parts import file_warnings
 from flexhinf.robot.rigid_arm import NEAREST, Correction, RigidArm, ball_inertia, toml_key
 from flexhinf.robot.urdf import read_urdf
@@ -73,7 +74,7 @@ class Description:
             still = [name for name in fault.parts if name in self.joints]
             refuse_if(not still, fault.what, fault.found, fault.advice)
             self.joints = [name for name in self.joints if name not in still]
-            self.changes.append(f"{_listed(still)} stand still: {fault.what}")
+            self.changes.append(f"{_listed(still)} stand still: {fault.what.rstrip('.')}")
         else:
             raise _error(fault)
 
@@ -88,31 +89,25 @@ def described(path: Path, joints: Sequence[str] | None = None) -> tuple[Descript
 
 
 def _moving(root: Element) -> list[str]:
-    """Joints with an actuator or a largest torque, else all that can move; without those of couplings and grippers."""
+    """Joints that follow no other one and lead none, as those of grippers do: with a motor, or all without any."""
     if root.tag == "mujoco":
         driven, coupled = driven_joints(root), coupled_joints(root)
-        kinds = dict.fromkeys(driven.every, "revolute")
-        chosen = [name for name in driven.every if name in driven.names] or driven.every
+        every, motors = driven.every, driven.names
     else:
         elements = {joint.get("name", ""): joint for joint in root.findall("joint")}
-        kinds = {
-            name: joint.get("type", "") for name, joint in elements.items() if joint.get("type") != "fixed"
-        }
-        coupled = {name for name, joint in elements.items() if joint.find("mimic") is not None}
-        coupled |= {
-            str(mimic.get("joint")) for joint in elements.values() for mimic in joint.findall("mimic")
-        }
+        every = [name for name, joint in elements.items() if joint.get("type") in KINDS]
+        mimics = {name: mimic for name, joint in elements.items() for mimic in joint.findall("mimic")}
+        coupled = {*mimics, *(str(mimic.get("joint")) for mimic in mimics.values())}
         acted = {str(joint.get("name")) for one in root.iter("transmission") for joint in one.iter("joint")}
-        strong = [name for name in kinds if name in acted or _effort(elements[name])]
-        chosen = strong or list(kinds)
-    free = [name for name in chosen if kinds[name] in KINDS and name not in coupled]
+        motors = acted | {name for name in every if _effort(elements[name])}
+    free = [name for name in every if name not in coupled]
     refuse_if(
         not free,
         "No joint moves.",
-        f"expected joints that turn or slide and follow no other one, got {list(kinds)}",
-        "--move NAME, the joints that are to move",
+        f"expected joints that turn or slide and follow no other one, got {every}",
+        f"--move {every[0]}" if every else "a file of an arm",
     )
-    return free
+    return [name for name in free if name in motors] or free
 
 
 def _effort(joint: Element) -> bool:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from flexhinf.robot.estimates import ESTIMATE, estimated_joint
+from flexhinf.robot.estimates import estimated_joint
+from flexhinf.robot.parameters import ESTIMATE
 
 #: Links of the template from the base on: length m, mass kg of the first; each next one is this much shorter, lighter.
 LENGTH, MASS, TAPER = 0.4, 4.0, 0.8

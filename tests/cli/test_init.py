@@ -1,0 +1,73 @@
+"""From a vendor's description to a robot file and its check, at the command line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from tests.refusals import unnamed
+
+from flexhinf import load_robot
+from flexhinf.cli import main
+
+URDF = """<robot name="arm"><link name="base"/>
+<link name="upper"><inertial><origin xyz="0 0 -0.2"/><mass value="1"/>
+<inertia ixx="0.01" iyy="0.01" izz="0.03" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="2" effort="40" velocity="3"/></joint></robot>"""
+
+
+def test_a_vendors_file_becomes_a_robot_that_says_what_is_estimated(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("arm.urdf").write_text(URDF, encoding="utf-8")
+    assert main(["check", "arm.urdf"]) == 2  # its inertia is that of no body
+    said = capsys.readouterr().out
+    assert "upper" in said
+    assert "flexhinf init arm.urdf" in said
+    assert main(["init", "arm.urdf"]) == 0  # the advice, followed
+    assert "'upper'" in capsys.readouterr().err
+    assert main(["check", "arm.toml", "--out", "checked"]) == 1
+    assert "stiffness of every joint" in " ".join(capsys.readouterr().out.split())
+    numbers = json.loads(Path("checked/check.json").read_text(encoding="utf-8"))
+    assert {row["severity"] for row in numbers["findings"]} == {"doubt", "note"}
+    assert numbers["joints"][0]["name"] == "shoulder"
+    assert "shoulder" in Path("checked/index.html").read_text(encoding="utf-8")
+
+
+def test_a_robot_that_is_right_ends_with_0(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", "planar-two-link"]) == 0
+    assert "A design can be made" in capsys.readouterr().out
+    assert main(["check", "planar-two-link", "--period", "50ms"]) == 1
+    assert "--period" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["init"], ["--joints 3"]),
+        (["init", "arm.urdf", "--joints", "3"], ["--joints 3"]),
+        (["init", "arm.urdf", "--drive", "current"], ["torque_constant"]),
+        (["init", "--joints", "2", "--move", "a"], ["leave it out"]),
+        (["init", "--joints", "2", "--out", "arm.urdf"], ["--out arm.toml"]),
+        (["init", "--joints", "2", "--out", "there.toml"], ["--force"]),
+        (["init", "nowhere.urdf"], ["nowhere.urdf"]),
+        (["check", "arm.urdf", "--unwrap", "motor_position"], ["--unwrap", "a log"]),
+        (["check", "nowhere.toml"], ["nowhere.toml"]),
+    ],
+)
+def test_what_does_not_fit_is_refused(
+    words: list[str], said: list[str], folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("arm.urdf").write_text(URDF, encoding="utf-8")
+    Path("there.toml").write_text("mine", encoding="utf-8")
+    assert main(words) == 2
+    assert unnamed(capsys.readouterr().err, "found:", "try:", *said) == []
+    assert Path("there.toml").read_text(encoding="utf-8") == "mine"
+
+
+def test_a_template_replaces_a_file_where_it_is_asked_to(folder: Path) -> None:
+    Path("there.toml").write_text("mine", encoding="utf-8")
+    assert main(["init", "--joints", "2", "--drive", "current", "--out", "there.toml", "--force"]) == 0
+    assert load_robot("there.toml").drive == "current"

@@ -1,0 +1,166 @@
+"""A description is examined as a whole, and completed with estimates that say so."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flexhinf import InvalidInput, load_robot
+from flexhinf.robot.examination import examine_robot, joint_facts
+from flexhinf.robot.init_file import described, robot_file_text
+from flexhinf.robot.parts import RobotFileWarning
+from flexhinf.robot.rigid_arm import nearest_inertia
+from flexhinf.robot.template import template_text
+
+GOOD = '<inertia ixx="0.01" iyy="0.01" izz="0.002" ixy="0" ixz="0" iyz="0"/>'
+NO_BODY = '<inertia ixx="0.01" iyy="0.01" izz="0.03" ixy="0" ixz="0" iyz="0"/>'
+
+
+def link(name: str, inertia: str = GOOD, mass: float = 1.0) -> str:
+    inside = f'<origin xyz="0 0 -0.2"/><mass value="{mass}"/>{inertia}' if inertia else ""
+    return f'<link name="{name}"><inertial>{inside}</inertial></link>' if inside else f'<link name="{name}"/>'
+
+
+def joint(name: str, parent: str, child: str, inside: str = "", kind: str = "revolute") -> str:
+    limit = inside or '<limit lower="-1" upper="2" effort="40" velocity="3"/>'
+    return (
+        f'<joint name="{name}" type="{kind}"><origin xyz="0 0 -0.4"/><parent link="{parent}"/>'
+        f'<child link="{child}"/><axis xyz="0 1 0"/>{limit}</joint>'
+    )
+
+
+def written(folder: Path, *parts: str) -> Path:
+    path = folder / "arm.urdf"
+    path.write_text(f'<robot name="arm"><link name="base"/>{"".join(parts)}</robot>', encoding="utf-8")
+    return path
+
+
+def begun(path: Path) -> Path:
+    """The robot file that `flexhinf init` writes for a description."""
+    out = path.with_name("begun.toml")
+    out.write_text(robot_file_text(*described(path), out), encoding="utf-8")
+    return out
+
+
+def test_all_faults_are_found_at_once_and_got_round(tmp_path: Path) -> None:
+    path = written(
+        tmp_path,
+        link("upper", NO_BODY), link("lower", NO_BODY), link("hand", ""), link("finger"),
+        joint("shoulder", "base", "upper"), joint("elbow", "upper", "lower", '<limit effort="-1" velocity="0"/>'),
+        joint("wrist", "lower", "hand"),
+        joint("grip", "lower", "finger", '<limit lower="2" upper="1" effort="3" velocity="1"/>'),
+    )  # fmt: skip
+    found = examine_robot(path)
+    faults = [finding for finding in found.findings if finding.severity == "fault"]
+    places = {place for finding in faults for place in finding.place.split(", ")}
+    assert places >= {"upper", "lower", "wrist", "grip"}
+    with pytest.raises(InvalidInput, match="'grip' leave no room"):  # nobody knows where it stands
+        described(path)
+    path.write_text(path.read_text().replace('lower="2"', 'lower="1"'), encoding="utf-8")
+    with pytest.warns(RobotFileWarning, match="nearest inertia of a body is taken for 'upper', 'lower'"):
+        robot = load_robot(begun(path))
+    assert robot.joint_names == ("shoulder",)  # the elbow has no motor, the wrist no mass, the grip no room
+    assert robot.estimated == dict.fromkeys(("stiffness", "motor_inertia", "friction"), ("shoulder",))
+    text = begun(path).read_text()
+    assert "[links.upper]" in text
+    assert "[links.lower]" in text
+
+
+def test_what_a_file_states_is_taken_and_the_rest_is_estimated(tmp_path: Path) -> None:
+    gear = (
+        '<transmission name="t"><joint name="elbow"/><actuator name="m">'
+        "<mechanicalReduction>-80</mechanicalReduction>"
+        '<rotor_inertia value="2e-5"/></actuator></transmission>'
+    )
+    path = written(
+        tmp_path, link("upper"), link("lower"), joint("shoulder", "base", "upper"),
+        joint("elbow", "upper", "lower", '<limit lower="0.5" upper="2" effort="20"/><dynamics damping="0.7"/>'),
+        gear,
+    )  # fmt: skip
+    robot = load_robot(begun(path))
+    assert robot.home == pytest.approx((0.5, 1.25))  # the middle of the limits
+    assert robot.nominal["friction_elbow"] == 0.7
+    assert robot["friction_elbow"].source == "arm.urdf"
+    assert robot.plant_parameters()["motor_inertia"][1] == pytest.approx(80.0**2 * 2e-5)
+    assert robot.estimated["motor_inertia"] == robot.estimated["friction"] == ("shoulder",)
+    assert robot["stiffness_elbow"].value == pytest.approx(20.0 / 8e-3)
+
+
+def test_grippers_are_locked_and_a_torque_that_nobody_states_holds_the_arm(tmp_path: Path) -> None:
+    follows = '<limit lower="0" upper="0.04" effort="10"/><mimic joint="left"/>'
+    path = written(
+        tmp_path, link("upper"), link("lower"), link("l"), link("r"),
+        joint("shoulder", "base", "upper", '<limit lower="-2" upper="2"/>'),
+        joint("elbow", "upper", "lower", "<limit/>"),
+        joint("left", "lower", "l", '<limit lower="0.01" upper="0.04"/>', "prismatic"),
+        joint("right", "lower", "r", follows, "prismatic"),
+    )  # fmt: skip
+    robot = load_robot(begun(path))
+    assert robot.joint_names == ("shoulder", "elbow")
+    facts = joint_facts(robot)
+    assert all(1.5 * fact.weight < fact.effort < np.inf for fact in facts)
+
+
+@pytest.mark.parametrize("drive", ["torque", "current", "voltage"])
+def test_a_template_is_a_robot_whose_motors_hold_it(drive: str, tmp_path: Path) -> None:
+    path = tmp_path / "arm.toml"
+    path.write_text(template_text(3, drive), encoding="utf-8")
+    result = examine_robot(path)
+    assert result.robot is not None
+    assert result.robot.drive == drive
+    assert {finding.severity for finding in result.findings} == {"doubt", "note"}
+    assert all(fact.weight < fact.effort for fact in result.joints)
+
+
+def test_facts_of_joints_are_those_of_the_robot(tmp_path: Path) -> None:
+    path = tmp_path / "arm.toml"
+    path.write_text(template_text(1, "torque"), encoding="utf-8")
+    (fact,) = examine_robot(path).joints
+    # a rod of 0.4 m and 4 kg on a spring of 80 N·m / 8 mrad, its motor of 80 N·m / 70 rad/s²
+    inertia, spring, rotor = 4.0 * 0.4**2 / 3.0, 80.0 / 8e-3, 80.0 / 70.0
+    assert fact.weight == pytest.approx(4.0 * 9.81 * 0.2, rel=2e-3)
+    assert fact.twist == pytest.approx(fact.weight / spring)
+    assert fact.fastest == pytest.approx(
+        np.sqrt(spring * (1.0 / inertia + 1.0 / rotor)) / (2.0 * np.pi), rel=2e-2
+    )
+
+
+def test_doubtful_numbers_of_a_robot_file_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "arm.toml"
+    text = template_text(2, "torque")
+    path.write_text(
+        text.replace("effort_limit = 80", "effort_limit = 20").replace(
+            "value = 5e+03, tol", "value = 5, tol"
+        ),
+        encoding="utf-8",
+    )
+    found = {finding.place: finding.what for finding in examine_robot(path, period=0.02).findings}
+    assert "does not hold" in found["joint1"] or "too fast" in found["joint1"]
+    assert "joint2" in found
+    path.write_text(text.replace("stiffness", "stifness").replace("friction", "fricton"), encoding="utf-8")
+    result = examine_robot(path)
+    assert result.robot is None
+    assert sum(finding.severity == "fault" for finding in result.findings) >= 4  # two keys of two joints
+
+
+@pytest.mark.oracle
+def test_the_nearest_inertia_is_that_of_a_body_and_no_other_is_nearer() -> None:
+    """Against a search over bodies made of points, which have all inertias that there are."""
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        square = rng.normal(size=(3, 3))
+        wrong = 0.5 * (square + square.T) + 0.5 * np.eye(3)
+
+        def moments(inertia: np.ndarray) -> np.ndarray:
+            return 0.5 * np.trace(inertia) * np.eye(3) - inertia
+
+        near = nearest_inertia(wrong)
+        assert np.linalg.eigvalsh(moments(near)).min() > -1e-12
+        distance = np.linalg.norm(moments(near) - moments(wrong))
+        for _ in range(50):
+            points = (
+                moments(near) + 0.1 * (step := rng.normal(size=(3, 3))) @ step.T
+            )  # another body's, near to it
+            assert np.linalg.norm(points - moments(wrong)) >= distance - 1e-12
