@@ -46,11 +46,7 @@ class LawEvaluation:
     scenario: responses.Scenario | None = None
     parameters: Mapping[str, float] | None = None  # tuned values by name; empty for a design's own law
     other_noise: bool = True  # whether corners are computed with other R^v too, which takes most of the time
-
-    def compute(self, *names: str) -> None:
-        """Compute these attributes now, instead of when they are first read."""
-        for name in names:
-            getattr(self, name)
+    known_step: responses.Response | None = None  # the step, where it was run for the scenario
 
     @property
     def runs(self) -> responses.Scenario:
@@ -61,13 +57,13 @@ class LawEvaluation:
     @cached_property
     def quiet(self) -> LawEvaluation:
         """This evaluation without measurement noise in runs of the nominal robot, so that they depend on no seed."""
-        return self if self.setup.quiet else replace(self, setup=self.setup.without_noise)
+        return self if self.setup.quiet else replace(self, setup=self.setup.without_noise, known_step=None)
 
     # Runs of the nominal robot ----------------------------------------------------------------------------
     @cached_property
     def step(self) -> responses.Response:
         """The step with the deployed controller: the input starts without a jump."""
-        return self.setup.step(self.runs.step_duration, sub_steps=self.runs.sub_steps)
+        return self.known_step or self.setup.step(self.runs.step_duration, sub_steps=self.runs.sub_steps)
 
     @cached_property
     def step_motion(self) -> list[dict[str, Any]]:
@@ -137,7 +133,7 @@ class LawEvaluation:
     def linear_failure(self) -> str:
         """The reason why the loop has no equilibrium, and so no linear metrics; empty if it has one."""
         try:
-            self.compute("margins")
+            _ = self.margins
         except FlexhinfError as error:
             return " ".join(str(error).split())
         return ""
