@@ -22,6 +22,7 @@ from flexhinf.cli.designs import (
     DesignedController,
     controller_file,
     controller_of,
+    design_of,
     file_of,
 )
 from flexhinf.cli.messages import note, options
@@ -50,11 +51,11 @@ def export_c(context: typer.Context, o: options.ExportCOptions) -> None:
     out = o.out or _named_after(o.source, "-c")
     folder = export.checked_folder(out, o.force)
     designed = controller_of(path, limits=o.limits)
-    controller, robot, s = designed.controller, designed.robot, designed.specification
+    controller, design, robot = designed.controller, designed.design, designed.robot
     name = o.name or _identifier(robot)
     _note_doubts(designed)
     if o.check_measurements:
-        speeds = None if robot is None or s is None else joint_limits(robot, s).speed
+        speeds = None if design is None else joint_limits(design.robot, design.specification).speed
         controller = export.with_measurement_limits(controller, robot, speeds)
     if uncounted := export.check_room(controller, o.real, period=o.period, flash=o.flash, ram=o.ram):
         note(uncounted)
@@ -79,6 +80,7 @@ def export_fmu(context: typer.Context, o: options.ExportFmuOptions) -> None:
     disturbances in, measurements and states out, its parameters to be set.
     It needs a C compiler.
     """
+    from flexhinf.design import read_request
     from flexhinf.design.plans import true_robot
     from flexhinf.robot.parts import file_warnings
 
@@ -92,8 +94,8 @@ def export_fmu(context: typer.Context, o: options.ExportFmuOptions) -> None:
         )
         path = file_of(o.source, "A plant is that of a design file.", "flexhinf export fmu DIR --plant")
         with file_warnings(note):
-            robot, s = fh.load_design(path)
-            robot, s = true_robot(robot, s)  # as its design is judged
+            request = read_request(path, is_file=True)
+            robot, s = true_robot(request.robot, request.specification)  # as its design is judged
         equilibrium = robot.operating_point(s.pose if s.start is None else s.start, s.extras)
         name = o.name or export.identifier_of(robot.name)
         written = export.export_plant_fmu(
@@ -116,7 +118,7 @@ def export_web(context: typer.Context, o: options.ExportWebOptions) -> None:
     same arm with a tuned PD moves beside it. The controller's and the plant's C
     are compiled to WebAssembly, which needs clang and wasm-ld.
     """
-    from flexhinf.design.live_page import live_arm
+    from flexhinf.design.live_page import arm_of
     from flexhinf.export.web import check_compiler, write_page
 
     path = file_of(o.source, "A page needs a design, which states the robot.", "flexhinf export web DIR")
@@ -128,13 +130,9 @@ def export_web(context: typer.Context, o: options.ExportWebOptions) -> None:
         "another name, or --force, which replaces it",
     )
     check_compiler()
-    designed = controller_of(path)
-    controller, robot, s = designed.controller, designed.robot, designed.specification
-    assert robot is not None  # of a design file
-    assert s is not None
-    _note_doubts(designed)
-    arm = live_arm(controller, robot, s, not_met=designed.verdict.unmet)
-    page = write_page(arm, out)
+    design = design_of(path)
+    _note_doubts(DesignedController(design.controller(), design))
+    page = write_page(arm_of(design), out)
     typer.echo(f"page: {page} ({page.stat().st_size / 1e3:.0f} kB)")
 
 

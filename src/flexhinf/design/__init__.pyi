@@ -32,7 +32,12 @@ from .requirements import Requirement as Requirement
 from .result import Design as Design
 from .specification import Specification as Specification
 from .status import Status as Status
-from .stored import StoredReport as StoredReport, load_design as load_design
+from .stored import (
+    StoredReport as StoredReport,
+    known_design as known_design,
+    load_design as load_design,
+    requested_loop as requested_loop,
+)
 from .synthesis.by_step import (
     DegreeChoice as DegreeChoice,
     shrinking as shrinking,

@@ -37,13 +37,12 @@ from flexhinf.design import certification, design_file
 from flexhinf.design.deployed_run import DesignCampaign, DesignedLaw, PoseCampaign
 from flexhinf.design.design_file import fields_text
 from flexhinf.design.loop_setup import LoopPlants
-from flexhinf.design.pipeline import loop_of
 from flexhinf.design.result import Design
 from flexhinf.design.specification import is_for_workspace
-from flexhinf.design.stored import known_design
+from flexhinf.design.stored import requested_loop
 from flexhinf.design.synthesis.by_step import STATES
 from flexhinf.design.synthesis.steps import synthesise
-from flexhinf.design.verdict import DesignVerdict, result_row
+from flexhinf.design.verdict import DesignVerdict
 from flexhinf.design.workspace.campaign import WorkspaceCampaign
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.files import locked, write_file
@@ -130,7 +129,8 @@ PATIENCE = 3600.0
 
 
 def open_campaign(
-    request: DesignCampaign[Any], folder: str | Path, command: Sequence[str] = (), progress: Callable[[str], None] = print,
+    request: DesignCampaign[Any], folder: str | Path, command: Sequence[str] = (),
+    progress: Callable[[str], None] = print,
     designed: DesignedLaw[Any] | None = None,
 ) -> tuple[Campaign, Journal]:  # fmt: skip
     """Open the campaign of a folder: design its controller and store it there, or resume with the stored one.
@@ -185,15 +185,12 @@ def verdict_of(journal: Journal) -> DesignVerdict | None:
     return DesignVerdict.read(journal.about.get("design")) if "options" in journal.about else None
 
 
-def designed_controller(request: DesignCampaign[Any], progress: Callable[[str], None] = print) -> DesignedLaw[Any]:
+def designed_controller(
+    request: DesignCampaign[Any], progress: Callable[[str], None] = print
+) -> DesignedLaw[Any]:
     """What a campaign runs: of the unchanged report that its design names, or designed now and not judged."""
-    known = known_design(request.request)
-    if known is None:
-        loop = loop_of(request.request.robot, request.specification, progress)
-        return request.law_of(loop)
-    degrees = request.specification.shows_degrees(known.robot)
-    verdict = DesignVerdict.of([result_row(line) for line in known.requirements], degrees)
-    return replace(request.law_of(known.loop), verdict=verdict)
+    loop, verdict = requested_loop(request.request, progress)
+    return replace(request.law_of(loop), verdict=verdict)
 
 
 def campaign_in_memory(design: Design, samples: int, workers: int = 0, **options: Any) -> xr.Dataset:
@@ -342,7 +339,10 @@ class GainSearch:
     V."""
 
     def __init__(
-        self, request: DesignCampaign[Any], duration: float, progress: Callable[[str], None] = lambda text: None
+        self,
+        request: DesignCampaign[Any],
+        duration: float,
+        progress: Callable[[str], None] = lambda text: None,
     ) -> None:
         self.request, self.s, self.progress = request, request.specification, progress
         designed, known = request.request.robot, request.robot.nominal

@@ -54,9 +54,7 @@ class LoopAtPose:
         _refuse_elsewhere("A design of one pose has one linear loop, at its goal.", at, self.setup.goal)
         return self._linear
 
-    def step(
-        self, goal: Numbers = None, start: Numbers = None, duration: float | None = None
-    ) -> Trajectory:
+    def step(self, goal: Numbers = None, start: Numbers = None, duration: float | None = None) -> Trajectory:
         """From start to goal, as it is judged, or of another duration."""
         self._refuse_others("step", goal, start)
         return (self.evaluation.step if duration is None else self.setup.step(duration)).run
@@ -77,9 +75,7 @@ class LoopAtPose:
 
     def _refuse_others(self, run: str, goal: Numbers, start: Numbers) -> None:
         for pose, known in ((goal, self.setup.goal), (start, self.setup.start)):
-            _refuse_elsewhere(
-                f"A design of one pose has one {run}, from its start to its goal.", pose, known
-            )
+            _refuse_elsewhere(f"A design of one pose has one {run}, from its start to its goal.", pose, known)
 
 
 def _refuse_elsewhere(what: str, at: Numbers, known: np.ndarray) -> None:

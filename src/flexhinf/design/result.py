@@ -64,9 +64,7 @@ class DesignedLoop(Protocol):
         """See `Design.linear`."""
         ...
 
-    def step(
-        self, goal: Numbers = None, start: Numbers = None, duration: float | None = None
-    ) -> Trajectory:
+    def step(self, goal: Numbers = None, start: Numbers = None, duration: float | None = None) -> Trajectory:
         """See `Design.step`."""
         ...
 
@@ -165,9 +163,7 @@ class Design(Judged, Reported):
         """Bode diagram of the running loop, opened at one motor's input with the others closed."""
         return import_module("flexhinf.pages").bode_figure(self.frequency_response(frequencies, at))
 
-    def step(
-        self, goal: Numbers = None, start: Numbers = None, duration: float | None = None
-    ) -> Trajectory:
+    def step(self, goal: Numbers = None, start: Numbers = None, duration: float | None = None) -> Trajectory:
         """The run of a step of the command from rest at `start` to `goal`, of `duration`, s; `move` is smooth."""
         return self.loop.step(goal, start, duration)
 

@@ -32,7 +32,7 @@ from flexhinf.design.requirements import REQUIREMENTS, Requirement
 from flexhinf.design.responses import SAMPLES, start_and_goal
 from flexhinf.design.result import Design, DesignedLoop, Judged
 from flexhinf.design.specification import Specification, is_for_workspace
-from flexhinf.design.verdict import result_row, stored_rows
+from flexhinf.design.verdict import DesignVerdict, verdict_on
 from flexhinf.design.workspace.evidence import LoopOverWorkspace
 from flexhinf.design.workspace.law_file import NUMBERS_FILE, read_setup
 from flexhinf.errors import InvalidInput, refuse_if
@@ -73,9 +73,7 @@ class StoredReport(Judged):
     @property
     def files(self) -> dict[str, str | bytes]:
         """All files of the report but its design file, by name; InvalidInput where one was changed or lost."""
-        return {
-            name: content for name, content in contents(self.folder).items() if name != DESIGN_FILE
-        }
+        return {name: content for name, content in contents(self.folder).items() if name != DESIGN_FILE}
 
     def summary(self) -> Mapping[str, str]:
         """Robot, whether the requirements are met, and the folder."""
@@ -150,6 +148,15 @@ def known_design(request: DesignRequest) -> Design | None:
     return Design.of(_stored(stored, file))
 
 
+def requested_loop(
+    request: DesignRequest, progress: pipeline.Progress = lambda text: None
+) -> tuple[DesignedLoop, DesignVerdict]:
+    """The loop of a requested design and the verdict on it: of an unchanged report, or designed and not judged."""
+    known = known_design(request)
+    loop = pipeline.loop_of(request.robot, request.specification, progress) if known is None else known.loop
+    return loop, verdict_on(known)
+
+
 def _anew(file: Path, why: str) -> InvalidInput:
     other = file.parent.with_name(f"{file.parent.resolve().name}-new")
     command = ("flexhinf", "design", str(file), "--out", str(other))
@@ -165,7 +172,7 @@ def _stored(request: DesignRequest, file: Path) -> StoredReport:
         numbers = json.loads(read_bytes(file.parent / NUMBERS_FILE, MOST))
         table = read_toml(file, "design file")["result"]
         loop = _loop_of(request, file.parent, numbers, table)
-        lines = _requirements(stored_rows(file), numbers)
+        lines = _requirements(table["specification"], numbers)
     except InvalidInput:
         raise
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
@@ -182,9 +189,7 @@ def requirement_numbers(line: Requirement) -> dict[str, Any]:
     return {name: getattr(line, name) for name in KEPT}
 
 
-def _requirements(
-    rows: list[dict[str, Any]], numbers: Mapping[str, Any]
-) -> tuple[Requirement, ...]:
+def _requirements(rows: list[dict[str, Any]], numbers: Mapping[str, Any]) -> tuple[Requirement, ...]:
     """The judged requirements: rows of the design file, which has infinite numbers, with the rest of each from the
     report's numbers; a ValueError where the two contradict each other."""
     others = numbers.get("requirements", numbers.get("specification"))
@@ -200,7 +205,11 @@ def _requirements(
             **{name: other[name] for name in KEPT if name in other},
         )
         stated = other.get("limit", other.get("asked"))
-        same = [row["what"], row["asked"], row["found"]] == [other["what"], stated, _known(other["found"], line)]
+        same = [row["what"], row["asked"], row["found"]] == [
+            other["what"],
+            stated,
+            _known(other["found"], line),
+        ]
         if not same or line.met != row["holds"] or line.met != other["met"]:
             raise ValueError(f"one and the same requirement on the {row['what']}")
         lines.append(line)

@@ -157,9 +157,7 @@ def _design_file(design: Design, folder: str | Path) -> tuple[dict[str, str | by
     if robot.file is None:
         return files, {}
     names = {path: name for name, path in catalogue().items()}
-    request = design_file.DesignRequest(
-        robot, design.specification, names.get(robot.file, str(robot.file))
-    )
+    request = design_file.DesignRequest(robot, design.specification, names.get(robot.file, str(robot.file)))
     if isinstance(evidence, StoredReport):
         request = evidence.request
     with suppress(InvalidInput):
@@ -168,9 +166,7 @@ def _design_file(design: Design, folder: str | Path) -> tuple[dict[str, str | by
             text = robot_text(robot, Path(folder))
             files[ROBOT_FILE] = text
             origins |= {ROBOT_FILE: sha256(text.encode("utf-8")).hexdigest()}
-            request = design_file.DesignRequest(
-                robot, design.specification, str(Path(folder) / ROBOT_FILE)
-            )
+            request = design_file.DesignRequest(robot, design.specification, str(Path(folder) / ROBOT_FILE))
         return {**files, design_file.DESIGN_FILE: design_text(design, request, folder)}, origins
     return {}, {}
 

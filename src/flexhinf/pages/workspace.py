@@ -72,7 +72,6 @@ from flexhinf.report import (
 )
 from flexhinf.robot.waypoints import LIMITS
 
-
 #: What design.json holds of a requirement, besides `requirement_numbers`.
 REQUIREMENT = ("what", "where", "limit", "found", "unit", "met", "at_most")
 

@@ -11,9 +11,9 @@ import numpy as np
 from flexhinf.design.advice import Advice, Trial
 from flexhinf.design.requirements import REQUIREMENTS, Requirement
 from flexhinf.design.responses import Move
-from flexhinf.design.workspace.robustness import LATEST, LONGER, LOUDEST
 from flexhinf.design.workspace.evidence import WorkspaceEvidence
 from flexhinf.design.workspace.judgement import UNHELD, missed_by
+from flexhinf.design.workspace.robustness import LATEST, LONGER, LOUDEST
 from flexhinf.design.workspace.search import motors_alone
 from flexhinf.design.workspace.setup import OFFSET
 from flexhinf.loop.simulation.metrics import peak_of

@@ -13,7 +13,16 @@ import numpy as np
 from flexhinf.campaign import Campaign, Metrics, Sample, Tolerances, Variable
 from flexhinf.campaign.draws import METHODS
 from flexhinf.design import requirements as required
-from flexhinf.design.deployed_run import DELAY, ERROR, OFFSET, TORQUE, DesignCampaign, DesignedLaw, varied, with_payload
+from flexhinf.design.deployed_run import (
+    DELAY,
+    ERROR,
+    OFFSET,
+    TORQUE,
+    DesignCampaign,
+    DesignedLaw,
+    varied,
+    with_payload,
+)
 from flexhinf.design.design_file import DesignRequest
 from flexhinf.design.loop_setup import LoopPlants
 from flexhinf.design.plans import true_robot

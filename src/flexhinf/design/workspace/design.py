@@ -50,6 +50,7 @@ T = TypeVar("T")
 #: Called between poses, moves and candidates with the requirements judged so far; what it raises ends the work.
 Watch = Callable[[Sequence[Requirement]], None]
 
+
 def design_workspace(
     robot: Robot, s: Specification, progress: Callable[[str], None] = lambda text: None,
     watch: Watch = lambda lines: None, like: WorkspaceEvidence | None = None, changed: Collection[str] = (),

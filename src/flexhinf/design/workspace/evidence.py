@@ -46,9 +46,7 @@ class LoopOverWorkspace:
         """At rest at a pose."""
         return self.setup.linear(self._pose(at))
 
-    def step(
-        self, goal: Numbers = None, start: Numbers = None, duration: float | None = None
-    ) -> Trajectory:
+    def step(self, goal: Numbers = None, start: Numbers = None, duration: float | None = None) -> Trajectory:
         """Of the nominal robot, with the noise of its sensors and its dry friction. It asks for more than a robot can
         do at once; `move` is what the design is judged by."""
         setup, begin = self.setup, self._pose(start)
