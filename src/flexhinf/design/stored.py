@@ -24,7 +24,7 @@ from flexhinf.design.design_file import (
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import DESIGN
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.noise_levels import EstimatorNoise
+from flexhinf.design.noise_levels import EstimatorNoise, Levels
 from flexhinf.design.plans import stated_move
 from flexhinf.design.pose_loop import LoopAtPose
 from flexhinf.design.problem.weights import TargetBehaviour
@@ -171,6 +171,9 @@ def _stored(request: DesignRequest, file: Path) -> StoredReport:
     try:
         numbers = json.loads(read_bytes(file.parent / NUMBERS_FILE, MOST))
         table = read_toml(file, "design file")["result"]
+        for_workspace = is_for_workspace(request.specification)  # without a pose 0.2 took the robot's home
+        if numbers["robot"] != request.robot.name or for_workspace != (numbers.get("kind") == "workspace"):
+            raise _anew(file, f"{NUMBERS_FILE} of another design than {DESIGN_FILE}")
         loop = _loop_of(request, file.parent, numbers, table)
         lines = _requirements(table["specification"], numbers)
     except InvalidInput:
@@ -178,8 +181,6 @@ def _stored(request: DesignRequest, file: Path) -> StoredReport:
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         why = f"{NUMBERS_FILE} and {DESIGN_FILE}, of which one lacks {value_text(str(error), 120)}"
         raise _anew(file, why) from error
-    if numbers.get("robot") != request.robot.name or not lines:
-        raise _anew(file, f"{NUMBERS_FILE} of another design than {DESIGN_FILE}")
     result = {name: value for name, value in table.items() if name != "specification"}
     return StoredReport(request, lines, loop, file.parent.resolve(), result)
 
@@ -194,7 +195,8 @@ def _requirements(rows: list[dict[str, Any]], numbers: Mapping[str, Any]) -> tup
     report's numbers; a ValueError where the two contradict each other."""
     others = numbers.get("requirements", numbers.get("specification"))
     lines = []
-    for row, other in zip(rows, others, strict=True):
+    for row, numbered in zip(rows, others, strict=True):
+        other = {"at": numbered.get("at_s"), **numbered}
         known = next((line for line in REQUIREMENTS.values() if line.what == row["what"]), Requirement(""))
         known = replace(known, stated_by="default" if row.get("by_default", True) else "design.toml")
         line = replace(
@@ -251,6 +253,9 @@ def _loop_of(
 def _noise(stored: Mapping[str, Any] | None) -> EstimatorNoise | None:
     if stored is None:
         return None
-    levels = (stored[name] for name in ("all_states", "link_velocities", "motor_velocities"))
-    each = (tuple(map(float, level)) if isinstance(level, list) else float(level) for level in levels)
-    return EstimatorNoise(*each, source=str(stored["source"]))
+    links, motors = (_levels(stored[name]) for name in ("link_velocities", "motor_velocities"))
+    return EstimatorNoise(float(stored["all_states"]), links, motors, str(stored["source"]))
+
+
+def _levels(stored: float | list[float]) -> Levels:
+    return tuple(map(float, stored)) if isinstance(stored, list) else float(stored)

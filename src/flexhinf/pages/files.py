@@ -145,8 +145,9 @@ def write_report(result: Design | Comparison | WorkspaceComparison, folder: str 
     if isinstance(result, Comparison | WorkspaceComparison):
         return write(folder, comparison_files(result, ()))
     own, origins = _design_file(result, folder)
-    stored = isinstance(result.evidence, StoredReport)
-    files = result.evidence.files if stored else design_files(result, (), beside=tuple(own))
+    evidence = result.evidence
+    read = evidence.files if isinstance(evidence, StoredReport) else None
+    files = design_files(result, (), beside=tuple(own)) if read is None else read
     return write(folder, {**files, **own}, origins)
 
 
