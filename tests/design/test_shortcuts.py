@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pydoc
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -97,6 +98,11 @@ def test_any_design_has_campaigns_and_more(design: Any) -> None:
         assert short.time[-1] == pytest.approx(0.5, abs=0.02)
     with refused_with(fh.InvalidInput, "samples_each", "'samples'"):
         design.campaign(2, samples_each=3)
+
+
+def test_the_help_of_a_design_fits_on_two_screens() -> None:
+    """Of 66 lines each."""
+    assert len(pydoc.plain(pydoc.render_doc(fh.Design)).splitlines()) <= 132
 
 
 def test_a_design_of_one_pose_has_one_loop(at_a_pose: Any) -> None:

@@ -10,7 +10,8 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.certify import load_certificate
-from flexhinf.design import Design, PoseEvidence
+from flexhinf.design import PoseEvidence
+from flexhinf.design.result import judged_by
 
 Make = Callable[[str], PoseEvidence]
 
@@ -19,7 +20,7 @@ Make = Callable[[str], PoseEvidence]
 def test_the_folder_has_the_controller_and_every_run(report_design: Make, tmp_path: Path) -> None:
     import xarray as xr
 
-    design = Design.of(report_design("met"))
+    design = judged_by(report_design("met"))
     folder = design.save(tmp_path / "report")
     names = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
     runs = {f"runs/{name}.nc" for name in ("step", "load", "move", "ring-down-1")}

@@ -20,7 +20,7 @@ from flexhinf.design.pose_loop import LoopAtPose
 from flexhinf.design.problem import presets
 from flexhinf.design.problem.weights import TargetBehaviour
 from flexhinf.design.requirements import Reported, Requirement
-from flexhinf.design.result import Design, DesignedLoop
+from flexhinf.design.result import Design, DesignedLoop, judged_by
 from flexhinf.design.rigid import RigidComparison, compare_rigid
 from flexhinf.design.specification import Specification, is_for_workspace
 from flexhinf.design.status import status_of
@@ -187,7 +187,7 @@ def design(
     0.001
     """
     s, progress = checked_specification(robot, specification), progress or (lambda text: None)
-    return Design.of((workspace_evidence if is_for_workspace(s) else pose_evidence)(robot, s, progress))
+    return judged_by((workspace_evidence if is_for_workspace(s) else pose_evidence)(robot, s, progress))
 
 
 def loop_of(robot: Robot, s: Specification, progress: Progress = lambda text: None) -> DesignedLoop:

@@ -77,35 +77,7 @@ class DesignedLoop(Protocol):
         ...
 
 
-class DesignEvidence(Protocol):
-    """What a design was judged by."""
-
-    @property
-    def robot(self) -> Robot:
-        """Of the design."""
-        ...
-
-    @property
-    def specification(self) -> Specification:
-        """Of the design."""
-        ...
-
-    @property
-    def requirements(self) -> tuple[Requirement, ...]:
-        """All of them, judged."""
-        ...
-
-    @property
-    def loop(self) -> DesignedLoop:
-        """In which the law runs."""
-        ...
-
-    def summary(self) -> Mapping[str, str]:
-        """The main facts in words, {name: text with unit}."""
-        ...
-
-
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, match_args=False)
 class Design(Judged, Reported):
     """A controller for a robot, its loop, and the judgement of both, whatever the task is.
 
@@ -128,11 +100,6 @@ class Design(Judged, Reported):
     loop: DesignedLoop
     evidence: PoseEvidence | WorkspaceEvidence | StoredReport  # what it was judged by
 
-    @classmethod
-    def of(cls, evidence: PoseEvidence | WorkspaceEvidence | StoredReport) -> Design:
-        """The design that was judged by this."""
-        return cls(evidence.robot, evidence.specification, evidence.requirements, evidence.loop, evidence)
-
     def summary(self) -> Mapping[str, str]:
         """Robot, whether the requirements are met, and the main numbers of the task."""
         return self.evidence.summary()
@@ -151,8 +118,7 @@ class Design(Judged, Reported):
         return margins(self.linear(at))
 
     def poles(self, at: Numbers = None) -> np.ndarray:
-        """Poles of the running loop as exponents log(z)/T, (K,) complex, 1/s, slowest first; without those at z = 0 and
-        the echoes of the latency's queue."""
+        """Poles as exponents log(z)/T, (K,) complex, 1/s, slowest first; none at z = 0, no echoes of the latency."""
         return self.linear(at).closed_loop.poles
 
     def frequency_response(self, frequencies: Numbers = None, at: Numbers = None) -> FrequencyResponse:
@@ -172,8 +138,7 @@ class Design(Judged, Reported):
         return self.loop.move(goal, start)
 
     def certificate(self) -> Certificate | WorkspaceProof:
-        """What is proved: a region with its gain, or errors of the model that small motions tolerate; an
-        `InvalidInput` with why where that is nothing."""
+        """What is proved: a region with its gain, or errors of the model that small motions tolerate."""
         return self.loop.certificate()
 
     def campaign(self, samples: int, workers: int = 0, **options: Any) -> xr.Dataset:
@@ -188,3 +153,9 @@ class Design(Judged, Reported):
         return import_module("flexhinf.design.pipeline").compare(
             self.robot, self.specification, laws, **options
         )
+
+
+def judged_by(evidence: PoseEvidence | WorkspaceEvidence | StoredReport) -> Design:
+    """The design that was judged by this."""
+    e = evidence
+    return Design(e.robot, e.specification, e.requirements, e.loop, e)

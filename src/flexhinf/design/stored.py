@@ -30,7 +30,7 @@ from flexhinf.design.pose_loop import LoopAtPose
 from flexhinf.design.problem.weights import TargetBehaviour
 from flexhinf.design.requirements import REQUIREMENTS, Requirement
 from flexhinf.design.responses import SAMPLES, start_and_goal
-from flexhinf.design.result import Design, DesignedLoop, Judged
+from flexhinf.design.result import Design, DesignedLoop, Judged, judged_by
 from flexhinf.design.specification import Specification, is_for_workspace
 from flexhinf.design.verdict import DesignVerdict, verdict_on
 from flexhinf.design.workspace.evidence import LoopOverWorkspace
@@ -132,7 +132,7 @@ def load_design(folder: str | Path) -> Design:
     for name in (DESIGN_FILE, NUMBERS_FILE, CONTROLLER_FILE):
         if not unchanged(file.parent, (name,)):
             raise _anew(file, f"{name}, which was changed or lost since the report")
-    return Design.of(_stored(request, file))
+    return judged_by(_stored(request, file))
 
 
 def known_design(request: DesignRequest) -> Design | None:
@@ -145,7 +145,7 @@ def known_design(request: DesignRequest) -> Design | None:
     same = fields_text(stored.specification) == fields_text(request.specification)
     if not same or stored.robot != request.robot or not unchanged(file.parent, (NUMBERS_FILE,)):
         return None
-    return Design.of(_stored(stored, file))
+    return judged_by(_stored(stored, file))
 
 
 def requested_loop(
