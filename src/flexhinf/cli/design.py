@@ -170,7 +170,7 @@ def compare(context: typer.Context, o: options.CompareOptions) -> None:
     (nothing is written); 130 if interrupted.
     """
     from flexhinf.design import known_design, stages
-    from flexhinf.design.verdict import verdict_on
+    from flexhinf.design.result import verdict_on
 
     request = request_of(context, o, o.robot, o.elastic)
     refuse_idle(context, request)
@@ -301,8 +301,8 @@ def certify(context: typer.Context, o: options.CertifyOptions) -> int:
         proved,
     )
     from flexhinf.design.problem.presets import preset_of
+    from flexhinf.design.result import verdict_on
     from flexhinf.design.specification import is_for_workspace
-    from flexhinf.design.verdict import verdict_on
 
     request = request_of(context, o, o.robot, o.elastic)
     several = len(request.robot.joint_names) > 1
@@ -447,8 +447,8 @@ def run_design(context: typer.Context, o: options.RunOptions) -> int:
     from flexhinf.cli.arguments import without_effect_on_run
     from flexhinf.design.deployed_run import perturbed, prepare_run
     from flexhinf.design.plans import has_integrals
+    from flexhinf.design.result import verdict_on
     from flexhinf.design.specification import is_for_workspace
-    from flexhinf.design.verdict import verdict_on
     from flexhinf.robot.mujoco import MuJoCoView, check_display, check_expressed
     from flexhinf.robot.parts import file_warnings
 

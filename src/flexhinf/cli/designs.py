@@ -42,7 +42,7 @@ class DesignedController:
     @property
     def verdict(self) -> DesignVerdict:
         """On the design, in the units of its pages."""
-        from flexhinf.design.verdict import verdict_on
+        from flexhinf.design.result import verdict_on
 
         return verdict_on(self.design)
 

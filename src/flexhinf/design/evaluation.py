@@ -48,6 +48,35 @@ class LawEvaluation:
     other_noise: bool = True  # whether corners are computed with other R^v too, which takes most of the time
     known_step: responses.Response | None = None  # the step, where it was run for the scenario
 
+    # What is computed before it is read, for the steps of a pipeline -----------------------------------------
+    def compute_margins(self) -> analysis.Margins:
+        """The margins, now."""
+        return self.margins
+
+    def compute_corners(self) -> tuple[analysis.ToleranceCorners | None, analysis.FrequencyResponse]:
+        """Corners and frequency response, now."""
+        return self.corners, self.frequency_response
+
+    def compute_modes(self) -> tuple[tuple[modes.Mode, ...], tuple[modes.Mode, ...]]:
+        """Modes of the running loop and of the robot, now."""
+        return self.closed_loop_modes, self.open_modes
+
+    def make_runs(self) -> tuple[responses.LoadResponse, checks.ImpulseRuns, responses.Move]:
+        """Load, impulses and move, now."""
+        return self.load_response, self.ring_down, self.move
+
+    def sample_robots(self) -> monte_carlo.MonteCarlo | None:
+        """The steps of the sampled robots, now."""
+        return self.step_samples
+
+    def compute_worst(self) -> Mapping[str, responses.Worst]:
+        """What `worst` has, now."""
+        return self.worst
+
+    def compute_metrics(self) -> Mapping[str, float | None]:
+        """What `metrics` has, now."""
+        return self.metrics
+
     @property
     def runs(self) -> responses.Scenario:
         """The scenario of an evaluation that has one."""
@@ -133,7 +162,7 @@ class LawEvaluation:
     def linear_failure(self) -> str:
         """The reason why the loop has no equilibrium, and so no linear metrics; empty if it has one."""
         try:
-            _ = self.margins
+            self.compute_margins()
         except FlexhinfError as error:
             return " ".join(str(error).split())
         return ""

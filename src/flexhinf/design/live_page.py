@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from flexhinf.design import loop_setup, plans, responses
-from flexhinf.design.result import Design
+from flexhinf.design.result import Design, verdict_on
 from flexhinf.design.specification import Specification, is_for_workspace
-from flexhinf.design.verdict import verdict_on
 from flexhinf.errors import InvalidInput
 from flexhinf.export.web import LiveArm, write_page
 from flexhinf.loop import Controller, Loop, Waypoints

@@ -205,7 +205,7 @@ def workspace_evidence(robot: Robot, s: Specification, progress: Progress) -> Wo
     """A controller for a workspace, what it was judged by, and what it tolerates beyond that."""
     evidence = design_workspace(robot, s, progress)
     progress(f"{TOLERATED}: margins, and a proof")
-    _ = evidence.robustness, evidence.remaining_cause
+    evidence.look_beyond()
     return evidence
 
 
@@ -224,10 +224,11 @@ def pose_evidence(robot: Robot, s: Specification, progress: Progress) -> PoseEvi
     evaluation = in_scenario(linear, step_duration(linear, synthesis), target, responses.SAMPLES)
     duration = evaluation.runs.step_duration
     # before a second thread starts: warning filters belong to the whole process
-    _ = evaluation.margins
+    evaluation.compute_margins()
 
     def runs() -> RigidComparison | None:
-        _ = evaluation.load_response, evaluation.ring_down, evaluation.move, evaluation.step_samples
+        evaluation.make_runs()
+        evaluation.sample_robots()
         if not s.compare_rigid:
             return None
         degree = synthesis.chosen.degree if len(synthesis.problem.state_names) <= RIGID_STATES else 2
@@ -236,7 +237,7 @@ def pose_evidence(robot: Robot, s: Specification, progress: Progress) -> PoseEvi
     with ThreadPoolExecutor(1) as beside:  # runs are compiled code, which releases the other thread
         on_rigid = beside.submit(runs)
         progress("corners of the tolerances, while load, move and sampled robots are run")
-        _ = evaluation.corners, evaluation.frequency_response
+        evaluation.compute_corners()
         progress("the worst disturbance, and the dissipation budget of the step")
         worth = certification.attenuation(setup, synthesis, duration)
         on_mujoco = None
@@ -530,9 +531,9 @@ def _row(kind: LawKind, tuned: tuning.TunedLaw | str, progress: Progress) -> Com
         return ComparedLaw(kind, failure=tuned)
     progress(f"{kind.name}: step, load and move")
     evaluation, runs = tuned.evaluation, tuned.evaluation.scenario
-    _ = evaluation.worst
+    evaluation.compute_worst()
     if runs and runs.robots:
         progress(f"{kind.name}: {len(runs.robots)} robots within their tolerances")
-    _ = evaluation.metrics
+    evaluation.compute_metrics()
     margins, step, robots = _law_requirements(evaluation)
     return ComparedLaw(kind, tuned, (*margins, *step, *robots))

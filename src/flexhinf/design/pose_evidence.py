@@ -10,11 +10,11 @@ import numpy as np
 from flexhinf.analysis import modes
 from flexhinf.design import certification, checks, responses
 from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.judged import Judged
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.pose_loop import LoopAtPose
 from flexhinf.design.problem import presets
 from flexhinf.design.requirements import Requirement
-from flexhinf.design.result import Judged
 from flexhinf.design.rigid import RigidComparison
 from flexhinf.design.specification import Specification
 from flexhinf.design.status import Status, in_brackets

@@ -11,41 +11,18 @@ import numpy as np
 
 from flexhinf.analysis import FrequencyResponse, LinearLoop, Margins, frequency_response, margins
 from flexhinf.arrays import Numbers
+from flexhinf.certify import Certificate
+from flexhinf.design.judged import Judged
 from flexhinf.design.requirements import Reported, Requirement
 from flexhinf.design.specification import Specification
+from flexhinf.design.verdict import UNKNOWN, DesignVerdict, result_row
+from flexhinf.design.workspace.proof import WorkspaceProof
 from flexhinf.loop import Controller, Trajectory
 from flexhinf.robot import Robot
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure as MatplotlibFigure
-
-    from flexhinf.certify import Certificate
-    from flexhinf.design.pose_evidence import PoseEvidence
-    from flexhinf.design.stored import StoredReport
-    from flexhinf.design.workspace.evidence import WorkspaceEvidence
-    from flexhinf.design.workspace.proof import WorkspaceProof
-
-
-class Judged:
-    """Base of what is judged by requirements."""
-
-    requirements: tuple[Requirement, ...]
-
-    @property
-    def missed(self) -> tuple[Requirement, ...]:
-        """Requirements that are not met."""
-        return tuple(line for line in self.requirements if line.missed)
-
-    @property
-    def met(self) -> bool:
-        """Whether every requirement is met."""
-        return all(line.met for line in self.requirements)
-
-    @property
-    def judgement(self) -> str:
-        """Whether they are met, for a summary."""
-        return f"{len(self.missed)} of {len(self.requirements)} not met" if self.missed else "met"
 
 
 class DesignedLoop(Protocol):
@@ -77,6 +54,34 @@ class DesignedLoop(Protocol):
         ...
 
 
+class DesignEvidence(Protocol):
+    """What a design was judged by: `PoseEvidence`, `WorkspaceEvidence`, or a `StoredReport`."""
+
+    @property
+    def robot(self) -> Robot:
+        """Of the design."""
+        ...
+
+    @property
+    def specification(self) -> Specification:
+        """Of the design."""
+        ...
+
+    @property
+    def requirements(self) -> tuple[Requirement, ...]:
+        """All of them, judged."""
+        ...
+
+    @property
+    def loop(self) -> DesignedLoop:
+        """In which the law runs."""
+        ...
+
+    def summary(self) -> Mapping[str, str]:
+        """The main facts in words, {name: text with unit}."""
+        ...
+
+
 @dataclass(frozen=True, eq=False, repr=False, match_args=False)
 class Design(Judged, Reported):
     """A controller for a robot, its loop, and the judgement of both, whatever the task is.
@@ -98,7 +103,7 @@ class Design(Judged, Reported):
     specification: Specification
     requirements: tuple[Requirement, ...]
     loop: DesignedLoop
-    evidence: PoseEvidence | WorkspaceEvidence | StoredReport  # what it was judged by
+    evidence: DesignEvidence  # what it was judged by
 
     def summary(self) -> Mapping[str, str]:
         """Robot, whether the requirements are met, and the main numbers of the task."""
@@ -155,7 +160,15 @@ class Design(Judged, Reported):
         )
 
 
-def judged_by(evidence: PoseEvidence | WorkspaceEvidence | StoredReport) -> Design:
+def judged_by(evidence: DesignEvidence) -> Design:
     """The design that was judged by this."""
     e = evidence
     return Design(e.robot, e.specification, e.requirements, e.loop, e)
+
+
+def verdict_on(design: Design | None) -> DesignVerdict:
+    """The verdict on a design in the units of its pages; not known without one."""
+    if design is None:
+        return UNKNOWN
+    rows = [result_row(line) for line in design.requirements]
+    return DesignVerdict.of(rows, design.specification.shows_degrees(design.robot))

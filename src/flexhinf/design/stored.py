@@ -22,6 +22,7 @@ from flexhinf.design.design_file import (
     why_anew,
 )
 from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.judged import Judged
 from flexhinf.design.laws import DESIGN
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.noise_levels import EstimatorNoise, Levels
@@ -30,9 +31,9 @@ from flexhinf.design.pose_loop import LoopAtPose
 from flexhinf.design.problem.weights import TargetBehaviour
 from flexhinf.design.requirements import REQUIREMENTS, Requirement
 from flexhinf.design.responses import SAMPLES, start_and_goal
-from flexhinf.design.result import Design, DesignedLoop, Judged, judged_by
+from flexhinf.design.result import Design, DesignedLoop, judged_by, verdict_on
 from flexhinf.design.specification import Specification, is_for_workspace
-from flexhinf.design.verdict import DesignVerdict, verdict_on
+from flexhinf.design.verdict import DesignVerdict
 from flexhinf.design.workspace.evidence import LoopOverWorkspace
 from flexhinf.design.workspace.law_file import NUMBERS_FILE, read_setup
 from flexhinf.errors import InvalidInput, refuse_if

@@ -9,10 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from flexhinf.design.result import Design
+from typing import Any
 
 #: Limits of angles and lengths below this one are shown in mrad and mm, rad or m.
 SMALL = 0.02
@@ -105,14 +102,6 @@ class DesignVerdict:
         judged += f"; the other {left} need other tests, which flexhinf design makes. " if left else ". "
         verdict = self.brief if brief else self.unmet or self.brief
         return f"{judged if self.names else ''}{verdict[:1].upper()}{verdict[1:]}."
-
-
-def verdict_on(design: Design | None) -> DesignVerdict:
-    """The verdict on a design in the units of its pages; not known without one."""
-    if design is None:
-        return UNKNOWN
-    rows = [result_row(line) for line in design.requirements]
-    return DesignVerdict.of(rows, design.specification.shows_degrees(design.robot))
 
 
 #: Of a design that is not judged.

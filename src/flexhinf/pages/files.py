@@ -84,7 +84,7 @@ class _Parts(NamedTuple):
 def _parts_of(
     design: Design, command: Sequence[str], warnings: Sequence[str], advice: Advice | None
 ) -> _Parts:
-    evidence = _made(design)
+    evidence = _evidence_of(design)
     if isinstance(evidence, WorkspaceEvidence):
         moves = {f"move-{k}": move.response.run for k, move in enumerate(evidence.moves, 1)}
         page = partial(workspace_page, evidence, command, warnings, advice=advice)
@@ -105,16 +105,16 @@ def _parts_of(
     return _Parts(design_numbers(evidence), runs, proofs, page)
 
 
-def _made(design: Design) -> PoseEvidence | WorkspaceEvidence:
+def _evidence_of(design: Design) -> PoseEvidence | WorkspaceEvidence:
     """What a design was judged by in this process; refused for one that was read, whose folder has its report."""
     evidence = design.evidence
-    if isinstance(evidence, StoredReport):
-        raise InvalidInput(
-            "This design was read from a folder, which has its page and its numbers.",
-            f"expected a design that was made here, got that of {evidence.folder}",
-            "design.save(folder), which writes the same report",
-        )
-    return evidence
+    if isinstance(evidence, PoseEvidence | WorkspaceEvidence):
+        return evidence
+    raise InvalidInput(
+        "This design was read from a folder, which has its page and its numbers.",
+        f"expected a design that was made here, got {evidence.summary()}",
+        "design.save(folder), which writes the same report",
+    )
 
 
 def comparison_files(
@@ -174,7 +174,7 @@ def _design_file(design: Design, folder: str | Path) -> tuple[dict[str, str | by
 
 def details(design: Design) -> tuple[list[Any], list[str], str]:
     """Every table, note and sentence of a design for a terminal."""
-    evidence = _made(design)
+    evidence = _evidence_of(design)
     if isinstance(evidence, WorkspaceEvidence):
         return [every_requirement(evidence).terminal()], [], workspace_verdict(evidence)
     return design_tables(evidence), notes(evidence), verdict(evidence)
@@ -182,7 +182,7 @@ def details(design: Design) -> tuple[list[Any], list[str], str]:
 
 def ending(design: Design, advice: Advice | None = None) -> Ending:
     """What a terminal says of a design at the end, with what was tried after one for a workspace."""
-    evidence = _made(design)
+    evidence = _evidence_of(design)
     if isinstance(evidence, WorkspaceEvidence):
         return workspace_ending(evidence, advice)
     return design_ending(evidence)
@@ -227,6 +227,7 @@ def _result_of(design: Design) -> dict[str, Any]:
     evidence = design.evidence
     if isinstance(evidence, StoredReport):
         return dict(evidence.result)
+    evidence = _evidence_of(design)
     if isinstance(evidence, WorkspaceEvidence):
         return {"verdict": workspace_verdict(evidence), "met": design.met}
     return _result(evidence)

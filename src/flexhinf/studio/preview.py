@@ -194,7 +194,7 @@ def _linear(nominal: Nominal, check: Callable[..., None]) -> LinearParts:
     if not failure:
         check()
         response = evaluation.frequency_response
-        _ = evaluation.closed_loop_modes, evaluation.open_modes
+        evaluation.compute_modes()
     return LinearParts(nominal, step, failure, response, time.perf_counter() - begun)
 
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from flexhinf.analysis import LinearLoop
 from flexhinf.arrays import Numbers
+from flexhinf.design.judged import Judged
 from flexhinf.design.requirements import REQUIREMENTS, Requirement
 from flexhinf.design.responses import Move, Response
-from flexhinf.design.result import Judged
 from flexhinf.design.specification import Specification
 from flexhinf.design.workspace.proof import WorkspaceProof, prove_workspace
 from flexhinf.design.workspace.robustness import Cause, Robustness, remaining_cause, robustness
@@ -122,6 +122,10 @@ class WorkspaceEvidence(Judged):
     def loop(self) -> LoopOverWorkspace:
         """What the law does at any pose."""
         return LoopOverWorkspace(self.setup)
+
+    def look_beyond(self) -> tuple[Robustness, Cause | None]:
+        """What it tolerates, and the cause of what remains, now."""
+        return self.robustness, self.remaining_cause
 
     @cached_property
     def robustness(self) -> Robustness:
