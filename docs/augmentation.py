@@ -63,7 +63,7 @@ def controller(
     that of `KNOWN`."""
     import flexhinf as fh
 
-    own = design.setup.estimator(np.array([at]), deployed=True)
+    own = design.loop.setup.estimator(np.array([at]), deployed=True)
     plant = own.plant.augmented(**more) if more else own.plant
     added = [KNOWN[name] for name in plant.states[own.plant.n :]]
     first = [100.0 if name == "stiffness" else 0.0 for name in plant.states[own.plant.n :]]

@@ -37,7 +37,7 @@ FOLLOWED = {
     "a tolerance": (
         Step("robot/robot.py", "Robot.corner", "an end of its range"),
         Step("robot/robot.py", "Robot.random_corners", "robots at corners"),
-        Step("design/workspace/design.py", "corner_moves", "a move of each"),
+        Step("design/workspace/samples.py", "corner_moves", "a move of each"),
         Step("design/workspace/design.py", "judged_design", "all of these runs"),
         Step("design/workspace/judgement.py", "move_requirements", "the worst, judged", "Requirement"),
         Step("pages/page.py", "requirement_table", "a line of the page"),

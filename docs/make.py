@@ -319,7 +319,7 @@ def presets() -> str:
             "pose": f"{goal}deg", "start": 0.0, "preset": preset, "extras": ("inductance",), "peak_effort": 60.0,
             "rays": 0, "compare_rigid": False,
         }  # fmt: skip
-        found = design(robot, Specification(**fields))
+        found = design(robot, Specification(**fields)).evidence
         m, corners, samples = (
             found.evaluation.metrics,
             found.evaluation.corners,

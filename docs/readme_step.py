@@ -26,7 +26,7 @@ def swing() -> tuple[str, str]:
     measured = ("link_position", "motor_position")
     found = fh.design(robot, fh.Specification(measured=measured, saturation=48.0, peak_speed=8.0))
     plan = fh.Waypoints([0.0, MOVING], [start, goal], "quintic")
-    loop = fh.Loop(found.setup.true_plant, found.controller(at=start), found.setup.sub_steps)
+    loop = fh.Loop(found.loop.setup.true_plant, found.controller(at=start), found.loop.setup.sub_steps)
     reference = fh.Moving(plan, robot.inverse_dynamics)
     state = robot.operating_point(start)[0]
     run = loop.run(reference=reference, duration=WATCHED, initial_state=state)
@@ -134,7 +134,7 @@ def moves() -> tuple[str, str]:
     from flexhinf.report import INK, SERIES, figure_to_svg, label, legend, new_figure
 
     specification = fh.Specification(measured=("link_position", "motor_position"))
-    found = fh.design(fh.load_robot("planar-two-link"), specification)
+    found = fh.design(fh.load_robot("planar-two-link"), specification).evidence
     assert found.met
     drawing, (above, below) = new_figure(2, width=4.6, height=4.4)
     begin = 0.0
@@ -183,7 +183,7 @@ def step() -> tuple[str, str]:
 
     pose, measured = ("45deg", "60deg"), ("link_position", "motor_position")
     specification = fh.Specification(pose=pose, start=(0.0, 0.0), bandwidth=6.0, measured=measured)
-    found = fh.design(fh.load_robot("planar-two-link"), specification)
+    found = fh.design(fh.load_robot("planar-two-link"), specification).evidence
     assert found.met
     assert found.rigid is not None
     rigid = {loop.side: loop for loop in found.rigid.loops}

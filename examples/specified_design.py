@@ -16,7 +16,7 @@ specification = fh.Specification(
     draws=10, degrees=(2, 4), rays=100, compare_rigid=False,
 )  # fmt: skip
 found = fh.design(fh.paper_arm(), specification)
-print(found.status.line)
+print(found.evidence.status.line)
 for line in found.requirements[:6]:
     limit = "at most" if line.at_most else "at least"
     print(f"{line.what}: {limit} {line.limit:g}, achieved {line.found:.3g} {line.unit}")

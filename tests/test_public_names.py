@@ -17,7 +17,7 @@ import flexhinf as fh
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 #: Names whose examples take long, or need another compiler; those that are one example together.
-LONG = [("Comparison", "compare"), ("WorkspaceDesign",), ("WorkspaceComparison",), ("export_web",)]
+LONG = [("Comparison", "compare"), ("WorkspaceComparison",), ("export_web",)]
 
 #: Of tests that look at an object of each public class.
 SHOWN = pytest.mark.ci("makes all of them: designs, filters, identifies, proves, compiles")
@@ -128,7 +128,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
         "ExtendedKalmanFilter": modal, "ModalFilter": fh.ModalFilter(modal), "Controller": controller, "Loop": loop,
         "Trajectory": run, "Schedule": fh.Schedule([solution]), "Supervision": watch, "Status": controller.status,
         "Certificate": fh.solve_hji(polynomial, 1.5, 4).certify(gamma=2.0), "Penalty": problem.penalty,
-        "PoseDesign": fh.design(arm, wanted), "Specification": wanted, "CompiledController": fh.load_compiled(library),
+        "Design": fh.design(arm, wanted), "Specification": wanted, "CompiledController": fh.load_compiled(library),
         "Identification": fh.identify(arm.with_values({"stiffness": 90.0}), run, "stiffness"),
         "Excitation": fh.excitation(arm, "stiffness", duration=4.0, period=1e-2, candidates=1),
         "Log": fh.Log(run.time, run.signals["input"], run.signals["output"]), "Consistency": fh.consistency(data),
@@ -151,8 +151,8 @@ def test_a_repr_fills_a_screen_at_most(results: dict[str, Any]) -> None:
 
 @SHOWN
 def test_every_public_class_is_shown(results: dict[str, Any]) -> None:
-    bases = {"BlackBox", "Design", "Estimator", "Law"}
-    long = {"Comparison", "WorkspaceComparison", "WorkspaceDesign"}  # tests/design
+    bases = {"BlackBox", "Estimator", "Law"}
+    long = {"Comparison", "WorkspaceComparison"}  # tests/design
     classes = {
         name
         for name in fh.__all__

@@ -6,7 +6,8 @@ from typing import Any
 import pytest
 
 ROOMS = [
-    import_module(f"flexhinf.design.workspace.{name}") for name in ("setup", "search", "design", "campaign")
+    import_module(f"flexhinf.design.workspace.{name}")
+    for name in ("setup", "search", "samples", "design", "robustness", "campaign")
 ]
 
 

@@ -14,8 +14,6 @@ NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
             "design",
             "Specification",
             "Design",
-            "PoseDesign",
-            "WorkspaceDesign",
             "compare",
             "Comparison",
             "WorkspaceComparison",

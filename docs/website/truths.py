@@ -78,9 +78,9 @@ TRUE: dict[str, Callable[[Any], Any]] = {
     and overshoot(g, "cubic about the hanging rest") < 2.0 < overshoot(g, "linear about the hanging rest"),
     "several_poses": lambda g: max(g.errors) < 0.6 and g.fh.Status.OUTSIDE_WORKSPACE in g.controller.status,
     "specified_design": lambda g: g.found.met
-    and g.found.evaluation.corners.unstable == 0
-    and g.found.synthesis.robust.better  # than the preset damped, estimator in the loop
-    and g.found.synthesis.robust.chosen.scale > 1.1 * g.found.synthesis.robust.damped.scale > 1.1,
+    and g.found.evidence.evaluation.corners.unstable == 0
+    and g.found.evidence.synthesis.robust.better  # than the preset damped, estimator in the loop
+    and g.found.evidence.synthesis.robust.chosen.scale > 1.1 * g.found.evidence.synthesis.robust.damped.scale > 1.1,
     "ukf_against_ekf": lambda g: isclose(
         g.rms["encoder of the link", "unscented"], g.rms["encoder of the link", "extended"], rel_tol=1e-4
     )

@@ -5,10 +5,8 @@ from .certify import Certificate as Certificate, load_certificate as load_certif
 from .design import (
     Comparison as Comparison,
     Design as Design,
-    PoseDesign as PoseDesign,
     Specification as Specification,
     WorkspaceComparison as WorkspaceComparison,
-    WorkspaceDesign as WorkspaceDesign,
     compare as compare,
     design as design,
     export_web as export_web,

@@ -11,8 +11,9 @@ from tests.builders import joint_text
 from tests.refusals import Anchor, unnamed
 
 from flexhinf.cli import main
+from flexhinf.design import pipeline
 from flexhinf.design.synthesis import steps
-from flexhinf.design.workspace import design, law_file
+from flexhinf.design.workspace import design
 
 #: Two joints, so that sensors of one differ from those of all; driven by currents.
 CURRENT = "".join(
@@ -90,7 +91,7 @@ def test_advice_on_a_folder_of_another_kind_works(
     def started(*arguments: object) -> None:
         raise Started
 
-    for room in (design, law_file):
+    for room in (design, pipeline):
         monkeypatch.setattr(room, "tuned_setup", started)
     monkeypatch.setattr(steps._Steps, "synthesis", started)
     one = f"[[joint]]{CURRENT.split('[[joint]]')[1]}"

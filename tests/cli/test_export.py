@@ -9,6 +9,7 @@ import subprocess
 import sys
 import zipfile
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -354,7 +355,10 @@ def test_the_gear_ratios_of_the_robot_are_stated(
     controller: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The robot of a report's design file; the file of a controller has none."""
-    found = DesignedController(fh.load_controller(controller), fh.load_robot("quanser-rotflex"))
+    robot, s = fh.load_robot("quanser-rotflex"), fh.Specification()
+    found = DesignedController(
+        fh.load_controller(controller), fh.Design(robot, s, (), SimpleNamespace(), SimpleNamespace())
+    )
     for k, (one, text) in enumerate(
         [(found, "(motor angle / 70)"), (DesignedController(found.controller), "after the gear")]
     ):

@@ -140,7 +140,8 @@ def test_other_commands_take_its_folder_or_say_why_not(
     proof = json.loads((folder / "proof" / "proof.json").read_text(encoding="utf-8"))
     assert 0.0 < proof["proved"]["error"] < proof["computed"]["error"]
     assert unnamed(capsys.readouterr().out, "proved", f"{100.0 * proof['proved']['error']:.3g} %") == []
-    loaded, s = fh.load_design(folder / "made")
+    saved = fh.load_design(folder / "made")
+    loaded, s = saved.robot, saved.specification
     refused(["campaign", "made", "--duration", "2s"], "--duration", folder)
     refused(["campaign", "made", "--tolerance", "coulomb_friction=10%"], "coulomb_friction", folder)
     campaign = ["campaign", "made", "--samples", "5", "--batch", "2", "--encoder-offset", "1e-4"]

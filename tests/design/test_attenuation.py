@@ -7,7 +7,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.analysis import dissipation_budget
-from flexhinf.design import PoseDesign, Specification, design
+from flexhinf.design import PoseEvidence, Specification, design
 from flexhinf.design.certification import searches_disturbance
 
 pytestmark = pytest.mark.ci("a whole design")
@@ -16,16 +16,16 @@ TORQUES = ("link_torque", "motor_torque")
 
 
 @pytest.fixture(scope="module")
-def made() -> PoseDesign:
+def made() -> PoseEvidence:
     """About 90°, torques at link and motor as disturbances, a step that starts inside the region."""
     asked = Specification(
         pose=[np.pi / 2], start=[np.pi / 2 - 0.3], preset="damped", disturbances=TORQUES, degrees=(4,), rays=500,
         draws=0, compare_rigid=False, saturation=40.0, unknown_delay=1e-3,
     )  # fmt: skip
-    return design(fh.paper_arm(), asked)
+    return design(fh.paper_arm(), asked).evidence
 
 
-def test_no_disturbance_found_attains_more_than_gamma(made: PoseDesign) -> None:
+def test_no_disturbance_found_attains_more_than_gamma(made: PoseEvidence) -> None:
     found = made.attenuation.attained
     assert found is not None
     assert found.largest_value <= made.chosen.level
@@ -35,7 +35,7 @@ def test_no_disturbance_found_attains_more_than_gamma(made: PoseDesign) -> None:
     assert np.abs(state[:, 0] - np.pi / 2).max() > 1e-3  # it moves
 
 
-def test_the_parts_spend_one_after_the_other(made: PoseDesign) -> None:
+def test_the_parts_spend_one_after_the_other(made: PoseEvidence) -> None:
     rows = made.attenuation.budget
     assert [row.name for row in rows] == ["sampling", "delay", "estimator", "saturation"]
     assert all(row.budget.level == made.chosen.level for row in rows)
@@ -46,7 +46,7 @@ def test_the_parts_spend_one_after_the_other(made: PoseDesign) -> None:
     assert rows[-1].budget.kept
 
 
-def test_the_last_row_is_the_step_of_the_report_without_extras(made: PoseDesign) -> None:
+def test_the_last_row_is_the_step_of_the_report_without_extras(made: PoseEvidence) -> None:
     setup = made.setup
     loop = setup.loop(setup.controller(setup.start))
     x, u = setup.equilibrium(setup.start)
@@ -68,7 +68,7 @@ def test_nothing_is_searched_without_a_region_or_with_many_states() -> None:
     assert not searches_disturbance(5, 0)
     assert not searches_disturbance(35, 50)
     asked = Specification(preset="damped", degrees=(2,), rays=0, draws=0, compare_rigid=False)
-    found = design(fh.load_robot("quanser-rotflex"), asked).attenuation
+    found = design(fh.load_robot("quanser-rotflex"), asked).evidence.attenuation
     assert found.attained is None
     assert [row.name for row in found.budget] == ["sampling", "delay", "estimator"]
     assert all(np.isinf(row.budget.level) for row in found.budget)

@@ -29,7 +29,7 @@ def designed(request: Any) -> Any:
 
 def judged(design: Any) -> Any:
     """The first samples of the judged step, without noise."""
-    return replace(design.setup, quiet=True).step(1e-3 * (SAMPLES - 1)).run
+    return replace(design.loop.setup, quiet=True).step(1e-3 * (SAMPLES - 1)).run
 
 
 @pytest.mark.ci("a whole design, and its C")
@@ -108,7 +108,7 @@ def test_the_exported_c_follows_a_shaped_step_as_it_was_judged(tmp_path: Path) -
             compare_rigid=False, torque_noise=1e-7,
         ),
     )  # fmt: skip
-    controller, setup = made.controller(), replace(made.setup, quiet=True)
+    controller, setup = made.controller(), replace(made.loop.setup, quiet=True)
     assert controller.mode.moving
     assert controller.dry_friction is not None
     run = setup.step(1e-3 * (SAMPLES - 1)).run

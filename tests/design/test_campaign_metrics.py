@@ -13,6 +13,7 @@ import pytest
 import flexhinf as fh
 from flexhinf.campaign import Campaign, run_batch
 from flexhinf.design import DesignRequest, PoseCampaign, Specification
+from flexhinf.design.deployed_run import DesignedLaw
 from flexhinf.design.responses import Response
 from flexhinf.loop.simulation.metrics import steady_state_error
 from flexhinf.options import CampaignOptions
@@ -30,7 +31,7 @@ def asked(**fields: Any) -> PoseCampaign:
 def campaign_of(one: PoseCampaign) -> Campaign:
     robot = one.request.robot
     law = fh.linear_law(robot.problem(pose=one.specification.pose), math.inf)
-    return one.campaign(fh.Controller(law, None, 1e-3, start="bumpless"), 4.0)
+    return one.campaign(DesignedLaw(fh.Controller(law, None, 1e-3, start="bumpless"), 4.0))
 
 
 def check_by_signals(one: PoseCampaign, campaign: Campaign, found: Mapping[str, np.ndarray]) -> None:
@@ -112,7 +113,7 @@ def test_a_campaign_along_a_move_says_how_far_from_it_and_from_its_end(along: Po
     robot = along.request.robot
     np.testing.assert_allclose(np.degrees(along.ends), [[0.0, 0.0], [20.0, 10.0]], atol=1e-9)
     law = fh.linear_law(robot.problem(pose=along.ends[1]), math.inf)
-    campaign = along.campaign(fh.Controller(law, None, 1e-3, moving=True), 2.5)
+    campaign = along.campaign(DesignedLaw(fh.Controller(law, None, 1e-3, moving=True), 2.5))
     found = run_batch(campaign, 0)
     again = campaign.replay(3)
     plan = along.plan

@@ -208,7 +208,7 @@ def test_a_design_that_searches_weights_is_proved_for_all_tolerances() -> None:
         draws=0,
         compare_rigid=False,
     )
-    found = fh.design(ARM, asked)
+    found = fh.design(ARM, asked).evidence
     box = found.proof.box
     assert box is not None, found.proof.box_reason
     assert box.certificate is not None

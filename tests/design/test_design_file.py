@@ -13,7 +13,7 @@ import tomlkit
 from tests.refusals import refused_with
 
 import flexhinf as fh
-from flexhinf.design import Specification, design_schema, load_design, read_request
+from flexhinf.design import Specification, design_schema, read_request
 from flexhinf.design.design_file import is_design_file, request_document
 from flexhinf.design.specification import FIELDS
 from flexhinf.plant import Penalty
@@ -88,6 +88,12 @@ def written(folder: Path, specification: Specification, **places: Any) -> Path:
     return file
 
 
+def stated(file: Path) -> tuple[fh.Robot, Specification]:
+    """What a design file states."""
+    request = read_request(file, is_file=True)
+    return request.robot, request.specification
+
+
 def test_a_file_can_hold_every_field_of_a_specification() -> None:
     assert set(FIELDS) == set(names()) == set(OTHERS)
     default = Specification()
@@ -98,19 +104,19 @@ def test_a_file_can_hold_every_field_of_a_specification() -> None:
 def test_each_field_comes_back(name: str, tmp_path: Path) -> None:
     asked = Specification(**{name: OTHERS[name]})
     file = written(tmp_path, asked)
-    _, read = load_design(file)
+    _, read = stated(file)
     assert read == asked
     assert set(tomllib.loads(file.read_text(encoding="utf-8"))["design"]) == {"robot", name}
 
 
 def test_all_fields_come_back_together(tmp_path: Path) -> None:
     asked = Specification(**OTHERS)
-    assert load_design(written(tmp_path, asked))[1] == asked
+    assert stated(written(tmp_path, asked))[1] == asked
 
 
 def test_nothing_asked_is_nothing_written_but_the_defaults_stand_there(tmp_path: Path) -> None:
     file = written(tmp_path, Specification())
-    robot, read = load_design(file)
+    robot, read = stated(file)
     assert (robot.name, read) == ("paper", Specification())
     text = file.read_text(encoding="utf-8")
     assert tomllib.loads(text) == {"design": {"robot": "paper"}}
@@ -145,11 +151,11 @@ def test_texts_with_units_are_read_and_degrees_are_kept(tmp_path: Path) -> None:
         "[design]\nrobot = 'paper'\npose = '90°'\nbandwidth = '0.6Hz'\nunknown_delay = '5ms'\n",
         encoding="utf-8",
     )
-    _, read = load_design(tmp_path / "mine.toml")
+    _, read = stated(tmp_path / "mine.toml")
     assert (read.pose, read.unknown_delay, read.in_degrees) == ((np.pi / 2,), 5e-3, True)
     file = written(tmp_path, read)
     assert "pose = [1.5707963267948966] # 90°" in file.read_text(encoding="utf-8")
-    assert load_design(file)[1] == read
+    assert stated(file)[1] == read
     assert not Specification(pose=(0.5,)).in_degrees
 
 
@@ -166,18 +172,18 @@ def test_arrays_and_penalties_of_python_are_written_too(tmp_path: Path) -> None:
     asked = Specification(
         pose=np.array([0.5]), bandwidth=np.float64(3.0), penalty=Penalty({"link_position": 60.0}, 10.0)
     )
-    _, read = load_design(written(tmp_path, asked))
+    _, read = stated(written(tmp_path, asked))
     assert (read.pose, read.bandwidth) == ((0.5,), 3.0)
     assert (read.penalty, read.effort) == ({"link_position": 60.0}, 10.0)
     rows = np.array([[1.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 2.0]])
-    _, read = load_design(written(tmp_path, Specification(penalty=rows)))
+    _, read = stated(written(tmp_path, Specification(penalty=rows)))
     assert np.array_equal(np.asarray(Penalty.of(read.penalty).matrix), rows)
 
 
 def test_the_waypoints_of_a_move_are_found_from_the_folder_of_the_design_file(tmp_path: Path) -> None:
     (tmp_path / "way.csv").write_text("time [ms],joint [deg]\n100,0\n600,90\n", encoding="utf-8")
     (tmp_path / "mine.toml").write_text("[design]\nrobot = 'paper'\nmove = 'way.csv'\n", encoding="utf-8")
-    _, read = load_design(tmp_path / "mine.toml")
+    _, read = stated(tmp_path / "mine.toml")
     assert read.move.columns() == {"time": [0.0, 0.5], "joint": [0.0, pytest.approx(np.pi / 2)]}
     with pytest.raises(fh.InvalidInput, match="move"):
         request_document(Specification(move=fh.Spline([0.0, 1.0], [0.0, 1.0])), "paper")
@@ -198,7 +204,7 @@ def test_paths_are_seen_from_the_file(tmp_path: Path, monkeypatch: pytest.Monkey
     file = written(report, Specification(seed=3), robot="my robots/arm.toml")
     assert 'robot = "../../my robots/arm.toml"' in file.read_text(encoding="utf-8")
     monkeypatch.chdir(robots)
-    assert load_design(file)[0].joint_names == fh.load_robot("vertical-rig").joint_names
+    assert stated(file)[0].joint_names == fh.load_robot("vertical-rig").joint_names
     again = read_request(Path("..") / "out" / "report" / "design.toml")
     assert Path(again.source).resolve() == (robots / "arm.toml").resolve()
     assert again.specification.seed == 3
@@ -284,25 +290,24 @@ def test_what_is_wrong_with_a_file_is_told(
     file = tmp_path / "design.toml"
     file.write_text(text, encoding="utf-8")
     with pytest.raises(fh.InvalidInput) as caught:
-        read_request(file) if is_design_file(file) else load_design(file)
+        read_request(file) if is_design_file(file) else stated(file)
     assert caught.value.what.startswith("design.toml: ")
     assert what in caught.value.what
     assert found in caught.value.found
     assert advice in caught.value.advice
     with pytest.raises(fh.InvalidInput, match=r"design\.toml"):
-        load_design(file)
+        stated(file)
 
 
 def test_what_is_no_file_or_no_toml_is_told(tmp_path: Path) -> None:
-    with refused_with(fh.InvalidInput, "file", "nowhere.toml"):
-        load_design(tmp_path / "nowhere.toml")
-    with pytest.raises(fh.InvalidInput, match="design file"):
-        load_design(tmp_path)
+    for nowhere in (tmp_path / "nowhere.toml", tmp_path):
+        with refused_with(fh.InvalidInput, nowhere.name, "flexhinf design ROBOT --out DIR"):
+            fh.load_design(nowhere)
     (tmp_path / "design.toml").write_bytes(b"[design]\nrobot = '\xff'")
     with refused_with(fh.InvalidInput, "TOML", "UTF-8", "0xff"):
-        load_design(tmp_path / "design.toml")
+        stated(tmp_path / "design.toml")
     with refused_with(fh.InvalidInput, "[design]"):
-        load_design(fh.catalogue()["paper"])
+        stated(fh.catalogue()["paper"])
 
 
 def test_a_payload_of_the_command_line_stands_in_the_file_and_wins_over_it(tmp_path: Path) -> None:
@@ -314,6 +319,6 @@ def test_a_payload_of_the_command_line_stands_in_the_file_and_wins_over_it(tmp_p
     asked = read_request(file)
     assert asked.payload == "0..0.2kg"
     assert asked.robot["payload_mass"].interval == (0.0, 0.2)
-    assert load_design(file)[0]["payload_mass"].interval == (0.0, 0.2)
+    assert stated(file)[0]["payload_mass"].interval == (0.0, 0.2)
     assert read_request(file, payload="0.1").robot["payload_mass"].interval == (0.1, 0.1)
     assert read_request("paper", payload="0.1").robot.nominal["payload_mass"] == 0.1

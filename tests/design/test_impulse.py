@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from flexhinf.design import PoseDesign, Specification
+from flexhinf.design import PoseEvidence, Specification
 from flexhinf.design.checks import ROOM, ImpulseRuns, impulse_runs
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.loop_setup import LoopSetup
@@ -25,11 +25,11 @@ def struck(setup: LoopSetup, size: float = 1.0, most: float = 2.0) -> ImpulseRun
     return impulse_runs(setup, np.full(len(setup.goal), 2.0 * size), most)
 
 
-def as_design(setup: LoopSetup, runs: ImpulseRuns) -> PoseDesign:
+def as_design(setup: LoopSetup, runs: ImpulseRuns) -> PoseEvidence:
     """As much of a design as the section reads."""
     evaluation = LawEvaluation("struck", setup)
     vars(evaluation)["ring_down"] = runs
-    return cast(PoseDesign, SimpleNamespace(evaluation=evaluation))
+    return cast(PoseEvidence, SimpleNamespace(evaluation=evaluation))
 
 
 @pytest.mark.ci("strikes a robot of a design")

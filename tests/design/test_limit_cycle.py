@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.refusals import refused_with, unnamed
 
-from flexhinf.design import PoseDesign, Specification
+from flexhinf.design import PoseEvidence, Specification
 from flexhinf.design.checks import LimitCycleCheck, check_limit_cycle, end_limit_cycle
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.responses import Response
@@ -62,12 +62,12 @@ def test_a_dead_zone_as_wide_as_the_limit_cycle_ends_it(setup):
     design = SimpleNamespace(
         limit_cycle=run, specification=setup.specification, evaluation=SimpleNamespace(setup=setup)
     )
-    note = next(long_run(cast(PoseDesign, design))).text
+    note = next(long_run(cast(PoseEvidence, design))).text
     assert unnamed(note, "1 mrad", "shoulder", "`--set integral_dead_zone`") == []
     # A zone of a hundredth of the step that is too narrow: old code said nothing of it.
     first = run.without
     design.limit_cycle = replace(first, tried=replace(first, dead_zone=run.dead_zone))
-    note = next(long_run(cast(PoseDesign, design))).text
+    note = next(long_run(cast(PoseEvidence, design))).text
     assert unnamed(note, "1 mrad", "shoulder", "1 %") == []
     kept, stated = end_limit_cycle(with_options(setup, integral_dead_zone=0.0))
     assert stated is not None
@@ -168,18 +168,18 @@ def test_every_report_says_which_joint_oscillates(setup):
         evaluation=SimpleNamespace(setup=setup),
         robot=setup.robot,
     )
-    note, figure, table = with_figures(long_run(cast(PoseDesign, design)))
+    note, figure, table = with_figures(long_run(cast(PoseEvidence, design)))
     assert unnamed(note.text, "shoulder", "`--set friction_model=yes`", "both sides") == []
     assert " ±1.2" in note.text
     design.specification = replace(setup.specification, measured=("link_position", "motor_position"))
-    other = next(long_run(cast(PoseDesign, design))).text
+    other = next(long_run(cast(PoseEvidence, design))).text
     assert "both sides" not in other  # old code advised what is there already
     assert unnamed(other, "another `--set integral_dead_zone`", "sides") == ["sides"]
     assert "limit cycle" in table.html()
     assert "below" in table.html()
     assert "<svg" in figure.html()
     still = SimpleNamespace(**{**vars(design), "limit_cycle": None})
-    assert not list(long_run(cast(PoseDesign, still)))
+    assert not list(long_run(cast(PoseEvidence, still)))
 
 
 @pytest.mark.ci("a long run at rest")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.design import PoseDesign, Specification, design
+from flexhinf.design import PoseEvidence, Specification, design
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.monte_carlo import MonteCarlo, sampled_runs
@@ -149,7 +149,7 @@ def test_the_degree_that_is_chosen_by_its_region_meets_the_specification(
         peak_effort=60.0,
         compare_rigid=False,
     )
-    result = design(robot_of("paper"), s)
+    result = design(robot_of("paper"), s).evidence
     assert result.met
     assert {line.what for line in result.requirements} >= {
         "bandwidth",
@@ -220,7 +220,7 @@ def test_tracking_withstands_a_start_against_the_limit_of_the_input(
 
 # Two links and seven ------------------------------------------------------------------------------
 def check(
-    result: PoseDesign, overshoot: float, peak: float, count: int, missed: frozenset[str] = frozenset()
+    result: PoseEvidence, overshoot: float, peak: float, count: int, missed: frozenset[str] = frozenset()
 ) -> None:
     """The specification, line by line and by hand; `missed` are the requirements that the running loop misses."""
     assert {line.what for line in result.requirements if not line.met} == missed
@@ -256,7 +256,7 @@ def test_two_links_meet_their_specification_on_mujoco_and_within_their_tolerance
         preset=preset, bandwidth=5.0, damping=0.2, peak_effort=24.0, start=(-0.4, 1.2), rays=0, draws=200,
         degrees=(4,), mujoco=True, compare_rigid=False,
     )  # fmt: skip
-    check(design(robot_of("planar-two-link"), s), 5.0, 24.0, 200)
+    check(design(robot_of("planar-two-link"), s).evidence, 5.0, 24.0, 200)
 
 
 @pytest.mark.nightly("the preset robust on two links")
@@ -284,7 +284,7 @@ def test_seven_links_meet_their_specification_on_mujoco_and_within_their_toleran
         preset=preset, bandwidth=8.0, damping=0.15, peak_effort=120.0, start=(0.3, 0.3, -0.25, -1.0, 0.25, 0.7, 0.25),
         rays=0, draws=200, degrees=(2,), mujoco=True, compare_rigid=False,
     )  # fmt: skip
-    result = design(robot_of("seven-link"), s)
+    result = design(robot_of("seven-link"), s).evidence
     # The law damps every oscillation as required. The error of the estimator, which measures links alone, would ring at
     # 190 Hz with 0.0016; what damping the noise that the effort allows buys is told, and need not be all that is asked.
     check(result, 5.0, 120.0, 200, missed=frozenset({"damping of oscillations", "damping in the ring-down"}))
@@ -301,7 +301,7 @@ def test_a_degree_that_is_used_beyond_its_region_is_told(robot_of: Named) -> Non
         preset="damped", pose=(np.pi,), start=(0.0,), overshoot=3.0, degrees=(4,), rays=400, draws=0,
         compare_rigid=False,
     )  # fmt: skip
-    result = design(robot_of("paper"), s)
+    result = design(robot_of("paper"), s).evidence
     assert result.inside is False
     assert not result.met
     missed = [line.what for line in result.requirements if not line.met]

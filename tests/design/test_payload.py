@@ -13,7 +13,7 @@ from tests.refusals import unnamed
 
 import flexhinf as fh
 from flexhinf.analysis import margins
-from flexhinf.design import PoseDesign, Specification
+from flexhinf.design import PoseEvidence, Specification
 from flexhinf.design.checks import evaluate_payload, evaluate_payloads, payload_requirements
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.loop_setup import LoopSetup
@@ -104,7 +104,7 @@ def test_what_is_too_heavy_is_not_met_and_every_report_says_so(evaluation: LawEv
     assert {line.what for line in rows[heavy]} == set(of)
     assert not all(line.met for line in rows[far])
     design = cast(
-        PoseDesign,
+        PoseEvidence,
         SimpleNamespace(
             payloads=(far,), evaluation=evaluation, setup=setup, robot=setup.robot, requirements=rows[far],
             specification=setup.specification,
@@ -116,7 +116,7 @@ def test_what_is_too_heavy_is_not_met_and_every_report_says_so(evaluation: LawEv
     assert unnamed(page, "0 to 0.1 kg", "0.02 kg") == []
     assert "<svg" in page
     assert "3 kg" in runs.payload_text(design)
-    none = cast(PoseDesign, SimpleNamespace(payloads=(), requirements=()))
+    none = cast(PoseEvidence, SimpleNamespace(payloads=(), requirements=()))
     assert not list(runs.payload(none))
 
 

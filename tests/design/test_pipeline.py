@@ -19,7 +19,7 @@ from tests.tiers import ci_and_night
 
 import flexhinf as fh
 from flexhinf.analysis.modes import closed_loop
-from flexhinf.design import PoseDesign, Specification, design, stages
+from flexhinf.design import PoseEvidence, Specification, design, stages
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.noise_levels import EstimatorNoise
 from flexhinf.errors import NotDetectable
@@ -27,20 +27,21 @@ from flexhinf.pages import design_files, notes, verdict
 
 
 @pytest.fixture(scope="module")
-def two() -> PoseDesign:
+def two() -> PoseEvidence:
     asked = Specification(
         pose=(0.6, 0.3), start=(0.55, 0.36), measured=("motor_position",), degrees=(2, 4), rays=20, draws=0
     )
-    return design(fh.load_robot("planar-two-link"), asked)
+    return design(fh.load_robot("planar-two-link"), asked).evidence  # type: ignore[return-value]
 
 
-def quick(name: str, values: dict[str, float] | None = None, **options: object) -> PoseDesign:
+def quick(name: str, values: dict[str, float] | None = None, **options: object) -> PoseEvidence:
     settings = {"rays": 0, "degrees": (2,), "compare_rigid": False, "draws": 0, **options}
-    return design(fh.load_robot(name).with_values(values or {}), Specification(**settings))  # type: ignore[arg-type]
+    robot = fh.load_robot(name).with_values(values or {})
+    return design(robot, Specification(**settings)).evidence  # type: ignore
 
 
 @pytest.fixture(scope="module")
-def seven() -> PoseDesign:
+def seven() -> PoseEvidence:
     start = (0.1, 0.4, -0.1, -1.1, 0.1, 0.8, 0.1)
     return quick("seven-link", start=start, measured=("motor_position",), compare_rigid=True)
 
@@ -68,7 +69,7 @@ def test_a_small_step_is_that_of_the_linear_loop() -> None:
 
 
 @pytest.mark.ci("a whole design")
-def test_both_estimators_end_where_the_true_state_does(two: PoseDesign) -> None:
+def test_both_estimators_end_where_the_true_state_does(two: PoseEvidence) -> None:
     steps = []  # without dry friction, of which no estimator knows: it holds the robot where each leaves it
     smooth = {name: 0.0 for name in two.robot.nominal if name.startswith("coulomb_friction")}
     for estimator in ("ukf", "ekf", "none"):
@@ -82,7 +83,7 @@ def test_both_estimators_end_where_the_true_state_does(two: PoseDesign) -> None:
 
 
 @pytest.mark.ci("a whole design")
-def test_the_lowest_degree_takes_a_small_step_and_its_start_is_judged(two: PoseDesign) -> None:
+def test_the_lowest_degree_takes_a_small_step_and_its_start_is_judged(two: PoseEvidence) -> None:
     assert two.chosen is two.choices[0]
     assert two.choices[1].acting < 0.05
     assert all(choice.looked for choice in two.choices), "the regions of stated degrees are sampled"
@@ -103,7 +104,7 @@ def test_the_lowest_degree_takes_a_small_step_and_its_start_is_judged(two: PoseD
 
 
 @pytest.mark.ci("a whole design")
-def test_the_rigid_design_fails_on_it_from_the_link_side(two: PoseDesign) -> None:
+def test_the_rigid_design_fails_on_it_from_the_link_side(two: PoseEvidence) -> None:
     assert two.rigid is not None
     link, motor = two.rigid.loops
     assert not link.stable
@@ -114,7 +115,7 @@ def test_the_rigid_design_fails_on_it_from_the_link_side(two: PoseDesign) -> Non
 
 
 @pytest.mark.ci("a whole design")
-def test_the_report_has_the_numbers_and_their_sources(two: PoseDesign) -> None:
+def test_the_report_has_the_numbers_and_their_sources(two: PoseEvidence) -> None:
     files = design_files(two, ["flexhinf", "design", "planar-two-link", "--pose", "0.6,0.3"], ["A warning."])
     page = files["index.html"]
     for text in (
@@ -135,7 +136,7 @@ def test_the_report_has_the_numbers_and_their_sources(two: PoseDesign) -> None:
 
 
 @pytest.mark.nightly("seven links")
-def test_seven_links_move_between_two_poses_with_the_motors_measured(seven: PoseDesign) -> None:
+def test_seven_links_move_between_two_poses_with_the_motors_measured(seven: PoseEvidence) -> None:
     result = seven
     assert result.evaluation.step.diverged_at is None
     assert all(m["settling_time_s"] is not None for m in result.evaluation.step.metrics)
@@ -187,7 +188,7 @@ def test_any_mix_can_be_measured_and_what_hides_a_mode_is_refused() -> None:
 
 
 @pytest.mark.nightly("seven links")
-def test_a_vibration_that_the_motors_hardly_show_is_told_before_it_rings(seven: PoseDesign) -> None:
+def test_a_vibration_that_the_motors_hardly_show_is_told_before_it_rings(seven: PoseEvidence) -> None:
     blind = seven
     assert min(mode.damping for mode in blind.evaluation.estimator_modes if mode.vibration) < 1e-3
     assert any("ringing" in note for note in notes(blind))
@@ -313,7 +314,7 @@ def test_a_joints_limit_in_the_search_for_a_disturbance_is_a_result(tmp_path: An
         compare_rigid=False,
         rays=100,
     )
-    result = design(fh.load_robot(file), asked)
+    result = design(fh.load_robot(file), asked).evidence
     attained = result.attenuation.attained
     if attained is not None:
         assert attained.gain < result.gamma
@@ -334,7 +335,7 @@ def test_design_and_compare_show_the_same_margins_with_friction_and_delay() -> N
     )
     robot = fh.load_robot("planar-two-link")
     compared = fh.compare(robot, asked, ("nl-hinf",), "none", candidates=(0, 0))
-    one, two = design(robot, asked).evaluation, compared.own.evaluation
+    one, two = design(robot, asked).evidence.evaluation, compared.own.evaluation
     assert two is not None
     for key in (
         "delay_margin_s",
@@ -376,5 +377,5 @@ def test_a_design_saves_its_report_and_gives_its_controller(at_a_pose: Any, tmp_
     assert (folder / "design.json").exists()
     controller = result.controller()
     assert controller.reset(input=np.zeros(1)) is None
-    assert unnamed(repr(result), "<PoseDesign", "paper", "requirements") == []
+    assert unnamed(repr(result), "<Design", "paper", "requirements") == []
     assert len(repr(result)) < 200

@@ -82,7 +82,7 @@ def test_a_design_meets_its_specification_on_mujoco_and_within_the_tolerances(mi
         mujoco=True,
         duration=4.0,  # the default ends while 10 % of the step remain
     )
-    result = fh.design(mixed, specification)
+    result = fh.design(mixed, specification).evidence
     assert result.met
     assert result.mujoco is not None
     difference = (
@@ -95,7 +95,7 @@ def test_a_design_meets_its_specification_on_mujoco_and_within_the_tolerances(mi
 @pytest.mark.nightly("the preset robust with three joints")
 def test_the_preset_robust_stands_no_less_than_damped(mixed: Robot) -> None:
     robust = fh.Specification(preset="robust", measured=("motor_position",), degrees=(2,), rays=0, draws=0)
-    found = fh.design(mixed, robust).synthesis.robust
+    found = fh.design(mixed, robust).evidence.synthesis.robust
     assert found is not None
     assert found.chosen.scale >= found.damped.scale > 0.0
     assert found.count > 1

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+import pydoc
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ import pytest
 from tests.refusals import refused_with
 
 import flexhinf as fh
+from flexhinf.design import PoseEvidence
 
 
 @pytest.fixture(scope="module")
@@ -93,31 +93,38 @@ def test_any_design_has_campaigns_and_more(design: Any) -> None:
     for name in few.data_vars:
         if few[name].dims == ("sample",):
             np.testing.assert_array_equal(few[name].values[:2], again[name].values)
-    if isinstance(design, fh.PoseDesign):
+    if isinstance(design.evidence, PoseEvidence):
         short = design.campaign(1, duration=0.5)
         assert short.time[-1] == pytest.approx(0.5, abs=0.02)
     with refused_with(fh.InvalidInput, "samples_each", "'samples'"):
         design.campaign(2, samples_each=3)
 
 
+def test_the_help_of_a_design_fits_on_two_screens() -> None:
+    """Of 66 lines each."""
+    assert len(pydoc.plain(pydoc.render_doc(fh.Design)).splitlines()) <= 132
+
+
 def test_a_design_of_one_pose_has_one_loop(at_a_pose: Any) -> None:
     design = at_a_pose.design
-    assert design.margins() is design.evaluation.margins
-    assert design.margins(design.goal).damping == pytest.approx(design.margins().damping)
+    evidence = design.evidence
+    assert design.margins().delay_margin_s == evidence.evaluation.margins.delay_margin_s
+    assert design.margins(evidence.goal).damping == pytest.approx(design.margins().damping)
     for ask in (design.linear, design.move, partial(design.move, None)):
         with refused_with(fh.InvalidInput, 0.25, "workspace"):
             ask(0.25)
-    assert design.step() is design.evaluation.step.run
+    assert design.step() is evidence.evaluation.step.run
     assert design.move().tracked("link_position")[-1] == pytest.approx(np.radians(30.0), abs=2e-3)
 
 
 @pytest.mark.ci("a whole design for a workspace")
 def test_a_design_of_a_workspace_has_a_loop_at_each_pose(in_a_workspace: Any) -> None:
     design, goal = in_a_workspace, (0.3, -0.5)
-    for loop, pose in zip(design.loops, design.poses):
+    poses = design.evidence.poses
+    for loop, pose in zip(design.evidence.loops, poses):
         multipliers = np.exp(design.poles(pose) * design.specification.period)
         assert np.abs(multipliers).max() == pytest.approx(loop.growth, rel=1e-6)
-    assert not np.allclose(design.poles(design.poses[0])[:3], design.poles(design.poses[1])[:3])
+    assert not np.allclose(design.poles(poses[0])[:3], design.poles(poses[1])[:3])
     by_name = dict(zip(design.robot.joint_names, goal))
     assert design.margins(by_name).peak_sensitivity == design.margins(goal).peak_sensitivity
     moved, stepped = design.move(goal), design.step(goal, start=(0.2, -0.4), duration=3.0)
@@ -126,32 +133,6 @@ def test_a_design_of_a_workspace_has_a_loop_at_each_pose(in_a_workspace: Any) ->
         np.testing.assert_allclose(end, goal, atol=2e-3)
     np.testing.assert_allclose(stepped.signals["state"][0, :2], (0.2, -0.4), atol=1e-12)
     np.testing.assert_allclose(moved.signals["state"][0, :2], design.robot.home, atol=1e-3)
-
-
-@pytest.mark.ci("a whole design")
-def test_what_a_report_folder_gives_back(design: Any, tmp_path: Path) -> None:
-    folder = design.save(tmp_path / "report")
-    robot, s = fh.load_design(folder)
-    assert (robot, s.measured) == (design.robot, design.specification.measured)
-    controller = fh.load_controller(folder)
-    assert controller.period == design.controller().period
-    y = np.zeros(len(controller.measured))
-    np.testing.assert_array_equal(
-        controller.step(y, controller.operating_reference),
-        design.controller().step(y, controller.operating_reference),
-    )
-
-
-@pytest.mark.ci("a whole design")
-def test_a_robot_with_other_numbers_is_saved_beside_its_design(in_a_workspace: Any, tmp_path: Path) -> None:
-    design = in_a_workspace
-    heavier = design.robot.with_values({"mass_elbow": 1.1 * design.robot.nominal["mass_elbow"]})
-    setup = replace(design.setup, robot=heavier)
-    folder = replace(design, setup=setup).save(tmp_path / "report")
-    assert fh.load_design(folder)[0].nominal == heavier.nominal
-    made_in_code = replace(design, setup=replace(design.setup, robot=replace(heavier, file=None)))
-    with refused_with(fh.InvalidInput, "design.toml"):
-        fh.load_design(made_in_code.save(tmp_path / "without"))
 
 
 # Modes ------------------------------------------------------------------------------------------------

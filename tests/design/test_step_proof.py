@@ -80,9 +80,10 @@ def test_everything_that_is_shown_of_a_design_agrees(
         pose=(np.pi,), start=(start,), penalty=fh.Penalty((75.0, 27.0, 90.0, 27.0, 330.0)), effort=10.0,
         degrees=(degree,), proof_seconds=seconds, draws=0, compare_rigid=False,
     )  # fmt: skip
-    found = fh.design(fh.paper_arm(), asked)
+    made = fh.design(fh.paper_arm(), asked)
+    found = made.evidence
     assert found.step_proof.proved == proved
-    files = design_files(found, ())
+    files = design_files(made, ())
     page, numbers = str(files["index.html"]), json.loads(str(files["design.json"]))
     assert numbers["proof"]["step_proved"] == proved
     proof = found.proof.certificate is not None

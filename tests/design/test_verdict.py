@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,7 +11,7 @@ import pytest
 from tests.refusals import unnamed
 
 from flexhinf.design.requirements import REQUIREMENTS
-from flexhinf.design.verdict import UNKNOWN, DesignVerdict, result_row, stored_rows
+from flexhinf.design.verdict import UNKNOWN, DesignVerdict, result_row
 from flexhinf.pages.campaign import _statuses
 from flexhinf.pages.campaign_parts import campaign_design, journal_design
 from flexhinf.pages.page import design_statuses
@@ -76,12 +75,6 @@ def test_a_page_about_a_design_begins_with_its_verdict() -> None:
     assert design_statuses(DesignVerdict.of(ROWS[3:])) == []
     (status,) = design_statuses(DesignVerdict.of(ROWS))
     assert (status.kind, unnamed(status.text, "3 of 4", "44")) == ("not met", [])
-
-
-def test_a_damaged_result_has_no_rows(tmp_path: Path) -> None:
-    file = tmp_path / "design.toml"
-    file.write_text('result = 3\n[design]\nrobot = "paper"\n')
-    assert stored_rows(file) == []
 
 
 def test_a_line_says_name_place_value_unit_and_limit() -> None:

@@ -15,6 +15,7 @@ from tests.refusals import refused_with
 import flexhinf as fh
 from flexhinf.campaign import Campaign, run_batch
 from flexhinf.design import DesignRequest
+from flexhinf.design.deployed_run import DesignedLaw
 from flexhinf.design.workspace.campaign import FollowedPlan, WorkspaceCampaign
 from flexhinf.design.workspace.law_file import stated_workspace
 from flexhinf.design.workspace.search import known_setup
@@ -43,7 +44,9 @@ def law(estimator: str, exact: bool) -> WorkspaceSetup:
 def campaign(estimator: str = "ukf", exact: bool = False, samples: int = 5, **options: Any) -> Campaign:
     setup = law(estimator, exact)
     request = DesignRequest(setup.robot, setup.specification, "paper")
-    return WorkspaceCampaign.of(request, CampaignOptions(samples=samples, **options)).campaign(setup)
+    return WorkspaceCampaign.of(request, CampaignOptions(samples=samples, **options)).campaign(
+        DesignedLaw(setup, 0.0)
+    )
 
 
 @pytest.mark.costs("compiles a loop")
@@ -114,7 +117,7 @@ def test_dry_friction_varies_with_the_viscous_one() -> None:
     options = CampaignOptions(
         samples=2, tolerances=tuple((f"friction_{joint}", "20%") for joint in robot.joint_names)
     )
-    one = WorkspaceCampaign.of(DesignRequest(robot, s, robot.name), options).campaign(setup)
+    one = WorkspaceCampaign.of(DesignRequest(robot, s, robot.name), options).campaign(DesignedLaw(setup, 0.0))
     drawn, nominal = one.sample(0).parameters, robot.plant_parameters()
     viscous, dry = (np.divide(drawn[name], nominal[name]) for name in ("friction", "coulomb_friction"))
     np.testing.assert_allclose(dry, viscous, rtol=1e-12)

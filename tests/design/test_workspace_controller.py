@@ -18,7 +18,7 @@ import flexhinf as fh
 from flexhinf.design.deployed_run import prepare_run
 from flexhinf.design.plans import BEYOND
 from flexhinf.design.specification import SpecificationError
-from flexhinf.design.workspace.design import WorkspaceDesign
+from flexhinf.design.workspace.evidence import LoopOverWorkspace
 from flexhinf.design.workspace.setup import ACCELERATION, OFFSET, OFFSET_TIME, WorkspaceSetup
 from flexhinf.errors import InvalidInput
 from flexhinf.export.recording import record
@@ -50,8 +50,7 @@ def made(name: str = "planar-two-link", bandwidth: float = 15.0, **fields: Any) 
 
 
 def deployed(setup: WorkspaceSetup, at: Any = None, **options: Any) -> fh.Controller:
-    empty = np.zeros((0, len(setup.joints)))
-    return WorkspaceDesign(setup, empty, (), (), ((), ()), (), 0, (), None, ()).controller(at, **options)
+    return LoopOverWorkspace(setup).controller(at, **options)
 
 
 def reference(pose: Any, name: str = "planar-two-link") -> np.ndarray:

@@ -14,10 +14,11 @@ from tests import workspaces
 from tests.refusals import refused_with, unnamed
 
 import flexhinf as fh
-from flexhinf.design import design_workspace, stages
+from flexhinf.design import WorkspaceEvidence, design_workspace, stages
 from flexhinf.design.responses import motion_metrics
 from flexhinf.design.specification import FIELDS, OF_WORKSPACE, SpecificationError, is_for_workspace
-from flexhinf.design.workspace.design import check_loop, corner_moves
+from flexhinf.design.workspace.design import check_loop
+from flexhinf.design.workspace.samples import corner_moves
 from flexhinf.design.workspace.search import tuned_setup
 from flexhinf.design.workspace.setup import DAMPING, GAIN
 from flexhinf.pages import design_files
@@ -64,10 +65,11 @@ def test_without_such_a_field_a_design_is_for_the_workspace(fields: dict[str, An
 @pytest.mark.ci("designs for a workspace")
 def test_by_default_it_is_for_the_joint_ranges(robot_of: Named) -> None:
     design, told = fh.design(robot_of("planar-two-link")), list[str]()
-    assert isinstance(design, fh.WorkspaceDesign)
+    evidence = design.evidence
+    assert isinstance(evidence, WorkspaceEvidence)
     assert design.specification.workspace == "limits"
     low, high = np.array(robot_of("planar-two-link").links.limits).T
-    assert np.all((design.poses >= low) & (design.poses <= high))
+    assert np.all((evidence.poses >= low) & (evidence.poses <= high))
     other = fh.design(robot_of("planar-two-link"), fh.Specification(workspace="limits"), told.append)
     assert design_files(other, ())["design.json"] == design_files(design, ())["design.json"]
     assert len(told) == len(stages(other.robot, other.specification))
@@ -138,10 +140,10 @@ def test_where_the_worst_move_is_near_a_limit_further_robots_move(robot_of: Name
         robot_of("paper"),
         fh.Specification(workspace=((0.0, 0.3),), tracking_error=1.0, remaining_error=1.0),
     )
-    far = fh.design(arm, s)
+    far = fh.design(arm, s).evidence
     worst = max(joint["tracking_error"] for move in far.sampled for joint in move.motion)
     limits = {"tracking_error": worst / 0.9, "remaining_error": 1.0}
-    near = fh.design(arm, replace(s, **limits))
+    near = fh.design(arm, replace(s, **limits)).evidence
     assert (len(far.sampled), len(near.sampled)) == (2, 4)
     first, further = near.sampled[:2], near.sampled[2:]
     assert [move.motion for move in first] == [move.motion for move in far.sampled]
@@ -151,7 +153,7 @@ def test_where_the_worst_move_is_near_a_limit_further_robots_move(robot_of: Name
     made = [near.setup.move(*one).motion for one in others]
     assert made == [move.motion for move in near.sampled]  # by which the cause of an error is found
     assert unnamed(workspace_verdict(near), "2 further ones") == []
-    assert len(fh.design(arm, replace(s, **limits, draws=2)).sampled) == 2
+    assert len(fh.design(arm, replace(s, **limits, draws=2)).evidence.sampled) == 2
 
 
 @pytest.mark.parametrize(
@@ -244,7 +246,9 @@ def test_a_box_in_space_is_for_its_tool(robot_of: Named) -> None:
     request = read_source("planar-two-link", "", {"workspace": "x=0.1:0.5"}, tool="elbow:0.1,0,0")
     design = fh.design(request.robot, replace(request.specification, draws=0))
     assert design.specification.workspace == "x=0.1:0.5@elbow:0.1,0,0"
-    reached = [position_of(request.robot, pose, "elbow", (0.1, 0.0, 0.0))[0] for pose in design.poses]
+    reached = [
+        position_of(request.robot, pose, "elbow", (0.1, 0.0, 0.0))[0] for pose in design.evidence.poses
+    ]
     assert 0.1 <= min(reached) <= max(reached) <= 0.5
 
 

@@ -14,7 +14,7 @@ QUICK = {"degrees": "2", "draws": 0, "rays": 0, "proof_seconds": 0, "compare_rig
 
 
 @pytest.fixture(scope="module")
-def limited() -> fh.PoseDesign:
+def limited() -> fh.Design:
     peaks = fh.Specification(pose="30deg", start="0", peak_effort=6.5, saturation=12.0, **QUICK)
     return fh.design(fh.load_robot("paper"), peaks)
 
@@ -22,7 +22,7 @@ def limited() -> fh.PoseDesign:
 @pytest.mark.ci("designs a controller")
 @pytest.mark.oracle
 def test_a_peak_below_the_motors_limit_saturates_every_controller(
-    limited: fh.PoseDesign, compiler: str, tmp_path: Path
+    limited: fh.Design, compiler: str, tmp_path: Path
 ) -> None:
     """Old code wrote the saturation alone, 12 V; then a jump to 150° takes all of it."""
     limited.controller().save(path := tmp_path / "controller.json")
@@ -34,8 +34,8 @@ def test_a_peak_below_the_motors_limit_saturates_every_controller(
 
 
 @pytest.mark.ci("designs a controller")
-def test_what_the_step_demands_is_judged_without_the_limit(limited: fh.PoseDesign) -> None:
-    evaluation, limits = limited.evaluation, limited.setup.limits
+def test_what_the_step_demands_is_judged_without_the_limit(limited: fh.Design) -> None:
+    evaluation, limits = limited.loop.evaluation, limited.loop.setup.limits
     assert limits.saturation.tolist() == [12.0]
     assert evaluation.step.peak_input == pytest.approx(6.5, rel=1e-12)
     assert evaluation.unlimited_step.peak_input > 6.5

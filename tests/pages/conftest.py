@@ -13,12 +13,12 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.certify.starts import limit_slice, proved_steps, start_surface, worst_step
-from flexhinf.design import Comparison, PoseDesign, Specification, compare, design
+from flexhinf.design import Comparison, PoseEvidence, Specification, compare, design
 from flexhinf.design.certification import CertifiedDegree, Evidence
 from flexhinf.design.synthesis.by_step import DegreeChoice
 
 
-def with_evaluation(design: PoseDesign, **parts: object) -> PoseDesign:
+def with_evaluation(design: PoseEvidence, **parts: object) -> PoseEvidence:
     """The same design with other parts of its evaluation."""
     evaluation = dataclasses.replace(design.evaluation)
     vars(evaluation).update({**vars(design.evaluation), **parts})
@@ -28,7 +28,7 @@ def with_evaluation(design: PoseDesign, **parts: object) -> PoseDesign:
 @pytest.fixture(scope="session")
 def report_design(
     robot_of: Callable[[str], Any], only_uncertain: Callable[..., Any]
-) -> Callable[[str], PoseDesign]:
+) -> Callable[[str], PoseEvidence]:
     """By what is special about it."""
     half_turn = {"pose": "90deg", "start": "0", "draws": 16, "degrees": (2, 4), "compare_rigid": True}
     noise = {"torque_noise": 1e-5}
@@ -57,14 +57,16 @@ def report_design(
             {"estimator": "none", "degrees": (2,), "rays": 20, "draws": 0, "compare_rigid": False},
         ),
     }  # fmt: skip
-    made: dict[str, PoseDesign] = {}
+    made: dict[str, PoseEvidence] = {}
 
-    def of(name: str) -> PoseDesign:
+    def of(name: str) -> PoseEvidence:
         if name not in made:
             robot, uncertain, options = cases[name]
             with pytest.MonkeyPatch.context() as patch:  # "met" in 6 s instead of 8 s
                 patch.setenv("FLEXHINF_OPTIMISATION", "0")
-                made[name] = design(only_uncertain(robot_of(robot), *uncertain), Specification(**options))
+                made[name] = design(
+                    only_uncertain(robot_of(robot), *uncertain), Specification(**options)
+                ).evidence
         return made[name]
 
     return of

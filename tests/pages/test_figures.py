@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.design import PoseDesign
+from flexhinf.design import PoseEvidence
 from flexhinf.pages.design.frequency import Loop, frequency_figures
 from flexhinf.pages.design.law import poles_figure
 from flexhinf.pages.design.step import arm_figure, instants
 from flexhinf.pages.drawing import framed, joint_panel, thin
 from flexhinf.report import new_figure
 
-Make = Callable[[str], PoseDesign]
+Make = Callable[[str], PoseEvidence]
 
 
 def test_instants_are_where_parts_of_the_way_are_done() -> None:

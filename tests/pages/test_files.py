@@ -10,16 +10,17 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.certify import load_certificate
-from flexhinf.design import PoseDesign
+from flexhinf.design import PoseEvidence
+from flexhinf.design.result import judged_by
 
-Make = Callable[[str], PoseDesign]
+Make = Callable[[str], PoseEvidence]
 
 
 @pytest.mark.ci("searches weights and noise of a law of degree 4")
 def test_the_folder_has_the_controller_and_every_run(report_design: Make, tmp_path: Path) -> None:
     import xarray as xr
 
-    design = report_design("met")
+    design = judged_by(report_design("met"))
     folder = design.save(tmp_path / "report")
     names = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
     runs = {f"runs/{name}.nc" for name in ("step", "load", "move", "ring-down-1")}
@@ -34,7 +35,9 @@ def test_the_folder_has_the_controller_and_every_run(report_design: Make, tmp_pa
     assert "Python" in page.split('class="versions"')[0]
     assert 'class="command"' not in page  # none was given
     with xr.open_dataset(folder / "runs" / "step.nc") as run:
-        assert np.array_equal(run["input"].values, design.evaluation.step.inputs)
+        assert np.array_equal(run["input"].values, design.evidence.evaluation.step.inputs)
     ours, loaded = design.controller(), fh.load_controller(folder / "controller")
     y = np.array([0.01])
-    assert loaded.step(y, np.asarray(design.goal)) == ours.step(y, np.asarray(design.goal))
+    assert loaded.step(y, np.asarray(design.loop.setup.goal)) == ours.step(
+        y, np.asarray(design.loop.setup.goal)
+    )

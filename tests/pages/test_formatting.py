@@ -12,7 +12,7 @@ import pytest
 from tests.refusals import unnamed
 
 import flexhinf as fh
-from flexhinf.design import PoseDesign
+from flexhinf.design import PoseEvidence
 from flexhinf.pages.campaign_parts import few_ticks, small_panels
 from flexhinf.pages.design.weights import effort_unit, state_weights
 from flexhinf.pages.drawing import (
@@ -28,7 +28,7 @@ from flexhinf.pages.drawing import (
 )
 from flexhinf.report import finite
 
-Make = Callable[[str], PoseDesign]
+Make = Callable[[str], PoseEvidence]
 
 
 @pytest.mark.parametrize(

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexhinf.design import PoseDesign
+from flexhinf.design import PoseEvidence
 from flexhinf.pages.files import design_numbers
 from flexhinf.report import to_json
 
-Make = Callable[[str], PoseDesign]
+Make = Callable[[str], PoseEvidence]
 
 #: Keys of the first version, which programs may read.
 KEPT = {
@@ -27,7 +27,7 @@ KEPT = {
 }  # fmt: skip
 
 
-def numbers(design: PoseDesign) -> dict[str, Any]:
+def numbers(design: PoseEvidence) -> dict[str, Any]:
     """As they are read back."""
     return json.loads(to_json(design_numbers(design)))
 

@@ -17,7 +17,7 @@ from tests.pages.conftest import with_evaluation
 from tests.refusals import unnamed
 
 from flexhinf.analysis import Margins
-from flexhinf.design import PoseDesign
+from flexhinf.design import PoseEvidence
 from flexhinf.design.problem.weights import Behaviour, Candidate, SearchResult, TargetBehaviour
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
@@ -41,7 +41,7 @@ from flexhinf.pages.page import (
 )
 from flexhinf.report import Cell, Column, Page, number
 
-Make = Callable[[str], PoseDesign]
+Make = Callable[[str], PoseEvidence]
 ORDER = [
     "specification", "step", "draws", "load", "ring-down", "move", "margins", "modes", "corners", "weights", "noise",
     "region", "rigid", "law", "files",
@@ -49,12 +49,12 @@ ORDER = [
 
 
 @cache
-def page_of(design: PoseDesign) -> Page:
+def page_of(design: PoseEvidence) -> Page:
     """The page of a design, made once."""
     return design_page(design, ["flexhinf"])
 
 
-def text_of(design: PoseDesign, section: str) -> str:
+def text_of(design: PoseEvidence, section: str) -> str:
     """What a section says, without mark-up."""
     (found,) = [part for part in page_of(design).sections if part.id == section]
     html = re.sub(r"<sup>(.*?)</sup>", r"^\1", found.html())

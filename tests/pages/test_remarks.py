@@ -11,22 +11,22 @@ import pytest
 from tests.pages.conftest import with_evaluation
 from tests.refusals import unnamed
 
-from flexhinf.design import PoseDesign
+from flexhinf.design import PoseEvidence
 from flexhinf.design.certification import DesignProof
 from flexhinf.pages import notes, verdict
 from flexhinf.pages.design.region import proof_text
 from flexhinf.pages.page import remarks
 from flexhinf.report import number
 
-Make = Callable[[str], PoseDesign]
+Make = Callable[[str], PoseEvidence]
 
 
-def with_attenuation(design: PoseDesign, **parts: object) -> PoseDesign:
+def with_attenuation(design: PoseEvidence, **parts: object) -> PoseEvidence:
     """The same design with other bounds of its gain."""
     return dataclasses.replace(design, attenuation=dataclasses.replace(design.attenuation, **parts))
 
 
-def added(design: PoseDesign, changed: PoseDesign) -> list[tuple[str, str]]:
+def added(design: PoseEvidence, changed: PoseEvidence) -> list[tuple[str, str]]:
     """The remarks that a change brings, each with the anchor of its section."""
     before = remarks(design)
     return [

@@ -12,14 +12,15 @@ from rich.console import Console
 from tests.refusals import unnamed
 
 import flexhinf as fh
-from flexhinf.design import Comparison, PoseDesign, Specification
+from flexhinf.design import Comparison, PoseEvidence, Specification
 from flexhinf.design.problem.presets import robust_applies
 from flexhinf.design.requirements import REQUIREMENTS
+from flexhinf.design.result import judged_by
 from flexhinf.pages import compared_ending, ending
 from flexhinf.pages.terminal import SCREEN, Ending, advice_text, screen, tolerances_text
 from flexhinf.report import Table
 
-Make = Callable[[str], PoseDesign]
+Make = Callable[[str], PoseEvidence]
 
 
 def printed(end: Ending) -> list[str]:
@@ -34,7 +35,7 @@ def printed(end: Ending) -> list[str]:
 @pytest.mark.parametrize("name", ["met", "rings", "true state", "robust"])
 def test_a_design_ends_with_a_screen(report_design: Make, name: str) -> None:
     design = report_design(name)
-    lines = printed(ending(design))
+    lines = printed(ending(judged_by(design)))
     assert len(lines) <= SCREEN
     assert max(map(len, lines)) <= 80
     text = " ".join(" ".join(lines).split())
@@ -53,7 +54,7 @@ def test_every_kind_that_is_missed_is_named(report_design: Make) -> None:
         dataclasses.replace(line, found=2.0 * line.limit + 1.0 if line.at_most else 0.0, at=None)
         for line in design.requirements
     ]
-    lines = printed(ending(dataclasses.replace(design, requirements=tuple(lines))))
+    lines = printed(ending(judged_by(dataclasses.replace(design, requirements=tuple(lines)))))
     assert len(lines) <= 40  # a line or two for each kind, however many are missed
     text = " ".join(" ".join(lines).split())
     assert unnamed(text, *{line.what for line in design.requirements}) == []

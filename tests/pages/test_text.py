@@ -9,10 +9,11 @@ import pytest
 from rich.console import Console
 from tests.refusals import unnamed
 
-from flexhinf.design import Comparison, PoseDesign
+from flexhinf.design import Comparison, PoseEvidence
+from flexhinf.design.result import judged_by
 from flexhinf.pages import comparison_tables, design_tables, verdict
 
-Make = Callable[[str], PoseDesign]
+Make = Callable[[str], PoseEvidence]
 
 
 def printed(tables: list) -> str:
@@ -77,7 +78,7 @@ def test_a_comparison_fits_into_eighty_columns(report_comparison: Comparison) ->
 
 @pytest.mark.ci("tunes four laws")
 def test_results_are_short_in_a_terminal(report_design: Make, report_comparison: Comparison) -> None:
-    for result in (report_design("met"), report_comparison):
+    for result in (judged_by(report_design("met")), report_comparison):
         assert len(repr(result)) < 300
         assert result._repr_html_().startswith("<table>")
-    assert "requirements: met" in repr(report_design("met"))
+    assert "requirements: met" in repr(judged_by(report_design("met")))

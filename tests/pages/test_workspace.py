@@ -18,11 +18,18 @@ from flexhinf.design import Specification, design_workspace
 from flexhinf.design.advice import Advice, Change, Trial
 from flexhinf.design.requirements import REQUIREMENTS
 from flexhinf.design.responses import motion_metrics
-from flexhinf.design.robustness import LATEST, quantity_of, remaining_cause, remaining_errors, robustness
 from flexhinf.design.verdict import UNKNOWN
-from flexhinf.design.workspace.design import GOALS_SEED, POSES_SEED, SAMPLED_SEED
+from flexhinf.design.workspace.evidence import WorkspaceEvidence
 from flexhinf.design.workspace.judgement import holding_requirement
 from flexhinf.design.workspace.proof import WorkspaceProof
+from flexhinf.design.workspace.robustness import (
+    LATEST,
+    quantity_of,
+    remaining_cause,
+    remaining_errors,
+    robustness,
+)
+from flexhinf.design.workspace.samples import GOALS_SEED, POSES_SEED, SAMPLED_SEED
 from flexhinf.design.workspace.setup import CHOSEN_SEED, OFFSET_TIME
 from flexhinf.modal import ProvedRange, pair_gains
 from flexhinf.pages import workspace as page, workspace_summary as summary
@@ -51,10 +58,8 @@ def tolerated(design):
 @pytest.fixture(autouse=True)
 def margins_once(design, tolerated, monkeypatch):
     """Pages and screens of this loop take the margins that are computed once."""
-    for room in (page, summary):
-        monkeypatch.setattr(
-            room, "robustness", lambda of: tolerated if of.setup is design.setup else robustness(of)
-        )
+    known = property(lambda of: tolerated if of.setup is design.setup else robustness(of))
+    monkeypatch.setattr(WorkspaceEvidence, "robustness", known)
 
 
 @pytest.fixture(scope="module")
@@ -65,8 +70,7 @@ def pages():
 @pytest.fixture
 def made(design, tolerated, pages, margins_once, monkeypatch):
     """The page of a design, made once; with these margins, whatever its loop."""
-    for room in (page, summary):
-        monkeypatch.setattr(room, "robustness", lambda of: tolerated)
+    monkeypatch.setattr(WorkspaceEvidence, "robustness", property(lambda of: tolerated))
 
     def of(changed=design):
         if id(changed) not in pages:
@@ -419,7 +423,8 @@ def test_a_vibration_beyond_half_the_sampling_frequency_is_named(design, tolerat
     assert joint == design.robot.joint_names[0]
     assert frequency >= max(abs(mode.eigenvalue.imag) for mode in modes) / (2.0 * np.pi)
     assert summary.nyquist_text(design) == ""
-    monkeypatch.setattr(summary, "robustness", lambda of: tolerated._replace(fastest=(623.0, "wrist")))
+    hidden = tolerated._replace(fastest=(623.0, "wrist"))
+    monkeypatch.setattr(WorkspaceEvidence, "robustness", property(lambda of: hidden))
     assert unnamed(summary.nyquist_text(design), "wrist", "623 Hz", "500 Hz", "--period 0.64ms") == []
     assert summary.nyquist_text(design) in summary.workspace_verdict(design)
 
@@ -439,7 +444,7 @@ def test_the_cause_of_the_remaining_error_is_found_by_a_move_without_it(design, 
         ("rest", False, ("5 s",)), ("", False, ("No tolerance",)),
     ):  # fmt: skip
         found = cause._replace(kind=kind, tolerance=tolerance, error=2e-3, without=1e-4)
-        monkeypatch.setattr(summary, "remaining_cause", lambda of, found=found: found)
+        monkeypatch.setattr(WorkspaceEvidence, "remaining_cause", property(lambda of, found=found: found))
         assert unnamed(summary.cause_text(bad), "2 mrad", *words) == []
         said = {"stiffness": "stiffness: a measured one", "dry friction": "coulomb_friction"}
         assert unnamed(summary.workspace_advice(bad, None), *filter(None, [said.get(kind)])) == []

@@ -13,6 +13,7 @@ import pytest
 from tests.refusals import refused_with
 
 import flexhinf as fh
+from flexhinf.design import read_request
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.studio.controls import (
     CONTROLS,
@@ -181,15 +182,19 @@ def test_the_numbers_are_those_of_the_design(session: Session) -> None:
     session.change(BY_KEY["draws"], "8")
     nominal, band, linear = stages(session.robot, session.specification)
     session.save("design.toml")
-    robot, s = fh.load_design(session.folder.root / "design.toml")
+    request = read_request(session.folder.root / "design.toml")
+    robot, s = request.robot, request.specification
     result = fh.design(robot, replace(s, proof_seconds=0.0, compare_rigid=False))
     assert isinstance(nominal, Nominal)
     assert isinstance(band, Band)
     assert isinstance(linear, LinearParts)
-    assert np.array_equal(result.evaluation.step.positions, nominal.step.positions)
+    assert np.array_equal(result.evidence.evaluation.step.positions, nominal.step.positions)
     assert band.samples is not None
-    assert np.array_equal(result.evaluation.step_samples.overshoot, band.samples.overshoot)
-    assert result.evaluation.margins.peak_sensitivity == linear.nominal.evaluation.margins.peak_sensitivity
+    assert np.array_equal(result.evidence.evaluation.step_samples.overshoot, band.samples.overshoot)
+    assert (
+        result.evidence.evaluation.margins.peak_sensitivity
+        == linear.nominal.evaluation.margins.peak_sensitivity
+    )
     lines = {(line.what, line.where): line for line in result.requirements}
     for line in (*nominal.requirements, *linear.requirements):
         if line.what != "damping of oscillations":  # that of the design names its joint

@@ -102,7 +102,7 @@ def run(context: typer.Context, o: options.RunCampaignOptions) -> int:
     return _finish(table, checked)
 
 
-def _request(o: options.BatchOptions, source: str) -> DesignCampaign:
+def _request(o: options.BatchOptions, source: str) -> DesignCampaign[Any]:
     from flexhinf.design import campaign_of
 
     values: dict[str, Any] = {field.name: getattr(o, field.name) for field in fields(CampaignOptions)}

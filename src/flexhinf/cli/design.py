@@ -30,18 +30,17 @@ from flexhinf.cli.arguments import (
     with_options,
 )
 from flexhinf.cli.designs import (
-    controller_of,
+    design_of,
     file_of,
     keep,
     other_robot,
-    verdict_of,
 )
 from flexhinf.cli.messages import NOT_MET, ProofProgress, note, options, show, specification, step_progress
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.options import option_name, with_value
 
 if TYPE_CHECKING:
-    from flexhinf.design import Advice
+    from flexhinf.design import Advice, WorkspaceEvidence
     from flexhinf.design.design_file import DesignRequest
 
 #: Steps by which the bar of advice moves; a trial has about five, and some end early.
@@ -72,9 +71,8 @@ def design(context: typer.Context, o: options.DesignOptions) -> int:
     (the report is written, and says so); 2 for a mistake, or for a
     specification that cannot be met (nothing is written); 130 if interrupted.
     """
-    from flexhinf.design import stages
+    from flexhinf.design import WorkspaceEvidence, stages
     from flexhinf.design.design_file import robot_digests
-    from flexhinf.design.robustness import robustness
     from flexhinf.robot.saved_file import robot_text
 
     request = request_of(context, o, o.robot, o.elastic)
@@ -82,7 +80,7 @@ def design(context: typer.Context, o: options.DesignOptions) -> int:
     folder = report.check(o.out)
     other = other_robot(folder, request.robot.name)
     origins = robot_digests(request.source, request.elastic, folder)
-    ending = [("what holds for all poses", 2.5), ("report", 2.5)]
+    ending = [("report", 2.5)]
     begun, command = process_time(), reproduce_command(context)
 
     def written(result: fh.Design, advice: Advice | None = None) -> None:
@@ -95,17 +93,15 @@ def design(context: typer.Context, o: options.DesignOptions) -> int:
 
     with step_progress([*stages(request.robot, request.specification), *ending]) as progress:
         result = fh.design(request.robot, request.specification, progress)
-        if isinstance(result, fh.WorkspaceDesign):
-            progress("what holds for all poses: margins, and a proof")
-            robustness(result)
         progress("report")
         keep(folder, other)
         written(result)
     advice = None
-    if o.advice and isinstance(result, fh.WorkspaceDesign) and not result.met:
+    evidence = result.evidence
+    if o.advice and isinstance(evidence, WorkspaceEvidence) and not result.met:
         try:
             own = request.file is None and request.elastic is None and result.robot.file is not None
-            advice = _advice(context, result, process_time() - begun, o.out, joints=own)
+            advice = _advice(context, evidence, process_time() - begun, o.out, joints=own)
         except KeyboardInterrupt:  # the report is written, and the user has not seen it yet
             _show_design(result, folder, o, None)
             raise
@@ -115,7 +111,7 @@ def design(context: typer.Context, o: options.DesignOptions) -> int:
 
 
 def _advice(
-    context: typer.Context, design: fh.WorkspaceDesign, seconds: float, out: Path, joints: bool
+    context: typer.Context, design: WorkspaceEvidence, seconds: float, out: Path, joints: bool
 ) -> Advice:
     """What is tried after a design that misses a requirement, in so much CPU time, with the command that meets all.
 
@@ -173,7 +169,8 @@ def compare(context: typer.Context, o: options.CompareOptions) -> None:
     Exit code: 0 when the report is written, whoever wins; 2 for a mistake
     (nothing is written); 130 if interrupted.
     """
-    from flexhinf.design import stages
+    from flexhinf.design import known_design, stages
+    from flexhinf.design.result import verdict_on
 
     request = request_of(context, o, o.robot, o.elastic)
     refuse_idle(context, request)
@@ -191,7 +188,7 @@ def compare(context: typer.Context, o: options.CompareOptions) -> None:
             request.robot, request.specification, chosen, o.tune, progress, o.same_sensors, counts, gains
         )
         progress("report")
-        verdict = verdict_of(request)
+        verdict = verdict_on(known_design(request))
         files = pages.comparison_files(result, reproduce_command(context), request.warnings, verdict=verdict)
     keep(folder, other)
     report.write(folder, files)
@@ -294,6 +291,7 @@ def certify(context: typer.Context, o: options.CertifyOptions) -> int:
         "flexhinf certify design.toml",
     )
     from flexhinf.certify.certificate import theorem_text
+    from flexhinf.design import known_design
     from flexhinf.design.certification import (
         SAMPLED_ADVICE,
         NothingProved,
@@ -303,6 +301,7 @@ def certify(context: typer.Context, o: options.CertifyOptions) -> int:
         proved,
     )
     from flexhinf.design.problem.presets import preset_of
+    from flexhinf.design.result import verdict_on
     from flexhinf.design.specification import is_for_workspace
 
     request = request_of(context, o, o.robot, o.elastic)
@@ -340,7 +339,7 @@ def certify(context: typer.Context, o: options.CertifyOptions) -> int:
             raise InvalidInput(error.what, error.found, _whole_command(context, error.advice)) from None
         bar.step("pictures, and the worst disturbance")
         result = evidence(request.robot, request.specification, law)
-        verdict = verdict_of(request)
+        verdict = verdict_on(known_design(request))
         page = pages.certificate_page(
             laws, law, result, request.specification, reproduce_command(context), verdict
         )
@@ -361,14 +360,16 @@ def certify(context: typer.Context, o: options.CertifyOptions) -> int:
 
 def _certify_workspace(context: typer.Context, o: options.CertifyOptions, request: DesignRequest) -> int:
     """Write what is proved of a controller for a workspace."""
-    from flexhinf.design.workspace.law_file import requested_setup
+    from flexhinf.design import requested_loop
+    from flexhinf.design.workspace.evidence import LoopOverWorkspace
     from flexhinf.design.workspace.proof import prove_workspace
 
     refuse_stated(context, of_workspace_proof(request))
     folder = report.check(o.out)
     with ProofProgress() as bar:
-        setup, verdict = requested_setup(request, bar.step)
-        proof = prove_workspace(setup, bar.step)
+        loop, verdict = requested_loop(request, bar.step)
+        assert isinstance(loop, LoopOverWorkspace)
+        proof = prove_workspace(loop.setup, bar.step)
         page = pages.workspace_proof_page(proof, reproduce_command(context), verdict)
     files = {"index.html": page.html(), PROOF: report.to_json(pages.workspace_proof_numbers(proof))}
     report.write(folder, files)
@@ -446,6 +447,7 @@ def run_design(context: typer.Context, o: options.RunOptions) -> int:
     from flexhinf.cli.arguments import without_effect_on_run
     from flexhinf.design.deployed_run import perturbed, prepare_run
     from flexhinf.design.plans import has_integrals
+    from flexhinf.design.result import verdict_on
     from flexhinf.design.specification import is_for_workspace
     from flexhinf.robot.mujoco import MuJoCoView, check_display, check_expressed
     from flexhinf.robot.parts import file_warnings
@@ -473,21 +475,22 @@ def run_design(context: typer.Context, o: options.RunOptions) -> int:
     acting = partial(without_effect_on_run, request.specification, robot, o.noise)
     refuse_stated(context, acting(commanded=True))  # before the controller is designed, where it has to be
     with file_warnings():  # `request_of` has told them
-        designed, stored = fh.load_design(path), controller_of(path, tell=False)
-    controller = stored.controller
+        designed = design_of(path, tell=False)
+    controller = designed.controller()
     refuse_stated(
-        context, acting(commanded=has_integrals(controller.law), workspace=is_for_workspace(designed[1]))
+        context,
+        acting(commanded=has_integrals(controller.law), workspace=is_for_workspace(designed.specification)),
     )
     prepared = prepare_run(
         controller,
-        designed,
+        (designed.robot, designed.specification),
         robot,
         request.specification,
         o.noise,
         o.load,
         o.load_at,
-        stored.verdict,
-        stored.length,
+        verdict_on(designed),
+        designed.loop.length,
     )
     with MuJoCoView(robot, prepared.box) if o.view else nullcontext() as viewer:
         run = fh.run_realtime(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
@@ -18,29 +17,34 @@ from flexhinf.errors import refuse_if
 from flexhinf.validation import checked_path, nearest, value_text
 
 if TYPE_CHECKING:
-    from flexhinf.design.design_file import DesignRequest
     from flexhinf.design.verdict import DesignVerdict
 
 
 @dataclass(frozen=True, eq=False)
 class DesignedController:
-    """A controller; its robot and specification, None of a controller's file; rows of `design.verdict.result_row`, its
-    judgement."""
+    """A controller with its design; of a controller's own file without one."""
 
     controller: fh.Controller
-    robot: fh.Robot | None = None
-    specification: fh.Specification | None = None
-    rows: Sequence[Mapping[str, Any]] = ()
-    length: float = 0.0  # of the design's own step, s; 0 where it has none, or it is not known
+    design: fh.Design | None = None
+
+    @property
+    def robot(self) -> fh.Robot | None:
+        """Of the design."""
+        return None if self.design is None else self.design.robot
+
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """The judged requirements of the design."""
+        from flexhinf.design.verdict import result_row
+
+        return [] if self.design is None else [result_row(line) for line in self.design.requirements]
 
     @property
     def verdict(self) -> DesignVerdict:
         """On the design, in the units of its pages."""
-        from flexhinf.design.verdict import DesignVerdict
+        from flexhinf.design.result import verdict_on
 
-        s, robot = self.specification, self.robot
-        degrees = s is not None and robot is not None and s.shows_degrees(robot)
-        return DesignVerdict.of(self.rows, degrees)
+        return verdict_on(self.design)
 
 
 def controller_file(source: str) -> Path:
@@ -64,54 +68,39 @@ def controller_of(
     """The controller of a report, of a file, or of a design that is made now, from a `controller_file`; `tell`:
     whether warnings about the robot's file are printed; `limits`: whether inputs without limits are refused;
     `estimates`: whether numbers of the robot may be estimates."""
-    from flexhinf.design.design_file import has_controller, is_design_file, why_anew
-    from flexhinf.design.verdict import result_row, stored_length, stored_rows
+    from flexhinf.design.design_file import is_design_file
+
+    if is_design_file(path):
+        design = design_of(path, tell, limits, estimates)
+        designed = DesignedController(design.controller(), design)
+    else:
+        designed = DesignedController(fh.load_controller(path))
+    if limits:
+        export.check_limits(designed.controller)
+    return designed
+
+
+def design_of(path: Path, tell: bool = True, limits: bool = False, estimates: bool = True) -> fh.Design:
+    """The design of a report, or of a design file that is designed now; options as of `controller_of`."""
+    from flexhinf.design import known_design, read_request, stages
+    from flexhinf.design.design_file import why_anew
     from flexhinf.robot.parts import file_warnings
 
-    if not is_design_file(path):
-        return _checked(DesignedController(fh.load_controller(path)), limits)
     with file_warnings(note if tell else str):
-        robot, specification = fh.load_design(path)
-    if not estimates:
-        refuse_estimates(robot)
-    if has_controller(path):
-        stored = fh.load_controller(path.parent / "controller")
-        rows, length = stored_rows(path), stored_length(path) or 0.0
-        return _checked(DesignedController(stored, robot, specification, rows, length), limits)
+        request = read_request(path, is_file=True)
+    if not estimates:  # before the work of a design
+        refuse_estimates(request.robot)
+    if (known := known_design(request)) is not None:
+        return known
+    robot, specification = request.robot, request.specification
     if why := why_anew(path, robot):
         note(f"{why}: it is designed anew.")
     if limits:  # before the work of a design
         refuse_unlimited(robot, specification)
-    from flexhinf.design import stages
-
     with step_progress(stages(robot, specification)) as progress:
-        result = fh.design(robot, specification, progress)
-    note(pages.ending(result).text)
-    rows = [result_row(line) for line in result.requirements]
-    length = getattr(getattr(result, "scenario", None), "step_duration", 0.0)
-    return DesignedController(result.controller(), robot, specification, rows, length)
-
-
-def verdict_of(request: DesignRequest) -> DesignVerdict:
-    """The verdict on a requested design; not known where no unchanged report of the same design is named."""
-    from flexhinf.design.design_file import DESIGN_FILE, fields_text, has_controller
-    from flexhinf.design.verdict import UNKNOWN, DesignVerdict, stored_rows
-    from flexhinf.robot.parts import file_warnings
-
-    file, s = request.file, request.specification
-    if file is None or file.name != DESIGN_FILE or not has_controller(file):
-        return UNKNOWN
-    with file_warnings(str):  # the request has told them
-        robot, own = fh.load_design(file)
-    if fields_text(own) != fields_text(s):
-        return UNKNOWN
-    return DesignVerdict.of(stored_rows(file), s.shows_degrees(robot))
-
-
-def _checked(designed: DesignedController, limits: bool) -> DesignedController:
-    if limits:
-        export.check_limits(designed.controller)
-    return designed
+        design = fh.design(robot, specification, progress)
+    note(pages.ending(design).text)
+    return design
 
 
 def refuse_estimates(robot: fh.Robot) -> None:

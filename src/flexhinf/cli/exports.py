@@ -81,11 +81,11 @@ def export_c(context: typer.Context, o: options.ExportCOptions) -> None:
     out = o.out or _named_after(o.source, "-c")
     folder = export.checked_folder(out, o.force)
     designed = controller_of(path, limits=o.limits, estimates=o.accept_estimates)
-    controller, robot, s = designed.controller, designed.robot, designed.specification
+    controller, design, robot = designed.controller, designed.design, designed.robot
     name = o.name or _identifier(robot)
     _note_doubts(designed)
     if o.check_measurements:
-        speeds = None if robot is None or s is None else joint_limits(robot, s).speed
+        speeds = None if design is None else joint_limits(design.robot, design.specification).speed
         controller = export.with_measurement_limits(controller, robot, speeds)
     if uncounted := export.check_room(controller, o.real, period=o.period, flash=o.flash, ram=o.ram):
         note(uncounted)
@@ -114,6 +114,7 @@ def export_fmu(context: typer.Context, o: options.ExportFmuOptions) -> None:
     disturbances in, measurements and states out, its parameters to be set.
     It needs a C compiler.
     """
+    from flexhinf.design import read_request
     from flexhinf.design.plans import true_robot
     from flexhinf.robot.parts import file_warnings
 
@@ -127,8 +128,8 @@ def export_fmu(context: typer.Context, o: options.ExportFmuOptions) -> None:
         )
         path = file_of(o.source, "A plant is that of a design file.", "flexhinf export fmu DIR --plant")
         with file_warnings(note):
-            robot, s = fh.load_design(path)
-            robot, s = true_robot(robot, s)  # as its design is judged
+            request = read_request(path, is_file=True)
+            robot, s = true_robot(request.robot, request.specification)  # as its design is judged
         equilibrium = robot.operating_point(s.pose if s.start is None else s.start, s.extras)
         name = o.name or export.identifier_of(robot.name)
         written = export.export_plant_fmu(
@@ -175,8 +176,8 @@ def _export(name: str, o: options.ExportFileOptions) -> None:
         kind.check()
     designed = controller_of(path)
     _note_doubts(designed)
-    exported = Exported(designed.controller, designed.robot, designed.specification, designed.verdict.unmet)
-    written = kind.write(exported, out)
+    s = None if designed.design is None else designed.design.specification
+    written = kind.write(Exported(designed.controller, designed.robot, s, designed.verdict.unmet), out)
     size = f" ({written.stat().st_size / 1e3:.0f} kB)" if written.is_file() else ""
     typer.echo(f"{name}: {written}{size}")
 

@@ -12,7 +12,6 @@ from .deployed_run import DesignCampaign as DesignCampaign, PoseCampaign as Pose
 from .design_file import (
     DesignRequest as DesignRequest,
     design_schema as design_schema,
-    load_design as load_design,
     read_request as read_request,
 )
 from .evaluation import LawEvaluation as LawEvaluation
@@ -27,12 +26,18 @@ from .pipeline import (
     design as design,
     stages as stages,
 )
-from .pose_design import PoseDesign as PoseDesign
+from .pose_evidence import PoseEvidence as PoseEvidence
 from .proved_step import ProvedLaw as ProvedLaw, search_proved_step as search_proved_step
 from .requirements import Requirement as Requirement
 from .result import Design as Design
 from .specification import Specification as Specification
 from .status import Status as Status
+from .stored import (
+    StoredReport as StoredReport,
+    known_design as known_design,
+    load_design as load_design,
+    requested_loop as requested_loop,
+)
 from .synthesis.by_step import (
     DegreeChoice as DegreeChoice,
     shrinking as shrinking,
@@ -42,4 +47,5 @@ from .workspace.comparison import (
     WorkspaceComparison as WorkspaceComparison,
     read_gains as read_gains,
 )
-from .workspace.design import WorkspaceDesign as WorkspaceDesign, design_workspace as design_workspace
+from .workspace.design import design_workspace as design_workspace
+from .workspace.evidence import WorkspaceEvidence as WorkspaceEvidence

@@ -18,9 +18,9 @@ from flexhinf.design.judgement import STANDSTILL_SHARE
 from flexhinf.design.plans import UNLIMITED
 from flexhinf.design.requirements import REQUIREMENTS, Requirement
 from flexhinf.design.responses import joint_limits
-from flexhinf.design.robustness import robustness
 from flexhinf.design.specification import FIELDS, RINGS, Specification
-from flexhinf.design.workspace.design import JUDGED, MARGINS, WorkspaceDesign, design_workspace
+from flexhinf.design.workspace.design import JUDGED, MARGINS, design_workspace
+from flexhinf.design.workspace.evidence import WorkspaceEvidence
 from flexhinf.design.workspace.judgement import missed_by
 from flexhinf.design.workspace.search import TOLERATED, motors_alone
 from flexhinf.errors import FlexhinfError
@@ -142,7 +142,7 @@ class _Ended(Exception):
 
 
 def advise(
-    design: WorkspaceDesign, seconds: float, progress: Callable[[str], None] = lambda text: None,
+    design: WorkspaceEvidence, seconds: float, progress: Callable[[str], None] = lambda text: None,
     joints: bool = True,
 ) -> Advice:  # fmt: skip
     """Try changes after a design that misses a requirement, until one meets all or the CPU time is spent.
@@ -151,7 +151,7 @@ def advise(
 
     Parameters
     ----------
-    design : WorkspaceDesign
+    design : WorkspaceEvidence
         The design; nothing is tried where it meets all requirements.
     seconds : float
         CPU time of the process that may be spent, s.
@@ -192,7 +192,7 @@ def advise(
 
 
 def _with_limits(
-    change: Change, other: WorkspaceDesign, limits: Change, progress: Callable[[str], None], watch: Any
+    change: Change, other: WorkspaceEvidence, limits: Change, progress: Callable[[str], None], watch: Any
 ) -> Trial | None:
     """The trial of a change together with limits that its design would keep; None where that misses something."""
     both = Change(f"{change.what}; {limits.what}", {**change.fields, **limits.fields}, change.rigid)
@@ -201,8 +201,8 @@ def _with_limits(
 
 
 def _tried(
-    design: WorkspaceDesign, change: Change, progress: Callable[[str], None], watch: Any
-) -> tuple[Trial | None, WorkspaceDesign | None]:
+    design: WorkspaceEvidence, change: Change, progress: Callable[[str], None], watch: Any
+) -> tuple[Trial | None, WorkspaceEvidence | None]:
     """A change tried, and its design if that was judged to its end; no trial where its time was spent before."""
     robot = design.robot.with_rigid(*change.rigid) if change.rigid else design.robot
     try:
@@ -222,7 +222,7 @@ def _tried(
 
 
 # What may be changed ------------------------------------------------------------------------------------
-def changes(design: WorkspaceDesign) -> Iterator[Change]:
+def changes(design: WorkspaceEvidence) -> Iterator[Change]:
     """Changes that may help against what is missed, in the order of what they cost: nothing, a number that was assumed,
     slower moves, a faster computer, less accuracy, more encoders."""
     s, missed = design.specification, design.missed
@@ -248,7 +248,7 @@ def changes(design: WorkspaceDesign) -> Iterator[Change]:
             yield Change("encoders on links and motors", {"measured": "link_position,motor_position"})
 
 
-def finer_noise(design: WorkspaceDesign) -> str:
+def finer_noise(design: WorkspaceEvidence) -> str:
     """A tenth of the assumed noise of all sensors, as text; "" where not all of them are positions."""
     units = units_of(design.robot.joint_names, design.robot.links.slides)
     signals = expanded(design.specification.measured, SENSORS, design.robot.joint_names, design.robot.rigid)
@@ -271,7 +271,7 @@ def unseen(robot: Robot, period: float) -> tuple[str, ...]:
     return tuple(found)
 
 
-def slower_moves(design: WorkspaceDesign, factor: float) -> Change:
+def slower_moves(design: WorkspaceEvidence, factor: float) -> Change:
     """Smaller speed limits; moves are planned with a share of these."""
     speed = joint_limits(design.robot, design.specification).speed
     speeds = [f"{factor * each:.3g}" for each in np.where(np.isfinite(speed), speed, UNLIMITED).tolist()]
@@ -289,7 +289,7 @@ def _within(name: str) -> float:
     return {"tracking_error": ON_THE_WAY, "remaining_error": REMAINING}.get(name, WITHIN)
 
 
-def limit_change(design: WorkspaceDesign, margins: bool = True) -> Change | None:
+def limit_change(design: WorkspaceEvidence, margins: bool = True) -> Change | None:
     """Limits with room with which the design, as it is, misses nothing; None where they are not enough.
 
     `margins`: of gain and delay too, whose search takes as long as a third of a design where it was not made before.
@@ -308,7 +308,7 @@ def limit_change(design: WorkspaceDesign, margins: bool = True) -> Change | None
     return Change(f"{'a limit' if len(values) == 1 else 'limits'} {' and '.join(origin)}", values)
 
 
-def _looser(design: WorkspaceDesign, name: str) -> str:
+def _looser(design: WorkspaceEvidence, name: str) -> str:
     """A limit with room, as text; "" where it would be too far from the present one."""
     lines = [line for line in design.missed if line.field == name]
     if name in OF_MOVES:
@@ -319,14 +319,14 @@ def _looser(design: WorkspaceDesign, name: str) -> str:
     if name == "damping":
         value, least = min(line.found for line in lines), RINGS
     else:
-        margin = robustness(design)
+        margin = design.robustness
         tolerated = {"gain_margin": min(margin.louder, 1.0 / margin.softer), "delay_margin": margin.delay}
         value, least = tolerated[name], SMALLEST_MARGINS[name]
     value = math.floor(100.0 * value / ROOM) / 100.0
     return f"{value:g}" if value >= least else ""
 
 
-def _of_moves(design: WorkspaceDesign, name: str, lines: Sequence[Requirement]) -> str:
+def _of_moves(design: WorkspaceEvidence, name: str, lines: Sequence[Requirement]) -> str:
     """A limit of moves with room for `QUANTILE` of them; one that each joint has of its own is kept in proportion."""
     stated = getattr(design.specification, name)
     own = np.atleast_1d(np.array(stated if stated is not None else lines[0].limit, dtype=float))

@@ -33,26 +33,21 @@ from flexhinf.campaign import (
 from flexhinf.campaign.journal import check_own_folder, differing, listed
 from flexhinf.campaign.manifest import UNREADABLE
 from flexhinf.certify.certificate import linear_part
-from flexhinf.design import certification, checks, design_file, evaluation, laws, pipeline
-from flexhinf.design.deployed_run import DesignCampaign, PoseCampaign
+from flexhinf.design import certification, design_file
+from flexhinf.design.deployed_run import DesignCampaign, DesignedLaw, PoseCampaign
 from flexhinf.design.design_file import fields_text
 from flexhinf.design.loop_setup import LoopPlants
-from flexhinf.design.pose_design import PoseDesign
 from flexhinf.design.result import Design
 from flexhinf.design.specification import is_for_workspace
+from flexhinf.design.stored import requested_loop
 from flexhinf.design.synthesis.by_step import STATES
 from flexhinf.design.synthesis.steps import synthesise
-from flexhinf.design.verdict import UNKNOWN, DesignVerdict, stored_length, stored_rows
+from flexhinf.design.verdict import DesignVerdict
 from flexhinf.design.workspace.campaign import WorkspaceCampaign
-from flexhinf.design.workspace.design import WorkspaceDesign
-from flexhinf.design.workspace.law_file import law_numbers, read_setup, requested_setup
-from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.files import locked, write_file
-from flexhinf.loop import Controller, load_controller
 from flexhinf.options import CampaignOptions
 from flexhinf.plant import GeneralisedPlant, Penalty
-from flexhinf.report import to_json
 from flexhinf.robot.elastic import inactive_parameters
 from flexhinf.validation import NotReadable, checked_path, unknown_name
 
@@ -77,8 +72,8 @@ class DesignPair:
     `judged`, `paired`: results after both have run on the same samples: each against the requirements, and in pairs.
     """
 
-    a: DesignCampaign
-    b: DesignCampaign
+    a: DesignCampaign[Any]
+    b: DesignCampaign[Any]
     folder: Path  # Folder of the comparison; the campaigns are in its `FOLDERS`
     names: tuple[str, str]  # Names of the designs
     command: Sequence[str] = ()
@@ -112,7 +107,7 @@ class DesignPair:
         return differing(a, b, [*a, *b], "default")
 
 
-def _circumstances(side: DesignCampaign) -> dict[str, str]:
+def _circumstances(side: DesignCampaign[Any]) -> dict[str, str]:
     limits = side.metrics.limits
     return {
         **{name: text for name, text in side.stated.items() if not name.startswith("design ")},
@@ -123,18 +118,8 @@ def _circumstances(side: DesignCampaign) -> dict[str, str]:
     }  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
-class DesignedLaw:
-    """What a campaign runs: the law of a design, the length of its runs, s (0 of moves, each of which has its own), and
-    the verdict on the design, which is not known where the law was made for the campaign alone."""
-
-    law: Controller | WorkspaceSetup
-    length: float
-    verdict: DesignVerdict = UNKNOWN
-
-
-#: Folder of the design file and the law inside a campaign's; the law's file, of one pose and of a workspace.
-SETUP, CONTROLLER, LAW = "setup", "controller", "law.json"
+#: Folder of the design file and the law inside a campaign's.
+SETUP = "setup"
 
 #: Lock file, held while a controller is designed and written.
 SETUP_LOCK = ".campaign-setup-lock"
@@ -144,8 +129,9 @@ PATIENCE = 3600.0
 
 
 def open_campaign(
-    request: DesignCampaign, folder: str | Path, command: Sequence[str] = (), progress: Callable[[str], None] = print,
-    designed: DesignedLaw | None = None,
+    request: DesignCampaign[Any], folder: str | Path, command: Sequence[str] = (),
+    progress: Callable[[str], None] = print,
+    designed: DesignedLaw[Any] | None = None,
 ) -> tuple[Campaign, Journal]:  # fmt: skip
     """Open the campaign of a folder: design its controller and store it there, or resume with the stored one.
 
@@ -167,22 +153,18 @@ def open_campaign(
 
 
 def _begun(
-    request: DesignCampaign, place: Path, command: Sequence[str], designed: DesignedLaw
+    request: DesignCampaign[Any], place: Path, command: Sequence[str], designed: DesignedLaw[Any]
 ) -> tuple[Campaign, Journal]:
-    o, design, setup, law = request.options, request.request, place / SETUP, designed.law
-    duration = designed.length if o.duration is None else o.duration
-    campaign_with(request, law, duration)  # refuses what does not fit before anything is written
+    o, design, setup = request.options, request.request, place / SETUP
+    designed = replace(designed, length=designed.length if o.duration is None else o.duration)
+    request.campaign(designed)  # refuses what does not fit before anything is written
     document = design_file.request_document(
         design.specification, design.source, design.elastic, setup, design.payload, design.robot.links.slides
     )
     text, file = tomlkit.dumps(document), setup / design_file.DESIGN_FILE
     write_file(file, "design file", lambda name: Path(name).write_text(text, encoding="utf-8"))
-    if isinstance(law, WorkspaceSetup):
-        numbers = to_json(law_numbers(law))
-        write_file(setup / LAW, "law", lambda name: Path(name).write_text(numbers, encoding="utf-8"))
-    else:
-        law.save(setup / CONTROLLER)
-    campaign = campaign_with(request, stored_law(request, setup), duration)
+    request.store(designed.law, setup)
+    campaign = request.campaign(replace(designed, law=request.stored(setup)))
     about = {
         "title": f"Campaign of the robot “{design.robot.name}”", "requirements": list(request.requirements),
         "nominal": {v.name: request.robot.nominal.get(v.name, 0.0) for v in request.variables},
@@ -192,27 +174,10 @@ def _begun(
     return campaign, Journal.opened(place, campaign, command, about)
 
 
-def campaign_of(design: design_file.DesignRequest, o: CampaignOptions) -> DesignCampaign:
+def campaign_of(design: design_file.DesignRequest, o: CampaignOptions) -> DesignCampaign[Any]:
     """The campaign of any design with these options; InvalidInput as of its kind."""
     kind = WorkspaceCampaign if is_for_workspace(design.specification) else PoseCampaign
     return kind.of(design, o)
-
-
-def campaign_with(request: DesignCampaign, law: Controller | WorkspaceSetup, duration: float) -> Campaign:
-    """The campaign with a law of its kind; `duration` of runs that have one length, s."""
-    if isinstance(request, WorkspaceCampaign) and isinstance(law, WorkspaceSetup):
-        return request.campaign(law)
-    assert isinstance(request, PoseCampaign)
-    assert isinstance(law, Controller)
-    return request.campaign(law, duration)
-
-
-def stored_law(request: DesignCampaign, setup: Path) -> Controller | WorkspaceSetup:
-    """The law in a campaign's folder."""
-    design = request.request
-    if isinstance(request, WorkspaceCampaign):
-        return read_setup(design.robot, request.specification, setup / LAW)
-    return load_controller(setup / CONTROLLER)
 
 
 def verdict_of(journal: Journal) -> DesignVerdict | None:
@@ -220,30 +185,12 @@ def verdict_of(journal: Journal) -> DesignVerdict | None:
     return DesignVerdict.read(journal.about.get("design")) if "options" in journal.about else None
 
 
-def designed_controller(request: DesignCampaign, progress: Callable[[str], None] = print) -> DesignedLaw:
-    """What a campaign runs: read from an unchanged report, or designed now.
-
-    A report's controller begins at the start of the step. For a move, a controller is designed that begins at its
-    start.
-    """
-    if isinstance(request, WorkspaceCampaign):
-        setup, verdict = requested_setup(request.request, progress)
-        return DesignedLaw(setup, 0.0, verdict)
-    assert isinstance(request, PoseCampaign)
-    path, plan, robot, s = request.request.file, request.plan, request.request.robot, request.specification
-    report = path if plan is None and path is not None and path.name == design_file.DESIGN_FILE else None
-    if report and design_file.has_controller(report):
-        length = stored_length(report)
-        if length is not None and fields_text(design_file.load_design(report)[1]) == fields_text(s):
-            verdict = DesignVerdict.of(stored_rows(report), s.shows_degrees(robot))
-            return DesignedLaw(load_controller(report.parent / CONTROLLER), length, verdict)
-    synthesis = synthesise(robot, s, progress)
-    setup, _ = checks.end_limit_cycle(synthesis.setup(robot, s))
-    length = pipeline.step_duration(evaluation.LawEvaluation(laws.DESIGN, setup), synthesis)
-    if plan is None:
-        return DesignedLaw(setup.bumpless_controller, length)
-    length = round((plan.duration + length) / s.period) * s.period
-    return DesignedLaw(setup.along(plan)["controller"], length)
+def designed_controller(
+    request: DesignCampaign[Any], progress: Callable[[str], None] = print
+) -> DesignedLaw[Any]:
+    """What a campaign runs: of the unchanged report that its design names, or designed now and not judged."""
+    loop, verdict = requested_loop(request.request, progress)
+    return replace(request.law_of(loop), verdict=verdict)
 
 
 def campaign_in_memory(design: Design, samples: int, workers: int = 0, **options: Any) -> xr.Dataset:
@@ -258,21 +205,16 @@ def campaign_in_memory(design: Design, samples: int, workers: int = 0, **options
         design_file.DesignRequest(design.robot, design.specification, design.robot.name),
         CampaignOptions(samples=samples, **options),
     )
-    if isinstance(design, WorkspaceDesign):
-        designed = DesignedLaw(design.setup, 0.0)
-    elif isinstance(design, PoseDesign) and isinstance(request, PoseCampaign) and request.plan is None:
-        designed = DesignedLaw(design.setup.bumpless_controller, design.scenario.step_duration)
-    else:
-        designed = designed_controller(request, lambda text: None)
-    run = campaign_with(request, designed.law, request.options.duration or designed.length)
+    designed = request.law_of(design.loop)
+    run = request.campaign(replace(designed, length=request.options.duration or designed.length))
     return run_in_memory(run, in_processes(workers) if workers else in_this_process)
 
 
-def reopened(request: DesignCampaign, journal: Journal) -> Campaign:
+def reopened(request: DesignCampaign[Any], journal: Journal) -> Campaign:
     """The campaign of a folder, with its stored controller; InvalidInput if it was begun with other settings."""
     journal.refuse_other(request.stated, partly=True)
-    law = stored_law(request, journal.folder / SETUP)
-    return campaign_with(request, law, float(journal.settings["duration"]))
+    law = request.stored(journal.folder / SETUP)
+    return request.campaign(DesignedLaw(law, float(journal.settings["duration"])))
 
 
 def stored_campaign(folder: str | Path) -> tuple[Campaign, Journal]:
@@ -290,7 +232,7 @@ def stored_campaign(folder: str | Path) -> tuple[Campaign, Journal]:
     return reopened(stored_request(journal), journal), journal
 
 
-def stored_request(journal: Journal) -> DesignCampaign:
+def stored_request(journal: Journal) -> DesignCampaign[Any]:
     """The design and the campaign of a folder."""
     known = CampaignOptions.__dataclass_fields__
     try:
@@ -376,7 +318,7 @@ class GainResults:
     campaign: str = ""
 
 
-def searches_gain(request: DesignCampaign) -> bool:
+def searches_gain(request: DesignCampaign[Any]) -> bool:
     """Whether a disturbance is searched for; with many states one ascent would take minutes."""
     states = STATES * len(request.request.robot.joint_names)
     return isinstance(request, PoseCampaign) and states <= certification.MOST_SEARCHED
@@ -397,7 +339,10 @@ class GainSearch:
     V."""
 
     def __init__(
-        self, request: DesignCampaign, duration: float, progress: Callable[[str], None] = lambda text: None
+        self,
+        request: DesignCampaign[Any],
+        duration: float,
+        progress: Callable[[str], None] = lambda text: None,
     ) -> None:
         self.request, self.s, self.progress = request, request.specification, progress
         designed, known = request.request.robot, request.robot.nominal
@@ -516,7 +461,7 @@ class GainSearch:
 
 
 def search_gain(
-    request: DesignCampaign, journal: Journal, progress: Callable[[str], None] = lambda text: None
+    request: DesignCampaign[Any], journal: Journal, progress: Callable[[str], None] = lambda text: None
 ) -> GainResults:
     """Results of `GainSearch`; they are stored in the campaign's folder, and read from there if they exist."""
     refuse_if(

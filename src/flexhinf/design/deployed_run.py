@@ -10,7 +10,8 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Protocol
+from pathlib import Path
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -25,12 +26,13 @@ from flexhinf.design import (
     plans,
     responses,
 )
+from flexhinf.design.pose_loop import LoopAtPose
 from flexhinf.design.requirements import REQUIREMENTS, Requirement
 from flexhinf.design.specification import Specification, is_for_workspace
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.realtime import RealTimeRun
-from flexhinf.loop import Controller, Loop, Status, Step
+from flexhinf.loop import Controller, Loop, Status, Step, load_controller
 from flexhinf.loop.simulation.inputs import sample_count
 from flexhinf.loop.simulation.metrics import WINDOW
 from flexhinf.options import CampaignOptions, declared, quantity
@@ -44,6 +46,9 @@ from flexhinf.validation import nearest, value_text
 STEP_TIME, MOVE_TIMES = 5.0, 1.5
 
 WHERE = "this run, on MuJoCo's robot"
+
+#: What a campaign runs: a controller, or the setup of a workspace.
+LawOfRuns = TypeVar("LawOfRuns")
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,7 +284,17 @@ class RunNumbers(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class DesignCampaign(ABC):
+class DesignedLaw(Generic[LawOfRuns]):
+    """What a campaign runs: the law of a design, the length of its runs, s (0 of moves, each of which has its own), and
+    the verdict on the design, which is not known where the law was made for the campaign alone."""
+
+    law: LawOfRuns
+    length: float
+    verdict: DesignVerdict = UNKNOWN
+
+
+@dataclass(frozen=True, eq=False)
+class DesignCampaign(ABC, Generic[LawOfRuns]):
     """A design and the options of its campaign. An unchanged report of the design supplies the law."""
 
     request: design_file.DesignRequest
@@ -303,6 +318,22 @@ class DesignCampaign(ABC):
     def requirements(self) -> tuple[str, ...]:
         """Requirements on each run from the design's specification, besides reaching its end."""
 
+    @abstractmethod
+    def law_of(self, loop: Any) -> DesignedLaw[LawOfRuns]:
+        """The law that runs, of the loop of the design (a `DesignedLoop` of its kind)."""
+
+    @abstractmethod
+    def store(self, law: LawOfRuns, folder: Path) -> None:
+        """Write the law into the folder of a campaign."""
+
+    @abstractmethod
+    def stored(self, folder: Path) -> LawOfRuns:
+        """The law in the folder of a campaign."""
+
+    @abstractmethod
+    def campaign(self, designed: DesignedLaw[LawOfRuns]) -> Campaign:
+        """The campaign with a law, and runs of its length."""
+
     @property
     def stated(self) -> dict[str, str]:
         """Settings of design and campaign as text by name, known before anything is designed."""
@@ -324,7 +355,7 @@ def with_payload(design: design_file.DesignRequest, payload: str | None) -> Robo
 
 
 @dataclass(frozen=True, eq=False)
-class PoseCampaign(DesignCampaign):
+class PoseCampaign(DesignCampaign[Controller]):
     """The campaign of a design of one pose: its step or its move, by many robots."""
 
     metrics: monte_carlo.RunMetrics
@@ -374,8 +405,25 @@ class PoseCampaign(DesignCampaign):
         own = {} if duration is None else {"duration": str(float(duration))}
         return {"start": str(start.tolist()), "goal": str(goal.tolist()), **own}
 
-    def campaign(self, controller: Controller, duration: float) -> Campaign:
-        """The campaign with a controller and runs of this length, s."""
+    def law_of(self, loop: LoopAtPose) -> DesignedLaw[Controller]:
+        """The controller of the step, or of the stated move and a rest as long as the step."""
+        if self.plan is None:
+            return DesignedLaw(loop.setup.bumpless_controller, loop.length)
+        period = self.specification.period
+        length = round((self.plan.duration + loop.length) / period) * period
+        return DesignedLaw(loop.setup.along(self.plan)["controller"], length)
+
+    def store(self, law: Controller, folder: Path) -> None:
+        """As a file of its own."""
+        law.save(folder / design_file.CONTROLLER_FILE)
+
+    def stored(self, folder: Path) -> Controller:
+        """From its file."""
+        return load_controller(folder / design_file.CONTROLLER_FILE)
+
+    def campaign(self, designed: DesignedLaw[Controller]) -> Campaign:
+        """The campaign with a controller and runs of one length."""
+        controller, duration = designed.law, designed.length
         s, robot, o, model = self.specification, self.robot, self.options, self.request.robot
         plants = loop_setup.LoopPlants(robot, s)
         plan = self.plan or plans.step_command(model, s, *self.ends, controller.law)

@@ -73,31 +73,6 @@ class DesignRequest:
         return f"{shlex.quote(self.source)}{springs}"
 
 
-def load_design(path: str | Path) -> tuple[Robot, Specification]:
-    """Robot and specification of a design file, or of the folder of a report.
-
-    Raises
-    ------
-    InvalidInput
-        With the file, the key, the value and what is allowed there.
-
-    Examples
-    --------
-    >>> import flexhinf as fh
-    >>> import tempfile
-    >>> from pathlib import Path
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     text = '[design]\\nrobot = "paper"\\npose = "90deg"\\n'
-    ...     written = Path(folder, "design.toml").write_text(text)
-    ...     robot, specification = fh.load_design(folder)  # of a report too
-    >>> robot.name
-    'paper'
-    """
-    file = checked_path("The design file", path)
-    request = read_request(file / DESIGN_FILE if os.path.isdir(file) else file, is_file=True)
-    return request.robot, request.specification
-
-
 def read_request(
     source: str | Path, elastic: str | Path | None = None, settings: Mapping[str, Any] | None = None,
     payload: str | None = None, is_file: bool | None = None,

@@ -46,11 +46,36 @@ class LawEvaluation:
     scenario: responses.Scenario | None = None
     parameters: Mapping[str, float] | None = None  # tuned values by name; empty for a design's own law
     other_noise: bool = True  # whether corners are computed with other R^v too, which takes most of the time
+    known_step: responses.Response | None = None  # the step, where it was run for the scenario
 
-    def compute(self, *names: str) -> None:
-        """Compute these attributes now, instead of when they are first read."""
-        for name in names:
-            getattr(self, name)
+    # What is computed before it is read, for the steps of a pipeline -----------------------------------------
+    def compute_margins(self) -> analysis.Margins:
+        """The margins, now."""
+        return self.margins
+
+    def compute_corners(self) -> tuple[analysis.ToleranceCorners | None, analysis.FrequencyResponse]:
+        """Corners and frequency response, now."""
+        return self.corners, self.frequency_response
+
+    def compute_modes(self) -> tuple[tuple[modes.Mode, ...], tuple[modes.Mode, ...]]:
+        """Modes of the running loop and of the robot, now."""
+        return self.closed_loop_modes, self.open_modes
+
+    def make_runs(self) -> tuple[responses.LoadResponse, checks.ImpulseRuns, responses.Move]:
+        """Load, impulses and move, now."""
+        return self.load_response, self.ring_down, self.move
+
+    def sample_robots(self) -> monte_carlo.MonteCarlo | None:
+        """The steps of the sampled robots, now."""
+        return self.step_samples
+
+    def compute_worst(self) -> Mapping[str, responses.Worst]:
+        """What `worst` has, now."""
+        return self.worst
+
+    def compute_metrics(self) -> Mapping[str, float | None]:
+        """What `metrics` has, now."""
+        return self.metrics
 
     @property
     def runs(self) -> responses.Scenario:
@@ -61,13 +86,13 @@ class LawEvaluation:
     @cached_property
     def quiet(self) -> LawEvaluation:
         """This evaluation without measurement noise in runs of the nominal robot, so that they depend on no seed."""
-        return self if self.setup.quiet else replace(self, setup=self.setup.without_noise)
+        return self if self.setup.quiet else replace(self, setup=self.setup.without_noise, known_step=None)
 
     # Runs of the nominal robot ----------------------------------------------------------------------------
     @cached_property
     def step(self) -> responses.Response:
         """The step with the deployed controller: the input starts without a jump."""
-        return self.setup.step(self.runs.step_duration, sub_steps=self.runs.sub_steps)
+        return self.known_step or self.setup.step(self.runs.step_duration, sub_steps=self.runs.sub_steps)
 
     @cached_property
     def step_motion(self) -> list[dict[str, Any]]:
@@ -137,7 +162,7 @@ class LawEvaluation:
     def linear_failure(self) -> str:
         """The reason why the loop has no equilibrium, and so no linear metrics; empty if it has one."""
         try:
-            self.compute("margins")
+            self.compute_margins()
         except FlexhinfError as error:
             return " ".join(str(error).split())
         return ""

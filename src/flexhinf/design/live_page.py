@@ -5,19 +5,19 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from flexhinf.design import loop_setup, plans, responses
+from flexhinf.design.result import Design, verdict_on
 from flexhinf.design.specification import Specification, is_for_workspace
-from flexhinf.design.verdict import DesignVerdict, result_row
-from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.errors import InvalidInput
 from flexhinf.export.web import LiveArm, write_page
 from flexhinf.loop import Controller, Loop, Waypoints
 from flexhinf.plant.joints import joint_ranges
 from flexhinf.robot import Robot
 from flexhinf.robot.kinematics import check_holding, position_ranges
+from flexhinf.validation import checked_kind
 
 #: Speed of a command's motion where the robot states no limit, rad/s and m/s.
 TURNING, SLIDING = 2.0, 0.5
@@ -29,7 +29,7 @@ STEP, TIMES = 3.0, np.geomspace(0.2, 8.0, 40)
 SHARES = (0.2, 0.12, 0.06, 0.03)
 
 
-def export_web(design: Any, path: str | os.PathLike[str]) -> Path:
+def export_web(design: Design, path: str | os.PathLike[str]) -> Path:
     """Write a design as one HTML page in which its arm runs in real time; needs clang and wasm-ld.
 
     Parameters
@@ -60,18 +60,20 @@ def export_web(design: Any, path: str | os.PathLike[str]) -> Path:
     ...     fh.export_web(found, f"{folder}/arm.html").name
     'arm.html'
     """
-    refuse_if(
-        not all(hasattr(design, name) for name in ("controller", "robot", "specification")),
+    checked_kind(
         "There is no design to show.",
-        f"expected the result of flexhinf.design, got {type(design).__name__}",
-        "fh.design(robot, specification), or `flexhinf export web FOLDER` for the folder of a report",
+        design,
+        Design,
+        "the result of flexhinf.design",
+        "fh.design(robot, specification), or fh.load_design(folder)",
     )
-    verdict = [f"This design: {text}" for text in [getattr(design, "judgement", "")] if text]
-    rows = [result_row(line) for line in getattr(design, "requirements", ())]
-    not_met = DesignVerdict.of(rows, design.specification.shows_degrees(design.robot)).unmet
-    return write_page(
-        live_arm(design.controller(), design.robot, design.specification, verdict, not_met), path
-    )
+    return write_page(arm_of(design, [f"This design: {design.judgement}"]), path)
+
+
+def arm_of(design: Design, notes: Sequence[str] = ()) -> LiveArm:
+    """The arm of a design's page."""
+    not_met = verdict_on(design).unmet
+    return live_arm(design.controller(), design.robot, design.specification, notes, not_met)
 
 
 def live_arm(

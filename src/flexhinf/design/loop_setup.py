@@ -327,6 +327,11 @@ class LoopSetup(LoopPlants):
         """The estimator, see `LoopPlants.estimator_at`. Linear metrics use it without `deployed`."""
         return self.estimator_at(at, self.goal, self.process_noise, deployed, self.linear_model)
 
+    @cached_property
+    def stated_move(self) -> Plan | None:
+        """The move of the specification; None for a step."""
+        return stated_move(self.robot, self.specification)
+
     @property
     def supervision(self) -> Supervision:
         """What a deployed controller watches: the box of start, goal, laws' poses and a stated move, with a
@@ -334,7 +339,7 @@ class LoopSetup(LoopPlants):
         names, laws = self.law.plant_states, self.law.laws if isinstance(self.law, Schedule) else (self.law,)
         places = [names.index(name) for name in self.law.tracked]
         ends = [self.robot.operating_point(at)[0] for at in (self.start, self.goal)]
-        if move := stated_move(self.robot, self.specification):
+        if move := self.stated_move:
             ends += list(np.reshape(move(np.linspace(0.0, move.duration, ON_THE_WAY)), (ON_THE_WAY, -1)))
         poses = np.array([np.asarray(end)[places] for end in (*ends, *(law.operating_point for law in laws))])
         share, smallest = WORKSPACE_MARGIN
@@ -344,22 +349,28 @@ class LoopSetup(LoopPlants):
         )
 
     def controller(
-        self, at: np.ndarray, moving: bool = False, start: str | None = None, supervised: bool = False
-    ) -> Controller:
+        self, at: np.ndarray, moving: bool = False, start: str | None = None, supervised: bool = False,
+        **stated: Any,
+    ) -> Controller:  # fmt: skip
         """A controller for a run that begins at a pose (n,); `moving`: in error coordinates about a moving reference.
 
         `start` is "zero" for integrals at zero, the default of a moving reference, or "bumpless": the first input
-        is the one that holds the model at `at`. `supervised`: with the `supervision` of the design.
+        is the one that holds the model at `at`. `supervised`: with the `supervision` of the design. Options of
+        `flexhinf.Controller` that are `stated` win.
         """
         start, estimator = start or ("zero" if moving else "bumpless"), self.estimator(at, deployed=True)
-        return Controller(
-            self.law, estimator, self.specification.period,
-            None if self.unlimited else self.limits.saturated, moving=moving, start=start,
-            integral_dead_zone=self.dead_zone if has_integrals(self.law) else None,
-            before_first=self.robot.operating_point(at)[1], blend_time=self.blend_time if start == "bumpless" else None,
-            latency=self.specification.known_latency, supervision=self.supervision if supervised else None,
+        options = {
+            "moving": moving,
+            "start": start,
+            "integral_dead_zone": self.dead_zone if has_integrals(self.law) else None,
+            "before_first": self.robot.operating_point(at)[1],
+            "blend_time": self.blend_time if start == "bumpless" else None,
+            "latency": self.specification.known_latency,
+            "supervision": self.supervision if supervised else None,
             **(self.overcoming(estimator) if moving else {}),
-        )  # fmt: skip
+        }
+        limits = None if self.unlimited else self.limits.saturated
+        return Controller(self.law, estimator, self.specification.period, limits, **{**options, **stated})
 
     @property
     def dead_zone(self) -> np.ndarray | None:

@@ -15,21 +15,29 @@ from flexhinf.design import certification, checks, judgement, plans, responses, 
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import DESIGN, LawFactory, LawKind, law_kind, law_names
 from flexhinf.design.loop_setup import DEVIATIONS, LoopSetup, with_derived
-from flexhinf.design.pose_design import PoseDesign
+from flexhinf.design.pose_evidence import PoseEvidence
+from flexhinf.design.pose_loop import LoopAtPose
 from flexhinf.design.problem import presets
+from flexhinf.design.problem.weights import TargetBehaviour
 from flexhinf.design.requirements import REQUIREMENTS, Reported, Requirement, loop_margins
-from flexhinf.design.result import Design
+from flexhinf.design.result import Design, DesignedLoop, judged_by
 from flexhinf.design.rigid import RigidComparison, compare_rigid
 from flexhinf.design.specification import Specification, is_for_workspace
 from flexhinf.design.status import status_of
 from flexhinf.design.synthesis import by_step, steps
 from flexhinf.design.workspace import comparison as over
 from flexhinf.design.workspace.design import design_workspace, workspace_stages
+from flexhinf.design.workspace.evidence import LoopOverWorkspace, WorkspaceEvidence
+from flexhinf.design.workspace.law_file import stated_workspace
+from flexhinf.design.workspace.search import tuned_setup
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import Robot, mujoco
 from flexhinf.validation import checked_kind, value_text
 
 Progress = Callable[[str], None]
+
+#: How the step of a design begins that looks at all poses together.
+TOLERATED = "what holds for all poses"
 
 #: Largest number of states for which the rigid law has the design's degree; with more it has degree 2.
 RIGID_STATES = 15
@@ -158,8 +166,8 @@ def design(
     Returns
     -------
     Design
-        `WorkspaceDesign` or `PoseDesign`: law, estimator, runs and requirements. Of both, ``met`` says whether the
-        requirements are met, ``save(folder)`` writes the report, and ``controller(at)`` is what runs.
+        Law, estimator, runs and requirements: ``met`` says whether the requirements are met, ``save(folder)`` writes
+        the report, ``controller(at)`` is what runs, and ``evidence`` holds every number of the report.
 
     Raises
     ------
@@ -173,14 +181,36 @@ def design(
     >>> import flexhinf as fh
     >>> quick = dict(degrees="2", draws=0, rays=0, proof_seconds=0, compare_rigid=False)
     >>> arm = fh.design(fh.load_robot("paper"), fh.Specification(pose="10deg", start="0", estimator="none", **quick))
-    >>> arm.gamma > arm.gamma_star
+    >>> arm.evidence.gamma > arm.evidence.gamma_star
     True
     >>> arm.controller().period
     0.001
     """
     s, progress = checked_specification(robot, specification), progress or (lambda text: None)
+    return judged_by((workspace_evidence if is_for_workspace(s) else pose_evidence)(robot, s, progress))
+
+
+def loop_of(robot: Robot, s: Specification, progress: Progress = lambda text: None) -> DesignedLoop:
+    """The loop of a design that is not judged."""
     if is_for_workspace(s):
-        return design_workspace(robot, s, progress)
+        return LoopOverWorkspace(tuned_setup(robot, s, stated_workspace(robot, s.workspace), progress))
+    synthesis = steps.synthesise(robot, s, progress)
+    setup, _ = checks.end_limit_cycle(synthesis.setup(robot, s))
+    linear = LawEvaluation(DESIGN, setup)
+    length, target = step_duration(linear, synthesis), synthesis.design_problem.target
+    return LoopAtPose(robot, s, setup, length, lambda: in_scenario(linear, length, target, responses.SAMPLES))
+
+
+def workspace_evidence(robot: Robot, s: Specification, progress: Progress) -> WorkspaceEvidence:
+    """A controller for a workspace, what it was judged by, and what it tolerates beyond that."""
+    evidence = design_workspace(robot, s, progress)
+    progress(f"{TOLERATED}: margins, and a proof")
+    evidence.look_beyond()
+    return evidence
+
+
+def pose_evidence(robot: Robot, s: Specification, progress: Progress) -> PoseEvidence:
+    """A law about one pose, and what it was judged by."""
     if s.mujoco:
         mujoco.check_expressed(s.extras)
     progress("equilibrium, and weights")
@@ -190,13 +220,15 @@ def design(
     linear = LawEvaluation(DESIGN, setup)
     law_modes = _law_modes(linear, synthesis)
     progress("compile the closed loop, and run the step")
-    evaluation = _in_scenario(linear, synthesis, responses.SAMPLES)
+    target = synthesis.design_problem.target
+    evaluation = in_scenario(linear, step_duration(linear, synthesis), target, responses.SAMPLES)
     duration = evaluation.runs.step_duration
     # before a second thread starts: warning filters belong to the whole process
-    evaluation.compute("margins")
+    evaluation.compute_margins()
 
     def runs() -> RigidComparison | None:
-        evaluation.compute("load_response", "ring_down", "move", "step_samples")
+        evaluation.make_runs()
+        evaluation.sample_robots()
         if not s.compare_rigid:
             return None
         degree = synthesis.chosen.degree if len(synthesis.problem.state_names) <= RIGID_STATES else 2
@@ -205,7 +237,7 @@ def design(
     with ThreadPoolExecutor(1) as beside:  # runs are compiled code, which releases the other thread
         on_rigid = beside.submit(runs)
         progress("corners of the tolerances, while load, move and sampled robots are run")
-        evaluation.compute("corners", "frequency_response")
+        evaluation.compute_corners()
         progress("the worst disturbance, and the dissipation budget of the step")
         worth = certification.attenuation(setup, synthesis, duration)
         on_mujoco = None
@@ -225,7 +257,7 @@ def design(
     proof = certification.with_tolerances(
         robot, s, synthesis, certification.prove_design(robot, s, synthesis, start, worth)
     )
-    return PoseDesign(
+    return PoseEvidence(
         robot=robot, specification=s, synthesis=synthesis, evaluation=evaluation, attenuation=worth, inside=inside,
         proof=proof, mujoco=on_mujoco, rigid=same_on_rigid, limit_cycle=limit_cycle, payloads=payloads,
         law_modes=law_modes, requirements=lines,
@@ -257,15 +289,17 @@ def step_duration(linear: LawEvaluation, synthesis: steps.Synthesis) -> float:
     return responses.run_length(slowest) + linear.setup.command_time
 
 
-def _in_scenario(
-    linear: LawEvaluation, synthesis: steps.Synthesis, samples: Sequence[tuple[int, int]]
+def in_scenario(
+    linear: LawEvaluation, duration: float, target: TargetBehaviour | None, samples: Sequence[tuple[int, int]]
 ) -> LawEvaluation:
-    """The evaluation with the scenario of all laws and with its step, whose peak input without noise sets the load;
-    linear metrics computed before are kept."""
+    """The evaluation with the scenario of all laws, whose step has this duration, s, and with that step; its peak input
+    without noise sets the load. Linear metrics computed before are kept.
+
+    `target`: the behaviour that the weights were searched for. `samples`: see `responses.sample_count`.
+    """
     setup, s, robot = linear.setup, linear.setup.specification, linear.setup.robot
-    duration = step_duration(linear, synthesis)
     step, scales = setup.step(duration), modes.JointScales.of(setup.model, setup.goal_equilibrium)
-    sub_steps, load, stated = step.run.settings["sub_steps"], s.load, plans.stated_move(robot, s)
+    sub_steps, load, stated = step.run.settings["sub_steps"], s.load, setup.stated_move
     if load is None:
         quiet = setup.without_noise.step(duration, sub_steps=sub_steps)
         loads = responses.default_load(scales.per_input, quiet.peak_inputs)
@@ -273,20 +307,23 @@ def _in_scenario(
         loads = np.full(len(setup.goal), load)
     holding_inputs = [setup.equilibrium(at)[1] for at in (setup.start, setup.goal)]
     plan = stated or plans.plan_move(
-        robot, s, setup.start, setup.goal, _followed(linear, synthesis), float(scales.vibration.min()),
+        robot,
+        s,
+        setup.start,
+        setup.goal,
+        _followed(linear, target),
+        float(scales.vibration.min()),
         holding_inputs,
-    )  # fmt: skip
-    count = responses.sample_count(robot, len(synthesis.problem.state_names), s.draws, samples)
+    )
+    count = responses.sample_count(robot, len(setup.linear_law.state_names), s.draws, samples)
     robots, dwell = responses.sample_robots(setup.true.robot, count, s.seed), duration if stated else None
     runs = responses.Scenario(duration, loads, 2.0 * duration, plan, robots, sub_steps, dwell)
-    evaluation = with_derived(linear, scenario=runs)
-    vars(evaluation)["step"] = step
-    return evaluation
+    return with_derived(linear, scenario=runs, known_step=step)
 
 
-def _followed(linear: LawEvaluation, synthesis: steps.Synthesis) -> np.ndarray:
+def _followed(linear: LawEvaluation, target: TargetBehaviour | None) -> np.ndarray:
     """Finite bandwidth (n,), rad/s, for which the move is planned: that of the law with the true state fed back."""
-    own, target = np.asarray(linear.state_margins.bandwidth, dtype=float), synthesis.design_problem.target
+    own = np.asarray(linear.state_margins.bandwidth, dtype=float)
     usable = np.isfinite(own) & (own > 0.0)
     return np.where(usable, own, 1.0) if target is None else target.where_not(usable, own)
 
@@ -380,7 +417,7 @@ def stages(
     names begin or end, and what part of the work each is, relative to the others."""
     if is_for_workspace(specification):
         own = workspace_stages(robot, specification)
-        return own if laws is None else over.compare_stages(own, laws)
+        return [*own, (TOLERATED, 2.5)] if laws is None else over.compare_stages(own, laws)
     s, states = specification, by_step.STATES * len(robot.joint_names)
     preset, limits = presets.preset_of(robot, s), responses.joint_limits(robot, s)
     limited = preset in ("damped", "robust") and (limits.limits_peak or limits.limits_speed)
@@ -472,14 +509,15 @@ def compare(
     setup, _ = checks.end_limit_cycle(synthesis.setup(robot, s))
     progress("what all laws share: load, move, criterion")
     linear = LawEvaluation(DESIGN, setup, other_noise=False)
-    own = _in_scenario(linear, synthesis, responses.COMPARED_SAMPLES)
+    target = synthesis.design_problem.target
+    own = in_scenario(linear, step_duration(linear, synthesis), target, responses.COMPARED_SAMPLES)
     unit = synthesis.problem.plant.unit(synthesis.problem.input_names[0])
     limits, resolution = tuning.stated_limits(s, setup.limits, unit), setup.position_resolution()
     criterion = tuning.criterion_for(
         tune, tuning.reference_metrics(own), own.runs.step_duration, limits, resolution
     )
     # initial value of searches over bandwidths
-    bandwidth = float(np.exp(np.mean(np.log(_followed(linear, synthesis)))))
+    bandwidth = float(np.exp(np.mean(np.log(_followed(linear, target)))))
     tuner = tuning.Tuner(LawFactory(synthesis, bandwidth), own, criterion, same_sensors, counts)
     tuned = tuner.tune_all(kinds, laws or (), progress)
     rows = tuple(_row(kind, tuned[kind.name], progress) for kind in kinds)
@@ -492,9 +530,9 @@ def _row(kind: LawKind, tuned: tuning.TunedLaw | str, progress: Progress) -> Com
         return ComparedLaw(kind, failure=tuned)
     progress(f"{kind.name}: step, load and move")
     evaluation, runs = tuned.evaluation, tuned.evaluation.scenario
-    evaluation.compute("worst")
+    evaluation.compute_worst()
     if runs and runs.robots:
         progress(f"{kind.name}: {len(runs.robots)} robots within their tolerances")
-    evaluation.compute("metrics")
+    evaluation.compute_metrics()
     margins, step, robots = _law_requirements(evaluation)
     return ComparedLaw(kind, tuned, (*margins, *step, *robots))

@@ -1,18 +1,22 @@
-"""A design, whatever its task is: what all kinds of designs offer."""
+"""A design, whatever its task is: one controller, its loop, and the judgement of both."""
 
 from __future__ import annotations
 
-import abc
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from flexhinf.analysis import FrequencyResponse, LinearLoop, Margins, frequency_response, margins
 from flexhinf.arrays import Numbers
+from flexhinf.certify import Certificate
+from flexhinf.design.judged import Judged
 from flexhinf.design.requirements import Reported, Requirement
 from flexhinf.design.specification import Specification
+from flexhinf.design.verdict import UNKNOWN, DesignVerdict, result_row
+from flexhinf.design.workspace.proof import WorkspaceProof
 from flexhinf.loop import Controller, Trajectory
 from flexhinf.robot import Robot
 
@@ -21,62 +25,105 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as MatplotlibFigure
 
 
-class Design(Reported):
+class DesignedLoop(Protocol):
+    """What a law does in its loop at the poses of its task; `Design` has the same names, and says what they are."""
+
+    @property
+    def length(self) -> float:
+        """Of the step that the design was judged by, s; 0 of moves, each of which has its own."""
+        ...
+
+    def controller(self, at: Numbers = None, **options: Any) -> Controller:
+        """See `Design.controller`."""
+        ...
+
+    def linear(self, at: Numbers = None) -> LinearLoop:
+        """See `Design.linear`."""
+        ...
+
+    def step(self, goal: Numbers = None, start: Numbers = None, duration: float | None = None) -> Trajectory:
+        """See `Design.step`."""
+        ...
+
+    def move(self, goal: Numbers = None, start: Numbers = None) -> Trajectory:
+        """See `Design.move`."""
+        ...
+
+    def certificate(self) -> Certificate | WorkspaceProof:
+        """See `Design.certificate`."""
+        ...
+
+
+class DesignEvidence(Protocol):
+    """What a design was judged by: `PoseEvidence`, `WorkspaceEvidence`, or a `StoredReport`."""
+
+    @property
+    def robot(self) -> Robot:
+        """Of the design."""
+        ...
+
+    @property
+    def specification(self) -> Specification:
+        """Of the design."""
+        ...
+
+    @property
+    def requirements(self) -> tuple[Requirement, ...]:
+        """All of them, judged."""
+        ...
+
+    @property
+    def loop(self) -> DesignedLoop:
+        """In which the law runs."""
+        ...
+
+    def summary(self) -> Mapping[str, str]:
+        """The main facts in words, {name: text with unit}."""
+        ...
+
+
+@dataclass(frozen=True, eq=False, repr=False, match_args=False)
+class Design(Judged, Reported):
     """A controller for a robot, its loop, and the judgement of both, whatever the task is.
 
-    `PoseDesign` and `WorkspaceDesign` are its kinds. `linear`, `margins`, `poles`, `frequency_response` and `bode` are
-    about the running loop at rest: linearised and sampled, with the estimator and the latency. `at` is the pose (n,),
-    rad or m: by default the goal of a design of one pose, which has no other, and the home of a workspace.
+    A pose ``at``, ``goal`` or ``start`` is (n,), rad or m: by default the robot's home for a workspace. A design of one
+    pose knows its own goal and start alone. `linear`, `margins`, `poles`, `frequency_response` and `bode` are about the
+    loop at rest, linearised and sampled, with estimator and latency. What does not fit is an `InvalidInput`.
 
     Examples
     --------
     >>> import flexhinf as fh
     >>> quick = dict(degrees="2", draws=0, rays=0, proof_seconds=0, compare_rigid=False, estimator="none")
     >>> found = fh.design(fh.load_robot("paper"), fh.Specification(pose="10deg", start="0", **quick))
-    >>> isinstance(found, fh.Design), found.campaign(3).sizes["sample"]
+    >>> found.margins().stable, found.campaign(3).sizes["sample"]
     (True, 3)
     """
 
+    robot: Robot
+    specification: Specification
     requirements: tuple[Requirement, ...]
+    loop: DesignedLoop
+    evidence: DesignEvidence  # what it was judged by
 
-    if TYPE_CHECKING:  # fields of one kind
+    def summary(self) -> Mapping[str, str]:
+        """Robot, whether the requirements are met, and the main numbers of the task."""
+        return self.evidence.summary()
 
-        @property
-        def robot(self) -> Robot:
-            """The robot that the controller is for."""
-            ...
+    def controller(self, at: Numbers = None, **options: Any) -> Controller:
+        """A new controller as it is deployed, which takes over at rest at a pose, without a jump of the input; of one
+        pose by default at its start. ``options``: of `Controller`, such as ``supervision``."""
+        return self.loop.controller(at, **options)
 
-        @property
-        def specification(self) -> Specification:
-            """What it has to do."""
-            ...
-
-    @abc.abstractmethod
-    def controller(self, at: Numbers = None) -> Controller:
-        """A new controller as it is deployed, which takes over at a pose (n,), rad or m."""
-
-    @abc.abstractmethod
-    def move(self, goal: Numbers = None, start: Numbers = None) -> Trajectory:
-        """The run of a move from rest at `start` to `goal`, (n,) each, rad or m."""
-
-    @abc.abstractmethod
-    def certificate(self) -> object:
-        """What is proved of it: a region with its gain, or errors of the model that small motions tolerate.
-
-        Raises `InvalidInput` where nothing is proved, with why.
-        """
-
-    @abc.abstractmethod
     def linear(self, at: Numbers = None) -> LinearLoop:
         """The running loop, linearised; ``closed_loop`` has the matrices of the sampled system."""
+        return self.loop.linear(at)
 
     def margins(self, at: Numbers = None) -> Margins:
         """Margins of the running loop: of gain, delay and disk, peaks of S and T, bandwidth, damping."""
         return margins(self.linear(at))
 
     def poles(self, at: Numbers = None) -> np.ndarray:
-        """Poles of the running loop as exponents log(z)/T, (K,) complex, 1/s, slowest first; those at z = 0 are left
-        out, and of a loop with latency the echoes of its queue (`DiscreteSystem.modes`)."""
+        """Poles as exponents log(z)/T, (K,) complex, 1/s, slowest first; none at z = 0, no echoes of the latency."""
         return self.linear(at).closed_loop.poles
 
     def frequency_response(self, frequencies: Numbers = None, at: Numbers = None) -> FrequencyResponse:
@@ -84,32 +131,24 @@ class Design(Reported):
         return frequency_response(self.linear(at), frequencies)
 
     def bode(self, frequencies: Numbers = None, at: Numbers = None) -> MatplotlibFigure:
-        """Bode diagram of the running loop, opened at one motor's input with the others closed: magnitude and phase,
-        with the frequencies where the gain margins are."""
+        """Bode diagram of the running loop, opened at one motor's input with the others closed."""
         return import_module("flexhinf.pages").bode_figure(self.frequency_response(frequencies, at))
 
-    @property
-    def missed(self) -> tuple[Requirement, ...]:
-        """Requirements that are not met."""
-        return tuple(line for line in self.requirements if line.missed)
+    def step(self, goal: Numbers = None, start: Numbers = None, duration: float | None = None) -> Trajectory:
+        """The run of a step of the command from rest at `start` to `goal`, of `duration`, s; `move` is smooth."""
+        return self.loop.step(goal, start, duration)
 
-    @property
-    def met(self) -> bool:
-        """Whether every requirement is met."""
-        return all(line.met for line in self.requirements)
+    def move(self, goal: Numbers = None, start: Numbers = None) -> Trajectory:
+        """The run of a planned move with feedforward, from rest at `start` to `goal`, and a rest."""
+        return self.loop.move(goal, start)
 
-    @property
-    def judgement(self) -> str:
-        """Whether they are met, for a summary."""
-        return f"{len(self.missed)} of {len(self.requirements)} not met" if self.missed else "met"
+    def certificate(self) -> Certificate | WorkspaceProof:
+        """What is proved: a region with its gain, or errors of the model that small motions tolerate."""
+        return self.loop.certificate()
 
     def campaign(self, samples: int, workers: int = 0, **options: Any) -> xr.Dataset:
-        """Runs of many robots within their tolerances, in memory: the step or the move of a design of one pose, a move
-        of each robot's own for a workspace.
-
-        ``options`` are those of `flexhinf campaign run`, such as ``seed``, ``method`` and ``extra_delay``; the result
-        is that of `flexhinf.run_campaign`. Raises `InvalidInput` before any work for what does not fit.
-        """
+        """Runs of many robots within their tolerances, in memory: the step or move of one pose, a move of each robot's
+        own for a workspace. ``options``: of `flexhinf campaign run`. Returns what `flexhinf.run_campaign` does."""
         return import_module("flexhinf.design.campaign_folder").campaign_in_memory(
             self, samples, workers, **options
         )
@@ -119,3 +158,17 @@ class Design(Reported):
         return import_module("flexhinf.design.pipeline").compare(
             self.robot, self.specification, laws, **options
         )
+
+
+def judged_by(evidence: DesignEvidence) -> Design:
+    """The design that was judged by this."""
+    e = evidence
+    return Design(e.robot, e.specification, e.requirements, e.loop, e)
+
+
+def verdict_on(design: Design | None) -> DesignVerdict:
+    """The verdict on a design in the units of its pages; not known without one."""
+    if design is None:
+        return UNKNOWN
+    rows = [result_row(line) for line in design.requirements]
+    return DesignVerdict.of(rows, design.specification.shows_degrees(design.robot))

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
+from functools import partial
 from hashlib import sha256
 from operator import attrgetter
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import tomlkit
@@ -18,15 +19,17 @@ from flexhinf.analysis import Margins
 from flexhinf.design import design_file
 from flexhinf.design.advice import Advice
 from flexhinf.design.pipeline import ComparedLaw, Comparison
-from flexhinf.design.pose_design import PoseDesign
+from flexhinf.design.pose_evidence import PoseEvidence
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import ROBOT
 from flexhinf.design.result import Design
+from flexhinf.design.stored import StoredReport, requirement_numbers
 from flexhinf.design.tuning import best_rival, pareto_front
 from flexhinf.design.verdict import UNKNOWN, DesignVerdict, result_row
 from flexhinf.design.workspace.comparison import WorkspaceComparison
-from flexhinf.design.workspace.design import WorkspaceDesign
+from flexhinf.design.workspace.evidence import WorkspaceEvidence
 from flexhinf.errors import InvalidInput
+from flexhinf.loop import Trajectory
 from flexhinf.pages.comparison import comparison_notes, comparison_page, comparison_tables, is_ranked
 from flexhinf.pages.design.frequency import corner_rows
 from flexhinf.pages.design.region import BOX_FILE, budget_of, proof_numbers
@@ -37,7 +40,7 @@ from flexhinf.pages.terminal import Ending, comparison_ending, design_ending
 from flexhinf.pages.workspace import workspace_numbers, workspace_page
 from flexhinf.pages.workspace_comparison import laws_details, laws_ending, laws_numbers, laws_page
 from flexhinf.pages.workspace_summary import every_requirement, workspace_ending, workspace_verdict
-from flexhinf.report import finite, to_json, write
+from flexhinf.report import Page, finite, to_json, write
 from flexhinf.robot import catalogue, load_robot
 from flexhinf.robot.saved_file import robot_text
 
@@ -61,39 +64,57 @@ def design_files(
     and `beside` names files that the caller writes into the same folder: the page lists them. `advice` is what was
     tried after a design for a workspace.
     """
-    if isinstance(design, WorkspaceDesign):
-        return _workspace_files(design, command, warnings, beside, advice)
-    assert isinstance(design, PoseDesign)
-    e, proof = design.evaluation, design.proof
-    runs = {
+    parts = _parts_of(design, command, warnings, advice)
+    runs = {f"runs/{name}.{ENDING}": run.save for name, run in parts.runs.items()}
+    files = {
+        "design.json": to_json(parts.numbers),
+        **_saved({"controller": design.controller().save, **runs}),
+        **parts.proofs,
+    }
+    return {"index.html": parts.page((*files, *beside)).html(), **files}
+
+
+class _Parts(NamedTuple):
+    numbers: dict[str, Any]  # of design.json
+    runs: dict[str, Trajectory]  # by name
+    proofs: dict[str, str]  # files by name
+    page: Callable[[Sequence[str]], Page]  # which lists these files
+
+
+def _parts_of(
+    design: Design, command: Sequence[str], warnings: Sequence[str], advice: Advice | None
+) -> _Parts:
+    evidence = _evidence_of(design)
+    if isinstance(evidence, WorkspaceEvidence):
+        moves = {f"move-{k}": move.response.run for k, move in enumerate(evidence.moves, 1)}
+        page = partial(workspace_page, evidence, command, warnings, advice=advice)
+        return _Parts(workspace_numbers(evidence), moves, {}, page)
+    e, proof = evidence.evaluation, evidence.proof
+    responses = {
         **_picked(e, RUNS),
         **{f"ring-down-{k}": run for k, run in enumerate(e.ring_down.responses, 1)},
-        **({} if design.mujoco is None else {"step-mujoco": design.mujoco}),
+        **({} if evidence.mujoco is None else {"step-mujoco": evidence.mujoco}),
     }
-    saved = {f"runs/{name}.{ENDING}": response.run.save for name, response in runs.items()}
-    files = {
-        "design.json": to_json(design_numbers(design)),
-        **_saved({"controller": design.controller().save, **saved}),
-        **{
-            name: certified.certificate.text()
-            for name, certified in (("certificate.json", proof), (BOX_FILE, proof.box))
-            if certified is not None and certified.certificate is not None
-        },
+    proofs = {
+        name: certified.certificate.text()
+        for name, certified in (("certificate.json", proof), (BOX_FILE, proof.box))
+        if certified is not None and certified.certificate is not None
     }
-    return {"index.html": design_page(design, command, warnings, (*files, *beside)).html(), **files}
+    page = partial(design_page, evidence, command, warnings)
+    runs = {name: response.run for name, response in responses.items()}
+    return _Parts(design_numbers(evidence), runs, proofs, page)
 
 
-def _workspace_files(
-    design: WorkspaceDesign, command: Sequence[str], warnings: Sequence[str], beside: Sequence[str],
-    advice: Advice | None,
-) -> dict[str, str | bytes]:  # fmt: skip
-    saved = {f"runs/move-{k}.{ENDING}": move.response.run.save for k, move in enumerate(design.moves, 1)}
-    files = {
-        "design.json": to_json(workspace_numbers(design)),
-        **_saved({"controller": design.controller().save, **saved}),
-    }
-    page = workspace_page(design, command, warnings, (*files, *beside), advice)
-    return {"index.html": page.html(), **files}
+def _evidence_of(design: Design) -> PoseEvidence | WorkspaceEvidence:
+    """What a design was judged by in this process; refused for one that was read, whose folder has its report."""
+    evidence = design.evidence
+    if isinstance(evidence, PoseEvidence | WorkspaceEvidence):
+        return evidence
+    raise InvalidInput(
+        "This design was read from a folder, which has its page and its numbers.",
+        f"expected a design that was made here, got {evidence.summary()}",
+        "design.save(folder), which writes the same report",
+    )
 
 
 def comparison_files(
@@ -124,43 +145,47 @@ def write_report(result: Design | Comparison | WorkspaceComparison, folder: str 
     if isinstance(result, Comparison | WorkspaceComparison):
         return write(folder, comparison_files(result, ()))
     own, origins = _design_file(result, folder)
-    return write(folder, {**design_files(result, (), beside=tuple(own)), **own}, origins)
+    evidence = result.evidence
+    read = evidence.files if isinstance(evidence, StoredReport) else None
+    files = design_files(result, (), beside=tuple(own)) if read is None else read
+    return write(folder, {**files, **own}, origins)
 
 
 def _design_file(design: Design, folder: str | Path) -> tuple[dict[str, str | bytes], dict[str, str]]:
-    """The design file of a design that was made in Python, with the robot's file where its numbers were changed, and
-    digests of the robot's files; empty for a robot or a penalty that no file states."""
-    robot, files = design.robot, dict[str, str | bytes]()
+    """The design file of a design that was made or read in Python, with the robot's file where its numbers were
+    changed, and digests of the robot's files; empty for a robot or a penalty that no file states."""
+    robot, files, evidence = design.robot, dict[str, str | bytes](), design.evidence
     if robot.file is None:
         return files, {}
+    names = {path: name for name, path in catalogue().items()}
+    request = design_file.DesignRequest(robot, design.specification, names.get(robot.file, str(robot.file)))
+    if isinstance(evidence, StoredReport):
+        request = evidence.request
     with suppress(InvalidInput):
-        names = {path: name for name, path in catalogue().items()}
-        source = names.get(robot.file, str(robot.file))
-        origins = design_file.robot_digests(source, None, folder)
-        if load_robot(source) != robot:
+        origins = design_file.robot_digests(request.source, request.elastic, folder)
+        if load_robot(request.source, request.elastic, payload=request.payload) != robot:
             text = robot_text(robot, Path(folder))
             files[ROBOT_FILE] = text
             origins |= {ROBOT_FILE: sha256(text.encode("utf-8")).hexdigest()}
-            source = str(Path(folder) / ROBOT_FILE)
-        request = design_file.DesignRequest(robot, design.specification, source)
+            request = design_file.DesignRequest(robot, design.specification, str(Path(folder) / ROBOT_FILE))
         return {**files, design_file.DESIGN_FILE: design_text(design, request, folder)}, origins
     return {}, {}
 
 
 def details(design: Design) -> tuple[list[Any], list[str], str]:
     """Every table, note and sentence of a design for a terminal."""
-    if isinstance(design, WorkspaceDesign):
-        return [every_requirement(design).terminal()], [], workspace_verdict(design)
-    assert isinstance(design, PoseDesign)
-    return design_tables(design), notes(design), verdict(design)
+    evidence = _evidence_of(design)
+    if isinstance(evidence, WorkspaceEvidence):
+        return [every_requirement(evidence).terminal()], [], workspace_verdict(evidence)
+    return design_tables(evidence), notes(evidence), verdict(evidence)
 
 
 def ending(design: Design, advice: Advice | None = None) -> Ending:
     """What a terminal says of a design at the end, with what was tried after one for a workspace."""
-    if isinstance(design, WorkspaceDesign):
-        return workspace_ending(design, advice)
-    assert isinstance(design, PoseDesign)
-    return design_ending(design)
+    evidence = _evidence_of(design)
+    if isinstance(evidence, WorkspaceEvidence):
+        return workspace_ending(evidence, advice)
+    return design_ending(evidence)
 
 
 def _saved(files: Mapping[str, Callable[[Path], object]]) -> dict[str, str | bytes]:
@@ -193,18 +218,23 @@ def design_text(design: Design, request: design_file.DesignRequest, folder: str 
     )
     document.add(tomlkit.nl())
     document.add(tomlkit.comment("What came of it. This part is not read: changing it changes nothing."))
-    if isinstance(design, WorkspaceDesign):
-        table = {"verdict": workspace_verdict(design), "met": design.met}
-    else:
-        assert isinstance(design, PoseDesign)
-        table = _result(design)
-    table["specification"] = [result_row(line) for line in design.requirements]
+    table = {**_result_of(design), "specification": [result_row(line) for line in design.requirements]}
     document.add("result", design_file.toml_table({k: v for k, v in table.items() if v is not None}))
     return tomlkit.dumps(document)
 
 
+def _result_of(design: Design) -> dict[str, Any]:
+    evidence = design.evidence
+    if isinstance(evidence, StoredReport):
+        return dict(evidence.result)
+    evidence = _evidence_of(design)
+    if isinstance(evidence, WorkspaceEvidence):
+        return {"verdict": workspace_verdict(evidence), "met": design.met}
+    return _result(evidence)
+
+
 # Numbers ------------------------------------------------------------------------------------------------
-def _result(design: PoseDesign) -> dict[str, Any]:
+def _result(design: PoseEvidence) -> dict[str, Any]:
     problem, evaluation = design.design_problem, design.evaluation
     samples, margins = evaluation.step_samples, evaluation.margins
     weights = (
@@ -258,7 +288,7 @@ RUN = "diverged_at_s=diverged_at joints=metrics"
 LOADED_RUN = "diverged_at_s=response.diverged_at joints=metrics"
 
 
-def design_numbers(design: PoseDesign) -> dict[str, Any]:
+def design_numbers(design: PoseEvidence) -> dict[str, Any]:
     """Numbers of design.json."""
     e, s, attained, limit_cycle = (
         design.evaluation,
@@ -368,8 +398,11 @@ def design_numbers(design: PoseDesign) -> dict[str, Any]:
 
 
 def _requirements(lines: Iterable[Requirement]) -> list[dict[str, Any]]:
-    keys = "what found unit at_most where criterion stated_by joint met within_tolerance asked=limit at_s=at"
-    return [{**_picked(x, keys), "asked_for": x.stated_by not in ("default", ROBOT)} for x in lines]
+    keys = "what found unit at_most where met within_tolerance asked=limit at_s=at"
+    return [
+        {**_picked(x, keys), **requirement_numbers(x), "asked_for": x.stated_by not in ("default", ROBOT)}
+        for x in lines
+    ]
 
 
 def _margins(m: Margins) -> dict[str, Any]:
@@ -377,7 +410,7 @@ def _margins(m: Margins) -> dict[str, Any]:
     return {**_picked(m, MARGINS), "gain_margins": pairs[0] if len(pairs) == 1 else pairs}
 
 
-def _weights(design: PoseDesign) -> dict[str, Any]:
+def _weights(design: PoseEvidence) -> dict[str, Any]:
     problem, whole = design.design_problem, design.synthesis.robust
     search, target, r = problem.search, problem.target, problem.robustness
     tried = """damping_weights target_frequency bandwidth=behaviour.bandwidth damping=behaviour.damping
@@ -404,7 +437,7 @@ def _weights(design: PoseDesign) -> dict[str, Any]:
     }
 
 
-def _estimator_noise(design: PoseDesign) -> dict[str, Any]:
+def _estimator_noise(design: PoseEvidence) -> dict[str, Any]:
     search, tried = design.synthesis.noise_search, []
     if search is not None:
         tried = sorted(

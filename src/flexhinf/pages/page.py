@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexhinf.design.pose_design import PoseDesign
+from flexhinf.design.pose_evidence import PoseEvidence
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
 from flexhinf.design.specification import FIELDS, TOLERANCE
@@ -56,7 +56,7 @@ BRIEF = 6
 
 
 # Requirements: limit, achieved value, place and criterion; then the inputs of the motors ---------------------
-def requirements(design: PoseDesign) -> Blocks:
+def requirements(design: PoseEvidence) -> Blocks:
     """Table of the requirements, those that are not met first, and of the inputs."""
     units = units_of(design.evaluation)
     yield requirement_table(
@@ -115,7 +115,7 @@ def requirement_table(lines: Iterable[Requirement], degrees: bool = False, title
     )  # fmt: skip
 
 
-def input_rows(design: PoseDesign) -> list[dict[str, Any]]:
+def input_rows(design: PoseEvidence) -> list[dict[str, Any]]:
     """The largest inputs of every run, until it diverged where it did: "what", "value", "joint", "unit"."""
     e, setup, samples = design.evaluation, design.setup, design.evaluation.step_samples
     runs: tuple[tuple[str, Response | np.ndarray | None], ...] = (
@@ -148,7 +148,7 @@ class Part(NamedTuple):
     apply; whether it is open at first, and the heading that it begins in the contents."""
 
     title: str
-    blocks: Callable[[PoseDesign], Blocks]
+    blocks: Callable[[PoseEvidence], Blocks]
     open: bool = False
     group: str = ""
 
@@ -176,7 +176,7 @@ PARTS = {
 
 
 def design_page(
-    design: PoseDesign, command: Sequence[str], warnings: Sequence[str] = (), files: Sequence[str] = ()
+    design: PoseEvidence, command: Sequence[str], warnings: Sequence[str] = (), files: Sequence[str] = ()
 ) -> Page:
     """The page of a design with all its sections, settings and notes.
 
@@ -229,7 +229,7 @@ def design_page(
     )
 
 
-def remarks(design: PoseDesign) -> dict[str, list[str]]:
+def remarks(design: PoseEvidence) -> dict[str, list[str]]:
     """Limits and warnings that the reader must know, by the anchor of their section, in the order of the page."""
     return {
         anchor: [
@@ -241,12 +241,12 @@ def remarks(design: PoseDesign) -> dict[str, list[str]]:
     }
 
 
-def notes(design: PoseDesign) -> list[str]:
+def notes(design: PoseEvidence) -> list[str]:
     """The `remarks` as plain sentences, for a terminal and for design.json."""
     return [text.replace("`", "") for texts in remarks(design).values() for text in texts]
 
 
-def verdict(design: PoseDesign) -> str:
+def verdict(design: PoseEvidence) -> str:
     """The status and what the loop does, in one paragraph for a terminal."""
     status, step_proof, e = design.status, design.step_proof, design.evaluation
     if not step_proof.proved:  # the headline says it in a sentence
@@ -262,7 +262,7 @@ def verdict(design: PoseDesign) -> str:
     return " ".join(filter(None, parts))
 
 
-def reason_text(design: PoseDesign) -> str:
+def reason_text(design: PoseEvidence) -> str:
     """Why a design is of one pose, and not for the workspace: the first option that says so."""
     fields = design.specification.pose_fields_stated
     names = [FIELDS[name].option.split("/")[getattr(design.specification, name) is False] for name in fields]
@@ -272,7 +272,7 @@ def reason_text(design: PoseDesign) -> str:
     return text.format(names[0]) if names else ""
 
 
-def title_of(design: PoseDesign) -> str:
+def title_of(design: PoseEvidence) -> str:
     """Title of the report: what was designed, and for which robot."""
     name = law_name(design.chosen.degree)
     kind = f"A nonlinear H∞ law of {name}" if name.startswith("degree") else f"A {name} nonlinear H∞ law"
@@ -280,11 +280,11 @@ def title_of(design: PoseDesign) -> str:
     return f"{kind} for the robot “{design.robot.name}”"
 
 
-def _headline(design: PoseDesign) -> str:
+def _headline(design: PoseEvidence) -> str:
     return " ".join((step.step_text(design.evaluation.step, units_of(design.evaluation)), *_details(design)))
 
 
-def _details(design: PoseDesign) -> list[str]:
+def _details(design: PoseEvidence) -> list[str]:
     """What the loop does beside the step: vibrations, sampled robots, payloads, what is proved."""
     e, parts = design.evaluation, list[str]()
     if not e.margins.stable:
@@ -325,7 +325,7 @@ def requirements_text(lines: Sequence[Requirement], of: str = "") -> str:
     return " ".join(texts) or f"All {len(lines)} requirements{of and f' of {of}'} are met."
 
 
-def sampled_text(design: PoseDesign) -> str:
+def sampled_text(design: PoseEvidence) -> str:
     """How many robots within their tolerances do not settle, or the worst numbers of those that do; or nothing."""
     samples = design.evaluation.step_samples
     if samples is None or not len(samples):
@@ -341,14 +341,14 @@ def sampled_text(design: PoseDesign) -> str:
     )
 
 
-def _worst(design: PoseDesign, metric: str, unit: str, digits: int = 3) -> str:
+def _worst(design: PoseEvidence, metric: str, unit: str, digits: int = 3) -> str:
     samples: Any = design.evaluation.step_samples
     values = getattr(samples, metric)
     joint = samples.joints[metric][int(np.argmax(values))]
     return f"{number(float(np.max(values)), digits)} {unit}{in_joint(joint, design.robot.joint_names)}"
 
 
-def key_numbers(design: PoseDesign) -> list[KeyNumber]:
+def key_numbers(design: PoseEvidence) -> list[KeyNumber]:
     """The numbers that matter most, of the nominal robot, with the worst of the sampled ones beside."""
     e, period, joints = design.evaluation, design.specification.period, design.evaluation.setup.joints
     response, m, samples, numbers = e.step, e.margins, e.step_samples, []
@@ -388,7 +388,7 @@ def key_numbers(design: PoseDesign) -> list[KeyNumber]:
 
 
 # For a terminal of 80 columns --------------------------------------------------------------------------
-def design_tables(design: PoseDesign) -> list[Any]:
+def design_tables(design: PoseEvidence) -> list[Any]:
     """The tables of the page that have a title for a terminal, in its order; of the modes fewer rows."""
     return [
         (law.mode_table(design, brief=True) if table.id == "table-modes" else table).terminal()

@@ -18,7 +18,7 @@ from flexhinf.design.advice import OF_MOVES, WITHIN
 from flexhinf.design.judgement import STANDSTILL_SHARE
 from flexhinf.design.loop_setup import LoopPlants
 from flexhinf.design.pipeline import Comparison
-from flexhinf.design.pose_design import PoseDesign
+from flexhinf.design.pose_evidence import PoseEvidence
 from flexhinf.design.problem.presets import robust_applies
 from flexhinf.design.problem.weights import vibration_text
 from flexhinf.design.requirements import REQUIREMENTS, Requirement
@@ -232,7 +232,7 @@ def noise_text(setup: LoopPlants) -> str:
     return f"Sensor noise: {listed(texts)} ({'as stated' if stated else 'assumed'})."
 
 
-def design_ending(design: PoseDesign) -> Ending:
+def design_ending(design: PoseEvidence) -> Ending:
     """What a terminal says at the end of a design of one pose."""
     risks = "; ".join(design.status.risky)
     parts = (
@@ -246,7 +246,7 @@ def design_ending(design: PoseDesign) -> Ending:
     return requirements_screen(lines, units_of(design.evaluation).degrees, parts, notes(design))
 
 
-def _vibration(design: PoseDesign) -> str:
+def _vibration(design: PoseEvidence) -> str:
     """The arm's own lowest vibration, where a bandwidth is asked for."""
     if design.specification.bandwidth is None:
         return ""
@@ -255,7 +255,7 @@ def _vibration(design: PoseDesign) -> str:
     return f"{text[0].upper()}{text[1:]}." if np.isfinite(scales.antiresonance) else ""
 
 
-def _advice(design: PoseDesign) -> str:
+def _advice(design: PoseEvidence) -> str:
     """What to try where a requirement is not met; nothing otherwise."""
     missed = design.missed
     fields = {line.field for line in missed}

@@ -10,9 +10,11 @@ import numpy as np
 
 from flexhinf.design.advice import Advice
 from flexhinf.design.plans import SPEED, STILL, UNLIMITED, shortest_time
-from flexhinf.design.robustness import LATEST, LOUDEST, Robustness, robustness
 from flexhinf.design.specification import FIELDS
-from flexhinf.design.workspace.design import GOALS_SEED, POSES_SEED, SAMPLED_SEED, WorkspaceDesign
+from flexhinf.design.stored import requirement_numbers
+from flexhinf.design.workspace.evidence import WorkspaceEvidence
+from flexhinf.design.workspace.robustness import LATEST, LOUDEST, Robustness
+from flexhinf.design.workspace.samples import GOALS_SEED, POSES_SEED, SAMPLED_SEED
 from flexhinf.design.workspace.search import BANDWIDTHS
 from flexhinf.design.workspace.setup import (
     ACCELERATION,
@@ -71,14 +73,17 @@ from flexhinf.report import (
 )
 from flexhinf.robot.waypoints import LIMITS
 
+#: What design.json holds of a requirement, besides `requirement_numbers`.
+REQUIREMENT = ("what", "where", "limit", "found", "unit", "met", "at_most")
+
 
 def workspace_page(
-    design: WorkspaceDesign, command: Sequence[str], warnings: Sequence[str] = (), files: Sequence[str] = (),
+    design: WorkspaceEvidence, command: Sequence[str], warnings: Sequence[str] = (), files: Sequence[str] = (),
     advice: Advice | None = None,
 ) -> Page:  # fmt: skip
     """The page of a controller for a workspace; parameters as for `flexhinf.pages.page.design_page`."""
     setup, loops = design.setup, design.loops
-    robot, s, tolerated = setup.robot, setup.specification, robustness(design)
+    robot, s, tolerated = setup.robot, setup.specification, design.robustness
     with house_style():
         lead = moves_lead(
             robot,
@@ -139,7 +144,7 @@ def _command(advice: Advice | None) -> str:
     )
 
 
-def _pose_table(design: WorkspaceDesign) -> Table:
+def _pose_table(design: WorkspaceEvidence) -> Table:
     loops, corners, (damping, ripple) = design.loops, design.corner_loops, pose_limits(design.specification)
     s, least = design.specification, f"damping ratio below {design.specification.damped_below_limit:g} rad/s"
     with np.errstate(divide="ignore"):
@@ -170,7 +175,7 @@ def _ends(values: Sequence[float]) -> tuple[str, str]:
     return number(min(values), 4), number(max(values), 4)
 
 
-def _pose_figure(design: WorkspaceDesign) -> Any:
+def _pose_figure(design: WorkspaceEvidence) -> Any:
     s = design.specification
     below = f"{s.damped_below_limit:g} rad/s"
     curves = {f"below {below}": [loop.damping for loop in design.loops]}
@@ -193,7 +198,7 @@ def _pose_figure(design: WorkspaceDesign) -> Any:
     return draw_figure("poses", [panel], caption, "Damping over the workspace")
 
 
-def _move_table(design: WorkspaceDesign) -> Table:
+def _move_table(design: WorkspaceEvidence) -> Table:
     rows, columns = [], columns_of(design)
     for which, moves in (("nominal robot", design.moves), ("robots at corners", design.sampled)):
         found = worst_motion(moves)
@@ -212,11 +217,11 @@ def _move_table(design: WorkspaceDesign) -> Table:
     return Table(("moves of", *_heads(design)), rows, caption, stacks=True)
 
 
-def _heads(design: WorkspaceDesign) -> list[str]:
+def _heads(design: WorkspaceEvidence) -> list[str]:
     return [f"{title}, {unit}" for title, unit, _ in columns_of(design).values()]
 
 
-def _joint_table(design: WorkspaceDesign) -> Table:
+def _joint_table(design: WorkspaceEvidence) -> Table:
     """Of each joint the largest number of all moves, and the move."""
     found = [move.motion for move in (*design.moves, *design.sampled)]
     rows = []
@@ -233,7 +238,7 @@ def _joint_table(design: WorkspaceDesign) -> Table:
     return Table(("joint", *_heads(design)), rows, caption, stacks=True)
 
 
-def _move_name(design: WorkspaceDesign, place: int) -> str:
+def _move_name(design: WorkspaceEvidence, place: int) -> str:
     """What a move is called, by its place among those of the nominal robot and the others."""
     count, at = len(design.moves), place - len(design.moves)
     if at < 0:
@@ -241,7 +246,7 @@ def _move_name(design: WorkspaceDesign, place: int) -> str:
     return f"move {at + 1}, at a corner" if at < count else f"further move {at - count + 1}, at a corner"
 
 
-def _goals(design: WorkspaceDesign, tolerated: Robustness) -> Paragraph:
+def _goals(design: WorkspaceEvidence, tolerated: Robustness) -> Paragraph:
     """Where the moves go, and what holds the arm there."""
     text = (
         "Each move begins where the one before it ended, and goes to a random pose: `goals` in design.json."
@@ -260,7 +265,7 @@ def _goals(design: WorkspaceDesign, tolerated: Robustness) -> Paragraph:
     return Paragraph(text)
 
 
-def _slower_moves(design: WorkspaceDesign) -> int:
+def _slower_moves(design: WorkspaceEvidence) -> int:
     """How many moves of the nominal robot are slower than their speed limits ask for."""
     return sum(
         move.plan.duration > shortest_time(design.setup.limits, move.response.start, move.response.goal)
@@ -268,13 +273,13 @@ def _slower_moves(design: WorkspaceDesign) -> int:
     )
 
 
-def _worst_move(design: WorkspaceDesign) -> int:
+def _worst_move(design: WorkspaceEvidence) -> int:
     """The place of the move in which most error remains, first of the nominal robot's, then of the sampled ones."""
     moves = (*design.moves, *design.sampled)
     return int(np.argmax([row["remaining_error"] for row in worst_motion(moves)]))
 
 
-def _move_figure(design: WorkspaceDesign) -> Any:
+def _move_figure(design: WorkspaceEvidence) -> Any:
     """The move in which most error remains."""
     moves, worst = (*design.moves, *design.sampled), _worst_move(design)
     move, joints, units = moves[worst], design.setup.joints, units_in(design)
@@ -297,7 +302,7 @@ def _move_figure(design: WorkspaceDesign) -> Any:
     return draw_figure("move", panels, caption, "The worst move")
 
 
-def _power_on(design: WorkspaceDesign) -> list[Paragraph]:
+def _power_on(design: WorkspaceEvidence) -> list[Paragraph]:
     """How far the sampled robot whose weight the model knows least moves where it is switched on."""
     run = design.power_on
     if run is None:
@@ -313,7 +318,7 @@ def _power_on(design: WorkspaceDesign) -> list[Paragraph]:
     ]
 
 
-def _margin_table(design: WorkspaceDesign, tolerated: Robustness) -> Table:
+def _margin_table(design: WorkspaceEvidence, tolerated: Robustness) -> Table:
     s = design.specification
     extra, gain = s.delay_margin_limit or 0.0, gain_limit(s)
     rows = [
@@ -326,7 +331,7 @@ def _margin_table(design: WorkspaceDesign, tolerated: Robustness) -> Table:
     return Table(("margin", "found", "required"), rows, caption)
 
 
-def _offsets(design: WorkspaceDesign, tolerated: Robustness) -> list[Paragraph]:
+def _offsets(design: WorkspaceEvidence, tolerated: Robustness) -> list[Paragraph]:
     """What offsets of the encoders do."""
     if design.specification.estimator == "none" or not np.isfinite(tolerated.offsets).all():
         return []
@@ -344,7 +349,7 @@ def _offsets(design: WorkspaceDesign, tolerated: Robustness) -> list[Paragraph]:
     return [Paragraph(text + more)]
 
 
-def _law_table(design: WorkspaceDesign) -> Table:
+def _law_table(design: WorkspaceEvidence) -> Table:
     """What the law and its estimator are made from, and who says so."""
     setup, s, gains = design.setup, design.specification, design.setup.gains
     w, r = gains.weights, setup.noise_levels
@@ -379,7 +384,7 @@ def _law_table(design: WorkspaceDesign) -> Table:
     return Table(("number", "value", "from"), rows, caption, stacks=True)
 
 
-def _watched(design: WorkspaceDesign) -> Paragraph:
+def _watched(design: WorkspaceEvidence) -> Paragraph:
     """What the controller watches at run time, what it does then, and what it does not watch."""
     setup, box, watch = design.setup, design.setup.workspace.box, design.setup.supervision
     tool = "" if box is None else "It does not watch whether the tool is in the stated box in space. "
@@ -403,7 +408,7 @@ def _watched(design: WorkspaceDesign) -> Paragraph:
     )
 
 
-def _sample_rows(design: WorkspaceDesign) -> list[tuple[Any, ...]]:
+def _sample_rows(design: WorkspaceEvidence) -> list[tuple[Any, ...]]:
     """Settings: where the design is judged, by which random numbers."""
     s, space, dry = design.specification, design.setup.workspace, ", ".join(design.setup.extras)
     seed, option = 100 * s.seed, FIELDS["workspace"].option
@@ -428,15 +433,15 @@ def _sample_rows(design: WorkspaceDesign) -> list[tuple[Any, ...]]:
     ]  # fmt: skip
 
 
-def workspace_numbers(design: WorkspaceDesign) -> dict[str, Any]:
+def workspace_numbers(design: WorkspaceEvidence) -> dict[str, Any]:
     """What design.json holds of a controller for a workspace."""
-    law, t, run = design.setup.gains, robustness(design), design.power_on
+    law, t, run = design.setup.gains, design.robustness, design.power_on
     return {
         "version": 1, "kind": "workspace", "robot": design.robot.name, "met": design.met,
         "pairs": {"ends": list(law.ends), "motor": law.motor, "damping": law.damping},
         "weights": finite(vars(law.weights)), "random_torques": list(design.setup.random),
         "requirements": [
-            finite({key: getattr(line, key) for key in ("what", "where", "limit", "found", "unit", "met")})
+            finite({key: getattr(line, key) for key in REQUIREMENT} | requirement_numbers(line))
             for line in design.requirements
         ],
         "poses": [

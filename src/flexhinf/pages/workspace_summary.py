@@ -11,10 +11,10 @@ import numpy as np
 from flexhinf.design.advice import Advice, Trial
 from flexhinf.design.requirements import REQUIREMENTS, Requirement
 from flexhinf.design.responses import Move
-from flexhinf.design.robustness import LATEST, LONGER, LOUDEST, remaining_cause, robustness
 from flexhinf.design.verdict import estimated_text
-from flexhinf.design.workspace.design import WorkspaceDesign
+from flexhinf.design.workspace.evidence import WorkspaceEvidence
 from flexhinf.design.workspace.judgement import UNHELD, missed_by
+from flexhinf.design.workspace.robustness import LATEST, LONGER, LOUDEST
 from flexhinf.design.workspace.search import motors_alone
 from flexhinf.design.workspace.setup import OFFSET
 from flexhinf.loop.simulation.metrics import peak_of
@@ -55,12 +55,12 @@ TRIED = 3
 HARDLY = 0.05
 
 
-def units_in(design: WorkspaceDesign) -> Units:
+def units_in(design: WorkspaceEvidence) -> Units:
     """Units of the signals of a design, angles as the user gave them."""
     return Units(design.setup.model, design.setup.joints, design.specification.in_degrees)
 
 
-def workspace_verdict(design: WorkspaceDesign) -> str:
+def workspace_verdict(design: WorkspaceEvidence) -> str:
     """Whether the requirements are met, and by what."""
     missed = missed_text(design)
     return " ".join(
@@ -81,7 +81,7 @@ def estimates_text(robot: Robot) -> str:
     return f"{text[:1].upper()}{text[1:]}." if text else ""
 
 
-def scope_text(design: WorkspaceDesign) -> str:
+def scope_text(design: WorkspaceEvidence) -> str:
     """What was judged, and what is hardly kept."""
     poses, moves = count_text(len(design.loops), "random pose"), count_text(len(design.moves), "move")
     both = ", each with your robot and with robots at the ends of their tolerances"
@@ -93,7 +93,7 @@ def scope_text(design: WorkspaceDesign) -> str:
     if design.moves:
         tested += f"; the fastest reached {speed_text(design)}: a larger speed_limit or --peak-speed tests faster ones"
     scope = f"One controller for {range_of(design)}, tested at {tested}. {noise_text(design.setup)}".rstrip()
-    if unheld := robustness(design).unheld:
+    if unheld := design.robustness.unheld:
         whose = ", with the largest masses of the tolerances" if design.robot.uncertain else ""
         scope += f" {unheld} of these poses need{'s' * (unheld == 1)} more than the motors have{whose}."
     fast = min(loop.fast_damping for loop in (*design.loops, *design.corner_loops))
@@ -103,9 +103,9 @@ def scope_text(design: WorkspaceDesign) -> str:
     return f"{scope} {nyquist_text(design)}".rstrip()
 
 
-def nyquist_text(design: WorkspaceDesign) -> str:
+def nyquist_text(design: WorkspaceEvidence) -> str:
     """The fastest vibration where it lies beyond half the sampling frequency, and a period whose samples show it."""
-    (frequency, joint), period = robustness(design).fastest, design.specification.period
+    (frequency, joint), period = design.robustness.fastest, design.specification.period
     if frequency <= 0.5 / period:
         return ""
     longest = 1e3 * PERIODS / frequency
@@ -117,7 +117,7 @@ def nyquist_text(design: WorkspaceDesign) -> str:
     )
 
 
-def speed_text(design: WorkspaceDesign) -> str:
+def speed_text(design: WorkspaceEvidence) -> str:
     """The largest planned speed of the moves, of joints that turn and of joints that slide."""
     largest: dict[str, float] = {}
     for move in design.moves:
@@ -131,11 +131,11 @@ def speed_text(design: WorkspaceDesign) -> str:
     return " and ".join(f"{number(speed, 2)} {unit}" for unit, speed in largest.items())
 
 
-def cause_text(design: WorkspaceDesign) -> str:
+def cause_text(design: WorkspaceEvidence) -> str:
     """What the largest remaining error comes from, and what lessens it, where more remains than is allowed."""
-    if not any(line.what == REQUIREMENTS["remaining"].what for line in design.missed):
+    cause, setup = design.remaining_cause, design.setup
+    if cause is None:
         return ""
-    cause, setup = remaining_cause(design), design.setup
     units, joint = units_in(design), setup.joints[cause.joint]
     error, left = (units.small_text(size, 3) for size in (cause.error, cause.without))
     if not cause.kind:
@@ -148,9 +148,9 @@ def cause_text(design: WorkspaceDesign) -> str:
     return f"The remaining error of {joint}, {error}, comes mostly from {name}: {left} without it."
 
 
-def _cause_check(design: WorkspaceDesign) -> str:
+def _cause_check(design: WorkspaceEvidence) -> str:
     """What to look at for the cause of the remaining error; "" where there is none that the robot's file states."""
-    cause = remaining_cause(design) if cause_text(design) else None
+    cause = design.remaining_cause
     if cause is None or cause.kind in ("", "rest"):
         return ""
     if cause.tolerance and cause.kind.startswith("payload"):
@@ -160,7 +160,7 @@ def _cause_check(design: WorkspaceDesign) -> str:
     return "dry friction of the joints (coulomb_friction in the file: is it measured?)"
 
 
-def vibration_text(design: WorkspaceDesign) -> str:
+def vibration_text(design: WorkspaceEvidence) -> str:
     """The arm's own vibrations with held motors beside the bandwidth of the law."""
     gains = design.setup.gains
     low, high = (f"{float(end):.0f}" for end in np.sqrt(gains.ends))
@@ -175,13 +175,13 @@ def vibration_text(design: WorkspaceDesign) -> str:
     )
 
 
-def missed_text(design: WorkspaceDesign) -> str:
+def missed_text(design: WorkspaceEvidence) -> str:
     """The requirements that are not met, in one phrase each."""
     degrees = units_in(design).degrees
     return "; ".join(line.converted(degrees).text for line in design.missed)
 
 
-def workspace_advice(design: WorkspaceDesign, advice: Advice | None, most: int | None = None) -> str:
+def workspace_advice(design: WorkspaceEvidence, advice: Advice | None, most: int | None = None) -> str:
     """What was tried where a requirement is not met, and what to check in the robot's file; nothing otherwise.
 
     `most`: changes without success that are listed, the nearest first.
@@ -199,7 +199,7 @@ def workspace_advice(design: WorkspaceDesign, advice: Advice | None, most: int |
     return " ".join(filter(None, parts))
 
 
-def tried_text(design: WorkspaceDesign, advice: Advice, most: int | None = None) -> str:
+def tried_text(design: WorkspaceEvidence, advice: Advice, most: int | None = None) -> str:
     """The change that meets all, with the numbers of what was missed; or how far each came, the nearest first."""
     if (found := advice.found) is not None:
         what = {line.what for line in design.missed}
@@ -223,7 +223,7 @@ def tried_text(design: WorkspaceDesign, advice: Advice, most: int | None = None)
     return " ".join(filter(None, parts))
 
 
-def _numbers(design: WorkspaceDesign, lines: Sequence[Requirement]) -> str:
+def _numbers(design: WorkspaceEvidence, lines: Sequence[Requirement]) -> str:
     """What is achieved of some requirements, the worst of each kind; "" where none of them was judged."""
     worst = {line.what: line for line in sorted(lines, key=missed_by)}
     rows = [line.converted(units_in(design).degrees) for line in worst.values()]
@@ -231,7 +231,7 @@ def _numbers(design: WorkspaceDesign, lines: Sequence[Requirement]) -> str:
     return f" There: {text}." if text else ""
 
 
-def _misses(design: WorkspaceDesign, trial: Trial) -> str:
+def _misses(design: WorkspaceEvidence, trial: Trial) -> str:
     """What a change misses most, and how much else."""
     if trial.refused:
         return f"refused: {trial.refused.rstrip('.')}"
@@ -243,7 +243,7 @@ def _misses(design: WorkspaceDesign, trial: Trial) -> str:
     )
 
 
-def _to_check(design: WorkspaceDesign) -> str:
+def _to_check(design: WorkspaceEvidence) -> str:
     """Numbers of the robot that decide what is missed, which only a look at the robot can improve."""
     missed, heavy = design.missed, heavy_motors(design.robot)
     full = any(line.what == REQUIREMENTS["at_limit"].what for line in missed)
@@ -259,7 +259,7 @@ def _to_check(design: WorkspaceDesign) -> str:
     return f"To check: {'; '.join(chosen)}." if chosen else ""
 
 
-def workspace_ending(design: WorkspaceDesign, advice: Advice | None = None) -> Ending:
+def workspace_ending(design: WorkspaceEvidence, advice: Advice | None = None) -> Ending:
     """What a terminal says at the end: what is met, the worst numbers, what was tried and what to check."""
     worst = f"At worst: {numbers_text(key_numbers(design))}."
     parts = (
@@ -274,7 +274,7 @@ def workspace_ending(design: WorkspaceDesign, advice: Advice | None = None) -> E
     return requirements_screen(lines, units_in(design).degrees, parts, notes)
 
 
-def undamped_text(design: WorkspaceDesign) -> str:
+def undamped_text(design: WorkspaceEvidence) -> str:
     """What is unstable where nothing damps the springs, which decides nothing."""
     counts = [
         f"{sum(loop.growth >= 1.0 for loop in loops) or 'none'} of {len(loops)} {what}"
@@ -286,17 +286,17 @@ def undamped_text(design: WorkspaceDesign) -> str:
     return f"Without damping of the springs: {' and '.join(counts)} unstable{fast} (decides nothing)."
 
 
-def every_requirement(design: WorkspaceDesign) -> Table:
+def every_requirement(design: WorkspaceEvidence) -> Table:
     """All requirements, met or not, for a terminal."""
     lines = requirements_with_margins(design)
     return requirement_table(lines, units_in(design).degrees, "Requirements (* our default)")
 
 
-def requirements_with_margins(design: WorkspaceDesign) -> list[Requirement]:
+def requirements_with_margins(design: WorkspaceEvidence) -> list[Requirement]:
     """The requirements; those on gain and delay with what the worst pose tolerates, if it is stable."""
     if max(loop.growth for loop in design.loops) >= 1.0:
         return list(design.requirements)
-    t = robustness(design)
+    t = design.robustness
     known = {
         "gain_margin": f"{margin_text(min(t.louder, 1.0 / t.softer), LOUDEST)} tolerated",
         "delay_margin": f"{margin_text(t.delay, LATEST)} samples tolerated",
@@ -304,10 +304,10 @@ def requirements_with_margins(design: WorkspaceDesign) -> list[Requirement]:
     return [replace(line, detail=known.get(line.field, line.detail)) for line in design.requirements]
 
 
-def _starts(design: WorkspaceDesign) -> str:
+def _starts(design: WorkspaceEvidence) -> str:
     """How far links move by an unknown load at power-on, and by offsets of the encoders, where it is much."""
     setup, run, texts = design.setup, design.power_on, []
-    units, offsets = units_in(design), robustness(design).offsets[1]
+    units, offsets = units_in(design), design.robustness.offsets[1]
     sizes = {
         "at power-on {} in the first second": 0.0 * offsets
         if run is None
@@ -323,7 +323,7 @@ def _starts(design: WorkspaceDesign) -> str:
     return f"{text[:1].upper()}{text[1:]}." if text else ""
 
 
-def range_of(design: WorkspaceDesign) -> str:
+def range_of(design: WorkspaceEvidence) -> str:
     """The workspace in words."""
     space = design.setup.workspace
     where = (
@@ -343,7 +343,7 @@ def worst_motion(moves: Sequence[Move]) -> list[dict[str, float]]:
     return rows
 
 
-def columns_of(design: WorkspaceDesign) -> dict[str, tuple[str, str, float]]:
+def columns_of(design: WorkspaceEvidence) -> dict[str, tuple[str, str, float]]:
     """Those of `COLUMNS` that the robot has, small deviations in the units of the joints."""
     small, limited = units_in(design).small, design.setup.limits.limits_effort
     kept = {key: row for key, row in COLUMNS.items() if limited or key != "ripple_percent"}
@@ -358,7 +358,7 @@ def _largest(values: Sequence[float | None], exists: bool = True) -> float:
     return max((value for value in values if value is not None), default=np.nan) if exists else np.inf
 
 
-def key_numbers(design: WorkspaceDesign) -> list[KeyNumber]:
+def key_numbers(design: WorkspaceEvidence) -> list[KeyNumber]:
     """The worst numbers of poses and moves."""
     moves = (*design.moves, *design.sampled)
     rows, least = worst_motion(moves), min(l.damping for l in (*design.loops, *design.corner_loops))

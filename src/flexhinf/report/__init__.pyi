@@ -39,6 +39,7 @@ from .figure import (
 )
 from .folder import (
     check as check,
+    contents as contents,
     is_report as is_report,
     sources as sources,
     unchanged as unchanged,

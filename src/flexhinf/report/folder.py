@@ -50,6 +50,20 @@ def unchanged(path: str | os.PathLike[str], names: Sequence[str]) -> bool:
     return all(digest and listed.get(name) == digest for name, digest in digests)
 
 
+def contents(path: str | os.PathLike[str]) -> dict[str, bytes]:
+    """The files of a report by name; InvalidInput where it is none, or one of its files was changed or lost."""
+    names, folder = (_marker(Path(path)) or {}).get("files"), Path(path)
+    names = list(names) if isinstance(names, dict) else []
+    changed = [name for name in names if not unchanged(folder, (name,))]
+    refuse_if(
+        changed or not names,
+        "The files of this report cannot be read.",
+        f"expected a report as it was written, in {folder}; changed or lost: {changed or [MARKER]}",
+        "a copy of the folder, or its command again",
+    )
+    return {name: (folder / name).read_bytes() for name in names}
+
+
 def sources(path: str | os.PathLike[str]) -> dict[str, str]:
     """SHA-256 of the files outside a report that it was made of, by name, as `write` got them; empty if unknown."""
     stated = (_marker(Path(path)) or {}).get("sources")

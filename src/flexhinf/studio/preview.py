@@ -191,7 +191,7 @@ def _linear(nominal: Nominal, check: Callable[..., None]) -> LinearParts:
     if not failure:
         check()
         response = evaluation.frequency_response
-        evaluation.compute("closed_loop_modes", "open_modes")
+        evaluation.compute_modes()
     return LinearParts(nominal, step, failure, response, time.perf_counter() - begun)
 
 

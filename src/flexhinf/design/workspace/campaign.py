@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -12,22 +13,38 @@ import numpy as np
 from flexhinf.campaign import Campaign, Metrics, Sample, Tolerances, Variable
 from flexhinf.campaign.draws import METHODS
 from flexhinf.design import judgement
-from flexhinf.design.deployed_run import DELAY, ERROR, OFFSET, TORQUE, DesignCampaign, varied, with_payload
+from flexhinf.design.deployed_run import (
+    DELAY,
+    ERROR,
+    OFFSET,
+    TORQUE,
+    DesignCampaign,
+    DesignedLaw,
+    varied,
+    with_payload,
+)
 from flexhinf.design.design_file import DesignRequest
 from flexhinf.design.loop_setup import LoopPlants
 from flexhinf.design.plans import true_robot
 from flexhinf.design.requirements import POSITION, REQUIREMENTS, Requirement, on_motions
 from flexhinf.design.responses import LOAD_START, JointLimits, Move, Plan, Response, joint_limits
 from flexhinf.design.specification import EXTENDED, Specification
-from flexhinf.design.workspace.design import GOALS, GOALS_SEED
+from flexhinf.design.workspace.evidence import LoopOverWorkspace
 from flexhinf.design.workspace.judgement import missed_by
+from flexhinf.design.workspace.law_file import law_numbers, read_setup
+from flexhinf.design.workspace.samples import GOALS, GOALS_SEED
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.errors import FlexhinfError, NumericalFailure, refuse_if
+from flexhinf.files import write_file
 from flexhinf.loop import Step, Trajectory
 from flexhinf.options import CampaignOptions
+from flexhinf.report import to_json
 from flexhinf.robot.signals import UNITS, signal_names
 from flexhinf.robot.waypoints import LIMITS
 from flexhinf.validation import one_of
+
+#: The law's file in the folder of a campaign.
+LAW = "law.json"
 
 #: Blocks of goals that are kept; names of the ends of a move in a row, before those of the joints.
 BLOCKS, ENDS = 8, ("start", "goal")
@@ -245,7 +262,7 @@ class MovedRobots(Tolerances):
 
 
 @dataclass(frozen=True, eq=False)
-class WorkspaceCampaign(DesignCampaign):
+class WorkspaceCampaign(DesignCampaign[WorkspaceSetup]):
     """The campaign of a controller for a workspace: moves between random goals, by many robots."""
 
     metrics: MoveMetrics
@@ -292,9 +309,22 @@ class WorkspaceCampaign(DesignCampaign):
         """Requirements on each run: those of the design on its moves."""
         return self.metrics.required
 
-    def campaign(self, setup: WorkspaceSetup) -> Campaign:
-        """The campaign with the law of a setup."""
-        o, setup = self.options, replace(setup, other=self.robot)
+    def law_of(self, loop: LoopOverWorkspace) -> DesignedLaw[WorkspaceSetup]:
+        """The setup; moves have no common length."""
+        return DesignedLaw(loop.setup, loop.length)
+
+    def store(self, law: WorkspaceSetup, folder: Path) -> None:
+        """As the numbers that make it again."""
+        numbers = to_json(law_numbers(law))
+        write_file(folder / LAW, "law", lambda name: Path(name).write_text(numbers, encoding="utf-8"))
+
+    def stored(self, folder: Path) -> WorkspaceSetup:
+        """From these numbers."""
+        return read_setup(self.request.robot, self.specification, folder / LAW)
+
+    def campaign(self, designed: DesignedLaw[WorkspaceSetup]) -> Campaign:
+        """The campaign with the law of a setup; each move has a duration of its own."""
+        o, setup = self.options, replace(designed.law, other=self.robot)
         loop = setup.loop(setup.moving)
         if self.offsets:
             loop = loop.with_plant(setup.true_plant.augmented(offsets=self.offsets))

@@ -22,7 +22,8 @@ from flexhinf.design.laws import DESIGN, LawKind, law_kind, laws_over
 from flexhinf.design.noise_levels import other_quantisation
 from flexhinf.design.requirements import Reported, Requirement
 from flexhinf.design.specification import Specification
-from flexhinf.design.workspace.design import WorkspaceDesign, check_loop, judged_design
+from flexhinf.design.workspace.design import check_loop, judged_design
+from flexhinf.design.workspace.evidence import WorkspaceEvidence
 from flexhinf.design.workspace.judgement import missed_by, move_requirements
 from flexhinf.design.workspace.law_file import stated_workspace
 from flexhinf.design.workspace.rivals import check_numbers, home_bandwidths, rival_law
@@ -58,7 +59,7 @@ class ComparedController:
     """One row of a comparison over a workspace."""
 
     kind: LawKind
-    judged: WorkspaceDesign | None = None  # the law in its loop; None for a law that could not be made
+    judged: WorkspaceEvidence | None = None  # the law in its loop; None for a law that could not be made
     numbers: Numbers | None = None  # of which the gains are made; None of the design
     stated: bool = False  # whether the user states them
     failure: str = ""  # why it could not be made

@@ -8,20 +8,15 @@ judgement uses other poses, and moves. The words are those of docs/workspace.md.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from operator import attrgetter
-from typing import Any, TypeVar
+from dataclasses import replace
+from typing import TypeVar
 
-import numpy as np
-
-from flexhinf.analysis import LinearLoop
-from flexhinf.arrays import Numbers
 from flexhinf.design.noise_levels import sensor_steps
 from flexhinf.design.requirements import Requirement
-from flexhinf.design.responses import Move, Response, joint_limits
-from flexhinf.design.result import Design
+from flexhinf.design.responses import joint_limits
 from flexhinf.design.specification import EXTENDED, TOLERANCE, Specification
 from flexhinf.design.stated_units import check_stated_units
+from flexhinf.design.workspace.evidence import WorkspaceEvidence
 from flexhinf.design.workspace.judgement import (
     corner_requirements,
     holding_requirement,
@@ -32,15 +27,19 @@ from flexhinf.design.workspace.judgement import (
     standstill_requirement,
 )
 from flexhinf.design.workspace.law_file import stated_workspace
-from flexhinf.design.workspace.proof import WorkspaceProof, prove_workspace
+from flexhinf.design.workspace.samples import (
+    FURTHER,
+    GOALS,
+    GOALS_SEED,
+    POSES,
+    POSES_SEED,
+    corner_moves,
+    sampled_moves,
+)
 from flexhinf.design.workspace.search import BANDWIDTHS, tuned_setup
-from flexhinf.design.workspace.setup import CornerLoop, PoseLoop, WorkspaceSetup
-from flexhinf.errors import refuse_if
+from flexhinf.design.workspace.setup import CornerLoop, WorkspaceSetup
 from flexhinf.estimation.modal import pair_sensors
-from flexhinf.loop import Controller, Trajectory
 from flexhinf.robot import Robot, kinematics
-from flexhinf.robot.elastic import checked_pose
-from flexhinf.robot.parameters import PlantValues
 from flexhinf.robot.signals import SENSORS, expanded
 from flexhinf.robot.waypoints import LIMITS
 
@@ -53,117 +52,11 @@ T = TypeVar("T")
 #: Called between poses, moves and candidates with the requirements judged so far; what it raises ends the work.
 Watch = Callable[[Sequence[Requirement]], None]
 
-#: Rounds of further moves of robots at corners: how many there are where the worst of those before uses a share of a
-#: limit between these. Of 40 goals in another simulator 9 passed a limit of which the worst of the first 20 had used
-#: 0.7; of 240 by other seeds 5 passed one of which the worst of 60 had used 0.96, by up to 1.8 times.
-FURTHER = ((40, 0.6, 3.0), (100, 0.8, 1.0))
-
-#: Poses and goals that are judged, and seeds, to which 100 times the seed of the specification is added.
-POSES, GOALS = 200, 20
-POSES_SEED, GOALS_SEED, SAMPLED_SEED = 1, 7, 11
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class WorkspaceDesign(Design):
-    """One controller for a workspace, its loops at poses and its moves, and the judgement of both.
-
-    Poses, moves and robots are random samples by the seed of the specification: nothing is proved between them.
-
-    Examples
-    --------
-    A box of one degree:
-
-    >>> import flexhinf as fh
-    >>> wanted = fh.Specification(workspace=((0.0, 0.02),), draws=0, estimator="none")
-    >>> found = fh.design(fh.load_robot("paper"), wanted)  # doctest: +SKIP
-    >>> found.margins((0.01,)).stable  # doctest: +SKIP
-    True
-    """
-
-    setup: WorkspaceSetup  # law, estimator and controller at any pose
-    poses: np.ndarray  # (N, n), link positions, rad or m
-    loops: tuple[PoseLoop, ...]  # linearised and sampled, at rest at each pose
-    corner_loops: tuple[CornerLoop, ...]  # of robots at corners of their tolerances; none without tolerances
-    # the loops of both, whose springs nothing damps: they decide nothing
-    undamped: tuple[tuple[CornerLoop, ...], tuple[CornerLoop, ...]]
-    moves: tuple[Move, ...]  # of the nominal robot
-    left_out: int  # goals between theirs to which the motors do not carry the heaviest robot
-    sampled: tuple[Move, ...]  # the same, of robots at corners of their tolerances; none without tolerances
-    power_on: Response | None  # at rest, of the sampled robot whose weight the model knows least
-    requirements: tuple[Requirement, ...]
-
-    def summary(self) -> dict[str, str]:
-        """Robot, whether the requirements are met, and how many poses and moves were looked at."""
-        return {
-            "robot": self.setup.robot.name,
-            "requirements": self.judgement,
-            "looked at": f"{len(self.loops)} poses, {len(self.moves) + len(self.sampled)} moves",
-        }
-
-    @property
-    def goals(self) -> np.ndarray:
-        """Poses (M + 1, n) between which the M nominal moves go, one after another."""
-        return np.array([self.moves[0].response.start, *(move.response.goal for move in self.moves)])
-
-    robot = property(attrgetter("setup.robot"))
-    specification = property(attrgetter("setup.specification"))
-
-    def _pose(self, at: Any) -> np.ndarray:
-        return checked_pose(at, np.asarray(self.setup.workspace.home), self.robot.links, self.robot.name)
-
-    def linear(self, at: Numbers = None) -> LinearLoop:
-        """The running loop at rest at a pose, linearised."""
-        return self.setup.linear(
-            checked_pose(self._pose(at), self.poses[0], self.robot.links, self.robot.name)
-        )
-
-    def step(self, goal: Numbers, start: Numbers = None, duration: float = 2.0) -> Trajectory:
-        """The run of a bare step of the command: from rest at `start` to `goal`, (n,) each, rad or m.
-
-        The robot is the nominal one, with the sensors' noise and the dry friction that it states. A step asks for more
-        than a robot can do at once; `move` is what the design is judged by.
-        """
-        robot, begin = self.setup.true.robot, self._pose(start)
-        controller, end = self.controller(begin), np.concatenate(robot.operating_point(goal))
-        return self.setup.loop(controller).run(
-            dict(zip(controller.commanded, end.tolist())), noise=self.setup.noise, duration=duration,
-            initial_state=robot.operating_point(begin, self.setup.extras)[0], seed=self.specification.seed,
-        )  # fmt: skip
-
-    def move(self, goal: Numbers = None, start: Numbers = None) -> Trajectory:
-        """The run of a quintic move with feedforward, at half the speed limits, from rest at `start` to `goal`, (n,)
-        each, rad or m, by default the home, and a second of rest."""
-        return self.setup.move(np.array([self._pose(start), self._pose(goal)])).response.run
-
-    def certificate(self) -> WorkspaceProof:
-        """The errors of the model that small motions about rest are proved to tolerate, at every pose.
-
-        Raises `InvalidInput` where nothing is proved.
-        """
-        found = prove_workspace(self.setup)
-        refuse_if(
-            not found.is_proved,
-            "Nothing is proved of this design.",
-            "expected pairs of a link and a motor that are proved stable, got none",
-            "encoders on both sides of the springs, or a smaller bandwidth",
-        )
-        return found
-
-    def controller(self, at: Numbers = None, **options: Any) -> Controller:
-        """A new controller as it is deployed, which begins at rest at a pose (n,), by default the robot's home or,
-        where that is not in the workspace, a pose in it.
-
-        It follows references that come with states and inputs, such as `Moving`; the same one serves every pose.
-        `options` are those of `flexhinf.Controller`: ``offset_time`` is by default `OFFSET_TIME`, and ``supervision``
-        that of the setup, which brakes along the path; ``Supervision(workspace=…)`` without reactions only reports.
-        """
-        return self.setup.controller(self._pose(at), **{"supervision": self.setup.supervision, **options})
-
 
 def design_workspace(
     robot: Robot, s: Specification, progress: Callable[[str], None] = lambda text: None,
-    watch: Watch = lambda lines: None, like: WorkspaceDesign | None = None, changed: Collection[str] = (),
-) -> WorkspaceDesign:  # fmt: skip
+    watch: Watch = lambda lines: None, like: WorkspaceEvidence | None = None, changed: Collection[str] = (),
+) -> WorkspaceEvidence:  # fmt: skip
     """Design one controller for a workspace, and judge it at poses and in moves that the search did not use.
 
     Parameters
@@ -177,7 +70,7 @@ def design_workspace(
         Called with what comes next.
     watch : callable, optional
         See `Watch`.
-    like, changed : WorkspaceDesign and names of fields, optional
+    like, changed : WorkspaceEvidence and names of fields, optional
         A design of the same robot whose specification differs in these fields alone. Loops and moves that the search
         finds again are taken from it.
 
@@ -196,8 +89,8 @@ def design_workspace(
 
 def judged_design(
     setup: WorkspaceSetup, progress: Callable[[str], None] = lambda text: None, watch: Watch = lambda lines: None,
-    like: WorkspaceDesign | None = None, changed: Collection[str] = (), undamped: bool = True,
-) -> WorkspaceDesign:  # fmt: skip
+    like: WorkspaceEvidence | None = None, changed: Collection[str] = (), undamped: bool = True,
+) -> WorkspaceEvidence:  # fmt: skip
     """Judge a law at poses and in moves that no search uses; parameters as of `design_workspace`.
 
     `undamped`: whether the loops whose springs nothing damps are computed too; they decide nothing.
@@ -252,24 +145,19 @@ def judged_design(
     if setup.may_swing:
         watch(lines)
         lines.append(standstill_requirement(setup, [*nominal, *others], [*moves, *sampled]))
-    return WorkspaceDesign(
+    return WorkspaceEvidence(
         setup, poses, loops, cornered, bare, moves, left_out, sampled, power_on, tuple(lines)
     )  # fmt: skip
 
 
 def _reused(
-    like: WorkspaceDesign, setup: WorkspaceSetup, changed: Collection[str]
-) -> tuple[WorkspaceDesign | None, WorkspaceDesign | None]:
+    like: WorkspaceEvidence, setup: WorkspaceSetup, changed: Collection[str]
+) -> tuple[WorkspaceEvidence | None, WorkspaceEvidence | None]:
     """The design whose loops, and whose moves, are those of a setup of which only the fields `changed` differ."""
     before = like.setup
     same = (before.gains.weights, before.random) == (setup.gains.weights, setup.random)
     loops = like if same and {*changed} <= {*JUDGED, "peak_speed"} else None
     return loops, like if same and {*changed} <= {*JUDGED, *MARGINS} else None
-
-
-def sampled_moves(robot: Robot, s: Specification) -> int:
-    """How many robots at corners of their tolerances make a move each; none without tolerances."""
-    return (GOALS if s.draws is None else s.draws) if robot.uncertain else 0
 
 
 def decided_by_few(lines: Sequence[Requirement], near: float, far: float) -> bool:
@@ -278,21 +166,6 @@ def decided_by_few(lines: Sequence[Requirement], near: float, far: float) -> boo
     return any(
         near < missed_by(line) < far for line in lines if line.field in (*JUDGED, *EXTENDED) and line.limit
     )
-
-
-def corner_moves(
-    setup: WorkspaceSetup, after: int, first: np.ndarray
-) -> list[tuple[np.ndarray, PlantValues, int]]:
-    """Arguments of `WorkspaceSetup.move` of robots at corners: of the first round between the goals of the nominal
-    moves, `first` (GOALS + 1, n), of each round `after` it between goals of their own."""
-    own = 100 * setup.specification.seed + after
-    count = FURTHER[after - 1][0] if after else sampled_moves(setup.robot, setup.specification)
-    between = count if after else GOALS
-    before = GOALS + sum(count for count, *_ in FURTHER[: after - 1]) if after else 0
-    goals = setup.goals(between + 1, GOALS_SEED + own)[0] if after else first
-    ends = [goals[k % between : k % between + 2] for k in range(count)]
-    robots = setup.true.robot.random_corners(count, SAMPLED_SEED + own)
-    return [(ends[k], values, before + k) for k, values in enumerate(robots)]
 
 
 def workspace_stages(robot: Robot, s: Specification) -> list[tuple[str, float]]:

@@ -1,28 +1,20 @@
-"""The law of a controller for a workspace: read from the report of its design, or searched for."""
+"""The law of a controller for a workspace in a file."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from flexhinf.design.design_file import (
-    DESIGN_FILE,
-    DesignRequest,
-    fields_text,
-    has_controller,
-    load_design,
-    tool_of,
-)
+from flexhinf.design.design_file import tool_of
 from flexhinf.design.specification import Specification
-from flexhinf.design.verdict import UNKNOWN, DesignVerdict, stored_rows
-from flexhinf.design.workspace.search import known_setup, tuned_setup
+from flexhinf.design.workspace.search import known_setup
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.errors import InvalidInput
 from flexhinf.modal.pair import PairWeights
-from flexhinf.report import finite, unchanged
+from flexhinf.report import finite
 from flexhinf.robot import Robot
 from flexhinf.robot.waypoints import LIMITS
 from flexhinf.robot.workspace import Workspace, workspace_of
@@ -63,16 +55,3 @@ def read_setup(robot: Robot, s: Specification, file: str | Path) -> WorkspaceSet
 
 def _floats(numbers: Mapping[str, Any]) -> dict[str, float]:
     return {name: math.inf if value is None else float(value) for name, value in numbers.items()}
-
-
-def requested_setup(
-    request: DesignRequest, progress: Callable[[str], None] = lambda text: None
-) -> tuple[WorkspaceSetup, DesignVerdict]:
-    """The setup of a design and the verdict on it: of an unchanged report, or searched for and not judged."""
-    file, robot, s = request.file, request.robot, request.specification
-    report = file if file is not None and file.name == DESIGN_FILE and has_controller(file) else None
-    known = report and unchanged(report.parent, (NUMBERS_FILE,))
-    if report and known and fields_text(load_design(report)[1]) == fields_text(s):
-        verdict = DesignVerdict.of(stored_rows(report), s.shows_degrees(robot))
-        return read_setup(robot, s, report.parent / NUMBERS_FILE), verdict
-    return tuned_setup(robot, s, stated_workspace(robot, s.workspace), progress), UNKNOWN

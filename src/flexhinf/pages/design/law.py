@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.pose_design import PoseDesign
+from flexhinf.design.pose_evidence import PoseEvidence
 from flexhinf.design.responses import Response
 from flexhinf.design.rigid import RigidLoop
 from flexhinf.design.specification import RINGS
@@ -90,7 +90,7 @@ def poles_figure(groups: Sequence[PoleGroup]) -> Figure:
     )  # fmt: skip
 
 
-def poles(design: PoseDesign) -> Blocks:
+def poles(design: PoseEvidence) -> Blocks:
     """Poles: figure, table of modes that oscillate or do not decay, sentence on those that decay monotonically."""
     after = vibration_damping(design.law_modes)
     if after and min(after) < RINGS:
@@ -148,7 +148,7 @@ def poles(design: PoseDesign) -> Blocks:
     )  # fmt: skip
 
 
-def _modes(design: PoseDesign) -> Mapping[str, Sequence[Mode]]:
+def _modes(design: PoseEvidence) -> Mapping[str, Sequence[Mode]]:
     error = design.evaluation.estimator_modes
     modes = {"without control": design.evaluation.open_modes, "law on the true state": design.law_modes}
     return {**modes, "estimation error": error} if error else modes
@@ -158,7 +158,7 @@ def _listed(mode: Mode) -> bool:
     return bool(mode.eigenvalue.imag) or not mode.stable  # the others are summed up in a sentence
 
 
-def mode_table(design: PoseDesign, brief: bool = False) -> Table:
+def mode_table(design: PoseEvidence, brief: bool = False) -> Table:
     """Modes that oscillate or do not decay; `brief`: only those that oscillate, of many joints only vibrations."""
     several, many = (len(design.robot.joint_names) > few for few in (1, MANY))
     return Table(
@@ -186,7 +186,7 @@ def vibration_damping(modes: Sequence[Mode]) -> list[float]:
 
 
 # The law and its equilibrium ----------------------------------------------------------------------------
-def law(design: PoseDesign) -> Blocks:
+def law(design: PoseEvidence) -> Blocks:
     """The law in words, with its linear gain and the equilibrium about which it acts."""
     solution, problem, via = design.solution, design.problem, design.specification.via
     if design.specification.compare_rigid and design.rigid is None:
@@ -240,7 +240,7 @@ def law(design: PoseDesign) -> Blocks:
 
 
 # The rigid design: what neglecting the springs would have done ------------------------------------------
-def rigid(design: PoseDesign) -> Blocks:
+def rigid(design: PoseEvidence) -> Blocks:
     """The rigid design: text, table and figure; nothing if there is none."""
     if design.rigid is None:
         return

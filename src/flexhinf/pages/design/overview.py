@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.pose_design import PoseDesign
+from flexhinf.design.pose_evidence import PoseEvidence
 from flexhinf.design.responses import Move, Response
 from flexhinf.pages.design.step import arm_plane, input_panel, instants
 from flexhinf.pages.drawing import (
@@ -49,7 +49,7 @@ PANEL = (5.0, 3.1)
 BANDS = 3
 
 
-def lead(design: PoseDesign) -> list[Figure]:
+def lead(design: PoseEvidence) -> list[Figure]:
     """The step and the arm; the step alone for links without a length, nothing for a robot that does not move."""
     e = design.evaluation
     if not len(e.step.run.time) or not np.any(e.setup.goal - e.setup.start):
@@ -186,7 +186,7 @@ def moves_lead(robot: Robot, moves: Sequence[Move], worst: int, units: Units) ->
 
 
 # Results in a few words ---------------------------------------------------------------------------------
-def briefs(design: PoseDesign) -> dict[str, str]:
+def briefs(design: PoseEvidence) -> dict[str, str]:
     """The result of some sections, by their anchors."""
     e, joints = design.evaluation, design.evaluation.setup.joints
     m, units = e.margins, units_of(design.evaluation)

@@ -13,7 +13,7 @@ import numpy as np
 from flexhinf.analysis import BudgetTerm
 from flexhinf.certify.certificate import NO_LATENCY
 from flexhinf.certify.starts import SMALLEST_VALUE, UNCHANGED_INPUT
-from flexhinf.design.pose_design import PoseDesign
+from flexhinf.design.pose_evidence import PoseEvidence
 from flexhinf.design.synthesis.by_step import ACTING, GAIN, DegreeChoice, shrinking
 from flexhinf.hinf import smallest_gamma
 from flexhinf.pages.drawing import (
@@ -61,14 +61,14 @@ def rule_text(start: Any) -> str:
 
 
 # What is proved -----------------------------------------------------------------------------------------
-def brief_proof_text(design: PoseDesign) -> str:
+def brief_proof_text(design: PoseEvidence) -> str:
     """`proof_text` for a terminal: without the reasons where nothing is proved."""
     proof = design.proof
     anything = design.step_proof.proved or proof.certificate is not None or proof.box is not None
     return proof_text(design) if anything else "Nothing is proved; the page says why."
 
 
-def proof_text(design: PoseDesign) -> str:
+def proof_text(design: PoseEvidence) -> str:
     """What is proved of the required step, then of the law for all tolerances and for the nominal robot; why
     nothing is."""
     proof, certificate, box = design.proof, design.proof.certificate, design.proof.box
@@ -108,26 +108,26 @@ def proof_text(design: PoseDesign) -> str:
     return " ".join(filter(None, [*texts, beyond]))
 
 
-def penalty_text(design: PoseDesign) -> str:
+def penalty_text(design: PoseEvidence) -> str:
     """Sentence on the z whose gain is proved for all tolerances."""
     own = "the robot's own penalty" if design.robot.penalty else "Eq. (11), scaled to the robot"
     return f"the z of {own if design.specification.checked_penalty is None else 'the checked penalty'}"
 
 
-def covers_tolerances(design: PoseDesign) -> bool:
+def covers_tolerances(design: PoseEvidence) -> bool:
     """Whether the proof is for a box of parameters."""
     certificate = design.proof.certificate
     return certificate is not None and any(p.low < p.high for p in certificate.parameters)
 
 
-def _amplitude_text(design: PoseDesign, amplitude: float) -> str:
+def _amplitude_text(design: PoseEvidence, amplitude: float) -> str:
     slides = any(design.robot.links.slides)
     if design.specification.in_degrees and not slides:
         return f"{at_least(math.degrees(amplitude), 3)}°"
     return f"{at_least(amplitude, 3)} {'m' if slides else 'rad'}"
 
 
-def proof_numbers(design: PoseDesign) -> dict[str, Any]:
+def proof_numbers(design: PoseEvidence) -> dict[str, Any]:
     """Numbers of the proofs for design.json."""
     proof, certificate, box = design.proof, design.proof.certificate, design.proof.box
     tolerances: dict[str, Any] = {"proved": covers_tolerances(design), "reason": proof.box_reason}
@@ -155,7 +155,7 @@ def proof_numbers(design: PoseDesign) -> dict[str, Any]:
 
 
 # The section --------------------------------------------------------------------------------------------
-def region(design: PoseDesign) -> Blocks:
+def region(design: PoseEvidence) -> Blocks:
     """The sampled region: level set and step of every degree, the attained gain, the dissipation budget."""
     attained, proved = design.attenuation.attained, design.synthesis.proved
     yield from _notes(design)
@@ -214,7 +214,7 @@ def region(design: PoseDesign) -> Blocks:
         yield from _budget(design)
 
 
-def _notes(design: PoseDesign) -> Blocks:
+def _notes(design: PoseEvidence) -> Blocks:
     attained, proved = design.attenuation.attained, design.synthesis.proved
     for low, high in shrinking(design.choices):
         yield note(f"Degree {high} allows a smaller step than degree {low}.")
@@ -239,7 +239,7 @@ def _notes(design: PoseDesign) -> Blocks:
         yield note(f"No region was sampled{why if design.specification.rays is None else ' (--set rays=0).'}")
 
 
-def _proof(design: PoseDesign) -> Blocks:
+def _proof(design: PoseEvidence) -> Blocks:
     certificate, box = design.proof.certificate, design.proof.box
     if certificate is not None:
         covers, share, sampled = covers_tolerances(design), "was", certificate.sampled_level
@@ -272,7 +272,7 @@ def _proof(design: PoseDesign) -> Blocks:
         yield Paragraph(f"For all robots within the tolerances nothing is proved: {reason}.")
 
 
-def _degree_text(design: PoseDesign) -> str:
+def _degree_text(design: PoseEvidence) -> str:
     chosen, (lowest, *higher), proved = design.chosen, design.choices, design.synthesis.proved
     used = f"V of degree {chosen.degree} is used, a {law_name(chosen.degree)} law"
     if proved is not None:
@@ -309,20 +309,20 @@ def _cost(choice: DegreeChoice, lowest: DegreeChoice) -> str:
     return f"{100.0 * (choice.cost / lowest.cost - 1.0):+.2g} %".replace("-", "−")
 
 
-def _strength(design: PoseDesign) -> str:
+def _strength(design: PoseEvidence) -> str:
     certificate = design.proof.certificate
     own = "" if certificate is None else f"; of the law that is used V ≤ {at_least(certificate.level)} is"
     return f"sampled{own or ', not'} proved"
 
 
-def widest_step(design: PoseDesign) -> float:
+def widest_step(design: PoseEvidence) -> float:
     """The widest step of all joints alike, to the goal, that the joints' limits allow; infinite without limits."""
     ranges = [(-np.inf, np.inf) if limits is None else limits for limits in design.robot.links.limits]
     rooms = [(goal - low, high - goal) for goal, (low, high) in zip(design.goal.tolist(), ranges)]
     return float(max(min(side) for side in zip(*rooms)))
 
 
-def level_table(design: PoseDesign) -> Table:
+def level_table(design: PoseEvidence) -> Table:
     """Levels of attenuation from the smallest feasible one to the checked or proved one, and the lower bound found;
     in a terminal too where one is proved."""
     worst, proved, title = design.attenuation.attained, design.synthesis.proved, ""
@@ -347,13 +347,13 @@ def level_table(design: PoseDesign) -> Table:
 
 
 # Dissipation budget -------------------------------------------------------------------------------------
-def budget_of(design: PoseDesign) -> Sequence[BudgetTerm]:
+def budget_of(design: PoseEvidence) -> Sequence[BudgetTerm]:
     """The budget of the step against the proved level, or against the sampled one where nothing is proved; none where
     the step starts outside."""
     return design.attenuation.budget if design.proof.certificate is None else design.proof.budget
 
 
-def _budget(design: PoseDesign) -> Blocks:
+def _budget(design: PoseEvidence) -> Blocks:
     terms, which = budget_of(design), "sampled" if design.proof.certificate is None else "proved"
     budget, attained = terms[-1].budget, design.attenuation.attained
     bounded, outcome = np.isfinite(budget.level), "the loop with all its parts diverges."

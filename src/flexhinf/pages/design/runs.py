@@ -18,7 +18,7 @@ from flexhinf.design.checks import (
     payload_requirements,
 )
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.pose_design import PoseDesign
+from flexhinf.design.pose_evidence import PoseEvidence
 from flexhinf.design.problem.presets import preset_of
 from flexhinf.design.responses import LoadResponse
 from flexhinf.design.specification import RINGS
@@ -55,7 +55,7 @@ PIECES = 400
 
 
 # Torques on the links ------------------------------------------------------------------------------------
-def load(design: PoseDesign) -> Blocks:
+def load(design: PoseEvidence) -> Blocks:
     """Figure and table of constant torques on the links at the goal."""
     e, run, units = design.evaluation, design.evaluation.load_response, units_of(design.evaluation)
     slow, (unit, scale) = [row["joint"] for row in run.metrics if row["recovery_time_s"] is None], units.small
@@ -105,7 +105,7 @@ def _load_figure(e: LawEvaluation, loaded: LoadResponse, name: str, caption: str
 
 
 # Payloads ------------------------------------------------------------------------------------------------
-def payload(design: PoseDesign) -> Blocks:
+def payload(design: PoseEvidence) -> Blocks:
     """Payloads: text, load step of the heaviest one, and table; nothing without a range of masses."""
     if not design.payloads:
         return
@@ -171,7 +171,7 @@ def _weighing_text(masses: Mapping[str, float], weighed: Weighing) -> str:
     return f"{text}{friction}; a design for that mass is one more call."
 
 
-def _payload_notes(design: PoseDesign) -> Blocks:
+def _payload_notes(design: PoseEvidence) -> Blocks:
     for case in design.payloads:
         load_step = case.load_step
         if case.step.diverged_at is not None or (load_step and load_step.response.diverged_at is not None):
@@ -193,7 +193,7 @@ def _payload_notes(design: PoseDesign) -> Blocks:
         )
 
 
-def payload_text(design: PoseDesign) -> str:
+def payload_text(design: PoseEvidence) -> str:
     """The heaviest payload in one sentence."""
     case, units = design.payloads[-1], units_of(design.evaluation)
     text = f"With {number(case.mass, 3)} kg of payload, which the model does not know, the step"
@@ -212,7 +212,7 @@ def payload_text(design: PoseDesign) -> str:
 
 
 # The planned move ---------------------------------------------------------------------------------------
-def move(design: PoseDesign) -> Blocks:
+def move(design: PoseEvidence) -> Blocks:
     """The planned move: what the plan changes, figure and table."""
     e, planned, units = design.evaluation, design.evaluation.move, units_of(design.evaluation)
     response, (unit, scale), s = planned.response, units.small, design.evaluation.setup.specification
@@ -268,7 +268,7 @@ def move(design: PoseDesign) -> Blocks:
     )  # fmt: skip
 
 
-def margins_along(design: PoseDesign) -> Blocks:
+def margins_along(design: PoseEvidence) -> Blocks:
     """Margins at poses along the move, with the worst poses; nothing without a stated move."""
     along = design.synthesis.along
     if along is None:
@@ -321,7 +321,7 @@ def margins_along(design: PoseDesign) -> Blocks:
 
 
 # Ring-down after an impulse ---------------------------------------------------------------------------
-def ring_down(design: PoseDesign) -> Blocks:
+def ring_down(design: PoseEvidence) -> Blocks:
     """Ring-down of the loop after an impulse on each link: figure and table; nothing where a run diverged."""
     runs, units = design.evaluation.ring_down, units_of(design.evaluation)
     if runs.ring_down is None:
@@ -389,7 +389,7 @@ def _ring_down_figure(runs: ImpulseRuns) -> Figure:
 
 
 # At rest with dry friction or backlash -------------------------------------------------------------------
-def long_run(design: PoseDesign) -> Blocks:
+def long_run(design: PoseEvidence) -> Blocks:
     """Limit cycle check: figure and table; nothing without dry friction and backlash, or where the run diverged."""
     run, s, units = design.limit_cycle, design.specification, units_of(design.evaluation)
     if run is None:
@@ -487,7 +487,7 @@ def long_run_rows(run: LimitCycleCheck) -> list[dict[str, Any]]:
     ]
 
 
-def _long_run_figure(design: PoseDesign, run: LimitCycleCheck) -> Figure:
+def _long_run_figure(design: PoseEvidence, run: LimitCycleCheck) -> Figure:
     response, units = run.response, units_of(design.evaluation)
     (unit, scale), joints = units.small, response.joints
     time, positions, inputs = (

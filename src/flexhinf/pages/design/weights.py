@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis.modes import JointScales
-from flexhinf.design.pose_design import PoseDesign
+from flexhinf.design.pose_evidence import PoseEvidence
 from flexhinf.design.problem.presets import Robustness, required_damping
 from flexhinf.design.problem.weights import Candidate, SearchResult, TargetBehaviour
 from flexhinf.design.synthesis.noise import MOST_NOISE, NoiseCandidate, NoiseSearch
@@ -39,7 +39,7 @@ PRESETS = {
 ROWS = 6
 
 
-def weights(design: PoseDesign) -> Blocks:
+def weights(design: PoseEvidence) -> Blocks:
     """Weights: preset, search and values; for the preset robust also coverage and cost of the tolerance channels."""
     problem, names, robust = design.design_problem, design.problem.disturbance_names, design.synthesis.robust
     kinds = [
@@ -163,7 +163,7 @@ def candidate_table(search: SearchResult, replaced: bool = False) -> Table:
 
 
 # The tolerances -----------------------------------------------------------------------------------------
-def whole_loop(design: PoseDesign) -> Blocks:
+def whole_loop(design: PoseEvidence) -> Blocks:
     """Search of the preset robust on the running loop, and its result; nothing with other presets."""
     search = design.synthesis.robust
     if search is None:
@@ -270,7 +270,7 @@ def effort_unit(problem: GeneralisedPlant) -> str:
 
 
 # Noise levels of the estimator --------------------------------------------------------------------------
-def noise_levels(design: PoseDesign) -> Blocks:
+def noise_levels(design: PoseEvidence) -> Blocks:
     """Noise levels of the estimator, and their trade-off as figure and table; nothing without an estimator."""
     if design.specification.estimator == "none":
         return
@@ -346,7 +346,7 @@ def is_used(search: NoiseSearch, candidate: NoiseCandidate) -> bool:
     return candidate.levels is search.chosen.levels
 
 
-def _noise_figure(design: PoseDesign, search: NoiseSearch) -> Figure:
+def _noise_figure(design: PoseEvidence, search: NoiseSearch) -> Figure:
     unit, target = design.setup.model.unit(design.setup.model.inputs[0]), design.design_problem.target
     marks, used = [("s", 7.0, search.chosen)], "squares: used (the default levels)"
     if search.default is not None and not is_used(search, search.default):
@@ -377,7 +377,7 @@ def _noise_figure(design: PoseDesign, search: NoiseSearch) -> Figure:
     )  # fmt: skip
 
 
-def _noise_table(design: PoseDesign, search: NoiseSearch) -> Table:
+def _noise_table(design: PoseEvidence, search: NoiseSearch) -> Table:
     unit = design.setup.model.unit(design.setup.model.inputs[0])
 
     def metrics(c: NoiseCandidate) -> tuple[float, ...]:

@@ -6,9 +6,9 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import partial
 from itertools import islice
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -16,10 +16,13 @@ from flexhinf.analysis import LinearLoop
 from flexhinf.analysis.optimiser import bisected
 from flexhinf.design.plans import STILL
 from flexhinf.design.responses import Move, with_values
-from flexhinf.design.workspace.design import FURTHER, POSES_SEED, WorkspaceDesign, corner_moves
 from flexhinf.design.workspace.proof import computed_tolerance, proved_tolerance
+from flexhinf.design.workspace.samples import FURTHER, POSES_SEED, corner_moves
 from flexhinf.design.workspace.setup import HOLD
 from flexhinf.modal import ProvedRange, Tolerance
+
+if TYPE_CHECKING:
+    from flexhinf.design.workspace.evidence import WorkspaceEvidence
 
 #: Largest extra delay, samples, and largest factor of the inputs up to which margins are searched for; share of that
 #: range to which they are found.
@@ -48,9 +51,8 @@ class Robustness(NamedTuple):
     offsets: np.ndarray
 
 
-@lru_cache(maxsize=1)
-def robustness(design: WorkspaceDesign) -> Robustness:
-    """Margins at the worst poses, and what holds for every pair. That of the last design is kept."""
+def robustness(design: WorkspaceEvidence) -> Robustness:
+    """Margins at the worst poses, and what holds for every pair."""
     setup, s = design.setup, design.specification
 
     loops = [setup.linear(pose) for pose in design.poses]
@@ -84,7 +86,7 @@ def robustness(design: WorkspaceDesign) -> Robustness:
     )  # fmt: skip
 
 
-def fastest_vibration(design: WorkspaceDesign) -> tuple[float, str]:
+def fastest_vibration(design: WorkspaceEvidence) -> tuple[float, str]:
     """Frequency of the fastest vibration at the judged poses, Hz, with free motors and springs without damping, and the
     joint that moves most; of the robot and of those at corners of its tolerances."""
     robot, plant, s = design.robot, design.robot.plant(), design.specification
@@ -108,8 +110,7 @@ class Cause(NamedTuple):
     tolerance: bool  # whether it is that of a quantity of the robot at a corner of its tolerances
 
 
-@lru_cache(maxsize=1)
-def remaining_cause(design: WorkspaceDesign) -> Cause:
+def remaining_cause(design: WorkspaceEvidence) -> Cause:
     """The cause of the largest remaining error: the worst move is made again without each, by itself.
 
     The causes are the tolerances of each quantity, of all joints at once, the dry friction of the robot, and the end of
