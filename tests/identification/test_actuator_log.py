@@ -35,6 +35,22 @@ def columns():
     return {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
 
 
+def test_the_doctor_sees_the_gear_between_both_encoders_and_the_hall_sensors_of_the_motor(columns):
+    """The data sheet's 272.22, and six counts in a turn of a motor with one pair of poles."""
+    names = {"input": ("motor_voltage",), "output": ("motor_position", "link_position")}
+    outputs = np.column_stack([columns["motor_position"], columns["position"]])
+    volts = columns["pwm_command"] * columns["voltage"]
+    log = fh.Log(columns["receive_time"] - columns["receive_time"][0], volts, outputs, names=names)
+    found = fh.examine(log)
+    faults = [one for one in found if one.severity == "fault"]
+    assert [(one.kind, one.signal) for one in faults] == [("scale", "motor_position")]
+    assert 1.0 / float(faults[0].advice.split("[")[1].split("]")[0]) == pytest.approx(GEAR, rel=0.02)
+    (step,) = [one for one in found if one.kind == "step" and one.signal == "motor_position"]
+    assert "1.047" in step.what
+    right = fh.Log(log.times, volts, outputs * [1.0 / GEAR, 1.0], names=names)
+    assert [one for one in fh.examine(right) if one.severity != "note"] == []
+
+
 def joint():
     """A motor behind a gear and a spring, driven by a voltage; per motor inertia, as no torque is measured."""
     return fh.Plant(

@@ -30,6 +30,9 @@ from flexhinf.robot.signals import MECHANICAL
 #: The kind of an explanation that is a signal at another time.
 DELAY = "a delay"
 
+#: Where a shifted log is likelier, a delay is the cause if it explains this share of what the best one does.
+NEARLY = 0.6
+
 #: A little of a candidate, in parts of what would move an output by its noise; and of a number.
 LITTLE = 1e-3
 
@@ -185,6 +188,11 @@ def explanations(found: Identification, log: Any) -> tuple[Explanation, ...]:
     while candidates and len(causes) < MOST:
         fits = [(_fitted(each, known, columns, residual), k) for k, (each, columns) in enumerate(candidates)]
         (gain, sizes, errors), best = max(fits, key=lambda fit: fit[0][0])
+        delays = [fit for fit in fits if candidates[fit[1]][0].kind == DELAY]
+        if found.alternative is not None and not causes and delays:
+            late = max(delays, key=lambda fit: fit[0][0])
+            if late[0][0] > NEARLY * gain:  # beside a log that is likelier when it is searched again
+                (gain, sizes, errors), best = late
         share = 2.0 * gain / max(left, 1e-300)
         if gain < DROP * max(1.0, slow) or share < SMALL:
             break

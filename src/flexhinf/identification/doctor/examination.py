@@ -69,8 +69,9 @@ def examine(
     findings = [*log.findings, *findings]
     for check in CHECKS:
         findings += check(record)
-        if any(finding.refused for finding in findings):
-            return ordered(findings)  # nothing else can be said of numbers in another unit
+        unusable = {finding.signal for finding in findings if finding.refused}
+        if unusable:  # nothing else can be said of numbers in another unit
+            return ordered(each for each in findings if each.refused or each.signal not in unusable)
     if robot is not None and model and not above_note(findings):
         findings += beside_model(log, robot, late)
     return ordered(findings)

@@ -65,7 +65,7 @@ class LogFinding(Summarised):
 
     def error(self) -> InvalidInput:
         """The finding as the refusal of a log."""
-        return InvalidInput(self.what, self.numbers, self.advice)
+        return InvalidInput(self.what, self.numbers, self.advice.removeprefix("To try: ").replace("`", ""))
 
     @staticmethod
     def of(error: InvalidInput) -> LogFinding:

@@ -79,7 +79,14 @@ def plausible(record: LogRecord) -> Iterator[LogFinding]:
 
 def _refusal(channel: LoggedSignal, what: str, numbers: str, advice: str) -> LogFinding:
     return LogFinding(
-        "scale", "fault", what, advice, channel.name, channel.column.name, refused=True, numbers=numbers
+        "scale",
+        "fault",
+        what,
+        f"To try: {advice}.",
+        channel.name,
+        channel.column.name,
+        refused=True,
+        numbers=numbers,
     )
 
 

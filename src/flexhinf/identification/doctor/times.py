@@ -108,7 +108,7 @@ def apart(record: LogRecord) -> Iterator[LogFinding]:
             "times",
             "fault",
             "The times of the log do not fit the robot.",
-            UNIT.format(column=column),
+            f"To try: {UNIT.format(column=column)}.",
             "time",
             column,
             refused=True,
