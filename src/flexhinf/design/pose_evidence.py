@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 
 import numpy as np
 
@@ -72,7 +72,7 @@ class PoseEvidence(Judged):
         """The loop of all runs."""
         return self.evaluation.setup
 
-    @cached_property
+    @property
     def loop(self) -> LoopAtPose:
         """What the law does at its pose."""
         length = self.scenario.step_duration
