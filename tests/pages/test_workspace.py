@@ -101,7 +101,7 @@ def test_the_page_has_its_sections_and_figures(made, design):
 
 def test_failures_come_first(made, design):
     line = design.requirements[0]
-    missed = line.judge(None, line.limit, 2, line.where)
+    missed = dataclasses.replace(line, found=2.0)
     bad = dataclasses.replace(design, requirements=(missed, *design.requirements[1:]))
     assert [entry.kind for entry in made(bad).status] == ["not met", "not proved"]
     assert summary.workspace_verdict(bad).startswith("Not met")
