@@ -478,6 +478,7 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
     "firmware-peers": ("docs/deployment.md", benchmark("benchmarks.firmware", "--table", "peers")),
     "estimators-speed": ("docs/estimators_speed.md", benchmark("benchmarks.estimator", "--table")),
     "hard-filters": ("docs/estimators_accuracy.md", benchmark("benchmarks.filters", "--table", "hard")),
+    "public-robots": ("docs/robots.md", benchmark("benchmarks.robots", "--table")),
     "nees": ("docs/estimators.md", benchmark("benchmarks.filters", "--table", "nees")),
 }
 SLOW: dict[str, tuple[str, Callable[[], str]]] = {

@@ -437,3 +437,32 @@ def test_placeholders_are_no_limits(urdf):
     )
     assert arm.joints[0].limits is None
     assert arm.efforts[0] == arm.speeds[0] == np.inf
+
+
+def test_what_vendors_leave_in_their_files_and_what_changes_nothing_is_read(urdf):
+    """Calls of macros, the axis of a fixed joint, a whole inertia, and Drake's world, which no file states."""
+    plain = read_urdf(read_xml(urdf), ["shoulder", "elbow"])
+    six = 'ixx="0.03" ixy="0.002" ixz="-0.001" iyy="0.04" iyz="0.003" izz="0.02"'
+    whole = f'{six} iyx="0.002" izx="-0.001" izy="0.003"'
+    root = changed(
+        urdf,
+        (six, whole),
+        ('<origin xyz="0 0 0.2" rpy="0.1 0 0"/>', '<origin xyz="0 0 0.2" rpy="0.1 0 0"/><axis xzy="0 0 1"/>'),
+        ('<link name="world"/>', ""),
+        ("</robot>", '<x:grey xmlns:x="http://www.ros.org/wiki/xacro"/></robot>'),
+    )
+    with pytest.warns(RobotFileWarning, match="grey"):
+        read = read_urdf(root, ["shoulder", "elbow"])
+    assert read.links == plain.links
+    assert read.joints == plain.joints
+    with refused_with(InvalidInput, "upper", "iyx", 0.002, 0.001):
+        root = changed(urdf, ('iyx="0.002"', 'iyx="0.001"'), ("<x:grey", "<grey"))
+        read_urdf(root, ["shoulder", "elbow"])
+
+
+def test_a_file_that_xacro_has_to_expand_is_refused(urdf):
+    for inside in ('<x:include filename="a.xacro"/>', '<x:arm length="${2*a}"/>'):
+        space = f'xmlns:x="http://www.ros.org/wiki/xacro">{inside}</g>'
+        with refused_with(InvalidInput, "xacro arm.xacro > arm.urdf"):
+            read_urdf(changed(urdf, ("</robot>", f"<g {space}</robot>")))
+        changed(urdf, (f"<g {space}", ""))

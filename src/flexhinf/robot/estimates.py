@@ -9,7 +9,8 @@ They rest on few published arms, and are wide. A parameter whose source begins w
   4.447, 3.242, 1.817, 1.392, 1.402 and 1.392 kg·m²; Ott, "Cartesian Impedance Control of Redundant and Flexible-Joint
   Robots", Springer 2008, Table A.2, at 176, 176, 100, 100, 100, 38 and 38 N·m). A sliding joint has 50 m/s².
 - **Friction.** A tenth of the largest torque at the largest speed, 2 rad/s or 0.5 m/s where none is stated.
-- **Torque.** Where none is stated, twice what the heaviest pose asks for, and 5 rad/s² (m/s²) of the joint's inertia.
+- **Torque.** Where none is stated, or a placeholder, twice what the heaviest pose asks for, and 5 rad/s² (m/s²) of the
+  joint's inertia.
 """
 
 from __future__ import annotations
@@ -32,6 +33,9 @@ LOST = 0.1
 
 #: Tolerances of the estimates, per cent.
 STIFFNESS_TOLERANCE, INERTIA_TOLERANCE, FRICTION_TOLERANCE = 50.0, 50.0, 80.0
+
+#: A stated torque of more than this times what weight and inertia ask for is no motor's, but a placeholder.
+PLACEHOLDER = 1e5
 
 #: Poses at which the weight is looked at, and their seed; the range of a joint without one, rad or m.
 POSES, SEED, RANGE = 200, 0, np.pi
@@ -56,7 +60,7 @@ def estimated_joints(arm: RigidArm) -> dict[str, EstimatedJoint]:
     asked = largest_weight(arm)
     joints = {}
     for joint, effort, speed, weight in zip(arm.joints, arm.efforts, arm.speeds, asked.tolist()):
-        known = bool(np.isfinite(effort))
+        known = bool(effort <= PLACEHOLDER * weight)
         joints[joint.name] = estimated_joint(effort if known else 2.0 * weight, known, speed, joint.slides)
     return joints
 

@@ -38,11 +38,14 @@ ONCE = {
 }
 OTHERS = {"link": ("visual", "collision"), "joint": ("calibration", "safety_controller")}
 
+#: Components of an inertia below its diagonal, which have to be those above it.
+MIRRORED = {"iyx": "ixy", "izx": "ixz", "izy": "iyz"}
+
 #: Attributes of the elements that are read: the first ones are required, the others are not.
 ATTRIBUTES = {
     "origin": ((), ("xyz", "rpy")),
     "mass": (("value",), ()),
-    "inertia": (("ixx", "iyy", "izz"), ("ixy", "ixz", "iyz")),
+    "inertia": (("ixx", "iyy", "izz"), ("ixy", "ixz", "iyz", *MIRRORED)),
     "axis": (("xyz",), ()),
     "parent": (("link",), ()),
     "child": (("link",), ()),
@@ -51,8 +54,28 @@ ATTRIBUTES = {
     "dynamics": ((), ("damping", "friction")),
 }
 
+#: The link that files may name without stating it, as Drake's do.
+WORLD = "world"
+
+#: Elements of xacro that make others: without them nothing of a file is to be expanded.
+XACRO = {
+    "include",
+    "macro",
+    "property",
+    "arg",
+    "if",
+    "unless",
+    "insert_block",
+    "element",
+    "attribute",
+    "call",
+}
+
+#: Elements of a joint that mean nothing where it is fixed.
+OF_MOTION = ("axis", "limit", "dynamics", "mimic")
+
 #: Elements where other programs have attributes of their own: only what looks like one of ours is a mistake there.
-OPEN = ("limit", "dynamics")
+OPEN = ("axis", "limit", "dynamics")
 
 #: A number as XML writes it. Python's own takes 2_5 for 25, and digits of other scripts.
 NUMBER = re.compile(r"[+-]?(?:[0-9]++\.?[0-9]*+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?")
@@ -102,13 +125,10 @@ def read_urdf(
         f"expected the root element <robot>, got <{root.tag[:60]}>",
         "arm.xml with the root <mujoco> is read as MJCF; convert other files to URDF first",
     )
-    refuse_if(
-        any("xacro" in element.tag for element in root.iter()),
-        "This is a xacro file.",
-        "expected plain URDF, got elements of xacro",
-        "xacro arm.xacro > arm.urdf",
-    )
+    _check_xacro(root)
     links, elements = _named(root, "link"), _named(root, "joint")
+    if any(_link_at(joint, "parent") == WORLD for joint in elements.values()):
+        links.setdefault(WORLD, Element("link"))
     behind, base = _tree(links, elements)
     movable = tuple(name for name, element in elements.items() if element.get("type") != "fixed")
     arm = RigidArm(movable, _with_mimics(elements, locked_joints(movable, joints, locked)), inertias or {})
@@ -165,6 +185,28 @@ def read_urdf(
 
 
 # Elements -----------------------------------------------------------------------------------------
+def _check_xacro(root: Element) -> None:
+    """Refuse a file that xacro has to expand; say which calls of macros are left in one that it has expanded."""
+    left = {
+        str(element.tag).rpartition("}")[2].rpartition(":")[2]
+        for element in root.iter()
+        if "xacro" in str(element.tag)
+    }
+    open_texts = any("${" in text or "$(" in text for part in root.iter() for text in part.attrib.values())
+    refuse_if(
+        left & XACRO or (left and open_texts),
+        "This is a xacro file.",
+        "expected plain URDF, got elements of xacro",
+        "xacro arm.xacro > arm.urdf",
+    )
+    ask(
+        left,
+        f"Macros of xacro that nobody expanded are left out: {value_text(', '.join(sorted(left)), 120)}.",
+        "expected plain URDF",
+        "xacro arm.xacro > arm.urdf, with all files that it includes",
+    )
+
+
 def _named(root: Element, tag: str) -> dict[str, Element]:
     elements = root.findall(tag)
     check_count(f"{tag}s", len(elements), MOST_LINKS)
@@ -230,7 +272,8 @@ def _check_element(name: str, element: Element) -> None:
     for child in element:
         if child.tag == "inertial":
             _check_element(name, child)
-        _check_attributes(name, child)
+        if not (element.get("type") == "fixed" and child.tag in OF_MOTION):
+            _check_attributes(name, child)
 
 
 def _check_attributes(name: str, element: Element) -> None:
@@ -468,5 +511,16 @@ def _add_body(arm: RigidArm, carrier: int, link: str, element: Element, place: P
         "the missing one; or no <inertial> for a link without mass",
     ):
         return
+    assert six is not None
     moments = matrix_of([_number(link, six, f"i{axes}") for axes in INERTIA])
+    for below, above in MIRRORED.items():
+        mirrored, own = (_number(link, six, key) for key in (below, above))
+        refuse_part(
+            below in six.attrib and mirrored != own,
+            "",
+            (link,),
+            f"The inertia of the link {link!r} is not symmetric.",
+            f"expected {below} equal to {above}, got {mirrored:g} and {own:g}",
+            f"the file without {below}",
+        )
     arm.add_body(carrier, link, mass, moments, place.then(_origin(link, inertial)))
