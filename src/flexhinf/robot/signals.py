@@ -81,11 +81,8 @@ def expanded(
     quantities: Sequence[str],
     joints: Sequence[str],
     rigid: Sequence[str] = (),
-    alike: bool = False,
 ) -> tuple[str, ...]:
-    """Names of single joints' signals from single and plain names, each once; a rigid joint has no torque sensor.
-
-    `alike`: The caller takes the same sensors at all joints alone, so no other ones are advised."""
+    """Names of single joints' signals from single and plain names, each once; a rigid joint has no torque sensor."""
     requested = checked_names("The sensors", names)
     every = {
         quantity: signal_names(quantity, joints, rigid if quantity == "joint_torque" else ())
@@ -99,7 +96,7 @@ def expanded(
         unknown or not requested,
         f"Nothing measures {unknown[0]!r}." if unknown else "Nothing is measured.",
         f"expected names among {list(quantities)}{single if len(joints) > 1 else ''}, got {list(requested)}",
-        (not alike and _of_joints(requested, quantities, joints, known))
+        _of_joints(requested, quantities, joints, known)
         or _of_all_joints(requested, quantities) + _why(unknown, quantities, joints),
     )
     singles = tuple(name for part in requested for name in known[part])
