@@ -475,7 +475,9 @@ def test_what_cannot_be_estimated_is_refused() -> None:
 
 @pytest.mark.ci("steps of a filter in Python")
 @pytest.mark.oracle
-@pytest.mark.parametrize("measured", [UNLIKE, ("joint_torque", "link_position_shoulder", "motor_position_elbow")])
+@pytest.mark.parametrize(
+    "measured", [UNLIKE, ("joint_torque", "link_position_shoulder", "motor_position_elbow")]
+)
 def test_the_filter_of_joints_with_different_sensors_is_the_kalman_filter_of_each_pose(
     measured: tuple[str, ...],
 ) -> None:

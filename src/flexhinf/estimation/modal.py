@@ -48,6 +48,7 @@ SENSORS = {
     "motor_position": ((0.0, 0.0, 1.0, 0.0), 1),
     "motor_velocity": ((0.0, 0.0, 0.0, 1.0), 1),
     "joint_torque": ((-1.0, 0.0, 1.0, 0.0), -1),
+    "deflection": ((-1.0, 0.0, 1.0, 0.0), 1),
 }
 
 #: Range of √λ, rad/s and rad per sample: faster vibrations are folded by the sampling, and gains are no smooth function

@@ -11,6 +11,7 @@ from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.files import write_file
 from flexhinf.robot.elastic import SPRING
 from flexhinf.robot.parameters import QUANTITIES, Parameter, per_joint
+from flexhinf.robot.signals import TWISTS
 from flexhinf.validation import checked_path
 
 #: A quantity's other key in the table of a link.
@@ -41,6 +42,8 @@ def robot_text(robot: Any, folder: Path, like: str | os.PathLike[str] | None = N
         if row["name"] in robot.rigid and "spring" in row:
             del row["spring"]
             row["rigid"] = True
+            for sensor in [each for each in row.get("sensor", ()) if each["kind"] in TWISTS]:
+                row["sensor"].remove(sensor)
             for quantity in SPRING:
                 before.pop(per_joint(quantity, str(row["name"]), len(robot.joint_names)), None)
     others = sorted(set(before) - set(robot.nominal))

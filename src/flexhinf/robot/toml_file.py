@@ -22,6 +22,7 @@ from flexhinf.robot.file_keys import (
     number_in,
     place_text,
 )
+from flexhinf.robot.joint_sensors import file_sensors
 from flexhinf.robot.kinematics import check_geometry, check_load
 from flexhinf.robot.mjcf import read_mjcf
 from flexhinf.robot.parameters import INERTIA, Parameter, Stated, per_joint, unit_of
@@ -320,6 +321,10 @@ class RobotFile:
                 label, unit = per_joint("inertia_scale", joint, count), unit_of("inertia_scale")
                 scales.append(Parameter(label, 1.0, tolerance, unit, "tolerance of its inertia"))
         robot = robot.with_parameters(*scales, *added)
+        slides = robot.links.slides
+        robot = replace(
+            robot, sensors=file_sensors(self.file, self.root["joint"], names, slides, robot.nominal)
+        )
         moving = {joint for joint, _ in self._used}
         for joint in [joint for joint in self._tolerances if joint in moving]:
             known = sorted(key for owner, key in self._used if owner == joint)
