@@ -310,8 +310,8 @@ def pair_sensors(plant: Plant, n: int) -> tuple[np.ndarray, tuple[int, ...]]:
         raise InvalidInput(
             "The joints do not all have the same sensors.",
             f"expected signals of {list(SENSORS)}, each of all joints, got {list(plant.outputs)}",
-            f"an ExtendedKalmanFilter, which takes any sensors; or {'what all joints have' if usable else 'the same at all joints'}: "
-            f"measured={tuple(whole)}",
+            "an ExtendedKalmanFilter, which takes any sensors; or "
+            f"{'what all joints have' if usable else 'the same at all joints'}: measured={tuple(whole)}",
         )
     refuse_if(
         not any("position" in name for name in plant.outputs),

@@ -86,7 +86,7 @@ def expanded(
     joints: Sequence[str],
     rigid: Sequence[str] = (),
 ) -> tuple[str, ...]:
-    """Names of single joints' signals from single and plain names, each once; a rigid joint has no sensor of `TWISTS`."""
+    """Names of single joints' signals from single and plain names, each once; a rigid joint has none of `TWISTS`."""
     requested = checked_names("The sensors", names)
     every = {
         quantity: signal_names(quantity, joints, rigid if quantity in TWISTS else ())
