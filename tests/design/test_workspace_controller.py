@@ -31,9 +31,6 @@ from flexhinf.robot.workspace import workspace_of
 BOTH = ("link_position", "motor_position")
 AWAY = (-0.9, 1.1)
 
-#: Samples after which the covariance of a filter at a new pose has settled.
-SETTLED = 2000
-
 #: An encoder on the link of the heavy joint alone: the common retrofit.
 UNLIKE = ("motor_position", "link_position_shoulder")
 
@@ -496,7 +493,7 @@ def test_the_filter_of_joints_with_different_sensors_is_the_kalman_filter_of_eac
     gain = away @ c.T @ np.linalg.inv(c @ away @ c.T + noises[1])
     assert np.allclose(setup._filter_gain(x, u), gain, rtol=1e-6, atol=1e-9)
     y = np.asarray(setup.model.traced_output(x, u, setup.model.parameters.vector()), dtype=float).ravel()
-    for _ in range(SETTLED):
+    for _ in range(2000):
         estimator.correct(y)
         estimator.predict(u)
     error = np.abs(estimator.covariance - away).max(axis=1) / np.abs(away).max(axis=1)

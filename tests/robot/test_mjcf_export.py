@@ -22,7 +22,7 @@ mujoco: Any = pytest.importorskip("mujoco")
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("name", ["planar-two-link", "scara", "rigid spatial-three-link", "paper"])
 def test_the_model_moves_as_our_plant(name: str) -> None:
-    """0.2 s of a constant input beside the one that holds home; springs are damped, dry friction is left out of both."""
+    """0.2 s of a constant input beside the one that holds home; springs are damped, no dry friction in either."""
     robot = fh.load_robot(name.removeprefix("rigid "))
     if name.startswith("rigid"):
         robot = robot.with_rigid(robot.joint_names[0])

@@ -96,10 +96,12 @@ def _add_actuators(root: ET.Element, robot: Robot, p: Parameters) -> None:
     """A motor each: of an elastic joint at its rotor, of a rigid one at its link."""
     actuator, joints, n = ET.SubElement(root, "actuator"), robot.joint_names, len(robot.joint_names)
     gains = np.broadcast_to(torque_per_input(robot.drive, p), n).tolist()
-    sides = ["link_position" if joint in robot.rigid else "motor_position" for joint in joints]
-    rows = zip(signal_names(DRIVES[robot.drive], joints), sides, range(n), gains, robot.effort_limits or ())
-    for name, side, i, gain, limit in rows:
-        motor = {"name": name, "joint": signal_names(side, joints)[i], "gear": _text([gain])}
+    quantities = ["link_position" if joint in robot.rigid else "motor_position" for joint in joints]
+    rows = zip(
+        signal_names(DRIVES[robot.drive], joints), quantities, range(n), gains, robot.effort_limits or ()
+    )
+    for name, quantity, i, gain, limit in rows:
+        motor = {"name": name, "joint": signal_names(quantity, joints)[i], "gear": _text([gain])}
         if limit is not None and np.isfinite(limit):
             motor |= {"ctrllimited": "true", "ctrlrange": _text([-limit, limit])}
         ET.SubElement(actuator, "motor", motor)
