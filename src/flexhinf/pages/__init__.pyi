@@ -57,6 +57,7 @@ from .identify import (
 )
 from .log_remarks import likelier_remark as likelier_remark, log_remarks as log_remarks
 from .page import (
+    actuators_table as actuators_table,
     design_page as design_page,
     design_tables as design_tables,
     notes as notes,

@@ -15,6 +15,7 @@ from contextlib import suppress
 from dataclasses import fields
 from typing import Any, NamedTuple, Protocol
 
+from flexhinf.robot.actuators import PublishedJoint, published_joints
 from flexhinf.robot.dynamics import KINDS
 from flexhinf.robot.elastic import DRIVES, SPRING
 from flexhinf.robot.parameters import INERTIA, QUANTITIES, Stated, measured, respelled, split
@@ -204,6 +205,13 @@ def _sensors(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> 
     return rows
 
 
+def _actuator(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> PublishedJoint:
+    published = published_joints()
+    if not isinstance(value, str) or value not in published:
+        raise Unusable(f"one of {list(published)}, which `flexhinf robots` lists", nearest(value, published))
+    return published[value]
+
+
 _POSITION, _METRES = UNITS["link_position"], ("m",)
 _EFFORT = tuple(dict.fromkeys(unit for drive in DRIVES.values() for unit in UNITS[drive]))
 _POSITIVE = Key(_number, usable=lambda value: value > 0.0, expected="a number greater than 0")
@@ -241,7 +249,7 @@ TABLES: dict[str, dict[str, Key]] = {
         "joint": Key(_rows, inside="joint", required=True),
     },
     "joint": {
-        "name": _TEXT._replace(required=True),
+        "name": _TEXT._replace(required=True), "actuator": Key(_actuator),
         "kind": Key(usable=lambda value: value in KINDS, expected="'revolute', 'continuous' or 'prismatic'"),
         "axis": Key(_list, size=3), "xyz": _THREE,
         "rpy": Key(_list, ("rad",), 3), "limits": Key(_list, _POSITION, 2), "parent": _TEXT,

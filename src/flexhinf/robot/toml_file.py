@@ -378,18 +378,18 @@ class RobotFile:
 
     def _elastic(self, row: Any, motor: Mapping[str, float] | None = None, source: str = "") -> ElasticJoint:
         with located(f"{self.file}: joint {row['name']!r}"):
+            own = {**row.get("spring", {}), **row["motor"]}
+            if "actuator" in row:
+                own |= row["actuator"].beside(set(own), row["rigid"])
             refuse_if(
-                row["rigid"] == ("spring" in row),
+                row["rigid"] == ("spring" in row or "stiffness" in own),
                 "It is rigid and has a 'spring'."
                 if row["rigid"]
                 else "It has no 'spring', and is not declared rigid.",
                 "expected [joint.spring] with stiffness = … (N·m/rad; N/m for a prismatic joint), or rigid = true",
                 "one of the two",
             )
-            numbers = {
-                key: self._number(value, key, row["name"])
-                for key, value in {**row.get("spring", {}), **row["motor"]}.items()
-            }
+            numbers = {key: self._number(value, key, row["name"]) for key, value in own.items()}
             for quantity, value in (motor or {}).items():
                 if quantity not in numbers and not (
                     quantity == "motor_inertia" and "rotor_inertia" in numbers
