@@ -68,12 +68,22 @@ def test_a_joint_takes_what_it_does_not_state(tmp_path: Path) -> None:
     assert robot.nominal["motor_inertia"] == 0.6057
 
 
+def test_a_saved_robot_states_what_was_changed(tmp_path: Path) -> None:
+    """As `identify` does: the number moves into the file, and the others stay those of the actuator."""
+    robot = arm(tmp_path, 'actuator = "walkman-big-10k"').with_values({"stiffness": 9e3, "friction": 14.0})
+    robot.save(tmp_path / "saved.toml")
+    again = fh.load_robot(tmp_path / "saved.toml")
+    assert again.nominal == robot.nominal
+    assert again["friction"].interval == robot["friction"].interval
+
+
 def test_an_unknown_one_is_refused_with_the_nearest(tmp_path: Path) -> None:
     with refused_with(InvalidInput, "franka-fr3-2", "lwr2-1") as refusal:
         arm(tmp_path, 'actuator = "franka-fr3-2"')
     arm(tmp_path, f"{refusal.value.advice}\nspring = {{ stiffness = 500.0 }}")
 
 
+@pytest.mark.costs("reads all robots of the catalogue")
 def test_the_list_names_all(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["robots"]) == 0
     shown = capsys.readouterr().out
