@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 from flexhinf.robot.elastic import SPRING
 
-#: Numbers that state the inertia on the motor's side in another way; a joint that states one of a way keeps that way.
-WAYS = ({"motor_inertia"}, {"rotor_inertia", "hub_inertia"})
+#: The two forms in which the inertia on the motor's side is stated; a joint that has one takes nothing of the other.
+INERTIAS = ({"motor_inertia"}, {"rotor_inertia", "hub_inertia"})
 
 
 class PublishedJoint(NamedTuple):
@@ -26,7 +26,7 @@ class PublishedJoint(NamedTuple):
 
     def beside(self, stated: set[str], rigid: bool) -> dict[str, dict[str, Any]]:
         """The numbers that a joint takes which states others; a rigid one has none of a spring."""
-        one, other = WAYS
+        one, other = INERTIAS
         lost = {
             *stated,
             *(SPRING if rigid else ()),
