@@ -466,7 +466,7 @@ def test_what_cannot_be_estimated_is_refused() -> None:
     s = fh.Specification(measured=("joint_torque", "link_position_shoulder"))
     with refused_with(InvalidInput, "elbow") as refusal:
         check_loop(arm(), s)
-    measured = ast.literal_eval(refusal.value.advice.removeprefix("measured="))
+    measured = ast.literal_eval(str(refusal.value).split("try:")[1].strip().removeprefix("measured="))
     check_loop(arm(), replace(s, measured=measured))
 
 

@@ -80,7 +80,7 @@ def test_a_saved_robot_states_what_was_changed(tmp_path: Path) -> None:
 def test_an_unknown_one_is_refused_with_the_nearest(tmp_path: Path) -> None:
     with refused_with(InvalidInput, "franka-fr3-2", "lwr2-1") as refusal:
         arm(tmp_path, 'actuator = "franka-fr3-2"')
-    arm(tmp_path, f"{refusal.value.advice}\nspring = {{ stiffness = 500.0 }}")
+    arm(tmp_path, f"{str(refusal.value).split('try:')[1].strip()}\nspring = {{ stiffness = 500.0 }}")
 
 
 @pytest.mark.costs("reads all robots of the catalogue")
