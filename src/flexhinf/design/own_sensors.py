@@ -53,7 +53,8 @@ def _with_errors(robot: Robot, s: Specification) -> Specification:
     """A specification with noise and steps of the robot's sensors where it states none."""
     plant, own = robot.plant(s.measured), {sensor.signal: sensor for sensor in robot.sensors}
     if s.measurement_noise is FIELDS["measurement_noise"].default:
-        assumed = zip(plant.outputs, noise_variances(plant, s.measurement_noise).tolist())
+        usual = float(FIELDS["measurement_noise"].default)
+        assumed = zip(plant.outputs, noise_variances(plant, usual).tolist())
         noise = tuple(own[name].variance if name in own else variance for name, variance in assumed)
         s = replace(s, measurement_noise=noise)
     if s.quantisation is FIELDS["quantisation"].default:
