@@ -18,7 +18,7 @@ from benchmarks.workspace.goals import quintic
 from tests.builders import joint_text
 
 import flexhinf as fh
-from flexhinf.design.workspace.design import WorkspaceDesign
+from flexhinf.design.workspace.evidence import LoopOverWorkspace
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.modal import ModalLaw
 from flexhinf.modal.pair import PairWeights
@@ -118,8 +118,7 @@ def deployed(arm: Arm) -> fh.Controller:
         arm.robot.problem(fh.Penalty({"link_position": 1.0})),
     )
     law = ModalLaw.tuned(problem, s.period, PairWeights(bandwidth=12.0, share=0.5), space.sample(100, 3))
-    setup, none = WorkspaceSetup(arm.robot, s, space, law), np.zeros((0, arm.n))
-    return WorkspaceDesign(setup, none, (), (), ((), ()), (), 0, (), None, ()).controller(arm.home)
+    return LoopOverWorkspace(WorkspaceSetup(arm.robot, s, space, law)).controller(arm.home)
 
 
 def driven(one: Case, controller: fh.Controller, brakes: bool) -> dict[str, Any]:

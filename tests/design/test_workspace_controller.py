@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,13 +12,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
+from scipy.linalg import expm, solve_discrete_are
 from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.design.deployed_run import prepare_run
 from flexhinf.design.plans import BEYOND
 from flexhinf.design.specification import SpecificationError
+from flexhinf.design.workspace.design import check_loop
 from flexhinf.design.workspace.evidence import LoopOverWorkspace
 from flexhinf.design.workspace.setup import ACCELERATION, OFFSET, OFFSET_TIME, WorkspaceSetup
 from flexhinf.errors import InvalidInput
@@ -29,6 +31,9 @@ from flexhinf.robot.workspace import workspace_of
 
 BOTH = ("link_position", "motor_position")
 AWAY = (-0.9, 1.1)
+
+#: An encoder on the link of the heavy joint alone: the common retrofit.
+UNLIKE = ("motor_position", "link_position_shoulder")
 
 #: Variances of the SCARA's encoders, 10 µrad and 1 µm, and of torque sensors, a thousandth of each motor's limit.
 PRECISE = (1e-10, 1e-10, 1e-12, 1e-10, 0.15**2, 0.06**2, 0.25**2, 0.006**2)
@@ -441,6 +446,7 @@ def test_the_filter_is_stable_at_any_period(
         ("planar-two-link", {"period": 2e-3, "latency": 3}), ("planar-two-link", {"period": 5e-3}),
         ("planar-two-link", {"latency": 0, "unknown_delay": 1e-3}), ("planar-two-link", {"estimator": "none"}),
         ("planar-two-link", {"measured": ("motor_position", "joint_torque")}), ("scara", {"measurement_noise": 1e-10}),
+        ("planar-two-link", {"measured": UNLIKE}),
         ("scara", {"measured": ("link_position", "joint_torque"), "measurement_noise": PRECISE}),
     ],
 )  # fmt: skip
@@ -457,8 +463,41 @@ def test_what_cannot_be_estimated_is_refused() -> None:
     for sensors in ("joint_torque", "link_velocity"):
         with refused_with(InvalidInput, "link_position", "motor_position"):
             made(measured=(sensors,)).estimator(np.zeros(2))
-    with refused_with(InvalidInput, "motor_position_elbow"):
-        made(measured=("link_position", "motor_position_elbow")).estimator(np.zeros(2))
+    s = fh.Specification(measured=("joint_torque", "link_position_shoulder"))
+    with refused_with(InvalidInput, "elbow") as refusal:
+        check_loop(arm(), s)
+    measured = ast.literal_eval(str(refusal.value).split("try:")[1].strip().removeprefix("measured="))
+    check_loop(arm(), replace(s, measured=measured))
+
+
+@pytest.mark.ci("steps of a filter in Python")
+@pytest.mark.oracle
+@pytest.mark.parametrize(
+    "measured", [UNLIKE, ("joint_torque", "link_position_shoulder", "motor_position_elbow")]
+)
+def test_the_filter_of_joints_with_different_sensors_is_the_kalman_filter_of_each_pose(
+    measured: tuple[str, ...],
+) -> None:
+    """SciPy's Riccati equation at home and away; the filter that runs comes to its gain from that of home."""
+    setup = made(measured=measured)
+    estimator, period = setup.estimator(np.array(AWAY)), setup.specification.period
+    q, r = estimator.process_noise, estimator.measurement_noise
+    noises = q if q.ndim == 2 else np.diag(q), r if r.ndim == 2 else np.diag(r)
+    covariances = []
+    for pose in (arm().home, AWAY):
+        x, u = arm().operating_point(pose)
+        a, _, _, c = setup.model.linearise(x, u)
+        covariances.append(solve_discrete_are(expm(a * period).T, c.T, *noises))
+    home, away = covariances
+    assert np.allclose(estimator.initial.covariance, home, rtol=1e-6, atol=1e-6 * np.abs(home).max())
+    gain = away @ c.T @ np.linalg.inv(c @ away @ c.T + noises[1])
+    assert np.allclose(setup._filter_gain(x, u), gain, rtol=1e-6, atol=1e-9)
+    y = np.asarray(setup.model.traced_output(x, u, setup.model.parameters.vector()), dtype=float).ravel()
+    for _ in range(2000):
+        estimator.correct(y)
+        estimator.predict(u)
+    error = np.abs(estimator.covariance - away).max(axis=1) / np.abs(away).max(axis=1)
+    assert error.max() < 1e-3 < (np.abs(home - away).max(axis=1) / np.abs(away).max(axis=1)).max()
 
 
 @pytest.mark.ci("drives MuJoCo's robot")

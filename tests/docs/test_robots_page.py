@@ -19,9 +19,9 @@ def page(repository: Path) -> str:
 def test_the_page_lists_every_key_with_its_unit(page: str) -> None:
     rows = [line for line in page.splitlines() if line.startswith("| `")]
     listed = {name: row for row in rows for name in re.findall(r"`([a-z_]+)`", row.split("|")[1])}
-    pages = ("", "joint", "link", "spring", "motor", "payload", "tolerances")
+    pages = ("", "joint", "link", "sensor", "spring", "motor", "payload", "tolerances")
     keys = {key for table in pages for key in TABLES[table]}
-    tables = {"joint", "link", "spring", "motor", "penalty", "payload", "tolerances"}
+    tables = {"joint", "link", "sensor", "spring", "motor", "penalty", "payload", "tolerances"}
     assert sorted(keys - tables - set(listed)) == []
     units = {key: QUANTITIES[key] for key in listed if key in QUANTITIES}
     wrong = [

@@ -50,8 +50,8 @@ def test_every_sensor_and_its_unit():
     plant = paper_arm().plant(measured=tuple(SENSORS))
     x = np.array([0.1, 0.2, 0.3, 0.4])
     y = np.asarray(plant.traced_output(x, [0.0], plant.parameters.vector()), dtype=float).ravel()
-    np.testing.assert_allclose(y, [0.1, 0.2, 0.3, 0.4, 20.0], rtol=1e-14)
-    assert [plant.unit(name) for name in plant.outputs] == ["rad", "rad/s", "rad", "rad/s", "N·m"]
+    np.testing.assert_allclose(y, [0.1, 0.2, 0.3, 0.4, 20.0, 0.2], rtol=1e-14)
+    assert [plant.unit(name) for name in plant.outputs] == ["rad", "rad/s", "rad", "rad/s", "N·m", "rad"]
     assert plant.unit(plant.inputs[0]) == "V"
     assert paper_arm().plant("motor_position").outputs == ("motor_position",)
 

@@ -27,6 +27,7 @@ from flexhinf.cli.designs import (
 )
 from flexhinf.cli.messages import note, options
 from flexhinf.errors import refuse_if
+from flexhinf.files import write_file
 from flexhinf.validation import file_digest
 
 
@@ -180,6 +181,35 @@ def _export(name: str, o: options.ExportFileOptions) -> None:
     written = kind.write(Exported(designed.controller, designed.robot, s, designed.verdict.unmet), out)
     size = f" ({written.stat().st_size / 1e3:.0f} kB)" if written.is_file() else ""
     typer.echo(f"{name}: {written}{size}")
+
+
+@app.command("mjcf", cls=Command)
+@with_options(lambda: (options.ExportMjcfOptions, ()))
+def export_mjcf(context: typer.Context, o: options.ExportMjcfOptions) -> None:
+    """The elastic robot for MuJoCo: links, rotors, and a spring between each two.
+
+    With actuators that are limited as the motors are, sensors of links and
+    motors, and the pose home at rest as a keyframe. Other programs that read
+    MJCF see the same two-mass joints.
+    """
+    from flexhinf.design.design_file import meant_file, read_request
+    from flexhinf.robot.mjcf_export import elastic_mjcf
+    from flexhinf.robot.parts import file_warnings
+
+    with file_warnings(note):
+        robot = read_request(meant_file(o.source), o.elastic or None, payload=o.payload or None).robot
+    out = o.out or Path(f"{robot.name}.xml")
+    refuse_if(
+        out.exists() and not o.force,
+        "The file is there already.",
+        f"expected a new file, got {out.absolute()}",
+        "another name, or --force, which replaces it",
+    )
+    model = elastic_mjcf(robot)
+    for name, why in model.left_out.items():
+        note(f"Without {name}: MuJoCo does not express it, {why}.")
+    write_file(out, "MJCF file", lambda place: Path(place).write_text(model.text, encoding="utf-8"))
+    typer.echo(f"MJCF: {out}")
 
 
 @with_options(lambda: (options.CompileOptions, ()))

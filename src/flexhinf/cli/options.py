@@ -340,6 +340,18 @@ class ExportFileOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ExportMjcfOptions(ElasticOptions):
+    """Options of ``flexhinf export mjcf``."""
+
+    source: Text = argument(
+        "A robot file (arm.toml), a URDF, an MJCF file, a name that `flexhinf robots` lists, or a design, whose robot "
+        "is taken.", "ROBOT")
+    out: Path | None = option(None, WRITTEN, "The file that is written.", unit="path", default="NAME.xml")
+    payload: Text = option("", ROBOT, "What the robot carries, as for `flexhinf design`: 2kg.", "2kg", "kg@link")
+    force: bool = option(False, WRITTEN, "Replace a file that is there.")
+
+
+@dataclass(frozen=True, kw_only=True)
 class CompileOptions(EstimatesOptions):
     """Options of ``flexhinf compile``."""
 

@@ -15,6 +15,7 @@ from flexhinf.design import certification, checks, judgement, plans, responses, 
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import DESIGN, LawFactory, LawKind, law_kind, law_names
 from flexhinf.design.loop_setup import DEVIATIONS, LoopSetup, with_derived
+from flexhinf.design.own_sensors import with_own_sensors
 from flexhinf.design.pose_evidence import PoseEvidence
 from flexhinf.design.pose_loop import LoopAtPose
 from flexhinf.design.problem import presets
@@ -141,7 +142,7 @@ def checked_specification(robot: Robot, specification: Specification | None) -> 
     if not isinstance(specification, Specification):
         found = f"expected a flexhinf.Specification, got {value_text(specification)}"
         raise InvalidInput("This is no specification.", found, "flexhinf.Specification(pose='90deg')")
-    return specification
+    return with_own_sensors(robot, specification)
 
 
 def design(

@@ -306,8 +306,9 @@ class Specification:
         "Whether the estimator's model (ukf, ekf) has the dry friction of the file, smoothed. The feedforward of a "
         "planned move always has it.")
     measured: options.Names = option(("link_position",), SENSORS,
-        "The sensors: link_position, motor_position, joint_torque, link_velocity, motor_velocity. NAME_JOINT is the "
-        "sensor of a single joint.", "motor_position")
+        "The sensors: link_position, motor_position, joint_torque, deflection (motor minus link), link_velocity, "
+        "motor_velocity. NAME_JOINT is the sensor of a single joint.", "motor_position",
+        default="the sensors of the robot's file, or link_position")
     estimator: EstimatorName = option("ukf", SENSORS,
         "What estimates the rest: ukf, ekf, observer (output injection), or none (the true state). For a workspace it "
         "is a Kalman filter with the gains of the pose, or none.",

@@ -34,7 +34,7 @@ from flexhinf.design.laws import (
     is_hinf,
 )
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.noise_levels import other_quantisation
+from flexhinf.design.own_sensors import measuring
 from flexhinf.design.plans import has_integrals
 from flexhinf.design.responses import JointLimits
 from flexhinf.design.specification import FIELDS, MIN_DAMPING, RIPPLE, TOLERANCE, Specification
@@ -579,9 +579,8 @@ class Tuner:
         own = self.own.setup
         factors = values.get(ESTIMATOR_NOISE, 1.0), values.get(MOTOR_NOISE, 1.0)
         law, s = self.factory.make(kind, values, degree), own.specification
-        steps = other_quantisation(own.robot, s.measured, s.quantisation, s.estimator, sensors)
         setup = replace(
-            own, law=law, specification=replace(s, measured=sensors, quantisation=steps),
+            own, law=law, specification=measuring(own.robot, s, sensors),
             estimator_noise=own.process_noise.scaled(*factors, "tuned"), linear_model=kind.linear_estimator,
             blend_time=None if has_integrals(law) else min(BLEND, self.criterion.length / BLENDS),
         )  # fmt: skip

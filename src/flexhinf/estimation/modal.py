@@ -48,6 +48,7 @@ SENSORS = {
     "motor_position": ((0.0, 0.0, 1.0, 0.0), 1),
     "motor_velocity": ((0.0, 0.0, 0.0, 1.0), 1),
     "joint_torque": ((-1.0, 0.0, 1.0, 0.0), -1),
+    "deflection": ((-1.0, 0.0, 1.0, 0.0), 1),
 }
 
 #: Range of √λ, rad/s and rad per sample: faster vibrations are folded by the sampling, and gains are no smooth function
@@ -289,18 +290,12 @@ def _mean(variances: np.ndarray) -> float:
         return float(np.exp(np.log(variances).mean()))
 
 
-def pair_sensors(
-    plant: Plant, n: int, elsewhere: str = "an ExtendedKalmanFilter, which takes any sensors"
-) -> tuple[np.ndarray, tuple[int, ...]]:
-    """H (k, 4) of a pair, and the power of K^½ of each of its k signals, by a plant of n joints; `elsewhere` is what
-    takes other sensors, for the message.
+def pair_sensors(plant: Plant, n: int) -> tuple[np.ndarray, tuple[int, ...]]:
+    """H (k, 4) of a pair, and the power of K^½ of each of its k signals, by a plant of n joints.
 
     Raises `InvalidInput` where joints have different sensors, or no sensor sees a position.
     """
-    kinds = [
-        next((kind for kind in SENSORS if plant.expanded(kind) == names), None)
-        for names in (tuple(plant.outputs[i : i + n]) for i in range(0, len(plant.outputs), n))
-    ]
+    kinds = _kinds(plant, n)
     if None in kinds:
         seen = [kind for kind in SENSORS if {*plant.expanded(kind)} & {*plant.outputs}]
         shared = [kind for kind in seen if {*plant.expanded(kind)} <= {*plant.outputs}]
@@ -315,8 +310,8 @@ def pair_sensors(
         raise InvalidInput(
             "The joints do not all have the same sensors.",
             f"expected signals of {list(SENSORS)}, each of all joints, got {list(plant.outputs)}",
-            f"{elsewhere}; or {'what all joints have' if usable else 'the same at all joints'}: "
-            f"measured={tuple(whole)}",
+            "an ExtendedKalmanFilter, which takes any sensors; or "
+            f"{'what all joints have' if usable else 'the same at all joints'}: measured={tuple(whole)}",
         )
     refuse_if(
         not any("position" in name for name in plant.outputs),
@@ -326,6 +321,17 @@ def pair_sensors(
     )
     rows, powers = zip(*(SENSORS[str(kind)] for kind in kinds))
     return np.array(rows), powers
+
+
+def has_equal_joints(plant: Plant, n: int) -> bool:
+    """Whether all n joints of a plant have the same sensors, as a `ModalFilter` needs."""
+    return None not in _kinds(plant, n)
+
+
+def _kinds(plant: Plant, n: int) -> list[str | None]:
+    """What each n signals of a plant measure at all joints; None where they are no sensors of all joints."""
+    groups = (tuple(plant.outputs[i : i + n]) for i in range(0, len(plant.outputs), n))
+    return [next((kind for kind in SENSORS if plant.expanded(kind) == names), None) for names in groups]
 
 
 def _series(ends: tuple[float, float], values: Elements, table: Elements) -> Elements:

@@ -52,6 +52,7 @@ class Ranges(NamedTuple):
             "link_velocity": (-self.speed, self.speed, np.inf),
             "motor_velocity": (-self.motor_speed, self.motor_speed, np.inf),
             "joint_torque": (-self.torque, self.torque, self.stiffness * (self.speed + self.motor_speed)),
+            "deflection": (-self.twist, self.twist, self.speed + self.motor_speed),
         }[quantity]
 
 

@@ -24,7 +24,7 @@ from flexhinf.robot.parameters import per_joint
 #: side names of our own.
 INTERFACES = {
     "link_position": "position", "link_velocity": "velocity", "motor_position": "motor_position",
-    "motor_velocity": "motor_velocity", "joint_torque": "effort", "drive_torque": "effort",
+    "motor_velocity": "motor_velocity", "joint_torque": "effort", "deflection": "deflection", "drive_torque": "effort",
     "motor_voltage": "voltage", "motor_current": "current",
 }  # fmt: skip
 

@@ -62,6 +62,7 @@ from .log_findings import (
     finding_texts as finding_texts,
 )
 from .page import (
+    actuators_table as actuators_table,
     design_page as design_page,
     design_tables as design_tables,
     notes as notes,

@@ -50,6 +50,7 @@ from flexhinf.report import (
     number,
 )
 from flexhinf.robot import catalogue, load_robot
+from flexhinf.robot.actuators import published_joints
 
 #: Kinds of requirements that a sentence names.
 BRIEF = 6
@@ -411,6 +412,17 @@ def robots_table() -> Any:
         rows,
         "Robots that come with flexhinf: flexhinf design NAME",
     ).terminal()
+
+
+def actuators_table() -> Any:
+    """Table of the published joints: what is known of each, and by whom."""
+    rows = [
+        (name, "\n".join(f"{key} {number['value']:g}" for key, number in joint.numbers.items()), joint.about,
+         "\n".join(joint.sources))
+        for name, joint in published_joints().items()
+    ]  # fmt: skip
+    title = "Published joints: actuator = NAME in a [[joint]] takes what it does not state"
+    return Table(("name", "numbers", "", "source"), rows, title).terminal()
 
 
 #: What a file is, by its name or its ending; the first that fits.

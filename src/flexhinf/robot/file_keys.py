@@ -15,12 +15,13 @@ from contextlib import suppress
 from dataclasses import fields
 from typing import Any, NamedTuple, Protocol
 
+from flexhinf.robot.actuators import PublishedJoint, published_joints
 from flexhinf.robot.dynamics import KINDS
 from flexhinf.robot.elastic import DRIVES, SPRING
 from flexhinf.robot.parameters import INERTIA, QUANTITIES, Stated, measured, respelled, split
 from flexhinf.robot.parts import ElasticJoint, ask
 from flexhinf.robot.rigid_arm import NEAREST
-from flexhinf.robot.signals import UNITS
+from flexhinf.robot.signals import SENSORS, UNITS
 from flexhinf.validation import nearest, real_number
 
 #: A tolerance below this many per cent was probably meant as a fraction.
@@ -209,6 +210,26 @@ def _rows(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> lis
     return [_table(file, row, key, (*place, i)) for i, row in enumerate(value)]
 
 
+def _sensors(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> list[dict[str, Any]]:
+    """Rows of sensors, whose step and noise have the unit of what each measures."""
+    if not isinstance(value, list):
+        raise Unusable("[[joint.sensor]] tables, each with its kind", "")
+    rows = []
+    for i, row in enumerate(value):
+        kind = row.get("kind") if isinstance(row, dict) else None
+        units = UNITS[kind] if isinstance(kind, str) and kind in SENSORS else ()
+        own = {name: TABLES["sensor"][name]._replace(units=units) for name in ("step", "noise")}
+        rows.append(file.table(row, TABLES["sensor"] | own, (*place, i)))
+    return rows
+
+
+def _actuator(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> PublishedJoint:
+    published = published_joints()
+    if not isinstance(value, str) or value not in published:
+        raise Unusable(f"one of {list(published)}, which `flexhinf robots` lists", nearest(value, published))
+    return published[value]
+
+
 _POSITION, _METRES = UNITS["link_position"], ("m",)
 _EFFORT = tuple(dict.fromkeys(unit for drive in DRIVES.values() for unit in UNITS[drive]))
 _POSITIVE = Key(_number, usable=lambda value: value > 0.0, expected="a number greater than 0")
@@ -247,7 +268,7 @@ TABLES: dict[str, dict[str, Key]] = {
         "joint": Key(_rows, inside="joint", required=True),
     },
     "joint": {
-        "name": _TEXT._replace(required=True),
+        "name": _TEXT._replace(required=True), "actuator": Key(_actuator),
         "kind": Key(usable=lambda value: value in KINDS, expected="'revolute', 'continuous' or 'prismatic'"),
         "axis": Key(_list, size=3), "xyz": _THREE,
         "rpy": Key(_list, ("rad",), 3), "limits": Key(_list, _POSITION, 2), "parent": _TEXT,
@@ -255,7 +276,14 @@ TABLES: dict[str, dict[str, Key]] = {
         "effort_limit": _POSITIVE._replace(units=_EFFORT), "link": Key(_table, inside="link"),
         "rigid": Key(usable=lambda value: isinstance(value, bool), expected="true or false", default=False),
         "spring": Key(_table, inside="spring"), "motor": Key(_table, inside="motor", default={}),
-        "tolerances": _TOLERANCES,
+        "sensor": Key(_sensors, inside="sensor", default=[]), "tolerances": _TOLERANCES,
+    },
+    "sensor": {
+        "kind": Key(
+            required=True, usable=lambda value: value in SENSORS, expected=f"one of {', '.join(map(repr, SENSORS))}"
+        ),
+        "counts": _POSITIVE, "step": _POSITIVE, "noise": _POSITIVE,
+        "before_gear": Key(usable=lambda value: isinstance(value, bool), expected="true or false"),
     },
     "link": {
         "mass": _MASS, "centre_of_mass": _CENTRE, "inertia": _INERTIA_TABLE,

@@ -35,6 +35,7 @@ from flexhinf.robot.elastic import (
     traced_inverse,
 )
 from flexhinf.robot.equilibrium import equilibrium, plant_columns
+from flexhinf.robot.joint_sensors import JointSensor, check_sensors
 from flexhinf.robot.modes import Mode, modes_of, stiffness_and_inertia
 from flexhinf.robot.parameters import (
     QUANTITIES,
@@ -51,6 +52,7 @@ from flexhinf.robot.saved_file import save_robot
 from flexhinf.robot.signals import (
     MECHANICAL,
     SENSORS,
+    TWISTS,
     UNITS,
     Sensors,
     expanded,
@@ -94,6 +96,8 @@ class Robot(Summarised):
     rigid : sequence of str, optional
         Names of joints without a spring: the rotor turns with the link, and they have no motor states. One joint at
         least is elastic.
+    sensors : sequence of JointSensor, optional
+        The sensors that the robot has, with their steps and noise. Without any, a design may measure whatever it names.
     file, reader : Path and function, optional
         The robot file that it was read from, and how: the robot of a path, read in the same way.
 
@@ -119,6 +123,7 @@ class Robot(Summarised):
     effort_limits: Sequence[float | None] | None = None
     speed_limits: Sequence[float | None] | None = None
     rigid: Sequence[str] = ()
+    sensors: Sequence[JointSensor] = ()
     file: Path | None = field(default=None, compare=False)
     reader: Callable[[Path], Robot] | None = field(default=None, compare=False)
 
@@ -150,6 +155,8 @@ class Robot(Summarised):
             "the stiffness of one joint at least: a stiff spring is nearly rigid",
         )
         object.__setattr__(self, "rigid", tuple(name for name in self.joint_names if name in self.rigid))
+        object.__setattr__(self, "sensors", tuple(self.sensors))
+        check_sensors(self.name, self.sensors, self.joint_names, self.rigid)
         names = [parameter.name for parameter in self.parameters]
         needed = (*self.links.required(), *required_of_drive(self.drive, names, self.joint_names, self.rigid))
         missing = [name for name in needed if name not in names]
@@ -244,7 +251,9 @@ class Robot(Summarised):
         """The same robot with these joints rigid too: the numbers of their springs are left out."""
         springs = {per_joint(name, joint, len(self.joint_names)) for name in SPRING for joint in joints}
         kept = tuple(parameter for parameter in self.parameters if parameter.name not in springs)
-        return replace(self, parameters=kept, rigid=(*self.rigid, *joints))
+        lost = {per_joint(name, joint, len(self.joint_names)) for name in TWISTS for joint in joints}
+        sensors = tuple(sensor for sensor in self.sensors if sensor.signal not in lost)
+        return replace(self, parameters=kept, rigid=(*self.rigid, *joints), sensors=sensors)
 
     def save(self, path: str | os.PathLike[str], like: str | os.PathLike[str] | None = None) -> None:
         """Write a robot file: `file` (or the file `like`) with this robot's numbers, tolerances and ranges.
@@ -282,8 +291,8 @@ class Robot(Summarised):
         Parameters
         ----------
         measured : sequence of str
-            Measured signals: link_position, motor_position, joint_torque, link_velocity, motor_velocity, of all
-            joints or of single ones (``motor_position_elbow``), in any mix.
+            Measured signals: link_position, motor_position, joint_torque, deflection (motor minus link),
+            link_velocity, motor_velocity, of all joints or of single ones (``motor_position_elbow``), in any mix.
         inductance : bool
             With the motor coils' inductance: the same as ``extras=("inductance",)``.
         extras : sequence of str

@@ -9,8 +9,10 @@ from typing import Any
 
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.files import write_file
+from flexhinf.robot.actuators import published_joints
 from flexhinf.robot.elastic import SPRING
 from flexhinf.robot.parameters import QUANTITIES, Parameter, per_joint
+from flexhinf.robot.signals import TWISTS
 from flexhinf.validation import checked_path
 
 #: A quantity's other key in the table of a link.
@@ -41,6 +43,8 @@ def robot_text(robot: Any, folder: Path, like: str | os.PathLike[str] | None = N
         if row["name"] in robot.rigid and "spring" in row:
             del row["spring"]
             row["rigid"] = True
+            for sensor in [each for each in row.get("sensor", ()) if each["kind"] in TWISTS]:
+                row["sensor"].remove(sensor)
             for quantity in SPRING:
                 before.pop(per_joint(quantity, str(row["name"]), len(robot.joint_names)), None)
     others = sorted(set(before) - set(robot.nominal))
@@ -82,6 +86,15 @@ def _places(document: Any, robot: Any) -> Iterator[tuple[str, Any, str]]:
                         yield per_joint(quantity, str(row["name"]), len(robot.joint_names)), table, key
 
 
+def _published(document: Any, robot: Any, name: str) -> Iterator[tuple[Any, str]]:
+    """Table and key for a number that a joint has from its `actuator`."""
+    for row in document.get("joint", ()):
+        known = published_joints().get(str(row.get("actuator", "")))
+        for key in known.numbers if known else ():
+            if per_joint(key, str(row["name"]), len(robot.joint_names)) == name:
+                yield row.setdefault("spring" if key in SPRING else "motor", {}), key
+
+
 def _elsewhere(document: Any) -> bool:
     """Whether a number without a tolerance of its own may have one of a table."""
     return "tolerances" in document or any("tolerances" in row for row in document.get("joint", ()))
@@ -92,13 +105,14 @@ def _write(document: Any, robot: Any, parameter: Parameter, source: Path) -> Non
 
     found = [(table, key) for name, table, key in _places(document, robot) if name == parameter.name]
     value: Any = found[0][0][found[0][1]] if found else None
+    published = [] if found else list(_published(document, robot, parameter.name))
     refuse_if(
-        not found or (isinstance(value, dict) and isinstance(value.get("value"), list)),
+        not (found or published) or (isinstance(value, dict) and isinstance(value.get("value"), list)),
         f"{source.name} states {parameter.name!r} in no table of its own.",
         f"expected a number of a link, a spring or a motor, got {parameter.value:g}",
         "a file that states it, or this number by hand",
     )
-    table, key = found[0]
+    table, key = found[0] if found else published[0]
     ends = parameter.range
     entries = {"value": parameter.value, **({} if ends is None else {"range": list(ends)})}
     if parameter.tolerance or (ends is None and _elsewhere(document)):

@@ -24,7 +24,10 @@ from flexhinf.validation import checked_names, nearest
 MECHANICAL = ("link_position", "link_velocity", "motor_position", "motor_velocity")
 
 #: What a sensor can measure. Motor signals are seen from the link: the motor's angle over the gear ratio.
-SENSORS = (*MECHANICAL, "joint_torque")
+SENSORS = (*MECHANICAL, "joint_torque", "deflection")
+
+#: Sensors of what twists, which a rigid joint has not: the torque of its spring, and motor minus link.
+TWISTS = ("joint_torque", "deflection")
 
 #: Parts of the names of instruments, and the signal that each measures: a load cell in the drive sees its torque.
 INSTRUMENTS = {
@@ -46,12 +49,13 @@ UNITS = {
     "link_torque": ("N·m", "N"),
     "motor_torque": ("N·m", "N"),
     "joint_torque": ("N·m", "N"),
+    "deflection": ("rad", "m"),
     "joint_torque_rate": ("N·m/s", "N/s"),
 }
 
 
 #: Signals that a rigid joint has not: its motor is where its link is, and between them is nothing that twists.
-OF_SPRINGS = ("motor_position", "motor_velocity", "joint_torque", "joint_torque_rate")
+OF_SPRINGS = ("motor_position", "motor_velocity", *TWISTS, "joint_torque_rate")
 
 
 def signal_names(quantity: str, joints: Sequence[str], rigid: Sequence[str] = ()) -> tuple[str, ...]:
@@ -81,14 +85,11 @@ def expanded(
     quantities: Sequence[str],
     joints: Sequence[str],
     rigid: Sequence[str] = (),
-    alike: bool = False,
 ) -> tuple[str, ...]:
-    """Names of single joints' signals from single and plain names, each once; a rigid joint has no torque sensor.
-
-    `alike`: The caller takes the same sensors at all joints alone, so no other ones are advised."""
+    """Names of single joints' signals from single and plain names, each once; a rigid joint has none of `TWISTS`."""
     requested = checked_names("The sensors", names)
     every = {
-        quantity: signal_names(quantity, joints, rigid if quantity == "joint_torque" else ())
+        quantity: signal_names(quantity, joints, rigid if quantity in TWISTS else ())
         for quantity in quantities
     }
     known = {**{name: (name,) for group in every.values() for name in group}, **every}
@@ -99,7 +100,7 @@ def expanded(
         unknown or not requested,
         f"Nothing measures {unknown[0]!r}." if unknown else "Nothing is measured.",
         f"expected names among {list(quantities)}{single if len(joints) > 1 else ''}, got {list(requested)}",
-        (not alike and _of_joints(requested, quantities, joints, known))
+        _of_joints(requested, quantities, joints, known)
         or _of_all_joints(requested, quantities) + _why(unknown, quantities, joints),
     )
     singles = tuple(name for part in requested for name in known[part])
@@ -163,10 +164,13 @@ class Sensors:
             for quantity, part in zip(MECHANICAL, columns)
             for i, name in enumerate(signal_names(quantity, self.joints))
         }
-        torques = [signal_names("joint_torque", self.joints)[i] for i in self.layout.elastic]
-        if set(torques) & set(self.names):
+        torques, twists = (
+            [signal_names(kind, self.joints)[i] for i in self.layout.elastic] for kind in TWISTS
+        )
+        if {*torques, *twists} & set(self.names):
             q, dq = (self.layout.at_springs(links) for links in (q, dq))
             signals |= dict(zip(torques, spring_torque(theta - q, dtheta - dq, p, self.extras)))
+            signals |= dict(zip(twists, theta - q))
         return np.array([signals[name] for name in self.names])
 
 

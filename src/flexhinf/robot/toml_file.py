@@ -23,6 +23,7 @@ from flexhinf.robot.file_keys import (
     number_in,
     place_text,
 )
+from flexhinf.robot.joint_sensors import file_sensors
 from flexhinf.robot.kinematics import check_geometry, check_load
 from flexhinf.robot.mjcf import read_mjcf
 from flexhinf.robot.parameters import INERTIA, Parameter, Stated, per_joint, unit_of
@@ -324,6 +325,10 @@ class RobotFile:
                 label, unit = per_joint("inertia_scale", joint, count), unit_of("inertia_scale")
                 scales.append(Parameter(label, 1.0, tolerance, unit, "tolerance of its inertia"))
         robot = robot.with_parameters(*scales, *added)
+        slides = robot.links.slides
+        robot = replace(
+            robot, sensors=file_sensors(self.file, self.root["joint"], names, slides, robot.nominal)
+        )
         moving = {joint for joint, _ in self._used}
         for joint in [joint for joint in self._tolerances if joint in moving]:
             known = sorted(key for owner, key in self._used if owner == joint)
@@ -377,18 +382,18 @@ class RobotFile:
 
     def _elastic(self, row: Any, motor: Mapping[str, float] | None = None, source: str = "") -> ElasticJoint:
         with located(f"{self.file}: joint {row['name']!r}"):
+            own = {**row.get("spring", {}), **row["motor"]}
+            if "actuator" in row:
+                own |= row["actuator"].beside(set(own), row["rigid"])
             refuse_if(
-                row["rigid"] == ("spring" in row),
+                row["rigid"] == ("spring" in row or "stiffness" in own),
                 "It is rigid and has a 'spring'."
                 if row["rigid"]
                 else "It has no 'spring', and is not declared rigid.",
                 "expected [joint.spring] with stiffness = … (N·m/rad; N/m for a prismatic joint), or rigid = true",
                 "one of the two",
             )
-            numbers = {
-                key: self._number(value, key, row["name"])
-                for key, value in {**row.get("spring", {}), **row["motor"]}.items()
-            }
+            numbers = {key: self._number(value, key, row["name"]) for key, value in own.items()}
             for quantity, value in (motor or {}).items():
                 if quantity not in numbers and not (
                     quantity == "motor_inertia" and "rotor_inertia" in numbers

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.laws import DESIGN, LawKind, law_kind, laws_over
-from flexhinf.design.noise_levels import other_quantisation
+from flexhinf.design.own_sensors import measuring
 from flexhinf.design.requirements import Reported, Requirement
 from flexhinf.design.specification import Specification
 from flexhinf.design.workspace.design import check_loop, judged_design
@@ -262,9 +262,7 @@ class _Search:
     def __init__(self, own: WorkspaceSetup, kind: LawKind, same_sensors: bool) -> None:
         s = own.specification
         if kind.sensors and not same_sensors and s.estimator != "none":
-            sensors = kind.sensors[0]
-            steps = other_quantisation(own.robot, s.measured, s.quantisation, s.estimator, sensors)
-            s = replace(s, measured=sensors, quantisation=steps)
+            s = measuring(own.robot, s, kind.sensors[0])
         self.own, self.kind, self.specification = replace(own, specification=s), kind, s
         self.poses = ChosenPoses(own.robot, s, own.workspace, 2, sizes=TUNING_POSES)
         known = s.estimator == "none" or s.process_noise is not None or s.torque_noise is not None

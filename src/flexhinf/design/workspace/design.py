@@ -38,9 +38,10 @@ from flexhinf.design.workspace.samples import (
 )
 from flexhinf.design.workspace.search import BANDWIDTHS, tuned_setup
 from flexhinf.design.workspace.setup import CornerLoop, WorkspaceSetup
-from flexhinf.estimation.modal import pair_sensors
+from flexhinf.errors import refuse_if
 from flexhinf.robot import Robot, kinematics
-from flexhinf.robot.signals import SENSORS, expanded
+from flexhinf.robot.parameters import per_joint
+from flexhinf.robot.signals import SENSORS, expanded, signal_names
 from flexhinf.robot.waypoints import LIMITS
 
 #: Limits by which loops and moves are judged, and which change neither; margins with which loops are computed.
@@ -181,9 +182,28 @@ def check_loop(robot: Robot, s: Specification) -> None:
     check_stated_units(robot, s)
     kinematics.check_fast(robot, s.period)
     kinematics.check_delay(robot, s.unknown_delay)
-    expanded(s.measured, SENSORS, robot.joint_names, robot.rigid, alike=s.estimator != "none")
+    expanded(s.measured, SENSORS, robot.joint_names, robot.rigid)
     plant = robot.plant(s.measured, extras=s.extras)
     sensor_steps(robot, s.measured, s.quantisation, s.estimator)
     joint_limits(robot, s)
-    if s.estimator != "none" and not robot.rigid:
-        pair_sensors(plant, len(robot.joint_names), "a design of one pose, pose=..., which takes any sensors")
+    if s.estimator != "none":
+        check_seen(robot, plant.outputs)
+
+
+def check_seen(robot: Robot, signals: Sequence[str]) -> None:
+    """Refuse signals by which the position of a joint is not measured, at its link or at its motor."""
+    joints = robot.joint_names
+    seen = {
+        name
+        for side in ("link_position", "motor_position")
+        for name, signal in zip(joints, signal_names(side, joints))
+        if signal in signals
+    }
+    unseen = [name for name in joints if name not in seen]
+    missing = [per_joint("motor_position", name, len(joints)) for name in unseen]
+    refuse_if(
+        unseen,
+        f"No sensor measures where {', '.join(unseen)} {'is' if len(unseen) == 1 else 'are'}.",
+        f"expected link_position or motor_position of every joint, got {list(signals)}",
+        f"measured={(*signals, *missing)}",
+    )

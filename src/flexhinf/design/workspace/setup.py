@@ -28,6 +28,8 @@ from flexhinf.design.responses import Move, Response, with_values
 from flexhinf.design.specification import RINGS, RIPPLE, Specification
 from flexhinf.errors import NumericalFailure
 from flexhinf.estimation import ExtendedKalmanFilter, ModalFilter, stationary_gain
+from flexhinf.estimation.modal import has_equal_joints
+from flexhinf.estimation.stationary import stationary_covariance
 from flexhinf.loop import Controller, Governor, Loop, Moving, Supervision, Waypoints
 from flexhinf.loop.controller.governor import HEARD
 from flexhinf.modal import ModalLaw, PairGains
@@ -173,17 +175,33 @@ class WorkspaceSetup(LoopPlants):
 
     def estimator(self, at: np.ndarray) -> Any:
         """The estimator, started at rest at a pose (n,), of which its gains do not depend; None where the true state is
-        fed back."""
+        fed back.
+
+        Joints with the same sensors fall into pairs, and gains of the pairs are those of every pose. With rigid joints
+        or other sensors at some joints they do not, and an extended filter, whose covariance follows the pose, begins
+        with the covariance of rest at home."""
         s = self.specification
         if s.estimator == "none":
             return None
         model, mean = self.model, self.robot.operating_point(at)[0]
         process, measurement = self.noise_levels.covariance(model.states), self.noise_variances
-        covariance = process + 1e-12 * np.eye(len(mean))
+        pairs = not self.robot.rigid and has_equal_joints(model, len(self.joints))
+        covariance = process + 1e-12 * np.eye(len(mean)) if pairs else self._covariance_at_home
         kalman = ExtendedKalmanFilter(
             model, s.period, process, measurement, mean, covariance, form="covariance"
         )
-        return kalman if self.robot.rigid else ModalFilter(kalman, self.law.equilibrium[0])
+        return ModalFilter(kalman, self.law.equilibrium[0]) if pairs else kalman
+
+    @cached_property
+    def _covariance_at_home(self) -> np.ndarray:
+        """P of a prediction at rest at home, by the noises of the estimator."""
+        noises = self.noise_levels.covariance(self.model.states), np.diag(self.noise_variances)
+        return stationary_covariance(self._sampled_model(*self.robot.operating_point()), *noises)
+
+    def _sampled_model(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """F and H of the model about an equilibrium."""
+        inner, driven, _, seen = self.model.linearise(x, u)
+        return exponential(inner, driven, self.specification.period)[0], seen
 
     @property
     def knows_friction(self) -> bool:
@@ -253,9 +271,9 @@ class WorkspaceSetup(LoopPlants):
         """That of the estimator (states, p) at rest at an equilibrium."""
         if isinstance(self.filter, ModalFilter):
             return self.filter.gain(x)
-        inner, driven, _, seen = self.model.linearise(x, u)
-        moved, _ = exponential(inner, driven, self.specification.period)
-        return stationary_gain((moved, seen), self.filter.process_noise, self.filter.measurement_noise)
+        return stationary_gain(
+            self._sampled_model(x, u), self.filter.process_noise, self.filter.measurement_noise
+        )
 
     @property
     def _speed(self) -> np.ndarray:

@@ -1,0 +1,90 @@
+"""Published joints: every number has its source and a unit of ours, and a robot file takes what it does not state."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from tests.refusals import refused_with
+
+import flexhinf as fh
+from flexhinf.cli import main
+from flexhinf.errors import InvalidInput
+from flexhinf.robot.actuators import published_joints
+from flexhinf.robot.elastic import SPRING
+from flexhinf.robot.file_keys import MOTOR
+
+ARM = """
+name = "one"
+[[joint]]
+name = "shoulder"
+link = {{ mass = 1.0, length = 0.3, axis_inertia = 0.2 }}
+{joint}
+"""
+
+
+def arm(folder: Path, joint: str) -> fh.Robot:
+    (folder / "one.toml").write_text(ARM.format(joint=joint), encoding="utf-8")
+    return fh.load_robot(folder / "one.toml")
+
+
+def test_every_number_has_a_source() -> None:
+    for joint in published_joints().values():
+        assert joint.about
+        assert joint.numbers
+        for name, number in joint.numbers.items():
+            assert name in (*SPRING, *MOTOR)
+            assert number["source"]
+            low, high = number.get("range", (number["value"],) * 2)
+            assert 0.0 < low <= number["value"] <= high
+
+
+def test_springs_in_series_and_inertias_are_those_of_their_sources() -> None:
+    """Gear and bar of the toolbox's files in series; the total inertia shared as their data sheets' parts."""
+    big, orange = (published_joints()[name].numbers for name in ("walkman-big-10k", "compliant-orange80"))
+    assert big["stiffness"]["value"] == pytest.approx(1.0 / (1.0 / 75e3 + 1.0 / 12823.0), rel=1e-4)
+    assert orange["stiffness"]["value"] == pytest.approx(1.0 / (1.0 / 16e3 + 1.0 / 6e3), rel=1e-4)
+    rotor, gear, load = 5.48e-5 * 100**2, 2.63e-5 * 100**2, 0.0867
+    assert big["motor_inertia"]["value"] == pytest.approx(
+        1.1001 * (rotor + gear) / (rotor + gear + load), rel=1e-4
+    )
+    assert big["friction"]["range"] == pytest.approx([0.9 * 14.786, 0.9 * 16.162], rel=1e-3)
+    assert big["coulomb_friction"]["range"] == pytest.approx([0.9 * 1.8579, 0.9 * 2.4238], rel=1e-3)
+
+
+def test_a_joint_takes_what_it_does_not_state(tmp_path: Path) -> None:
+    robot = arm(tmp_path, 'actuator = "walkman-big-10k"')
+    assert robot.nominal["stiffness"] == 10951.0
+    assert "Compliant Joint Toolbox" in robot["stiffness"].source
+    assert robot["friction"].interval == (13.31, 14.55)
+    own = "spring = { stiffness = 500.0 }\nmotor = { rotor_inertia = 1e-5, gear_ratio = 50.0 }"
+    robot = arm(tmp_path, f'actuator = "walkman-big-10k"\n{own}')
+    assert robot.nominal["stiffness"] == 500.0
+    assert "motor_inertia" not in robot.nominal
+    assert robot.nominal["coulomb_friction"] == 1.927
+    with refused_with(InvalidInput, "spring", "stiffness"):  # no source states a stiffness of it
+        arm(tmp_path, 'actuator = "franka-fr3-1"')
+    robot = arm(tmp_path, 'actuator = "franka-fr3-1"\nspring = { stiffness = 500.0 }')
+    assert robot.nominal["motor_inertia"] == 0.6057
+
+
+def test_a_saved_robot_states_what_was_changed(tmp_path: Path) -> None:
+    """As `identify` does: the number moves into the file, and the others stay those of the actuator."""
+    robot = arm(tmp_path, 'actuator = "walkman-big-10k"').with_values({"stiffness": 9e3, "friction": 14.0})
+    robot.save(tmp_path / "saved.toml")
+    again = fh.load_robot(tmp_path / "saved.toml")
+    assert again.nominal == robot.nominal
+    assert again["friction"].interval == robot["friction"].interval
+
+
+def test_an_unknown_one_is_refused_with_the_nearest(tmp_path: Path) -> None:
+    with refused_with(InvalidInput, "franka-fr3-2", "lwr2-1") as refusal:
+        arm(tmp_path, 'actuator = "franka-fr3-2"')
+    arm(tmp_path, f"{str(refusal.value).split('try:')[1].strip()}\nspring = {{ stiffness = 500.0 }}")
+
+
+@pytest.mark.costs("reads all robots of the catalogue")
+def test_the_list_names_all(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["robots"]) == 0
+    shown = capsys.readouterr().out
+    assert [name for name in published_joints() if name not in shown] == []
