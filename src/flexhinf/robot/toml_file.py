@@ -382,7 +382,7 @@ class RobotFile:
                 "one of the two",
             )
             numbers = {
-                key: self._number(value, key, row["name"])
+                key: self._number(value, key, row["name"]) if isinstance(value, dict) else value
                 for key, value in {**row.get("spring", {}), **row["motor"]}.items()
             }
             for quantity, value in (motor or {}).items():
