@@ -69,6 +69,26 @@ class ElasticJoints(NamedTuple):
     drive_stiffness: np.ndarray  # torque per motor position of an inner loop, N·m/rad; 0 without
 
 
+    @property
+    def inner(self) -> bool:
+        """Whether drives have an inner loop."""
+        return bool(np.any(self.drive_stiffness > 0.0) or np.any(self.load_share != 1.0))
+
+    @property
+    def pair_rates(self) -> tuple[float, float, float, float]:
+        """κ and β of the motors as if they were alike, ν and b of their drives; 1/s², 1/s, 1/s², 1/s².
+
+        κ and b are geometric means, β and ν are means. κ = b without an inner loop.
+        """
+        inertia = self.motor_inertia
+        gain = float(np.exp(np.log(self.stiffness / inertia).mean()))
+        share = 1.0
+        if np.any(self.load_share != 1.0):
+            share = float(np.exp(np.log(self.load_share).mean())) if np.all(self.load_share > 0.0) else 0.0
+        damping = float((self.motor_damping / inertia).mean())
+        return share * gain, damping, float((self.drive_stiffness / inertia).mean()), gain
+
+
 def check_joints(plant: Plant) -> int:
     """Number of elastic joints n of a plant with their states, 4n in the order of Eq. (2), and one input each; one of
     other states, inputs or disturbances is refused."""
