@@ -9,7 +9,6 @@ from pathlib import Path
 from shlex import join, quote
 from typing import Any
 
-import numpy as np
 import typer
 
 import flexhinf as fh
@@ -81,6 +80,8 @@ def export_c(context: typer.Context, o: options.ExportCOptions) -> None:
 
 def _export_feedforward(o: options.ExportCOptions) -> None:
     """``--feedforward``: commands along a streamed path, of a robot by name or file."""
+    import numpy as np  # here, as --help needs none
+
     from flexhinf.export.feedforward import export_feedforward
     from flexhinf.loop import Waypoints
     from flexhinf.robot.parameters import measured

@@ -1,6 +1,7 @@
 """The room's public names and the files that they come from; read when a name is first used."""
 
 from .arm import Payload as Payload, Weighing as Weighing, weigh_payload as weigh_payload
+from .feedforward import Feedforward as Feedforward
 from .dynamics import Joint as Joint, Placement as Placement
 from .kinematics import check_holding as check_holding, check_reference as check_reference
 from .mujoco import MuJoCoPlant as MuJoCoPlant

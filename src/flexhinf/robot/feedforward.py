@@ -10,8 +10,8 @@ so that four derivatives are continuous, whatever is streamed: jumps too. They a
 and the inverse dynamics [deluca2016] give from them, in a bounded number of operations,
 
 - the command c of a drive with an inner loop, which the robot file describes, or the torque, current or voltage;
-- or, for a drive that has inputs for them, the motor's position θ_d with its velocity and torque as offsets (CiA 402
-  calls these 0x60B1 and 0x60B2 [cia402]), all on the link side.
+- or, for a drive that has inputs for them, the motor's position θ_d with its velocity and torque as offsets (0x60B1
+  and 0x60B2 of CiA 402), all on the link side.
 
 q_d is later than q by 3 T. A path of constant velocity is kept exactly. As the inverse dynamics follow the pose, so
 does what the command cancels; a shaper of fixed times has one frequency.

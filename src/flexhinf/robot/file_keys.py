@@ -22,6 +22,9 @@ from flexhinf.robot.parts import TIMES, ElasticJoint, ask
 from flexhinf.robot.signals import UNITS
 from flexhinf.validation import nearest, real_number
 
+#: Unit of a bandwidth, which may be stated in hertz.
+BANDWIDTH = ("rad/s",)
+
 #: A tolerance below this many per cent was probably meant as a fraction.
 SMALLEST_TOLERANCE = 0.5
 
@@ -110,6 +113,9 @@ def _completed(value: Any, units: Sequence[str]) -> str:
 
 
 def _number(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> float:
+    parts = split(value) if key.units == BANDWIDTH and isinstance(value, str) else None
+    if parts and parts[1].lower() == "hz":
+        return 2.0 * math.pi * float(parts[0])
     if isinstance(value, str) and key.units:
         try:
             number = measured(value, *key.units)
