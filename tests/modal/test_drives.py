@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -11,7 +13,6 @@ from flexhinf.modal import ModalLaw
 from flexhinf.modal.pair import Pair, PairWeights, pair_gains
 from flexhinf.plant import Penalty
 from flexhinf.robot import Parameter
-from dataclasses import replace
 
 WEIGHTS = PairWeights(bandwidth=14.0, share=1.0, integral=0.5, gamma=1.5)
 
@@ -64,18 +65,15 @@ def test_gains_damp_the_vibration_of_pairs_of_position_drives(share):
 def test_the_law_of_an_arm_is_that_of_its_pairs_where_drives_are_alike(share):
     """For alike drives the closed loop of the arm has the modes of its pairs; and the code gives the slope."""
     robot = driven("planar-two-link", (20.0, 20.0), share)
-    one = robot["motor_inertia_shoulder"] if "motor_inertia_shoulder" in robot.nominal else None
-    assert one is not None
-    ratio = robot.nominal["stiffness_shoulder"] / robot.nominal["motor_inertia_shoulder"]
-    alike = {"motor_inertia_elbow": robot.nominal["stiffness_elbow"] / ratio}
-    friction = robot.nominal["friction_shoulder"] / robot.nominal["motor_inertia_shoulder"]
-    robot = robot.with_values(alike | {"friction_elbow": friction * alike["motor_inertia_elbow"]})
+    p = robot.plant_parameters()
+    rates = (p["stiffness"] / p["motor_inertia"])[0], (p["friction"] / p["motor_inertia"])[0]
+    elbow = p["motor_inertia"][1]
+    robot = robot.with_values({"stiffness_elbow": rates[0] * elbow, "friction_elbow": rates[1] * elbow})
     law = ModalLaw.tuned(robot.problem(penalty=Penalty({"link_position": 1.0})), 1e-3, WEIGHTS)
     pose = np.array([0.4, -0.9])
     slope = law.slope_at(pose)
     x, u = robot.operating_point(pose)
     a, b, _, _ = robot.plant().linearise(x, u)
-    a[2:4, :2] += np.linalg.solve(law.joints.link_inertia, law.joints.gravity_slope) if pose is None else 0.0
     whole = np.zeros((10, 10))
     whole[:8, :8], whole[8:, :2] = a, np.eye(2)
     whole[:8] += b @ slope
@@ -87,9 +85,5 @@ def test_the_law_of_an_arm_is_that_of_its_pairs_where_drives_are_alike(share):
     for square in np.linalg.eigvalsh(root[:, None] * compliance * root):
         own, drive, _ = law.gains.pair(square).matrices
         pairs.append(np.linalg.eigvals(own - drive @ law.gains(square)[None, :5]))
-    key = lambda values: np.lexsort((np.round(values.imag, 3), np.round(values.real, 3)))  # noqa: E731
     found, wanted = np.linalg.eigvals(whole), np.concatenate(pairs)
-    assert found[key(found)] == pytest.approx(wanted[key(wanted)], rel=1e-4, abs=1e-3)
-    step = 1e-6 * np.eye(10)
-    code = [law.evaluate_about(d, x, u, law.law_data) for d in step] if hasattr(law, "law_data") else None
-    assert code is None or np.array(code).T / 1e-6 == pytest.approx(slope, rel=1e-6)
+    assert np.poly(found) == pytest.approx(np.poly(wanted), rel=1e-6)
