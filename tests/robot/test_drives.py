@@ -22,10 +22,19 @@ LOOPS = {
 
 def text_of(*motors, rigid=False):
     """Two joints that turn in a vertical plane; the second may be rigid."""
-    own = [f"motor_inertia = {inertia}\nfriction = 0.4\n{motor}" for inertia, motor in zip((0.3, 0.12), motors)]
-    first = joint_text("a", axis=[0, 1, 0], mass=3.0, centre=(0.2, 0.0, 0.0), spring="stiffness = 400.0", motor=own[0])
+    own = [
+        f"motor_inertia = {inertia}\nfriction = 0.4\n{motor}" for inertia, motor in zip((0.3, 0.12), motors)
+    ]
+    first = joint_text(
+        "a", axis=[0, 1, 0], mass=3.0, centre=(0.2, 0.0, 0.0), spring="stiffness = 400.0", motor=own[0]
+    )
     second = joint_text(
-        "b", axis=[0, 1, 0], xyz=[0.4, 0.0, 0.0], centre=(0.2, 0.0, 0.0), spring="stiffness = 200.0", motor=own[1]
+        "b",
+        axis=[0, 1, 0],
+        xyz=[0.4, 0.0, 0.0],
+        centre=(0.2, 0.0, 0.0),
+        spring="stiffness = 200.0",
+        motor=own[1],
     )
     if rigid:
         second = second.replace("[joint.spring]\nstiffness = 200.0\n", "").replace(
@@ -40,7 +49,9 @@ def robot_of(write):
         loop = LOOPS[drive][gains].format(k=900.0)
         motor = f'drive = "{drive}"\n{loop}\n{more}\n'
         load_share = f"load_share = {share}\n" if share != 1.0 else ""
-        return fh.load_robot(write(text_of(motor + load_share, motor + load_share * (not rigid), rigid=rigid)))
+        return fh.load_robot(
+            write(text_of(motor + load_share, motor + load_share * (not rigid), rigid=rigid))
+        )
 
     return load
 
@@ -112,7 +123,10 @@ def test_the_loop_has_the_bandwidth_that_is_stated(robot_of):
     [
         ('drive = "voltage"', "'torque'"),
         ('drive = "position"\ndrive_bandwidth = 60.0', "drive_damping_ratio"),
-        ('drive = "position"\ndrive_bandwidth = 60.0\ndrive_damping_ratio = 0.9\ntorque_constant = 1.0', "'current'"),
+        (
+            'drive = "position"\ndrive_bandwidth = 60.0\ndrive_damping_ratio = 0.9\ntorque_constant = 1.0',
+            "'current'",
+        ),
         ("drive_bandwidth = 60.0", "drive_bandwidth"),
         ('drive = "servo"', "'position'"),
         ('drive = "velocity"\ndrive_bandwidth = 60.0\nload_share = 1.5', "load_share"),

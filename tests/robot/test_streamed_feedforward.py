@@ -56,7 +56,9 @@ def test_a_polynomial_is_followed_with_its_derivatives(feedforward):
     wave = np.sin(3.0 * t)[:, None] * [1.0, 0.0]
     q = feedforward.smoothed(wave)[:, 100:-1, 0]
     for lower, upper in zip(q, q[1:4]):
-        assert np.gradient(lower, PERIOD)[1:-1] == pytest.approx(upper[1:-1], rel=0.01, abs=0.02 * np.abs(upper).max())
+        assert np.gradient(lower, PERIOD)[1:-1] == pytest.approx(
+            upper[1:-1], rel=0.01, abs=0.02 * np.abs(upper).max()
+        )
 
 
 @pytest.mark.oracle
@@ -80,7 +82,9 @@ def test_it_leaves_no_vibration_on_mujoco_and_the_path_alone_does(robot, feedfor
 def test_position_with_offsets_says_the_same_as_the_command(robot, feedforward):
     """A drive that adds its velocity and torque offsets to its own loop gives the motor the torque of the command."""
     rows, p = feedforward.rows(move([0.0, 0.0], [0.5, 1.0], 0.3, 0.1)), robot.plant_parameters()
-    by_command = p["drive_stiffness"] * (rows.command - rows.motor_position) - p["drive_damping"] * rows.motor_velocity
+    by_command = (
+        p["drive_stiffness"] * (rows.command - rows.motor_position) - p["drive_damping"] * rows.motor_velocity
+    )
     assert by_command == pytest.approx(rows.motor_torque, rel=1e-9, abs=1e-8)
 
 

@@ -88,14 +88,14 @@ def _export_feedforward(o: options.ExportCOptions) -> None:
     from flexhinf.robot.parts import file_warnings
     from flexhinf.robot.waypoints import WaypointTable, waypoints
 
-    given = {
+    others = {
         "--real": o.real != "double", "--flash": o.flash, "--ram": o.ram, "--no-limits": not o.limits,
         "--check-measurements": o.check_measurements,
     }  # fmt: skip
     refuse_if(
-        any(given.values()),
+        any(others.values()),
         "An option of a controller has no effect on feedforward.",
-        f"expected none of {list(given)}, got {[name for name, there in given.items() if there]}",
+        f"expected none of {list(others)}, got {[name for name, there in others.items() if there]}",
         "leave it out",
     )
     with file_warnings(note):
@@ -106,7 +106,9 @@ def _export_feedforward(o: options.ExportCOptions) -> None:
             times[name] = float(measured(text, "s")) if text else 0.0
         except ValueError:
             raise InvalidInput(
-                f"The {name} is no time.", f"expected seconds, or text with a unit, got {text!r}", f"--{name} 4ms"
+                f"The {name} is no time.",
+                f"expected seconds, or text with a unit, got {text!r}",
+                f"--{name} 4ms",
             ) from None
     refuse_if(
         not times["period"],
@@ -120,8 +122,8 @@ def _export_feedforward(o: options.ExportCOptions) -> None:
         table = waypoints(o.path)
         assert isinstance(table, WaypointTable)
         spline = Waypoints(table.times, table.positions(robot.joint_names, robot.links.slides), "through")
-        rest = 2.0 * feedforward.delay + feedforward.period
-        path = [spline(t) for t in np.arange(0.0, spline.duration + rest, feedforward.period)]
+        still = 2.0 * feedforward.delay + feedforward.period
+        path = [spline(t) for t in np.arange(0.0, spline.duration + still, feedforward.period)]
     name = o.name or _identifier(robot)
     out = o.out or _named_after(o.source, "-feedforward")
     export_feedforward(feedforward, out, name, path, o.force)

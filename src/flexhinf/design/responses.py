@@ -16,8 +16,8 @@ from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
 
-from flexhinf.errors import refuse_if
 from flexhinf.design.specification import FIELDS, Specification, per_joint
+from flexhinf.errors import refuse_if
 from flexhinf.loop import Signal, Trajectory
 from flexhinf.loop.simulation import metrics
 from flexhinf.plant import Plant

@@ -11,8 +11,8 @@ import numpy as np
 
 from flexhinf import __version__
 from flexhinf.codegen.c import Translator, constant
-from flexhinf.export.fmu_archive import DOUBLE
 from flexhinf.export.filling import arithmetic
+from flexhinf.export.fmu_archive import DOUBLE
 from flexhinf.export.names import checked_identifier
 from flexhinf.export.package import checked_folder, write_files
 from flexhinf.robot.elastic import DRIVES
@@ -28,7 +28,11 @@ COLUMNS = {"path": ("rad", "m"), "command": ("", ""), "motor_position": ("rad", 
 
 
 def export_feedforward(
-    feedforward: Feedforward, folder: str | Path, name: str = "feedforward", path: Any = None, force: bool = False
+    feedforward: Feedforward,
+    folder: str | Path,
+    name: str = "feedforward",
+    path: Any = None,
+    force: bool = False,
 ) -> Path:
     """Write the C of a `Feedforward` with a test, and `rows.csv`: its commands along a path (N, n), rad or m.
 
@@ -67,10 +71,12 @@ def rows_text(feedforward: Feedforward, path: np.ndarray, rows: FeedforwardRows)
 def _example_path(feedforward: Feedforward) -> np.ndarray:
     robot = feedforward.robot
     home = np.array(robot.home)
-    goal = np.array([
-        at + 0.5 if ends is None or not np.isfinite(ends).all() else float(np.mean(ends))
-        for at, ends in zip(home, robot.links.limits)
-    ])
+    goal = np.array(
+        [
+            at + 0.5 if ends is None or not np.isfinite(ends).all() else float(np.mean(ends))
+            for at, ends in zip(home, robot.links.limits)
+        ]
+    )
     goal = np.where(np.abs(goal - home) < 1e-3, home + 0.1, goal)
     s = np.linspace(0.0, 1.0, SAMPLES)
     rest = np.repeat(goal[None], feedforward.weights.shape[1] + 10, axis=0)
@@ -88,7 +94,9 @@ def _functions(feedforward: Feedforward) -> ca.Function:
     table = ParameterTable(dict(robot.plant_parameters()))
     shapes = tuple((key, value.shape) for key, value in table.values.items())
     numbers = ca.DM(plant.parameters.vector())
-    _, command = traced_inverse(InverseFlow(robot.links, robot.drive, rigid=robot.layout.rigid), shapes)(*motion, numbers)
+    _, command = traced_inverse(InverseFlow(robot.links, robot.drive, rigid=robot.layout.rigid), shapes)(
+        *motion, numbers
+    )
     state, torque = traced_inverse(feedforward.inverse, shapes)(*motion, numbers)
     e, own = n - len(robot.layout.rigid), iter(range(n - len(robot.layout.rigid)))
     places = [2 * n + next(own) if i not in robot.layout.rigid else None for i in range(n)]
@@ -140,7 +148,9 @@ def _source(feedforward: Feedforward, name: str) -> str:
     function = _functions(feedforward)
     called, size = translator.function(function), feedforward.weights.shape[1]
     used = [f"motion[{k}]" for k in range(5) if function.size1_in(k)]
-    rows = ",\n".join("    {" + ", ".join(constant(x, DOUBLE) for x in row) + "}" for row in feedforward.weights)
+    rows = ",\n".join(
+        "    {" + ", ".join(constant(x, DOUBLE) for x in row) + "}" for row in feedforward.weights
+    )
     upper = name.upper()
     return f"""#include "{name}.h"
 

@@ -210,7 +210,9 @@ class ModalLaw(PosedLaw):
 
     @cached_property
     def _series(self) -> SpringSeries:
-        return SpringSeries(self.compliance.traced, self._places, len(self.gains.poles), bool(self.gains.holding))
+        return SpringSeries(
+            self.compliance.traced, self._places, len(self.gains.poles), bool(self.gains.holding)
+        )
 
     def slope_at(self, q: np.ndarray) -> np.ndarray:
         """∂k/∂x (n, states) about a reference at link positions q (n,): −K^½ V k(Λ) Vᵀ K^½ in joints' coordinates."""

@@ -63,11 +63,14 @@ class ElasticJoints(NamedTuple):
     stiffness: np.ndarray  # K of the springs as they are there
     spring_damping: np.ndarray  # D
     motor_inertia: np.ndarray  # J
-    motor_damping: np.ndarray  # B, the back-EMF's k_t k_b / R included, or an inner loop's torque per velocity
-    torque_per_input: np.ndarray  # k_t / R, N·m/V, for a voltage; k_t, N·m/A, for a current; 1 for a torque; see elastic
+    motor_damping: (
+        np.ndarray
+    )  # B, the back-EMF's k_t k_b / R included, or an inner loop's torque per velocity
+    torque_per_input: (
+        np.ndarray
+    )  # k_t / R, N·m/V, for a voltage; k_t, N·m/A, for a current; 1 for a torque; see elastic
     load_share: np.ndarray  # share of the spring's torque that moves the motor, 1 without an inner loop
     drive_stiffness: np.ndarray  # torque per motor position of an inner loop, N·m/rad; 0 without
-
 
     @property
     def inner(self) -> bool:

@@ -112,7 +112,9 @@ class Feedforward:
         n, what = len(self.robot.joint_names), "The path does not fit the robot."
         q = np.atleast_1d(np.asarray(path, dtype=float))
         q = q[:, None] if q.ndim == 1 and n == 1 else q
-        q = checked_array(what, q, (len(q), n), f"(N, {n}) finite numbers", "one row of link positions per sample")
+        q = checked_array(
+            what, q, (len(q), n), f"(N, {n}) finite numbers", "one row of link positions per sample"
+        )
         size = self.weights.shape[1]
         held = np.vstack([np.repeat(q[:1], size - 1, axis=0), q]) - q[0]
         windows = np.lib.stride_tricks.sliding_window_view(held, size, axis=0)[..., ::-1]
@@ -126,7 +128,9 @@ class Feedforward:
         state, command = self.robot.inverse_dynamics(*motion)
         layout = self.robot.layout
         _, _, theta, speed = (part.T for part in layout.split(state.T))
-        motors, speeds = (layout.motors(at.T, own.T).T for at, own in ((motion[0], theta), (motion[1], speed)))
+        motors, speeds = (
+            layout.motors(at.T, own.T).T for at, own in ((motion[0], theta), (motion[1], speed))
+        )
         return FeedforwardRows(command, motors, speeds, self.torques(motion), motion[0])
 
     def torques(self, motion: np.ndarray) -> np.ndarray:
@@ -135,7 +139,9 @@ class Feedforward:
         from flexhinf.robot.elastic import traced_inverse
 
         table = ParameterTable(dict(self.robot.plant_parameters()))
-        inverse = traced_inverse(self.inverse, tuple((name, value.shape) for name, value in table.values.items()))
+        inverse = traced_inverse(
+            self.inverse, tuple((name, value.shape) for name, value in table.values.items())
+        )
         numbers = np.broadcast_to(table.vector()[:, None], (table.size, motion.shape[1]))
         return np.array(inverse(*(part.T for part in motion), numbers)[1], dtype=float).T
 

@@ -277,7 +277,10 @@ def mujoco_xml(robot: Robot, parameters: Mapping[str, Any], extras: Sequence[str
     inertia, drives = p.motor_inertia, ""
     if robot.drive in INNER:
         heavier = 1.0 / np.maximum(p.load_share, REJECTED)
-        inertia, gains = heavier * inertia, (heavier * torque_per_input(robot.drive, p), heavier * p.drive_damping)
+        inertia, gains = (
+            heavier * inertia,
+            (heavier * torque_per_input(robot.drive, p), heavier * p.drive_damping),
+        )
         drives = f"<actuator>{_actuators(robot, links, motors, *(np.broadcast_to(gain, n) for gain in gains))}</actuator>"
     rotor = [np.broadcast_to(value, n).tolist() for value in (inertia, friction, loss)]
     twist = [np.broadcast_to(value, len(layout.elastic)).tolist() for value in (p.stiffness, damping, gap)]
