@@ -33,7 +33,7 @@ def test_a_pair_is_its_equations():
     """z″ = λ (w − z + d_z), w″ = −κ (w − z) − β w′ − ν w + b (f + d_w)."""
     pair = Pair(400.0, 250.0, 30.0, 7000.0, 500.0)
     a, b, g = pair.matrices
-    z, dz, w, dw, e = x = np.array([0.3, -0.1, 0.2, 0.7, 0.4])
+    z, dz, w, dw, _ = x = np.array([0.3, -0.1, 0.2, 0.7, 0.4])
     rates = a @ x + b[:, 0] * 0.6 + g @ [0.05, 0.02]
     motor = -250.0 * (w - z) - 30.0 * dw - 7000.0 * w + 500.0 * 0.62
     assert rates == pytest.approx([dz, 400.0 * (w - z + 0.05), dw, motor, z])

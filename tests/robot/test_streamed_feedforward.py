@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import shutil
 import subprocess
 
@@ -55,7 +56,7 @@ def test_a_polynomial_is_followed_with_its_derivatives(feedforward):
     assert np.abs(q[2:, 100:]).max() < 1e-6
     wave = np.sin(3.0 * t)[:, None] * [1.0, 0.0]
     q = feedforward.smoothed(wave)[:, 100:-1, 0]
-    for lower, upper in zip(q, q[1:4]):
+    for lower, upper in itertools.pairwise(q):
         assert np.gradient(lower, PERIOD)[1:-1] == pytest.approx(
             upper[1:-1], rel=0.01, abs=0.02 * np.abs(upper).max()
         )

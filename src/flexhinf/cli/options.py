@@ -299,7 +299,7 @@ class ExportCOptions:
     feedforward: bool = option(False, WRITTEN,
         "Export commands along a streamed path instead, without feedback: DESIGN is then a robot, by name or file.")
     path: Text = option("", WRITTEN,
-        "Waypoints (CSV) of the path whose commands are written to rows.csv, with --feedforward; by default an example.",
+        "Waypoints (CSV) of the path whose commands rows.csv gets, with --feedforward; by default an example.",
         "path.csv", "path")
     smoothing: Text = option("", TARGET,
         "Time between the knots of the spline that smooths a path, with --feedforward: five periods by default.",

@@ -133,7 +133,8 @@ class ModalFilter(ConstantGainFilter):
             self.initial = read_only(GatedModalBelief(*own, table, np.zeros(len(plant.outputs))))
 
     def _pair_numbers(self, joints: ElasticJoints) -> tuple[tuple[float, ...], ...]:
-        """κ and β, of drives with an inner loop ν and b too; variances that a sample adds to z and w and by d and f, and of the signals."""
+        """κ and β, of drives with an inner loop ν and b too; variances that a sample adds to z and w and by
+        d and f, and of the signals."""
         k, m = joints.stiffness, joints.link_inertia
         added, noise = (np.diag(r).reshape(-1, len(k)) for r in (self.process_noise, self.measurement_noise))
         links = np.diag(m @ self.process_noise[len(k) : 2 * len(k), len(k) : 2 * len(k)] @ m)

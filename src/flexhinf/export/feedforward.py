@@ -112,7 +112,8 @@ def _header(feedforward: Feedforward, name: str) -> str:
     kind = DRIVES[robot.drive]
     return f"""/* {name}: commands for the drives of {robot.name} along a streamed path. flexhinf {__version__}.
  *
- * Joints: {", ".join(robot.joint_names)}. One step each {feedforward.period:g} s. The links follow the path {feedforward.delay:g} s later.
+ * Joints: {", ".join(robot.joint_names)}. One step each {feedforward.period:g} s.
+ * The links follow the path {feedforward.delay:g} s later.
  * Positions are in rad (m), velocities in rad/s (m/s), torques in N·m (N), all seen from the link.
  */
 #ifndef {upper}_H
@@ -202,10 +203,14 @@ int {name}_step({name}_state *state, const double *path, {name}_output *output)
             motion[k][j] = k > 0 ? sum : sum + state->path[newest][j];
         }}
     }}
-    {called}({", ".join([*used, "output->command", "output->motor_position", "output->motor_velocity", "output->motor_torque"])});
+    {called}({", ".join([*used, *RESULTS])});
     return failed;
 }}
 """
+
+
+#: Where the inverse dynamics go.
+RESULTS = [f"output->{each}" for each in ("command", "motor_position", "motor_velocity", "motor_torque")]
 
 
 def _listed(table: np.ndarray) -> Iterable[str]:
@@ -232,7 +237,8 @@ int main(void)
 {{
     {name}_state state;
     {name}_output output;
-    const double *const parts[4] = {{output.command, output.motor_position, output.motor_velocity, output.motor_torque}};
+    const double *const parts[4] = {{
+        output.command, output.motor_position, output.motor_velocity, output.motor_torque}};
     double worst = 0.0;
     double broken[{n}];
     if ({name}_init(&state, path[0]) != 0) {{
@@ -291,9 +297,9 @@ Commands for drives along a streamed path, without feedback: the inverse dynamic
 |---|---|
 {table}
 
-Call `{name}_init` at the first pose and `{name}_step` each period. Send either `command`, or `motor_position` as the
-target position with `motor_velocity` (0x60B1) and `motor_torque` (0x60B2) as offsets. All are seen from the link: divide
-angles and speeds by what your drive takes for a turn of the joint, and torques by the gear ratio.
+Call `{name}_init` at the first pose and `{name}_step` each period. Send `command`, or `motor_position` as the
+target position with `motor_velocity` (0x60B1) and `motor_torque` (0x60B2) as offsets. All are seen from the link:
+divide angles and speeds by what your drive takes for a turn of the joint, and torques by the gear ratio.
 
 `rows.csv` has a path with its commands; `make test` compares the C with them. Nothing here is measured, so nothing
 corrects a wrong load or stiffness.

@@ -13,7 +13,8 @@ for deviations x_i of q, q̇, θ, θ̇ and the integrals from a reference: a fix
 
 Where pairs are slow, motors are made alike first: the torque (K − κJ)(θ − q) + (B − βJ) θ̇ gives every motor the same κ
 and β. Drives with an inner loop have σK for the K in it, their damping for B, and a stiffness k_p: the torque
-(k_p − νJ) θ gives them the same ν. The function s(λ) = (1 + λ²/fast⁴)⁻¹ fades this out for fast pairs, and is a sixth row of the k_ij. Gravity is
+(k_p − νJ) θ gives them the same ν. The function s(λ) = (1 + λ²/fast⁴)⁻¹ fades this out for fast pairs, and is a sixth
+row of the k_ij. Gravity is
 compensated by the input of the reference: u_d of the inverse dynamics, or u* at an equilibrium.
 """
 

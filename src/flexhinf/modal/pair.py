@@ -125,8 +125,10 @@ class PairWeights:
         γ as a multiple of γ*; infinite for the LQR.
 
     The penalty is h = (r ω y, r y′, c (w′ − z′)/√b, integral · r ω² e) with R2 = 1. r = √(m²ω² + (β/b)² + (ν/bω)²) is
-    the input per velocity that the inertia m = (κ/b)/λ + 1/b, friction and an inner loop take at ω. c is the smallest number with which the LQR
-    gives the vibration its damping. y is z for slow pairs, and for fast ones the centre of the masses (κ/b)/λ and 1/b. A
+    the input per velocity that the inertia m = (κ/b)/λ + 1/b, friction and an inner loop take at ω. c is the smallest
+    number with which the LQR
+    gives the vibration its damping. y is z for slow pairs, and for fast ones the centre of the masses (κ/b)/λ and
+    1/b. A
     vibration does not move that centre, so the law does not feed back what one more sample of delay would excite.
 
     Raises `InvalidInput` for a number that is not positive, or γ ≤ γ*.

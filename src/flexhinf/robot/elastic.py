@@ -24,7 +24,8 @@ output of Spong's model, q and its first four derivatives give all else.
     J θ̈ + B θ̇ + F(θ̇) + τ_J = τ              τ = k_t (V − k_b θ̇) / R
 
 A drive with an inner loop takes a velocity or a position, τ = k_v (c − θ̇) or τ = k_p (c − θ) − k_d θ̇, with the gains
-k_p = J ω², k_d = 2ζωJ, k_v = J ω of a loop with the bandwidth ω and the damping ratio ζ. Of what loads the motor (spring
+k_p = J ω², k_d = 2ζωJ, k_v = J ω of a loop with the bandwidth ω and the damping ratio ζ. Of what loads the motor
+(spring
 and friction) a share σ moves it: 1 if the loop has these gains alone, 0 if it also rejects its load.
 
 The derivatives of τ_J are exact: the Newton–Euler recursion runs on power series in time.
@@ -259,7 +260,8 @@ def reflected(
 
 
 def torque_per_input(drive: str, p: Any) -> Any:
-    """Torque of a motor at rest per unit of its input, on the link side: k_t / R for volts, k_t for amperes, the gain of
+    """Torque of a motor at rest per unit of its input, on the link side: k_t / R for volts, k_t for amperes, the gain
+    of
     an inner loop for its command, or one."""
     if drive in INNER:
         return p.drive_stiffness if drive == "position" else p.drive_damping
@@ -335,7 +337,8 @@ class ElasticFlow:
     """ẋ (of any element) of M(q1) q̈1 + C q̇1 + G = K(q2 − q1) + d_link,   J q̈2 + B q̇2 + K(q2 − q1) = τ + d_motor.
 
     τ is the input itself, k_t i of a current i, or k_t (V − k_b q̇2) / R; with the coil k_t i, where L di/dt = V − R i
-    − k_b q̇2. Of an inner loop it is k_v (c − q̇2) or k_p (c − q2) − k_d q̇2, and spring and friction count by σ. x = (q1, q̇1, q2, q̇2 (, i)), each with one entry per joint; d = (d_link, d_motor).
+    − k_b q̇2. Of an inner loop it is k_v (c − q̇2) or k_p (c − q2) − k_d q̇2, and spring and friction count by σ. x =
+    (q1, q̇1, q2, q̇2 (, i)), each with one entry per joint; d = (d_link, d_motor).
 
     A rigid joint has neither spring nor q2: its row is (M(q1) + J) q̈1 + C q̇1 + G + B q̇1 = τ + d_link + d_motor.
     """

@@ -281,7 +281,8 @@ def mujoco_xml(robot: Robot, parameters: Mapping[str, Any], extras: Sequence[str
             heavier * inertia,
             (heavier * torque_per_input(robot.drive, p), heavier * p.drive_damping),
         )
-        drives = f"<actuator>{_actuators(robot, links, motors, *(np.broadcast_to(gain, n) for gain in gains))}</actuator>"
+        own_loops = _actuators(robot, links, motors, *(np.broadcast_to(gain, n) for gain in gains))
+        drives = f"<actuator>{own_loops}</actuator>"
     rotor = [np.broadcast_to(value, n).tolist() for value in (inertia, friction, loss)]
     twist = [np.broadcast_to(value, len(layout.elastic)).tolist() for value in (p.stiffness, damping, gap)]
     own = [

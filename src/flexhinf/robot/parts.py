@@ -202,7 +202,8 @@ class ElasticJoint:
         return {name: value for name, value in vars(self).items() if name not in others and value is not None}
 
     def _check_drive(self, constants: tuple[str, ...]) -> None:
-        """Take the drive that the motor's constants say where none is stated; refuse one that its numbers contradict."""
+        """Take the drive that the motor's constants say where none is stated; refuse one that its numbers
+        contradict."""
         by_constants = next(drive for drive, names in CONSTANTS.items() if names == constants)
         if not self.drive:
             object.__setattr__(self, "drive", by_constants)
