@@ -70,6 +70,7 @@ NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
             "Waypoints",
             "Moving",
             "Braked",
+            "Feedforward",
         ),
     ),
     "Campaigns": ("One controller on many robots.", ("run_campaign",)),

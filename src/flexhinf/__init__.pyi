@@ -89,6 +89,7 @@ from .plant import (
     Sensor as Sensor,
 )
 from .robot import (
+    Feedforward as Feedforward,
     Parameter as Parameter,
     Robot as Robot,
     catalogue as catalogue,

@@ -26,7 +26,7 @@ from flexhinf.cli.designs import (
     file_of,
 )
 from flexhinf.cli.messages import note, options
-from flexhinf.errors import refuse_if
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.files import write_file
 from flexhinf.validation import file_digest
 
@@ -76,6 +76,15 @@ def export_c(context: typer.Context, o: options.ExportCOptions) -> None:
     """
     from flexhinf.design.responses import joint_limits
 
+    if o.feedforward:
+        _export_feedforward(o)
+        return
+    refuse_if(
+        o.path or o.smoothing,
+        "A path or its smoothing is stated without --feedforward.",
+        f"expected neither for a controller, got {o.path or o.smoothing}",
+        f"flexhinf export c {o.source} --feedforward, for a robot; or leave it out",
+    )
     if o.name:
         export.checked_identifier(o.name)
     path = controller_file(o.source)  # the input first: a misspelt name is no matter of the output
@@ -103,6 +112,58 @@ def export_c(context: typer.Context, o: options.ExportCOptions) -> None:
         export.controller_files(controller, name, o.real, robot, origin, _design_files(path, designed.rows)),
     )
     typer.echo(f"{name}.h, {name}.c and what goes with them: {folder}\ntest:  make -C {quote(str(out))} test")
+
+
+def _export_feedforward(o: options.ExportCOptions) -> None:
+    """``--feedforward``: commands along a streamed path, of a robot by name or file."""
+    import numpy as np  # here, as --help needs none
+
+    from flexhinf.export.feedforward import export_feedforward
+    from flexhinf.loop import Waypoints
+    from flexhinf.robot.parameters import measured
+    from flexhinf.robot.parts import file_warnings
+    from flexhinf.robot.waypoints import WaypointTable, waypoints
+
+    others = {
+        "--real": o.real != "double", "--flash": o.flash, "--ram": o.ram, "--no-limits": not o.limits,
+        "--check-measurements": o.check_measurements,
+    }  # fmt: skip
+    refuse_if(
+        any(others.values()),
+        "An option of a controller has no effect on feedforward.",
+        f"expected none of {list(others)}, got {[name for name, there in others.items() if there]}",
+        "leave it out",
+    )
+    with file_warnings(note):
+        robot = fh.load_robot(o.source)
+    times: dict[str, float] = {}
+    for name, text in (("period", o.period), ("smoothing", o.smoothing)):
+        try:
+            times[name] = float(measured(text, "s")) if text else 0.0
+        except ValueError:
+            raise InvalidInput(
+                f"The {name} is no time.",
+                f"expected seconds, or text with a unit, got {text!r}",
+                f"--{name} 4ms",
+            ) from None
+    refuse_if(
+        not times["period"],
+        "Feedforward needs the period of the commands.",
+        "expected --period, got none",
+        f"--period {robot.drive_period or 4e-3:g}",
+    )
+    feedforward = fh.Feedforward(robot, times["period"], times["smoothing"] or 5.0 * times["period"])
+    path = None
+    if o.path:
+        table = waypoints(o.path)
+        assert isinstance(table, WaypointTable)
+        spline = Waypoints(table.times, table.positions(robot.joint_names, robot.links.slides), "through")
+        still = 2.0 * feedforward.delay + feedforward.period
+        path = [spline(t) for t in np.arange(0.0, spline.duration + still, feedforward.period)]
+    name = o.name or _identifier(robot)
+    out = o.out or _named_after(o.source, "-feedforward")
+    export_feedforward(feedforward, out, name, path, o.force)
+    typer.echo(f"{name}.h, {name}.c and rows.csv: {out.absolute()}\ntest:  make -C {quote(str(out))} test")
 
 
 @app.command("fmu", cls=Command)

@@ -310,6 +310,14 @@ class ExportCOptions(EstimatesOptions):
         "Take a measurement for missing, and count it, that is beyond what the joint's range, its speed and the "
         "largest input allow. The speed is its speed_limit in the robot file or the design's --peak-speed; else it "
         "follows of voltage and back-EMF. Without a limit for each sensor it is refused.")
+    feedforward: bool = option(False, WRITTEN,
+        "Export commands along a streamed path instead, without feedback: DESIGN is then a robot, by name or file.")
+    path: Text = option("", WRITTEN,
+        "Waypoints (CSV) of the path whose commands rows.csv gets, with --feedforward; by default an example.",
+        "path.csv", "path")
+    smoothing: Text = option("", TARGET,
+        "Time between the knots of the spline that smooths a path, with --feedforward: five periods by default.",
+        "20ms", "s")
     force: bool = option(False, WRITTEN, "Write into a folder that is not empty.")
 
 

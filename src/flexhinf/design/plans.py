@@ -217,7 +217,11 @@ def stated_dry_friction(robot: Robot) -> DryFriction | None:
     values, joints = robot.plant_parameters(), robot.joint_names
     if not (dry := elastic.stated_friction(values)):
         return None
-    p, gain = Parameters(values), elastic.torque_per_input(robot.drive, Parameters(values))
+    p = Parameters(values)
+    gain: Any = elastic.torque_per_input(robot.drive, p)
+    if robot.drive in elastic.INNER:  # the share of friction that the drive leaves
+        share = np.maximum(p.load_share, np.finfo(float).tiny)
+        gain = gain / share
     quantities = ("link_velocity" if joint in robot.rigid else "motor_velocity" for joint in joints)
     speeds = [per_joint(name, joint, len(joints)) for name, joint in zip(quantities, joints)]
 

@@ -19,6 +19,7 @@ import numpy as np
 from flexhinf.design.requirements import Motion, on_motions
 from flexhinf.design.requirements.kinds import STILL
 from flexhinf.design.specification import FIELDS, Specification, per_joint
+from flexhinf.errors import refuse_if
 from flexhinf.loop import Signal, Trajectory
 from flexhinf.loop.simulation import metrics
 from flexhinf.plant import Plant
@@ -510,8 +511,30 @@ def motion_metrics(limits: JointLimits, run: Response, plan: Plan | None = None)
     return rows
 
 
+def check_drive(robot: Robot, s: Specification) -> None:
+    """Refuse a period shorter than that of the drives, and delays that do not contain theirs."""
+    slowest, late = robot.drive_period, (s.known_latency + s.unknown_samples) * s.period
+    refuse_if(
+        s.period < slowest * (1.0 - 1e-9),
+        f"The drives of {robot.name!r} take a command every {slowest:g} s.",
+        f"expected a period of at least that, got {s.period:g} s",
+        f"--period {slowest:g}",
+    )
+    needed = int(np.ceil(robot.drive_delay / s.period - 1e-9))
+    refuse_if(
+        late < robot.drive_delay * (1.0 - 1e-9),
+        f"The drives of {robot.name!r} are late by {robot.drive_delay:g} s.",
+        f"expected a latency of at least {needed} samples of {s.period:g} s, got {late / s.period:g}",
+        f"--latency {needed}; one more where the computation takes a sample too",
+    )
+
+
 def joint_limits(robot: Robot, s: Specification) -> JointLimits:
-    """The limits of a specification, and those of the robot where it states none."""
+    """The limits of a specification, and those of the robot where it states none.
+
+    Raises InvalidInput: for a loop that commands the robot's drives more often, or earlier, than they take it.
+    """
+    check_drive(robot, s)
     joints, effort = robot.joint_names, robot.effort_limits
     own = {"peak_effort": effort, "saturation": effort, "peak_speed": robot.speed_limits}
     stated = {name: getattr(s, name) for name in own}

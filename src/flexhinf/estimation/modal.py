@@ -5,7 +5,8 @@ K^½ M(q)⁻¹ K^½ = V Λ Vᵀ, z = Vᵀ K^½ q and w = Vᵀ K^½ θ the arm is
 
     z̈ = λ (w − z) + λ d,        ẅ = −κ (w − z) − β ẇ + κ f,        d, f = Vᵀ K^-½ (τ_link, τ_motor),
 
-as far as the motors are alike: κ is the geometric mean of K/J, β the mean of B/J. The stationary Kalman gain ℓ of a
+as far as the motors are alike: κ is the geometric mean of K/J, β the mean of B/J. Drives with an inner loop have b for
+the κ of f, and hold w by −ν w (`flexhinf.modal.pair`). The stationary Kalman gain ℓ of a
 pair depends on λ alone. It is computed once, as a Chebyshev series in log λ, and the gain of the arm at a pose is a
 function of one matrix, L(q) = K^-½ V ℓ(Λ) Vᵀ K^½, smooth in q also where two λ meet.
 
@@ -133,12 +134,13 @@ class ModalFilter(ConstantGainFilter):
             self.initial = read_only(GatedModalBelief(*own, table, np.zeros(len(plant.outputs))))
 
     def _pair_numbers(self, joints: ElasticJoints) -> tuple[tuple[float, ...], ...]:
-        """κ and β; variances that a sample adds to z and w and by d and f, and of the signals."""
+        """κ and β, of drives with an inner loop ν and b too; variances that a sample adds to z and w and by
+        d and f, and of the signals."""
         k, m = joints.stiffness, joints.link_inertia
         added, noise = (np.diag(r).reshape(-1, len(k)) for r in (self.process_noise, self.measurement_noise))
         links = np.diag(m @ self.process_noise[len(k) : 2 * len(k), len(k) : 2 * len(k)] @ m)
         motors = joints.motor_inertia**2 * added[3]
-        pair = _mean(k / joints.motor_inertia), float((joints.motor_damping / joints.motor_inertia).mean())
+        pair = joints.pair_rates if joints.inner else joints.pair_rates[:2]
         random = tuple(_mean(part) for part in (k * added[0], k * added[2], links / k, motors / k))
         return pair, random, tuple(_mean(k**power * row) for row, power in zip(noise, self._powers))
 
@@ -251,7 +253,7 @@ def _table(
     period: float,
     ends: tuple[float, float],
     sensors: bytes,
-    pair: tuple[float, float],
+    pair: tuple[float, ...],
     random: tuple[float, ...],
     measured: tuple[float, ...],
 ) -> np.ndarray:
@@ -259,7 +261,8 @@ def _table(
     for log λ between two ends: `sensors` holds H (k, 4), and the numbers are those of `ModalFilter._pair_numbers`."""
     from scipy.linalg import expm
 
-    (low, high), (kappa, beta), (link, motor, d, f), unit = ends, pair, random, np.eye(4)
+    (low, high), (kappa, beta, *loop), (link, motor, d, f), unit = ends, pair, random, np.eye(4)
+    holding, driven = loop or (0.0, kappa)
     seen, noise = np.frombuffer(sensors).reshape(-1, 4), np.diag(measured)
     fading, degree = (0.0, DEGREE) if seen[:, :2].any() else (FADING**-4, MOTORS_DEGREE)
 
@@ -267,10 +270,11 @@ def _table(
         rows = []
         for value in np.exp(0.5 * (low + high) + 0.5 * (high - low) * places):
             twist = unit[2] - unit[0]
-            drift = np.array([unit[1], value * twist, unit[3], -kappa * twist - beta * unit[3]])
+            pull = -kappa * twist - beta * unit[3]
+            drift = np.array([unit[1], value * twist, unit[3], pull - holding * unit[2] if loop else pull])
             transition = expm(period * drift)
             acting = value / (1.0 + fading * value**2)
-            added = np.diag([link, acting**2 * d, motor, kappa**2 * f])
+            added = np.diag([link, acting**2 * d, motor, driven**2 * f])
             gain = stationary_gain((transition, seen), added, noise)
             check_decay((unit - gain @ seen) @ transition)
             if what == "gains":

@@ -130,6 +130,8 @@ AT_MOTOR = {
     "motor_position": "motor angle /",
     "motor_velocity": "motor speed /",
     "drive_torque": "motor torque *",
+    "velocity_command": "command of the motor's speed /",
+    "position_command": "command of the motor's angle /",
 }
 #: What is stated of them all.
 GEARS = (

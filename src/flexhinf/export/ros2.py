@@ -25,7 +25,8 @@ from flexhinf.robot.parameters import per_joint
 INTERFACES = {
     "link_position": "position", "link_velocity": "velocity", "motor_position": "motor_position",
     "motor_velocity": "motor_velocity", "joint_torque": "effort", "deflection": "deflection", "drive_torque": "effort",
-    "motor_voltage": "voltage", "motor_current": "current",
+    "motor_voltage": "voltage", "motor_current": "current", "velocity_command": "velocity",
+    "position_command": "position",
 }  # fmt: skip
 
 #: Numbers of the published health before the bits of the status.

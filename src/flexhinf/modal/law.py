@@ -7,12 +7,14 @@ u = −K^½ V k(Λ) Vᵀ K^½ (q, …). A gain k(λ) = k_∞ + Σ k_j p_j/(λ + 
 
 springs K and masses p M in series: proportional to the mass where p is small, to the stiffness where it is large. So
 
-    u = u_d − (κ J/K) (K y_∞ + Σ_j (M(q_d)⁻¹/p_j + K⁻¹)⁻¹ y_j),    y_j = Σ_i k_ij x_i,
+    u = u_d − (b J/K) (K y_∞ + Σ_j (M(q_d)⁻¹/p_j + K⁻¹)⁻¹ y_j),    y_j = Σ_i k_ij x_i,
 
 for deviations x_i of q, q̇, θ, θ̇ and the integrals from a reference: a fixed number of operations, smooth in q_d.
 
 Where pairs are slow, motors are made alike first: the torque (K − κJ)(θ − q) + (B − βJ) θ̇ gives every motor the same κ
-and β. The function s(λ) = (1 + λ²/fast⁴)⁻¹ fades this out for fast pairs, and is a sixth row of the k_ij. Gravity is
+and β. Drives with an inner loop have σK for the K in it, their damping for B, and a stiffness k_p: the torque
+(k_p − νJ) θ gives them the same ν. The function s(λ) = (1 + λ²/fast⁴)⁻¹ fades this out for fast pairs, and is a sixth
+row of the k_ij. Gravity is
 compensated by the input of the reference: u_d of the inverse dynamics, or u* at an equilibrium.
 """
 
@@ -167,9 +169,9 @@ class ModalLaw(PosedLaw):
         matrices = compliances(plant, poses)
         check_folded(plant, joints, matrices, period)
         found = _squares(matrices, joints.stiffness)
-        kappa = float(np.exp(np.log(joints.stiffness / joints.motor_inertia).mean()))
-        beta = float((joints.motor_damping / joints.motor_inertia).mean())
-        gains = _kept_gains((found.min() / MARGIN, found.max() * MARGIN), kappa, beta, period, weights)
+        rates = joints.pair_rates
+        ends, loop = (found.min() / MARGIN, found.max() * MARGIN), rates[2:] if joints.inner else ()
+        gains = _kept_gains(ends, *rates[:2], period, weights, *loop)
         return cls(plant=plant, equilibrium=equilibrium, integrate=problem.integrate, gains=gains)
 
     @cached_property
@@ -179,13 +181,16 @@ class ModalLaw(PosedLaw):
     @cached_property
     def _parts(self) -> list[np.ndarray]:
         joints, gains = self.joints, self.gains
-        motor = gains.motor * joints.motor_inertia / joints.stiffness  # 1 where J = K/κ
+        pair = gains.pair(1.0)
+        motor = pair.input * joints.motor_inertia / joints.stiffness  # 1 where J = K/b
+        held = joints.drive_stiffness / joints.motor_inertia - gains.holding
         return [
             np.vstack([gains.coefficients[:5], -gains.coefficients[5]]),
             1.0 / gains.poles,
             joints.stiffness,
-            1.0 / motor - 1.0,
-            (joints.motor_damping / joints.motor_inertia - gains.damping) / gains.motor,
+            joints.load_share / motor - gains.motor / pair.input,
+            (joints.motor_damping / joints.motor_inertia - gains.damping) / pair.input,
+            *([held / pair.input] if gains.holding else []),
             motor / joints.torque_per_input,
         ]
 
@@ -206,18 +211,21 @@ class ModalLaw(PosedLaw):
 
     @cached_property
     def _series(self) -> SpringSeries:
-        return SpringSeries(self.compliance.traced, self._places, len(self.gains.poles))
+        return SpringSeries(
+            self.compliance.traced, self._places, len(self.gains.poles), bool(self.gains.holding)
+        )
 
     def slope_at(self, q: np.ndarray) -> np.ndarray:
         """∂k/∂x (n, states) about a reference at link positions q (n,): −K^½ V k(Λ) Vᵀ K^½ in joints' coordinates."""
-        _, _, stiffness, torque, friction, share = self._parts
+        _, _, stiffness, torque, friction, *holding, share = self._parts
+        held = sum(holding, np.zeros(len(q)))
         root = np.sqrt(stiffness)[:, None]
         squares, vectors = np.linalg.eigh(
             root * self.compliance.matrix(q, self.plant.parameters.vector()) * root.T
         )
         z, dz, w, dw, e, alike = ((root * vectors * k) @ (root * vectors).T for k in self.gains(squares).T)
         slope, states = np.zeros((len(q), len(self.state_names))), self._places.ravel()
-        parts = z + alike * torque, dz, w - alike * torque, dw - alike * friction
+        parts = z + alike * torque, dz, w - alike * (torque + held), dw - alike * friction
         np.add.at(slope.T, states, np.hstack(parts).T)
         slope[:, self.plant.n :] = e
         return -share[:, None] * slope

@@ -3,7 +3,10 @@
 A pair is an arm of one elastic joint, with the positions z of the link and w of the motor in units of K^½ times that of
 a joint, (N·m)^½:
 
-    z″ = λ (w − z + d_z),      w″ = −κ (w − z − f − d_w) − β w′,      ė = z.
+    z″ = λ (w − z + d_z),      w″ = −κ (w − z) − β w′ − ν w + b (f + d_w),      ė = z.
+
+Where the input is a torque b = κ = K/J, and ν = 0. A drive with an inner loop has β and ν of that loop, b = K/J, and
+κ = σ K/J with the share σ of the load that moves it: a command c of velocity or position is f = β c/b or f = ν c/b.
 
 The input f and the disturbances have the unit of w. d_z and d_w are errors of the torque at the link and at the motor,
 which come from wrong inertia and stiffness, a payload and Coriolis forces. The linear H∞ law of this problem
@@ -59,6 +62,13 @@ class Pair(NamedTuple):
     link: float  # λ, 1/s²
     motor: float  # κ, 1/s²
     damping: float  # β, 1/s
+    holding: float = 0.0  # ν, 1/s²
+    gain: float = 0.0  # b, 1/s²; 0 stands for κ
+
+    @property
+    def input(self) -> float:
+        """b, 1/s²: acceleration of the motor per input."""
+        return self.gain or self.motor
 
     @property
     def matrices(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -66,8 +76,8 @@ class Pair(NamedTuple):
         a, b, g = np.zeros((5, 5)), np.zeros((5, 1)), np.zeros((5, 2))
         a[0, 1] = a[2, 3] = a[4, 0] = 1.0
         a[1, [0, 2]] = -self.link, self.link
-        a[3, [0, 2, 3]] = self.motor, -self.motor, -self.damping
-        b[3, 0] = g[3, 1] = self.motor
+        a[3, [0, 2, 3]] = self.motor, -self.motor - self.holding, -self.damping
+        b[3, 0] = g[3, 1] = self.input
         g[1, 0] = self.link
         return a, b, g
 
@@ -114,9 +124,11 @@ class PairWeights:
     gamma : float
         γ as a multiple of γ*; infinite for the LQR.
 
-    The penalty is h = (r ω y, r y′, c (w′ − z′)/√κ, integral · r ω² e) with R2 = 1. r = √(m²ω² + (β/κ)²) is the input
-    per velocity that the inertia m = 1/λ + 1/κ and friction take at ω. c is the smallest number with which the LQR
-    gives the vibration its damping. y is z for slow pairs, and for fast ones the centre of the masses 1/λ and 1/κ. A
+    The penalty is h = (r ω y, r y′, c (w′ − z′)/√b, integral · r ω² e) with R2 = 1. r = √(m²ω² + (β/b)² + (ν/bω)²) is
+    the input per velocity that the inertia m = (κ/b)/λ + 1/b, friction and an inner loop take at ω. c is the smallest
+    number with which the LQR
+    gives the vibration its damping. y is z for slow pairs, and for fast ones the centre of the masses (κ/b)/λ and
+    1/b. A
     vibration does not move that centre, so the law does not feed back what one more sample of delay would excite.
 
     Raises `InvalidInput` for a number that is not positive, or γ ≤ γ*.
@@ -151,14 +163,17 @@ class PairWeights:
         """The synthesis problem of a pair with the weight c = `vibration`."""
         a, b, g = pair.matrices
         speed = (self.bandwidth**-4 + self.share**-4 * pair.link**-2) ** -0.25
-        inertia, friction = 1.0 / pair.link + 1.0 / pair.motor, pair.damping / pair.motor
+        felt, friction = pair.motor / pair.input, pair.damping / pair.input
+        inertia = felt / pair.link + 1.0 / pair.input
         taken, s = np.hypot(inertia * speed, friction), self.slowness(pair.link)
-        share = s + (1.0 - s) / (pair.link * inertia)
+        if pair.holding:
+            taken = np.hypot(taken, pair.holding / (pair.input * speed))
+        share = s + (1.0 - s) * felt / (pair.link * inertia)
         h = np.zeros((4, 5))
         h[0, [0, 2]] = taken * speed * np.array([share, 1.0 - share])
         h[1, [1, 3]] = taken * np.array([share, 1.0 - share])
         h[3, 4] = taken * self.integral * speed**2
-        h[2, [1, 3]] = vibration / np.sqrt(pair.motor) * np.array([-1.0, 1.0])
+        h[2, [1, 3]] = vibration / np.sqrt(pair.input) * np.array([-1.0, 1.0])
         units: Any = [tuple(row) for row in np.eye(5, dtype=int)]
         return PolynomialPlant(dict(zip(units, a.T)), g, b, dict(zip(units, h.T)), np.eye(1))
 
@@ -199,6 +214,8 @@ class PairGains:
     poles: np.ndarray  # p_j (P,), 1/s²
     coefficients: np.ndarray  # (r, P + 1): k_j, and k_∞ last; rows beyond five are other functions of λ
     weights: PairWeights  # by which the gains were computed
+    holding: float = 0.0  # ν of all pairs, 1/s²
+    gain: float = 0.0  # b of all pairs, 1/s²; 0 stands for κ
 
     def __post_init__(self) -> None:
         count = len(self.poles)
@@ -214,7 +231,7 @@ class PairGains:
 
     def pair(self, link: float) -> Pair:
         """The pair with this λ, 1/s²."""
-        return Pair(link, self.motor, self.damping)
+        return Pair(link, self.motor, self.damping, self.holding, self.gain)
 
     def links(self, count: int, fastest: float = np.inf) -> np.ndarray:
         """λ (count,), 1/s², between the ends and with √λ up to `fastest` (rad/s), evenly spaced in log λ."""
@@ -233,9 +250,12 @@ def pair_gains(
     damping: float,
     period: float,
     weights: PairWeights = DEFAULT_WEIGHTS,
+    holding: float = 0.0,
+    gain: float = 0.0,
 ) -> PairGains:
-    """The gains of pairs with λ between two ends (1/s²), κ = `motor` (1/s²) and β = `damping` (1/s), sampled with a
-    period (s); s(λ) is their sixth function. Of vibrations beyond `FOLDED` they are constant.
+    """The gains of pairs with λ between two ends (1/s²), κ = `motor` (1/s²), β = `damping` (1/s), ν = `holding` (1/s²)
+    and b = `gain` (1/s², κ by default), sampled with a period (s); s(λ) is their sixth function. Of vibrations beyond
+    `FOLDED` they are constant.
 
     Raises `InvalidInput` for ends that are not 0 < low < high, `NumericalFailure` where a sampled pair is unstable.
     """
@@ -251,7 +271,8 @@ def pair_gains(
         for ratio in (GRID_RATIO, POLE_RATIO)
     )
     fastest = max(low, min(high, (FOLDED / period) ** 2 - motor))
-    rows = np.array([weights.gains(Pair(min(link, fastest), motor, damping), period) for link in grid])
+    pairs = [Pair(min(link, fastest), motor, damping, holding, gain) for link in grid]
+    rows = np.array([weights.gains(pair, period) for pair in pairs])
     # Stiffness and damping against the base are sums, much smaller than their parts where pairs are fast.
     rows[:, :2] += rows[:, 2:4]
     rows = np.column_stack([rows, weights.slowness(grid)])
@@ -264,7 +285,7 @@ def pair_gains(
     ]
     fitted = np.array(fits)
     fitted[:2] -= fitted[2:4]
-    gains = PairGains((low, fastest), motor, damping, period, poles, fitted, weights)
+    gains = PairGains((low, fastest), motor, damping, period, poles, fitted, weights, holding, gain)
     if not gains.sweep[0] < 1.0:
         raise NumericalFailure(
             "The sampled loop of a pair is unstable.",

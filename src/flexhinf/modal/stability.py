@@ -138,9 +138,10 @@ def _loop(
         arb_series([1]),
         arb_series([0]),
     )
-    kappa, beta = one * gains.motor, one * gains.damping
-    slow, fast = [o, o, series, o, o], [o, o, -kappa, o, kappa]
-    relative = [o, -beta, -series - kappa, -beta, kappa]
+    pair = gains.pair(links[0])
+    kappa, beta, nu, b = (one * rate for rate in (pair.motor, pair.damping, pair.holding, pair.input))
+    slow, fast = [o, o, series, o, o], [-nu, o, -kappa - nu, o, b]
+    relative = [-nu, -beta, -series - kappa - nu, -beta, b]
     m = _array([[o, one, o, o, o], slow, [o, o, o, one, o], relative, 5 * [o]])
     # Units that balance matrices, powers of two, so that balls stay small.
     units = np.exp2(np.round(np.log2([1.0, 1.0 / period, 1.0, 1.0 / period, 1.0])))
@@ -150,7 +151,7 @@ def _loop(
         c, g = _array([slow, [entry / arb(scaling) for entry in fast]]), np.zeros((5, 2), dtype=object)
         g[[1, 3, 3], [0, 0, 1]] = 1, -1, arb(scaling)
         hamiltonian = np.vstack([np.hstack([m, g @ g.T]), np.hstack([c.T @ c * -(arb(error) ** 2), -m.T])])
-        weight = (error + 0.01) * max(links[0], gains.motor) / period
+        weight = (error + 0.01) * max(links[0], pair.input) / period
         units = np.concatenate([units, np.exp2(np.round(np.log2(weight))) / units])
         scale = units / units[:, None]
         for part in range(PARTS):  # an inverse that may not exist is a ZeroDivisionError

@@ -135,8 +135,9 @@ def _norms(
     """Norms (N, 2, 2) of the blocks of the lifted N(λ) at N points of the unit circle."""
     pair = gains.pair(link)
     moved, driven = (part[:4] for part in pair.held(gains.period / PIECES))
-    driven = driven / np.array([1.0, link, pair.motor])  # d as accelerations
-    seen = np.array([[-link, 0.0, link, 0.0, 0.0], [pair.motor, 0.0, -pair.motor, 0.0, pair.motor]])
+    driven = driven / np.array([1.0, link, pair.input])  # d as accelerations
+    on_motor = [pair.motor, 0.0, -pair.motor - pair.holding, 0.0, pair.input]
+    seen = np.array([[-link, 0.0, link, 0.0, 0.0], on_motor])
     # The state after each piece, of the state before, the input and the pieces of d.
     state, unit = np.eye(4, 5 + 2 * PIECES), np.eye(1, 5 + 2 * PIECES, 4)
     rows: list[np.ndarray] = []

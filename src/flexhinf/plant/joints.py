@@ -63,8 +63,33 @@ class ElasticJoints(NamedTuple):
     stiffness: np.ndarray  # K of the springs as they are there
     spring_damping: np.ndarray  # D
     motor_inertia: np.ndarray  # J
-    motor_damping: np.ndarray  # B, the back-EMF's k_t k_b / R included
-    torque_per_input: np.ndarray  # k_t / R, N·m/V, for a voltage; k_t, N·m/A, for a current; 1 for a torque
+    motor_damping: (
+        np.ndarray
+    )  # B, the back-EMF's k_t k_b / R included, or an inner loop's torque per velocity
+    torque_per_input: (
+        np.ndarray
+    )  # k_t / R, N·m/V, for a voltage; k_t, N·m/A, for a current; 1 for a torque; see elastic
+    load_share: np.ndarray  # share of the spring's torque that moves the motor, 1 without an inner loop
+    drive_stiffness: np.ndarray  # torque per motor position of an inner loop, N·m/rad; 0 without
+
+    @property
+    def inner(self) -> bool:
+        """Whether drives have an inner loop."""
+        return bool(np.any(self.drive_stiffness > 0.0) or np.any(self.load_share != 1.0))
+
+    @property
+    def pair_rates(self) -> tuple[float, float, float, float]:
+        """κ and β of the motors as if they were alike, ν and b of their drives; 1/s², 1/s, 1/s², 1/s².
+
+        κ and b are geometric means, β and ν are means. κ = b without an inner loop.
+        """
+        inertia = self.motor_inertia
+        gain = float(np.exp(np.log(self.stiffness / inertia).mean()))
+        share = 1.0
+        if np.any(self.load_share != 1.0):
+            share = float(np.exp(np.log(self.load_share).mean())) if np.all(self.load_share > 0.0) else 0.0
+        damping = float((self.motor_damping / inertia).mean())
+        return share * gain, damping, float((self.drive_stiffness / inertia).mean()), gain
 
 
 def check_joints(plant: Plant) -> int:
@@ -118,22 +143,30 @@ def elastic_joints(plant: Plant, x: np.ndarray, u: np.ndarray, rigid: bool = Fal
             )
         return single
 
+    values = plant.parameters.values
+    share, held = (
+        np.broadcast_to(values.get(name, other), len(q)).astype(float)
+        for name, other in (("load_share", 1.0), ("drive_stiffness", 0.0))
+    )
     total = np.linalg.inv(g[np.ix_(dq, links)])  # M, with the rotors of rigid joints
     inertia, stiffness, damping, friction, per_input = np.zeros((5, len(q)))
     inertia[own] = 1.0 / diagonal("motor inertia", g[np.ix_(dtheta, motors)][np.ix_(own, own)])
     stiffness[own] = inertia[own] * diagonal("stiffness", a[np.ix_(dtheta, q)][np.ix_(own, own)])
     damping[own] = inertia[own] * diagonal("spring damping", a[np.ix_(dtheta, dq)][np.ix_(own, own)])
+    if np.any(share != 1.0):  # the motors do not feel the whole spring: the links do
+        stiffness[own] = diagonal("stiffness", (total @ a[np.ix_(dq, theta)])[np.ix_(own, own)])
+        damping[own] = diagonal("spring damping", (total @ a[np.ix_(dq, dtheta)])[np.ix_(own, own)])
     slopes = diagonal("motor damping", a[np.ix_(dtheta, dtheta)][np.ix_(own, own)])
-    friction[own] = -inertia[own] * slopes - damping[own]
+    friction[own] = -inertia[own] * slopes - share[own] * damping[own]
     per_input[own] = inertia[own] * diagonal("input", b[dtheta][np.ix_(own, own)])
     slope = -total @ a[np.ix_(dq, q)] - np.diag(stiffness)
     if alone.any():
-        inertia[alone] = plant.parameters.values["motor_inertia"][alone]
+        inertia[alone] = values["motor_inertia"][alone]
         stiffness[alone] = np.exp(np.log(stiffness[own] / inertia[own]).mean()) * inertia[alone]
         friction[alone] = -np.diag(total @ a[np.ix_(dq, dq)])[alone]
         per_input[alone] = np.diag(total @ b[dq])[alone]
     mass = (total + total.T) / 2.0 - np.diag(np.where(alone, inertia, 0.0))
-    return ElasticJoints(mass, slope, stiffness, damping, inertia, friction, per_input)
+    return ElasticJoints(mass, slope, stiffness, damping, inertia, friction, per_input, share, held)
 
 
 def _places(plant: Plant, torque: str) -> list[int]:
@@ -176,6 +209,13 @@ def link_compliance(plant: Plant) -> LinkCompliance:
     return LinkCompliance(plant)
 
 
+def _holding(rates: ca.SX, x: ca.SX, at: ca.SX, u: ca.SX) -> ca.SX:
+    """Inputs with which the motors, with these rates, rest at a state."""
+    per_input = ca.diag(ca.jacobian(rates, u))
+    still = ca.substitute(rates, ca.vertcat(x, u), ca.vertcat(at, ca.SX.zeros(u.numel())))
+    return -still / per_input
+
+
 def standstill_function(plant: Plant) -> ca.Function | None:
     """(q, parameter vector) → (x, u), (states + n,), at rest at link positions q: q2 = q1 + K⁻¹ G and the input that
     holds G, as a CasADi function. None where G and K are not read off the flow at relaxed springs: it has other states
@@ -194,6 +234,7 @@ def standstill_function(plant: Plant) -> ca.Function | None:
     )
     d, at = ca.SX.sym("d", len(plant.disturbances)), ca.SX.zeros(plant.n)
     flow = plant.traced_flow(x, u, d, p)
+    inner = "load_share" in plant.parameters.values  # drives with a loop of their own
     springs = [(rate, motor) for rate, motor, link in zip(rates, motors, links) if motor != link]
     if any(any(ca.which_depends(flow[rate], x[motor], 2)) for rate, motor in springs):
         return None
@@ -202,9 +243,14 @@ def standstill_function(plant: Plant) -> ca.Function | None:
     )
     compliance = ca.jacobian(flow[falls], d[_places(plant, "link_torque")])
     held = -ca.ldl_solve(flow[falls], *ca.ldl(compliance))
-    at[motors] = q - held * per_torque / per_twist
+    if inner:  # the motors may feel only a part of the spring, and are held where they are
+        twisting = ca.jacobian(flow[falls], x[motors])
+        stiffness = ca.diag(ca.ldl_solve(twisting, *ca.ldl(compliance)))
+        at[motors] = q + held / stiffness
+    else:
+        at[motors] = q - held * per_torque / per_twist
     at[links] = q  # of a rigid joint too
-    every = ca.vertcat(at, held * per_torque / per_input)
+    every = ca.vertcat(at, _holding(flow[rates], x, at, u) if inner else held * per_torque / per_input)
     relaxed = ca.SX.zeros(plant.n)
     relaxed[links] = relaxed[motors] = q
     still = ca.vertcat(relaxed, ca.SX.zeros(u.numel() + d.numel()))

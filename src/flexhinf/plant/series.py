@@ -23,23 +23,25 @@ class SpringSeries:
     """u - u_d = -share (K y_∞ + Σ_j (M(q)⁻¹/p_j + K⁻¹)⁻¹ y_j), y_j = Σ_i k_ij x_i; see `flexhinf.modal.law`.
 
     `compliance`: (q, parameters) → M(q)⁻¹, flat, as a CasADi function. `places` (4, n): of q, q̇, θ, θ̇ in a state.
-    `poles`: How many p_j there are.
+    `poles`: How many p_j there are. `holding`: whether motors are made alike in what holds their position too.
     """
 
     compliance: ca.Function
     places: np.ndarray
     poles: int
+    holding: bool = False
 
     @cached_property
     def key(self) -> str:
         """What distinguishes the code of two series."""
-        return f"{self.poles} {self.places.tolist()} {digest(self.compliance)}"
+        return f"{self.poles}{' holding' * self.holding} {self.places.tolist()} {digest(self.compliance)}"
 
     @property
     def sizes(self) -> tuple[int, ...]:
-        """Of the law's numbers: k_ij and k_i∞, 1/p_j, K, two that make motors alike, the share, parameters."""
+        """Of the law's numbers: k_ij and k_i∞, 1/p_j, K, two or three that make motors alike, the share, parameters."""
         n = self.places.shape[1]
-        return (FUNCTIONS * (self.poles + 1), self.poles, n, n, n, n, self.compliance.size1_in(1))
+        alike = (n,) * (3 if self.holding else 2)
+        return (FUNCTIONS * (self.poles + 1), self.poles, n, *alike, n, self.compliance.size1_in(1))
 
     def evaluate(
         self, x: Elements, data: Elements, state: Elements | None = None, run: Run = DIRECT
@@ -49,9 +51,9 @@ class SpringSeries:
         if state is None:
             state = data[sum(self.sizes) : -self.places.shape[1]]
         parts = (data[a:b] for a, b in pairwise(accumulate(self.sizes, initial=0)))
-        rows, softness, stiffness, torque, friction, share, parameters = parts
+        rows, softness, stiffness, torque, friction, *holding, share, parameters = parts
         compliance = run.call(self._compliance, state, parameters)
-        targets, last = run.call(self._targets, x, rows, torque, friction)
+        targets, last = run.call(self._targets, x, rows, torque, friction, *holding)
         moving = targets.T, softness.reshape(1, self.poles)
         springs = run.columns(_spring, moving, compliance, stiffness)
         return run.call(_feedback, springs, last, stiffness, share)
@@ -64,11 +66,13 @@ class SpringSeries:
 
     @gives("targets", "last")
     def _targets(
-        self, x: Elements, rows: Elements, torque: Elements, friction: Elements
+        self, x: Elements, rows: Elements, torque: Elements, friction: Elements, *holding: Elements
     ) -> tuple[Elements, Elements]:
         """y_j = sum of k_ij x_i for each pole, and y_oo."""
         (q, dq, theta, dtheta), errors = x[self.places], x[-self.places.shape[1] :]
         unlike = torque * (theta - q) + friction * dtheta
+        for stiffness in holding:
+            unlike = unlike + stiffness * theta
         targets = rows.reshape(FUNCTIONS, -1).T @ np.array([q, dq, theta, dtheta, errors, unlike])
         return targets[:-1], targets[-1]
 

@@ -23,6 +23,11 @@ output of Spong's model, q and its first four derivatives give all else.
     τ_J = M(q) q̈ + C(q, q̇) q̇ + G(q)        θ = q + K⁻¹ τ_J
     J θ̈ + B θ̇ + F(θ̇) + τ_J = τ              τ = k_t (V − k_b θ̇) / R
 
+A drive with an inner loop takes a velocity or a position, τ = k_v (c − θ̇) or τ = k_p (c − θ) − k_d θ̇, with the gains
+k_p = J ω², k_d = 2ζωJ, k_v = J ω of a loop with the bandwidth ω and the damping ratio ζ. Of what loads the motor
+(spring
+and friction) a share σ moves it: 1 if the loop has these gains alone, 0 if it also rejects its load.
+
 The derivatives of τ_J are exact: the Newton–Euler recursion runs on power series in time.
 """
 
@@ -155,14 +160,26 @@ def friction_torque(velocity: Any, p: Any, extras: Collection[str]) -> Any:
     return dry_level(velocity, p, extras) * np.tanh(velocity / p.friction_smoothing) if dry else 0.0
 
 
-#: What the input is: the motor's voltage (V), its current (A), or its torque on the link side (N·m).
-DRIVES = {"voltage": "motor_voltage", "current": "motor_current", "torque": "drive_torque"}
+#: What the input is: the motor's voltage (V), its current (A), its torque on the link side (N·m), or the command of an
+#: inner loop, of the motor's velocity or position on the link side.
+DRIVES = {
+    "voltage": "motor_voltage", "current": "motor_current", "torque": "drive_torque",
+    "velocity": "velocity_command", "position": "position_command",
+}  # fmt: skip
+
+#: Numbers of an inner loop in a robot: as a loop, or as its gains, by drive.
+INNER = {
+    "velocity": (("drive_bandwidth",), ("drive_damping",)),
+    "position": (("drive_bandwidth", "drive_damping_ratio"), ("drive_stiffness", "drive_damping")),
+}
 
 #: The motor's constants, which say what drives it: all three, the torque constant alone, or none.
 CONSTANTS = {
     "voltage": ("resistance", "torque_constant", "back_emf_constant"),
     "current": ("torque_constant",),
     "torque": (),
+    "velocity": (),
+    "position": (),
 }
 
 #: What belongs to the spring, of which a rigid joint has none.
@@ -182,6 +199,9 @@ def required_of_drive(
         geared = per_joint("rotor_inertia", joint, count) in names
         inertia = ("rotor_inertia", "gear_ratio") if geared else ("motor_inertia",)
         quantities = (*(() if joint in rigid else ("stiffness",)), *inertia, "friction", *CONSTANTS[drive])
+        if drive in INNER:
+            loop, gains = INNER[drive]
+            quantities += gains if per_joint(gains[0], joint, count) in names else loop
         required += [per_joint(quantity, joint, count) for quantity in quantities]
     return required
 
@@ -226,11 +246,25 @@ def reflected(
                 column.append(of(quantity, joint, DEFAULTS[quantity]))
             else:
                 column.append(factor.get(quantity, 1.0) * of(quantity, joint))
+    for joint, inertia in zip(joints, packed["motor_inertia"]) if drive in INNER else ():
+        rate = of("drive_bandwidth", joint, 0.0)
+        ratio = 0.5 if drive == "velocity" else of("drive_damping_ratio", joint, 0.0)
+        numbers: dict[str, Number] = {
+            "drive_stiffness": of("drive_stiffness", joint, inertia * rate * rate),
+            "drive_damping": of("drive_damping", joint, 2.0 * ratio * rate * inertia),
+            "load_share": of("load_share", joint, 1.0),
+        }
+        for quantity in ("drive_damping", "load_share") if drive == "velocity" else numbers:
+            packed.setdefault(quantity, []).append(numbers[quantity])
     return packed
 
 
 def torque_per_input(drive: str, p: Any) -> Any:
-    """Torque of a motor at rest per unit of its input, on the link side: k_t / R for volts, k_t for amperes, or one."""
+    """Torque of a motor at rest per unit of its input, on the link side: k_t / R for volts, k_t for amperes, the gain
+    of
+    an inner loop for its command, or one."""
+    if drive in INNER:
+        return p.drive_stiffness if drive == "position" else p.drive_damping
     gain = 1.0 if drive == "torque" else p.torque_constant
     return gain / p.resistance if drive == "voltage" else gain
 
@@ -303,7 +337,8 @@ class ElasticFlow:
     """ẋ (of any element) of M(q1) q̈1 + C q̇1 + G = K(q2 − q1) + d_link,   J q̈2 + B q̇2 + K(q2 − q1) = τ + d_motor.
 
     τ is the input itself, k_t i of a current i, or k_t (V − k_b q̇2) / R; with the coil k_t i, where L di/dt = V − R i
-    − k_b q̇2. x = (q1, q̇1, q2, q̇2 (, i)), each with one entry per joint; d = (d_link, d_motor).
+    − k_b q̇2. Of an inner loop it is k_v (c − q̇2) or k_p (c − q2) − k_d q̇2, and spring and friction count by σ. x =
+    (q1, q̇1, q2, q̇2 (, i)), each with one entry per joint; d = (d_link, d_motor).
 
     A rigid joint has neither spring nor q2: its row is (M(q1) + J) q̈1 + C q̇1 + G + B q̇1 = τ + d_link + d_motor.
     """
@@ -319,7 +354,13 @@ class ElasticFlow:
         q, dq, theta, dtheta = layout.split(x)
         current, speed = x[layout.mechanical :], layout.motors(dq, dtheta)
         torque, damping = u, p.friction  # the motor's torque, and what multiplies −q̇2
-        if "inductance" in self.extras and self.drive != "torque":
+        share: Any = 1.0  # of the load on a motor
+        if self.drive in INNER:
+            share, torque = p.load_share, torque_per_input(self.drive, p) * u
+            damping = p.drive_damping + share * p.friction
+            if self.drive == "position":
+                torque = torque - p.drive_stiffness * layout.motors(q, theta)
+        elif "inductance" in self.extras and self.drive != "torque":
             torque = p.torque_constant * current
         elif self.drive != "torque":
             gain = torque_per_input(self.drive, p)
@@ -327,16 +368,22 @@ class ElasticFlow:
             torque, damping = gain * u, p.friction + back
         if not layout.rigid:
             spring = spring_torque(theta - q, dtheta - dq, p, self.extras)
-            left = torque - damping * dtheta - friction_torque(dtheta, p, self.extras) - spring + d[n:]
+            load = friction_torque(dtheta, p, self.extras), spring
+            if self.drive in INNER:
+                load = share * load[0], share * load[1]
+            left = torque - damping * dtheta - load[0] - load[1] + d[n:]
             link_acceleration = self.links.accelerations(q, dq, spring + d[:n], p)
             motor_acceleration = (1.0 / p.motor_inertia) * left  # a quotient of parameters: computed once
         else:
             spring = spring_torque(theta - q[elastic], dtheta - dq[elastic], p, self.extras)
-            driven = torque - damping * speed - friction_torque(speed, p, self.extras) + d[n:]
+            dry, on_motors = friction_torque(speed, p, self.extras), spring
+            if self.drive in INNER:
+                dry, on_motors = share * dry, share[elastic] * spring
+            driven = torque - damping * speed - dry + d[n:]
             rotors = [p.motor_inertia[i] if i in layout.rigid else 0.0 for i in range(n)]
             on_links = layout.motors(driven, spring) + d[:n]
             link_acceleration = self.links.accelerations(q, dq, on_links, p, rotors)
-            motor_acceleration = (1.0 / p.motor_inertia[elastic]) * (driven[elastic] - spring)
+            motor_acceleration = (1.0 / p.motor_inertia[elastic]) * (driven[elastic] - on_motors)
         rates = [dq, link_acceleration, dtheta, motor_acceleration]
         if "inductance" in self.extras:
             rates.append((u - p.resistance * current - p.back_emf_constant * speed) / p.inductance)
@@ -458,7 +505,9 @@ class InverseFlow:
             layout.at_springs(at) + softness * layout.at_springs(twisting)
             for at, twisting in zip((q, dq, ddq), (load, rate, jerk))
         ]
-        _, speed, acceleration = (layout.motors(at, motor) for at, motor in zip((q, dq, ddq), own))
+        angle, speed, acceleration = (layout.motors(at, motor) for at, motor in zip((q, dq, ddq), own))
+        if self.drive in INNER:
+            return np.concatenate([q, dq, own[0], own[1]]), self._command(angle, speed, acceleration, load, p)
         drive = p.motor_inertia * acceleration + p.friction * speed + load
         if self.extras:
             drive = drive + friction_torque(speed, p, self.extras)
@@ -467,6 +516,15 @@ class InverseFlow:
         elif self.drive == "voltage":
             drive = (p.resistance / p.torque_constant) * drive + p.back_emf_constant * speed
         return np.concatenate([q, dq, own[0], own[1]]), drive
+
+    def _command(self, angle: Any, speed: Any, acceleration: Any, load: Any, p: Any) -> Any:
+        """Command (n,) of an inner loop, whose motor moves so under a load."""
+        friction = p.friction * speed
+        if self.extras:
+            friction = friction + friction_torque(speed, p, self.extras)
+        torque = p.motor_inertia * acceleration + p.load_share * (friction + load)
+        ahead = (1.0 / torque_per_input(self.drive, p)) * (torque + p.drive_damping * speed)
+        return angle + ahead if self.drive == "position" else ahead
 
 
 @lru_cache(maxsize=64)

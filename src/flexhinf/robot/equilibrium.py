@@ -13,7 +13,7 @@ import numpy as np
 from flexhinf.arrays import Number
 from flexhinf.plant import Parameters
 from flexhinf.robot.arm import Links, Pendulum
-from flexhinf.robot.elastic import reflected
+from flexhinf.robot.elastic import INNER, reflected, torque_per_input
 from flexhinf.robot.parameters import PlantValues
 
 #: A torque (force) of less than this times the robot's weight, at a metre, is rounding.
@@ -77,7 +77,13 @@ def equilibrium(
         )
     still = np.zeros(q.shape)
     states, effort = [q, still, q[elastic] + twist, still[elastic]], np.array(held, dtype=float)
-    if drive != "torque":
+    if drive in INNER:
+        gain = torque_per_input(drive, p)
+        effort = np.asarray(p.load_share * held / gain, dtype=float)
+        if drive == "position":
+            effort = effort + q
+            effort[elastic] += twist
+    elif drive != "torque":
         effort = np.asarray(held / p.torque_constant, dtype=float)
     if drive == "voltage":
         states += [effort] if "inductance" in on else []

@@ -19,10 +19,13 @@ from flexhinf.robot.actuators import PublishedJoint, published_joints
 from flexhinf.robot.dynamics import KINDS
 from flexhinf.robot.elastic import DRIVES, SPRING
 from flexhinf.robot.parameters import INERTIA, QUANTITIES, Stated, measured, respelled, split
-from flexhinf.robot.parts import ElasticJoint, ask
+from flexhinf.robot.parts import TIMES, ElasticJoint, ask
 from flexhinf.robot.rigid_arm import NEAREST
 from flexhinf.robot.signals import SENSORS, UNITS
 from flexhinf.validation import nearest, real_number
+
+#: Unit of a bandwidth, which may be stated in hertz.
+BANDWIDTH = ("rad/s",)
 
 #: A tolerance below this many per cent was probably meant as a fraction.
 SMALLEST_TOLERANCE = 0.5
@@ -112,6 +115,9 @@ def _completed(value: Any, units: Sequence[str]) -> str:
 
 
 def _number(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> float:
+    parts = split(value) if key.units == BANDWIDTH and isinstance(value, str) else None
+    if parts and parts[1].lower() == "hz":
+        return 2.0 * math.pi * float(parts[0])
     if isinstance(value, str) and key.units:
         try:
             number = measured(value, *key.units)
@@ -244,7 +250,13 @@ _INERTIA_TABLE = Key(_table, inside="inertia")
 _TOLERANCES = Key(_table, inside="tolerances", default={})
 
 #: Numbers of a motor, its gear and its friction; its constants say what its input is.
-MOTOR = tuple(joint_field.name for joint_field in fields(ElasticJoint) if joint_field.name not in SPRING)
+MOTOR = tuple(each.name for each in fields(ElasticJoint) if each.name not in ("drive", *TIMES, *SPRING))
+
+#: What says how a motor is driven beside its constants, and the times of its drive.
+_DRIVE = {
+    "drive": Key(usable=lambda value: value in DRIVES, expected=f"one of {', '.join(map(repr, DRIVES))}"),
+    **dict.fromkeys(TIMES, Key(_number, ("s",))),
+}
 
 _OF_JOINT = {
     name: Key(_quantity, tuple(dict.fromkeys(QUANTITIES[name][:2])), required=name == "stiffness")
@@ -293,7 +305,7 @@ TABLES: dict[str, dict[str, Key]] = {
         axes: Key(_number, ("kg·m²",), required=axes[0] == axes[1], default=0.0)
         for axes in sorted(INERTIA, key=lambda axes: axes[0] != axes[1])
     } | TOLERANCE,
-    "spring": {name: _OF_JOINT[name] for name in SPRING}, "motor": {name: _OF_JOINT[name] for name in MOTOR},
+    "spring": {name: _OF_JOINT[name] for name in SPRING}, "motor": {name: _OF_JOINT[name] for name in MOTOR} | _DRIVE,
     "tolerances": {
         name: _PERCENT
         for name in ("mass", "centre_of_mass", "inertia", *_OF_JOINT)

@@ -22,7 +22,7 @@ from flexhinf.plant import Parameters
 from flexhinf.plant.plant import motion_of
 from flexhinf.robot.arm import Pendulum
 from flexhinf.robot.dynamics import bodies_of, frames_of, mass_matrix, matrix_of
-from flexhinf.robot.elastic import DRIVES
+from flexhinf.robot.elastic import DRIVES, INNER
 from flexhinf.robot.parameters import checked_limits, per_joint
 from flexhinf.robot.parts import ask
 from flexhinf.robot.rigid_arm import NO_LIMIT
@@ -465,7 +465,7 @@ def _kind_of_motor(robot: Robot, k: int) -> str:
 def check_twist(robot: Robot, file: str) -> None:
     """Ask about springs that the motors at their limits twist by very much or hardly at all."""
     p, limits = robot.plant_parameters(), robot.effort_limits
-    if limits is None or robot.rigid:
+    if limits is None or robot.rigid or robot.drive in INNER:  # a command says nothing of torques
         return
     n = len(robot.joint_names)
     per_input = {"torque": 1.0, "current": p.get("torque_constant"), "voltage": _stall(p)}[robot.drive]

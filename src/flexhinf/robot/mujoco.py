@@ -25,7 +25,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.plant import BlackBox, Parameters
 from flexhinf.robot.dynamics import matrix_of
-from flexhinf.robot.elastic import EXTRAS, checked_extras, torque_per_input
+from flexhinf.robot.elastic import EXTRAS, INNER, checked_extras, torque_per_input
 from flexhinf.robot.kinematics import skeleton
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.signals import MECHANICAL, SENSORS, Sensors, signal_names, units_of
@@ -153,6 +153,9 @@ MISSING = {
 #: with τ (1 − d) / (d J b), b = 2 / (d · time constant): 5e-6 rad/s for 1 N·m and 1 kg·m².
 STICKING = 'solreffriction="0.01 1" solimpfriction="0.999 0.999 0.001"'
 
+#: Smallest share of its load that moves a motor in MuJoCo: one that rejects its load is heavier by its inverse.
+REJECTED = 1e-6
+
 #: Light and sky of MuJoCo's viewer; without them it is black.
 LOOK = (
     '<visual><headlight ambient="0.5 0.5 0.5" diffuse="0.6 0.6 0.6"/></visual><asset><texture type="skybox" '
@@ -164,7 +167,8 @@ class MuJoCoPlant(BlackBox):
     """A black box for `flexhinf.Loop`: Spong's model integrated by MuJoCo's own RK4; names as for `Robot.plant`.
 
     Voltage-driven motors are without their coil: the torque k_t V / R is applied, and the back-EMF k_t k_b / R is part
-    of the rotor's damping.
+    of the rotor's damping. Drives with an inner loop are MuJoCo's own actuators of position and velocity. One that
+    rejects a part of its load is a motor and a loop that are heavier by the inverse of its share.
 
     Parameters
     ----------
@@ -220,7 +224,11 @@ class MuJoCoPlant(BlackBox):
         n, layout = self._n, self._robot.layout
         count = max(1, int(np.ceil(period / self._step - 1e-9)))
         torque = np.zeros(2 * n) if np.size(disturbance) == 0 else np.array(disturbance, dtype=float)
-        torque[n:] += self._gain * np.asarray(u, dtype=float)
+        if self._robot.drive in INNER:
+            self.data.ctrl[:] = u
+            torque[n:] /= np.maximum(self._p.load_share, REJECTED)
+        else:
+            torque[n:] += self._gain * np.asarray(u, dtype=float)
         self.model.opt.timestep = period / count
         links, motors = torque[:n], torque[n:]
         links[list(layout.rigid)] += motors[list(layout.rigid)]
@@ -266,7 +274,16 @@ def mujoco_xml(robot: Robot, parameters: Mapping[str, Any], extras: Sequence[str
         getattr(p, EXTRAS[name]) if name in extras else 0.0
         for name in ("joint_damping", "backlash", "coulomb_friction")
     )
-    rotor = [np.broadcast_to(value, n).tolist() for value in (p.motor_inertia, friction, loss)]
+    inertia, drives = p.motor_inertia, ""
+    if robot.drive in INNER:
+        heavier = 1.0 / np.maximum(p.load_share, REJECTED)
+        inertia, gains = (
+            heavier * inertia,
+            (heavier * torque_per_input(robot.drive, p), heavier * p.drive_damping),
+        )
+        own_loops = _actuators(robot, links, motors, *(np.broadcast_to(gain, n) for gain in gains))
+        drives = f"<actuator>{own_loops}</actuator>"
+    rotor = [np.broadcast_to(value, n).tolist() for value in (inertia, friction, loss)]
     twist = [np.broadcast_to(value, len(layout.elastic)).tolist() for value in (p.stiffness, damping, gap)]
     own = [
         f'armature="{_n(j * (1.0 - (0.0 if i in layout.rigid else ROTOR_SHARE)))}" damping="{_n(b)}" '
@@ -293,8 +310,17 @@ def mujoco_xml(robot: Robot, parameters: Mapping[str, Any], extras: Sequence[str
         f'<mujoco><compiler angle="radian"/><option integrator="RK4" gravity="{_row(robot.links.fall(p))}">'
         f'<flag contact="disable"/></option>{LOOK}<worldbody>{_bodies(rigid, -1, links, turning)}'
         f"{''.join(rotors)}</worldbody>"
-        f"<tendon>{''.join(springs)}</tendon></mujoco>"
+        f"<tendon>{''.join(springs)}</tendon>{drives}</mujoco>"
     )
+
+
+def _actuators(
+    robot: Robot, links: Sequence[str], motors: Sequence[str], gain: np.ndarray, damping: np.ndarray
+) -> str:
+    """XML of the drives' own loops; the motor of a rigid joint is the joint of its link."""
+    names = [links[i] if i in robot.layout.rigid else motors[i] for i in range(len(links))]
+    own = 'position joint={} kp="{}" kv="{}"' if robot.drive == "position" else 'velocity joint={} kv="{}"'
+    return "".join(f"<{own.format(quoteattr(n), _n(k), _n(d))}/>" for n, k, d in zip(names, gain, damping))
 
 
 def _bodies(rigid: Any, parent: int, names: Sequence[str], motors: Sequence[str]) -> str:

@@ -72,6 +72,12 @@ QUANTITIES: dict[str, Quantity] = {
     "inductance": Quantity("H", "H", "positive"),
     "torque_constant": Quantity("N·m/A", "N/A"),
     "back_emf_constant": Quantity("V·s/rad", "V·s/m"),
+    # the inner loop of a drive that takes velocities or positions, seen from the link
+    "drive_bandwidth": Quantity("rad/s", "rad/s", "positive"),
+    "drive_damping_ratio": Quantity("1", "1", "positive"),
+    "drive_stiffness": Quantity("N·m/rad", "N/m", "positive"),
+    "drive_damping": Quantity("N·m·s/rad", "N·s/m", "positive"),
+    "load_share": Quantity("1", "1", "not negative"),
     # what a real joint adds
     "damping": Quantity("N·m·s/rad", "N·s/m", "not negative"),
     "spring_hardening": Quantity("N·m/rad³", "N/m³", "not negative"),

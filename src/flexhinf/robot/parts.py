@@ -13,13 +13,20 @@ import numpy as np
 from flexhinf.errors import refuse_if
 from flexhinf.robot.arm import Arm, Pendulum
 from flexhinf.robot.dynamics import Joint, Tree, matrix_of
-from flexhinf.robot.elastic import CONSTANTS, SPRING
+from flexhinf.robot.elastic import CONSTANTS, DRIVES, INNER, SPRING
 from flexhinf.robot.parameters import INERTIA, VECTOR, Parameter, per_joint, unit_of
 from flexhinf.robot.robot import Robot
-from flexhinf.validation import checked_positive, value_text
+from flexhinf.validation import checked_positive, one_of, value_text
 
 #: A plain number, or one with tolerance and source.
 Number = float | Parameter
+
+#: What a joint states of its inner loop; the rest of its numbers are parameters of the robot too, but for these times.
+INNER_NUMBERS = (
+    "drive_bandwidth", "drive_damping_ratio", "drive_stiffness", "drive_damping", "load_share", "drive_delay",
+    "drive_period",
+)  # fmt: skip
+TIMES = ("drive_delay", "drive_period")
 
 #: Relative excess of one principal moment over the sum of the others that is rounding in a data sheet.
 TRIANGLE_SLACK = 1e-6
@@ -100,8 +107,21 @@ class ElasticJoint:
         H.
     damping, spring_hardening, backlash, coulomb_friction, static_friction, stribeck_velocity, friction_smoothing
         What a real joint adds, see `flexhinf.robot.elastic`.
+    drive : {"torque", "current", "voltage", "velocity", "position"}, optional
+        What the input is; by default what the constants of the motor say.
+    drive_bandwidth, drive_damping_ratio : number, optional
+        Of a drive with an inner loop, which takes velocities or positions: ω of ω/(s + ω), or ω and ζ of
+        ω²/(s² + 2ζωs + ω²), rad/s.
+    drive_stiffness, drive_damping : number, optional
+        Instead, its gains: torque per position (not of a velocity drive) and per velocity, N·m/rad and N·m·s/rad.
+    load_share : number, optional
+        Share of the load that moves the motor: 1 of a loop with these gains alone (the default), 0 where the drive
+        rejects its load.
+    drive_delay, drive_period : float
+        Time from a command to the loop, and between two commands that the drive takes, s.
 
-    Raises InvalidInput: if the inertia on the motor side is stated twice or not at all, or the motor in part.
+    Raises InvalidInput: if the inertia on the motor side is stated twice or not at all, the motor in part, or a drive
+    that its numbers contradict.
     """
 
     stiffness: Number | None = None
@@ -123,6 +143,14 @@ class ElasticJoint:
     static_friction: Number | None = None
     stribeck_velocity: Number | None = None
     friction_smoothing: Number | None = None
+    drive: str = ""
+    drive_bandwidth: Number | None = None
+    drive_damping_ratio: Number | None = None
+    drive_stiffness: Number | None = None
+    drive_damping: Number | None = None
+    load_share: Number | None = None
+    drive_delay: float = 0.0
+    drive_period: float = 0.0
 
     def __post_init__(self) -> None:
         twisting = [name for name in SPRING if getattr(self, name) is not None]
@@ -159,18 +187,78 @@ class ElasticJoint:
             f"(current driven) or none (torque driven), got {list(stated)}",
             "the missing numbers from its data sheet",
         )
+        self._check_drive(stated)
         refuse_if(
-            self.inductance is not None and self.drive == "current",
-            "A motor whose input is its current has no use for an inductance.",
-            f"expected none beside torque_constant alone, got {value_text(self.inductance)} H",
+            self.inductance is not None and self.drive in ("current", *INNER),
+            f"A motor whose input is its {self.drive} has no use for an inductance.",
+            f"expected none, got {value_text(self.inductance)} H",
             "leave it out; or resistance and back_emf_constant, for a motor whose input is a voltage",
         )
 
     @property
-    def drive(self) -> str:
-        """Kind of the motor's input: "voltage", "current" or "torque"."""
-        other = "torque" if self.torque_constant is None else "current"
-        return other if self.resistance is None else "voltage"
+    def numbers(self) -> dict[str, Number]:
+        """The numbers that are stated, by quantity."""
+        others = ("drive", *TIMES)
+        return {name: value for name, value in vars(self).items() if name not in others and value is not None}
+
+    def _check_drive(self, constants: tuple[str, ...]) -> None:
+        """Take the drive that the motor's constants say where none is stated; refuse one that its numbers
+        contradict."""
+        by_constants = next(drive for drive, names in CONSTANTS.items() if names == constants)
+        if not self.drive:
+            object.__setattr__(self, "drive", by_constants)
+        one_of("The motor is driven in an unknown way.", self.drive, DRIVES, "'position'")
+        drive, own = self.drive, INNER.get(self.drive, ((), ()))
+        refuse_if(
+            CONSTANTS[drive] != constants,
+            f"The drive {drive!r} contradicts the constants of its motor.",
+            f"expected {' and '.join(CONSTANTS[drive]) or 'none'} beside drive = {drive!r}, got {list(constants)}",
+            f"drive = {by_constants!r}; or {'these constants alone' if CONSTANTS[drive] else 'leave them out'}",
+        )
+        stated = [name for name in INNER_NUMBERS if getattr(self, name) not in (None, 0.0)]
+        refuse_if(
+            stated and not own[0],
+            f"A drive that takes a {drive} has no inner loop.",
+            f"expected drive = 'velocity' or 'position' beside {stated}, got {drive!r}",
+            "drive = 'position' in [joint.motor]; or leave these numbers out",
+        )
+        if not own[0]:
+            return
+        loops = [name for name in stated if name in (*own[0], *INNER["position"][0])]
+        gains = [name for name in stated if name in INNER["position"][1]]
+        refuse_if(
+            (tuple(loops), tuple(gains)) not in ((own[0], ()), ((), own[1])),
+            f"The inner loop of a {drive} drive is not stated once.",
+            f"expected {' and '.join(own[0])}, or its gains {' and '.join(own[1])}, got {loops + gains}",
+            f"{own[0][0]} = '20 Hz' in [joint.motor]" + ", drive_damping_ratio = 0.9" * (drive == "position"),
+        )
+        share = 1.0 if self.load_share is None else value_of(self.load_share)
+        refuse_if(
+            self.stiffness is None and share != 1.0,
+            "The drive of a rigid joint cannot reject its load: the link is a part of it.",
+            f"expected load_share = 1 without a spring, got {share:g}",
+            "leave load_share out; or [joint.spring] with its stiffness",
+        )
+        refuse_if(
+            not 0.0 <= share <= 1.0,
+            "The share of its load that moves a motor is none.",
+            f"expected 0 (the drive rejects its load) to 1, got {share:g}",
+            "load_share = 1.0",
+        )
+        for name in ("drive_delay", "drive_period"):
+            time = getattr(self, name)
+            refuse_if(
+                not 0.0 <= time < np.inf,
+                f"The {name} of a motor is no time.",
+                f"expected seconds, zero or more, got {time!r}",
+                f"{name} = '4 ms'",
+            )
+
+
+def driven(elastic: Sequence[ElasticJoint]) -> dict[str, Any]:
+    """The drive of all joints, and the longest delay and period of one, by the fields of a robot."""
+    times = {name: max(getattr(joint, name) for joint in elastic) for name in TIMES}
+    return {"drive": elastic[0].drive, **times}
 
 
 def value_of(number: Number) -> float:
@@ -214,7 +302,7 @@ def assembled(
             "mass": link.mass,
             **{f"centre_of_mass_{axis}": value for axis, value in zip(VECTOR, link.centre_of_mass)},
             **{f"inertia_{axes}": value for axes, value in zip(INERTIA, link.inertia)},
-            **{quantity: number for quantity, number in vars(spring).items() if number is not None},
+            **spring.numbers,
         }
         parameters += [
             _parameter(per_joint(quantity, joint.name, len(joints)), number, quantity, joint.slides)
@@ -224,15 +312,15 @@ def assembled(
     refuse_if(
         len(set(drives.values())) > 1,
         f"The robot {name!r} is driven by {' and by '.join(sorted(set(drives.values())))}.",
-        f"expected the same motor constants for all joints, got {drives}",
+        f"expected the same drive, or the same motor constants, for all joints, got {drives}",
         "resistance, torque_constant and back_emf_constant of every motor (voltages), torque_constant alone "
-        "(currents), or none (torques)",
+        "(currents), none (torques), or the same drive = '…' in each [joint.motor]",
     )
     return Robot(
         name,
         tuple(parameters),
         links=Arm(Tree(tuple(joints)), tuple(down)),
-        drive=elastic[0].drive,
+        **driven(elastic),
         rigid=tuple(joint.name for joint, spring in zip(joints, elastic) if spring.stiffness is None),
         **settings,
     )
@@ -268,12 +356,12 @@ def single_link_robot(
         f"axis_inertia = {inertia + least:.6g}, with mass length² added; or the mass and the length as they are",
     )
     numbers = {"mass": link.mass, "length": link.length, "gravity": gravity, "link_inertia": link.inertia}
-    numbers |= vars(elastic)
+    numbers |= elastic.numbers
     return Robot(
         name,
         tuple(_parameter(name, number, name) for name, number in numbers.items() if number is not None),
         links=Pendulum(Tree((Joint(joint.name, limits=joint.limits),))),
-        drive=elastic.drive,
+        **driven([elastic]),
         **settings,
     )
 

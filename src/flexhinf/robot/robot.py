@@ -85,8 +85,11 @@ class Robot(Summarised):
         The robot's own penalty, used by `problem`.
     links : Links
         A single link in closed form, or an `Arm`.
-    drive : {"voltage", "current", "torque"}
-        What the inputs are: motor voltages (V), motor currents (A), or torques on the link side (N·m, N).
+    drive : {"voltage", "current", "torque", "velocity", "position"}
+        What the inputs are: motor voltages (V), motor currents (A), torques on the link side (N·m, N), or commands of
+        an inner loop, of motor velocities (rad/s, m/s) or positions (rad, m) on the link side.
+    drive_delay, drive_period : float
+        Longest time from a command to a drive's loop, and between two commands that it takes, s.
     home : (n,), optional
         Link positions that are meant when no pose is given, rad or m; zero by default.
     effort_limits : (m,), optional
@@ -124,6 +127,8 @@ class Robot(Summarised):
     speed_limits: Sequence[float | None] | None = None
     rigid: Sequence[str] = ()
     sensors: Sequence[JointSensor] = ()
+    drive_delay: float = 0.0
+    drive_period: float = 0.0
     file: Path | None = field(default=None, compare=False)
     reader: Callable[[Path], Robot] | None = field(default=None, compare=False)
 

@@ -46,6 +46,8 @@ UNITS = {
     "motor_voltage": ("V", "V"),
     "motor_current": ("A", "A"),
     "drive_torque": ("N·m", "N"),
+    "velocity_command": ("rad/s", "m/s"),
+    "position_command": ("rad", "m"),
     "link_torque": ("N·m", "N"),
     "motor_torque": ("N·m", "N"),
     "joint_torque": ("N·m", "N"),

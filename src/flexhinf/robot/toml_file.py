@@ -393,7 +393,10 @@ class RobotFile:
                 "expected [joint.spring] with stiffness = … (N·m/rad; N/m for a prismatic joint), or rigid = true",
                 "one of the two",
             )
-            numbers = {key: self._number(value, key, row["name"]) for key, value in own.items()}
+            numbers = {
+                key: self._number(value, key, row["name"]) if isinstance(value, dict) else value
+                for key, value in own.items()
+            }
             for quantity, value in (motor or {}).items():
                 if quantity not in numbers and not (
                     quantity == "motor_inertia" and "rotor_inertia" in numbers

@@ -164,14 +164,17 @@ class WorkspaceSetup(LoopPlants):
     @cached_property
     def authority(self) -> np.ndarray:
         """Limits of the motors (n,); of one without a limit the input that holds the weight and accelerates link and
-        motor by `ACCELERATION`, at some random poses."""
+        motor by `ACCELERATION`, at some random poses. Of a drive that takes positions it is that, beside the pose: its
+        limit is a range of positions."""
         joints, p = self.law.joints, self.law.plant.parameters.vector()
+        place = float(self.robot.drive == "position")
         needed = [
-            np.abs(self.robot.operating_point(pose)[1]) + ACCELERATION / joints.torque_per_input
+            np.abs(self.robot.operating_point(pose)[1] - place * pose) + ACCELERATION / joints.torque_per_input
             * (np.diag(np.linalg.inv(self.law.compliance.matrix(pose, p))) + joints.motor_inertia)
             for pose in self.workspace.sample(CHOSEN_POSES, CHOSEN_SEED)
         ]  # fmt: skip
-        return np.where(np.isfinite(self.limits.effort), self.limits.effort, np.max(needed, axis=0))
+        stated = np.isfinite(self.limits.effort) & (not place)
+        return np.where(stated, self.limits.effort, np.max(needed, axis=0))
 
     def estimator(self, at: np.ndarray) -> Any:
         """The estimator, started at rest at a pose (n,), of which its gains do not depend; None where the true state is

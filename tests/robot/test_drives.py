@@ -1,0 +1,166 @@
+"""Drives that take velocities and positions, against MuJoCo's own actuators."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from tests.builders import joint_text
+from tests.refusals import refused_with
+
+import flexhinf as fh
+from flexhinf.design.responses import joint_limits
+from flexhinf.errors import InvalidInput
+from flexhinf.plant.joints import elastic_joints, standstill_function
+from flexhinf.robot import MuJoCoPlant
+
+LOOPS = {
+    "velocity": ('drive_bandwidth = "12 Hz"', "drive_damping = {k}"),
+    "position": ('drive_bandwidth = "12 Hz"\ndrive_damping_ratio = 0.8', "drive_stiffness = {k}\ndrive_damping = 20.0"),
+}  # fmt: skip
+
+
+def text_of(*motors, rigid=False):
+    """Two joints that turn in a vertical plane; the second may be rigid."""
+    own = [
+        f"motor_inertia = {inertia}\nfriction = 0.4\n{motor}" for inertia, motor in zip((0.3, 0.12), motors)
+    ]
+    first = joint_text(
+        "a", axis=[0, 1, 0], mass=3.0, centre=(0.2, 0.0, 0.0), spring="stiffness = 400.0", motor=own[0]
+    )
+    second = joint_text(
+        "b",
+        axis=[0, 1, 0],
+        xyz=[0.4, 0.0, 0.0],
+        centre=(0.2, 0.0, 0.0),
+        spring="stiffness = 200.0",
+        motor=own[1],
+    )
+    if rigid:
+        second = second.replace("[joint.spring]\nstiffness = 200.0\n", "").replace(
+            'name = "b"', 'name = "b"\nrigid = true'
+        )
+    return first + second
+
+
+@pytest.fixture
+def robot_of(write):
+    def load(drive, share=1.0, gains=False, rigid=False, more=""):
+        loop = LOOPS[drive][gains].format(k=900.0)
+        motor = f'drive = "{drive}"\n{loop}\n{more}\n'
+        load_share = f"load_share = {share}\n" if share != 1.0 else ""
+        return fh.load_robot(
+            write(text_of(motor + load_share, motor + load_share * (not rigid), rigid=rigid))
+        )
+
+    return load
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize(
+    ("drive", "share", "gains", "rigid"),
+    [
+        ("velocity", 1.0, False, False), ("velocity", 0.0, True, False), ("position", 1.0, True, True),
+        ("position", 0.4, False, False), ("position", 0.0, False, False),
+    ],
+)  # fmt: skip
+def test_a_drive_is_that_of_mujoco_with_its_load(robot_of, drive, share, gains, rigid):
+    """MuJoCo's <position> and <velocity> actuators move link and motor of a heavy arm, pushed, as our plant says."""
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+    robot = robot_of(drive, share, gains, rigid)
+    plant, (x, u) = robot.plant(), robot.operating_point((0.3, -0.5))
+    other, p, rng = MuJoCoPlant(robot, None, step=1e-4), plant.parameters.vector(), np.random.default_rng(1)
+    other.reset(x)
+    push, ours = np.array([5.0, -2.0, 3.0, 1.0]), x
+    for _ in range(10):
+        command = u + rng.normal(0.0, 0.1, 2)
+        other.step(command, push, 5e-3)
+
+        def rates(t, y, command=command):
+            return np.array(plant.traced_flow(y, command, push, p)).ravel()
+
+        ours = solve_ivp(rates, (0.0, 5e-3), ours, rtol=1e-9, atol=1e-11).y[:, -1]
+    assert np.abs(ours - x).max() > 0.1
+    assert np.abs(other.state() - ours).max() < 2e-6
+
+
+@pytest.mark.parametrize(("drive", "share"), [("velocity", 1.0), ("velocity", 0.0), ("position", 0.3)])
+def test_inverse_dynamics_and_rest_are_those_of_the_flow(robot_of, drive, share):
+    robot = robot_of(drive, share)
+    plant, p = robot.plant(), robot.plant().parameters.vector()
+    q = np.random.default_rng(0).normal(size=(5, 2))
+    x, u = robot.inverse_dynamics(*q)
+    rates = np.array(plant.traced_flow(x, u, np.zeros(4), p)).ravel()
+    step = 1e-5
+    ahead = [sum(step**k / k_factorial * q[k + j] for k, k_factorial in ((0, 1), (1, 1), (2, 2)) if k + j < 5)
+             for j in range(5)]  # fmt: skip
+    behind = [sum((-step) ** k / k_factorial * q[k + j] for k, k_factorial in ((0, 1), (1, 1), (2, 2)) if k + j < 5)
+              for j in range(5)]  # fmt: skip
+    slope = (robot.inverse_dynamics(*ahead)[0] - robot.inverse_dynamics(*behind)[0]) / (2.0 * step)
+    assert rates == pytest.approx(slope, rel=1e-6, abs=1e-6)
+    rest = robot.operating_point((0.3, 0.5))
+    held = standstill_function(plant)(np.array([0.3, 0.5]), p)
+    assert np.array(held).ravel() == pytest.approx(np.concatenate(rest), abs=1e-12)
+    joints = elastic_joints(plant, *rest)
+    assert joints.stiffness == pytest.approx([400.0, 200.0])
+    assert joints.motor_damping / joints.motor_inertia == pytest.approx(
+        2.0 * np.pi * 12.0 * (1.0 if drive == "velocity" else 1.6) + share * 0.4 / joints.motor_inertia
+    )
+
+
+def test_the_loop_has_the_bandwidth_that_is_stated(robot_of):
+    """Where the load is rejected, a motor answers its command by ω²/(s² + 2ζωs + ω²)."""
+    plant = robot_of("position", 0.0).plant()
+    a, b, _, _ = plant.linearise(np.zeros(8), np.zeros(2))
+    omega, s = 2.0 * np.pi * 12.0, 30.0j
+    response = np.linalg.solve(s * np.eye(8) - a, b)[4:6]
+    wanted = omega**2 / (s**2 + 1.6 * omega * s + omega**2)
+    assert response == pytest.approx(wanted * np.eye(2), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("motor", "named"),
+    [
+        ('drive = "voltage"', "'torque'"),
+        ('drive = "position"\ndrive_bandwidth = 60.0', "drive_damping_ratio"),
+        (
+            'drive = "position"\ndrive_bandwidth = 60.0\ndrive_damping_ratio = 0.9\ntorque_constant = 1.0',
+            "'current'",
+        ),
+        ("drive_bandwidth = 60.0", "drive_bandwidth"),
+        ('drive = "servo"', "'position'"),
+        ('drive = "velocity"\ndrive_bandwidth = 60.0\nload_share = 1.5', "load_share"),
+        ('drive = "velocity"\ndrive_bandwidth = 60.0\ninductance = 1e-3', "velocity"),
+        ('drive = "velocity"\ndrive_bandwidth = 60.0\ndrive_delay = -1.0', "drive_delay"),
+    ],
+)
+def test_contradictions_are_refused_by_name(write, motor, named):
+    refused_with(lambda: fh.load_robot(write(text_of(motor, motor))), named)
+
+
+def test_unlike_drives_are_refused_and_the_advice_works(write):
+    position = 'drive = "position"\n' + LOOPS["position"][0]
+    velocity = 'drive = "velocity"\n' + LOOPS["velocity"][0]
+    refused_with(lambda: fh.load_robot(write(text_of(position, velocity))), "position", "velocity")
+    assert fh.load_robot(write(text_of(velocity, velocity))).drive == "velocity"
+
+
+def test_a_rigid_joint_does_not_reject_its_link(write):
+    motor = 'drive = "velocity"\ndrive_bandwidth = 60.0\nload_share = 0.0'
+    refused_with(lambda: fh.load_robot(write(text_of(motor, motor, rigid=True))), "load_share")
+
+
+def test_a_loop_is_not_faster_than_its_drives(robot_of):
+    robot = robot_of("position", more='drive_delay = "16 ms"\ndrive_period = "8 ms"')
+    refused_with(lambda: joint_limits(robot, fh.Specification(period=1e-3)), "0.008")
+    refused_with(lambda: joint_limits(robot, fh.Specification(period=8e-3)), "latency 2")
+    assert joint_limits(robot, fh.Specification(period=8e-3, latency=2)).joints == ("a", "b")
+
+
+def test_a_slower_drive_is_a_tolerance(write):
+    motor = 'drive = "velocity"\ndrive_bandwidth = { value = 60.0, tolerance = 30 }'
+    robot = fh.load_robot(write(text_of(motor, motor)))
+    slow = robot.corner({"drive_bandwidth_a": -1.0})
+    assert slow["drive_damping"] == pytest.approx([0.3 * 42.0, 0.12 * 60.0])
+    with pytest.raises(InvalidInput):
+        robot.corner({"drive_bandwidth_a": -2.0})
