@@ -26,17 +26,17 @@ from flexhinf.codegen.c import Real, comment, constant, folded
 ESCAPED, FOLDED = (".xml", ".html"), (".c", ".h", ".ino")
 
 
-def render(template: str, **values: object) -> str:
+def render(template: str, /, **values: object) -> str:
     """A template with values for its marks."""
     return environment().get_template(template).render(values)
 
 
-def render_text(text: str, **values: object) -> str:
+def render_text(text: str, /, **values: object) -> str:
     """A short text with values for its marks, such as the path of a file."""
     return environment().from_string(text).render(values)
 
 
-def render_c(template: str, name: str, real: Real, **values: object) -> str:
+def render_c(template: str, name: str, real: Real, /, **values: object) -> str:
     """A template of C for a name and a type of numbers; lines of C are folded."""
     text = render(template, **c_values(name, real), **values)
     return folded(text) if template.endswith(FOLDED) else text
