@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from typing import Literal
 
 import pytest
 from jinja2 import UndefinedError
@@ -67,7 +68,7 @@ def test_every_template_is_in_the_list_of_files_or_a_part_of_others() -> None:
 
 
 @pytest.mark.parametrize("real", ["double", "float"])
-def test_guards_name_the_type(real: str) -> None:
+def test_guards_name_the_type(real: Literal["double", "float"]) -> None:
     text = arithmetic("arm", Real(real))
     assert f"sizeof({real}) == {8 if real == 'double' else 4}" in text
     assert "@" not in text

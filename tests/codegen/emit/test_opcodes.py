@@ -4,7 +4,7 @@ import casadi
 import numpy as np
 import pytest
 
-from flexhinf.codegen.emit.opcodes import OPCODES
+from flexhinf.codegen.operations import OPERATIONS
 
 X, Y = casadi.SX.sym("x"), casadi.SX.sym("y")
 
@@ -135,7 +135,7 @@ def test_constant_powers(exponent, pointwise):
 def test_every_operation_of_the_table_is_tested():
     tested = {getattr(casadi, name) for name in (UNARY | BINARY)}
     other = {casadi.OP_ASSIGN, casadi.OP_CONSTPOW}
-    assert {code for code in OPCODES if code >= 0} | {casadi.OP_IF_ELSE_ZERO} == tested | other
+    assert {code for code in OPERATIONS if code >= 0} | {casadi.OP_IF_ELSE_ZERO} == tested | other
 
 
 def test_the_table_holds_all_that_casadi_functions_of_one_or_two_numbers_emit():
@@ -149,7 +149,7 @@ def test_the_table_holds_all_that_casadi_functions_of_one_or_two_numbers_emit():
                 continue
             emitted.update(dict.fromkeys(codes(function), name))
     assert len(emitted) > 40
-    written = {*OPCODES, casadi.OP_IF_ELSE_ZERO}  # a choice of its own, see `flexhinf.codegen.dataflow`
+    written = {*OPERATIONS, casadi.OP_IF_ELSE_ZERO}  # a choice of its own, see `flexhinf.codegen.dataflow`
     assert {code: name for code, name in emitted.items() if code not in written} == {
         casadi.OP_ERFINV: "erfinv"
     }
