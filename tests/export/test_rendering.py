@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
+import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Literal
 
 import pytest
-from jinja2 import UndefinedError
+from jinja2 import ChoiceLoader, DictLoader, UndefinedError
 
-from flexhinf.codegen.c import Real
+from flexhinf.codegen.c import Real, folded
+from flexhinf.export.controller_c import code_of
 from flexhinf.export.package import FILES
-from flexhinf.export.rendering import arithmetic, environment, render_text
+from flexhinf.export.rendering import arithmetic, c_values, environment, render_text
+from tests.builders import arm_controller
 
 TEMPLATES = Path(__file__).parents[2] / "src/flexhinf/export/templates"
 
@@ -65,6 +68,24 @@ def test_every_template_is_in_the_list_of_files_or_a_part_of_others() -> None:
     for path in TEMPLATES.rglob("*"):
         name = path.relative_to(TEMPLATES).as_posix()
         assert path.is_dir() or name in listed or any(f'"{name}"' in text for text in sources), name
+
+
+def test_a_printed_line_stands_in_an_exported_header(repository: Path) -> None:
+    text = (repository / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    edit = re.search(r"^export/templates/(\S+), before `(.+)`:\n    (.*\n)", text, re.MULTILINE)
+    assert edit is not None
+    name, before, line = edit.groups()
+    source = (TEMPLATES / name).read_text(encoding="utf-8")
+    assert source.count(before) == 1
+    code = code_of(arm_controller(kind=None), "arm", "double")
+    changed = environment().overlay(
+        loader=ChoiceLoader([DictLoader({name: source.replace(before, line + before)}), environment().loader])
+    )
+    values = {**c_values("arm", code.real), **code.values, **code.header_values, "digest": code.digest}
+    header = changed.get_template(name).render(values)
+    wanted = f"/* Measured: {', '.join(code.controller.measured)} */\n{before}"
+    assert wanted in header
+    assert folded(header.replace(wanted, before)) == code.header
 
 
 @pytest.mark.parametrize("real", ["double", "float"])

@@ -137,6 +137,14 @@ def _erf(x: Any) -> Any:
     return erf(x)
 
 
+def _remainder(x: Any, y: Any) -> Any:
+    """x - n·y for the integer n nearest to x/y, the even one of two (IEEE 754), without rounding."""
+    size, half = np.abs(y), np.abs(y) / 2.0
+    rest = np.fmod(np.abs(x), 2.0 * size)
+    once = np.where(rest > half, rest - size, rest)
+    return np.copysign(1.0, x) * np.where((rest > half) & (once >= half), once - size, once)
+
+
 _TABLE = (
     # sums and products
     OperationKind(casadi.OP_ASSIGN, np.positive, lambda w, x: x, "{0}"),
@@ -223,7 +231,7 @@ _TABLE = (
     _library("pow", np.power, 2, casadi.OP_CONSTPOW),
     _library("hypot", np.hypot, 2),
     _library("fmod", np.fmod, 2),
-    _library("remainder", lambda x, y: x - y * np.rint(x / y), 2),
+    _library("remainder", _remainder, 2),
 )
 
 #: The table, by opcode.

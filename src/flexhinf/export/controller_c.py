@@ -236,7 +236,7 @@ class ControllerCode:
     @property
     def header(self) -> str:
         """The text of ``NAME.h``."""
-        return self._rendered("controller.h", self._header, self.digest)
+        return self._rendered("controller.h", self.header_values, self.digest)
 
     @property
     def source(self) -> str:
@@ -246,7 +246,7 @@ class ControllerCode:
     @cached_property
     def digest(self) -> str:
         """SHA-256 of header and source but for itself, which determine every input that the code computes."""
-        header = self._rendered("controller.h", self._header, "@DIGEST@")
+        header = self._rendered("controller.h", self.header_values, "@DIGEST@")
         source = self._rendered("controller.c", self._source, "@DIGEST@")
         return hashlib.sha256((header + source).encode()).hexdigest()
 
@@ -271,7 +271,7 @@ class ControllerCode:
         return {**origin_facts(self.controller, self.origin), **self.controller.summary()}
 
     @cached_property
-    def _header(self) -> dict[str, Any]:
+    def header_values(self) -> dict[str, Any]:
         """What ``NAME.h`` says beside."""
         signals = []
         for kind, names in self.signals.items():

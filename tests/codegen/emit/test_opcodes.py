@@ -125,6 +125,17 @@ def test_operation_means_what_casadi_means(name, lanes, pointwise):
 
 
 @pytest.mark.oracle
+@pytest.mark.parametrize("name", [name for name in (*UNARY, *BINARY) if name != "OP_IF_ELSE_ZERO"])
+def test_the_numpy_function_of_an_operation_is_what_casadi_means(name):
+    symbols = [X] if name in UNARY else [X, Y]
+    function = casadi.Function("f", symbols, [(UNARY | BINARY)[name]])
+    columns = [np.where(np.abs(column) < 1e8, column, 0.7) for column in grid(len(symbols))]
+    with np.errstate(all="ignore"):
+        got = np.asarray(OPERATIONS[getattr(casadi, name)].numpy(*columns), dtype=float)
+    np.testing.assert_allclose(got, by_casadi(function, *columns), rtol=1e-14, atol=1e-300)
+
+
+@pytest.mark.oracle
 @pytest.mark.parametrize("exponent", [0.5, 1.5, -2.0, 3.0, 7.0, 0.0])
 def test_constant_powers(exponent, pointwise):
     function = casadi.Function("f", [X], [casadi.constpow(X, exponent)])
