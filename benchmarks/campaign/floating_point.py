@@ -22,7 +22,7 @@ from flexhinf.codegen import (
     When,
 )
 from flexhinf.codegen.emit.module import emit_function, emit_normal
-from flexhinf.codegen.emit.opcodes import Lanes, ModuleText, Writer
+from flexhinf.codegen.emit.writer import Lanes, ModuleText, Writer
 from flexhinf.codegen.machine import Code, assemble, host
 from flexhinf.codegen.program import Step
 from flexhinf.polynomial import basis

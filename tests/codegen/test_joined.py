@@ -8,7 +8,7 @@ import pytest
 from tests.interpreter import interpret
 
 from flexhinf.codegen import Buffer, Call, Copy, Program, Repeat, Slice, compile_program
-from flexhinf.codegen.emit import emit_module
+from flexhinf.codegen.emit.module import emit_module
 
 X, U = casadi.SX.sym("x", 2), casadi.SX.sym("u")
 SWING = casadi.Function("swing", [X, U], [casadi.vertcat(X[1], U - casadi.sin(X[0] + casadi.cos(X[1])))])

@@ -8,7 +8,7 @@ import pytest
 from tests.interpreter import interpret
 
 from flexhinf.codegen import Buffer, Normal, Program, Repeat, Slice, compile_program, machine
-from flexhinf.codegen.emit.opcodes import Lanes, ModuleText, Writer
+from flexhinf.codegen.emit.writer import Lanes, ModuleText, Writer
 from flexhinf.codegen.noise import normal_numbers, philox, seed_key
 from flexhinf.errors import InvalidInput
 

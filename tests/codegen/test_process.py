@@ -10,7 +10,7 @@ import pytest
 from tests.costs import resident
 
 from flexhinf.codegen import Buffer, Call, Program, Slice, compile_program, machine
-from flexhinf.codegen.emit import emit_module
+from flexhinf.codegen.emit.module import emit_module
 from flexhinf.codegen.program import ENTRY
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc, forks")

@@ -23,8 +23,8 @@ from flexhinf.codegen.c import Real
 from flexhinf.codegen.machine import host
 from flexhinf.export import export_plant_fmu
 from flexhinf.export.controller_c import code_of
-from flexhinf.export.filling import arithmetic
 from flexhinf.export.recording import record, with_both_roundings
+from flexhinf.export.rendering import arithmetic
 
 #: Writes whether multiply-adds are fused; reads y and r as doubles, writes u; 77 where `arm_init` refuses.
 PROGRAM = """

@@ -14,7 +14,8 @@ import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.export.controller_c import code_of
 from flexhinf.export.names import distinct_names
-from flexhinf.export.ros2 import ros2_files
+from flexhinf.export.rendering import render_c
+from flexhinf.export.ros2 import ros2_values
 
 yaml = pytest.importorskip("yaml")
 
@@ -36,15 +37,15 @@ def test_interfaces_are_named_after_the_joints_of_the_robot(tmp_path: Path) -> N
     file.write_text(text.replace('"shoulder"', f'"{joints[0]}"').replace('"elbow"', f'"{joints[1]}"'))
     robot = fh.load_robot(file)
     code = code_of(elastic_controller(robot), "arm", "double", robot)
-    files = ros2_files(code, np.zeros(1))
-    stated = yaml.safe_load(files["ros2/config/arm_controller.yaml"])["arm_controller"]["ros__parameters"]
+    values = {**code.values, **ros2_values(code, np.zeros(1))}
+    parameters, source = (
+        render_c(f"ros2/controller.{kind}", "arm", code.real, **values) for kind in ("yaml", "cpp")
+    )
+    stated = yaml.safe_load(parameters)["arm_controller"]["ros__parameters"]
     for kind, quantities in (("measurements", ("position", "motor_position")), ("inputs", ("voltage",))):
         interfaces = [group["interface"] for group in stated[kind].values()]
         assert interfaces == [f"{joint}/{quantity}" for quantity in quantities for joint in joints]
-        assert (
-            "{" + ", ".join(f'"{interface}"' for interface in interfaces) + "}"
-            in (files["ros2/src/controller.cpp"])
-        )
+        assert "{" + ", ".join(f'"{interface}"' for interface in interfaces) + "}" in source
 
 
 class Twins(fh.Law):
@@ -60,4 +61,4 @@ class Twins(fh.Law):
 def test_two_signals_of_one_interface_are_refused_by_name() -> None:
     code = code_of(fh.Controller(Twins(), None, PERIOD, 1.0), "arm", "double")
     with refused_with(InvalidInput, "joint/position", "'link_position'", "'link_position_joint'"):
-        ros2_files(code, np.zeros(1))
+        ros2_values(code, np.zeros(1))

@@ -14,8 +14,7 @@ from tests.refusals import unnamed
 
 import flexhinf as fh
 from flexhinf.export import export_fmu
-from flexhinf.export.controller_c import code_of
-from flexhinf.export.fragments import NEVER
+from flexhinf.export.controller_c import NEVER, code_of
 
 # Libraries and exports that make some samples: compiled in half the time.
 pytestmark = [pytest.mark.oracle, pytest.mark.usefixtures("unoptimised")]

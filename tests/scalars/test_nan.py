@@ -15,7 +15,7 @@ import pytest
 
 from flexhinf import scalars
 from flexhinf.codegen import DIRECT, Block, Buffer, Call, Composer, Program, Slice, compile_program
-from flexhinf.codegen.emit.opcodes import OPCODES
+from flexhinf.codegen.operations import OPERATIONS
 from flexhinf.errors import InvalidInput
 from flexhinf.scalars import Jet, Series, Symbol, jets, spectral, trace
 from flexhinf.scalars.differences import difference
@@ -220,7 +220,7 @@ def test_a_nan_that_goes_in_comes_out_of_every_operation() -> None:
     operations = [*of_elements(Symbol), *of_scalars(), *of_programs()]
     functions = [forms_of(op) for op in operations]
     codes = [{f.instruction_id(k) for k in range(f.n_instructions())} for f in functions]
-    has_code = [c <= {*OPCODES, *PLACES} for c in codes]
+    has_code = [c <= {*OPERATIONS, *PLACES} for c in codes]
     kernels = iter(machine_code([f for f, has in zip(functions, has_code) if has]))
     found: set[tuple[str, int, str]] = set()
     for op, function, has in zip(operations, functions, has_code, strict=True):

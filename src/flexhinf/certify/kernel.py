@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexhinf.codegen.emit.opcodes import Lanes, ModuleText, Writer
+from flexhinf.codegen.emit.writer import Lanes, ModuleText, Writer
 
 LANES = 8
 LOW = 3  # monomials through this degree are kept as polynomials in ρ; the others only bounded

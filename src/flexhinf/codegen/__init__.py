@@ -1,4 +1,16 @@
-"""Kernels: a program over traced functions becomes machine code, for one run or for many in lanes."""
+"""Kernels: a program over traced functions becomes machine code, for one run or for many in lanes.
+
+::
+
+    NumPy code ─► trace ─► Program ─► dataflow ─► emit ─► LLVM ─► machine code
+                             │          │   operations: what each is in NumPy, LLVM and C
+                             │          │
+                             └► stages, straight ─► c ─► C99
+
+`program` has the steps, `dataflow` the operations of a traced function in single-assignment form with products fused
+into sums, `operations` the one table of what they are. For C, `stages` and `straight` divide a step into functions that
+a person reads.
+"""
 
 from __future__ import annotations
 

@@ -403,7 +403,7 @@ def compile_program(program: Program, lanes: int = 1, fused: bool | None = None)
 
             def make() -> bytes:
                 """The C functions that are needed, on a line, and the object code."""
-                from flexhinf.codegen.emit import emit_module
+                from flexhinf.codegen.emit.module import emit_module
 
                 module = emit_module(program, lanes, once, host.choosing)
                 head = json.dumps(module.library).encode() + b"\n"
@@ -478,5 +478,6 @@ def _version() -> str:
 def emitter_digest() -> str:
     """SHA-256 of the sources that turn a program into LLVM text; empty where there are none to read."""
     here = Path(__file__).parent
-    sources = (here / "noise.py", *sorted((here / "emit").glob("*.py")))
+    own = (here / f"{name}.py" for name in ("noise", "operations", "dataflow"))
+    sources = (*own, *sorted((here / "emit").glob("*.py")))
     return hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()

@@ -9,9 +9,8 @@ keeps its sign); and a truth value is not made a number and compared again, whic
 
 from __future__ import annotations
 
-import operator
 from collections import Counter
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from math import copysign
@@ -19,27 +18,17 @@ from typing import NamedTuple
 
 import casadi
 
+from flexhinf.codegen.operations import (
+    COMPARISONS,
+    MULTIPLY_ADD,
+    MULTIPLY_SUBTRACT,
+    OPERATIONS,
+    SELECT,
+    SUBTRACT_PRODUCT,
+    TRUTHS,
+)
 from flexhinf.codegen.program import Unsupported
 from flexhinf.scalars.trace import walk
-
-# Operations of several in one, numbered beside CasADi's own (which are not negative).
-MULTIPLY_ADD = -1  # a·b + c
-MULTIPLY_SUBTRACT = -2  # a·b - c
-SUBTRACT_PRODUCT = -3  # c - a·b, arguments (a, b, c)
-#: a where c is not zero, else b, arguments (c, a, b). It stands for OP_IF_ELSE_ZERO too, whose b is zero.
-SELECT = -4
-
-#: Functions of the C library by opcode; and those of them that are single instructions.
-LIBRARY: dict[int, str] = {casadi.OP_CONSTPOW: "pow"} | {
-    getattr(casadi, f"OP_{name.upper()}"): name
-    for name in (
-        "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "exp", "expm1",
-        "log", "log1p", "pow", "hypot", "fmod", "remainder", "erf",
-    )
-}  # fmt: skip
-SINGLE: dict[int, str] = {
-    getattr(casadi, f"OP_{name.upper()}"): name for name in ("sqrt", "fabs", "floor", "ceil", "copysign")
-}
 
 #: Quotients by one number from which they share its reciprocal, whatever it is.
 MANY = 3
@@ -161,12 +150,6 @@ def joined(
     )
 
 
-#: Comparisons, whose result is 1 or 0.
-COMPARISONS: dict[int, Callable[[float, float], bool]] = {
-    casadi.OP_LT: operator.lt, casadi.OP_LE: operator.le, casadi.OP_EQ: operator.eq, casadi.OP_NE: operator.ne,
-}  # fmt: skip
-TRUTHS = {*COMPARISONS, casadi.OP_NOT, casadi.OP_AND, casadi.OP_OR}
-
 #: Of two truth values.
 _JOINED = {
     casadi.OP_FMIN: casadi.OP_AND, casadi.OP_MUL: casadi.OP_AND,
@@ -207,7 +190,7 @@ class _Shortened:
         if len(flags) == 1 == len(numbers) and (number := numbers[0]) is not None:
             if code in COMPARISONS:
                 at = [
-                    COMPARISONS[code](*(flag if a in flags else number for a in arguments))
+                    OPERATIONS[code].numpy(*(flag if a in flags else number for a in arguments))
                     for flag in (0.0, 1.0)
                 ]
                 if at == [False, True]:

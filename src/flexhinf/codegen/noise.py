@@ -58,7 +58,7 @@ def seed_key(seed: int | np.ndarray) -> tuple[int, int] | tuple[np.ndarray, np.n
 
 class Arrays:
     """Operations on NumPy arrays of 64-bit integers and numbers, named as in LLVM; the algorithm stands here once:
-    `flexhinf.codegen.emit.opcodes.Writer` has the same as text."""
+    `flexhinf.codegen.emit.writer.Writer` has the same as text."""
 
     WHOLE: ClassVar = {
         "add": np.add, "sub": np.subtract, "mul": np.multiply, "and": np.bitwise_and, "xor": np.bitwise_xor,

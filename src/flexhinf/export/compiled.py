@@ -63,7 +63,7 @@ def compile_controller(
     'arm.so'
     """
     from flexhinf.export.controller_c import code_of
-    from flexhinf.export.filling import fill, template
+    from flexhinf.export.rendering import render
     from flexhinf.loop.controller.status import WATCHED
 
     target, flags = checked_path("The library", path), compiler_flags(processor)
@@ -79,13 +79,9 @@ def compile_controller(
         "status": [c.memory.places[name].start if name in c.memory.places else None for name in ("status", "stop")],
         "bits": [int(bit) for bit in WATCHED], "rejected": code.rejected, "doubt": code.doubt,
     }  # fmt: skip
-    # strings, each the name of a set that the compiler may use, with a space before it
-    sets = "\n".join(f'#ifdef {macro}\n    " {name}"\n#endif' for macro, name in INSTRUCTIONS.items())
-    entry = fill(
-        template("library.c"), code.name, code.real, MARK=MARK.strip().decode() + r"\n", INSTRUCTIONS=sets,
-        REFERENCE=c.memory.places["reference"].start,
-        # twice: a string of C is one of JSON in ASCII
-        users={"DESCRIPTION": json.dumps(json.dumps(about)).replace("??", '?""?')},
+    entry = render(
+        "library.c", name=code.name, NAME=code.name.upper(), c=c, mark=MARK.strip().decode() + r"\n",
+        instructions=list(INSTRUCTIONS.items()), description=about,
     )  # fmt: skip
     sources = {"controller.h": code.header, "controller.c": code.source, "entry.c": entry}
     try:

@@ -22,7 +22,7 @@ class Code(NamedTuple):
 CODES = {
     "NOT_INITIALISED": Code(
         8, "the state was not initialised: the output is that before the first sample",
-        "call `@NAME@_init` or `@NAME@_start`",
+        "call `{name}_init` or `{name}_start`",
     ),
     "BAD_ARITHMETIC": Code(
         9, "the compiler's flags change results: nothing is computed", "do not enable the drives; change the flags"
@@ -33,7 +33,7 @@ CODES = {
     ),
     "STOPPED": Code(
         6, "too many samples without a measurement: the last output is held",
-        "brake; begin again with `@NAME@_start`",
+        "brake; begin again with `{name}_start`",
     ),
     "BAD_MEASUREMENT": Code(
         1, "without an estimator, a measurement is not finite: nothing changed, the last output is held",
@@ -47,7 +47,7 @@ CODES = {
     "WENT_BACK": Code(
         4, "as BAD_RESULT, again: the memory went back to one of 32 to 64 good samples ago, or to the start if there "
         "were fewer",
-        "brake; begin again with `@NAME@_start`",
+        "brake; begin again with `{name}_start`",
     ),
     "BAD_RESULT": Code(
         3, "a result is not finite: nothing changed, the last output is held",

@@ -11,13 +11,11 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property, reduce
-from textwrap import wrap
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexhinf import __version__
 from flexhinf.codegen import (
     Call,
     Cholesky,
@@ -31,71 +29,25 @@ from flexhinf.codegen import (
     Sweep,
     When,
 )
-from flexhinf.codegen.c import Real, Translator, comment, constant, folded, pivot_tolerance
+from flexhinf.codegen.c import Real, Translator, comment, constant, pivot_tolerance
+from flexhinf.codegen.c.algebra import SIXTEEN
 from flexhinf.codegen.compose import SCRATCH
 from flexhinf.codegen.program import Step
 from flexhinf.codegen.stages import staged
 from flexhinf.codegen.straight import straightened
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.contract import CODES, unlimited_inputs
-from flexhinf.export.filling import arithmetic, fill, template
-from flexhinf.export.fragments import (
-    ALIGNMENT,
-    BEGIN_AGAIN,
-    BEGINS,
-    BELIEVED_ALL,
-    BELIEVED_SOME,
-    BITS,
-    COUNTED,
-    DOUBTFUL,
-    DOUBTFUL_DECLARED,
-    EDGE,
-    FINITE,
-    HOLD,
-    KNOWN_ESTIMATE,
-    MOST_COUNTED,
-    MOVING,
-    MOVING_FIRST,
-    NAMED,
-    NEVER,
-    NO_ESTIMATE,
-    NOT_BELIEVED,
-    PLAUSIBLE,
-    PLAUSIBLE_TEXT,
-    PREDICTION,
-    QUEUED,
-    REACTED,
-    REJECTED,
-    REJECTED_DECLARED,
-    REPORTED,
-    RESTING,
-    RESTING_COMMAND,
-    RESTING_FIRST,
-    ROOM,
-    SLOWED,
-    SLOWED_DECLARED,
-    SLOWED_MOTION,
-    SLOWER,
-    STANDING,
-    STANDSTILL,
-    STANDSTILL_DECLARED,
-    START,
-    STATUS,
-    STATUS_BITS,
-    STOP_KEPT,
-    UNLIMITED,
-)
 from flexhinf.export.names import (
     MEMORY,
     checked_identifier,
     constants,
     default_lines,
-    enumeration,
     number_lines,
     origin_facts,
 )
 from flexhinf.export.parameter_check import range_rows, ranges
 from flexhinf.export.places import Places
+from flexhinf.export.rendering import render_c
 from flexhinf.loop import Controller, Status
 from flexhinf.loop.controller.measured import plausible
 from flexhinf.loop.controller.memory import SPACING, step_program
@@ -133,14 +85,20 @@ AT_MOTOR = {
     "velocity_command": "command of the motor's speed /",
     "position_command": "command of the motor's angle /",
 }
-#: What is stated of them all.
-GEARS = (
-    "Angles, speeds and torques of motors are those at the joint, after the gear: the angle of an encoder on a motor "
-    "is divided by the gear ratio before it is given, and a torque is divided by it for the motor."
+#: What the bits of a status say, and of one that a controller does not watch.
+STATUS = (
+    "the command is outside of the positions that the design is for",
+    "an input, or a tracked position, swings to and fro while the command rests",
+    "an input has been at a limit for long",
+    "the command is replaced, or the path rate falls",
+    "the estimate is in doubt: rounding may move it by over 0.001 of its standard deviation, or it was repaired",
+    "a tracked position is far from its command",
+    "something blocks a joint that is far from its command, by more than the model explains; it lets go",
 )
+NEVER = "always 0 here, not watched"
 
-#: What the header says before them.
-ELEMENTS = "Elements of the arrays below. "
+#: Up to which number int and real of a type count.
+MOST_COUNTED = {"double": 2.0**31 - 1.0, "float": 2.0**24}
 
 NOTHING: Mapping[str, str] = MappingProxyType({})
 
@@ -263,10 +221,9 @@ class ControllerCode:
         )
 
     @property
-    def unlimited_text(self) -> str:
-        """Which inputs may have any value, for header and README."""
-        free = unlimited_inputs(self.controller)
-        return UNLIMITED.format(comment(", ".join(free))) if free else ""
+    def unlimited(self) -> list[str]:
+        """Inputs that may have any value."""
+        return unlimited_inputs(self.controller)
 
     def numbers(self, values: Sequence[float] | np.ndarray, indent: str = "    ") -> str:
         """Constants between commas, some in a line."""
@@ -281,129 +238,85 @@ class ControllerCode:
     @property
     def header(self) -> str:
         """The text of ``NAME.h``."""
-        return self._filled(self._header, self.digest)
+        return self._rendered("controller.h", self.header_values, self.digest)
 
     @property
     def source(self) -> str:
         """The text of ``NAME.c``."""
-        return self._filled(self._source, self.digest)
+        return self._rendered("controller.c", self._source, self.digest)
 
     @cached_property
     def digest(self) -> str:
         """SHA-256 of header and source but for itself, which determine every input that the code computes."""
-        texts = (self._filled(text, "@DIGEST@") for text in (self._header, self._source))
-        return hashlib.sha256("".join(texts).encode()).hexdigest()
+        header = self._rendered("controller.h", self.header_values, "@DIGEST@")
+        source = self._rendered("controller.c", self._source, "@DIGEST@")
+        return hashlib.sha256((header + source).encode()).hexdigest()
 
-    def _filled(self, text: tuple[str, dict[str, str]], digest: str) -> str:
-        """A text with what users wrote in it."""
-        return folded(fill(text[0], self.name, self.real, {**text[1], "DIGEST": digest}))
+    @cached_property
+    def values(self) -> dict[str, Any]:
+        """What every template about this controller may use."""
+        return {
+            "code": self,
+            "c": self.controller,
+            "period_text": f"{self.controller.period:g}",
+            "missing": MISSING_LIMIT if self.predicts else 0,
+            "spacing": SPACING,
+            "longest_unseen": MISSING_LIMIT,
+        }
+
+    def _rendered(self, template: str, values: Mapping[str, Any], digest: str) -> str:
+        return render_c(template, self.name, self.real, digest=digest, **self.values, **values)
 
     @property
     def facts(self) -> dict[str, str]:
         """What design it is, and what the controller says of itself."""
         return {**origin_facts(self.controller, self.origin), **self.controller.summary()}
 
-    def _comment(self, facts: Mapping[str, str]) -> str:
-        """Facts as lines of a comment, each in lines of its own."""
-        return "\n * ".join(
-            "\n *   ".join(wrap(comment(f"{name}: {text}"), 112, break_on_hyphens=False))
-            for name, text in facts.items()
-        )
-
     @cached_property
-    def _header(self) -> tuple[str, dict[str, str]]:
-        """The text of ``NAME.h`` before texts of users stand in it, and these by their marks."""
-        c, sizes = self.controller, self.sizes
-        parameters = self.places.parameters()
+    def header_values(self) -> dict[str, Any]:
+        """What ``NAME.h`` says beside."""
         signals = []
         for kind, names in self.signals.items():
             texts = [f"{comment(name)}, {self.unit_text(name)}".rstrip(", ") for name in names]
             if kind == "X" and self.belief is not None:
                 texts = [f"{text}; begins at {x:.6g}" for text, x in zip(texts, self.belief, strict=True)]
             rows = zip(constants(self.upper(kind), names), range(len(names)), texts, strict=True)
-            signals += [enumeration(list(rows))] if names else []
-        text = fill(
-            template("controller.h"), self.name, self.real,
-            PERIOD=constant(c.period, self.real), PERIOD_TEXT=f"{c.period:g}", VERSION=__version__,
-            FIRST_LINES=self.first_lines,
-            LATENCY=c.mode.latency, P=sizes["y"], K=len(c.commanded), M=sizes["u"],
-            N=sizes["estimate"], DATA=sizes["data"], MEMORY=sizes["memory"], WORK=max(1, self.scratch), R=sizes["r"],
-            COLUMNS=f",\n    {self.upper('COLUMNS')} = {self.translator.room}" if self.translator.room else "",
-            ROOM=(ALIGNMENT * (self.lanes > 1) + ROOM) if self.translator.room else "",
-            REJECTED="" if self.rejected is None else REJECTED_DECLARED,
-            DOUBTFUL=DOUBTFUL_DECLARED if self.doubt is not None else "",
-            CODES=enumeration([(self.upper(name), code.value, code.meaning) for name, code in self.codes.items()]),
-            STATUS=enumeration([
+            signals += [list(rows)] if names else []
+        return {
+            "signals": signals,
+            "parameters": self.places.parameters(),
+            "columns": self.translator.room,
+            "sixteen": SIXTEEN,
+            "codes": [(self.upper(name), code.value, code.meaning) for name, code in self.codes.items()],
+            "status": [
                 (self.upper(str(bit.name)), bit.value, text if bit in self.able else f"{NEVER}: {text}")
-                for bit, text in zip(Status, STATUS)
-            ]),
-            SETS="about another state" if self.starts_anywhere
-            else "the estimate begins where that of @NAME@_init does",
-            BEGINS=BEGINS if self.predicts else "the state is what is measured",
-            STANDSTILL="" if self.standstill is None else STANDSTILL_DECLARED.format(RESTING_COMMAND * self.rests)
-            + SLOWED_DECLARED * self.slows,
-            PLAUSIBLE=PLAUSIBLE_TEXT if c.mode.checks_measurements else "",
-            GAPS=", not finite (NAN) where a sensor gave nothing" if self.predicts else "",
-            ELEMENTS="\n * ".join(wrap(ELEMENTS + GEARS * self.has_motors, 112)),
-            SAYS="\n * ".join(wrap(self.status_text, 112)),
-            COMMAND="\n * ".join(wrap(self.command_text, 112)), FIRST=c.first_input.text,
-            TOLERANCES="" if self.robot is None else " outside the tolerances of the robot file",
-            BITS=BITS[self.real.name],
-            HELD=c.first_input.text if self.starts_anywhere else "that of @NAME@_init",
-        )  # fmt: skip
-        return text, {
-            "SUMMARY": self._comment(self.facts), "SIGNALS": "\n".join(signals),
-            "OFFSETS": enumeration(self.places.numbers()),
-            "NAMED": "" if not parameters else NAMED + enumeration(parameters),
-            "UNLIMITED": "".join(f"\n * {line}" for line in wrap(self.unlimited_text, 112)),
-        }  # fmt: skip
+                for bit, text in zip(Status, STATUS, strict=True)
+            ],
+        }
 
     @cached_property
-    def _source(self) -> tuple[str, dict[str, str]]:
-        """The text of ``NAME.c`` before texts of users stand in it, and these by their marks."""
+    def _source(self) -> dict[str, Any]:
+        """What ``NAME.c`` consists of beside; its functions come last, as the others may need some of them."""
         memory = self.controller.memory.places
-        start, standstill, believed = self._start, self._standstill, self._plausible  # may need functions
-        missing = MISSING_LIMIT if self.predicts else 0
-        rows = ranges(self.controller, self.defaults, self.robot, self.oldest, missing)
-        functions = str(self.translator).replace(f"{self.real.name} ", "real ")
-        text = fill(
-            template("controller.c"), self.name, self.real,
-            START=start, STANDSTILL=standstill, QUEUED=self._queued, VERSION=__version__,
-            ARITHMETIC=arithmetic(self.name, self.real),
-            OLDEST=constant(self.oldest, self.real), MISSING=missing,
-            INITIAL=number_lines(memory, self.initial_memory, self.real, MEMORY),
-            FUNCTIONS=functions + (PREDICTION if self.predicts else ""), MEASURED=self._call("input->y"),
-            PREDICTED=f"{self.name}_predict(state, param, input@IN_TIME@)" if self.predicts else self.upper("STOPPED"),
-            IN_TIME=", in_time" if believed else "", ALSO_IN_TIME=", int in_time" if believed else "",
-            NOTHING=NOT_BELIEVED if believed else constant(np.inf, self.real),
-            PREDICTED_CALL=self._call("nothing") if self.predicts else "",
-            THERE=f" && {self.name}_some(input->y) != 0" if self.predicts else "",
-            BELIEVED=f" && {self.name}_believed(state, param, input->y) != 0" if believed else "", PLAUSIBLE=believed,
-            OR_PREDICTED=f" || code == {self.upper('PREDICTED')}" if self.predicts else "",
-            COMMANDED=memory["reference"].stop - memory["reference"].start, SPACING=SPACING,
-            REJECTED="" if self.rejected is None else REJECTED.format("counted(state->memory[AT_REJECTED + i])"),
-            NONE_REJECTED="" if self.rejected is None else REJECTED.format("0").replace("\n", "\n    "),
-            DOUBTFUL="" if self.doubt is None else DOUBTFUL,
-            NONE_DOUBTFUL="" if self.doubt is None else "\n        output->doubtful = 0;",
-            COUNTED="" if self.rejected is None and self.doubt is None else COUNTED,
-            MOST=constant(MOST_COUNTED[self.real.name], self.real),
-            STATUS=STATUS_BITS if "status" in memory else "", FINITE=FINITE if self.unlimited_text else "",
-            PATH_RATE=SLOWED if "stop" in memory else "@UNITY@",
-            STOP_KEPT=STOP_KEPT if "stop" in memory else "",
-            UNITY=constant(1.0, self.real),
-            FIRST_ESTIMATE=KNOWN_ESTIMATE if self.starts_anywhere else NO_ESTIMATE,
-            RANGES=range_rows(rows, self.real), COUNT=len(rows),
-            ZERO=constant(0.0, self.real), F=self.real.suffix, SUFFIX=self.real.suffix.upper(), BYTES=self.real.bytes,
-        )  # fmt: skip
-        return text, {
-            "SUMMARY": self._comment(origin_facts(self.controller, self.origin)),
-            "DEFAULTS": default_lines(self.controller, self.defaults, self.real),
-            "PLACES": enumeration(self.places.memory()),
+        holding, standstill, plausible = self._held, self._standstill, self._plausible
+        missing = self.values["missing"]
+        return {
+            "places": memory,
+            "origin": origin_facts(self.controller, self.origin),
+            "defaults": default_lines(self.controller, self.defaults, self.real),
+            "initial": number_lines(memory, self.initial_memory, self.real, MEMORY),
+            "ranges": ranges(self.controller, self.defaults, self.robot, self.oldest, missing),
+            "range_rows": range_rows,
+            "most_counted": constant(MOST_COUNTED[self.real.name], self.real),
+            "holding": holding,
+            "standstill": standstill,
+            "plausible": plausible,
+            "functions": str(self.translator).replace(f"{self.real.name} ", "real "),
         }
 
     @property
     def _plausible(self) -> str:
-        """C that says whether something plausible is measured; "" without limits of measurements."""
+        """The function that says whether something plausible is measured; "" without limits of measurements."""
         c, p = self.controller, self.sizes["y"]
         if not c.mode.checks_measurements or c.estimator is None:
             return ""
@@ -412,10 +325,7 @@ class ControllerCode:
         def some(y: Any, seen: Any, *limits: Any) -> Any:
             return np.array([reduce(maximum, known(plausible(turns, y, seen.reshape(3, p), *limits)[0]))])
 
-        call = self.translator.function(trace(some, p, 3 * p, 1, p, p, p, name="plausible"))
-        parts = ("PERIOD", "MEASUREMENT_LOWER", "MEASUREMENT_UPPER", "MEASUREMENT_RATE")
-        limits = ", ".join(f"param->value + {self.upper(f'P_{part}')}" for part in parts)
-        return PLAUSIBLE.replace("@CALL@", call).replace("@LIMITS@", limits)
+        return self.translator.function(trace(some, p, 3 * p, 1, p, p, p, name="plausible"))
 
     @property
     def able(self) -> Status:
@@ -432,7 +342,8 @@ class ControllerCode:
             numbers[self.controller.data.places["rcond_limit"]] = rcond_limit(float(eps))
         return numbers
 
-    def _call(self, measurement: str) -> str:
+    def call(self, measurement: str) -> str:
+        """The call of the step, with what is measured."""
         places = {"y": measurement, "r": "input->r", "data": "param->value", "scratch": "state->work"}
         arguments = [places.get(b.name, f"state->{b.name}") for b in self.program.buffers]
         arguments += ["state->columns"] * (self.translator.room > 0)
@@ -444,11 +355,11 @@ class ControllerCode:
         return {1: ("data", self.controller.data.places["parameters"].start)}
 
     @property
-    def _start(self) -> str:
-        """Body of ``NAME_start``: sets the estimate, and the input that holds the robot there."""
+    def _held(self) -> str:
+        """The call in ``NAME_start`` that writes the input that holds the robot there; "" where that is zero."""
         if not self.starts_anywhere or self.controller.first_input.is_zero:
-            return START.replace("@HOLD@", "") if self.starts_anywhere else "    (void)estimate;"
-        return START.replace("@HOLD@", HOLD.replace("@HOLDING@", self._holding("state->start", "held")))
+            return ""
+        return self._holding("state->start", "held")
 
     def _holding(self, state: str, inputs: str) -> str:
         """A call that writes the inputs that hold the robot at a state."""
@@ -477,65 +388,26 @@ class ControllerCode:
         return self.rests and "stop" in self.controller.memory.places
 
     @property
-    def command_text(self) -> str:
-        """What the command is, for header and README."""
-        if not self.controller.mode.moving:
-            return STANDING if self.controller.commanded else "There is no command."
-        later = ", @BIG@_LATENCY periods later" if self.controller.mode.latency else ""
-        return MOVING.format(latency=later, resting="" if self.standstill is None else RESTING)
+    def reacts(self) -> bool:
+        """Whether the controller does something about the bits of its status."""
+        return self.controller.supervision is not None and Status.REACTING in self.able
 
     @property
-    def first_lines(self) -> str:
-        """The header's first lines, where a command of positions alone would be wrong."""
-        if not self.controller.mode.moving:
-            return ""
-        text = MOVING_FIRST.format(
-            len(self.controller.commanded), "" if self.standstill is None else RESTING_FIRST
-        )
-        return "".join(f" * {line}\n" for line in [*wrap(text, 112), ""]).replace(" * \n", " *\n")
-
-    @property
-    def believes_text(self) -> str:
-        """Which measurements the controller believes, for the README."""
-        checks = self.controller.mode.checks_measurements
-        return BELIEVED_SOME if checks or self.rejected is not None else BELIEVED_ALL
-
-    @property
-    def status_text(self) -> str:
-        """What the controller does about the bits of its status, for header and README."""
-        supervision = self.controller.supervision
-        if supervision is None or Status.REACTING not in self.able:
-            return REPORTED
-        brakes = supervision.reactions.get("workspace") == "brake"
-        edge = EDGE.format(supervision.braking_time / 2.0) * brakes
-        return REACTED + SLOWER * self.slows + edge + BEGIN_AGAIN
-
-    @property
-    def _standstill(self) -> str:
-        """``NAME_rest``, whose traced function stands beside it: a firmware may do without both."""
+    def _standstill(self) -> dict[str, Any]:
+        """What ``NAME_rest`` and ``NAME_slowed`` consist of; a firmware may do without them and their functions."""
         if self.standstill is None:
-            return ""
+            return {}
         before = set(self.translator.functions)
-        traced = self.translator.function(self.standstill, "q", "data", within=self._known)
-        slower = {}
+        parts: dict[str, Any] = {
+            "call": self.translator.function(self.standstill, "q", "data", within=self._known)
+        }
         if self.slows:
-            slower["IS_VELOCITY"] = ", ".join(str("velocity" in name).lower() for name in self.signals["X"])
-            slower |= {
-                "HOLDING_FAST": self._holding("r", "held"),
-                "HOLDING_SLOW": self._holding("r", "slower"),
-            }
+            parts["is_velocity"] = [str("velocity" in name).lower() for name in self.signals["X"]]
+            parts["holding_fast"] = self._holding("r", "held")
+            parts["holding_slow"] = self._holding("r", "slower")
         added = [name for name in self.translator.functions if name not in before]
-        texts = [self.translator.functions.pop(name) for name in added]
-        text = "\n\n".join(texts).replace(f"{self.real.name} ", "real ")
-        slowed = SLOWED_MOTION * self.slows
-        return fill(STANDSTILL, self.name, self.real, TRACED=text, CALL=traced, SLOWED=slowed, **slower)
-
-    @property
-    def _queued(self) -> str:
-        """That the inputs that wait at the start are the one before the first sample too."""
-        if "queue" not in self.controller.memory.places:
-            return ""
-        return QUEUED.replace("@WHICH@", " + i % @BIG@_INPUTS" if self.sizes["u"] > 1 else "")
+        text = "\n\n".join(self.translator.functions.pop(name) for name in added)
+        return parts | {"functions": text.replace(f"{self.real.name} ", "real ")}
 
     @cached_property
     def starts_anywhere(self) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,10 @@ import numpy as np
 from flexhinf.codegen.c import Translator
 from flexhinf.errors import refuse_if
 from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode, code_of
-from flexhinf.export.filling import arithmetic, fill, template
 from flexhinf.export.fmu_archive import DOUBLE, Variable, write_fmu
 from flexhinf.export.names import checked_identifier
 from flexhinf.export.refusals import check_limits
+from flexhinf.export.rendering import c_values, render
 from flexhinf.loop import Controller
 from flexhinf.loop.controller.options import checked_period
 from flexhinf.plant import Plant, sub_steps
@@ -109,15 +110,14 @@ def export_fmu(
         *(Variable(name, "output", 0, kind="Integer", about=about) for name, about in _counts(code).items()),
         Variable("is_measured", "input", 1, kind="Boolean", about="whether there is a measurement"),
     ]
-    model = fill(
-        template("fmu_controller.h"), code.name, DOUBLE,
-        PERIOD=repr(c.period), PERIOD_TEXT=f"{c.period:g}",
-        START=code.numbers([variable.start for variable in variables if variable.kind == "Real"], "        "),
-        STARTS=0 if belief is None else len(belief), **_counted(code),
+    model = partial(
+        render, "fmu_controller.h", **c_values(code.name, DOUBLE), **code.values,
+        start=code.numbers([variable.start for variable in variables if variable.kind == "Real"], "        "),
+        starts=len(starts), doubtful=int(code.doubt is not None), rejected=0 if code.rejected is None else len(y),
     )  # fmt: skip
-    sources = {f"{code.name}.c": code.source, f"{code.name}.h": code.header, f"{code.name}_model.h": model}
+    sources = {f"{code.name}.c": code.source, f"{code.name}.h": code.header}
     about = f"sampled controller of {c.period:g} s. {_start_text(code)}"
-    return write_fmu(path, code.name, about, c.period, variables, sources, fmi)
+    return write_fmu(path, code.name, about, c.period, variables, model, sources, fmi)
 
 
 def _start_text(code: ControllerCode) -> str:
@@ -137,19 +137,6 @@ def _counts(code: ControllerCode) -> dict[str, str]:
     doubt = {"doubtful": "samples at which the estimate was in doubt"} if code.doubt is not None else {}
     outliers = [] if code.rejected is None else code.signals["Y"]
     return {**doubt, **{f"rejected.{name}": "measurements that the gate rejected" for name in outliers}}
-
-
-def _counted(code: ControllerCode) -> dict[str, Any]:
-    """Marks of the model: how many counts there are, and statements that copy them."""
-    doubt, outliers = int(code.doubt is not None), 0 if code.rejected is None else len(code.signals["Y"])
-    copies = ["    model->integer[FIRST_COUNT] = output.doubtful;"] * doubt
-    if outliers:
-        copies += [
-            f"    for (int i = 0; i < {outliers}; ++i) {{",
-            f"        model->integer[FIRST_COUNT + {doubt} + i] = output.rejected[i];",
-            "    }",
-        ]
-    return {"COUNTS": doubt + outliers, "COUNTED": "".join(f"\n{line}" for line in copies)}
 
 
 def export_plant_fmu(
@@ -203,16 +190,16 @@ def export_plant_fmu(
     variables = _variables(rows, plant.unit)
     steps = sub_steps(period, plant.fastest_mode(start))
     places = ["r + FIRST_U", "r + FIRST_D", "r + FIRST_P"]
-    model = fill(
-        template("fmu_plant.h"), name, DOUBLE,
-        ARITHMETIC=arithmetic(name, DOUBLE), PERIOD=repr(period), PERIOD_TEXT=f"{period:g}", SUB_STEPS=steps,
-        N=plant.n, M=sizes[0], D=sizes[1], P=sizes[2], Y=len(plant.outputs), FUNCTIONS=str(translator),
-        FLOW=_called(flow, plant.traced_flow, ["x", *places], "slope"),
-        OUTPUT=_called(output, plant.traced_output, ["r + FIRST_X", places[0], places[2]], "r + FIRST_Y"),
-        START=",\n".join(f"        {variable.start!r}" for variable in variables[: sum(sizes)]),
+    model = partial(
+        render, "fmu_plant.h", **c_values(name, DOUBLE),
+        period=repr(period), period_text=f"{period:g}", sub_steps=steps,
+        n=plant.n, m=sizes[0], d=sizes[1], p=sizes[2], y=len(plant.outputs), functions=str(translator),
+        flow=_called(flow, plant.traced_flow, ["x", *places], "slope"),
+        output=_called(output, plant.traced_output, ["r + FIRST_X", places[0], places[2]], "r + FIRST_Y"),
+        start=",\n".join(f"        {variable.start!r}" for variable in variables[: sum(sizes)]),
     )  # fmt: skip
     about = f"plant in {steps} steps per {period:g} s, which begins where the parameters start.* say"
-    return write_fmu(path, name, about, period, variables, {f"{name}_model.h": model}, fmi)
+    return write_fmu(path, name, about, period, variables, model, {}, fmi)
 
 
 def _needed(plant: Plant, starts: Sequence[str], labels: Sequence[str]) -> list[tuple[str, ...]]:

@@ -293,12 +293,3 @@ def origin_facts(controller: Controller, origin: Mapping[str, str]) -> dict[str,
         {"gamma": f"{law.gamma:.6g}", "degree of V": str(law.degree)} if isinstance(law, HJISolution) else {}
     )
     return {**solved, **origin}
-
-
-def enumeration(rows: Sequence[tuple[str, int, str]]) -> str:
-    """Constants with their values and a comment each."""
-    lines = [
-        f"    {name} = {value}{',' * (k + 1 < len(rows))} /* {text} */"
-        for k, (name, value, text) in enumerate(rows)
-    ]
-    return "\n".join(["enum {", *lines, "};"])

@@ -13,16 +13,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
-from flexhinf import __version__
-from flexhinf.codegen.c import constant, folded
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.compiled import build, compiler_flags
 from flexhinf.export.controller_c import ControllerCode
-from flexhinf.export.filling import fill, template
 from flexhinf.export.recording import MISSING, Recording
+from flexhinf.export.rendering import render_c
 
 #: Largest error of the test vector relative to an input's largest value: in double of the C library's functions, where
 #: they are called; in float of covariances and gains of 24 bits: 1e-6 to 2 % were seen, so it is measured where a C
@@ -114,34 +113,36 @@ def _measured_errors(
 
 def vector(code: ControllerCode, runs: Sequence[Recording], allowed: Accuracy) -> str:
     """The test vector as C, of one run for both roundings or one for each; stored inputs are exact, as in Python."""
+    return render_c("test.c", code.name, code.real, **code.values, **vector_values(code, runs, allowed))
+
+
+def vector_values(code: ControllerCode, runs: Sequence[Recording], allowed: Accuracy) -> dict[str, Any]:
+    """What the test vector consists of."""
     run = runs[-1]
-    codes = [str(code.codes[kind].value) for kind in run.codes]
-    status = [_lines([str(bits) if code.real.bytes == 8 else "-1" for bits in run.status]) for run in runs]
-    sizes, sizes_of_estimates = list[str](), list[str]()
+    sizes, sizes_of_estimates = list[np.ndarray](), list[np.ndarray]()
     for part in run.parts:
         largest = np.abs(run.estimate[part]).max(axis=0)
-        sizes.append(_row(code, np.maximum(np.abs(run.u[part]).max(axis=0), 1e-30)))
-        sizes_of_estimates.append(_row(code, np.maximum(largest, 1e-3 * largest.max())))
-
-    def rows(values: np.ndarray) -> str:
-        return ",\n".join(f"    {{{_row(code, row)}}}" for row in values)
-
-    text = fill(
-        template("test.c"), code.name, code.real,
-        VERSION=__version__, SAMPLES=len(codes), RUNS=len(runs), EVERY=EVERY, R=code.sizes["r"],
-        RUN=f"{code.name}_fused" if len(runs) > 1 else 0,
-        TOLERANCE_OF_ESTIMATES=_row(code, np.array(allowed.estimates)), TOLERANCE=_row(code, np.array(allowed.inputs)),
-        PARTS=len(run.parts), MOVED=len(codes) if run.moved is None else run.moved,
-        Y=rows(run.y), COMMANDS=rows(run.r),
-        MEASURED=_lines([str(int(kind != MISSING)) for kind in run.kinds]),
-        U="\n}, {\n".join(rows(run.u) for run in runs),
-        ESTIMATES="\n}, {\n".join(rows(run.estimate[::EVERY]) for run in runs),
-        SIZES=",\n".join(f"    {{{row}}}" for row in sizes),
-        SIZES_OF_ESTIMATES=",\n".join(f"    {{{row}}}" for row in sizes_of_estimates),
-        CODES=_lines(codes), STATUS="\n}, {\n".join(status),
-        ZERO=constant(0.0, code.real), FABS=f"fabs{code.real.suffix}",
-    )  # fmt: skip
-    return folded(text)
+        sizes.append(np.maximum(np.abs(run.u[part]).max(axis=0), 1e-30))
+        sizes_of_estimates.append(np.maximum(largest, 1e-3 * largest.max()))
+    return {
+        "y": run.y,
+        "r": run.r,
+        "measured": [int(kind != MISSING) for kind in run.kinds],
+        "codes": [code.codes[kind].value for kind in run.codes],
+        "runs": [
+            {
+                "u": one.u,
+                "estimates": one.estimate[::EVERY],
+                "status": [bits if code.real.bytes == 8 else -1 for bits in one.status],
+            }
+            for one in runs
+        ],
+        "sizes": sizes,
+        "sizes_of_estimates": sizes_of_estimates,
+        "allowed": allowed,
+        "every": EVERY,
+        "moved": len(run.codes) if run.moved is None else run.moved,
+    }
 
 
 def reaches_far(code: ControllerCode) -> bool:
@@ -149,65 +150,24 @@ def reaches_far(code: ControllerCode) -> bool:
     return code.standstill is not None and not code.controller.mode.checks_measurements
 
 
-def contract(code: ControllerCode, run: Recording) -> str:
-    """The rehearsal of the contract as C, which begins with the first sample of a recording."""
-    far = reaches_far(code)
-    marks = {
-        "Q": code.standstill.size1_in(0) if far else 0, "FAR_ANGLE": FAR[code.real.name],
-        "LARGEST": {"double": "1e300", "float": "1e30F"}[code.real.name],
-        "FAR_R": FAR_R * code.rests, "VERSION": __version__, "PREDICTS": int(code.predicts),
-        "NOT_FINITE": "PREDICTED" if code.predicts else "BAD_MEASUREMENT",
-        "UNMEASURED": "PREDICTED" if code.predicts else "STOPPED",
-        "STARTS": int(code.starts_anywhere), "R": code.sizes["r"], "FIRST_Y": _row(code, run.y[0]),
-        "FIRST_R": _row(code, run.r[0]),
-        "FIRST_ESTIMATE": _row(code, np.zeros(code.sizes["estimate"]) if code.belief is None else code.belief),
-    }  # fmt: skip
-    text = template("contract.c").replace("@FAR_AWAY@", FAR_AWAY * far)
-    return folded(fill(text.replace("@FAR_CALL@", "    far_away();\n" * far), code.name, code.real, **marks))
-
-
 #: Angles beyond those that are reduced quickly, rad.
 FAR = {"double": "4e9", "float": "2e4F"}
+LARGEST = {"double": "1e300", "float": "1e30F"}
 
-#: Where the model knows a robot at rest, it stands at such angles; and a moving command rests there.
-FAR_AWAY = """/* The longest way through a sine: the robot stands at angles beyond those that are reduced quickly. */
-static void far_away(void)
-{
-#ifndef @BIG@_WITHOUT_REST
-    @NAME@_real q[@Q@], rest[@BIG@_STATES + @BIG@_INPUTS];
-    for (int i = 0; i < @Q@; ++i) {
-        q[i] = @FAR_ANGLE@;
+
+def far_values(code: ControllerCode) -> dict[str, Any] | None:
+    """At which angles the rehearsal stands the robot, and with how many; None where it does not."""
+    if not reaches_far(code):
+        return None
+    real = code.real.name
+    return {"joints": code.standstill.size1_in(0), "angle": FAR[real], "largest": LARGEST[real]}
+
+
+def contract_values(code: ControllerCode, run: Recording) -> dict[str, Any]:
+    """What the rehearsal of the contract consists of, which begins with the first sample of a recording."""
+    return {
+        "far": far_values(code),
+        "first_y": run.y[0],
+        "first_r": run.r[0],
+        "first_estimate": np.zeros(code.sizes["estimate"]) if code.belief is None else code.belief,
     }
-    expect(@NAME@_rest(&param, q, rest) == @BIG@_OK, "rest at large angles");
-    expect(@NAME@_start(&state, &param, rest, rest + @BIG@_STATES) == @BIG@_OK, "a start at large angles");
-    give();
-    for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
-        input.y[i] = @FAR_ANGLE@;
-    }
-@FAR_R@    (void)step();
-    (void)step();
-    for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
-        input.y[i] = @LARGEST@; /* finite: its square is not, and the memory goes back from there */
-    }
-    for (int k = 0; k < 4; ++k) {
-        (void)step();
-    }
-#endif
-}
-
-"""
-FAR_R = """    for (int i = 0; i < @BIG@_COMMANDS; ++i) {
-        input.r[i] = rest[i];
-    }
-"""
-
-
-def _row(code: ControllerCode, values: np.ndarray) -> str:
-    """Numbers between commas."""
-    return ", ".join(
-        "(@NAME@_real)NAN" if np.isnan(value) else constant(float(value), code.real) for value in values
-    )
-
-
-def _lines(numbers: Sequence[str]) -> str:
-    return ",\n".join("    " + ", ".join(numbers[k : k + 20]) for k in range(0, len(numbers), 20))

@@ -5,13 +5,15 @@ import numpy as np
 import pytest
 
 from flexhinf.codegen.dataflow import SELECT, read_dataflow
-from flexhinf.codegen.emit.opcodes import OPCODES
+from flexhinf.codegen.operations import OPERATIONS
 
 X, Y, Z = casadi.SX.sym("x"), casadi.SX.sym("y"), casadi.SX.sym("z")
 
 
 def divisions(*results):
-    flow = read_dataflow(casadi.Function("f", [X, Y, Z], list(results), {"cse": True}), OPCODES, fused=True)
+    flow = read_dataflow(
+        casadi.Function("f", [X, Y, Z], list(results), {"cse": True}), OPERATIONS, fused=True
+    )
     return sum(o.code in (casadi.OP_DIV, casadi.OP_INV) for o in flow.operations.values())
 
 
@@ -44,7 +46,7 @@ def test_shared_divisions_follow_casadi(pointwise):
 
 def operations(*results):
     """Opcodes of a function, without its inputs and constants."""
-    flow = read_dataflow(casadi.Function("f", [X, Y, Z], list(results)), OPCODES, fused=True)
+    flow = read_dataflow(casadi.Function("f", [X, Y, Z], list(results)), OPERATIONS, fused=True)
     return [o.code for o in flow.operations.values() if o.code not in (casadi.OP_INPUT, casadi.OP_CONST)]
 
 
@@ -96,7 +98,7 @@ def test_shortened_conditions_are_those_of_casadi(pointwise):
         expected = np.array(function.map(x.size)(x.reshape(1, -1), z.reshape(1, -1))).ravel()
         np.testing.assert_array_equal(pointwise(function, x, z), expected)
         shorter += (
-            len(read_dataflow(function, OPCODES, fused=False).operations) < function.n_instructions() - 1
+            len(read_dataflow(function, OPERATIONS, fused=False).operations) < function.n_instructions() - 1
         )
     assert shorter >= 10
 
@@ -104,9 +106,9 @@ def test_shortened_conditions_are_those_of_casadi(pointwise):
 def test_stages_decide_nothing() -> None:
     """What a stage ends with is no use of a product, and what no result needs is left out."""
     product, unused = X * Y, casadi.exp(Z)
-    plain = read_dataflow(casadi.Function("f", [X, Y, Z], [product + Z]), OPCODES, fused=True)
+    plain = read_dataflow(casadi.Function("f", [X, Y, Z], [product + Z]), OPERATIONS, fused=True)
     staged = casadi.Function("f", [X, Y, Z], [casadi.vertcat(product, unused), product + Z])
-    flow = read_dataflow(staged, OPCODES, fused=True, stages=1)
+    flow = read_dataflow(staged, OPERATIONS, fused=True, stages=1)
     assert [o.code for o in flow.operations.values()] == [o.code for o in plain.operations.values()]
     assert (len(flow.outputs), flow.outputs[0][0], len(flow.ends)) == (1, 0, 1)
     assert flow.ends[0] < flow.outputs[0][2]

@@ -7,7 +7,7 @@ from hypothesis import given, settings, strategies as st
 from tests.interpreter import interpret
 
 from flexhinf.codegen import Buffer, Call, Copy, Guard, Program, Repeat, Slice, compile_program
-from flexhinf.codegen.emit import emit_module
+from flexhinf.codegen.emit.module import emit_module
 
 BOTH = pytest.mark.parametrize("make", [compile_program, interpret])
 X = casadi.SX.sym("x", 2)

@@ -4,7 +4,7 @@ import casadi
 import numpy as np
 import pytest
 
-from flexhinf.codegen.emit.opcodes import OPCODES
+from flexhinf.codegen.operations import OPERATIONS
 
 X, Y = casadi.SX.sym("x"), casadi.SX.sym("y")
 
@@ -125,6 +125,17 @@ def test_operation_means_what_casadi_means(name, lanes, pointwise):
 
 
 @pytest.mark.oracle
+@pytest.mark.parametrize("name", [name for name in (*UNARY, *BINARY) if name != "OP_IF_ELSE_ZERO"])
+def test_the_numpy_function_of_an_operation_is_what_casadi_means(name):
+    symbols = [X] if name in UNARY else [X, Y]
+    function = casadi.Function("f", symbols, [(UNARY | BINARY)[name]])
+    columns = [np.where(np.abs(column) < 1e8, column, 0.7) for column in grid(len(symbols))]
+    with np.errstate(all="ignore"):
+        got = np.asarray(OPERATIONS[getattr(casadi, name)].numpy(*columns), dtype=float)
+    np.testing.assert_allclose(got, by_casadi(function, *columns), rtol=1e-14, atol=1e-300)
+
+
+@pytest.mark.oracle
 @pytest.mark.parametrize("exponent", [0.5, 1.5, -2.0, 3.0, 7.0, 0.0])
 def test_constant_powers(exponent, pointwise):
     function = casadi.Function("f", [X], [casadi.constpow(X, exponent)])
@@ -135,7 +146,7 @@ def test_constant_powers(exponent, pointwise):
 def test_every_operation_of_the_table_is_tested():
     tested = {getattr(casadi, name) for name in (UNARY | BINARY)}
     other = {casadi.OP_ASSIGN, casadi.OP_CONSTPOW}
-    assert {code for code in OPCODES if code >= 0} | {casadi.OP_IF_ELSE_ZERO} == tested | other
+    assert {code for code in OPERATIONS if code >= 0} | {casadi.OP_IF_ELSE_ZERO} == tested | other
 
 
 def test_the_table_holds_all_that_casadi_functions_of_one_or_two_numbers_emit():
@@ -149,7 +160,7 @@ def test_the_table_holds_all_that_casadi_functions_of_one_or_two_numbers_emit():
                 continue
             emitted.update(dict.fromkeys(codes(function), name))
     assert len(emitted) > 40
-    written = {*OPCODES, casadi.OP_IF_ELSE_ZERO}  # a choice of its own, see `flexhinf.codegen.dataflow`
+    written = {*OPERATIONS, casadi.OP_IF_ELSE_ZERO}  # a choice of its own, see `flexhinf.codegen.dataflow`
     assert {code: name for code, name in emitted.items() if code not in written} == {
         casadi.OP_ERFINV: "erfinv"
     }

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flexhinf.codegen import Buffer, Call, Program, Slice, compile_program
-from flexhinf.codegen.emit.opcodes import REACH
+from flexhinf.codegen.emit.sines import REACH
 from flexhinf.codegen.machine import Host
 
 X = casadi.SX.sym("x")

@@ -12,7 +12,7 @@ import pytest
 from tests.builders import arm_controller
 
 import flexhinf as fh
-from flexhinf.codegen.emit import emit_module
+from flexhinf.codegen.emit.module import emit_module
 from flexhinf.codegen.machine import host
 from flexhinf.loop.controller.memory import step_program
 

@@ -15,69 +15,13 @@ from types import MappingProxyType
 import casadi
 
 from flexhinf.codegen.c.algebra import Real, constant, tolerance
-from flexhinf.codegen.dataflow import (
-    LIBRARY,
-    MULTIPLY_ADD,
-    MULTIPLY_SUBTRACT,
-    SELECT,
-    SINGLE,
-    SUBTRACT_PRODUCT,
-    TRUTHS,
-    Dataflow,
-    Operation,
-)
-
-#: Functions that are written here instead of called where numbers are double; and functions of two numbers.
-SINES = {casadi.OP_SIN: "sin", casadi.OP_COS: "cos"}
-OF_TWO = (
-    casadi.OP_ATAN2, casadi.OP_POW, casadi.OP_CONSTPOW, casadi.OP_HYPOT, casadi.OP_FMOD, casadi.OP_REMAINDER,
-    casadi.OP_COPYSIGN,
-)  # fmt: skip
-
-#: Expressions of operands {0}, {1}, … in brackets where they need some, of {0.bare} without, and of {one} and {zero};
-#: {f} ends the names of functions of the type. Those of truth values are conditions.
-OPERATIONS: dict[int, str] = {
-    **{code: f"{name}{{f}}({{0.bare}})" for code, name in {**LIBRARY, **SINGLE, **SINES}.items()},
-    **{code: f"{LIBRARY.get(code, 'copysign')}{{f}}({{0.bare}}, {{1.bare}})" for code in OF_TWO},
-    MULTIPLY_ADD: "FMA({0.bare}, {1.bare}, {2.bare})",
-    MULTIPLY_SUBTRACT: "FMA({0.bare}, {1.bare}, -{2})",
-    SUBTRACT_PRODUCT: "FMA(-{0}, {1.bare}, {2.bare})",
-    casadi.OP_ASSIGN: "{0}",
-    casadi.OP_ADD: "{0} + {1}",
-    casadi.OP_SUB: "{0} - {1}",
-    casadi.OP_MUL: "{0} * {1}",
-    casadi.OP_DIV: "{0} / {1}",
-    casadi.OP_NEG: "-{0}",
-    casadi.OP_SQ: "{0} * {0}",
-    casadi.OP_TWICE: "{0} + {0}",
-    casadi.OP_INV: "{one} / {0}",
-    casadi.OP_SIGN: "({0} < {zero}) ? -{one} : (({0} > {zero}) ? {one} : {0})",
-    # fmin, fmax of C: a NaN loses, the first operand wins a tie
-    casadi.OP_FMIN: "(({1} < {0}) || (isnan({0}) != 0)) ? {1} : {0}",
-    casadi.OP_FMAX: "(({1} > {0}) || (isnan({0}) != 0)) ? {1} : {0}",
-    casadi.OP_LT: "{0} < {1}",
-    casadi.OP_LE: "{0} <= {1}",
-    casadi.OP_EQ: "{0} == {1}",
-    casadi.OP_NE: "{0} != {1}",
-    # NaN stands for "true", as in C
-    casadi.OP_NOT: "!{0}",
-    casadi.OP_AND: "{0} && {1}",
-    casadi.OP_OR: "{0} || {1}",
-    SELECT: "{0.choice} ? {1} : {2}",
-}
-
-#: Operations that call the mathematical library; the others are single instructions.
-CALLS = {*LIBRARY, *SINES, casadi.OP_SQRT}
+from flexhinf.codegen.dataflow import Dataflow, Operation
+from flexhinf.codegen.operations import LOGIC, OPERATIONS, SELECT, TRUTHS
 
 NOTHING: Mapping[int, str] = MappingProxyType({})
 
 #: What is no line of the text: it is read where it is used.
 LEAVES = (casadi.OP_CONST, casadi.OP_INPUT)
-
-#: Those whose operands stand twice in the text, or are chosen between: they are values that were computed before.
-_NAMED = (casadi.OP_SQ, casadi.OP_TWICE, casadi.OP_SIGN, casadi.OP_FMIN, casadi.OP_FMAX)
-#: Those of conditions. Of two, the second is not left out: both are computed before.
-_LOGIC = (casadi.OP_NOT, casadi.OP_AND, casadi.OP_OR)
 
 #: Operations, and about so many characters, of one expression at most.
 MOST, WIDEST = 4, 90
@@ -135,13 +79,11 @@ class Expressions:
         return () if operation.code in LEAVES else operation.arguments
 
     def _takes_name(self, operation: Operation, place: int) -> bool:
-        return operation.code in (*_NAMED, casadi.OP_AND, casadi.OP_OR) or (
-            operation.code == SELECT and place > 0
-        )
+        return OPERATIONS[operation.code].named or (operation.code == SELECT and place > 0)
 
     def _is_condition(self, operation: Operation, place: int) -> bool:
         """Whether an argument of an operation is one, and not a number."""
-        selecting = operation.code in _LOGIC or (operation.code, place) == (SELECT, 0)
+        selecting = operation.code in LOGIC or (operation.code, place) == (SELECT, 0)
         return selecting and self._is_truth(operation.arguments[place])
 
     def _is_truth(self, value: int) -> bool:
@@ -242,7 +184,7 @@ class Expressions:
         ]
         if operation.code in self._calls:
             return Text(f"{self._calls[operation.code]}({operands[0].bare})", True)
-        text = OPERATIONS[operation.code]
+        text = OPERATIONS[operation.code].c
         first = self.flow.operations[operation.arguments[0]].code
         if first == casadi.OP_CONST or first in TRUTHS:  # which is a number
             text = text.replace("({1} < {0}) || (isnan({0}) != 0)", "{1} < {0}")
@@ -258,12 +200,12 @@ class Expressions:
             return Text(self.flags[value], True)
         if operation.code not in TRUTHS or value in self.numbers:
             return Text(f"{self.number(value)} != {self._zero}")
-        if operation.code not in _LOGIC:
-            return Text(OPERATIONS[operation.code].format(*map(self.number, operation.arguments)))
+        if operation.code not in LOGIC:
+            return Text(OPERATIONS[operation.code].c.format(*map(self.number, operation.arguments)))
         if operation.code == casadi.OP_NOT and not self._is_truth(operation.arguments[0]):
             return Text(f"{self.number(operation.arguments[0])} == {self._zero}")
         operands = map(self.condition, operation.arguments)
-        return Text(OPERATIONS[operation.code].format(*operands), operation.code == casadi.OP_NOT)
+        return Text(OPERATIONS[operation.code].c.format(*operands), operation.code == casadi.OP_NOT)
 
     @property
     def _unit(self) -> str:

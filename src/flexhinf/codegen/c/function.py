@@ -24,8 +24,9 @@ import casadi
 
 from flexhinf.codegen.c import algebra
 from flexhinf.codegen.c.algebra import Real, comment
-from flexhinf.codegen.c.expression import CALLS, LEAVES, Expressions
+from flexhinf.codegen.c.expression import LEAVES, Expressions
 from flexhinf.codegen.dataflow import Dataflow
+from flexhinf.codegen.operations import COSTLY
 
 INDENT = "    "
 
@@ -420,7 +421,7 @@ class FunctionText:
         return {
             level: list(
                 self._apart(
-                    [k for k in operations if levels.get(k) == level and operations[k].code not in CALLS],
+                    [k for k in operations if levels.get(k) == level and operations[k].code not in COSTLY],
                     [row for row in self.flow.outputs if self._written(row[2]) == level],
                 )
             )
@@ -433,7 +434,7 @@ class FunctionText:
         for level, loops in self._loops.items():
             inside |= {k: (level, number) for number, (values, _) in enumerate(loops) for k in values}
         inside = {
-            k: place if self.flow.operations[k].code not in CALLS else (-1, k)
+            k: place if self.flow.operations[k].code not in COSTLY else (-1, k)
             for k, place in inside.items()
             if k >= 0
         }
@@ -444,7 +445,7 @@ class FunctionText:
         operations, levels = self.flow.operations, self._levels
         kept = self.places
         for level, loops in self._loops.items():
-            called = [k for k in operations if levels.get(k) == level and operations[k].code in CALLS]
+            called = [k for k in operations if levels.get(k) == level and operations[k].code in COSTLY]
             rows = [k for k in called if self._is_of_rows(k)]
             for values, results in loops:
                 yield list(self._loop(values, kept, results))
@@ -531,31 +532,31 @@ class FunctionText:
         for k, operation in operations.items():
             if operation.code not in LEAVES:
                 before = [
-                    levels[argument] + (operations[argument].code in CALLS)
+                    levels[argument] + (operations[argument].code in COSTLY)
                     for argument in operation.arguments
                     if argument in levels
                 ]
                 levels[k] = max(before, default=0)
         part = dict.fromkeys(levels, 0)
         for level in set(levels.values()) if self.lanes else ():
-            here = [k for k in levels if levels[k] == level and operations[k].code not in CALLS]
+            here = [k for k in levels if levels[k] == level and operations[k].code not in COSTLY]
             for group in self._groups(here):
                 parts = -(-len(group) // MANY)
                 part |= {k: place * parts // len(group) for place, k in enumerate(group)}
             last = max((part[k] for k in here), default=0)
-            part |= {k: last for k in levels if levels[k] == level and operations[k].code in CALLS}
+            part |= {k: last for k in levels if levels[k] == level and operations[k].code in COSTLY}
         order = {pair: place for place, pair in enumerate(sorted({(levels[k], part[k]) for k in levels}))}
         levels = {k: order[levels[k], part[k]] for k in levels}
         results = [value for _, _, value in self.flow.outputs]
         end = max((levels.get(value, 0) for value in results), default=0)
-        if any(levels.get(value) == end and operations[value].code in CALLS for value in results):
+        if any(levels.get(value) == end and operations[value].code in COSTLY for value in results):
             levels[-1] = max(levels.values()) + 1  # a loop for the results alone
         return levels
 
     def _written(self, value: int) -> int:
         """The loop that writes a value as a result: that which computes it, or the last one."""
         levels = self._levels
-        here = value in levels and self.flow.operations[value].code not in CALLS
+        here = value in levels and self.flow.operations[value].code not in COSTLY
         return levels[value] if here else max(levels.values(), default=0)
 
     @cached_property
@@ -564,12 +565,12 @@ class FunctionText:
         operations, levels = self.flow.operations, self._levels
         uses = [(value, self._written(value), False) for _, _, value in self.flow.outputs]
         for k in levels.keys() & operations.keys():
-            uses += [(a, levels[k], operations[k].code in CALLS) for a in operations[k].arguments]
+            uses += [(a, levels[k], operations[k].code in COSTLY) for a in operations[k].arguments]
         kept, last = set(), {}
         for value, level, called in uses:
             if value in levels:
                 last[value] = max(level, last.get(value, 0))
-                if levels[value] != level or (operations[value].code in CALLS) != called:
+                if levels[value] != level or (operations[value].code in COSTLY) != called:
                     kept.add(value)
         rows: list[int] = []  # the level after which each is free
         places = {}

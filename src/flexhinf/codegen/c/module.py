@@ -12,7 +12,6 @@ import casadi
 
 from flexhinf.codegen.c import algebra, sines, small
 from flexhinf.codegen.c.algebra import KEYWORDS, Real, constant
-from flexhinf.codegen.c.expression import CALLS, OPERATIONS, SINES
 from flexhinf.codegen.c.function import (
     FunctionText,
     block,
@@ -20,8 +19,9 @@ from flexhinf.codegen.c.function import (
     loop,
 )
 from flexhinf.codegen.c.parts import Parts
-from flexhinf.codegen.dataflow import LIBRARY, read_dataflow
+from flexhinf.codegen.dataflow import read_dataflow
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, overlap, whole
+from flexhinf.codegen.operations import COSTLY, OPERATIONS, TURNS
 from flexhinf.codegen.program import (
     Call,
     Cholesky,
@@ -299,7 +299,7 @@ class Translator:
             overlap(whole(source), result.whole) for source in step.inputs for result in step.outputs
         )
         starts = [self._at(whole(piece), loops) for piece in (*step.inputs, *step.outputs)]
-        if self.lanes > 1 and simple and apart and not codes & CALLS:  # numbers become numbers one by one
+        if self.lanes > 1 and simple and apart and not codes & COSTLY:  # numbers become numbers one by one
             name = self._function(step.function, 0, moving, step.about, names=step.names)
             yield f"{name}({', '.join(starts)}, {step.count});"
             return
@@ -458,8 +458,8 @@ class Translator:
             stages.function if stages else function, OPERATIONS, True, len(stages.names) if stages else 0
         )
         codes = {code for code, *_ in instructions(function)}
-        self.calls_library |= not codes.isdisjoint(LIBRARY)
-        calls = {code: self._sine(code) for code in SINES if code in codes}
+        self.calls_library |= any(OPERATIONS[code].library for code in codes if code in OPERATIONS)
+        calls = {code: self._sine(code) for code in TURNS if code in codes}
         called = _identifiers(names, size, function.n_out())
         if shared:
             called = tuple(str(place) if own else called[same.index(place)] for place, own in shared)
@@ -509,13 +509,13 @@ class Translator:
     def _sine(self, code: int) -> str:
         """The name of the sine or the cosine."""
         if self.real.name == "double":
-            return self._helper(SINES[code], sines.function, code == casadi.OP_COS, self.real)
+            return self._helper(TURNS[code], sines.function, code == casadi.OP_COS, self.real)
         turned = self._helper("turned", sines.turned, self._helper("far", sines.far))
-        return self._helper(SINES[code], sines.short_function, code == casadi.OP_COS, turned)
+        return self._helper(TURNS[code], sines.short_function, code == casadi.OP_COS, turned)
 
     def _row(self, codes: tuple[int, ...]) -> str:
-        short = "".join(SINES[code] for code in codes) + "_row"
-        ones = {code == casadi.OP_COS: f"{self.prefix}_{SINES[code]}" for code in codes}
+        short = "".join(TURNS[code] for code in codes) + "_row"
+        ones = {code == casadi.OP_COS: f"{self.prefix}_{TURNS[code]}" for code in codes}
         return self._helper(short, sines.row_function, ones, self.real, self.lanes)
 
     def _helper(self, short: str, make: str | Callable[..., str], *arguments: Any) -> str:

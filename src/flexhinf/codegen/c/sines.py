@@ -1,6 +1,6 @@
 """Sine and cosine as C functions.
 
-In double the operations are those of `flexhinf.codegen.emit.opcodes`, with fused multiply-adds (FUSED) and without, so
+In double the operations are those of `flexhinf.codegen.emit.sines`, with fused multiply-adds (FUSED) and without, so
 that machine code and C agree to the last bit, in vectors too. Angles beyond the reach, and what is not finite, go to
 the library.
 
@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 
 from flexhinf.codegen.c.algebra import Real, constant
-from flexhinf.codegen.emit.opcodes import COSINE, HALF_PI, REACH, ROUNDER, SINE
+from flexhinf.codegen.emit.sines import COSINE, HALF_PI, REACH, ROUNDER, SINE
 
 #: Far angles in float: 2/π in binary behind 32 zeros, from which 96 bits are taken so that their product with the 24
 #: bits of the angle is the number of quarter turns but for multiples of four. Of the 62 bits behind the point some 32

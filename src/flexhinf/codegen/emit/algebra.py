@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import chain
 
-from flexhinf.codegen.emit.opcodes import Lanes, Writer
+from flexhinf.codegen.emit.writer import Lanes, Writer
 from flexhinf.polynomial import basis
 
 #: Rows and columns of a sum that share what is loaded: 16 sums and what they are made of fill 24 of 32 registers in

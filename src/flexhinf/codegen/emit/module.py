@@ -29,20 +29,12 @@ import casadi
 
 from flexhinf.codegen.dataflow import Dataflow, joined, read_dataflow
 from flexhinf.codegen.emit.algebra import Algebra, Operand
-from flexhinf.codegen.emit.opcodes import (
-    ALONE,
-    NEAR,
-    OPCODES,
-    PURE,
-    REACH,
-    Lanes,
-    ModuleText,
-    Writer,
-    is_far,
-)
 from flexhinf.codegen.emit.reflections import Reflections
+from flexhinf.codegen.emit.sines import REACH, is_far
+from flexhinf.codegen.emit.writer import PURE, Lanes, ModuleText, Writer
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, overlap, whole
 from flexhinf.codegen.noise import normal
+from flexhinf.codegen.operations import OPERATIONS, TURNS, LlvmRule
 from flexhinf.codegen.program import (
     ENTRY,
     PREFIX,
@@ -94,17 +86,23 @@ def emit_function(
     would cut it in pieces and spill its registers (a fifth of the instructions of the paper's arm). If an angle turns
     out to be too far for it, all is done again by the second. The bits are the same.
     """
-    flows = [read_dataflow(function, OPCODES, module.fused) for function in functions]
+    flows = [read_dataflow(function, OPERATIONS, module.fused) for function in functions]
     flow, far = joined(flows, functions, links or {}), ""
     pointers = ", ".join([
         *(f"ptr %in{k}" for k in range(sum(function.n_in() for function in functions))),
         *(f"ptr %out{k}" for k in range(sum(function.n_out() for function in functions))),
     ])  # fmt: skip
-    if any(operation.code in NEAR for operation in flow.operations.values()):
+    if any(operation.code in TURNS for operation in flow.operations.values()):
         far = f"{name}_far"
         _define(module, far, pointers, flow, lanes, shared, "noinline optnone cold ")
     _define(module, name, pointers, flow, lanes, shared, far=far)
     return flow.size
+
+
+def _rule(code: int, near: bool, alone: bool) -> LlvmRule:
+    """How an operation is written; `near`: its argument is not far; `alone`: sine and cosine are not both wanted."""
+    kind = OPERATIONS[code]
+    return (near and (kind.alone if alone else kind.near)) or kind.llvm
 
 
 def _define(
@@ -119,8 +117,8 @@ def _define(
 ) -> None:
     """Write the function; with `far`, as a straight line that calls the function `far` where an angle is large."""
     writer, values, beyond = Writer(module, lanes), dict[int, str](), list[str]()
-    wanted = Counter(op.arguments[0] for op in flow.operations.values() if op.code in NEAR)
-    rules, largest = OPCODES | NEAR if far else OPCODES, lanes.constant(0.0)
+    wanted = Counter(op.arguments[0] for op in flow.operations.values() if op.code in TURNS)
+    largest = lanes.constant(0.0)
     for straight, turns in _rounds(flow) if far and lanes.width == 1 else [(list(flow.operations), [])]:
         for k in straight:
             operation = flow.operations[k]
@@ -131,9 +129,9 @@ def _define(
                 values[k] = writer.load_element(f"%in{argument}", element, shared[argument])
             else:
                 operands = [values[argument] for argument in operation.arguments]
-                lone = module.choosing and operation.code in NEAR and wanted[operation.arguments[0]] == 1
-                values[k] = (ALONE if far and lone else rules)[operation.code](writer, *operands)
-                if far and operation.code in NEAR:  # at once, so that no angle is kept for it
+                lone = module.choosing and operation.code in TURNS and wanted[operation.arguments[0]] == 1
+                values[k] = _rule(operation.code, bool(far), lone)(writer, *operands)
+                if far and operation.code in TURNS:  # at once, so that no angle is kept for it
                     largest = writer.larger(writer.intrinsic("fabs", operands[0]), largest)
         beyond += _emit_turns(writer, flow, turns, values)
     if far and lanes.width > 1:
@@ -155,10 +153,10 @@ def _rounds(flow: Dataflow) -> list[tuple[list[int], list[int]]]:
     depths, rounds = dict[int, int](), list[tuple[list[int], list[int]]]()
     for k, operation in flow.operations.items():
         before = () if operation.code == casadi.OP_INPUT else operation.arguments
-        depths[k] = max((depths[a] + (flow.operations[a].code in NEAR) for a in before), default=0)
+        depths[k] = max((depths[a] + (flow.operations[a].code in TURNS) for a in before), default=0)
         if depths[k] == len(rounds):
             rounds.append(([], []))
-        rounds[depths[k]][operation.code in NEAR].append(k)
+        rounds[depths[k]][operation.code in TURNS].append(k)
     return rounds
 
 
@@ -184,7 +182,7 @@ def _emit_turns(writer: Writer, flow: Dataflow, turns: Sequence[int], values: di
             if angle not in some:
                 continue
             if code not in found:
-                found[code] = (NEAR if both else ALONE)[code](wide, packed)
+                found[code] = _rule(code, True, not both)(wide, packed)
             values[k] = found[code]
             if width > 1:
                 values[k] = writer.let(f"extractelement {real} {found[code]}, i64 {some.index(angle)}")

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from flexhinf.codegen.emit.algebra import TILE, WIDE, Algebra, Operand
-from flexhinf.codegen.emit.opcodes import Lanes, Writer
+from flexhinf.codegen.emit.writer import Lanes, Writer
 from flexhinf.scalars.symbol import SMALLEST, SPLIT
 
 #: So many reflections are written one after the other, others in a loop.

@@ -1,51 +1,52 @@
-/* @NAME@: see @NAME@.h. Made by flexhinf @VERSION@; not to be edited.
+/* @{name}: see @{name}.h. Made by flexhinf @{version}; not to be edited.
  *
- * @SUMMARY@
+ * @{origin | stated}
  *
  * SPDX-License-Identifier: 0BSD */
-#include "@NAME@.h"
+#include "@{name}.h"
 
 #include <math.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
-@ARITHMETIC@
+{% include "arithmetic.c" %}
+
 /* a*b + c, rounded once where the compiler says that the processor has an instruction for it (on a PC with -mfma), and
- * twice elsewhere, or with -D@BIG@_PLAIN: no function of a library is ever called for it. Each of the two has its own bits
- * on every machine, and @NAME@_fused says which they are. */
-#if !defined(@BIG@_PLAIN) && (defined(__GNUC__) || defined(__clang__)) && \
-    (defined(__FMA__) || defined(__FMA4__) || defined(__FP_FAST_FMA@SUFFIX@) || \
-     (defined(__ARM_FEATURE_FMA) && defined(__ARM_FP) && (__ARM_FP & @BYTES@)))
+ * twice elsewhere, or with -D@{NAME}_PLAIN: no function of a library is ever called for it. Each of the two has its own bits
+ * on every machine, and @{name}_fused says which they are. */
+#if !defined(@{NAME}_PLAIN) && (defined(__GNUC__) || defined(__clang__)) && \
+    (defined(__FMA__) || defined(__FMA4__) || defined(__FP_FAST_FMA@{F}) || \
+     (defined(__ARM_FEATURE_FMA) && defined(__ARM_FP) && (__ARM_FP & @{bytes})))
 #define FUSED
-#define FMA(a, b, c) __builtin_fma@F@((a), (b), (c))
+#define FMA(a, b, c) __builtin_fma@{f}((a), (b), (c))
 #else
 #define FMA(a, b, c) (((a) * (b)) + (c))
 #endif
 
-typedef @NAME@_real real;
+typedef @{name}_real real;
 
-const char @NAME@_version[] = "@VERSION@";
-const char @NAME@_digest[] = "@DIGEST@";
+const char @{name}_version[] = "@{version}";
+const char @{name}_digest[] = "@{digest}";
 #ifdef FUSED
-const int @NAME@_fused = 1;
+const int @{name}_fused = 1;
 #else
-const int @NAME@_fused = 0;
+const int @{name}_fused = 0;
 #endif
 
-const @NAME@_param @NAME@_defaults = {
+const @{name}_param @{name}_defaults = {
     {
-@DEFAULTS@
+@{defaults}
     },
-    @OLDEST@,
-    @MISSING@
+    @{number(code.oldest)},
+    @{missing}
 };
 
 /* Where the parts of the memory begin. */
-@PLACES@
+@{code.places.memory() | enumeration}
 
-static const real initial_memory[@BIG@_MEMORY] = {
-@INITIAL@
+static const real initial_memory[@{NAME}_MEMORY] = {
+@{initial}
 };
 
 /* The input before the first sample, within its limits. */
@@ -55,9 +56,47 @@ static const real initial_memory[@BIG@_MEMORY] = {
 #define INITIALISED 0x1d1e5e7au
 #define MOST_UNSEEN 32767
 
-@FUNCTIONS@
-/* What every step returns after @NAME@_init found that other numbers come out than are written. */
-#define REFUSED @BIG@_BAD_ARITHMETIC
+@{functions}
+{% if code.predicts %}
+static int @{name}_some(const real *y)
+{
+    for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
+        if (isfinite(y[i]) != 0) {
+            return 1;
+        }
+    }
+    return 0;
+}
+
+{% if plausible %}
+static int @{name}_believed(const @{name}_state *state, const @{name}_param *param, const real *y)
+{
+    real some[1];
+    @{plausible}(y, state->memory + AT_SEEN{% for part in ("PERIOD", "MEASUREMENT_LOWER", "MEASUREMENT_UPPER", "MEASUREMENT_RATE") %}, param->value + @{NAME}_P_@{part}{% endfor %}, some);
+    return (some[0] > @{zero}) ? 1 : 0;
+}
+
+{% endif %}
+static int @{name}_predict(@{name}_state *state, const @{name}_param *param,
+                          const @{name}_input *input{% if plausible %}, int in_time{% endif %})
+{
+    real nothing[@{NAME}_MEASUREMENTS];
+    int code;
+    for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
+{% if plausible %}
+{# what is there is not believed, and counted #}
+        nothing[i] = (in_time != 0) ? input->y[i] : HUGE_VAL@{F};
+{% else %}
+        nothing[i] = @{number(infinity)};
+{% endif %}
+    }
+    code = @{code.call("nothing")};
+    return (code == @{NAME}_OK) ? @{NAME}_PREDICTED : code;
+}
+
+{% endif %}
+/* What every step returns after @{name}_init found that other numbers come out than are written. */
+#define REFUSED @{NAME}_BAD_ARITHMETIC
 
 /* The rules of samples: when memory changes, when it goes back, what is applied meanwhile. */
 static int same(const real *one, const real *other, int count)
@@ -82,22 +121,25 @@ static real smaller(real a, real b)
 }
 
 /* An input (from) within the caller's limits and the design's; what is no number becomes the lower limit. */
-static void limit(const @NAME@_param *param, const real *from, real *to)
+static void limit(const @{name}_param *param, const real *from, real *to)
 {
-    for (int i = 0; i < @BIG@_INPUTS; ++i) {
-        const real least = @NAME@_defaults.value[@BIG@_P_LOWER + i], most = @NAME@_defaults.value[@BIG@_P_UPPER + i];
-        const real above = larger(from[i], larger(param->value[@BIG@_P_LOWER + i], least));
-        to[i] = larger(smaller(above, smaller(param->value[@BIG@_P_UPPER + i], most)), least);
-@FINITE@    }
+    for (int i = 0; i < @{NAME}_INPUTS; ++i) {
+        const real least = @{name}_defaults.value[@{NAME}_P_LOWER + i], most = @{name}_defaults.value[@{NAME}_P_UPPER + i];
+        const real above = larger(from[i], larger(param->value[@{NAME}_P_LOWER + i], least));
+        to[i] = larger(smaller(above, smaller(param->value[@{NAME}_P_UPPER + i], most)), least);
+{% if code.unlimited %}
+        to[i] = (isfinite(to[i]) != 0) ? to[i] : SAFE[i];
+{% endif %}
+    }
 }
 
-static void begin(@NAME@_state *state)
+static void begin(@{name}_state *state)
 {
-    @NAME@_copy(state->start, state->memory, @BIG@_MEMORY);
-    @NAME@_copy(state->start, state->newer, @BIG@_MEMORY);
-    @NAME@_copy(state->start, state->older, @BIG@_MEMORY);
-    @NAME@_copy(state->start + AT_U, state->held, @BIG@_INPUTS);
-    for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
+    @{name}_copy(state->start, state->memory, @{NAME}_MEMORY);
+    @{name}_copy(state->start, state->newer, @{NAME}_MEMORY);
+    @{name}_copy(state->start, state->older, @{NAME}_MEMORY);
+    @{name}_copy(state->start + AT_U, state->held, @{NAME}_INPUTS);
+    for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
         state->unseen[i] = 0;
     }
     state->missing = 0;
@@ -108,163 +150,234 @@ static void begin(@NAME@_state *state)
     state->mark = INITIALISED;
 }
 
-int @NAME@_init(@NAME@_state *state)
+int @{name}_init(@{name}_state *state)
 {
-    @NAME@_copy(initial_memory, state->start, @BIG@_MEMORY);
-@FIRST_ESTIMATE@
+    @{name}_copy(initial_memory, state->start, @{NAME}_MEMORY);
+{% if code.starts_anywhere %}
+    @{name}_copy(initial_memory, state->estimate, @{NAME}_STATES);
+{% else %}
+    for (int i = 0; i < @{NAME}_STATES; ++i) {
+        state->estimate[i] = @{zero};
+    }
+{% endif %}
     begin(state);
-    state->refused = (@NAME@_exact() != 0) ? 0 : REFUSED;
+    state->refused = (@{name}_exact() != 0) ? 0 : REFUSED;
     return state->refused;
 }
 
-int @NAME@_start(@NAME@_state *state, const @NAME@_param *param, const @NAME@_real *estimate,
-                 const @NAME@_real *input)
+int @{name}_start(@{name}_state *state, const @{name}_param *param, const @{name}_real *estimate,
+                 const @{name}_real *input)
 {
-    int code = @NAME@_init(state);
-@START@
+    int code = @{name}_init(state);
+{% if code.starts_anywhere %}
+    if (estimate != NULL) {
+        if (@{name}_finite(estimate, @{NAME}_STATES) != 0) {
+            @{name}_copy(estimate, state->start, @{NAME}_STATES);
+            @{name}_copy(estimate, state->estimate, @{NAME}_STATES);
+{% if holding %}
+            if (same(estimate, initial_memory, @{NAME}_STATES) == 0) {
+                real held[@{NAME}_INPUTS];
+                @{holding};
+                if (@{name}_finite(held, @{NAME}_INPUTS) != 0) {
+                    limit(param, held, state->start + AT_U);
+                }
+            }
+{% endif %}
+        } else {
+            code = @{NAME}_BAD_START;
+        }
+    }
+{% else %}
+    (void)estimate;
+{% endif %}
     if (input != NULL) {
-        if (@NAME@_finite(input, @BIG@_INPUTS) != 0) {
+        if (@{name}_finite(input, @{NAME}_INPUTS) != 0) {
             limit(param, input, state->start + AT_U);
         } else {
-            code = @BIG@_BAD_START;
+            code = @{NAME}_BAD_START;
         }
-    }@QUEUED@
+    }
+{% if "queue" in places %}
+    for (int i = 0; i < @{NAME}_LATENCY * @{NAME}_INPUTS; ++i) {
+        state->start[AT_QUEUE + i] = state->start[AT_U{% if code.sizes.u > 1 %} + i % @{NAME}_INPUTS{% endif %}];
+    }
+{% endif %}
     begin(state);
-    if (code == @BIG@_BAD_START) { /* a step before another start says that there was none */
+    if (code == @{NAME}_BAD_START) { /* a step before another start says that there was none */
         state->mark = 0;
     }
     return (state->refused != 0) ? state->refused : code;
 }
 
 /* After a step that failed: where one did before from the same memory, go back to an earlier one. Returns the code. */
-static int went_back(@NAME@_state *state)
+static int went_back(@{name}_state *state)
 {
     int at_start;
     int keeps_command = 0; /* if it is good, and once */
     if (state->failed == 0) {
         state->failed = 1;
-        return @BIG@_BAD_RESULT;
+        return @{NAME}_BAD_RESULT;
     }
-    if (@NAME@_finite(state->start, @BIG@_MEMORY) == 0) {
-        @NAME@_copy(initial_memory, state->start, @BIG@_MEMORY);
+    if (@{name}_finite(state->start, @{NAME}_MEMORY) == 0) {
+        @{name}_copy(initial_memory, state->start, @{NAME}_MEMORY);
     }
-    if (@NAME@_finite(state->older, @BIG@_MEMORY) == 0) {
-        @NAME@_copy(state->start, state->older, @BIG@_MEMORY);
+    if (@{name}_finite(state->older, @{NAME}_MEMORY) == 0) {
+        @{name}_copy(state->start, state->older, @{NAME}_MEMORY);
     }
-    at_start = same(state->older, state->start, @BIG@_MEMORY);
+    at_start = same(state->older, state->start, @{NAME}_MEMORY);
     if (at_start != 0) {
         if (state->began_again == 0) {
             keeps_command = 1;
         } else { /* the start itself is bad: as it was told, or overwritten */
-            @NAME@_copy(initial_memory, state->start, @BIG@_MEMORY);
-            @NAME@_copy(initial_memory, state->older, @BIG@_MEMORY);
+            @{name}_copy(initial_memory, state->start, @{NAME}_MEMORY);
+            @{name}_copy(initial_memory, state->older, @{NAME}_MEMORY);
         }
     }
-    for (int i = 0; i < @BIG@_MEMORY; ++i) {
+    for (int i = 0; i < @{NAME}_MEMORY; ++i) {
         int kept = 0;
-        if (i >= AT_REFERENCE && i < AT_REFERENCE + @COMMANDED@) {
+        if (i >= AT_REFERENCE && i < AT_REFERENCE + @{places["reference"].stop - places["reference"].start}) {
             kept = keeps_command;
         }
-@STOP_KEPT@        if (kept == 0 || isfinite(state->memory[i]) == 0) {
+{% if "stop" in places %}
+        const real now = state->memory[i];
+        if (i >= AT_STOP_BRAKED && i <= AT_STOP_PATH_RATE && now >= @{zero} && now <= @{unity}) {
+            kept = 1; /* a brake under way goes on */
+        }
+{% endif %}
+        if (kept == 0 || isfinite(state->memory[i]) == 0) {
             state->memory[i] = state->older[i];
         }
     }
     state->began_again = at_start;
-    @NAME@_copy(state->start, state->older, @BIG@_MEMORY);
-    @NAME@_copy(state->start, state->newer, @BIG@_MEMORY);
-    return @BIG@_WENT_BACK;
+    @{name}_copy(state->start, state->older, @{NAME}_MEMORY);
+    @{name}_copy(state->start, state->newer, @{NAME}_MEMORY);
+    return @{NAME}_WENT_BACK;
 }
 
 /* Whether input i may be one that a step gave. */
 static int possible_input(int i, real u)
 {
-    const real least = @NAME@_defaults.value[@BIG@_P_LOWER + i], most = @NAME@_defaults.value[@BIG@_P_UPPER + i];
+    const real least = @{name}_defaults.value[@{NAME}_P_LOWER + i], most = @{name}_defaults.value[@{NAME}_P_UPPER + i];
     return (isfinite(u) != 0 && u >= least && u <= most) ? 1 : 0;
 }
 
-@COUNTED@/* What is applied: the last good input within the limits of now. Where it was overwritten, that of the start; where that
- * was too, the one before the first sample. */
-static void hold(const @NAME@_state *state, const @NAME@_param *param, @NAME@_output *output)
+{% if code.rejected is not none or code.doubt is not none %}
+/* A count; 0 where the memory was overwritten by what is none. */
+static int counted(real number)
 {
-    real last[@BIG@_INPUTS];
-    for (int i = 0; i < @BIG@_INPUTS; ++i) {
+    return (number > @{zero} && number <= @{most_counted}) ? (int)number : 0;
+}
+
+{% endif %}
+/* What is applied: the last good input within the limits of now. Where it was overwritten, that of the start; where that
+ * was too, the one before the first sample. */
+static void hold(const @{name}_state *state, const @{name}_param *param, @{name}_output *output)
+{
+    real last[@{NAME}_INPUTS];
+    for (int i = 0; i < @{NAME}_INPUTS; ++i) {
         const real first = (possible_input(i, state->start[AT_U + i]) != 0) ? state->start[AT_U + i] : SAFE[i];
         last[i] = (possible_input(i, state->held[i]) != 0) ? state->held[i] : first;
     }
     limit(param, last, output->u);
-    for (int i = 0; i < @BIG@_STATES; ++i) {
-        output->estimate[i] = (isfinite(state->estimate[i]) != 0) ? state->estimate[i] : @ZERO@;
+    for (int i = 0; i < @{NAME}_STATES; ++i) {
+        output->estimate[i] = (isfinite(state->estimate[i]) != 0) ? state->estimate[i] : @{zero};
     }
-    for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
+    for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
         output->unseen[i] = state->unseen[i];
     }
-    output->status = 0;@STATUS@@DOUBTFUL@@REJECTED@
-    output->path_rate = @PATH_RATE@;
+    output->status = 0;
+{% if "status" in places %}
+    static const int bits[6] = {
+        @{NAME}_OUTSIDE_WORKSPACE, @{NAME}_LIMIT_CYCLE, @{NAME}_SATURATION, @{NAME}_REACTING, @{NAME}_FOLLOWING_ERROR,
+        @{NAME}_BLOCKED
+    };
+    for (int i = 0; i < 6; ++i) {
+        output->status += (state->memory[AT_STATUS + i] > @{zero}) ? bits[i] : 0;
+    }
+{% endif %}
+{% if code.doubt is not none %}
+    output->status += (state->memory[AT_DOUBT] > @{zero}) ? @{NAME}_DOUBTFUL_ESTIMATE : 0;
+    output->doubtful = counted(state->memory[AT_DOUBT + 1]);
+{% endif %}
+{% if code.rejected is not none %}
+    for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
+        output->rejected[i] = counted(state->memory[AT_REJECTED + i]);
+    }
+{% endif %}
+    output->path_rate = {% if "stop" in places %}smaller(larger(state->memory[AT_STOP_PATH_RATE], @{zero}), @{unity}){% else %}@{unity}{% endif %};
 }
 
-int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_input *input, @NAME@_output *output)
+int @{name}_step(@{name}_state *state, const @{name}_param *param, const @{name}_input *input, @{name}_output *output)
 {
     int in_time = 0;
     int code;
-    if (input->measured != 0 && input->age >= @ZERO@ && input->age <= param->oldest@THERE@) {
+    if (input->measured != 0 && input->age >= @{zero} && input->age <= param->oldest{% if code.predicts %} && @{name}_some(input->y) != 0{% endif %}) {
         in_time = 1;
     }
     if (state->mark != INITIALISED) {
         limit(param, SAFE, output->u);
-        for (int i = 0; i < @BIG@_STATES; ++i) {
-            output->estimate[i] = @ZERO@;
+        for (int i = 0; i < @{NAME}_STATES; ++i) {
+            output->estimate[i] = @{zero};
         }
-        for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
+        for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
             output->unseen[i] = MOST_UNSEEN;
         }
         output->status = 0;
-        output->path_rate = @ZERO@;@NONE_DOUBTFUL@@NONE_REJECTED@
-        return @BIG@_NOT_INITIALISED;
+        output->path_rate = @{zero};
+{% if code.doubt is not none %}
+        output->doubtful = 0;
+{% endif %}
+{% if code.rejected is not none %}
+        for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
+            output->rejected[i] = 0;
+        }
+{% endif %}
+        return @{NAME}_NOT_INITIALISED;
     }
-    for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
+    for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
         const int before = state->unseen[i];
         const int more = (before >= 0 && before < MOST_UNSEEN) ? before + 1 : MOST_UNSEEN;
         state->unseen[i] = (in_time != 0 && isfinite(input->y[i]) != 0) ? 0 : more;
     }
     if (state->refused == REFUSED) {
         code = REFUSED;
-    } else if (in_time != 0@BELIEVED@) {
-        code = @MEASURED@;
-        if (code == @BIG@_BAD_COMMAND) { /* its measurement was not used, and counts as none */
+    } else if (in_time != 0{% if plausible %} && @{name}_believed(state, param, input->y) != 0{% endif %}) {
+        code = @{code.call("input->y")};
+        if (code == @{NAME}_BAD_COMMAND) { /* its measurement was not used, and counts as none */
             if (state->waiting != 0) {
-                code = @BIG@_WAITING;
+                code = @{NAME}_WAITING;
             } else if (state->missing < param->missing_limit && state->missing >= 0) {
                 state->missing += 1;
             } else if (param->missing_limit > 0) {
-                code = @BIG@_STOPPED;
+                code = @{NAME}_STOPPED;
             } else {
                 /* no sample may be missing: each says so by itself */
             }
-        } else if (code != @BIG@_BAD_MEASUREMENT) {
+        } else if (code != @{NAME}_BAD_MEASUREMENT) {
             state->missing = 0;
         } else {
             /* as it was */
         }
     } else if (state->waiting != 0) {
-        code = @BIG@_WAITING;
+        code = @{NAME}_WAITING;
     } else if (state->missing < param->missing_limit && state->missing >= 0) {
         state->missing += 1;
-        code = @PREDICTED@;
+        code = {% if code.predicts %}@{name}_predict(state, param, input{% if plausible %}, in_time{% endif %}){% else %}@{NAME}_STOPPED{% endif %};
     } else {
-        code = @BIG@_STOPPED;
+        code = @{NAME}_STOPPED;
     }
-    if (code == @BIG@_OK@OR_PREDICTED@) {
+    if (code == @{NAME}_OK{% if code.predicts %} || code == @{NAME}_PREDICTED{% endif %}) {
         state->failed = 0;
         state->waiting = 0;
         limit(param, state->u, state->held);
-        state->samples = (state->samples >= 0 && state->samples < @SPACING@) ? state->samples + 1 : 1;
-        if (state->samples == @SPACING@) {
-            @NAME@_copy(state->newer, state->older, @BIG@_MEMORY);
-            @NAME@_copy(state->memory, state->newer, @BIG@_MEMORY);
+        state->samples = (state->samples >= 0 && state->samples < @{spacing}) ? state->samples + 1 : 1;
+        if (state->samples == @{spacing}) {
+            @{name}_copy(state->newer, state->older, @{NAME}_MEMORY);
+            @{name}_copy(state->memory, state->newer, @{NAME}_MEMORY);
             state->began_again = 0;
             state->samples = 0;
         }
-    } else if (code == @BIG@_BAD_RESULT) {
+    } else if (code == @{NAME}_BAD_RESULT) {
         code = went_back(state);
     } else {
         /* nothing was computed, and nothing changes */
@@ -273,51 +386,51 @@ int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_inp
     return code;
 }
 
-#ifndef @BIG@_WITHOUT_CHECK
+#ifndef @{NAME}_WITHOUT_CHECK
 /* Numbers that may differ from the design's: of which other they are less (-1: of none), what is physical, and what the
  * design was made for. */
-#define RANGES @COUNT@
-#define ANY -HUGE_VAL@SUFFIX@, HUGE_VAL@SUFFIX@
+#define RANGES @{ranges | length}
+#define ANY -HUGE_VAL@{F}, HUGE_VAL@{F}
 static const struct {
     int place, below;
     real least, most, low, high;
 } ranges[RANGES] = {
-@RANGES@
+@{range_rows(ranges, code.real)}
 };
 
-static real number(const @NAME@_param *param, int place)
+static real number(const @{name}_param *param, int place)
 {
-    return (place < @BIG@_PARAMETERS)    ? param->value[place]
-           : (place == @BIG@_PARAMETERS) ? param->oldest
+    return (place < @{NAME}_PARAMETERS)    ? param->value[place]
+           : (place == @{NAME}_PARAMETERS) ? param->oldest
                                          : (real)param->missing_limit;
 }
 
-int @NAME@_check(const @NAME@_param *param, int *place)
+int @{name}_check(const @{name}_param *param, int *place)
 {
-    int worst = @BIG@_PARAM_OK;
+    int worst = @{NAME}_PARAM_OK;
     int row = 0;
-    for (int i = 0; i < @BIG@_PARAMETERS + 2; ++i) {
-        const real value = number(param, i), design = number(&@NAME@_defaults, i);
-        int found = @BIG@_PARAM_BEYOND_DESIGN;
+    for (int i = 0; i < @{NAME}_PARAMETERS + 2; ++i) {
+        const real value = number(param, i), design = number(&@{name}_defaults, i);
+        int found = @{NAME}_PARAM_BEYOND_DESIGN;
         int equal = 0;
         if (value >= design && value <= design) {
             equal = 1;
-            found = @BIG@_PARAM_OK;
+            found = @{NAME}_PARAM_OK;
         }
         if (row < RANGES && ranges[row].place == i) {
             const int below = ranges[row].below;
-            found = @BIG@_PARAM_OK;
+            found = @{NAME}_PARAM_OK;
             if (value < ranges[row].low || value > ranges[row].high) {
-                found = @BIG@_PARAM_BEYOND_DESIGN;
+                found = @{NAME}_PARAM_BEYOND_DESIGN;
             }
             if (value < ranges[row].least || value > ranges[row].most ||
                 (below >= 0 && value >= number(param, below))) {
-                found = @BIG@_PARAM_NOT_PHYSICAL;
+                found = @{NAME}_PARAM_NOT_PHYSICAL;
             }
             row += 1;
         }
         if (isfinite(value) == 0 && equal == 0) {
-            found = @BIG@_PARAM_NOT_FINITE;
+            found = @{NAME}_PARAM_NOT_FINITE;
         }
         if (found > worst) {
             worst = found;
@@ -328,4 +441,41 @@ int @NAME@_check(const @NAME@_param *param, int *place)
     }
     return worst;
 }
-#endif@STANDSTILL@
+#endif
+{% if code.standstill is not none %}
+
+#ifndef @{NAME}_WITHOUT_REST
+@{standstill.functions}
+
+int @{name}_rest(const @{name}_param *param, const @{name}_real *q, @{name}_real *r)
+{
+    @{standstill.call}(q, param->value, r);
+    return (@{name}_finite(r, @{NAME}_STATES + @{NAME}_INPUTS) != 0) ? @{NAME}_OK : @{NAME}_BAD_COMMAND;
+}
+{% if code.slows %}
+
+int @{name}_slowed(const @{name}_param *param, @{name}_real path_rate, @{name}_real *r)
+{
+    static const bool is_velocity[@{NAME}_STATES] = {@{standstill.is_velocity | join(", ")}};
+    const real square = path_rate * path_rate;
+    real rest[@{NAME}_STATES + @{NAME}_INPUTS];
+    int code = @{NAME}_BAD_COMMAND;
+    if (@{name}_finite(r, @{NAME}_COMMANDS) != 0 && isfinite(path_rate) != 0) {
+        code = @{name}_rest(param, r, rest);
+    }
+    if (code == @{NAME}_OK && path_rate < @{unity}) {
+        real held[@{NAME}_INPUTS], slower[@{NAME}_INPUTS];
+        @{standstill.holding_fast};
+        for (int i = 0; i < @{NAME}_STATES; ++i) {
+            r[i] = rest[i] + ((is_velocity[i] ? path_rate : square) * (r[i] - rest[i]));
+        }
+        @{standstill.holding_slow};
+        for (int i = 0; i < @{NAME}_INPUTS; ++i) {
+            r[@{NAME}_STATES + i] = slower[i] + (square * (r[@{NAME}_STATES + i] - held[i]));
+        }
+    }
+    return code;
+}
+{% endif %}
+#endif
+{% endif %}

@@ -1,139 +1,192 @@
-/* @NAME@: a sampled controller of @PERIOD_TEXT@ s, made by flexhinf @VERSION@.
+{% import "prose.txt" as prose with context %}
+/* @{name}: a sampled controller of @{period_text} s, made by flexhinf @{version}.
  *
-@FIRST_LINES@ * @SUMMARY@
+{% if c.mode.moving %}
+ * @{prose.first() | starred}
+ *
+{% endif %}
+ * @{code.facts | stated}
  *
  * SPDX-License-Identifier: 0BSD (use it in any product; flexhinf claims no rights in what it writes for you)
  *
- * Call @NAME@_init once, then @NAME@_step once per sample, from one thread; a step without it says so. No memory is
+ * Call @{name}_init once, then @{name}_step once per sample, from one thread; a step without it says so. No memory is
  * allocated, nothing is static but constants; several controllers are several states. Compiled with flags that change
- * results, such as -ffast-math, it refuses to run: the compiler or @NAME@_init says so.
+ * results, such as -ffast-math, it refuses to run: the compiler or @{name}_init says so.
  */
-#ifndef @BIG@_H
-#define @BIG@_H
+#ifndef @{NAME}_H
+#define @{NAME}_H
 
 #ifdef __cplusplus
 extern "C" {
 #endif
 
-typedef @REAL@ @NAME@_real;
+typedef @{real} @{name}_real;
 
-/* Which code this header belongs to: @NAME@_digest of the source that is linked must be the same text. */
-#define @BIG@_VERSION "@VERSION@"
-#define @BIG@_DIGEST "@DIGEST@"
-extern const char @NAME@_version[]; /* of flexhinf */
-extern const char @NAME@_digest[];  /* SHA-256 of header and source */
+/* Which code this header belongs to: @{name}_digest of the source that is linked must be the same text. */
+#define @{NAME}_VERSION "@{version}"
+#define @{NAME}_DIGEST "@{digest}"
+extern const char @{name}_version[]; /* of flexhinf */
+extern const char @{name}_digest[];  /* SHA-256 of header and source */
 
-/* Which bits the compiled source computes: @BITS@ */
-extern const int @NAME@_fused;
+/* Which bits the compiled source computes: @{prose.bits()} */
+extern const int @{name}_fused;
 
 /* Sampling period, s. */
-#define @BIG@_PERIOD @PERIOD@
+#define @{NAME}_PERIOD @{number(c.period)}
 
 enum {
-    @BIG@_LATENCY = @LATENCY@, /* samples from a measurement until the input computed from it acts */
-    @BIG@_MEASUREMENTS = @P@,
-    @BIG@_COMMANDS = @K@,
-    @BIG@_INPUTS = @M@,
-    @BIG@_STATES = @N@,
-    @BIG@_PARAMETERS = @DATA@,
-    @BIG@_MEMORY = @MEMORY@,
-    @BIG@_WORK = @WORK@@COLUMNS@
+    @{NAME}_LATENCY = @{c.mode.latency}, /* samples from a measurement until the input computed from it acts */
+    @{NAME}_MEASUREMENTS = @{code.sizes.y},
+    @{NAME}_COMMANDS = @{c.commanded | length},
+    @{NAME}_INPUTS = @{code.sizes.u},
+    @{NAME}_STATES = @{code.sizes.estimate},
+    @{NAME}_PARAMETERS = @{code.sizes.data},
+    @{NAME}_MEMORY = @{code.sizes.memory},
+    @{NAME}_WORK = @{[1, code.scratch] | max}{% if columns %},
+    @{NAME}_COLUMNS = @{columns}{% endif +%}
 };
 
-/* @ELEMENTS@ */
-@SIGNALS@
+/* @{prose.elements() | starred} */
+{% for rows in signals %}
+@{rows | enumeration}
+{% endfor %}
 
 /* First elements of the parameters, with how many there are. */
-@OFFSETS@@NAMED@
+@{code.places.numbers() | enumeration}
+{% if parameters %}
+
+/* Parameters of the estimator's model, with their units. */
+@{parameters | enumeration}
+{% endif %}
 
 /* What a step returns: the first of these that holds. README.md says what the caller does then. */
-@CODES@
+@{codes | enumeration}
 
 /* What it says of itself: bits of output.status.
- * @SAYS@ */
-@STATUS@
+ * @{prose.reactions() | starred} */
+@{status | enumeration}
 
-/* Numbers of the controller. Those of @NAME@_defaults are the design's. */
+/* Numbers of the controller. Those of @{name}_defaults are the design's. */
 typedef struct {
-    @NAME@_real value[@BIG@_PARAMETERS];
-    @NAME@_real oldest;     /* s: an older measurement counts as missing */
+    @{name}_real value[@{NAME}_PARAMETERS];
+    @{name}_real oldest;     /* s: an older measurement counts as missing */
     int missing_limit;      /* samples without a measurement, one after the other, until the output is held */
-} @NAME@_param;
+} @{name}_param;
 
-extern const @NAME@_param @NAME@_defaults;
+extern const @{name}_param @{name}_defaults;
 
-/* What @NAME@_check returns; of several faults the gravest. */
+/* What @{name}_check returns; of several faults the gravest. */
 enum {
-    @BIG@_PARAM_OK = 0,
-    /* a limit wider, a rate faster or a gap longer than the design's, a parameter of the model@TOLERANCES@, or another
+    @{NAME}_PARAM_OK = 0,
+    /* a limit wider, a rate faster or a gap longer than the design's, a parameter of the model{% if code.robot is not none %} outside the tolerances of the robot file{% endif +%}, or another
      * number that is not the design's */
-    @BIG@_PARAM_BEYOND_DESIGN = 1,
+    @{NAME}_PARAM_BEYOND_DESIGN = 1,
     /* a stiffness or a motor inertia that is not positive; a mass, friction or variance below zero; a lower limit that
      * is not below the upper one */
-    @BIG@_PARAM_NOT_PHYSICAL = 2,
-    @BIG@_PARAM_NOT_FINITE = 3 /* NaN, or infinite where the design's number is not */
+    @{NAME}_PARAM_NOT_PHYSICAL = 2,
+    @{NAME}_PARAM_NOT_FINITE = 3 /* NaN, or infinite where the design's number is not */
 };
 
 /* Whether parameters may be used; no step asks. Where they may not, *place is the first number of the gravest fault:
- * an element of value, @BIG@_PARAMETERS for oldest, one more for missing_limit; place may be a null pointer. Not there
- * with -D@BIG@_WITHOUT_CHECK. */
-int @NAME@_check(const @NAME@_param *param, int *place);
+ * an element of value, @{NAME}_PARAMETERS for oldest, one more for missing_limit; place may be a null pointer. Not there
+ * with -D@{NAME}_WITHOUT_CHECK. */
+int @{name}_check(const @{name}_param *param, int *place);
 
-@PLAUSIBLE@/* What one sample is given.
+{% if c.mode.checks_measurements %}
+/* An element of y is missing where it is below param.value[@{NAME}_P_MEASUREMENT_LOWER + i] or
+ * above _UPPER, in its unit, or moved by more than _RATE per s since it was last plausible; output.rejected counts it.
+ * The line "measurements:" above has the limits of the design; HUGE_VAL is none. Where no element is plausible, the
+ * sample counts as one without a measurement. */
+
+{% endif %}
+/* What one sample is given.
  *
- * @COMMAND@ */
+ * @{prose.command() | starred} */
 typedef struct {
-    @NAME@_real y[@BIG@_MEASUREMENTS]; /* measurements@GAPS@ */
-    @NAME@_real r[@R@]; /* commands, see above */
+    @{name}_real y[@{NAME}_MEASUREMENTS]; /* measurements{% if code.predicts %}, not finite (NAN) where a sensor gave nothing{% endif %} */
+    @{name}_real r[@{code.sizes.r}]; /* commands, see above */
     /* of the measurements when the step begins, s; 0 if that is not known. Above oldest, below 0, or NAN: there is no
      * measurement */
-    @NAME@_real age;
+    @{name}_real age;
     int measured; /* 0 where there is no measurement */
-} @NAME@_input;
+} @{name}_input;
 
 /* What it gives. */
 typedef struct {
-    @NAME@_real u[@BIG@_INPUTS]; /* inputs of the plant, always finite and within their limits */
-    @NAME@_real estimate[@BIG@_STATES]; /* estimated state; that of the start before the first sample */
+    @{name}_real u[@{NAME}_INPUTS]; /* inputs of the plant, always finite and within their limits */
+    @{name}_real estimate[@{NAME}_STATES]; /* estimated state; that of the start before the first sample */
     /* samples since each measurement was last there, finite and in time; counts to 32767. One that is missing for long
      * may be a broken sensor */
-    int unseen[@BIG@_MEASUREMENTS];
-    int status; /* bits of the last good sample, as above, from @BIG@_OUTSIDE_WORKSPACE on */
+    int unseen[@{NAME}_MEASUREMENTS];
+    int status; /* bits of the last good sample, as above, from @{NAME}_OUTSIDE_WORKSPACE on */
     /* fraction of a period by which the time along a path advances: 1 but for braking, 0 after
-     * @BIG@_NOT_INITIALISED */
-    @NAME@_real path_rate;@DOUBTFUL@@REJECTED@
-} @NAME@_output;
+     * @{NAME}_NOT_INITIALISED */
+    @{name}_real path_rate;
+{% if code.doubt is not none %}
+    /* samples since the start with @{NAME}_DOUBTFUL_ESTIMATE; float counts to 2^24 */
+    int doubtful;
+{% endif %}
+{% if code.rejected is not none %}
+    /* how often each measurement was rejected since the start; float counts to 2^24 */
+    int rejected[@{NAME}_MEASUREMENTS];
+{% endif %}
+} @{name}_output;
 
 /* What is remembered between samples, and memory to work in. Its parts are not for the caller. */
 typedef struct {
-    @NAME@_real memory[@BIG@_MEMORY], newer[@BIG@_MEMORY], older[@BIG@_MEMORY], start[@BIG@_MEMORY];
-    @NAME@_real after[@BIG@_MEMORY];
-    @NAME@_real estimate[@BIG@_STATES], estimated[@BIG@_STATES];
-    @NAME@_real u[@BIG@_INPUTS], held[@BIG@_INPUTS];
-    @NAME@_real work[@BIG@_WORK];
-@ROOM@    int unseen[@BIG@_MEASUREMENTS];
+    @{name}_real memory[@{NAME}_MEMORY], newer[@{NAME}_MEMORY], older[@{NAME}_MEMORY], start[@{NAME}_MEMORY];
+    @{name}_real after[@{NAME}_MEMORY];
+    @{name}_real estimate[@{NAME}_STATES], estimated[@{NAME}_STATES];
+    @{name}_real u[@{NAME}_INPUTS], held[@{NAME}_INPUTS];
+    @{name}_real work[@{NAME}_WORK];
+{% if columns %}
+{% if code.lanes > 1 %}
+#if @{sixteen}
+    __attribute__((aligned(16))) /* vectors are read from it as a whole */
+#endif
+{% endif %}
+    @{name}_real columns[@{NAME}_COLUMNS];
+{% endif %}
+    int unseen[@{NAME}_MEASUREMENTS];
     int missing, failed, began_again, samples, waiting, refused;
     unsigned int mark;
-} @NAME@_state;
+} @{name}_state;
 
-/* Forget everything: @BEGINS@. Until there is a good measurement the output is the input before the first sample: @FIRST@.
+/* Forget everything: {% if code.predicts %}the estimate begins at the state that is stated with the constants @{NAME}_X_ above. The robot must be there, at rest: the estimator trusts it, and from another place the first inputs may be as large as their limits. Call @{name}_start where it is elsewhere{% else %}the state is what is measured{% endif %}. Until there is a good measurement the output is the input before the first sample: @{c.first_input.text}.
  *
- * Returns @BIG@_OK; or @BIG@_BAD_ARITHMETIC where a flag of the compiler, or a setting of the processor,
+ * Returns @{NAME}_OK; or @{NAME}_BAD_ARITHMETIC where a flag of the compiler, or a setting of the processor,
  * makes other numbers of what is written: then every step returns that too, and holds the output of the start.
  * It looks at the context that calls it: on a processor whose interrupts have settings of their own (FPDSCR of a
  * Cortex-M), these must be the same. */
-int @NAME@_init(@NAME@_state *state);
+int @{name}_init(@{name}_state *state);
 
-/* As @NAME@_init: @SETS@, and from another input; estimate and input may be null pointers. One with a number that is
- * not finite is refused with @BIG@_BAD_START, and every step then returns @BIG@_NOT_INITIALISED. The first output then
- * continues from that input as far as the design says (rate limit, bumpless start). Without an input it is @HELD@. */
-int @NAME@_start(@NAME@_state *state, const @NAME@_param *param, const @NAME@_real *estimate,
-                 const @NAME@_real *input);
+/* As @{name}_init: {% if code.starts_anywhere %}about another state{% else %}the estimate begins where that of @{name}_init does{% endif %}, and from another input; estimate and input may be null pointers. One with a number that is
+ * not finite is refused with @{NAME}_BAD_START, and every step then returns @{NAME}_NOT_INITIALISED. The first output then
+ * continues from that input as far as the design says (rate limit, bumpless start). Without an input it is {% if code.starts_anywhere %}@{c.first_input.text}{% else %}that of @{name}_init{% endif %}. */
+int @{name}_start(@{name}_state *state, const @{name}_param *param, const @{name}_real *estimate,
+                 const @{name}_real *input);
 
 /* One sample. Returns one of the codes above; whatever the code, the output is finite, and within the limits of param
- * and those of @NAME@_defaults, whichever is narrower. It is no safe state: where samples fail, it is the last one.
- * After @BIG@_STOPPED a measurement in time resumes the step: nothing latches.@UNLIMITED@ */
-int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_input *input, @NAME@_output *output);@STANDSTILL@
+ * and those of @{name}_defaults, whichever is narrower. It is no safe state: where samples fail, it is the last one.
+ * After @{NAME}_STOPPED a measurement in time resumes the step: nothing latches.{% if code.unlimited +%}
+ * @{prose.unlimited() | starred}{% endif %} */
+int @{name}_step(@{name}_state *state, const @{name}_param *param, const @{name}_input *input, @{name}_output *output);
+{% if code.standstill is not none %}
+
+/* The robot at rest at link positions (q): writes its state, @{NAME}_STATES numbers, and behind it the input that holds
+ * it there, with which @{name}_start begins; q may be the beginning of r. Motors stand where springs hold the weight.
+ * {% if code.rests %}All of r is the command that rests there. {% endif %}Returns @{NAME}_BAD_COMMAND where a number is not finite. Not there with -D@{NAME}_WITHOUT_REST. */
+int @{name}_rest(const @{name}_param *param, const @{name}_real *q, @{name}_real *r);
+{% endif %}
+{% if code.slows %}
+
+/* Where the controller brakes, a row of the motion (r) is played more slowly, by path_rate: this makes it the command
+ * of that slower motion; call it once for a row that comes from your path. Velocities fall with the rate, and with its
+ * square what accelerates: what motors are ahead by, and what inputs have beside what speed and weight need. At rate 1
+ * nothing changes. What the braking itself needs is not in it. Returns @{NAME}_BAD_COMMAND where a number is not finite.
+ * Not there with -D@{NAME}_WITHOUT_REST. */
+int @{name}_slowed(const @{name}_param *param, @{name}_real path_rate, @{name}_real *r);
+{% endif %}
 
 #ifdef __cplusplus
 }

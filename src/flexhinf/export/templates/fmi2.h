@@ -1,6 +1,6 @@
 /* What FMI 2.0 declares for co-simulation: types, and the functions that a master calls. */
-#ifndef @BIG@_FMI2_H
-#define @BIG@_FMI2_H
+#ifndef @{NAME}_FMI2_H
+#define @{NAME}_FMI2_H
 
 #include <stddef.h>
 

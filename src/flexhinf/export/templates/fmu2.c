@@ -1,6 +1,6 @@
-/* @NAME@ as a co-simulation FMU of FMI 2.0, made by flexhinf @VERSION@. All that is remembered is in the instance. */
-#include "@NAME@_fmi2.h"
-#include "@NAME@_model.h"
+/* @{name} as a co-simulation FMU of FMI 2.0, made by flexhinf @{version}. All that is remembered is in the instance. */
+#include "@{name}_fmi2.h"
+#include "@{name}_model.h"
 
 #include <math.h>
 #include <string.h>
@@ -24,7 +24,8 @@ static fmi2Status refuse(const instance *one, const char *text)
     return fmi2Error;
 }
 
-@SHARED@
+{% include "fmu_shared.c" %}
+
 /* Set-up ------------------------------------------------------------------------------------------------- */
 EXPORT const char *fmi2GetTypesPlatform(void) { return "default"; }
 

@@ -1,6 +1,6 @@
-/* @NAME@ as a co-simulation FMU of FMI 3.0, made by flexhinf @VERSION@. All that is remembered is in the instance. */
-#include "@NAME@_fmi3.h"
-#include "@NAME@_model.h"
+/* @{name} as a co-simulation FMU of FMI 3.0, made by flexhinf @{version}. All that is remembered is in the instance. */
+#include "@{name}_fmi3.h"
+#include "@{name}_model.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -39,7 +39,8 @@ static fmi3Status refuse(const instance *one, const char *text)
     return fmi3Error;
 }
 
-@SHARED@
+{% include "fmu_shared.c" %}
+
 /* Set-up ------------------------------------------------------------------------------------------------- */
 EXPORT const char *fmi3GetVersion(void) { return "3.0"; }
 

@@ -1,84 +1,84 @@
-/* The controller @NAME@ as the model of an FMU: one sample per period, at its beginning. */
-#ifndef @BIG@_MODEL_H
-#define @BIG@_MODEL_H
+/* The controller @{name} as the model of an FMU: one sample per period, at its beginning. */
+#ifndef @{NAME}_MODEL_H
+#define @{NAME}_MODEL_H
 
-#include "@NAME@.h"
+#include "@{name}.h"
 
-#define MODEL_NAME "@NAME@"
-#define MODEL_GUID "@GUID@"
-#define MODEL_PERIOD @PERIOD@
-#define MODEL_PERIOD_TEXT "@PERIOD_TEXT@"
+#define MODEL_NAME "@{name}"
+#define MODEL_GUID "@{guid}"
+#define MODEL_PERIOD @{c.period}
+#define MODEL_PERIOD_TEXT "@{period_text}"
 
 enum {
     FIRST_Y = 0,
-    FIRST_R = FIRST_Y + @BIG@_MEASUREMENTS,
-    FIRST_LOWER = FIRST_R + @BIG@_COMMANDS,
-    FIRST_UPPER = FIRST_LOWER + @BIG@_INPUTS,
-    FIRST_START = FIRST_UPPER + @BIG@_INPUTS,
-    STARTS = @STARTS@, /* numbers of the estimate that can be set: those of the first state, or none */
+    FIRST_R = FIRST_Y + @{NAME}_MEASUREMENTS,
+    FIRST_LOWER = FIRST_R + @{NAME}_COMMANDS,
+    FIRST_UPPER = FIRST_LOWER + @{NAME}_INPUTS,
+    FIRST_START = FIRST_UPPER + @{NAME}_INPUTS,
+    STARTS = @{starts}, /* numbers of the estimate that can be set: those of the first state, or none */
     MODEL_SETTABLE = FIRST_START + STARTS,
     FIRST_U = MODEL_SETTABLE,
-    FIRST_X = FIRST_U + @BIG@_INPUTS,
-    PATH_RATE = FIRST_X + @BIG@_STATES,
+    FIRST_X = FIRST_U + @{NAME}_INPUTS,
+    PATH_RATE = FIRST_X + @{NAME}_STATES,
     MODEL_REALS = PATH_RATE + 1,
     MISSING_LIMIT = 0,
     MODEL_SETTABLE_INTEGERS = 1,
     CODE = 1,
     STATUS = 2,
     FIRST_COUNT = 3, /* samples in doubt and rejected measurements, as far as the controller counts them */
-    COUNTS = @COUNTS@,
+    COUNTS = @{doubtful + rejected},
     MODEL_INTEGERS = FIRST_COUNT + COUNTS,
     MEASURED = 0,
     MODEL_BOOLEANS = 1
 };
 
 typedef struct {
-    @NAME@_state state;
-    @NAME@_param param;
+    @{name}_state state;
+    @{name}_param param;
     double real[MODEL_REALS];
     int integer[MODEL_INTEGERS];
     int boolean[MODEL_BOOLEANS];
 } model_instance;
 
-/* Whether flags of the compiler change results: see @NAME@.h. */
-static int model_refuses(model_instance *model) { return @NAME@_init(&model->state) != @BIG@_OK; }
+/* Whether flags of the compiler change results: see @{name}.h. */
+static int model_refuses(model_instance *model) { return @{name}_init(&model->state) != @{NAME}_OK; }
 
 static void model_reset(model_instance *model)
 {
     static const double start[MODEL_REALS] = {
-@START@
+@{start}
     };
     for (int i = 0; i < MODEL_REALS; ++i) {
         model->real[i] = start[i];
     }
-    model->param = @NAME@_defaults;
+    model->param = @{name}_defaults;
     model->integer[MISSING_LIMIT] = model->param.missing_limit;
-    model->integer[CODE] = @BIG@_OK;
+    model->integer[CODE] = @{NAME}_OK;
     for (int i = STATUS; i < MODEL_INTEGERS; ++i) {
         model->integer[i] = 0;
     }
     model->boolean[MEASURED] = 1;
-    @NAME@_init(&model->state);
+    @{name}_init(&model->state);
 }
 
 static void model_begin(model_instance *model)
 {
     int elsewhere = 0;
     model->param.missing_limit = model->integer[MISSING_LIMIT];
-    for (int i = 0; i < @BIG@_INPUTS; ++i) {
-        model->param.value[@BIG@_P_LOWER + i] = model->real[FIRST_LOWER + i];
-        model->param.value[@BIG@_P_UPPER + i] = model->real[FIRST_UPPER + i];
+    for (int i = 0; i < @{NAME}_INPUTS; ++i) {
+        model->param.value[@{NAME}_P_LOWER + i] = model->real[FIRST_LOWER + i];
+        model->param.value[@{NAME}_P_UPPER + i] = model->real[FIRST_UPPER + i];
     }
     for (int i = 0; i < STARTS; ++i) {
         elsewhere = elsewhere || model->real[FIRST_START + i] != model->state.start[i];
     }
     if (elsewhere) {
-        @NAME@_start(&model->state, &model->param, model->real + FIRST_START, 0);
+        @{name}_start(&model->state, &model->param, model->real + FIRST_START, 0);
     }
     for (int i = 0; i < STARTS; ++i) {
         model->real[FIRST_X + i] = model->real[FIRST_START + i];
     }
-    for (int i = 0; i < @BIG@_INPUTS; ++i) {
+    for (int i = 0; i < @{NAME}_INPUTS; ++i) {
         const double first = model->state.held[i];
         const double above = first > model->real[FIRST_LOWER + i] ? first : model->real[FIRST_LOWER + i];
         model->real[FIRST_U + i] = above < model->real[FIRST_UPPER + i] ? above : model->real[FIRST_UPPER + i];
@@ -88,22 +88,30 @@ static void model_begin(model_instance *model)
 /* Whatever the sample, the output is safe: there is nothing to refuse. */
 static int model_step(model_instance *model)
 {
-    @NAME@_input input = {0};
-    @NAME@_output output = {0};
-    for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
+    @{name}_input input = {0};
+    @{name}_output output = {0};
+    for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
         input.y[i] = model->real[FIRST_Y + i];
     }
-    for (int i = 0; i < @BIG@_COMMANDS; ++i) {
+    for (int i = 0; i < @{NAME}_COMMANDS; ++i) {
         input.r[i] = model->real[FIRST_R + i];
     }
     input.measured = model->boolean[MEASURED];
-    model->integer[CODE] = @NAME@_step(&model->state, &model->param, &input, &output);
-    model->integer[STATUS] = output.status;@COUNTED@
+    model->integer[CODE] = @{name}_step(&model->state, &model->param, &input, &output);
+    model->integer[STATUS] = output.status;
+{% if doubtful %}
+    model->integer[FIRST_COUNT] = output.doubtful;
+{% endif %}
+{% if rejected %}
+    for (int i = 0; i < @{rejected}; ++i) {
+        model->integer[FIRST_COUNT + @{doubtful} + i] = output.rejected[i];
+    }
+{% endif %}
     model->real[PATH_RATE] = output.path_rate;
-    for (int i = 0; i < @BIG@_INPUTS; ++i) {
+    for (int i = 0; i < @{NAME}_INPUTS; ++i) {
         model->real[FIRST_U + i] = output.u[i];
     }
-    for (int i = 0; i < @BIG@_STATES; ++i) {
+    for (int i = 0; i < @{NAME}_STATES; ++i) {
         model->real[FIRST_X + i] = output.estimate[i];
     }
     return 1;

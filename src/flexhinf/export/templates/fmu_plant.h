@@ -1,24 +1,25 @@
-/* The plant @NAME@ as the model of an FMU: @SUB_STEPS@ steps of the classical Runge-Kutta method per period of
- * @PERIOD_TEXT@ s. */
-#ifndef @BIG@_MODEL_H
-#define @BIG@_MODEL_H
+/* The plant @{name} as the model of an FMU: @{sub_steps} steps of the classical Runge-Kutta method per period of
+ * @{period_text} s. */
+#ifndef @{NAME}_MODEL_H
+#define @{NAME}_MODEL_H
 
 #include <math.h>
 #include <stdbool.h>
 
-@ARITHMETIC@
-#define MODEL_NAME "@NAME@"
-#define MODEL_GUID "@GUID@"
-#define MODEL_PERIOD @PERIOD@
-#define MODEL_PERIOD_TEXT "@PERIOD_TEXT@"
+{% include "arithmetic.c" %}
+
+#define MODEL_NAME "@{name}"
+#define MODEL_GUID "@{guid}"
+#define MODEL_PERIOD @{period}
+#define MODEL_PERIOD_TEXT "@{period_text}"
 
 enum {
-    STATES = @N@,
-    INPUTS = @M@,
-    DISTURBANCES = @D@,
-    PARAMETERS = @P@,
-    OUTPUTS = @Y@,
-    SUB_STEPS = @SUB_STEPS@,
+    STATES = @{n},
+    INPUTS = @{m},
+    DISTURBANCES = @{d},
+    PARAMETERS = @{p},
+    OUTPUTS = @{y},
+    SUB_STEPS = @{sub_steps},
     FIRST_U = 0,
     FIRST_D = FIRST_U + INPUTS,
     FIRST_P = FIRST_D + DISTURBANCES,
@@ -40,24 +41,24 @@ typedef struct {
 #define FMA(a, b, c) ((a) * (b) + (c))
 typedef double real;
 
-@FUNCTIONS@
+@{functions}
 /* Whether flags of the compiler change results. */
 static int model_refuses(model_instance *model)
 {
     (void)model;
-    return !@NAME@_exact();
+    return !@{name}_exact();
 }
 
 static void model_flow(const model_instance *model, const double *x, double *slope)
 {
     const double *r = model->real;
-    @FLOW@
+    @{flow}
 }
 
 static void model_output(model_instance *model)
 {
     double *r = model->real;
-    @OUTPUT@
+    @{output}
 }
 
 static void model_begin(model_instance *model)
@@ -71,7 +72,7 @@ static void model_begin(model_instance *model)
 static void model_reset(model_instance *model)
 {
     static const double start[MODEL_SETTABLE] = {
-@START@
+@{start}
     };
     for (int i = 0; i < MODEL_SETTABLE; ++i) {
         model->real[i] = start[i];

@@ -1,42 +1,43 @@
-// @NAME@ in an Arduino-style sketch. A template: compiled against stubs only. Put @NAME@.h and @NAME@.c beside it.
-#include "@NAME@.h"
+{% import "drives.c" as drives with context %}
+// @{name} in an Arduino-style sketch. A template: compiled against stubs only. Put @{name}.h and @{name}.c beside it.
+#include "@{name}.h"
 
 #include <string.h>
 
-static @NAME@_state state;
-static @NAME@_input input;
-static @NAME@_output output;
+static @{name}_state state;
+static @{name}_input input;
+static @{name}_output output;
 static unsigned long due_us;
 static int enabled;
-static bool acts; // once false it stays so: look at the robot, then begin again with @NAME@_start
+static bool acts; // once false it stays so: look at the robot, then begin again with @{name}_start
 
-static const unsigned long PERIOD_US = @PERIOD_US@UL;
+static const unsigned long PERIOD_US = @{(1e6 * c.period) | round | int}UL;
 
-// Of your board, in the order and the units of @NAME@.h.
+// Of your board, in the order and the units of @{name}.h.
 static bool drives_enabled(); // false while the motors have no power, or the brakes of the robot are closed
-static bool read_sensors(@NAME@_real *y);
-static void read_command(@NAME@_real *r, @NAME@_real path_rate);
-static void drive_motors(const @NAME@_real *u);
+static bool read_sensors(@{name}_real *y);
+static void read_command(@{name}_real *r, @{name}_real path_rate);
+static void drive_motors(const @{name}_real *u);
 static void report(int code);
 static void restart_watchdog();
 static void brake(int code);
 
-// @HOME_TEXT@, where @NAME@_init believes the robot.
-static const @NAME@_real home[] = {@HOME@};
+// @{home.text}, where @{name}_init believes the robot.
+static const @{name}_real home[] = {@{row(home.numbers)}};
 
-@MAY_ACT@
-@BEGIN_HERE@
+@{drives.may_act()}
+@{drives.begin_here()}
 void setup()
 {
     const int begun = begin_with(&state);
-    acts = begun == @BIG@_OK;
+    acts = begun == @{NAME}_OK;
     if (!acts) { // two exports, or compiled with flags that change results
         brake(begun);
         return;
     }
-    enabled = @BIG@_ENABLED;
-    @STANDSTILL@ // the command until there is another
-    @NAME@_step(&state, &@NAME@_defaults, &input, &output); // without a measurement: the input before the first
+    enabled = @{NAME}_ENABLED;
+    @{drives.rest_at_home("input.r")} // the command until there is another
+    @{name}_step(&state, &@{name}_defaults, &input, &output); // without a measurement: the input before the first
     due_us = micros();
 }
 
@@ -51,18 +52,18 @@ void loop()
     input.measured = (!missed && read_sensors(input.y)) ? 1 : 0;
     enabled = still_enabled(enabled, &input, &output);
     read_command(input.r, output.path_rate);
-    if (@BIG@_LATENCY > 0) { // the input of the sample before acts from here on; further samples are the drive's
+    if (@{NAME}_LATENCY > 0) { // the input of the sample before acts from here on; further samples are the drive's
         drive_motors(output.u);
     }
-    const int code = @NAME@_step(&state, &@NAME@_defaults, &input, &output);
+    const int code = @{name}_step(&state, &@{name}_defaults, &input, &output);
     report(code);
     acts = may_act(code, &output) != 0;
-    if (code == @BIG@_OK) {
+    if (code == @{NAME}_OK) {
         restart_watchdog();
     }
     if (!acts) {
         brake(code);
-    } else if (@BIG@_LATENCY == 0) {
+    } else if (@{NAME}_LATENCY == 0) {
         drive_motors(output.u);
     }
 }
@@ -72,23 +73,23 @@ static bool drives_enabled()
     return true;
 }
 
-static bool read_sensors(@NAME@_real *y)
+static bool read_sensors(@{name}_real *y)
 {
-    for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
-        y[i] = 0; // an encoder, in the unit of @NAME@.h
+    for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
+        y[i] = 0; // an encoder, in the unit of @{name}.h
     }
     return true;
 }
 
-// The command path_rate periods further along its path@THEN_SLOWED@: less than one where the controller brakes.
+// The command path_rate periods further along its path{% if code.slows %}, and where that is below 1, @{name}_slowed{% endif %}: less than one where the controller brakes.
 // Here it stays.
-static void read_command(@NAME@_real *r, @NAME@_real path_rate)
+static void read_command(@{name}_real *r, @{name}_real path_rate)
 {
     (void)r;
     (void)path_rate;
 }
 
-static void drive_motors(const @NAME@_real *u)
+static void drive_motors(const @{name}_real *u)
 {
     (void)u; // a PWM or a current controller
 }

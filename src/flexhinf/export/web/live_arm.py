@@ -10,7 +10,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from importlib.resources import files
 from itertools import product
 from typing import Any
 
@@ -19,7 +18,7 @@ import numpy as np
 from flexhinf import __version__
 from flexhinf.codegen.c import Real, Translator, constant
 from flexhinf.export.controller_c import ControllerCode, code_of
-from flexhinf.export.filling import arithmetic, fill
+from flexhinf.export.rendering import c_values, render
 from flexhinf.export.web.rival import MotorGains, stiff_gains, tuned_gains, vibration_period
 from flexhinf.loop import Controller, Waypoints
 from flexhinf.loop.controller.friction import SHARPNESS
@@ -238,25 +237,24 @@ class LiveArm:
         )  # fmt: skip
         motions = [f"parts[{k}]" for k in range(5)]
         gains, limits = self.rival, c.limits
-        text = (files("flexhinf.export.web") / "simulation.c").read_text(encoding="utf-8")
-        return fill(
-            text, NAME, DOUBLE, VERSION=__version__, ARITHMETIC=arithmetic("plant", DOUBLE), FUNCTIONS=str(translator),
-            N=plant.n, M=len(plant.inputs), D=len(plant.disturbances), P=plant.parameters.size, Y=len(plant.outputs),
-            R=len(c.commanded), Q=n, V=len(self.numbers), PAIRS=PAIRS, QUEUE=QUEUE, LATENCY=c.mode.latency,
-            PERIOD=constant(c.period, DOUBLE), NOISE=_listed(self.deviations), MOTOR_NOISE=_listed(self.motor_noise),
-            STIFF_GAIN=_listed([*self.stiff.proportional, *self.stiff.derivative]),
-            STIFF_CUTOFF=_listed(self.stiff.cutoff),
-            GAIN=_listed([*gains.proportional, *gains.derivative]), CUTOFF=_listed(gains.cutoff),
-            DRY=_listed(self._dry.ravel()), SHARPNESS=constant(SHARPNESS, DOUBLE),
-            LOWER=_listed(limits.lower), UPPER=_listed(limits.upper), COMMAND_OF=self._commanded,
-            MOTOR_OF=", ".join(map(str, self._motors)),
-            PARENTS=", ".join(str(parent) for parent in self.robot.links.tree.parents),
-            SLIDES=", ".join(str(int(slides)) for slides in self.robot.links.slides),
-            STANDSTILL=_call(standstill, ["q", "p"], "xu"), INVERSE=_call(inverse, [*motions, "nominal"], "xu"),
-            FLOW_X=_call(flow, ["x", "a->u", "d", "a->p"], "slope[0]"),
-            FLOW_AT=_call(flow, ["at", "a->u", "d", "a->p"], "slope[stage]"),
-            OUTPUT=_call(output, ["a->x", "a->u", "a->p"], "a->y"), PACK=_call(pack, ["a->numbers"], "a->p"),
-            FRAMES=_call(frames, ["q"], "out"), **self._beginning,
+        return render(
+            "web/simulation.c", **c_values(NAME, DOUBLE), functions=str(translator),
+            n=plant.n, m=len(plant.inputs), d=len(plant.disturbances), p=plant.parameters.size, y=len(plant.outputs),
+            r=len(c.commanded), q=n, v=len(self.numbers), pairs=PAIRS, queue=QUEUE, latency=c.mode.latency,
+            period=constant(c.period, DOUBLE), noise=_listed(self.deviations), motor_noise=_listed(self.motor_noise),
+            stiff_gain=_listed([*self.stiff.proportional, *self.stiff.derivative]),
+            stiff_cutoff=_listed(self.stiff.cutoff),
+            gain=_listed([*gains.proportional, *gains.derivative]), cutoff=_listed(gains.cutoff),
+            dry=_listed(self._dry.ravel()), sharpness=constant(SHARPNESS, DOUBLE),
+            lower=_listed(limits.lower), upper=_listed(limits.upper), command_of=self._commanded,
+            motor_of=", ".join(map(str, self._motors)),
+            parents=", ".join(str(parent) for parent in self.robot.links.tree.parents),
+            slides=", ".join(str(int(slides)) for slides in self.robot.links.slides),
+            standstill=_call(standstill, ["q", "p"], "xu"), inverse=_call(inverse, [*motions, "nominal"], "xu"),
+            flow_x=_call(flow, ["x", "a->u", "d", "a->p"], "slope[0]"),
+            flow_at=_call(flow, ["at", "a->u", "d", "a->p"], "slope[stage]"),
+            output=_call(output, ["a->x", "a->u", "a->p"], "a->y"), pack=_call(pack, ["a->numbers"], "a->p"),
+            frames=_call(frames, ["q"], "out"), **self._beginning,
         )  # fmt: skip
 
     @property
@@ -281,13 +279,13 @@ class LiveArm:
     def _beginning(self) -> dict[str, Any]:
         """How the controller begins: with the state of rest, in the names of its estimate, where it can be told."""
         if not self.code.starts_anywhere or self.code.belief is None:
-            return {"ESTIMATE": "", "BELIEF": "0"}
+            return {"estimate": "", "belief": "0"}
         known = {name: f"start[{k}]" for k, name in enumerate(self.plant.states)}
         numbers = [
             known.get(name, constant(float(at), DOUBLE))
             for name, at in zip(self.controller.estimated, self.code.belief, strict=True)
         ]
-        return {"ESTIMATE": f"const double belief[] = {{{', '.join(numbers)}}};", "BELIEF": "belief"}
+        return {"estimate": f"const double belief[] = {{{', '.join(numbers)}}};", "belief": "belief"}
 
     @cached_property
     def deviations(self) -> np.ndarray:

@@ -1,36 +1,39 @@
 /* Arms that a page moves: each is the plant with its own numbers, stepped by the exported controller or by a PD on its
- * motors. Made by flexhinf @VERSION@; not to be edited.
+ * motors. Made by flexhinf @{version}; not to be edited.
  *
  * Arm 0 has the controller, arm 1 the PD; arms 2k and 2k + 1 are the perturbed pair number k with the same numbers. */
-#include "@NAME@.h"
+#include "@{name}.h"
 
 #include <math.h>
 #include <stdbool.h>
 
-@ARITHMETIC@
+{% with name = "plant", NAME = "PLANT" %}
+{% include "arithmetic.c" %}
+{% endwith %}
+
 #define FMA(a, b, c) ((a) * (b) + (c))
 #define EXPORT(name) __attribute__((export_name(#name))) name
 
 typedef double real;
 
 enum {
-    STATES = @N@,
-    INPUTS = @M@,
-    DISTURBANCES = @D@,
-    PARAMETERS = @P@,
-    MEASURED = @Y@,
-    COMMANDS = @R@,
-    JOINTS = @Q@,
-    NUMBERS = @V@,
-    PAIRS = @PAIRS@,
-    QUEUE = @QUEUE@, /* largest latency, samples */
-    LATENCY = @LATENCY@, /* samples that the controller knows of */
+    STATES = @{n},
+    INPUTS = @{m},
+    DISTURBANCES = @{d},
+    PARAMETERS = @{p},
+    MEASURED = @{y},
+    COMMANDS = @{r},
+    JOINTS = @{q},
+    NUMBERS = @{v},
+    PAIRS = @{pairs},
+    QUEUE = @{queue}, /* largest latency, samples */
+    LATENCY = @{latency}, /* samples that the controller knows of */
     POSE = 15 * JOINTS /* of each link: rotation by rows, origin, axis of its joint, in the world */
 };
 
-static const double period = @PERIOD@;
+static const double period = @{period};
 
-@FUNCTIONS@
+@{functions}
 /* What one arm is. */
 typedef struct {
     double x[STATES], p[PARAMETERS], numbers[NUMBERS], y[MEASURED], u[INPUTS], output[INPUTS];
@@ -41,24 +44,24 @@ typedef struct {
 } arm;
 
 static arm arms[2 * (PAIRS + 1)];
-static @NAME@_state controllers[PAIRS + 1];
+static @{name}_state controllers[PAIRS + 1];
 
 /* What the page sets, and what it reads. */
-static double noise[MEASURED] = {@NOISE@}, motor_noise[JOINTS] = {@MOTOR_NOISE@};
-static double lower[INPUTS] = {@LOWER@}, upper[INPUTS] = {@UPPER@};
+static double noise[MEASURED] = {@{noise}}, motor_noise[JOINTS] = {@{motor_noise}};
+static double lower[INPUTS] = {@{lower}}, upper[INPUTS] = {@{upper}};
 static double nominal[PARAMETERS], torque[JOINTS], pushed[JOINTS], pulled[JOINTS], force[3];
 static double noise_factor = 0.0;
 /* Of the tuned PD, then of the stiff one. */
-static const double gain[2][2 * JOINTS] = {{@GAIN@}, {@STIFF_GAIN@}}, cutoff[2][JOINTS] = {{@CUTOFF@}, {@STIFF_CUTOFF@}};
+static const double gain[2][2 * JOINTS] = {{@{gain}}, {@{stiff_gain}}}, cutoff[2][JOINTS] = {{@{cutoff}}, {@{stiff_cutoff}}};
 static int stiff = 0;
 static int latency = LATENCY, sensing = 1, sub_steps = 1, ghost_sub_steps = 1;
 
 /* Where each command comes from: an element of the wanted state and, behind it, of the wanted input. */
-static const int command_of[COMMANDS ? COMMANDS : 1] = {@COMMAND_OF@};
+static const int command_of[COMMANDS ? COMMANDS : 1] = {@{command_of}};
 /* Dry friction that both controllers overcome: its level, smoothing speed, level at rest, and speed of its fall. */
-static const double dry[4 * JOINTS] = {@DRY@};
+static const double dry[4 * JOINTS] = {@{dry}};
 /* The state that each joint's motor position and speed are; of a rigid joint those of its link. */
-static const int motor_of[2 * JOINTS] = {@MOTOR_OF@};
+static const int motor_of[2 * JOINTS] = {@{motor_of}};
 
 /* A motion of the command: one polynomial of degree five in each joint, from a position, speed and acceleration. */
 typedef struct {
@@ -116,7 +119,7 @@ static void polynomial(const motion *m, int joint, double at, double *derivative
 /* State, then input, at rest at link positions (q), by an arm's parameters (p). */
 static void resting(const double *q, const double *p, double *xu)
 {
-    @STANDSTILL@
+    @{standstill}
 }
 
 /* State and input on the way, by the nominal arm; at rest the equilibrium. */
@@ -133,7 +136,7 @@ static void desired(const motion *m, double *xu)
     if (at >= m->length) {
         resting(parts[0], nominal, xu);
     } else {
-        @INVERSE@
+        @{inverse}
     }
 }
 
@@ -162,12 +165,12 @@ static void integrate(arm *a, const double *d, int steps)
     static const double share[3] = {0.5, 0.5, 1.0};
     double slope[4][STATES], at[STATES], *x = a->x;
     for (int k = 0; k < steps; ++k) {
-        @FLOW_X@
+        @{flow_x}
         for (int stage = 1; stage < 4; ++stage) {
             for (int i = 0; i < STATES; ++i) {
                 at[i] = x[i] + share[stage - 1] * h * slope[stage - 1][i];
             }
-            @FLOW_AT@
+            @{flow_at}
         }
         for (int i = 0; i < STATES; ++i) {
             x[i] += h / 6.0 * (slope[0][i] + 2.0 * (slope[1][i] + slope[2][i]) + slope[3][i]);
@@ -182,16 +185,16 @@ static void integrate(arm *a, const double *d, int steps)
 
 static void measure(arm *a)
 {
-    @OUTPUT@
+    @{output}
     for (int i = 0; i < MEASURED; ++i) {
         a->y[i] += noise_factor > 0.0 ? noise_factor * noise[i] * normal(a) : 0.0;
     }
 }
 
-static void controlled(arm *a, @NAME@_state *state, const double *r)
+static void controlled(arm *a, @{name}_state *state, const double *r)
 {
-    @NAME@_input in = {0};
-    @NAME@_output out;
+    @{name}_input in = {0};
+    @{name}_output out;
     for (int i = 0; i < MEASURED; ++i) {
         in.y[i] = a->y[i];
     }
@@ -199,7 +202,7 @@ static void controlled(arm *a, @NAME@_state *state, const double *r)
         in.r[i] = r[i];
     }
     in.measured = sensing;
-    a->code = @NAME@_step(state, &@NAME@_defaults, &in, &out);
+    a->code = @{name}_step(state, &@{name}_defaults, &in, &out);
     a->status = out.status;
     for (int i = 0; i < INPUTS; ++i) {
         a->output[i] = out.u[i];
@@ -210,7 +213,7 @@ static void controlled(arm *a, @NAME@_state *state, const double *r)
 static double overcome(int i, double speed)
 {
     const double *level = dry, *smoothing = dry + JOINTS, *most = dry + 2 * JOINTS, *slow = dry + 3 * JOINTS;
-    const double ratio = @SHARPNESS@ * speed / smoothing[i], share = speed / slow[i];
+    const double ratio = @{sharpness} * speed / smoothing[i], share = speed / slow[i];
     return (level[i] + (most[i] - level[i]) * exp(-(share * share))) * tanh(ratio * ratio * ratio);
 }
 
@@ -246,11 +249,11 @@ static void delayed(arm *a, int late)
 /* The hand that pulls ------------------------------------------------------------------------------ */
 static int held_link = -1;
 static double held_at[3], hand[3], softness = 1.0, strongest = 1.0;
-static const int parent_of[JOINTS] = {@PARENTS@}, slides[JOINTS] = {@SLIDES@};
+static const int parent_of[JOINTS] = {@{parents}}, slides[JOINTS] = {@{slides}};
 
 void EXPORT(pose_of)(const double *q, double *out)
 {
-    @FRAMES@
+    @{frames}
 }
 
 static void pull(void)
@@ -293,7 +296,7 @@ static void pull(void)
 void EXPORT(set_numbers)(int k)
 {
     arm *a = arms + k;
-    @PACK@
+    @{pack}
 }
 
 /* The numbers of the model that is used for feedforward, for rest at the start, and by the PD. */
@@ -362,8 +365,8 @@ void EXPORT(begin)(int k, int seed)
     uniform(a);
     uniform(a);
     if (k % 2 == 0) {
-        @ESTIMATE@
-        @NAME@_start(controllers + k / 2, &@NAME@_defaults, @BELIEF@, a->u);
+        @{estimate}
+        @{name}_start(controllers + k / 2, &@{name}_defaults, @{belief}, a->u);
     }
 }
 

@@ -1,6 +1,6 @@
-/* The test vector of @NAME@ on a Cortex-M4F that QEMU emulates (machine mps2-an386): start-up, and what a step costs.
- * Made by flexhinf @VERSION@; `make cortex-m4` builds and runs it. Not for a project of yours: boards have their own. */
-#include "@NAME@.h"
+/* The test vector of @{name} on a Cortex-M4F that QEMU emulates (machine mps2-an386): start-up, and what a step costs.
+ * Made by flexhinf @{version}; `make cortex-m4` builds and runs it. Not for a project of yours: boards have their own. */
+#include "@{name}.h"
 
 #include <stdint.h>
 #include <stdio.h>
@@ -28,17 +28,17 @@ extern void tick(void) __attribute__((weak)); /* the handler of SysTick, where t
 static uint32_t steps, most_instructions, deepest;
 static uint64_t all_instructions;
 
-/* The linker (--wrap) calls the second where the test vector calls @NAME@_step, which is the first. */
-int __real_@NAME@_step(@NAME@_state *, const @NAME@_param *, const @NAME@_input *, @NAME@_output *);
-int __wrap_@NAME@_step(@NAME@_state *, const @NAME@_param *, const @NAME@_input *, @NAME@_output *);
+/* The linker (--wrap) calls the second where the test vector calls @{name}_step, which is the first. */
+int __real_@{name}_step(@{name}_state *, const @{name}_param *, const @{name}_input *, @{name}_output *);
+int __wrap_@{name}_step(@{name}_state *, const @{name}_param *, const @{name}_input *, @{name}_output *);
 
 static uint32_t instructions_since(uint32_t start)
 {
     return (uint32_t)((uint64_t)(start - TIMER_VALUE) * 10u / 256u);
 }
 
-int __wrap_@NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_input *input,
-                       @NAME@_output *output)
+int __wrap_@{name}_step(@{name}_state *state, const @{name}_param *param, const @{name}_input *input,
+                       @{name}_output *output)
 {
     volatile uint32_t *here, *word;
     uint32_t start, reading, spent, used;
@@ -50,7 +50,7 @@ int __wrap_@NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NA
     start = TIMER_VALUE;
     reading = instructions_since(start);
     start = TIMER_VALUE;
-    code = __real_@NAME@_step(state, param, input, output);
+    code = __real_@{name}_step(state, param, input, output);
     spent = instructions_since(start) - reading;
     for (word = here - PAINTED; word < here && *word == PAINT; ++word) {
     }
@@ -82,7 +82,7 @@ static void reset(void)
     if (steps == 0) {
         exit(failed);
     }
-    printf("@NAME@ on a Cortex-M4F: %lu instructions in a step, at most %lu; %lu bytes of stack\n",
+    printf("@{name} on a Cortex-M4F: %lu instructions in a step, at most %lu; %lu bytes of stack\n",
            (unsigned long)(all_instructions / steps), (unsigned long)most_instructions,
            (unsigned long)deepest);
     exit(failed);
@@ -90,7 +90,7 @@ static void reset(void)
 
 static void fault(void)
 {
-    printf("@NAME@ on a Cortex-M4F: a fault of the processor\n");
+    printf("@{name} on a Cortex-M4F: a fault of the processor\n");
     exit(1);
 }
 

@@ -1,6 +1,7 @@
-/* @NAME@ in a timer interrupt of a Cortex-M: SysTick calls it once per period, and the main program is free.
+{% import "drives.c" as drives with context %}
+/* @{name} in a timer interrupt of a Cortex-M: SysTick calls it once per period, and the main program is free.
  * Replace the functions that are marked. `make cortex-m4-periodic` runs it in QEMU with those of recorded.c. */
-#include "@NAME@.h"
+#include "@{name}.h"
 
 #include <stdint.h>
 #include <string.h>
@@ -18,35 +19,35 @@
 
 /* Of your board, as in main.c. */
 extern int drives_enabled(void);
-extern int read_sensors(@NAME@_real *y);
-extern void read_command(@NAME@_real *r, @NAME@_real path_rate);
-extern void drive_motors(const @NAME@_real *u);
+extern int read_sensors(@{name}_real *y);
+extern void read_command(@{name}_real *r, @{name}_real path_rate);
+extern void drive_motors(const @{name}_real *u);
 extern void report(int code);
 extern void restart_watchdog(void);
 extern void brake(int code);
 
-@MAY_ACT@
+@{drives.may_act()}
 void tick(void); /* the handler of SysTick: in some vector tables it is called SysTick_Handler */
 
-static @NAME@_state state;
-static @NAME@_input input;
-static @NAME@_output output;
+static @{name}_state state;
+static @{name}_input input;
+static @{name}_output output;
 static int late; /* whether the sample before took longer than a period */
 static int begun;
 
-/* @HOME_TEXT@, where @NAME@_init believes the robot. */
-static const @NAME@_real home[] = {@HOME@};
+/* @{home.text}, where @{name}_init believes the robot. */
+static const @{name}_real home[] = {@{row(home.numbers)}};
 
-@BEGIN_HERE@
-static int enabled = @BIG@_ENABLED;
+@{drives.begin_here()}
+static int enabled = @{NAME}_ENABLED;
 
 /* In the interrupt, as the steps: its floating-point unit may have other settings than the main program's (FPDSCR), and
- * @NAME@_init looks at those that it finds. */
+ * @{name}_init looks at those that it finds. */
 static int begin(void)
 {
     const int code = begin_with(&state);
-    @STANDSTILL@ /* the command until there is another */
-    return (code != @BIG@_OK) ? code : @NAME@_step(&state, &@NAME@_defaults, &input, &output); /* not measured yet */
+    @{drives.rest_at_home("input.r")} /* the command until there is another */
+    return (code != @{NAME}_OK) ? code : @{name}_step(&state, &@{name}_defaults, &input, &output); /* not measured yet */
 }
 
 void tick(void)
@@ -55,7 +56,7 @@ void tick(void)
     if (!begun) {
         begun = 1;
         code = begin();
-        if (code != @BIG@_WAITING) { /* two exports, or compiled with flags that change results */
+        if (code != @{NAME}_WAITING) { /* two exports, or compiled with flags that change results */
             SYSTICK_CONTROL = 0;
             brake(code);
             return;
@@ -64,18 +65,18 @@ void tick(void)
     input.measured = read_sensors(input.y) && !late; /* an old measurement is none: it is predicted over */
     enabled = still_enabled(enabled, &input, &output);
     read_command(input.r, output.path_rate);
-    if (@BIG@_LATENCY > 0) { /* the input of the sample before acts from here on; further samples are the drive's */
+    if (@{NAME}_LATENCY > 0) { /* the input of the sample before acts from here on; further samples are the drive's */
         drive_motors(output.u);
     }
-    code = @NAME@_step(&state, &@NAME@_defaults, &input, &output);
+    code = @{name}_step(&state, &@{name}_defaults, &input, &output);
     report(code);
-    if (code == @BIG@_OK) {
+    if (code == @{NAME}_OK) {
         restart_watchdog();
     }
-    if (!may_act(code, &output)) { /* it is called no more: look at the robot, then begin again with @NAME@_start */
+    if (!may_act(code, &output)) { /* it is called no more: look at the robot, then begin again with @{name}_start */
         SYSTICK_CONTROL = 0;
         brake(code);
-    } else if (@BIG@_LATENCY == 0) {
+    } else if (@{NAME}_LATENCY == 0) {
         drive_motors(output.u);
     } else {
         /* it acts from the next sample on */
@@ -85,7 +86,7 @@ void tick(void)
 
 int main(void)
 {
-    SYSTICK_RELOAD = (uint32_t)(CORE_HZ * (double)@BIG@_PERIOD + 0.5) - 1u;
+    SYSTICK_RELOAD = (uint32_t)(CORE_HZ * (double)@{NAME}_PERIOD + 0.5) - 1u;
     SYSTICK_VALUE = 0;
     SYSTICK_CONTROL = 7; /* the core's clock, its interrupt, on */
     for (;;) {

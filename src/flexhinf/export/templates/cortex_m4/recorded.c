@@ -1,53 +1,53 @@
 /* A board for examples in QEMU: its sensors and commands are those of the test vector, and what drives the motors is
  * compared with it. Ends the emulation after the last sample. Not for a project of yours. */
 #define main of_the_test_vector /* which has the numbers */
-#include "../@NAME@_test.c"
+#include "../@{name}_test.c"
 #undef main
 
 #include <stdlib.h>
 
 int drives_enabled(void);
-int read_sensors(@NAME@_real *y);
-void read_command(@NAME@_real *r, @NAME@_real path_rate);
-void drive_motors(const @NAME@_real *u);
+int read_sensors(@{name}_real *y);
+void read_command(@{name}_real *r, @{name}_real path_rate);
+void drive_motors(const @{name}_real *u);
 void report(int code);
 void restart_watchdog(void);
 void brake(int code);
 
 static int samples, code_before, failed;
-static @NAME@_real largest;
+static @{name}_real largest;
 
 int drives_enabled(void) { return 1; }
 
-int read_sensors(@NAME@_real *y)
+int read_sensors(@{name}_real *y)
 {
     failed += samples > 0 && code_before != expected_code[samples - 1];
-    code_before = @BIG@_OK;
+    code_before = @{NAME}_OK;
     if (samples == SAMPLES) {
-        printf("@NAME@ in a periodic task: %d samples, largest relative error %.3g: %s\n", samples, (double)largest,
+        printf("@{name} in a periodic task: %d samples, largest relative error %.3g: %s\n", samples, (double)largest,
                failed ? "FAILED" : "passed");
         exit(failed != 0);
     }
-    for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
+    for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
         y[i] = given_y[samples][i];
     }
     samples += 1;
     return given_measured[samples - 1];
 }
 
-void read_command(@NAME@_real *r, @NAME@_real path_rate)
+void read_command(@{name}_real *r, @{name}_real path_rate)
 {
     (void)path_rate;
-    for (int i = 0; i < @R@; ++i) {
+    for (int i = 0; i < @{code.sizes.r}; ++i) {
         r[i] = given_r[samples - 1][i];
     }
 }
 
-void drive_motors(const @NAME@_real *u)
+void drive_motors(const @{name}_real *u)
 {
-    const int sample = samples - 1 - (@BIG@_LATENCY > 0);
-    for (int i = 0; i < @BIG@_INPUTS && sample >= 0; ++i) {
-        const @NAME@_real error = @FABS@(u[i] - expected_u[RUN][sample][i]) / size_of_u[part_of(sample)][i];
+    const int sample = samples - 1 - (@{NAME}_LATENCY > 0);
+    for (int i = 0; i < @{NAME}_INPUTS && sample >= 0; ++i) {
+        const @{name}_real error = fabs@{f}(u[i] - expected_u[RUN][sample][i]) / size_of_u[part_of(sample)][i];
         failed += !(error <= tolerance[part_of(sample)]);
         if (!(error <= largest)) {
             largest = error;
@@ -61,6 +61,6 @@ void restart_watchdog(void) {}
 
 void brake(int code)
 {
-    printf("@NAME@ in a periodic task: braked at sample %d, code %d: FAILED\n", samples, code);
+    printf("@{name} in a periodic task: braked at sample %d, code %d: FAILED\n", samples, code);
     exit(1);
 }

@@ -1,5 +1,5 @@
-// The controller @NAME@ for ros2_control (Humble and later), made by flexhinf @VERSION@. SPDX-License-Identifier: 0BSD
-#include "@PACKAGE@/controller.hpp"
+// The controller @{name} for ros2_control (Humble and later), made by flexhinf @{version}. SPDX-License-Identifier: 0BSD
+#include "@{package}/controller.hpp"
 
 #include <algorithm>
 #include <chrono>
@@ -14,28 +14,28 @@
 #include <utility>
 
 #include "pluginlib/class_list_macros.hpp"
-namespace @PACKAGE@
+namespace @{package}
 {
 namespace
 {
-constexpr double PERIOD = static_cast<double>(@BIG@_PERIOD);
-constexpr std::size_t ROW = @R@;  // numbers of a command
+constexpr double PERIOD = static_cast<double>(@{NAME}_PERIOD);
+constexpr std::size_t ROW = @{code.sizes.r};  // numbers of a command
 
-// Names of the signals in parameters and in the published state, in the order of @NAME@.h.
-const std::array<const char *, @BIG@_MEASUREMENTS> MEASURED = {@MEASURED@};
-const std::array<const char *, @BIG@_INPUTS> INPUTS = {@INPUTS@};
-const std::array<const char *, @BIG@_STATES> STATES = {@STATES@};
+// Names of the signals in parameters and in the published state, in the order of @{name}.h.
+const std::array<const char *, @{NAME}_MEASUREMENTS> MEASURED = {@{measurements | map(attribute="name") | quoted}};
+const std::array<const char *, @{NAME}_INPUTS> INPUTS = {@{inputs | map(attribute="name") | quoted}};
+const std::array<const char *, @{NAME}_STATES> STATES = {@{states | quoted}};
 
 // Default interfaces; the parameters state others.
-const std::array<const char *, @BIG@_MEASUREMENTS> STATE_INTERFACES = {@STATE_INTERFACES@};
-const std::array<const char *, @BIG@_INPUTS> COMMAND_INTERFACES = {@COMMAND_INTERFACES@};
+const std::array<const char *, @{NAME}_MEASUREMENTS> STATE_INTERFACES = {@{measurements | map(attribute="interface") | quoted}};
+const std::array<const char *, @{NAME}_INPUTS> COMMAND_INTERFACES = {@{inputs | map(attribute="interface") | quoted}};
 
 // Of each joint: the places of its link's and its motor's position among the measurements, -1 where it is not measured,
 // and among the states.
-[[maybe_unused]] constexpr std::size_t JOINTS = @JOINTS@;
-[[maybe_unused]] constexpr std::array<int, JOINTS> LINK_MEASURED = {@LINK_MEASURED@};
-[[maybe_unused]] constexpr std::array<int, JOINTS> MOTOR_MEASURED = {@MOTOR_MEASURED@};
-[[maybe_unused]] constexpr std::array<int, JOINTS> MOTOR_STATE = {@MOTOR_STATE@};
+[[maybe_unused]] constexpr std::size_t JOINTS = @{joints | length};
+[[maybe_unused]] constexpr std::array<int, JOINTS> LINK_MEASURED = {@{joints | map(attribute="link_measured") | join(", ")}};
+[[maybe_unused]] constexpr std::array<int, JOINTS> MOTOR_MEASURED = {@{joints | map(attribute="motor_measured") | join(", ")}};
+[[maybe_unused]] constexpr std::array<int, JOINTS> MOTOR_STATE = {@{joints | map(attribute="motor_state") | join(", ")}};
 
 // Loaned interfaces return a number in Humble, and since Jazzy an optional one.
 template <class Interface, class = void>
@@ -146,7 +146,7 @@ CallbackReturn Controller::on_init()
   try {
     auto_declare<double>("period", PERIOD);
     auto_declare<std::int64_t>("publish_every", 10);
-    auto_declare<std::int64_t>("longest_unseen", @LONGEST_UNSEEN@);
+    auto_declare<std::int64_t>("longest_unseen", @{longest_unseen});
     auto_declare<double>("stop_ramp", 0.0);
     for (std::size_t i = 0; i < measurements_.size(); ++i) {
       const std::string name = std::string("measurements.") + MEASURED[i];
@@ -157,8 +157,8 @@ CallbackReturn Controller::on_init()
       const std::string name = std::string("inputs.") + INPUTS[i];
       auto_declare<std::string>(name + ".interface", COMMAND_INTERFACES[i]);
       auto_declare<double>(name + ".factor", 1.0);
-      auto_declare<double>(name + ".lower", static_cast<double>(@NAME@_defaults.value[@BIG@_P_LOWER + i]));
-      auto_declare<double>(name + ".upper", static_cast<double>(@NAME@_defaults.value[@BIG@_P_UPPER + i]));
+      auto_declare<double>(name + ".lower", static_cast<double>(@{name}_defaults.value[@{NAME}_P_LOWER + i]));
+      auto_declare<double>(name + ".upper", static_cast<double>(@{name}_defaults.value[@{NAME}_P_UPPER + i]));
     }
   } catch (const std::exception & error) {
     RCLCPP_ERROR(get_node()->get_logger(), "a parameter cannot be declared: %s", error.what());
@@ -188,11 +188,11 @@ bool Controller::read_parameters()
   longest_unseen_ = node->get_parameter("longest_unseen").as_int();
   stop_ramp_ = number("stop_ramp");
   if (!(std::fabs(period / PERIOD - 1.0) <= 1e-6)) {
-    RCLCPP_ERROR(logger, "expected a period of %g s, for which @NAME@ is made, got %g", PERIOD, period);
+    RCLCPP_ERROR(logger, "expected a period of %g s, for which @{name} is made, got %g", PERIOD, period);
     return false;
   }
   if (rate != 0 && std::fabs(rate * PERIOD - 1.0) > 0.001) {
-    RCLCPP_ERROR(logger, "expected an update_rate of %g Hz, for which @NAME@ is made, got %u", 1.0 / PERIOD, rate);
+    RCLCPP_ERROR(logger, "expected an update_rate of %g Hz, for which @{name} is made, got %u", 1.0 / PERIOD, rate);
     return false;
   }
   if (publish_every_ < 1) {
@@ -226,7 +226,7 @@ bool Controller::read_parameters()
     }
     return true;
   };
-  param_ = @NAME@_defaults;
+  param_ = @{name}_defaults;
   for (std::size_t i = 0; i < measurements_.size(); ++i) {
     if (!read(std::string("measurements.") + MEASURED[i], measurements_[i])) {
       return false;
@@ -242,10 +242,10 @@ bool Controller::read_parameters()
       RCLCPP_ERROR(logger, "expected a lower limit below the upper one in %s, got %g and %g", name.c_str(), lower, upper);
       return false;
     }
-    param_.value[@BIG@_P_LOWER + i] = static_cast<@NAME@_real>(lower);
-    param_.value[@BIG@_P_UPPER + i] = static_cast<@NAME@_real>(upper);
+    param_.value[@{NAME}_P_LOWER + i] = static_cast<@{name}_real>(lower);
+    param_.value[@{NAME}_P_UPPER + i] = static_cast<@{name}_real>(upper);
   }
-  if (@NAME@_check(&param_, nullptr) != @BIG@_PARAM_OK) {
+  if (@{name}_check(&param_, nullptr) != @{NAME}_PARAM_OK) {
     RCLCPP_ERROR(logger, "expected finite limits of the inputs within those of the design, the defaults");
     return false;
   }
@@ -254,8 +254,8 @@ bool Controller::read_parameters()
 
 CallbackReturn Controller::on_configure(const rclcpp_lifecycle::State &)
 {
-  if (std::strcmp(@NAME@_digest, @BIG@_DIGEST) != 0) {
-    RCLCPP_ERROR(get_node()->get_logger(), "@NAME@.c and @NAME@.h are of two exports");
+  if (std::strcmp(@{name}_digest, @{NAME}_DIGEST) != 0) {
+    RCLCPP_ERROR(get_node()->get_logger(), "@{name}.c and @{name}.h are of two exports");
     return CallbackReturn::ERROR;
   }
   try {
@@ -266,7 +266,7 @@ CallbackReturn Controller::on_configure(const rclcpp_lifecycle::State &)
     RCLCPP_ERROR(get_node()->get_logger(), "a parameter is missing or of another type: %s", error.what());
     return CallbackReturn::ERROR;
   }
-  if (@BIG@_COMMANDS > 0) {
+  if (@{NAME}_COMMANDS > 0) {
     subscription_ = get_node()->create_subscription<Command>(
       "~/command", rclcpp::SystemDefaultsQoS(),
       [this](const std::shared_ptr<Command> message) { receive(*message); });
@@ -311,7 +311,7 @@ void Controller::read_measurements()
 {
   for (std::size_t i = 0; i < measurements_.size(); ++i) {
     const Signal & signal = measurements_[i];
-    input_.y[i] = static_cast<@NAME@_real>(signal.factor * value_of(state_interfaces_[signal.place]));
+    input_.y[i] = static_cast<@{name}_real>(signal.factor * value_of(state_interfaces_[signal.place]));
   }
   input_.measured = 1;
 }
@@ -319,7 +319,48 @@ void Controller::read_measurements()
 // At rest at the measured pose; false where that is not measured, or the code is refused.
 bool Controller::start_where_the_robot_is()
 {
-@START@
+{% if from_pose %}
+  std::array<@{name}_real, JOINTS> q{};
+  std::array<@{name}_real, @{NAME}_STATES + @{NAME}_INPUTS> rest{};
+  std::array<bool, JOINTS> by_motor{};
+  for (std::size_t i = 0; i < JOINTS; ++i) {
+    const int link = LINK_MEASURED[i], motor = MOTOR_MEASURED[i];
+    by_motor[i] = link < 0 || !std::isfinite(input_.y[link]);
+    const int place = by_motor[i] ? motor : link;
+    if (place < 0 || !std::isfinite(input_.y[place])) {
+      return false;
+    }
+    q[i] = input_.y[place];
+  }
+  // The weight twists the spring between a motor and its link: the link's angle is found in some passes.
+  const int passes = std::find(by_motor.begin(), by_motor.end(), true) == by_motor.end() ? 1 : 50;
+  for (int pass = 0; pass < passes; ++pass) {
+    @{name}_rest(&param_, q.data(), rest.data());
+    for (std::size_t i = 0; i < JOINTS; ++i) {
+      q[i] += by_motor[i] ? input_.y[MOTOR_MEASURED[i]] - rest[MOTOR_STATE[i]] : 0;
+    }
+  }
+  if (!std::all_of(rest.begin(), rest.end(), [](double value) { return std::isfinite(value); })) {
+    return false;
+  }
+{% endif %}
+{% if from_pose and c.mode.moving %}
+  std::copy(rest.begin(), rest.end(), input_.r);
+{% else %}
+{% for value in command %}
+  input_.r[@{loop.index0}] = @{value};
+{% else %}
+
+{% endfor %}
+{% if code.rests %}
+  @{name}_rest(&param_, input_.r, input_.r);
+{% endif %}
+{% endif %}
+{% if from_pose %}
+  return @{name}_start(&state_, &param_, rest.data(), rest.data() + @{NAME}_STATES) == @{NAME}_OK;
+{% else %}
+  return @{name}_init(&state_) == @{NAME}_OK;
+{% endif %}
 }
 
 CallbackReturn Controller::on_activate(const rclcpp_lifecycle::State &)
@@ -331,12 +372,12 @@ CallbackReturn Controller::on_activate(const rclcpp_lifecycle::State &)
   read_measurements();
   if (!start_where_the_robot_is()) {
     RCLCPP_ERROR(
-      get_node()->get_logger(), "@NAME@ cannot start: a position is not measured, or it is compiled with flags that "
+      get_node()->get_logger(), "@{name} cannot start: a position is not measured, or it is compiled with flags that "
       "change results");
     return CallbackReturn::ERROR;
   }
   input_.measured = 0;  // the output is then the input before the first sample
-  code_ = @NAME@_step(&state_, &param_, &input_, &output_);
+  code_ = @{name}_step(&state_, &param_, &input_, &output_);
   playing_ = received_.load();  // older commands are over
   has_path_ = false;
   samples_ = late_ = missed_writes_ = 0;
@@ -391,12 +432,16 @@ void Controller::follow()
   const double last = static_cast<double>(path->rows - 1);
   at_ = std::clamp(at_, 0.0, last);
   const std::size_t row = static_cast<std::size_t>(at_);
-  const @NAME@_real part = static_cast<@NAME@_real>(at_ - static_cast<double>(row));
-  const @NAME@_real * now = path->numbers.data() + row * ROW;
+  const @{name}_real part = static_cast<@{name}_real>(at_ - static_cast<double>(row));
+  const @{name}_real * now = path->numbers.data() + row * ROW;
   for (std::size_t i = 0; i < ROW; ++i) {
     input_.r[i] = (part > 0) ? now[i] + part * (now[i + ROW] - now[i]) : now[i];
   }
-@SLOWER@
+{% if code.slows %}
+  (void)@{name}_slowed(&param_, output_.path_rate, input_.r);
+{% else %}
+
+{% endif %}
 }
 
 // Loop ---------------------------------------------------------------------------------------------------------
@@ -445,20 +490,20 @@ controller_interface::return_type Controller::update(const rclcpp::Time & time, 
   }
   read_measurements();
   follow();
-  if (@BIG@_LATENCY > 0) {  // the input of the sample before acts from here on; further samples are the drive's
+  if (@{NAME}_LATENCY > 0) {  // the input of the sample before acts from here on; further samples are the drive's
     drive();
   }
-  code_ = @NAME@_step(&state_, &param_, &input_, &output_);
-  if (code_ == @BIG@_STOPPED || code_ == @BIG@_WENT_BACK || code_ == @BIG@_BAD_ARITHMETIC ||
-    code_ == @BIG@_NOT_INITIALISED) {
+  code_ = @{name}_step(&state_, &param_, &input_, &output_);
+  if (code_ == @{NAME}_STOPPED || code_ == @{NAME}_WENT_BACK || code_ == @{NAME}_BAD_ARITHMETIC ||
+    code_ == @{NAME}_NOT_INITIALISED) {
     return end("see README.md for what the step returned", time);
   }
-  const bool silent = code_ != @BIG@_WAITING && std::any_of(
+  const bool silent = code_ != @{NAME}_WAITING && std::any_of(
     std::begin(output_.unseen), std::end(output_.unseen), [this](int samples) {return samples > longest_unseen_;});
   if (silent) {
     return end("a sensor is silent for too long", time);
   }
-  if (@BIG@_LATENCY == 0) {
+  if (@{NAME}_LATENCY == 0) {
     drive();
   }
   if (samples_ % publish_every_ == 0) {
@@ -514,7 +559,7 @@ void Controller::tell()
   const char * reason = to_tell_.exchange(nullptr);
   if (reason != nullptr) {
     RCLCPP_ERROR(
-      get_node()->get_logger(), "@NAME@ has stopped (code %d): %s. Brake the robot", ended_with_.load(), reason);
+      get_node()->get_logger(), "@{name} has stopped (code %d): %s. Brake the robot", ended_with_.load(), reason);
   }
 }
 
@@ -528,7 +573,7 @@ void Controller::prepare_report()
     report_.interface_values.back().interface_names = std::move(names);
   };
   report_ = Report();
-  group("health", {@HEALTH@});
+  group("health", {@{health | map(attribute="name") | quoted}});
   group("input", {INPUTS.begin(), INPUTS.end()});
   group("measured", {MEASURED.begin(), MEASURED.end()});
   group("estimate", {STATES.begin(), STATES.end()});
@@ -539,9 +584,10 @@ bool Controller::publish(const rclcpp::Time & time)
   const auto fill = [this](std::size_t group, const auto & values) {
     std::copy(std::begin(values), std::end(values), report_.interface_values[group].values.begin());
   };
-  const std::array<double, @HEALTH_COUNT@> health = {
+  const std::array<double, @{health | length}> health = {
     static_cast<double>(code_), static_cast<double>(output_.status), static_cast<double>(output_.path_rate),
-    static_cast<double>(late_), static_cast<double>(missed_writes_), static_cast<double>(is_stopped_)@HEALTH_VALUES@};
+    static_cast<double>(late_), static_cast<double>(missed_writes_), static_cast<double>(is_stopped_){% for number in health[6:] %},
+    @{number.value}{% endfor %}};
   report_.header.stamp = time;
   fill(0, health);
   fill(1, output_.u);
@@ -550,6 +596,6 @@ bool Controller::publish(const rclcpp::Time & time)
   return publish_if_free(*publisher_, report_);
 }
 
-}  // namespace @PACKAGE@
+}  // namespace @{package}
 
-PLUGINLIB_EXPORT_CLASS(@PACKAGE@::Controller, controller_interface::ControllerInterface)
+PLUGINLIB_EXPORT_CLASS(@{package}::Controller, controller_interface::ControllerInterface)

@@ -1,6 +1,6 @@
-// The controller @NAME@ for ros2_control (Humble and later), made by flexhinf @VERSION@. SPDX-License-Identifier: 0BSD
-#ifndef @PACKAGE_BIG@__CONTROLLER_HPP_
-#define @PACKAGE_BIG@__CONTROLLER_HPP_
+// The controller @{name} for ros2_control (Humble and later), made by flexhinf @{version}. SPDX-License-Identifier: 0BSD
+#ifndef @{PACKAGE}__CONTROLLER_HPP_
+#define @{PACKAGE}__CONTROLLER_HPP_
 
 #include <array>
 #include <atomic>
@@ -22,9 +22,9 @@
 #endif
 #include "std_msgs/msg/float64_multi_array.hpp"
 
-#include "@NAME@.h"
+#include "@{name}.h"
 
-namespace @PACKAGE@
+namespace @{package}
 {
 using Command = std_msgs::msg::Float64MultiArray;
 using Report = control_msgs::msg::DynamicJointState;
@@ -45,7 +45,7 @@ struct Path
 {
   std::uint64_t number = 0;  // counts received commands
   std::size_t rows = 0;
-  std::vector<@NAME@_real> numbers;
+  std::vector<@{name}_real> numbers;
 };
 
 class Controller : public controller_interface::ControllerInterface
@@ -78,16 +78,16 @@ private:
   void prepare_report();
   bool publish(const rclcpp::Time & time);
 
-  std::array<Signal, @BIG@_MEASUREMENTS> measurements_;
-  std::array<Signal, @BIG@_INPUTS> inputs_;
+  std::array<Signal, @{NAME}_MEASUREMENTS> measurements_;
+  std::array<Signal, @{NAME}_INPUTS> inputs_;
   double stop_ramp_ = 0.0;
-  std::int64_t publish_every_ = 10, longest_unseen_ = @LONGEST_UNSEEN@, samples_ = 0;
+  std::int64_t publish_every_ = 10, longest_unseen_ = @{longest_unseen}, samples_ = 0;
 
-  @NAME@_param param_ = @NAME@_defaults;
-  @NAME@_state state_{};
-  @NAME@_input input_{};
-  @NAME@_output output_{};
-  int code_ = @BIG@_OK;
+  @{name}_param param_ = @{name}_defaults;
+  @{name}_state state_{};
+  @{name}_input input_{};
+  @{name}_output output_{};
+  int code_ = @{NAME}_OK;
 
   rclcpp::Subscription<Command>::SharedPtr subscription_;
   realtime_tools::RealtimeBuffer<std::shared_ptr<Path>> paths_;
@@ -101,7 +101,7 @@ private:
   double elapsed_ = 0.0;
   std::int64_t late_ = 0, missed_writes_ = 0;
 
-  std::array<double, @BIG@_INPUTS> last_{};  // values of the command interfaces before a stop
+  std::array<double, @{NAME}_INPUTS> last_{};  // values of the command interfaces before a stop
   bool is_stopped_ = false, is_end_published_ = false;
   double stopped_for_ = 0.0;  // s
   std::atomic<int> ended_with_{0};
@@ -109,6 +109,6 @@ private:
   rclcpp::TimerBase::SharedPtr timer_;
 };
 
-}  // namespace @PACKAGE@
+}  // namespace @{package}
 
 #endif

@@ -1,36 +1,17 @@
-"""Lines of LLVM text, and CasADi's operations as such: the one table.
+"""Lines of LLVM text, and the types of a number in its lanes.
 
-Every rule follows the meaning of CasADi's own evaluator, NaN and signed zero included; the tests compare them
-one by one. Functions of the C library are called lane by lane: the same bits as CasADi, for any number of
-lanes.
-
-Sine and cosine are one sequence of operations for one lane and for many, so that all give the same bits. x is reduced
-by Cody and Waite's method in three parts, r = x - k·π/2 with |r| ≤ π/4, and the polynomials of fdlibm (k_sin.c,
-k_cos.c) give sin r and cos r, of which the quadrant k mod 4 takes one. With fused multiply-adds the parts have all
-digits; without, the first two have 33 bits: their products with a k below 2²⁰ are exact. Arguments beyond the reach of
-their sum go to the C library.
+Functions of the C library are called lane by lane: the same bits as CasADi, for any number of lanes.
 """
 
 from __future__ import annotations
 
 import copy
 import itertools
-import math
 import struct
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-import casadi
-
-from flexhinf.codegen.dataflow import (
-    LIBRARY,
-    MULTIPLY_ADD,
-    MULTIPLY_SUBTRACT,
-    SELECT,
-    SINGLE,
-    SUBTRACT_PRODUCT,
-)
 from flexhinf.codegen.program import PREFIX
 
 #: Attributes of functions whose result depends on their arguments alone.
@@ -261,208 +242,37 @@ class Writer:
         real = self.lanes.real
         return self.let(f"call {real} @{function}({', '.join(f'{real} {operand}' for operand in operands)})")
 
+    def library(self, name: str, *operands: str) -> str:
+        """Emit a call of the C function `name` in every lane; returns the name of the result.
 
-def library_call(writer: Writer, name: str, *operands: str) -> str:
-    """Emit a call of the C function `name` in every lane; returns the name of the result.
+        The function is linked under our own prefix, so that LLVM takes it for an unknown function and does not
+        replace it by something that depends on the number of lanes.
+        """
+        module, foreign = self.module, PREFIX + name
+        scalars = ", ".join(["double"] * len(operands))
+        module.library[foreign] = name
+        module.declarations[foreign] = f"declare double @{foreign}({scalars}) {PURE}"
+        if self.lanes.width == 1:
+            return self.call(foreign, *operands)
+        lanewise = f"{foreign}_lanes{self.lanes.width}"
+        if lanewise not in module.definitions:
+            inside, result = Writer(module, self.lanes), "poison"
+            real, names = inside.lanes.real, [f"%x{k}" for k in range(len(operands))]
+            for lane in range(inside.lanes.width):
+                elements = [inside.let(f"extractelement {real} {name}, i64 {lane}") for name in names]
+                value = inside.let(f"call double @{foreign}({', '.join(f'double {x}' for x in elements)})")
+                result = inside.let(f"insertelement {real} {result}, double {value}, i64 {lane}")
+            inside.do(f"ret {real} {result}")
+            arguments = ", ".join(f"{real} {name}" for name in names)
+            module.define(
+                lanewise, f"define internal {real} @{lanewise}({arguments}) noinline {PURE} {{", inside.lines
+            )
+        return self.call(lanewise, *operands)
 
-    The function is linked under our own prefix, so that LLVM takes it for an unknown function and does not
-    replace it by something that depends on the number of lanes.
-    """
-    module, foreign = writer.module, PREFIX + name
-    scalars = ", ".join(["double"] * len(operands))
-    module.library[foreign] = name
-    module.declarations[foreign] = f"declare double @{foreign}({scalars}) {PURE}"
-    if writer.lanes.width == 1:
-        return writer.call(foreign, *operands)
-    lanewise = f"{foreign}_lanes{writer.lanes.width}"
-    if lanewise not in module.definitions:
-        inside, result = Writer(module, writer.lanes), "poison"
-        real, names = inside.lanes.real, [f"%x{k}" for k in range(len(operands))]
-        for lane in range(inside.lanes.width):
-            elements = [inside.let(f"extractelement {real} {name}, i64 {lane}") for name in names]
-            value = inside.let(f"call double @{foreign}({', '.join(f'double {x}' for x in elements)})")
-            result = inside.let(f"insertelement {real} {result}, double {value}, i64 {lane}")
-        inside.do(f"ret {real} {result}")
-        arguments = ", ".join(f"{real} {name}" for name in names)
-        module.define(
-            lanewise, f"define internal {real} @{lanewise}({arguments}) noinline {PURE} {{", inside.lines
-        )
-    return writer.call(lanewise, *operands)
+    def number(self, condition: str) -> str:
+        """A truth value as 1 or 0."""
+        return self.select(condition, self.lanes.constant(1.0), self.lanes.constant(0.0))
 
-
-#: π/2 as an unevaluated sum of float64 numbers, and the largest |x| that is reduced with it, of which x·2/π is known to
-#: well below 1; with fused multiply-adds (True), and without (False).
-HALF_PI = {
-    True: tuple(map(float.fromhex, ("0x1.921fb54442d18p+0", "0x1.1a62633145c07p-54", "-0x1.f1976b7ed8fbcp-110"))),
-    False: tuple(map(float.fromhex, ("0x1.921fb544p+0", "0x1.0b4611a6p-34", "0x1.3198a2e037073p-69"))),
-}  # fmt: skip
-REACH = {True: 2.0**30, False: 1e6}
-# Adding it to |q| < 2^51 leaves the nearest integer in the low bits of the significand.
-ROUNDER = 1.5 * 2.0**52
-# sin r = r + r³·S(r²) and cos r = 1 - r²/2 + r⁴·C(r²) on |r| ≤ π/4, highest degree first.
-SINE = (
-    1.58969099521155010221e-10,
-    -2.50507602534068634195e-08,
-    2.75573137070700676789e-06,
-    -1.98412698298579493134e-04,
-    8.33333333332248946124e-03,
-    -1.66666666666666324348e-01,
-)
-COSINE = (
-    -1.13596475577881948265e-11,
-    2.08757232129817482790e-09,
-    -2.75573143513906633035e-07,
-    2.48015872894767294178e-05,
-    -1.38888888888741095749e-03,
-    4.16666666666666019037e-02,
-)
-
-
-#: (writer, name of each operand) → name of the result.
-Rule = Callable[..., str]
-
-
-def is_far(writer: Writer, value: str) -> str:
-    """Emit whether x is finite and beyond the reach of the reduction, in each lane."""
-    lanes = writer.lanes
-    size = writer.intrinsic("fabs", value)
-    far = writer.compare("ogt", size, lanes.constant(REACH[writer.module.fused]))
-    finite = writer.compare("olt", size, lanes.constant(math.inf))
-    return writer.let(f"and {lanes.boolean} {far}, {finite}")
-
-
-def _turn(name: str, kind: str = "reduced") -> Rule:
-    """sin x or cos x by a function of the module; "near" and "alone" are straight lines, for what is not `is_far`."""
-
-    def rule(caller: Writer, value: str) -> str:
-        full = f"{PREFIX}{name}_{kind}{caller.lanes.width}"
-        if full not in caller.module.definitions:
-            writer = Writer(caller.module, caller.lanes)
-            lanes, real = writer.lanes, writer.lanes.real
-            result = within = _near(writer, "%x", name, kind == "alone")
-            if kind == "reduced":  # the C library beyond the reach, behind a branch that is hardly ever taken
-                far = is_far(writer, "%x")
-                writer.place("beyond", f"br i1 {writer.any(far)}, label %beyond, label %done, !prof !0")
-                exact = writer.select(far, library_call(writer, name, "%x"), within)
-                writer.place("done", "br label %done")
-                result = writer.let(f"phi {lanes.real} [ {within}, %entry ], [ {exact}, %beyond ]")
-            writer.do(f"ret {real} {result}")
-            head = f"define internal {real} @{full}({real} %x) alwaysinline {PURE} {{\nentry:"
-            caller.module.define(full, head, writer.lines)
-        return caller.call(full, value)
-
-    return rule
-
-
-def _near(writer: Writer, x: str, name: str, alone: bool) -> str:
-    """The function for |x| within the reach; NaN for NaN and infinities.
-
-    Of the polynomials of the quadrants the right one is computed, if the function is `alone`; or both, which sine and
-    cosine of one angle share. The bits are the same.
-    """
-    lanes = writer.lanes
-    size = writer.intrinsic("fabs", x)
-    shifted = writer.multiply_add(size, lanes.constant(2.0 / math.pi), lanes.constant(ROUNDER))
-    quadrant = writer.bits(shifted)
-    turns = writer.real("fneg", writer.real("fsub", shifted, lanes.constant(ROUNDER)))
-    remainder = size
-    for part in HALF_PI[writer.module.fused]:
-        remainder = writer.multiply_add(turns, lanes.constant(part), remainder)
-    odd = writer.let(f"icmp ne {lanes.integer} {writer.whole('and', quadrant, 1)}, {lanes.whole(0)}")
-    square = writer.real("fmul", remainder, remainder)
-    parabola = writer.multiply_add(square, lanes.constant(-0.5), lanes.constant(1.0))
-
-    def total(value: str, *others: str) -> str:
-        *coefficients, factor, summand = others
-        for coefficient in coefficients:
-            value = writer.multiply_add(value, square, coefficient)
-        return writer.multiply_add(value, writer.real("fmul", square, factor), summand)
-
-    # Either is a polynomial in r², times r² and a factor, and one number more.
-    sin = [*map(lanes.constant, SINE), remainder, remainder]
-    cos = [*map(lanes.constant, COSINE), square, parabola]
-    at_odd, at_even = (cos, sin) if name == "sin" else (sin, cos)
-    if alone:
-        result = total(*(writer.select(odd, *pair) for pair in zip(at_odd, at_even)))
-    else:
-        result = writer.select(odd, total(*at_odd), total(*at_even))
-    if name == "sin":
-        flip = writer.whole("xor", writer.whole("shl", quadrant, 62), writer.bits(x))
-    else:
-        flip = writer.whole("shl", writer.whole("add", quadrant, 1), 62)
-    sign = writer.whole("and", flip, -(2**63))
-    return writer.float(writer.whole("xor", writer.bits(result), sign))
-
-
-def _number(writer: Writer, condition: str) -> str:
-    return writer.select(condition, writer.lanes.constant(1.0), writer.lanes.constant(0.0))
-
-
-def _truth(writer: Writer, value: str) -> str:
-    return writer.compare("une", value, writer.lanes.constant(0.0))  # NaN is true, as in C
-
-
-def _compared(predicate: str) -> Rule:
-    return lambda writer, left, right: _number(writer, writer.compare(predicate, left, right))
-
-
-def _logical(writer: Writer, name: str, left: str, right: str) -> str:
-    both = f"{name} {writer.lanes.boolean} {_truth(writer, left)}, {_truth(writer, right)}"
-    return _number(writer, writer.let(both))
-
-
-def _sign(writer: Writer, value: str) -> str:
-    zero = writer.lanes.constant(0.0)
-    positive = writer.select(writer.compare("ogt", value, zero), writer.lanes.constant(1.0), value)
-    return writer.select(writer.compare("olt", value, zero), writer.lanes.constant(-1.0), positive)
-
-
-def _extremum(writer: Writer, better: str, left: str, right: str) -> str:
-    # a NaN loses, the first operand wins a tie
-    beaten, missing = writer.compare(better, right, left), writer.compare("uno", left, left)
-    return writer.select(writer.let(f"or {writer.lanes.boolean} {beaten}, {missing}"), right, left)
-
-
-def _intrinsic(name: str) -> Rule:
-    return lambda writer, *operands: writer.intrinsic(name, *operands)
-
-
-def _library(name: str) -> Rule:
-    return lambda writer, *operands: library_call(writer, name, *operands)
-
-
-OPCODES: dict[int, Rule] = {
-    **{code: _library(name) for code, name in LIBRARY.items()},
-    **{code: _intrinsic(name) for code, name in SINGLE.items()},
-    MULTIPLY_ADD: _intrinsic("fma"),
-    MULTIPLY_SUBTRACT: lambda w, a, b, c: w.intrinsic("fma", a, b, w.real("fneg", c)),
-    SUBTRACT_PRODUCT: lambda w, a, b, c: w.intrinsic("fma", w.real("fneg", a), b, c),
-    SELECT: lambda w, flag, a, b: w.select(_truth(w, flag), a, b),
-    casadi.OP_ASSIGN: lambda w, x: x,
-    casadi.OP_ADD: lambda w, a, b: w.real("fadd", a, b),
-    casadi.OP_SUB: lambda w, a, b: w.real("fsub", a, b),
-    casadi.OP_MUL: lambda w, a, b: w.real("fmul", a, b),
-    casadi.OP_DIV: lambda w, a, b: w.real("fdiv", a, b),
-    casadi.OP_NEG: lambda w, x: w.real("fneg", x),
-    casadi.OP_SQ: lambda w, x: w.real("fmul", x, x),
-    casadi.OP_TWICE: lambda w, x: w.real("fadd", x, x),
-    casadi.OP_INV: lambda w, x: w.real("fdiv", w.lanes.constant(1.0), x),
-    casadi.OP_SIGN: _sign,
-    casadi.OP_FMIN: lambda w, a, b: _extremum(w, "olt", a, b),
-    casadi.OP_FMAX: lambda w, a, b: _extremum(w, "ogt", a, b),
-    casadi.OP_LT: _compared("olt"),
-    casadi.OP_LE: _compared("ole"),
-    casadi.OP_EQ: _compared("oeq"),
-    casadi.OP_NE: _compared("une"),
-    casadi.OP_NOT: lambda w, x: _number(w, w.compare("oeq", x, w.lanes.constant(0.0))),
-    casadi.OP_AND: lambda w, a, b: _logical(w, "and", a, b),
-    casadi.OP_OR: lambda w, a, b: _logical(w, "or", a, b),
-    casadi.OP_SIN: _turn("sin"),
-    casadi.OP_COS: _turn("cos"),
-}
-
-_TURNS = {casadi.OP_SIN: "sin", casadi.OP_COS: "cos"}
-
-#: Rules for arguments that are not far, see `is_far`; and for those of which only one of both functions is wanted.
-NEAR: dict[int, Rule] = {code: _turn(name, "near") for code, name in _TURNS.items()}
-ALONE: dict[int, Rule] = {code: _turn(name, "alone") for code, name in _TURNS.items()}
+    def truth(self, value: str) -> str:
+        """Whether a number is not 0; NaN is true, as in C."""
+        return self.compare("une", value, self.lanes.constant(0.0))

@@ -1,0 +1,249 @@
+"""What an operation is, said once: its opcode, NumPy function, C and LLVM.
+
+Every row follows the meaning of CasADi's own evaluator, NaN and signed zero included; the tests compare them one by
+one, in NumPy, C and LLVM in lanes. Two things are said elsewhere: derivatives are CasADi's, and intervals have a method
+of `flexhinf.scalars.Interval` by the name of the NumPy function.
+
+To add an operation: one `row` here, and its line in `flexhinf.scalars.symbol`, which records it.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import casadi
+import numpy as np
+
+from flexhinf.codegen.emit import sines
+from flexhinf.codegen.emit.writer import Writer
+
+# Operations of several in one, numbered beside CasADi's own (which are not negative).
+MULTIPLY_ADD = -1  # a·b + c
+MULTIPLY_SUBTRACT = -2  # a·b - c
+SUBTRACT_PRODUCT = -3  # c - a·b, arguments (a, b, c)
+#: a where c is not zero, else b, arguments (c, a, b). It stands for OP_IF_ELSE_ZERO too, whose b is zero.
+SELECT = -4
+
+#: (writer, name of each operand) → name of the result.
+LlvmRule = Callable[..., str]
+
+
+@dataclass(frozen=True)
+class OperationKind:
+    """One operation.
+
+    `code`: CasADi's opcode, or one of ours. `numpy`: The same on floats and arrays. `llvm`: Writes it. `c`: An
+    expression of the operands {0}, {1}, … in brackets where they need some, of {0.bare} without, of {one} and {zero};
+    {f} ends the names of functions of the type.
+
+    `library`: The function of the C library that it calls; empty where it is instructions. `truth`: Its result is 1 or
+    0, and in C a condition. `logic`: Its operands are conditions. `named`: Operands stand twice in the C, or are chosen
+    between: they are values that were computed before. `near`, `alone`: LLVM for arguments that are not far, see
+    `flexhinf.codegen.emit.sines`, and for those of which only one of sine and cosine is wanted. `costs`: It is as long
+    as a call of a function, where others are a few instructions.
+    """
+
+    code: int
+    numpy: Callable[..., Any]
+    llvm: LlvmRule
+    c: str
+    library: str = ""
+    truth: bool = False
+    logic: bool = False
+    named: bool = False
+    near: LlvmRule | None = None
+    alone: LlvmRule | None = None
+    costs: bool = False
+
+
+def _library(
+    name: str, numpy: Callable[..., Any], operands: int = 1, code: int | None = None
+) -> OperationKind:
+    """A function of the C library."""
+    arguments = ", ".join(f"{{{k}.bare}}" for k in range(operands))
+    return OperationKind(
+        getattr(casadi, f"OP_{name.upper()}") if code is None else code,
+        numpy,
+        lambda w, *x: w.library(name, *x),
+        f"{name}{{f}}({arguments})",
+        library=name,
+        costs=True,
+    )
+
+
+def _instruction(
+    name: str, numpy: Callable[..., Any], operands: int = 1, costs: bool = False
+) -> OperationKind:
+    """A single instruction, by the name that it has as a function in C and as an intrinsic in LLVM."""
+    arguments = ", ".join(f"{{{k}.bare}}" for k in range(operands))
+    code = getattr(casadi, f"OP_{name.upper()}")
+    return OperationKind(
+        code, numpy, lambda w, *x: w.intrinsic(name, *x), f"{name}{{f}}({arguments})", costs=costs
+    )
+
+
+def _turn(name: str, numpy: Callable[..., Any]) -> OperationKind:
+    """Sine or cosine, which are written here instead of called."""
+    return OperationKind(
+        getattr(casadi, f"OP_{name.upper()}"),
+        numpy,
+        lambda w, x: sines.turn(w, name, x),
+        f"{name}{{f}}({{0.bare}})",
+        near=lambda w, x: sines.turn(w, name, x, "near"),
+        alone=lambda w, x: sines.turn(w, name, x, "alone"),
+        costs=True,
+    )
+
+
+def _compared(code: int, numpy: Callable[..., Any], predicate: str, c: str) -> OperationKind:
+    return OperationKind(
+        code, numpy, lambda w, a, b: w.number(w.compare(predicate, a, b)), f"{{0}} {c} {{1}}", truth=True
+    )
+
+
+def _logical(code: int, numpy: Callable[..., Any], name: str, c: str) -> OperationKind:
+    """Of two truth values, of which the second is not left out: both are computed before. NaN is true, as in C."""
+
+    def llvm(w: Writer, a: str, b: str) -> str:
+        return w.number(w.let(f"{name} {w.lanes.boolean} {w.truth(a)}, {w.truth(b)}"))
+
+    return OperationKind(code, numpy, llvm, f"{{0}} {c} {{1}}", truth=True, logic=True, named=True)
+
+
+def _extremum(code: int, numpy: Callable[..., Any], better: str, c: str) -> OperationKind:
+    """fmin or fmax of C: a NaN loses, the first operand wins a tie."""
+
+    def llvm(w: Writer, a: str, b: str) -> str:
+        beaten, missing = w.compare(better, b, a), w.compare("uno", a, a)
+        return w.select(w.let(f"or {w.lanes.boolean} {beaten}, {missing}"), b, a)
+
+    return OperationKind(
+        code, numpy, llvm, f"(({{1}} {c} {{0}}) || (isnan({{0}}) != 0)) ? {{1}} : {{0}}", named=True
+    )
+
+
+def _sign(w: Writer, x: str) -> str:
+    zero = w.lanes.constant(0.0)
+    positive = w.select(w.compare("ogt", x, zero), w.lanes.constant(1.0), x)
+    return w.select(w.compare("olt", x, zero), w.lanes.constant(-1.0), positive)
+
+
+def _erf(x: Any) -> Any:
+    from scipy.special import erf
+
+    return erf(x)
+
+
+def _remainder(x: Any, y: Any) -> Any:
+    """x - n·y for the integer n nearest to x/y, the even one of two (IEEE 754), without rounding."""
+    size, half = np.abs(y), np.abs(y) / 2.0
+    rest = np.fmod(np.abs(x), 2.0 * size)
+    once = np.where(rest > half, rest - size, rest)
+    return np.copysign(1.0, x) * np.where((rest > half) & (once >= half), once - size, once)
+
+
+_TABLE = (
+    # sums and products
+    OperationKind(casadi.OP_ASSIGN, np.positive, lambda w, x: x, "{0}"),
+    OperationKind(casadi.OP_ADD, np.add, lambda w, a, b: w.real("fadd", a, b), "{0} + {1}"),
+    OperationKind(casadi.OP_SUB, np.subtract, lambda w, a, b: w.real("fsub", a, b), "{0} - {1}"),
+    OperationKind(casadi.OP_MUL, np.multiply, lambda w, a, b: w.real("fmul", a, b), "{0} * {1}"),
+    OperationKind(casadi.OP_DIV, np.divide, lambda w, a, b: w.real("fdiv", a, b), "{0} / {1}"),
+    OperationKind(casadi.OP_NEG, np.negative, lambda w, x: w.real("fneg", x), "-{0}"),
+    OperationKind(casadi.OP_SQ, np.square, lambda w, x: w.real("fmul", x, x), "{0} * {0}", named=True),
+    OperationKind(
+        casadi.OP_TWICE, lambda x: x + x, lambda w, x: w.real("fadd", x, x), "{0} + {0}", named=True
+    ),
+    OperationKind(casadi.OP_INV, np.reciprocal, lambda w, x: w.real("fdiv", 1.0, x), "{one} / {0}"),
+    OperationKind(
+        MULTIPLY_ADD,
+        lambda a, b, c: a * b + c,
+        lambda w, a, b, c: w.intrinsic("fma", a, b, c),
+        "FMA({0.bare}, {1.bare}, {2.bare})",
+    ),
+    OperationKind(
+        MULTIPLY_SUBTRACT,
+        lambda a, b, c: a * b - c,
+        lambda w, a, b, c: w.intrinsic("fma", a, b, w.real("fneg", c)),
+        "FMA({0.bare}, {1.bare}, -{2})",
+    ),
+    OperationKind(
+        SUBTRACT_PRODUCT,
+        lambda a, b, c: c - a * b,
+        lambda w, a, b, c: w.intrinsic("fma", w.real("fneg", a), b, c),
+        "FMA(-{0}, {1.bare}, {2.bare})",
+    ),
+    # choices
+    OperationKind(
+        casadi.OP_SIGN,
+        lambda x: np.where(x == 0, x, np.sign(x)),
+        _sign,
+        "({0} < {zero}) ? -{one} : (({0} > {zero}) ? {one} : {0})",
+        named=True,
+    ),
+    _extremum(casadi.OP_FMIN, np.fmin, "olt", "<"),
+    _extremum(casadi.OP_FMAX, np.fmax, "ogt", ">"),
+    _compared(casadi.OP_LT, operator.lt, "olt", "<"),
+    _compared(casadi.OP_LE, operator.le, "ole", "<="),
+    _compared(casadi.OP_EQ, operator.eq, "oeq", "=="),
+    _compared(casadi.OP_NE, operator.ne, "une", "!="),
+    OperationKind(
+        casadi.OP_NOT,
+        np.logical_not,
+        lambda w, x: w.number(w.compare("oeq", x, w.lanes.constant(0.0))),
+        "!{0}",
+        truth=True,
+        logic=True,
+    ),
+    _logical(casadi.OP_AND, np.logical_and, "and", "&&"),
+    _logical(casadi.OP_OR, np.logical_or, "or", "||"),
+    OperationKind(
+        SELECT, np.where, lambda w, flag, a, b: w.select(w.truth(flag), a, b), "{0.choice} ? {1} : {2}"
+    ),
+    # functions
+    _instruction("sqrt", np.sqrt, costs=True),
+    _instruction("fabs", np.fabs),
+    _instruction("floor", np.floor),
+    _instruction("ceil", np.ceil),
+    _instruction("copysign", np.copysign, 2),
+    _turn("sin", np.sin),
+    _turn("cos", np.cos),
+    _library("tan", np.tan),
+    _library("asin", np.arcsin),
+    _library("acos", np.arccos),
+    _library("atan", np.arctan),
+    _library("atan2", np.arctan2, 2),
+    _library("sinh", np.sinh),
+    _library("cosh", np.cosh),
+    _library("tanh", np.tanh),
+    _library("asinh", np.arcsinh),
+    _library("acosh", np.arccosh),
+    _library("atanh", np.arctanh),
+    _library("exp", np.exp),
+    _library("expm1", np.expm1),
+    _library("log", np.log),
+    _library("log1p", np.log1p),
+    _library("erf", _erf),
+    _library("pow", np.power, 2),
+    _library("pow", np.power, 2, casadi.OP_CONSTPOW),
+    _library("hypot", np.hypot, 2),
+    _library("fmod", np.fmod, 2),
+    _library("remainder", _remainder, 2),
+)
+
+#: The table, by opcode.
+OPERATIONS: dict[int, OperationKind] = {row.code: row for row in _TABLE}
+
+#: Those that are truth values; of truth values; and as long as a call of a function.
+TRUTHS = frozenset(row.code for row in _TABLE if row.truth)
+LOGIC = frozenset(row.code for row in _TABLE if row.logic)
+COSTLY = frozenset(row.code for row in _TABLE if row.costs)
+
+#: Sine and cosine, which have forms for arguments that are not far, and their names.
+TURNS = {row.code: row.c.partition("{")[0] for row in _TABLE if row.near is not None}
+
+#: Comparisons of numbers.
+COMPARISONS = frozenset(TRUTHS - LOGIC)

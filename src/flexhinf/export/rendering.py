@@ -1,0 +1,194 @@
+"""Templates of exported files, which read like what they emit: jinja2, with the marks ``@{name}``.
+
+A value enters as it is, but for what users wrote, which enters through the filter of its kind of file: ``comment`` and
+``c_string`` of C, ``quoted`` of C++ and YAML, ``xml`` and ``attributes``, ``js``. HTML and XML escape every value that
+no filter has. A mark without a value is an error, and what looks like a mark in a value is none.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache, partial
+from importlib.resources import files
+from textwrap import wrap
+from typing import Final
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+from jinja2 import Environment, FunctionLoader, StrictUndefined
+from markupsafe import Markup
+
+from flexhinf import __version__
+from flexhinf.codegen.c import Real, comment, constant, folded
+
+#: Endings of the files in which every value is escaped, and of those whose lines of C are folded.
+ESCAPED, FOLDED = (".xml", ".html"), (".c", ".h", ".ino")
+
+
+def render(template: str, /, **values: object) -> str:
+    """A template with values for its marks."""
+    return environment().get_template(template).render(values)
+
+
+def render_text(text: str, /, **values: object) -> str:
+    """A short text with values for its marks, such as the path of a file."""
+    return environment().from_string(text).render(values)
+
+
+def render_c(template: str, name: str, real: Real, /, **values: object) -> str:
+    """A template of C for a name and a type of numbers; lines of C are folded."""
+    text = render(template, **c_values(name, real), **values)
+    return folded(text) if template.endswith(FOLDED) else text
+
+
+def c_values(name: str, real: Real) -> dict[str, object]:
+    """What every template of C may use: the name, also in capitals, the type with its suffixes, constants of it."""
+    number = partial(_number, real=real, nan=f"({name}_real)NAN")
+
+    def row(values: Iterable[float] | np.ndarray) -> str:
+        return ", ".join(map(number, np.ravel(np.asarray(values))))
+
+    def matrix(rows: Iterable[Sequence[float] | np.ndarray]) -> str:
+        return ",\n".join(f"    {{{row(values)}}}" for values in rows)
+
+    return {
+        "name": name,
+        "NAME": name.upper(),
+        "version": __version__,
+        "real": real.name,
+        "bytes": real.bytes,
+        "f": real.suffix,
+        "F": real.suffix.upper(),
+        "zero": number(0.0),
+        "unity": number(1.0),
+        "infinity": np.inf,
+        "precision": np.finfo(np.float64 if real.name == "double" else np.float32),
+        "number": number,
+        "row": row,
+        "matrix": matrix,
+        "in_lines": in_lines,
+        "table": table,
+    }
+
+
+def arithmetic(name: str, real: Real) -> str:
+    """C code against flags that change results: guards, and ``int NAME_exact(void)`` for flags without a macro."""
+    return render("arithmetic.c", **c_values(name, real))
+
+
+def in_lines(numbers: Sequence[object], count: int = 20) -> str:
+    """Integers between commas, some in a line."""
+    rows = (map(str, numbers[k : k + count]) for k in range(0, len(numbers), count))
+    return ",\n".join("    " + ", ".join(row) for row in rows)
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """A table of Markdown."""
+    return "\n".join(
+        f"| {' | '.join(str(cell).replace('|', '/') for cell in line)} |"
+        for line in [head, ["---"] * len(head), *rows]
+    )
+
+
+def enumeration(rows: Sequence[tuple[str, object, str]]) -> str:
+    """Constants of C with their values and a comment each."""
+    lines = [
+        f"    {name} = {value}{',' * (k + 1 < len(rows))} /* {text} */"
+        for k, (name, value, text) in enumerate(rows)
+    ]
+    return "\n".join(["enum {", *lines, "};"])
+
+
+def stated(facts: Mapping[str, str]) -> str:
+    """Facts as lines of a comment, each in lines of its own."""
+    return "\n * ".join(
+        "\n *   ".join(wrap(comment(f"{name}: {text}"), 112, break_on_hyphens=False))
+        for name, text in facts.items()
+    )
+
+
+def _number(value: float, real: Real, nan: str) -> str:
+    return nan if np.isnan(value) else constant(float(value), real)
+
+
+def _starred(text: str, width: int = 112) -> str:
+    """Sentences as lines of a comment."""
+    return "\n * ".join(wrap(text, width))
+
+
+def _paragraph(text: str, width: int = 118) -> str:
+    return "\n".join(wrap(text, width))
+
+
+def _quoted(texts: str | Iterable[str]) -> str:
+    """Texts between quotes, for C++ and YAML."""
+    texts = [texts] if isinstance(texts, str) else texts
+    return ", ".join(json.dumps(text, ensure_ascii=False) for text in texts)
+
+
+def _c_string(value: object) -> str:
+    """JSON as a string of C: one of JSON in ASCII, without trigraphs."""
+    return json.dumps(json.dumps(value)).replace("??", '?""?')
+
+
+def _yaml(value: float) -> str:
+    """A number that every reader of YAML takes for one that is not whole."""
+    if not np.isfinite(value):
+        return "-.inf" if value < 0 else ".inf"
+    text = repr(float(value))
+    return text if "." in text else text.replace("e", ".0e")
+
+
+def _xml(value: object) -> Markup:
+    """The value of an attribute, between quotes."""
+    return Markup(quoteattr(str(value)))
+
+
+def _attributes(values: Mapping[str, object]) -> Markup:
+    """Attributes of an element; those that are empty are left out."""
+    return Markup(" ").join(Markup(f"{key}=") + _xml(value) for key, value in values.items() if value != "")
+
+
+def _js(value: object) -> Markup:
+    """JSON in a script of HTML: no text may end the element that it stands in."""
+    return Markup(json.dumps(value, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c"))
+
+
+FILTERS: Final[Mapping[str, Callable[..., str]]] = {
+    "comment": comment,
+    "starred": _starred,
+    "stated": stated,
+    "enumeration": enumeration,
+    "paragraph": _paragraph,
+    "c_string": _c_string,
+    "quoted": _quoted,
+    "yaml": _yaml,
+    "xml": _xml,
+    "attributes": _attributes,
+    "js": _js,
+}
+
+
+@cache
+def environment() -> Environment:
+    """How templates are read."""
+    root = files("flexhinf.export")
+
+    def source(name: str) -> str:
+        """Those of the live page stand beside its other files."""
+        folder = root if name.startswith("web/") else root / "templates"
+        return (folder / name).read_text(encoding="utf-8")
+
+    created = Environment(
+        loader=FunctionLoader(source),
+        variable_start_string="@{",
+        variable_end_string="}",
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        undefined=StrictUndefined,
+        autoescape=lambda name: name is not None and name.endswith(ESCAPED),
+    )
+    created.filters.update(FILTERS)
+    return created

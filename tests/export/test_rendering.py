@@ -1,0 +1,95 @@
+"""Templates of exported files: strict about marks, and what users wrote is escaped by the kind of file."""
+
+from __future__ import annotations
+
+import json
+import re
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Literal
+
+import pytest
+from jinja2 import ChoiceLoader, DictLoader, UndefinedError
+
+from flexhinf.codegen.c import Real, folded
+from flexhinf.export.controller_c import code_of
+from flexhinf.export.package import FILES
+from flexhinf.export.rendering import arithmetic, c_values, environment, render_text
+from tests.builders import arm_controller
+
+TEMPLATES = Path(__file__).parents[2] / "src/flexhinf/export/templates"
+
+#: What closes a comment, a string, an attribute or a script.
+WILD = "*/ ?? \\ \" ' <b> & </script> @{name} {% if x %} é"
+
+
+def test_a_mark_without_a_value_is_an_error_and_one_in_a_value_is_none() -> None:
+    with pytest.raises(UndefinedError, match="nme"):
+        render_text("@{nme}", name="arm")
+    assert render_text("@{name}_step({@{1 + 1}}) [$@]", name="@{name}") == "@{name}_step({2}) [$@]"
+
+
+def test_every_filter_keeps_a_text_within_what_it_stands_in() -> None:
+    text = render_text("/* @{text | comment} */", text=WILD)
+    assert text.count("*/") == 1
+    assert text.isascii()
+    assert "??" not in text
+    inside = text.strip("/* ")
+    assert "\\" not in inside
+    assert json.loads(render_text("@{text | quoted}", text=WILD)) == WILD
+    string = render_text("@{text | c_string}", text=WILD).replace('?""?', "??")
+    assert json.loads(json.loads(string)) == WILD
+    element = ET.fromstring(render_text("<a @{values | attributes}/>", values={"name": WILD, "unit": ""}))
+    assert element.attrib == {"name": WILD}
+    assert ET.fromstring(render_text("<a name=@{text | xml}/>", text=WILD)).attrib == {"name": WILD}
+    script = render_text("@{text | js}", text=WILD)
+    assert "<" not in script
+    assert json.loads(script) == WILD
+    assert render_text("@{1e-6 | yaml} @{v | yaml}", v=float("inf")) == "1.0e-06 .inf"
+
+
+def test_xml_and_html_escape_what_no_filter_has() -> None:
+    escapes = environment().autoescape
+    assert callable(escapes)
+    assert {name: escapes(name) for name in ("web/page.html", "ros2/package.xml", "controller.c")} == {
+        "web/page.html": True,
+        "ros2/package.xml": True,
+        "controller.c": False,
+    }
+
+
+def test_every_template_is_in_the_list_of_files_or_a_part_of_others() -> None:
+    listed = {file.template for file in FILES}
+    sources = [
+        path.read_text(encoding="utf-8")
+        for path in TEMPLATES.parent.rglob("*")
+        if path.is_file() and path.suffix in (".py", ".c", ".h", ".md", ".ino", ".txt")
+    ]
+    for path in TEMPLATES.rglob("*"):
+        name = path.relative_to(TEMPLATES).as_posix()
+        assert path.is_dir() or name in listed or any(f'"{name}"' in text for text in sources), name
+
+
+def test_a_printed_line_stands_in_an_exported_header(repository: Path) -> None:
+    text = (repository / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    edit = re.search(r"^export/templates/(\S+), before `(.+)`:\n    (.*\n)", text, re.MULTILINE)
+    assert edit is not None
+    name, before, line = edit.groups()
+    source = (TEMPLATES / name).read_text(encoding="utf-8")
+    assert source.count(before) == 1
+    code = code_of(arm_controller(kind=None), "arm", "double")
+    changed = environment().overlay(
+        loader=ChoiceLoader([DictLoader({name: source.replace(before, line + before)}), environment().loader])
+    )
+    values = {**c_values("arm", code.real), **code.values, **code.header_values, "digest": code.digest}
+    header = changed.get_template(name).render(values)
+    wanted = f"/* Measured: {', '.join(code.controller.measured)} */\n{before}"
+    assert wanted in header
+    assert folded(header.replace(wanted, before)) == code.header
+
+
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_guards_name_the_type(real: Literal["double", "float"]) -> None:
+    text = arithmetic("arm", Real(real))
+    assert f"sizeof({real}) == {8 if real == 'double' else 4}" in text
+    assert "@" not in text
