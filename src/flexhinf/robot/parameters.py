@@ -467,3 +467,16 @@ def _unit(text: str) -> tuple[float, Dimension] | None:
             return None
         size *= factor**sign
     return size, tuple(total)
+
+
+def estimated_quantities(
+    parameters: Sequence[Parameter], joints: Sequence[str]
+) -> dict[str, tuple[str, ...]]:
+    """Joints whose numbers are estimates and were not measured, by quantity; no joint for gravity."""
+    n, found = len(joints), dict[str, list[str]]()
+    homes = {per_joint(quantity, joint, n): (quantity, joint) for quantity in QUANTITIES for joint in joints}
+    for parameter in parameters:
+        if parameter.estimated:
+            quantity, joint = homes.get(parameter.name, (parameter.name, ""))
+            found.setdefault(whole_quantity(quantity), []).append(joint)
+    return {quantity: tuple(dict.fromkeys(filter(None, names))) for quantity, names in found.items()}

@@ -38,15 +38,14 @@ from flexhinf.robot.equilibrium import equilibrium, plant_columns
 from flexhinf.robot.joint_sensors import JointSensor, check_sensors
 from flexhinf.robot.modes import Mode, modes_of, stiffness_and_inertia
 from flexhinf.robot.parameters import (
-    QUANTITIES,
     Parameter,
     PlantValues,
     check_parameters,
     checked_limits,
+    estimated_quantities,
     per_joint,
     random_signs,
     unit_of,
-    whole_quantity,
 )
 from flexhinf.robot.saved_file import save_robot
 from flexhinf.robot.signals import (
@@ -208,17 +207,7 @@ class Robot(Summarised):
     @cached_property
     def estimated(self) -> dict[str, tuple[str, ...]]:
         """Joints whose numbers are estimates and were not measured, by quantity; no joint for gravity."""
-        n, found = len(self.joint_names), dict[str, list[str]]()
-        homes = {
-            per_joint(quantity, joint, n): (quantity, joint)
-            for quantity in QUANTITIES
-            for joint in self.joint_names
-        }
-        for parameter in self.parameters:
-            if parameter.estimated:
-                quantity, joint = homes.get(parameter.name, (parameter.name, ""))
-                found.setdefault(whole_quantity(quantity), []).append(joint)
-        return {quantity: tuple(dict.fromkeys(filter(None, joints))) for quantity, joints in found.items()}
+        return estimated_quantities(self.parameters, self.joint_names)
 
     def __getitem__(self, name: str) -> Parameter:
         one_of(f"The robot {self.name!r} has no parameter {name!r}.", name, tuple(self.nominal))
