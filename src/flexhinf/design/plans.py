@@ -219,9 +219,7 @@ def stated_dry_friction(robot: Robot) -> DryFriction | None:
         return None
     p = Parameters(values)
     gain: Any = elastic.torque_per_input(robot.drive, p)
-    if robot.drive in elastic.INNER:  # the share of friction that the drive leaves
-        share = np.maximum(p.load_share, np.finfo(float).tiny)
-        gain = gain / share
+    share = p.load_share if robot.drive in elastic.INNER else 1.0  # of friction, that the drive leaves
     quantities = ("link_velocity" if joint in robot.rigid else "motor_velocity" for joint in joints)
     speeds = [per_joint(name, joint, len(joints)) for name, joint in zip(quantities, joints)]
 
@@ -229,8 +227,8 @@ def stated_dry_friction(robot: Robot) -> DryFriction | None:
         return np.broadcast_to(number, len(joints)).tolist()
 
     falls = "stribeck_friction" in dry
-    curve = (each(p.static_friction / gain), each(p.stribeck_velocity)) if falls else ()
-    return DryFriction(each(p.coulomb_friction / gain), each(p.friction_smoothing), speeds, *curve)
+    curve = (each(share * p.static_friction / gain), each(p.stribeck_velocity)) if falls else ()
+    return DryFriction(each(share * p.coulomb_friction / gain), each(p.friction_smoothing), speeds, *curve)
 
 
 def stated_backlash(robot: Robot, measured: Sequence[str]) -> Backlash | None:
