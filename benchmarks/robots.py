@@ -18,6 +18,7 @@ import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Any
@@ -132,8 +133,7 @@ def driven_joints(root: Element) -> set[str]:
 def difference(root: Element, arm: RigidArm) -> float | None:
     """Largest difference to Pinocchio's mass matrix, relative to its largest element; None where it cannot read it."""
     try:
-        import pinocchio as pin
-
+        pin: Any = import_module("pinocchio")
         model = pin.buildModelFromXML(_with_bodies(root, arm))
     except (ImportError, ValueError, RuntimeError):
         return None
