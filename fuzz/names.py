@@ -18,12 +18,12 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+from flexhinf.export.filling import fill
 from rich.console import Console
 
 import flexhinf as fh
 from flexhinf import report
 from flexhinf.codegen.c import Real
-from flexhinf.export.filling import fill
 from flexhinf.loop.simulation import trajectory
 from flexhinf.pages import design_tables
 from flexhinf.robot.dynamics import Joint

@@ -231,7 +231,7 @@ def test_a_lower_limit_on_loops_is_judged_at_the_worst(monkeypatch: pytest.Monke
     assert kind.judge(None, 2.0, -np.inf, "").achieved_text == "diverges"
     assert kind.judge(None, 2.0, np.inf, "").achieved_text == "unlimited"
     monkeypatch.setattr(loop_margins, "on_loops", lambda: (replace(kind, default=None),))
-    assert loop_margins.loop_requirements(Specification(), lambda: pytest.fail("needs no loop")) == []
+    assert loop_margins.loop_requirements(Specification(), lambda: pytest.fail("a loop is made")) == []
 
 
 def test_a_kind_that_nothing_measures_is_refused() -> None:

@@ -29,7 +29,7 @@ def test_a_vendors_file_becomes_a_robot_that_says_what_is_estimated(
     assert main(["init", "arm.urdf"]) == 0  # the advice, followed
     assert "'upper'" in capsys.readouterr().err
     assert main(["check", "arm.toml", "--out", "checked"]) == 1
-    assert "stiffness of every joint" in " ".join(capsys.readouterr().out.split())
+    assert unnamed(capsys.readouterr().out, "stiffness", "shoulder") == []
     numbers = json.loads(Path("checked/check.json").read_text(encoding="utf-8"))
     assert {row["severity"] for row in numbers["findings"]} == {"doubt", "note"}
     assert numbers["joints"][0]["name"] == "shoulder"
@@ -38,7 +38,7 @@ def test_a_vendors_file_becomes_a_robot_that_says_what_is_estimated(
 
 def test_a_robot_that_is_right_ends_with_0(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", "planar-two-link"]) == 0
-    assert "A design can be made" in capsys.readouterr().out
+    assert "doubt" not in capsys.readouterr().out
     assert main(["check", "planar-two-link", "--period", "50ms"]) == 1
     assert "--period" in capsys.readouterr().out
 
@@ -49,7 +49,7 @@ def test_a_robot_that_is_right_ends_with_0(folder: Path, capsys: pytest.CaptureF
         (["init"], ["--joints 3"]),
         (["init", "arm.urdf", "--joints", "3"], ["--joints 3"]),
         (["init", "arm.urdf", "--drive", "current"], ["torque_constant"]),
-        (["init", "--joints", "2", "--move", "a"], ["leave it out"]),
+        (["init", "--joints", "2", "--move", "a"], ["--move a"]),
         (["init", "--joints", "2", "--out", "arm.urdf"], ["--out arm.toml"]),
         (["init", "--joints", "2", "--out", "there.toml"], ["--force"]),
         (["init", "nowhere.urdf"], ["nowhere.urdf"]),

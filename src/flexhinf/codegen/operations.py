@@ -140,9 +140,9 @@ def _erf(x: Any) -> Any:
 def _remainder(x: Any, y: Any) -> Any:
     """x - n·y for the integer n nearest to x/y, the even one of two (IEEE 754), without rounding."""
     size, half = np.abs(y), np.abs(y) / 2.0
-    rest = np.fmod(np.abs(x), 2.0 * size)
-    once = np.where(rest > half, rest - size, rest)
-    return np.copysign(1.0, x) * np.where((rest > half) & (once >= half), once - size, once)
+    left = np.fmod(np.abs(x), 2.0 * size)
+    once = np.where(left > half, left - size, left)
+    return np.copysign(1.0, x) * np.where((left > half) & (once >= half), once - size, once)
 
 
 _TABLE = (

@@ -11,10 +11,10 @@ import numpy as np
 
 from flexhinf import __version__
 from flexhinf.codegen.c import Translator, constant
-from flexhinf.export.filling import arithmetic
 from flexhinf.export.fmu_archive import DOUBLE
 from flexhinf.export.names import checked_identifier
 from flexhinf.export.package import checked_folder, write_files
+from flexhinf.export.rendering import arithmetic
 from flexhinf.robot.elastic import DRIVES
 from flexhinf.robot.feedforward import Feedforward, FeedforwardRows
 from flexhinf.robot.signals import UNITS

@@ -57,9 +57,9 @@ class EstimatedJoint:
 
 def estimated_joints(arm: RigidArm) -> dict[str, EstimatedJoint]:
     """Estimates for the joints of an arm, by their names."""
-    asked = largest_weight(arm)
+    weights = largest_weight(arm)
     joints = {}
-    for joint, effort, speed, weight in zip(arm.joints, arm.efforts, arm.speeds, asked.tolist()):
+    for joint, effort, speed, weight in zip(arm.joints, arm.efforts, arm.speeds, weights.tolist()):
         known = bool(effort <= PLACEHOLDER * weight)
         joints[joint.name] = estimated_joint(effort if known else 2.0 * weight, known, speed, joint.slides)
     return joints

@@ -231,12 +231,12 @@ def _of_numbers(robot: Robot) -> Iterator[RobotFinding]:
 
 
 def _of_joints(joints: Sequence[JointFacts], period: float) -> Iterator[RobotFinding]:
-    endless = [joint.name for joint in joints if math.isinf(joint.effort)]
-    if endless:
+    unlimited = [joint.name for joint in joints if math.isinf(joint.effort)]
+    if unlimited:
         yield RobotFinding(
-            "note", "The largest torque of motors is not stated.", ", ".join(endless),
+            "note", "The largest torque of motors is not stated.", ", ".join(unlimited),
             "a design then asks for what no motor may give", "effort_limit in [[joint]] of the robot file",
-            count=len(endless),
+            count=len(unlimited),
         )  # fmt: skip
     for joint in joints:
         unit = "N" if joint.slides else "N·m"
