@@ -12,15 +12,20 @@ from flexhinf.modal.pair import smallest_damping
 
 PERIOD = 1e-3
 PAIRS = [Pair(60.0**2, 185.0**2, 18.0), Pair(350.0**2, 80.0**2, 7.0), Pair(1400.0**2, 185.0**2, 18.0)]
+PAIRS += [
+    Pair(60.0**2, 40.0**2, 226.0, 125.0**2, 40.0**2),
+    Pair(60.0**2, 0.0, 226.0, 125.0**2, 40.0**2),
+]  # positions
 
 
 def by_hand(pair):
-    """A, B, G written out from z″ = λ(w − z + d_z), w″ = −κ(w − z − f − d_w) − βw′, ė = z."""
-    lam, kappa, beta = pair
+    """A, B, G written out from z″ = λ(w − z + d_z), w″ = −κ(w − z) − βw′ − νw + b(f + d_w), ė = z."""
+    lam, kappa, beta, nu, stated = pair
+    gain = stated or kappa
     a = np.array([
-        [0, 1, 0, 0, 0], [-lam, 0, lam, 0, 0], [0, 0, 0, 1, 0], [kappa, 0, -kappa, -beta, 0], [1, 0, 0, 0, 0],
+        [0, 1, 0, 0, 0], [-lam, 0, lam, 0, 0], [0, 0, 0, 1, 0], [kappa, 0, -kappa - nu, -beta, 0], [1, 0, 0, 0, 0],
     ])  # fmt: skip
-    return a, np.array([[0, 0, 0, kappa, 0]]).T, np.array([[0, lam, 0, 0, 0], [0, 0, 0, kappa, 0]]).T
+    return a, np.array([[0, 0, 0, gain, 0]]).T, np.array([[0, lam, 0, 0, 0], [0, 0, 0, gain, 0]]).T
 
 
 @pytest.mark.oracle
@@ -33,12 +38,12 @@ def test_the_law_is_that_of_scipys_riccati_equation(pair, gamma):
     a, b, g = by_hand(pair)
     h = problem.h_parts[1]
     speed = (18.0**-4 + (0.5 * np.sqrt(pair.link)) ** -4) ** -0.25
-    taken, rate = (
-        abs(speed * (1 / pair.link + 1 / pair.motor) + 1j * pair.damping / pair.motor),
-        0.4 / np.sqrt(pair.motor),
-    )
+    gain = pair.gain or pair.motor
+    masses = np.array([pair.motor / gain / pair.link, 1 / gain])
+    taken = np.linalg.norm([speed * masses.sum(), pair.damping / gain, pair.holding / gain / speed])
+    rate = 0.4 / np.sqrt(gain)
     slow = 1 / (1 + (np.sqrt(pair.link) / 350.0) ** 4)
-    centre = np.array([1 / pair.link, 1 / pair.motor]) / (1 / pair.link + 1 / pair.motor)
+    centre = masses / masses.sum()
     y = slow * np.array([1.0, 0.0]) + (1 - slow) * centre
     np.testing.assert_allclose(h[0, [0, 2]], taken * speed * y, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(h[1, [1, 3]], taken * y, rtol=1e-12, atol=1e-12)

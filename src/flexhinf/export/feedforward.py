@@ -79,8 +79,8 @@ def _example_path(feedforward: Feedforward) -> np.ndarray:
     )
     goal = np.where(np.abs(goal - home) < 1e-3, home + 0.1, goal)
     s = np.linspace(0.0, 1.0, SAMPLES)
-    rest = np.repeat(goal[None], feedforward.weights.shape[1] + 10, axis=0)
-    return np.vstack([home + np.outer(s**3 * (10.0 - 15.0 * s + 6.0 * s**2), goal - home), rest])
+    still = np.repeat(goal[None], feedforward.weights.shape[1] + 10, axis=0)
+    return np.vstack([home + np.outer(s**3 * (10.0 - 15.0 * s + 6.0 * s**2), goal - home), still])
 
 
 def _functions(feedforward: Feedforward) -> ca.Function:
