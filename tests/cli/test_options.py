@@ -18,6 +18,7 @@ import flexhinf as fh
 from flexhinf import pages
 from flexhinf.cli import main
 from flexhinf.cli.arguments import with_options, without_effect, without_effect_on_run
+from flexhinf.cli.check_log import check_log
 from flexhinf.cli.commands import app
 from flexhinf.cli.logs import read_stated
 from flexhinf.cli.options import CERTIFY_FIELDS, COMPARE_FIELDS, RUN_FIELDS, CompareOptions
@@ -335,7 +336,7 @@ def test_every_option_of_a_command_is_passed_on_or_read(path: tuple[str, ...]) -
     function = inspect.unwrap(COMMANDS[path].callback)
     files = [inspect.getfile(with_options), sys.modules[function.__module__].__file__]
     if path == ("check",):  # it reads a log as the others do
-        files.append(inspect.getfile(read_stated))
+        files += [inspect.getfile(read_stated), inspect.getfile(check_log)]
     source = "\n".join(Path(str(file)).read_text(encoding="utf-8") for file in files)
     whole = declared({"campaign": CampaignOptions, "paper": PaperSettings}.get(path[0], Specification))
     for name in function.options:
