@@ -142,6 +142,7 @@ def guessed_arm(path: Path) -> Path:
     return path
 
 
+@pytest.mark.costs("exports C, and asks five commands")
 def test_a_robot_with_estimates_is_exported_on_purpose_only(
     controller: Path, no_design: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
