@@ -10,12 +10,12 @@ from typing import Literal
 
 import pytest
 from jinja2 import ChoiceLoader, DictLoader, UndefinedError
+from tests.builders import arm_controller
 
 from flexhinf.codegen.c import Real, folded
 from flexhinf.export.controller_c import code_of
 from flexhinf.export.package import FILES
 from flexhinf.export.rendering import arithmetic, c_values, environment, render_text
-from tests.builders import arm_controller
 
 TEMPLATES = Path(__file__).parents[2] / "src/flexhinf/export/templates"
 
