@@ -78,8 +78,10 @@ def test_a_printed_line_stands_in_an_exported_header(repository: Path) -> None:
     source = (TEMPLATES / name).read_text(encoding="utf-8")
     assert source.count(before) == 1
     code = code_of(arm_controller(kind=None), "arm", "double")
+    others = environment().loader
+    assert others is not None
     changed = environment().overlay(
-        loader=ChoiceLoader([DictLoader({name: source.replace(before, line + before)}), environment().loader])
+        loader=ChoiceLoader([DictLoader({name: source.replace(before, line + before)}), others])
     )
     values = {**c_values("arm", code.real), **code.values, **code.header_values, "digest": code.digest}
     header = changed.get_template(name).render(values)
