@@ -9,6 +9,7 @@ import pytest
 from scipy.linalg import expm
 from tests.builders import robot_named
 
+import flexhinf as fh
 from flexhinf.modal import ModalLaw
 from flexhinf.modal.pair import Pair, PairWeights, pair_gains
 from flexhinf.plant import Penalty
@@ -87,3 +88,19 @@ def test_the_law_of_an_arm_is_that_of_its_pairs_where_drives_are_alike(share):
         pairs.append(np.linalg.eigvals(own - drive @ law.gains(square)[None, :5]))
     found, wanted = np.linalg.eigvals(whole), np.concatenate(pairs)
     assert np.poly(found) == pytest.approx(np.poly(wanted), rel=1e-6)
+
+
+@pytest.mark.costs("the law of one robot, traced with its inverse mass matrix")
+def test_a_saved_law_of_position_drives_comes_back(tmp_path):
+    """Unlike drives: the law has numbers that make their stiffness alike, and a file keeps them."""
+    robot = driven("planar-two-link", (10.0, 25.0), 1.0)
+    law = ModalLaw.tuned(robot.problem(penalty=Penalty({"link_position": 1.0})), 1e-3, WEIGHTS)
+    fh.Controller(law, None, period=1e-3, moving=True).save(tmp_path / "saved")
+    stored = fh.load_controller(tmp_path / "saved").law
+    x = np.random.default_rng(0).normal(0.0, 0.1, 10)
+    assert np.array_equal(stored.evaluate_law(x, stored.law_data), law.evaluate_law(x, law.law_data))
+    at = law.equilibrium[0]
+    slope = np.array(
+        [law.evaluate_about(1e-6 * d, at, law.equilibrium[1], law.law_data) for d in np.eye(10)]
+    ).T
+    assert slope / 1e-6 == pytest.approx(law.slope_at(at[:2]), rel=1e-6, abs=1e-6)

@@ -430,10 +430,10 @@ class WorkspaceSetup(LoopPlants):
         return np.array([largest, remaining])
 
     def needs(self, poses: np.ndarray, values: Mapping[str, Any] | None = None) -> np.ndarray:
-        """The largest share (N,) of a motor's limit that holds a robot with the parameters `values` at poses (N, n)."""
-        return np.max(
-            np.abs(self.robot.inverse_dynamics(poses, parameters=values)[1]) / self.limits.effort, axis=1
-        )
+        """The largest share (N,) of a motor's limit that holds a robot with the parameters `values` at poses (N, n). A
+        range of positions that a drive takes may be used whole, and counts as `HOLD` of it."""
+        usable = self.limits.effort / (HOLD if self.robot.drive == "position" else 1.0)
+        return np.max(np.abs(self.robot.inverse_dynamics(poses, parameters=values)[1]) / usable, axis=1)
 
     # Moves --------------------------------------------------------------------------------------------
     def goals(self, count: int, seed: int | Sequence[int]) -> tuple[np.ndarray, int]:

@@ -416,11 +416,14 @@ def _store_law(law: Law, prefix: str, arrays: dict[str, np.ndarray]) -> dict[str
             f"expected a law whose formula runs on symbols, got {type(error).__name__}: {error}",
             "NumPy code with the pieces of flexhinf.scalars",
         ) from error
+    found = None if series is None else {"poles": series.poles, "places": series.places.tolist()}
+    if series is not None and series.holding:
+        found = {**(found or {}), "holding": True}
     arrays |= _prefixed(prefix, {name: np.asarray(part) for name, part in parts.items()})
     return {
         "name": law.kind, "degree": law.law_degree, "states": list(law.state_names), "inputs": list(law.input_names),
         "degrees": None if table is None else list(table.degrees), "placed": law.depends_on_reference,
-        "series": None if series is None else {"poles": series.poles, "places": series.places.tolist()},
+        "series": found,
     }  # fmt: skip
 
 
@@ -464,7 +467,7 @@ def _stored_series(
     own = sum(not name.endswith(INTEGRAL) for name in names[0])
     places, poles = np.array(header["places"], dtype=np.int64), int(header["poles"])
     compliance = function_from_arrays(_below("compliance.", arrays), "compliance")
-    series = SpringSeries(compliance, places, poles)
+    series = SpringSeries(compliance, places, poles, header.get("holding") is True)
     fits = (
         poles > 0
         and places.shape == (4, inputs)
