@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -198,7 +199,8 @@ def _requirements(rows: list[dict[str, Any]], numbers: Mapping[str, Any]) -> tup
     lines = []
     for row, numbered in zip(rows, others, strict=True):
         other = {"at": numbered.get("at_s"), **numbered}
-        known = next((line for line in REQUIREMENTS.values() if line.what == row["what"]), Requirement(""))
+        kind = next((kind for kind in REQUIREMENTS.values() if kind.what == row["what"]), None)
+        known = Requirement("") if kind is None else kind.judge(None, math.nan, math.nan, "")
         known = replace(known, stated_by="default" if row.get("by_default", True) else "design.toml")
         line = replace(
             known,

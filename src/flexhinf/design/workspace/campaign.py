@@ -12,6 +12,7 @@ import numpy as np
 
 from flexhinf.campaign import Campaign, Metrics, Sample, Tolerances, Variable
 from flexhinf.campaign.draws import METHODS
+from flexhinf.campaign.samples import Columns
 from flexhinf.design import judgement
 from flexhinf.design.deployed_run import (
     DELAY,
@@ -180,6 +181,9 @@ class MovedRobots(Tolerances):
 
     def __post_init__(self) -> None:
         one_of("There is no such method.", self.method, METHODS)
+
+    def columns(self, numbers: Columns) -> None:
+        """None: each sample has a move of its own."""
 
     def built(self, numbers: Mapping[str, float], index: int = 0) -> Sample:
         """The robot with these numbers, settled at the start of the move of an index."""
