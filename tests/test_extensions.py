@@ -14,7 +14,7 @@ import textwrap
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -223,7 +223,9 @@ def test_the_rise_of_a_ramp_is_four_fifths_of_it() -> None:
 
 
 def test_a_lower_limit_on_loops_is_judged_at_the_worst(monkeypatch: pytest.MonkeyPatch) -> None:
-    kind = RequirementKind("decay", "slowest decay", "", "1/s", at_most=False, default=2.0, of_loop=float)
+    kind = RequirementKind(
+        "decay", "slowest decay", "", "1/s", at_most=False, default=2.0, of_loop=cast("Any", float)
+    )
     monkeypatch.setattr(loop_margins, "on_loops", lambda: (kind,))
     loops: Any = [3.0, 1.0, 2.0]
     (line,) = loop_margins.loop_requirements(Specification(), lambda: loops, "three poses")
