@@ -178,8 +178,8 @@ def test_what_does_not_fit_the_robot_is_refused_before_any_work(
 @pytest.mark.parametrize(
     "measured",
     [
-        "link_position_elbow", "link_position,motor_position_elbow", "joint_torque", "motor_velocity", "torque",
-        "link_position_elbo", "LINK_POSITION", "link_position motor_position", "link_position,link_position_elbow",
+        "link_position_elbow", "joint_torque", "motor_velocity", "torque", "LINK_POSITION",
+        "link_position motor_position", "link_position,link_position_elbow",
         "link_position,motor_positon", "current", "link_position_wrist,motor_position_elbow",
     ],
 )  # fmt: skip

@@ -160,8 +160,8 @@ def _tell(faults: Sequence[PartFault], remarks: Sequence[str], result: RobotExam
             count=max(1, len(fault.parts)),
         )  # fmt: skip
     for remark in remarks:
-        what, _, rest = remark.partition("\n  found: ")
-        numbers, _, advice = rest.partition("\n  try:   ")
+        what, _, others = remark.partition("\n  found: ")
+        numbers, _, advice = others.partition("\n  try:   ")
         result.add("doubt", what, numbers=numbers, advice=advice)
 
 

@@ -111,7 +111,7 @@ def test_a_page_needs_a_design(
 
 
 def test_what_is_no_design_is_refused(tmp_path: Path) -> None:
-    with refused_with(fh.InvalidInput, "str", "flexhinf export web FOLDER"):
+    with refused_with(fh.InvalidInput, "folder", "load_design"):
         fh.export_web("folder", tmp_path / "arm.html")
 
 
