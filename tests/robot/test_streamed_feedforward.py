@@ -6,6 +6,7 @@ import csv
 import itertools
 import shutil
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -112,3 +113,10 @@ def test_what_does_not_fit_is_refused_and_the_advice_works(robot, feedforward, t
     (tmp_path / "full" / "mine").write_text("")
     refused_with(lambda: export_feedforward(feedforward, tmp_path / "full"), "full")
     assert (tmp_path / "full" / "mine").exists()
+
+
+def test_a_name_of_a_robot_ends_no_comment(robot, tmp_path):
+    named = replace(robot, name="two */ int evil;")
+    folder = export_feedforward(fh.Feedforward(named, PERIOD), tmp_path / "c", "two")
+    header = (folder / "two.h").read_text(encoding="utf-8")
+    assert header.index("evil") < header.index("*/")

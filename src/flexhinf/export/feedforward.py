@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from flexhinf.codegen.c import Translator, constant
 from flexhinf.export.fmu_archive import DOUBLE
 from flexhinf.export.names import checked_identifier
 from flexhinf.export.package import checked_folder, write_files
-from flexhinf.export.rendering import arithmetic
+from flexhinf.export.rendering import arithmetic, render, table
 from flexhinf.robot.elastic import DRIVES
 from flexhinf.robot.feedforward import Feedforward, FeedforwardRows
 from flexhinf.robot.signals import UNITS
@@ -46,10 +46,13 @@ def export_feedforward(
     streamed = np.reshape(np.asarray(streamed, dtype=float), rows.command.shape)
     joints = feedforward.robot.joint_names
     files = {
-        f"{name}.h": _header(feedforward, name), f"{name}.c": _source(feedforward, name),
-        "test.c": _test(name, len(joints), streamed, rows), "Makefile": MAKEFILE.replace("NAME", name),
-        "rows.csv": rows_text(feedforward, streamed, rows), "README.md": _readme(feedforward, name),
-    }  # fmt: skip
+        f"{name}.h": render("feedforward.h", **_facts(feedforward, name)),
+        f"{name}.c": _source(feedforward, name),
+        "test.c": _test(name, len(joints), streamed, rows),
+        "Makefile": render("feedforward.mk", name=name),
+        "rows.csv": rows_text(feedforward, streamed, rows),
+        "README.md": _readme(feedforward, name),
+    }
     write_files(target, files)
     return target
 
@@ -106,107 +109,25 @@ def _functions(feedforward: Feedforward) -> ca.Function:
     return ca.Function("inverse", motion, results, {"cse": True})
 
 
-def _header(feedforward: Feedforward, name: str) -> str:
-    robot, size = feedforward.robot, feedforward.weights.shape[1]
-    upper, n = name.upper(), len(robot.joint_names)
-    kind = DRIVES[robot.drive]
-    return f"""/* {name}: commands for the drives of {robot.name} along a streamed path. flexhinf {__version__}.
- *
- * Joints: {", ".join(robot.joint_names)}. One step each {feedforward.period:g} s.
- * The links follow the path {feedforward.delay:g} s later.
- * Positions are in rad (m), velocities in rad/s (m/s), torques in N·m (N), all seen from the link.
- */
-#ifndef {upper}_H
-#define {upper}_H
-
-#define {upper}_JOINTS {n}
-#define {upper}_SAMPLES {size}
-
-typedef struct {{
-    double path[{upper}_SAMPLES][{upper}_JOINTS]; /* the last samples of the path */
-    int newest;
-}} {name}_state;
-
-typedef struct {{
-    double command[{upper}_JOINTS]; /* input of the drives: {kind.replace("_", " ")} */
-    double motor_position[{upper}_JOINTS]; /* or a target position with two offsets: */
-    double motor_velocity[{upper}_JOINTS]; /* velocity offset, 0x60B1 */
-    double motor_torque[{upper}_JOINTS]; /* torque offset, 0x60B2 */
-}} {name}_output;
-
-/* Rest at a path's first sample. Returns 0; or 1 where the compiler's flags change what is computed. */
-int {name}_init({name}_state *state, const double *path);
-
-/* Take the next sample of the path. Returns 0; or 1 where a number is not finite: the path then stays where it was. */
-int {name}_step({name}_state *state, const double *path, {name}_output *output);
-
-#endif
-"""
+def _facts(feedforward: Feedforward, name: str) -> dict[str, object]:
+    """What the templates say of a robot and its feedforward."""
+    robot = feedforward.robot
+    return {
+        "name": name, "NAME": name.upper(), "version": __version__, "robot": robot.name, "joints": robot.joint_names,
+        "count": len(robot.joint_names), "size": feedforward.weights.shape[1],
+        "kind": DRIVES[robot.drive].replace("_", " "), "period": f"{feedforward.period:g}",
+        "delay": f"{feedforward.delay:g}",
+    }  # fmt: skip
 
 
 def _source(feedforward: Feedforward, name: str) -> str:
-    translator = Translator(name, DOUBLE)
-    function = _functions(feedforward)
-    called, size = translator.function(function), feedforward.weights.shape[1]
+    translator, function = Translator(name, DOUBLE), _functions(feedforward)
+    called = translator.function(function)
     used = [f"motion[{k}]" for k in range(5) if function.size1_in(k)]
-    rows = ",\n".join(
-        "    {" + ", ".join(constant(x, DOUBLE) for x in row) + "}" for row in feedforward.weights
-    )
-    upper = name.upper()
-    return f"""#include "{name}.h"
-
-#include <math.h>
-
-#define FMA(a, b, c) (((a) * (b)) + (c))
-
-{arithmetic(name, DOUBLE)}
-
-{translator}
-/* Weights of the samples, the newest first, for the position and four derivatives. */
-static const double weights[5][{size}] = {{
-{rows}
-}};
-
-int {name}_init({name}_state *state, const double *path)
-{{
-    for (int i = 0; i < {upper}_SAMPLES; ++i) {{
-        for (int j = 0; j < {upper}_JOINTS; ++j) {{
-            state->path[i][j] = path[j];
-        }}
-    }}
-    state->newest = 0;
-    return {name}_exact() ? 0 : 1;
-}}
-
-int {name}_step({name}_state *state, const double *path, {name}_output *output)
-{{
-    double motion[5][{upper}_JOINTS];
-    const int newest = (state->newest + 1) % {upper}_SAMPLES;
-    const double *const before = state->path[state->newest];
-    int failed = 0;
-    for (int j = 0; j < {upper}_JOINTS; ++j) {{
-        failed |= !isfinite(path[j]);
-    }}
-    for (int j = 0; j < {upper}_JOINTS; ++j) {{
-        state->path[newest][j] = failed ? before[j] : path[j];
-    }}
-    state->newest = newest;
-    for (int k = 0; k < 5; ++k) {{
-        for (int j = 0; j < {upper}_JOINTS; ++j) {{
-            /* beside the newest sample, so that a path at rest leaves no rounding in the derivatives */
-            double sum = 0.0;
-            int i = newest;
-            for (int age = 0; age < {upper}_SAMPLES; ++age) {{
-                sum += weights[k][age] * (state->path[i][j] - state->path[newest][j]);
-                i = i > 0 ? i - 1 : {upper}_SAMPLES - 1;
-            }}
-            motion[k][j] = k > 0 ? sum : sum + state->path[newest][j];
-        }}
-    }}
-    {called}({", ".join([*used, *RESULTS])});
-    return failed;
-}}
-"""
+    return render(
+        "feedforward.c", **_facts(feedforward, name), weights=",\n".join(_listed(feedforward.weights)),
+        arithmetic=arithmetic(name, DOUBLE), functions=str(translator), called=called, arguments=[*used, *RESULTS],
+    )  # fmt: skip
 
 
 #: Where the inverse dynamics go.
@@ -217,90 +138,18 @@ def _listed(table: np.ndarray) -> Iterable[str]:
     return ("    {" + ", ".join(constant(x, DOUBLE) for x in row) + "}" for row in table)
 
 
-def _test(name: str, n: int, path: np.ndarray, rows: FeedforwardRows) -> str:
-    expected = np.hstack(rows[:4])
-    newline = ",\n"
-    return f"""/* The rows of rows.csv again: C against Python. */
-#include "{name}.h"
-
-#include <math.h>
-#include <stdio.h>
-
-static const double path[{len(path)}][{n}] = {{
-{newline.join(_listed(path))}
-}};
-static const double expected[{len(path)}][{4 * n}] = {{
-{newline.join(_listed(expected))}
-}};
-
-int main(void)
-{{
-    {name}_state state;
-    {name}_output output;
-    const double *const parts[4] = {{
-        output.command, output.motor_position, output.motor_velocity, output.motor_torque}};
-    double worst = 0.0;
-    double broken[{n}];
-    if ({name}_init(&state, path[0]) != 0) {{
-        return 1;
-    }}
-    for (int k = 0; k < {len(path)}; ++k) {{
-        if ({name}_step(&state, path[k], &output) != 0) {{
-            return 1;
-        }}
-        for (int j = 0; j < {4 * n}; ++j) {{
-            const double wanted = expected[k][j];
-            const double found = parts[j / {n}][j % {n}];
-            worst = fmax(worst, fabs(found - wanted) / (1.0 + fabs(wanted)));
-        }}
-    }}
-    for (int j = 0; j < {n}; ++j) {{
-        broken[j] = NAN;
-    }}
-    if ({name}_step(&state, broken, &output) != 1 || !isfinite(output.command[0])) {{
-        printf("a path that is not finite is not refused\\n");
-        return 1;
-    }}
-    printf("largest difference of {len(path)} rows: %g\\n", worst);
-    return worst < {CLOSE!r} ? 0 : 1;
-}}
-"""
-
-
-#: Builds the code and compares it with the rows.
-MAKEFILE = """CC ?= cc
-CFLAGS ?= -O2 -std=c99 -Wall -Wextra -ffp-contract=off
-
-test: check
-\t./check
-
-check: test.c NAME.c NAME.h
-\t$(CC) $(CFLAGS) -o $@ test.c NAME.c -lm
-
-.PHONY: test
-"""
+def _test(name: str, count: int, path: np.ndarray, rows: FeedforwardRows) -> str:
+    return render(
+        "feedforward_test.c", name=name, count=count, samples=len(path), close=repr(CLOSE),
+        path=",\n".join(_listed(path)), expected=",\n".join(_listed(np.hstack(rows[:4]))),
+    )  # fmt: skip
 
 
 def _readme(feedforward: Feedforward, name: str) -> str:
     robot, size, n = feedforward.robot, feedforward.weights.shape[1], len(feedforward.robot.joint_names)
-    facts: Mapping[str, str] = {
+    facts = {
         "robot": robot.name, "joints": ", ".join(robot.joint_names), "drive": robot.drive,
         "period": f"{feedforward.period:g} s", "the links are later than the path by": f"{feedforward.delay:g} s",
         "memory": f"{8 * size * n + 8} bytes", "sums of a step": f"{5 * size * n} products and the inverse dynamics",
     }  # fmt: skip
-    table = "\n".join(f"| {key} | {value} |" for key, value in facts.items())
-    return f"""# {name}
-
-Commands for drives along a streamed path, without feedback: the inverse dynamics of the elastic arm.
-
-| | |
-|---|---|
-{table}
-
-Call `{name}_init` at the first pose and `{name}_step` each period. Send `command`, or `motor_position` as the
-target position with `motor_velocity` (0x60B1) and `motor_torque` (0x60B2) as offsets. All are seen from the link:
-divide angles and speeds by what your drive takes for a turn of the joint, and torques by the gear ratio.
-
-`rows.csv` has a path with its commands; `make test` compares the C with them. Nothing here is measured, so nothing
-corrects a wrong load or stiffness.
-"""
+    return render("feedforward.md", name=name, table=table(["", ""], list(facts.items())))

@@ -1,0 +1,31 @@
+/* @{name}: commands for the drives of @{robot | comment} along a streamed path. flexhinf @{version}.
+ *
+ * Joints: @{joints | join(', ') | comment}. One step each @{period} s.
+ * The links follow the path @{delay} s later.
+ * Positions are in rad (m), velocities in rad/s (m/s), torques in N·m (N), all seen from the link.
+ */
+#ifndef @{NAME}_H
+#define @{NAME}_H
+
+#define @{NAME}_JOINTS @{count}
+#define @{NAME}_SAMPLES @{size}
+
+typedef struct {
+    double path[@{NAME}_SAMPLES][@{NAME}_JOINTS]; /* the last samples of the path */
+    int newest;
+} @{name}_state;
+
+typedef struct {
+    double command[@{NAME}_JOINTS]; /* input of the drives: @{kind} */
+    double motor_position[@{NAME}_JOINTS]; /* or a target position with two offsets: */
+    double motor_velocity[@{NAME}_JOINTS]; /* velocity offset, 0x60B1 */
+    double motor_torque[@{NAME}_JOINTS]; /* torque offset, 0x60B2 */
+} @{name}_output;
+
+/* Rest at a path's first sample. Returns 0; or 1 where the compiler's flags change what is computed. */
+int @{name}_init(@{name}_state *state, const double *path);
+
+/* Take the next sample of the path. Returns 0; or 1 where a number is not finite: the path then stays where it was. */
+int @{name}_step(@{name}_state *state, const double *path, @{name}_output *output);
+
+#endif
