@@ -55,6 +55,7 @@ def test_a_robot_that_is_right_ends_with_0(folder: Path, capsys: pytest.CaptureF
         (["init", "nowhere.urdf"], ["nowhere.urdf"]),
         (["check", "arm.urdf", "--unwrap", "motor_position"], ["--unwrap", "a log"]),
         (["check", "nowhere.toml"], ["nowhere.toml"]),
+        (["check", "design.toml"], ["design.toml", "robot"]),
     ],
 )
 def test_what_does_not_fit_is_refused(
@@ -62,6 +63,7 @@ def test_what_does_not_fit_is_refused(
 ) -> None:
     Path("arm.urdf").write_text(URDF, encoding="utf-8")
     Path("there.toml").write_text("mine", encoding="utf-8")
+    Path("design.toml").write_text('[design]\nrobot = "paper"\n', encoding="utf-8")
     assert main(words) == 2
     assert unnamed(capsys.readouterr().err, "found:", "try:", *said) == []
     assert Path("there.toml").read_text(encoding="utf-8") == "mine"

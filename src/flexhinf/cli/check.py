@@ -11,7 +11,8 @@ from flexhinf import pages, report
 from flexhinf.cli.arguments import refuse_stated, reproduce_command, stated_fields, with_options
 from flexhinf.cli.check_log import DOUBTS, FAULTS, check_log
 from flexhinf.cli.messages import options, show, step_progress
-from flexhinf.validation import checked_path
+from flexhinf.errors import refuse_if
+from flexhinf.validation import checked_path, value_text
 
 #: How names of robots' descriptions end.
 ROBOTS = (".toml", ".urdf", ".xml", ".mjcf")
@@ -49,6 +50,7 @@ def _is_robot(path: Path) -> bool:
 
 def check_robot(context: typer.Context, o: options.CheckOptions) -> int:
     """Check a robot's description: prints, writes the report if one is stated; the exit code."""
+    from flexhinf.design.design_file import is_design_file
     from flexhinf.design.specification import Specification
     from flexhinf.robot import catalogue
     from flexhinf.robot.examination import examine_robot
@@ -57,6 +59,12 @@ def check_robot(context: typer.Context, o: options.CheckOptions) -> int:
     refuse_stated(context, dict.fromkeys(others - OF_ROBOTS, "a log"))
     folder = None if o.out is None else report.check(o.out)
     path = catalogue().get(str(o.log)) or checked_path("The robot file", o.log)
+    refuse_if(
+        is_design_file(path),
+        f"{path.name} is a design, and no robot.",
+        f"expected a robot file, a URDF, an MJCF file or a log, got {value_text(str(o.log))}",
+        "the robot's file, which it names",
+    )
     period = Specification(**stated_fields(context)).period
     with step_progress(1) as progress:
         progress(f"examine {path.name}")
