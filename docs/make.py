@@ -479,6 +479,7 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
     "estimators-speed": ("docs/estimators_speed.md", benchmark("benchmarks.estimator", "--table")),
     "hard-filters": ("docs/estimators_accuracy.md", benchmark("benchmarks.filters", "--table", "hard")),
     "public-robots": ("docs/robots.md", benchmark("benchmarks.robots", "--table")),
+    "interfaces": ("docs/drives.md", benchmark("benchmarks.interfaces", "--table")),
     "nees": ("docs/estimators.md", benchmark("benchmarks.filters", "--table", "nees")),
 }
 SLOW: dict[str, tuple[str, Callable[[], str]]] = {
