@@ -9,7 +9,6 @@ import subprocess
 import sys
 import zipfile
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -357,9 +356,7 @@ def test_the_gear_ratios_of_the_robot_are_stated(
 ) -> None:
     """The robot of a report's design file; the file of a controller has none."""
     robot, s = fh.load_robot("quanser-rotflex"), fh.Specification()
-    found = DesignedController(
-        fh.load_controller(controller), fh.Design(robot, s, (), SimpleNamespace(), SimpleNamespace())
-    )
+    found = DesignedController(fh.load_controller(controller), robot, s)
     for k, (one, text) in enumerate(
         [(found, "(motor angle / 70)"), (DesignedController(found.controller), "after the gear")]
     ):

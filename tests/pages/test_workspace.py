@@ -24,6 +24,7 @@ from flexhinf.design.workspace.judgement import holding_requirement
 from flexhinf.design.workspace.proof import WorkspaceProof
 from flexhinf.design.workspace.robustness import (
     LATEST,
+    Robustness,
     quantity_of,
     remaining_cause,
     remaining_errors,
@@ -52,13 +53,17 @@ def design(unoptimised):
 
 @pytest.fixture(scope="module")
 def tolerated(design):
-    return robustness(design)
+    return design.robustness
+
+
+def robustness_of(it: WorkspaceEvidence) -> Robustness:
+    return robustness(it.setup, it.poses, it.loops, it.undamped[0])
 
 
 @pytest.fixture(autouse=True)
 def margins_once(design, tolerated, monkeypatch):
     """Pages and screens of this loop take the margins that are computed once."""
-    known = property(lambda of: tolerated if of.setup is design.setup else robustness(of))
+    known = property(lambda of: tolerated if of.setup is design.setup else robustness_of(of))
     monkeypatch.setattr(WorkspaceEvidence, "robustness", known)
 
 
@@ -204,7 +209,7 @@ def test_what_offsets_of_encoders_do_is_said(design, tolerated):
     assert numbers[0] < numbers[1]
     of = dataclasses.replace(design.specification, estimator="none")
     changed = dataclasses.replace(design, setup=dataclasses.replace(design.setup, specification=of))
-    assert page._offsets(changed, robustness(changed)) == []
+    assert page._offsets(changed, robustness_of(changed)) == []
 
 
 def test_a_move_that_diverges_or_has_no_number_is_one(design, tolerated):
@@ -320,7 +325,7 @@ def test_poses_that_the_motors_cannot_hold_are_counted(design):
     limit = float(np.sort(held)[3])
     weak = dataclasses.replace(design.specification, saturation=1.001 * limit)
     weak = dataclasses.replace(design, setup=dataclasses.replace(design.setup, specification=weak))
-    assert robustness(weak).unheld == 2
+    assert robustness_of(weak).unheld == 2
     assert unnamed(summary.workspace_verdict(weak), " 2 of", "motors have") == []
     assert summary.workspace_advice(weak, None) == ""
     unheld = tuple(holding_requirement(weak.setup, design.poses))
@@ -432,7 +437,7 @@ def test_a_vibration_beyond_half_the_sampling_frequency_is_named(design, tolerat
 @pytest.mark.ci("makes the moves of a design again")
 def test_the_cause_of_the_remaining_error_is_found_by_a_move_without_it(design, monkeypatch):
     """By the moves of the design made again; the ending names the cause and what lessens it."""
-    cause = remaining_cause(design)
+    cause = remaining_cause(design.setup, design.moves, design.sampled)
     moves = (*design.moves, *design.sampled)
     assert cause.error == max(remaining_errors(move).max() for move in moves)
     assert cause.without < cause.error

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
@@ -17,34 +18,27 @@ from flexhinf.errors import refuse_if
 from flexhinf.validation import checked_path, nearest, value_text
 
 if TYPE_CHECKING:
+    from flexhinf.design import DesignRequest
     from flexhinf.design.verdict import DesignVerdict
 
 
 @dataclass(frozen=True, eq=False)
 class DesignedController:
-    """A controller with its design; of a controller's own file without one."""
+    """A controller with robot, specification and judged requirements of its design; of a controller's own file none."""
 
     controller: fh.Controller
-    design: fh.Design | None = None
-
-    @property
-    def robot(self) -> fh.Robot | None:
-        """Of the design."""
-        return None if self.design is None else self.design.robot
-
-    @property
-    def rows(self) -> list[dict[str, Any]]:
-        """The judged requirements of the design."""
-        from flexhinf.design.verdict import result_row
-
-        return [] if self.design is None else [result_row(line) for line in self.design.requirements]
+    robot: fh.Robot | None = None
+    specification: fh.Specification | None = None
+    rows: Sequence[dict[str, Any]] = ()
 
     @property
     def verdict(self) -> DesignVerdict:
         """On the design, in the units of its pages."""
-        from flexhinf.design.result import verdict_on
+        from flexhinf.design.verdict import UNKNOWN, DesignVerdict
 
-        return verdict_on(self.design)
+        if self.robot is None or self.specification is None:
+            return UNKNOWN
+        return DesignVerdict.of(self.rows, self.specification.shows_degrees(self.robot))
 
 
 def controller_file(source: str) -> Path:
@@ -70,26 +64,35 @@ def controller_of(
     `estimates`: whether numbers of the robot may be estimates."""
     from flexhinf.design.design_file import is_design_file
 
-    if is_design_file(path):
-        design = design_of(path, tell, limits, estimates)
-        designed = DesignedController(design.controller(), design)
-    else:
-        designed = DesignedController(fh.load_controller(path))
+    designed = (
+        _of_design(path, tell, limits, estimates)
+        if is_design_file(path)
+        else DesignedController(fh.load_controller(path))
+    )
     if limits:
         export.check_limits(designed.controller)
     return designed
 
 
+def _of_design(path: Path, tell: bool, limits: bool, estimates: bool) -> DesignedController:
+    from flexhinf.design.design_file import has_controller
+    from flexhinf.design.verdict import result_row, stored_rows
+
+    if has_controller(path):
+        request = _request(path, tell, estimates)
+        stored = fh.load_controller(path.parent / "controller")
+        return DesignedController(stored, request.robot, request.specification, stored_rows(path))
+    design = design_of(path, tell, limits, estimates)
+    rows = [result_row(line) for line in design.requirements]
+    return DesignedController(design.controller(), design.robot, design.specification, rows)
+
+
 def design_of(path: Path, tell: bool = True, limits: bool = False, estimates: bool = True) -> fh.Design:
     """The design of a report, or of a design file that is designed now; options as of `controller_of`."""
-    from flexhinf.design import known_design, read_request, stages
+    from flexhinf.design import known_design, stages
     from flexhinf.design.design_file import why_anew
-    from flexhinf.robot.parts import file_warnings
 
-    with file_warnings(note if tell else str):
-        request = read_request(path, is_file=True)
-    if not estimates:  # before the work of a design
-        refuse_estimates(request.robot)
+    request = _request(path, tell, estimates)
     if (known := known_design(request)) is not None:
         return known
     robot, specification = request.robot, request.specification
@@ -101,6 +104,17 @@ def design_of(path: Path, tell: bool = True, limits: bool = False, estimates: bo
         design = fh.design(robot, specification, progress)
     note(pages.ending(design).text)
     return design
+
+
+def _request(path: Path, tell: bool, estimates: bool) -> DesignRequest:
+    from flexhinf.design import read_request
+    from flexhinf.robot.parts import file_warnings
+
+    with file_warnings(note if tell else str):
+        request = read_request(path, is_file=True)
+    if not estimates:  # before the work of a design
+        refuse_estimates(request.robot)
+    return request
 
 
 def refuse_estimates(robot: fh.Robot) -> None:

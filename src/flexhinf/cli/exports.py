@@ -91,11 +91,11 @@ def export_c(context: typer.Context, o: options.ExportCOptions) -> None:
     out = o.out or _named_after(o.source, "-c")
     folder = export.checked_folder(out, o.force)
     designed = controller_of(path, limits=o.limits, estimates=o.accept_estimates)
-    controller, design, robot = designed.controller, designed.design, designed.robot
+    controller, robot, s = designed.controller, designed.robot, designed.specification
     name = o.name or _identifier(robot)
     _note_doubts(designed)
     if o.check_measurements:
-        speeds = None if design is None else joint_limits(design.robot, design.specification).speed
+        speeds = None if robot is None or s is None else joint_limits(robot, s).speed
         controller = export.with_measurement_limits(controller, robot, speeds)
     if uncounted := export.check_room(controller, o.real, period=o.period, flash=o.flash, ram=o.ram):
         note(uncounted)
@@ -238,8 +238,8 @@ def _export(name: str, o: options.ExportFileOptions) -> None:
         kind.check()
     designed = controller_of(path)
     _note_doubts(designed)
-    s = None if designed.design is None else designed.design.specification
-    written = kind.write(Exported(designed.controller, designed.robot, s, designed.verdict.unmet), out)
+    exported = Exported(designed.controller, designed.robot, designed.specification, designed.verdict.unmet)
+    written = kind.write(exported, out)
     size = f" ({written.stat().st_size / 1e3:.0f} kB)" if written.is_file() else ""
     typer.echo(f"{name}: {written}{size}")
 

@@ -6,6 +6,7 @@ import json
 import math
 import shlex
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -119,9 +120,12 @@ def load_design(folder: str | Path) -> Design:
     (True, True)
     """
     path = checked_path("The design's folder", folder)
-    file = path / DESIGN_FILE if path.is_dir() else path
+    there, file = False, path
+    with suppress(OSError, ValueError):  # a name that no file can have
+        file = path / DESIGN_FILE if path.is_dir() else path
+        there = file.is_file()
     refuse_if(
-        not file.is_file(),
+        not there,
         f"There is no design {value_text(str(folder), 120)}.",
         f"expected the folder of a report, in which there is a {DESIGN_FILE}",
         "the folder of `flexhinf design ROBOT --out DIR`, or of design.save(folder)",

@@ -9,7 +9,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from flexhinf.validation import read_toml
 
 if TYPE_CHECKING:
     from flexhinf.robot import Robot
@@ -33,6 +36,13 @@ def result_row(line: Any) -> dict[str, Any]:
         "found": line.found, "unit": line.unit, "holds": line.met, "within_tolerance": line.within_tolerance,
         "where": line.where, "by_default": line.stated_by == "default",
     }  # fmt: skip
+
+
+def stored_rows(file: Path) -> list[dict[str, Any]]:
+    """The rows of the table [result] of a design file; empty where it has none."""
+    result = read_toml(file, "design file").get("result", {})
+    rows = result.get("specification", []) if isinstance(result, dict) else []
+    return [row for row in rows if isinstance(row, dict) and "holds" in row]
 
 
 @dataclass(frozen=True)

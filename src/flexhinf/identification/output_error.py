@@ -162,7 +162,7 @@ def output_error(found: Identification, log: object) -> OutputError | None:
     ... )
     >>> log = fh.Log(time, u, x + 1e-3 * rng.normal(size=400))
     >>> second = fh.output_error(fh.identify(plant, log, "decay"), log)
-    >>> round(second.values["decay"], 1), round(second.fits["x"], 2)
+    >>> round(second.values["decay"], 1), round(second.fits["output_1"], 2)
     (2.0, 0.99)
     """
     checked_kind(

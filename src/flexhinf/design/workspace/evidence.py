@@ -16,6 +16,7 @@ from flexhinf.design.responses import Move, Response
 from flexhinf.design.specification import Specification
 from flexhinf.design.workspace.proof import WorkspaceProof, prove_workspace
 from flexhinf.design.workspace.robustness import Cause, Robustness, remaining_cause, robustness
+from flexhinf.design.workspace.samples import goals_of
 from flexhinf.design.workspace.setup import CornerLoop, PoseLoop, WorkspaceSetup
 from flexhinf.errors import refuse_if
 from flexhinf.loop import Controller, Trajectory
@@ -106,7 +107,7 @@ class WorkspaceEvidence(Judged):
     @property
     def goals(self) -> np.ndarray:
         """Poses (M + 1, n) between which the M nominal moves go, one after another."""
-        return np.array([self.moves[0].response.start, *(move.response.goal for move in self.moves)])
+        return goals_of(self.moves)
 
     @property
     def robot(self) -> Robot:
@@ -130,10 +131,10 @@ class WorkspaceEvidence(Judged):
     @cached_property
     def robustness(self) -> Robustness:
         """What it tolerates beyond what is required of it."""
-        return robustness(self)
+        return robustness(self.setup, self.poses, self.loops, self.undamped[0])
 
     @cached_property
     def remaining_cause(self) -> Cause | None:
         """What the largest remaining error of all moves comes from; None where no more remains than is allowed."""
         missed = any(line.what == REQUIREMENTS["remaining"].what for line in self.missed)
-        return remaining_cause(self) if missed else None
+        return remaining_cause(self.setup, self.moves, self.sampled) if missed else None

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import islice
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,12 +17,9 @@ from flexhinf.analysis.optimiser import bisected
 from flexhinf.design.plans import STILL
 from flexhinf.design.responses import Move, with_values
 from flexhinf.design.workspace.proof import computed_tolerance, proved_tolerance
-from flexhinf.design.workspace.samples import FURTHER, POSES_SEED, corner_moves
-from flexhinf.design.workspace.setup import HOLD
+from flexhinf.design.workspace.samples import FURTHER, POSES_SEED, corner_moves, goals_of
+from flexhinf.design.workspace.setup import HOLD, CornerLoop, PoseLoop, WorkspaceSetup
 from flexhinf.modal import ProvedRange, Tolerance
-
-if TYPE_CHECKING:
-    from flexhinf.design.workspace.evidence import WorkspaceEvidence
 
 #: Largest extra delay, samples, and largest factor of the inputs up to which margins are searched for; share of that
 #: range to which they are found.
@@ -51,11 +48,14 @@ class Robustness(NamedTuple):
     offsets: np.ndarray
 
 
-def robustness(design: WorkspaceEvidence) -> Robustness:
-    """Margins at the worst poses, and what holds for every pair."""
-    setup, s = design.setup, design.specification
+def robustness(
+    setup: WorkspaceSetup, poses: np.ndarray, judged: Sequence[PoseLoop], undamped_loops: Sequence[CornerLoop]
+) -> Robustness:
+    """Margins at the worst of some poses (N, n), and what holds for every pair.
 
-    loops = [setup.linear(pose) for pose in design.poses]
+    `judged` are the loops at these poses, `undamped_loops` those whose springs nothing damps.
+    """
+    s, loops = setup.specification, [setup.linear(pose) for pose in poses]
 
     def margin(key: str, end: float, tried: list[LinearLoop]) -> float:
         """Samples of delay, or the factor of the inputs, `end` its logarithm, at which the first loop is unstable."""
@@ -66,33 +66,35 @@ def robustness(design: WorkspaceEvidence) -> Robustness:
             loop = replace(tried[k], b=by * tried[k].b, d=by * tried[k].d)
             return loop.system(loop.delay + extra).stable
 
-        least, order = end, np.argsort([-getattr(loop, key) for loop in design.loops]).tolist()
+        least, order = end, np.argsort([-getattr(loop, key) for loop in judged]).tolist()
         for k in order:
             if k == order[0] or not stable(k, least):
                 least, _ = bisected(partial(stable, k), 0.0, least, ACCURACY * abs(end), relative=False)
         return least if late else float(np.exp(least))
 
-    needs = setup.needs(design.poses, design.robot.heaviest)
+    needs = setup.needs(poses, setup.robot.heaviest)
     at = np.array(setup.workspace.home)
     undamped = 0.0
-    if max(loop.growth for loop in design.undamped[0]) < 1.0:
-        undamped = margin("late", LATEST, [setup.linear(pose, damped=False) for pose in design.poses])
+    if max(loop.growth for loop in undamped_loops) < 1.0:
+        undamped = margin("late", LATEST, [setup.linear(pose, damped=False) for pose in poses])
     return Robustness(
         margin("late", LATEST, loops), undamped,
         margin("louder", np.log(LOUDEST), loops), margin("softer", -np.log(LOUDEST), loops),
-        int(np.sum(needs > HOLD)), int(np.sum(needs > 1.0)), fastest_vibration(design),
+        int(np.sum(needs > HOLD)), int(np.sum(needs > 1.0)), fastest_vibration(setup, poses),
         computed_tolerance(setup), proved_tolerance(setup),
         np.vstack([setup.encoder_offsets(at, None)[0], setup.encoder_offsets(at)]),
     )  # fmt: skip
 
 
-def fastest_vibration(design: WorkspaceEvidence) -> tuple[float, str]:
-    """Frequency of the fastest vibration at the judged poses, Hz, with free motors and springs without damping, and the
-    joint that moves most; of the robot and of those at corners of its tolerances."""
-    robot, plant, s = design.robot, design.robot.plant(), design.specification
-    corners = robot.random_corners(len(design.poses), POSES_SEED + 100 * s.seed)
-    fastest, worst = -1.0, (design.poses[0], None)
-    for pose, values in [*((pose, None) for pose in design.poses), *zip(design.poses, corners)]:
+def fastest_vibration(setup: WorkspaceSetup, poses: np.ndarray) -> tuple[float, str]:
+    """Frequency of the fastest vibration at some poses (N, n), Hz, and the joint that moves most.
+
+    Motors are free and springs undamped; of the robot and of those at corners of its tolerances.
+    """
+    robot, plant, s = setup.robot, setup.robot.plant(), setup.specification
+    corners = robot.random_corners(len(poses), POSES_SEED + 100 * s.seed)
+    fastest, worst = -1.0, (poses[0], None)
+    for pose, values in [*((pose, None) for pose in poses), *zip(poses, corners)]:
         a, *_ = with_values(plant, values).linearise(*robot.operating_point(pose, (), values))
         if (rate := float(np.abs(np.linalg.eigvals(a).imag).max())) > fastest:
             fastest, worst = rate, (pose, values)
@@ -110,14 +112,15 @@ class Cause(NamedTuple):
     tolerance: bool  # whether it is that of a quantity of the robot at a corner of its tolerances
 
 
-def remaining_cause(design: WorkspaceEvidence) -> Cause:
+def remaining_cause(setup: WorkspaceSetup, own_moves: Sequence[Move], sampled: Sequence[Move]) -> Cause:
     """The cause of the largest remaining error: the worst move is made again without each, by itself.
+
+    `own_moves` are those of the nominal robot, one after another; `sampled` those of robots at corners.
 
     The causes are the tolerances of each quantity, of all joints at once, the dry friction of the robot, and the end of
     the rest.
     """
-    setup, nominal = design.setup, len(design.moves)
-    moves = (*design.moves, *design.sampled)
+    nominal, moves = len(own_moves), (*own_moves, *sampled)
     found = [remaining_errors(move) for move in moves]
     worst = int(np.argmax([errors.max() for errors in found]))
     joint, move = int(np.argmax(found[worst])), moves[worst]
@@ -125,7 +128,9 @@ def remaining_cause(design: WorkspaceEvidence) -> Cause:
     ends, seed, own = np.array([move.response.start, move.response.goal]), worst, setup.true.robot.nominal
     if worst >= nominal:
         rounds = (
-            one for after in range(1 + len(FURTHER)) for one in corner_moves(setup, after, design.goals)
+            one
+            for after in range(1 + len(FURTHER))
+            for one in corner_moves(setup, after, goals_of(own_moves))
         )
         _, values, seed = next(islice(rounds, worst - nominal, None))
         own = values.numbers

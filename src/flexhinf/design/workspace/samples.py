@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from flexhinf.design.responses import Move
 from flexhinf.design.specification import Specification
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.robot import Robot
@@ -37,3 +40,8 @@ def corner_moves(
     ends = [goals[k % between : k % between + 2] for k in range(count)]
     robots = setup.true.robot.random_corners(count, SAMPLED_SEED + own)
     return [(ends[k], values, before + k) for k, values in enumerate(robots)]
+
+
+def goals_of(moves: Sequence[Move]) -> np.ndarray:
+    """Poses (M + 1, n), rad or m, between which M moves go, one after another."""
+    return np.array([moves[0].response.start, *(move.response.goal for move in moves)])
