@@ -297,7 +297,7 @@ def test_what_was_tried_is_told_and_no_option_that_was_not(design, tolerated):
     assert unnamed(summary.workspace_advice(weak, None), "effort_limit") == []
     assert unnamed(summary.workspace_advice(bad, None), "effort_limit") != []
     slow, fast = Change("slower moves", {"peak_speed": "0.5"}), Change("shorter", {"period": "0.5ms"})
-    near, far = (full.judge(None, 0.2, found, "a move") for found in (0.3, 0.9))
+    near, far = (dataclasses.replace(full, found=found) for found in (0.3, 0.9))
     trials = tuple(Trial(change, (line,), whole=True) for change, line in ((fast, far), (slow, near)))
     text = summary.workspace_advice(weak, Advice(trials, (Change("limit", {"ripple": "6"}),), 20.0))
     assert unnamed(text, "--peak-speed 0.5 misses least", "0.3 s", "0.9 s", "--ripple 6", "20 s") == []
