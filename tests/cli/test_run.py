@@ -28,10 +28,24 @@ def design(folder: Path) -> str:
     controller = arm_controller(at=[-0.1], q=1e-9, r=1e-8, p0=1e-6, start="bumpless")
     controller.save(folder / "controller")
     text = '[design]\nrobot = "paper"\nstart = [-0.1]\nduration = 0.2\n'
-    row = '{what = "%s", limit = "at most", asked = 0.0, found = %d, unit = "", holds = %s}'
+    row = '{what = "%s", limit = "at most", asked = 0.0, found = %d, unit = "", where = "", holds = %s}'
     rows = [row % ("overshoot", 0, "true"), row % ("unstable corners", 44, "false")]
-    text += f"[result]\nspecification = [{', '.join(rows)}]\n"
-    report.write(folder / "arm", {"design.toml": text, "controller": (folder / "controller").read_bytes()})
+    text += f"[result]\nduration = 0.2\nspecification = [{', '.join(rows)}]\n"
+    found = [("overshoot", 0.0, True), ("unstable corners", 44.0, False)]
+    numbers = {
+        "robot": "paper",
+        "estimator_noise": None,
+        "weights": {"wanted": None},
+        "requirements": [
+            {"what": what, "asked": 0.0, "found": value, "met": met} for what, value, met in found
+        ],
+    }
+    files = {
+        "design.toml": text,
+        "design.json": json.dumps(numbers),
+        "controller": (folder / "controller").read_bytes(),
+    }
+    report.write(folder / "arm", files)
     (folder / "controller").unlink()
     return "arm"
 
