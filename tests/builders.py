@@ -271,3 +271,11 @@ def tracking_mass(kind: Any, **options: Any) -> fh.Controller:
     law = lqr(plant.with_objective(penalty, "disturbance", ("position",)))
     noise = np.array([[1e-4, 5e-5], [5e-5, 4e-4]])
     return fh.Controller(law, kind(plant, 0.02, 1e-6, noise, (0.1, 0.0), 1e-2), 0.02, **options)
+
+
+def report_numbers(*rows: tuple[str, float, bool]) -> str:
+    """The design.json of a report of the paper's arm, as far as commands read it: what, found and met of requirements
+    whose limit is 0."""
+    lines = [{"what": what, "asked": 0.0, "found": found, "met": met} for what, found, met in rows]
+    numbers = {"robot": "paper", "estimator_noise": None, "weights": {"wanted": None}, "requirements": lines}
+    return json.dumps(numbers)

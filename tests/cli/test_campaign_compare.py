@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from tests.builders import arm_controller
+from tests.builders import arm_controller, report_numbers
 
 import flexhinf as fh
 from flexhinf import report
@@ -25,6 +25,7 @@ estimator = "{}"
 overshoot = 30.0
 [result]
 duration = 0.5
+specification = []
 """
 WORDS = ["campaign", "compare", "ekf/design.toml", "ukf/design.toml", "--samples", "40", "--batch", "16"]
 WORDS += ["--out", "both"]
@@ -35,8 +36,8 @@ def judged(folder: Path) -> Path:
     """Reports of two designs, as far as a campaign needs them: the same linear law behind EKF and a faster UKF."""
     for name, kind, q in (("ekf", fh.ExtendedKalmanFilter, 1e-8), ("ukf", fh.UnscentedKalmanFilter, 1e-6)):
         arm_controller(kind=kind, q=q, r=1e-8, p0=1e-6, start="bumpless").save(folder / "law")
-        files = {"design.toml": DESIGN.format(name), "controller": (folder / "law").read_bytes()}
-        report.write(folder / name, files)
+        files = {"design.toml": DESIGN.format(name), "design.json": report_numbers()}
+        report.write(folder / name, {**files, "controller": (folder / "law").read_bytes()})
     (folder / "law").unlink()
     return folder
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from tests.builders import arm_controller
+from tests.builders import arm_controller, report_numbers
 from tests.refusals import unnamed
 
 from flexhinf import report
@@ -31,18 +31,9 @@ def design(folder: Path) -> str:
     row = '{what = "%s", limit = "at most", asked = 0.0, found = %d, unit = "", where = "", holds = %s}'
     rows = [row % ("overshoot", 0, "true"), row % ("unstable corners", 44, "false")]
     text += f"[result]\nduration = 0.2\nspecification = [{', '.join(rows)}]\n"
-    found = [("overshoot", 0.0, True), ("unstable corners", 44.0, False)]
-    numbers = {
-        "robot": "paper",
-        "estimator_noise": None,
-        "weights": {"wanted": None},
-        "requirements": [
-            {"what": what, "asked": 0.0, "found": value, "met": met} for what, value, met in found
-        ],
-    }
     files = {
         "design.toml": text,
-        "design.json": json.dumps(numbers),
+        "design.json": report_numbers(("overshoot", 0.0, True), ("unstable corners", 44.0, False)),
         "controller": (folder / "controller").read_bytes(),
     }
     report.write(folder / "arm", files)
