@@ -193,21 +193,22 @@ def test_one_law_has_the_same_figures_in_a_design_and_in_a_comparison(
     }
     robot, s = fh.load_robot(name), Specification(**{**fields, **options, "compare_rigid": False})
     compared, designed = compare(robot, s, ["lqr"], candidates=(0, 0)).own, fh.design(robot, s)
+    evidence = designed.evidence
     own = compared.evaluation
     assert own is not None
-    assert dict(own.metrics) == dict(designed.evaluation.metrics)
+    assert dict(own.metrics) == dict(evidence.evaluation.metrics)
     for one, other in (
-        (own.step, designed.evaluation.step),
-        (own.load_response, designed.evaluation.load_response),
-        (own.move, designed.evaluation.move),
+        (own.step, evidence.evaluation.step),
+        (own.load_response, evidence.evaluation.load_response),
+        (own.move, evidence.evaluation.move),
     ):
         assert one.metrics == other.metrics
-    judged = {(line.what, line.where): line for line in designed.requirements}
+    judged = {(line.what, line.where): line for line in evidence.requirements}
     for line in compared.requirements:
-        if line.what == "remaining error" and designed.limit_cycle is not None:
+        if line.what == "remaining error" and evidence.limit_cycle is not None:
             # with dry friction a design judges it in its long run at rest, which a comparison does not have
             assert (line.what, line.where) not in judged
-            assert any(other.what == line.what for other in designed.requirements)
+            assert any(other.what == line.what for other in evidence.requirements)
         else:
             assert line == judged[line.what, line.where]
 
