@@ -74,7 +74,7 @@ def controller(
     )  # fmt: skip
     holding = design.robot.operating_point([at])[1]
     return fh.Controller(
-        design.solution,
+        design.evidence.solution,
         filter,
         PERIOD,
         start="bumpless",

@@ -48,7 +48,7 @@ def _workspace(task: dict[str, Any]) -> dict[str, Any]:
     begin = time.process_time()
     if task["judged"]:
         design = fh.design(robot, specification, _said)
-        setup = design.setup
+        setup = design.loop.setup
         lines = [
             (line.where, line.what, line.limit_text, line.achieved_text, line.judgement)
             for line in design.requirements

@@ -110,7 +110,7 @@ class OnePose(Product):
         asked = self.specification(pose=home, draws=0, rays=0, compare_rigid=False)
         found = fh.design(self.arm.robot, asked)
         missed = [line.what for line in found.requirements if line.met is False]
-        return found.setup.controller(self.arm.home, moving=True), {"missed": missed}
+        return found.loop.setup.controller(self.arm.home, moving=True), {"missed": missed}
 
     def loop(self, q: np.ndarray) -> LinearLoop:
         """With the filter's stationary gain."""

@@ -339,7 +339,7 @@ def test_a_law_is_not_left_out_for_its_corners_while_a_candidate_of_it_stands_th
     rig: Tuner, pd: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Old code took the cheapest candidate, and then did not rank the law where a corner of it was unstable."""
-    robot = SimpleNamespace(uncertain=("stiffness",))
+    robot = SimpleNamespace(uncertain=("stiffness",), sensors=())
     own = replace(rig.own, setup=replace(rig.own.setup, robot=robot))
     best = pd.search.best.parameters
     monkeypatch.setattr(tuning, "unstable_corners", lambda e: int(dict(e.parameters or {}) == dict(best)))
@@ -400,7 +400,7 @@ def test_nonlinear_h_infinity_does_not_end_behind_the_design_that_it_contains(ri
 def test_the_design_s_own_law_is_taken_where_all_others_break_a_limit_or_a_corner(
     short: Tuner, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    kind, robot = law_kind(NL_HINF), SimpleNamespace(uncertain=("stiffness",))
+    kind, robot = law_kind(NL_HINF), SimpleNamespace(uncertain=("stiffness",), sensors=())
     found = short.tune(kind)
     assert found.search is not None
     uncertain = replace(short, own=replace(short.own, setup=replace(short.own.setup, robot=robot)))
