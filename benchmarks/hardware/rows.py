@@ -38,7 +38,7 @@ def measure(task: dict[str, Any]) -> dict[str, Any]:
     options = {"rays": 0, "compare_rigid": False, "draws": SAMPLES, **task["options"]}
     begin = time.process_time()
     design = fh.design(robot, Specification(pose=robot.home, **options), _said)
-    return {"seconds": time.process_time() - begin, **_loop(design, np.array(robot.effort_limits))}
+    return {"seconds": time.process_time() - begin, **_loop(design.evidence, np.array(robot.effort_limits))}
 
 
 def _workspace(task: dict[str, Any]) -> dict[str, Any]:

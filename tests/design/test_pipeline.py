@@ -22,6 +22,7 @@ from flexhinf.analysis.modes import closed_loop
 from flexhinf.design import PoseEvidence, Specification, design, stages
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.noise_levels import EstimatorNoise
+from flexhinf.design.result import judged_by
 from flexhinf.errors import NotDetectable
 from flexhinf.pages import design_files, notes, verdict
 
@@ -116,7 +117,9 @@ def test_the_rigid_design_fails_on_it_from_the_link_side(two: PoseEvidence) -> N
 
 @pytest.mark.ci("a whole design")
 def test_the_report_has_the_numbers_and_their_sources(two: PoseEvidence) -> None:
-    files = design_files(two, ["flexhinf", "design", "planar-two-link", "--pose", "0.6,0.3"], ["A warning."])
+    files = design_files(
+        judged_by(two), ["flexhinf", "design", "planar-two-link", "--pose", "0.6,0.3"], ["A warning."]
+    )
     page = files["index.html"]
     for text in (
         "A warning.",
@@ -167,7 +170,7 @@ def test_mujocos_plant_does_what_ours_does(name: str, measured: tuple[str, ...],
         assert other["overshoot_percent"] == pytest.approx(ours["overshoot_percent"], rel=0.01)
         assert other["peak_input"] == pytest.approx(ours["peak_input"], rel=0.01)
     assert "MuJoCo" in verdict(result)
-    assert "MuJoCo&#x27;s" in design_files(result, ["flexhinf"])["index.html"]
+    assert "MuJoCo&#x27;s" in design_files(judged_by(result), ["flexhinf"])["index.html"]
 
 
 def test_torques_can_disturb_instead_of_the_command(problem_of: Callable[..., Any]) -> None:
@@ -231,7 +234,7 @@ def test_a_loop_that_diverges_is_told_and_not_hidden() -> None:
     assert result.evaluation.step.diverged_at is not None
     assert "diverges" in verdict(result)
     assert any("diverges" in note for note in notes(result))
-    assert "diverges" in design_files(result, ["flexhinf"])["index.html"]
+    assert "diverges" in design_files(judged_by(result), ["flexhinf"])["index.html"]
 
 
 @pytest.mark.parametrize(
