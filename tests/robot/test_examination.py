@@ -127,6 +127,16 @@ def test_facts_of_joints_are_those_of_the_robot(tmp_path: Path) -> None:
     )
 
 
+def test_the_limit_of_a_command_is_no_torque(tmp_path: Path) -> None:
+    path = tmp_path / "arm.toml"
+    drive = 'drive = "position"\ndrive_bandwidth = "20 Hz"\ndrive_damping_ratio = 0.9'
+    path.write_text(f"{template_text(1, 'torque')}{drive}\n", encoding="utf-8")
+    result = examine_robot(path)
+    assert result.robot is not None
+    assert np.isnan(result.joints[0].effort)
+    assert all("joint1" not in finding.place.split(", ") for finding in result.findings)
+
+
 def test_doubtful_numbers_of_a_robot_file_are_named(tmp_path: Path) -> None:
     path = tmp_path / "arm.toml"
     text = template_text(2, "torque")

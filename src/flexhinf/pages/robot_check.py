@@ -44,7 +44,7 @@ def joint_table(joints: Sequence[JointFacts]) -> Table:
                 ends,
                 f"{joint.mass:.3g}",
                 f"{joint.weight:.3g} {torque}",
-                None if math.isinf(joint.effort) else f"{joint.effort:.4g} {torque}",
+                None if not math.isfinite(joint.effort) else f"{joint.effort:.4g} {torque}",
                 None if math.isnan(joint.twist) else f"{1e3 * joint.twist:.3g} {twist}",
                 hertz,
             )

@@ -261,8 +261,7 @@ def reflected(
 
 def torque_per_input(drive: str, p: Any) -> Any:
     """Torque of a motor at rest per unit of its input, on the link side: k_t / R for volts, k_t for amperes, the gain
-    of
-    an inner loop for its command, or one."""
+    of an inner loop for its command, or one."""
     if drive in INNER:
         return p.drive_stiffness if drive == "position" else p.drive_damping
     gain = 1.0 if drive == "torque" else p.torque_constant

@@ -100,15 +100,8 @@ def largest_weight(arm: RigidArm) -> np.ndarray:
         for name in ("centre_of_mass", "inertia")
     )
     p = Parameters({"gravity": arm.gravity, "mass": mass, "centre_of_mass": centre, "inertia": inertia})
-    fall, bodies, still = links.fall(p), bodies_of(*links.rigid(p)), np.zeros(POSES)
-
-    def torques(acceleration: list[np.ndarray], falling: tuple[float, ...]) -> np.ndarray:
-        parts = inverse_dynamics(tree, bodies, q, [still] * len(q), acceleration, falling)
-        return np.array([np.broadcast_to(part, (POSES,)) for part in parts])
-
-    weight = np.abs(torques([still] * len(q), fall)).max(axis=1)
-    moved = [
-        np.abs(torques([still + (i == k) for i in range(len(q))], (0.0, 0.0, 0.0))[k]).max()
-        for k in range(len(q))
+    bodies, still, unit = bodies_of(*links.rigid(p)), [0.0] * len(q), np.eye(len(q)).tolist()
+    moved = [  # the diagonal of M(q)
+        np.max(inverse_dynamics(tree, bodies, q, still, unit[k], (0.0, 0.0, 0.0))[k]) for k in range(len(q))
     ]
-    return weight + SPARE * np.array(moved)
+    return np.abs(links.gravity_torque(q, p)).max(axis=1) + SPARE * np.array(moved)

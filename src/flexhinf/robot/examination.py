@@ -12,6 +12,7 @@ import numpy as np
 
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.plant import Parameters
+from flexhinf.robot.elastic import INNER, torque_per_input
 from flexhinf.robot.faults import PartFault, collected_faults
 from flexhinf.robot.init_file import Description, described
 from flexhinf.robot.parts import file_warnings
@@ -53,7 +54,8 @@ class JointFacts:
     limits: tuple[float, float] | None
     mass: float  # of its link, with what is fixed to it
     weight: float  # the largest torque that holds a pose
-    effort: float  # the largest torque of the motor; infinite where none is stated
+    # the largest torque of the motor; infinite where none is stated, NaN of a drive whose command is limited
+    effort: float
     twist: float  # of the spring under that weight; NaN of a rigid joint
     slowest: float  # vibration that is mostly of this joint, Hz; NaN where there is none
     fastest: float
@@ -173,7 +175,7 @@ def joint_facts(robot: Robot) -> list[JointFacts]:
     poses = np.vstack([np.asarray(robot.home, dtype=float)[None, :], poses])
     numbers = robot.plant_parameters()
     p = Parameters(numbers)
-    weights = np.abs(np.array([robot.links.gravity_torque(pose, p) for pose in poses])).max(axis=0)
+    weights = np.abs(robot.links.gravity_torque(poses.T, p)).max(axis=1)
     seen: dict[str, list[float]] = {name: [] for name in robot.joint_names}
     for pose in poses[:: max(1, POSES // 12)]:
         for mode in robot.modes(pose):
@@ -195,13 +197,12 @@ def joint_facts(robot: Robot) -> list[JointFacts]:
 
 
 def _largest_torques(robot: Robot, p: Parameters) -> list[float]:
-    """The largest torque of each motor at rest; infinite where no limit is stated."""
+    """The largest torque of each motor at rest; infinite where no limit is stated, NaN of an inner loop, whose limit is
+    that of its command."""
     limits = robot.effort_limits or [None] * len(robot.joint_names)
-    gain = np.ones(len(limits))
-    if robot.drive != "torque":
-        gain = np.broadcast_to(p.torque_constant, gain.shape)
-    if robot.drive == "voltage":
-        gain = gain / p.resistance
+    if robot.drive in INNER:
+        return [math.nan] * len(limits)
+    gain = np.broadcast_to(torque_per_input(robot.drive, p), len(limits))
     return [math.inf if limit is None else float(limit * k) for limit, k in zip(limits, gain)]
 
 
