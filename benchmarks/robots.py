@@ -30,7 +30,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import load_robot
 from flexhinf.robot.dynamics import KINDS, Tree, bodies_of, mass_matrix, matrix_of, six_of
-from flexhinf.robot.init_file import described, robot_file_text
+from flexhinf.robot.init_file import description_of, robot_file_text
 from flexhinf.robot.parameters import INERTIA
 from flexhinf.robot.parts import file_warnings
 from flexhinf.robot.rigid_arm import RigidArm, nearest_inertia
@@ -87,7 +87,8 @@ def looked_at(file: Path) -> dict[str, Any]:
         except InvalidInput:
             row["at_once"] = False
         try:
-            found, arm = described(file)
+            found = description_of(file)
+            arm = found.arm()
             with tempfile.TemporaryDirectory() as folder:
                 path = Path(folder) / "arm.toml"
                 path.write_text(robot_file_text(found, arm, path), encoding="utf-8")

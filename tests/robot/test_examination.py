@@ -9,7 +9,7 @@ import pytest
 
 from flexhinf import InvalidInput, load_robot
 from flexhinf.robot.examination import examine_robot, joint_facts
-from flexhinf.robot.init_file import described, robot_file_text
+from flexhinf.robot.init_file import description_of, robot_file_text
 from flexhinf.robot.parts import RobotFileWarning
 from flexhinf.robot.rigid_arm import nearest_inertia
 from flexhinf.robot.template import template_text
@@ -40,7 +40,8 @@ def written(folder: Path, *parts: str) -> Path:
 def begun(path: Path) -> Path:
     """The robot file that `flexhinf init` writes for a description."""
     out = path.with_name("begun.toml")
-    out.write_text(robot_file_text(*described(path), out), encoding="utf-8")
+    found = description_of(path)
+    out.write_text(robot_file_text(found, found.arm(), out), encoding="utf-8")
     return out
 
 
@@ -57,7 +58,7 @@ def test_all_faults_are_found_at_once_and_got_round(tmp_path: Path) -> None:
     places = {place for finding in faults for place in finding.place.split(", ")}
     assert places >= {"upper", "lower", "wrist", "grip"}
     with pytest.raises(InvalidInput, match="grip"):  # nobody knows where it stands
-        described(path)
+        description_of(path).arm()
     path.write_text(path.read_text().replace('lower="2"', 'lower="1"'), encoding="utf-8")
     with pytest.warns(RobotFileWarning, match="upper.*lower"):
         robot = load_robot(begun(path))

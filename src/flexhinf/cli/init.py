@@ -25,7 +25,7 @@ def init(context: typer.Context, o: options.InitOptions) -> None:
 
     Then: flexhinf check arm.toml, and flexhinf design arm.toml.
     """
-    from flexhinf.robot.init_file import described, robot_file_text
+    from flexhinf.robot.init_file import description_of, robot_file_text
     from flexhinf.robot.template import template_text
 
     refuse_if(
@@ -64,8 +64,8 @@ def init(context: typer.Context, o: options.InitOptions) -> None:
     if path is None:
         text = template_text(o.joints, o.drive)
     else:
-        found, arm = described(path, o.move or None)
-        text, changes = robot_file_text(found, arm, out), found.changes
+        found = description_of(path, o.move)
+        text, changes = robot_file_text(found, found.arm(), out), found.changes
     out.parent.mkdir(parents=True, exist_ok=True)
     write_file(out, "robot file", lambda name: Path(name).write_text(text, encoding="utf-8"))
     for change in changes:

@@ -10,15 +10,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.errors import InvalidInput
 from flexhinf.plant import Parameters
 from flexhinf.robot.elastic import INNER, torque_per_input
 from flexhinf.robot.faults import PartFault, collected_faults
-from flexhinf.robot.init_file import Description, described
+from flexhinf.robot.init_file import description_of
 from flexhinf.robot.parts import file_warnings
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.robot_file import load_robot
-from flexhinf.validation import read_xml
 
 #: Poses at which weights and vibrations are looked at, and their seed.
 POSES, SEED = 60, 0
@@ -102,26 +101,23 @@ def _loaded(path: Path, elastic: str | Path | None, result: RobotExamination) ->
         try:
             robot = load_robot(path, elastic)
         except InvalidInput as error:
-            last = PartFault("", (), error.what, error.found, error.advice)
-            if not faults:
-                faults.append(last)
+            if not faults:  # else the first of those that are collected
+                faults.append(_fault(error))
     _tell(faults, remarks, result)
     return None if faults else robot
 
 
 def _examine_links(path: Path, result: RobotExamination) -> None:
     """What a URDF or MJCF file says by itself: all its faults, and what a design needs besides."""
-    found = Description(path, read_xml(path))
+    found = description_of(path)
     with file_warnings() as remarks, collected_faults() as faults:
         try:
-            found.arm_as_it_is()
-        except FlexhinfError as error:
-            if not isinstance(error, InvalidInput):
-                raise
-            faults.append(PartFault("", (), error.what, error.found, error.advice))
+            found.read()
+        except InvalidInput as error:
+            faults.append(_fault(error))
     _tell(faults, remarks, result)
     try:
-        found, arm = described(path)
+        arm = found.arm()
     except InvalidInput as error:
         if error.what not in {finding.what for finding in result.findings}:
             result.add("fault", error.what, numbers=error.found, advice=error.advice)
@@ -153,6 +149,10 @@ def _examine_links(path: Path, result: RobotExamination) -> None:
         place=", ".join(joint.name for joint in arm.joints), count=len(arm.joints),
         advice=f"flexhinf init {path.name}, which estimates them, then numbers of data sheets or `flexhinf identify`",
     )  # fmt: skip
+
+
+def _fault(error: InvalidInput) -> PartFault:
+    return PartFault("", (), error.what, error.found, error.advice)
 
 
 def _tell(faults: Sequence[PartFault], remarks: Sequence[str], result: RobotExamination) -> None:

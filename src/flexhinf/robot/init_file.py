@@ -32,32 +32,31 @@ class Description:
 
     path: Path
     root: Element
-    joints: list[str] = field(default_factory=list)  # that move
+    joints: list[str] = field(default_factory=list)  # that move; by default those of `_moving`
     inertias: dict[str, Correction] = field(default_factory=dict)
     changes: list[str] = field(default_factory=list)  # what was done to read it, in sentences
-    remarks: list[str] = field(default_factory=list)  # warnings of the reader
 
     @property
     def is_mjcf(self) -> bool:
         """Whether it is a file of MuJoCo."""
         return self.root.tag == "mujoco"
 
-    def arm(self) -> RigidArm:
-        """The moving joints with their links; InvalidInput for a fault that has no way round."""
+    def read(self) -> RigidArm:
+        """The moving joints with their links, as the file and the corrections of inertias state them."""
+        self.joints = self.joints or _moving(self.root)
         read = read_mjcf if self.is_mjcf else read_urdf
+        return read(self.root, self.joints, None, self.inertias)
+
+    def arm(self) -> RigidArm:
+        """What is read once faults are got round; InvalidInput for a fault that has no way round."""
         for _ in range(ROUNDS):
-            with file_warnings() as self.remarks, collected_faults() as faults:
-                arm = read(self.root, self.joints, None, self.inertias)
+            with file_warnings(), collected_faults() as faults:
+                arm = self.read()
             if not faults:
                 return arm
             for fault in faults:
                 self._work_around(fault, arm)
         raise _error(faults[0])
-
-    def arm_as_it_is(self) -> RigidArm:
-        """All joints that move in the file, read as they are."""
-        joints = _moving(self.root)
-        return (read_mjcf if self.is_mjcf else read_urdf)(self.root, joints)
 
     def _work_around(self, fault: PartFault, arm: RigidArm) -> None:
         if fault.kind == NO_BODY:
@@ -79,13 +78,9 @@ class Description:
             raise _error(fault)
 
 
-def described(path: Path, joints: Sequence[str] | None = None) -> tuple[Description, RigidArm]:
+def description_of(path: Path, joints: Sequence[str] = ()) -> Description:
     """A URDF or MJCF file, with the joints that move: by default those with a motor that nothing couples to others."""
-    root = read_xml(path)
-    found = Description(path, root)
-    found.joints = list(joints) if joints is not None else _moving(root)
-    arm = found.arm()
-    return found, arm
+    return Description(path, read_xml(path), list(joints))
 
 
 def _moving(root: Element) -> list[str]:
