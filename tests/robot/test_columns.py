@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from flexhinf.campaign import FunctionDraw, Sample, Tolerances, Variable
 from flexhinf.campaign.samples import SampleColumns, UniformColumns
 from flexhinf.design.deployed_run import ERROR, RobotSamples
 from flexhinf.robot import Parameter, Robot, signals
+from flexhinf.robot.arm import Arm
 
 COUNT = 6
 ROBOTS = {
@@ -21,6 +23,9 @@ ROBOTS = {
         Parameter("payload_mass_elbow", 1.0, range=(0.0, 2.0))
     ),
     "scara": lambda: load_robot("scara"),
+    "weightless": lambda: replace(
+        load_robot("planar-two-link"), links=Arm(load_robot("planar-two-link").links.tree, (0.0, 0.0, -1.0))
+    ),
 }
 
 
@@ -43,7 +48,8 @@ def test_robots_are_drawn_at_once_with_the_bits_of_each(name: str):
 
 
 @pytest.mark.parametrize(
-    ("name", "extras"), [("paper", ()), ("planar", ("spring_hardening", "backlash")), ("scara", ())]
+    ("name", "extras"),
+    [("paper", ()), ("planar", ("spring_hardening", "backlash")), ("scara", ()), ("weightless", ())],
 )
 def test_starts_in_equilibrium_have_the_bits_of_each(name: str, extras: tuple[str, ...]):
     robot: Robot = ROBOTS[name]()

@@ -227,7 +227,9 @@ class Arm(JointTree):
         """G(q1), (n,), N·m or N, of any element; of N robots (n, N), where `q` and `p` have them in a last axis."""
         still = [0.0] * len(self.tree)
         parts = inverse_dynamics(self.tree, bodies_of(*self.rigid(p)), q, still, still, self.fall(p))
-        return np.array(parts if np.ndim(q) < 2 else np.broadcast_arrays(*parts))
+        return np.array(
+            parts if np.ndim(q) < 2 else [np.broadcast_to(part, np.shape(q)[1:]) for part in parts]
+        )
 
 
 #: The links' side of a robot: what it is made of, and how torques move it. Frozen, so that it is a key.
