@@ -13,8 +13,8 @@ from tests.refusals import refused_with, unnamed
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
+from flexhinf.findings import above_note
 from flexhinf.identification.alternatives import Alternative
-from flexhinf.identification.doctor import above_note
 from flexhinf.identification.doctor.beside_model import alternative_advice
 from flexhinf.pages.identify import IdentifiedRobot, identified_verdict
 

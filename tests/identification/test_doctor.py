@@ -12,7 +12,8 @@ from tests.refusals import unnamed
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
-from flexhinf.identification.doctor import CHECKS, above_note
+from flexhinf.findings import above_note
+from flexhinf.identification.doctor import CHECKS
 
 # One likelihood for each plant, compiled in half the time.
 pytestmark = pytest.mark.usefixtures("unoptimised")

@@ -9,8 +9,8 @@ import typer
 
 from flexhinf import pages, report
 from flexhinf.cli.arguments import refuse_stated, reproduce_command, stated_fields, with_options
-from flexhinf.cli.check_log import DOUBTS, FAULTS, check_log
-from flexhinf.cli.messages import options, show, step_progress
+from flexhinf.cli.check_log import check_log, concluded
+from flexhinf.cli.messages import options, step_progress
 from flexhinf.errors import refuse_if
 from flexhinf.validation import checked_path, value_text
 
@@ -72,8 +72,4 @@ def check_robot(context: typer.Context, o: options.CheckOptions) -> int:
     if folder is not None:
         page = pages.checked_robot_page(result, reproduce_command(context))
         report.write(folder, pages.checked_robot_files(page, result))
-    ending = pages.checked_robot_ending(result)
-    show(ending.tables)
-    typer.echo(ending.text + ("" if folder is None else f"\nreport: {folder / 'index.html'}"))
-    severities = {finding.severity for finding in result.findings}
-    return FAULTS if "fault" in severities else DOUBTS if "doubt" in severities else 0
+    return concluded(pages.checked_robot_ending(result), result.findings, folder)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
@@ -12,12 +14,14 @@ from flexhinf.cli.arguments import read_source, reproduce_command, stated_fields
 from flexhinf.cli.logs import read_stated, stated_columns, stated_late, stated_robot
 from flexhinf.cli.messages import options, show, step_progress
 from flexhinf.errors import InvalidInput
+from flexhinf.findings import Finding, worst
 
 if TYPE_CHECKING:
+    from flexhinf.pages.terminal import Ending
     from flexhinf.robot import Robot
 
-#: Exit codes: a log with doubts, and one with faults.
-DOUBTS, FAULTS = 1, 2
+#: Exit code of the worst finding.
+CODES = {"note": 0, "doubt": 1, "fault": 2}
 
 
 def check_log(context: typer.Context, o: options.CheckOptions) -> int:
@@ -48,11 +52,14 @@ def check_log(context: typer.Context, o: options.CheckOptions) -> int:
             files = pages.checked_log_files(page, findings)
     if folder is not None:
         report.write(folder, files)
-    ending = pages.checked_log_ending(findings)
+    return concluded(pages.checked_log_ending(findings), findings, folder)
+
+
+def concluded(ending: Ending, findings: Sequence[Finding], folder: Path | None) -> int:
+    """Print what a check found, and where its report is; the exit code."""
     show(ending.tables)
     typer.echo(ending.text + ("" if folder is None else f"\nreport: {folder / 'index.html'}"))
-    severities = {finding.severity for finding in findings}
-    return FAULTS if "fault" in severities else DOUBTS if "doubt" in severities else 0
+    return CODES[worst(findings)]
 
 
 def _logged(o: options.CheckOptions, robot: Robot, columns: dict[str, str]) -> tuple[str, ...]:

@@ -7,11 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from flexhinf.findings import above_note, worst
 from flexhinf.identification import Log, LogFinding
-from flexhinf.identification.doctor import above_note
 from flexhinf.notebook import number_text
 from flexhinf.pages.drawing import Blocks, Line, Panel, draw_figure, listed, note, thin, with_figures
 from flexhinf.pages.estimate_figures import MOST_PANELS, signal_label
+from flexhinf.pages.findings import counted, numbers_sentence, page_status, place_text, severity_cell
 from flexhinf.pages.terminal import Ending, wrapped
 from flexhinf.report import (
     INK,
@@ -23,16 +24,12 @@ from flexhinf.report import (
     Provenance,
     Section,
     Settings,
-    Status,
     Table,
     finite,
     house_style,
     to_json,
 )
 from flexhinf.robot import Robot
-
-#: Colours of the severities in a table.
-COLOURS = {"fault": "red", "doubt": "yellow", "note": "green"}
 
 
 def finding_texts(findings: Sequence[LogFinding]) -> list[str]:
@@ -44,7 +41,7 @@ def finding_table(findings: Sequence[LogFinding]) -> Table:
     """A row for each finding: how severe, what, where, how often, what to try."""
     rows = [
         (
-            Cell(finding.severity, COLOURS[finding.severity]),
+            severity_cell(finding),
             f"{finding.what}{f' ({finding.numbers})' if finding.numbers else ''}",
             finding.place or "all",
             str(finding.count),
@@ -82,26 +79,21 @@ def finding_numbers(findings: Sequence[LogFinding]) -> list[dict[str, object]]:
 
 def checked_verdict(findings: Sequence[LogFinding]) -> str:
     """How many findings there are of each severity, as a sentence."""
-    counts = {severity: sum(each.severity == severity for each in findings) for severity in COLOURS}
-    several = [f"{count} {name}{'s' * (count != 1)}" for name, count in counts.items() if count]
-    state = (
-        "The log is ill"
-        if counts["fault"]
-        else "The log is doubtful"
-        if counts["doubt"]
-        else "Nothing speaks against the log"
-    )
-    return f"{state}: {listed(several)}." if several else f"{state}."
+    states = {
+        "fault": "The log is ill",
+        "doubt": "The log is doubtful",
+        "note": "Nothing speaks against the log",
+    }
+    several = counted(findings)
+    return f"{states[worst(findings)]}{f': {several}' if several else ''}."
 
 
 def checked_log_ending(findings: Sequence[LogFinding]) -> Ending:
     """What a terminal says of a log that was checked: each finding with what to try, and the verdict."""
     texts = []
     for finding in findings:
-        where = f" [{finding.place}]" if finding.place else ""
-        numbers = f" {finding.numbers[:1].upper()}{finding.numbers[1:]}." if finding.numbers else ""
-        advice = finding.advice.replace("`", "")
-        texts.append(wrapped(f"{finding.severity}: {finding.what}{numbers}{where} {advice}".strip()))
+        behind = f"{numbers_sentence(finding)}{place_text(finding)} {finding.advice.replace('`', '')}"
+        texts.append(wrapped(f"{finding.severity}: {finding.what}{behind}".strip()))
     return Ending([], "\n".join([*texts, checked_verdict(findings)]))
 
 
@@ -114,7 +106,6 @@ def checked_log_page(
     warnings: Sequence[str] = (),
 ) -> Page:
     """The page of a log that was checked; `log` is None where it could not be read."""
-    worst = findings[0].severity if findings else "note"
     size = "a log that cannot be read"
     keys = []
     if log is not None:
@@ -140,7 +131,7 @@ def checked_log_page(
         Settings({}),
         Provenance(shlex.join(command), None),
         keys,
-        [Status("met" if worst == "note" else "not met" if worst == "fault" else "risky", verdict)],
+        [page_status(findings, verdict)],
         finding_texts(findings)[:3],
     )
 

@@ -7,8 +7,8 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from flexhinf.pages.drawing import listed
-from flexhinf.pages.log_findings import COLOURS
+from flexhinf.findings import above_note, worst
+from flexhinf.pages.findings import counted, numbers_sentence, page_status, place_text, severity_cell
 from flexhinf.pages.terminal import Ending, wrapped
 from flexhinf.report import (
     Cell,
@@ -18,7 +18,6 @@ from flexhinf.report import (
     Provenance,
     Section,
     Settings,
-    Status,
     Table,
     finite,
     to_json,
@@ -66,8 +65,8 @@ def robot_finding_table(result: RobotExamination) -> Table:
     """A row for each finding: how severe, what, where, what to try."""
     rows = [
         (
-            Cell(finding.severity, COLOURS[finding.severity]),
-            f"{finding.what}{f' {finding.numbers[:1].upper()}{finding.numbers[1:]}.' if finding.numbers else ''}",
+            severity_cell(finding),
+            f"{finding.what}{numbers_sentence(finding)}",
             finding.place or "the file",
             finding.advice.replace("`", ""),
         )
@@ -86,33 +85,30 @@ def robot_finding_table(result: RobotExamination) -> Table:
 
 def robot_verdict(result: RobotExamination) -> str:
     """How many findings there are of each severity, and whether a design can be made, as a sentence."""
-    counts = {severity: sum(each.severity == severity for each in result.findings) for severity in COLOURS}
-    several = [f"{count} {name}{'s' * (count != 1)}" for name, count in counts.items() if count]
+    several = counted(result.findings)
     state = (
         "No robot can be made of this file"
-        if counts["fault"]
+        if worst(result.findings) == "fault"
         else "A design can be made"
         if result.robot is not None
         else "The links can be read, and a design needs springs and motors"
     )
-    return f"{state}: {listed(several)}." if several else f"{state}; nothing is conspicuous."
+    return f"{state}: {several}." if several else f"{state}; nothing is conspicuous."
 
 
 def checked_robot_ending(result: RobotExamination) -> Ending:
     """What a terminal says of a description: its joints, each finding with what to try, and the verdict."""
     texts = []
     for finding in result.findings:
-        where = f" [{finding.place}]" if finding.place else ""
-        numbers = f" {finding.numbers[:1].upper()}{finding.numbers[1:]}." if finding.numbers else ""
         advice = f" To try: {finding.advice}." if finding.advice else ""
-        texts.append(wrapped(f"{finding.severity}: {finding.what}{where}{numbers}{advice.replace('`', '')}"))
+        behind = f"{place_text(finding)}{numbers_sentence(finding)}{advice.replace('`', '')}"
+        texts.append(wrapped(f"{finding.severity}: {finding.what}{behind}"))
     tables = [joint_table(result.joints).terminal()] if result.joints else []
     return Ending(tables, "\n".join([*texts, robot_verdict(result)]))
 
 
 def checked_robot_page(result: RobotExamination, command: Sequence[str]) -> Page:
     """The page of a description that was checked."""
-    worst = result.findings[0].severity if result.findings else "note"
     verdict, count = robot_verdict(result), len(result.joints)
     sections = [Section("What the description shows", (robot_finding_table(result),), "findings", open=True)]
     if result.joints:
@@ -126,8 +122,8 @@ def checked_robot_page(result: RobotExamination, command: Sequence[str]) -> Page
         Settings({}),
         Provenance(shlex.join(command), None),
         keys,
-        [Status("met" if worst == "note" else "not met" if worst == "fault" else "risky", verdict)],
-        [finding.what for finding in result.findings if finding.severity != "note"][:3],
+        [page_status(result.findings, verdict)],
+        [finding.what for finding in above_note(result.findings)][:3],
     )
 
 

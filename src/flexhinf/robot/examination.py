@@ -6,11 +6,12 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from flexhinf.errors import InvalidInput
+from flexhinf.findings import Severity, ordered
 from flexhinf.plant import Parameters
 from flexhinf.robot.elastic import INNER, torque_per_input
 from flexhinf.robot.faults import PartFault, collected_faults
@@ -36,7 +37,7 @@ FEWEST_SAMPLES = 2.5
 class RobotFinding:
     """Something about a robot's description: a fault with which no design is made, a doubt, or a note."""
 
-    severity: Literal["fault", "doubt", "note"]
+    severity: Severity
     what: str
     place: str = ""  # links or joints
     numbers: str = ""  # what was expected, and what there is
@@ -69,7 +70,7 @@ class RobotExamination:
     joints: list[JointFacts] = field(default_factory=list)
     robot: Robot | None = None
 
-    def add(self, severity: Literal["fault", "doubt", "note"], what: str, **others: Any) -> None:
+    def add(self, severity: Severity, what: str, **others: Any) -> None:
         """Add a finding."""
         self.findings.append(RobotFinding(severity, what, **others))
 
@@ -86,10 +87,8 @@ def examine_robot(path: Path, elastic: str | Path | None = None, period: float =
         result.robot = _loaded(path, elastic, result)
     if result.robot is not None:
         result.joints = joint_facts(result.robot)
-        for finding in (*_of_numbers(result.robot), *_of_joints(result.joints, period)):
-            result.findings.append(finding)
-    order = ("fault", "doubt", "note")
-    result.findings.sort(key=lambda finding: order.index(finding.severity))
+        result.findings += [*_of_numbers(result.robot), *_of_joints(result.joints, period)]
+    result.findings = [*ordered(result.findings)]
     return result
 
 

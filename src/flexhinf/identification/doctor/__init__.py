@@ -6,6 +6,6 @@ A finding is a sentence with its severity, its place and what to do (`finding`).
 """
 
 from flexhinf.identification.doctor.examination import CHECKS, examine
-from flexhinf.identification.doctor.finding import LogFinding, above_note, ordered, refuse_unusable
+from flexhinf.identification.doctor.finding import LogFinding, refuse_unusable
 
-__all__ = ["CHECKS", "LogFinding", "above_note", "examine", "ordered", "refuse_unusable"]
+__all__ = ["CHECKS", "LogFinding", "examine", "refuse_unusable"]

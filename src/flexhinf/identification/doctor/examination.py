@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 
+from flexhinf.findings import above_note, ordered
 from flexhinf.identification.doctor import scales, times
 from flexhinf.identification.doctor.beside_model import beside_model
-from flexhinf.identification.doctor.finding import LogFinding, above_note, ordered
+from flexhinf.identification.doctor.finding import LogFinding
 from flexhinf.identification.doctor.record import LogRecord
 from flexhinf.identification.doctor.values import cleaned
 from flexhinf.identification.log import Log

@@ -4,15 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal
 
 from flexhinf.errors import InvalidInput
+from flexhinf.findings import Severity
 from flexhinf.notebook import Summarised
-
-#: How severe a finding is, the worst first. A fault makes numbers wrong that are taken from the log; a doubt may; a
-#: note is something to know.
-Severity = Literal["fault", "doubt", "note"]
-SEVERITIES: tuple[Severity, ...] = ("fault", "doubt", "note")
 
 
 @dataclass(frozen=True, repr=False)
@@ -73,16 +68,6 @@ class LogFinding(Summarised):
         return LogFinding(
             "refused", "fault", error.what, f"To try: {error.advice}.", refused=True, numbers=error.found
         )
-
-
-def ordered(findings: Iterable[LogFinding]) -> tuple[LogFinding, ...]:
-    """Findings, the worst first; of equal ones in the order of the checks, causes before what follows from them."""
-    return tuple(sorted(findings, key=lambda finding: SEVERITIES.index(finding.severity)))
-
-
-def above_note(findings: Iterable[LogFinding]) -> list[LogFinding]:
-    """Findings that are more than a note."""
-    return [finding for finding in findings if finding.severity != "note"]
 
 
 def refuse_unusable(findings: Iterable[LogFinding]) -> None:
