@@ -239,16 +239,12 @@ class Campaign:
         if states is None:
             start = starting_state(self.options.get("initial_state"), plant.states, self.loop.controller)
             states = np.broadcast_to(start, (len(samples), len(start)))
-        loaded = self.options.get("disturbance") is not None or samples.loads
-        ones = np.ones(len(samples))
-        loads = np.column_stack(
-            [ones[:, None][:, :0], *(samples.loads.get(name, ones) for name in plant.disturbances)]
-        )
-        return {
-            "parameters": samples.parameters,
-            "initial_states": states,
-            "loads": loads if loaded else None,
-        }
+        loads = None
+        if self.options.get("disturbance") is not None or samples.loads:
+            loads = np.ones((len(samples), len(plant.disturbances)))
+            for name, column in samples.loads.items():
+                loads[:, plant.disturbances.index(name)] = column
+        return {"parameters": samples.parameters, "initial_states": states, "loads": loads}
 
     def _check_loads(self, names: Iterable[str]) -> None:
         for name in names:

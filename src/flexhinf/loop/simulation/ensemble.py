@@ -532,17 +532,19 @@ class Ensemble:
 
 def _seeds(seeds: Any, count: int) -> np.ndarray:
     """Seeds (N,) of 64 bits, from one of all runs or from one of each; others are refused."""
-    own = isinstance(seeds, np.ndarray) and seeds.dtype == np.uint64 and seeds.ndim == 1
-    each = seeds if own or np.ndim(seeds) else [seeds] * count
-    for seed in each[:1] if np.ndim(seeds) == 0 else () if own else each:
-        check_seed(seed)
+    if np.ndim(seeds) == 0:
+        check_seed(seeds)
+        return np.full(count, seeds, dtype=np.uint64)
+    if not (isinstance(seeds, np.ndarray) and seeds.dtype == np.uint64):  # else no other number fits
+        for seed in seeds:
+            check_seed(seed)
     refuse_if(
-        len(each) != count,
+        len(seeds) != count,
         "The seeds do not fit the plants.",
-        f"expected {count} integers, got {len(each)}",
+        f"expected {count} integers, got {len(seeds)}",
         "one for each plant",
     )
-    return np.array(each, dtype=np.uint64)
+    return np.array(seeds, dtype=np.uint64)
 
 
 def _signal_names(plant: Plant, controller: Controller) -> dict[str, tuple[str, ...]]:
