@@ -7,7 +7,7 @@ declares the option of its limit. The other kinds stand in the tables of `loop_m
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -178,6 +178,12 @@ def register(kind: RequirementKind) -> RequirementKind:
     about = options.About(LOOP, kind.help, kind.example, kind.unit, default=default, setting="--set")
     declare_limit(kind.name, about, LIMITS.get(kind.unit, options.Positive))
     return REQUIREMENTS.register(replace(kind, field=kind.name))
+
+
+def register_rows(rows: Mapping[str, tuple[str, str, str, str, str]]) -> None:
+    """Add kinds that something else measures, by name: what, unit, sign, field and criterion of each."""
+    for name, (what, unit, sign, field, criterion) in rows.items():
+        register(RequirementKind(name, what, criterion, unit, sign == "≤", field))
 
 
 def on_motions() -> tuple[RequirementKind, ...]:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import LinearLoop, Margins, ToleranceCorners
-from flexhinf.design.requirements.kinds import REQUIREMENTS, RequirementKind, on_loops, register
+from flexhinf.design.requirements.kinds import REQUIREMENTS, on_loops, register_rows
 from flexhinf.design.requirements.requirement import Requirement
 from flexhinf.design.specification import MIN_DAMPING, Specification
 
@@ -39,8 +39,7 @@ _ROWS = {
     "corners": ("unstable corners", "", "≤", "", "corners with a pole outside the unit circle"),
 }  # fmt: skip
 
-for name, (what, unit, sign, field, criterion) in _ROWS.items():
-    register(RequirementKind(name, what, criterion, unit, sign == "≤", field))
+register_rows(_ROWS)
 
 
 def of_several(joints: Sequence[str], joint: str | int) -> str:

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from flexhinf.design.requirements.kinds import RequirementKind, register
+from flexhinf.design.requirements.kinds import register_rows
 from flexhinf.design.requirements.requirement import SPEED
 
 #: Name, unit, whether the limit is an upper one (≤), field of the specification that states it, and criterion.
@@ -32,5 +32,4 @@ _ROWS = {
         "samples whose input was not there before the next sample was due"),
 }  # fmt: skip
 
-for name, (what, unit, sign, field, criterion) in _ROWS.items():
-    register(RequirementKind(name, what, criterion, unit, sign == "≤", field))
+register_rows(_ROWS)
