@@ -271,6 +271,16 @@ def refuse_stated(context: typer.Context, idle: Mapping[str, str]) -> None:
         )
 
 
+def refuse_existing(out: Path, force: bool) -> None:
+    """Refuse to write where there is something already, unless it may be replaced."""
+    refuse_if(
+        out.exists() and not force,
+        f"{out.name} is there already.",
+        f"expected a new name, got {out.absolute()}",
+        "another name, or --force, which replaces it",
+    )
+
+
 # Options without effect. What is switched off (0, false, nothing) asks for nothing, and is never among them.
 #: Fields of an estimator alone.
 NOISES = ("process_noise", "torque_noise", "measurement_noise")

@@ -17,6 +17,7 @@ from flexhinf import export, report
 from flexhinf.cli.arguments import (
     Command,
     Group,
+    refuse_existing,
     with_options,
 )
 from flexhinf.cli.designs import (
@@ -228,12 +229,7 @@ def _export(name: str, o: options.ExportFileOptions) -> None:
         else controller_file(o.source)
     )
     out = o.out or _named_after(o.source, kind.ending)
-    refuse_if(
-        out.exists() and not o.force,
-        f"{out.name} is there already.",
-        f"expected a new name, got {out.absolute()}",
-        "another name, or --force, which replaces it",
-    )
+    refuse_existing(out, o.force)
     if kind.check is not None:
         kind.check()
     designed = controller_of(path)
@@ -260,12 +256,7 @@ def export_mjcf(context: typer.Context, o: options.ExportMjcfOptions) -> None:
     with file_warnings(note):
         robot = read_request(meant_file(o.source), o.elastic or None, payload=o.payload or None).robot
     out = o.out or Path(f"{robot.name}.xml")
-    refuse_if(
-        out.exists() and not o.force,
-        "The file is there already.",
-        f"expected a new file, got {out.absolute()}",
-        "another name, or --force, which replaces it",
-    )
+    refuse_existing(out, o.force)
     model = elastic_mjcf(robot)
     for name, why in model.left_out.items():
         note(f"Without {name}: MuJoCo does not express it, {why}.")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import typer
 
-from flexhinf.cli.arguments import with_options
+from flexhinf.cli.arguments import refuse_existing, with_options
 from flexhinf.cli.messages import note, options
 from flexhinf.errors import refuse_if
 from flexhinf.files import write_file
@@ -54,12 +54,7 @@ def init(context: typer.Context, o: options.InitOptions) -> None:
         f"expected a name that ends in .toml, got {value_text(str(out))}",
         f"--out {out.with_suffix('.toml').name}",
     )
-    refuse_if(
-        out.exists() and not o.force,
-        f"There is a file {value_text(str(out))} already.",
-        "expected a new name, got one that exists",
-        "--out another.toml, or --force to replace it",
-    )
+    refuse_existing(out, o.force)
     changes: list[str] = []
     if path is None:
         text = template_text(o.joints, o.drive)
