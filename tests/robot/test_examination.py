@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from flexhinf import InvalidInput, load_robot
+from flexhinf.robot.drive_text import LOOPS
 from flexhinf.robot.examination import examine_robot, joint_facts
 from flexhinf.robot.init_file import description_of, robot_file_text
 from flexhinf.robot.parts import RobotFileWarning
@@ -104,7 +105,7 @@ def test_grippers_are_locked_and_a_torque_that_nobody_states_holds_the_arm(tmp_p
     assert all(1.5 * fact.weight < fact.effort < np.inf for fact in facts)
 
 
-@pytest.mark.parametrize("drive", ["torque", "current", "voltage"])
+@pytest.mark.parametrize("drive", ["torque", "current", "voltage", "velocity", "position"])
 def test_a_template_is_a_robot_whose_motors_hold_it(drive: str, tmp_path: Path) -> None:
     path = tmp_path / "arm.toml"
     path.write_text(template_text(3, drive), encoding="utf-8")
@@ -112,7 +113,8 @@ def test_a_template_is_a_robot_whose_motors_hold_it(drive: str, tmp_path: Path) 
     assert result.robot is not None
     assert result.robot.drive == drive
     assert {finding.severity for finding in result.findings} == {"doubt", "note"}
-    assert all(fact.weight < fact.effort for fact in result.joints)
+    assert all(fact.weight < fact.effort for fact in result.joints) or drive in LOOPS
+    assert all(np.isfinite(result.robot.effort_limits))
 
 
 def test_facts_of_joints_are_those_of_the_robot(tmp_path: Path) -> None:
