@@ -65,6 +65,7 @@ pages: environment-dev
 # Warnings are errors, and every program of gallery and notebooks runs; what ran before and has not changed is kept.
 SPHINX := $(PY) -m sphinx -W --keep-going
 docs: environment-docs
+	@$(PY) docs/website/words.py
 	$(SPHINX) -q docs build/docs/html
 	@echo "The site: build/docs/html/index.html"
 

@@ -34,7 +34,6 @@ extensions = [
     "website.references",
     "website.api",
     "website.live",
-    "website.pages",
 ]
 exclude_patterns = [
     "package.md",
