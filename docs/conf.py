@@ -11,7 +11,7 @@ ROOT = HERE.parent
 sys.path[:0] = [str(HERE), str(ROOT)]
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-from website import gallery, links  # noqa: E402
+from website import gallery, links, search  # noqa: E402
 
 import flexhinf  # noqa: E402
 
@@ -75,6 +75,7 @@ html_js_files = ["site.js"]
 html_math_renderer = "mathml"
 html_show_sourcelink = False
 html_copy_source = False
+html_search_scorer = search.write(ROOT / "build" / "docs" / "scorer.js")
 html_theme_options = {
     "logo": {"text": "flexhinf"},
     "navigation_with_keys": False,
