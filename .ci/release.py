@@ -20,6 +20,9 @@ from flit_core import buildapi
 
 ROOT = Path(__file__).resolve().parents[1]
 
+#: What a release has in CHANGELOG.md, its heading included.
+MOST_LINES = 40
+
 
 def version_of(root: Path) -> str:
     """The version, which pyproject.toml alone states."""
@@ -43,15 +46,30 @@ def contradictions(root: Path) -> list[str]:
             f"CHANGELOG.md begins with {log[1] if log else 'no version'}, pyproject.toml has {version}. "
             f"Try: ## [{version}] with the date as its topmost heading"
         )
+    told = _told(root)
+    if told > MOST_LINES:
+        found.append(
+            f"CHANGELOG.md tells {version} in {told} lines, at most {MOST_LINES}. Try: what a user notices alone"
+        )
     tags = _git(root, "tag", "--points-at", "HEAD").split()
     found += [
         f"The tag of this commit is {tag}, pyproject.toml has {version}. Try: git tag v{version}"
         for tag in tags
         if tag != f"v{version}"
     ]
-    if changed := _git(root, "status", "--porcelain"):
-        found.append(f"Files are not committed: {', '.join(changed.split()[1::2])}. Try: git commit, or git stash")
+    changed = [line[3:] for line in _git(root, "status", "--porcelain").splitlines()]
+    if changed:
+        more = ", …" * (len(changed) > 3)
+        found.append(
+            f"Files are not committed: {', '.join(changed[:3])}{more}. Try: git commit, or git stash"
+        )
     return found
+
+
+def _told(root: Path) -> int:
+    """Lines of the topmost version in CHANGELOG.md."""
+    parts = re.split(r"^(?=## )", (root / "CHANGELOG.md").read_text(encoding="utf-8"), flags=re.MULTILINE)
+    return len(parts[1].strip().splitlines()) if len(parts) > 1 else 0
 
 
 def _git(root: Path, *words: str) -> str:

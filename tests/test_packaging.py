@@ -108,6 +108,7 @@ def test_the_version_is_stated_once(repository: Path, release: dict[str, Any]) -
         ("v1.2.4", "", "", "", "tag"),
         ("", "CITATION.cff", "1.2.3", "1.2.2", "CITATION.cff"),
         ("", "CHANGELOG.md", "[1.2.3]", "[Unreleased]", "CHANGELOG.md"),
+        ("", "CHANGELOG.md", "2026-11-27\n", "2026-11-27\n" + "- x\n" * 40, "CHANGELOG.md tells"),
     ],
 )
 def test_a_release_that_differs_is_refused(

@@ -1,4 +1,4 @@
-"""Sixty questions of users: each has a page and a heading, two clicks from the first page, and the site's search finds it.
+"""Sixty questions of users: each has a page and a heading two clicks away, and the site's search finds it.
 
 The search is that of the site: Sphinx builds its index of the pages, and its own script ranks the results in a browser.
 """
