@@ -6,7 +6,7 @@ import ctypes
 
 import numpy as np
 
-from flexhinf.codegen.loops import DOUBLE, INT, LANES, LONG, VECTOR, Function, Text, fields
+from flexhinf.codegen.loops import DOUBLE, INT, LANES, LONG, VECTOR, Function, Text, fields, new_module
 
 
 def _scaled() -> Function:
@@ -44,11 +44,13 @@ def test_a_task_is_there_until_the_function_ends(monkeypatch):
 
 
 def test_integers_vectors_and_a_part():
-    part = Text("double_all", "X Y", part=True)
+    module = new_module()
+    part = Text("double_all", "X Y", True, module)
     x, y = part.fields()
     vector = x.load(VECTOR)
     y.store(vector + vector.shuffled(vector, [*range(1, LANES), 0]))
-    text = Text("whole", "N X Y", parts=part.finish())
+    part.finish()
+    text = Text("whole", "N X Y", module=module)
     n, x, y = text.fields()
     number = n.load(LONG)
     n.store((number * 7 - 1) / 2)

@@ -297,10 +297,8 @@ class _Emitter:
         writer, lanes = self.writer, self.lanes
         flag = writer.load_element(self._address(step.flag, turns), "0", self._shared(step.flag))
         wanted = writer.any(writer.compare("une", flag, lanes.constant(0.0)))
-        inside, after = writer.label("when"), writer.label("after")
-        writer.place(inside, f"br i1 {wanted}, label %{inside}, label %{after}")
-        self._body(step.body, turns)
-        writer.place(after, f"br label %{after}")
+        with writer.when(wanted):
+            self._body(step.body, turns)
 
     def _address(self, piece: Slice, turns: tuple[str, ...]) -> str:
         writer = self.writer
