@@ -111,9 +111,7 @@ class Value:
     def set_row(self, value: Value, index: Value | int = 0, past_cache: bool = False) -> None:
         """Put a vector there; `past_cache` if it is not read soon."""
         where = f"ptr {self.at(VECTOR, index).name}, align 64"
-        self.text.lines.do(
-            f"store {VECTOR} {value.name}, {where}{', !nontemporal !0' if past_cache else ''}"
-        )
+        self.text.lines.do(f"store {VECTOR} {value.name}, {where}{', !nontemporal !0' if past_cache else ''}")
 
     def shuffled(self, other: Value, lanes: list[int]) -> Value:
         """The vector of these lanes of both vectors, the second one's from 8 on."""
@@ -162,9 +160,7 @@ class Text:
     Where functions that call each other stand together. `lines`: The writer of the text.
     """
 
-    def __init__(
-        self, entry: str, fields: str, part: bool = False, module: ModuleText | None = None
-    ) -> None:
+    def __init__(self, entry: str, fields: str, part: bool = False, module: ModuleText | None = None) -> None:
         self.entry, self._part = entry, part
         self.module = new_module() if module is None else module
         self._kinds = ["ptr" if f[0].isupper() else DOUBLE if f[0] == "=" else LONG for f in fields.split()]
