@@ -21,8 +21,9 @@ from itertools import accumulate, groupby
 
 import casadi
 
-from flexhinf.codegen.dataflow import SELECT, Operation, read_stages
+from flexhinf.codegen.dataflow import LEAVES, Operation, read_dataflow
 from flexhinf.codegen.memory import Buffer, Part, Slice
+from flexhinf.codegen.operations import OPERATIONS, SELECT
 from flexhinf.codegen.program import Call, Copy, Repeat, Stages, Step, When
 from flexhinf.scalars.trace import built
 
@@ -38,9 +39,6 @@ FEW = 4
 
 #: Products, which become one with the only sum that reads them.
 PRODUCTS, SUMS = (casadi.OP_MUL, casadi.OP_SQ), (casadi.OP_ADD, casadi.OP_SUB)
-
-#: Operations that are no operations.
-LEAVES = (casadi.OP_CONST, casadi.OP_INPUT)
 
 #: A function: of those before a flag is asked, where it is set, or after (0, 1, 2), the k-th; where a reciprocal ends
 #: one, the piece of it.
@@ -71,14 +69,14 @@ class _Operations:
     def of(cls, call: Call) -> _Operations:
         stages = call.stages or Stages(call.function, (), ())
         count = len(stages.names)
-        flow = read_stages(stages.function, count)
+        flow = read_dataflow(stages.function, OPERATIONS, False, count)
         operations = list(flow.operations.values())
         stage = [min(bisect_left(flow.ends, k), max(count - 1, 0)) for k in range(len(operations))]
         labels = dict[int, tuple[str, int, int]]()
-        for result, element, k in flow.outputs:
-            if -len(stages.results) <= result < 0 and stage[k] == result + count and element:
-                labels.setdefault(k, (*stages.result(result + count, element - 1), element))
-        return cls(call, operations, [row for row in flow.outputs if row[0] >= 0], stage, labels)
+        for n, element, k in flow.stages if stages.results else ():
+            if stage[k] == n and element:
+                labels.setdefault(k, (*stages.result(n, element - 1), element))
+        return cls(call, operations, flow.outputs, stage, labels)
 
     def is_anywhere(self, k: int) -> bool:
         """Whether it is a flag that is reversed, which every function does by itself."""
@@ -94,9 +92,7 @@ class _Operations:
 
     def operands(self, k: int) -> tuple[int, ...]:
         """What an operation reads; of a flag that is reversed, the flag."""
-        if self.is_leaf(k):
-            return ()
-        return tuple(known for argument in self.operations[k].arguments for known in self.values(argument))
+        return tuple(known for value in self.operations[k].operands for known in self.values(value))
 
     def values(self, k: int) -> tuple[int, ...]:
         """The value of an operation, or what every function makes it of."""
@@ -108,7 +104,7 @@ class _Operations:
         found = dict.fromkeys((k for _, _, k in self.outputs), frozenset[int]())
         for k in reversed(range(len(self.operations))):
             operation = self.operations[k]
-            for place, argument in enumerate(() if self.is_leaf(k) else operation.arguments):
+            for place, argument in enumerate(operation.operands):
                 chosen = operation.code == SELECT and place == 1
                 flags = found[k] | {operation.arguments[0]} if chosen else found[k]
                 found[argument] = found.get(argument, flags) & flags

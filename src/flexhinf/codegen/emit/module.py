@@ -152,8 +152,8 @@ def _rounds(flow: Dataflow) -> list[tuple[list[int], list[int]]]:
     the sines and cosines, which need not wait for each other."""
     depths, rounds = dict[int, int](), list[tuple[list[int], list[int]]]()
     for k, operation in flow.operations.items():
-        before = () if operation.code == casadi.OP_INPUT else operation.arguments
-        depths[k] = max((depths[a] + (flow.operations[a].code in TURNS) for a in before), default=0)
+        before = (depths[a] + (flow.operations[a].code in TURNS) for a in operation.operands)
+        depths[k] = max(before, default=0)
         if depths[k] == len(rounds):
             rounds.append(([], []))
         rounds[depths[k]][operation.code in TURNS].append(k)
