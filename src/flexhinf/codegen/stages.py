@@ -18,6 +18,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate, groupby
+from typing import NamedTuple
 
 import casadi
 
@@ -51,6 +52,35 @@ def staged(call: Call, buffer: str, often: str = "") -> tuple[tuple[Step, ...], 
     `often`: A buffer whose flags are nearly always set, such as that of the measurement.
     """
     return _Functions(_Operations.of(call), buffer, often).steps()
+
+
+class Stage(NamedTuple):
+    """What a part of a function ends with, and what these values are called, if they have names."""
+
+    name: str
+    about: str
+    values: Sequence[casadi.SX]
+    labels: tuple[str, ...]
+
+
+def staged_call(
+    name: str,
+    inputs: Sequence[casadi.SX],
+    results: Sequence[Sequence[casadi.SX]],
+    ends: Sequence[Stage],
+    pieces: tuple[Sequence[Slice], Sequence[Slice]],
+    called: tuple[str, ...],
+) -> Call:
+    """The call of a function of some inputs in stages. `pieces`: Read and written; `called`: the names of both."""
+
+    def function(columns: Sequence[Sequence[casadi.SX]]) -> casadi.Function:
+        return casadi.Function(name, inputs, [casadi.densify(casadi.vertcat(*own)) for own in columns])
+
+    names, about, values, labels = zip(*ends) if ends else ((),) * 4
+    stages = Stages(function([*values, *results]), names, about, labels=labels)
+    said = {*filter(None, about)}
+    sentence = said.pop() if len(said) == 1 else ""
+    return Call(function(results), tuple(pieces[0]), tuple(pieces[1]), sentence, called, stages)
 
 
 @dataclass(frozen=True)
@@ -342,54 +372,40 @@ class _Functions:
                 written.append(replace(whole, offset=whole.offset + run[0][0], size=len(run)))
                 results.append([values[k] for _, k in run])
                 names.append(self._name(function.n_in() + result))
-        members = [k for k, own in self.group.items() if own == group]
-        stages = self._stages(group, members, [*symbols.values(), *passed.values()], results, values)
-        said = list(dict.fromkeys(filter(None, stages.about)))
+        whole, stages = self._stages(group, values)
+        said = next((stage.about for stage in stages if stage.about), "")
         if said and names and names[0] in self.parts:
-            sentence = " ".join(said[0].partition("\n\n")[0].split())
+            sentence = " ".join(said.partition("\n\n")[0].split())
             abouts.setdefault(names[0], sentence if sentence not in abouts.values() else "")
-        inputs = (*(self.call.inputs[k] for k in read), *pieces.values())
-        names_of = (*(self._name(k) for k in read), *pieces, *names)
-        called = casadi.Function(
-            stages.function.name(), [*symbols.values(), *passed.values()], _columns(results)
-        )
-        return Call(called, inputs, tuple(written), said[0] if len(said) == 1 else "", names_of, stages)
+        inputs, places = [*symbols.values(), *passed.values()], [self.call.inputs[k] for k in read]
+        called = (*(self._name(k) for k in read), *pieces, *names)
+        return staged_call(whole, inputs, results, stages, ([*places, *pieces.values()], written), called)
 
     def _name(self, k: int) -> str:
         """What an argument or a result of the call is called."""
         return self.call.names[k] if self.call.names else f"i{k}"
 
-    def _stages(
-        self,
-        group: Group,
-        members: Sequence[int],
-        inputs: Sequence[casadi.SX],
-        results: Sequence[Sequence[casadi.SX]],
-        values: Mapping[int, casadi.SX],
-    ) -> Stages:
-        """The stages of one function, which has the name of its longest one, or of the turn of a loop."""
-        sizes = Counter(self.traced.stage[k] for k in members)
-        of = self.call.stages
+    def _stages(self, group: Group, values: Mapping[int, casadi.SX]) -> tuple[str, list[Stage]]:
+        """The name of one function, that of its longest stage or of the turn of a loop, and its stages."""
+        traced, of = self.traced, self.call.stages
+        members = [k for k, own in self.group.items() if own == group]
         if not of or not of.names:
-            return Stages(
-                casadi.Function(f"{self.call.function.name()}_{group[0]}", inputs, _columns(results)), (), ()
-            )
+            return f"{self.call.function.name()}_{group[0]}", []
+        sizes = Counter(traced.stage[k] for k in members)
         own = sorted(sizes)
         turn = next((name for k in own if (name := of.turns[k])), "") if of.turns else ""
-        name = turn or of.names[max(own, key=sizes.__getitem__)]
-        ends = [[k for k in members if self.traced.stage[k] == stage] for stage in own]
-        function = casadi.Function(
-            name, inputs, _columns([*([values[k] for k in end] for end in ends), *results])
-        )
-        names, about = (tuple(texts[k] for k in own) for texts in (of.names, of.about))
-        known = [self.traced.labels[k][:2] for k in members if k in self.traced.labels]
+        known = [traced.labels[k][:2] for k in members if k in traced.labels]
         first = {label: min(at for name, at in known if name == label) for label, _ in known}
 
         def label(k: int) -> str:
-            name, place, _ = self.traced.labels.get(k, ("", 0, 0))
+            name, place, _ = traced.labels.get(k, ("", 0, 0))
             return f"{name}_{place - first[name]}" if name else ""
 
-        return Stages(function, names, about, labels=tuple(tuple(map(label, end)) for end in ends))
+        ends = [[k for k in members if traced.stage[k] == stage] for stage in own]
+        return turn or of.names[max(own, key=sizes.__getitem__)], [
+            Stage(of.names[k], of.about[k], [values[m] for m in end], tuple(map(label, end)))
+            for k, end in zip(own, ends)
+        ]
 
 
 def _copies(traced: _Operations) -> tuple[list[Copy], list[tuple[int, int, int]]]:
@@ -433,10 +449,6 @@ def _repeated(calls: Iterable[Call]) -> Iterator[Step]:
     for _, same in groupby(calls, key):
         call, *others = same
         yield Repeat(1 + len(others), (call,)) if others else call
-
-
-def _columns(results: Iterable[Sequence[casadi.SX]]) -> list[casadi.SX]:
-    return [casadi.densify(casadi.vertcat(*values)) for values in results]
 
 
 def _runs(rows: list[tuple[int, int]]) -> Iterator[list[tuple[int, int]]]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import accumulate, groupby, pairwise
+from itertools import groupby
 from typing import Any, get_args
 
 import casadi
@@ -26,12 +26,12 @@ from flexhinf.codegen.program import (
     OuterSum,
     Program,
     Repeat,
-    Stages,
     Step,
     Sweep,
     When,
     slices,
 )
+from flexhinf.codegen.stages import Stage, staged_call
 from flexhinf.scalars import cholesky, trace
 from flexhinf.scalars.trace import instructions
 
@@ -221,7 +221,7 @@ class _Text:
     def __init__(self) -> None:
         self.before: dict[Place, Any] = {}  # what is read from memory
         self.now: dict[Place, Any] = {}  # what has changed
-        self.stages: list[tuple[str, str, Any, Sequence[Place]]] = []
+        self.stages: list[tuple[str, str, list[Any], Sequence[Place]]] = []
 
     def add(self, step: Step, about: str) -> None:
         """Evaluate one more step; `about`: what begins with it, or nothing."""
@@ -253,16 +253,13 @@ class _Text:
         read = [*memory.read(before, {buffer for buffer, _ in changed})]
         inputs = [casadi.vertcat(*map(self._value_before, _places(piece))) for piece in read]
         outputs = [[self.now[place] for place in _places(piece)] for piece in written]
-        names, about, values, places = zip(*self.stages, strict=True)
         name = max(self.stages, key=lambda stage: len(stage[2]))[0]
         name = memory.label((written[0].buffer, written[0].offset)) if name == SUMS else name
-        called = tuple(("", *map(memory.element, own)) for own in places)
-        stages = Stages(
-            _function(name, inputs, [*([0.0, *own] for own in values), *outputs]), names, about, labels=called
-        )
-        said = about[0] if len(set(about)) == 1 else ""
-        labels = _labels([*read, *written], memory)
-        return Call(_function(name, inputs, outputs), tuple(read), tuple(written), said, labels, stages)
+        ends = [
+            Stage(own, about, values, tuple(map(memory.element, places)))
+            for own, about, values, places in self.stages
+        ]
+        return staged_call(name, inputs, outputs, ends, (read, written), _labels([*read, *written], memory))
 
     def _evaluate(
         self, function: Any, arguments: Iterable[list[Any]], written: Sequence[Sequence[Place]], about: str
@@ -301,14 +298,6 @@ def _labels(pieces: Sequence[Slice], memory: _Straight) -> tuple[str, ...]:
         taken[label := memory.label((piece.buffer, piece.offset))] += 1
         labels.append(label + f"_{taken[label]}" * (taken[label] > 1))
     return tuple(labels)
-
-
-def _function(name: str, inputs: Sequence[Any], results: Sequence[Sequence[Any]]) -> Any:
-    """A function of CasADi with dense results, in which equal expressions are computed once."""
-    shared = casadi.cse(casadi.vertcat(*(value for values in results for value in values)))
-    ends = [0, *accumulate(map(len, results))]
-    outputs = [casadi.densify(shared[first:end]) for first, end in pairwise(ends)]
-    return casadi.Function(name, inputs, outputs)
 
 
 def _sum(step: OuterSum, read: Callable[[Slice], list[Any]]) -> list[Any]:
