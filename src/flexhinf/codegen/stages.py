@@ -78,8 +78,7 @@ def staged_call(
 
     names, about, values, labels = zip(*ends) if ends else ((),) * 4
     stages = Stages(function([*values, *results]), names, about, labels=labels)
-    said = {*filter(None, about)}
-    sentence = said.pop() if len(said) == 1 else ""
+    sentence = about[0] if len({*about}) == 1 else ""
     return Call(function(results), tuple(pieces[0]), tuple(pieces[1]), sentence, called, stages)
 
 
