@@ -133,6 +133,10 @@ bench-limits: environment-dev
 bench-firmware: environment-dev
 	$(PY) -m benchmarks.firmware
 
+# Needs gcc, objdump, valgrind and cppcheck; two designs of seven links, half an hour.
+bench-codegen: environment-dev
+	$(PY) -m benchmarks.codegen
+
 # A step of the filters in both forms, and beside filterpy's; some minutes.
 bench-estimator: environment-dev
 	OMP_NUM_THREADS=1 $(PY) -m benchmarks.estimator

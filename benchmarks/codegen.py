@@ -3,6 +3,7 @@
     python -m benchmarks.codegen                 measures every program, and keeps the rows in benchmarks/codegen.json
     python -m benchmarks.codegen --keep FOLDER   keeps controllers and exported C there too; controllers that are there
                                                  already are taken, so that two checkouts are compared by `diff -r`
+    python -m benchmarks.codegen --only 7w       measures one, and keeps its row in the place of the old
     python -m benchmarks.codegen --table         prints the tables of the rows that are kept
 
 Counted, not timed: instructions of the object code, those of a step by callgrind, the stack along the deepest calls,
@@ -47,14 +48,20 @@ def main() -> int:
     """Measure and keep, or print the tables."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.codegen", description=__doc__)
     parser.add_argument("--keep", type=Path, help="a folder for controllers and their C")
+    parser.add_argument("--only", choices=[*map(str, firmware.DESIGNS)], help="the row of one controller")
     parser.add_argument("--table", action="store_true", help="print rows that are kept")
     wanted = parser.parse_args()
+    kept = json.loads(KEPT.read_text(encoding="utf-8")) if KEPT.exists() else {"programs": []}
     if not wanted.table:
+        rows = {row["links"]: row for row in kept["programs"]}
         with tempfile.TemporaryDirectory() as work:
-            folder = wanted.keep or Path(work)
-            rows = [measured(links, folder) for links in firmware.DESIGNS]
-        KEPT.write_text(json.dumps({"programs": rows, "text": lengths()}, indent=1) + "\n", encoding="utf-8")
-    print(table(json.loads(KEPT.read_text(encoding="utf-8"))))
+            for links in firmware.DESIGNS:  # kept one by one
+                if wanted.only in (None, str(links)):
+                    rows[links] = measured(links, wanted.keep or Path(work))
+                    known = [rows[links] for links in firmware.DESIGNS if links in rows]
+                    kept = {"programs": known, "text": lengths()}
+                    KEPT.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
+    print(table(kept))
     return 0
 
 
