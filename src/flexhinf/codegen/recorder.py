@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import partial, wraps
 from typing import Any
 
 import numpy as np
 
 from flexhinf.codegen.compose import Direct, documentation, function_name, result_names
-from flexhinf.codegen.program import Stages
+from flexhinf.codegen.program import Stages, TracedStage
 
 
 def _kept(name: str) -> Any:
@@ -22,18 +21,6 @@ def _kept(name: str) -> Any:
         return self.kept(own, partial(own, self), *arrays, **options)
 
     return wraps(own)(method)
-
-
-@dataclass
-class _Stage:
-    """What was computed at once: `turn`: the loop whose turn begins with it; `result`: arrays of the shapes."""
-
-    name: str
-    about: str
-    begins: bool
-    turn: str
-    results: tuple[tuple[str, int, int], ...]
-    value: Any
 
 
 class Recorder(Direct):
@@ -48,7 +35,7 @@ class Recorder(Direct):
 
     def begin(self) -> None:
         """As `Direct.begin`."""
-        self._done: list[_Stage] = []
+        self._done: list[tuple[TracedStage, Any]] = []
         self._inside = False
         self._section = self._turn = ""
         self._names = Counter[str]()
@@ -57,20 +44,12 @@ class Recorder(Direct):
         )
 
     def recorded(self) -> list[Any]:
-        """As `Direct.recorded`: an array for each stage."""
-        return [np.concatenate([np.zeros(1), *_flat(stage.value)]) for stage in self._done]
+        """As `Direct.recorded`: an array for each stage, of a zero and what it gives."""
+        return [np.concatenate([np.zeros(1), *_flat(result)]) for _, result in self._done]
 
     def stages(self, function: Any) -> Stages:
         """Those of a function whose first results are the arrays that were recorded."""
-        done = self._done
-        return Stages(
-            function,
-            tuple(stage.name for stage in done),
-            tuple(stage.about for stage in done),
-            tuple(stage.results for stage in done),
-            tuple(stage.begins for stage in done),
-            tuple(stage.turn for stage in done),
-        )
+        return Stages(function, tuple(stage for stage, _ in self._done))
 
     def kept(
         self, named: Callable[..., Any], compute: Callable[..., Any], *arrays: Any, **options: Any
@@ -86,7 +65,7 @@ class Recorder(Direct):
         about, begins = self._section or documentation(named), bool(self._section or self._turn)
         results = self._results(named, result)
         name = result_names(named, 1)[0] if len(results) == 1 else function_name(named)
-        self._done.append(_Stage(name, about, begins, self._turn, results, result))
+        self._done.append((TracedStage(name, about, results, begins, self._turn), result))
         self._section = self._turn = ""
         return result
 

@@ -18,14 +18,13 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate, groupby
-from typing import NamedTuple
 
 import casadi
 
 from flexhinf.codegen.dataflow import LEAVES, Operation, read_dataflow
 from flexhinf.codegen.memory import Buffer, Part, Slice
 from flexhinf.codegen.operations import OPERATIONS, SELECT
-from flexhinf.codegen.program import Call, Copy, Repeat, Stages, Step, When
+from flexhinf.codegen.program import Call, Copy, Repeat, Stages, Step, TracedStage, When
 from flexhinf.scalars.trace import built
 
 #: Operations for which a flag is asked; fewer cost less than what two more calls pass on.
@@ -54,58 +53,52 @@ def staged(call: Call, buffer: str, often: str = "") -> tuple[tuple[Step, ...], 
     return _Functions(_Operations.of(call), buffer, often).steps()
 
 
-class Stage(NamedTuple):
-    """What a part of a function ends with, and what these values are called, if they have names."""
-
-    name: str
-    about: str
-    values: Sequence[casadi.SX]
-    labels: tuple[str, ...]
-
-
 def staged_call(
     name: str,
     inputs: Sequence[casadi.SX],
     results: Sequence[Sequence[casadi.SX]],
-    ends: Sequence[Stage],
+    stages: Sequence[TracedStage],
+    ends: Sequence[Sequence[casadi.SX]],
     pieces: tuple[Sequence[Slice], Sequence[Slice]],
     called: tuple[str, ...],
 ) -> Call:
-    """The call of a function of some inputs in stages. `pieces`: Read and written; `called`: the names of both."""
+    """The call of a function of some inputs in stages, and what these end with. `pieces`: Read and written; `called`:
+    the names of both."""
 
     def function(columns: Sequence[Sequence[casadi.SX]]) -> casadi.Function:
         return casadi.Function(name, inputs, [casadi.densify(casadi.vertcat(*own)) for own in columns])
 
-    names, about, values, labels = zip(*ends) if ends else ((),) * 4
-    stages = Stages(function([*values, *results]), names, about, labels=labels)
-    sentence = about[0] if len({*about}) == 1 else ""
-    return Call(function(results), tuple(pieces[0]), tuple(pieces[1]), sentence, called, stages)
+    whole = Stages(function([*ends, *results]), tuple(stages))
+    about = {stage.about for stage in stages}
+    sentence = about.pop() if len(about) == 1 else ""
+    return Call(function(results), tuple(pieces[0]), tuple(pieces[1]), sentence, called, whole)
 
 
 @dataclass(frozen=True)
 class _Operations:
-    """Those of a call that results need, in order; `outputs` are (result, element, operation). `stage`: of each.
-    `labels`: Of what a stage gives: the name of the result, the place in it, and that in all that the
+    """Those of a call that results need, in order; `outputs` are (result, element, operation). `stages`: of the call;
+    `stage`: of each. `labels`: Of what a stage gives: the name of the result, the place in it, and that in all that the
     stage gives."""
 
     call: Call
     operations: list[Operation]
     outputs: list[tuple[int, int, int]]
+    stages: tuple[TracedStage, ...]
     stage: list[int]
     labels: dict[int, tuple[str, int, int]]
 
     @classmethod
     def of(cls, call: Call) -> _Operations:
-        stages = call.stages or Stages(call.function, (), ())
-        count = len(stages.names)
+        stages = call.stages or Stages(call.function, ())
+        count, rows = len(stages.rows), stages.rows
         flow = read_dataflow(stages.function, OPERATIONS, False, count)
         operations = list(flow.operations.values())
         stage = [min(bisect_left(flow.ends, k), max(count - 1, 0)) for k in range(len(operations))]
         labels = dict[int, tuple[str, int, int]]()
-        for n, element, k in flow.stages if stages.results else ():
+        for n, element, k in flow.stages:
             if stage[k] == n and element:
-                labels.setdefault(k, (*stages.result(n, element - 1), element))
-        return cls(call, operations, flow.outputs, stage, labels)
+                labels.setdefault(k, (*rows[n].result(element - 1), element))
+        return cls(call, operations, flow.outputs, rows, stage, labels)
 
     def is_anywhere(self, k: int) -> bool:
         """Whether it is a flag that is reversed, which every function does by itself."""
@@ -179,11 +172,12 @@ class _Operations:
     def grouped(self, part: Mapping[int, int]) -> dict[int, Group]:
         """The function of each operation: whole stages up to `MOST` operations, all columns of a matrix if they are not
         too many, or a piece of a long stage."""
-        group, begins = dict[int, Group](), self.call.stages.begins if self.call.stages else ()
+        group = dict[int, Group]()
         for which in sorted({*part.values()}):
             number, total, before = 0, 0, -1
             for stage, values, alone in self._families([k for k in part if part[k] == which]):
-                new = alone or (any(begins[before + 1 : stage + 1]) and total >= SECTION)
+                begins = any(each.begins for each in self.stages[before + 1 : stage + 1])
+                new = alone or (begins and total >= SECTION)
                 if total and (new or total + len(values) > MOST):
                     number, total = number + 1, 0
                 pieces = -(-len(values) // LONGEST)
@@ -223,8 +217,7 @@ class _Operations:
     def _families(self, members: Iterable[int]) -> Iterator[tuple[int, list[int], bool]]:
         """Operations of a stage, or of those for all columns of a matrix, after the first stage; and whether they are
         of one of too many columns."""
-        results = self.call.stages.results if self.call.stages else ()
-        names = [next((name for name, *_ in own), "") for own in results]
+        names = [next((name for name, *_ in stage.results), "") for stage in self.stages]
         own = sorted(members, key=self.stage.__getitem__)
         for _, family in groupby(own, lambda k: names[self.stage[k]] if names else self.stage[k]):
             values = list(family)
@@ -302,8 +295,8 @@ class _Functions:
         """The part of the buffer for a value: that of a stage's result, or what else is known of its stage."""
         if k in self.traced.labels:
             return self.traced.labels[k][0]
-        group, stages = self.group[k], self.call.stages
-        name = stages.names[self.traced.stage[k]] if stages and stages.names else self.call.function.name()
+        group, stages = self.group[k], self.traced.stages
+        name = stages[self.traced.stage[k]].name if stages else self.call.function.name()
         numbers = self._others.setdefault(name, {})
         number = numbers.setdefault(group, len(numbers) + 1)
         return f"of_{name}" + str(number) * (number > 1)
@@ -371,28 +364,35 @@ class _Functions:
                 written.append(replace(whole, offset=whole.offset + run[0][0], size=len(run)))
                 results.append([values[k] for _, k in run])
                 names.append(self._name(function.n_in() + result))
-        whole, stages = self._stages(group, values)
+        whole, stages, ends = self._stages(group, values)
         said = next((stage.about for stage in stages if stage.about), "")
         if said and names and names[0] in self.parts:
             sentence = " ".join(said.partition("\n\n")[0].split())
             abouts.setdefault(names[0], sentence if sentence not in abouts.values() else "")
         inputs, places = [*symbols.values(), *passed.values()], [self.call.inputs[k] for k in read]
         called = (*(self._name(k) for k in read), *pieces, *names)
-        return staged_call(whole, inputs, results, stages, ([*places, *pieces.values()], written), called)
+        return staged_call(
+            whole, inputs, results, stages, ends, ([*places, *pieces.values()], written), called
+        )
 
     def _name(self, k: int) -> str:
         """What an argument or a result of the call is called."""
         return self.call.names[k] if self.call.names else f"i{k}"
 
-    def _stages(self, group: Group, values: Mapping[int, casadi.SX]) -> tuple[str, list[Stage]]:
-        """The name of one function, that of its longest stage or of the turn of a loop, and its stages."""
-        traced, of = self.traced, self.call.stages
+    def _stages(
+        self, group: Group, values: Mapping[int, casadi.SX]
+    ) -> tuple[str, list[TracedStage], list[list[casadi.SX]]]:
+        """The name of one function, that of its longest stage or of the turn of a loop, its stages, and their ends."""
+        traced = self.traced
         members = [k for k, own in self.group.items() if own == group]
-        if not of or not of.names:
-            return f"{self.call.function.name()}_{group[0]}", []
-        sizes = Counter(traced.stage[k] for k in members)
-        own = sorted(sizes)
-        turn = next((name for k in own if (name := of.turns[k])), "") if of.turns else ""
+        if not traced.stages:
+            return f"{self.call.function.name()}_{group[0]}", [], []
+        ends = {
+            stage: [k for k in members if traced.stage[k] == stage] for stage in range(len(traced.stages))
+        }
+        ends = {stage: end for stage, end in ends.items() if end}
+        own = [traced.stages[stage] for stage in ends]
+        longest = max(ends, key=lambda stage: len(ends[stage]))
         known = [traced.labels[k][:2] for k in members if k in traced.labels]
         first = {label: min(at for name, at in known if name == label) for label, _ in known}
 
@@ -400,11 +400,12 @@ class _Functions:
             name, place, _ = traced.labels.get(k, ("", 0, 0))
             return f"{name}_{place - first[name]}" if name else ""
 
-        ends = [[k for k in members if traced.stage[k] == stage] for stage in own]
-        return turn or of.names[max(own, key=sizes.__getitem__)], [
-            Stage(of.names[k], of.about[k], [values[m] for m in end], tuple(map(label, end)))
-            for k, end in zip(own, ends)
+        stages = [
+            TracedStage(stage.name, stage.about, labels=tuple(map(label, end)))
+            for stage, end in zip(own, ends.values())
         ]
+        turn = next((stage.turn for stage in own if stage.turn), traced.stages[longest].name)
+        return turn, stages, [[values[k] for k in end] for end in ends.values()]
 
 
 def _copies(traced: _Operations) -> tuple[list[Copy], list[tuple[int, int, int]]]:
