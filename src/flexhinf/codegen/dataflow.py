@@ -55,7 +55,9 @@ class Operation(NamedTuple):
 
     def at(self, places: Sequence[int] | Mapping[int, int]) -> Operation:
         """The same on values that stand elsewhere."""
-        return self._replace(arguments=tuple([places[a] for a in self.operands])) if self.operands else self
+        if self.code in LEAVES:
+            return self
+        return Operation(self.code, tuple([places[a] for a in self.arguments]))
 
 
 @dataclass(frozen=True)
