@@ -475,6 +475,7 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
     "which-gamma": ("docs/which_law.md", benchmark("benchmarks.workspace", "--table", "gamma")),
     "certificates": ("docs/certificate_study.md", benchmark("benchmarks.certificates", "--table")),
     "firmware": ("docs/deployment.md", benchmark("benchmarks.firmware", "--table")),
+    "codegen": ("docs/architecture.md", benchmark("benchmarks.codegen", "--table")),
     "firmware-peers": ("docs/deployment.md", benchmark("benchmarks.firmware", "--table", "peers")),
     "estimators-speed": ("docs/estimators_speed.md", benchmark("benchmarks.estimator", "--table")),
     "hard-filters": ("docs/estimators_accuracy.md", benchmark("benchmarks.filters", "--table", "hard")),
