@@ -15,6 +15,7 @@ import numpy as np
 from flexhinf.codegen.c import comment
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.controller_c import NOTHING, ControllerCode, code_of
+from flexhinf.export.follow import follow_files
 from flexhinf.export.names import PARTS
 from flexhinf.export.recording import Recording, record, with_both_roundings
 from flexhinf.export.refusals import check_limits
@@ -48,6 +49,11 @@ class Export:
     def home(self) -> tuple[str, np.ndarray]:
         """What a command of the templates begins with, in words and as numbers."""
         return _home(self.code)
+
+    @cached_property
+    def follow(self) -> dict[str, str]:
+        """The files that follow trajectories; none for a law of one pose."""
+        return follow_files(self.code)
 
     @cached_property
     def ros2(self) -> dict[str, Any]:
@@ -209,17 +215,19 @@ def controller_files(
     runs = (run,) if real == "float" else with_both_roundings(code.controller, run)
     export = Export(code, runs, accuracy(code, run), design)
     paths = {"name": code.name, "package": package_name(code)}
+    sources = code.files | export.follow
     return {
-        **code.files,
+        **sources,
         **{render_text(file.path, **paths): _rendered(export, file) for file in FILES},
-        **{f"ros2/src/{path}": text for path, text in code.files.items()},
+        **{f"ros2/src/{path}": text for path, text in sources.items()},
         **{f"design/{path}": text for path, text in design.items()},
     }
 
 
 def _rendered(export: Export, file: File) -> str:
     code = export.code
-    return render_c(file.template, code.name, code.real, **code.values, **file.values(export))
+    values = {**code.values, "follows": bool(export.follow), **file.values(export)}
+    return render_c(file.template, code.name, code.real, **values)
 
 
 def _home(code: ControllerCode) -> tuple[str, np.ndarray]:
