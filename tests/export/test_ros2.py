@@ -117,25 +117,31 @@ def flat(parameters: dict[str, Any], before: str = "") -> Iterator[tuple[str, An
             yield f"{before}{name}", value
 
 
+def built(
+    folder: Path, controller: fh.Controller, version: str = "HUMBLE", robot: fh.Robot | None = None
+) -> tuple[ctypes.CDLL, Path]:
+    """A controller's package in a shared library, with the manager's part, and its folder."""
+    if shutil.which("g++") is None or shutil.which("gcc") is None:
+        pytest.skip("missing: g++")
+    package = export_c(controller, folder / "c", "arm", robot=robot) / "ros2"
+    own = (f"-I{package / 'include'}", f"-I{package / 'src'}")
+    objects = []
+    for source in (HERE / "manager.cpp", *(package / "src").glob("*.c*")):
+        objects.append(folder / f"{source.stem}.o")
+        c = ("gcc", "-std=c99", "-O0", "-fPIC", "-Wall", "-Wextra", "-Werror")
+        words = c if source.suffix == ".c" else ("g++", *STRICT, f"-D{version}", *own)
+        subprocess.run([*words, "-c", source, "-o", objects[-1]], check=True)
+    subprocess.run(["g++", "-shared", *objects, "-lm", "-o", folder / "controller.so"], check=True)
+    return ctypes.CDLL(str(folder / "controller.so")), package
+
+
 @pytest.fixture(scope="module")
 def managed(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Callable[[], Manager]]:
     """Exports and builds a controller's package; makes new managers of it."""
-    if shutil.which("g++") is None or shutil.which("gcc") is None:
-        pytest.skip("missing: g++")
 
     @cache
     def build(controller: fh.Controller, version: str = "HUMBLE") -> Callable[[], Manager]:
-        folder = tmp_path_factory.mktemp("ros2")
-        package = export_c(controller, folder / "c", "arm") / "ros2"
-        own = (f"-I{package / 'include'}", f"-I{package / 'src'}")
-        objects = []
-        for source in (package / "src/controller.cpp", HERE / "manager.cpp", *(package / "src").glob("*.c")):
-            objects.append(folder / f"{source.stem}.o")
-            c = ("gcc", "-std=c99", "-O0", "-fPIC", "-Wall", "-Wextra", "-Werror")
-            words = c if source.suffix == ".c" else ("g++", *STRICT, f"-D{version}", *own)
-            subprocess.run([*words, "-c", source, "-o", objects[-1]], check=True)
-        subprocess.run(["g++", "-shared", *objects, "-lm", "-o", folder / "controller.so"], check=True)
-        library = ctypes.CDLL(str(folder / "controller.so"))
+        library, package = built(tmp_path_factory.mktemp("ros2"), controller, version)
         return lambda: Manager(library, package)
 
     return build

@@ -36,7 +36,7 @@ def follower_of(code: ControllerCode) -> Follower | None:
         return None
     count = min(max(1, round(SMOOTHING / c.period)), LONGEST // KNOTS)
     try:
-        return Follower(robot, c.period, count * c.period, c.mode.latency)
+        return Follower(robot, c.period, count * c.period, c.mode.latency + 1)
     except InvalidInput:  # a joint without a spring's inverse
         return None
 

@@ -68,6 +68,7 @@ class File:
     path: str
     template: str
     values: Callable[[Export], Mapping[str, Any]] = lambda export: NOTHING
+    follows: bool = False  # only there where trajectories are followed
 
 
 def _drives(export: Export) -> dict[str, Any]:
@@ -101,6 +102,8 @@ FILES = (
     File("ros2/config/@{package}.yaml", "ros2/controller.yaml", _ros2),
     File("ros2/include/@{package}/controller.hpp", "ros2/controller.hpp", _ros2),
     File("ros2/src/controller.cpp", "ros2/controller.cpp", _ros2),
+    File("ros2/include/@{package}/trajectories.hpp", "ros2/trajectories.hpp", _ros2, follows=True),
+    File("ros2/src/trajectories.cpp", "ros2/trajectories.cpp", _ros2, follows=True),
 )
 
 
@@ -218,7 +221,11 @@ def controller_files(
     sources = code.files | export.follow
     return {
         **sources,
-        **{render_text(file.path, **paths): _rendered(export, file) for file in FILES},
+        **{
+            render_text(file.path, **paths): _rendered(export, file)
+            for file in FILES
+            if export.follow or not file.follows
+        },
         **{f"ros2/src/{path}": text for path, text in sources.items()},
         **{f"design/{path}": text for path, text in design.items()},
     }

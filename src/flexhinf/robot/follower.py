@@ -1,6 +1,6 @@
 """Trajectories as ROS 2 sends them, followed by an elastic arm: one reference for the controller each sample.
 
-A goal has waypoints with times. Between two of them the path is linear, cubic or quintic, as they state positions alone,
+A goal has waypoints with times. Between two of them the path is linear, cubic or quintic, as they state positions,
 velocities too, or accelerations too, like that of joint_trajectory_controller. The path is smoothed by the B-splines of
 `Feedforward`, so that the inverse dynamics of the elastic joints have the four derivatives that they need: also where
 a goal is replaced, cancelled or linear. All is done in a bounded number of operations; the C of an export computes the
@@ -114,10 +114,10 @@ class FollowGoal:
     @property
     def arrays(self) -> list[np.ndarray]:
         """Positions, and what else there is (N, k)."""
-        order = 1 if self.velocities is None else 2 if self.accelerations is None else 3
-        stated = (self.positions, self.velocities, self.accelerations)[:order]
+        accelerations = None if self.velocities is None else self.accelerations
+        stated = (self.positions, self.velocities, accelerations)
         shape = np.size(self.times), len(self.joint_names)
-        return [np.reshape(np.asarray(rows, dtype=float), shape) for rows in stated]
+        return [np.reshape(np.asarray(rows, dtype=float), shape) for rows in stated if rows is not None]
 
     @property
     def order(self) -> int:
@@ -160,7 +160,8 @@ class Follower:
     smoothing : float
         T of `Feedforward`, s: the links are later than the trajectory by 3 T, and stop 6 T after its end.
     latency : int
-        Samples after which the controller's input acts.
+        Samples from a row until the links are there: those after which the controller's input acts, and one more where
+        what `step` is told is an estimate of the sample before.
     stop_time : float
         In which joints come to rest after a cancelled goal, or that a goal leaves out, s.
     partial : bool

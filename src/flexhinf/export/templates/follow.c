@@ -486,6 +486,7 @@ int @{name}_follow_step(@{name}_follow_state *state, const @{name}_follow_option
         output->velocity[j] = state->before[@{latency}][1][j];
     }
     @{called}(motion[0], motion[1], motion[2], motion[3], motion[4], param->value, output->r, output->r + @{NAME}_STATES);
+    output->waits = state->has_next;
     output->result = (refused == @{NAME}_FOLLOW_ACTIVE) ? judge(state, options, input) : refused;
     return output->result;
 }

@@ -65,7 +65,7 @@ typedef struct {
 extern const @{name}_follow_options @{name}_follow_defaults;
 
 typedef struct {
-    @{name}_real position[@{NAME}_FOLLOW_JOINTS], velocity[@{NAME}_FOLLOW_JOINTS]; /* of the links, as estimated */
+    @{name}_real position[@{NAME}_FOLLOW_JOINTS], velocity[@{NAME}_FOLLOW_JOINTS]; /* as output.estimate of the last step */
     @{name}_real speed;     /* fraction of its speed with which a trajectory is followed, 0 to 1 */
     @{name}_real path_rate; /* output.path_rate of the last @{name}_step; 1 before it */
 } @{name}_follow_input;
@@ -73,6 +73,7 @@ typedef struct {
 typedef struct {
     @{name}_real r[@{NAME}_COMMANDS];
     @{name}_real position[@{NAME}_FOLLOW_JOINTS], velocity[@{NAME}_FOLLOW_JOINTS]; /* where the links are to be now */
+    int waits;  /* whether a goal waits until it begins; the one before is still followed */
     int result; /* @{NAME}_FOLLOW_ACTIVE, _IDLE, or in one sample how the goal ended */
 } @{name}_follow_output;
 
