@@ -7,6 +7,7 @@ import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from tests.export.test_rest import controller_of, robot_of
 
 import flexhinf as fh
 from flexhinf.export.controller_c import ControllerCode, code_of
-from flexhinf.export.follow import follow_files, follower_of
+from flexhinf.export.follow import follow_files, follower_of, largest_twists
 from flexhinf.robot import FollowCode, FollowGoal
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -216,13 +217,10 @@ def ends(codes: list[FollowCode]) -> list[tuple[int, FollowCode]]:
     return [(k, code) for k, code in enumerate(codes) if code <= FollowCode.SUCCESSFUL]
 
 
+@pytest.mark.ci("3,000 samples in Python, and two compilations")
 @pytest.mark.parametrize(
     ("name", "real"),
-    [
-        pytest.param("planar-two-link", "double", marks=pytest.mark.costs("compiles what quick tests share")),
-        pytest.param("planar-two-link", "float", marks=pytest.mark.ci("compiles one more")),
-        pytest.param("rigid planar-two-link", "double", marks=pytest.mark.ci("compiles one more")),
-    ],
+    [("planar-two-link", "double"), ("planar-two-link", "float"), ("rigid planar-two-link", "double")],
 )
 def test_c_follows_as_python_does(name: str, real: str, compiled: Any) -> None:
     """Goals at rest and at speed, past and future ones, cancelled, slowed, braked, and partial ones."""
@@ -238,3 +236,67 @@ def test_c_follows_as_python_does(name: str, real: str, compiled: Any) -> None:
     assert [code.name for _, code in expected] == ["SUCCESSFUL", "SUCCESSFUL", "PATH_TOLERANCE_VIOLATED"]
     assert [code for _, code in found] == [code for _, code in expected]
     assert all(abs(k - i) <= (real == "float") for (k, _), (i, _) in zip(expected, found, strict=True))
+
+
+#: Goals that are refused, and one that is not, by what is changed of it.
+GOALS: list[dict[str, Any]] = [
+    {}, {"times": [0.5, 0.4]}, {"times": [0.5, 0.5 + PERIOD / 17]}, {"times": [0.5, np.inf]}, {"times": [-0.1, 0.5]},
+    {"times": [0.0, 0.0005]}, {"positions": [[np.nan, 0.0], [0.1, 0.1]]}, {"positions": [[0.0, 0.0], [2.7, 0.0]]},
+    {"positions": [[0.0, 0.0], [2.6, 0.0]]}, {"times": [0.5, 0.51]}, {"times": [0.5, 0.52]},
+    {"velocities": [[0.1, 0.1], [0.0, 0.1]]}, {"velocities": [[0.1, np.inf], [0.0, 0.0]]},
+    {"velocities": [[0.1, 0.1], [0.0, 0.0]], "accelerations": [[0.1, 0.1], [np.nan, 0.0]]},
+    {"path_tolerance": {"elbow": (-1.0, 0.1)}}, {"path_tolerance": {"elbow": (0.1, -0.5)}},
+    {"goal_tolerance": {"elbow": (np.nan, 0.1)}}, {"goal_time": -1.0}, {"goal_time": -2.0}, {"begins": -0.9},
+    {"begins": -1.0}, {"begins": np.nan}, {"joint_names": ["elbow"], "positions": [[0.1], [0.2]]},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "real",
+    [
+        pytest.param("double", marks=pytest.mark.costs("compiles what quick tests share")),
+        pytest.param("float", marks=pytest.mark.ci("compiles one more")),
+    ],
+)
+def test_c_refuses_what_python_refuses(real: str, compiled: Any) -> None:
+    library, code = compiled("planar-two-link", real)
+    follower = follower_of(code)
+    assert follower is not None
+    other = CompiledFollower(library, follower, np.float64 if real == "double" else np.float32)
+    other.reset([0.0, 0.0])
+    good = {"joint_names": ["elbow", "shoulder"], "times": [0.5, 1.0], "positions": [[0.1, 0.2], [0.2, 0.4]]}
+    found = [FollowGoal(**(good | changed)) for changed in GOALS]
+    codes = [follower.check(one) for one in found]
+    assert codes == [other.start(one, only_check=True) for one in found]
+    assert {code.name for code in codes} == {
+        "SUCCESSFUL",
+        "INVALID_GOAL",
+        "INVALID_JOINTS",
+        "OLD_HEADER_TIMESTAMP",
+    }
+
+
+def test_a_row_that_cannot_be_is_refused(compiled: Any) -> None:
+    """A jump, a spring that no input can twist so far, or what is no number; those of a move are taken."""
+    library, code = compiled("planar-two-link", "double")
+    robot = robot_of("planar-two-link")
+    follower, twists = follower_of(code), largest_twists(code, robot)
+    assert follower is not None
+    one = CompiledFollower(library, follower, np.float64)
+
+    def taken(before: np.ndarray, row: np.ndarray) -> bool:
+        return library.row(one.pointer(before)[1], one.pointer(row)[1]) == 0
+
+    move = fh.Moving([fh.Quintic(0.0, 0.4, 0.8), fh.Quintic(0.0, -0.3, 0.8)], robot.inverse_dynamics)
+    rows = [np.concatenate([move.state(t), move.input(t)]) for t in PERIOD * np.arange(0, 801, 20)]
+    assert all(taken(before, row) for before, row in pairwise(rows))
+    state, _ = robot.operating_point([0.0, 0.0])
+    at = np.concatenate([state, [0.0, 0.0]])
+    for place, amount, allowed in ((1, 0.049, True), (1, 0.051, False), (5, 0.99 * twists[1], True),
+                                   (5, 1.01 * twists[1], False), (5, -1.01 * twists[1], False),
+                                   (9, np.nan, False), (5, np.nan, False)):  # fmt: skip
+        changed = at.copy()
+        changed[place] += amount
+        if place == 1:  # the motor goes along
+            changed[:8] = robot.operating_point([0.0, amount])[0]
+        assert taken(at, changed) is allowed, (place, amount)

@@ -202,9 +202,10 @@ def test_no_compiler_warns(version: str, compiler: str, real: str, kind: str, tm
     made = {"estimator": arm_controller, "workspace": workspace_controller}.get(
         kind, lambda: fh.Controller(fh.linear_law(ARM.problem(), gamma=math.inf), None, PERIOD, 48.0)
     )
-    package = export_c(made(), tmp_path / "c", "arm", real) / "ros2"
+    robot = robot_of("planar-two-link") if kind == "workspace" else None
+    package = export_c(made(), tmp_path / "c", "arm", real, robot=robot) / "ros2"
     own = (f"-I{package / 'include'}", f"-I{package / 'src'}", f"-D{version}")
-    for source in (package / "src/controller.cpp", HERE / "manager.cpp"):
+    for source in (*(package / "src").glob("*.cpp"), HERE / "manager.cpp"):
         subprocess.run([compiler, *STRICT, *own, "-c", source, "-o", tmp_path / "out.o"], check=True)
 
 

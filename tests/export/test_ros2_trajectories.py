@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import ctypes
 import math
+import subprocess
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from tests.export.test_rest import robot_of
-from tests.export.test_ros2 import PERIOD, Manager, built, workspace_controller
+from tests.export.test_ros2 import HERE, PERIOD, STRICT, Manager, built, workspace_controller
 from tests.export.trajectory_cases import CASES, TrajectoryCase
 
 from flexhinf.robot import MuJoCoPlant
@@ -357,7 +359,8 @@ RUNS: dict[str, Callable[[Make], Any]] = {
     "times that do not increase": refused([0.5, 0.5], MOVE[1]),
     "number that is not finite": refused(MOVE[0], [START, (math.nan, 0.0)]),
     "speed at the end": refused(*MOVE, [(0.1, 0.1), (0.1, 0.0)]),
-    "beyond the joint's range": refused([1.0], [(3.1, 0.0)]), "jump between waypoints": refused([0.5, 0.51], [START, GOAL]),
+    "beyond the joint's range": refused([1.0], [(3.1, 0.0)]),
+    "jump between waypoints": refused([0.5, 0.51], [START, GOAL]),
     "jump from where it is": jumping,
     "past stamp, over": refused(*MOVE, begins=-1.5), "past stamp, partly": partly_past, "future stamp": future,
     "replaced at speed": replaced, "cancelled at speed": cancelled, "goal tolerance missed": goal_missed,
@@ -384,3 +387,65 @@ def test_every_row_of_the_table_is_run() -> None:
 def test_a_row_ends_as_the_table_says(case: TrajectoryCase, make: Make) -> None:
     state, code = RUNS[case.name](make)
     assert (state if code is None else f"{state}, {code}".replace("-", "−")) == case.result
+
+
+def test_rows_that_jump_or_twist_a_spring_are_refused(make: Make, capfd: pytest.CaptureFixture[str]) -> None:
+    """Also while a goal is followed, which goes on; good rows end it, and a goal begins where they rest."""
+    one = make()
+    one.goal(*MOVE)
+    assert one.accepted()
+    one.run(200)
+    far = np.concatenate(one.robot.operating_point((0.1, 0.6)))
+    near = np.concatenate(one.robot.operating_point(one.desired[-1][:2]))
+    one.manager.send(far)  # a jump from the motion of now
+    one.manager.send([near, far])  # a jump in between
+    twisted = near.copy()
+    twisted[5] += 1e3
+    one.manager.send(twisted)
+    one.run(10)
+    assert one.manager.published("health", "refused_commands") == 1
+    assert capfd.readouterr().err.count("a row jumps") == 2
+    assert one.ended() == ("followed", None)
+    one.manager.send(np.concatenate(one.robot.operating_point(one.desired[-1][:2])))
+    one.run(600)
+    assert one.ended() == ("aborted", -1)
+    one.goal([1.0], [GOAL])
+    assert one.finished() == ("succeeded", 0)
+
+
+def test_no_update_of_a_goal_allocates(make: Make, tmp_path: Path) -> None:
+    """Nor where one replaces another, or the controller stops."""
+    built_in = make().manager.package.parent.parent
+    objects = [
+        built_in / f"{name}.o" for name in ("controller", "trajectories", "manager", "arm", "arm_follow")
+    ]
+    program = tmp_path / "allocations"
+    subprocess.run(["g++", *STRICT, HERE / "allocations.cpp", *objects, "-lm", "-o", program], check=True)
+    found = subprocess.run([program, "goals"], check=True, capture_output=True, text=True)
+    assert found.stdout.split() == ["9", "0"]
+
+
+def test_feedback_comes_meanwhile(make: Make) -> None:
+    one = make()
+    one.goal(*MOVE)
+    assert one.accepted()
+    one.run(300)
+    assert one.manager("feedbacks") > 10
+    found = [one.library.desired(ctypes.c_void_p(one.manager.address), place) for place in range(2)]
+    assert found == pytest.approx(one.desired[-1][:2], abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    "stated",
+    [
+        {"stop_time": 0.0},
+        {"cmd_timeout": -1.0},
+        {"constraints__elbow__goal": math.nan},
+        {"constraints__goal_time": -1.0},
+    ],
+)
+def test_parameters_that_are_none_are_refused(
+    stated: dict[str, float], make: Make, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert make().manager.configure(**stated) == 1
+    assert "ERROR" in capfd.readouterr().err

@@ -212,6 +212,21 @@ class Follower:
                 f"expected some of {list(joints)}, got {unknown}",
                 f"{name}={{{joints[0]!r}: (0.01, 0.1)}}",
             )
+            wrong = [pair for pair in getattr(self, name).values() if not _are_tolerances(pair)]
+            refuse_if(
+                bool(wrong),
+                f"The {name.replace('_', ' ')} is none.",
+                f"expected two numbers from 0 on by joint, got {wrong}",
+                f"{name}={{{joints[0]!r}: (0.01, 0.1)}}, or 0 for any difference",
+            )
+        for name in ("goal_time", "timeout"):
+            value = getattr(self, name)
+            refuse_if(
+                not (np.isfinite(value) and value >= 0.0),
+                f"The {name} is no time.",
+                f"expected seconds from 0 on, got {value!r}",
+                f"{name}=0.0, for any",
+            )
         refuse_if(
             not 0 <= self.latency <= 100,
             "The latency is no number of samples.",
@@ -393,7 +408,17 @@ class Follower:
             `stop_time`. What is no number counts as 0.
         path_rate : float
             ``output.path_rate`` of the controller's last step: less than 1 where it brakes.
+
+        Raises InvalidInput: for a position or velocity of another shape; what is no number there breaks a tolerance.
         """
+        for name, value in (("position", position), ("velocity", velocity)):
+            shape = np.shape(self._now[0])
+            refuse_if(
+                value is not None and np.shape(value) != shape,
+                f"The {name} does not fit the robot.",
+                f"expected the shape {shape}, got {np.shape(value) if value is not None else None}",
+                "one number for each joint",
+            )
         if self._next is not None:
             self._wait -= self.period
             if self._wait <= 0.5 * self.period and self._begin(self._next) is FollowCode.INVALID_GOAL:
@@ -496,6 +521,11 @@ class Follower:
             self._active = False
             return FollowCode.GOAL_TOLERANCE_VIOLATED
         return FollowCode.ACTIVE
+
+
+def _are_tolerances(pair: Sequence[float]) -> bool:
+    """Whether they are two numbers from 0 on."""
+    return np.shape(pair) == (2,) and bool(np.all(np.isfinite(pair)) and np.min(pair) >= 0.0)
 
 
 def _share(value: float) -> float:
