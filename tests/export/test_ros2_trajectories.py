@@ -337,6 +337,19 @@ def off(make: Make) -> Any:
     return one.finished(None, 0)
 
 
+def empty_topic(make: Make) -> Any:
+    one = make()
+    one.goal(*MOVE)
+    assert one.accepted()
+    one.run(300)
+    one.goal([])
+    one.manager("publish_trajectory")
+    one.run(LONGEST - 300)
+    one.is_smooth()
+    np.testing.assert_allclose(one.measured[-1], GOAL, atol=2e-3)
+    return one.ended()
+
+
 def by_topic(make: Make) -> Any:
     one = make()
     one.goal(*MOVE)
@@ -368,6 +381,7 @@ RUNS: dict[str, Callable[[Make], Any]] = {
     "path tolerance −1": on_path(-1.0, 1e-5), "other negative tolerance": refused(*MOVE, path=[("elbow", -0.5, 0.0)]),
     "time-out": timed_out, "speed scaling": scaled, "fault in mid-move": fault,
     "deactivated, then active at another pose": elsewhere, "not active": off, "topic": by_topic,
+    "empty trajectory on the topic": empty_topic,
 }  # fmt: skip
 
 
@@ -445,7 +459,7 @@ def test_feedback_comes_meanwhile(make: Make) -> None:
     ],
 )
 def test_parameters_that_are_none_are_refused(
-    stated: dict[str, float], make: Make, capfd: pytest.CaptureFixture[str]
+    stated: dict[str, Any], make: Make, capfd: pytest.CaptureFixture[str]
 ) -> None:
     assert make().manager.configure(**stated) == 1
     assert "ERROR" in capfd.readouterr().err

@@ -47,7 +47,8 @@ CASES = tuple(
     fault in mid-move | not documented | the controller stops; the result's text says so | aborted, −4
     deactivated, then active at another pose | the goal ends; holds the new pose | the same | aborted, −4
     not active | rejected | the same | rejected
-    topic | no result; a goal of the action ends | the same, with −1 | aborted, −1
+    topic | no result; not said of a goal of the action | no result; a goal of the action ends | aborted, −1
+    empty trajectory on the topic | overrides the goal, without ending it | ignored; the goal goes on | succeeded, 0
     """.strip().splitlines()
 )
 

@@ -100,7 +100,7 @@ def test_a_goal_that_cannot_be_followed_changes_nothing(code: str, changed: dict
     ("what", "advice"),
     [
         (lambda: FollowGoal(NAMES, [1.0], [[0.1]]), "row for each time"),
-        (lambda: FollowGoal(NAMES, [1.0], [[0.1, 0.2]], path_tolerance={"elbow": 0.1}), "elbow"),
+        (lambda: FollowGoal(NAMES, [1.0], [[0.1, 0.2]], path_tolerance={"elbow": (0.1,)}), "elbow"),
         (lambda: follower(path_tolerance={"wrist": (0.1, 0.1)}), "shoulder"),
         (lambda: follower(goal_tolerance={"elbow": (-0.1, 0.1)}), "0.01"),
         (lambda: follower(goal_time=-1.0), "goal_time=0.0"),

@@ -48,8 +48,8 @@ def follow_files(code: ControllerCode) -> dict[str, str]:
         return {}
     values = _values(code, follower)
     return {
-        f"{code.name}_follow.{kind}": render_c(f"follow.{kind}", code.name, code.real, **values)
-        for kind in "hc"
+        f"{code.name}_{template}": render_c(template, code.name, code.real, **values)
+        for template in ("follow.h", "follow.c")
     }
 
 

@@ -233,7 +233,7 @@ class Follower:
             f"expected 0 to 100, got {self.latency}",
             "controller.mode.latency",
         )
-        self.reset(self.robot.home)
+        self.reset(np.asarray(self.robot.home, dtype=float))
 
     # Bounds --------------------------------------------------------------------------------------------
     @property
