@@ -32,8 +32,8 @@ static const scalar twists[JOINTS] = {@{bounds(twists)}};
 static const int motors[JOINTS] = {@{motors | join(", ")}}; /* places in a row */
 
 /* Weights of the samples, the newest first, for the position and four derivatives. */
-static const scalar weights[5][SAMPLES] = {
-@{matrix(weights)}
+static const scalar weights[SAMPLES][5] = {
+@{matrix(weights.T)}
 };
 
 @{functions}
@@ -187,18 +187,22 @@ static void push(@{name}_follow_state *state, scalar speed)
     for (int j = 0; j < JOINTS; ++j) {
         state->path[state->newest][j] = state->now[0][j];
     }
-    for (int k = 0; k < 5; ++k) {
-        for (int j = 0; j < JOINTS; ++j) {
-            /* beside the newest sample, so that a path at rest leaves no rounding in the derivatives */
-            const scalar newest = state->path[state->newest][j];
-            scalar sum = @{zero};
-            int i = state->newest;
-            for (int sample = 0; sample < SAMPLES; ++sample) {
-                sum += weights[k][sample] * (state->path[i][j] - newest);
-                i = (i > 0) ? i - 1 : SAMPLES - 1;
+    for (int j = 0; j < JOINTS; ++j) {
+        /* beside the newest sample, so that a path at rest leaves no rounding in the derivatives */
+        const scalar newest = state->path[state->newest][j];
+        scalar sums[5] = {@{zero}, @{zero}, @{zero}, @{zero}, @{zero}};
+        int i = state->newest;
+        for (int sample = 0; sample < SAMPLES; ++sample) {
+            const scalar way = state->path[i][j] - newest;
+            for (int k = 0; k < 5; ++k) {
+                sums[k] += weights[sample][k] * way;
             }
+            i = (i > 0) ? i - 1 : SAMPLES - 1;
+        }
+        sums[0] += newest;
+        for (int k = 0; k < 5; ++k) {
             state->motion[0][k][j] = state->motion[1][k][j];
-            state->motion[1][k][j] = (k > 0) ? sum : sum + newest;
+            state->motion[1][k][j] = sums[k];
         }
     }
     if (is_over(state) == 0) {
