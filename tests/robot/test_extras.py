@@ -16,6 +16,11 @@ from flexhinf.robot.elastic import EXTRAS
 ARM = fh.paper_arm().with_parameters(
     Parameter("damping", 0.7),
     Parameter("spring_hardening", 5000.0),
+    Parameter("first_stiffness", 80.0),
+    Parameter("second_stiffness", 100.0),
+    Parameter("third_stiffness", 130.0),
+    Parameter("first_torque", 2.0),
+    Parameter("second_torque", 5.0),
     Parameter("backlash", 0.02),
     Parameter("coulomb_friction", 0.5),
     Parameter("static_friction", 0.8),

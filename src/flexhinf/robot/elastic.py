@@ -8,6 +8,7 @@ switch                    adds
 ``inductance``            the motor coil: L di/dt = V − R i − k_b q̇2; one more state per joint
 ``joint_damping``         the spring's own damping D (q̇2 − q̇1)
 ``spring_hardening``      a cubic part of the spring: K δ + K₃ δ³, δ = q2 − q1
+``stiffness_curve``       the curve of a gear's catalogue in the place of K δ, see `flexhinf.robot.gears`
 ``backlash``              a dead zone of the spring of this total width
 ``coulomb_friction``      dry friction on the motor side, F_c tanh(q̇2 / v₀)
 ``stribeck_friction``     the same, larger at low speed: F_c + (F_s − F_c) exp(−(q̇2 / v_s)²)
@@ -44,6 +45,7 @@ from flexhinf.arrays import Number
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.plant.model import ParameterTable
 from flexhinf.plant.plant import pose_values
+from flexhinf.robot.gears import CURVE, curve_number, curve_softness, curve_torque, curve_twist
 from flexhinf.robot.parameters import TURNING, Stated, per_joint
 from flexhinf.scalars import clip, derivative, series, trace
 from flexhinf.validation import one_of
@@ -53,6 +55,7 @@ EXTRAS = {
     "inductance": "inductance",
     "joint_damping": "damping",
     "spring_hardening": "spring_hardening",
+    "stiffness_curve": "first_stiffness",
     "backlash": "backlash",
     "coulomb_friction": "coulomb_friction",
     "stribeck_friction": "static_friction",
@@ -93,11 +96,25 @@ def left_out(values: Mapping[str, float], extras: Collection[str]) -> list[str]:
     ]
 
 
-def inactive_parameters(extras: Collection[str], joints: Sequence[str]) -> set[str]:
-    """A robot's parameters that do not act in a plant with these extras, by name."""
+def inactive_parameters(
+    extras: Collection[str], joints: Sequence[str], stated: Collection[str] = ()
+) -> set[str]:
+    """A robot's parameters that do not act in a plant with these extras, by name; `stated` are all that it has.
+
+    Where the curve of a gear acts, it has the place of the stiffness.
+    """
     on = {*extras, *(DRY if "stribeck_friction" in extras else ())}
     off = [quantity for name, quantity in EXTRAS.items() if name not in on]
-    return {per_joint(quantity, joint, len(joints)) for quantity in off for joint in joints}
+    off += [] if "stiffness_curve" in on else CURVE
+    curved = [
+        joint
+        for joint in joints
+        if "stiffness_curve" in on and per_joint(CURVE[0], joint, len(joints)) in stated
+    ]
+    pairs = [(quantity, joint) for quantity in off for joint in joints] + [
+        ("stiffness", joint) for joint in curved
+    ]
+    return {per_joint(quantity, joint, len(joints)) for quantity, joint in pairs}
 
 
 def spring_torque(twist: Any, rate: Any, p: Any, extras: Collection[str]) -> Any:
@@ -105,7 +122,7 @@ def spring_torque(twist: Any, rate: Any, p: Any, extras: Collection[str]) -> Any
     if "backlash" in extras:
         half = 0.5 * p.backlash
         twist = twist - clip(twist, -half, half)
-    torque = p.stiffness * twist
+    torque = curve_torque(twist, p) if "stiffness_curve" in extras else p.stiffness * twist
     if "spring_hardening" in extras:
         torque = torque + p.spring_hardening * (twist * twist * twist)
     if "joint_damping" in extras:
@@ -137,6 +154,11 @@ class Sticking:
 def stated_friction(parameters: Any) -> tuple[str, ...]:
     """Switches of the dry friction that a robot has, by its plant's parameters: those whose number is above zero."""
     return tuple(name for name in DRY if np.any(np.asarray(parameters.get(EXTRAS[name], 0.0)) > 0.0))
+
+
+def stated_curve(parameters: Any) -> tuple[str, ...]:
+    """The switch of the stiffness curve, of a robot with one, by its plant's parameters."""
+    return ("stiffness_curve",) if CURVE[0] in parameters else ()
 
 
 def with_dry_friction(extras: Sequence[str], parameters: Any) -> tuple[str, ...]:
@@ -183,10 +205,10 @@ CONSTANTS = {
 }
 
 #: What belongs to the spring, of which a rigid joint has none.
-SPRING = ("stiffness", "damping", "spring_hardening", "backlash")
+SPRING = ("stiffness", *CURVE, "damping", "spring_hardening", "backlash")
 
 #: What a joint may state beyond its model; a joint that does not has the value of `DEFAULTS`.
-OPTIONAL = ("inductance", *DEFAULTS)
+OPTIONAL = ("inductance", *DEFAULTS, *CURVE)
 
 
 def required_of_drive(
@@ -220,11 +242,13 @@ def reflected(
         return values[name] if default is None else values.get(name, default)
 
     dry = any(name.startswith(("coulomb_friction", "static_friction")) for name in values)
+    curved = any(per_joint(CURVE[0], joint, len(joints)) in values for joint in joints)
     stated = [
         quantity
         for quantity in OPTIONAL
         if any(per_joint(quantity, joint, len(joints)) in values for joint in joints)
         or (quantity in ("friction_smoothing", "stribeck_velocity", "coulomb_friction") and dry)
+        or (quantity in CURVE and curved)
     ]
     packed: dict[str, list[Number]] = {
         quantity: [] for quantity in ("stiffness", "motor_inertia", "friction", *CONSTANTS[drive], *stated)
@@ -242,6 +266,11 @@ def reflected(
                 column.append(ratio * ratio * of("rotor_inertia", joint) + of("hub_inertia", joint, 0.0))
             elif quantity == "static_friction":  # of a joint that states none, it does not fall with speed
                 column.append(of(quantity, joint, of("coulomb_friction", joint, 0.0)))
+            elif quantity in CURVE:
+                own = {
+                    name: of(name, joint) for name in CURVE if per_joint(name, joint, len(joints)) in values
+                }
+                column.append(curve_number(quantity, own, of("stiffness", joint)))
             elif quantity in OPTIONAL and quantity != "inductance":
                 column.append(of(quantity, joint, DEFAULTS[quantity]))
             else:
@@ -467,6 +496,9 @@ WHY_NOT = {
     "backlash": "a spring with a dead zone has no inverse",
 }
 
+#: What they can follow.
+FOLLOWED = (*DRY, "stiffness_curve")
+
 ORDERS = ("q", "dq", "ddq", "dddq", "ddddq")
 
 
@@ -475,7 +507,10 @@ class InverseFlow:
     """(q, q̇, q̈, q⃛, q⁗) → (x, u) with ẋ = flow(x, u, 0, p) of `ElasticFlow`, on any element.
 
     With q⁗ = v a law's wish, u is the input of exact feedback linearisation [spong1987]. Rigid joints have
-    J q̈ + B q̇ + F(q̇) + τ_J = τ. Extras out of `DRY`; others are refused by name.
+    J q̈ + B q̇ + F(q̇) + τ_J = τ. Extras out of `FOLLOWED`; others are refused by name.
+
+    With the curve of a gear θ = q + δ(τ_J), θ̇ = q̇ + δ′ τ̇_J and θ̈ = q̈ + δ′ τ̈_J. The impulse J τ̇_J Δ(1/K), with which
+    the motor would have to pass a corner of the curve, is left out.
     """
 
     links: Any
@@ -486,9 +521,9 @@ class InverseFlow:
     def __post_init__(self) -> None:
         for name in self.extras:
             refuse_if(
-                name not in DRY,
+                name not in FOLLOWED,
                 f"The inverse dynamics do not model {name!r}: {WHY_NOT.get(name, 'it is unknown')}.",
-                f"expected extras out of {list(DRY)}, got {list(self.extras)}",
+                f"expected extras out of {list(FOLLOWED)}, got {list(self.extras)}",
                 f"the feedforward without {name!r}; the law feeds back what it leaves",
             )
 
@@ -499,16 +534,18 @@ class InverseFlow:
         )  # fmt: skip
         load, rate, jerk = (derivative(torque, order) for order in range(3))
         layout = Layout(len(self.links.tree), self.rigid)
-        softness = 1.0 / p.stiffness
-        own = [
-            layout.at_springs(at) + softness * layout.at_springs(twisting)
-            for at, twisting in zip((q, dq, ddq), (load, rate, jerk))
-        ]
+        twisting = [layout.at_springs(torques) for torques in (load, rate, jerk)]
+        if "stiffness_curve" in self.extras:
+            softness = curve_softness(twisting[0], p)
+            twists = [curve_twist(twisting[0], p), softness * twisting[1], softness * twisting[2]]
+        else:
+            twists = [(1.0 / p.stiffness) * torques for torques in twisting]
+        own = [layout.at_springs(at) + twist for at, twist in zip((q, dq, ddq), twists)]
         angle, speed, acceleration = (layout.motors(at, motor) for at, motor in zip((q, dq, ddq), own))
         if self.drive in INNER:
             return np.concatenate([q, dq, own[0], own[1]]), self._command(angle, speed, acceleration, load, p)
         drive = p.motor_inertia * acceleration + p.friction * speed + load
-        if self.extras:
+        if set(DRY) & set(self.extras):
             drive = drive + friction_torque(speed, p, self.extras)
         if self.drive == "current":
             drive = (1.0 / p.torque_constant) * drive
@@ -519,7 +556,7 @@ class InverseFlow:
     def _command(self, angle: Any, speed: Any, acceleration: Any, load: Any, p: Any) -> Any:
         """Command (n,) of an inner loop, whose motor moves so under a load."""
         friction = p.friction * speed
-        if self.extras:
+        if set(DRY) & set(self.extras):
             friction = friction + friction_torque(speed, p, self.extras)
         torque = p.motor_inertia * acceleration + p.load_share * (friction + load)
         ahead = (1.0 / torque_per_input(self.drive, p)) * (torque + p.drive_damping * speed)

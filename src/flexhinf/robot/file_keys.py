@@ -18,6 +18,7 @@ from typing import Any, NamedTuple, Protocol
 from flexhinf.robot.actuators import PublishedJoint, published_joints
 from flexhinf.robot.dynamics import KINDS
 from flexhinf.robot.elastic import DRIVES, SPRING
+from flexhinf.robot.gears import CURVE
 from flexhinf.robot.parameters import INERTIA, QUANTITIES, Stated, measured, respelled, split
 from flexhinf.robot.parts import TIMES, ElasticJoint, ask
 from flexhinf.robot.rigid_arm import NEAREST
@@ -210,6 +211,14 @@ def _table(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> di
     return file.table(value, TABLES[key.inside], place)
 
 
+def _spring(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
+    """A spring's table; the curve of a gear says its stiffness."""
+    keys = TABLES["spring"]
+    if isinstance(value, dict) and {*value} & {*CURVE}:
+        keys = keys | {"stiffness": keys["stiffness"]._replace(required=False)}
+    return file.table(value, keys, place)
+
+
 def _rows(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> list[dict[str, Any]]:
     if not isinstance(value, list) or (key.required and not value):
         raise Unusable(f"[[{key.inside}]] tables, one at least", "")
@@ -287,7 +296,7 @@ TABLES: dict[str, dict[str, Key]] = {
         "speed_limit": _POSITIVE._replace(units=UNITS["link_velocity"]),
         "effort_limit": _POSITIVE._replace(units=_EFFORT), "link": Key(_table, inside="link"),
         "rigid": Key(usable=lambda value: isinstance(value, bool), expected="true or false", default=False),
-        "spring": Key(_table, inside="spring"), "motor": Key(_table, inside="motor", default={}),
+        "spring": Key(_spring, inside="spring"), "motor": Key(_table, inside="motor", default={}),
         "sensor": Key(_sensors, inside="sensor", default=[]), "tolerances": _TOLERANCES,
     },
     "sensor": {
@@ -332,6 +341,11 @@ SYNONYMS = {
         "coulomb_friction": "dry_friction friction_torque frictionloss friction_loss stiction breakaway_torque",
         "damping": "spring_damping joint_damping damping_coefficient",
         "stiffness": "spring_constant spring_stiffness spring_rate joint_stiffness torsional_stiffness k",
+        "first_stiffness": "k1 k_1 stiffness_1 stiffness_k1",
+        "second_stiffness": "k2 k_2 stiffness_2 stiffness_k2",
+        "third_stiffness": "k3 k_3 stiffness_3 stiffness_k3",
+        "first_torque": "t1 t_1 torque_1 limit_torque_1",
+        "second_torque": "t2 t_2 torque_2 limit_torque_2",
         "speed_limit": "velocity_limit max_velocity max_speed maximum_speed maximum_velocity velocity speed vel_limit",
         "effort_limit": "torque_limit max_torque maximum_torque peak_torque force_limit max_force max_effort effort "
         "torque voltage_limit max_voltage current_limit max_current",

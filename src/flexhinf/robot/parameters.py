@@ -81,6 +81,11 @@ QUANTITIES: dict[str, Quantity] = {
     # what a real joint adds
     "damping": Quantity("N·m·s/rad", "N·s/m", "not negative"),
     "spring_hardening": Quantity("N·m/rad³", "N/m³", "not negative"),
+    "first_stiffness": Quantity("N·m/rad", "N/m", "positive"),
+    "second_stiffness": Quantity("N·m/rad", "N/m", "positive"),
+    "third_stiffness": Quantity("N·m/rad", "N/m", "positive"),
+    "first_torque": Quantity("N·m", "N", "not negative"),
+    "second_torque": Quantity("N·m", "N", "not negative"),
     "backlash": Quantity("rad", "m", "not negative"),
     "coulomb_friction": Quantity("N·m", "N", "not negative"),
     "static_friction": Quantity("N·m", "N", "not negative"),

@@ -290,8 +290,8 @@ class Robot(Summarised):
         inductance : bool
             With the motor coils' inductance: the same as ``extras=("inductance",)``.
         extras : sequence of str
-            See `flexhinf.robot.elastic`: inductance, joint_damping, spring_hardening, backlash, coulomb_friction,
-            stribeck_friction.
+            See `flexhinf.robot.elastic`: inductance, joint_damping, spring_hardening, stiffness_curve, backlash,
+            coulomb_friction, stribeck_friction.
         sticking : bool
             Whether dry friction is sharp instead of smoothed: it holds a joint at rest, and only `flexhinf.Loop` has
             it; flow and linearisation have none. A robot with rigid joints has it smoothed in any case.
@@ -405,8 +405,8 @@ class Robot(Summarised):
         """State and input of a motion of the links: elastic inverse dynamics [deluca2016], exact.
 
         Link positions q (rad, m) and four time derivatives, (n,) or (N, n) each and zero by default, give the state,
-        (4n,) or (N, 4n), and the input, (n,) or (N, n), V, A, or N·m (N), of `plant`. Of the `extras` only dry friction
-        is modelled; others are refused by name. `parameters` are those of `operating_point`.
+        (4n,) or (N, 4n), and the input, (n,) or (N, n), V, A, or N·m (N), of `plant`. Of the `extras` dry
+        friction and the stiffness curve are modelled; others are refused by name. `parameters` are those of `operating_point`.
         """
         table = ParameterTable({**self.plant_parameters(), **(parameters or {})})
         flow = InverseFlow(
