@@ -63,6 +63,7 @@ from .log_findings import (
 )
 from .page import (
     actuators_table as actuators_table,
+    gears_table as gears_table,
     design_page as design_page,
     design_tables as design_tables,
     notes as notes,

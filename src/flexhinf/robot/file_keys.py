@@ -15,7 +15,7 @@ from contextlib import suppress
 from dataclasses import fields
 from typing import Any, NamedTuple, Protocol
 
-from flexhinf.robot.actuators import PublishedJoint, published_joints
+from flexhinf.robot.actuators import PublishedJoint, gear_name, published_gears, published_joints
 from flexhinf.robot.dynamics import KINDS
 from flexhinf.robot.elastic import DRIVES, SPRING
 from flexhinf.robot.gears import CURVE
@@ -212,9 +212,9 @@ def _table(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> di
 
 
 def _spring(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
-    """A spring's table; the curve of a gear says its stiffness."""
-    keys = TABLES["spring"]
-    if isinstance(value, dict) and {*value} & {*CURVE}:
+    """A spring's table; the curve of a gear says its stiffness, and one whose name the joint states has a curve."""
+    keys, row = TABLES["spring"], file.data["joint"][place[1]]
+    if isinstance(value, dict) and ({*value} & {*CURVE} or "gear" in row):
         keys = keys | {"stiffness": keys["stiffness"]._replace(required=False)}
     return file.table(value, keys, place)
 
@@ -243,6 +243,19 @@ def _actuator(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) ->
     if not isinstance(value, str) or value not in published:
         raise Unusable(f"one of {list(published)}, which `flexhinf robots` lists", nearest(value, published))
     return published[value]
+
+
+def _gear(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> PublishedJoint:
+    known = published_gears()
+    name = gear_name(value)
+    if name not in known:
+        series, _, rest = name.partition("-")
+        same = [other for other in known if other.startswith(f"{series}-{rest.partition('-')[0]}-")]
+        raise Unusable(
+            f"a gear such as {', '.join(same or ['CSG-25-100'])}, which `flexhinf robots` lists",
+            nearest(name, same or known),
+        )
+    return known[name]
 
 
 _POSITION, _METRES = UNITS["link_position"], ("m",)
@@ -289,7 +302,7 @@ TABLES: dict[str, dict[str, Key]] = {
         "joint": Key(_rows, inside="joint", required=True),
     },
     "joint": {
-        "name": _TEXT._replace(required=True), "actuator": Key(_actuator),
+        "name": _TEXT._replace(required=True), "actuator": Key(_actuator), "gear": Key(_gear),
         "kind": Key(usable=lambda value: value in KINDS, expected="'revolute', 'continuous' or 'prismatic'"),
         "axis": Key(_list, size=3), "xyz": _THREE,
         "rpy": Key(_list, ("rad",), 3), "limits": Key(_list, _POSITION, 2), "parent": _TEXT,
@@ -350,7 +363,7 @@ SYNONYMS = {
         "effort_limit": "torque_limit max_torque maximum_torque peak_torque force_limit max_force max_effort effort "
         "torque voltage_limit max_voltage current_limit max_current",
         "limits": "limit range position_limits joint_limits angle_limits",
-        "gear_ratio": "reduction ratio gear gearing gear_reduction reduction_ratio transmission_ratio",
+        "gear_ratio": "reduction ratio gearing gear_reduction reduction_ratio transmission_ratio",
         "gear_efficiency": "efficiency",
         "motor_inertia": "armature reflected_inertia inertia",
         "torque_constant": "kt k_t motor_constant",

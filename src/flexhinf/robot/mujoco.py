@@ -2,8 +2,9 @@
 
 MuJoCo has no elastic joint. Each rotor is a body of its own that turns about an axis of the world, with `armature`
 making up its inertia, and a fixed tendon θ − q with the joint's stiffness is the spring; backlash is the tendon's own
-dead band. The curve of a gear is three tendons side by side, with dead bands that end at its corners. Dry friction is MuJoCo's own, a constraint that its solver meets at each step (`frictionloss`): the rotor
-sticks but for a creep that is far below the one of our smoothed friction.
+dead band. The curve of a gear is three tendons side by side, with dead bands that end at its corners. Dry friction is
+MuJoCo's own, a constraint that its solver meets at each step (`frictionloss`): the rotor sticks but for a creep that is
+far below the one of our smoothed friction.
 
 MuJoCo's model of the robot has no shapes. What the viewer shows is drawn into its own scene: capsules from joint to
 joint, for the links as they are and for the motors with the wind-up of their springs drawn larger.

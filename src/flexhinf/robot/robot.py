@@ -406,7 +406,8 @@ class Robot(Summarised):
 
         Link positions q (rad, m) and four time derivatives, (n,) or (N, n) each and zero by default, give the state,
         (4n,) or (N, 4n), and the input, (n,) or (N, n), V, A, or N·m (N), of `plant`. Of the `extras` dry
-        friction and the stiffness curve are modelled; others are refused by name. `parameters` are those of `operating_point`.
+        friction and the stiffness curve are modelled; others are refused by name. `parameters` are those of
+        `operating_point`.
         """
         table = ParameterTable({**self.plant_parameters(), **(parameters or {})})
         flow = InverseFlow(
