@@ -21,6 +21,9 @@ ARM = fh.paper_arm().with_parameters(
     Parameter("third_stiffness", 130.0),
     Parameter("first_torque", 2.0),
     Parameter("second_torque", 5.0),
+    Parameter("gear_ratio", 1.0),
+    Parameter("kinematic_error", 1e-3),
+    Parameter("torque_ripple", 0.1),
     Parameter("backlash", 0.02),
     Parameter("coulomb_friction", 0.5),
     Parameter("static_friction", 0.8),
@@ -61,6 +64,7 @@ def test_inside_the_backlash_the_spring_is_slack():
     assert plant.derivative([0.0, 0.0, 0.0101, 0.0])[1] == pytest.approx(100.0 * 1e-4)
 
 
+@pytest.mark.costs("a law, a compiled loop and every extra")
 def test_all_together_rest_where_the_robot_says_and_run_in_a_loop():
     robot = ARM
     x, u = robot.operating_point([0.8], tuple(EXTRAS))

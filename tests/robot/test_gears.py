@@ -26,13 +26,13 @@ name = "geared"
 name = "shoulder"
 link = {{ mass = 6.0, length = 0.5, axis_inertia = 2.0 }}
 spring = {{ {spring} }}
-motor = {{ motor_inertia = 1.5, friction = 5.0 }}
+motor = {{ motor_inertia = 1.5, {motor} }}
 """
 
 
-def arm(folder: Path, **spring: object) -> fh.Robot:
+def arm(folder: Path, motor: str = "friction = 5.0", **spring: object) -> fh.Robot:
     text = ", ".join(f"{name} = {value}" for name, value in spring.items())
-    (folder / "geared.toml").write_text(ARM.format(spring=text), encoding="utf-8")
+    (folder / "geared.toml").write_text(ARM.format(spring=text, motor=motor), encoding="utf-8")
     return fh.load_robot(folder / "geared.toml")
 
 
@@ -214,3 +214,87 @@ def test_of_a_campaign_the_slopes_of_the_curve_vary_and_not_the_stiffness(tmp_pa
     for row, value in zip(x, (2.0e4, 3.0e4)):
         one = robot.varied({"first_stiffness": value})
         assert row.tolist() == robot.operating_point([1.5], "stiffness_curve", one)[0].tolist()
+
+
+# The teeth -------------------------------------------------------------------------------------------
+TOOTHED = "friction = 0.0, gear_ratio = 100.0"
+
+
+@pytest.mark.oracle
+def test_the_error_of_the_teeth_takes_no_work(tmp_path: Path):
+    """Energy of link, rotor, spring and weight is kept along a swing through a dozen teeth, by SciPy's integrator."""
+    from scipy.integrate import solve_ivp
+
+    robot = arm(tmp_path, TOOTHED, stiffness=4e3, kinematic_error=5e-4, kinematic_error_phase=0.3)
+    plant = robot.plant(extras="kinematic_error")
+
+    def energy(x: np.ndarray) -> float:
+        twist = x[2] + 5e-4 * np.sin(200.0 * x[2] + 0.3) - x[0]
+        weight = 6.0 * 9.81 * 0.5 * (1.0 - np.cos(x[0]))
+        return 0.5 * (2.0 * x[1] ** 2 + 1.5 * x[3] ** 2 + 4e3 * twist**2) + weight
+
+    start = np.array([0.0, 5.0, 0.0, 5.0])
+    run = solve_ivp(
+        lambda t, x: plant.derivative(x), (0.0, 0.04), start, method="DOP853", rtol=1e-9, atol=1e-12
+    )
+    assert 200.0 * run.y[2, -1] > 6.0 * np.pi  # three teeth of each lobe and more
+    energies = [energy(x) for x in run.y.T]
+    np.testing.assert_allclose(energies, energies[0], rtol=1e-7)
+    assert np.ptp([energy(x) - 4e3 * 5e-4 * np.sin(200.0 * x[2] + 0.3) ** 2 for x in run.y.T]) > 1.0
+
+
+@pytest.mark.oracle
+def test_motors_and_links_see_what_they_are_fixed_to(tmp_path: Path):
+    """At rest the link is A sin(2 N θ + φ) from the motor, but for its weight; torque sensors feel the real twist."""
+    robot = arm(
+        tmp_path, f"{TOOTHED}, torque_ripple = 2.0, torque_ripple_phase = 0.5", kinematic_error=2e-3, **CURVE
+    )
+    on = ("stiffness_curve", "kinematic_error", "torque_ripple")
+    p = Parameters(CURVE)
+    measured = ("motor_position", "link_position", "deflection", "joint_torque")
+    plant = robot.plant(measured, extras=on)
+    for pose in np.linspace(-1.5, 1.5, 13):
+        x, u = robot.operating_point([pose], on)
+        weight = 6.0 * 9.81 * 0.5 * np.sin(pose)
+        error = 2e-3 * np.sin(200.0 * x[2])
+        assert x[2] + error - pose == pytest.approx(curve_twist(np.array([weight]), p)[0], abs=1e-13)
+        assert u[0] == pytest.approx(
+            weight * (1.0 + 0.4 * np.cos(200.0 * x[2])) + 2.0 * np.sin(200.0 * x[2] + 0.5), abs=1e-8
+        )
+        assert np.abs(plant.derivative(x, u)).max() < 1e-8
+        np.testing.assert_allclose(plant.output_at(x, u)[0], [x[2], pose, x[2] - pose, weight], atol=1e-8)
+
+
+@pytest.mark.oracle
+def test_the_ripple_is_a_torque_on_the_motor_alone(tmp_path: Path):
+    robot = arm(tmp_path, f"{TOOTHED}, torque_ripple = 3.0", stiffness=1e4)
+    x = np.array([0.2, 0.5, 0.203, -0.4])
+    change = robot.plant(extras="torque_ripple").derivative(x) - robot.plant().derivative(x)
+    np.testing.assert_allclose(change, [0.0, 0.0, 0.0, -3.0 * np.sin(200.0 * 0.203) / 1.5], atol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("motor", "spring", "parts"),
+    [
+        ("friction = 0.0", {"kinematic_error": 1e-4}, ("ratio", "gear_ratio")),
+        ("torque_ripple = 1.0", {}, ("ratio", "torque_ripple")),
+        (TOOTHED, {"kinematic_error": 6e-3}, ("back", "0.005")),
+        (TOOTHED, {"kinematic_error_phase": 1.0}, ("phase", "kinematic_error")),
+    ],
+)
+def test_teeth_that_are_none_are_refused(tmp_path: Path, motor: str, spring: dict[str, float], parts):
+    with refused_with(InvalidInput, *parts):
+        arm(tmp_path, motor, stiffness=1e4, **spring)
+
+
+def test_rigid_joints_ripple_and_other_joints_have_no_error():
+    robot = fh.load_robot("planar-two-link")
+    robot = robot.with_rigid("elbow").with_parameters(
+        Parameter("torque_ripple_elbow", 1.0), Parameter("kinematic_error_shoulder", 1e-4)
+    )
+    on = ("kinematic_error", "torque_ripple")
+    x, u = robot.operating_point([0.7, 0.4], on)
+    assert np.abs(robot.plant(extras=on).derivative(x, u)).max() < 1e-8
+    assert np.abs(robot.plant().derivative(x, u)).max() > 1e-2
+    with refused_with(InvalidInput, "kinematic_error", "inverse dynamics"):
+        robot.inverse_dynamics([0.7, 0.4], extras="kinematic_error")

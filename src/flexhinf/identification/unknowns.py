@@ -18,6 +18,7 @@ import numpy as np
 from flexhinf.estimation import RecursiveFilter
 from flexhinf.plant import Plant
 from flexhinf.robot import Robot
+from flexhinf.robot.elastic import TEETH
 from flexhinf.robot.gears import CURVE
 from flexhinf.robot.parameters import QUANTITIES, per_joint
 from flexhinf.validation import checked_names, unknown_name
@@ -29,6 +30,7 @@ STEP = 1e-5
 EXTRA_OF = {
     "damping": "joint_damping", "spring_hardening": "spring_hardening", "backlash": "backlash",
     **dict.fromkeys(CURVE, "stiffness_curve"),
+    **{f"{name}{part}": name for name in TEETH for part in ("", "_phase")},
     "coulomb_friction": "coulomb_friction", "static_friction": "stribeck_friction",
     "stribeck_velocity": "stribeck_friction", "inductance": "inductance",
 }  # fmt: skip

@@ -63,9 +63,9 @@ from .log_findings import (
 )
 from .page import (
     actuators_table as actuators_table,
-    gears_table as gears_table,
     design_page as design_page,
     design_tables as design_tables,
+    gears_table as gears_table,
     notes as notes,
     robots_table as robots_table,
     verdict as verdict,

@@ -9,6 +9,8 @@ switch                    adds
 ``joint_damping``         the spring's own damping D (q̇2 − q̇1)
 ``spring_hardening``      a cubic part of the spring: K δ + K₃ δ³, δ = q2 − q1
 ``stiffness_curve``       the curve of a gear's catalogue in the place of K δ, see `flexhinf.robot.gears`
+``kinematic_error``       the error of a gear's teeth, A sin(2 N q2 + φ), see there
+``torque_ripple``         their ripple on the motor side, R sin(2 N q2 + φ_R)
 ``backlash``              a dead zone of the spring of this total width
 ``coulomb_friction``      dry friction on the motor side, F_c tanh(q̇2 / v₀)
 ``stribeck_friction``     the same, larger at low speed: F_c + (F_s − F_c) exp(−(q̇2 / v_s)²)
@@ -42,11 +44,18 @@ from typing import Any
 import numpy as np
 
 from flexhinf.arrays import Number
-from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.errors import refuse_if
 from flexhinf.plant.model import ParameterTable
-from flexhinf.plant.plant import pose_values
-from flexhinf.robot.gears import CURVE, curve_number, curve_softness, curve_torque, curve_twist
-from flexhinf.robot.parameters import TURNING, Stated, per_joint
+from flexhinf.robot.gears import (
+    CURVE,
+    curve_number,
+    curve_softness,
+    curve_torque,
+    curve_twist,
+    tooth_error,
+    tooth_ripple,
+)
+from flexhinf.robot.parameters import per_joint
 from flexhinf.scalars import clip, derivative, series, trace
 from flexhinf.validation import one_of
 
@@ -56,10 +65,15 @@ EXTRAS = {
     "joint_damping": "damping",
     "spring_hardening": "spring_hardening",
     "stiffness_curve": "first_stiffness",
+    "kinematic_error": "kinematic_error",
+    "torque_ripple": "torque_ripple",
     "backlash": "backlash",
     "coulomb_friction": "coulomb_friction",
     "stribeck_friction": "static_friction",
 }
+
+#: Switches of what the teeth of gears add, each of which needs the gear's ratio.
+TEETH = ("kinematic_error", "torque_ripple")
 
 #: Switches of dry friction.
 DRY = ("coulomb_friction", "stribeck_friction")
@@ -67,7 +81,8 @@ DRY = ("coulomb_friction", "stribeck_friction")
 #: Values of what a joint does not state: nothing is added, and the velocities of the friction models (rad/s).
 DEFAULTS = {
     "damping": 0.0, "spring_hardening": 0.0, "backlash": 0.0, "coulomb_friction": 0.0, "static_friction": 0.0,
-    "stribeck_velocity": 0.1, "friction_smoothing": 0.01,
+    "stribeck_velocity": 0.1, "friction_smoothing": 0.01, "kinematic_error": 0.0, "kinematic_error_phase": 0.0,
+    "torque_ripple": 0.0, "torque_ripple_phase": 0.0,
 }  # fmt: skip
 
 
@@ -130,6 +145,18 @@ def spring_torque(twist: Any, rate: Any, p: Any, extras: Collection[str]) -> Any
     return torque
 
 
+def spring_torques(
+    q: Any, dq: Any, theta: Any, dtheta: Any, p: Any, extras: Collection[str], ratio: Any = None
+) -> tuple[Any, Any]:
+    """Torques of the springs on the links, and against the motors; `ratio` N is that of these joints."""
+    if "kinematic_error" not in extras:
+        torque = spring_torque(theta - q, dtheta - dq, p, extras)
+        return torque, torque
+    error, slope = tooth_error(theta, ratio, p)
+    torque = spring_torque(theta + error - q, (1.0 + slope) * dtheta - dq, p, extras)
+    return torque, (1.0 + slope) * torque
+
+
 @dataclass(frozen=True)
 class Sticking:
     """Set-valued Coulomb friction, |τ_F| ≤ F at rest and F sgn q̇2 in motion: the `Model.arrest` of a robot.
@@ -159,6 +186,11 @@ def stated_friction(parameters: Any) -> tuple[str, ...]:
 def stated_curve(parameters: Any) -> tuple[str, ...]:
     """The switch of the stiffness curve, of a robot with one, by its plant's parameters."""
     return ("stiffness_curve",) if CURVE[0] in parameters else ()
+
+
+def stated_teeth(parameters: Any) -> tuple[str, ...]:
+    """Switches of what the teeth of gears add, by a plant's parameters: those whose number is above zero."""
+    return tuple(name for name in TEETH if np.any(np.asarray(parameters.get(name, 0.0)) > 0.0))
 
 
 def with_dry_friction(extras: Sequence[str], parameters: Any) -> tuple[str, ...]:
@@ -205,7 +237,9 @@ CONSTANTS = {
 }
 
 #: What belongs to the spring, of which a rigid joint has none.
-SPRING = ("stiffness", *CURVE, "damping", "spring_hardening", "backlash")
+SPRING = (
+    "stiffness", *CURVE, "damping", "spring_hardening", "backlash", "kinematic_error", "kinematic_error_phase",
+)  # fmt: skip
 
 #: What a joint may state beyond its model; a joint that does not has the value of `DEFAULTS`.
 OPTIONAL = ("inductance", *DEFAULTS, *CURVE)
@@ -242,6 +276,9 @@ def reflected(
         return values[name] if default is None else values.get(name, default)
 
     dry = any(name.startswith(("coulomb_friction", "static_friction")) for name in values)
+    toothed = [
+        name for name in TEETH if any(per_joint(name, joint, len(joints)) in values for joint in joints)
+    ]
     curved = any(per_joint(CURVE[0], joint, len(joints)) in values for joint in joints)
     stated = [
         quantity
@@ -249,10 +286,12 @@ def reflected(
         if any(per_joint(quantity, joint, len(joints)) in values for joint in joints)
         or (quantity in ("friction_smoothing", "stribeck_velocity", "coulomb_friction") and dry)
         or (quantity in CURVE and curved)
+        or (quantity.removesuffix("_phase") in toothed)
     ]
     packed: dict[str, list[Number]] = {
         quantity: [] for quantity in ("stiffness", "motor_inertia", "friction", *CONSTANTS[drive], *stated)
     }
+    packed |= {"gear_ratio": []} if toothed else {}
     for joint in joints:
         ratio = of("gear_ratio", joint, 1.0)
         factor = {
@@ -266,6 +305,8 @@ def reflected(
                 column.append(ratio * ratio * of("rotor_inertia", joint) + of("hub_inertia", joint, 0.0))
             elif quantity == "static_friction":  # of a joint that states none, it does not fall with speed
                 column.append(of(quantity, joint, of("coulomb_friction", joint, 0.0)))
+            elif quantity == "gear_ratio":
+                column.append(ratio)
             elif quantity in CURVE:
                 own = {
                     name: of(name, joint) for name in CURVE if per_joint(name, joint, len(joints)) in values
@@ -395,18 +436,20 @@ class ElasticFlow:
             back = gain * p.back_emf_constant if self.drive == "voltage" else 0.0
             torque, damping = gain * u, p.friction + back
         if not layout.rigid:
-            spring = spring_torque(theta - q, dtheta - dq, p, self.extras)
-            load = friction_torque(dtheta, p, self.extras), spring
+            ratio = p.gear_ratio if "kinematic_error" in self.extras else None
+            spring, on_motors = spring_torques(q, dq, theta, dtheta, p, self.extras, ratio)
+            load = self._resistance(theta, dtheta, p), on_motors
             if self.drive in INNER:
                 load = share * load[0], share * load[1]
             left = torque - damping * dtheta - load[0] - load[1] + d[n:]
             link_acceleration = self.links.accelerations(q, dq, spring + d[:n], p)
             motor_acceleration = (1.0 / p.motor_inertia) * left  # a quotient of parameters: computed once
         else:
-            spring = spring_torque(theta - q[elastic], dtheta - dq[elastic], p, self.extras)
-            dry, on_motors = friction_torque(speed, p, self.extras), spring
+            ratio = p.gear_ratio[elastic] if "kinematic_error" in self.extras else None
+            spring, on_motors = spring_torques(q[elastic], dq[elastic], theta, dtheta, p, self.extras, ratio)
+            dry = self._resistance(layout.motors(q, theta), speed, p)
             if self.drive in INNER:
-                dry, on_motors = share * dry, share[elastic] * spring
+                dry, on_motors = share * dry, share[elastic] * on_motors
             driven = torque - damping * speed - dry + d[n:]
             rotors = [p.motor_inertia[i] if i in layout.rigid else 0.0 for i in range(n)]
             on_links = layout.motors(driven, spring) + d[:n]
@@ -417,83 +460,21 @@ class ElasticFlow:
             rates.append((u - p.resistance * current - p.back_emf_constant * speed) / p.inductance)
         return np.concatenate(rates)
 
+    def _resistance(self, angle: Any, speed: Any, p: Any) -> Any:
+        """Dry friction and ripple against the motors, at their angles and speeds."""
+        dry = friction_torque(speed, p, self.extras)
+        return dry + tooth_ripple(angle, p) if "torque_ripple" in self.extras else dry
+
 
 # Inverse dynamics ---------------------------------------------------------------------------------
-#: A pose beyond one turn was probably meant in degrees.
-TURN = 2.0 * np.pi * (1.0 + 1e-9)
-
-
-def checked_pose(pose: Any, default: np.ndarray, links: Any, robot: str) -> np.ndarray:
-    """Link positions (n,) within the limits, from a sequence, a mapping by joint, a number for one joint, or None."""
-    names = links.tree.names
-    if pose is None:
-        pose = default
-    if isinstance(pose, Mapping):
-        named = {name.removeprefix("link_position_"): value for name, value in pose.items()}
-        if len(names) == 1 and "link_position" in named:
-            named[names[0]] = named.pop("link_position")
-        pose = dict(zip(names, default)) | named
-    values = pose_values(pose, names, f"robot {robot!r}")
-    stated = list(pose.values()) if isinstance(pose, Mapping) else np.atleast_1d(np.asarray(pose, object))
-    for joint, limits, slides, value, text in zip(names, links.limits, links.slides, values, stated):
-        low, high = limits or ((-np.inf, np.inf) if slides else (-TURN, TURN))
-        if low <= value <= high:
-            continue
-        unit, size = "m" if slides else "rad", 1.0
-        if isinstance(text, Stated) and text.unit.lower() in TURNING and not slides:
-            unit, size = text.unit, TURNING[text.unit.lower()]
-        got = f"{text.number}{text.unit}" if isinstance(text, Stated) and text.number else f"{value:g} {unit}"
-        # Degrees may be meant by a number without a unit, where as many degrees would be allowed.
-        within = abs(value) > TURN and low <= np.deg2rad(value) <= high
-        degrees = within and not (isinstance(text, Stated) or slides)
-        what, advice = f"The pose is outside the limits of joint {joint!r}.", "a pose within the limits"
-        if limits is None:
-            what = f"The pose turns joint {joint!r} by {got}, more than once around."
-            advice = "an angle within one turn, or limits in the robot's file, as a joint that turns further has them"
-        if degrees:
-            advice = (
-                f"{value:g}deg in commands and specifications, np.deg2rad({value:g}) elsewhere; or {advice}"
-            )
-        got += "; were degrees meant?" if degrees else ""
-        raise InvalidInput(what, f"expected {low / size:.6g} to {high / size:.6g} {unit}, got {got}", advice)
-    return values
-
-
-#: Range of a joint, rad or m, beyond which one of its ends stands for none.
-FARTHEST = 1e3
-
-
-def checked_home(home: Any, links: Any, robot: str) -> np.ndarray:
-    """Link positions (n,) of a robot's home, zeros by default; refused outside the limits, with the line to write."""
-    names = links.tree.names
-    values = np.zeros(len(names)) if home is None else pose_values(home, names, f"robot {robot!r}")
-    expected, got, within = list[str](), list[str](), list[float]()
-    for name, limits, slides, value in zip(names, links.limits, links.slides, values.tolist()):
-        low, high = limits or ((-np.inf, np.inf) if slides else (-TURN, TURN))
-        unit, inside = "m" if slides else "rad", low <= value <= high
-        degrees = not slides and abs(value) > TURN and low <= np.deg2rad(value) <= high
-        if not inside:
-            expected.append(f"{low:.6g} to {high:.6g} {unit} for {name!r}")
-            got.append(f"{value:g} {unit} for {name!r}{' (were degrees meant?)' if degrees else ''}")
-        middle = np.deg2rad(value) if degrees else (low + high) / 2.0
-        if not degrees and high - low > FARTHEST:  # an end stands for none: the nearer one is a place
-            middle = min(max(value, low), high)
-        within.append(value if inside else float(f"{middle:.4g}"))
-    refuse_if(
-        got,
-        f"The home pose is outside the limits: {', '.join(text.rpartition(' for ')[2] for text in expected)}.",
-        f"expected {', '.join(expected)}, got {', '.join(got)}",
-        f"home = {within} at the top of the robot file",
-    )
-    return values
-
-
 #: What a real joint adds that the inverse dynamics cannot follow; they can follow a torque of the motor's velocity.
 WHY_NOT = {
     "inductance": "the coil needs a fifth derivative",
     "joint_damping": "a damped spring takes away the flat output: its twist obeys a differential equation",
     "spring_hardening": "the spring would have to be inverted at each time",
     "backlash": "a spring with a dead zone has no inverse",
+    "kinematic_error": "its phase is known at no start",
+    "torque_ripple": "its phase is known at no start",
 }
 
 #: What they can follow.

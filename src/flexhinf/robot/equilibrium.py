@@ -14,7 +14,7 @@ from flexhinf.arrays import Number
 from flexhinf.plant import Parameters
 from flexhinf.robot.arm import Links, Pendulum
 from flexhinf.robot.elastic import INNER, reflected, torque_per_input
-from flexhinf.robot.gears import curve_softness, curve_torque, curve_twist
+from flexhinf.robot.gears import curve_softness, curve_torque, curve_twist, meshed, tooth_error, tooth_ripple
 from flexhinf.robot.parameters import PlantValues
 
 #: A torque (force) of less than this times the robot's weight, at a metre, is rounding.
@@ -81,8 +81,18 @@ def equilibrium(
         twist = (
             twist + 0.5 * np.sign(weight) * (np.abs(weight) > ROUNDING * mass * abs(p.gravity)) * p.backlash
         )
+    held, motors = np.array(held, dtype=float), q[elastic] + twist
+    if "kinematic_error" in on:
+        ratio = np.atleast_1d(p.gear_ratio)[elastic]
+        motors = meshed(motors, ratio, p)
+        twist = motors - q[elastic]
+        held[elastic] *= 1.0 + tooth_error(motors, ratio, p)[1]
+    if "torque_ripple" in on:
+        at = np.array(q, dtype=float)
+        at[elastic] = motors
+        held = held + tooth_ripple(at, p)
     still = np.zeros(q.shape)
-    states, effort = [q, still, q[elastic] + twist, still[elastic]], np.array(held, dtype=float)
+    states, effort = [q, still, motors, still[elastic]], np.array(held, dtype=float)
     if drive in INNER:
         gain = torque_per_input(drive, p)
         effort = np.asarray(p.load_share * held / gain, dtype=float)

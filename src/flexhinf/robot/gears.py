@@ -1,4 +1,4 @@
-"""The torsion of a strain-wave gear: the curve of its catalogue, three straight lines.
+"""What a strain-wave gear is beside a spring: the curve of its catalogue, the error of its teeth, their ripple.
 
 A catalogue states slopes K₁, K₂, K₃ of torque over twist, and the torques T₁, T₂ at which one follows the other. With
 the dead zone dz(x, w) = x − clip(x, −w, w), and the twists of the corners δ₁ = T₁/K₁, δ₂ = δ₁ + (T₂ − T₁)/K₂,
@@ -8,6 +8,11 @@ the dead zone dz(x, w) = x − clip(x, −w, w), and the twists of the corners �
     δ(T) = T/K₁ + (1/K₂ − 1/K₁) dz(T, T₁) + (1/K₃ − 1/K₂) dz(T, T₂).
 
 Both are exact inverses of each other. Hysteresis is not in the curve.
+
+The wave generator's two lobes pass the same teeth twice in a turn of the motor, N θ on its own side [tuttle1996]: the
+output is off by e(θ) = A sin(2 N θ + φ), and the torque of the motor by R sin(2 N θ + φ_R). A spring whose twist is
+δ = θ + e(θ) − q pushes the link with T(δ) and the motor with (1 + e′(θ)) T(δ): no work is lost between them. An encoder
+of the motor sees θ, one of the link q.
 """
 
 from __future__ import annotations
@@ -78,6 +83,30 @@ def curve_softness(torque: Any, p: Any) -> Any:
         size, p.first_torque, p.second_torque, one, two, three,
     )))  # fmt: skip
     return np.array([where(s > b, k3, where(s > a, k2, k1)) for s, a, b, k1, k2, k3 in rows])
+
+
+def tooth_error(angle: Any, ratio: Any, p: Any) -> tuple[Any, Any]:
+    """e(θ), rad or m, and its slope e′(θ), at motors' angles seen from the link; the ratio is N, rad/rad or rad/m."""
+    phase = 2.0 * ratio * angle + p.kinematic_error_phase
+    return p.kinematic_error * np.sin(phase), (2.0 * ratio) * p.kinematic_error * np.cos(phase)
+
+
+def tooth_ripple(angle: Any, p: Any) -> Any:
+    """R sin(2 N θ + φ_R), N·m or N, against the motor."""
+    return p.torque_ripple * np.sin(2.0 * p.gear_ratio * angle + p.torque_ripple_phase)
+
+
+def meshed(wanted: Any, ratio: Any, p: Any) -> np.ndarray:
+    """θ of θ + e(θ) = wanted, on numbers: Newton's method, whose slope 1 + e′ is positive."""
+    angle, done = np.array(wanted, dtype=float), np.array(False)
+    for _ in range(100):
+        error, slope = tooth_error(angle, ratio, p)
+        step = (angle + error - wanted) / (1.0 + slope)
+        angle = np.where(done, angle, angle - np.clip(step, -1.0 / ratio, 1.0 / ratio))
+        done = done | np.all(np.abs(step) <= 1e-15 * np.maximum(np.abs(angle), 1e-3), axis=0)
+        if np.all(done):
+            break
+    return angle
 
 
 def secant(first: float, second: float, low: float, high: float) -> float:

@@ -148,6 +148,8 @@ EXPRESSED = ("joint_damping", "stiffness_curve", "backlash", "coulomb_friction")
 MISSING = {
     "inductance": "its motors have no coil",
     "spring_hardening": "its tendons are linear outside their dead band",
+    "kinematic_error": "its tendons are linear in the angles",
+    "torque_ripple": "its motors have the same torque at every angle",
     "stribeck_friction": "its friction loss is the same at every speed",
 }
 

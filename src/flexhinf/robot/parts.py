@@ -13,7 +13,7 @@ import numpy as np
 from flexhinf.errors import refuse_if
 from flexhinf.robot.arm import Arm, Pendulum
 from flexhinf.robot.dynamics import Joint, Tree, matrix_of
-from flexhinf.robot.elastic import CONSTANTS, DRIVES, INNER, SPRING
+from flexhinf.robot.elastic import CONSTANTS, DRIVES, INNER, SPRING, TEETH
 from flexhinf.robot.gears import CURVE, SECOND_CORNER, secant
 from flexhinf.robot.parameters import INERTIA, VECTOR, Parameter, per_joint, unit_of
 from flexhinf.robot.robot import Robot
@@ -110,6 +110,9 @@ class ElasticJoint:
         η_g, η_m.
     inductance : number, optional
         H.
+    kinematic_error, kinematic_error_phase, torque_ripple, torque_ripple_phase : number, optional
+        Amplitudes (rad, N·m, seen from the link) and phases (rad) of what the teeth of a gear add, twice in each turn
+        of the motor.
     damping, spring_hardening, backlash, coulomb_friction, static_friction, stribeck_velocity, friction_smoothing
         What a real joint adds, see `flexhinf.robot.elastic`.
     drive : {"torque", "current", "voltage", "velocity", "position"}, optional
@@ -149,6 +152,10 @@ class ElasticJoint:
     damping: Number | None = None
     spring_hardening: Number | None = None
     backlash: Number | None = None
+    kinematic_error: Number | None = None
+    kinematic_error_phase: Number | None = None
+    torque_ripple: Number | None = None
+    torque_ripple_phase: Number | None = None
     coulomb_friction: Number | None = None
     static_friction: Number | None = None
     stribeck_velocity: Number | None = None
@@ -164,6 +171,7 @@ class ElasticJoint:
 
     def __post_init__(self) -> None:
         self._check_curve()
+        self._check_teeth()
         twisting = [name for name in SPRING if getattr(self, name) is not None]
         refuse_if(
             self.stiffness is None and twisting,
@@ -258,6 +266,32 @@ class ElasticJoint:
             spread = min(slope[0] for slope in slopes), max(slope[1] for slope in slopes)
             source = "secant of the stiffness curve to T₂; its range are the slopes"
             object.__setattr__(self, "stiffness", Parameter("stiffness", of, source=source, range=spread))
+
+    def _check_teeth(self) -> None:
+        """Refuse teeth without the ratio of their gear, and an error that turns the link back."""
+        stated = [name for name in TEETH if getattr(self, name) is not None]
+        refuse_if(
+            stated and self.gear_ratio is None,
+            "The teeth of a gear need its ratio: they pass twice in a turn of the motor.",
+            f"expected gear_ratio beside {stated}, got none",
+            "gear_ratio in [joint.motor], where torque_constant and back_emf_constant are then before the gear",
+        )
+        for name in TEETH:
+            refuse_if(
+                getattr(self, f"{name}_phase") is not None and name not in stated,
+                f"A phase of no {name.replace('_', ' ')} is stated.",
+                f"expected {name} beside {name}_phase, got none",
+                f"{name} = …, its amplitude; or without the phase",
+            )
+        if self.kinematic_error is None or self.gear_ratio is None:
+            return
+        error, ratio = value_of(self.kinematic_error), value_of(self.gear_ratio)
+        refuse_if(
+            not 2.0 * ratio * error < 1.0,
+            "The kinematic error of a gear would turn its link back.",
+            f"expected less than 1/(2 gear_ratio) = {0.5 / ratio:.4g}, got {error:g}",
+            "its amplitude, seen from the link: half of the accuracy that the catalogue states",
+        )
 
     def _check_drive(self, constants: tuple[str, ...]) -> None:
         """Take the drive that the motor's constants say where none is stated; refuse one that its numbers

@@ -28,8 +28,6 @@ from flexhinf.robot.elastic import (
     Layout,
     Sticking,
     checked_extras,
-    checked_home,
-    checked_pose,
     reflected,
     required_of_drive,
     traced_inverse,
@@ -47,6 +45,7 @@ from flexhinf.robot.parameters import (
     random_signs,
     unit_of,
 )
+from flexhinf.robot.poses import checked_home, checked_pose
 from flexhinf.robot.saved_file import save_robot
 from flexhinf.robot.signals import (
     MECHANICAL,
@@ -290,8 +289,8 @@ class Robot(Summarised):
         inductance : bool
             With the motor coils' inductance: the same as ``extras=("inductance",)``.
         extras : sequence of str
-            See `flexhinf.robot.elastic`: inductance, joint_damping, spring_hardening, stiffness_curve, backlash,
-            coulomb_friction, stribeck_friction.
+            See `flexhinf.robot.elastic`: inductance, joint_damping, spring_hardening, stiffness_curve,
+            kinematic_error, torque_ripple, backlash, coulomb_friction, stribeck_friction.
         sticking : bool
             Whether dry friction is sharp instead of smoothed: it holds a joint at rest, and only `flexhinf.Loop` has
             it; flow and linearisation have none. A robot with rigid joints has it smoothed in any case.
