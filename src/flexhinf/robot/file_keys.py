@@ -316,7 +316,7 @@ TABLES: dict[str, dict[str, Key]] = {
         "kind": Key(
             required=True, usable=lambda value: value in SENSORS, expected=f"one of {', '.join(map(repr, SENSORS))}"
         ),
-        "counts": _POSITIVE, "step": _POSITIVE, "noise": _POSITIVE,
+        "counts": _POSITIVE, "step": _POSITIVE, "noise": _POSITIVE, "delay": _POSITIVE._replace(units=("s",)),
         "before_gear": Key(usable=lambda value: isinstance(value, bool), expected="true or false"),
     },
     "link": {
