@@ -28,6 +28,7 @@ ARM = fh.paper_arm().with_parameters(
     Parameter("coulomb_friction", 0.5),
     Parameter("static_friction", 0.8),
     Parameter("stribeck_velocity", 0.2),
+    Parameter("load_friction", 0.04),
 )
 X = np.array([0.1, 0.3, 0.25, -0.4])
 
@@ -50,6 +51,13 @@ def change(extras, x=X):
         ("backlash", -100.0 * 0.01, 100.0 * 0.01),
         ("coulomb_friction", 0.0, 0.5),
         ("stribeck_friction", 0.0, 0.5 + 0.3 * np.exp(-4.0)),
+        ("load_friction", 0.0, 0.04 * 100.0 * 0.15),
+        (("stribeck_friction", "load_friction"), 0.0, 0.5 + 0.3 * np.exp(-4.0) + 0.04 * 100.0 * 0.15),
+        (
+            ("backlash", "coulomb_friction", "load_friction"),
+            -1.0,
+            1.0 + 0.5 + 0.04 * 100.0 * 0.14,
+        ),
         (("spring_hardening", "backlash"), 5000.0 * 0.14**3 - 1.0, 1.0 - 5000.0 * 0.14**3),
     ],
 )

@@ -30,7 +30,7 @@ motor = {{ motor_inertia = 1.5, {motor} }}
 """
 
 
-def arm(folder: Path, motor: str = "friction = 5.0", **spring: object) -> fh.Robot:
+def arm(folder: Path, motor: str = "friction = 5.0", /, **spring: object) -> fh.Robot:
     text = ", ".join(f"{name} = {value}" for name, value in spring.items())
     (folder / "geared.toml").write_text(ARM.format(spring=text, motor=motor), encoding="utf-8")
     return fh.load_robot(folder / "geared.toml")
@@ -151,6 +151,35 @@ def test_a_robot_rests_on_its_curve_and_other_joints_keep_their_springs():
 
 
 @pytest.mark.oracle
+def test_friction_of_the_load_holds_a_loaded_gear_and_lets_an_empty_one_go(tmp_path: Path):
+    """F = F_c + μ |τ| in closed form: a motor that turns stops after ½ J v²/F, one with a load above it is pushed."""
+    from flexhinf.robot.elastic import Sticking
+
+    motor = "friction = 0.0, coulomb_friction = 2.0, load_friction = 0.1"
+    robot = arm(tmp_path, motor, stiffness=1e6)
+    on = ("coulomb_friction", "load_friction")
+    sticking = Sticking(1, on, ())
+    p = Parameters(robot.plant_parameters())
+    for load in (0.0, 30.0, -50.0):
+        level = 2.0 + 0.1 * abs(load)
+        for speed in (1e-4, 0.3, -0.3):
+            x = np.array([0.0, 0.0, load / 1e6, speed])
+            lost = np.clip(speed, -1e-3 * level / 1.5, 1e-3 * level / 1.5)
+            np.testing.assert_allclose(sticking(x, 1e-3, p)[3], speed - lost, atol=1e-12)
+    assert robot.plant(extras=on, sticking=True).arrest == sticking
+    smooth = robot.plant(extras=on).derivative([0.0, 0.0, 3e-5, 0.5]) - robot.plant().derivative(
+        [0.0, 0.0, 3e-5, 0.5]
+    )
+    np.testing.assert_allclose(smooth, [0.0, 0.0, 0.0, -(2.0 + 3.0) / 1.5], atol=1e-9)
+    with refused_with(InvalidInput, "load", "load_friction"):
+        text = (tmp_path / "geared.toml").read_text(encoding="utf-8")
+        (tmp_path / "rigid.toml").write_text(
+            text.replace("spring = { stiffness = 1000000.0 }", "rigid = true")
+        )
+        fh.load_robot(tmp_path / "rigid.toml")
+
+
+@pytest.mark.oracle
 def test_the_inverse_dynamics_use_the_curve():
     """Along a motion that stays off the corners, the plant with the curve has the rates of the motion."""
     robot = planar()
@@ -164,17 +193,21 @@ def test_the_inverse_dynamics_use_the_curve():
             -size * rate**3 * np.cos(at), size * rate**4 * np.sin(at),
         ]  # fmt: skip
 
-    x, u = robot.inverse_dynamics(*motion(t), extras="stiffness_curve")
-    around = [robot.inverse_dynamics(*motion(t + dt), extras="stiffness_curve")[0] for dt in (-h, h)]
+    def inverse(time: float) -> tuple[np.ndarray, np.ndarray]:
+        q, dq, ddq, dddq, ddddq = motion(time)
+        return robot.inverse_dynamics(q, dq, ddq, dddq, ddddq, extras="stiffness_curve")
+
+    x, u = inverse(t)
+    around = [inverse(t + dt)[0] for dt in (-h, h)]
     rates = (around[1] - around[0]) / (2.0 * h)
     np.testing.assert_allclose(
         robot.plant(extras="stiffness_curve").derivative(x, u), rates, rtol=1e-5, atol=1e-5
     )
-    assert np.abs(robot.inverse_dynamics(*motion(t))[0] - x).max() > 1e-4
-    stacked = robot.inverse_dynamics(*(np.array([row, row]) for row in motion(t)), extras="stiffness_curve")[
-        0
-    ]
-    np.testing.assert_array_equal(stacked[1], x)
+    q, dq, ddq, dddq, ddddq = motion(t)
+    assert np.abs(robot.inverse_dynamics(q, dq, ddq, dddq, ddddq)[0] - x).max() > 1e-4
+    rows = [np.array([each, each]) for each in motion(t)]
+    stacked = robot.inverse_dynamics(rows[0], rows[1], rows[2], rows[3], rows[4], extras="stiffness_curve")
+    np.testing.assert_array_equal(stacked[0][1], x)
 
 
 @pytest.mark.oracle

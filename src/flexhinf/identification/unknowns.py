@@ -31,7 +31,7 @@ EXTRA_OF = {
     "damping": "joint_damping", "spring_hardening": "spring_hardening", "backlash": "backlash",
     **dict.fromkeys(CURVE, "stiffness_curve"),
     **{f"{name}{part}": name for name in TEETH for part in ("", "_phase")},
-    "coulomb_friction": "coulomb_friction", "static_friction": "stribeck_friction",
+    "coulomb_friction": "coulomb_friction", "static_friction": "stribeck_friction", "load_friction": "load_friction",
     "stribeck_velocity": "stribeck_friction", "inductance": "inductance",
 }  # fmt: skip
 

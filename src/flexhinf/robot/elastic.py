@@ -14,6 +14,7 @@ switch                    adds
 ``backlash``              a dead zone of the spring of this total width
 ``coulomb_friction``      dry friction on the motor side, F_c tanh(q̇2 / v₀)
 ``stribeck_friction``     the same, larger at low speed: F_c + (F_s − F_c) exp(−(q̇2 / v_s)²)
+``load_friction``         dry friction that grows with the load of the gear: μ |τ_J| beside F_c
 ========================  ===============================================================================
 
 Dry friction is smoothed over the velocity v₀ (`friction_smoothing`), so a stuck joint creeps by less than v₀
@@ -56,7 +57,7 @@ from flexhinf.robot.gears import (
     tooth_ripple,
 )
 from flexhinf.robot.parameters import per_joint
-from flexhinf.scalars import clip, derivative, series, trace
+from flexhinf.scalars import absolute, clip, derivative, series, trace
 from flexhinf.validation import one_of
 
 #: The parameter that each switch needs.
@@ -70,19 +71,20 @@ EXTRAS = {
     "backlash": "backlash",
     "coulomb_friction": "coulomb_friction",
     "stribeck_friction": "static_friction",
+    "load_friction": "load_friction",
 }
 
 #: Switches of what the teeth of gears add, each of which needs the gear's ratio.
 TEETH = ("kinematic_error", "torque_ripple")
 
 #: Switches of dry friction.
-DRY = ("coulomb_friction", "stribeck_friction")
+DRY = ("coulomb_friction", "stribeck_friction", "load_friction")
 
 #: Values of what a joint does not state: nothing is added, and the velocities of the friction models (rad/s).
 DEFAULTS = {
     "damping": 0.0, "spring_hardening": 0.0, "backlash": 0.0, "coulomb_friction": 0.0, "static_friction": 0.0,
     "stribeck_velocity": 0.1, "friction_smoothing": 0.01, "kinematic_error": 0.0, "kinematic_error_phase": 0.0,
-    "torque_ripple": 0.0, "torque_ripple_phase": 0.0,
+    "torque_ripple": 0.0, "torque_ripple_phase": 0.0, "load_friction": 0.0,
 }  # fmt: skip
 
 
@@ -118,7 +120,7 @@ def inactive_parameters(
 
     Where the curve of a gear acts, it has the place of the stiffness.
     """
-    on = {*extras, *(DRY if "stribeck_friction" in extras else ())}
+    on = {*extras, *(("coulomb_friction",) if "stribeck_friction" in extras else ())}
     off = [quantity for name, quantity in EXTRAS.items() if name not in on]
     off += [] if "stiffness_curve" in on else CURVE
     curved = [
@@ -163,17 +165,22 @@ class Sticking:
 
     Moreau's time stepping: a step of h takes up to F h / J from each motor's velocity, and never turns it round. The
     velocity is taken as lost evenly within the step, so the motor is behind by half of that times h: what sticks does
-    not creep. With "stribeck_friction" F is that of the velocity before.
+    not creep. With "stribeck_friction" F is that of the velocity before, with "load_friction" that of the spring then.
     """
 
     joints: int
     extras: tuple[str, ...]
+    others: tuple[str, ...] = ()  # the plant's other extras, which the load is of
 
     def __call__(self, x: Any, step: Any, p: Any) -> Any:
         """The state after friction, on any element."""
         n = self.joints
-        velocity = x[3 * n : 4 * n]
-        most = np.broadcast_to((step / p.motor_inertia) * dry_level(velocity, p, self.extras), velocity.shape)
+        velocity, load = x[3 * n : 4 * n], 0.0
+        if "load_friction" in self.extras:
+            ratio = p.gear_ratio if "kinematic_error" in self.others else None
+            load = spring_torques(x[:n], x[n : 2 * n], x[2 * n : 3 * n], velocity, p, self.others, ratio)[1]
+        level = dry_level(velocity, load, p, self.extras)
+        most = np.broadcast_to((step / p.motor_inertia) * level, velocity.shape)
         lost = np.array([clip(speed, -limit, limit) for speed, limit in zip(velocity, most)])
         return np.concatenate([x[: 2 * n], x[2 * n : 3 * n] - 0.5 * step * lost, velocity - lost, x[4 * n :]])
 
@@ -194,24 +201,29 @@ def stated_teeth(parameters: Any) -> tuple[str, ...]:
 
 
 def with_dry_friction(extras: Sequence[str], parameters: Any) -> tuple[str, ...]:
-    """Extras with the dry friction that a robot has, of which they may name one kind."""
+    """Extras with the dry friction that a robot has, of which they may name one kind; that of loads is beside each."""
     dry = stated_friction(parameters)
-    return tuple(dict.fromkeys((*extras, *([name for name in dry if name in extras] or dry))))
+    kinds = [name for name in dry if name != "load_friction"]
+    named = [name for name in kinds if name in extras] or kinds
+    return tuple(dict.fromkeys((*extras, *named, *(name for name in dry if name not in kinds))))
 
 
-def dry_level(velocity: Any, p: Any, extras: Collection[str]) -> Any:
-    """F: F_c, or with stribeck_friction F_c + (F_s − F_c) exp(−(q̇2 / v_s)²)."""
-    level = p.coulomb_friction
+def dry_level(velocity: Any, load: Any, p: Any, extras: Collection[str]) -> Any:
+    """F: F_c, or with stribeck_friction F_c + (F_s − F_c) exp(−(q̇2 / v_s)²), and with load_friction μ |τ_J| more."""
+    level = 0.0 * velocity if {*DRY} & {*extras} == {"load_friction"} else p.coulomb_friction
+    if "load_friction" in extras:
+        level = level + p.load_friction * absolute(load)
     if "stribeck_friction" in extras:
         ratio = velocity / p.stribeck_velocity
-        level = level + (p.static_friction - level) * np.exp(-(ratio * ratio))
+        level = level + (p.static_friction - p.coulomb_friction) * np.exp(-(ratio * ratio))
     return level
 
 
-def friction_torque(velocity: Any, p: Any, extras: Collection[str]) -> Any:
-    """Dry friction against the motor's velocity (viscous friction is not in it); 0.0 without a switch."""
+def friction_torque(velocity: Any, load: Any, p: Any, extras: Collection[str]) -> Any:
+    """Dry friction against the motor's velocity (viscous friction is not in it); 0.0 without a switch. The load is the
+    torque of the spring."""
     dry = set(DRY) & set(extras)
-    return dry_level(velocity, p, extras) * np.tanh(velocity / p.friction_smoothing) if dry else 0.0
+    return dry_level(velocity, load, p, extras) * np.tanh(velocity / p.friction_smoothing) if dry else 0.0
 
 
 #: What the input is: the motor's voltage (V), its current (A), its torque on the link side (N·m), or the command of an
@@ -275,7 +287,7 @@ def reflected(
         name = per_joint(quantity, joint, len(joints))
         return values[name] if default is None else values.get(name, default)
 
-    dry = any(name.startswith(("coulomb_friction", "static_friction")) for name in values)
+    dry = any(name.startswith(("coulomb_friction", "static_friction", "load_friction")) for name in values)
     toothed = [
         name for name in TEETH if any(per_joint(name, joint, len(joints)) in values for joint in joints)
     ]
@@ -438,7 +450,7 @@ class ElasticFlow:
         if not layout.rigid:
             ratio = p.gear_ratio if "kinematic_error" in self.extras else None
             spring, on_motors = spring_torques(q, dq, theta, dtheta, p, self.extras, ratio)
-            load = self._resistance(theta, dtheta, p), on_motors
+            load = self._resistance(theta, dtheta, on_motors, p), on_motors
             if self.drive in INNER:
                 load = share * load[0], share * load[1]
             left = torque - damping * dtheta - load[0] - load[1] + d[n:]
@@ -447,7 +459,7 @@ class ElasticFlow:
         else:
             ratio = p.gear_ratio[elastic] if "kinematic_error" in self.extras else None
             spring, on_motors = spring_torques(q[elastic], dq[elastic], theta, dtheta, p, self.extras, ratio)
-            dry = self._resistance(layout.motors(q, theta), speed, p)
+            dry = self._resistance(layout.motors(q, theta), speed, layout.motors(0.0 * q, on_motors), p)
             if self.drive in INNER:
                 dry, on_motors = share * dry, share[elastic] * on_motors
             driven = torque - damping * speed - dry + d[n:]
@@ -460,9 +472,9 @@ class ElasticFlow:
             rates.append((u - p.resistance * current - p.back_emf_constant * speed) / p.inductance)
         return np.concatenate(rates)
 
-    def _resistance(self, angle: Any, speed: Any, p: Any) -> Any:
-        """Dry friction and ripple against the motors, at their angles and speeds."""
-        dry = friction_torque(speed, p, self.extras)
+    def _resistance(self, angle: Any, speed: Any, load: Any, p: Any) -> Any:
+        """Dry friction and ripple against the motors, at their angles, speeds and loads."""
+        dry = friction_torque(speed, load, p, self.extras)
         return dry + tooth_ripple(angle, p) if "torque_ripple" in self.extras else dry
 
 
@@ -527,7 +539,7 @@ class InverseFlow:
             return np.concatenate([q, dq, own[0], own[1]]), self._command(angle, speed, acceleration, load, p)
         drive = p.motor_inertia * acceleration + p.friction * speed + load
         if set(DRY) & set(self.extras):
-            drive = drive + friction_torque(speed, p, self.extras)
+            drive = drive + friction_torque(speed, load, p, self.extras)
         if self.drive == "current":
             drive = (1.0 / p.torque_constant) * drive
         elif self.drive == "voltage":
@@ -538,7 +550,7 @@ class InverseFlow:
         """Command (n,) of an inner loop, whose motor moves so under a load."""
         friction = p.friction * speed
         if set(DRY) & set(self.extras):
-            friction = friction + friction_torque(speed, p, self.extras)
+            friction = friction + friction_torque(speed, load, p, self.extras)
         torque = p.motor_inertia * acceleration + p.load_share * (friction + load)
         ahead = (1.0 / torque_per_input(self.drive, p)) * (torque + p.drive_damping * speed)
         return angle + ahead if self.drive == "position" else ahead

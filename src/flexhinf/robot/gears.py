@@ -30,7 +30,7 @@ CURVE = ("first_stiffness", "second_stiffness", "third_stiffness", "first_torque
 SECOND_CORNER = ("third_stiffness", "second_torque")
 
 
-def curve_number(quantity: str, stated: Any, fallback: float) -> Any:
+def curve_number(quantity: str, stated: Any, fallback: Any) -> Any:
     """One number of a joint's curve: what it states by name, else what makes its curve straight from there on.
 
     `fallback` is its plain stiffness, of a joint without a curve.

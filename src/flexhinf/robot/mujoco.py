@@ -150,6 +150,7 @@ MISSING = {
     "spring_hardening": "its tendons are linear outside their dead band",
     "kinematic_error": "its tendons are linear in the angles",
     "torque_ripple": "its motors have the same torque at every angle",
+    "load_friction": "its friction loss is the same at every load",
     "stribeck_friction": "its friction loss is the same at every speed",
 }
 

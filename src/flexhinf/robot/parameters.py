@@ -93,6 +93,7 @@ QUANTITIES: dict[str, Quantity] = {
     "backlash": Quantity("rad", "m", "not negative"),
     "coulomb_friction": Quantity("N·m", "N", "not negative"),
     "static_friction": Quantity("N·m", "N", "not negative"),
+    "load_friction": Quantity("1", "1", "not negative"),
     "stribeck_velocity": Quantity("rad/s", "m/s", "positive"),
     "friction_smoothing": Quantity("rad/s", "m/s", "positive"),
 }

@@ -113,7 +113,8 @@ class ElasticJoint:
     kinematic_error, kinematic_error_phase, torque_ripple, torque_ripple_phase : number, optional
         Amplitudes (rad, N·m, seen from the link) and phases (rad) of what the teeth of a gear add, twice in each turn
         of the motor.
-    damping, spring_hardening, backlash, coulomb_friction, static_friction, stribeck_velocity, friction_smoothing
+    damping, spring_hardening, backlash, coulomb_friction, load_friction : number, optional
+    static_friction, stribeck_velocity, friction_smoothing : number, optional
         What a real joint adds, see `flexhinf.robot.elastic`.
     drive : {"torque", "current", "voltage", "velocity", "position"}, optional
         What the input is; by default what the constants of the motor say.
@@ -158,6 +159,7 @@ class ElasticJoint:
     torque_ripple_phase: Number | None = None
     coulomb_friction: Number | None = None
     static_friction: Number | None = None
+    load_friction: Number | None = None
     stribeck_velocity: Number | None = None
     friction_smoothing: Number | None = None
     drive: str = ""
@@ -178,6 +180,12 @@ class ElasticJoint:
             "A rigid joint has no spring.",
             f"expected no number of a spring, got {twisting}",
             "its stiffness; or leave them out",
+        )
+        refuse_if(
+            self.stiffness is None and self.load_friction is not None,
+            "The friction of a rigid joint by its load is not modelled: no spring says what the load is.",
+            "expected no load_friction, got one",
+            "[joint.spring] with its stiffness; or coulomb_friction at the usual load",
         )
         refuse_if(
             (self.motor_inertia is None) == (self.rotor_inertia is None),

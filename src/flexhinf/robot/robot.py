@@ -290,7 +290,7 @@ class Robot(Summarised):
             With the motor coils' inductance: the same as ``extras=("inductance",)``.
         extras : sequence of str
             See `flexhinf.robot.elastic`: inductance, joint_damping, spring_hardening, stiffness_curve,
-            kinematic_error, torque_ripple, backlash, coulomb_friction, stribeck_friction.
+            kinematic_error, torque_ripple, backlash, coulomb_friction, stribeck_friction, load_friction.
         sticking : bool
             Whether dry friction is sharp instead of smoothed: it holds a joint at rest, and only `flexhinf.Loop` has
             it; flow and linearisation have none. A robot with rigid joints has it smoothed in any case.
@@ -325,7 +325,7 @@ class Robot(Summarised):
                 if ends is not None
             },
             engaged=self.layout.engaged if "backlash" in on else None,
-            arrest=Sticking(len(joints), sticks) if sticks else None,
+            arrest=Sticking(len(joints), sticks, on) if sticks else None,
         )
         return built[key]
 
