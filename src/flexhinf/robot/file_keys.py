@@ -249,8 +249,8 @@ def _gear(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> Pub
     known = published_gears()
     name = gear_name(value)
     if name not in known:
-        series, _, rest = name.partition("-")
-        same = [other for other in known if other.startswith(f"{series}-{rest.partition('-')[0]}-")]
+        series, _, size = name.partition("-")
+        same = [other for other in known if other.startswith(f"{series}-{size.partition('-')[0]}-")]
         raise Unusable(
             f"a gear such as {', '.join(same or ['CSG-25-100'])}, which `flexhinf robots` lists",
             nearest(name, same or known),

@@ -63,13 +63,13 @@ def published_gears() -> dict[str, PublishedJoint]:
     """
     text = (Path(__file__).parent / "gears.toml").read_text(encoding="utf-8")
     gears = dict[str, PublishedJoint]()
-    for maker in tomllib.loads(text).values():
-        for series, (size, row) in product(maker["series"], maker["sizes"].items()):
+    for brand in tomllib.loads(text).values():
+        for series, (size, row) in product(brand["series"], brand["sizes"].items()):
             for kind, slopes in row["slopes"].items():
                 values = dict(zip(CURVE, (*slopes, *row["torques"])))
-                for ratio in maker["classes"][kind]:
+                for ratio in brand["classes"][kind]:
                     numbers = {
-                        name: {"value": float(value), "source": maker["source"]}
+                        name: {"value": float(value), "source": brand["source"]}
                         for name, value in {**values, "gear_ratio": ratio}.items()
                     }
                     about = f"strain-wave gear, size {size}, ratio {ratio}"
