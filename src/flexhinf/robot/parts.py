@@ -134,11 +134,6 @@ class ElasticJoint:
     """
 
     stiffness: Number | None = None
-    first_stiffness: Number | None = None
-    second_stiffness: Number | None = None
-    third_stiffness: Number | None = None
-    first_torque: Number | None = None
-    second_torque: Number | None = None
     motor_inertia: Number | None = None
     rotor_inertia: Number | None = None
     gear_ratio: Number | None = None
@@ -153,13 +148,8 @@ class ElasticJoint:
     damping: Number | None = None
     spring_hardening: Number | None = None
     backlash: Number | None = None
-    kinematic_error: Number | None = None
-    kinematic_error_phase: Number | None = None
-    torque_ripple: Number | None = None
-    torque_ripple_phase: Number | None = None
     coulomb_friction: Number | None = None
     static_friction: Number | None = None
-    load_friction: Number | None = None
     stribeck_velocity: Number | None = None
     friction_smoothing: Number | None = None
     drive: str = ""
@@ -170,6 +160,16 @@ class ElasticJoint:
     load_share: Number | None = None
     drive_delay: float = 0.0
     drive_period: float = 0.0
+    first_stiffness: Number | None = None
+    second_stiffness: Number | None = None
+    third_stiffness: Number | None = None
+    first_torque: Number | None = None
+    second_torque: Number | None = None
+    kinematic_error: Number | None = None
+    kinematic_error_phase: Number | None = None
+    torque_ripple: Number | None = None
+    torque_ripple_phase: Number | None = None
+    load_friction: Number | None = None
 
     def __post_init__(self) -> None:
         self._check_curve()
