@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -123,13 +124,11 @@ def test_the_plant_moves_as_scipy_says(tmp_path: Path):
         spring = torque(x[2] - x[0])
         return [x[1], (spring - 6.0 * 9.81 * 0.5 * np.sin(x[0])) / 2.0, x[3], (-spring - 5.0 * x[3]) / 1.5]
 
-    options = {"rtol": 1e-7, "atol": 1e-10, "max_step": 2e-3}
-    expected = solve_ivp(rates, (0.0, 0.02), start, method="Radau", **options).y[:, -1]
-    found = solve_ivp(lambda t, x: plant.derivative(x), (0.0, 0.02), start, method="DOP853", **options).y[
-        :, -1
-    ]
+    solve = partial(solve_ivp, rtol=1e-7, atol=1e-10, max_step=2e-3)
+    expected = solve(rates, (0.0, 0.02), start, method="Radau").y[:, -1]
+    found = solve(lambda t, x: plant.derivative(x), (0.0, 0.02), start, method="DOP853").y[:, -1]
     np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-6)
-    plain = solve_ivp(lambda t, x: robot.plant().derivative(x), (0.0, 0.02), start, **options).y[:, -1]
+    plain = solve(lambda t, x: robot.plant().derivative(x), (0.0, 0.02), start).y[:, -1]
     assert np.abs(plain - expected).max() > 1e-3  # the curve matters
 
 
