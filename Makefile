@@ -7,8 +7,8 @@
 # make release   wheel and source distribution in dist, tried in an empty environment (docs/releasing.md)
 # make pages     the tables, transcripts and figures of the docs, computed anew
 # make bench, make bench-hji, make bench-arm, make bench-jitter, make bench-hardware, make bench-workspace,
-# make bench-limits, make bench-firmware, make bench-estimator, make bench-certificates, make bench-filters,
-# make bench-studio, make bench-robots: measure
+# make bench-limits, make bench-firmware, make bench-codegen, make bench-estimator, make bench-certificates,
+# make bench-filters, make bench-studio, make bench-robots: measure
 # make mutants;  make clean;  make locks
 #
 # Needs Python 3.11 or newer, pip and make. A stamp in .venv remembers what was installed from which lock:
@@ -35,7 +35,7 @@ PIP     := if $(PY) -m pip --version >/dev/null 2>&1; then pip="$(PY) -m pip"; e
 SHARED  := -n auto --maxprocesses 8 --dist loadfile
 QUICK   := -m "not ci and not nightly" $(SHARED)
 
-.PHONY: demo test check ci nightly bench bench-hji bench-arm bench-jitter bench-campaign bench-hardware bench-workspace bench-compared bench-limits bench-firmware bench-estimator bench-certificates bench-filters bench-studio bench-robots peers pages docs docs-links mutants release released locks clean environment environment-dev environment-docs
+.PHONY: demo test check ci nightly bench bench-hji bench-arm bench-jitter bench-campaign bench-hardware bench-workspace bench-compared bench-limits bench-firmware bench-codegen bench-estimator bench-certificates bench-filters bench-studio bench-robots peers pages docs docs-links mutants release released locks clean environment environment-dev environment-docs
 .DELETE_ON_ERROR:
 
 demo: environment
@@ -146,6 +146,10 @@ bench-limits: environment-dev
 # Needs gcc, valgrind, arm-none-eabi-gcc and qemu-system-arm; two minutes.
 bench-firmware: environment-dev
 	$(PY) -m benchmarks.firmware
+
+# Needs gcc, objdump, valgrind and cppcheck; two designs of seven links, half an hour.
+bench-codegen: environment-dev
+	$(PY) -m benchmarks.codegen
 
 # A step of the filters in both forms, and beside filterpy's; some minutes.
 bench-estimator: environment-dev

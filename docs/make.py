@@ -447,6 +447,11 @@ def arm() -> str:
     return f"```toml\n# file: arm.toml\n{text}```"
 
 
+def trajectories() -> str:
+    """The table of trajectories, whose rows tests run."""
+    return runpy.run_path(str(ROOT / "tests" / "export" / "trajectory_cases.py"))["table"]()
+
+
 # Pages ----------------------------------------------------------------------------------------------
 #: Page and generator of every part; the slow ones are those that design.
 QUICK: dict[str, tuple[str, Callable[[], str]]] = {
@@ -456,6 +461,7 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
     "size": ("docs/architecture.md", size),
     "counts": ("docs/architecture.md", counts),
     "arm": ("docs/hardware.md", arm),
+    "trajectories": ("docs/ros2.md", trajectories),
     "arm-result": ("docs/hardware.md", benchmark("benchmarks.hardware", "--table", "arm")),
     "robots": ("docs/hardware.md", benchmark("benchmarks.hardware", "--table", "robots")),
     "payload": ("docs/hardware.md", benchmark("benchmarks.hardware", "--table", "payload")),
@@ -476,6 +482,7 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
     "certificates": ("docs/certificate_study.md", benchmark("benchmarks.certificates", "--table")),
     "firmware": ("docs/firmware_study.md", benchmark("benchmarks.firmware", "--table")),
     "firmware-peers": ("docs/firmware_study.md", benchmark("benchmarks.firmware", "--table", "peers")),
+    "codegen": ("docs/architecture.md", benchmark("benchmarks.codegen", "--table")),
     "estimators-speed": ("docs/estimators_speed.md", benchmark("benchmarks.estimator", "--table")),
     "hard-filters": ("docs/estimators_accuracy.md", benchmark("benchmarks.filters", "--table", "hard")),
     "public-robots": ("docs/hardware.md", benchmark("benchmarks.robots", "--table")),

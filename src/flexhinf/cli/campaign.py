@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
@@ -23,6 +23,7 @@ from flexhinf.processors import limited_threads
 
 if TYPE_CHECKING:
     from flexhinf.campaign.driver import Executor, Report
+    from flexhinf.campaign.results import MergedTable
     from flexhinf.design import DesignCampaign
 
 #: Seconds between two lines of progress where standard error is no terminal.
@@ -288,7 +289,7 @@ def compare(context: typer.Context, o: options.CompareCampaignsOptions) -> None:
     checked = [campaigns.Requirement.of(text, known) for text in o.require or pair.a.requirements]
     with step_progress() as stage:
         opened = open_pair(pair, stage)
-    tables = []
+    tables: list[MergedTable] = []
     for name, (campaign, journal) in zip("AB", opened):
         with sample_progress(f"{name} {shard.name}".strip()) as progress:
             table = campaigns.drive(campaign, journal, shard=shard, executor=executor, progress=progress)
@@ -314,7 +315,7 @@ def compare(context: typer.Context, o: options.CompareCampaignsOptions) -> None:
 
 
 @contextmanager
-def sample_progress(part: str) -> Iterator[Callable[[Report], None]]:
+def sample_progress(part: str) -> Generator[Callable[[Report], None], None, None]:
     """Progress bar with samples, rate and time left; a line every `EVERY` seconds where there is no terminal."""
     bar = progress_bar("Bar", "MofNComplete")
     task = bar.add_task("")

@@ -161,7 +161,7 @@ class DesignOptions(RobotOptions, VerboseOptions):
     out: Path = option(Path("flexhinf-design"), WRITTEN, FOLDER)
     advice: Flag = option(True, SEARCH,
         "Whether changes are tried where a design for a workspace misses a requirement: slower moves, a shorter "
-        "period, a limit with room. They take at most as much CPU time again. The cheapest that meets all is named.")
+        "period, a limit with room. They take about as much CPU time again. The cheapest that meets all is named.")
 
 
 @dataclass(frozen=True, kw_only=True)

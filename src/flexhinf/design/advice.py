@@ -9,6 +9,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -50,6 +51,12 @@ OF_MOVES = {
 FINER, FINER_BITS = (
     {"rad": "0.01mrad", "m": "0.001mm"}, "a tenth of the sensor noise that is assumed, as encoders of 18 bits have",
 )  # fmt: skip
+
+#: Part of the allowed time that the last step may take beyond it: limits that a change, once tried, would keep.
+BEYOND = 0.5
+
+#: So often limits are offered for one change.
+ROUNDS = 3
 
 #: Factors of the speed limits with which moves are tried, and of the period.
 SLOWER, SHORTER = (0.5, 0.25), 0.5
@@ -154,7 +161,8 @@ def advise(
     design : WorkspaceEvidence
         The design; nothing is tried where it meets all requirements.
     seconds : float
-        CPU time of the process that may be spent, s.
+        CPU time of the process that may be spent, s. Limits with which a change would be kept are judged in half as
+        much more, so that a change that nearly helps is not lost for want of them.
     progress : callable, optional
         Called with what comes next.
     joints : bool
@@ -163,10 +171,12 @@ def advise(
     end, trials = time.process_time() + seconds, list[Trial]()
     waiting = [each for each in changes(design) if joints or not each.rigid] if design.missed else []
 
-    def watch(lines: Sequence[Requirement]) -> None:
-        spent = time.process_time() > end
+    def watch_until(limit: float, lines: Sequence[Requirement]) -> None:
+        spent = time.process_time() > limit
         if spent or any(line.missed and not relaxable(line) for line in lines):
             raise _Ended(lines, spent)
+
+    watch, finish = partial(watch_until, end), partial(watch_until, end + BEYOND * seconds)
 
     room = next((each for each in waiting if each.is_limit), None)
     # With other limits law and moves are mostly those of a design that is there, so these are tried at once.
@@ -184,20 +194,30 @@ def advise(
         trials.append(trial)
         if trial.met:
             left.clear()
-        elif kept is None and other is not None and (more := limit_change(other, margins=False)) is not None:
-            kept = _with_limits(change, other, more, progress, watch)
+        elif kept is None and other is not None:
+            kept = _with_limits(change, other, progress, finish)
     if kept is not None and not any(trial.met for trial in trials):
         trials.append(kept)
     return Advice(tuple(trials), tuple(left), seconds)
 
 
 def _with_limits(
-    change: Change, other: WorkspaceEvidence, limits: Change, progress: Callable[[str], None], watch: Any
+    change: Change, other: WorkspaceEvidence | None, progress: Callable[[str], None], watch: Any
 ) -> Trial | None:
-    """The trial of a change together with limits that its design would keep; None where that misses something."""
-    both = Change(f"{change.what}; {limits.what}", {**change.fields, **limits.fields}, change.rigid)
-    trial, _ = _tried(other, limits, progress, watch)
-    return replace(trial, change=both) if trial is not None and trial.met else None
+    """The trial of a change together with limits that its design would keep; None where that misses something.
+
+    With a looser limit the search finds another law, which uses it; so limits are offered until one is kept.
+    """
+    fields = dict(change.fields)
+    for _ in range(ROUNDS):
+        limits = None if other is None else limit_change(other, margins=False)
+        if other is None or limits is None:
+            return None
+        fields |= limits.fields
+        trial, other = _tried(other, limits, progress, watch)
+        if trial is not None and trial.met:
+            return replace(trial, change=Change(f"{change.what}; {limits.what}", fields, change.rigid))
+    return None
 
 
 def _tried(

@@ -247,7 +247,7 @@ class RobotSamples:
 
 def varied(robot: Robot, o: CampaignOptions, extras: Sequence[str]) -> tuple[Robot, tuple[Variable, ...]]:
     """The robot with the tolerances of a campaign, and what varies from sample to sample."""
-    inactive = elastic.inactive_parameters(extras, robot.joint_names)
+    inactive = elastic.inactive_parameters(extras, robot.joint_names, robot.nominal)
     for name, spread in o.tolerances:
         refuse_if(
             name in inactive,

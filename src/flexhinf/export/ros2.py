@@ -28,7 +28,7 @@ INTERFACES = {
 }  # fmt: skip
 
 #: Numbers of the published health before the bits of the status.
-HEALTH = ("code", "status", "path_rate", "late_samples", "missed_writes", "stopped")
+HEALTH = ("code", "status", "path_rate", "late_samples", "missed_writes", "stopped", "refused_commands")
 
 
 def package_name(code: ControllerCode) -> str:
@@ -60,6 +60,7 @@ def ros2_values(code: ControllerCode, home: np.ndarray) -> dict[str, Any]:
         "measurements": measurements,
         "inputs": [{**signal, "lower": lower, "upper": upper} for signal, lower, upper in ends],
         "states": names["X"],
+        "joint_names": [] if code.robot is None else list(code.robot.joint_names),
         "health": _health(code, names["Y"]),
         **_start_values(code, _StandstillModel.of(code), home),
     }

@@ -18,6 +18,8 @@ import numpy as np
 from flexhinf.estimation import RecursiveFilter
 from flexhinf.plant import Plant
 from flexhinf.robot import Robot
+from flexhinf.robot.elastic import TEETH
+from flexhinf.robot.gears import CURVE
 from flexhinf.robot.parameters import QUANTITIES, per_joint
 from flexhinf.validation import checked_names, unknown_name
 
@@ -27,7 +29,9 @@ STEP = 1e-5
 #: What a number of a robot needs of its plant, see `flexhinf.robot.elastic`.
 EXTRA_OF = {
     "damping": "joint_damping", "spring_hardening": "spring_hardening", "backlash": "backlash",
-    "coulomb_friction": "coulomb_friction", "static_friction": "stribeck_friction",
+    **dict.fromkeys(CURVE, "stiffness_curve"),
+    **{f"{name}{part}": name for name in TEETH for part in ("", "_phase")},
+    "coulomb_friction": "coulomb_friction", "static_friction": "stribeck_friction", "load_friction": "load_friction",
     "stribeck_velocity": "stribeck_friction", "inductance": "inductance",
 }  # fmt: skip
 

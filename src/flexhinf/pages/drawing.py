@@ -337,7 +337,7 @@ def changes_text(values: Mapping[str, Any], robot: Robot, extras: Sequence[str])
     """
     if not isinstance(values, PlantValues):
         raise TypeError(f"expected parameters that know the robot's numbers, got {type(values).__name__}")
-    off, changes = inactive_parameters(extras, robot.joint_names), list[tuple[float, str]]()
+    off, changes = inactive_parameters(extras, robot.joint_names, robot.nominal), list[tuple[float, str]]()
     for name, new in values.numbers.items():
         old = robot.nominal[name]
         if name in off or abs(new - old) <= 1e-11 * abs(old):

@@ -50,7 +50,8 @@ from flexhinf.report import (
     number,
 )
 from flexhinf.robot import catalogue, load_robot
-from flexhinf.robot.actuators import published_joints
+from flexhinf.robot.actuators import published_gears, published_joints
+from flexhinf.robot.gears import CURVE
 
 #: Kinds of requirements that a sentence names.
 BRIEF = 6
@@ -423,6 +424,18 @@ def actuators_table() -> Any:
     ]  # fmt: skip
     title = "Published joints: actuator = NAME in a [[joint]] takes what it does not state"
     return Table(("name", "numbers", "", "source"), rows, title).terminal()
+
+
+def gears_table() -> Any:
+    """Table of the published gears: the names that share a curve, and the curve."""
+    rows = dict[tuple[str, str], list[str]]()
+    for name, gear in published_gears().items():
+        curve = [f"{gear.numbers[key]['value']:g}" for key in CURVE]
+        text = f"K {', '.join(curve[:3])} N·m/rad; T {', '.join(curve[3:])} N·m"
+        rows.setdefault((text, gear.sources[0]), []).append(name)
+    title = "Published gears: gear = NAME in a [[joint]] takes the stiffness curve that it does not state"
+    table = [("\n".join(names), text, source) for (text, source), names in rows.items()]
+    return Table(("name", "curve", "source"), table, title).terminal()
 
 
 #: What a file is, by its name or its ending; the first that fits.

@@ -13,8 +13,9 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.findings import Severity, ordered
 from flexhinf.plant import Parameters
-from flexhinf.robot.elastic import INNER, torque_per_input
+from flexhinf.robot.elastic import INNER, stated_curve, torque_per_input
 from flexhinf.robot.faults import PartFault, collected_faults
+from flexhinf.robot.gears import curve_twist
 from flexhinf.robot.init_file import description_of
 from flexhinf.robot.parts import file_warnings
 from flexhinf.robot.robot import Robot
@@ -181,14 +182,15 @@ def joint_facts(robot: Robot) -> list[JointFacts]:
             if mode.name == "vibration":
                 seen[mode.joint].append(mode.frequency)
     masses = np.atleast_1d(p.mass)
-    stiffness = dict(
-        zip([robot.joint_names[k] for k in robot.layout.elastic], np.atleast_1d(p.stiffness).tolist())
-    )
+    elastic = robot.layout.elastic
+    curved = bool(stated_curve(numbers))
+    turned = curve_twist(weights[elastic], p) if curved else weights[elastic] / np.atleast_1d(p.stiffness)
+    twists = dict(zip([robot.joint_names[k] for k in elastic], turned.tolist()))
     efforts = _largest_torques(robot, p)
     return [
         JointFacts(
             name, slides, limits, float(masses[k]), float(weights[k]), efforts[k],
-            float(weights[k]) / stiffness[name] if name in stiffness else math.nan,
+            twists.get(name, math.nan),
             min(seen[name], default=math.nan), max(seen[name], default=math.nan),
         )
         for k, (name, slides, limits) in enumerate(zip(robot.joint_names, robot.links.slides, robot.links.limits))

@@ -15,9 +15,10 @@ from contextlib import suppress
 from dataclasses import fields
 from typing import Any, NamedTuple, Protocol
 
-from flexhinf.robot.actuators import PublishedJoint, published_joints
+from flexhinf.robot.actuators import PublishedJoint, gear_name, published_gears, published_joints
 from flexhinf.robot.dynamics import KINDS
 from flexhinf.robot.elastic import DRIVES, SPRING
+from flexhinf.robot.gears import CURVE
 from flexhinf.robot.parameters import INERTIA, QUANTITIES, Stated, measured, respelled, split
 from flexhinf.robot.parts import TIMES, ElasticJoint, ask
 from flexhinf.robot.rigid_arm import NEAREST
@@ -210,6 +211,14 @@ def _table(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> di
     return file.table(value, TABLES[key.inside], place)
 
 
+def _spring(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
+    """A spring's table; the curve of a gear says its stiffness, and one whose name the joint states has a curve."""
+    keys, row = TABLES["spring"], file.data["joint"][place[1]]
+    if isinstance(value, dict) and ({*value} & {*CURVE} or "gear" in row):
+        keys = keys | {"stiffness": keys["stiffness"]._replace(required=False)}
+    return file.table(value, keys, place)
+
+
 def _rows(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> list[dict[str, Any]]:
     if not isinstance(value, list) or (key.required and not value):
         raise Unusable(f"[[{key.inside}]] tables, one at least", "")
@@ -234,6 +243,19 @@ def _actuator(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) ->
     if not isinstance(value, str) or value not in published:
         raise Unusable(f"one of {list(published)}, which `flexhinf robots` lists", nearest(value, published))
     return published[value]
+
+
+def _gear(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> PublishedJoint:
+    known = published_gears()
+    name = gear_name(value)
+    if name not in known:
+        series, _, size = name.partition("-")
+        same = [other for other in known if other.startswith(f"{series}-{size.partition('-')[0]}-")]
+        raise Unusable(
+            f"a gear such as {', '.join(same or ['CSG-25-100'])}, which `flexhinf robots` lists",
+            nearest(name, same or known),
+        )
+    return known[name]
 
 
 _POSITION, _METRES = UNITS["link_position"], ("m",)
@@ -280,21 +302,21 @@ TABLES: dict[str, dict[str, Key]] = {
         "joint": Key(_rows, inside="joint", required=True),
     },
     "joint": {
-        "name": _TEXT._replace(required=True), "actuator": Key(_actuator),
+        "name": _TEXT._replace(required=True), "actuator": Key(_actuator), "gear": Key(_gear),
         "kind": Key(usable=lambda value: value in KINDS, expected="'revolute', 'continuous' or 'prismatic'"),
         "axis": Key(_list, size=3), "xyz": _THREE,
         "rpy": Key(_list, ("rad",), 3), "limits": Key(_list, _POSITION, 2), "parent": _TEXT,
         "speed_limit": _POSITIVE._replace(units=UNITS["link_velocity"]),
         "effort_limit": _POSITIVE._replace(units=_EFFORT), "link": Key(_table, inside="link"),
         "rigid": Key(usable=lambda value: isinstance(value, bool), expected="true or false", default=False),
-        "spring": Key(_table, inside="spring"), "motor": Key(_table, inside="motor", default={}),
+        "spring": Key(_spring, inside="spring"), "motor": Key(_table, inside="motor", default={}),
         "sensor": Key(_sensors, inside="sensor", default=[]), "tolerances": _TOLERANCES,
     },
     "sensor": {
         "kind": Key(
             required=True, usable=lambda value: value in SENSORS, expected=f"one of {', '.join(map(repr, SENSORS))}"
         ),
-        "counts": _POSITIVE, "step": _POSITIVE, "noise": _POSITIVE,
+        "counts": _POSITIVE, "step": _POSITIVE, "noise": _POSITIVE, "delay": _POSITIVE._replace(units=("s",)),
         "before_gear": Key(usable=lambda value: isinstance(value, bool), expected="true or false"),
     },
     "link": {
@@ -332,11 +354,16 @@ SYNONYMS = {
         "coulomb_friction": "dry_friction friction_torque frictionloss friction_loss stiction breakaway_torque",
         "damping": "spring_damping joint_damping damping_coefficient",
         "stiffness": "spring_constant spring_stiffness spring_rate joint_stiffness torsional_stiffness k",
+        "first_stiffness": "k1 k_1 stiffness_1 stiffness_k1",
+        "second_stiffness": "k2 k_2 stiffness_2 stiffness_k2",
+        "third_stiffness": "k3 k_3 stiffness_3 stiffness_k3",
+        "first_torque": "t1 t_1 torque_1 limit_torque_1",
+        "second_torque": "t2 t_2 torque_2 limit_torque_2",
         "speed_limit": "velocity_limit max_velocity max_speed maximum_speed maximum_velocity velocity speed vel_limit",
         "effort_limit": "torque_limit max_torque maximum_torque peak_torque force_limit max_force max_effort effort "
         "torque voltage_limit max_voltage current_limit max_current",
         "limits": "limit range position_limits joint_limits angle_limits",
-        "gear_ratio": "reduction ratio gear gearing gear_reduction reduction_ratio transmission_ratio",
+        "gear_ratio": "reduction ratio gearing gear_reduction reduction_ratio transmission_ratio",
         "gear_efficiency": "efficiency",
         "motor_inertia": "armature reflected_inertia inertia",
         "torque_constant": "kt k_t motor_constant",

@@ -28,8 +28,6 @@ from flexhinf.robot.elastic import (
     Layout,
     Sticking,
     checked_extras,
-    checked_home,
-    checked_pose,
     reflected,
     required_of_drive,
     traced_inverse,
@@ -47,6 +45,7 @@ from flexhinf.robot.parameters import (
     random_signs,
     unit_of,
 )
+from flexhinf.robot.poses import checked_home, checked_pose
 from flexhinf.robot.saved_file import save_robot
 from flexhinf.robot.signals import (
     MECHANICAL,
@@ -290,8 +289,8 @@ class Robot(Summarised):
         inductance : bool
             With the motor coils' inductance: the same as ``extras=("inductance",)``.
         extras : sequence of str
-            See `flexhinf.robot.elastic`: inductance, joint_damping, spring_hardening, backlash, coulomb_friction,
-            stribeck_friction.
+            See `flexhinf.robot.elastic`: inductance, joint_damping, spring_hardening, stiffness_curve,
+            kinematic_error, torque_ripple, backlash, coulomb_friction, stribeck_friction, load_friction.
         sticking : bool
             Whether dry friction is sharp instead of smoothed: it holds a joint at rest, and only `flexhinf.Loop` has
             it; flow and linearisation have none. A robot with rigid joints has it smoothed in any case.
@@ -326,7 +325,7 @@ class Robot(Summarised):
                 if ends is not None
             },
             engaged=self.layout.engaged if "backlash" in on else None,
-            arrest=Sticking(len(joints), sticks) if sticks else None,
+            arrest=Sticking(len(joints), sticks, on) if sticks else None,
         )
         return built[key]
 
@@ -405,8 +404,9 @@ class Robot(Summarised):
         """State and input of a motion of the links: elastic inverse dynamics [deluca2016], exact.
 
         Link positions q (rad, m) and four time derivatives, (n,) or (N, n) each and zero by default, give the state,
-        (4n,) or (N, 4n), and the input, (n,) or (N, n), V, A, or N·m (N), of `plant`. Of the `extras` only dry friction
-        is modelled; others are refused by name. `parameters` are those of `operating_point`.
+        (4n,) or (N, 4n), and the input, (n,) or (N, n), V, A, or N·m (N), of `plant`. Of the `extras` dry
+        friction and the stiffness curve are modelled; others are refused by name. `parameters` are those of
+        `operating_point`.
         """
         table = ParameterTable({**self.plant_parameters(), **(parameters or {})})
         flow = InverseFlow(

@@ -9,8 +9,9 @@ from typing import Any
 
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.files import write_file
-from flexhinf.robot.actuators import published_joints
+from flexhinf.robot.actuators import published_of
 from flexhinf.robot.elastic import SPRING
+from flexhinf.robot.gears import CURVE
 from flexhinf.robot.parameters import QUANTITIES, Parameter, per_joint
 from flexhinf.robot.signals import TWISTS
 from flexhinf.validation import checked_path
@@ -87,10 +88,11 @@ def _places(document: Any, robot: Any) -> Iterator[tuple[str, Any, str]]:
 
 
 def _published(document: Any, robot: Any, name: str) -> Iterator[tuple[Any, str]]:
-    """Table and key for a number that a joint has from its `actuator`."""
+    """Table and key for a number that a joint has from its `actuator` or `gear`, or the stiffness from a curve."""
     for row in document.get("joint", ()):
-        known = published_joints().get(str(row.get("actuator", "")))
-        for key in known.numbers if known else ():
+        keys = {key for known in published_of(row) for key in known.numbers}
+        keys |= {"stiffness"} if CURVE[0] in {*row.get("spring", {}), *keys} else set()
+        for key in sorted(keys):
             if per_joint(key, str(row["name"]), len(robot.joint_names)) == name:
                 yield row.setdefault("spring" if key in SPRING else "motor", {}), key
 

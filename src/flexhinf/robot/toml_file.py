@@ -23,6 +23,7 @@ from flexhinf.robot.file_keys import (
     number_in,
     place_text,
 )
+from flexhinf.robot.gears import CURVE
 from flexhinf.robot.joint_sensors import file_sensors
 from flexhinf.robot.kinematics import check_geometry, check_load
 from flexhinf.robot.mjcf import read_mjcf
@@ -383,10 +384,11 @@ class RobotFile:
     def _elastic(self, row: Any, motor: Mapping[str, float] | None = None, source: str = "") -> ElasticJoint:
         with located(f"{self.file}: joint {row['name']!r}"):
             own = {**row.get("spring", {}), **row["motor"]}
-            if "actuator" in row:
-                own |= row["actuator"].beside(set(own), row["rigid"])
+            for key in ("actuator", "gear"):
+                if key in row:
+                    own |= row[key].beside(set(own), row["rigid"])
             refuse_if(
-                row["rigid"] == ("spring" in row or "stiffness" in own),
+                row["rigid"] == ("spring" in row or bool({"stiffness", CURVE[0]} & set(own))),
                 "It is rigid and has a 'spring'."
                 if row["rigid"]
                 else "It has no 'spring', and is not declared rigid.",

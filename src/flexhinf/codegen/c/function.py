@@ -24,8 +24,8 @@ import casadi
 
 from flexhinf.codegen.c import algebra
 from flexhinf.codegen.c.algebra import Real, comment
-from flexhinf.codegen.c.expression import LEAVES, Expressions
-from flexhinf.codegen.dataflow import Dataflow
+from flexhinf.codegen.c.expression import Expressions
+from flexhinf.codegen.dataflow import LEAVES, Dataflow
 from flexhinf.codegen.operations import COSTLY
 
 INDENT = "    "

@@ -454,9 +454,8 @@ class Translator:
         if key in self._names:
             return self._names[key]
         real, size = self.real, function.n_in()
-        flow = read_dataflow(
-            stages.function if stages else function, OPERATIONS, True, len(stages.names) if stages else 0
-        )
+        stages = stages or Stages(function, ())
+        flow = read_dataflow(stages.function, OPERATIONS, True, len(stages.rows))
         codes = {code for code, *_ in instructions(function)}
         self.calls_library |= any(OPERATIONS[code].library for code in codes if code in OPERATIONS)
         calls = {code: self._sine(code) for code in TURNS if code in codes}
@@ -464,9 +463,11 @@ class Translator:
         if shared:
             called = tuple(str(place) if own else called[same.index(place)] for place, own in shared)
         read, written = called[:size], called[size:]
-        of_stages = stages.labels if stages else ()
-        labels = {value: of_stages[n][k] for n, k, value in flow.stages if of_stages and of_stages[n][k]}
-        said = () if stages is None else tuple(zip(stages.names, stages.about, strict=True))
+        own_labels = [stage.labels for stage in stages.rows]
+        labels = {
+            value: own_labels[n][k] for n, k, value in flow.stages if own_labels[n] and own_labels[n][k]
+        }
+        said = tuple((stage.name, stage.about) for stage in stages.rows)
         moving = moving or (False,) * size
 
         parts = self._places_of if "data" in same else NOTHING

@@ -152,8 +152,8 @@ def _rounds(flow: Dataflow) -> list[tuple[list[int], list[int]]]:
     the sines and cosines, which need not wait for each other."""
     depths, rounds = dict[int, int](), list[tuple[list[int], list[int]]]()
     for k, operation in flow.operations.items():
-        before = () if operation.code == casadi.OP_INPUT else operation.arguments
-        depths[k] = max((depths[a] + (flow.operations[a].code in TURNS) for a in before), default=0)
+        before = (depths[a] + (flow.operations[a].code in TURNS) for a in operation.operands)
+        depths[k] = max(before, default=0)
         if depths[k] == len(rounds):
             rounds.append(([], []))
         rounds[depths[k]][operation.code in TURNS].append(k)
@@ -297,10 +297,8 @@ class _Emitter:
         writer, lanes = self.writer, self.lanes
         flag = writer.load_element(self._address(step.flag, turns), "0", self._shared(step.flag))
         wanted = writer.any(writer.compare("une", flag, lanes.constant(0.0)))
-        inside, after = writer.label("when"), writer.label("after")
-        writer.place(inside, f"br i1 {wanted}, label %{inside}, label %{after}")
-        self._body(step.body, turns)
-        writer.place(after, f"br label %{after}")
+        with writer.when(wanted):
+            self._body(step.body, turns)
 
     def _address(self, piece: Slice, turns: tuple[str, ...]) -> str:
         writer = self.writer

@@ -322,7 +322,7 @@ class WorkspaceSetup(LoopPlants):
         """
         s, states, n = self.specification, self.model.states, len(self.joints)
         plant = self.smooth_plant_of(values, damped)
-        smooth = tuple(name for name in s.extras if name in SMOOTH_EXTRAS)
+        smooth = tuple(name for name in self.extras if name in SMOOTH_EXTRAS)
         a, b, g, c = plant.linearise(*self.true.robot.operating_point(at, smooth, values))
         whole = np.eye(plant.n)[[plant.index(name) for name in states]]
         c = whole if self.filter is None else c
