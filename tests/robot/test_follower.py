@@ -99,7 +99,7 @@ def test_a_goal_that_cannot_be_followed_changes_nothing(code: str, changed: dict
 @pytest.mark.parametrize(
     ("what", "advice"),
     [
-        (lambda: FollowGoal(NAMES, [1.0], [[0.1]]), "row for each time"),
+        (lambda: FollowGoal(NAMES, [1.0], [[0.1]]), "each time"),
         (lambda: FollowGoal(NAMES, [1.0], [[0.1, 0.2]], path_tolerance={"elbow": (0.1,)}), "elbow"),
         (lambda: follower(path_tolerance={"wrist": (0.1, 0.1)}), "shoulder"),
         (lambda: follower(goal_tolerance={"elbow": (-0.1, 0.1)}), "0.01"),
@@ -108,8 +108,8 @@ def test_a_goal_that_cannot_be_followed_changes_nothing(code: str, changed: dict
         (lambda: follower(stop_time=0.0), "stop_time=0.5"),
         (lambda: follower(latency=-1), "controller.mode.latency"),
         (lambda: follower(smoothing=0.0071), "smoothing="),
-        (lambda: follower().reset([0.1]), "one for each joint"),
-        (lambda: follower().step([0.1]), "one number for each joint"),
+        (lambda: follower().reset([0.1]), "each joint"),
+        (lambda: follower().step([0.1]), "each joint"),
     ],
 )
 def test_what_is_no_goal_or_follower_is_refused(what: Any, advice: str) -> None:
