@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flexhinf.robot.drive_text import LOOPS, drive_lines
+from flexhinf.robot.drive_text import LOOPS, DriveLines, drive_lines
 from flexhinf.robot.estimates import estimated_joint
 from flexhinf.robot.parameters import ESTIMATE
 
@@ -20,7 +20,7 @@ RANGE, SPEED = (-2.5, 2.5), 2.0
 
 
 def template_text(joints: int, drive: str) -> str:
-    """A robot file of so many joints in a vertical plane, with motors of one of `drives`."""
+    """A robot file of so many joints in a vertical plane, whose motors take what `drive` says."""
     lines = [
         f"# A template: every number is a guess ({ESTIMATE}). Replace it by that of your robot, with its source.",
         'name = "my-arm"',
@@ -32,31 +32,15 @@ def template_text(joints: int, drive: str) -> str:
         moment = round(mass * length**2 / 12.0, 6)
         source = f'source = "{ESTIMATE}: template"'
         gap = f"\nxyz = [{LENGTH * TAPER ** (k - 1):.4g}, 0.0, 0.0]  # m" if k else ""
-        loop = drive_lines(drive, RANGE, SPEED, False) if drive in LOOPS else None
-        constants = {
-            "torque": "",
-            "current": f"\ntorque_constant = {{ value = {TORQUE_CONSTANT * GEAR:g}, {source} }}  # N·m/A at the link",
-            "voltage": f"\nresistance = {{ value = {RESISTANCE}, {source} }}  # Ω"
-            f"\ntorque_constant = {{ value = {TORQUE_CONSTANT * GEAR:g}, {source} }}  # N·m/A at the link"
-            f"\nback_emf_constant = {{ value = {TORQUE_CONSTANT * GEAR:g}, {source} }}  # V·s/rad at the link",
-        }.get(drive, "")
-        most = {
-            "torque": (effort, "N·m"),
-            "current": (effort / (TORQUE_CONSTANT * GEAR), "A"),
-            "voltage": (
-                1.5 * RESISTANCE * effort / (TORQUE_CONSTANT * GEAR) + 2.0 * TORQUE_CONSTANT * GEAR,
-                "V",
-            ),
-        }.get(drive)
-        limit = loop.limit if loop else f"effort_limit = {most[0]:.3g}  # {most[1]}"
-        ending = "".join(f"\n{line}" for line in loop.motor) if loop else constants
+        motor = _motor(drive, effort, source)
+        ending = "".join(f"\n{line}" for line in motor.motor)
         lines.append(f"""
 [[joint]]
 name = "joint{k + 1}"
 axis = [0.0, 0.0, 1.0]{gap}
 limits = {list(RANGE)}  # rad
 speed_limit = {SPEED}  # rad/s
-{limit}
+{motor.limit}
 
 [joint.link]
 mass = {{ value = {mass:g}, tolerance = 5, {source} }}  # kg
@@ -70,3 +54,19 @@ stiffness = {{ value = {guess.stiffness.value:g}, tolerance = 10, {source} }}  #
 motor_inertia = {{ value = {guess.motor_inertia.value:g}, tolerance = 10, {source} }}  # kg·m², seen from the link
 friction = {{ value = {guess.friction.value:g}, tolerance = 30, {source} }}  # N·m·s/rad{ending}""")
     return "\n".join(lines) + "\n"
+
+
+def _motor(drive: str, effort: float, source: str) -> DriveLines:
+    """The largest command of a motor with a largest torque, N·m, and its constants or its loop."""
+    constant = TORQUE_CONSTANT * GEAR
+    by_current = f"torque_constant = {{ value = {constant:g}, {source} }}  # N·m/A at the link"
+    if drive in LOOPS:
+        return drive_lines(drive, RANGE, SPEED, False)
+    if drive == "current":
+        return DriveLines(f"effort_limit = {effort / constant:.3g}  # A", (by_current,))
+    if drive == "voltage":
+        most = 1.5 * RESISTANCE * effort / constant + SPEED * constant
+        resistance = f"resistance = {{ value = {RESISTANCE}, {source} }}  # Ω"
+        back_emf = f"back_emf_constant = {{ value = {constant:g}, {source} }}  # V·s/rad at the link"
+        return DriveLines(f"effort_limit = {most:.3g}  # V", (resistance, by_current, back_emf))
+    return DriveLines(f"effort_limit = {effort:.3g}  # N·m", ())
