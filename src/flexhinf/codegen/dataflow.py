@@ -100,7 +100,7 @@ def read_dataflow(
     outputs = list(
         walk(
             function,
-            lambda *place: shortened.add(casadi.OP_INPUT, place),
+            lambda argument, place: shortened.add(casadi.OP_INPUT, (argument, place)),
             lambda constant: shortened.add(casadi.OP_CONST, (), constant),
             add,
         )

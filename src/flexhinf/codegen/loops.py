@@ -17,7 +17,7 @@ Nothing is checked when such a function runs.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -216,7 +216,7 @@ class Text:
         return Variable(self.number(0.0, VECTOR))
 
     @contextmanager
-    def loop(self, start: Value | int, stop: Value | int, step: int = 1) -> Iterator[Value]:
+    def loop(self, start: Value | int, stop: Value | int, step: int = 1) -> Generator[Value, None, None]:
         """The lines of the block for start, start + step, … below stop."""
         with self.lines.loop(self.number(stop).name, self.number(start).name, step) as turn:
             yield Value(self, LONG, turn)

@@ -1,5 +1,8 @@
 """LLVM text to machine code in this process, linked with the C mathematical library. Loading this loads llvmlite."""
 
+# llvmlite has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false, reportUnknownArgumentType=false
+
 from __future__ import annotations
 
 import ctypes

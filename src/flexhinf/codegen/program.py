@@ -6,6 +6,9 @@ exported C and the tests' interpreter read the very same text.
 Steps of a kernel: traced functions, linear algebra, copies and guards over slices, inside loops.
 """
 
+# Steps are checked whose types nobody else checks.
+# pyright: reportUnnecessaryIsInstance=false
+
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence

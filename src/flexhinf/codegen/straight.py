@@ -6,6 +6,9 @@ traced as one function. What only they read stays in registers, and the memory t
 conditions and what is large stay steps of their own, and so does a larger function that is called from several places.
 """
 
+# What is traced, and what CasADi gives, has no types.
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false, reportUnknownMemberType=false
+
 from __future__ import annotations
 
 from collections import Counter

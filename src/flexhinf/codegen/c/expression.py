@@ -121,7 +121,7 @@ class Expressions:
 
     def _uses(self, value: int) -> list[tuple[int, bool]]:
         """Those, and whether they are used as conditions."""
-        found, operation = [], self.flow.operations[value]
+        found, operation = list[tuple[int, bool]](), self.flow.operations[value]
         for place, k in enumerate(operation.operands):
             found += self._uses(k) if k in self._within else [(k, self._is_condition(operation, place))]
         return found
@@ -139,7 +139,7 @@ class Expressions:
 
     def declared(self, value: int) -> list[str]:
         """Lines that give a value its names."""
-        truth, lines = self._is_truth(value), []
+        truth, lines = self._is_truth(value), list[str]()
         if truth and self._as_flag[value]:
             condition, name = self.condition(value).bare, self._fresh("c")
             lines.append(f"const bool {name} = {condition};")
@@ -154,7 +154,7 @@ class Expressions:
 
     def begin(self, numbers: Mapping[int, str]) -> None:
         """Write another function: values that are known in it, as numbers."""
-        self.numbers, self.flags, self._count = dict(numbers), {}, Counter[str]()
+        self.numbers, self.flags, self._count = dict(numbers), dict[int, str](), Counter[str]()
 
     def _fresh(self, letter: str) -> str:
         self._count[letter] += 1

@@ -322,7 +322,8 @@ class Translator:
             shared=shared,
         )
         left = f"const int left = ({step.count} - c < {lanes}) ? {step.count} - c : {lanes};"
-        declared, gather, scatter, places = [left] if lanes > 1 else [], [], [], []
+        declared, gather, scatter = [left] if lanes > 1 else [], list[str](), list[str]()
+        places = list[str]()
         for k, (piece, start) in enumerate(zip(pieces, starts, strict=True)):
             if not isinstance(piece, Columns):
                 named = shared and shared[k][1]
@@ -387,7 +388,7 @@ class Translator:
     def _moves(
         self, pairs: Iterable[tuple[Columns, Slice]], loops: list[str], lanes: int, left: str, read: bool
     ) -> list[str]:
-        moves = []
+        moves = list[str]()
         for columns, place in pairs:
             if place in self._in_place:
                 continue
@@ -492,6 +493,8 @@ class Translator:
             texts = writer.texts()
             if not texts.keys() & self.functions.keys():
                 break
+        else:
+            raise AssertionError("there are always more names")
         if lanes > 1 and writer.places:
             self._kept[name] = lanes * (max(writer.places.values()) + 1)
         self.functions |= texts | {name: _headed(about, texts[name])}

@@ -29,7 +29,7 @@ class Parts:
     size: int
     parts: Sequence[Part]
     lanes: int = 1
-    _said: set[str] = field(default_factory=set)
+    _said: set[str] = field(default_factory=set[str])
 
     def at(self, piece: Slice) -> str:
         """Where a piece begins, but for how it moves in loops."""

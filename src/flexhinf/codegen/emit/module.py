@@ -34,7 +34,7 @@ from flexhinf.codegen.emit.sines import REACH, is_far
 from flexhinf.codegen.emit.writer import PURE, Lanes, ModuleText, Writer
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, overlap, whole
 from flexhinf.codegen.noise import normal
-from flexhinf.codegen.operations import OPERATIONS, TURNS, LlvmRule
+from flexhinf.codegen.operations import OPERATIONS, TURNS
 from flexhinf.codegen.program import (
     ENTRY,
     PREFIX,
@@ -99,7 +99,7 @@ def emit_function(
     return flow.size
 
 
-def _rule(code: int, near: bool, alone: bool) -> LlvmRule:
+def _rule(code: int, near: bool, alone: bool) -> Callable[..., str]:
     """How an operation is written; `near`: its argument is not far; `alone`: sine and cosine are not both wanted."""
     kind = OPERATIONS[code]
     return (near and (kind.alone if alone else kind.near)) or kind.llvm
@@ -164,7 +164,7 @@ def _emit_turns(writer: Writer, flow: Dataflow, turns: Sequence[int], values: di
     """Emit sines and cosines that do not wait for each other, `BLOCK` angles in the lanes of one vector: in one run the
     sigma points of a stage, say. Adds them to the values; returns whether angles are too far for them, of each vector.
     """
-    beyond, angles = [], list(dict.fromkeys(flow.operations[k].arguments[0] for k in turns))
+    beyond, angles = list[str](), list(dict.fromkeys(flow.operations[k].arguments[0] for k in turns))
     both = not writer.module.choosing or len({flow.operations[k].code for k in turns}) > 1
     for first in range(0, len(angles), BLOCK):
         some = angles[first : first + BLOCK]
@@ -350,7 +350,7 @@ class _Emitter:
         name = self._function([step.function], wide, shared)
         starts = [self._address(whole(piece), turns) for piece in (*step.inputs, *step.outputs)]
         for first, left, _ in writer.blocks(step.count, block):
-            pointers, packed = [], []
+            pointers, packed = list[str](), list[tuple[str, Columns, str]]()
             for piece, start in zip((*step.inputs, *step.outputs), starts):
                 if not isinstance(piece, Columns):
                     pointers.append(start)
