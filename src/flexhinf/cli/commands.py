@@ -46,7 +46,9 @@ atexit.register(gc.freeze)
 
 def robots() -> None:
     """List the robots that ship with flexhinf, and published joints and gears, with where their numbers come from."""
-    show([pages.robots_table(), pages.actuators_table(), pages.gears_table()])
+    show(
+        [pages.gears_table(), pages.actuators_table(), pages.robots_table()]
+    )  # the robots stay on the screen
 
 
 def schema() -> None:

@@ -169,13 +169,16 @@ def _tell(faults: Sequence[PartFault], remarks: Sequence[str], result: RobotExam
 
 # Facts --------------------------------------------------------------------------------------------
 def joint_facts(robot: Robot) -> list[JointFacts]:
-    """Weight, twist and vibrations of each joint at random poses of its range, and at home."""
+    """Weight, twist and vibrations of each joint at random poses of its range, and at home.
+
+    Weight and twist are of the heaviest robot of the tolerances, with the largest payload.
+    """
     ends = np.array([limits or (-math.pi, math.pi) for limits in robot.links.limits])
     poses = np.random.default_rng(SEED).uniform(ends[:, 0], ends[:, 1], (POSES, len(ends)))
     poses = np.vstack([np.asarray(robot.home, dtype=float)[None, :], poses])
     numbers = robot.plant_parameters()
     p = Parameters(numbers)
-    weights = np.abs(robot.links.gravity_torque(poses.T, p)).max(axis=1)
+    weights = np.abs(robot.links.gravity_torque(poses.T, Parameters(robot.heaviest))).max(axis=1)
     seen: dict[str, list[float]] = {name: [] for name in robot.joint_names}
     for pose in poses[:: max(1, POSES // 12)]:
         for mode in robot.modes(pose):
