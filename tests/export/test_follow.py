@@ -241,6 +241,59 @@ def test_c_follows_as_python_does(name: str, real: str, compiled: Any) -> None:
     assert all(abs(k - i) <= (real == "float") for (k, _), (i, _) in zip(expected, found, strict=True))
 
 
+@pytest.mark.ci("1,200 samples in Python, and compiles what others share")
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_c_stops_as_python_does(real: str, compiled: Any) -> None:
+    """Slowed, cancelled twice, and near the end of a range, where a goal that waits is dropped."""
+    library, code = compiled("planar-two-link", real)
+    follower = follower_of(code)
+    assert follower is not None
+    other = CompiledFollower(library, follower, np.float64 if real == "double" else np.float32)
+    events: dict[int, Any] = {
+        0: goal([0.8], [2.95]),
+        350: "cancel",
+        400: "cancel",
+        450: goal([0.1], [2.98]),
+        480: goal([0.2], [0.0], begins=0.5),
+        530: "cancel",  # at 4 rad/s, 0.1 rad before the end of the shoulder's range
+    }
+    rows: list[list[np.ndarray]] = []
+    for one in (follower, other):
+        one.reset([2.5, 0.5])
+    for k in range(1200):
+        for one in (follower, other):
+            if isinstance(events.get(k), FollowGoal):
+                assert one.start(events[k]) is FollowCode.ACTIVE
+            elif k in events:
+                one.cancel()
+        speed = 0.2 if k < 380 else 1.0
+        at = rows[-1][0][-4:-2] if rows else np.array([2.5, 0.5])
+        sample = follower.step(at, np.zeros(2), speed, 1.0)
+        found, _ = other.step(at, np.zeros(2), speed, 1.0)
+        rows.append([np.concatenate([sample.row, sample.position, sample.velocity]), found])
+    both = np.array(rows)
+    largest = np.abs(both[:, 0]).max(axis=0)
+    assert np.all(np.abs(both[:, 0] - both[:, 1]).max(axis=0) <= CLOSE[real] * largest)
+    assert np.array_equal(both[-1], both[-100])
+    assert both[:, 1, 0].max() == pytest.approx(3.0, abs=1e-5)
+
+
+@pytest.mark.ci("34,000 samples")
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_a_goal_time_of_more_than_16_bits_ends(real: str, compiled: Any) -> None:
+    library, code = compiled("planar-two-link", real)
+    follower = follower_of(code)
+    assert follower is not None
+    follower.goal_time = 33.0
+    other = CompiledFollower(library, follower, np.float64 if real == "double" else np.float32)
+    other.reset([0.0, 0.0])
+    assert other.start(goal([0.1], [0.0], goal_tolerance={"elbow": (0.01, 0.0)})) is FollowCode.ACTIVE
+    codes = [other.step([1.0, 1.0], [0.0, 0.0], 1.0, 1.0)[1] for _ in range(33300)]
+    ((at, code_of_end),) = ends(codes)
+    assert code_of_end is FollowCode.GOAL_TOLERANCE_VIOLATED
+    assert at * PERIOD == pytest.approx(33.0 + 0.1 + 0.12, abs=0.003)
+
+
 #: Goals that are refused, and one that is not, by what is changed of it.
 GOALS: list[dict[str, Any]] = [
     {}, {"times": [0.5, 0.4]}, {"times": [0.5, 0.5 + PERIOD / 17]}, {"times": [0.5, np.inf]}, {"times": [-0.1, 0.5]},

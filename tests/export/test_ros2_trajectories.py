@@ -427,6 +427,48 @@ def test_rows_that_jump_or_twist_a_spring_are_refused(make: Make, capfd: pytest.
     assert one.finished() == ("succeeded", 0)
 
 
+def test_a_goal_of_the_same_period_as_rows_ends(make: Make) -> None:
+    """Rows that come before the loop has read the goal end it too; nothing is published along no trajectory."""
+    one = make()
+    one.goal(*MOVE)
+    assert one.accepted()
+    one.manager.send(np.concatenate(one.robot.operating_point(START)))
+    one.run(20)
+    assert one.ended() == ("aborted", -1)
+    one.goal(*MOVE)
+    assert one.accepted()
+    one.run(200)
+    one.manager.send(np.concatenate(one.robot.operating_point(one.desired[-1][:2])))
+    one.run(20)
+    assert not np.isfinite(one.desired[-1]).any()
+
+
+def test_a_goal_that_waits_ends_where_the_path_before_it_is_left(make: Make) -> None:
+    one = make()
+    one.goal(*MOVE, path=TINY)
+    assert one.accepted()
+    one.run(1)
+    one.goal(*MOVE, begins=2.0)
+    assert one.accepted()
+    one.run(400)
+    assert one.ended() == ("aborted", -4)
+
+
+def test_a_refused_goal_ends_though_the_one_before_it_succeeds(make: Make) -> None:
+    """Both end before the node's timer looks."""
+    one = make()
+    one.goal(*MOVE)
+    assert one.accepted()
+    one.run(200)
+    one.goal([0.005, 1.0], [np.add(GOAL, 0.5), GOAL])
+    assert one.accepted()
+    for _ in range(LONGEST):
+        one.manager.measure(one.plant.output())
+        assert one.manager("update", ctypes.c_int64(round(1e9 * PERIOD))) == 0
+        one.plant.step(one.manager.input(), [], PERIOD)
+    assert one.ended() == ("aborted", -1)
+
+
 def test_no_update_of_a_goal_allocates(make: Make, tmp_path: Path) -> None:
     """Nor where one replaces another, or the controller stops."""
     built_in = make().manager.package.parent.parent

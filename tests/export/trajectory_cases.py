@@ -43,7 +43,7 @@ CASES = tuple(
     path tolerance −1 | none, whatever the parameters | the same | succeeded, 0
     other negative tolerance | an error is logged, the parameters are used | rejected | rejected
     time-out | `cmd_timeout` after the end: holds | the same, and the goal is aborted | aborted, −5
-    speed scaling | a state interface scales the time | the same, from 0 to 1; it changes smoothly | succeeded, 0
+    speed scaling | a state interface scales the time | the same, from 0 to 1; smoothly, at rest at once | succeeded, 0
     fault in mid-move | not documented | the controller stops; the result's text says so | aborted, −4
     deactivated, then active at another pose | the goal ends; holds the new pose | the same | aborted, −4
     not active | rejected | the same | rejected

@@ -100,6 +100,14 @@ def test_a_goal_that_cannot_be_followed_changes_nothing(code: str, changed: dict
     ("what", "advice"),
     [
         (lambda: FollowGoal(NAMES, [1.0], [[0.1]]), "each time"),
+        (lambda: FollowGoal(NAMES, 1.0, [[0.1, 0.2]]), "times="),
+        (lambda: FollowGoal(NAMES, [1.0], [["a", "b"]]), "positions="),
+        (lambda: FollowGoal(NAMES, [1.0, 2.0], [[0.1, 0.2], [0.1]]), "positions="),
+        (lambda: FollowGoal("elbow", [1.0], [[0.1] * 5]), "joint_names="),
+        (lambda: FollowGoal(NAMES, [1.0], [[0.1, 0.2]], begins=None), "begins=0.0"),
+        (lambda: FollowGoal(NAMES, [1.0], [[0.1, 0.2]], path_tolerance={"elbow": ("a", "b")}), "0.01"),
+        (lambda: follower(latency=0.5), "controller.mode.latency"),
+        (lambda: follower(path_tolerance=None), "shoulder"),
         (lambda: FollowGoal(NAMES, [1.0], [[0.1, 0.2]], path_tolerance={"elbow": (0.1,)}), "elbow"),
         (lambda: follower(path_tolerance={"wrist": (0.1, 0.1)}), "shoulder"),
         (lambda: follower(goal_tolerance={"elbow": (-0.1, 0.1)}), "0.01"),
@@ -126,5 +134,70 @@ def test_the_last_pose_is_held_and_at_a_stop_nothing_leaves_the_range() -> None:
         one.step()
     one.cancel()
     places = np.array([one.step().position for _ in range(130)])
-    assert 2.4 < places[-1][1] <= 2.6
+    assert places[:, 1].max() == places[-1][1] == pytest.approx(2.6)
     assert np.array_equal(places[-1], places[-10])
+
+
+def moving(samples: int, speed: float = 1.0) -> fh.Follower:
+    """A follower in the middle of a move by 0.5 rad in 1 s."""
+    one = follower()
+    one.reset([0.0, 0.0])
+    assert one.start(FollowGoal(NAMES, [1.0], [[0.5, 0.5]])) is FollowCode.ACTIVE
+    for _ in range(samples):
+        one.step(speed=speed)
+    return one
+
+
+def places_of(one: fh.Follower, samples: int, speed: float) -> np.ndarray:
+    return np.array([one.step(speed=speed).position[0] for _ in range(samples)])
+
+
+def test_at_speed_0_nothing_moves_from_the_beginning() -> None:
+    assert not places_of(moving(0), 200, 0.0).any()
+
+
+def test_a_cancelled_goal_does_not_go_on_when_the_speed_returns() -> None:
+    """Paused, cancelled, and then at full speed again."""
+    one = moving(150)
+    held = places_of(one, 400, 0.0)[-1]
+    one.cancel()
+    assert np.array_equal(places_of(one, 100, 0.0), places_of(one, 100, 1.0))
+    assert one.step().position[0] == held
+
+
+def test_a_slow_move_stops_in_the_same_time() -> None:
+    """The velocity is kept at the cancel, and is 0 after `stop_time` and the smoothing."""
+    one = moving(300, 0.2)
+    speed = np.diff(places_of(one, 2, 0.2))[0]
+    one.cancel()
+    steps = np.diff(places_of(one, 320, 0.2))
+    assert steps[0] == pytest.approx(speed, rel=1e-6)
+    assert np.all(np.diff(steps) <= 1e-12)
+    assert not steps[312:].any()
+
+
+def test_a_goal_after_a_slow_stop_continues_it() -> None:
+    """No velocity jumps where it begins in the middle of the stop."""
+    one = moving(300, 0.2)
+    one.cancel()
+    places = places_of(one, 60, 0.2)
+    assert one.start(FollowGoal(NAMES, [1.0], [[0.2, 0.2]], [[0.0, 0.0]])) is FollowCode.ACTIVE
+    places = np.concatenate([places, places_of(one, 200, 0.2)])
+    assert np.abs(np.diff(places, 2)).max() < 2e-5
+
+
+def test_a_second_cancel_changes_nothing() -> None:
+    one, other = moving(150), moving(150)
+    one.cancel()
+    other.cancel()
+    for _ in range(80):
+        other.cancel()
+        assert np.array_equal(one.step().row, other.step().row)
+
+
+def test_the_arrays_of_a_goal_are_its_own() -> None:
+    one, times = follower(), np.array([0.5])
+    one.reset([0.0, 0.0])
+    assert one.start(FollowGoal(NAMES, times, [[0.1, 0.1]])) is FollowCode.ACTIVE
+    times[0] = 5.0
+    assert places_of(one, 320, 1.0)[-1] == pytest.approx(0.1)

@@ -14,14 +14,11 @@ from flexhinf.export.rendering import c_values, render, render_c
 from flexhinf.plant.joints import joint_places
 from flexhinf.robot.elastic import INNER, InverseFlow, torque_per_input, traced_inverse
 from flexhinf.robot.feedforward import KNOTS, LONGEST
-from flexhinf.robot.follower import PASSED, Follower
+from flexhinf.robot.follower import MOST_COUNTED, PASSED, Follower
 from flexhinf.robot.robot import Robot
 
 #: T of the smoothing, s, as far as the period divides it.
 SMOOTHING = 0.02
-
-#: Samples that are counted after the end of a path: those of 16 bits.
-MOST_COUNTED = 32767
 
 
 def follower_of(code: ControllerCode) -> Follower | None:

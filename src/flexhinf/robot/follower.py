@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from flexhinf.arrays import Vector
 from flexhinf.errors import refuse_if
 from flexhinf.robot.feedforward import Feedforward
+from flexhinf.robot.follow_goal import FollowGoal
 from flexhinf.robot.robot import Robot
 from flexhinf.validation import checked_array, checked_positive
 
@@ -29,6 +30,9 @@ PASSED = 16
 
 #: Jump of a joint that turns or slides without a stated speed limit, rad and m, that counts as none.
 JUMPS = (0.05, 0.01)
+
+#: Samples that are counted at most: a goal that waits longer begins then, one that ends is late by no more.
+MOST_COUNTED = 2_000_000_000
 
 #: What is above a speed limit by rounding alone.
 ROUNDING = 1.001
@@ -48,81 +52,6 @@ class FollowCode(IntEnum):
     GOAL_TOLERANCE_VIOLATED = -5
     ACTIVE = 1
     IDLE = 2
-
-
-@dataclass(frozen=True, eq=False)
-class FollowGoal:
-    """Waypoints of joints, as trajectory_msgs/JointTrajectory and the action FollowJointTrajectory have them.
-
-    Parameters
-    ----------
-    joint_names : sequence of str
-        In any order.
-    times : (N,)
-        time_from_start, increasing, s.
-    positions : (N, k)
-        Link positions, rad or m, in the order of the names.
-    velocities, accelerations : (N, k), optional
-        rad/s and rad/s², or m/s and m/s². Accelerations count beside velocities alone.
-    begins : float
-        Time from now until the trajectory begins, s; negative where its stamp is past.
-    path_tolerance, goal_tolerance : mapping of str to (position, velocity)
-        By joint, rad and rad/s, or m and m/s. 0 is what the follower has, −1 is any difference.
-    goal_time : float
-        Time after the end of the path in which the goal must be reached, s; 0 and −1 as above.
-
-    Raises InvalidInput: for arrays whose shapes do not fit each other, or tolerances that are no pairs.
-
-    Examples
-    --------
-    >>> import flexhinf as fh
-    >>> goal = fh.FollowGoal(["elbow", "shoulder"], [0.5, 1.0], [[0.1, 0.2], [0.2, 0.4]])
-    >>> goal.order
-    1
-    """
-
-    joint_names: Sequence[str]
-    times: ArrayLike
-    positions: ArrayLike
-    velocities: ArrayLike | None = None
-    accelerations: ArrayLike | None = None
-    begins: float = 0.0
-    path_tolerance: Mapping[str, Sequence[float]] = field(default_factory=dict)
-    goal_tolerance: Mapping[str, Sequence[float]] = field(default_factory=dict)
-    goal_time: float = 0.0
-
-    def __post_init__(self) -> None:
-        shape = np.size(self.times), len(self.joint_names)
-        for name in ("positions", "velocities", "accelerations"):
-            value = getattr(self, name)
-            found = None if value is None else np.shape(value)
-            refuse_if(
-                found is not None and found != shape and np.size(self.times) > 0,
-                f"The {name} of a trajectory do not fit its times and joints.",
-                f"expected the shape {shape}, got {found}",
-                "a row for each time, with a number for each joint",
-            )
-        for name in ("path_tolerance", "goal_tolerance"):
-            pairs = getattr(self, name)
-            refuse_if(
-                not isinstance(pairs, Mapping) or any(np.shape(pair) != (2,) for pair in pairs.values()),
-                f"The {name.replace('_', ' ')} of a trajectory is none.",
-                f"expected two numbers by joint, got {pairs!r}",
-                f"{name}={{'elbow': (0.01, 0.1)}}, or {{'elbow': (0.01, 0)}}",
-            )
-
-    @property
-    def arrays(self) -> list[np.ndarray]:
-        """Positions, and what else there is (N, k)."""
-        accelerations = None if self.velocities is None else self.accelerations
-        stated = (self.positions, self.velocities, accelerations)
-        shape = np.size(self.times), len(self.joint_names)
-        return [np.reshape(np.asarray(rows, dtype=float), shape) for rows in stated if rows is not None]
-
-    @property
-    def order(self) -> int:
-        """Derivatives of a waypoint, the position included: 1, 2 or 3."""
-        return len(self.arrays)
 
 
 class FollowSample(NamedTuple):
@@ -163,7 +92,7 @@ class Follower:
         Samples from a row until the links are there: those after which the controller's input acts, and one more where
         what `step` is told is an estimate of the sample before.
     stop_time : float
-        In which joints come to rest after a cancelled goal, or that a goal leaves out, s.
+        In which joints come to rest after a cancelled goal, or that a goal leaves out, s; sooner where a range ends.
     partial : bool
         Whether a goal may leave joints out.
     path_tolerance, goal_tolerance : mapping of str to (position, velocity)
@@ -205,6 +134,12 @@ class Follower:
         self.feedforward = Feedforward(self.robot, self.period, self.smoothing)
         joints = self.robot.joint_names
         for name in ("path_tolerance", "goal_tolerance"):
+            refuse_if(
+                not isinstance(getattr(self, name), Mapping),
+                f"The {name.replace('_', ' ')} is none.",
+                f"expected pairs of numbers by joint, got {getattr(self, name)!r}",
+                f"{name}={{{joints[0]!r}: (0.01, 0.1)}}",
+            )
             unknown = [joint for joint in getattr(self, name) if joint not in joints]
             refuse_if(
                 bool(unknown),
@@ -228,9 +163,9 @@ class Follower:
                 f"{name}=0.0, for any",
             )
         refuse_if(
-            not 0 <= self.latency <= 100,
+            not isinstance(self.latency, (int, np.integer)) or not 0 <= self.latency <= 100,
             "The latency is no number of samples.",
-            f"expected 0 to 100, got {self.latency}",
+            f"expected a whole number from 0 to 100, got {self.latency!r}",
             "controller.mode.latency",
         )
         self.reset(np.asarray(self.robot.home, dtype=float))
@@ -280,7 +215,7 @@ class Follower:
         self._now = self._from = standing[:3]
         self._goal: _Followed | None = None
         self._next: _Followed | None = None
-        self._active, self._wait, self._speed = False, 0.0, 1.0
+        self._active, self._wait, self._speed = False, 0, 1.0
         self._segment, self._since, self._first, self._age, self._stopped_at = 0, 0.0, 0.0, 0.0, 0.0
         self._left = self._ended = 0
 
@@ -297,15 +232,20 @@ class Follower:
         checked = self._checked(goal)
         if isinstance(checked, FollowCode):
             return checked
-        delay = self.feedforward.delay
-        if checked.begins - delay > 0.5 * self.period:
-            self._next, self._wait = checked, checked.begins - delay
+        samples = np.ceil((checked.begins - self.feedforward.delay) / self.period - 0.5)
+        if samples >= 1.0:
+            self._next, self._wait = checked, int(min(samples, MOST_COUNTED))
             return FollowCode.ACTIVE
         return self._begin(checked)
 
     def cancel(self) -> None:
-        """Come to rest within `stop_time`, in the direction of the motion; and hold."""
-        self._stop()
+        """Come to rest within `stop_time`, whatever the speed, in the direction of the motion; and hold.
+
+        A goal that waits is dropped. A stop that has begun goes on as it is.
+        """
+        self._next = None
+        if self._goal is not None and len(self._goal.times):
+            self._stop()
 
     def _checked(self, goal: FollowGoal) -> _Followed | FollowCode:
         """The goal in the robot's order."""
@@ -317,7 +257,7 @@ class Follower:
             return FollowCode.INVALID_JOINTS
         if {*goal.path_tolerance, *goal.goal_tolerance} - set(own):
             return FollowCode.INVALID_JOINTS
-        times = np.asarray(goal.times, dtype=float)
+        times = np.array(goal.times, dtype=float)  # of its own: the caller may change his
         if not len(times):
             return FollowCode.INVALID_GOAL
         places = [own.index(joint) for joint in joints]
@@ -344,14 +284,14 @@ class Follower:
     ) -> bool:  # fmt: skip
         """Whether a robot can be there: finite, in order, within its ranges and speeds, at rest at the end."""
         low, high = self.ranges[:, moves]
-        gaps, distances = np.diff(times), np.abs(np.diff(points[0], axis=0))
+        if not (np.isfinite(times).all() and np.isfinite(points).all()):
+            return False
+        gaps, distances = np.maximum(np.diff(times), 1e-9 * self.period), np.abs(np.diff(points[0], axis=0))
         far = (distances > self.jumps[moves]) & (
             (gaps[:, None] < self.smoothing) | (distances > self.speeds[moves] * gaps[:, None])
         )
         return bool(
-            np.isfinite(times).all()
-            and np.isfinite(points).all()
-            and np.isfinite(begins)
+            np.isfinite(begins)
             and all(np.isfinite(value) and (value >= 0.0 or value == -1.0) for value in tolerances)
             and times[0] >= 0.0
             and times[-1] > 0.0
@@ -385,6 +325,8 @@ class Follower:
             None,
             False,
         )
+        share = self._speed  # the stop is in true time, which a speed of 0 does not hold up
+        self._now, self._speed = self._now * np.array([1.0, share, share * share])[:, None], 1.0
         self._from, self._segment, self._since, self._age = self._now, 0, 0.0, 0.0
         self._stopped_at = self.stop_time if self._now[1:].any() else 0.0
         self._left = len(self._path)
@@ -405,7 +347,7 @@ class Follower:
             Of the links, measured or estimated; by default they are as commanded.
         speed : float
             Fraction of its speed with which the trajectory is followed, 0 to 1: it changes smoothly, by 1 in
-            `stop_time`. What is no number counts as 0.
+            `stop_time`, and at once where the path rests. What is no number counts as 0.
         path_rate : float
             ``output.path_rate`` of the controller's last step: less than 1 where it brakes.
 
@@ -420,8 +362,8 @@ class Follower:
                 "one number for each joint",
             )
         if self._next is not None:
-            self._wait -= self.period
-            if self._wait <= 0.5 * self.period and self._begin(self._next) is FollowCode.INVALID_GOAL:
+            self._wait -= 1
+            if self._wait <= 0 and self._begin(self._next) is FollowCode.INVALID_GOAL:
                 self._next = None
                 return self._sample(path_rate, speed, None, None, FollowCode.INVALID_GOAL)
         return self._sample(path_rate, speed, position, velocity, None)
@@ -449,7 +391,10 @@ class Follower:
     def _push(self, speed: float) -> None:
         """The next sample of the path."""
         most = self.period / self.stop_time
-        self._speed = min(max(speed, self._speed - most), self._speed + most)
+        if not self._now[1:].any():
+            self._speed = speed
+        elif self._goal is not None and len(self._goal.times):
+            self._speed = min(max(speed, self._speed - most), self._speed + most)
         self._advance(self.period * self._speed)
         self._path = np.vstack([self._now[:1], self._path[:-1]])
         found = np.einsum("oa,an->on", self.feedforward.weights, self._path - self._path[0])
@@ -493,13 +438,25 @@ class Follower:
     def _stopping(self, age: float) -> np.ndarray:
         """The motion (3, n) that comes to rest from the one at the beginning of the goal."""
         q, dq, ddq = self._from
-        end = q + self.stop_time * (0.5 * dq + self.stop_time * ddq / 12.0)
-        low, high = self.ranges
-        end = np.clip(end, np.minimum(low, q), np.maximum(high, q))
+        low, high = np.minimum(self.ranges[0], q), np.maximum(self.ranges[1], q)
+        time = np.full(len(q), self.stop_time)
+        end = q + time * (0.5 * dq + time * ddq / 12.0)
+        for j in np.flatnonzero(
+            (end < low) | (end > high)
+        ):  # sooner, so that the stop ends where the range does
+            bound = low[j] if end[j] < low[j] else high[j]
+            time[j] = min(self.stop_time, max(self._time_to(bound - q[j], dq[j], ddq[j]), self.smoothing))
+            end[j] = bound
         standing = np.array([end, np.zeros_like(q), np.zeros_like(q)])
-        if age >= self.stop_time:
-            return standing
-        return _between(self._from, standing, self.stop_time, age, 3)
+        return np.where(age >= time, standing, _between(self._from, standing, time, age, 3))
+
+    @staticmethod
+    def _time_to(way: float, velocity: float, acceleration: float) -> float:
+        """Duration of the stop, from this motion, that takes a way, s: T (v/2 + T a/12) = way."""
+        towards = 1.0 if way >= 0.0 else -1.0
+        root = np.sqrt(max(0.0, 0.25 * velocity * velocity + acceleration * way / 3.0))
+        divisor = 0.5 * towards * velocity + root
+        return 2.0 * abs(way) / divisor if divisor > 0.0 else 0.0
 
     # Judgement -----------------------------------------------------------------------------------------
     def _judged(self, errors: np.ndarray) -> FollowCode:
@@ -538,7 +495,7 @@ def _within(errors: np.ndarray, allowed: np.ndarray) -> bool:
     return bool(np.all((allowed <= 0.0) | (errors <= allowed)))
 
 
-def _between(begin: np.ndarray, end: np.ndarray, time: float, at: float, order: int) -> np.ndarray:
+def _between(begin: np.ndarray, end: np.ndarray, time: float | Vector, at: float, order: int) -> np.ndarray:
     """Position, velocity and acceleration (3, n) on the polynomial between two waypoints (3, n), `at` s from the
     first: linear, cubic or quintic."""
     s, way = at / time, end[0] - begin[0]

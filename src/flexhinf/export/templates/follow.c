@@ -84,21 +84,31 @@ static void at_point(const @{name}_follow_point *point, int j, scalar result[3])
     result[2] = point->acceleration[j];
 }
 
-/* Where joint j comes to rest from the motion at the beginning of the goal, age seconds later. */
+/* Duration of the stop, from this velocity and acceleration, that takes a way: T (v/2 + T a/12) = way. */
+static scalar time_to(scalar way, scalar velocity, scalar acceleration)
+{
+    const scalar square = (@{number(0.25)} * velocity * velocity) + ((acceleration * way) / @{number(3.0)});
+    const scalar root = (square > @{zero}) ? sqrt@{f}(square) : @{zero};
+    const scalar divisor = ((way >= @{zero}) ? @{number(0.5)} * velocity : @{number(-0.5)} * velocity) + root;
+    return (divisor > @{zero}) ? (@{number(2.0)} * fabs@{f}(way)) / divisor : @{zero};
+}
+
+/* Where joint j comes to rest from the motion at the beginning of the goal, age seconds later; sooner where its range
+ * ends. */
 static void stopping(const @{name}_follow_state *state, int j, scalar result[3])
 {
-    const scalar time = state->stop_time;
     const scalar begin[3] = {state->from[0][j], state->from[1][j], state->from[2][j]};
-    scalar end[3] = {@{zero}, @{zero}, @{zero}};
     const scalar least = (low[j] < begin[0]) ? low[j] : begin[0];
     const scalar most = (high[j] > begin[0]) ? high[j] : begin[0];
+    scalar end[3] = {@{zero}, @{zero}, @{zero}};
+    scalar time = state->stop_time;
     end[0] = begin[0] + (time * ((@{number(0.5)} * begin[1]) + ((time * begin[2]) / @{number(12.0)})));
-    if (end[0] < least) {
-        end[0] = least;
-    } else if (end[0] > most) {
-        end[0] = most;
-    } else {
-        /* within the range */
+    if (end[0] < least || end[0] > most) {
+        scalar sooner;
+        end[0] = (end[0] < least) ? least : most;
+        sooner = time_to(end[0] - begin[0], begin[1], begin[2]);
+        sooner = (sooner > SMOOTHING) ? sooner : SMOOTHING;
+        time = (sooner < time) ? sooner : time;
     }
     if (state->age >= time) {
         for (int k = 0; k < 3; ++k) {
@@ -170,16 +180,33 @@ static void advance(@{name}_follow_state *state, scalar time)
     }
 }
 
+/* Whether the path has a velocity or an acceleration. */
+static int moves(const @{name}_follow_state *state)
+{
+    int found = 0;
+    for (int j = 0; j < JOINTS; ++j) {
+        if (fabs@{f}(state->now[1][j]) + fabs@{f}(state->now[2][j]) > @{zero}) {
+            found = 1;
+        }
+    }
+    return found;
+}
+
 /* The next sample of the path, and the motion that the last ones give. */
 static void push(@{name}_follow_state *state, scalar speed)
 {
     const scalar most = @{NAME}_PERIOD / state->stop_time;
     scalar target = speed;
-    if (target < state->speed - most) {
-        target = state->speed - most;
-    }
-    if (target > state->speed + most) {
-        target = state->speed + most;
+    if (moves(state) != 0) {
+        if (state->goal.count == 0) { /* a stop is in true time */
+            target = @{unity};
+        } else if (target < state->speed - most) {
+            target = state->speed - most;
+        } else if (target > state->speed + most) {
+            target = state->speed + most;
+        } else {
+            /* it is reached */
+        }
     }
     state->speed = target;
     advance(state, @{NAME}_PERIOD * state->speed);
@@ -315,7 +342,7 @@ static int judge(@{name}_follow_state *state, const @{name}_follow_options *opti
         const scalar late = (scalar)state->ended * @{NAME}_PERIOD;
         const scalar stated_time = goal->goal_time;
         const scalar most = (stated_time > @{zero}) ? stated_time : ((stated_time < @{zero}) ? @{zero} : options->goal_time);
-        state->ended = (state->ended < @{most_counted}) ? state->ended + 1 : state->ended;
+        state->ended = (state->ended < @{most_counted}L) ? state->ended + 1 : state->ended;
         if (within != 0) {
             result = @{NAME}_FOLLOW_SUCCESSFUL;
         } else if ((most > @{zero} && late > most) || (options->timeout > @{zero} && late > options->timeout)) {
@@ -396,7 +423,7 @@ int @{name}_follow_check(const @{name}_follow_options *options, const @{name}_fo
     }
     if (moving == 0 || (moving < JOINTS && options->partial == 0)) {
         result = @{NAME}_FOLLOW_INVALID_JOINTS;
-    } else if (goal->count < 1 || isfinite(goal->begins) == 0 || is_tolerance(goal->goal_time) == 0) {
+    } else if (goal->count < 1 || goal->points == NULL || isfinite(goal->begins) == 0 || is_tolerance(goal->goal_time) == 0) {
         result = @{NAME}_FOLLOW_INVALID_GOAL;
     } else {
         const @{name}_follow_point *const last = &goal->points[goal->count - 1];
@@ -426,11 +453,11 @@ int @{name}_follow_check(const @{name}_follow_options *options, const @{name}_fo
 int @{name}_follow_start(@{name}_follow_state *state, const @{name}_follow_options *options,
                         const @{name}_follow_goal *goal)
 {
-    const scalar wait = goal->begins - @{number(delay_exact)};
+    const scalar samples = ceil@{f}(((goal->begins - @{number(delay_exact)}) / @{NAME}_PERIOD) - @{number(0.5)});
     int result = @{NAME}_FOLLOW_ACTIVE;
-    if (wait > @{number(0.5)} * @{NAME}_PERIOD) {
+    if (samples >= @{unity}) {
         state->next = *goal;
-        state->wait = wait;
+        state->wait = (samples < @{number(most_counted)}) ? (long)samples : @{most_counted}L;
         state->has_next = 1;
     } else {
         result = take(state, options, goal);
@@ -440,14 +467,21 @@ int @{name}_follow_start(@{name}_follow_state *state, const @{name}_follow_optio
 
 void @{name}_follow_cancel(@{name}_follow_state *state, const @{name}_follow_options *options)
 {
-    for (int j = 0; j < JOINTS; ++j) {
-        state->goal.moves[j] = 0;
+    state->has_next = 0;
+    if (state->goal.count > 0) { /* else it rests, or its stop has begun */
+        const scalar speed = state->speed;
+        for (int j = 0; j < JOINTS; ++j) {
+            state->goal.moves[j] = 0;
+            state->now[1][j] *= speed; /* in true time, which a speed of 0 does not hold up */
+            state->now[2][j] *= speed * speed;
+        }
+        state->goal.points = NULL;
+        state->goal.count = 0;
+        state->segment = 0;
+        state->active = 0;
+        state->speed = @{unity};
+        begin_from_here(state, options->stop_time);
     }
-    state->goal.points = NULL;
-    state->goal.count = 0;
-    state->segment = 0;
-    state->active = 0;
-    begin_from_here(state, options->stop_time);
 }
 
 int @{name}_follow_step(@{name}_follow_state *state, const @{name}_follow_options *options, const @{name}_param *param,
@@ -458,8 +492,8 @@ int @{name}_follow_step(@{name}_follow_state *state, const @{name}_follow_option
     scalar power = @{unity};
     int refused = @{NAME}_FOLLOW_ACTIVE;
     if (state->has_next != 0) {
-        state->wait -= @{NAME}_PERIOD;
-        if (state->wait <= @{number(0.5)} * @{NAME}_PERIOD) {
+        state->wait -= 1;
+        if (state->wait <= 0) {
             const @{name}_follow_goal next = state->next;
             state->has_next = 0;
             refused = take(state, options, &next);
@@ -490,8 +524,8 @@ int @{name}_follow_step(@{name}_follow_state *state, const @{name}_follow_option
         output->velocity[j] = state->before[@{latency}][1][j];
     }
     @{called}(motion[0], motion[1], motion[2], motion[3], motion[4], param->value, output->r, output->r + @{NAME}_STATES);
-    output->waits = state->has_next;
     output->result = (refused == @{NAME}_FOLLOW_ACTIVE) ? judge(state, options, input) : refused;
+    output->waits = state->has_next; /* after a path that was left, none does */
     return output->result;
 }
 

@@ -66,7 +66,7 @@ extern const @{name}_follow_options @{name}_follow_defaults;
 
 typedef struct {
     @{name}_real position[@{NAME}_FOLLOW_JOINTS], velocity[@{NAME}_FOLLOW_JOINTS]; /* as output.estimate of the last step */
-    @{name}_real speed;     /* fraction of its speed with which a trajectory is followed, 0 to 1 */
+    @{name}_real speed;     /* fraction of its speed with which a trajectory is followed, 0 to 1; at once at rest */
     @{name}_real path_rate; /* output.path_rate of the last @{name}_step; 1 before it */
 } @{name}_follow_input;
 
@@ -83,9 +83,10 @@ typedef struct {
     @{name}_real motion[2][5][@{NAME}_FOLLOW_JOINTS], part;
     @{name}_real before[@{latency + 1}][2][@{NAME}_FOLLOW_JOINTS];
     @{name}_real now[3][@{NAME}_FOLLOW_JOINTS], from[3][@{NAME}_FOLLOW_JOINTS];
-    @{name}_real wait, speed, since, first, age, stop_time, stopped_at;
+    @{name}_real speed, since, first, age, stop_time, stopped_at;
     @{name}_follow_goal goal, next;
-    int newest, has_next, active, segment, left, ended;
+    long wait, ended; /* samples */
+    int newest, has_next, active, segment, left;
 } @{name}_follow_state;
 
 /* Rest at link positions q, without a goal. Returns @{NAME}_OK; @{NAME}_BAD_COMMAND where a number is not finite; or
@@ -104,7 +105,8 @@ int @{name}_follow_check(const @{name}_follow_options *options, const @{name}_fo
 int @{name}_follow_start(@{name}_follow_state *state, const @{name}_follow_options *options,
                         const @{name}_follow_goal *goal);
 
-/* Come to rest within options->stop_time, in the direction of the motion, and hold. */
+/* Come to rest within options->stop_time, whatever the speed, in the direction of the motion, and hold; sooner where a
+ * joint's range ends. A goal that waits is dropped. A stop that has begun goes on as it is. */
 void @{name}_follow_cancel(@{name}_follow_state *state, const @{name}_follow_options *options);
 
 /* One sample, before @{name}_step. Returns output->result. */

@@ -711,6 +711,11 @@ bool Controller::publish(const rclcpp::Time & time)
       report_.interface_values[6].values[j] = now.desired[j] - now.actual[j];
       report_.interface_values[6].values[rate] = now.desired_velocity[j] - now.actual_velocity[j];
     }
+  } else {  // rows come from elsewhere
+    for (std::size_t group = 4; group < 7; ++group) {
+      auto & values = report_.interface_values[group].values;
+      std::fill(values.begin(), values.end(), std::numeric_limits<double>::quiet_NaN());
+    }
   }
 {% endif %}
   return publish_if_free(*publisher_, report_);

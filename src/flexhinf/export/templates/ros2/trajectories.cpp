@@ -58,7 +58,8 @@ bool Trajectories::configure(const std::shared_ptr<Node> & node)
   const auto number = [&](const std::string & name, bool is_time) {
     const double value = node->get_parameter(name).as_double();
     if (!std::isfinite(value) || value < 0.0 || (is_time && value > 1e6)) {
-      RCLCPP_ERROR(node->get_logger(), "expected a number from 0 on in %s, got %g", name.c_str(), value);
+      const char * const kind = is_time ? "seconds from 0 to 1e6" : "a number from 0 on";
+      RCLCPP_ERROR(node->get_logger(), "expected %s in %s, got %g", kind, name.c_str(), value);
       return std::make_pair(false, static_cast<@{name}_real>(0));
     }
     return std::make_pair(true, static_cast<@{name}_real>(value));
@@ -239,7 +240,11 @@ void Trajectories::begin(const std::shared_ptr<Handle> & handle)
   std::string why;
   handle_ = handle;
   const auto wanted = handle->get_goal();
-  const int code = accept(wanted->trajectory, wanted.get(), goal, why);  // its stamp may be over now
+  int code = accept(wanted->trajectory, wanted.get(), goal, why);  // its stamp may be over now
+  if (!is_active_.load()) {  // since it was considered; from here on a stop leaves its reason for this goal
+    code = @{NAME}_FOLLOW_INVALID_GOAL;
+    why = "the controller is not active";
+  }
   if (code != @{NAME}_FOLLOW_SUCCESSFUL) {
     finish(code, why);
     return;
@@ -311,19 +316,20 @@ void Trajectories::finish(int code, const std::string & text)
 }
 
 // Loop ---------------------------------------------------------------------------------------------------------
+// The first word on a goal counts, and that on the newest one: only its handle is still open.
 void Trajectories::end(std::uint64_t number, int code)
 {
-  ended_with_.store(code);
-  ended_.store(number);
+  if (number > ended_.load()) {
+    ended_with_.store(code);
+    ended_.store(number);
+  }
 }
 
 void Trajectories::leave(const @{name}_real * r)
 {
-  if (is_used_) {
-    end(started_, @{NAME}_FOLLOW_INVALID_GOAL);
-  }
   is_used_ = false;
   started_ = pending_ = given_.load();
+  end(started_, @{NAME}_FOLLOW_INVALID_GOAL);  // also one that came in this period, and was not read yet
   (void)@{name}_follow_init(&state_, r);
 }
 
