@@ -325,7 +325,7 @@ class Robot(Summarised):
                 if ends is not None
             },
             engaged=self.layout.engaged if "backlash" in on else None,
-            arrest=Sticking(len(joints), sticks, on) if sticks else None,
+            arrest=Sticking(len(joints), sticks, on, self.drive) if sticks else None,
         )
         return built[key]
 
