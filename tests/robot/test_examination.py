@@ -140,6 +140,14 @@ def test_the_limit_of_a_command_is_no_torque(tmp_path: Path) -> None:
     assert all("joint1" not in finding.place.split(", ") for finding in result.findings)
 
 
+def test_friction_by_the_load_is_dry_friction(tmp_path: Path) -> None:
+    path, said = tmp_path / "arm.toml", []
+    for more in ("", "load_friction = 0.1\n"):
+        path.write_text(f"{template_text(1, 'torque')}{more}", encoding="utf-8")
+        said.append(any("coulomb_friction" in finding.advice for finding in examine_robot(path).findings))
+    assert said == [True, False]
+
+
 def test_doubtful_numbers_of_a_robot_file_are_named(tmp_path: Path) -> None:
     path = tmp_path / "arm.toml"
     text = template_text(2, "torque")

@@ -7,13 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.refusals import refused_with
+from tests.builders import joint_text
+from tests.refusals import refused_with, unnamed
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Parameters
 from flexhinf.robot import MuJoCoPlant, Parameter
 from flexhinf.robot.gears import curve_softness, curve_torque, curve_twist
+from flexhinf.robot.parts import RobotFileWarning
 
 #: CSG-25-50: K₁, K₂, K₃ (N·m/rad), T₁, T₂ (N·m) of Harmonic Drive's catalogue.
 CURVE = {
@@ -311,10 +313,11 @@ def test_the_ripple_is_a_torque_on_the_motor_alone(tmp_path: Path):
         ("friction = 0.0", {"kinematic_error": 1e-4}, ("ratio", "gear_ratio")),
         ("torque_ripple = 1.0", {}, ("ratio", "torque_ripple")),
         (TOOTHED, {"kinematic_error": 6e-3}, ("back", "0.005")),
+        (TOOTHED, {"kinematic_error": "{ value = 4e-3, tolerance = 50 }"}, ("back", 0.005, 0.006)),
         (TOOTHED, {"kinematic_error_phase": 1.0}, ("phase", "kinematic_error")),
     ],
 )
-def test_teeth_that_are_none_are_refused(tmp_path: Path, motor: str, spring: dict[str, float], parts):
+def test_teeth_that_are_none_are_refused(tmp_path: Path, motor: str, spring: dict[str, object], parts):
     with refused_with(InvalidInput, *parts):
         arm(tmp_path, motor, stiffness=1e4, **spring)
 
@@ -330,3 +333,47 @@ def test_rigid_joints_ripple_and_other_joints_have_no_error():
     assert np.abs(robot.plant().derivative(x, u)).max() > 1e-2
     with refused_with(InvalidInput, "kinematic_error", "inverse dynamics"):
         robot.inverse_dynamics([0.7, 0.4], extras="kinematic_error")
+
+
+def test_a_file_that_is_saved_has_the_robots_numbers_whatever_its_curve(tmp_path: Path):
+    for spring in (CURVE, {"damping": 2.0}):
+        robot = two_joints(tmp_path, **spring)
+        softer = robot.with_values({"first_stiffness_a": 2.4e4})
+        softer.save(tmp_path / "softer.toml")
+        assert fh.load_robot(tmp_path / "softer.toml").nominal == softer.nominal
+        rigid = robot.with_rigid("a")
+        rigid.save(tmp_path / "rigid.toml")
+        read = fh.load_robot(tmp_path / "rigid.toml")
+        assert (read.rigid, read.nominal) == (("a",), rigid.nominal)
+
+
+def test_values_do_not_put_the_corners_of_a_curve_in_another_order():
+    with refused_with(InvalidInput, "order", "first_torque", 21.0, 20.0):
+        planar().with_values({"first_torque_shoulder": 21.0})
+
+
+def test_a_published_gear_does_not_slide(tmp_path: Path):
+    with refused_with(InvalidInput, "slides", "gear", "N/m"):
+        two_joints(tmp_path, 'kind = "prismatic"')
+
+
+def test_doubtful_gears_are_asked_about(tmp_path: Path):
+    with pytest.warns(RobotFileWarning, match="gear ratio") as caught:
+        two_joints(tmp_path, "", "gear_ratio = 100.0")
+    assert unnamed(str(caught[0].message), 50.0, 100.0) == []
+    with pytest.warns(RobotFileWarning, match="stiffness") as caught:
+        two_joints(tmp_path, stiffness=1e4)
+    assert unnamed(str(caught[0].message), 2.5e4, 4.4e4, 1e4) == []
+
+
+def two_joints(
+    folder: Path, more: str = "", motor: str = "load_friction = 0.1", /, **spring: float
+) -> fh.Robot:
+    """Two joints, of which the first has a published gear and no other number of a spring unless stated."""
+    gear = f'gear = "CSG-25-50"\n{more}'
+    own = "\n".join(f"{name} = {value}" for name, value in spring.items())
+    first = joint_text("a", axis=[0, 1, 0], spring=own, motor=f"rotor_inertia = 1e-4\n{motor}")
+    second = joint_text("b", axis=[0, 1, 0], xyz=[0.4, 0.0, 0.0])
+    text = first.replace('name = "a"', f'name = "a"\n{gear}') + second
+    (folder / "two.toml").write_text(text, encoding="utf-8")
+    return fh.load_robot(folder / "two.toml")

@@ -166,11 +166,13 @@ class Sticking:
     Moreau's time stepping: a step of h takes up to F h / J from each motor's velocity, and never turns it round. The
     velocity is taken as lost evenly within the step, so the motor is behind by half of that times h: what sticks does
     not creep. With "stribeck_friction" F is that of the velocity before, with "load_friction" that of the spring then.
+    Of an inner loop σ F is left.
     """
 
     joints: int
     extras: tuple[str, ...]
     others: tuple[str, ...] = ()  # the plant's other extras, which the load is of
+    drive: str = "torque"
 
     def __call__(self, x: Any, step: Any, p: Any) -> Any:
         """The state after friction, on any element."""
@@ -180,6 +182,7 @@ class Sticking:
             ratio = p.gear_ratio if "kinematic_error" in self.others else None
             load = spring_torques(x[:n], x[n : 2 * n], x[2 * n : 3 * n], velocity, p, self.others, ratio)[1]
         level = dry_level(velocity, load, p, self.extras)
+        level = p.load_share * level if self.drive in INNER else level
         most = np.broadcast_to((step / p.motor_inertia) * level, velocity.shape)
         lost = np.array([clip(speed, -limit, limit) for speed, limit in zip(velocity, most)])
         return np.concatenate([x[: 2 * n], x[2 * n : 3 * n] - 0.5 * step * lost, velocity - lost, x[4 * n :]])

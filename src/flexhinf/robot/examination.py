@@ -13,7 +13,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.findings import Severity, ordered
 from flexhinf.plant import Parameters
-from flexhinf.robot.elastic import INNER, stated_curve, torque_per_input
+from flexhinf.robot.elastic import DRY, EXTRAS, INNER, stated_curve, torque_per_input
 from flexhinf.robot.faults import PartFault, collected_faults
 from flexhinf.robot.gears import curve_twist
 from flexhinf.robot.init_file import description_of
@@ -227,8 +227,7 @@ def _of_numbers(robot: Robot) -> Iterator[RobotFinding]:
             "note", "No number has a tolerance.", numbers="a design is then tried on one robot alone",
             advice="[tolerances] with stiffness = 10 in the robot file",
         )  # fmt: skip
-    names = " ".join(robot.nominal)
-    if "coulomb_friction" not in names:
+    if not any(name.startswith(tuple(EXTRAS[kind] for kind in DRY)) for name in robot.nominal):
         yield RobotFinding(
             "note", "No joint states dry friction.", numbers="gears have 2 to 10 % of their largest torque",
             advice="coulomb_friction in [joint.motor]",

@@ -253,7 +253,7 @@ def _gear(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> Pub
         same = [other for other in known if other.startswith(f"{series}-{size.partition('-')[0]}-")]
         raise Unusable(
             f"a gear such as {', '.join(same or ['CSG-25-100'])}, which `flexhinf robots` lists",
-            nearest(name, same or known),
+            nearest(name, same or known, "'CSG-25-100'"),
         )
     return known[name]
 

@@ -29,6 +29,9 @@ CURVE = ("first_stiffness", "second_stiffness", "third_stiffness", "first_torque
 #: What the corner at T₂ adds; a curve may have the one at T₁ alone.
 SECOND_CORNER = ("third_stiffness", "second_torque")
 
+#: Source of a stiffness that is computed from a curve.
+SECANT = "secant of the stiffness curve to T₂; its range are the slopes"
+
 
 def curve_number(quantity: str, stated: Any, fallback: Any) -> Any:
     """One number of a joint's curve: what it states by name, else what makes its curve straight from there on.

@@ -151,6 +151,17 @@ def check_parameters(robot: str, parameters: Sequence[Parameter], slides: Mappin
                     f"another name for the joint {joint!r}",
                 )
     known.setdefault("gravity", ("gravity", ""))
+    values = {parameter.name: parameter.value for parameter in parameters}
+    for joint in slides:
+        low, high = (
+            values.get(per_joint(name, joint, len(slides))) for name in ("first_torque", "second_torque")
+        )
+        if low is not None and high is not None and not low < high:
+            raise InvalidInput(
+                f"The torques of the stiffness curve of joint {joint!r} are not in order.",
+                f"expected first_torque < second_torque, got {low:g} and {high:g}",
+                "T₁ and T₂ of the gear's catalogue",
+            )
     for parameter in parameters:
         if parameter.name not in known:
             raise InvalidInput(

@@ -14,7 +14,7 @@ from flexhinf.errors import refuse_if
 from flexhinf.robot.arm import Arm, Pendulum
 from flexhinf.robot.dynamics import Joint, Tree, matrix_of
 from flexhinf.robot.elastic import CONSTANTS, DRIVES, INNER, SPRING, TEETH
-from flexhinf.robot.gears import CURVE, SECOND_CORNER, secant
+from flexhinf.robot.gears import CURVE, SECANT, SECOND_CORNER, secant
 from flexhinf.robot.parameters import INERTIA, VECTOR, Parameter, per_joint, unit_of
 from flexhinf.robot.robot import Robot
 from flexhinf.validation import checked_positive, one_of, value_text
@@ -228,6 +228,12 @@ class ElasticJoint:
         others = ("drive", *TIMES)
         return {name: value for name, value in vars(self).items() if name not in others and value is not None}
 
+    @property
+    def slopes(self) -> list[Number]:
+        """Those of the curve; none without one."""
+        stated = [getattr(self, name) for name in CURVE[:3]]
+        return [number for number in stated if number is not None]
+
     def _check_curve(self) -> None:
         """Refuse a curve in part or with corners in the wrong order; take its secant where no stiffness is stated."""
         stated = {name: getattr(self, name) for name in CURVE if getattr(self, name) is not None}
@@ -248,8 +254,7 @@ class ElasticJoint:
             "expected the curve of a gear or spring_hardening, got both",
             "one of the two",
         )
-        ends = {name: number.interval if isinstance(number, Parameter) else (number, number)
-                for name, number in stated.items()}  # fmt: skip
+        ends = {name: interval_of(number) for name, number in stated.items()}
         low, high = ends["first_torque"], ends.get("second_torque", (np.inf, np.inf))
         refuse_if(
             not 0.0 < low[0] <= low[1] < high[0],
@@ -258,7 +263,7 @@ class ElasticJoint:
             f"{high[0]:g} to {high[1]:g}",
             "T₁ and T₂ of the gear's catalogue, N·m",
         )
-        slopes = [ends[name] for name in CURVE[:3] if name in ends]
+        slopes = [interval_of(number) for number in self.slopes]
         refuse_if(
             not min(slope[0] for slope in slopes) > 0.0,
             "A slope of a stiffness curve is not positive.",
@@ -272,8 +277,7 @@ class ElasticJoint:
             first, second, *torques = numbers
             of = secant(first, second, *(torques if len(torques) == 2 else (torques[0], np.inf)))
             spread = min(slope[0] for slope in slopes), max(slope[1] for slope in slopes)
-            source = "secant of the stiffness curve to T₂; its range are the slopes"
-            object.__setattr__(self, "stiffness", Parameter("stiffness", of, source=source, range=spread))
+            object.__setattr__(self, "stiffness", Parameter("stiffness", of, source=SECANT, range=spread))
 
     def _check_teeth(self) -> None:
         """Refuse teeth without the ratio of their gear, and an error that turns the link back."""
@@ -293,11 +297,11 @@ class ElasticJoint:
             )
         if self.kinematic_error is None or self.gear_ratio is None:
             return
-        error, ratio = value_of(self.kinematic_error), value_of(self.gear_ratio)
+        error, ratio = (interval_of(number)[1] for number in (self.kinematic_error, self.gear_ratio))
         refuse_if(
             not 2.0 * ratio * error < 1.0,
             "The kinematic error of a gear would turn its link back.",
-            f"expected less than 1/(2 gear_ratio) = {0.5 / ratio:.4g}, got {error:g}",
+            f"expected less than 1/(2 gear_ratio) = {0.5 / ratio:.4g} with their tolerances, got {error:g}",
             "its amplitude, seen from the link: half of the accuracy that the catalogue states",
         )
 
@@ -364,6 +368,11 @@ def driven(elastic: Sequence[ElasticJoint]) -> dict[str, Any]:
 def value_of(number: Number) -> float:
     """The value of a number or `Parameter`; refused where it is not finite."""
     return number.value if isinstance(number, Parameter) else Parameter("of a part", number).value
+
+
+def interval_of(number: Number) -> tuple[float, float]:
+    """Smallest and largest value of a number or `Parameter`."""
+    return number.interval if isinstance(number, Parameter) else (number, number)
 
 
 def assembled(

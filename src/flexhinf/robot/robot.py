@@ -242,10 +242,11 @@ class Robot(Summarised):
 
     def with_rigid(self, *joints: str) -> Robot:
         """The same robot with these joints rigid too: the numbers of their springs are left out."""
-        springs = {per_joint(name, joint, len(self.joint_names)) for name in SPRING for joint in joints}
+        lost = (*SPRING, "load_friction")  # no spring says what the load is
+        springs = {per_joint(name, joint, len(self.joint_names)) for name in lost for joint in joints}
         kept = tuple(parameter for parameter in self.parameters if parameter.name not in springs)
-        lost = {per_joint(name, joint, len(self.joint_names)) for name in TWISTS for joint in joints}
-        sensors = tuple(sensor for sensor in self.sensors if sensor.signal not in lost)
+        twists = {per_joint(name, joint, len(self.joint_names)) for name in TWISTS for joint in joints}
+        sensors = tuple(sensor for sensor in self.sensors if sensor.signal not in twists)
         return replace(self, parameters=kept, rigid=(*self.rigid, *joints), sensors=sensors)
 
     def save(self, path: str | os.PathLike[str], like: str | os.PathLike[str] | None = None) -> None:
@@ -325,7 +326,7 @@ class Robot(Summarised):
                 if ends is not None
             },
             engaged=self.layout.engaged if "backlash" in on else None,
-            arrest=Sticking(len(joints), sticks, on) if sticks else None,
+            arrest=Sticking(len(joints), sticks, on, self.drive) if sticks else None,
         )
         return built[key]
 

@@ -27,7 +27,7 @@ from flexhinf.plant.integration import fastest_modes
 from flexhinf.plant.joints import elastic_joints, joint_places, joint_ranges, standstill_function
 from flexhinf.robot import Parameter, Robot
 from flexhinf.robot.dynamics import frames_of
-from flexhinf.robot.elastic import DRY, InverseFlow
+from flexhinf.robot.elastic import DRY, EXTRAS, InverseFlow, inactive_parameters
 from flexhinf.robot.kinematics import magnification, picture_axes, position_ranges
 from flexhinf.robot.parameters import QUANTITIES, per_joint
 from flexhinf.scalars import apply, trace
@@ -329,10 +329,15 @@ class LiveArm:
 
         return trace(standstill, n, self.plant.parameters.size, name="standstill", names=("q", "p"))
 
+    @property
+    def _curve(self) -> tuple[str, ...]:
+        """The switch of the curves of gears, where the true plant has them."""
+        return tuple(name for name in self.extras if name == "stiffness_curve")
+
     @cached_property
     def _inverse(self) -> Any:
         robot, n = self.robot, len(self.robot.joint_names)
-        flow = InverseFlow(robot.links, robot.drive, rigid=robot.layout.rigid)
+        flow = InverseFlow(robot.links, robot.drive, self._curve, robot.layout.rigid)
         table = ParameterTable(self.plant.parameters.values)
         more = np.zeros(self.plant.n - robot.layout.mechanical)
 
@@ -369,9 +374,10 @@ class LiveArm:
         """The numbers that have a slider: name, quantity, joint, unit, value, ends of the tolerance, of the slider."""
         robot, rows = self.robot, []
         certain = not robot.uncertain
+        curved = inactive_parameters((*EXTRAS,), robot.joint_names, robot.nominal)
         for parameter in robot.parameters:
             quantity, joint = _quantity(parameter.name, robot.joint_names)
-            if quantity == "payload_mass":
+            if quantity == "payload_mass" or (self._curve and parameter.name in curved):
                 continue
             if certain and quantity in SLIDERS:
                 parameter = replace(parameter, tolerance=UNSTATED, range=None)
