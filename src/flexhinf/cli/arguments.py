@@ -293,9 +293,19 @@ NOISES = ("process_noise", "torque_noise", "measurement_noise")
 #: Fields that choose a law by the runs of its step alone, and those by which weights are searched for too.
 STEPPED = ("shaping", "quantisation", "friction_model", "integral_dead_zone")
 SEARCHED = (
-    "start", "peak_effort", "peak_speed", "saturation", "peak_sensitivity", "gain_margin", "delay_margin",
-    "estimator", *NOISES, "extras", "latency", "unknown_delay",
-)  # fmt: skip
+    "start",
+    "peak_effort",
+    "peak_speed",
+    "saturation",
+    "peak_sensitivity",
+    "gain_margin",
+    "delay_margin",
+    "estimator",
+    *NOISES,
+    "extras",
+    "latency",
+    "unknown_delay",
+)
 
 #: What fields of a step would act on, where no step is run.
 RUNS = "several --degrees or a search for weights, by which runs of the step choose the law"

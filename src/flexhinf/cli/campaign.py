@@ -96,10 +96,17 @@ def run(context: typer.Context, o: options.RunCampaignOptions) -> int:
                 continue
             text = f"worst {pages.metric_text(metric)}"
             campaigns.worst_case(
-                campaign, metric, table.columns, least=smaller_is_worse, starts=o.starts, journal=journal,
+                campaign,
+                metric,
+                table.columns,
+                least=smaller_is_worse,
+                starts=o.starts,
+                journal=journal,
                 nominal=table.journal.about.get("nominal", {}),
-                progress=lambda runs, best, stage=stage, text=text: stage(f"{text}: {best:.4g} after {runs} runs"),
-            )  # fmt: skip
+                progress=lambda runs, best, stage=stage, text=text: stage(
+                    f"{text}: {best:.4g} after {runs} runs"
+                ),
+            )
     return _finish(table, checked)
 
 
@@ -228,7 +235,7 @@ def _finish(table: campaigns.MergedTable, requirements: list[campaigns.Requireme
 
     judged = pages.write_campaign(
         table, requirements, lambda case, plant: case.run(stored_campaign(folder)[0], plant)
-    )  # fmt: skip
+    )
     cases, gains = campaigns.stored_worsts(journal), stored_gains(journal)
     missed = [case for case in cases if pages.missed_by(case, requirements)]
     if gains.unproved:

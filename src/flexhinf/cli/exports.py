@@ -129,9 +129,12 @@ def _export_feedforward(o: options.ExportCOptions) -> None:
     from flexhinf.robot.waypoints import WaypointTable, waypoints
 
     others = {
-        "--real": o.real != "double", "--flash": o.flash, "--ram": o.ram, "--no-limits": not o.limits,
+        "--real": o.real != "double",
+        "--flash": o.flash,
+        "--ram": o.ram,
+        "--no-limits": not o.limits,
         "--check-measurements": o.check_measurements,
-    }  # fmt: skip
+    }
     refuse_if(
         any(others.values()),
         "An option of a controller has no effect on feedforward.",

@@ -149,9 +149,10 @@ def joined(
 
 #: Of two truth values.
 _JOINED = {
-    casadi.OP_FMIN: casadi.OP_AND, casadi.OP_MUL: casadi.OP_AND,
+    casadi.OP_FMIN: casadi.OP_AND,
+    casadi.OP_MUL: casadi.OP_AND,
     casadi.OP_FMAX: casadi.OP_OR,
-}  # fmt: skip
+}
 
 
 class _Shortened:

@@ -61,10 +61,15 @@ class Arrays:
     `flexhinf.codegen.emit.writer.Writer` has the same as text."""
 
     WHOLE: ClassVar[dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]]] = {
-        "add": np.add, "sub": np.subtract, "mul": np.multiply, "and": np.bitwise_and, "xor": np.bitwise_xor,
-        "shl": np.left_shift, "lshr": np.right_shift,
+        "add": np.add,
+        "sub": np.subtract,
+        "mul": np.multiply,
+        "and": np.bitwise_and,
+        "xor": np.bitwise_xor,
+        "shl": np.left_shift,
+        "lshr": np.right_shift,
         "ashr": lambda left, right: (left.view(np.int64) >> right.view(np.int64)).view(np.uint64),
-    }  # fmt: skip
+    }
     REAL: ClassVar = {"fadd": np.add, "fsub": np.subtract, "fmul": np.multiply, "fdiv": np.divide}
 
     def whole(self, name: str, left: Any, right: Any) -> Any:

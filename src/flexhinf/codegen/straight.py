@@ -367,9 +367,14 @@ def _compact(whole: Program, body: tuple[Step, ...], named: Mapping[Place, Part]
     """The steps with the memory between them moved together, without what no step uses any more; parts have names."""
     free = {buffer.name for buffer in whole.buffers if buffer.name == SCRATCH}
     used = {
-        place for step in _all(body) if not isinstance(step, Repeat)
-        for side in slices(step) for piece in side if piece.buffer in free for place in _places(piece)
-    }  # fmt: skip
+        place
+        for step in _all(body)
+        if not isinstance(step, Repeat)
+        for side in slices(step)
+        for piece in side
+        if piece.buffer in free
+        for place in _places(piece)
+    }
     moved = {place: (place[0], k) for k, place in enumerate(sorted(used))}
 
     def at(piece: Slice) -> Slice:

@@ -43,14 +43,17 @@ SMALLEST_MARGINS: dict[str, float] = dict(zip(MARGINS, (TOLERATED, 0.5)))
 
 #: Limits of moves, by what `motion_metrics` calls their numbers.
 OF_MOVES = {
-    "remaining_error": "remaining_error", "tracking_error": "tracking_error", "path_distance": "path_distance",
+    "remaining_error": "remaining_error",
+    "tracking_error": "tracking_error",
+    "path_distance": "path_distance",
     "undershoot": "wrong_way_percent",
-}  # fmt: skip
+}
 
 #: Noise of positions, rms, where none is stated and ten times as much is assumed: a step of 2π/2¹⁸ has 7 µrad.
 FINER, FINER_BITS = (
-    {"rad": "0.01mrad", "m": "0.001mm"}, "a tenth of the sensor noise that is assumed, as encoders of 18 bits have",
-)  # fmt: skip
+    {"rad": "0.01mrad", "m": "0.001mm"},
+    "a tenth of the sensor noise that is assumed, as encoders of 18 bits have",
+)
 
 #: Part of the allowed time that the last step may take beyond it: limits that a change, once tried, would keep.
 BEYOND = 0.5
@@ -149,9 +152,11 @@ class _Ended(Exception):
 
 
 def advise(
-    design: WorkspaceEvidence, seconds: float, progress: Callable[[str], None] = lambda text: None,
+    design: WorkspaceEvidence,
+    seconds: float,
+    progress: Callable[[str], None] = lambda text: None,
     joints: bool = True,
-) -> Advice:  # fmt: skip
+) -> Advice:
     """Try changes after a design that misses a requirement, until one meets all or the CPU time is spent.
 
     A limit of moves is offered with room for `QUANTILE` of them, see `with_room`.

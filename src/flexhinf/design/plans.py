@@ -85,9 +85,14 @@ def step_command(
 
 
 def plan_move(
-    robot: Robot, s: Specification, start: np.ndarray, goal: np.ndarray, bandwidth: np.ndarray,
-    slowest_vibration: float, holding_inputs: Sequence[np.ndarray],
-) -> Plan:  # fmt: skip
+    robot: Robot,
+    s: Specification,
+    start: np.ndarray,
+    goal: np.ndarray,
+    bandwidth: np.ndarray,
+    slowest_vibration: float,
+    holding_inputs: Sequence[np.ndarray],
+) -> Plan:
     """The move from start to goal for this bandwidth, slowed down until it keeps the joints' limits of speed and
     effort.
 
@@ -108,9 +113,13 @@ def plan_move(
             plan: Plan = Waypoints([0.0, QUINTIC_TIME / float(rate.min())], [start, goal], "quintic")
         else:
             plan = JerkLimited(
-                start, goal, VELOCITY * travel * rate, ACCELERATION * travel * rate**2, JERK * travel * rate**3,
+                start,
+                goal,
+                VELOCITY * travel * rate,
+                ACCELERATION * travel * rate**2,
+                JERK * travel * rate**3,
                 smoothing=2.0 * math.pi / slowest_vibration,
-            )  # fmt: skip
+            )
         try:
             check_reference(robot, plan, plan.duration, limit, s.period, limits.speed)
         except InvalidInput:
@@ -295,9 +304,16 @@ def _slower(robot: Robot, s: Specification, limits: JointLimits) -> str:
 
 
 def settled(
-    robot: Robot, point: tuple[np.ndarray, np.ndarray], limits: JointLimits, controller: Controller, loop: LinearLoop,
-    at: np.ndarray, extras: Sequence[str], values: Mapping[str, Any] | None = None, offset: Any = 0.0,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    robot: Robot,
+    point: tuple[np.ndarray, np.ndarray],
+    limits: JointLimits,
+    controller: Controller,
+    loop: LinearLoop,
+    at: np.ndarray,
+    extras: Sequence[str],
+    values: Mapping[str, Any] | None = None,
+    offset: Any = 0.0,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """State and input of a true robot, with the parameters `values`, and memory of a controller, wherever that begins,
     all as they are once the loop has come to rest at a pose (n,), of which `point` is the model's state and input.
 

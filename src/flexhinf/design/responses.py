@@ -189,12 +189,16 @@ class Response:
             shape = metrics.step_metrics(
                 self.run.time, position, metrics.StepShape(float(begin), float(end), 0.0)
             )
-            rows.append({
-                "joint": name, **(shape if begin != end else {}),
-                "steady_state_error": metrics.steady_state_error(position, np.full(len(position), end)),
-                "peak_input": float(metrics.peak_of(u)), "peak_speed": float(metrics.peak_of(self.velocities[:, k])),
-                "input_noise": float(metrics.tail_of(u).std()),
-            })  # fmt: skip
+            rows.append(
+                {
+                    "joint": name,
+                    **(shape if begin != end else {}),
+                    "steady_state_error": metrics.steady_state_error(position, np.full(len(position), end)),
+                    "peak_input": float(metrics.peak_of(u)),
+                    "peak_speed": float(metrics.peak_of(self.velocities[:, k])),
+                    "input_noise": float(metrics.tail_of(u).std()),
+                }
+            )
         return rows
 
     peak = _worst("peak_input", "Largest |input| of all motors, with the joint that it drives.")
@@ -310,12 +314,17 @@ class Move:
             return []
         return [
             {
-                "joint": row["joint"], "largest_error": float(metrics.peak_of(position - planned)),
-                "rms_error": float(np.sqrt(np.mean((position - planned) ** 2))), "peak_input": row["peak_input"],
-                "peak_speed": row["peak_speed"], "final_error": metrics.steady_state_error(position, planned),
+                "joint": row["joint"],
+                "largest_error": float(metrics.peak_of(position - planned)),
+                "rms_error": float(np.sqrt(np.mean((position - planned) ** 2))),
+                "peak_input": row["peak_input"],
+                "peak_speed": row["peak_speed"],
+                "final_error": metrics.steady_state_error(position, planned),
             }
-            for row, position, planned in zip(self.response.metrics, self.response.positions.T, self.planned.T)
-        ]  # fmt: skip
+            for row, position, planned in zip(
+                self.response.metrics, self.response.positions.T, self.planned.T
+            )
+        ]
 
     @cached_property
     def motion(self) -> list[dict[str, Any]]:
@@ -364,9 +373,12 @@ class LimitUse(NamedTuple):
 
 
 def limit_use(
-    values: np.ndarray | None, limits: np.ndarray, joints: Sequence[str], units: Sequence[str],
+    values: np.ndarray | None,
+    limits: np.ndarray,
+    joints: Sequence[str],
+    units: Sequence[str],
     time: np.ndarray | None = None,
-) -> LimitUse:  # fmt: skip
+) -> LimitUse:
     """Use of limits (n,) by values (N, n) at times (N,); infinite without values (the run diverged)."""
     if values is None:
         tightest = int(np.argmin(limits))

@@ -66,15 +66,32 @@ def _values(code: ControllerCode, follower: Follower) -> dict[str, Any]:
         )
 
     return {
-        "joints": robot.joint_names, "count": len(robot.joint_names), "size": weights.shape[1], "weights": weights,
-        "delay": f"{delay:g}", "twice": f"{2.0 * delay:g}", "delay_exact": delay, "passed": PASSED,
-        "smoothing": follower.smoothing, "latency": follower.latency, "usual": follower.usual,
-        "goal_time": follower.goal_time, "timeout": follower.timeout, "stop_time": follower.stop_time,
-        "partial": int(follower.partial), "bounds": bounds, "ranges": follower.ranges, "speeds": follower.speeds,
-        "jumps": follower.jumps, "twists": largest_twists(code, robot), "motors": _motors(code),
-        "most_counted": MOST_COUNTED, "arithmetic": _arithmetic(code), "called": called,
+        "joints": robot.joint_names,
+        "count": len(robot.joint_names),
+        "size": weights.shape[1],
+        "weights": weights,
+        "delay": f"{delay:g}",
+        "twice": f"{2.0 * delay:g}",
+        "delay_exact": delay,
+        "passed": PASSED,
+        "smoothing": follower.smoothing,
+        "latency": follower.latency,
+        "usual": follower.usual,
+        "goal_time": follower.goal_time,
+        "timeout": follower.timeout,
+        "stop_time": follower.stop_time,
+        "partial": int(follower.partial),
+        "bounds": bounds,
+        "ranges": follower.ranges,
+        "speeds": follower.speeds,
+        "jumps": follower.jumps,
+        "twists": largest_twists(code, robot),
+        "motors": _motors(code),
+        "most_counted": MOST_COUNTED,
+        "arithmetic": _arithmetic(code),
+        "called": called,
         "functions": str(translator),
-    }  # fmt: skip
+    }
 
 
 def _arithmetic(code: ControllerCode) -> str:

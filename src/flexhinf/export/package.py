@@ -275,14 +275,22 @@ def _readme(export: Export) -> dict[str, Any]:
     """What the README states beside."""
     code, c, run = export.code, export.code.controller, export.runs[-1]
     arrays = {
-        "Y": ("input.y", None), "R": ("input.r", None), "U": ("output.u", code.safe_input),
+        "Y": ("input.y", None),
+        "R": ("input.r", None),
+        "U": ("output.u", code.safe_input),
         "X": ("output.estimate", code.belief),
-    }  # fmt: skip
+    }
     signals = [
-        (f"`{array}`", str(k), comment(name), code.unit_text(name),
-         "" if starts is None else f"{starts[k]:.6g}")
-        for kind, (array, starts) in arrays.items() for k, name in enumerate(code.signals[kind])
-    ]  # fmt: skip
+        (
+            f"`{array}`",
+            str(k),
+            comment(name),
+            code.unit_text(name),
+            "" if starts is None else f"{starts[k]:.6g}",
+        )
+        for kind, (array, starts) in arrays.items()
+        for k, name in enumerate(code.signals[kind])
+    ]
     at_limit = (run.u <= c.limits.lower) | (run.u >= c.limits.upper)
     counts = [int(at_limit[part].any(axis=1).sum()) for part in run.parts]
     none = f"none: set `{code.upper('P_LOWER')}` and `{code.upper('P_UPPER')}` to what the drives take"

@@ -158,10 +158,21 @@ def draw_figure(
 
 
 def joint_panel(
-    quantity: str, unit: str, time: np.ndarray, joints: Sequence[str], values: np.ndarray, *, zero: bool = False,
-    plan: np.ndarray | None = None, plan_name: str = "plan", limits: np.ndarray | None = None, limit_name: str = "",
-    min_span: float | None = None, linewidth: float = 1.5, vertical: float | None = None,
-) -> Panel:  # fmt: skip
+    quantity: str,
+    unit: str,
+    time: np.ndarray,
+    joints: Sequence[str],
+    values: np.ndarray,
+    *,
+    zero: bool = False,
+    plan: np.ndarray | None = None,
+    plan_name: str = "plan",
+    limits: np.ndarray | None = None,
+    limit_name: str = "",
+    min_span: float | None = None,
+    linewidth: float = 1.5,
+    vertical: float | None = None,
+) -> Panel:
     """Panel of signals (N, n) over time (N,), a line for each joint, with a dotted plan (N, n), and limits ± (n,),
     dashed where a signal comes near (a far one would leave the values flat). The axis shows `min_span` at least."""
     few, bounds, y = thin(time), dict[float, str](), None

@@ -82,10 +82,19 @@ DRY = ("coulomb_friction", "stribeck_friction", "load_friction")
 
 #: Values of what a joint does not state: nothing is added, and the velocities of the friction models (rad/s).
 DEFAULTS = {
-    "damping": 0.0, "spring_hardening": 0.0, "backlash": 0.0, "coulomb_friction": 0.0, "static_friction": 0.0,
-    "stribeck_velocity": 0.1, "friction_smoothing": 0.01, "kinematic_error": 0.0, "kinematic_error_phase": 0.0,
-    "torque_ripple": 0.0, "torque_ripple_phase": 0.0, "load_friction": 0.0,
-}  # fmt: skip
+    "damping": 0.0,
+    "spring_hardening": 0.0,
+    "backlash": 0.0,
+    "coulomb_friction": 0.0,
+    "static_friction": 0.0,
+    "stribeck_velocity": 0.1,
+    "friction_smoothing": 0.01,
+    "kinematic_error": 0.0,
+    "kinematic_error_phase": 0.0,
+    "torque_ripple": 0.0,
+    "torque_ripple_phase": 0.0,
+    "load_friction": 0.0,
+}
 
 
 def checked_extras(extras: Any, inductance: bool, stated: Collection[str], robot: str) -> tuple[str, ...]:
@@ -232,9 +241,12 @@ def friction_torque(velocity: Any, load: Any, p: Any, extras: Collection[str]) -
 #: What the input is: the motor's voltage (V), its current (A), its torque on the link side (N·m), or the command of an
 #: inner loop, of the motor's velocity or position on the link side.
 DRIVES = {
-    "voltage": "motor_voltage", "current": "motor_current", "torque": "drive_torque",
-    "velocity": "velocity_command", "position": "position_command",
-}  # fmt: skip
+    "voltage": "motor_voltage",
+    "current": "motor_current",
+    "torque": "drive_torque",
+    "velocity": "velocity_command",
+    "position": "position_command",
+}
 
 #: Numbers of an inner loop in a robot: as a loop, or as its gains, by drive.
 INNER = {
@@ -253,8 +265,14 @@ CONSTANTS = {
 
 #: What belongs to the spring, of which a rigid joint has none.
 SPRING = (
-    "stiffness", *CURVE, "damping", "spring_hardening", "backlash", "kinematic_error", "kinematic_error_phase",
-)  # fmt: skip
+    "stiffness",
+    *CURVE,
+    "damping",
+    "spring_hardening",
+    "backlash",
+    "kinematic_error",
+    "kinematic_error_phase",
+)
 
 #: What a joint may state beyond its model; a joint that does not has the value of `DEFAULTS`.
 OPTIONAL = ("inductance", *DEFAULTS, *CURVE)
@@ -525,9 +543,7 @@ class InverseFlow:
 
     def __call__(self, q: Any, dq: Any, ddq: Any, dddq: Any, ddddq: Any, p: Any) -> tuple[Any, Any]:
         """State (4n,) and input (n,) from link positions and four derivatives, (n,) each."""
-        torque = self.links.torques(
-            series(q, dq, ddq), series(dq, ddq, dddq), series(ddq, dddq, ddddq), p
-        )  # fmt: skip
+        torque = self.links.torques(series(q, dq, ddq), series(dq, ddq, dddq), series(ddq, dddq, ddddq), p)
         load, rate, jerk = (derivative(torque, order) for order in range(3))
         layout = Layout(len(self.links.tree), self.rigid)
         twisting = [layout.at_springs(torques) for torques in (load, rate, jerk)]

@@ -263,9 +263,11 @@ _EFFORT = tuple(dict.fromkeys(unit for drive in DRIVES.values() for unit in UNIT
 _POSITIVE = Key(_number, usable=lambda value: value > 0.0, expected="a number greater than 0")
 _TEXT = Key(usable=lambda value: isinstance(value, str), expected="a text")
 _PERCENT = Key(
-    _percent, ("%",),
-    usable=lambda value: 0.0 <= value < 100.0, expected="a number of at least 0 and less than 100 per cent",
-)  # fmt: skip
+    _percent,
+    ("%",),
+    usable=lambda value: 0.0 <= value < 100.0,
+    expected="a number of at least 0 and less than 100 per cent",
+)
 TOLERANCE = {"tolerance": _PERCENT, "source": _TEXT._replace(default="assumption")}
 _MASS, _CENTRE, _THREE = Key(_quantity, ("kg",)), Key(_quantity, _METRES, 3), Key(_list, _METRES, 3)
 _INERTIA_TABLE = Key(_table, inside="inertia")
@@ -290,55 +292,85 @@ _OF_JOINT = {
 #: the inertia of a body; that of the motor inertia holds for a rotor inertia too.
 TABLES: dict[str, dict[str, Key]] = {
     "": {
-        "name": _TEXT._replace(default=""), "description": _TEXT._replace(default=""),
-        "gravity": Key(_fall, ("m/s²",)), "down": Key(_list, size=3), "home": Key(_list, _POSITION),
-        "urdf": _TEXT, "mjcf": _TEXT, "joints": Key(
+        "name": _TEXT._replace(default=""),
+        "description": _TEXT._replace(default=""),
+        "gravity": Key(_fall, ("m/s²",)),
+        "down": Key(_list, size=3),
+        "home": Key(_list, _POSITION),
+        "urdf": _TEXT,
+        "mjcf": _TEXT,
+        "joints": Key(
             usable=lambda value: isinstance(value, list) and all(isinstance(entry, str) for entry in value),
             expected="a list of names",
         ),
-        "locked": Key(_named, _POSITION, default={}), "links": Key(_corrections, default={}),
+        "locked": Key(_named, _POSITION, default={}),
+        "links": Key(_corrections, default={}),
         "penalty": Key(_table, inside="penalty"),
-        "tolerances": _TOLERANCES, "payload": Key(_rows, inside="payload", default=[]),
+        "tolerances": _TOLERANCES,
+        "payload": Key(_rows, inside="payload", default=[]),
         "joint": Key(_rows, inside="joint", required=True),
     },
     "joint": {
-        "name": _TEXT._replace(required=True), "actuator": Key(_actuator), "gear": Key(_gear),
+        "name": _TEXT._replace(required=True),
+        "actuator": Key(_actuator),
+        "gear": Key(_gear),
         "kind": Key(usable=lambda value: value in KINDS, expected="'revolute', 'continuous' or 'prismatic'"),
-        "axis": Key(_list, size=3), "xyz": _THREE,
-        "rpy": Key(_list, ("rad",), 3), "limits": Key(_list, _POSITION, 2), "parent": _TEXT,
+        "axis": Key(_list, size=3),
+        "xyz": _THREE,
+        "rpy": Key(_list, ("rad",), 3),
+        "limits": Key(_list, _POSITION, 2),
+        "parent": _TEXT,
         "speed_limit": _POSITIVE._replace(units=UNITS["link_velocity"]),
-        "effort_limit": _POSITIVE._replace(units=_EFFORT), "link": Key(_table, inside="link"),
+        "effort_limit": _POSITIVE._replace(units=_EFFORT),
+        "link": Key(_table, inside="link"),
         "rigid": Key(usable=lambda value: isinstance(value, bool), expected="true or false", default=False),
-        "spring": Key(_spring, inside="spring"), "motor": Key(_table, inside="motor", default={}),
-        "sensor": Key(_sensors, inside="sensor", default=[]), "tolerances": _TOLERANCES,
+        "spring": Key(_spring, inside="spring"),
+        "motor": Key(_table, inside="motor", default={}),
+        "sensor": Key(_sensors, inside="sensor", default=[]),
+        "tolerances": _TOLERANCES,
     },
     "sensor": {
         "kind": Key(
-            required=True, usable=lambda value: value in SENSORS, expected=f"one of {', '.join(map(repr, SENSORS))}"
+            required=True,
+            usable=lambda value: value in SENSORS,
+            expected=f"one of {', '.join(map(repr, SENSORS))}",
         ),
-        "counts": _POSITIVE, "step": _POSITIVE, "noise": _POSITIVE, "delay": _POSITIVE._replace(units=("s",)),
+        "counts": _POSITIVE,
+        "step": _POSITIVE,
+        "noise": _POSITIVE,
+        "delay": _POSITIVE._replace(units=("s",)),
         "before_gear": Key(usable=lambda value: isinstance(value, bool), expected="true or false"),
     },
     "link": {
-        "mass": _MASS, "centre_of_mass": _CENTRE, "inertia": _INERTIA_TABLE,
-        "axis_inertia": Key(_quantity, ("kg·m²",)), "length": Key(_quantity, _METRES),
+        "mass": _MASS,
+        "centre_of_mass": _CENTRE,
+        "inertia": _INERTIA_TABLE,
+        "axis_inertia": Key(_quantity, ("kg·m²",)),
+        "length": Key(_quantity, _METRES),
     },
     "inertia": {
         axes: Key(_number, ("kg·m²",), required=axes[0] == axes[1], default=0.0)
         for axes in sorted(INERTIA, key=lambda axes: axes[0] != axes[1])
-    } | TOLERANCE,
-    "spring": {name: _OF_JOINT[name] for name in SPRING}, "motor": {name: _OF_JOINT[name] for name in MOTOR} | _DRIVE,
+    }
+    | TOLERANCE,
+    "spring": {name: _OF_JOINT[name] for name in SPRING},
+    "motor": {name: _OF_JOINT[name] for name in MOTOR} | _DRIVE,
     "tolerances": {
         name: _PERCENT
         for name in ("mass", "centre_of_mass", "inertia", *_OF_JOINT)
         if name not in ("rotor_inertia", "hub_inertia", "gear_ratio", "friction_smoothing")
     },
     "payload": {
-        "at": _TEXT, "mass": _MASS._replace(required=True), "centre_of_mass": _CENTRE, "inertia": _INERTIA_TABLE,
-        "sphere": Key(_number, _METRES), "box": _THREE, "cylinder": Key(_list, _METRES, 2),
+        "at": _TEXT,
+        "mass": _MASS._replace(required=True),
+        "centre_of_mass": _CENTRE,
+        "inertia": _INERTIA_TABLE,
+        "sphere": Key(_number, _METRES),
+        "box": _THREE,
+        "cylinder": Key(_list, _METRES, 2),
     },
     "penalty": {"weights": Key(_named, required=True), "effort": Key(_numbers, default=1.0)},
-}  # fmt: skip
+}
 
 
 def is_table(value: Any) -> bool:

@@ -280,8 +280,14 @@ class Follower:
         return _Followed(times, points, goal.order, moves, path, at_goal, allowed, goal.begins)
 
     def _possible(
-        self, times: Vector, points: np.ndarray, order: int, moves: np.ndarray, tolerances: list[float], begins: float
-    ) -> bool:  # fmt: skip
+        self,
+        times: Vector,
+        points: np.ndarray,
+        order: int,
+        moves: np.ndarray,
+        tolerances: list[float],
+        begins: float,
+    ) -> bool:
         """Whether a robot can be there: finite, in order, within its ranges and speeds, at rest at the end."""
         low, high = self.ranges[:, moves]
         if not (np.isfinite(times).all() and np.isfinite(points).all()):
@@ -369,9 +375,13 @@ class Follower:
         return self._sample(path_rate, speed, position, velocity, None)
 
     def _sample(
-        self, path_rate: float, speed: float, position: ArrayLike | None, velocity: ArrayLike | None,
+        self,
+        path_rate: float,
+        speed: float,
+        position: ArrayLike | None,
+        velocity: ArrayLike | None,
         result: FollowCode | None,
-    ) -> FollowSample:  # fmt: skip
+    ) -> FollowSample:
         rate = _share(path_rate)
         self._part += rate
         if self._part > 1.0:

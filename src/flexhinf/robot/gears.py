@@ -82,9 +82,19 @@ def curve_softness(torque: Any, p: Any) -> Any:
     """dδ/dT at a torque on any element, rad/(N·m) or m/N: the inverse of the slope there."""
     one, two, three = (1.0 / slope for slope in (p.first_stiffness, p.second_stiffness, p.third_stiffness))
     size = absolute(torque)
-    rows = zip(*(np.broadcast_to(each, np.shape(torque)) for each in (
-        size, p.first_torque, p.second_torque, one, two, three,
-    )))  # fmt: skip
+    rows = zip(
+        *(
+            np.broadcast_to(each, np.shape(torque))
+            for each in (
+                size,
+                p.first_torque,
+                p.second_torque,
+                one,
+                two,
+                three,
+            )
+        )
+    )
     return np.array([where(s > b, k3, where(s > a, k2, k1)) for s, a, b, k1, k2, k3 in rows])
 
 

@@ -74,9 +74,12 @@ def check_sensors(
 
 
 def file_sensors(
-    file: str, rows: Sequence[Mapping[str, Any]], joints: Sequence[str], slides: Sequence[bool],
+    file: str,
+    rows: Sequence[Mapping[str, Any]],
+    joints: Sequence[str],
+    slides: Sequence[bool],
     numbers: Mapping[str, float],
-) -> tuple[JointSensor, ...]:  # fmt: skip
+) -> tuple[JointSensor, ...]:
     """The sensors that the joints of a file state, by the rows of their tables and the robot's nominal numbers."""
     stated = {row["name"]: row["sensor"] for row in rows}
     found = []

@@ -78,10 +78,19 @@ def _add_shapes(root: ET.Element, robot: Robot) -> None:
         for end in line[1:]:
             begin_end = np.concatenate([turn.T @ (line[0] - place), turn.T @ (end - place)])
             if np.linalg.norm(begin_end[3:] - begin_end[:3]) > 1e-9:
-                ET.SubElement(bodies[name], "geom", {
-                    "type": "capsule", "fromto": _text(begin_end), "size": _text([RADIUS * size]), "mass": "0",
-                    "contype": "0", "conaffinity": "0", "rgba": "0 0.45 0.7 1",
-                })  # fmt: skip
+                ET.SubElement(
+                    bodies[name],
+                    "geom",
+                    {
+                        "type": "capsule",
+                        "fromto": _text(begin_end),
+                        "size": _text([RADIUS * size]),
+                        "mass": "0",
+                        "contype": "0",
+                        "conaffinity": "0",
+                        "rgba": "0 0.45 0.7 1",
+                    },
+                )
 
 
 def _add_limits(root: ET.Element, robot: Robot) -> None:

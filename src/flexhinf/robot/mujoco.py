@@ -91,10 +91,14 @@ class MuJoCoView:
         camera = self._viewer.cam
         camera.lookat[:] = points.mean(axis=0)
         camera.distance, camera.elevation, camera.azimuth = DISTANCE * self._size, -15.0, 90.0
-        self._viewer.set_texts((
-            self._mujoco.mjtFontScale.mjFONTSCALE_150, self._mujoco.mjtGridPos.mjGRID_TOPLEFT,
-            "blue\norange", f"links\nmotors, the wind-up of their springs drawn {LARGER:g} times larger",
-        ))  # fmt: skip
+        self._viewer.set_texts(
+            (
+                self._mujoco.mjtFontScale.mjFONTSCALE_150,
+                self._mujoco.mjtGridPos.mjGRID_TOPLEFT,
+                "blue\norange",
+                f"links\nmotors, the wind-up of their springs drawn {LARGER:g} times larger",
+            )
+        )
         sys.setswitchinterval(SWITCH)
         self._thread.start()
         return self

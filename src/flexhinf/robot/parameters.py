@@ -333,9 +333,13 @@ def random_signs(parameters: int, count: int, seed: Any) -> np.ndarray:
 #: Units of times, angles and lengths, and what one is in the SI unit that stands first.
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9}
 TURNING = {
-    "rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0, "°": math.pi / 180.0, "arcmin": math.pi / 10800.0,
+    "rad": 1.0,
+    "mrad": 1e-3,
+    "deg": math.pi / 180.0,
+    "°": math.pi / 180.0,
+    "arcmin": math.pi / 10800.0,
     "arcsec": math.pi / 648000.0,
-}  # fmt: skip
+}
 SLIDING = {"m": 1.0, "mm": 1e-3}
 
 #: Nothing is looked at twice: a text of any length is read or refused at once.

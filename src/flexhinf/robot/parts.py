@@ -24,9 +24,14 @@ Number = float | Parameter
 
 #: What a joint states of its inner loop; the rest of its numbers are parameters of the robot too, but for these times.
 INNER_NUMBERS = (
-    "drive_bandwidth", "drive_damping_ratio", "drive_stiffness", "drive_damping", "load_share", "drive_delay",
+    "drive_bandwidth",
+    "drive_damping_ratio",
+    "drive_stiffness",
+    "drive_damping",
+    "load_share",
+    "drive_delay",
     "drive_period",
-)  # fmt: skip
+)
 TIMES = ("drive_delay", "drive_period")
 
 #: Relative excess of one principal moment over the sum of the others that is rounding in a data sheet.

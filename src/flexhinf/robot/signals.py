@@ -31,10 +31,16 @@ TWISTS = ("joint_torque", "deflection")
 
 #: Parts of the names of instruments, and the signal that each measures: a load cell in the drive sees its torque.
 INSTRUMENTS = {
-    "load": "joint_torque", "cell": "joint_torque", "strain": "joint_torque", "force": "joint_torque",
-    "torque": "joint_torque", "tacho": "motor_velocity", "gyro": "link_velocity", "resolver": "motor_position",
+    "load": "joint_torque",
+    "cell": "joint_torque",
+    "strain": "joint_torque",
+    "force": "joint_torque",
+    "torque": "joint_torque",
+    "tacho": "motor_velocity",
+    "gyro": "link_velocity",
+    "resolver": "motor_position",
     "encoder": "motor_position",
-}  # fmt: skip
+}
 
 #: Units for joints that turn and joints that slide.
 UNITS = {
@@ -108,9 +114,11 @@ def expanded(
     singles = tuple(name for part in requested for name in known[part])
     twice = [name for name in known if singles.count(name) > 1]
     refuse_if(
-        twice, f"{''.join(twice[:1])!r} is measured twice.", f"expected each signal once, got {list(requested)}",
+        twice,
+        f"{''.join(twice[:1])!r} is measured twice.",
+        f"expected each signal once, got {list(requested)}",
         _of_all_joints(requested, quantities),
-    )  # fmt: skip
+    )
     return singles
 
 

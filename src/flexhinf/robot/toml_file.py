@@ -134,11 +134,13 @@ class RobotFile:
         except Unusable as wrong:
             *before, name = place if place[-1] != "value" else place[:-1]
             expected, advice = wrong.args
-            self._mistakes.append((
-                f"{place_text(tuple(before), self.data)} has a value of {name!r} that cannot be used",
-                f"expected {expected}, got {value_text(value, 60)}",
-                f"{name} = {advice}" if advice else NESTING if is_table(value) else "correct the value",
-            ))  # fmt: skip
+            self._mistakes.append(
+                (
+                    f"{place_text(tuple(before), self.data)} has a value of {name!r} that cannot be used",
+                    f"expected {expected}, got {value_text(value, 60)}",
+                    f"{name} = {advice}" if advice else NESTING if is_table(value) else "correct the value",
+                )
+            )
             return None
 
     def check_units(self, robot: Any) -> Any:

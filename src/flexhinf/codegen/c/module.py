@@ -56,9 +56,22 @@ UNUSABLE = KEYWORDS | {"count", "kept", "l", "real", "rows"}
 
 #: How names of the functions of `flexhinf.codegen.c` begin.
 HELPERS = (
-    "cholesky", "copy", "cos", "far", "finite", "gather", "pack", "polynomials", "reflect", "residual", "scatter",
-    "sin", "sum", "turned", "unpack",
-)  # fmt: skip
+    "cholesky",
+    "copy",
+    "cos",
+    "far",
+    "finite",
+    "gather",
+    "pack",
+    "polynomials",
+    "reflect",
+    "residual",
+    "scatter",
+    "sin",
+    "sum",
+    "turned",
+    "unpack",
+)
 
 
 class Translator:
@@ -527,9 +540,13 @@ class Translator:
         if name not in self.functions:
             real, text = self.real, make if isinstance(make, str) else make(name, *arguments)
             for mark, meant in (
-                ("{name}", name), ("{R}", real.name), ("{0}", constant(0.0, real)), ("{1}", constant(1.0, real)),
-                ("{fabs}", f"fabs{real.suffix}"), ("{sqrt}", f"sqrt{real.suffix}"),
-            ):  # fmt: skip
+                ("{name}", name),
+                ("{R}", real.name),
+                ("{0}", constant(0.0, real)),
+                ("{1}", constant(1.0, real)),
+                ("{fabs}", f"fabs{real.suffix}"),
+                ("{sqrt}", f"sqrt{real.suffix}"),
+            ):
                 text = text.replace(mark, meant)
             self.functions[name] = text if isinstance(make, str) else _headed(make.__doc__ or "", text)
         return name

@@ -88,10 +88,12 @@ def emit_function(
     """
     flows = [read_dataflow(function, OPERATIONS, module.fused) for function in functions]
     flow, far = joined(flows, functions, links or {}), ""
-    pointers = ", ".join([
-        *(f"ptr %in{k}" for k in range(sum(function.n_in() for function in functions))),
-        *(f"ptr %out{k}" for k in range(sum(function.n_out() for function in functions))),
-    ])  # fmt: skip
+    pointers = ", ".join(
+        [
+            *(f"ptr %in{k}" for k in range(sum(function.n_in() for function in functions))),
+            *(f"ptr %out{k}" for k in range(sum(function.n_out() for function in functions))),
+        ]
+    )
     if any(operation.code in TURNS for operation in flow.operations.values()):
         far = f"{name}_far"
         _define(module, far, pointers, flow, lanes, shared, "noinline optnone cold ")
@@ -229,11 +231,19 @@ class _Emitter:
         self.mapped: set[str] = set()
         self.writer = Writer(self.module)
         self._writers: dict[type, Callable[[Any, tuple[str, ...]], None]] = {
-            Repeat: self._repeat, When: self._when, Map: self._map, Sweep: self._sweep,
-            OuterSum: self._outer_sum, Polynomial: self._polynomial, Cholesky: self._cholesky, Copy: self._copy,
-            Householder: self._householder, Residual: self._residual,
-            Normal: self._normal, Guard: self._guard,
-        }  # fmt: skip
+            Repeat: self._repeat,
+            When: self._when,
+            Map: self._map,
+            Sweep: self._sweep,
+            OuterSum: self._outer_sum,
+            Polynomial: self._polynomial,
+            Cholesky: self._cholesky,
+            Copy: self._copy,
+            Householder: self._householder,
+            Residual: self._residual,
+            Normal: self._normal,
+            Guard: self._guard,
+        }
         self.scratch = ""  # memory for the columns that a Sweep has in hand
 
     def emit(self) -> ModuleText:
