@@ -9,21 +9,19 @@ import csv
 import html
 import io
 import json
-import re
 import tempfile
 import warnings
+from collections.abc import Callable
 from html.parser import HTMLParser
-from importlib.resources import files
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
-from flexhinf.export.filling import fill
 from rich.console import Console
 
 import flexhinf as fh
 from flexhinf import report
-from flexhinf.codegen.c import Real
+from flexhinf.export import rendering
 from flexhinf.loop.simulation import trajectory
 from flexhinf.pages import design_tables
 from flexhinf.robot.dynamics import Joint
@@ -40,15 +38,8 @@ PIECES = (
     "\u2028", "\u200b", "\u202e", "\u2066", "\u0301", "\ufeff", "\ue000", "\ud800",
 )  # fmt: skip
 
-#: Templates of exports by their paths, and every mark that one of them replaces.
-TEMPLATES = {
-    str(path.relative_to(FOLDER)): path.read_text(encoding="utf-8")
-    for FOLDER in [Path(str(files("flexhinf.export"))) / "templates"]
-    for path in sorted(FOLDER.rglob("*"))
-    if path.is_file()
-}
-MARK = re.compile(r"@[A-Z][A-Z0-9_]*@")
-MARKS = tuple(sorted({mark for text in TEMPLATES.values() for mark in MARK.findall(text)}))
+#: Marks of templates, of today's kind and of others: none is read in what users wrote.
+MARKS = ("@{name}", "@{name | xml}", "@NAME@", "{{ name }}", "{% raw %}", "{#", "#}", "*/", "//", "??/", "\\")
 
 WHOLE = '$x_1$[/red]url(http://a)</text>&"#肘😀@NAME@'
 """Of the joint of the one design that is made and reported whole."""
@@ -203,12 +194,20 @@ def _csv(name: str, folder: Path) -> str:
 
 
 def _template(name: str, folder: Path) -> str:
-    """A template of an export, where the name stands for every mark: no part of it is read for another one."""
-    texts = list(TEMPLATES.values())
-    text = texts[len(name) % len(texts)]
-    filled = fill(text, "arm", Real("double"), users={mark.strip("@"): name for mark in MARK.findall(text)})
-    own = {"@NAME@": "arm", "@BIG@": "ARM", "@REAL@": "double"}
-    return "" if filled == MARK.sub(lambda mark: own.get(mark[0], name), text) else "a name that changed"
+    """A template of an export with the name in each kind of text, read by that kind's own reader."""
+    Joint(name)
+    read: dict[str, Callable[[str], str | None]] = {
+        "quoted": json.loads,
+        "js": json.loads,
+        "c_string": lambda text: json.loads(json.loads(text.replace('?""?', "??"))),
+        "xml": lambda text: ElementTree.fromstring(f"<a b={text}/>".encode()).get("b"),
+    }
+    for kind, back in read.items():
+        if back(rendering.render_text(f"@{{name | {kind}}}", name=name)) != name:
+            return f"another name as {kind}"
+    comment = rendering.render_text("@{name | comment}", name=name)
+    alone = "*/" not in comment and len(comment.splitlines()) <= 1
+    return "" if alone and "<" not in rendering.render_text("@{name | js}", name=name) else "an open end"
 
 
 def _metrics(name: str, folder: Path) -> str:
@@ -237,7 +236,7 @@ def _report(name: str, folder: Path) -> str:
     found = fh.design(fh.load_robot(path), fh.Specification(**fields))
     found.save(folder / "whole")
     console = Console(width=200, file=io.StringIO())
-    for table in design_tables(found):
+    for table in design_tables(found.evidence):
         console.print(table)
     page = (folder / "whole" / "index.html").read_text(encoding="utf-8")
     return _html_fault(page, "") or ("" if html.escape(name) in page else "a page without the name")

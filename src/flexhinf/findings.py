@@ -50,4 +50,6 @@ def above_note(findings: Iterable[AnyFinding]) -> list[AnyFinding]:
 
 def worst(findings: Iterable[Finding]) -> Severity:
     """The severity of the worst finding; a note where there is none."""
-    return min((finding.severity for finding in findings), key=SEVERITIES.index, default="note")
+    found = {finding.severity for finding in findings}
+    none: Severity = "note"
+    return next((severity for severity in SEVERITIES if severity in found), none)

@@ -142,11 +142,10 @@ def test_the_folder_of_a_report_becomes_a_page(
 @pytest.mark.ci("tunes the PD of a page")
 @pytest.mark.usefixtures("without_compiler")
 def test_a_design_in_python_becomes_a_page(paper: LiveArm, tmp_path: Path) -> None:
-    design = SimpleNamespace(
-        controller=lambda: paper.controller, robot=paper.robot, specification=fh.Specification(pose="90deg", start=0.0),
-        judgement="met_all",
-    )  # fmt: skip
-    assert unnamed(fh.export_web(design, tmp_path / "arm.html").read_text(), "met_all") == []
+    s = fh.Specification(pose="90deg", start=0.0)
+    loop = SimpleNamespace(controller=lambda at: paper.controller)
+    design = fh.Design(paper.robot, s, (), loop, SimpleNamespace())
+    assert unnamed(fh.export_web(design, tmp_path / "arm.html").read_text(), f": {design.judgement}") == []
 
 
 # What is shown ---------------------------------------------------------------------------------------------
