@@ -50,6 +50,5 @@ def above_note(findings: Iterable[AnyFinding]) -> list[AnyFinding]:
 
 def worst(findings: Iterable[Finding]) -> Severity:
     """The severity of the worst finding; a note where there is none."""
-    found = {finding.severity for finding in findings}
-    none: Severity = "note"
-    return next((severity for severity in SEVERITIES if severity in found), none)
+    found: list[Severity] = ["note", *(finding.severity for finding in findings)]
+    return min(found, key=SEVERITIES.index)
