@@ -44,8 +44,9 @@ MULTIPLIERS, ACCURACY, FIRST = (-2.5, 3.5), 0.01, 1e-4
 #: Distances from a mode's angle at which frequencies are looked at, in those of the mode from the unit circle.
 NEAR = np.array([-3.0, -1.5, -0.7, -0.3, -0.1, 0.0, 0.1, 0.3, 0.7, 1.5, 3.0])
 
-#: Room of P: shares of the distance of the slowest mode from the unit circle, at most, and of what is left of a peak.
-MOST_ROOM, TAKEN = 0.06, 0.3
+#: Room of P: shares of the distance of the slowest mode from the unit circle, at most, and by what is left of a peak;
+#: halvings of it.
+MOST_ROOM, TAKEN, HALVINGS = 0.06, 5.0, 8
 
 #: Doublings of the iteration for P; shares of the room by which Q and W are larger, and of a weight that makes P
 #: definite, in units of what errors can reach.
@@ -240,10 +241,15 @@ class PairStorages:
         peak = gain_peak(game)
         if peak >= 1.0:
             return None
-        room = min(MOST_ROOM, TAKEN * (1.0 - peak))
         a, q, w = game
         far = 1.0 - float(np.abs(np.linalg.eigvals(a)).max())
         reached = np.diag(solve_discrete_lyapunov(a, w))
-        weight = np.diag(room * WEIGHT / np.maximum(reached, 1e-12 * reached.max()))
-        more = 1.0 + MORE * room
-        return storage(Game(a / (1.0 - room * far), more * q + weight, more * w))
+        weight = np.diag(WEIGHT / np.maximum(reached, 1e-12 * reached.max()))
+        room = min(MOST_ROOM, TAKEN * (1.0 - peak))
+        for _ in range(HALVINGS):
+            more = 1.0 + MORE * room
+            wide = Game(a / (1.0 - room * far), more * q + room * weight, more * w)
+            if gain_peak(wide) < 1.0 and (p := storage(wide)) is not None:
+                return p
+            room *= 0.5
+        return None

@@ -1,0 +1,82 @@
+"""Find a certificate of pairs: nodes between which the checker accepts the storage functions of the search."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from flexhinf.certify.checker.pairs import interval_holds, pair_claim
+from flexhinf.modal.popov import PairStorages, PopovTolerance, SampledPairs, Sector, popov_tolerance
+
+#: Lengths of an interval in log λ: the first, the largest and the smallest.
+FIRST, LONGEST, SHORTEST = 0.1, 0.3, 5e-5
+
+#: Share of a tolerance that is tried first, and next; of the slowest decay that is tried as a rate, in turn.
+SHARES, RATES = (0.9, 0.7), (0.005, 0.0)
+
+Numbers = dict[str, Any]
+
+
+def pair_certificate(storages: PairStorages, progress: Callable[[float], None]) -> Numbers | None:
+    """The numbers of a file that the checker accepts, over all λ of the gains; None where an interval gets too short.
+
+    `progress` is called with the share of the range that is proved.
+    """
+    low, high = map(float, storages.pairs.gains.ends)
+    place, length, p = low, FIRST, storages.at(low)
+    if p is None:
+        return None
+    nodes = [_node(low, p)]
+    while place < high:
+        end = min(high, place * float(np.exp(length)))
+        other = storages.at(end)
+        pair = [] if other is None else [nodes[-1], _node(end, other)]
+        if pair and interval_holds(pair_claim(claim_numbers(storages, pair)), 0):
+            nodes.append(pair[1])
+            place, length = end, min(LONGEST, 1.4 * length)
+            progress(float(np.log(place / low) / np.log(high / low)))
+        elif (length := 0.6 * length) < SHORTEST:
+            return None
+    return claim_numbers(storages, nodes)
+
+
+def largest_certificate(
+    pairs: SampledPairs, shape: Sector, progress: Callable[[str], None]
+) -> tuple[PopovTolerance, Numbers | None]:
+    """The computed tolerance of a sector's shape, and the certificate of the largest share of it that is proved."""
+    progress("errors of masses that are tolerated, computed")
+    tolerance = popov_tolerance(pairs, shape)
+    slowest = min(map(pairs.decay, pairs.gains.links(40, np.inf)))
+    for share in SHARES if max(tolerance.sector) > 0.0 else ():
+        for part in RATES:
+            sector = tolerance.sector.scaled(share)
+            found = pair_certificate(
+                PairStorages(pairs, sector, tolerance.multiplier, part * slowest),
+                lambda done, sector=sector: progress(f"proof of {100 * max(sector):.3g} %, {100 * done:.0f} % of it"),
+            )
+            if found is not None:
+                return tolerance, found
+    return tolerance, None
+
+
+def claim_numbers(storages: PairStorages, nodes: list[Numbers]) -> Numbers:
+    """What a file says of pairs, see `flexhinf.certify.checker.pairs.PairClaim`."""
+    pairs, gains = storages.pairs, storages.pairs.gains
+    pair, observer = gains.pair(1.0), None
+    if pairs.filter is not None:
+        seen, table, ends = pairs.filter.pair
+        observer = {"seen": np.asarray(seen, dtype=float).tolist(), "table": table.tolist(),
+                    "range": [float(end) for end in ends]}  # fmt: skip
+    return {
+        "period": float(gains.period), "motor": float(pair.motor), "damping": float(pair.damping),
+        "holding": float(pair.holding), "input": float(pair.input), "latency": pairs.latency,
+        "poles": gains.poles.tolist(), "coefficients": gains.coefficients[:5].tolist(), "observer": observer,
+        "lower": storages.sector.lower, "upper": storages.sector.upper, "multiplier": storages.multiplier,
+        "rate": float(storages.rate), "nodes": nodes,
+    }  # fmt: skip
+
+
+def _node(link: float, p: np.ndarray) -> Numbers:
+    return {"link": float(link), "storage": p[np.tril_indices(len(p))].tolist()}
