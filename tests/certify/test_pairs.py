@@ -135,23 +135,22 @@ def test_a_sector_larger_than_the_tolerance_is_not_accepted(found):
 def test_forged_and_damaged_files_are_never_accepted(found):
     """A forged number that claims more, or a storage of another pair, is refused; damage cannot be read."""
     _, numbers = found
-    rng, kept = np.random.default_rng(3), {**numbers, "nodes": numbers["nodes"][:2]}
+    rng, kept = np.random.default_rng(3), {**numbers, "intervals": numbers["intervals"][:1]}
     assert interval_holds(pair_claim(kept), 0)
     for _ in range(60):  # the law or the loop is another one than the storage's, by more than its room
         forged = copy.deepcopy(kept)
+        first, last = forged["intervals"][0]["storages"]
         name = rng.choice(["motor", "input", "lower", "coefficients", "multiplier", "storage", "sign", "swap"])
         factor = float(rng.choice([0.3, 3.0]))
         if name == "coefficients":
             forged[name] = (np.array(forged[name]) * -1.0).tolist()
         elif name == "storage":
-            place = int(rng.integers(len(forged["nodes"][0]["storage"])))
-            forged["nodes"][0]["storage"][place] += float(rng.choice([-1.0, 1.0])) * 10.0 * max(
-                map(abs, forged["nodes"][0]["storage"])
-            )
+            place = int(rng.integers(len(first)))
+            first[place] += float(rng.choice([-1.0, 1.0])) * 10.0 * max(map(abs, first))
         elif name == "sign":
-            forged["nodes"][1]["storage"] = [-x for x in forged["nodes"][1]["storage"]]
+            last[:] = [-x for x in last]
         elif name == "swap":
-            forged["nodes"][1]["storage"] = [3.0 * x for x in forged["nodes"][1]["storage"]]
+            last[:] = [3.0 * x for x in last]
         elif name == "lower":
             forged["lower"], forged["upper"] = 0.99, 3.0
         else:

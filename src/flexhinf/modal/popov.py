@@ -27,6 +27,7 @@ The unit of time is the period, so that all numbers have a size near one.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -44,9 +45,8 @@ MULTIPLIERS, ACCURACY, FIRST = (-2.5, 3.5), 0.01, 1e-4
 #: Distances from a mode's angle at which frequencies are looked at, in those of the mode from the unit circle.
 NEAR = np.array([-3.0, -1.5, -0.7, -0.3, -0.1, 0.0, 0.1, 0.3, 0.7, 1.5, 3.0])
 
-#: Room of P: shares of the distance of the slowest mode from the unit circle, at most, and by what is left of a peak;
-#: halvings of it.
-MOST_ROOM, TAKEN, HALVINGS = 0.06, 5.0, 8
+#: Largest error of an inverse inertia that is tried: links of a quarter of their mass.
+LIGHTEST = 3.0
 
 #: Doublings of the iteration for P; shares of the room by which Q and W are larger, and of a weight that makes P
 #: definite, in units of what errors can reach.
@@ -90,12 +90,18 @@ class SampledPairs:
         m[3, 2] = -(link + pair.motor + pair.holding) * h**2
         return m
 
+    @cached_property
+    def _memories(self) -> dict[float, tuple[np.ndarray, np.ndarray]]:
+        return {}
+
     def memory(self, link: float) -> tuple[np.ndarray, np.ndarray]:
         """The state and the acting input (5, n), and the memory after a period (n − 4, n), by the n states.
 
         The states are (z, z′, s, s′), the filter's prediction of these, the integral in periods, the last position, and
         the inputs that wait, the next one first.
         """
+        if link in self._memories:
+            return self._memories[link]
         h, observed = self.gains.period, self.filter is not None
         size = 6 + self.latency + 4 * observed
         unit = np.eye(size)
@@ -119,7 +125,8 @@ class SampledPairs:
         gain = np.array([kz + kw, (kdz + kdw) / h, kw, kdw / h, ke * h])
         queue = np.vstack([rest[2:], -gain @ np.vstack([ahead, integral])])
         predicted = [flow @ np.vstack([estimate, queue[0]])] if observed else []
-        return np.vstack([state, queue[0]]), np.vstack([*predicted, integral, position, queue[1:]])
+        found = np.vstack([state, queue[0]]), np.vstack([*predicted, integral, position, queue[1:]])
+        return self._memories.setdefault(link, found)
 
     def game(self, link: float, sector: Sector, multiplier: float, rate: float = 0.0) -> Game:
         """A, Q and W of a pair; the multiplier τ in periods, the rate α in 1/s."""
@@ -141,10 +148,15 @@ class SampledPairs:
         after = np.vstack([inverse.T[:4] @ acting, np.exp(alpha) * memory])
         return Game(after, 0.5 * acting.T @ (q + q.T) @ acting, whole)
 
+    def radius(self, link: float, error: float) -> float:
+        """Spectral radius of a pair whose inverse inertia is 1 + error times the model's."""
+        acting, memory = self.memory(link)
+        moved = expm(self.model(link * (1.0 + error)))[:4] @ acting
+        return float(np.abs(np.linalg.eigvals(np.vstack([moved, memory]))).max())
+
     def decay(self, link: float) -> float:
         """The rate of the slowest mode of a pair without errors, 1/s; negative where it is unstable."""
-        a = self.game(link, Sector(0.0, 0.0), 0.0).a
-        return -float(np.log(np.abs(np.linalg.eigvals(a)).max())) / self.gains.period
+        return -float(np.log(self.radius(link, 0.0))) / self.gains.period
 
 
 def gain_peak(game: Game) -> float:
@@ -213,7 +225,7 @@ def popov_tolerance(pairs: SampledPairs, shape: Sector = Sector(1.0, 1.0), count
 
     best, place = 0.0, (0.0, 1.0)
     for sign in (1.0, -1.0):
-        for power in np.linspace(*MULTIPLIERS, 13).tolist():
+        for power in np.linspace(*MULTIPLIERS, 13 if sign > 0.0 else 5).tolist():
             if (share := largest(sign * 10.0**power, best)) > best:
                 best, place = share, (power, sign)
     step = (MULTIPLIERS[1] - MULTIPLIERS[0]) / 24.0
@@ -226,6 +238,34 @@ def popov_tolerance(pairs: SampledPairs, shape: Sector = Sector(1.0, 1.0), count
     return PopovTolerance(shape.scaled(best), place[1] * 10.0 ** place[0])
 
 
+class UnstableError(NamedTuple):
+    """An error of the inverse inertia with which a pair is unstable."""
+
+    error: float  # Δ, a share; infinite where none is found
+    link: float  # λ of the pair, 1/s²
+    radius: float  # the largest modulus of its poles in the z plane
+
+
+def smallest_unstable(pairs: SampledPairs, count: int = 60) -> UnstableError:
+    """The smallest error of one pair by itself that is found to destabilise, at `count` λ; found by eigenvalues.
+
+    Errors of either sign grow in steps up to −1 and `LIGHTEST`, the last step is bisected.
+    """
+    best = UnstableError(np.inf, 0.0, 0.0)
+    for link in map(float, pairs.gains.links(count, np.inf)):
+        for sign, most in ((-1.0, 1.0), (1.0, LIGHTEST)):
+            low = 0.0
+            for high in np.linspace(0.0, min(most, best.error), 25)[1:].tolist():
+                if pairs.radius(link, sign * high) >= 1.0:
+                    for _ in range(12):
+                        middle = 0.5 * (low + high)
+                        low, high = (middle, high) if pairs.radius(link, sign * middle) < 1.0 else (low, middle)
+                    best = UnstableError(high, link, pairs.radius(link, sign * high))
+                    break
+                low = high
+    return best
+
+
 @dataclass(frozen=True)
 class PairStorages:
     """P(λ) with some room, so that N(λ) > 0 stays true between nodes."""
@@ -235,21 +275,15 @@ class PairStorages:
     multiplier: float  # τ, periods
     rate: float  # α, 1/s
 
-    def at(self, link: float) -> np.ndarray | None:
-        """P (n, n); None where there is none."""
-        game = self.pairs.game(link, self.sector, self.multiplier, self.rate)
-        peak = gain_peak(game)
-        if peak >= 1.0:
-            return None
-        a, q, w = game
+    def at(self, link: float, room: float) -> np.ndarray | None:
+        """P (n, n), its room a share of the distance of the slowest mode from the unit circle; None where there is
+        none."""
+        a, q, w = self.pairs.game(link, self.sector, self.multiplier, self.rate)
         far = 1.0 - float(np.abs(np.linalg.eigvals(a)).max())
+        if far <= 0.0:
+            return None
         reached = np.diag(solve_discrete_lyapunov(a, w))
         weight = np.diag(WEIGHT / np.maximum(reached, 1e-12 * reached.max()))
-        room = min(MOST_ROOM, TAKEN * (1.0 - peak))
-        for _ in range(HALVINGS):
-            more = 1.0 + MORE * room
-            wide = Game(a / (1.0 - room * far), more * q + room * weight, more * w)
-            if gain_peak(wide) < 1.0 and (p := storage(wide)) is not None:
-                return p
-            room *= 0.5
-        return None
+        more = 1.0 + MORE * room
+        wide = Game(a / (1.0 - room * far), more * q + room * weight, more * w)
+        return storage(wide) if gain_peak(wide) < 1.0 else None

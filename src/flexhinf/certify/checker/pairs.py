@@ -1,7 +1,7 @@
 """Check in ball arithmetic that all pairs of a range of λ tolerate the errors of mass that a file states.
 
-The file has the law of the pairs, the loop, a sector, a multiplier τ and nodes λ_k with matrices P_k. P(λ) is linear
-between nodes. `flexhinf.modal.popov` has the inequality N(λ) > 0, docs/theorem.md its proof. In an interval N is a
+The file has the law of the pairs, the loop, a sector, a multiplier τ, and intervals of λ with P at both ends. P(λ) is
+linear between these. `flexhinf.modal.popov` has the inequality N(λ) > 0, docs/theorem.md its proof. In an interval N is a
 polynomial N₀ + N₁ u + … of −1 ≤ u ≤ 1 with a remainder (`TaylorMatrix`): so N₀ ± N₁ > 0 is checked, less the norms of all
 that follows.
 
@@ -33,7 +33,7 @@ PARTS, HALVINGS = 8, 10
 #: Coordinates of (z, z′, s, s′, f): what an error pushes, the twist s, and its rate.
 PUSH, TWIST, TURN = (0.0, 1.0, 0.0, -1.0, 0.0), (0.0, 0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0, 0.0)
 
-#: Most nodes, states of a pair, and terms of a filter's series in a file.
+#: Most intervals, states of a pair, and terms of a filter's series in a file.
 MOST = 100_000, 40, 2_000
 
 
@@ -55,8 +55,8 @@ class PairClaim(NamedTuple):
     upper: float  # δ₂
     multiplier: float  # τ, periods
     rate: float  # α, 1/s
-    links: np.ndarray  # (N,), λ of the nodes, ascending, 1/s²
-    storages: np.ndarray  # (N, n, n)
+    links: np.ndarray  # (N + 1,), ends λ of the intervals, ascending, 1/s²
+    storages: np.ndarray  # (N, 2, n, n), P at both ends of each
 
     @property
     def states(self) -> int:
@@ -80,11 +80,11 @@ def pair_claim(numbers: Mapping[str, object]) -> PairClaim:
     try:
         one = {name: _finite(numbers[name], 0) for name in (
             "period", "motor", "damping", "holding", "input", "lower", "upper", "multiplier", "rate")}  # fmt: skip
-        latency, observer, nodes = numbers["latency"], numbers["observer"], numbers["nodes"]
+        latency, observer, parts = numbers["latency"], numbers["observer"], numbers["intervals"]
         if isinstance(latency, bool) or not isinstance(latency, int) or not 0 <= latency <= MOST[1]:
             raise ValueError(f"latency {latency!r}")
-        if not isinstance(nodes, list) or not 2 <= len(nodes) <= MOST[0]:
-            raise ValueError("fewer than two nodes, or too many")
+        if not isinstance(parts, list) or not 1 <= len(parts) <= MOST[0]:
+            raise ValueError("no interval, or too many")
         seen = table = ends = None
         if observer is not None:
             seen, table = _finite(observer["seen"], 2), _finite(observer["table"], 2)
@@ -94,9 +94,11 @@ def pair_claim(numbers: Mapping[str, object]) -> PairClaim:
                 raise ValueError("the observer has other shapes")
         poles, coefficients = _finite(numbers["poles"], 1), _finite(numbers["coefficients"], 2)
         n = 6 + latency + 4 * (seen is not None)
-        links, rows = _finite([node["link"] for node in nodes], 1), [node["storage"] for node in nodes]
-        triangles = _finite(rows, 2)
-        if coefficients.shape != (5, len(poles) + 1) or triangles.shape[1] != n * (n + 1) // 2:
+        links = _finite([parts[0]["low"], *(part["high"] for part in parts)], 1)
+        triangles = _finite([part["storages"] for part in parts], 3)
+        if any(part["low"] != low for part, low in zip(parts, links.tolist())):
+            raise ValueError("an interval does not begin where the one before it ends")
+        if coefficients.shape != (5, len(poles) + 1) or triangles.shape[1:] != (2, n * (n + 1) // 2):
             raise ValueError("the law or a storage has other shapes")
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InvalidInput(
@@ -108,17 +110,17 @@ def pair_claim(numbers: Mapping[str, object]) -> PairClaim:
             ("period", one["period"] > 0.0), ("motor", one["motor"] > 0.0), ("damping", one["damping"] >= 0.0),
             ("holding", one["holding"] >= 0.0), ("input", one["input"] > 0.0), ("rate", one["rate"] >= 0.0),
             ("lower", 0.0 <= one["lower"] < 1.0), ("upper", one["upper"] >= 0.0), ("poles", (poles > 0.0).all()),
-            ("nodes", links[0] > 0.0 and (np.diff(links) > 0.0).all()),
+            ("intervals", links[0] > 0.0 and (np.diff(links) > 0.0).all()),
         ) if not right
     ]  # fmt: skip
     refuse_if(
         bool(wrong), "The certificate of a workspace has numbers outside their ranges.",
-        f"expected positive rates, a sector below 1 and ascending nodes, got other {', '.join(wrong)}",
+        f"expected positive rates, a sector below 1 and ascending intervals, got other {', '.join(wrong)}",
         "the file that flexhinf certify has written",
     )  # fmt: skip
-    storages = np.zeros((len(links), n, n))
+    storages = np.zeros((len(parts), 2, n, n))
     rows, columns = np.tril_indices(n)
-    storages[:, rows, columns] = storages[:, columns, rows] = triangles
+    storages[..., rows, columns] = storages[..., columns, rows] = triangles
     return PairClaim(**{name: float(value) for name, value in one.items()}, latency=latency, poles=poles,
                      coefficients=coefficients, seen=seen, table=table, filter_range=ends, links=links,
                      storages=storages)  # fmt: skip
@@ -141,16 +143,16 @@ def _finite(value: object, dimensions: int) -> np.ndarray:
 
 
 def check_pairs(claim: PairClaim) -> CheckedPairs | int:
-    """What is proved, or the number of the first interval between nodes in which the check fails."""
-    for k in range(len(claim.links) - 1):
+    """What is proved, or the number of the first interval in which the check fails."""
+    for k in range(len(claim.storages)):
         if not interval_holds(claim, k):
             return k
     low, high = claim.links[[0, -1]].tolist()
-    return CheckedPairs(low, high, claim.lower, claim.upper, claim.rate, len(claim.links) - 1)
+    return CheckedPairs(low, high, claim.lower, claim.upper, claim.rate, len(claim.storages))
 
 
 def interval_holds(claim: PairClaim, k: int) -> bool:
-    """Whether P > 0 and N > 0 for all λ between the nodes k and k + 1."""
+    """Whether P > 0 and N > 0 for all λ of an interval."""
     with _balls():
         try:
             return _interval_holds(claim, k)
@@ -169,7 +171,7 @@ def _balls() -> Iterator[None]:
 
 
 def _interval_holds(claim: PairClaim, k: int) -> bool:
-    (low, high), storages = claim.links[k : k + 2].tolist(), claim.storages[k : k + 2]
+    (low, high), storages = claim.links[k : k + 2].tolist(), claim.storages[k]
     root = arb_mat(np.linalg.cholesky(storages.mean(axis=0)).T.tolist())
     inverse = root.inv()
     first, last = (inverse.transpose() * arb_mat(p.tolist()) * inverse for p in storages)

@@ -1,4 +1,4 @@
-"""Find a certificate of pairs: nodes between which the checker accepts the storage functions of the search."""
+"""Find a certificate of pairs: intervals in which the checker accepts the storage functions of the search."""
 
 from __future__ import annotations
 
@@ -10,8 +10,11 @@ import numpy as np
 from flexhinf.certify.checker.pairs import interval_holds, pair_claim
 from flexhinf.modal.popov import PairStorages, PopovTolerance, SampledPairs, Sector, popov_tolerance
 
-#: Lengths of an interval in log λ: the first, the largest and the smallest.
-FIRST, LONGEST, SHORTEST = 0.1, 0.3, 5e-5
+#: Lengths of an interval in log λ: the first, the largest, and the smallest of a room.
+FIRST, LONGEST, SHORTEST = 0.1, 0.3, 1e-3
+
+#: Rooms of P: the largest and the smallest; successes after which a larger one is tried again.
+MOST_ROOM, LEAST_ROOM, SUCCESSES = 0.06, 1e-4, 12
 
 #: Share of a tolerance that is tried first, and next; of the slowest decay that is tried as a rate, in turn.
 SHARES, RATES = (0.9, 0.7), (0.005, 0.0)
@@ -25,21 +28,26 @@ def pair_certificate(storages: PairStorages, progress: Callable[[float], None]) 
     `progress` is called with the share of the range that is proved.
     """
     low, high = map(float, storages.pairs.gains.ends)
-    place, length, p = low, FIRST, storages.at(low)
-    if p is None:
-        return None
-    nodes = [_node(low, p)]
+    place, length, room, successes = low, FIRST, MOST_ROOM, 0
+    intervals: list[Numbers] = []
     while place < high:
         end = min(high, place * float(np.exp(length)))
-        other = storages.at(end)
-        pair = [] if other is None else [nodes[-1], _node(end, other)]
-        if pair and interval_holds(pair_claim(claim_numbers(storages, pair)), 0):
-            nodes.append(pair[1])
-            place, length = end, min(LONGEST, 1.4 * length)
-            progress(float(np.log(place / low) / np.log(high / low)))
-        elif (length := 0.6 * length) < SHORTEST:
+        first, last = storages.at(place, room), storages.at(end, room)
+        if first is None or last is None:
+            room *= 0.5
+        else:
+            one = _interval(place, end, first, last)
+            if interval_holds(pair_claim(claim_numbers(storages, [one])), 0):
+                intervals.append(one)
+                place, length, successes = end, min(LONGEST, 1.4 * length), successes + 1
+                if successes % SUCCESSES == 0:
+                    room = min(MOST_ROOM, 2.0 * room)
+                progress(float(np.log(place / low) / np.log(high / low)))
+            elif (length := 0.6 * length) < SHORTEST:
+                length, room = 10.0 * SHORTEST, 0.5 * room
+        if room < LEAST_ROOM:
             return None
-    return claim_numbers(storages, nodes)
+    return claim_numbers(storages, intervals)
 
 
 def largest_certificate(
@@ -61,7 +69,7 @@ def largest_certificate(
     return tolerance, None
 
 
-def claim_numbers(storages: PairStorages, nodes: list[Numbers]) -> Numbers:
+def claim_numbers(storages: PairStorages, intervals: list[Numbers]) -> Numbers:
     """What a file says of pairs, see `flexhinf.certify.checker.pairs.PairClaim`."""
     pairs, gains = storages.pairs, storages.pairs.gains
     pair, observer = gains.pair(1.0), None
@@ -74,9 +82,9 @@ def claim_numbers(storages: PairStorages, nodes: list[Numbers]) -> Numbers:
         "holding": float(pair.holding), "input": float(pair.input), "latency": pairs.latency,
         "poles": gains.poles.tolist(), "coefficients": gains.coefficients[:5].tolist(), "observer": observer,
         "lower": storages.sector.lower, "upper": storages.sector.upper, "multiplier": storages.multiplier,
-        "rate": float(storages.rate), "nodes": nodes,
+        "rate": float(storages.rate), "intervals": intervals,
     }  # fmt: skip
 
 
-def _node(link: float, p: np.ndarray) -> Numbers:
-    return {"link": float(link), "storage": p[np.tril_indices(len(p))].tolist()}
+def _interval(low: float, high: float, *ends: np.ndarray) -> Numbers:
+    return {"low": low, "high": high, "storages": [p[np.tril_indices(len(p))].tolist() for p in ends]}
