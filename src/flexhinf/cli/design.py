@@ -375,7 +375,8 @@ def _certify_workspace(context: typer.Context, o: options.CertifyOptions, reques
     report.write(folder, files)
     tables, text = pages.workspace_proof_ending(proof, verdict)
     show(tables)
-    typer.echo(f"{text}\nreport: {folder / 'index.html'}")
+    check = join(["flexhinf", "certify", "--check", str(folder / PROOF)])
+    typer.echo(f"{text}\nreport: {folder / 'index.html'}" + f"\ncheck:  {check}" * (proof.numbers is not None))
     return 0 if proof.is_proved else NOT_MET
 
 
@@ -410,6 +411,14 @@ def _check(context: typer.Context, path: Path, o: options.CertifyOptions) -> int
         f"expected --check FILE without a robot or a design, got {o.robot!r}",
         f"flexhinf certify --check {path}",
     )
+    if path.is_dir() and not (path / CERTIFICATE).exists() and (path / PROOF).exists():
+        path /= PROOF
+    if (numbers := pages.workspace_certificate(path)) is not None:
+        with ProofProgress() as bar:
+            bar.step("check")
+            text, holds = pages.pair_check(numbers)
+        typer.echo(text)
+        return 0 if holds else NOT_MET
     certificate = fh.load_certificate(path / CERTIFICATE if path.is_dir() else path)
     with ProofProgress() as bar:
         bar.step("check")
