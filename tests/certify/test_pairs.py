@@ -2,16 +2,19 @@
 
 import copy
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from flint import arb
 from scipy.linalg import expm
 
+from flexhinf.certify.checker import pairs as checker
 from flexhinf.certify.checker.pairs import CheckedPairs, check_pairs, interval_holds, pair_claim
-from flexhinf.design.workspace.pair_proof import largest_certificate
+from flexhinf.design.workspace.pair_proof import claim_numbers, largest_certificate
 from flexhinf.errors import InvalidInput
 from flexhinf.modal import pair_gains
-from flexhinf.modal.popov import SampledPairs, Sector, popov_tolerance
+from flexhinf.modal.popov import PairStorages, SampledPairs, Sector, popov_tolerance
 
 PERIOD, ENDS = 1e-3, (60.0**2, 500.0**2)
 
@@ -35,6 +38,26 @@ def test_all_pairs_are_proved_to_tolerate_nearly_what_is_computed(found):
     assert isinstance(checked, CheckedPairs)
     assert checked.low <= ENDS[0] < ENDS[1] <= checked.high
     assert checked.lower >= 0.89 * tolerance.sector.lower
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize(("latency", "watched"), [(0, None), (2, None), (1, [0, 2]), (1, [2])])
+def test_search_and_checker_compute_the_same_game(pairs, latency, watched):
+    """They share no code: A, Q and W of a pair agree, for a filter with links, and with motors alone."""
+    seen = None if watched is None else np.eye(4)[watched]
+    table = None if seen is None else np.random.default_rng(1).normal(size=(5, 4 * len(seen)))
+    ends = (np.log(ENDS[0]) - 1.0, np.log(ENDS[1]) + 1.0)
+    filter = None if seen is None else SimpleNamespace(pair=(seen, table, ends))
+    loop, link = SampledPairs(pairs.gains, latency, filter), 150.0**2
+    storages = PairStorages(loop, Sector(0.3, 0.5), 20.0, 0.4)
+    n = 6 + latency + 4 * (seen is not None)
+    parts = [{"low": link, "high": 2.0 * link, "storages": [[1.0] * (n * (n + 1) // 2)] * 2}]
+    claim = pair_claim(claim_numbers(storages, parts))
+    with checker._balls():
+        checked = checker._loop(claim, arb(link), arb(0))
+        values = [np.array([[float(e) for e in row] for row in part.parts[0].tolist()]) for part in checked]
+    for value, expected in zip(values, loop.game(link, *(storages.sector, 20.0, 0.4))):
+        np.testing.assert_allclose(value, expected, atol=1e-9 * np.abs(expected).max())
 
 
 def mixed_radius(pairs, links, error):
@@ -107,9 +130,7 @@ def peak(numbers, link, pieces=6):
     entry = np.vstack([state[:, 5:], np.zeros((3, pieces))])
     z = np.exp(1j * np.geomspace(1e-4, np.pi, 3000))[:, None, None]
     inner = np.linalg.solve(z * np.eye(7) - loop, np.broadcast_to(entry, (len(z), *entry.shape)))
-    out, rate = (
-        np.array(rows)[:, :5] @ acting @ inner + np.array(rows)[:, 5:] for rows in (outs, rates)
-    )
+    out, rate = (np.array(rows)[:, :5] @ acting @ inner + np.array(rows)[:, 5:] for rows in (outs, rates))
     lower, upper, tau = numbers["lower"], numbers["upper"], numbers["multiplier"] * h
     half = 0.5 * (upper - lower) * out + tau * rate
     total = lower * upper * out.conj().transpose(0, 2, 1) @ out + half + half.conj().transpose(0, 2, 1)
@@ -140,7 +161,9 @@ def test_forged_and_damaged_files_are_never_accepted(found):
     for _ in range(60):  # the law or the loop is another one than the storage's, by more than its room
         forged = copy.deepcopy(kept)
         first, last = forged["intervals"][0]["storages"]
-        name = rng.choice(["motor", "input", "lower", "coefficients", "multiplier", "storage", "sign", "swap"])
+        name = rng.choice(
+            ["motor", "input", "lower", "coefficients", "multiplier", "storage", "sign", "swap"]
+        )
         factor = float(rng.choice([0.3, 3.0]))
         if name == "coefficients":
             forged[name] = (np.array(forged[name]) * -1.0).tolist()
@@ -163,7 +186,9 @@ def test_forged_and_damaged_files_are_never_accepted(found):
         broken[name] = wrong[int(rng.integers(len(wrong)))]
         if rng.random() < 0.2:
             del broken[name]
-        if name == "observer" and broken.get(name, 0) is None or name == "multiplier" and broken.get(name) == -1.0:
+        if (name == "observer" and broken.get(name, 0) is None) or (
+            name == "multiplier" and broken.get(name) == -1.0
+        ):
             continue
         with pytest.raises(InvalidInput):
             pair_claim(broken)
@@ -174,6 +199,8 @@ def test_forged_and_damaged_files_are_never_accepted(found):
 @pytest.mark.costs("many loops of pairs")
 def test_a_payload_alone_leaves_a_larger_sector(pairs):
     """Links that are only heavier may be so by more than links that may also be lighter."""
-    both, heavier = (popov_tolerance(pairs, shape, 8).sector for shape in (Sector(1.0, 1.0), Sector(1.0, 0.0)))
+    both, heavier = (
+        popov_tolerance(pairs, shape, 8).sector for shape in (Sector(1.0, 1.0), Sector(1.0, 0.0))
+    )
     assert heavier.lower >= 0.99 * both.lower
     assert heavier.upper == 0.0

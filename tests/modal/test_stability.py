@@ -83,7 +83,9 @@ def test_between_the_ends_of_an_interval_the_loop_is_where_the_proof_says(gains,
     asked, positive = [], stability._positive
 
     def spied(ends, between, bend, root):
-        most = np.array([[float(e.abs_upper()) for e in row] for row in stability._order(between, 2).tolist()])
+        most = np.array(
+            [[float(e.abs_upper()) for e in row] for row in stability._order(between, 2).tolist()]
+        )
         asked.append(([stability._numbers(stability._order(end, 0)) for end in ends], most * float(bend)))
         return positive(ends, between, bend, root)
 

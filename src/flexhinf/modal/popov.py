@@ -14,8 +14,9 @@ that no large number is left in the flow), n = (½(δ₂ − δ₁) + ατ) e₃
     Φ = [ 1   0 ; S   1 ] Φ′ [ 1   0 ; −S   1 ],      W = Φ₁₂ Φ₂₂⁻¹,   Q = −Φ₂₂⁻¹ Φ₂₁,   A = Φ₂₂⁻ᵀ.
 
 With the memory of the controller the loop is ξ⁺ = A ξ + v, and V_λ = ξᵀ P(λ) ξ proves stability with the rate α if
-P > 0 and N(λ) = [ P − Q   AᵀP ; PA   P − PWP ] > 0 (docs/theorem.md). P is linear in λ between nodes, at which it solves
-a Riccati equation. Nothing here is proved: `flexhinf.certify.checker.pairs` does that, and shares no code with it.
+P > 0 and N(λ) = [ P − Q   AᵀP ; PA   P − PWP ] > 0 (docs/theorem.md). P is linear in λ in an interval, at whose ends it
+solves a Riccati equation. Nothing here is proved: `flexhinf.certify.checker.pairs` does that, and shares no code with
+it.
 
 The unit of time is the period, so that all numbers have a size near one.
 """
@@ -62,6 +63,10 @@ class Sector(NamedTuple):
     def scaled(self, share: float) -> Sector:
         """Both times a share."""
         return Sector(self.lower * share, self.upper * share)
+
+
+#: Errors of either sign, of the same size.
+SYMMETRIC = Sector(1.0, 1.0)
 
 
 class Game(NamedTuple):
@@ -113,7 +118,9 @@ class SampledPairs:
             place = np.clip((2.0 * np.log(link) - low - high) / (high - low), -1.0, 1.0)
             correction = chebyshev.chebval(place, table).reshape(4, -1)
             # Filter and gains count in (z, z′, w, w′) and in seconds.
-            to_plain = np.array([[1, 0, 0, 0], [0, 1 / h, 0, 0], [1, 0, 1, 0], [0, 1 / h, 0, 1 / h]], dtype=float)
+            to_plain = np.array(
+                [[1, 0, 0, 0], [0, 1 / h, 0, 0], [1, 0, 1, 0], [0, 1 / h, 0, 1 / h]], dtype=float
+            )
             correction, sees = np.linalg.solve(to_plain, correction), seen @ to_plain
             estimate = unit[4:8] + correction @ sees @ (state - unit[4:8])
             if [1.0, 0.0, 0.0, 0.0] not in seen.tolist():
@@ -199,7 +206,7 @@ class PopovTolerance(NamedTuple):
     multiplier: float  # τ, periods
 
 
-def popov_tolerance(pairs: SampledPairs, shape: Sector = Sector(1.0, 1.0), count: int = 25) -> PopovTolerance:
+def popov_tolerance(pairs: SampledPairs, shape: Sector = SYMMETRIC, count: int = 25) -> PopovTolerance:
     """The largest multiple of a sector that one multiplier covers at `count` λ, at all frequencies; computed.
 
     No Δ reaches −1, where links are infinitely heavy.
@@ -259,7 +266,9 @@ def smallest_unstable(pairs: SampledPairs, count: int = 60) -> UnstableError:
                 if pairs.radius(link, sign * high) >= 1.0:
                     for _ in range(12):
                         middle = 0.5 * (low + high)
-                        low, high = (middle, high) if pairs.radius(link, sign * middle) < 1.0 else (low, middle)
+                        low, high = (
+                            (middle, high) if pairs.radius(link, sign * middle) < 1.0 else (low, middle)
+                        )
                     best = UnstableError(high, link, pairs.radius(link, sign * high))
                     break
                 low = high

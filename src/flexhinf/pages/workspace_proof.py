@@ -128,7 +128,10 @@ LEFT_OUT = (
     ("friction, backlash, limits of inputs, quantisation", "moves of the design, campaigns"),
     ("Coriolis forces along fast moves", "moves of the design"),
     ("stiffness, motors and delay that differ from the model's", "loops at corners of the tolerances"),
-    ("errors with a phase, such as creep or a lagging drive", "nothing here; fast vibrations bear hardly any"),
+    (
+        "errors with a phase, such as creep or a lagging drive",
+        "nothing here; fast vibrations bear hardly any",
+    ),
     ("gravity's slope", "loops at poses, which have it"),
 )
 
@@ -147,7 +150,11 @@ def _left_out(proof: WorkspaceProof) -> bool:
 def proof_text(proof: WorkspaceProof) -> str:
     """The first line: what is proved for the tolerances and the payload of the file."""
     stated, checked = proof.stated, proof.checked
-    where = f"at {stated.poses} sampled poses" if stated.poses else "at every pose whose vibrations are in the range"
+    where = (
+        f"at {stated.poses} sampled poses"
+        if stated.poses
+        else "at every pose whose vibrations are in the range"
+    )
     if checked is None:
         if not proof.is_proved:
             return "Not proved: nothing is proved of this controller."
@@ -199,7 +206,11 @@ def _proof_table(proof: WorkspaceProof) -> Table:
             f"proved, in {count_text(proof.checked.intervals, 'interval')}",
         ))  # fmt: skip
     rows.append(_computed_row(proof.tolerance))
-    where = f"{stated.poses} sampled poses, corners of the tolerances" if stated.poses else "every pose, by the form of M"
+    where = (
+        f"{stated.poses} sampled poses, corners of the tolerances"
+        if stated.poses
+        else "every pose, by the form of M"
+    )
     rows.append(("the file's masses and payloads", masses_text(stated.sector), where))
     return Table(("what", "range or size", "how it is known"), rows, CAPTION, stacks=True)
 
@@ -293,7 +304,10 @@ def pair_check(numbers: dict[str, Any]) -> tuple[str, bool]:
     found = check_pairs(claim := pair_claim(pairs))
     if isinstance(found, int):
         low, high = np.sqrt(claim.links[found : found + 2])
-        return f"Not proved: the check fails for vibrations of {number(low, 4)} to {number(high, 4)} rad/s.", False
+        return (
+            f"Not proved: the check fails for vibrations of {number(low, 4)} to {number(high, 4)} rad/s.",
+            False,
+        )
     low, high = np.sqrt([found.low, found.high])
     latency = count_text(claim.latency, "sample")
     filter = "no estimator" if claim.seen is None else "the estimator"

@@ -1,9 +1,9 @@
 """Check in ball arithmetic that all pairs of a range of λ tolerate the errors of mass that a file states.
 
 The file has the law of the pairs, the loop, a sector, a multiplier τ, and intervals of λ with P at both ends. P(λ) is
-linear between these. `flexhinf.modal.popov` has the inequality N(λ) > 0, docs/theorem.md its proof. In an interval N is a
-polynomial N₀ + N₁ u + … of −1 ≤ u ≤ 1 with a remainder (`TaylorMatrix`): so N₀ ± N₁ > 0 is checked, less the norms of all
-that follows.
+linear between these. `flexhinf.modal.popov` has the inequality N(λ) > 0, docs/theorem.md its proof. In an interval N is
+a polynomial N₀ + N₁ u + … of −1 ≤ u ≤ 1 with a remainder (`TaylorMatrix`): so N₀ ± N₁ > 0 is checked, less the norms
+of all that follows.
 
 Nothing is imported from the search. Every number of the file is a double, and read as this rational number.
 """
@@ -128,6 +128,7 @@ def pair_claim(numbers: Mapping[str, object]) -> PairClaim:
 
 def _finite(value: object, dimensions: int) -> np.ndarray:
     """Numbers of a file, neither text nor truth values."""
+
     def plain(part: object) -> None:
         if isinstance(part, list):
             for one in part:
@@ -226,9 +227,7 @@ def _loop(claim: PairClaim, centre: arb, half: arb) -> _Game:
     shift = TaylorMatrix.of((tau * x for x in row) for row in np.outer(TURN, TURN).tolist())
     moved = m + by_size(PUSH, TWIST, n)
     gained = by_size(TWIST, TWIST, n**2 + lower * upper) + shift @ m + m.transpose() @ shift
-    hamiltonian = TaylorMatrix.stacked(
-        [[moved, by_size(PUSH, PUSH, arb(1))], [-gained, -moved.transpose()]]
-    )
+    hamiltonian = TaylorMatrix.stacked([[moved, by_size(PUSH, PUSH, arb(1))], [-gained, -moved.transpose()]])
     _check_regular(hamiltonian.parts[0], tau)
     flow = hamiltonian.exponential()
     x, y = flow.rows(0, 5).columns(0, 5), flow.rows(0, 5).columns(5, 10)

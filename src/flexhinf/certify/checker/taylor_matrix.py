@@ -1,8 +1,12 @@
 """Matrices as polynomials of one variable −1 ≤ u ≤ 1 with remainders, in ball arithmetic [makino2003].
 
-An entry is Σ c_k uᵏ for k below `TERMS`, plus a remainder that a ball encloses at every u. Polynomials have narrow balls
-where plain balls of a whole interval would grow by the dependencies between entries.
+An entry is Σ c_k uᵏ for k below `TERMS`, plus a remainder that a ball encloses at every u. Polynomials have narrow
+balls where plain balls of a whole interval would grow by the dependencies between entries.
 """
+
+# Not checked strictly: parts of SciPy and NumPy have no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+# pyright: reportUnknownMemberType=false
 
 from __future__ import annotations
 
@@ -23,7 +27,9 @@ class TaylorMatrix:
     """A matrix with entries Σ c_k uᵏ + remainder."""
 
     def __init__(self, parts: Sequence[arb_mat]) -> None:
-        self.parts = list(parts)  # coefficients of 1, u, …, as far as there are any, at most `TERMS`; the remainder
+        self.parts = list(
+            parts
+        )  # coefficients of 1, u, …, as far as there are any, at most `TERMS`; the remainder
 
     @classmethod
     def of(cls, rows: Rows) -> TaylorMatrix:
@@ -139,7 +145,9 @@ class TaylorMatrix:
 UNIT = arb(0, 1)
 
 
-def taylor_row(function: Callable[[arb_series], Sequence[arb_series]], centre: arb, half: arb) -> TaylorMatrix:
+def taylor_row(
+    function: Callable[[arb_series], Sequence[arb_series]], centre: arb, half: arb
+) -> TaylorMatrix:
     """A row of analytic functions of centre + half·u: coefficients at the centre, and the next one on the interval."""
     cap = ctx.cap
     try:

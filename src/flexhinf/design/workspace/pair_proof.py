@@ -11,10 +11,10 @@ from flexhinf.certify.checker.pairs import interval_holds, pair_claim
 from flexhinf.modal.popov import PairStorages, PopovTolerance, SampledPairs, Sector, popov_tolerance
 
 #: Lengths of an interval in log λ: the first, the largest, and the smallest of a room.
-FIRST, LONGEST, SHORTEST = 0.1, 0.3, 1e-3
+FIRST, LONGEST, SHORTEST = 0.1, 0.3, 1e-4
 
 #: Rooms of P: the largest and the smallest; successes after which a larger one is tried again.
-MOST_ROOM, LEAST_ROOM, SUCCESSES = 0.06, 1e-4, 12
+MOST_ROOM, LEAST_ROOM, SUCCESSES = 0.06, 5e-4, 12
 
 #: Share of a tolerance that is tried first, and next; of the slowest decay that is tried as a rate, in turn.
 SHARES, RATES = (0.9, 0.7), (0.005, 0.0)
@@ -62,7 +62,9 @@ def largest_certificate(
             sector = tolerance.sector.scaled(share)
             found = pair_certificate(
                 PairStorages(pairs, sector, tolerance.multiplier, part * slowest),
-                lambda done, sector=sector: progress(f"proof of {100 * max(sector):.3g} %, {100 * done:.0f} % of it"),
+                lambda done, sector=sector: progress(
+                    f"proof of {100 * max(sector):.3g} %, {100 * done:.0f} % of it"
+                ),
             )
             if found is not None:
                 return tolerance, found

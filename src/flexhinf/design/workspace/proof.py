@@ -18,16 +18,13 @@ from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.estimation import ModalFilter
 from flexhinf.modal import ProvedRange, proved_range
 from flexhinf.modal.popov import (
+    SYMMETRIC,
     PopovTolerance,
     SampledPairs,
-    Sector,
     UnstableError,
     popov_tolerance,
     smallest_unstable,
 )
-
-#: Errors of either sign, of the same size.
-SYMMETRIC = Sector(1.0, 1.0)
 
 #: λ at which a report computes a tolerance.
 REPORTED = 12
