@@ -376,7 +376,9 @@ def _certify_workspace(context: typer.Context, o: options.CertifyOptions, reques
     tables, text = pages.workspace_proof_ending(proof, verdict)
     show(tables)
     check = join(["flexhinf", "certify", "--check", str(folder / PROOF)])
-    typer.echo(f"{text}\nreport: {folder / 'index.html'}" + f"\ncheck:  {check}" * (proof.numbers is not None))
+    typer.echo(
+        f"{text}\nreport: {folder / 'index.html'}" + f"\ncheck:  {check}" * (proof.numbers is not None)
+    )
     return 0 if proof.is_proved else NOT_MET
 
 
@@ -416,9 +418,9 @@ def _check(context: typer.Context, path: Path, o: options.CertifyOptions) -> int
     if (numbers := pages.workspace_certificate(path)) is not None:
         with ProofProgress() as bar:
             bar.step("check")
-            text, holds = pages.pair_check(numbers)
+            text, proved_again = pages.pair_check(numbers)
         typer.echo(text)
-        return 0 if holds else NOT_MET
+        return 0 if proved_again else NOT_MET
     certificate = fh.load_certificate(path / CERTIFICATE if path.is_dir() else path)
     with ProofProgress() as bar:
         bar.step("check")

@@ -7,7 +7,7 @@ through a = √λ (w − z) and d = Δ a, which adds √λ d to z″. All such d
     ∫ e^(2αt) [(d + δ₁ a)ᵀ (δ₂ a − d) + 2τ dᵀ (ȧ + α a)] dt  ≥  τ [e^(2αt) aᵀΔa],
 
 Popov's multiplier [popov1961]. The largest of V(x(h)) plus the integral over all d, for a pair by itself, is that of a
-linear-quadratic game. With ẋ = M x, x = (z, z′, s = w − z, s′, f), M′ = M + α, S = τ e₄e₄ᵀ (which adds τ s′² to V, so
+linear-quadratic worst. With ẋ = M x, x = (z, z′, s = w − z, s′, f), M′ = M + α, S = τ e₄e₄ᵀ (which adds τ s′² to V, so
 that no large number is left in the flow), n = (½(δ₂ − δ₁) + ατ) e₃ and g = e₂ − e₄
 
     Φ′ = exp(h [ M′ + λ g nᵀ   λ g gᵀ ; −λ (n nᵀ + δ₁δ₂ e₃e₃ᵀ) − S M′ − M′ᵀS   −(M′ + λ g nᵀ)ᵀ ]),
@@ -69,7 +69,7 @@ class Sector(NamedTuple):
 SYMMETRIC = Sector(1.0, 1.0)
 
 
-class Game(NamedTuple):
+class WorstPeriod(NamedTuple):
     """ξ⁺ = A ξ + v with what errors gain: the largest over v of V(A ξ + v) + ξᵀ Q ξ − vᵀ W⁻¹ v; (n, n) each."""
 
     a: np.ndarray
@@ -110,7 +110,7 @@ class SampledPairs:
         h, observed = self.gains.period, self.filter is not None
         size = 6 + self.latency + 4 * observed
         unit = np.eye(size)
-        state, rest = unit[:4], unit[4 + 4 * observed :]
+        state, others = unit[:4], unit[4 + 4 * observed :]
         flow = expm(self.model(link))[:4]
         estimate, position = state, state[0]
         if self.filter is not None:
@@ -125,17 +125,17 @@ class SampledPairs:
             estimate = unit[4:8] + correction @ sees @ (state - unit[4:8])
             if [1.0, 0.0, 0.0, 0.0] not in seen.tolist():
                 position = estimate[0]
-        integral, ahead = rest[0] + 0.5 * (rest[1] + position), estimate
-        for waiting in rest[2:]:
+        integral, ahead = others[0] + 0.5 * (others[1] + position), estimate
+        for waiting in others[2:]:
             ahead = flow @ np.vstack([ahead, waiting])
         kz, kdz, kw, kdw, ke = self.gains(link)[:5]
         gain = np.array([kz + kw, (kdz + kdw) / h, kw, kdw / h, ke * h])
-        queue = np.vstack([rest[2:], -gain @ np.vstack([ahead, integral])])
+        queue = np.vstack([others[2:], -gain @ np.vstack([ahead, integral])])
         predicted = [flow @ np.vstack([estimate, queue[0]])] if observed else []
         found = np.vstack([state, queue[0]]), np.vstack([*predicted, integral, position, queue[1:]])
         return self._memories.setdefault(link, found)
 
-    def game(self, link: float, sector: Sector, multiplier: float, rate: float = 0.0) -> Game:
+    def worst_period(self, link: float, sector: Sector, multiplier: float, rate: float = 0.0) -> WorstPeriod:
         """A, Q and W of a pair; the multiplier τ in periods, the rate α in 1/s."""
         m, size, alpha = self.model(link), link * self.gains.period**2, rate * self.gains.period
         g, (_, _, c, moving, _) = np.array([0.0, 1.0, 0.0, -1.0, 0.0]), np.eye(5)
@@ -153,7 +153,7 @@ class SampledPairs:
         whole = np.zeros((acting.shape[1], acting.shape[1]))
         whole[:4, :4] = 0.5 * (w + w.T)[:4, :4]
         after = np.vstack([inverse.T[:4] @ acting, np.exp(alpha) * memory])
-        return Game(after, 0.5 * acting.T @ (q + q.T) @ acting, whole)
+        return WorstPeriod(after, 0.5 * acting.T @ (q + q.T) @ acting, whole)
 
     def radius(self, link: float, error: float) -> float:
         """Spectral radius of a pair whose inverse inertia is 1 + error times the model's."""
@@ -166,26 +166,26 @@ class SampledPairs:
         return -float(np.log(self.radius(link, 0.0))) / self.gains.period
 
 
-def gain_peak(game: Game) -> float:
+def gain_peak(worst: WorstPeriod) -> float:
     """Largest eigenvalue over frequencies of Q seen through the loop from W^½; below 1, P exists. Computed on a grid
     that is fine where modes are; infinite where A is unstable."""
-    modes, n = np.linalg.eigvals(game.a), len(game.a)
+    modes, n = np.linalg.eigvals(worst.a), len(worst.a)
     sizes = np.abs(modes)
     if not sizes.max() < 1.0:
         return np.inf
     near = np.abs(np.angle(modes))[:, None] + np.outer(1.0 - sizes, NEAR)
     z = np.exp(1j * np.unique(np.clip(np.r_[near.ravel(), np.geomspace(1e-4, np.pi, 40)], 0.0, np.pi)))
-    values, vectors = np.linalg.eigh(game.w[:4, :4])
+    values, vectors = np.linalg.eigh(worst.w[:4, :4])
     entry = np.zeros((n, 4))
     entry[:4] = vectors * np.sqrt(np.maximum(values, 0.0))
-    inner = np.linalg.solve(z[:, None, None] * np.eye(n) - game.a, np.broadcast_to(entry, (len(z), n, 4)))
-    return float(np.linalg.eigvalsh(inner.conj().transpose(0, 2, 1) @ game.q @ inner)[:, -1].max())
+    inner = np.linalg.solve(z[:, None, None] * np.eye(n) - worst.a, np.broadcast_to(entry, (len(z), n, 4)))
+    return float(np.linalg.eigvalsh(inner.conj().transpose(0, 2, 1) @ worst.q @ inner)[:, -1].max())
 
 
-def storage(game: Game) -> np.ndarray | None:
+def storage(worst: WorstPeriod) -> np.ndarray | None:
     """P (n, n), the smallest solution of P = Q + Aᵀ P (1 − W P)⁻¹ A, by doubling; None where there is none."""
-    unit = np.eye(len(game.a))
-    step, p, other = game.a, game.q, -game.w
+    unit = np.eye(len(worst.a))
+    step, p, other = worst.a, worst.q, -worst.w
     try:
         for _ in range(DOUBLINGS):
             inverse, before = np.linalg.inv(unit + other @ p), p
@@ -214,20 +214,20 @@ def popov_tolerance(pairs: SampledPairs, shape: Sector = SYMMETRIC, count: int =
     links = list(map(float, pairs.gains.links(count, np.inf)))[::-1]
     most = min(1.0, *(1.0 / part for part in shape if part > 0.0))
 
-    def covered(share: float, multiplier: float) -> bool:
+    def tolerates(share: float, multiplier: float) -> bool:
         for k, link in enumerate(links):
-            if gain_peak(pairs.game(link, shape.scaled(share), multiplier)) >= 1.0:
+            if gain_peak(pairs.worst_period(link, shape.scaled(share), multiplier)) >= 1.0:
                 links.insert(0, links.pop(k))  # the next question is likely to fail here too
                 return False
         return True
 
     def largest(multiplier: float, above: float) -> float:
-        if not covered(above * (1.0 + ACCURACY) + FIRST, multiplier):
+        if not tolerates(above * (1.0 + ACCURACY) + FIRST, multiplier):
             return 0.0
         low, high = above, most
         while high - low > ACCURACY * max(low, FIRST):
             middle = 0.5 * (low + high)
-            low, high = (middle, high) if covered(middle, multiplier) else (low, middle)
+            low, high = (middle, high) if tolerates(middle, multiplier) else (low, middle)
         return low
 
     best, place = 0.0, (0.0, 1.0)
@@ -287,12 +287,12 @@ class PairStorages:
     def at(self, link: float, room: float) -> np.ndarray | None:
         """P (n, n), its room a share of the distance of the slowest mode from the unit circle; None where there is
         none."""
-        a, q, w = self.pairs.game(link, self.sector, self.multiplier, self.rate)
+        a, q, w = self.pairs.worst_period(link, self.sector, self.multiplier, self.rate)
         far = 1.0 - float(np.abs(np.linalg.eigvals(a)).max())
         if far <= 0.0:
             return None
         reached = np.diag(solve_discrete_lyapunov(a, w))
         weight = np.diag(WEIGHT / np.maximum(reached, 1e-12 * reached.max()))
         more = 1.0 + MORE * room
-        wide = Game(a / (1.0 - room * far), more * q + room * weight, more * w)
+        wide = WorstPeriod(a / (1.0 - room * far), more * q + room * weight, more * w)
         return storage(wide) if gain_peak(wide) < 1.0 else None

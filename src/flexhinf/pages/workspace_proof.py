@@ -55,8 +55,8 @@ def pair_table(setup: WorkspaceSetup, error: PopovTolerance, proved: ProvedRange
 #: What the sizes of errors mean, and for what they hold.
 CAPTION = (
     "For motors made alike, gravity without slope, springs without damping and as stiff as the file says, no dry "
-    "friction, small motions. Errors are those of the links' inertia matrix, which masses and payloads make: symmetric, "
-    "in the coordinates of its square root, and the same at all times. No error of a motor is among them."
+    "friction, small motions. Errors are those of the links' inertia matrix, which masses and payloads make: "
+    "symmetric, in the coordinates of its square root, and the same at all times. No error of a motor is among them."
 )
 
 
@@ -190,11 +190,12 @@ def _unstable_text(proof: WorkspaceProof) -> str:
     found = proof.unstable
     if not np.isfinite(found.error):
         return "From the other side: no error of one vibration was found that destabilises."
+    at, size = number(np.sqrt(found.link), 3), number(100.0 * found.error, 3)
     return (
-        f"From the other side: at {number(np.sqrt(found.link), 3)} rad/s an error of {number(100.0 * found.error, 3)} % of "
-        f"the inverse inertia of one vibration destabilises (largest modulus of a pole {found.radius:.6f}). "
-        + (f"Proved are {number(100.0 * max(_sector(proof)), 3)} %." if proof.checked else "")
-    ).strip()
+        f"From the other side: at {at} rad/s an error of {size} % of the inverse inertia of one vibration destabilises "
+        f"(largest modulus of a pole {found.radius:.6f})."
+        + (f" Proved are {number(100.0 * max(_sector(proof)), 3)} %." if proof.checked else "")
+    )
 
 
 def _proof_table(proof: WorkspaceProof) -> Table:

@@ -146,18 +146,23 @@ def _finite(value: object, dimensions: int) -> np.ndarray:
 def check_pairs(claim: PairClaim) -> CheckedPairs | int:
     """What is proved, or the number of the first interval in which the check fails."""
     for k in range(len(claim.storages)):
-        if not interval_holds(claim, k):
+        if not interval_proved(claim, k):
             return k
     low, high = claim.links[[0, -1]].tolist()
     return CheckedPairs(low, high, claim.lower, claim.upper, claim.rate, len(claim.storages))
 
 
-def interval_holds(claim: PairClaim, k: int) -> bool:
+def interval_proved(claim: PairClaim, k: int) -> bool:
     """Whether P > 0 and N > 0 for all λ of an interval."""
     with _balls():
         try:
-            return _interval_holds(claim, k)
-        except (ZeroDivisionError, np.linalg.LinAlgError):  # an enclosure does not exist
+            return _proves(claim, k)
+        except (
+            ZeroDivisionError,
+            OverflowError,
+            ValueError,
+            np.linalg.LinAlgError,
+        ):  # an enclosure does not exist
             return False
 
 
@@ -171,7 +176,7 @@ def _balls() -> Iterator[None]:
         ctx.prec = before
 
 
-def _interval_holds(claim: PairClaim, k: int) -> bool:
+def _proves(claim: PairClaim, k: int) -> bool:
     (low, high), storages = claim.links[k : k + 2].tolist(), claim.storages[k]
     root = arb_mat(np.linalg.cholesky(storages.mean(axis=0)).T.tolist())
     inverse = root.inv()
@@ -182,11 +187,11 @@ def _interval_holds(claim: PairClaim, k: int) -> bool:
     centre, half = (arb(low) + arb(high)) / 2, (arb(high) - arb(low)) / 2
     value, slope, *others = _inequality(_loop(claim, centre, half), p, root, inverse).parts
     unit = arb_mat(np.eye(value.nrows()).tolist())
-    rest = unit * sum((frobenius(part.entries()) for part in others), arb(0))
-    return all(positive_definite(value + sign * slope - rest) for sign in (1, -1))
+    tail = unit * sum((frobenius(part.entries()) for part in others), arb(0))
+    return all(positive_definite(value + sign * slope - tail) for sign in (1, -1))
 
 
-class _Game(NamedTuple):
+class _WorstPeriod(NamedTuple):
     """A, Q and W of a pair, (n, n) each."""
 
     a: TaylorMatrix
@@ -194,17 +199,17 @@ class _Game(NamedTuple):
     w: TaylorMatrix
 
 
-def _inequality(game: _Game, p: TaylorMatrix, root: arb_mat, inverse: arb_mat) -> TaylorMatrix:
+def _inequality(worst: _WorstPeriod, p: TaylorMatrix, root: arb_mat, inverse: arb_mat) -> TaylorMatrix:
     """N = [ P − Q   AᵀP ; PA   P − PWP ] in the coordinates root · ξ, which are those of p."""
     turn, back = TaylorMatrix.of(root.tolist()), TaylorMatrix.of(inverse.tolist())
-    moved = p @ turn @ game.a @ back
-    first = p - back.transpose() @ game.q @ back
-    last = p - p @ (turn @ game.w @ turn.transpose()) @ p
+    moved = p @ turn @ worst.a @ back
+    first = p - back.transpose() @ worst.q @ back
+    last = p - p @ (turn @ worst.w @ turn.transpose()) @ p
     return TaylorMatrix.stacked([[first, moved.transpose()], [moved, last]])
 
 
-def _loop(claim: PairClaim, centre: arb, half: arb) -> _Game:
-    """The game of a pair over a period, by the formulas of `flexhinf.modal.popov`, in periods; λ = centre + half·u."""
+def _loop(claim: PairClaim, centre: arb, half: arb) -> _WorstPeriod:
+    """The worst period of a pair, by the formulas of `flexhinf.modal.popov`, in periods; λ = centre + half·u."""
     h = arb(claim.period)
     alpha, tau, lower, upper = (
         arb(claim.rate) * h, arb(claim.multiplier), arb(claim.lower), arb(claim.upper))  # fmt: skip
@@ -243,7 +248,7 @@ def _loop(claim: PairClaim, centre: arb, half: arb) -> _Game:
     empty = TaylorMatrix.of([[0] * other for _ in range(other)])
     whole = TaylorMatrix.stacked([[felt, across], [across.transpose(), empty]])
     after = TaylorMatrix.stacked([[inverse.transpose().rows(0, 4) @ acting], [memory.times(alpha.exp())]])
-    return _Game(after, acting.transpose() @ q @ acting, whole)
+    return _WorstPeriod(after, acting.transpose() @ q @ acting, whole)
 
 
 def _check_regular(hamiltonian: arb_mat, tau: arb) -> None:
@@ -301,5 +306,5 @@ def _sampled(
     force = -(gains.columns(0, 4) @ plain @ ahead + gains.columns(4, 5).times(h) @ integral)
     queue = [*waiting, force]
     after = [flow @ TaylorMatrix.stacked([[estimate], [queue[0]]])] if observed else []
-    rest = [[part] for part in (*after, integral, position, *queue[1:])]
-    return TaylorMatrix.stacked([[state], [queue[0]]]), TaylorMatrix.stacked(rest)
+    after = [[part] for part in (*after, integral, position, *queue[1:])]
+    return TaylorMatrix.stacked([[state], [queue[0]]]), TaylorMatrix.stacked(after)

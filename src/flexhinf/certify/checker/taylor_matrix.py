@@ -92,13 +92,13 @@ class TaylorMatrix:
         mine, theirs = self.parts[:-1], other.parts[:-1]
         zero = mine[0] * theirs[0] * 0
         parts = [zero for _ in range(min(TERMS, len(mine) + len(theirs) - 1))]
-        rest = self.parts[-1] * other.range + (self.range - self.parts[-1]) * other.parts[-1]
+        remainder = self.parts[-1] * other.range + (self.range - self.parts[-1]) * other.parts[-1]
         for (i, x), (j, y) in product(enumerate(mine), enumerate(theirs)):
             if i + j < TERMS:
                 parts[i + j] += x * y
             else:
-                rest += x * y * UNIT
-        return TaylorMatrix([*parts, rest])
+                remainder += x * y * UNIT
+        return TaylorMatrix([*parts, remainder])
 
     def inverse(self) -> TaylorMatrix:
         """The inverse at every u; ZeroDivisionError where none is found."""
@@ -113,8 +113,8 @@ class TaylorMatrix:
         if not error < 1:
             raise ZeroDivisionError("an inverse that may not exist")
         # A⁻¹ = X (1 − E)⁻¹ with E = 1 − A X.
-        rest = (frobenius(near.range.entries()) * error / (1 - error)).abs_upper()
-        return TaylorMatrix([*parts, _filled(first, arb(0, rest))])
+        remainder = (frobenius(near.range.entries()) * error / (1 - error)).abs_upper()
+        return TaylorMatrix([*parts, _filled(first, arb(0, remainder))])
 
     def exponential(self) -> TaylorMatrix:
         """exp of a square matrix, by its power series and squares; rows and columns are scaled by powers of two."""
@@ -125,12 +125,12 @@ class TaylorMatrix:
         squares = max(0, int(np.ceil(np.log2(max(1.0, float(size.abs_upper()))))))
         power = own.times(arb(1) / 2**squares)
         norm = size / 2**squares
-        rest = (norm**POWERS * norm.exp() / arb(POWERS + 1).gamma()).abs_upper()
+        remainder = (norm**POWERS * norm.exp() / arb(POWERS + 1).gamma()).abs_upper()
         unit = TaylorMatrix.of(np.eye(len(middle)).tolist())
         values = unit
         for k in range(POWERS - 1, 0, -1):
             values = unit + (power @ values).times(arb(1) / k)
-        values.parts[-1] += _filled(values.parts[-1], arb(0, rest))
+        values.parts[-1] += _filled(values.parts[-1], arb(0, remainder))
         for _ in range(squares):
             values = values @ values
         return values._scaled(1.0 / scale)

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.certify.checker.pairs import interval_holds, pair_claim
+from flexhinf.certify.checker.pairs import interval_proved, pair_claim
 from flexhinf.modal.popov import PairStorages, PopovTolerance, SampledPairs, Sector, popov_tolerance
 
 #: Lengths of an interval in log λ: the first, the largest, and the smallest of a room.
 FIRST, LONGEST, SHORTEST = 0.1, 0.3, 1e-4
 
 #: Rooms of P: the largest and the smallest; successes after which a larger one is tried again.
-MOST_ROOM, LEAST_ROOM, SUCCESSES = 0.06, 5e-4, 12
+MOST_ROOM, SMALLEST_ROOM, SUCCESSES = 0.06, 5e-4, 12
 
 #: Share of a tolerance that is tried first, and next; of the slowest decay that is tried as a rate, in turn.
 SHARES, RATES = (0.9, 0.7), (0.005, 0.0)
@@ -37,7 +37,7 @@ def pair_certificate(storages: PairStorages, progress: Callable[[float], None]) 
             room *= 0.5
         else:
             one = _interval(place, end, first, last)
-            if interval_holds(pair_claim(claim_numbers(storages, [one])), 0):
+            if interval_proved(pair_claim(claim_numbers(storages, [one])), 0):
                 intervals.append(one)
                 place, length, successes = end, min(LONGEST, 1.4 * length), successes + 1
                 if successes % SUCCESSES == 0:
@@ -45,7 +45,7 @@ def pair_certificate(storages: PairStorages, progress: Callable[[float], None]) 
                 progress(float(np.log(place / low) / np.log(high / low)))
             elif (length := 0.6 * length) < SHORTEST:
                 length, room = 10.0 * SHORTEST, 0.5 * room
-        if room < LEAST_ROOM:
+        if room < SMALLEST_ROOM:
             return None
     return claim_numbers(storages, intervals)
 
