@@ -195,7 +195,7 @@ def test_a_proof_names_its_hypotheses_and_what_is_left_out(design, tolerated):
     stable, some = ProvedRange(low, high, 3), CheckedPairs(low, high, 0.2, 0.25, 0.0, 9)
     far = UnstableError(0.4, 100.0, 1.0)
     needed, more = (StatedMasses(Sector(*ends), 200, ("stiffness",)) for ends in ((0.1, 0.1), (0.5, 0.1)))
-    for stated, checked, stable, kind, told in (
+    for stated, checked, shown, kind, told in (
         (
             needed,
             some,
@@ -213,7 +213,7 @@ def test_a_proof_names_its_hypotheses_and_what_is_left_out(design, tolerated):
         (needed, None, ProvedRange(low, 81.0, 3), "not proved", ("9 rad/s", "Not proved")),
         (needed, None, ProvedRange(low, low, 0), "not proved", ("nothing",)),
     ):
-        proof = WorkspaceProof(setup, stated, tolerated.tolerance, None, checked, far, stable)
+        proof = WorkspaceProof(setup, stated, tolerated.tolerance, None, checked, far, shown)
         made = workspace_proof_page(proof, ["flexhinf", "certify"], UNKNOWN)
         assert made.status[0].kind == kind
         for text in (text_of(made.html()), " ".join(workspace_proof_ending(proof, UNKNOWN).text.split())):

@@ -15,7 +15,8 @@ one over a period.
 """
 
 # Not checked strictly: parts of SciPy, CasADi and NumPy have no types.
-# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false, reportMissingTypeStubs=false
+# pyright: reportUnknownMemberType=false
 
 from __future__ import annotations
 
@@ -197,7 +198,7 @@ def _positive(ends: tuple[np.ndarray, np.ndarray], between: np.ndarray, bend: ar
 
     def inequality(loop: np.ndarray, order: int) -> np.ndarray:
         a = np.array((root * _order(loop, order) * inverse).tolist())
-        unit = np.eye(len(a)) * arb(int(order == 0))
+        unit = np.vectorize(arb, otypes=[object])(np.eye(len(a)) * (order == 0))
         return np.block([[unit, a.T], [a, unit]])
 
     curved = inequality(between, 2)

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from flint import arb, arb_mat, arb_series, ctx
@@ -75,7 +75,7 @@ class CheckedPairs(NamedTuple):
     intervals: int
 
 
-def pair_claim(numbers: Mapping[str, object]) -> PairClaim:
+def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
     """The claim of a parsed file; InvalidInput where it is damaged."""
     try:
         one = {name: _finite(numbers[name], 0) for name in (

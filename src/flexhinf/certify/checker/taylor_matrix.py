@@ -20,7 +20,7 @@ from scipy.linalg import matrix_balance
 #: Coefficients of the polynomials; powers of a matrix in its exponential.
 TERMS, POWERS = 6, 32
 
-Rows = Iterable[Iterable[object]]
+Rows = Iterable[Iterable[arb | int | float]]
 
 
 class TaylorMatrix:

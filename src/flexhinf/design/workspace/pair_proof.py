@@ -11,10 +11,10 @@ from flexhinf.certify.checker.pairs import interval_proved, pair_claim
 from flexhinf.modal.popov import PairStorages, PopovTolerance, SampledPairs, Sector, popov_tolerance
 
 #: Lengths of an interval in log λ: the first, the largest, and the smallest of a room.
-FIRST, LONGEST, SHORTEST = 0.1, 0.3, 1e-4
+FIRST, LONGEST, SHORTEST = 0.1, 0.3, 3e-5
 
 #: Rooms of P: the largest and the smallest; successes after which a larger one is tried again.
-MOST_ROOM, SMALLEST_ROOM, SUCCESSES = 0.06, 5e-4, 12
+MOST_ROOM, SMALLEST_ROOM, SUCCESSES = 0.06, 2e-5, 12
 
 #: Share of a tolerance that is tried first, and next; of the slowest decay that is tried as a rate, in turn.
 SHARES, RATES = (0.9, 0.7), (0.005, 0.0)
