@@ -168,14 +168,15 @@ class SampledPairs:
 
 def gain_peak(worst: WorstPeriod) -> float:
     """Largest eigenvalue over frequencies of Q seen through the loop from W^½; below 1, P exists. Computed on a grid
-    that is fine where modes are; infinite where A is unstable."""
+    that is fine where modes are; infinite where A is unstable, and where errors gain without bound within a period: W,
+    which grows from 0, has then passed infinity."""
     modes, n = np.linalg.eigvals(worst.a), len(worst.a)
     sizes = np.abs(modes)
-    if not sizes.max() < 1.0:
+    values, vectors = np.linalg.eigh(worst.w[:4, :4])
+    if not sizes.max() < 1.0 or values[0] < -1e-9 * np.abs(values).max():
         return np.inf
     near = np.abs(np.angle(modes))[:, None] + np.outer(1.0 - sizes, NEAR)
     z = np.exp(1j * np.unique(np.clip(np.r_[near.ravel(), np.geomspace(1e-4, np.pi, 40)], 0.0, np.pi)))
-    values, vectors = np.linalg.eigh(worst.w[:4, :4])
     entry = np.zeros((n, 4))
     entry[:4] = vectors * np.sqrt(np.maximum(values, 0.0))
     inner = np.linalg.solve(z[:, None, None] * np.eye(n) - worst.a, np.broadcast_to(entry, (len(z), n, 4)))
