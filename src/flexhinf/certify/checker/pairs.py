@@ -28,7 +28,7 @@ from flexhinf.errors import InvalidInput, refuse_if
 BITS = 106
 
 #: A period is divided into so many parts, each at most so many times into two, in which Φ₂₂ is regular.
-PARTS, HALVINGS = 8, 10
+PARTS, HALVINGS = 4, 8
 
 #: Coordinates of (z, z′, s, s′, f): what an error pushes, the twist s, and its rate.
 PUSH, TWIST, TURN = (0.0, 1.0, 0.0, -1.0, 0.0), (0.0, 0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0, 0.0)
@@ -145,6 +145,8 @@ def _finite(value: object, dimensions: int) -> np.ndarray:
 
 def check_pairs(claim: PairClaim) -> CheckedPairs | int:
     """What is proved, or the number of the first interval in which the check fails."""
+    if not regular_at_first(claim):
+        return 0
     for k in range(len(claim.storages)):
         if not interval_proved(claim, k):
             return k
@@ -210,61 +212,72 @@ def _inequality(worst: _WorstPeriod, p: TaylorMatrix, root: arb_mat, inverse: ar
 
 def _loop(claim: PairClaim, centre: arb, half: arb) -> _WorstPeriod:
     """The worst period of a pair, by the formulas of `flexhinf.modal.popov`, in periods; λ = centre + half·u."""
+    hamiltonian, free = _hamiltonian(claim, centre, half)
+    shift = TaylorMatrix.of(_times(np.outer(TURN, TURN), arb(claim.multiplier)))
+    flow = hamiltonian.exponential()
+    x, y = flow.rows(0, 5).columns(0, 5), flow.rows(0, 5).columns(5, 10)
+    c, d = flow.rows(5, 10).columns(0, 5), flow.rows(5, 10).columns(5, 10)
+    end = shift @ y + d
+    inverse = end.inverse()
+    w, q = y @ inverse, inverse @ (end @ shift - shift @ x - c)
+    acting, memory = _sampled(claim, centre, half, free.exponential().rows(0, 4))
+    own, other = 4, claim.states - 4
+    felt, across = w.rows(0, own).columns(0, own), TaylorMatrix.of([[0] * other for _ in range(own)])
+    empty = TaylorMatrix.of([[0] * other for _ in range(other)])
+    whole = TaylorMatrix.stacked([[felt, across], [across.transpose(), empty]])
+    growth = (arb(claim.rate) * arb(claim.period)).exp()
+    after = TaylorMatrix.stacked([[inverse.transpose().rows(0, 4) @ acting], [memory.times(growth)]])
+    return _WorstPeriod(after, acting.transpose() @ q @ acting, whole)
+
+
+def _hamiltonian(claim: PairClaim, centre: arb, half: arb) -> tuple[TaylorMatrix, TaylorMatrix]:
+    """The Hamiltonian matrix (10, 10) without τs′², and M (5, 5)."""
     h = arb(claim.period)
-    alpha, tau, lower, upper = (
-        arb(claim.rate) * h, arb(claim.multiplier), arb(claim.lower), arb(claim.upper))  # fmt: skip
+    alpha, tau, lower, upper = map(arb, (claim.rate, claim.multiplier, claim.lower, claim.upper))
+    alpha *= h
     kappa, beta, nu, b = claim.motor * h**2, claim.damping * h, claim.holding * h**2, claim.input * h**2
-    still = [
+    still = arb_mat([
         [0, 1, 0, 0, 0], [0, 0, 0, 0, 0], [0, 0, 0, 1, 0], [-nu, -beta, -kappa - nu, -beta, b], [0, 0, 0, 0, 0]
-    ]  # fmt: skip
-    elastic = arb_mat([[h**2 * x for x in row] for row in np.outer(PUSH, TWIST).tolist()])
-    fixed, flat = arb_mat(still), elastic * 0
-    free = TaylorMatrix([fixed + elastic * centre, elastic * half, flat])
-    m = free + TaylorMatrix.of((alpha * x for x in row) for row in np.eye(5).tolist())
+    ])  # fmt: skip
     size = [h**2 * centre, h**2 * half, arb(0)]
 
     def by_size(left: Sequence[float], right: Sequence[float], factor: arb) -> TaylorMatrix:
         """λh² times a factor and an outer product."""
-        table = arb_mat(np.outer(left, right).tolist()) * factor
+        table = arb_mat(_times(np.outer(left, right), factor))
         return TaylorMatrix([table * part for part in size])
 
+    free = TaylorMatrix([still, still * 0]) + by_size(PUSH, TWIST, arb(1))
+    m = free + TaylorMatrix.of(_times(np.eye(5), alpha))
     n = (upper - lower) / 2 + tau * alpha
-    shift = TaylorMatrix.of((tau * x for x in row) for row in np.outer(TURN, TURN).tolist())
+    shift = TaylorMatrix.of(_times(np.outer(TURN, TURN), tau))
     moved = m + by_size(PUSH, TWIST, n)
     gained = by_size(TWIST, TWIST, n**2 + lower * upper) + shift @ m + m.transpose() @ shift
-    hamiltonian = TaylorMatrix.stacked([[moved, by_size(PUSH, PUSH, arb(1))], [-gained, -moved.transpose()]])
-    _check_regular(hamiltonian.parts[0], tau)
-    flow = hamiltonian.exponential()
-    x, y = flow.rows(0, 5).columns(0, 5), flow.rows(0, 5).columns(5, 10)
-    c, d = flow.rows(5, 10).columns(0, 5), flow.rows(5, 10).columns(5, 10)
-    held = shift @ y + d
-    inverse = held.inverse()
-    w, q = y @ inverse, inverse @ (held @ shift - shift @ x - c)
-    acting, memory = _sampled(claim, centre, half, free.exponential().rows(0, 4))
-    own, other = 4, claim.states - 4
-    felt = w.rows(0, own).columns(0, own)
-    zero = [[0] * other for _ in range(own)]
-    across = TaylorMatrix.of(zero)
-    empty = TaylorMatrix.of([[0] * other for _ in range(other)])
-    whole = TaylorMatrix.stacked([[felt, across], [across.transpose(), empty]])
-    after = TaylorMatrix.stacked([[inverse.transpose().rows(0, 4) @ acting], [memory.times(alpha.exp())]])
-    return _WorstPeriod(after, acting.transpose() @ q @ acting, whole)
+    push = by_size(PUSH, PUSH, arb(1))
+    return TaylorMatrix.stacked([[moved, push], [-gained, -moved.transpose()]]), free
 
 
-def _check_regular(hamiltonian: arb_mat, tau: arb) -> None:
-    """ZeroDivisionError unless Φ₂₂ is regular at all instants of a period, at the centre of the interval."""
-    added = arb_mat([[tau * x for x in row] for row in np.outer(TURN, TURN).tolist()])
-    parts = [(arb(k) / PARTS, arb(k + 1) / PARTS, HALVINGS) for k in range(PARTS)]
-    while parts:
-        begin, end, halvings = parts.pop()
-        rows = (hamiltonian * begin.union(end)).exp().tolist()
-        try:
-            (added * arb_mat([row[5:] for row in rows[:5]]) + arb_mat([row[5:] for row in rows[5:]])).inv()
-        except ZeroDivisionError:
-            if not halvings:
-                raise
-            middle = (begin + end) / 2
-            parts += [(begin, middle, halvings - 1), (middle, end, halvings - 1)]
+def regular_at_first(claim: PairClaim) -> bool:
+    """Whether Φ₂₂ is regular at all instants of a period at the first λ: then it is so in all intervals in which it is
+    regular at the period's end, as `interval_proved` checks (docs/theorem.md, lemma 3)."""
+    with _balls():
+        rate = _hamiltonian(claim, arb(float(claim.links[0])), arb(0))[0].parts[0]
+        added = _times(np.outer(TURN, TURN), arb(claim.multiplier))
+        parts = [(arb(k) / PARTS, arb(k + 1) / PARTS, HALVINGS) for k in range(PARTS)]
+        while parts:
+            begin, end, halvings = parts.pop()
+            centre, half = (begin + end) / 2, (end - begin) / 2
+            try:
+                flow = TaylorMatrix([rate * centre, rate * half, rate * 0]).exponential().columns(5, 10)
+                (TaylorMatrix.of(added) @ flow.rows(0, 5) + flow.rows(5, 10)).inverse()
+            except (ZeroDivisionError, OverflowError, ValueError):
+                if not halvings:
+                    return False
+                parts += [(begin, centre, halvings - 1), (centre, end, halvings - 1)]
+    return True
+
+
+def _times(table: np.ndarray, number: arb) -> list[list[arb]]:
+    return [[number * entry for entry in row] for row in table.tolist()]
 
 
 def _sampled(

@@ -20,6 +20,9 @@ from scipy.linalg import matrix_balance
 #: Coefficients of the polynomials; powers of a matrix in its exponential.
 TERMS, POWERS = 6, 32
 
+#: Largest entry of a matrix that has an exponential here.
+LARGEST = 1e6
+
 Rows = Iterable[Iterable[arb | int | float]]
 
 
@@ -119,6 +122,8 @@ class TaylorMatrix:
     def exponential(self) -> TaylorMatrix:
         """exp of a square matrix, by its power series and squares; rows and columns are scaled by powers of two."""
         middle = np.array([[float(e.mid()) for e in row] for row in self.parts[0].tolist()])
+        if not np.abs(middle).max() < LARGEST:
+            raise ZeroDivisionError("a matrix whose exponential has no use")
         _, (scale, _) = matrix_balance(middle, permute=False, separate=True)
         own = self._scaled(scale)
         size = frobenius(own.range.entries())

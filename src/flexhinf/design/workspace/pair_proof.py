@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.certify.checker.pairs import interval_proved, pair_claim
+from flexhinf.certify.checker.pairs import interval_proved, pair_claim, regular_at_first
 from flexhinf.modal.popov import PairStorages, PopovTolerance, SampledPairs, Sector, popov_tolerance
 
 #: Lengths of an interval in log λ: the first, the largest, and the smallest of a room.
@@ -37,7 +37,10 @@ def pair_certificate(storages: PairStorages, progress: Callable[[float], None]) 
             room *= 0.5
         else:
             one = _interval(place, end, first, last)
-            if interval_proved(pair_claim(claim_numbers(storages, [one])), 0):
+            claim = pair_claim(claim_numbers(storages, [one]))
+            if not intervals and not regular_at_first(claim):
+                return None
+            if interval_proved(claim, 0):
                 intervals.append(one)
                 place, length, successes = end, min(LONGEST, 1.4 * length), successes + 1
                 if successes % SUCCESSES == 0:
