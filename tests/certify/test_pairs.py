@@ -2,6 +2,7 @@
 
 import copy
 import json
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,8 +14,16 @@ from flexhinf.certify.checker import pairs as checker
 from flexhinf.certify.checker.pairs import CheckedPairs, check_pairs, interval_proved, pair_claim
 from flexhinf.design.workspace.pair_proof import claim_numbers, largest_certificate
 from flexhinf.errors import InvalidInput
-from flexhinf.modal import pair_gains
-from flexhinf.modal.popov import PairStorages, SampledPairs, Sector, popov_tolerance
+from flexhinf.modal import ModalLaw, pair_gains
+from flexhinf.modal.popov import (
+    SYMMETRIC,
+    PairStorages,
+    SampledPairs,
+    Sector,
+    popov_tolerance,
+    smallest_unstable,
+)
+from flexhinf.robot import load_robot
 
 PERIOD, ENDS = 1e-3, (60.0**2, 500.0**2)
 
@@ -204,3 +213,16 @@ def test_a_payload_alone_leaves_a_larger_sector(pairs):
     )
     assert heavier.lower >= 0.99 * both.lower
     assert heavier.upper == 0.0
+
+
+@pytest.mark.nightly("proves the laws of two robots")
+@pytest.mark.parametrize("name", ["paper", "scara"])
+def test_the_table_of_the_page_is_what_is_proved(name, repository):
+    page = (repository / "docs" / "certificate.md").read_text(encoding="utf-8")
+    row = re.search(rf"^\| {name} \| (\d+) % \| (\d+) % \| (\d+) % \|", page, re.MULTILINE)
+    assert row is not None
+    loop = SampledPairs(ModalLaw.tuned(load_robot(name).problem()).gains, latency=1)
+    tolerance, numbers = largest_certificate(loop, SYMMETRIC, lambda text: None)
+    assert numbers is not None
+    sizes = tolerance.sector.lower, numbers["lower"], smallest_unstable(loop).error
+    np.testing.assert_allclose([100.0 * size for size in sizes], [float(x) for x in row.groups()], atol=1.5)

@@ -33,7 +33,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from scipy.linalg import expm, solve_discrete_lyapunov
+from scipy.linalg import expm
 
 from flexhinf.modal.pair import PairGains
 
@@ -200,6 +200,13 @@ def storage(worst: WorstPeriod) -> np.ndarray | None:
     return p if np.isfinite(p).all() and np.linalg.eigvalsh(p)[0] > 0.0 else None
 
 
+def _reached(a: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """Σ Aᵏ W Aᵏᵀ of a stable A, by doubling."""
+    for _ in range(DOUBLINGS):
+        w, a = w + a @ w @ a.T, a @ a
+    return w
+
+
 class PopovTolerance(NamedTuple):
     """The largest sector that a multiplier covers at some λ."""
 
@@ -292,7 +299,7 @@ class PairStorages:
         far = 1.0 - float(np.abs(np.linalg.eigvals(a)).max())
         if far <= 0.0:
             return None
-        reached = np.diag(solve_discrete_lyapunov(a, w))
+        reached = np.diag(_reached(a, w))
         weight = np.diag(WEIGHT / np.maximum(reached, 1e-12 * reached.max()))
         more = 1.0 + MORE * room
         wide = WorstPeriod(a / (1.0 - room * far), more * q + room * weight, more * w)
