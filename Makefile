@@ -4,10 +4,11 @@
 # make ci        the longer tests, and every command of the docs as printed; pictures of pages stay in build/screenshots
 # make nightly   what is too long for every push: before a release (some hours)
 # make docs      the documentation site, in build/docs/html;  make docs-links also asks whether external addresses answer
+# make release   wheel and source distribution in dist, tried in an empty environment (docs/releasing.md)
 # make pages     the tables, transcripts and figures of the docs, computed anew
 # make bench, make bench-hji, make bench-arm, make bench-jitter, make bench-hardware, make bench-workspace,
-# make bench-limits, make bench-firmware, make bench-estimator, make bench-certificates, make bench-filters,
-# make bench-studio, make bench-robots: measure
+# make bench-limits, make bench-firmware, make bench-codegen, make bench-estimator, make bench-certificates,
+# make bench-filters, make bench-studio, make bench-robots: measure
 # make mutants;  make clean;  make locks
 #
 # Needs Python 3.11 or newer, pip and make. A stamp in .venv remembers what was installed from which lock:
@@ -34,7 +35,7 @@ PIP     := if $(PY) -m pip --version >/dev/null 2>&1; then pip="$(PY) -m pip"; e
 SHARED  := -n auto --maxprocesses 8 --dist loadfile
 QUICK   := -m "not ci and not nightly" $(SHARED)
 
-.PHONY: demo test check ci nightly bench bench-hji bench-arm bench-jitter bench-campaign bench-hardware bench-workspace bench-compared bench-limits bench-firmware bench-estimator bench-certificates bench-filters bench-studio bench-robots peers pages docs docs-links mutants locks clean environment environment-dev environment-docs
+.PHONY: demo test check ci nightly bench bench-hji bench-arm bench-jitter bench-campaign bench-hardware bench-workspace bench-compared bench-limits bench-firmware bench-codegen bench-estimator bench-certificates bench-filters bench-studio bench-robots peers pages docs docs-links mutants release released locks clean environment environment-dev environment-docs
 .DELETE_ON_ERROR:
 
 demo: environment
@@ -65,12 +66,25 @@ pages: environment-dev
 # Warnings are errors, and every program of gallery and notebooks runs; what ran before and has not changed is kept.
 SPHINX := $(PY) -m sphinx -W --keep-going
 docs: environment-docs
+	@$(PY) docs/website/words.py
 	$(SPHINX) -q docs build/docs/html
 	@echo "The site: build/docs/html/index.html"
 
 # Needs a network.
 docs-links: environment-docs
 	$(SPHINX) -b linkcheck docs build/docs/links
+
+# Refuses a version that another file or the tag contradicts. An empty environment has what requirements.lock names alone.
+release: environment-dev
+	$(PY) .ci/release.py dist
+	@rm -rf build/released
+	@$(MAKE) --no-print-directory VENV=build/released released
+
+released: $(RUN)
+	@for each in dist/*.whl dist/*.tar.gz; do \
+	  ( $(PIP) --no-deps --no-build-isolation --force-reinstall $$each ) && \
+	  test "$$(cd / && $(CURDIR)/$(VENV)/bin/flexhinf --version)" = "flexhinf $$(echo $$each | sed 's/^dist.flexhinf-//; s/-py3.*//; s/.tar.gz//')" && \
+	  (cd / && $(CURDIR)/$(VENV)/bin/flexhinf robots > /dev/null) && echo "$$each installs and runs" || exit 1; done
 
 # Changes the checker in one place at a time and runs its tests: hours. Needs cosmic-ray: .venv/bin/python -m pip install cosmic-ray
 mutants: environment-dev
@@ -132,6 +146,10 @@ bench-limits: environment-dev
 # Needs gcc, valgrind, arm-none-eabi-gcc and qemu-system-arm; two minutes.
 bench-firmware: environment-dev
 	$(PY) -m benchmarks.firmware
+
+# Needs gcc, objdump, valgrind and cppcheck; two designs of seven links, half an hour.
+bench-codegen: environment-dev
+	$(PY) -m benchmarks.codegen
 
 # A step of the filters in both forms, and beside filterpy's; some minutes.
 bench-estimator: environment-dev

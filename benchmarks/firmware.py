@@ -1,4 +1,4 @@
-"""``make bench-firmware``: what a step of the exported C costs on a PC and on Cortex-M, for docs/deployment.md.
+"""``make bench-firmware``: what a step of the exported C costs on a PC and on Cortex-M, for docs/firmware_study.md.
 
     python -m benchmarks.firmware               measures every row, and keeps them in benchmarks/firmware.json
     python -m benchmarks.firmware --only 7w     measures the rows of one design, and keeps them in the place of the old

@@ -1,6 +1,6 @@
 """What a velocity or a position interface can damp: the best law of one vibration, over periods, delays and drives.
 
-    python -m benchmarks.interfaces --table     the table of docs/drives.md, in half a minute
+    python -m benchmarks.interfaces --table     the table of docs/real_loop.md, in half a minute
 
 One pair of link and motor, z″ = λ(w − z), w″ = −βw′ − νw + νc or βc: a drive that rejects its load. The law is a
 discrete linear-quadratic regulator with the integral of the link's error; it knows the state, and the inputs that are

@@ -11,7 +11,7 @@ ROOT = HERE.parent
 sys.path[:0] = [str(HERE), str(ROOT)]
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-from website import gallery, links  # noqa: E402
+from website import gallery, links, search  # noqa: E402
 
 import flexhinf  # noqa: E402
 
@@ -34,7 +34,6 @@ extensions = [
     "website.references",
     "website.api",
     "website.live",
-    "website.pages",
 ]
 exclude_patterns = [
     "package.md",
@@ -76,11 +75,14 @@ html_js_files = ["site.js"]
 html_math_renderer = "mathml"
 html_show_sourcelink = False
 html_copy_source = False
+html_search_scorer = search.write(ROOT / "build" / "docs" / "scorer.js")
+# Pages of the menu without pages below them have no list of these.
+html_sidebars = {page: [] for page in ("index", "start/index", "choosing", "live", "compared/index", "faq")}
 html_theme_options = {
-    "logo": {"text": "flexhinf"},
+    "logo": {"text": f"flexhinf {version}"},
     "navigation_with_keys": False,
     "show_toc_level": 2,
-    "header_links_before_dropdown": 6,
+    "header_links_before_dropdown": 7,
     "navbar_align": "left",
     "footer_start": ["copyright"],
     "footer_end": [],

@@ -447,6 +447,11 @@ def arm() -> str:
     return f"```toml\n# file: arm.toml\n{text}```"
 
 
+def trajectories() -> str:
+    """The table of trajectories, whose rows tests run."""
+    return runpy.run_path(str(ROOT / "tests" / "export" / "trajectory_cases.py"))["table"]()
+
+
 # Pages ----------------------------------------------------------------------------------------------
 #: Page and generator of every part; the slow ones are those that design.
 QUICK: dict[str, tuple[str, Callable[[], str]]] = {
@@ -456,6 +461,7 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
     "size": ("docs/architecture.md", size),
     "counts": ("docs/architecture.md", counts),
     "arm": ("docs/hardware.md", arm),
+    "trajectories": ("docs/ros2.md", trajectories),
     "arm-result": ("docs/hardware.md", benchmark("benchmarks.hardware", "--table", "arm")),
     "robots": ("docs/hardware.md", benchmark("benchmarks.hardware", "--table", "robots")),
     "payload": ("docs/hardware.md", benchmark("benchmarks.hardware", "--table", "payload")),
@@ -474,13 +480,14 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
     "which-sensors": ("docs/which_law.md", benchmark("benchmarks.workspace", "--table", "sensors")),
     "which-gamma": ("docs/which_law.md", benchmark("benchmarks.workspace", "--table", "gamma")),
     "certificates": ("docs/certificate_study.md", benchmark("benchmarks.certificates", "--table")),
-    "firmware": ("docs/deployment.md", benchmark("benchmarks.firmware", "--table")),
-    "firmware-peers": ("docs/deployment.md", benchmark("benchmarks.firmware", "--table", "peers")),
+    "firmware": ("docs/firmware_study.md", benchmark("benchmarks.firmware", "--table")),
+    "codegen": ("docs/architecture.md", benchmark("benchmarks.codegen", "--table")),
+    "firmware-peers": ("docs/firmware_study.md", benchmark("benchmarks.firmware", "--table", "peers")),
     "estimators-speed": ("docs/estimators_speed.md", benchmark("benchmarks.estimator", "--table")),
     "hard-filters": ("docs/estimators_accuracy.md", benchmark("benchmarks.filters", "--table", "hard")),
-    "public-robots": ("docs/robots.md", benchmark("benchmarks.robots", "--table")),
-    "interfaces": ("docs/drives.md", benchmark("benchmarks.interfaces", "--table")),
-    "nees": ("docs/estimators.md", benchmark("benchmarks.filters", "--table", "nees")),
+    "public-robots": ("docs/hardware.md", benchmark("benchmarks.robots", "--table")),
+    "interfaces": ("docs/real_loop.md", benchmark("benchmarks.interfaces", "--table")),
+    "nees": ("docs/estimators_accuracy.md", benchmark("benchmarks.filters", "--table", "nees")),
 }
 SLOW: dict[str, tuple[str, Callable[[], str]]] = {
     "swing": ("README.md", readme_figure("swing")),
@@ -488,7 +495,7 @@ SLOW: dict[str, tuple[str, Callable[[], str]]] = {
     "step": ("docs/design.md", readme_figure("step")),
     "refusal": ("docs/design.md", refusal),
     "presets": ("docs/weights.md", presets),
-    "laws": ("docs/comparison.md", laws),
+    "laws": ("docs/comparison_study.md", laws),
     "circle": ("docs/identify.md", study("circle")),
     "augmentation": ("docs/augmentation.md", study("augmentation")),
     "promises": ("docs/promises.md", promises),

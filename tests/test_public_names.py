@@ -138,6 +138,8 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
         "OutputError": fh.OutputError({"stiffness": 98.0}, {"stiffness": 0.5}, {}, {}, np.zeros(4), ()),
         "LogFinding": fh.LogFinding("gap", "doubt", "A gap of 0.8 s.", "Cut the log there.", "time", rows=(7, 8)),
         "Feedforward": fh.Feedforward(fh.load_robot("planar-two-link"), period=4e-3, smoothing=0.02),
+        "Follower": fh.Follower(fh.load_robot("planar-two-link"), period=1e-3),
+        "FollowGoal": fh.FollowGoal(["elbow"], [0.5], [[0.1]]),
         "JerkLimited": fh.JerkLimited(0.0, 1.0, 1.0, 4.0, 40.0), "Spline": fh.Spline(time, np.sin(time)),
         "Waypoints": fh.Waypoints(time, np.sin(time)), "Samples": fh.Samples(np.arange(1e4), np.arange(1e4)),
         "Braked": fh.Braked(fh.Sine(1.0, frequency=0.5), at=1.0), "Constant": fh.Constant(1.0), "Step": fh.Step(1.0),

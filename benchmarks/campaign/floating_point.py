@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-import ctypes
 import re
 import time
 from collections import Counter
 from collections.abc import Sequence
+from functools import reduce
+from operator import add
+
+import numpy as np
 
 from flexhinf.codegen import (
     Call,
@@ -23,13 +26,13 @@ from flexhinf.codegen import (
 )
 from flexhinf.codegen.emit.module import emit_function, emit_normal
 from flexhinf.codegen.emit.writer import Lanes, ModuleText, Writer
-from flexhinf.codegen.machine import Code, assemble, host
+from flexhinf.codegen.loops import LANES, VECTOR, Function, Text
+from flexhinf.codegen.machine import host
 from flexhinf.codegen.program import Step
 from flexhinf.polynomial import basis
 
 __all__ = ["Work", "peak", "work_of"]
 
-LANES = 8
 #: Sums that go on side by side: more than the latency of a fused multiply-add times those that begin in a cycle.
 SUMS, TURNS = 24, 2_000_000
 
@@ -119,35 +122,17 @@ def _text_work(module: ModuleText, name: str) -> Work:
 
 def peak() -> float:
     """Fused multiply-adds a second of one thread, each of `LANES` numbers in a register (or several): measured."""
-    vector = f"<{LANES} x double>"
-    sums = range(SUMS)
-    lines = [
-        f"declare {vector} @llvm.fma.v{LANES}f64({vector}, {vector}, {vector})",
-        f"define void @flexhinf_peak(ptr %place) {{\nentry:\n  %x = load {vector}, ptr %place, align 8",
-        *(f"  %p{i} = getelementptr {vector}, ptr %place, i64 {i}" for i in sums),
-        *(f"  %x{i} = load {vector}, ptr %p{i}, align 8" for i in sums),
-        "  br label %turn\nturn:\n  %k = phi i64 [ 0, %entry ], [ %next, %turn ]",
-        *(f"  %s{i} = phi {vector} [ %x{i}, %entry ], [ %t{i}, %turn ]" for i in sums),
-        *(
-            f"  %t{i} = call {vector} @llvm.fma.v{LANES}f64({vector} %s{i}, {vector} %x, {vector} %x)"
-            for i in sums
-        ),
-        f"  %next = add i64 %k, 1\n  %more = icmp slt i64 %next, {TURNS}",
-        "  br i1 %more, label %turn, label %done\ndone:",
-    ]
-    total = "%t0"
-    for i in sums[1:]:
-        lines.append(f"  %u{i} = fadd {vector} {total}, %t{i}")
-        total = f"%u{i}"
-    lines += [f"  store {vector} {total}, ptr %place, align 8", "  ret void\n}"]
-    code = Code(assemble("\n".join(lines), 3), "flexhinf_peak", {})
-    run, place = (
-        ctypes.CFUNCTYPE(None, ctypes.c_void_p)(code.address),
-        (ctypes.c_double * (LANES * SUMS))(*(0.5 / (k + 2) for k in range(LANES * SUMS))),
-    )
+    text = Text("peak", "Place")
+    (place,) = text.fields()
+    x, sums = place.load(VECTOR), [text.variable(place.load(VECTOR, i * LANES)) for i in range(SUMS)]
+    with text.loop(0, TURNS):
+        for part in sums:
+            part.set(text.fused(part.get(), x, x))
+    place.store(reduce(add, (part.get() for part in sums)))
+    run, numbers = Function(text), 0.5 / (np.arange(LANES * SUMS) + 2.0)
     best = float("inf")
     for _ in range(7):
         start = time.thread_time()
-        run(ctypes.addressof(place))
+        run(numbers)
         best = min(best, time.thread_time() - start)
     return SUMS * TURNS / best

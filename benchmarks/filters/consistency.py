@@ -101,7 +101,7 @@ def counted() -> dict[str, Any]:
 
 
 def table(found: dict[str, Any]) -> str:
-    """The table of ``docs/estimators.md``."""
+    """The table of ``docs/estimators_accuracy.md``."""
     lines = [
         "| case | NEES of unscented, extended (right: number of states) | sets of 20 within the 95 % band | "
         "RMS error, unscented − extended | verdict on the unscented filter |",

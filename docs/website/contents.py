@@ -71,6 +71,8 @@ NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
             "Moving",
             "Braked",
             "Feedforward",
+            "Follower",
+            "FollowGoal",
         ),
     ),
     "Campaigns": ("One controller on many robots.", ("run_campaign",)),

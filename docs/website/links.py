@@ -17,7 +17,7 @@ from website.gallery import label_of
 PAGES = {
     "CONTRIBUTING.md": "/project/contributing.md",
     "CHANGELOG.md": "/project/changelog.md",
-    "CITATION.cff": "/cite.md",
+    "CITATION.cff": "/references.md",
     "README.md": "/index.md",
     "examples": "/gallery/index.rst",
 }

@@ -9,11 +9,18 @@ from importlib import import_module
 
 import lazy_loader
 
-__version__ = "0.2.0"
-
 # Python makes a subpackage an attribute of its package when it first loads it. `flexhinf.design` is also the name of a
 # function, so that is done here, once, and undone: ``fh.design`` is the function, however rooms are imported.
 import_module(f"{__name__}.design")
 del globals()["design"]
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_public, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+def __getattr__(name: str) -> object:
+    """A public name, loaded when it is first used; the version is that of pyproject.toml, as it was installed."""
+    if name == "__version__":
+        from importlib.metadata import version  # takes as long as all else of this import
+
+        return version(__name__)
+    return _public(name)

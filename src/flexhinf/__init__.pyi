@@ -90,6 +90,8 @@ from .plant import (
 )
 from .robot import (
     Feedforward as Feedforward,
+    Follower as Follower,
+    FollowGoal as FollowGoal,
     Parameter as Parameter,
     Robot as Robot,
     catalogue as catalogue,

@@ -49,8 +49,14 @@ _record: ContextVar[list[tuple[Path, tuple[int, int]]] | None] = ContextVar("rec
 
 #: What a file system without locks answers.
 NO_LOCKS = {
-    errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL, errno.EROFS, errno.EACCES, errno.EPERM,
-}  # fmt: skip
+    errno.ENOLCK,
+    errno.EOPNOTSUPP,
+    errno.ENOSYS,
+    errno.EINVAL,
+    errno.EROFS,
+    errno.EACCES,
+    errno.EPERM,
+}
 
 #: Between two tries of a lock that another one holds, s.
 POLL_S = 0.02

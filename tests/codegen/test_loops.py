@@ -6,7 +6,8 @@ import ctypes
 
 import numpy as np
 
-from flexhinf.codegen.loops import DOUBLE, INT, LANES, LONG, VECTOR, Function, Text, fields
+from flexhinf.codegen import aligned
+from flexhinf.codegen.loops import DOUBLE, INT, LANES, LONG, VECTOR, Function, Text, fields, new_module
 
 
 def _scaled() -> Function:
@@ -44,11 +45,13 @@ def test_a_task_is_there_until_the_function_ends(monkeypatch):
 
 
 def test_integers_vectors_and_a_part():
-    part = Text("double_all", "X Y", part=True)
+    module = new_module()
+    part = Text("double_all", "X Y", True, module)
     x, y = part.fields()
     vector = x.load(VECTOR)
     y.store(vector + vector.shuffled(vector, [*range(1, LANES), 0]))
-    text = Text("whole", "N X Y", parts=part.finish())
+    part.finish()
+    text = Text("whole", "N X Y", module=module)
     n, x, y = text.fields()
     number = n.load(LONG)
     n.store((number * 7 - 1) / 2)
@@ -70,3 +73,22 @@ def test_sums_in_one_variable():
     numbers, result = np.array([3.0, 5.0, 7.0]), np.zeros(1)
     Function(text)(numbers, 3, result)
     assert result[0] == 19.0
+
+
+def test_operators_of_vectors_and_cases() -> None:
+    text = Text("weigh", "X which Result")
+    x, which, result = text.fields()
+    vector, total = x.row(), text.sum()
+    positive = vector.compare("ogt", 0.0) & vector.compare("olt", 5.0)  # of NaN neither
+    total.add(positive.choose(2.0 * vector, -abs(vector)))
+    for case in text.cases(which, 2):
+        with text.when(vector.compare("ogt", 6.0 * case).somewhere()):
+            total.add(text.number(100.0 * case, VECTOR))
+    result.set_row(total.get() / 4.0)
+    function, given = Function(text), aligned(LANES)
+    given[:] = [0.0, 1.0, -2.0, 7.0, 4.0, -0.5, 5.0, np.nan]
+    expected = np.where((given > 0) & (given < 5), 2 * given, -np.abs(given))
+    for which_one, more in ((0, 0.0), (1, 100.0), (2, 0.0), (3, 0.0)):  # 7 > 6, and not > 12
+        found = aligned(LANES)
+        function(given, which_one, found)
+        np.testing.assert_array_equal(found, (expected + more) / 4.0)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from flexhinf.codegen import Buffer, Call, Program, Slice, compile_program, stages
-from flexhinf.codegen.program import Stages
+from flexhinf.codegen.program import Stages, TracedStage
 
 SIZE, OF_STAGES, IN_STAGE = 6, 6, 60
 
@@ -31,10 +31,8 @@ def drawn(rng: np.random.Generator) -> Call:
         ends.append(casadi.vertcat(0, *own[-4:]))
     result = casadi.vertcat(*values[-8:])
     whole = casadi.Function("f", [x], [result])
-    names = tuple(f"stage{k}" for k in range(OF_STAGES))
-    results = tuple(((f"of{k}", 4, 0),) for k in range(OF_STAGES))
-    cut = Stages(casadi.Function("f", [x], [*ends, result]), names, ("",) * OF_STAGES, results,
-                 (False,) * OF_STAGES, ("",) * OF_STAGES)  # fmt: skip
+    rows = tuple(TracedStage(f"stage{k}", "", ((f"of{k}", 4, 0),)) for k in range(OF_STAGES))
+    cut = Stages(casadi.Function("f", [x], [*ends, result]), rows)
     return Call(whole, (Slice("x", 0, SIZE),), (Slice("y", 0, 8),), stages=cut)
 
 
@@ -86,8 +84,8 @@ def test_functions_that_pass_nothing_on_need_no_memory() -> None:
     function = casadi.Function("f", [casadi.vertcat(*x)], [whole])
     cut = Stages(
         casadi.Function("f", [casadi.vertcat(*x)], [*ends, whole]),
-        ("a", "b"), ("", ""), ((("a", 30, 0),), (("b", 30, 0),)), (False, True), ("", ""),
-    )  # fmt: skip
+        (TracedStage("a", "", (("a", 30, 0),)), TracedStage("b", "", (("b", 30, 0),), begins=True)),
+    )
     call = Call(function, (Slice("x", 0, 60),), (Slice("y", 0, 60),), stages=cut)
     body, buffers = stages.staged(call, "scratch")
     assert len(body) > 1

@@ -64,13 +64,49 @@ def test_a_host_builds_what_make_builds(repository: Path) -> None:
     assert "make docs" in (repository / ".ci" / "run").read_text(encoding="utf-8")
 
 
-def test_no_contents_list_names_a_page_twice(repository: Path) -> None:
-    for page in (repository / "docs").rglob("*.md"):
-        lists = re.findall(
-            r"^```\{toctree\}\n(.*?)^```", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE
-        )
-        lines = [
-            line for entries in lists for line in entries.splitlines() if line and not line.startswith(":")
-        ]
-        named = Counter(line.rpartition("<")[2].rstrip("> ") for line in lines)
-        assert max(named.values(), default=1) == 1, page.name
+@pytest.fixture(scope="module")
+def site(website: Callable[[str], Any]) -> Any:
+    return website("words")
+
+
+def test_a_user_reads_at_most_so_many_words_and_pages(site: Any) -> None:
+    pages = site.users_pages()
+    assert sum(pages.values()) <= site.MOST_WORDS
+    assert len(pages) <= site.MOST_PAGES
+    assert not {"decisions", "mutants", "options", "theorem"} & pages.keys()  # studies, and what is generated
+
+
+def test_what_counts_as_a_word(site: Any) -> None:
+    assert site.words("---\na: b\n---\n# One two\n<!-- no word -->\n```sh\nno word\n```\nthree\n") == 4
+
+
+def test_every_page_stands_in_one_contents_list(site: Any, repository: Path) -> None:
+    docs = repository / "docs"
+    named = Counter(site.menu())
+    assert set(named) == {page.relative_to(docs).as_posix()[:-3] for page in docs.rglob("*.md")} - {"package"}
+    assert set(named.values()) == {1}
+
+
+def test_the_menu_has_the_reading_order(site: Any) -> None:
+    order = [
+        "start/index",
+        "guides/index",
+        "choosing",
+        "gallery/index",
+        "live",
+        "theory/index",
+        "reference/index",
+    ]
+    assert site.listed("index") == [*order, "compared/index", "faq", "benchmarks/index"]
+    assert "ros2" in site.listed("guides/index")
+
+
+def test_a_title_is_no_name_of_a_file(site: Any, repository: Path) -> None:
+    """Nor is the text of a link on a page of the user's."""
+    for name in site.users_pages():
+        text = (repository / "docs" / f"{name}.md").read_text(encoding="utf-8")
+        text = re.sub(r"^```.*?^```$", "", text, flags=re.DOTALL | re.MULTILINE)
+        title = re.search(r"^# (.+)$", text, re.MULTILINE)
+        assert title, name
+        assert not re.search(r"\.md|_", title[1]), name
+        assert re.findall(r"\[`?[\w/]+\.md`?\]\((?!\.\./)", text) == [], name

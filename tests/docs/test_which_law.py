@@ -19,7 +19,7 @@ from flexhinf.robot.workspace import workspace_of
 @pytest.fixture
 def pages(repository: Path) -> dict[str, str]:
     """Text by name, spaces as one."""
-    names = ("which_law", "workspace", "comparison", "degrees")
+    names = ("which_law", "workspace", "comparison_study", "degrees")
     return {name: (repository / "docs" / f"{name}.md").read_text(encoding="utf-8") for name in names}
 
 
@@ -31,7 +31,7 @@ def test_the_page_is_short_and_linked(pages: dict[str, str], repository: Path) -
 
 def test_quoted_criteria_are_those_of_the_comparison(pages: dict[str, str]) -> None:
     """A law of `flexhinf compare` with its criterion behind it."""
-    table = dict(re.findall(r"^\| `([\w-]+)`: [^|]*\| ([\d.]+) \|", pages["comparison"], re.MULTILINE))
+    table = dict(re.findall(r"^\| `([\w-]+)`: [^|]*\| ([\d.]+) \|", pages["comparison_study"], re.MULTILINE))
     quoted = re.findall(r"`([\w-]+)` (\d\.\d\d)", pages["which_law"])
     assert len(quoted) >= 4
     for law, criterion in quoted:

@@ -117,25 +117,31 @@ def flat(parameters: dict[str, Any], before: str = "") -> Iterator[tuple[str, An
             yield f"{before}{name}", value
 
 
+def built(
+    folder: Path, controller: fh.Controller, version: str = "HUMBLE", robot: fh.Robot | None = None
+) -> tuple[ctypes.CDLL, Path]:
+    """A controller's package in a shared library, with the manager's part, and its folder."""
+    if shutil.which("g++") is None or shutil.which("gcc") is None:
+        pytest.skip("missing: g++")
+    package = export_c(controller, folder / "c", "arm", robot=robot) / "ros2"
+    own = (f"-I{package / 'include'}", f"-I{package / 'src'}")
+    objects = []
+    for source in (HERE / "manager.cpp", *(package / "src").glob("*.c*")):
+        objects.append(folder / f"{source.stem}.o")
+        c = ("gcc", "-std=c99", "-O0", "-fPIC", "-Wall", "-Wextra", "-Werror")
+        words = c if source.suffix == ".c" else ("g++", *STRICT, f"-D{version}", *own)
+        subprocess.run([*words, "-c", source, "-o", objects[-1]], check=True)
+    subprocess.run(["g++", "-shared", *objects, "-lm", "-o", folder / "controller.so"], check=True)
+    return ctypes.CDLL(str(folder / "controller.so")), package
+
+
 @pytest.fixture(scope="module")
 def managed(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Callable[[], Manager]]:
     """Exports and builds a controller's package; makes new managers of it."""
-    if shutil.which("g++") is None or shutil.which("gcc") is None:
-        pytest.skip("missing: g++")
 
     @cache
     def build(controller: fh.Controller, version: str = "HUMBLE") -> Callable[[], Manager]:
-        folder = tmp_path_factory.mktemp("ros2")
-        package = export_c(controller, folder / "c", "arm") / "ros2"
-        own = (f"-I{package / 'include'}", f"-I{package / 'src'}")
-        objects = []
-        for source in (package / "src/controller.cpp", HERE / "manager.cpp", *(package / "src").glob("*.c")):
-            objects.append(folder / f"{source.stem}.o")
-            c = ("gcc", "-std=c99", "-O0", "-fPIC", "-Wall", "-Wextra", "-Werror")
-            words = c if source.suffix == ".c" else ("g++", *STRICT, f"-D{version}", *own)
-            subprocess.run([*words, "-c", source, "-o", objects[-1]], check=True)
-        subprocess.run(["g++", "-shared", *objects, "-lm", "-o", folder / "controller.so"], check=True)
-        library = ctypes.CDLL(str(folder / "controller.so"))
+        library, package = built(tmp_path_factory.mktemp("ros2"), controller, version)
         return lambda: Manager(library, package)
 
     return build
@@ -196,9 +202,10 @@ def test_no_compiler_warns(version: str, compiler: str, real: str, kind: str, tm
     made = {"estimator": arm_controller, "workspace": workspace_controller}.get(
         kind, lambda: fh.Controller(fh.linear_law(ARM.problem(), gamma=math.inf), None, PERIOD, 48.0)
     )
-    package = export_c(made(), tmp_path / "c", "arm", real) / "ros2"
+    robot = robot_of("planar-two-link") if kind == "workspace" else None
+    package = export_c(made(), tmp_path / "c", "arm", real, robot=robot) / "ros2"
     own = (f"-I{package / 'include'}", f"-I{package / 'src'}", f"-D{version}")
-    for source in (package / "src/controller.cpp", HERE / "manager.cpp"):
+    for source in (*(package / "src").glob("*.cpp"), HERE / "manager.cpp"):
         subprocess.run([compiler, *STRICT, *own, "-c", source, "-o", tmp_path / "out.o"], check=True)
 
 

@@ -37,11 +37,12 @@ def test_interfaces_are_named_after_the_joints_of_the_robot(tmp_path: Path) -> N
     file.write_text(text.replace('"shoulder"', f'"{joints[0]}"').replace('"elbow"', f'"{joints[1]}"'))
     robot = fh.load_robot(file)
     code = code_of(elastic_controller(robot), "arm", "double", robot)
-    values = {**code.values, **ros2_values(code, np.zeros(1))}
+    values = {**code.values, "follows": True, **ros2_values(code, np.zeros(1))}
     parameters, source = (
         render_c(f"ros2/controller.{kind}", "arm", code.real, **values) for kind in ("yaml", "cpp")
     )
     stated = yaml.safe_load(parameters)["arm_controller"]["ros__parameters"]
+    assert set(joints) < set(stated["constraints"])
     for kind, quantities in (("measurements", ("position", "motor_position")), ("inputs", ("voltage",))):
         interfaces = [group["interface"] for group in stated[kind].values()]
         assert interfaces == [f"{joint}/{quantity}" for quantity in quantities for joint in joints]

@@ -10,7 +10,7 @@ from tests.refusals import refused_with, unnamed
 import flexhinf as fh
 from flexhinf.cli import main
 from flexhinf.errors import InvalidInput
-from flexhinf.robot.actuators import published_joints
+from flexhinf.robot.actuators import published_gears, published_joints
 from flexhinf.robot.elastic import SPRING
 from flexhinf.robot.file_keys import MOTOR
 
@@ -87,4 +87,35 @@ def test_an_unknown_one_is_refused_with_the_nearest(tmp_path: Path) -> None:
 def test_the_list_names_all(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["robots"]) == 0
     shown = capsys.readouterr().out
-    assert [name for name in published_joints() if name not in shown] == []
+    assert [name for name in (*published_joints(), *published_gears()) if name not in shown] == []
+
+
+def test_gears_stiffen_as_their_makers_say() -> None:
+    """Slopes grow with the torque, the size and the ratio; of a size all ratios have the same corners."""
+    gears = published_gears()
+    assert len(gears) == 2 * (5 * 1 + 8 * 5)
+    for name, gear in gears.items():
+        first, second, third, *torques, ratio = (number["value"] for number in gear.numbers.values())
+        assert 0.0 < first < second < third < 2.2 * first
+        assert 0.0 < torques[0] < torques[1] < 4.0 * torques[0]
+        assert name.endswith(f"-{ratio:g}")
+    values = {name: gear.numbers["second_stiffness"]["value"] for name, gear in gears.items()}
+    sizes = [values[f"CSG-{size}-100"] for size in (14, 17, 20, 25, 32, 40, 50, 58)]
+    assert sizes == sorted(sizes)
+    assert values["CSG-25-30"] < values["CSG-25-50"] < values["CSG-25-100"] == values["CSF-25-160"]
+
+
+def test_a_joint_takes_the_curve_of_its_gear(tmp_path: Path) -> None:
+    robot = arm(tmp_path, 'gear = "csg-25-100"\nmotor = { rotor_inertia = 1e-4 }')
+    assert robot.nominal["gear_ratio"] == 100.0
+    assert robot.nominal["stiffness"] == pytest.approx(48.0 / (14.0 / 31e3 + 34.0 / 50e3))
+    assert unnamed(robot["third_stiffness"].source, "Harmonic Drive") == []
+    robot.with_values({"stiffness": 4e4, "first_stiffness": 3e4}).save(tmp_path / "saved.toml")
+    again = fh.load_robot(tmp_path / "saved.toml")
+    assert again.nominal == robot.nominal | {"stiffness": 4e4, "first_stiffness": 3e4}
+    robot = arm(tmp_path, 'gear = "CSG-25-100"\nspring = { damping = 2.0 }\nmotor = { motor_inertia = 1.0 }')
+    assert "gear_ratio" not in robot.nominal  # the motor is stated behind the gear
+    assert robot.nominal["damping"] == 2.0
+    with refused_with(InvalidInput, "gear", "CSG-25-50") as refusal:
+        arm(tmp_path, 'gear = "CSG-25-60"\nmotor = { motor_inertia = 1.0 }')
+    arm(tmp_path, f"{str(refusal.value).split('try:')[1].strip()}\nmotor = {{ motor_inertia = 1.0 }}")

@@ -11,6 +11,7 @@ from tests.refusals import refused_with
 import flexhinf as fh
 from flexhinf.design.responses import joint_limits
 from flexhinf.errors import InvalidInput
+from flexhinf.plant import Parameters
 from flexhinf.plant.joints import elastic_joints, standstill_function
 from flexhinf.robot import MuJoCoPlant
 
@@ -82,6 +83,15 @@ def test_a_drive_is_that_of_mujoco_with_its_load(robot_of, drive, share, gains, 
         ours = solve_ivp(rates, (0.0, 5e-3), ours, rtol=1e-9, atol=1e-11).y[:, -1]
     assert np.abs(ours - x).max() > 0.1
     assert np.abs(other.state() - ours).max() < 2e-6
+
+
+@pytest.mark.parametrize(("drive", "share"), [("velocity", 1.0), ("position", 0.3), ("position", 0.0)])
+def test_of_friction_that_sticks_the_drive_leaves_its_share(robot_of, drive, share):
+    robot = robot_of(drive, share, more="coulomb_friction = 2.0")
+    plant = robot.plant(extras="coulomb_friction", sticking=True)
+    fast = np.concatenate([np.zeros(6), [1.0, -1.0]])
+    left = plant.arrest(fast, 1e-3, Parameters(robot.plant_parameters()))
+    assert fast[6:] - left[6:] == pytest.approx(1e-3 * share * 2.0 / np.array([0.3, -0.12]))
 
 
 @pytest.mark.parametrize(("drive", "share"), [("velocity", 1.0), ("velocity", 0.0), ("position", 0.3)])

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from flexhinf import InvalidInput, load_robot
+from flexhinf.robot.drive_text import LOOPS
 from flexhinf.robot.examination import examine_robot, joint_facts
 from flexhinf.robot.init_file import description_of, robot_file_text
 from flexhinf.robot.parts import RobotFileWarning
@@ -104,7 +105,7 @@ def test_grippers_are_locked_and_a_torque_that_nobody_states_holds_the_arm(tmp_p
     assert all(1.5 * fact.weight < fact.effort < np.inf for fact in facts)
 
 
-@pytest.mark.parametrize("drive", ["torque", "current", "voltage"])
+@pytest.mark.parametrize("drive", ["torque", "current", "voltage", "velocity", "position"])
 def test_a_template_is_a_robot_whose_motors_hold_it(drive: str, tmp_path: Path) -> None:
     path = tmp_path / "arm.toml"
     path.write_text(template_text(3, drive), encoding="utf-8")
@@ -112,7 +113,8 @@ def test_a_template_is_a_robot_whose_motors_hold_it(drive: str, tmp_path: Path) 
     assert result.robot is not None
     assert result.robot.drive == drive
     assert {finding.severity for finding in result.findings} == {"doubt", "note"}
-    assert all(fact.weight < fact.effort for fact in result.joints)
+    assert all(fact.weight < fact.effort for fact in result.joints) or drive in LOOPS
+    assert all(np.isfinite(result.robot.effort_limits))
 
 
 def test_facts_of_joints_are_those_of_the_robot(tmp_path: Path) -> None:
@@ -121,7 +123,7 @@ def test_facts_of_joints_are_those_of_the_robot(tmp_path: Path) -> None:
     (fact,) = examine_robot(path).joints
     # a rod of 0.4 m and 4 kg on a spring of 80 N·m / 8 mrad, its motor of 80 N·m / 70 rad/s²
     inertia, spring, rotor = 4.0 * 0.4**2 / 3.0, 80.0 / 8e-3, 80.0 / 70.0
-    assert fact.weight == pytest.approx(4.0 * 9.81 * 0.2, rel=2e-3)
+    assert fact.weight == pytest.approx(1.05 * 4.0 * 9.81 * 0.2, rel=2e-3)  # its mass is known to ± 5 %
     assert fact.twist == pytest.approx(fact.weight / spring)
     assert fact.fastest == pytest.approx(
         np.sqrt(spring * (1.0 / inertia + 1.0 / rotor)) / (2.0 * np.pi), rel=2e-2
@@ -136,6 +138,14 @@ def test_the_limit_of_a_command_is_no_torque(tmp_path: Path) -> None:
     assert result.robot is not None
     assert np.isnan(result.joints[0].effort)
     assert all("joint1" not in finding.place.split(", ") for finding in result.findings)
+
+
+def test_friction_by_the_load_is_dry_friction(tmp_path: Path) -> None:
+    path, said = tmp_path / "arm.toml", []
+    for more in ("", "load_friction = 0.1\n"):
+        path.write_text(f"{template_text(1, 'torque')}{more}", encoding="utf-8")
+        said.append(any("coulomb_friction" in finding.advice for finding in examine_robot(path).findings))
+    assert said == [True, False]
 
 
 def test_doubtful_numbers_of_a_robot_file_are_named(tmp_path: Path) -> None:

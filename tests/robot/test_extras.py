@@ -16,10 +16,19 @@ from flexhinf.robot.elastic import EXTRAS
 ARM = fh.paper_arm().with_parameters(
     Parameter("damping", 0.7),
     Parameter("spring_hardening", 5000.0),
+    Parameter("first_stiffness", 80.0),
+    Parameter("second_stiffness", 100.0),
+    Parameter("third_stiffness", 130.0),
+    Parameter("first_torque", 2.0),
+    Parameter("second_torque", 5.0),
+    Parameter("gear_ratio", 1.0),
+    Parameter("kinematic_error", 1e-3),
+    Parameter("torque_ripple", 0.1),
     Parameter("backlash", 0.02),
     Parameter("coulomb_friction", 0.5),
     Parameter("static_friction", 0.8),
     Parameter("stribeck_velocity", 0.2),
+    Parameter("load_friction", 0.04),
 )
 X = np.array([0.1, 0.3, 0.25, -0.4])
 
@@ -42,6 +51,13 @@ def change(extras, x=X):
         ("backlash", -100.0 * 0.01, 100.0 * 0.01),
         ("coulomb_friction", 0.0, 0.5),
         ("stribeck_friction", 0.0, 0.5 + 0.3 * np.exp(-4.0)),
+        ("load_friction", 0.0, 0.04 * 100.0 * 0.15),
+        (("stribeck_friction", "load_friction"), 0.0, 0.5 + 0.3 * np.exp(-4.0) + 0.04 * 100.0 * 0.15),
+        (
+            ("backlash", "coulomb_friction", "load_friction"),
+            -1.0,
+            1.0 + 0.5 + 0.04 * 100.0 * 0.14,
+        ),
         (("spring_hardening", "backlash"), 5000.0 * 0.14**3 - 1.0, 1.0 - 5000.0 * 0.14**3),
     ],
 )
@@ -56,6 +72,7 @@ def test_inside_the_backlash_the_spring_is_slack():
     assert plant.derivative([0.0, 0.0, 0.0101, 0.0])[1] == pytest.approx(100.0 * 1e-4)
 
 
+@pytest.mark.costs("a law, a compiled loop and every extra")
 def test_all_together_rest_where_the_robot_says_and_run_in_a_loop():
     robot = ARM
     x, u = robot.operating_point([0.8], tuple(EXTRAS))

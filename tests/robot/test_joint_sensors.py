@@ -13,6 +13,7 @@ import flexhinf as fh
 from flexhinf.design.design_file import read_request
 from flexhinf.design.loop_setup import LoopPlants
 from flexhinf.design.own_sensors import measuring, with_own_sensors
+from flexhinf.design.responses import joint_limits
 from flexhinf.design.specification import SpecificationError
 from flexhinf.errors import InvalidInput
 from flexhinf.robot.joint_sensors import JointSensor
@@ -105,6 +106,22 @@ def test_sensors_are_seen_from_the_link_and_a_design_has_them(tmp_path: Path) ->
     ] == pytest.approx(1e-6)
 
 
+def test_a_latency_covers_the_sensors_that_are_measured(tmp_path: Path) -> None:
+    late = '[[joint.sensor]]\nkind = "motor_position"\nstep = 1e-5\ndelay = "3 ms"\n'
+    late += '[[joint.sensor]]\nkind = "joint_torque"\nnoise = 0.1\ndelay = 0.012'
+    robot = fh.load_robot(arm(tmp_path, elbow=late))
+    assert [sensor.delay for sensor in robot.sensors] == [0.0, 0.0, 0.003, 0.012]
+    both = ("motor_position", "joint_torque_elbow")
+    with refused_with(InvalidInput, "sensors", "latency 3"):
+        joint_limits(robot, fh.Specification(period=1e-3, measured=("motor_position",), latency=2))
+    joint_limits(robot, fh.Specification(period=1e-3, measured=("motor_position",), latency=3))
+    joint_limits(robot, fh.Specification(period=1e-3, measured=("link_position_shoulder",), latency=0))
+    with refused_with(InvalidInput, "sensors", "latency 6"):
+        joint_limits(robot, fh.Specification(period=2e-3, measured=both, latency=5))
+    joint_limits(robot, fh.Specification(period=2e-3, measured=both, latency=6))
+    joint_limits(robot, fh.Specification(period=2e-3, measured=both, estimator="none"))
+
+
 def test_what_a_robot_has_not_is_not_measured(tmp_path: Path) -> None:
     path = arm(tmp_path)
     with refused_with(SpecificationError, "link_position_elbow", "joint.sensor") as refusal:
@@ -149,6 +166,7 @@ MOTOR = 'kind = "motor_position"\n'
         (f"{MOTOR}counts = 4096\nstep = 1e-3", ("counts", "step"), f"{MOTOR}step = 1e-3"),
         (MOTOR, ("step", "noise"), f"{MOTOR}noise = 1e-4"),
         (f'{MOTOR}noise = "0.1 N·m"', ("rad", "0.1 N·m"), f'{MOTOR}noise = "0.1 mrad"'),
+        (f"{MOTOR}noise = 1\ndelay = -1", ("delay", "greater than 0"), f'{MOTOR}noise = 1\ndelay = "1 ms"'),
         (f"{MOTOR}noise = -1", ("noise", "greater than 0"), f"{MOTOR}noise = 1"),
         ('kind = "encoder"\nnoise = 1e-4', ("encoder", "link_position"), f"{MOTOR}noise = 1e-4"),
         (f"{MOTOR}bits = 12", ("bits", "counts"), f"{MOTOR}counts = 4096"),

@@ -14,6 +14,7 @@ from tests.refusals import unnamed
 import flexhinf as fh
 from flexhinf.cli import main
 from flexhinf.robot.mjcf_export import elastic_mjcf
+from flexhinf.robot.template import template_text
 
 mujoco: Any = pytest.importorskip("mujoco")
 
@@ -64,6 +65,21 @@ def test_motors_are_limited_as_the_robot_says() -> None:
     assert model.actuator_ctrlrange[0].tolist() == [-24.0, 24.0]
     assert model.joint("link_position_elbow").range.tolist() == [-2.6, 2.6]
     assert model.jnt_limited.tolist() == [0, 0, 0, 0]
+
+
+@pytest.mark.parametrize("drive", ["velocity", "position"])
+def test_a_drive_with_a_loop_is_one_limited_actuator(tmp_path: Path, drive: str) -> None:
+    (tmp_path / "arm.toml").write_text(template_text(2, drive), encoding="utf-8")
+    robot = fh.load_robot(tmp_path / "arm.toml")
+    model = mujoco.MjModel.from_xml_string(elastic_mjcf(robot).text)
+    names = [model.actuator(i).name for i in range(model.nu)]
+    assert names == [f"{drive}_command_joint1", f"{drive}_command_joint2"]
+    assert model.actuator_ctrlrange[:, 1].tolist() == list(robot.effort_limits or ())
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    assert data.ctrl == pytest.approx(robot.operating_point()[1])
+    mujoco.mj_forward(model, data)
+    assert np.abs(data.qacc).max() < 1e-9
 
 
 def test_the_command_writes_a_file_that_mujoco_opens(

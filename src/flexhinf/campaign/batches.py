@@ -310,19 +310,27 @@ class Campaign:
         )
         last = np.concatenate([run.signals[kind][-1] for kind in ("state", "estimate", "input")])
         return {
-            "version": __version__, "samples": str(self.samples), "seed": str(self.seed), "batch": str(self.batch),
-            **self.about, **self.draw.settings,
+            "version": __version__,
+            "samples": str(self.samples),
+            "seed": str(self.seed),
+            "batch": str(self.batch),
+            **self.about,
+            **self.draw.settings,
             **{name: option_text(value) for name, value in sorted(self.options.items())},
             # this distinguishes draws with the same code
-            "first sample": ", ".join(f"{name} {value:.{DIGITS}g}" for name, value in self._first.row().items()),
+            "first sample": ", ".join(
+                f"{name} {value:.{DIGITS}g}" for name, value in self._first.row().items()
+            ),
             "metrics": ", ".join(name for m in self.metrics for name in m.units),
             **{f"metric {', '.join(m.units)}": fingerprint(m.function) for m in own},
             "signals": ", ".join(self.signals or ()),
-            "period": repr(controller.period), "measured": ", ".join(controller.measured),
-            "controller": number_hash(controller.data_vector), "sub-steps": str(self.loop.sub_steps),
+            "period": repr(controller.period),
+            "measured": ", ".join(controller.measured),
+            "controller": number_hash(controller.data_vector),
+            "sub-steps": str(self.loop.sub_steps),
             **({"plant": number_hash(plant.parameters.vector())} if isinstance(plant, Plant) else {}),
             "short run": " ".join(f"{value:.{DIGITS}g}" for value in last),
-        }  # fmt: skip
+        }
 
     @cached_property
     def digest(self) -> str:

@@ -59,8 +59,14 @@ MOST_WORKERS = 10_000
 
 #: Options of `Loop.run` that a campaign takes.
 _OPTIONS = (
-    "reference", "disturbance", "noise", "duration", "initial_state", "initial_input", "multi_turn",
-)  # fmt: skip
+    "reference",
+    "disturbance",
+    "noise",
+    "duration",
+    "initial_state",
+    "initial_input",
+    "multi_turn",
+)
 
 
 def in_cluster(address: str) -> Executor:

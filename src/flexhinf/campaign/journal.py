@@ -244,10 +244,14 @@ class Journal:
         journal = Journal.read(folder, [name for name in beside if name != MANIFEST])
         if journal is None:
             manifest = {
-                **KIND, "digest": campaign.digest, "command": list(command), "settings": campaign.settings,
-                "about": dict(about or {}), "columns": [[c.name, c.kind, c.unit] for c in campaign.columns],
+                **KIND,
+                "digest": campaign.digest,
+                "command": list(command),
+                "settings": campaign.settings,
+                "about": dict(about or {}),
+                "columns": [[c.name, c.kind, c.unit] for c in campaign.columns],
                 "time_s": campaign.time.tolist(),
-            }  # fmt: skip
+            }
             extra_package(
                 "pyarrow.parquet", "campaign", "Campaigns on disk need pyarrow, which is not installed."
             )
@@ -255,8 +259,14 @@ class Journal:
                 (place / SHARDS).mkdir(parents=True, exist_ok=True)
                 write_whole(place / MANIFEST, sealed(manifest))
             return Journal(
-                place, campaign.settings, campaign.digest, campaign.columns, campaign.time, command, about or {},
-            )  # fmt: skip
+                place,
+                campaign.settings,
+                campaign.digest,
+                campaign.columns,
+                campaign.time,
+                command,
+                about or {},
+            )
         journal.refuse_campaign(campaign)
         return journal
 
@@ -410,13 +420,15 @@ class Journal:
                 texts = sum(types.is_string(entry.type) for entry in schema)
                 # largest size of one row: twice its need; texts are sentences of an error
                 size = 12 * sum(lists) + _LONGEST_TEXT * texts + 24 * (len(schema) - len(lists) - texts)
-                if wrong := _first({
-                    "of another campaign, or another part of it":
-                        not schema.metadata.items() <= (stored.metadata or {}).items(),
-                    "of other columns": not stored.equals(schema),
-                    f"{rows} rows instead of {len(samples)}": rows != len(samples),
-                    f"a file that unpacks to {unpacked} bytes": unpacked > _SPARE + rows * size,
-                }):  # fmt: skip
+                if wrong := _first(
+                    {
+                        "of another campaign, or another part of it": not schema.metadata.items()
+                        <= (stored.metadata or {}).items(),
+                        "of other columns": not stored.equals(schema),
+                        f"{rows} rows instead of {len(samples)}": rows != len(samples),
+                        f"a file that unpacks to {unpacked} bytes": unpacked > _SPARE + rows * size,
+                    }
+                ):
                     return wrong
                 # a user's function, whose code is not in the manifest, is no such draw
                 draw = Tolerances.stated(

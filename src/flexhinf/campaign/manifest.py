@@ -16,8 +16,15 @@ from flexhinf.validation import read_bytes, value_text
 
 #: Errors of a damaged file; FlexhinfError for a number out of range. NotReadable, which says nothing of it, is another.
 UNREADABLE = (
-    OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError, FlexhinfError,
-)  # fmt: skip
+    OSError,
+    ValueError,
+    KeyError,
+    TypeError,
+    AttributeError,
+    OverflowError,
+    RecursionError,
+    FlexhinfError,
+)
 
 #: Format and version of a manifest, and the entry with the digest of all others. Since version 2 the digests cover the
 #: whole manifest and the batch of each part.
@@ -65,15 +72,19 @@ def check_manifest(stated: Mapping[str, Any]) -> None:
     nominal = about.get("nominal", {})
     fine = {
         "settings": texts(settings, dict) and math.isfinite(float(settings["duration"])),
-        "columns": isinstance(columns, list) and all(map(texts, columns)) and set(OWN) <= set(names)
-        and len(set(names)) == len(names) and set(kinds) <= {"own", "parameter", "metric", PART, "trace"},
+        "columns": isinstance(columns, list)
+        and all(map(texts, columns))
+        and set(OWN) <= set(names)
+        and len(set(names)) == len(names)
+        and set(kinds) <= {"own", "parameter", "metric", PART, "trace"},
         "time_s": isinstance(time, list) and 0 < len(time) <= INSTANTS and numbers(time),
         "command": texts(stated["command"]),
-        "title": isinstance(about.get("title", ""), str), "requirements": texts(about.get("requirements", [])),
+        "title": isinstance(about.get("title", ""), str),
+        "requirements": texts(about.get("requirements", [])),
         "nominal numbers": isinstance(nominal, dict) and numbers(nominal.values()),
         "options": isinstance(about.get("options", {}), dict),
         "digest": stated["digest"] == campaign_digest(settings, columns, time),
-    }  # fmt: skip
+    }
     if wrong := [name for name, good in fine.items() if not good]:
         raise ValueError(f"its {', '.join(wrong)} are none that a campaign has")
     check_counts(*(int(settings[name]) for name in ("samples", "seed", "batch")))

@@ -97,9 +97,11 @@ def _update(places: Sequence[Place], kept: Any, now: Instant) -> Any:
         early = where(late, 0.0, where(now.step >= first, 1.0, 0.0)) > 0.5
         updated += [
             where(now.step > 0.5, begun, initial),
-            where(early, minimum(low, beyond), low), where(early, maximum(high, beyond), high),
-            where(late, minimum(last_low, beyond), last_low), where(late, maximum(last_high, beyond), last_high),
-        ]  # fmt: skip
+            where(early, minimum(low, beyond), low),
+            where(early, maximum(high, beyond), high),
+            where(late, minimum(last_low, beyond), last_low),
+            where(late, maximum(last_high, beyond), last_high),
+        ]
     return np.array(updated)
 
 
@@ -194,9 +196,14 @@ def _doubtful_in_lanes(result: EnsembleResult) -> dict[str, np.ndarray]:
 
 
 STANDARD_UNITS = {
-    "overshoot_percent": "%", "settling_time_s": "s", "rise_time_s": "s", "steady_state_error": "", "peak_input": "",
-    "tracking_rmse": "", "estimation_rmse": "",
-}  # fmt: skip
+    "overshoot_percent": "%",
+    "settling_time_s": "s",
+    "rise_time_s": "s",
+    "steady_state_error": "",
+    "peak_input": "",
+    "tracking_rmse": "",
+    "estimation_rmse": "",
+}
 
 #: The metrics of `Trajectory.metrics`, each the worst of all tracked states; of the estimates the largest error.
 STANDARD = Metrics(STANDARD_UNITS, _tracking, _tracking_in_lanes)

@@ -153,9 +153,11 @@ def _indices(function, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return ordered[np.minimum((np.asarray(u) * count).astype(int), count - 1), k]
 
     indices = sobol_indices(
-        func=lambda points: function(points.T)[None, :], n=BASE, rng=0,
+        func=lambda points: function(points.T)[None, :],
+        n=BASE,
+        rng=0,
         dists=[SimpleNamespace(ppf=partial(quantiles, k)) for k in range(z.shape[1])],
-    )  # fmt: skip
+    )
     first, total = (
         np.clip(np.ravel(values), 0.0, 1.0) for values in (indices.first_order, indices.total_order)
     )
@@ -371,8 +373,16 @@ SAME = 1e-4
 #: Settings in which two campaigns on the same samples may differ: the law's and administrative ones. A law without an
 #: integral has no reference; its goal is its operating point.
 _FREE = {
-    "version", "batch", "metrics", "signals", "controller", "sub-steps", "short run", "reference", "multi_turn",
-}  # fmt: skip
+    "version",
+    "batch",
+    "metrics",
+    "signals",
+    "controller",
+    "sub-steps",
+    "short run",
+    "reference",
+    "multi_turn",
+}
 
 
 class PairedMetric:

@@ -136,8 +136,12 @@ def worst_case(
     check_starts(starts)
     seed = checked_integer("seed", campaign.seed if seed is None else seed, 0, 2**63 - 1, "0")
     settings = {
-        "campaign": campaign.digest, "metric": metric, "least": str(least), "starts": str(starts), "seed": str(seed),
-    }  # fmt: skip
+        "campaign": campaign.digest,
+        "metric": metric,
+        "least": str(least),
+        "starts": str(starts),
+        "seed": str(seed),
+    }
     try:
         if journal is not None and (stored := stored_worst(journal, metric)).settings == settings:
             return stored
@@ -193,11 +197,23 @@ def worst_case(
     others = [middle, *({**worst_plant.numbers, name: middle[name]} for name in names)]
     centre, *restored = _runs(campaign, others, first, metric)
     case = WorstCase(
-        metric, next(c.unit for c in campaign.columns if c.name == metric), least, first, sampled, worst_plant, centre,
-        {name: plant.value for name, plant in zip(names, restored)}, dict(zip(names, zip(low.tolist(), high.tolist()))),
+        metric,
+        next(c.unit for c in campaign.columns if c.name == metric),
+        least,
+        first,
+        sampled,
+        worst_plant,
+        centre,
+        {name: plant.value for name, plant in zip(names, restored)},
+        dict(zip(names, zip(low.tolist(), high.tolist()))),
         {name: box.units[name] for name in names},
-        starts, together, all_corners, runs + len(others), int((~inside).sum()), settings,
-    )  # fmt: skip
+        starts,
+        together,
+        all_corners,
+        runs + len(others),
+        int((~inside).sum()),
+        settings,
+    )
     if journal is not None:
         journal.store(FOLDER / f"{metric}.json", asdict(case))
     return case

@@ -29,7 +29,6 @@ On it V > 0 and r < 0 except at 0, as the theorem requires.
 
 from __future__ import annotations
 
-import ctypes
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -45,18 +44,16 @@ import numpy as np
 from flexhinf.certify.certificate import polynomial_at
 from flexhinf.certify.inequality import BoxExcess, Inequality, QuotientTable, Rational, by_parity, parity
 from flexhinf.certify.kernel import (
-    LANES,
     LOW,
     OUTPUTS,
-    POINTERS,
+    TASK,
     CellShape,
     MonomialLayout,
-    kernel_text,
+    kernel_of,
     monomials_of,
 )
 from flexhinf.certify.problem_to_claim import nearest_double, terms_of
-from flexhinf.codegen import machine
-from flexhinf.codegen.compiler import cached
+from flexhinf.codegen.loops import LANES
 from flexhinf.errors import NumericalFailure
 from flexhinf.processors import thread_count
 
@@ -67,7 +64,6 @@ _PARTS = 16  # number of tasks of a batch, for threads
 _VALUE = 2.0**-100  # K u times this exceeds what the balls of a table leave out
 _LARGEST = 1e150
 _ORDER = 4  # smallest degree M of the polynomial in ℓ that approximates a quotient
-_ENTRY = "flexhinf_cells"
 _ASYMMETRY = 1e-9  # opposite faces are treated together up to this fraction of terms of the wrong parity
 
 
@@ -176,13 +172,7 @@ class CellBounds:
     # The kernel ---------------------------------------------------------------------------------
     def _compile(self) -> None:
         shape = self.shape
-        text, host = kernel_text(shape, _ENTRY), machine.host()
-        self._code = cached(
-            ("certify", text, host.triple, host.cpu, host.features, host.version),
-            lambda: machine.assemble(text, 3),
-            lambda image: machine.Code(image, _ENTRY, {}),
-        )
-        self._entry = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(self._code.address)
+        self._function = kernel_of(shape)
         lines = [layout.shift_lines() for layout in (shape.value, *shape.quotients, shape.whole)]
         edges = np.cumsum([0, *map(len, lines)])
         every = [line for part in lines for line in part]
@@ -201,7 +191,8 @@ class CellBounds:
             "table": self.table,
             "segments": np.array([*edges, *np.ravel(segments)], dtype=np.int64),
             "lines": np.concatenate([*(rows.ravel() for _, _, rows in every), [0]]).astype(np.int32),
-            "signs": np.concatenate([links.ravel(), masks.ravel().view(np.int64)]),
+            "links": links,
+            "masks": masks,
         }
 
     # Cells --------------------------------------------------------------------------------------
@@ -227,14 +218,12 @@ class CellBounds:
             "faces": faces.astype(np.int64),
             "inputs": inputs,
             "outputs": outputs,
-            "level": np.array([level]),
+            "level": float(level),
         }
 
         def run(first: int, last: int) -> None:
-            whole = arrays | {"work": _aligned(self.shape.work["count"], LANES)}
-            addresses = (whole[name].ctypes.data for name in POINTERS[2:])
-            context = np.array([first, last, *addresses], dtype=np.int64)  # lives until the call ends
-            self._entry(context.ctypes.data)
+            task = arrays | {"first": first, "last": last, "work": _aligned(self.shape.work["count"], LANES)}
+            self._function(*(task[name] for name in TASK))
 
         if pool is None:
             run(0, len(faces))

@@ -1,4 +1,4 @@
-"""The machine code that bounds V and r on cells: LLVM text of loops over index tables, eight cells a vector.
+"""The machine code that bounds V and r on cells: loops over index tables, eight cells a vector.
 
 What it computes, and why its results are bounds, is said in `flexhinf.certify.cells`. Arithmetic may be fused or not:
 the allowance for rounding covers both. The text depends on the degrees of the polynomials alone, so the object code
@@ -11,35 +11,32 @@ together.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Sequence
-from contextlib import contextmanager
-from functools import cache, partialmethod
+from collections.abc import Iterator, Sequence
+from functools import cache
 from itertools import groupby, product
 from typing import NamedTuple
 
 import numpy as np
 
-from flexhinf.codegen.emit.writer import Lanes, ModuleText, Writer
+from flexhinf.codegen.loops import (
+    DOUBLE,
+    INT,
+    LONG,
+    VECTOR,
+    Function,
+    Text,
+    Value,
+    Variable,
+    new_module,
+)
 
-LANES = 8
 LOW = 3  # monomials through this degree are kept as polynomials in ρ; the others only bounded
 
-#: What the kernel's argument points to, in this order: 64-bit words.
-POINTERS = (
-    "first",
-    "last",
-    "faces",
-    "inputs",
-    "outputs",
-    "work",
-    "level",
-    "value_table",
-    "quotient_table",
-    "table",
-    "segments",
-    "lines",
-    "signs",
+#: What the kernel is given, in this order: its groups of cells, arrays, and a number. Addresses begin with capitals.
+_FIELDS = (
+    "first last Faces Inputs Outputs Work =level Value_table Quotient_table Table Segments Lines Links Masks"
 )
+TASK = tuple(name.lstrip("=").lower() for name in _FIELDS.split())
 
 #: What is found of each cell, and at last `score`: how much the radius and each t_j add to `upper`.
 OUTPUTS = (
@@ -53,9 +50,6 @@ OUTPUTS = (
     "value_range",  # how far it goes from there
     "growth_at_centre",  # ∂V/∂ρ /ρ in the middle
 )
-
-_VECTOR, _TRUTHS = f"<{LANES} x double>", f"<{LANES} x i1>"
-_ATTRIBUTES = 'nounwind "min-legal-vector-width"="512" "prefer-vector-width"="512"'
 
 
 class MonomialGroup(NamedTuple):
@@ -161,359 +155,279 @@ def _places(sizes: dict[str, int]) -> dict[str, int]:
     return dict(zip([*sizes, "count"], np.cumsum([0, *sizes.values()]).tolist()))
 
 
-def kernel_text(shape: CellShape, entry: str) -> str:
-    """LLVM text of the entry and of the shift it calls."""
-    module = ModuleText(Lanes(LANES))
+def kernel_of(shape: CellShape) -> Function:
+    """The function with the fields `TASK`, and the shift that it calls."""
     layouts = (shape.whole, shape.value, *shape.quotients)
-    _CellKernel(module, shape).write_shift(max(1, *(layout.degrees[-1] for layout in layouts)))
-    _CellKernel(module, shape).write(entry)
-    return str(module)
+    text = Text("bound_cells", _FIELDS, module=new_module())
+    _shift(Text("shift", "Coefficients Segments Lines T first last", True, text.module), layouts)
+    _CellKernel(text, shape).write()
+    return Function(text)
 
 
-class _CellKernel(Writer):
-    """The text of one function of the kernel: rows, tables and buffers of a group of cells, and what is done to the
-    polynomials in them."""
+def _largest(a: Value, even: bool) -> Value:
+    """The largest a s for 0 ≤ s ≤ 1, or for |s| ≤ 1; of NaN, NaN."""
+    return a.compare("ole", 0.0).choose(a.text.number(0.0, VECTOR), a) if even else abs(a)
 
-    zero = "zeroinitializer"
-    plus = partialmethod(Writer.real, "fadd")
-    minus = partialmethod(Writer.real, "fsub")
-    times = partialmethod(Writer.real, "fmul")
-    absolute = partialmethod(Writer.intrinsic, "fabs")
-    fused = partialmethod(Writer.intrinsic, "fmuladd")  # a b + c, fused where the processor can
 
-    def __init__(self, module: ModuleText, shape: CellShape) -> None:
-        super().__init__(module)
-        self.shape = shape
+def _moved_by(a: Value, values: list[Value], degree: int) -> list[Value]:
+    """The coefficients of P(t + a), by synthetic division."""
+    for i in range(degree):
+        for p in range(degree - 1, i - 1, -1):
+            values[p] = a.text.fused(a, values[p + 1], values[p])
+    return values
+
+
+def _shift(text: Text, layouts: Sequence[MonomialLayout]) -> None:
+    """P(t + a) by synthetic division, line after line.
+
+    A segment is (variable, length, number of lines, place of the lines); a line has length + 1 places of
+    coefficients.
+    """
+    coefficients, segments, lines, t, first, last = text.fields()
+    with text.loop(first, last) as index:
+        variable, length, count, start = (segments.load(LONG, index * 4 + i) for i in range(4))
+        a = t.row(variable)
+        for some in text.cases(length, max(1, *(layout.degrees[-1] for layout in layouts))):
+            with text.loop(0, count) as line:
+                base = line * (some + 1) + start
+                places = [lines.load(INT, base + p) for p in range(some + 1)]
+                values = _moved_by(a, [coefficients.row(place) for place in places], some)
+                for value, place in zip(values[:some], places):
+                    coefficients.set_row(value, place)
+    text.finish()
+
+
+class _CellKernel:
+    """The text of the kernel: rows, tables and buffers of a group of cells, and what is done to the polynomials in
+    them."""
+
+    def __init__(self, text: Text, shape: CellShape) -> None:
+        self.text, self.shape = text, shape
         self.top = max(shape.whole.degrees[-1] - 2, shape.value.degrees[-1])  # highest power of ρ
+        self.zero = text.number(0.0, VECTOR)
 
-    def at(self, base: str, index: str, kind: str = _VECTOR) -> str:
-        return self.let(f"getelementptr inbounds {kind}, ptr {base}, i64 {index}")
+    def constant(self, value: float) -> Value:
+        return self.text.number(value, VECTOR)
 
-    def load(self, pointer: str) -> str:
-        return self.let(f"load {_VECTOR}, ptr {pointer}, align 64")
+    def input(self, name: str, index: int = 0) -> Value:
+        return self.rows.row(self.shape.inputs[name] + index)
 
-    def store(self, value: str, pointer: str) -> None:
-        self.do(f"store {_VECTOR} {value}, ptr {pointer}, align 64")
+    def output(self, name: str, value: Value, index: int = 0) -> None:
+        self.out.set_row(value, self.shape.outputs[name] + index)
 
-    def number(self, base: str, index: str) -> str:
-        return self.splat(self.let(f"load double, ptr {self.at(base, index, 'double')}, align 8"))
+    def result(self, name: str) -> Value:
+        return self.out.row(self.shape.outputs[name])
 
-    def word(self, base: str, index: str) -> str:
-        return self.let(f"load i64, ptr {self.at(base, index, 'i64')}, align 8")
+    def work(self, name: str, index: Value | int = 0) -> Value:
+        """The address of a row of a part of the work buffer."""
+        return self.memory.at(VECTOR, index + self.shape.work[name])
 
-    def largest(self, a: str, even: bool) -> str:
-        """The largest a s for 0 ≤ s ≤ 1, or for |s| ≤ 1; of NaN, NaN."""
-        return self.select(self.compare("ole", a, self.zero), self.zero, a) if even else self.absolute(a)
-
-    def moved_by(self, a: str, values: list[str], degree: int) -> list[str]:
-        """The coefficients of P(t + a), by synthetic division."""
-        for i in range(degree):
-            for p in range(degree - 1, i - 1, -1):
-                values[p] = self.fused(a, values[p + 1], values[p])
-        return values
-
-    def integer(self, operation: str, a: str, b: str) -> str:
-        return self.let(f"{operation} i64 {a}, {b}")
-
-    def affine(self, index: str, stride: int, offset: str | int) -> str:
-        return self.integer("add", self.integer("mul", index, str(stride)), str(offset))
-
-    def logical(self, operation: str, a: str, b: str) -> str:
-        return self.let(f"{operation} {_TRUTHS} {a}, {b}")
-
-    @contextmanager
-    def where(self, condition: str) -> Generator[None]:
-        yes, end = self.label("yes"), self.label("end")
-        self.do(f"br i1 {condition}, label %{yes}, label %{end}")
-        self.place(yes)
-        yield
-        self.do(f"br label %{end}")
-        self.place(end)
-
-    def sum(self, start: str = zero) -> str:
-        """Place of a new vector on the stack, to which `add` adds."""
-        place = self.allocate(_VECTOR)
-        self.store(start, place)
-        return place
-
-    def add(self, place: str, value: str, operation: str = "fadd") -> None:
-        self.store(self.real(operation, self.load(place), value), place)
-
-    def finish(self, head: str, name: str) -> None:
-        self.module.definitions[name] = "\n".join([f"{head} {_ATTRIBUTES} {{", *self.first, *self.lines, "}"])
-
-    def input(self, name: str, index: int = 0) -> str:
-        return self.load(self.at(self.rows, str(self.shape.inputs[name] + index)))
-
-    def output(self, name: str, value: str, index: int = 0) -> None:
-        self.store(value, self.at(self.out, str(self.shape.outputs[name] + index)))
-
-    def result(self, name: str) -> str:
-        return self.load(self.at(self.out, str(self.shape.outputs[name])))
-
-    def work(self, name: str, index: str = "0") -> str:
-        return self.at(self.pointers["work"], self.integer("add", str(self.shape.work[name]), index))
-
-    def power(self, which: int, exponent: int) -> str:
+    def power(self, which: int, exponent: int) -> Value:
         """inner, outer, middle, half, outer − middle (of the powers), to an exponent."""
-        return self.load(self.work("powers", str(which * (self.top + 3) + exponent)))
+        return self.work("powers", which * (self.top + 3) + exponent).row()
 
-    def moved(self, layout: MonomialLayout, table: str, base: str, place: str, number: int) -> None:
+    def moved(self, layout: MonomialLayout, table: Value, place: str, number: int) -> None:
         """Coefficients of the face in every lane, re-expanded about the middle of the box of directions."""
-        with self.loop(str(layout.count)) as i:
-            self.store(self.number(self.pointers[table], self.integer("add", base, i)), self.work(place, i))
+        with self.text.loop(0, layout.count) as i:
+            self.work(place, i).set_row(table.load(DOUBLE, i).all_lanes())
         self.shift(place, number)
 
     def shift(self, place: str, number: int) -> None:
-        bounds = [self.word(self.pointers["segments"], str(number + i)) for i in range(2)]
-        segments = self.at(self.pointers["segments"], str(len(self.shape.quotients) + 3), "i64")
-        arguments = f"ptr {self.work(place)}, ptr {segments}, ptr {self.pointers['lines']}, ptr {self.rows}"
-        self.do(f"call void @shift({arguments}, i64 {bounds[0]}, i64 {bounds[1]})")
+        bounds = [self.segments.load(LONG, number + i) for i in range(2)]
+        segments = self.segments.at(LONG, len(self.shape.quotients) + 3)
+        self.text.call("shift", self.work(place), segments, self.places, self.rows, *bounds)
 
-    def each(self, groups: Sequence[MonomialGroup]) -> Iterator[tuple[MonomialGroup, str, bool]]:
+    def each(self, groups: Sequence[MonomialGroup]) -> Iterator[tuple[MonomialGroup, Value, bool]]:
         """Loops over the monomials of groups: of each first those with even exponents, then the others."""
         for group in groups:
             for start, end, even in ((0, group.even, True), (group.even, group.count, False)):
                 if end > start:
-                    with self.loop(str(end), str(start)) as b:
+                    with self.text.loop(start, end) as b:
                         yield group, b, even
 
-    def coefficients(self, group: MonomialGroup, b: str, place: str) -> list[str]:
-        scale = self.load(self.work("scale", self.integer("add", b, str(group.first))))
-        start = self.affine(b, len(group.degrees), group.offset)
-        return [
-            self.times(self.load(self.work(place, self.integer("add", start, str(i)))), scale)
-            for i in range(len(group.degrees))
-        ]
+    def coefficients(self, group: MonomialGroup, b: Value, place: str) -> list[Value]:
+        scale = self.work("scale", b + group.first).row()
+        start, count = b * len(group.degrees) + group.offset, len(group.degrees)
+        return [self.work(place, start + i).row() * scale for i in range(count)]
 
-    def low_place(self, place: str, group: MonomialGroup, b: str, power: int) -> str:
-        return self.work(place, self.affine(self.integer("add", b, str(group.first)), self.top + 1, power))
+    def low_place(self, place: str, group: MonomialGroup, b: Value, power: int) -> Value:
+        return self.work(place, (b + group.first) * (self.top + 1) + power)
 
-    def kept(self, place: str, group: MonomialGroup, b: str) -> list[str]:
-        return [self.load(self.low_place(place, group, b, p)) for p in range(self.top + 1)]
+    def kept(self, place: str, group: MonomialGroup, b: Value) -> list[Value]:
+        return [self.low_place(place, group, b, p).row() for p in range(self.top + 1)]
 
-    def about_middle(self, layout: MonomialLayout, place: str, lift: int = 0) -> tuple[str, str]:
+    def about_middle(self, layout: MonomialLayout, place: str, lift: int = 0) -> tuple[Variable, Variable]:
         """V, or with `lift` 2 r/ρ², about the middle of the cell in the cell's own variables.
 
         The value there is an output, the low coefficients stand in their buffer. Returned are sums of what the others
         can add to it, at most: of those that are not kept, and of the low ones; for V to both sides, and of all.
         """
         low, output = ("low", "centre") if lift else ("low_value", "value")
-        highest, tail = layout.degrees[-1] - lift, self.sum()
+        highest, tail, fused = layout.degrees[-1] - lift, self.text.sum(), self.text.fused
         for group, b, even in self.each(layout.groups[LOW + 1 :]):
             value, width = self.zero, self.zero
             for k, c in zip(group.degrees, self.coefficients(group, b, place)):
-                value = self.fused(c, self.power(2, k - lift), value)
-                width = self.fused(self.absolute(c), self.power(4, k - lift), width)
-            self.add(tail, self.plus(self.largest(value, even and lift > 0), width))
+                value = fused(c, self.power(2, k - lift), value)
+                width = fused(abs(c), self.power(4, k - lift), width)
+            tail.add(_largest(value, even and lift > 0) + width)
             if lift:
-                weight = self.work("weight", self.integer("add", b, str(group.first)))
-                self.store(self.plus(self.absolute(value), width), weight)
-        total, middle = self.sum(self.zero if lift else self.load(tail)), self.power(2, 1)
+                self.work("weight", b + group.first).set_row(abs(value) + width)
+        total, middle = self.text.variable(self.zero if lift else tail.get()), self.power(2, 1)
         for group, b, even in self.each(layout.groups[: LOW + 1]):
             by_degree = dict(zip(group.degrees, self.coefficients(group, b, place)))
             values = [by_degree.get(p + lift, self.zero) for p in range(self.top + 1)]
-            for p, value in enumerate(self.moved_by(middle, values, highest)):
-                scaled = value if p == 0 or p > highest else self.times(value, self.power(3, p))
-                self.store(scaled, self.low_place(low, group, b, p))
+            for p, value in enumerate(_moved_by(middle, values, highest)):
+                scaled = value if p == 0 or p > highest else value * self.power(3, p)
+                self.low_place(low, group, b, p).set_row(scaled)
                 if centre := group.size == 0 and p == 0:
                     self.output(output, scaled)
                 if p <= highest and (lift or not centre):
-                    self.add(
-                        total, scaled if centre else self.largest(scaled, even and p % 2 == 0 and lift > 0)
-                    )
+                    total.add(scaled if centre else _largest(scaled, even and p % 2 == 0 and lift > 0))
         return tail, total
 
-    # The shift -----------------------------------------------------------------------------------
-    def write_shift(self, longest: int) -> None:
-        """shift(coefficients, segments, lines, t, first, last): P(t + a) by synthetic division, line after line.
-
-        A segment is (variable, length, number of lines, place of the lines); a line has length + 1 places of
-        coefficients.
-        """
-        with self.loop("%last", "%first") as index:
-            variable, length, count, start = (
-                self.word("%segments", self.affine(index, 4, i)) for i in range(4)
-            )
-            a = self.load(self.at("%t", variable))
-            done = self.label("done")
-            labels = [self.label(f"length{L}_") for L in range(1, longest + 1)]
-            cases = " ".join(f"i64 {L}, label %{label}" for L, label in enumerate(labels, 1))
-            self.do(f"switch i64 {length}, label %{done} [ {cases} ]")
-            for L, label in enumerate(labels, 1):
-                self.place(label)
-                with self.loop(count) as line:
-                    base = self.affine(line, L + 1, start)
-                    places = []
-                    for p in range(L + 1):
-                        pointer = self.at("%lines", self.integer("add", base, str(p)), "i32")
-                        narrow = self.let(f"load i32, ptr {pointer}, align 4")
-                        places.append(self.at("%coefficients", self.let(f"zext i32 {narrow} to i64")))
-                    for value, place in zip(
-                        self.moved_by(a, [self.load(place) for place in places], L)[:L], places
-                    ):
-                        self.store(value, place)
-                self.do(f"br label %{done}")
-            self.place(done)
-        self.do("ret void")
-        arguments = "ptr noalias %coefficients, ptr noalias %segments, ptr noalias %lines, ptr noalias %t"
-        self.finish(f"define internal void @shift({arguments}, i64 %first, i64 %last) noinline", "shift")
-
-    # The entry -----------------------------------------------------------------------------------
-    def write(self, entry: str) -> None:
-        context = {name: self.word("%context", str(i)) for i, name in enumerate(POINTERS)}
-        self.pointers = {name: self.let(f"inttoptr i64 {word} to ptr") for name, word in context.items()}
-        self.level = self.number(self.pointers["level"], "0")
-        inputs, outputs = self.shape.inputs["count"], self.shape.outputs["count"]
-        with self.loop(context["last"], context["first"]) as group:
-            self.rows = self.at(self.pointers["inputs"], self.integer("mul", group, str(inputs)))
-            self.out = self.at(self.pointers["outputs"], self.integer("mul", group, str(outputs)))
-            self.face = self.word(self.pointers["faces"], group)
+    def write(self) -> None:
+        """The text of the entry."""
+        text = self.text
+        first, last, faces, inputs, outputs, self.memory, level, *tables = text.fields()
+        value, quotients, whole, self.segments, self.places, self.links, self.masks = tables
+        self.level = level.all_lanes()
+        with text.loop(first, last) as group:
+            self.rows = inputs.at(VECTOR, group * self.shape.inputs["count"])
+            self.out = outputs.at(VECTOR, group * self.shape.outputs["count"])
+            face = faces.load(LONG, group)
             self._powers()
-            self._value()
-            outside = self.compare("ogt", self.result("least_value"), self.level)
+            self._value(value.at(DOUBLE, face * self.shape.value.count))
             for name in ("upper", "upper_inside"):
-                self.output(name, self.lanes.constant(float("inf")))
-            with self.where(self.any(self.logical("xor", outside, "splat (i1 true)"))):
-                self._inequality()
-        self.do("ret i64 0")
-        self.finish(f"define i64 @{entry}(ptr %context)", entry)
+                self.output(name, self.constant(float("inf")))
+            with text.when(self.result("least_value").compare("ule", self.level).somewhere()):
+                every = sum(layout.count for layout in self.shape.quotients)
+                self._inequality(
+                    quotients.at(DOUBLE, face * every), whole.at(DOUBLE, face * len(self.shape.columns))
+                )
 
     def _powers(self) -> None:
         """Write powers of the radii, and h^β of every monomial as another one times one h, into the work buffer."""
         size = self.top + 3
         for which, name in enumerate(("inner", "outer", "middle", "half")):
-            base, value = self.input(name), self.lanes.constant(1.0)
+            base, value = self.input(name), self.constant(1.0)
             for exponent in range(size):
-                self.store(value, self.work("powers", str(which * size + exponent)))
-                value = self.times(value, base)
+                self.work("powers", which * size + exponent).set_row(value)
+                value = value * base
         for exponent in range(size):
-            self.store(
-                self.minus(self.power(1, exponent), self.power(2, exponent)),
-                self.work("powers", str(4 * size + exponent)),
-            )
-        self.store(self.lanes.constant(1.0), self.work("scale"))
-        with self.loop(str(len(self.shape.longest.monomials)), "1") as b:
-            parent, variable = (self.word(self.pointers["signs"], self.affine(b, 2, i)) for i in (0, 1))
-            h = self.load(self.at(self.rows, self.integer("add", variable, str(self.shape.inputs["h"]))))
-            self.store(self.times(self.load(self.work("scale", parent)), h), self.work("scale", b))
+            difference = self.power(1, exponent) - self.power(2, exponent)
+            self.work("powers", 4 * size + exponent).set_row(difference)
+        self.work("scale").set_row(self.constant(1.0))
+        with self.text.loop(1, len(self.shape.longest.monomials)) as b:
+            parent, variable = (self.links.load(LONG, b * 2 + i) for i in (0, 1))
+            h = self.rows.row(variable + self.shape.inputs["h"])
+            self.work("scale", b).set_row(self.work("scale", parent).row() * h)
 
     # V ------------------------------------------------------------------------------------------
-    def _value(self) -> None:
-        layout = self.shape.value
-        self.moved(layout, "value_table", self.integer("mul", self.face, str(layout.count)), "value", 0)
-        lowest, growth = self.sum(), self.sum()
+    def _value(self, table: Value) -> None:
+        layout, fused = self.shape.value, self.text.fused
+        self.moved(layout, table, "value", 0)
+        lowest, growth = self.text.sum(), self.text.sum()
         for group, b, even in self.each(layout.groups):
             inner, slope, width = [self.zero] * 3
             for k, c in zip(group.degrees, self.coefficients(group, b, "value")):
-                inner = self.fused(c, self.power(0, k), inner)
-                times = self.times(self.lanes.constant(float(k)), c)
-                slope = self.fused(times, self.power(2, k - 2), slope)
-                width = self.fused(self.absolute(times), self.power(4, k - 2), width)
+                inner = fused(c, self.power(0, k), inner)
+                times = self.constant(float(k)) * c
+                slope = fused(times, self.power(2, k - 2), slope)
+                width = fused(abs(times), self.power(4, k - 2), width)
             if group.size == 0:
-                self.add(lowest, inner)
+                lowest.add(inner)
                 self.output("growth_at_centre", slope)
-                self.add(growth, self.minus(slope, width))
+                growth.add(slope - width)
             else:
-                down, falls = (self.let(f"fneg {_VECTOR} {a}") if even else a for a in (inner, slope))
-                self.add(lowest, self.largest(down, even), "fsub")
-                self.add(growth, self.plus(self.largest(falls, even), width), "fsub")
-        self.output("least_value", self.minus(self.load(lowest), self.input("value_rounding")))
-        self.output("growth", self.minus(self.load(growth), self.input("growth_rounding")))
+                down, falls = (-a if even else a for a in (inner, slope))
+                lowest.set(lowest.get() - _largest(down, even))
+                growth.set(growth.get() - (_largest(falls, even) + width))
+        self.output("least_value", lowest.get() - self.input("value_rounding"))
+        self.output("growth", growth.get() - self.input("growth_rounding"))
         self.value_tail, total = self.about_middle(layout, "value")
-        self.output("value_range", self.load(total))
+        self.output("value_range", total.get())
 
     # r ------------------------------------------------------------------------------------------
-    def _inequality(self) -> None:
-        shape = self.shape
-        allowance = self.sum(self.input("rounding"))
-        every, start = sum(layout.count for layout in shape.quotients), 0
+    def _inequality(self, quotients: Value, table: Value) -> None:
+        shape, fused = self.shape, self.text.fused
+        allowance, start = self.text.variable(self.input("rounding")), 0
         for j, layout in enumerate(shape.quotients):  # a bound of |Q_j|/ρ² on the cell
-            base = self.affine(self.face, every, start)
+            self.moved(layout, quotients.at(DOUBLE, start), "quotient", 1 + j)
             start += layout.count
-            self.moved(layout, "quotient_table", base, "quotient", 1 + j)
-            bound = self.sum()
+            bound = self.text.sum()
             for group, b, _ in self.each(layout.groups):
                 value = self.zero
                 for k, c in zip(group.degrees, self.coefficients(group, b, "quotient")):
-                    value = self.fused(self.absolute(c), self.power(1, k - 2), value)
-                self.add(bound, value)
-            error = self.times(self.input("error", j), self.lanes.constant(1.000001))
-            self.add(allowance, self.times(self.load(bound), error))
-        self.output("allowance", self.load(allowance))
-        table, value, before = self.pointers["table"], self.zero, 0  # of A + Σ s_jm Q_j ℓᵐ on the face
+                    value = fused(abs(c), self.power(1, k - 2), value)
+                bound.add(value)
+            error = self.input("error", j) * self.constant(1.000001)
+            allowance.add(bound.get() * error)
+        self.output("allowance", allowance.get())
+        value, before = self.zero, 0  # of A + Σ s_jm Q_j ℓᵐ on the face
         factors = [self.input("s", q) for q in range(len(shape.terms))]
-        base = self.integer("mul", self.face, str(len(shape.columns)))
         for group in shape.whole.groups:
             size, places = len(group.degrees), [(part, place - group.offset) for part, place in shape.columns]
             columns = [(part, i) for part, i in places if 0 <= i < size]  # of one monomial
-            with self.loop(str(group.count)) as b:
-                start, target = self.affine(b, len(columns), base), self.affine(b, size, group.offset)
-                for entry, (part, i) in enumerate(columns, before):
-                    number = self.number(table, self.integer("add", start, str(entry)))
-                    value = self.fused(factors[part - 1], number, value) if part else number
-                    self.store(value, self.work("whole", self.integer("add", target, str(i))))
+            with self.text.loop(0, group.count) as b:
+                source, target = b * len(columns) + before, b * size + group.offset
+                for entry, (part, i) in enumerate(columns):
+                    number = table.load(DOUBLE, source + entry).all_lanes()
+                    value = fused(factors[part - 1], number, value) if part else number
+                    self.work("whole", target + i).set_row(value)
             before += len(columns) * group.count
         self.shift("whole", 1 + len(shape.quotients))
         self.tail, total = self.about_middle(shape.whole, "whole", 2)
-        upper = self.plus(self.plus(self.load(total), self.load(self.tail)), self.load(allowance))
+        upper = total.get() + self.tail.get() + allowance.get()
         self.output("upper", upper)
         lowest, centre, spread = map(self.result, ("least_value", "value", "value_range"))
-        reaches = self.compare("ogt", self.plus(centre, spread), self.level)
-        undecided = self.logical("xor", self.compare("olt", upper, self.zero), "splat (i1 true)")
-        crossing = self.logical("and", undecided, reaches)
-        with self.where(self.any(self.logical("and", crossing, self.compare("ole", lowest, self.level)))):
+        undecided = upper.compare("uge", 0.0)
+        crossing = undecided & (centre + spread).compare("ogt", self.level)
+        with self.text.when((crossing & lowest.compare("ole", self.level)).somewhere()):
             self._multipliers(allowance)
-        with self.where(self.any(undecided)):
+        with self.text.when(undecided.somewhere()):
             self._scores()
 
-    def _multipliers(self, allowance: str) -> None:
+    def _multipliers(self, allowance: Variable) -> None:
         """The least bound of F + λ(c − V) with λ a ratio of linear coefficients, one for each variable."""
-        shape = self.shape
-        best = self.sum(self.lanes.constant(float("inf")))
-        with self.loop(str(shape.states)) as candidate:
-            place = self.integer("mul", candidate, str(self.top + 1))
-            place = self.let(f"select i1 {self.let(f'icmp eq i64 {candidate}, 0')}, i64 1, i64 {place}")
-            slope, growth = (self.load(self.work(name, place)) for name in ("low", "low_value"))
-            ratio = self.real("fdiv", slope, growth)
-            positive = self.compare("ogt", ratio, self.zero)
-            small = self.compare("olt", ratio, self.lanes.constant(1e200))
-            factor = self.select(self.logical("and", positive, small), ratio, self.zero)
-            total = self.sum()
+        shape, text = self.shape, self.text
+        best = text.variable(self.constant(float("inf")))
+        with text.loop(0, shape.states) as candidate:
+            place = candidate.compare("eq", 0).choose(text.number(1), candidate * (self.top + 1))
+            slope, growth = (self.work(name, place).row() for name in ("low", "low_value"))
+            ratio = slope / growth
+            usable = ratio.compare("ogt", 0.0) & ratio.compare("olt", 1e200)
+            factor = usable.choose(ratio, 0.0)
+            total = text.sum()
             for group, b, even in self.each(shape.whole.groups[: min(LOW, shape.value.degrees[-1]) + 1]):
                 for p, (f, v) in enumerate(zip(self.kept("low", group, b), self.kept("low_value", group, b))):
-                    value = self.minus(f, self.times(factor, v))
+                    value = f - factor * v
                     if group.size == 0 and p == 0:
-                        self.add(total, self.fused(factor, self.level, value))
+                        total.add(text.fused(factor, self.level, value))
                     else:
-                        self.add(total, self.largest(value, even and p % 2 == 0))
-            self.add(total, self.plus(self.load(self.tail), self.load(allowance)))
-            self.add(
-                total, self.times(factor, self.plus(self.load(self.value_tail), self.input("value_rounding")))
-            )
-            bound, before = self.load(total), self.load(best)
-            self.store(self.select(self.compare("olt", bound, before), bound, before), best)
-        self.output("upper_inside", self.load(best))
+                        total.add(_largest(value, even and p % 2 == 0))
+            total.add(self.tail.get() + allowance.get())
+            total.add(factor * (self.value_tail.get() + self.input("value_rounding")))
+            best.set(total.get().least(best.get(), "olt"))
+        self.output("upper_inside", best.get())
 
     def _scores(self) -> None:
         """For each variable, how much its nonlinear coefficients add to the bound; a cell is split in the largest."""
         shape, d = self.shape, self.shape.directions
-        scores = [self.sum() for _ in range(shape.states)]
+        scores = [self.text.sum() for _ in range(shape.states)]
         centre, *others = shape.whole.groups[: LOW + 1]
         for group, b, _ in self.each((*others, centre)):
             total = self.zero
             for p, value in enumerate(self.kept("low", group, b)):
-                linear, size = group.size + p == 1, self.absolute(value)
-                size = self.times(size, self.lanes.constant(0.25)) if linear else size
+                linear, size = group.size + p == 1, abs(value)
+                size = size * self.constant(0.25) if linear else size
                 if p:
-                    self.add(scores[0], size)
-                total = self.plus(total, size)
-            self.store(total, self.work("weight", self.integer("add", b, str(group.first))))
+                    scores[0].add(size)
+                total = total + size
+            self.work("weight", b + group.first).set_row(total)
         if d:
-            masks = self.at(self.pointers["signs"], str(2 * len(shape.longest.monomials)), "i64")
-            with self.loop(str(len(shape.whole.monomials)), "1") as b:
-                weight = self.load(self.work("weight", b))
+            with self.text.loop(1, len(shape.whole.monomials)) as b:
+                weight = self.work("weight", b).row()
                 for j in range(d):
-                    self.add(scores[1 + j], self.times(weight, self.number(masks, self.affine(b, d, j))))
+                    scores[1 + j].add(weight * self.masks.load(DOUBLE, b * d + j).all_lanes())
         for j, score in enumerate(scores):
-            self.output("score", self.load(score), j)
+            self.output("score", score.get(), j)

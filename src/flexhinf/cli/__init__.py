@@ -9,7 +9,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from typing import Any, NoReturn
 
@@ -93,7 +93,7 @@ def _streams() -> list[Any]:
 
 
 @contextmanager
-def _every_character() -> Iterator[None]:
+def _every_character() -> Generator[None, None, None]:
     """Write characters that the terminal's or pipe's encoding lacks (≤ in Latin-1, ° in ASCII) as Python escapes them.
 
     What cannot be written is let go of: at its end the interpreter would try, and fail, once more.
@@ -116,7 +116,7 @@ def _every_character() -> Iterator[None]:
 
 
 @contextmanager
-def _ended_in_order(received: list[int]) -> Iterator[None]:
+def _ended_in_order(received: list[int]) -> Generator[None, None, None]:
     """Raise KeyboardInterrupt at these signals; `received` tells which ones came.
 
     Only Ctrl-C is taken twice. Signals that are ignored, as under ``nohup``, or that somebody else handles are left as
@@ -153,7 +153,7 @@ def _ended_in_order(received: list[int]) -> Iterator[None]:
 
 
 @contextmanager
-def _ended_in_any_case(handler: Callable[[int, Any], object]) -> Iterator[None]:
+def _ended_in_any_case(handler: Callable[[int, Any], object]) -> Generator[None, None, None]:
     """End the process where a signal of this handler has not ended the block, which waits for a compiled function. The
     system tells another thread of every signal by a pipe."""
     over = threading.Event()

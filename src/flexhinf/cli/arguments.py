@@ -1,5 +1,9 @@
 """Arguments and options of the commands, made from their declarations; options without effect."""
 
+# Values of options have no types before they are read, and typer's classes narrow those of click.
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false, reportUnknownMemberType=false
+# pyright: reportIncompatibleMethodOverride=false, reportIncompatibleVariableOverride=false
+
 from __future__ import annotations
 
 import inspect
@@ -70,9 +74,10 @@ def with_options(declarations: Callable[[], tuple[type, Collection[str]]]) -> Ca
 
     def decorated(command: Callable[..., int | None]) -> Any:
         def run(context: typer.Context, **values: Any) -> int | None:
-            stated, own = stated_options(context).items(), declared(run.own)
+            kind: Any = vars(run)["own"]
+            stated, own = stated_options(context).items(), declared(kind)
             read = {name: _value(own[name], value) for name, value in stated if name in own}
-            return command(context, run.own(**{k: value for k, value in read.items() if value is not None}))
+            return command(context, kind(**{k: value for k, value in read.items() if value is not None}))
 
         run.__name__, run.__doc__, run.__module__ = (
             command.__name__,
@@ -288,9 +293,19 @@ NOISES = ("process_noise", "torque_noise", "measurement_noise")
 #: Fields that choose a law by the runs of its step alone, and those by which weights are searched for too.
 STEPPED = ("shaping", "quantisation", "friction_model", "integral_dead_zone")
 SEARCHED = (
-    "start", "peak_effort", "peak_speed", "saturation", "peak_sensitivity", "gain_margin", "delay_margin",
-    "estimator", *NOISES, "extras", "latency", "unknown_delay",
-)  # fmt: skip
+    "start",
+    "peak_effort",
+    "peak_speed",
+    "saturation",
+    "peak_sensitivity",
+    "gain_margin",
+    "delay_margin",
+    "estimator",
+    *NOISES,
+    "extras",
+    "latency",
+    "unknown_delay",
+)
 
 #: What fields of a step would act on, where no step is run.
 RUNS = "several --degrees or a search for weights, by which runs of the step choose the law"
@@ -361,7 +376,7 @@ def _active(s: Specification, idle: Mapping[str, str]) -> dict[str, str]:  # a s
 
 
 def _of_workspace(robot: Robot, s: Specification) -> dict[str, str]:
-    kept = {"ripple", "tracking_error"} | ({"estimator"} if s.estimator == "none" else set())
+    kept = {"ripple", "tracking_error", *(["estimator"] if s.estimator == "none" else [])}
     idle = dict.fromkeys(
         {*specification.FIELDS} - {*specification.OF_WORKSPACE, *specification.EXTENDED} | {"estimator"},
         "a design of one pose (--pose)",
@@ -410,9 +425,8 @@ def _of_certificate(robot: Robot, s: Specification, preset: str, tolerances: boo
     run = chosen or limited or preset == "robust"
     names = [] if run else [*STEPPED, "seed"]
     if not run and (proved or not searched):
-        left = {"start"} if tolerances or proved else set()
-        left |= {"saturation"} if len(robot.joint_names) > 1 else set()  # the units of R2
-        names += ["measured", *(name for name in SEARCHED if name not in left)]
+        left = {"start": tolerances or proved, "saturation": len(robot.joint_names) > 1}  # the units of R2
+        names += ["measured", *(name for name in SEARCHED if not left.get(name))]
     names += [] if chosen or (limited and not proved) else ["draws", "duration"]
     names += [] if chosen else ["overshoot"]
     idle = dict.fromkeys(names, RUNS)
@@ -455,7 +469,8 @@ def _text(field: FieldInfo, value: Any) -> Any:
     if isinstance(field.default, bool):
         return _flag(field, value)
     if isinstance(value, list):
-        return [text for text in value if text]
+        texts: list[str] = value
+        return [text for text in texts if text]
     zero = False
     with suppress(ValueError):
         zero = bool(field.about.zero) and float(value) == 0.0
@@ -499,7 +514,7 @@ def reproduce_command(context: typer.Context, without: Collection[str] = ()) -> 
             parts += [word for pair in pairs for word in ("--set", pair)]
         if value is None or name in (*without, "verbose"):
             continue
-        values = value if isinstance(value, (list, tuple)) else [value]
+        values: Sequence[Any] = value if isinstance(value, (list, tuple)) else [value]
         if name in options and options[name].is_path and options[name].about.group:
             values = [Path(path).name for path in values]
         if isinstance(value, bool):

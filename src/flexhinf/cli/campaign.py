@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
@@ -23,6 +23,7 @@ from flexhinf.processors import limited_threads
 
 if TYPE_CHECKING:
     from flexhinf.campaign.driver import Executor, Report
+    from flexhinf.campaign.results import MergedTable
     from flexhinf.design import DesignCampaign
 
 #: Seconds between two lines of progress where standard error is no terminal.
@@ -95,10 +96,17 @@ def run(context: typer.Context, o: options.RunCampaignOptions) -> int:
                 continue
             text = f"worst {pages.metric_text(metric)}"
             campaigns.worst_case(
-                campaign, metric, table.columns, least=smaller_is_worse, starts=o.starts, journal=journal,
+                campaign,
+                metric,
+                table.columns,
+                least=smaller_is_worse,
+                starts=o.starts,
+                journal=journal,
                 nominal=table.journal.about.get("nominal", {}),
-                progress=lambda runs, best, stage=stage, text=text: stage(f"{text}: {best:.4g} after {runs} runs"),
-            )  # fmt: skip
+                progress=lambda runs, best, stage=stage, text=text: stage(
+                    f"{text}: {best:.4g} after {runs} runs"
+                ),
+            )
     return _finish(table, checked)
 
 
@@ -227,7 +235,7 @@ def _finish(table: campaigns.MergedTable, requirements: list[campaigns.Requireme
 
     judged = pages.write_campaign(
         table, requirements, lambda case, plant: case.run(stored_campaign(folder)[0], plant)
-    )  # fmt: skip
+    )
     cases, gains = campaigns.stored_worsts(journal), stored_gains(journal)
     missed = [case for case in cases if pages.missed_by(case, requirements)]
     if gains.unproved:
@@ -288,7 +296,7 @@ def compare(context: typer.Context, o: options.CompareCampaignsOptions) -> None:
     checked = [campaigns.Requirement.of(text, known) for text in o.require or pair.a.requirements]
     with step_progress() as stage:
         opened = open_pair(pair, stage)
-    tables = []
+    tables: list[MergedTable] = []
     for name, (campaign, journal) in zip("AB", opened):
         with sample_progress(f"{name} {shard.name}".strip()) as progress:
             table = campaigns.drive(campaign, journal, shard=shard, executor=executor, progress=progress)
@@ -314,7 +322,7 @@ def compare(context: typer.Context, o: options.CompareCampaignsOptions) -> None:
 
 
 @contextmanager
-def sample_progress(part: str) -> Iterator[Callable[[Report], None]]:
+def sample_progress(part: str) -> Generator[Callable[[Report], None], None, None]:
     """Progress bar with samples, rate and time left; a line every `EVERY` seconds where there is no terminal."""
     bar = progress_bar("Bar", "MofNComplete")
     task = bar.add_task("")

@@ -49,9 +49,7 @@ def check_log(context: typer.Context, o: options.CheckOptions) -> int:
             page = pages.checked_log_page(
                 o.log.name, robot, log, findings, reproduce_command(context), request.warnings
             )
-            files = pages.checked_log_files(page, findings)
-    if folder is not None:
-        report.write(folder, files)
+            report.write(folder, pages.checked_log_files(page, findings))
     return concluded(pages.checked_log_ending(findings), findings, folder)
 
 

@@ -45,8 +45,10 @@ atexit.register(gc.freeze)
 
 
 def robots() -> None:
-    """List the robots that ship with flexhinf, and published joints, with where their numbers come from."""
-    show([pages.robots_table(), pages.actuators_table()])
+    """List the robots that ship with flexhinf, and published joints and gears, with where their numbers come from."""
+    show(
+        [pages.gears_table(), pages.actuators_table(), pages.robots_table()]
+    )  # the robots stay on the screen
 
 
 def schema() -> None:

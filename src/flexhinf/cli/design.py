@@ -324,9 +324,15 @@ def certify(context: typer.Context, o: options.CertifyOptions) -> int:
     with ProofProgress() as bar:
         try:
             laws = certify_design(
-                request.robot, request.specification, bar.step, bar.share, decay=o.decay, observer=o.observer,
-                tolerances=o.tolerances, threads=o.threads,
-            )  # fmt: skip
+                request.robot,
+                request.specification,
+                bar.step,
+                bar.share,
+                decay=o.decay,
+                observer=o.observer,
+                tolerances=o.tolerances,
+                threads=o.threads,
+            )
         except SeveralJoints as error:
             own = ("out", "check", "every_cell", "degree", "decay", "observer", "tolerances", "threads")
             command = reproduce_command(context, (*own, "degrees", "damping"))
@@ -505,9 +511,14 @@ def run_design(context: typer.Context, o: options.RunOptions) -> int:
     )
     with MuJoCoView(robot, prepared.box) if o.view else nullcontext() as viewer:
         run = fh.run_realtime(
-            prepared.loop, **prepared.arguments, library=compiled, real_time=o.realtime, priority=o.priority,
-            core=o.core, watch=None if viewer is None else viewer.show,
-        )  # fmt: skip
+            prepared.loop,
+            **prepared.arguments,
+            library=compiled,
+            real_time=o.realtime,
+            priority=o.priority,
+            core=o.core,
+            watch=None if viewer is None else viewer.show,
+        )
     try:
         for path in logs:
             export.write_log(run, path)

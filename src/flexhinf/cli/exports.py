@@ -1,5 +1,8 @@
 """``flexhinf export`` with ``flexhinf compile``: a controller as code for a machine."""
 
+# typer's classes narrow those of click.
+# pyright: reportIncompatibleMethodOverride=false
+
 from __future__ import annotations
 
 import json
@@ -126,9 +129,12 @@ def _export_feedforward(o: options.ExportCOptions) -> None:
     from flexhinf.robot.waypoints import WaypointTable, waypoints
 
     others = {
-        "--real": o.real != "double", "--flash": o.flash, "--ram": o.ram, "--no-limits": not o.limits,
+        "--real": o.real != "double",
+        "--flash": o.flash,
+        "--ram": o.ram,
+        "--no-limits": not o.limits,
         "--check-measurements": o.check_measurements,
-    }  # fmt: skip
+    }
     refuse_if(
         any(others.values()),
         "An option of a controller has no effect on feedforward.",
@@ -321,10 +327,8 @@ def _origin(path: Path, command: str, designed: DesignedController) -> dict[str,
     judged = {"requirements": designed.verdict.unmet or met} if rows else {}
     if designed.robot is not None and (text := estimated_text(designed.robot)):
         judged["estimated, not measured"] = text.partition(": ")[2]
-    result = (
-        tomllib.loads(path.read_text(encoding="utf-8")).get("result", {}) if path.suffix == ".toml" else {}
-    )
-    if verdict := result.get("verdict"):
+    stated: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8")) if path.suffix == ".toml" else {}
+    if verdict := stated.get("result", {}).get("verdict"):
         judged["what the design says"] = verdict
     return {"design": f"{path.name}, SHA-256 {digest}", "made by": command, **judged, **numbers}
 

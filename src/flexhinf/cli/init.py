@@ -25,6 +25,7 @@ def init(context: typer.Context, o: options.InitOptions) -> None:
 
     Then: flexhinf check arm.toml, and flexhinf design arm.toml.
     """
+    from flexhinf.robot.drive_text import LOOPS, loop_options
     from flexhinf.robot.init_file import description_of, robot_file_text
     from flexhinf.robot.template import template_text
 
@@ -35,9 +36,9 @@ def init(context: typer.Context, o: options.InitOptions) -> None:
         "flexhinf init arm.urdf, or flexhinf init --joints 3",
     )
     refuse_if(
-        o.source and o.drive != "torque",
+        o.source and o.drive not in ("torque", *LOOPS),
         "The motor's constants of a file with links are not known.",
-        f"expected --drive torque beside {value_text(o.source)}, got {o.drive}",
+        f"expected --drive torque, velocity or position beside {value_text(o.source)}, got {o.drive}",
         "torque_constant (and resistance, back_emf_constant) in [joint.motor] of the file that is written",
     )
     refuse_if(
@@ -60,9 +61,14 @@ def init(context: typer.Context, o: options.InitOptions) -> None:
         text = template_text(o.joints, o.drive)
     else:
         found = description_of(path, o.move)
-        text, changes = robot_file_text(found, found.arm(), out), found.changes
+        text, changes = (
+            robot_file_text(found, found.arm(), out, o.drive if o.drive in LOOPS else ""),
+            found.changes,
+        )
     out.parent.mkdir(parents=True, exist_ok=True)
     write_file(out, "robot file", lambda name: Path(name).write_text(text, encoding="utf-8"))
     for change in changes:
         note(change)
-    typer.echo(f"robot file: {out}\ncheck:  flexhinf check {out}\ndesign: flexhinf design {out}")
+    typer.echo(
+        f"robot file: {out}\ncheck:  flexhinf check {out}\ndesign: flexhinf design {out}{loop_options(o.drive)}"
+    )

@@ -147,9 +147,10 @@ def identify(context: typer.Context, o: options.IdentifyOptions) -> None:
         sources = {"period": "the log"} | {
             name: "option" if is_stated else "the log"
             for name, is_stated in (
-                ("process noise", process is not None), ("measurement noise", "measurement_noise" in fields),
+                ("process noise", process is not None),
+                ("measurement noise", "measurement_noise" in fields),
             )
-        }  # fmt: skip
+        }
         findings = fh.examine(log, robot, model=False)
         filtered = pages.FilteredLog(found.robot, log, filter, data, found.consistency, sources, findings)
         progress("motion")
@@ -157,10 +158,15 @@ def identify(context: typer.Context, o: options.IdentifyOptions) -> None:
         if found.unidentifiable:
             known = {*plant.outputs, *plant.disturbances}  # and not R^v, where that is stated
             motion = fh.excitation(
-                robot, names, duration=o.motion, period=min(log.period, 0.01), measured=plant.outputs,
-                extras=s.extras, noise={name: level for name, level in found.noise.items() if name in known},
+                robot,
+                names,
+                duration=o.motion,
+                period=min(log.period, 0.01),
+                measured=plant.outputs,
+                extras=s.extras,
+                noise={name: level for name, level in found.noise.items() if name in known},
                 seed=o.seed,
-            )  # fmt: skip
+            )
         second = fh.output_error(found, log) if o.simulate else None
         causes = () if found.consistent else explanations(found, log)
         late = stated_late(o, plant, latency)
@@ -254,18 +260,26 @@ def _filter(
     sources = {
         name: "option" if stated else "the design" if designed else "the log"
         for name, stated in (
-            ("period", "period" in fields), ("process noise", torques),
+            ("period", "period" in fields),
+            ("process noise", torques),
             ("measurement noise", "measurement_noise" in fields),
         )
-    }  # fmt: skip
+    }
     process = EstimatorNoise.stated(s).covariance(plant.states) if designed or torques else None
     from_log = sources["measurement noise"] == "the log"
     return default_filter(
-        plant, log.times, log.inputs, log.outputs, kinds[o.filter], o.form,
-        None if sources["period"] == "the log" else s.period, process,
+        plant,
+        log.times,
+        log.inputs,
+        log.outputs,
+        kinds[o.filter],
+        o.form,
+        None if sources["period"] == "the log" else s.period,
+        process,
         None if from_log else LoopPlants(request.robot, s).noise_variances,
-        gate=o.gate, bounds=bounds,
-    ), sources  # fmt: skip
+        gate=o.gate,
+        bounds=bounds,
+    ), sources
 
 
 def _bounds(stated: Sequence[str], plant: fh.Plant) -> Bounds:

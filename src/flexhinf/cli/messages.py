@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import cache
 from itertools import accumulate, dropwhile, islice, pairwise
@@ -19,7 +19,7 @@ from flexhinf.options import option_name, with_value
 from flexhinf.validation import late_package
 
 if TYPE_CHECKING:
-    from flexhinf.cli import options
+    from flexhinf.cli import options as options
     from flexhinf.design import specification
 else:  # the help of all commands takes no declaration of an option
     options = late_package("flexhinf.cli.options")
@@ -216,7 +216,7 @@ def progress_bar(*columns: str) -> Any:
 @contextmanager
 def step_progress(
     steps: int | Sequence[tuple[str, float]] = (), lines: bool = False
-) -> Iterator[Callable[[str], None]]:
+) -> Generator[Callable[[str], None], None, None]:
     """A progress bar around some work; a spinner where nothing is known of its steps.
 
     It gives a function that is called with the name of each step before the step begins. `steps`: how many alike there

@@ -161,7 +161,7 @@ class DesignOptions(RobotOptions, VerboseOptions):
     out: Path = option(Path("flexhinf-design"), WRITTEN, FOLDER)
     advice: Flag = option(True, SEARCH,
         "Whether changes are tried where a design for a workspace misses a requirement: slower moves, a shorter "
-        "period, a limit with room. They take at most as much CPU time again. The cheapest that meets all is named.")
+        "period, a limit with room. They take about as much CPU time again. The cheapest that meets all is named.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -462,8 +462,8 @@ class InitOptions:
         "A joint that is to move; all others are locked. Repeat the option for more.", "shoulder", "name",
         default="all with a motor that follow no other one")
     joints: Whole = option(0, ROBOT, "A template of so many joints in a vertical plane, instead of a file.", "3")
-    drive: Annotated[Literal["torque", "current", "voltage"], CHOICE] = option("torque", ROBOT,
-        "What the motors of the template take: torque, current or voltage.", "current")
+    drive: Annotated[Literal["torque", "current", "voltage", "velocity", "position"], CHOICE] = option("torque", ROBOT,
+        "What the motors take: torque, velocity or position; of a template also current or voltage.", "position")
     out: Path | None = option(None, WRITTEN, "The robot file to write.", "arm.toml", "path",
         default="the name of the file with .toml, here")
     force: bool = option(False, WRITTEN, "Replace a file of that name.")

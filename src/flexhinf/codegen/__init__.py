@@ -2,14 +2,15 @@
 
 ::
 
-    NumPy code ─► trace ─► Program ─► dataflow ─► emit ─► LLVM ─► machine code
-                             │          │   operations: what each is in NumPy, LLVM and C
-                             │          │
-                             └► stages, straight ─► c ─► C99
+    NumPy ─► trace ─► dataflow ─► stages, straight ─► Program ─┬─► emit ─► LLVM ─► machine code
+                                  (what a person reads, for C) ├─► c ────► C99
+    loops over tables of places: the solver's, the checker's   └─► another target: a file, see CONTRIBUTING.md
+       └─► loops ─► emit.writer ─► LLVM ─► machine code
 
-`program` has the steps, `dataflow` the operations of a traced function in single-assignment form with products fused
-into sums, `operations` the one table of what they are. For C, `stages` and `straight` divide a step into functions that
-a person reads.
+`program` has the steps; `compose` makes them of NumPy code, or `recorder` keeps the stages of one trace. `dataflow` has
+the operations of a traced function in single-assignment form with products fused into sums. What an operation is, in
+NumPy, LLVM and C, is said by `operations` alone. `stages` and `straight` divide a step into functions that a person
+reads. All LLVM is written by `emit.writer`, that of `loops` too.
 """
 
 from __future__ import annotations

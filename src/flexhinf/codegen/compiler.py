@@ -11,6 +11,9 @@ reported through `logging`, and replaced. Whatever else lies in the folder is no
 `highest_optimisation`.
 """
 
+# Arguments are checked whose types nobody else checks.
+# pyright: reportUnnecessaryIsInstance=false
+
 from __future__ import annotations
 
 import ctypes
@@ -421,14 +424,14 @@ def compile_program(program: Program, lanes: int = 1, fused: bool | None = None)
         ) from reason
 
 
-class BoundKernel(partial):
+class BoundKernel(partial[int]):
     """A kernel with its arrays, nothing left to check: calling it runs no Python code, and returns the largest code.
 
     `keep`: The kernel, the arrays and the context, alive as long as this object. `outcome`: codes and steps of
     the last call, (2·lanes,).
     """
 
-    keep: tuple
+    keep: tuple[object, ...]
     outcome: np.ndarray
 
     @property

@@ -7,11 +7,14 @@ writes steps of a program that apply it: a 7-link estimator, which would be half
 trace, is some thousand operations in loops over its sigma points.
 """
 
+# What is traced, and what CasADi gives, has no types.
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false, reportUnknownMemberType=false
+
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Generator, Hashable, Sequence
 from contextlib import contextmanager, nullcontext
 from functools import partial
 from inspect import Parameter, signature
@@ -201,7 +204,7 @@ class Composer:
         return tuple(results) if several else results[0]
 
     @contextmanager
-    def when(self, flag: Block) -> Iterator[None]:
+    def when(self, flag: Block) -> Generator[None, None, None]:
         """As `Direct.when`: steps that are left out where the flag is zero."""
         outside, self.body = self.body, []
         try:

@@ -30,6 +30,9 @@ from flexhinf.codegen.operations import (
 from flexhinf.codegen.program import Unsupported
 from flexhinf.scalars.trace import walk
 
+#: What is no operation: it is read where it is used.
+LEAVES = (casadi.OP_CONST, casadi.OP_INPUT)
+
 #: Quotients by one number from which they share its reciprocal, whatever it is.
 MANY = 3
 
@@ -45,9 +48,16 @@ class Operation(NamedTuple):
     arguments: tuple[int, ...]
     constant: float = 0.0
 
-    def on(self, arguments: tuple[int, ...]) -> Operation:
-        """The same of other values."""
-        return Operation(self.code, arguments, self.constant)
+    @property
+    def operands(self) -> tuple[int, ...]:
+        """The values that it reads."""
+        return () if self.code in LEAVES else self.arguments
+
+    def at(self, places: Sequence[int] | Mapping[int, int]) -> Operation:
+        """The same on values that stand elsewhere."""
+        if self.code in LEAVES:
+            return self
+        return Operation(self.code, tuple([places[a] for a in self.arguments]))
 
 
 @dataclass(frozen=True)
@@ -76,25 +86,6 @@ def read_dataflow(
     which order values are computed, and nothing is decided by them. Raises Unsupported: naming the first opcode that is
     not supported.
     """
-    operations, outputs, last = _shortest(function, supported, stages)
-    kept, own = dict(enumerate(operations)), [row for row in outputs if row[0] >= 0]
-    if fused:
-        _fuse(kept, own)
-    of_stages = tuple((k + stages, element, value) for k, element, value in outputs if k < 0)
-    return Dataflow(kept, own, len(operations), tuple(accumulate(last, max)), of_stages)
-
-
-def read_stages(function: casadi.Function, stages: int) -> Dataflow:
-    """As `read_dataflow`, before products are fused; `outputs` have what stages end with too, where it is used: as of
-    the results -`stages`, …, -1."""
-    operations, outputs, last = _shortest(function, range(1000), stages)
-    return Dataflow(dict(enumerate(operations)), outputs, len(operations), tuple(accumulate(last, max)))
-
-
-def _shortest(
-    function: casadi.Function, supported: Container[int], stages: int
-) -> tuple[list[Operation], list[tuple[int, int, int]], list[int]]:
-    """Operations and outputs, of what stages end with only what is used; and the last value of each stage."""
     shortened = _Shortened()
 
     def add(code: int, arguments: Sequence[int]) -> int:
@@ -109,7 +100,7 @@ def _shortest(
     outputs = list(
         walk(
             function,
-            lambda *place: shortened.add(casadi.OP_INPUT, place),
+            lambda argument, place: shortened.add(casadi.OP_INPUT, (argument, place)),
             lambda constant: shortened.add(casadi.OP_CONST, (), constant),
             add,
         )
@@ -119,7 +110,14 @@ def _shortest(
     last = [0] * stages
     for stage, value in ends:
         last[stage] = max(last[stage], places[value])
-    return operations, [(k - stages, element, value) for k, element, value in outputs], last
+    kept, own = (
+        dict(enumerate(operations)),
+        [(k - stages, element, value) for k, element, value in outputs if k >= stages],
+    )
+    if fused:
+        _fuse(kept, own)
+    of_stages = tuple(row for row in outputs if row[0] < stages)
+    return Dataflow(kept, own, len(operations), tuple(accumulate(last, max)), of_stages)
 
 
 def joined(
@@ -134,15 +132,14 @@ def joined(
     for flow, function in zip(flows, functions, strict=True):
         places = dict[int, int]()
         for k, operation in flow.operations.items():
-            read = tuple(places[a] for a in operation.arguments) if operation.code != casadi.OP_INPUT else ()
             if operation.code == casadi.OP_INPUT:
-                argument, element = operation.arguments
-                read = (arguments + argument, element)
-                if read[0] in links:
-                    places[k] = written[links[read[0]], element]
+                argument, element = arguments + operation.arguments[0], operation.arguments[1]
+                if argument in links:
+                    places[k] = written[links[argument], element]
                     continue
+                operation = Operation(casadi.OP_INPUT, (argument, element))
             places[k] = len(operations)
-            operations[places[k]] = operation.on(read)
+            operations[places[k]] = operation.at(places)
         written |= {(results + result, element): places[value] for result, element, value in flow.outputs}
         arguments, results = arguments + function.n_in(), results + function.n_out()
     return Dataflow(
@@ -152,9 +149,10 @@ def joined(
 
 #: Of two truth values.
 _JOINED = {
-    casadi.OP_FMIN: casadi.OP_AND, casadi.OP_MUL: casadi.OP_AND,
+    casadi.OP_FMIN: casadi.OP_AND,
+    casadi.OP_MUL: casadi.OP_AND,
     casadi.OP_FMAX: casadi.OP_OR,
-}  # fmt: skip
+}
 
 
 class _Shortened:
@@ -284,17 +282,13 @@ def _without_unused(
     another form, the stage ends with the operands."""
     used = {value for k, _, value in outputs if k >= stages}
     for k in reversed(range(len(operations))):
-        if k in used and operations[k].code != casadi.OP_INPUT:
-            used.update(operations[k].arguments)
+        if k in used:
+            used.update(operations[k].operands)
     last: list[int] = []  # used value that each value is, or is made of at last
     for k, op in enumerate(operations):
-        before = () if op.code == casadi.OP_INPUT else op.arguments
-        last.append(k if k in used else max((last[a] for a in before), default=-1))
+        last.append(k if k in used else max((last[a] for a in op.operands), default=-1))
     places = {k: place for place, k in enumerate(sorted(used))}
-    kept = [
-        op if op.code == casadi.OP_INPUT else op.on(tuple([places[a] for a in op.arguments]))
-        for op in (operations[k] for k in sorted(used))
-    ]
+    kept = [operations[k].at(places) for k in sorted(used)]
     ends = [(k, places[last[value]]) for k, _, value in outputs if k < stages and last[value] >= 0]
     return kept, [(k, element, places[value]) for k, element, value in outputs if value in used], ends
 
@@ -322,14 +316,13 @@ def _share_reciprocals(
     places: list[int] = []
     reciprocals: dict[int, int] = {}
     for operation in operations:
-        if operation.code != casadi.OP_INPUT:
-            divisor = operation.arguments[1] if operation.code == casadi.OP_DIV else -1
-            operation = operation.on(tuple([places[a] for a in operation.arguments]))
-            if quotients[divisor] > 1 and shared(divisor):
-                if divisor not in reciprocals:
-                    reciprocals[divisor] = len(written)
-                    written.append(Operation(casadi.OP_INV, operation.arguments[1:]))
-                operation = Operation(casadi.OP_MUL, (operation.arguments[0], reciprocals[divisor]))
+        divisor = operation.arguments[1] if operation.code == casadi.OP_DIV else -1
+        operation = operation.at(places)
+        if quotients[divisor] > 1 and shared(divisor):
+            if divisor not in reciprocals:
+                reciprocals[divisor] = len(written)
+                written.append(Operation(casadi.OP_INV, operation.arguments[1:]))
+            operation = Operation(casadi.OP_MUL, (operation.arguments[0], reciprocals[divisor]))
         places.append(len(written))
         written.append(operation)
     return written, [(result, element, places[value]) for result, element, value in outputs], places
@@ -338,8 +331,7 @@ def _share_reciprocals(
 def _fuse(operations: dict[int, Operation], outputs: list[tuple[int, int, int]]) -> None:
     uses = Counter(value for _, _, value in outputs)
     for operation in operations.values():
-        if operation.code != casadi.OP_INPUT:
-            uses.update(operation.arguments)
+        uses.update(operation.operands)
 
     def factors(value: int) -> tuple[int, ...] | None:
         product = operations.get(value)

@@ -1,9 +1,11 @@
-"""Functions over arrays written as loops in Python, for machine code: LLVM text, its linking, its call.
+"""Functions over arrays written as loops in Python, for machine code: values with operators over one LLVM writer.
 
-For what a `Program` cannot say, reads through tables of places. The body of a function is written once, by Python that
-calls the methods of `Text`; Python's own loops unroll. Numbers that change are variables; LLVM keeps them in registers.
+For what a `Program` does not say, reads through tables of places: the HJI solver's contractions, the checker's cells.
+Its lines are those of `emit.writer`, and what is done to numbers stands in the table of `operations`, as for programs.
+The body of a function is written once, by Python that calls the methods of `Text`; Python's own loops unroll. Numbers
+that change are variables; LLVM keeps them in registers.
 
-    text = Text("scale", "x n")                   # the fields of a task: 64 bits each
+    text = Text("scale", "X n")                   # the fields of a task: 64 bits each
     x, n = text.fields()
     with text.loop(0, n) as i:
         x.store(2.0 * x.load(DOUBLE, i), i)
@@ -15,19 +17,21 @@ Nothing is checked when such a function runs.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Generator, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+import casadi
 import numpy as np
+
+from flexhinf.codegen.emit.writer import Lanes, ModuleText, Writer
+from flexhinf.codegen.operations import OPERATIONS
 
 LANES = 8
 DOUBLE, VECTOR, LONG, INT, SHORT = "double", f"<{LANES} x double>", "i64", "i32", "i16"
-_FUSED = {DOUBLE: "f64", VECTOR: f"v{LANES}f64"}
-_COMMON = "!0 = !{ i32 1 }\n" + "".join(
-    f"declare {kind} @llvm.fmuladd.{suffix}({kind}, {kind}, {kind})\n" for kind, suffix in _FUSED.items()
-)
+_SIZES = {SHORT: 2, INT: 4}  # bytes of what has other than 8, or is no multiple of it
+_INTEGER = {casadi.OP_ADD: "add", casadi.OP_SUB: "sub", casadi.OP_MUL: "mul", casadi.OP_DIV: "sdiv"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,39 +42,48 @@ class Value:
     kind: str
     name: str
 
-    def _with(self, operation: str, other: Value | float) -> Value:
-        operation = (
-            {"add": "fadd", "sub": "fsub", "mul": "fmul", "sdiv": "fdiv"}[operation]
-            if self.kind != LONG
-            else operation
-        )
-        return self.text.line(self.kind, f"{operation} {self.kind} {self.name}, {self.text.name(other)}")
-
     def __add__(self, other: Value | float) -> Value:
-        return self._with("add", other)
+        return self.text.computed(casadi.OP_ADD, self, other)
 
     def __sub__(self, other: Value | float) -> Value:
-        return self._with("sub", other)
+        return self.text.computed(casadi.OP_SUB, self, other)
 
     def __mul__(self, other: Value | float) -> Value:
-        return self._with("mul", other)
+        return self.text.computed(casadi.OP_MUL, self, other)
 
     def __truediv__(self, other: Value | float) -> Value:
-        return self._with("sdiv", other)
+        return self.text.computed(casadi.OP_DIV, self, other)
+
+    def __neg__(self) -> Value:
+        return self.text.computed(casadi.OP_NEG, self)
+
+    def __abs__(self) -> Value:
+        return self.text.computed(casadi.OP_FABS, self)
+
+    __radd__, __rmul__ = __add__, __mul__
+
+    def __and__(self, other: Value) -> Value:
+        return self._let(self.kind, f"and {self.kind} {self.name}, {other.name}")
 
     def compare(self, relation: str, other: Value | float) -> Value:
-        """A condition of integers: "eq", "slt", …"""
-        return self.text.line("i1", f"icmp {relation} {self.kind} {self.name}, {self.text.name(other)}")
+        """A condition: of integers "eq", "slt", …, of numbers "olt", …; of a vector one in each lane."""
+        writer, right = self.text.writer(self.kind), self.text.number(other, self.kind).name
+        if self.kind == LONG:
+            return self._let("i1", f"icmp {relation} {self.kind} {self.name}, {right}")
+        return Value(self.text, writer.lanes.boolean, writer.compare(relation, self.name, right))
 
-    def choose(self, this: Value, other: Value) -> Value:
+    def somewhere(self) -> Value:
+        """Whether a condition holds in some lane."""
+        return Value(self.text, "i1", self.text.writer(VECTOR).any(self.name))
+
+    def choose(self, this: Value, other: Value | float) -> Value:
         """`this` where the condition holds, else the other one."""
-        kinds = f"{this.kind} {this.name}, {other.kind} {other.name}"
-        return self.text.line(this.kind, f"select i1 {self.name}, {kinds}")
+        kinds = f"{this.kind} {this.name}, {this.kind} {self.text.number(other, this.kind).name}"
+        return self._let(this.kind, f"select {self.kind} {self.name}, {kinds}")
 
     def least(self, other: Value | int, relation: str = "slt") -> Value:
-        """The smaller one of two integers."""
-        less = self.compare(relation, other)
-        return less.choose(self, other if isinstance(other, Value) else self.text.number(other))
+        """The smaller one of two integers; of two numbers, by "olt"."""
+        return self.compare(relation, other).choose(self, other)
 
     def most(self, other: Value | int) -> Value:
         """The larger one of two integers."""
@@ -78,184 +91,182 @@ class Value:
 
     def at(self, kind: str, index: Value | int) -> Value:
         """The address `index` elements of a kind further on."""
-        return self.text.line("ptr", f"getelementptr {kind}, ptr {self.name}, i64 {self.text.name(index)}")
+        return self._let("ptr", f"getelementptr {kind}, ptr {self.name}, i64 {self.text.number(index).name}")
 
     def load(self, kind: str, index: Value | int = 0) -> Value:
         """The element there, an integer as 64 bits. A vector begins at any double: its index counts doubles."""
         where = self.at(DOUBLE if kind == VECTOR else kind, index)
-        value = self.text.line(
-            kind, f"load {kind}, ptr {where.name}, align {8 if kind == VECTOR else _size(kind)}"
-        )
-        return self.text.line(LONG, f"sext {kind} {value.name} to i64") if kind in (INT, SHORT) else value
+        value = self._let(kind, f"load {kind}, ptr {where.name}, align {_SIZES.get(kind, 8)}")
+        return self._let(LONG, f"sext {kind} {value.name} to i64") if kind in _SIZES else value
 
     def store(self, value: Value, index: Value | int = 0) -> None:
         """Put a double, a vector or an integer of 64 bits there."""
         where = self.at(DOUBLE if value.kind == VECTOR else value.kind, index)
-        self.text.put(f"store {value.kind} {value.name}, ptr {where.name}, align 8")
+        self.text.lines.do(f"store {value.kind} {value.name}, ptr {where.name}, align 8")
 
-    def stream(self, value: Value, index: Value | int = 0) -> None:
-        """Put a vector `index` vectors further on, at a multiple of 64 bytes, past the cache."""
-        self.text.put(
-            f"store {VECTOR} {value.name}, ptr {self.at(VECTOR, index).name}, align 64, !nontemporal !0"
-        )
+    def row(self, index: Value | int = 0) -> Value:
+        """The vector `index` vectors further on, at a multiple of 64 bytes."""
+        return self._let(VECTOR, f"load {VECTOR}, ptr {self.at(VECTOR, index).name}, align 64")
+
+    def set_row(self, value: Value, index: Value | int = 0, past_cache: bool = False) -> None:
+        """Put a vector there; `past_cache` if it is not read soon."""
+        where = f"ptr {self.at(VECTOR, index).name}, align 64"
+        self.text.lines.do(f"store {VECTOR} {value.name}, {where}{', !nontemporal !0' if past_cache else ''}")
 
     def shuffled(self, other: Value, lanes: list[int]) -> Value:
         """The vector of these lanes of both vectors, the second one's from 8 on."""
         mask = ", ".join(f"i32 {lane}" for lane in lanes)
         both = f"{VECTOR} {self.name}, {VECTOR} {other.name}"
-        return self.text.line(VECTOR, f"shufflevector {both}, <{LANES} x i32> <{mask}>")
+        return self._let(VECTOR, f"shufflevector {both}, <{LANES} x i32> <{mask}>")
 
     def real(self) -> Value:
         """The double of an integer."""
-        return self.text.line(DOUBLE, f"sitofp i64 {self.name} to double")
+        return self._let(DOUBLE, f"sitofp i64 {self.name} to double")
 
     def all_lanes(self) -> Value:
         """The vector of a double in every lane."""
-        one = self.text.line(VECTOR, f"insertelement {VECTOR} poison, double {self.name}, i64 0")
-        zeros = f"<{LANES} x i32> zeroinitializer"
-        return self.text.line(VECTOR, f"shufflevector {VECTOR} {one.name}, {VECTOR} poison, {zeros}")
+        return Value(self.text, VECTOR, self.text.writer(VECTOR).splat(self.name))
+
+    def _let(self, kind: str, expression: str) -> Value:
+        return Value(self.text, kind, self.text.lines.let(expression))
 
 
 class Variable:
     """A number that changes."""
 
     def __init__(self, value: Value) -> None:
-        self._text, self._kind = value.text, value.kind
-        self._place = value.text.room(value.kind)
+        self._kind, self._place = value.kind, value.text.room(value.kind)
         self.set(value)
 
     def get(self) -> Value:
         """Its value now."""
-        return self._text.line(self._kind, f"load {self._kind}, ptr {self._place.name}")
+        text = self._place.text
+        return Value(text, self._kind, text.lines.let(f"load {self._kind}, ptr {self._place.name}"))
 
     def set(self, value: Value) -> None:
         """Change it."""
-        self._text.put(f"store {self._kind} {value.name}, ptr {self._place.name}")
+        self._place.text.lines.do(f"store {self._kind} {value.name}, ptr {self._place.name}")
+
+    def add(self, value: Value) -> None:
+        """Add to it."""
+        self.set(self.get() + value)
 
 
 class Text:
     """The text of one function, whose only argument is the address of its task: fields of 64 bits each.
 
-    A field is an address if its name begins with a capital, a double if it begins with "=", else an integer. A `part`
-    is a function for others: its fields are its arguments. `parts`: The text of those that this one calls.
+    A field is an address if its name begins with a capital, a double if it begins with "=", else an integer. `part`: A
+    function for others, whose fields are its arguments, and whose addresses lead to memory of their own. `module`:
+    Where functions that call each other stand together. `lines`: The writer of the text.
     """
 
-    def __init__(self, entry: str, fields: str, part: bool = False, parts: str = "") -> None:
-        self.entry, self._part, self._parts = entry, part, parts
+    def __init__(self, entry: str, fields: str, part: bool = False, module: ModuleText | None = None) -> None:
+        self.entry, self._part = entry, part
+        self.module = new_module() if module is None else module
         self._kinds = ["ptr" if f[0].isupper() else DOUBLE if f[0] == "=" else LONG for f in fields.split()]
-        self._head: list[str] = []
-        self._lines: list[str] = ["br label %body", "body:"]
-        self._named = 0
+        self.lines = Writer(self.module, Lanes(1))
+        self._wide = self.lines.alike(self.module.lanes)
 
-    def name(self, value: Value | float) -> str:
-        """How a value is written in the text."""
-        return value.name if isinstance(value, Value) else repr(value)
+    def writer(self, kind: str) -> Writer:
+        """The writer of operations on values of a kind: in lanes, if they are vectors."""
+        return self._wide if kind == VECTOR else self.lines
 
-    def put(self, line: str) -> None:
-        """One line."""
-        self._lines.append(line)
+    def computed(self, code: int, *operands: Value | float) -> Value:
+        """An operation of the table `operations`, or of integers, on values of one kind; plain numbers are, too."""
+        kind = next(value.kind for value in operands if isinstance(value, Value))
+        names = [self.number(value, kind).name for value in operands]
+        if kind == LONG:
+            return Value(self, kind, self.lines.whole(_INTEGER[code], *names))
+        return Value(self, kind, OPERATIONS[code].llvm(self.writer(kind), *names))
 
-    def line(self, kind: str, text: str) -> Value:
-        """One line that has a value."""
-        value = self._new(kind)
-        self.put(f"{value.name} = {text}")
-        return value
-
-    def _new(self, kind: str) -> Value:
-        self._named += 1
-        return Value(self, kind, f"%v{self._named}")
+    def fused(self, a: Value, b: Value, c: Value) -> Value:
+        """a·b + c with one rounding where the processor can."""
+        return Value(self, c.kind, self.writer(c.kind).multiply_add(a.name, b.name, c.name))
 
     def fields(self) -> list[Value]:
         """What the function is given."""
         if self._part:
             return [Value(self, kind, f"%a{i}") for i, kind in enumerate(self._kinds)]
         task = Value(self, "ptr", "%task")
-        return [task.at(LONG, i).load(kind) for i, kind in enumerate(self._kinds)]
+        return [task.load(kind, i) for i, kind in enumerate(self._kinds)]
 
     def call(self, entry: str, *values: Value | int) -> None:
         """Call a part, with integers and addresses."""
-        kinds = (value.kind if isinstance(value, Value) else LONG for value in values)
-        arguments = ", ".join(f"{kind} {self.name(value)}" for kind, value in zip(kinds, values, strict=True))
-        self.put(f"call void @{entry}({arguments})")
+        arguments = ", ".join(f"{value.kind} {value.name}" for value in map(self.number, values))
+        self.lines.do(f"call void @{entry}({arguments})")
 
-    def number(self, value: float, kind: str = LONG) -> Value:
-        """A constant; a vector may only be of zeros."""
-        return Value(self, kind, "zeroinitializer" if kind == VECTOR else repr(value))
+    def number(self, value: Value | float, kind: str = LONG) -> Value:
+        """A constant, of a vector in every lane; a value is what it is."""
+        if isinstance(value, Value):
+            return value
+        return Value(
+            self, kind, str(value) if kind == LONG else self.writer(kind).lanes.constant(float(value))
+        )
 
     def room(self, kind: str, size: int = 1) -> Value:
         """The address of memory that lives as long as the call."""
-        place = self._new("ptr")
-        self._head.append(f"{place.name} = alloca {kind}, i64 {size}, align 64")
-        return place
+        return Value(self, "ptr", self.lines.allocate(f"{kind}, i64 {size}"))
 
     def variable(self, value: Value | int) -> Variable:
         """A number that begins with `value` and changes."""
-        return Variable(value if isinstance(value, Value) else self.number(value))
+        return Variable(self.number(value))
 
-    def fused(self, a: Value, b: Value, c: Value) -> Value:
-        """a·b + c with one rounding where the processor can."""
-        kind = c.kind
-        return self.line(
-            kind,
-            f"call {kind} @llvm.fmuladd.{_FUSED[kind]}({kind} {a.name}, {kind} {b.name}, {kind} {c.name})",
-        )
+    def sum(self) -> Variable:
+        """A vector that begins with zeros and changes."""
+        return Variable(self.number(0.0, VECTOR))
 
     @contextmanager
-    def loop(self, start: Value | int, stop: Value | int, step: int = 1) -> Iterator[Value]:
+    def loop(self, start: Value | int, stop: Value | int, step: int = 1) -> Generator[Value, None, None]:
         """The lines of the block for start, start + step, … below stop."""
-        index, label = self.variable(start), self._label()
-        self.put(f"br label %{label}.test")
-        self.put(f"{label}.test:")
-        value = index.get()
-        more = value.compare("slt", stop)
-        self.put(f"br i1 {more.name}, label %{label}.do, label %{label}.end")
-        self.put(f"{label}.do:")
-        yield value
-        index.set(value + step)
-        self.put(f"br label %{label}.test")
-        self.put(f"{label}.end:")
+        with self.lines.loop(self.number(stop).name, self.number(start).name, step) as turn:
+            yield Value(self, LONG, turn)
 
-    @contextmanager
-    def when(self, condition: Value) -> Iterator[None]:
+    def when(self, condition: Value) -> AbstractContextManager[None]:
         """The lines of the block where the condition holds."""
-        label = self._label()
-        self.put(f"br i1 {condition.name}, label %{label}.do, label %{label}.end")
-        self.put(f"{label}.do:")
-        yield
-        self.put(f"br label %{label}.end")
-        self.put(f"{label}.end:")
+        return self.lines.when(condition.name)
 
-    def _label(self) -> str:
-        self._named += 1
-        return f"l{self._named}"
+    def cases(self, number: Value, most: int) -> Iterator[int]:
+        """The lines for each case 1, …, most of a number; nothing is done for others."""
+        writer, done = self.lines, self.lines.label("done")
+        labels = {case: writer.label("case") for case in range(1, most + 1)}
+        cases = " ".join(f"i64 {case}, label %{label}" for case, label in labels.items())
+        writer.do(f"switch i64 {number.name}, label %{done} [ {cases} ]")
+        for case, label in labels.items():
+            writer.place(label)
+            yield case
+            writer.do(f"br label %{done}")
+        writer.place(done)
 
-    def finish(self) -> str:
-        """The function and its parts."""
-        lines = (line if line.endswith(":") else f"  {line}" for line in [*self._head, *self._lines])
-        arguments = (
-            ", ".join(f"{kind} %a{i}" for i, kind in enumerate(self._kinds)) if self._part else "ptr %task"
-        )
-        linkage = "internal " if self._part else ""
-        return (
-            f"{self._parts}\ndefine {linkage}void @{self.entry}({arguments}) {{\nentry:\n"
-            + "\n".join(lines)
-            + "\n  ret void\n}\n"
-        )
+    def finish(self) -> None:
+        """Put the function into its module."""
+        arguments, linkage = "ptr %task", ""
+        if self._part:
+            kinds = ("ptr noalias" if kind == "ptr" else kind for kind in self._kinds)
+            arguments, linkage = ", ".join(f"{kind} %a{i}" for i, kind in enumerate(kinds)), "internal "
+        body = [*self.lines.first, *self.lines.lines, "  ret void"]
+        self.module.define(self.entry, f"define {linkage}void @{self.entry}({arguments}) nounwind {{", body)
 
 
-def _size(kind: str) -> int:
-    return {SHORT: 2, INT: 4}.get(kind, 8)
+def new_module() -> ModuleText:
+    """For functions that call each other, on this processor."""
+    from flexhinf.codegen import machine
+
+    return ModuleText(Lanes(LANES), machine.host().fused)
 
 
 class Function:
-    """A function of this process from LLVM text. It is called without the interpreter, so threads run it at a time."""
+    """A function of this process from LLVM text. It is called without the interpreter, so threads run it at a time.
+
+    `source`: Its module is that of all that it calls.
+    """
 
     def __init__(self, source: Text) -> None:
         from flexhinf.codegen import machine
         from flexhinf.codegen.compiler import cached
 
         host, entry = machine.host(), source.entry
-        text = _COMMON + source.finish()
+        source.finish()
+        text = f"!0 = !{{ i32 1 }}\n{source.module}"
         self._code = cached(
             ("loops", text, host.triple, host.cpu, host.features, host.version),
             lambda: machine.assemble(text, 3),

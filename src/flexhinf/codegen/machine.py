@@ -1,5 +1,8 @@
 """LLVM text to machine code in this process, linked with the C mathematical library. Loading this loads llvmlite."""
 
+# llvmlite has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false, reportUnknownArgumentType=false
+
 from __future__ import annotations
 
 import ctypes
@@ -18,10 +21,21 @@ from flexhinf.codegen.program import Unsupported
 #: loops: what is left are the columns in hand, addresses, and small loops. Measured, all of level 3 gives the same
 #: speed in up to twice the time, and each run of it leaves 0.2 MB and more in the process, which llvmlite never frees.
 _PASSES = (
-    "always_inliner", "simplify_cfg", "sroa", "instruction_combine", "simplify_cfg", "loop_simplify", "lcssa",
-    "loop_rotate", "new_gvn", "mem_copy_opt", "dead_store_elimination", "loop_unroll", "instruction_combine",
+    "always_inliner",
     "simplify_cfg",
-)  # fmt: skip
+    "sroa",
+    "instruction_combine",
+    "simplify_cfg",
+    "loop_simplify",
+    "lcssa",
+    "loop_rotate",
+    "new_gvn",
+    "mem_copy_opt",
+    "dead_store_elimination",
+    "loop_unroll",
+    "instruction_combine",
+    "simplify_cfg",
+)
 
 
 def level(operations: int) -> int:

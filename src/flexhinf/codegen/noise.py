@@ -16,7 +16,7 @@ turn, cos 2πt = sin π(|2t − 1| − ½) for t in (0, 1], of which the Taylor 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, overload
 
 import numpy as np
@@ -60,11 +60,16 @@ class Arrays:
     """Operations on NumPy arrays of 64-bit integers and numbers, named as in LLVM; the algorithm stands here once:
     `flexhinf.codegen.emit.writer.Writer` has the same as text."""
 
-    WHOLE: ClassVar = {
-        "add": np.add, "sub": np.subtract, "mul": np.multiply, "and": np.bitwise_and, "xor": np.bitwise_xor,
-        "shl": np.left_shift, "lshr": np.right_shift,
+    WHOLE: ClassVar[dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]]] = {
+        "add": np.add,
+        "sub": np.subtract,
+        "mul": np.multiply,
+        "and": np.bitwise_and,
+        "xor": np.bitwise_xor,
+        "shl": np.left_shift,
+        "lshr": np.right_shift,
         "ashr": lambda left, right: (left.view(np.int64) >> right.view(np.int64)).view(np.uint64),
-    }  # fmt: skip
+    }
     REAL: ClassVar = {"fadd": np.add, "fsub": np.subtract, "fmul": np.multiply, "fdiv": np.divide}
 
     def whole(self, name: str, left: Any, right: Any) -> Any:

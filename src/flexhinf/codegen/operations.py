@@ -7,6 +7,9 @@ of `flexhinf.scalars.Interval` by the name of the NumPy function.
 To add an operation: one `row` here, and its line in `flexhinf.scalars.symbol`, which records it.
 """
 
+# SciPy has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
+
 from __future__ import annotations
 
 import operator
@@ -28,7 +31,11 @@ SUBTRACT_PRODUCT = -3  # c - a·b, arguments (a, b, c)
 SELECT = -4
 
 #: (writer, name of each operand) → name of the result.
-LlvmRule = Callable[..., str]
+LlvmRule = (
+    Callable[[Writer, str], str] | Callable[[Writer, str, str], str] | Callable[[Writer, str, str, str], str]
+)
+#: The same on floats and arrays.
+NumpyRule = Callable[[Any], Any] | Callable[[Any, Any], Any] | Callable[[Any, Any, Any], Any]
 
 
 @dataclass(frozen=True)
@@ -47,7 +54,7 @@ class OperationKind:
     """
 
     code: int
-    numpy: Callable[..., Any]
+    numpy: NumpyRule
     llvm: LlvmRule
     c: str
     library: str = ""
@@ -59,33 +66,35 @@ class OperationKind:
     costs: bool = False
 
 
-def _library(
-    name: str, numpy: Callable[..., Any], operands: int = 1, code: int | None = None
-) -> OperationKind:
+def _library(name: str, numpy: NumpyRule, operands: int = 1, code: int | None = None) -> OperationKind:
     """A function of the C library."""
     arguments = ", ".join(f"{{{k}.bare}}" for k in range(operands))
+
+    def called(w: Writer, *x: str) -> str:
+        return w.library(name, *x)
+
     return OperationKind(
         getattr(casadi, f"OP_{name.upper()}") if code is None else code,
         numpy,
-        lambda w, *x: w.library(name, *x),
+        called,
         f"{name}{{f}}({arguments})",
         library=name,
         costs=True,
     )
 
 
-def _instruction(
-    name: str, numpy: Callable[..., Any], operands: int = 1, costs: bool = False
-) -> OperationKind:
+def _instruction(name: str, numpy: NumpyRule, operands: int = 1, costs: bool = False) -> OperationKind:
     """A single instruction, by the name that it has as a function in C and as an intrinsic in LLVM."""
     arguments = ", ".join(f"{{{k}.bare}}" for k in range(operands))
     code = getattr(casadi, f"OP_{name.upper()}")
-    return OperationKind(
-        code, numpy, lambda w, *x: w.intrinsic(name, *x), f"{name}{{f}}({arguments})", costs=costs
-    )
+
+    def called(w: Writer, *x: str) -> str:
+        return w.intrinsic(name, *x)
+
+    return OperationKind(code, numpy, called, f"{name}{{f}}({arguments})", costs=costs)
 
 
-def _turn(name: str, numpy: Callable[..., Any]) -> OperationKind:
+def _turn(name: str, numpy: NumpyRule) -> OperationKind:
     """Sine or cosine, which are written here instead of called."""
     return OperationKind(
         getattr(casadi, f"OP_{name.upper()}"),
@@ -98,13 +107,14 @@ def _turn(name: str, numpy: Callable[..., Any]) -> OperationKind:
     )
 
 
-def _compared(code: int, numpy: Callable[..., Any], predicate: str, c: str) -> OperationKind:
-    return OperationKind(
-        code, numpy, lambda w, a, b: w.number(w.compare(predicate, a, b)), f"{{0}} {c} {{1}}", truth=True
-    )
+def _compared(code: int, numpy: NumpyRule, predicate: str, c: str) -> OperationKind:
+    def llvm(w: Writer, a: str, b: str) -> str:
+        return w.number(w.compare(predicate, a, b))
+
+    return OperationKind(code, numpy, llvm, f"{{0}} {c} {{1}}", truth=True)
 
 
-def _logical(code: int, numpy: Callable[..., Any], name: str, c: str) -> OperationKind:
+def _logical(code: int, numpy: NumpyRule, name: str, c: str) -> OperationKind:
     """Of two truth values, of which the second is not left out: both are computed before. NaN is true, as in C."""
 
     def llvm(w: Writer, a: str, b: str) -> str:
@@ -113,7 +123,7 @@ def _logical(code: int, numpy: Callable[..., Any], name: str, c: str) -> Operati
     return OperationKind(code, numpy, llvm, f"{{0}} {c} {{1}}", truth=True, logic=True, named=True)
 
 
-def _extremum(code: int, numpy: Callable[..., Any], better: str, c: str) -> OperationKind:
+def _extremum(code: int, numpy: NumpyRule, better: str, c: str) -> OperationKind:
     """fmin or fmax of C: a NaN loses, the first operand wins a tie."""
 
     def llvm(w: Writer, a: str, b: str) -> str:
@@ -131,16 +141,22 @@ def _sign(w: Writer, x: str) -> str:
     return w.select(w.compare("olt", x, zero), w.lanes.constant(-1.0), positive)
 
 
-def _erf(x: Any) -> Any:
-    from scipy.special import erf
+def _sign_of(x: Any) -> np.ndarray:
+    value = np.asarray(x, dtype=float)
+    return np.where(value == 0.0, value, np.sign(value))
 
-    return erf(x)
+
+def _erf(x: Any) -> Any:
+    from scipy import special
+
+    function: Any = special.erf
+    return function(x)
 
 
 def _remainder(x: Any, y: Any) -> Any:
     """x - n·y for the integer n nearest to x/y, the even one of two (IEEE 754), without rounding."""
-    size, half = np.abs(y), np.abs(y) / 2.0
-    left = np.fmod(np.abs(x), 2.0 * size)
+    size: np.ndarray = np.abs(y)
+    half, left = size / 2.0, np.fmod(np.abs(x), 2.0 * size)
     once = np.where(left > half, left - size, left)
     return np.copysign(1.0, x) * np.where((left > half) & (once >= half), once - size, once)
 
@@ -179,7 +195,7 @@ _TABLE = (
     # choices
     OperationKind(
         casadi.OP_SIGN,
-        lambda x: np.where(x == 0, x, np.sign(x)),
+        _sign_of,
         _sign,
         "({0} < {zero}) ? -{one} : (({0} > {zero}) ? {one} : {0})",
         named=True,

@@ -6,12 +6,15 @@ exported C and the tests' interpreter read the very same text.
 Steps of a kernel: traced functions, linear algebra, copies and guards over slices, inside loops.
 """
 
+# Steps are checked whose types nobody else checks.
+# pyright: reportUnnecessaryIsInstance=false
+
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, get_args
 
 from flexhinf.codegen.memory import (
     COLUMN,
@@ -37,32 +40,39 @@ if TYPE_CHECKING:
     import casadi
 
 
-@dataclass(frozen=True, eq=False)
-class Stages:
-    """A traced function in parts that are computed one after the other.
+class TracedStage(NamedTuple):
+    """What a part of a traced function is called and computes.
 
-    `function`: The same function, with what each stage ends with as results before its own: a zero, and what it gives.
-    `names`, `about`: Of each stage a name, and what it computes. `results`: Of each stage the name of each result, its
-    size, and its place among results of that name. `begins`: Whether a section of an algorithm begins with the stage.
-    `turns`: The name of the loop whose turn begins with it, or nothing. `labels`: Of each stage what the elements that
-    it ends with are called, or nothing.
+    `results`: The name of each result, its size, and its place among results of that name. `begins`: Whether a section
+    of an algorithm begins with it. `turn`: The name of the loop whose turn begins with it, or nothing. `labels`: What
+    the elements that it ends with are called, or nothing.
     """
 
-    function: casadi.Function
-    names: tuple[str, ...]
-    about: tuple[str, ...]
-    results: tuple[tuple[tuple[str, int, int], ...], ...] = ()
-    begins: tuple[bool, ...] = ()
-    turns: tuple[str, ...] = ()
-    labels: tuple[tuple[str, ...], ...] = ()
+    name: str
+    about: str
+    results: tuple[tuple[str, int, int], ...] = ()
+    begins: bool = False
+    turn: str = ""
+    labels: tuple[str, ...] = ()
 
-    def result(self, stage: int, element: int) -> tuple[str, int]:
-        """The name of an element of what a stage gives, and the place among elements of that name."""
-        for name, size, place in self.results[stage]:
+    def result(self, element: int) -> tuple[str, int]:
+        """The name of an element of what it gives, and the place among elements of that name."""
+        for name, size, place in self.results:
             if element < size:
                 return name, place + element
             element -= size
         raise IndexError(element)
+
+
+@dataclass(frozen=True, eq=False)
+class Stages:
+    """A traced function in parts that are computed one after the other.
+
+    `function`: The same function, with what each stage ends with as results before its own.
+    """
+
+    function: casadi.Function
+    rows: tuple[TracedStage, ...]
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,41 +1,44 @@
 """A run that computes directly and keeps what was computed one after the other: the stages of one trace."""
 
+# What is traced, and what CasADi gives, has no types.
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
+
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from functools import partial
+from functools import partial, wraps
 from typing import Any
 
 import numpy as np
 
 from flexhinf.codegen.compose import Direct, documentation, function_name, result_names
-from flexhinf.codegen.program import Stages
+from flexhinf.codegen.program import Stages, TracedStage
 
 
-@dataclass
-class _Stage:
-    """What was computed at once: `turn`: the loop whose turn begins with it; `result`: arrays of the shapes."""
+def _kept(name: str) -> Any:
+    """A method of `Direct` whose result is kept as a stage."""
+    own = getattr(Direct, name)
 
-    name: str
-    about: str
-    begins: bool
-    turn: str
-    results: tuple[tuple[str, int, int], ...]
-    value: Any
+    def method(self: Recorder, *arrays: Any, **options: Any) -> Any:
+        return self.kept(own, partial(own, self), *arrays, **options)
+
+    return wraps(own)(method)
 
 
 class Recorder(Direct):
     """As `Direct`, and keeps what was computed one after the other, with what the functions say of themselves; of calls
     inside of others only the outer ones."""
 
+    gram, product, combination = map(_kept, ("gram", "product", "combination"))
+    cholesky, householder, residual = map(_kept, ("cholesky", "householder", "residual"))
+
     def __init__(self) -> None:
         self.begin()
 
     def begin(self) -> None:
         """As `Direct.begin`."""
-        self._done: list[_Stage] = []
+        self._done: list[tuple[TracedStage, Any]] = []
         self._inside = False
         self._section = self._turn = ""
         self._names = Counter[str]()
@@ -44,24 +47,17 @@ class Recorder(Direct):
         )
 
     def recorded(self) -> list[Any]:
-        """As `Direct.recorded`: an array for each stage."""
-        return [np.concatenate([np.zeros(1), *_flat(stage.value)]) for stage in self._done]
+        """As `Direct.recorded`: an array for each stage, of a zero and what it gives."""
+        return [np.concatenate([np.zeros(1), *_flat(result)]) for _, result in self._done]
 
     def stages(self, function: Any) -> Stages:
         """Those of a function whose first results are the arrays that were recorded."""
-        done = self._done
-        return Stages(
-            function,
-            tuple(stage.name for stage in done),
-            tuple(stage.about for stage in done),
-            tuple(stage.results for stage in done),
-            tuple(stage.begins for stage in done),
-            tuple(stage.turn for stage in done),
-        )
+        return Stages(function, tuple(stage for stage, _ in self._done))
 
-    def _kept(
+    def kept(
         self, named: Callable[..., Any], compute: Callable[..., Any], *arrays: Any, **options: Any
     ) -> Any:
+        """What a function computes; as a stage, unless another one calls it. `named`: Says what it is."""
         if self._inside:
             return compute(*arrays, **options)
         self._inside = True
@@ -72,7 +68,7 @@ class Recorder(Direct):
         about, begins = self._section or documentation(named), bool(self._section or self._turn)
         results = self._results(named, result)
         name = result_names(named, 1)[0] if len(results) == 1 else function_name(named)
-        self._done.append(_Stage(name, about, begins, self._turn, results, result))
+        self._done.append((TracedStage(name, about, results, begins, self._turn), result))
         self._section = self._turn = ""
         return result
 
@@ -96,7 +92,7 @@ class Recorder(Direct):
 
     def call(self, function: Callable[..., Any], *arrays: Any) -> Any:
         """As `Direct.call`."""
-        return self._kept(function, function, *arrays)
+        return self.kept(function, function, *arrays)
 
     def repeat(self, times: int, function: Callable[..., tuple[Any, ...]], *arrays: Any) -> tuple[Any, ...]:
         """As `Direct.repeat`: every turn begins with a new stage, and gives results of the same names."""
@@ -116,30 +112,6 @@ class Recorder(Direct):
             return super().columns(partial(self.call, function), moving, *held)
         finally:
             self._columns = None
-
-    def gram(self, columns: Any, weights: Any, plus: Any = None) -> Any:
-        """As `Direct.gram`."""
-        return self._kept(Direct.gram, super().gram, columns, weights, plus)
-
-    def product(self, columns: Any, weights: Any, other: Any) -> Any:
-        """As `Direct.product`."""
-        return self._kept(Direct.product, super().product, columns, weights, other)
-
-    def combination(self, columns: Any, weights: Any, plus: Any = None) -> Any:
-        """As `Direct.combination`."""
-        return self._kept(Direct.combination, super().combination, columns, weights, plus)
-
-    def cholesky(self, matrix: Any) -> Any:
-        """As `Direct.cholesky`."""
-        return self._kept(Direct.cholesky, super().cholesky, matrix)
-
-    def householder(self, rows: Any, count: int, triangle: int = 0) -> Any:
-        """As `Direct.householder`."""
-        return self._kept(Direct.householder, super().householder, rows, count, triangle)
-
-    def residual(self, rows: Any, slope: Any) -> Any:
-        """As `Direct.residual`."""
-        return self._kept(Direct.residual, super().residual, rows, slope)
 
 
 def _flat(result: Any) -> Iterator[Any]:

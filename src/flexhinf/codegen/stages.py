@@ -21,9 +21,10 @@ from itertools import accumulate, groupby
 
 import casadi
 
-from flexhinf.codegen.dataflow import SELECT, Operation, read_stages
+from flexhinf.codegen.dataflow import LEAVES, Operation, read_dataflow
 from flexhinf.codegen.memory import Buffer, Part, Slice
-from flexhinf.codegen.program import Call, Copy, Repeat, Stages, Step, When
+from flexhinf.codegen.operations import OPERATIONS, SELECT
+from flexhinf.codegen.program import Call, Copy, Repeat, Stages, Step, TracedStage, When
 from flexhinf.scalars.trace import built
 
 #: Operations for which a flag is asked; fewer cost less than what two more calls pass on.
@@ -39,9 +40,6 @@ FEW = 4
 #: Products, which become one with the only sum that reads them.
 PRODUCTS, SUMS = (casadi.OP_MUL, casadi.OP_SQ), (casadi.OP_ADD, casadi.OP_SUB)
 
-#: Operations that are no operations.
-LEAVES = (casadi.OP_CONST, casadi.OP_INPUT)
-
 #: A function: of those before a flag is asked, where it is set, or after (0, 1, 2), the k-th; where a reciprocal ends
 #: one, the piece of it.
 Group = tuple[int, int, int]
@@ -55,30 +53,52 @@ def staged(call: Call, buffer: str, often: str = "") -> tuple[tuple[Step, ...], 
     return _Functions(_Operations.of(call), buffer, often).steps()
 
 
+def staged_call(
+    name: str,
+    inputs: Sequence[casadi.SX],
+    results: Sequence[Sequence[casadi.SX]],
+    stages: Sequence[TracedStage],
+    ends: Sequence[Sequence[casadi.SX]],
+    pieces: tuple[Sequence[Slice], Sequence[Slice]],
+    called: tuple[str, ...],
+) -> Call:
+    """The call of a function of some inputs in stages, and what these end with. `pieces`: Read and written; `called`:
+    the names of both."""
+
+    def function(columns: Sequence[Sequence[casadi.SX]]) -> casadi.Function:
+        return casadi.Function(name, inputs, [casadi.densify(casadi.vertcat(*own)) for own in columns])
+
+    whole = Stages(function([*ends, *results]), tuple(stages))
+    about = {stage.about for stage in stages}
+    sentence = about.pop() if len(about) == 1 else ""
+    return Call(function(results), tuple(pieces[0]), tuple(pieces[1]), sentence, called, whole)
+
+
 @dataclass(frozen=True)
 class _Operations:
-    """Those of a call that results need, in order; `outputs` are (result, element, operation). `stage`: of each.
-    `labels`: Of what a stage gives: the name of the result, the place in it, and that in all that the
+    """Those of a call that results need, in order; `outputs` are (result, element, operation). `stages`: of the call;
+    `stage`: of each. `labels`: Of what a stage gives: the name of the result, the place in it, and that in all that the
     stage gives."""
 
     call: Call
     operations: list[Operation]
     outputs: list[tuple[int, int, int]]
+    stages: tuple[TracedStage, ...]
     stage: list[int]
     labels: dict[int, tuple[str, int, int]]
 
     @classmethod
     def of(cls, call: Call) -> _Operations:
-        stages = call.stages or Stages(call.function, (), ())
-        count = len(stages.names)
-        flow = read_stages(stages.function, count)
+        stages = call.stages or Stages(call.function, ())
+        count, rows = len(stages.rows), stages.rows
+        flow = read_dataflow(stages.function, OPERATIONS, False, count)
         operations = list(flow.operations.values())
         stage = [min(bisect_left(flow.ends, k), max(count - 1, 0)) for k in range(len(operations))]
         labels = dict[int, tuple[str, int, int]]()
-        for result, element, k in flow.outputs:
-            if -len(stages.results) <= result < 0 and stage[k] == result + count and element:
-                labels.setdefault(k, (*stages.result(result + count, element - 1), element))
-        return cls(call, operations, [row for row in flow.outputs if row[0] >= 0], stage, labels)
+        for n, element, k in flow.stages:
+            if stage[k] == n and element:
+                labels.setdefault(k, (*rows[n].result(element - 1), element))
+        return cls(call, operations, flow.outputs, rows, stage, labels)
 
     def is_anywhere(self, k: int) -> bool:
         """Whether it is a flag that is reversed, which every function does by itself."""
@@ -94,9 +114,7 @@ class _Operations:
 
     def operands(self, k: int) -> tuple[int, ...]:
         """What an operation reads; of a flag that is reversed, the flag."""
-        if self.is_leaf(k):
-            return ()
-        return tuple(known for argument in self.operations[k].arguments for known in self.values(argument))
+        return tuple(known for value in self.operations[k].operands for known in self.values(value))
 
     def values(self, k: int) -> tuple[int, ...]:
         """The value of an operation, or what every function makes it of."""
@@ -108,7 +126,7 @@ class _Operations:
         found = dict.fromkeys((k for _, _, k in self.outputs), frozenset[int]())
         for k in reversed(range(len(self.operations))):
             operation = self.operations[k]
-            for place, argument in enumerate(() if self.is_leaf(k) else operation.arguments):
+            for place, argument in enumerate(operation.operands):
                 chosen = operation.code == SELECT and place == 1
                 flags = found[k] | {operation.arguments[0]} if chosen else found[k]
                 found[argument] = found.get(argument, flags) & flags
@@ -154,11 +172,12 @@ class _Operations:
     def grouped(self, part: Mapping[int, int]) -> dict[int, Group]:
         """The function of each operation: whole stages up to `MOST` operations, all columns of a matrix if they are not
         too many, or a piece of a long stage."""
-        group, begins = dict[int, Group](), self.call.stages.begins if self.call.stages else ()
+        group = dict[int, Group]()
         for which in sorted({*part.values()}):
             number, total, before = 0, 0, -1
             for stage, values, alone in self._families([k for k in part if part[k] == which]):
-                new = alone or (any(begins[before + 1 : stage + 1]) and total >= SECTION)
+                begins = any(each.begins for each in self.stages[before + 1 : stage + 1])
+                new = alone or (begins and total >= SECTION)
                 if total and (new or total + len(values) > MOST):
                     number, total = number + 1, 0
                 pieces = -(-len(values) // LONGEST)
@@ -198,8 +217,7 @@ class _Operations:
     def _families(self, members: Iterable[int]) -> Iterator[tuple[int, list[int], bool]]:
         """Operations of a stage, or of those for all columns of a matrix, after the first stage; and whether they are
         of one of too many columns."""
-        results = self.call.stages.results if self.call.stages else ()
-        names = [next((name for name, *_ in own), "") for own in results]
+        names = [next((name for name, *_ in stage.results), "") for stage in self.stages]
         own = sorted(members, key=self.stage.__getitem__)
         for _, family in groupby(own, lambda k: names[self.stage[k]] if names else self.stage[k]):
             values = list(family)
@@ -277,8 +295,8 @@ class _Functions:
         """The part of the buffer for a value: that of a stage's result, or what else is known of its stage."""
         if k in self.traced.labels:
             return self.traced.labels[k][0]
-        group, stages = self.group[k], self.call.stages
-        name = stages.names[self.traced.stage[k]] if stages and stages.names else self.call.function.name()
+        group, stages = self.group[k], self.traced.stages
+        name = stages[self.traced.stage[k]].name if stages else self.call.function.name()
         numbers = self._others.setdefault(name, {})
         number = numbers.setdefault(group, len(numbers) + 1)
         return f"of_{name}" + str(number) * (number > 1)
@@ -346,54 +364,48 @@ class _Functions:
                 written.append(replace(whole, offset=whole.offset + run[0][0], size=len(run)))
                 results.append([values[k] for _, k in run])
                 names.append(self._name(function.n_in() + result))
-        members = [k for k, own in self.group.items() if own == group]
-        stages = self._stages(group, members, [*symbols.values(), *passed.values()], results, values)
-        said = list(dict.fromkeys(filter(None, stages.about)))
+        whole, stages, ends = self._stages(group, values)
+        said = next((stage.about for stage in stages if stage.about), "")
         if said and names and names[0] in self.parts:
-            sentence = " ".join(said[0].partition("\n\n")[0].split())
+            sentence = " ".join(said.partition("\n\n")[0].split())
             abouts.setdefault(names[0], sentence if sentence not in abouts.values() else "")
-        inputs = (*(self.call.inputs[k] for k in read), *pieces.values())
-        names_of = (*(self._name(k) for k in read), *pieces, *names)
-        called = casadi.Function(
-            stages.function.name(), [*symbols.values(), *passed.values()], _columns(results)
+        inputs, places = [*symbols.values(), *passed.values()], [self.call.inputs[k] for k in read]
+        called = (*(self._name(k) for k in read), *pieces, *names)
+        return staged_call(
+            whole, inputs, results, stages, ends, ([*places, *pieces.values()], written), called
         )
-        return Call(called, inputs, tuple(written), said[0] if len(said) == 1 else "", names_of, stages)
 
     def _name(self, k: int) -> str:
         """What an argument or a result of the call is called."""
         return self.call.names[k] if self.call.names else f"i{k}"
 
     def _stages(
-        self,
-        group: Group,
-        members: Sequence[int],
-        inputs: Sequence[casadi.SX],
-        results: Sequence[Sequence[casadi.SX]],
-        values: Mapping[int, casadi.SX],
-    ) -> Stages:
-        """The stages of one function, which has the name of its longest one, or of the turn of a loop."""
-        sizes = Counter(self.traced.stage[k] for k in members)
-        of = self.call.stages
-        if not of or not of.names:
-            return Stages(
-                casadi.Function(f"{self.call.function.name()}_{group[0]}", inputs, _columns(results)), (), ()
-            )
-        own = sorted(sizes)
-        turn = next((name for k in own if (name := of.turns[k])), "") if of.turns else ""
-        name = turn or of.names[max(own, key=sizes.__getitem__)]
-        ends = [[k for k in members if self.traced.stage[k] == stage] for stage in own]
-        function = casadi.Function(
-            name, inputs, _columns([*([values[k] for k in end] for end in ends), *results])
-        )
-        names, about = (tuple(texts[k] for k in own) for texts in (of.names, of.about))
-        known = [self.traced.labels[k][:2] for k in members if k in self.traced.labels]
+        self, group: Group, values: Mapping[int, casadi.SX]
+    ) -> tuple[str, list[TracedStage], list[list[casadi.SX]]]:
+        """The name of one function, that of its longest stage or of the turn of a loop, its stages, and their ends."""
+        traced = self.traced
+        members = [k for k, own in self.group.items() if own == group]
+        if not traced.stages:
+            return f"{self.call.function.name()}_{group[0]}", [], []
+        ends = {
+            stage: [k for k in members if traced.stage[k] == stage] for stage in range(len(traced.stages))
+        }
+        ends = {stage: end for stage, end in ends.items() if end}
+        own = [traced.stages[stage] for stage in ends]
+        longest = max(ends, key=lambda stage: len(ends[stage]))
+        known = [traced.labels[k][:2] for k in members if k in traced.labels]
         first = {label: min(at for name, at in known if name == label) for label, _ in known}
 
         def label(k: int) -> str:
-            name, place, _ = self.traced.labels.get(k, ("", 0, 0))
+            name, place, _ = traced.labels.get(k, ("", 0, 0))
             return f"{name}_{place - first[name]}" if name else ""
 
-        return Stages(function, names, about, labels=tuple(tuple(map(label, end)) for end in ends))
+        stages = [
+            TracedStage(stage.name, stage.about, labels=tuple(map(label, end)))
+            for stage, end in zip(own, ends.values())
+        ]
+        turn = next((stage.turn for stage in own if stage.turn), traced.stages[longest].name)
+        return turn, stages, [[values[k] for k in end] for end in ends.values()]
 
 
 def _copies(traced: _Operations) -> tuple[list[Copy], list[tuple[int, int, int]]]:
@@ -437,10 +449,6 @@ def _repeated(calls: Iterable[Call]) -> Iterator[Step]:
     for _, same in groupby(calls, key):
         call, *others = same
         yield Repeat(1 + len(others), (call,)) if others else call
-
-
-def _columns(results: Iterable[Sequence[casadi.SX]]) -> list[casadi.SX]:
-    return [casadi.densify(casadi.vertcat(*values)) for values in results]
 
 
 def _runs(rows: list[tuple[int, int]]) -> Iterator[list[tuple[int, int]]]:

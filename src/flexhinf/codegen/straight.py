@@ -6,12 +6,15 @@ traced as one function. What only they read stays in registers, and the memory t
 conditions and what is large stay steps of their own, and so does a larger function that is called from several places.
 """
 
+# What is traced, and what CasADi gives, has no types.
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false, reportUnknownMemberType=false
+
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import accumulate, groupby, pairwise
+from itertools import groupby
 from typing import Any, get_args
 
 import casadi
@@ -26,12 +29,13 @@ from flexhinf.codegen.program import (
     OuterSum,
     Program,
     Repeat,
-    Stages,
     Step,
     Sweep,
+    TracedStage,
     When,
     slices,
 )
+from flexhinf.codegen.stages import staged_call
 from flexhinf.scalars import cholesky, trace
 from flexhinf.scalars.trace import instructions
 
@@ -166,12 +170,12 @@ class _Straight:
         if len(group) < 2 or all(isinstance(step, Copy) for step in group):
             yield from group
             return
-        text, sections = _Text(), list[str]()
+        text, sections = _Text(self), list[str]()
         for step in group:
             about = self._about(step)
             sections += [about] * bool(about)
             text.add(step, about)
-        if call := text.call(lambda place: place[0] not in self.work or place in live, self):
+        if call := text.call(lambda place: place[0] not in self.work or place in live):
             for place in ((piece.buffer, piece.offset) for piece in call.outputs):
                 if sections and place in self.parts:
                     self.parts[place] = replace(self.parts[place], about="\n".join(sections))
@@ -218,10 +222,11 @@ class _Straight:
 class _Text:
     """Steps in a row as expressions of the numbers that were there before."""
 
-    def __init__(self) -> None:
+    def __init__(self, memory: _Straight) -> None:
+        self._memory = memory
         self.before: dict[Place, Any] = {}  # what is read from memory
         self.now: dict[Place, Any] = {}  # what has changed
-        self.stages: list[tuple[str, str, Any, Sequence[Place]]] = []
+        self.stages: list[tuple[TracedStage, list[Any]]] = []
 
     def add(self, step: Step, about: str) -> None:
         """Evaluate one more step; `about`: what begins with it, or nothing."""
@@ -239,30 +244,26 @@ class _Text:
             assert isinstance(step, OuterSum)
             total = _sum(step, self._read)
             self._write(step.target, total)
-            self.stages.append((SUMS, about or "Sums of products", total, _places(step.target)))
+            self._keep(SUMS, about or "Sums of products", total, _places(step.target))
 
-    def call(self, wanted: Callable[[Place], bool], memory: _Straight) -> Call | None:
+    def call(self, wanted: Callable[[Place], bool]) -> Call | None:
         """One function of what is read, with the results that are wanted; None without any."""
+        memory = self._memory
         changed = [p for p, value in self.now.items() if wanted(p) and not self._is_before(p, value)]
         if not changed:
             return None
         written = [*memory.pieces(changed)]
-        numbers = [self.now[place] for place in changed] + [each for own in self.stages for each in own[2]]
+        stages, ends = zip(*self.stages, strict=True)
+        numbers = [self.now[place] for place in changed] + [each for values in ends for each in values]
         used = {symbol.name() for symbol in casadi.symvar(casadi.vertcat(*numbers))}
         before = [place for place, symbol in self.before.items() if symbol.name() in used]
         read = [*memory.read(before, {buffer for buffer, _ in changed})]
         inputs = [casadi.vertcat(*map(self._value_before, _places(piece))) for piece in read]
         outputs = [[self.now[place] for place in _places(piece)] for piece in written]
-        names, about, values, places = zip(*self.stages, strict=True)
-        name = max(self.stages, key=lambda stage: len(stage[2]))[0]
+        name = max(self.stages, key=lambda stage: len(stage[1]))[0].name
         name = memory.label((written[0].buffer, written[0].offset)) if name == SUMS else name
-        called = tuple(("", *map(memory.element, own)) for own in places)
-        stages = Stages(
-            _function(name, inputs, [*([0.0, *own] for own in values), *outputs]), names, about, labels=called
-        )
-        said = about[0] if len(set(about)) == 1 else ""
-        labels = _labels([*read, *written], memory)
-        return Call(_function(name, inputs, outputs), tuple(read), tuple(written), said, labels, stages)
+        called = _labels([*read, *written], memory)
+        return staged_call(name, inputs, outputs, stages, ends, (read, written), called)
 
     def _evaluate(
         self, function: Any, arguments: Iterable[list[Any]], written: Sequence[Sequence[Place]], about: str
@@ -272,9 +273,11 @@ class _Text:
         for places, values in zip(written, flat, strict=True):
             self.now |= dict(zip(places, values, strict=True))
         numbers = [value for values in flat for value in values]
-        self.stages.append(
-            (function.name(), about, numbers, [place for places in written for place in places])
-        )
+        self._keep(function.name(), about, numbers, [place for places in written for place in places])
+
+    def _keep(self, name: str, about: str, values: list[Any], places: Iterable[Place]) -> None:
+        labels = tuple(map(self._memory.element, places))
+        self.stages.append((TracedStage(name, about, labels=labels), values))
 
     def _value_before(self, place: Place) -> Any:
         if place not in self.before:
@@ -301,14 +304,6 @@ def _labels(pieces: Sequence[Slice], memory: _Straight) -> tuple[str, ...]:
         taken[label := memory.label((piece.buffer, piece.offset))] += 1
         labels.append(label + f"_{taken[label]}" * (taken[label] > 1))
     return tuple(labels)
-
-
-def _function(name: str, inputs: Sequence[Any], results: Sequence[Sequence[Any]]) -> Any:
-    """A function of CasADi with dense results, in which equal expressions are computed once."""
-    shared = casadi.cse(casadi.vertcat(*(value for values in results for value in values)))
-    ends = [0, *accumulate(map(len, results))]
-    outputs = [casadi.densify(shared[first:end]) for first, end in pairwise(ends)]
-    return casadi.Function(name, inputs, outputs)
 
 
 def _sum(step: OuterSum, read: Callable[[Slice], list[Any]]) -> list[Any]:
@@ -372,9 +367,14 @@ def _compact(whole: Program, body: tuple[Step, ...], named: Mapping[Place, Part]
     """The steps with the memory between them moved together, without what no step uses any more; parts have names."""
     free = {buffer.name for buffer in whole.buffers if buffer.name == SCRATCH}
     used = {
-        place for step in _all(body) if not isinstance(step, Repeat)
-        for side in slices(step) for piece in side if piece.buffer in free for place in _places(piece)
-    }  # fmt: skip
+        place
+        for step in _all(body)
+        if not isinstance(step, Repeat)
+        for side in slices(step)
+        for piece in side
+        if piece.buffer in free
+        for place in _places(piece)
+    }
     moved = {place: (place[0], k) for k, place in enumerate(sorted(used))}
 
     def at(piece: Slice) -> Slice:

@@ -9,6 +9,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -42,14 +43,23 @@ SMALLEST_MARGINS: dict[str, float] = dict(zip(MARGINS, (TOLERATED, 0.5)))
 
 #: Limits of moves, by what `motion_metrics` calls their numbers.
 OF_MOVES = {
-    "remaining_error": "remaining_error", "tracking_error": "tracking_error", "path_distance": "path_distance",
+    "remaining_error": "remaining_error",
+    "tracking_error": "tracking_error",
+    "path_distance": "path_distance",
     "undershoot": "wrong_way_percent",
-}  # fmt: skip
+}
 
 #: Noise of positions, rms, where none is stated and ten times as much is assumed: a step of 2π/2¹⁸ has 7 µrad.
 FINER, FINER_BITS = (
-    {"rad": "0.01mrad", "m": "0.001mm"}, "a tenth of the sensor noise that is assumed, as encoders of 18 bits have",
-)  # fmt: skip
+    {"rad": "0.01mrad", "m": "0.001mm"},
+    "a tenth of the sensor noise that is assumed, as encoders of 18 bits have",
+)
+
+#: Part of the allowed time that the last step may take beyond it: limits that a change, once tried, would keep.
+BEYOND = 0.5
+
+#: So often limits are offered for one change.
+ROUNDS = 3
 
 #: Factors of the speed limits with which moves are tried, and of the period.
 SLOWER, SHORTER = (0.5, 0.25), 0.5
@@ -142,9 +152,11 @@ class _Ended(Exception):
 
 
 def advise(
-    design: WorkspaceEvidence, seconds: float, progress: Callable[[str], None] = lambda text: None,
+    design: WorkspaceEvidence,
+    seconds: float,
+    progress: Callable[[str], None] = lambda text: None,
     joints: bool = True,
-) -> Advice:  # fmt: skip
+) -> Advice:
     """Try changes after a design that misses a requirement, until one meets all or the CPU time is spent.
 
     A limit of moves is offered with room for `QUANTILE` of them, see `with_room`.
@@ -154,7 +166,8 @@ def advise(
     design : WorkspaceEvidence
         The design; nothing is tried where it meets all requirements.
     seconds : float
-        CPU time of the process that may be spent, s.
+        CPU time of the process that may be spent, s. Limits with which a change would be kept are judged in half as
+        much more, so that a change that nearly helps is not lost for want of them.
     progress : callable, optional
         Called with what comes next.
     joints : bool
@@ -163,10 +176,12 @@ def advise(
     end, trials = time.process_time() + seconds, list[Trial]()
     waiting = [each for each in changes(design) if joints or not each.rigid] if design.missed else []
 
-    def watch(lines: Sequence[Requirement]) -> None:
-        spent = time.process_time() > end
+    def watch_until(limit: float, lines: Sequence[Requirement]) -> None:
+        spent = time.process_time() > limit
         if spent or any(line.missed and not relaxable(line) for line in lines):
             raise _Ended(lines, spent)
+
+    watch, finish = partial(watch_until, end), partial(watch_until, end + BEYOND * seconds)
 
     room = next((each for each in waiting if each.is_limit), None)
     # With other limits law and moves are mostly those of a design that is there, so these are tried at once.
@@ -184,20 +199,30 @@ def advise(
         trials.append(trial)
         if trial.met:
             left.clear()
-        elif kept is None and other is not None and (more := limit_change(other, margins=False)) is not None:
-            kept = _with_limits(change, other, more, progress, watch)
+        elif kept is None and other is not None:
+            kept = _with_limits(change, other, progress, finish)
     if kept is not None and not any(trial.met for trial in trials):
         trials.append(kept)
     return Advice(tuple(trials), tuple(left), seconds)
 
 
 def _with_limits(
-    change: Change, other: WorkspaceEvidence, limits: Change, progress: Callable[[str], None], watch: Any
+    change: Change, other: WorkspaceEvidence | None, progress: Callable[[str], None], watch: Any
 ) -> Trial | None:
-    """The trial of a change together with limits that its design would keep; None where that misses something."""
-    both = Change(f"{change.what}; {limits.what}", {**change.fields, **limits.fields}, change.rigid)
-    trial, _ = _tried(other, limits, progress, watch)
-    return replace(trial, change=both) if trial is not None and trial.met else None
+    """The trial of a change together with limits that its design would keep; None where that misses something.
+
+    With a looser limit the search finds another law, which uses it; so limits are offered until one is kept.
+    """
+    fields = dict(change.fields)
+    for _ in range(ROUNDS):
+        limits = None if other is None else limit_change(other, margins=False)
+        if other is None or limits is None:
+            return None
+        fields |= limits.fields
+        trial, other = _tried(other, limits, progress, watch)
+        if trial is not None and trial.met:
+            return replace(trial, change=Change(f"{change.what}; {limits.what}", fields, change.rigid))
+    return None
 
 
 def _tried(

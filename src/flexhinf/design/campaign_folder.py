@@ -60,9 +60,16 @@ FOLDERS = ("a", "b")
 #: Fields of a specification that define robot, sensors and motors; all others define the law. Start, goal and limits
 #: are compared as numbers.
 SHARED = (
-    "measured", "measurement_noise", "quantisation", "period", "latency", "unknown_delay", "extras", "move",
+    "measured",
+    "measurement_noise",
+    "quantisation",
+    "period",
+    "latency",
+    "unknown_delay",
+    "extras",
+    "move",
     "workspace",
-)  # fmt: skip
+)
 
 
 @dataclass(eq=False)
@@ -113,9 +120,10 @@ def _circumstances(side: DesignCampaign[Any]) -> dict[str, str]:
         **{name: text for name, text in side.stated.items() if not name.startswith("design ")},
         **{name: text for name, text in fields_text(side.specification).items() if name in SHARED},
         "true state fed back": str(side.specification.estimator == "none"),
-        "limits of the inputs": str(limits.peak.tolist()), "saturation": str(limits.saturation.tolist()),
+        "limits of the inputs": str(limits.peak.tolist()),
+        "saturation": str(limits.saturation.tolist()),
         "limits of the speeds": str(limits.speed.tolist()),
-    }  # fmt: skip
+    }
 
 
 #: Folder of the design file and the law inside a campaign's.
@@ -129,10 +137,12 @@ PATIENCE = 3600.0
 
 
 def open_campaign(
-    request: DesignCampaign[Any], folder: str | Path, command: Sequence[str] = (),
+    request: DesignCampaign[Any],
+    folder: str | Path,
+    command: Sequence[str] = (),
     progress: Callable[[str], None] = print,
     designed: DesignedLaw[Any] | None = None,
-) -> tuple[Campaign, Journal]:  # fmt: skip
+) -> tuple[Campaign, Journal]:
     """Open the campaign of a folder: design its controller and store it there, or resume with the stored one.
 
     `designed`: for a new folder, what it runs, as from `designed_controller`.
@@ -166,11 +176,12 @@ def _begun(
     request.store(designed.law, setup)
     campaign = request.campaign(replace(designed, law=request.stored(setup)))
     about = {
-        "title": f"Campaign of the robot “{design.robot.name}”", "requirements": list(request.requirements),
+        "title": f"Campaign of the robot “{design.robot.name}”",
+        "requirements": list(request.requirements),
         "nominal": {v.name: request.robot.nominal.get(v.name, 0.0) for v in request.variables},
         "options": {**vars(o), "tolerances": [list(tolerance) for tolerance in o.tolerances]},
         "design": designed.verdict.numbers,
-    }  # fmt: skip
+    }
     return campaign, Journal.opened(place, campaign, command, about)
 
 
@@ -243,8 +254,10 @@ def stored_request(journal: Journal) -> DesignCampaign[Any]:
         raise
     except (KeyError, TypeError, ValueError) as error:
         raise InvalidInput(
-            "The options of the campaign cannot be read.", f"{journal.folder}: {error}", "a copy of its manifest",
-        ) from error  # fmt: skip
+            "The options of the campaign cannot be read.",
+            f"{journal.folder}: {error}",
+            "a copy of its manifest",
+        ) from error
     return campaign_of(design_file.read_request(journal.folder / SETUP / design_file.DESIGN_FILE), options)
 
 
@@ -418,11 +431,21 @@ class GainSearch:
         s, problem, law, rows = self.s, claim.problem, self.synthesis.solution, []
 
         def add(robot: str, loop: str, what: str, attained: Attained, numbers: Mapping[str, float]) -> None:
-            rows.append(GainRow(
-                robot, loop, claim.pair, attained.gain, claim.gamma, what, attained.energy, numbers,
-                tuple(problem.disturbance_names), tuple(attained.times.tolist()),
-                tuple(map(tuple, attained.disturbance.tolist())),
-            ))  # fmt: skip
+            rows.append(
+                GainRow(
+                    robot,
+                    loop,
+                    claim.pair,
+                    attained.gain,
+                    claim.gamma,
+                    what,
+                    attained.energy,
+                    numbers,
+                    tuple(problem.disturbance_names),
+                    tuple(attained.times.tolist()),
+                    tuple(map(tuple, attained.disturbance.tolist())),
+                )
+            )
 
         self.progress(f"worst disturbance of the nominal robot, z and d of the {claim.pair}")
         nominal = self.numbers(self.nominal)
@@ -433,17 +456,32 @@ class GainSearch:
         if claim.worst and self.names:
             self.progress(f"worst disturbance of the worst robot, z and d of the {claim.pair}")
             worst = worst_gain(
-                lambda point: self.problem_of(problem, self.numbers(point)), law, self.nominal, first,
-                level=claim.level, period=s.period, horizon=self.horizon,
-                starts=np.random.Generator(np.random.Philox(key=[s.seed, 0])).random((RANDOM, len(self.names))),
-            )  # fmt: skip
+                lambda point: self.problem_of(problem, self.numbers(point)),
+                law,
+                self.nominal,
+                first,
+                level=claim.level,
+                period=s.period,
+                horizon=self.horizon,
+                starts=np.random.Generator(np.random.Philox(key=[s.seed, 0])).random(
+                    (RANDOM, len(self.names))
+                ),
+            )
             add("worst", "true state", claim.worst, worst.attained, self.numbers(worst.point))
         if estimator is not None:  # a disturbance of the same energy
             self.progress("worst disturbance of the loop with the estimator")
             attained = worst_disturbance(
-                problem, law, estimator, s.period, energy=first.energy,
-                horizon=self.horizon, turns=ESTIMATOR_TURNS, starts=1, seed=s.seed, latency=s.known_latency,
-            )  # fmt: skip
+                problem,
+                law,
+                estimator,
+                s.period,
+                energy=first.energy,
+                horizon=self.horizon,
+                turns=ESTIMATOR_TURNS,
+                starts=1,
+                seed=s.seed,
+                latency=s.known_latency,
+            )
             add("nominal", "estimator", "not claimed", attained, nominal)
         return rows
 

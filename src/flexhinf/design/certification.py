@@ -81,11 +81,21 @@ def attenuation(setup: LoopSetup, synthesis: Synthesis, duration: float) -> Atte
         x, u = setup.robot.operating_point(setup.start)
         with suppress(NumericalFailure):
             budget = budget_terms(
-                law, setup.model, s.period, np.inf if level is None else level,
-                latency=s.known_latency, delay=s.unknown_delay or None, estimator=setup.estimator(setup.start),
-                saturation=setup.limits.saturated, start="bumpless", initial_state=x, initial_input=u,
-                duration=duration, noise=setup.noise, seed=s.seed,
-            )  # fmt: skip
+                law,
+                setup.model,
+                s.period,
+                np.inf if level is None else level,
+                latency=s.known_latency,
+                delay=s.unknown_delay or None,
+                estimator=setup.estimator(setup.start),
+                saturation=setup.limits.saturated,
+                start="bumpless",
+                initial_state=x,
+                initial_input=u,
+                duration=duration,
+                noise=setup.noise,
+                seed=s.seed,
+            )
             terms = tuple(budget)
     return Attenuation(attained, within_level(terms), failure)
 
@@ -138,9 +148,16 @@ class CertifiedDegree:
 
 
 def certify_design(
-    robot: Robot, s: Specification, progress: Callable[[str], None], share: Callable[[int, float], None], *,
-    decay: float = 0.0, observer: float | None = None, tolerances: bool = False, threads: int | None = None,
-) -> tuple[CertifiedDegree, ...]:  # fmt: skip
+    robot: Robot,
+    s: Specification,
+    progress: Callable[[str], None],
+    share: Callable[[int, float], None],
+    *,
+    decay: float = 0.0,
+    observer: float | None = None,
+    tolerances: bool = False,
+    threads: int | None = None,
+) -> tuple[CertifiedDegree, ...]:
     """The laws of a design at its goal, and the proof of each, with the true state fed back.
 
     `s`: its `checked_gamma_ratio` and `checked_penalty` state the claim.
@@ -183,9 +200,15 @@ def certify_design(
                 certificate = box.certificate
             elif (margin := choice.solution.checked_margin(gamma, penalty)).definite:
                 certificate = certify(
-                    choice.solution, gamma, penalty, decay=decay, observer=observer, threads=threads, progress=share,
+                    choice.solution,
+                    gamma,
+                    penalty,
+                    decay=decay,
+                    observer=observer,
+                    threads=threads,
+                    progress=share,
                     about=proved_step.about_text(robot, synthesis.goal, choice.degree),
-                )  # fmt: skip
+                )
             else:
                 reason = margin.reason()
             steps = () if certificate is None else starts.proved_steps(choice.solution, certificate)
@@ -234,9 +257,10 @@ def proved(
     raise NothingProved(
         f"Nothing is proved of {what}.",
         f"expected a level that can be proved, got: {reason}",
-        f"{others[-1]}, of which a level is proved" if others
+        f"{others[-1]}, of which a level is proved"
+        if others
         else "--preset damped --degrees 2, or weights on all states and a smaller `checked_penalty`",
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,10 +291,12 @@ def evidence(robot: Robot, s: Specification, certified: CertifiedDegree) -> Evid
         return Evidence(certificate, None, None, (), attained)
     weights = None if callable(s.checked_penalty) else checked_penalty(s.checked_penalty, robot.plant())
     return Evidence(
-        certificate, starts.start_surface(solution, certificate, weights),
+        certificate,
+        starts.start_surface(solution, certificate, weights),
         starts.limit_slice(solution, certificate, weights),
-        tuple(starts.worst_step(solution, certificate, start) for start in certificate.starts), attained,
-    )  # fmt: skip
+        tuple(starts.worst_step(solution, certificate, start) for start in certificate.starts),
+        attained,
+    )
 
 
 #: Fractions of the sampled level that are tried in turn until one is proved; and the factor of the level that is tried
@@ -376,11 +402,13 @@ def prove_design(
         left, level = s.proof_seconds - (time.thread_time() - began), levels.pop(0)
         try:
             certificate = certify(
-                synthesis.solution, s.checked_gamma_ratio * synthesis.design_problem.gamma_star,
-                checked_penalty(s.checked_penalty, synthesis.problem.plant), level,
+                synthesis.solution,
+                s.checked_gamma_ratio * synthesis.design_problem.gamma_star,
+                checked_penalty(s.checked_penalty, synthesis.problem.plant),
+                level,
                 about=proved_step.about_text(robot, synthesis.goal, chosen.degree),
                 progress=cells.time_limit(left / 2.0 if levels else left),
-            )  # fmt: skip
+            )
         except cells.OutOfTime:
             reasons.append(f"no proof was found within {s.proof_seconds:g} s of CPU time")
             levels = levels[-1:]  # the smallest region takes the least time

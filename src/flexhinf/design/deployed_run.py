@@ -111,10 +111,16 @@ class DeployedRun:
 
 
 def prepare_run(
-    controller: Controller, designed: tuple[Robot, Specification], robot: Robot, specification: Specification,
-    noise: bool = True, load: float | None = None, load_at: float | None = None,
-    verdict: DesignVerdict = UNKNOWN, length: float = 0.0,
-) -> DeployedRun:  # fmt: skip
+    controller: Controller,
+    designed: tuple[Robot, Specification],
+    robot: Robot,
+    specification: Specification,
+    noise: bool = True,
+    load: float | None = None,
+    load_at: float | None = None,
+    verdict: DesignVerdict = UNKNOWN,
+    length: float = 0.0,
+) -> DeployedRun:
     """A run of the deployed controller from start to goal, or along a stated move in error coordinates.
 
     A controller for a workspace goes from start to goal along `plans.quintic_move`, then rests.
@@ -161,16 +167,20 @@ def prepare_run(
     at = 0.5 * duration if load_at is None else load_at
     refuse_if(
         load is not None and not 0.0 <= at < duration,
-        "The load begins outside of the run.", f"expected 0 to {duration:g} s, got {at:g} s",
+        "The load begins outside of the run.",
+        f"expected 0 to {duration:g} s, got {at:g} s",
         "--load-at 1s, or a longer --duration",
-    )  # fmt: skip
+    )
     begun = begun if load is None else max(begun, at)
     torques = signals.signal_names("link_torque", robot.joint_names)
     arguments = {
-        "reference": reference, "duration": duration, "initial_state": x[: len(box.states)],
-        "noise": plants.noise if noise else None, "seed": s.seed,
+        "reference": reference,
+        "duration": duration,
+        "initial_state": x[: len(box.states)],
+        "noise": plants.noise if noise else None,
+        "seed": s.seed,
         "disturbance": None if load is None else {name: Step(load, at=at) for name in torques},
-    }  # fmt: skip
+    }
     # the controller gets the holding input, as in firmware
     if controller.mode.moving or not np.allclose(begun, start, rtol=0.0, atol=1e-12):
         state, holding_input = model.operating_point(start)
@@ -202,9 +212,11 @@ def perturbed(robot: Robot, changes: Sequence[str]) -> Robot:
         with suppress(ValueError):
             value = float(number.strip().rstrip("%"))
         refuse_if(
-            not np.isfinite(value), "A change of the robot cannot be read.",
-            f"expected NAME=NUMBER or NAME=±PERCENT%, got {value_text(text, 60)}", "stiffness=-20%",
-        )  # fmt: skip
+            not np.isfinite(value),
+            "A change of the robot cannot be read.",
+            f"expected NAME=NUMBER or NAME=±PERCENT%, got {value_text(text, 60)}",
+            "stiffness=-20%",
+        )
         for parameter in names:
             values[parameter] = robot.nominal[parameter] * (1.0 + 0.01 * value) if share else value
     return robot.with_values(values)
@@ -247,7 +259,7 @@ class RobotSamples:
 
 def varied(robot: Robot, o: CampaignOptions, extras: Sequence[str]) -> tuple[Robot, tuple[Variable, ...]]:
     """The robot with the tolerances of a campaign, and what varies from sample to sample."""
-    inactive = elastic.inactive_parameters(extras, robot.joint_names)
+    inactive = elastic.inactive_parameters(extras, robot.joint_names, robot.nominal)
     for name, spread in o.tolerances:
         refuse_if(
             name in inactive,
@@ -259,8 +271,9 @@ def varied(robot: Robot, o: CampaignOptions, extras: Sequence[str]) -> tuple[Rob
     acting = [p for p in robot.uncertain if p.name not in inactive]
     variables = [Variable(p.name, *p.interval, o.distribution, p.unit) for p in acting]
     for size, name, signal in (
-        (o.initial_error, ERROR, "link_position"), (o.disturbance, TORQUE, TORQUE),
-    ):  # fmt: skip
+        (o.initial_error, ERROR, "link_position"),
+        (o.disturbance, TORQUE, TORQUE),
+    ):
         names = signals.signal_names(name, robot.joint_names) if size else ()
         variables += [
             Variable(full_name, -size, size, o.distribution, signals.UNITS[signal][sliding])
@@ -341,12 +354,15 @@ class DesignCampaign(ABC, Generic[LawOfRuns]):
         changed = [p for p in self.robot.parameters if p not in model.parameters]
         parameters = [*(("robot", p) for p in model.parameters), *(("true robot", p) for p in changed)]
         return {
-            "samples": str(o.samples), "seed": str(o.seed), "batch": str(o.batch), "method": o.method,
+            "samples": str(o.samples),
+            "seed": str(o.seed),
+            "batch": str(o.batch),
+            "method": o.method,
             **{f"variable {v.name}": v.text() for v in self.variables},
             **self.runs,
             **{f"design {name}": text for name, text in design_file.fields_text(s).items()},
             **{f"{which} {p.name}": f"{p.value!r} {p.unit} {p.spread}".strip() for which, p in parameters},
-        }  # fmt: skip
+        }
 
 
 def with_payload(design: design_file.DesignRequest, payload: str | None) -> Robot:
@@ -443,10 +459,16 @@ class PoseCampaign(DesignCampaign[Controller]):
             self.variables, o.method, RobotSamples(plants.true.robot, self.ends[0], plants.extras)
         )
         return Campaign(
-            loop, draw, o.samples, o.seed, options,
+            loop,
+            draw,
+            o.samples,
+            o.seed,
+            options,
             self.metrics.metrics(plant.states, controller.states, controller.commanded),
-            signals.signal_names("link_position", robot.joint_names), o.batch, self.stated,
-        )  # fmt: skip
+            signals.signal_names("link_position", robot.joint_names),
+            o.batch,
+            self.stated,
+        )
 
     @property
     def requirements(self) -> tuple[str, ...]:

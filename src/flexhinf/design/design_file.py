@@ -75,9 +75,12 @@ class DesignRequest:
 
 
 def read_request(
-    source: str | Path, elastic: str | Path | None = None, settings: Mapping[str, Any] | None = None,
-    payload: str | None = None, is_file: bool | None = None,
-) -> DesignRequest:  # fmt: skip
+    source: str | Path,
+    elastic: str | Path | None = None,
+    settings: Mapping[str, Any] | None = None,
+    payload: str | None = None,
+    is_file: bool | None = None,
+) -> DesignRequest:
     """The request of a robot, or of a design file over which `settings` win.
 
     `source`: as for `load_robot`, or a design file; `is_file` says which where that is known.
@@ -95,10 +98,14 @@ def read_request(
     # fields that contradict one of the settings where the file states the preset paper or another; see `preset_of`
     preset, other = (("preset",), ()) if fields.get("preset") == "paper" else ((), ("preset",))
     contradicted: dict[str, tuple[str, ...]] = {
-        "penalty": ("bandwidth", "damping", "preset"), "effort": ("bandwidth", "damping", *other),
-        "bandwidth": ("penalty", "effort", *preset), "damping": ("penalty", "effort", *preset),
-        "preset": ("penalty", "bandwidth", "damping") if settings.get("preset") == "paper" else ("penalty", "effort"),
-    }  # fmt: skip
+        "penalty": ("bandwidth", "damping", "preset"),
+        "effort": ("bandwidth", "damping", *other),
+        "bandwidth": ("penalty", "effort", *preset),
+        "damping": ("penalty", "effort", *preset),
+        "preset": ("penalty", "bandwidth", "damping")
+        if settings.get("preset") == "paper"
+        else ("penalty", "effort"),
+    }
     rivals = {
         rival: name
         for name, value in settings.items()
@@ -114,8 +121,10 @@ def read_request(
     check_stated_units(robot, s)
     s = with_own_sensors(robot, s)
     own = {
-        "peak_effort": robot.effort_limits, "saturation": robot.effort_limits, "peak_speed": robot.speed_limits,
-    }  # fmt: skip
+        "peak_effort": robot.effort_limits,
+        "saturation": robot.effort_limits,
+        "peak_speed": robot.speed_limits,
+    }
     for name, limits in own.items():  # an infinite limit is the default where the robot states none
         if np.isinf(np.array(limits, dtype=float)).all() and getattr(s, name) == np.inf:
             s = replace(s, **{name: None})
@@ -207,9 +216,10 @@ def _read(path: Path) -> tuple[dict[str, str], dict[str, Any]]:
         close = difflib.get_close_matches("design", data, n=1, cutoff=SIMILAR)
         wrong = f"[design] for {close[0]!r}" if close and close[0] != "design" else ""
         raise InvalidInput(
-            f"{name}: there is no table [design].", f"expected [design], below it robot = …, got {list(data)}",
+            f"{name}: there is no table [design].",
+            f"expected [design], below it robot = …, got {list(data)}",
             wrong or "[design], below it robot = 'arm.toml'",
-        )  # fmt: skip
+        )
 
     def unknown(where: str, key: str, allowed: Sequence[str]) -> InvalidInput:
         same = FORMER.get(key.replace("-", "_"))
@@ -244,9 +254,10 @@ def _read(path: Path) -> tuple[dict[str, str], dict[str, Any]]:
 def _place(path: Path, key: str, value: Any) -> str:
     refuse_if(
         not isinstance(value, str),
-        f"{path.name}: [design] has a value of {key!r} that cannot be used.", f"expected text, got {value!r}",
+        f"{path.name}: [design] has a value of {key!r} that cannot be used.",
+        f"expected text, got {value!r}",
         f"{key} = '0..3kg'" if key == "payload" else f"{key} = 'arm.toml'",
-    )  # fmt: skip
+    )
     if key == "payload" or (key == "robot" and value in catalogue()):
         return value
     place = path.parent / value
@@ -311,19 +322,24 @@ def fields_text(s: Specification) -> dict[str, str]:
 
 
 def request_document(
-    specification: Specification, robot: str | Path, elastic: str | Path | None = None, folder: str | Path = ".",
-    payload: str | None = None, slides: Sequence[bool] = (False,),
-) -> tomlkit.TOMLDocument:  # fmt: skip
+    specification: Specification,
+    robot: str | Path,
+    elastic: str | Path | None = None,
+    folder: str | Path = ".",
+    payload: str | None = None,
+    slides: Sequence[bool] = (False,),
+) -> tomlkit.TOMLDocument:
     """A design file without a result: its table [design] with the fields that differ from the defaults, and the
     defaults below it as comments."""
     values = {name: plain(name, getattr(specification, name)) for name in FIELDS}
     if isinstance(specification.penalty, Penalty) and specification.effort is None:
         effort = np.asarray(specification.penalty.effort, dtype=float)
         refuse_if(
-            effort.ndim > 1 and effort.size > 1, "A design file holds one price of each input.",
+            effort.ndim > 1 and effort.size > 1,
+            "A design file holds one price of each input.",
             f"expected R2 as a number, or one per joint, got {effort.tolist()}",
             "the report without its design file: design_files(…)",
-        )  # fmt: skip
+        )
         values["effort"] = float(effort.ravel()[0]) if effort.size == 1 else effort.tolist()
     defaults = {name: plain(name, field.default) for name, field in FIELDS.items()}
     stated = {name: value for name, value in values.items() if value != defaults[name]}
@@ -405,14 +421,19 @@ def design_schema() -> dict[str, Any]:
         design["properties"][name] |= {"description": text} | ({"x-unit": about.unit} if about.unit else {})
     texts = {name: {"type": "string", "description": text} for name, text in places.items()}
     design |= {
-        "description": str(Specification.__doc__).partition("\n")[0], "additionalProperties": False,
-        "properties": {**texts, **design["properties"]}, "required": ["robot"],
-    }  # fmt: skip
+        "description": str(Specification.__doc__).partition("\n")[0],
+        "additionalProperties": False,
+        "properties": {**texts, **design["properties"]},
+        "required": ["robot"],
+    }
     return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema", "title": "Design file of flexhinf",
-        "type": "object", "properties": {"design": design, "result": {"type": "object"}, "found": {"type": "object"}},
-        "required": ["design"], "additionalProperties": False,
-    }  # fmt: skip
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "Design file of flexhinf",
+        "type": "object",
+        "properties": {"design": design, "result": {"type": "object"}, "found": {"type": "object"}},
+        "required": ["design"],
+        "additionalProperties": False,
+    }
 
 
 def tool_of(text: str) -> Tool:
@@ -478,7 +499,9 @@ def _point(what: str, text: str) -> tuple[float, ...]:
     with contextlib.suppress(ValueError):
         point = lengths(text)
     refuse_if(
-        len(point) != 3 or not all(map(within_proportion, point)), f"The point of --{what} cannot be read.",
-        f"expected x,y,z in m or mm, got {value_text(text, 80)}", "0.4,0,300mm",
-    )  # fmt: skip
+        len(point) != 3 or not all(map(within_proportion, point)),
+        f"The point of --{what} cannot be read.",
+        f"expected x,y,z in m or mm, got {value_text(text, 80)}",
+        "0.4,0,300mm",
+    )
     return point

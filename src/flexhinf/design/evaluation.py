@@ -245,10 +245,11 @@ class LawEvaluation:
         slow, fast = (
             min(
                 (mode for mode in ringing if (abs(mode.eigenvalue) >= below) is is_fast),
-                key=lambda mode: abs(mode.damping - ratio), default=None,
+                key=lambda mode: abs(mode.damping - ratio),
+                default=None,
             )
             for is_fast, ratio in zip((False, True), self.margins.damping_about(below))
-        )  # fmt: skip
+        )
         return slow, fast
 
     @property
@@ -273,11 +274,17 @@ class LawEvaluation:
         """Worst value of all joints and its joint, for metrics that joints have, by the keys of `metrics`."""
         step, load, move = self.step, self.load_response, self.move
         return {
-            "step_overshoot_percent": step.overshoot, "step_settling_s": step.settling, "step_peak_input": step.peak,
-            "step_remaining": step.remaining, "load_deviation": load.deflection, "load_recovery_s": load.recovery,
-            "load_remaining": load.remaining, "move_error": move.largest, "move_remaining": move.remaining,
+            "step_overshoot_percent": step.overshoot,
+            "step_settling_s": step.settling,
+            "step_peak_input": step.peak,
+            "step_remaining": step.remaining,
+            "load_deviation": load.deflection,
+            "load_recovery_s": load.recovery,
+            "load_remaining": load.remaining,
+            "move_error": move.largest,
+            "move_remaining": move.remaining,
             "move_peak_input": move.peak,
-        }  # fmt: skip
+        }
 
     @cached_property
     def metrics(self) -> Mapping[str, float | None]:

@@ -51,9 +51,15 @@ def step_requirements(
 
 
 def motion_requirements(
-    s: Specification, limits: JointLimits, rows: Sequence[Mapping[str, Any]], resolution: float, where: str,
-    errors: tuple[np.ndarray, str] | None = None, always: bool = True, rests: bool = False,
-) -> list[Requirement]:  # fmt: skip
+    s: Specification,
+    limits: JointLimits,
+    rows: Sequence[Mapping[str, Any]],
+    resolution: float,
+    where: str,
+    errors: tuple[np.ndarray, str] | None = None,
+    always: bool = True,
+    rests: bool = False,
+) -> list[Requirement]:
     """Requirements on the motion of one run, by its `motion_metrics`: of each kind that is measured on motions.
 
     `resolution`: of a link position, rad or m; a default remaining error is not smaller.
@@ -90,15 +96,24 @@ def standstill_requirement(
     most = np.maximum(resolution, STANDSTILL_SHARE * allowed)
     k = int(np.argmax(amplitudes / most))
     return replace(REQUIREMENTS["limit_cycle"], field="remaining_error").judge(
-        s, most[k], amplitudes[k], where, unit=limits.position_units[k], joint=of_several(limits.joints, k),
+        s,
+        most[k],
+        amplitudes[k],
+        where,
+        unit=limits.position_units[k],
+        joint=of_several(limits.joints, k),
         criterion="largest amplitude of a link position in the last half of the rest; the limit is "
         f"{STANDSTILL_SHARE:g} of the remaining error that is allowed, at least what noise does and sensors resolve",
-    )  # fmt: skip
+    )
 
 
 def limit_requirements(
-    limits: JointLimits, runs: Sequence[Response], where: str, unlimited: Response | None = None, always: bool = True,
-) -> list[Requirement]:  # fmt: skip
+    limits: JointLimits,
+    runs: Sequence[Response],
+    where: str,
+    unlimited: Response | None = None,
+    always: bool = True,
+) -> list[Requirement]:
     """Requirements on peak input, link speed and position range of the worst of some runs, each for the joint with the
     largest use.
 
@@ -111,9 +126,10 @@ def limit_requirements(
         max(map(use, judged), key=attrgetter("share"))
         for use, judged in (
             (limits.input_use, runs if unlimited is None else (unlimited,)),
-            (limits.speed_use, runs), (limits.range_use, runs),
+            (limits.speed_use, runs),
+            (limits.range_use, runs),
         )
-    )  # fmt: skip
+    )
     exceeded = ROUNDING < beyond.value < np.inf
     return [
         *[line for line in _limit_lines(limits, inputs, speeds, where, how) if always or not line.met],
@@ -131,10 +147,18 @@ def saturation_requirement(limits: JointLimits, runs: Sequence[Response], where:
         return []
     longest, joint, begun = max(_time_at_limit(run, limits.saturated) for run in runs)
     row, share = REQUIREMENTS["at_limit"], 100.0 * (1.0 - NEAR_LIMIT)
-    return [row.judge(
-        None, Supervision.saturation_time, longest, where, joint=of_several(limits.joints, joint) if longest else "",
-        at=begun if longest else None, criterion=row.criterion.format(share=share), tolerance=EXACT,
-    )]  # fmt: skip
+    return [
+        row.judge(
+            None,
+            Supervision.saturation_time,
+            longest,
+            where,
+            joint=of_several(limits.joints, joint) if longest else "",
+            at=begun if longest else None,
+            criterion=row.criterion.format(share=share),
+            tolerance=EXACT,
+        )
+    ]
 
 
 def _time_at_limit(run: Response, limits: np.ndarray) -> tuple[float, int, float]:
@@ -171,9 +195,16 @@ def _limit_line(
     name: str, limits: JointLimits, use: LimitUse, where: str, source: str, **more: Any
 ) -> Requirement:
     return REQUIREMENTS[name].judge(
-        None, use.limit, use.value, where, unit=use.unit, stated_by=source, joint=of_several(limits.joints, use.joint),
-        at=use.at, **more,
-    )  # fmt: skip
+        None,
+        use.limit,
+        use.value,
+        where,
+        unit=use.unit,
+        stated_by=source,
+        joint=of_several(limits.joints, use.joint),
+        at=use.at,
+        **more,
+    )
 
 
 def sample_requirements(s: Specification, limits: JointLimits, samples: MonteCarlo) -> list[Requirement]:

@@ -103,9 +103,20 @@ def live_arm(
             controller, _ = plants.driven(controller, command)
             shortest = command.duration
     return LiveArm(
-        controller, robot, start, goal, s.extras, 0.0 if plants.noise is None else plants.noise, speed, shortest,
-        rival_time, workspace, True, notes, not_met,
-    )  # fmt: skip
+        controller,
+        robot,
+        start,
+        goal,
+        s.extras,
+        0.0 if plants.noise is None else plants.noise,
+        speed,
+        shortest,
+        rival_time,
+        workspace,
+        True,
+        notes,
+        not_met,
+    )
 
 
 def quickest_move(

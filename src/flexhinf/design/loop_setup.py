@@ -58,7 +58,7 @@ WORKSPACE_MARGIN = (0.1, 0.05)
 
 #: Extras whose linearisation at standstill holds beyond the smallest motions. Dry friction and backlash are left out of
 #: the linear loop: their slope holds only below the smoothing velocity, as damping that a moving robot lacks.
-SMOOTH_EXTRAS = ("inductance", "joint_damping", "spring_hardening")
+SMOOTH_EXTRAS = ("inductance", "joint_damping", "spring_hardening", "stiffness_curve")
 
 #: Largest sub-step times the fastest mode, and smallest number of sub-steps per period, where joints stick. RK4 errs by
 #: 3e-6 per radian of phase; the time at which a joint reverses or sticks is known to one sub-step.

@@ -88,9 +88,12 @@ def judged_runs(
 
 
 def sampled_runs(
-    setup: LoopSetup, robots: Sequence[Mapping[str, Any]], duration: float, sub_steps: int,
+    setup: LoopSetup,
+    robots: Sequence[Mapping[str, Any]],
+    duration: float,
+    sub_steps: int,
     indices: Sequence[int] | None = None,
-) -> MonteCarlo:  # fmt: skip
+) -> MonteCarlo:
     """The step of each robot (by its parameters) with the deployed controller, each with its own noise.
 
     `duration`, s. `sub_steps` are those of the nominal plant, so that all runs share one kernel. `indices`: of the
@@ -99,9 +102,14 @@ def sampled_runs(
     n, samples = len(setup.goal), round(duration / setup.specification.period)
     instants = np.arange(0, samples, max(1, -(-samples // KEPT)))  # evenly apart
     runs = setup.ensemble(
-        robots, sub_steps, **setup.step_arguments(duration), numbers=indices,
-        reductions=run_reductions((setup.start, setup.goal)), kept=setup.true_plant.states[:n], instants=instants,
-    )  # fmt: skip
+        robots,
+        sub_steps,
+        **setup.step_arguments(duration),
+        numbers=indices,
+        reductions=run_reductions((setup.start, setup.goal)),
+        kept=setup.true_plant.states[:n],
+        instants=instants,
+    )
     numbers = {name: np.where(np.isnan(values), np.inf, values) for name, values in runs.common.items()}
     moving = np.flatnonzero(setup.start != setup.goal).tolist()
 
@@ -119,15 +127,25 @@ def sampled_runs(
         "peak": worst(numbers["effort"].T, range(n)),
     }
     return MonteCarlo(
-        tuple(robots), found["overshoot"][0], found["settling"][0], found["peak"][0],
-        {name: joints for name, (_, joints) in found.items()}, numbers["effort"], numbers["speed"],
-        setup.specification.period * instants, runs.kept,
-    )  # fmt: skip
+        tuple(robots),
+        found["overshoot"][0],
+        found["settling"][0],
+        found["peak"][0],
+        {name: joints for name, (_, joints) in found.items()},
+        numbers["effort"],
+        numbers["speed"],
+        setup.specification.period * instants,
+        runs.kept,
+    )
 
 
 def move_errors(
-    setup: LoopSetup, robots: Sequence[Mapping[str, Any]], plan: Any, sub_steps: int, dwell: float | None = None,
-) -> np.ndarray:  # fmt: skip
+    setup: LoopSetup,
+    robots: Sequence[Mapping[str, Any]],
+    plan: Any,
+    sub_steps: int,
+    dwell: float | None = None,
+) -> np.ndarray:
     """Largest error (N,) of any joint along the planned move, rad or m; infinite where a run diverged."""
     arguments = setup.along(plan, dwell)
     reductions = run_reductions(None, position_columns(arguments["controller"].commanded, setup.joints))
@@ -142,8 +160,10 @@ def position_columns(commanded: Sequence[str], joints: Sequence[str]) -> tuple[i
 
 
 def run_reductions(
-    ends: tuple[np.ndarray, np.ndarray] | None, columns: tuple[int, ...] = (), pairs: Sequence[tuple[int, int]] = ()
-) -> list[Reduction]:  # fmt: skip
+    ends: tuple[np.ndarray, np.ndarray] | None,
+    columns: tuple[int, ...] = (),
+    pairs: Sequence[tuple[int, int]] = (),
+) -> list[Reduction]:
     """Reductions of a step of all joints between `ends` (n,), rad or m, or of a move (`ends` is None).
 
     For each joint k that makes a step: ``"k overshoot_percent"``, ``"k settling_time_s"`` and ``"k rise_time_s"``,
@@ -159,10 +179,15 @@ def run_reductions(
         goal, moved, moving = ends[1].tolist(), None, np.flatnonzero(ends[0] != ends[1]).tolist()
         steps = [step_reduction(k, float(ends[0][k]), goal[k]) for k in moving]
     n = len(goal)
-    return [*steps, Reduction(
-        (*goal, *[0.0] * (3 * n + 1)), partial(_sizes, n, moved, pairs), partial(_named_sizes, n, moved),
-        ("sizes of a run", n, moved, pairs),
-    )]  # fmt: skip
+    return [
+        *steps,
+        Reduction(
+            (*goal, *[0.0] * (3 * n + 1)),
+            partial(_sizes, n, moved, pairs),
+            partial(_named_sizes, n, moved),
+            ("sizes of a run", n, moved, pairs),
+        ),
+    ]
 
 
 def _sizes(
@@ -212,9 +237,11 @@ class RunMetrics:
         limits, n = self.limits, len(self.limits.joints)
         positions, fractions = (limits.position_units, range(n)), ([""] * n, range(n))
         table: dict[str, tuple[Sequence[str], Sequence[int]]] = {
-            "tracking_error": positions, "tracking_error_use": fractions,
-            "final_error": positions, "final_error_use": fractions,
-        }  # fmt: skip
+            "tracking_error": positions,
+            "tracking_error_use": fractions,
+            "final_error": positions,
+            "final_error_use": fractions,
+        }
         if self.ends is not None:
             moving = np.flatnonzero(self.ends[0] != self.ends[1]).tolist()
             table = {name: ([unit] * n, moving) for name, unit in STEP_UNITS.items()}

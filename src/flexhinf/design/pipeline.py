@@ -259,11 +259,21 @@ def pose_evidence(robot: Robot, s: Specification, progress: Progress) -> PoseEvi
         robot, s, synthesis, certification.prove_design(robot, s, synthesis, start, worth)
     )
     return PoseEvidence(
-        robot=robot, specification=s, synthesis=synthesis, evaluation=evaluation, attenuation=worth, inside=inside,
-        proof=proof, mujoco=on_mujoco, rigid=same_on_rigid, limit_cycle=limit_cycle, payloads=payloads,
-        law_modes=law_modes, requirements=lines,
+        robot=robot,
+        specification=s,
+        synthesis=synthesis,
+        evaluation=evaluation,
+        attenuation=worth,
+        inside=inside,
+        proof=proof,
+        mujoco=on_mujoco,
+        rigid=same_on_rigid,
+        limit_cycle=limit_cycle,
+        payloads=payloads,
+        law_modes=law_modes,
+        requirements=lines,
         status=status_of(lines, evaluation, synthesis.chosen, worth, inside, proof),
-    )  # fmt: skip
+    )
 
 
 def _law_modes(evaluation: LawEvaluation, synthesis: steps.Synthesis) -> tuple[modes.Mode, ...]:
@@ -330,10 +340,13 @@ def _followed(linear: LawEvaluation, target: TargetBehaviour | None) -> np.ndarr
 
 
 def _requirements(
-    stated: Specification, evaluation: LawEvaluation, synthesis: steps.Synthesis,
-    on_mujoco: responses.Response | None, limit_cycle: checks.LimitCycleCheck | None,
+    stated: Specification,
+    evaluation: LawEvaluation,
+    synthesis: steps.Synthesis,
+    on_mujoco: responses.Response | None,
+    limit_cycle: checks.LimitCycleCheck | None,
     payloads: tuple[checks.PayloadEvaluation, ...],
-) -> tuple[Requirement, ...]:  # fmt: skip
+) -> tuple[Requirement, ...]:
     """All requirements: first on the running loop, then on the runs, then on the tolerances."""
     setup, target = evaluation.setup, synthesis.design_problem.target
     s, limits = setup.specification, setup.limits
@@ -349,9 +362,11 @@ def _requirements(
     lines += diverged_requirements(evaluation, damping is None)
     if on_mujoco is not None:
         lines += step_requirements(
-            setup, on_mujoco, MUJOCO,
+            setup,
+            on_mujoco,
+            MUJOCO,
             lambda length: setup.step(length, plant=setup.mujoco_plant(setup.goal)),
-        )  # fmt: skip
+        )
     runs = evaluation.runs
     errors = None if s.move is None else checks.errors_after_move(setup, runs.plan, runs.dwell)
     lines += judgement.move_requirements(s, limits, evaluation.move, resolution, errors)
@@ -365,9 +380,13 @@ def _requirements(
 
 
 def step_requirements(
-    setup: LoopSetup, run: responses.Response, where: str, again: Callable[[float], responses.Response],
-    unlimited: responses.Response | None = None, remaining: tuple[np.ndarray, str] | None = None,
-) -> list[Requirement]:  # fmt: skip
+    setup: LoopSetup,
+    run: responses.Response,
+    where: str,
+    again: Callable[[float], responses.Response],
+    unlimited: responses.Response | None = None,
+    remaining: tuple[np.ndarray, str] | None = None,
+) -> list[Requirement]:
     """Requirements on the step, of which `again` makes a run of a length, s; `unlimited` and `remaining` as for
     `step_requirements` and `motion_requirements`."""
     s, limits, resolution = setup.specification, setup.limits, setup.position_resolution(DEVIATIONS)
@@ -402,10 +421,13 @@ def _law_requirements(
             *loop_margins.loop_requirements(s, lambda: [evaluation.loop.linear()]),
         ]
     step = step_requirements(
-        setup, evaluation.step, STEP,
+        setup,
+        evaluation.step,
+        STEP,
         lambda length: setup.step(length, sub_steps=evaluation.runs.sub_steps),
-        evaluation.unlimited_step if limits.limits_peak else None, limit_cycle and limit_cycle.remaining,
-    )  # fmt: skip
+        evaluation.unlimited_step if limits.limits_peak else None,
+        limit_cycle and limit_cycle.remaining,
+    )
     robots = [] if corners is None else [loop_margins.corner_requirement(corners)]
     robots += [] if samples is None else judgement.sample_requirements(s, limits, samples)
     return margins, step, robots
@@ -450,10 +472,15 @@ def stages(
 
 
 def compare(
-    robot: Robot, specification: Specification, laws: Sequence[str] | None = None, tune: str = "peak",
-    progress: Progress | None = None, same_sensors: bool = False,
-    candidates: Sequence[int | str] | None = None, gains: Mapping[str, Mapping[str, Any]] | None = None,
-) -> Comparison | over.WorkspaceComparison:  # fmt: skip
+    robot: Robot,
+    specification: Specification,
+    laws: Sequence[str] | None = None,
+    tune: str = "peak",
+    progress: Progress | None = None,
+    same_sensors: bool = False,
+    candidates: Sequence[int | str] | None = None,
+    gains: Mapping[str, Mapping[str, Any]] | None = None,
+) -> Comparison | over.WorkspaceComparison:
     """Compare laws on one robot, each tuned by one rule and judged in the same runs; nothing is written.
 
     A specification is for a workspace or for one pose, as for `design`. Over a workspace all laws are judged by the

@@ -85,9 +85,14 @@ def step_command(
 
 
 def plan_move(
-    robot: Robot, s: Specification, start: np.ndarray, goal: np.ndarray, bandwidth: np.ndarray,
-    slowest_vibration: float, holding_inputs: Sequence[np.ndarray],
-) -> Plan:  # fmt: skip
+    robot: Robot,
+    s: Specification,
+    start: np.ndarray,
+    goal: np.ndarray,
+    bandwidth: np.ndarray,
+    slowest_vibration: float,
+    holding_inputs: Sequence[np.ndarray],
+) -> Plan:
     """The move from start to goal for this bandwidth, slowed down until it keeps the joints' limits of speed and
     effort.
 
@@ -108,9 +113,13 @@ def plan_move(
             plan: Plan = Waypoints([0.0, QUINTIC_TIME / float(rate.min())], [start, goal], "quintic")
         else:
             plan = JerkLimited(
-                start, goal, VELOCITY * travel * rate, ACCELERATION * travel * rate**2, JERK * travel * rate**3,
+                start,
+                goal,
+                VELOCITY * travel * rate,
+                ACCELERATION * travel * rate**2,
+                JERK * travel * rate**3,
                 smoothing=2.0 * math.pi / slowest_vibration,
-            )  # fmt: skip
+            )
         try:
             check_reference(robot, plan, plan.duration, limit, s.period, limits.speed)
         except InvalidInput:
@@ -201,14 +210,15 @@ def refuse_workspace(s: Specification, robot: Robot, what: str, advice: str = "`
 
 
 def true_robot(robot: Robot, s: Specification) -> tuple[Robot, Specification]:
-    """The robot by which a design is judged, and the specification of its plants: it has the backlash and the dry
-    friction that are stated, of which `extras` may name one kind, and springs damped as the robot states, or as no
-    real spring is without."""
+    """The robot by which a design is judged, and the specification of its plants: it has the curves, errors and ripples
+    of gears, the backlash and the dry friction that are stated, of which `extras` may name one kind, and springs damped
+    as the robot states, or as no real spring is without."""
     robot, values = robot.damped, robot.plant_parameters()
     gaps = np.any(np.asarray(values.get("backlash", 0.0)) > 0.0)
     dry = elastic.with_dry_friction(s.extras, values)
     damped = any(p.interval[1] > 0.0 for p in robot.parameters if p.name.startswith(DAMPING))
-    names = *s.extras, *[DAMPED] * damped, *dry, *["backlash"] * bool(gaps)
+    gears = *elastic.stated_curve(values), *elastic.stated_teeth(values)
+    names = *s.extras, *[DAMPED] * damped, *gears, *dry, *["backlash"] * bool(gaps)
     return robot, replace(s, extras=tuple(dict.fromkeys(names)))
 
 
@@ -248,8 +258,9 @@ def stated_backlash(robot: Robot, measured: Sequence[str]) -> Backlash | None:
 
 def move_reference(robot: Robot, plan: Plan, dry_friction: Sequence[str] = ()) -> Moving:
     """A planned move with feedforward by inverse dynamics of the elastic robot, including these kinds of dry
-    friction, where no controller with `dry_friction` adds it."""
-    return Moving(plan, partial(robot.inverse_dynamics, extras=tuple(dry_friction)))
+    friction, where no controller with `dry_friction` adds it, and the stiffness curves of its gears."""
+    extras = *dry_friction, *elastic.stated_curve(robot.plant_parameters())
+    return Moving(plan, partial(robot.inverse_dynamics, extras=extras))
 
 
 def _through(robot: Robot, s: Specification, factor: float) -> Plan:
@@ -293,9 +304,16 @@ def _slower(robot: Robot, s: Specification, limits: JointLimits) -> str:
 
 
 def settled(
-    robot: Robot, point: tuple[np.ndarray, np.ndarray], limits: JointLimits, controller: Controller, loop: LinearLoop,
-    at: np.ndarray, extras: Sequence[str], values: Mapping[str, Any] | None = None, offset: Any = 0.0,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    robot: Robot,
+    point: tuple[np.ndarray, np.ndarray],
+    limits: JointLimits,
+    controller: Controller,
+    loop: LinearLoop,
+    at: np.ndarray,
+    extras: Sequence[str],
+    values: Mapping[str, Any] | None = None,
+    offset: Any = 0.0,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """State and input of a true robot, with the parameters `values`, and memory of a controller, wherever that begins,
     all as they are once the loop has come to rest at a pose (n,), of which `point` is the model's state and input.
 

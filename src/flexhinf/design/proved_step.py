@@ -120,10 +120,16 @@ def sampled_box(law: AnyBoxProof, ranges: Ranges) -> AnyBoxProof:
 
 
 def prove_box(
-    robot: Robot, law: AnyBoxProof, ranges: Ranges, *, margins: tuple[float, ...] | None = None,
-    seconds: float = np.inf, most_cells: int = 100_000_000, threads: int | None = None,
+    robot: Robot,
+    law: AnyBoxProof,
+    ranges: Ranges,
+    *,
+    margins: tuple[float, ...] | None = None,
+    seconds: float = np.inf,
+    most_cells: int = 100_000_000,
+    threads: int | None = None,
     progress: cells.Progress | None = None,
-) -> AnyBoxProof:  # fmt: skip
+) -> AnyBoxProof:
     """The law of `sampled_box` with its certificate, for the smallest of some gains that can be proved.
 
     `ranges`: see `flexhinf.certify.box.parameter_ranges`.
@@ -148,10 +154,18 @@ def prove_box(
 
         try:
             certificate = proof.certify_tolerances(
-                law.solution, law.problem, ranges, gamma, step=law.step, scale=law.scale, p=p, about=about,
-                most_cells=most_cells if law.p is None or margin == QUADRATIC_MARGINS[-1] else 0, threads=threads,
+                law.solution,
+                law.problem,
+                ranges,
+                gamma,
+                step=law.step,
+                scale=law.scale,
+                p=p,
+                about=about,
+                most_cells=most_cells if law.p is None or margin == QUADRATIC_MARGINS[-1] else 0,
+                threads=threads,
                 progress=watch,
-            )  # fmt: skip
+            )
         except proof.NotProved as error:
             reason = f"γ = {gamma:.4g}: {reason_of(error)}"
         except cells.OutOfTime:
@@ -221,22 +235,36 @@ def _check(robot: Robot, s: Specification) -> None:
                 f"leave out `{name}`, or preset='robust'",
             )
     refuse_if(
-        not s.proof_seconds, "preset='proved' needs time for a proof.",
-        "expected seconds of CPU time that one proof may take, got proof_seconds=0", "proof_seconds=20",
-    )  # fmt: skip
+        not s.proof_seconds,
+        "preset='proved' needs time for a proof.",
+        "expected seconds of CPU time that one proof may take, got proof_seconds=0",
+        "proof_seconds=20",
+    )
     refuse_if(
-        len(robot.joint_names) != 1, "A step is proved for robots of one joint.",
-        f"expected one joint, got {len(robot.joint_names)} in {robot.name!r}", "preset='robust'",
-    )  # fmt: skip
+        len(robot.joint_names) != 1,
+        "A step is proved for robots of one joint.",
+        f"expected one joint, got {len(robot.joint_names)} in {robot.name!r}",
+        "preset='robust'",
+    )
 
 
 def search_proved_step(
-    robot: Robot, goal: Sequence[float], step: float | None = None, *, effort_limit: float = np.inf,
-    tolerances: float = 1.0, degrees: Sequence[int] = (2,), bandwidths: Sequence[float] = BANDWIDTHS,
-    dampings: Sequence[float | None] = DAMPINGS, ratios: Sequence[float] = RATIOS, most_cells: int = 5_000_000,
-    most_seconds: float = np.inf, specification: Specification | None = None,
-    admits: Callable[[ProvedLaw], str] = lambda law: "", progress: Callable[[str], None] = lambda text: None,
-) -> ProvedLaw:  # fmt: skip
+    robot: Robot,
+    goal: Sequence[float],
+    step: float | None = None,
+    *,
+    effort_limit: float = np.inf,
+    tolerances: float = 1.0,
+    degrees: Sequence[int] = (2,),
+    bandwidths: Sequence[float] = BANDWIDTHS,
+    dampings: Sequence[float | None] = DAMPINGS,
+    ratios: Sequence[float] = RATIOS,
+    most_cells: int = 5_000_000,
+    most_seconds: float = np.inf,
+    specification: Specification | None = None,
+    admits: Callable[[ProvedLaw], str] = lambda law: "",
+    progress: Callable[[str], None] = lambda text: None,
+) -> ProvedLaw:
     """The largest proved step to a goal, or the smallest proved γ for a wanted one.
 
     `robot`: with one joint.
@@ -276,12 +304,17 @@ def search_proved_step(
                 chosen = choose(robot, pose, start, replace(s, bandwidth=tuple(bandwidth.tolist())))
             laws = [
                 ProvedLaw(
-                    solution=solve_hji(chosen.problem, ratio * chosen.gamma_star, degree), problem=measured,
-                    step=np.nan if step is None else step, bandwidth=bandwidth, damping=searched_damping, ratio=ratio,
+                    solution=solve_hji(chosen.problem, ratio * chosen.gamma_star, degree),
+                    problem=measured,
+                    step=np.nan if step is None else step,
+                    bandwidth=bandwidth,
+                    damping=searched_damping,
+                    ratio=ratio,
                     design_problem=replace(chosen, gamma=ratio * chosen.gamma_star),
                 )
-                for ratio in ratios for degree in degrees
-            ]  # fmt: skip
+                for ratio in ratios
+                for degree in degrees
+            ]
         except FlexhinfError as error:  # there are no weights for this bandwidth and damping
             reasons.append(reason_of(error))
             continue

@@ -189,12 +189,16 @@ class Response:
             shape = metrics.step_metrics(
                 self.run.time, position, metrics.StepShape(float(begin), float(end), 0.0)
             )
-            rows.append({
-                "joint": name, **(shape if begin != end else {}),
-                "steady_state_error": metrics.steady_state_error(position, np.full(len(position), end)),
-                "peak_input": float(metrics.peak_of(u)), "peak_speed": float(metrics.peak_of(self.velocities[:, k])),
-                "input_noise": float(metrics.tail_of(u).std()),
-            })  # fmt: skip
+            rows.append(
+                {
+                    "joint": name,
+                    **(shape if begin != end else {}),
+                    "steady_state_error": metrics.steady_state_error(position, np.full(len(position), end)),
+                    "peak_input": float(metrics.peak_of(u)),
+                    "peak_speed": float(metrics.peak_of(self.velocities[:, k])),
+                    "input_noise": float(metrics.tail_of(u).std()),
+                }
+            )
         return rows
 
     peak = _worst("peak_input", "Largest |input| of all motors, with the joint that it drives.")
@@ -310,12 +314,17 @@ class Move:
             return []
         return [
             {
-                "joint": row["joint"], "largest_error": float(metrics.peak_of(position - planned)),
-                "rms_error": float(np.sqrt(np.mean((position - planned) ** 2))), "peak_input": row["peak_input"],
-                "peak_speed": row["peak_speed"], "final_error": metrics.steady_state_error(position, planned),
+                "joint": row["joint"],
+                "largest_error": float(metrics.peak_of(position - planned)),
+                "rms_error": float(np.sqrt(np.mean((position - planned) ** 2))),
+                "peak_input": row["peak_input"],
+                "peak_speed": row["peak_speed"],
+                "final_error": metrics.steady_state_error(position, planned),
             }
-            for row, position, planned in zip(self.response.metrics, self.response.positions.T, self.planned.T)
-        ]  # fmt: skip
+            for row, position, planned in zip(
+                self.response.metrics, self.response.positions.T, self.planned.T
+            )
+        ]
 
     @cached_property
     def motion(self) -> list[dict[str, Any]]:
@@ -364,9 +373,12 @@ class LimitUse(NamedTuple):
 
 
 def limit_use(
-    values: np.ndarray | None, limits: np.ndarray, joints: Sequence[str], units: Sequence[str],
+    values: np.ndarray | None,
+    limits: np.ndarray,
+    joints: Sequence[str],
+    units: Sequence[str],
     time: np.ndarray | None = None,
-) -> LimitUse:  # fmt: skip
+) -> LimitUse:
     """Use of limits (n,) by values (N, n) at times (N,); infinite without values (the run diverged)."""
     if values is None:
         tightest = int(np.argmin(limits))
@@ -512,7 +524,10 @@ def motion_metrics(limits: JointLimits, run: Response, plan: Plan | None = None)
 
 
 def check_drive(robot: Robot, s: Specification) -> None:
-    """Refuse a period shorter than that of the drives, and delays that do not contain theirs."""
+    """Refuse a period shorter than that of the drives, and delays that do not contain those of drives and sensors.
+
+    A value that is late by d says of an input what the true one says d later: for a loop both delays are one.
+    """
     slowest = robot.drive_period
     refuse_if(
         s.period < slowest * (1.0 - 1e-9),
@@ -520,16 +535,27 @@ def check_drive(robot: Robot, s: Specification) -> None:
         f"expected a period of at least that, got {s.period:g} s",
         f"--period {slowest:g}",
     )
-    if robot.drive_delay == 0.0:
+    sensing = sensor_delay(robot, s)
+    if robot.drive_delay + sensing == 0.0:
         return
     late = (s.known_latency + s.unknown_samples) * s.period
-    needed = int(np.ceil(robot.drive_delay / s.period - 1e-9))
+    needed = int(np.ceil((robot.drive_delay + sensing) / s.period - 1e-9))
+    delays = {"drives": robot.drive_delay, "sensors": sensing}
+    whose = " and ".join(f"{name} of {robot.name!r} by {time:g} s" for name, time in delays.items() if time)
     refuse_if(
-        late < robot.drive_delay * (1.0 - 1e-9),
-        f"The drives of {robot.name!r} are late by {robot.drive_delay:g} s.",
+        late < (robot.drive_delay + sensing) * (1.0 - 1e-9),
+        f"The design's latency is less than the delays of its robot: {whose}.",
         f"expected a latency of at least {needed} samples of {s.period:g} s, got {late / s.period:g}",
         f"--latency {needed}; one more where the computation takes a sample too",
     )
+
+
+def sensor_delay(robot: Robot, s: Specification) -> float:
+    """Longest delay of the sensors that a specification measures with, s; those that are sooner wait for it."""
+    if s.estimator == "none" or not robot.sensors:
+        return 0.0
+    names = signals.expanded(s.measured, signals.SENSORS, robot.joint_names, robot.rigid)
+    return max((sensor.delay for sensor in robot.sensors if sensor.signal in names), default=0.0)
 
 
 def joint_limits(robot: Robot, s: Specification) -> JointLimits:

@@ -123,14 +123,23 @@ def rigid_problem(problem: GeneralisedPlant) -> GeneralisedPlant | None:
     n = plant.n // 4
     link, motor, integrals = np.split(np.asarray(weights, dtype=float), [2 * n, 4 * n])
     rigid = Plant(
-        partial(rigid_flow, plant.flow), lambda x, u, p: x[:n], states=plant.states[: 2 * n], inputs=plant.inputs,
-        disturbances=plant.disturbances, parameters=plant.parameters.values, units=plant.units,
-    )  # fmt: skip
+        partial(rigid_flow, plant.flow),
+        lambda x, u, p: x[:n],
+        states=plant.states[: 2 * n],
+        inputs=plant.inputs,
+        disturbances=plant.disturbances,
+        parameters=plant.parameters.values,
+        units=plant.units,
+    )
     weighted = Penalty((*np.hypot(link, motor), *integrals), penalty.effort)
     return GeneralisedPlant(
-        rigid, weighted, problem.integrate, problem.command, problem.disturbances,
+        rigid,
+        weighted,
+        problem.integrate,
+        problem.command,
+        problem.disturbances,
         equilibrium=(problem.operating_point[: 2 * n], problem.operating_input),
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True, eq=False)

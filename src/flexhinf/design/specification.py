@@ -329,9 +329,10 @@ class Specification:
         "Limit ± of every input, or one per joint 87,87,12.", "24", "V, A, N·m or N", zero=NO_LIMIT,
         default="the robot's effort limits, or none")
     extras: options.Names = option((), UNCERTAIN,
-        "What the true robot has and the model has not: inductance, joint_damping, spring_hardening, backlash, "
-        "coulomb_friction, stribeck_friction. It always has the backlash, the dry friction and the damping of springs "
-        "that the file states.", "inductance")
+        "What the true robot has and the model has not: inductance, joint_damping, spring_hardening, "
+        "stiffness_curve, kinematic_error, torque_ripple, backlash, coulomb_friction, stribeck_friction, "
+        "load_friction. It always has the gears, the dry friction and the damping of springs that the file states.",
+        "inductance")
     latency: options.Count | None = option(None, SENSORS,
         "Samples between a measurement and the effect of its input, at most 10. The estimator predicts over them.",
         "1", "samples", default=f"{LATENCY}, or 0 where the true state is fed back")

@@ -14,10 +14,14 @@ from flexhinf.validation import value_text
 
 #: Fields with one number, or one per joint, and the signal that each is a value of.
 SIGNALS = {
-    "pose": "link_position", "start": "link_position", "tracking_error": "link_position",
-    "integral_dead_zone": "link_position", "peak_speed": "link_velocity", "remaining_error": "link_position",
+    "pose": "link_position",
+    "start": "link_position",
+    "tracking_error": "link_position",
+    "integral_dead_zone": "link_position",
+    "peak_speed": "link_velocity",
+    "remaining_error": "link_position",
     "path_distance": "link_position",
-}  # fmt: skip
+}
 EFFORTS = ("saturation", "peak_effort")  # one number, or one per joint, of the motors' inputs
 SMALL_UNITS = {"rad": "mrad", "m": "mm"}  # of `remaining_error` and `path_distance`
 

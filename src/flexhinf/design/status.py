@@ -49,9 +49,13 @@ def in_brackets(joints: Sequence[str], joint: str) -> str:
 
 
 def status_of(
-    lines: Sequence[Requirement], evaluation: LawEvaluation, chosen: by_step.DegreeChoice,
-    worth: certification.Attenuation, inside: bool | None, proof: certification.DesignProof,
-) -> Status:  # fmt: skip
+    lines: Sequence[Requirement],
+    evaluation: LawEvaluation,
+    chosen: by_step.DegreeChoice,
+    worth: certification.Attenuation,
+    inside: bool | None,
+    proof: certification.DesignProof,
+) -> Status:
     """The status of a design."""
     setup, names = evaluation.setup, [line.what for line in lines]
     degrees = setup.specification.shows_degrees(setup.robot)

@@ -1,6 +1,6 @@
 """The laws of a comparison: one criterion for tuning and judging all of them, the limits that all keep, and the search.
 
-docs/comparison.md has the criterion, the limits and the three rounds with their reasons.
+docs/comparison_study.md has the criterion, the limits and the three rounds with their reasons.
 In short: the criterion is the geometric mean of four metrics of a law over those of the design, from runs of the
 nominal robot without measurement noise, so that it depends on no seed. Each limit is the specification's, as `design`
 judges it; no limit is taken from a result of the design. A candidate is infeasible if its loop cannot be linearised or

@@ -32,10 +32,16 @@ def display_unit(unit: str, limit: float, degrees: bool = False) -> tuple[str, f
 def result_row(line: Any) -> dict[str, Any]:
     """A judged requirement (`flexhinf.design.requirements.Requirement`) as a row of the table [result]."""
     return {
-        "what": line.what, "limit": "at most" if line.at_most else "at least", "asked": line.limit,
-        "found": line.found, "unit": line.unit, "holds": line.met, "within_tolerance": line.within_tolerance,
-        "where": line.where, "by_default": line.stated_by == "default",
-    }  # fmt: skip
+        "what": line.what,
+        "limit": "at most" if line.at_most else "at least",
+        "asked": line.limit,
+        "found": line.found,
+        "unit": line.unit,
+        "holds": line.met,
+        "within_tolerance": line.within_tolerance,
+        "where": line.where,
+        "by_default": line.stated_by == "default",
+    }
 
 
 def stored_rows(file: Path) -> list[dict[str, Any]]:

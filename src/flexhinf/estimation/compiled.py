@@ -5,6 +5,9 @@ runs a program on arrays of its own, and looks at one number. A program changes 
 whatever is not, an entry of `diagnosis` or an error, NumPy makes the call, from the same belief.
 """
 
+# The compiled updates are those of a filter, from what that keeps.
+# pyright: reportPrivateUsage=false
+
 from __future__ import annotations
 
 import logging
@@ -42,7 +45,8 @@ class CompiledUpdates:
 
     def __init__(self, filter: Filter) -> None:
         plant, initial = filter.plant, filter.initial
-        self.kind, self.shapes = type(initial), [np.shape(part) for part in initial]
+        self.kind: type[Belief] = type(initial)
+        self.shapes = [np.shape(part) for part in initial]
         self.key = code_key(filter)
         kernels = share(self.key, lambda: tuple(compile_program(program(filter)) for program in PROGRAMS))
         n, m, p = plant.n, len(plant.inputs), len(plant.outputs)

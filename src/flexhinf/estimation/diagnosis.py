@@ -12,6 +12,9 @@ by many standard deviations. No algorithm gets those right. These signs tell the
 - offline, `diagnose`: recorded samples are filtered again with the last bits of one input moved.
 """
 
+# A diagnosis runs copies of a filter from what that keeps.
+# pyright: reportPrivateUsage=false
+
 from __future__ import annotations
 
 import copy
@@ -197,7 +200,7 @@ def _replayed(
     if start:
         estimator = copy.copy(estimator)
         estimator.reset()
-    means, variances = [], []
+    means, variances = list[np.ndarray](), list[np.ndarray]()
     for measured, held in zip(y, u, strict=True):
         if not np.isnan(measured).all():
             estimator.correct(measured)

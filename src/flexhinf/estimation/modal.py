@@ -14,6 +14,9 @@ Gravity, Coriolis forces and the motors as they are stay in the model that predi
 where the model is right, an error of the estimate decays with (1 − L(q) H) F(q) [anderson1979].
 """
 
+# SciPy has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+
 from __future__ import annotations
 
 from functools import lru_cache, partial
@@ -267,12 +270,12 @@ def _table(
     fading, degree = (0.0, DEGREE) if seen[:, :2].any() else (FADING**-4, MOTORS_DEGREE)
 
     def values(places: np.ndarray) -> np.ndarray:
-        rows = []
+        rows: list[np.ndarray] = []
         for value in np.exp(0.5 * (low + high) + 0.5 * (high - low) * places):
             twist = unit[2] - unit[0]
             pull = -kappa * twist - beta * unit[3]
             drift = np.array([unit[1], value * twist, unit[3], pull - holding * unit[2] if loop else pull])
-            transition = expm(period * drift)
+            transition: np.ndarray = expm(period * drift)
             acting = value / (1.0 + fading * value**2)
             added = np.diag([link, acting**2 * d, motor, driven**2 * f])
             gain = stationary_gain((transition, seen), added, noise)

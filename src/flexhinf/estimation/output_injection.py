@@ -31,6 +31,9 @@ part is divided between A and φ is free on what is measured; here φ has no slo
 is all A.
 """
 
+# SciPy has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+
 from __future__ import annotations
 
 from typing import Any, NamedTuple
@@ -381,7 +384,7 @@ def first_order_hold(drift: np.ndarray, period: float) -> tuple[np.ndarray, np.n
     chain = np.zeros((3 * n, 3 * n))
     chain[:n, :n] = drift * period
     chain[:n, n : 2 * n] = chain[n : 2 * n, 2 * n :] = np.eye(n)
-    blocks = expm(chain)[:n]
+    blocks: np.ndarray = expm(chain)[:n]
     return blocks[:, :n], period * blocks[:, n : 2 * n], period * blocks[:, 2 * n :]
 
 

@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import reduce
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -177,7 +177,7 @@ def _states(row: Elements, innovation: Elements) -> Elements:
 
 def solved(gains: Elements, error: Elements) -> Elements:
     """g of Sᵀ g = e, for the first p columns S (p, p) of the gains; zero where a pivot is, for want of any noise."""
-    left, found = np.array(error), []
+    left, found = np.array(error), list[Any]()
     for k in range(len(left)):
         pivot = gains[k, k]
         zero = pivot == 0.0

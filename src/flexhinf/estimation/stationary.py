@@ -6,6 +6,9 @@ straight over the spread of its points. Or the gain is that of an observer with 
 (`placed_gain`).
 """
 
+# SciPy has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+
 from __future__ import annotations
 
 import warnings
@@ -93,7 +96,7 @@ class ConstantGainFilter(Estimator):
             f"{shape} finite numbers",
             "stationary_gain of linear_model(filter, x, u)",
         )
-        mean, more = np.array(filter.initial.mean), []
+        mean, more = np.array(filter.initial.mean), list[np.ndarray]()
         if gated or bounded:
             point = mean if self._about is None else self._about
             predicted, corrected, spread = stationary_error(filter, gain, point)
@@ -196,7 +199,11 @@ def stein(matrix: np.ndarray, added: np.ndarray) -> np.ndarray:
 def linear_model(filter: RecursiveFilter, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(∂F/∂x, ∂h/∂x), (n, n) and (p, n), of the filter's own sampled model at x (n,) and u (m,)."""
     table = filter.plant.parameters
-    moved = jacobian(lambda s, v, w: filter.transition(s, v, table.named(w)), len(x), len(u), table.size)
+
+    def step(s: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
+        return filter.transition(s, v, table.named(w))
+
+    moved = jacobian(step, len(x), len(u), table.size)
     return moved(x, u, table.vector())[1], filter.plant.slopes(x, u)[3]
 
 
@@ -319,8 +326,8 @@ def placed_gain(
             f"expected each pole at most once per independent measurement, got {wanted.tolist()}: {error}",
             "distinct poles, a few per cent apart",
         ) from error
-    gain = period * placed.gain_matrix.T @ mixed.T / size
-    reached = np.linalg.eigvals(slope - gain @ measured @ transition / period)
+    gain: np.ndarray = period * placed.gain_matrix.T @ mixed.T / size
+    reached: np.ndarray = np.linalg.eigvals(slope - gain @ measured @ transition / period)
     if max(np.abs(reached - rate).min() for rate in rates) > PLACED * np.abs(rates).max():
         raise NumericalFailure(
             "The poles of the observer are not reached.",
@@ -360,11 +367,12 @@ def unobservable(drift: np.ndarray, measured: np.ndarray) -> np.ndarray:
     """
     from scipy.linalg import matrix_balance, null_space
 
-    balanced, (scale, _) = matrix_balance(drift, permute=False, separate=True)
+    scaled: Any = matrix_balance(drift, permute=False, separate=True)
+    balanced, (scale, _) = scaled
     balanced = balanced / (np.linalg.norm(balanced, 2) or 1.0)
     rows = measured * scale
     rows = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), np.finfo(float).tiny)
-    basis = null_space(rows, rcond=UNSEEN)
+    basis = np.asarray(null_space(rows, rcond=UNSEEN), dtype=float)
     while basis.size:
         moved = balanced @ basis
         _, singular, directions = np.linalg.svd(moved - basis @ (basis.T @ moved))

@@ -71,18 +71,34 @@ def compile_controller(
     code = code_of(controller, "controller", "double")
     c = code.controller
     about = {
-        "what": "flexhinf controller", "version": __version__, "period": c.period, "measured": c.measured,
-        "commanded": c.commanded, "inputs": c.law.input_names, "states": c.estimated, "units": code.units,
+        "what": "flexhinf controller",
+        "version": __version__,
+        "period": c.period,
+        "measured": c.measured,
+        "commanded": c.commanded,
+        "inputs": c.law.input_names,
+        "states": c.estimated,
+        "units": code.units,
         "reference": c.operating_reference.tolist(),
         "codes": {str(row.value): name for name, row in code.codes.items()},
-        "starts_anywhere": code.starts_anywhere, "digest": code.digest,
-        "status": [c.memory.places[name].start if name in c.memory.places else None for name in ("status", "stop")],
-        "bits": [int(bit) for bit in WATCHED], "rejected": code.rejected, "doubt": code.doubt,
-    }  # fmt: skip
+        "starts_anywhere": code.starts_anywhere,
+        "digest": code.digest,
+        "status": [
+            c.memory.places[name].start if name in c.memory.places else None for name in ("status", "stop")
+        ],
+        "bits": [int(bit) for bit in WATCHED],
+        "rejected": code.rejected,
+        "doubt": code.doubt,
+    }
     entry = render(
-        "library.c", name=code.name, NAME=code.name.upper(), c=c, mark=MARK.strip().decode() + r"\n",
-        instructions=list(INSTRUCTIONS.items()), description=about,
-    )  # fmt: skip
+        "library.c",
+        name=code.name,
+        NAME=code.name.upper(),
+        c=c,
+        mark=MARK.strip().decode() + r"\n",
+        instructions=list(INSTRUCTIONS.items()),
+        description=about,
+    )
     sources = {"controller.h": code.header, "controller.c": code.source, "entry.c": entry}
     try:
         image = shared_library(sources, ("-O3", *flags))
@@ -312,9 +328,10 @@ class CompiledController:
             place[:] = real_array(numbers, strict=True).reshape(place.shape)
         except (TypeError, ValueError):
             raise InvalidInput(
-                f"The {what} does not fit.", f"expected a number for each of {list(names)}, got {value_text(numbers)}",
+                f"The {what} does not fit.",
+                f"expected a number for each of {list(names)}, got {value_text(numbers)}",
                 "an array of this length, or a plain number for one signal",
-            ) from None  # fmt: skip
+            ) from None
 
     @property
     def status(self) -> int:
@@ -421,15 +438,40 @@ MARK = b"flexhinf library 3: instructions, then what it is\n"
 #: Instruction sets beyond the oldest processor of a platform that compilers use on their own for such code: the macro
 #: that says so, and LLVM's name without points.
 INSTRUCTIONS = {
-    "__SSE3__": "sse3", "__SSSE3__": "ssse3", "__SSE4_1__": "sse41", "__SSE4_2__": "sse42", "__POPCNT__": "popcnt",
-    "__AVX__": "avx", "__AVX2__": "avx2", "__FMA__": "fma", "__FMA4__": "fma4", "__XOP__": "xop", "__TBM__": "tbm",
-    "__BMI__": "bmi", "__BMI2__": "bmi2", "__LZCNT__": "lzcnt", "__MOVBE__": "movbe", "__F16C__": "f16c",
-    "__GFNI__": "gfni", "__AVX512F__": "avx512f", "__AVX512CD__": "avx512cd", "__AVX512DQ__": "avx512dq",
-    "__AVX512BW__": "avx512bw", "__AVX512VL__": "avx512vl", "__AVX512IFMA__": "avx512ifma",
-    "__AVX512VBMI__": "avx512vbmi", "__AVX512VBMI2__": "avx512vbmi2", "__AVX512VNNI__": "avx512vnni",
-    "__AVX512BITALG__": "avx512bitalg", "__AVX512VPOPCNTDQ__": "avx512vpopcntdq", "__AVX512BF16__": "avx512bf16",
-    "__AVX512FP16__": "avx512fp16", "__APX_F__": "apxf", "__ARM_FEATURE_SVE": "sve", "__ARM_FEATURE_SVE2": "sve2",
-}  # fmt: skip
+    "__SSE3__": "sse3",
+    "__SSSE3__": "ssse3",
+    "__SSE4_1__": "sse41",
+    "__SSE4_2__": "sse42",
+    "__POPCNT__": "popcnt",
+    "__AVX__": "avx",
+    "__AVX2__": "avx2",
+    "__FMA__": "fma",
+    "__FMA4__": "fma4",
+    "__XOP__": "xop",
+    "__TBM__": "tbm",
+    "__BMI__": "bmi",
+    "__BMI2__": "bmi2",
+    "__LZCNT__": "lzcnt",
+    "__MOVBE__": "movbe",
+    "__F16C__": "f16c",
+    "__GFNI__": "gfni",
+    "__AVX512F__": "avx512f",
+    "__AVX512CD__": "avx512cd",
+    "__AVX512DQ__": "avx512dq",
+    "__AVX512BW__": "avx512bw",
+    "__AVX512VL__": "avx512vl",
+    "__AVX512IFMA__": "avx512ifma",
+    "__AVX512VBMI__": "avx512vbmi",
+    "__AVX512VBMI2__": "avx512vbmi2",
+    "__AVX512VNNI__": "avx512vnni",
+    "__AVX512BITALG__": "avx512bitalg",
+    "__AVX512VPOPCNTDQ__": "avx512vpopcntdq",
+    "__AVX512BF16__": "avx512bf16",
+    "__AVX512FP16__": "avx512fp16",
+    "__APX_F__": "apxf",
+    "__ARM_FEATURE_SVE": "sve",
+    "__ARM_FEATURE_SVE2": "sve2",
+}
 
 #: Linux's names for some of them.
 OF_LINUX = {"pni": "sse3", "bmi1": "bmi", "abm": "lzcnt", "apx": "apxf"}

@@ -21,48 +21,59 @@ class Code(NamedTuple):
 #: By the end of its constant's name; in the order in which a step decides: the first that holds is returned.
 CODES = {
     "NOT_INITIALISED": Code(
-        8, "the state was not initialised: the output is that before the first sample",
+        8,
+        "the state was not initialised: the output is that before the first sample",
         "call `{name}_init` or `{name}_start`",
     ),
     "BAD_ARITHMETIC": Code(
-        9, "the compiler's flags change results: nothing is computed", "do not enable the drives; change the flags"
+        9,
+        "the compiler's flags change results: nothing is computed",
+        "do not enable the drives; change the flags",
     ),
     "WAITING": Code(
-        7, "no measurement since the start: nothing changed, the output is that before the first sample",
+        7,
+        "no measurement since the start: nothing changed, the output is that before the first sample",
         "wait; brake if it lasts",
     ),
     "STOPPED": Code(
-        6, "too many samples without a measurement: the last output is held",
+        6,
+        "too many samples without a measurement: the last output is held",
         "brake; begin again with `{name}_start`",
     ),
     "BAD_MEASUREMENT": Code(
-        1, "without an estimator, a measurement is not finite: nothing changed, the last output is held",
+        1,
+        "without an estimator, a measurement is not finite: nothing changed, the last output is held",
         "brake if it lasts",
     ),
     "BAD_COMMAND": Code(
-        2, "a command is not finite: the measurement was not used, which counts as none, the estimate stays as it was, "
+        2,
+        "a command is not finite: the measurement was not used, which counts as none, the estimate stays as it was, "
         "and the last output is held",
         "nothing once; brake if it lasts: with an estimator too many in a row become STOPPED",
     ),
     "WENT_BACK": Code(
-        4, "as BAD_RESULT, again: the memory went back to one of 32 to 64 good samples ago, or to the start if there "
+        4,
+        "as BAD_RESULT, again: the memory went back to one of 32 to 64 good samples ago, or to the start if there "
         "were fewer",
         "brake; begin again with `{name}_start`",
     ),
     "BAD_RESULT": Code(
-        3, "a result is not finite: nothing changed, the last output is held",
+        3,
+        "a result is not finite: nothing changed, the last output is held",
         "nothing once; it becomes WENT_BACK if it lasts",
     ),
     "PREDICTED": Code(
-        5, "no measurement in time: the estimate is predicted, the law acts on it",
-        "nothing: too many in a row become STOPPED; brake if most samples are such"
+        5,
+        "no measurement in time: the estimate is predicted, the law acts on it",
+        "nothing: too many in a row become STOPPED; brake if most samples are such",
     ),
     "OK": Code(0, "all is well", "restart the watchdog"),
     "BAD_START": Code(
-        10, "at the start alone: an argument is not finite, and the state is not initialised",
+        10,
+        "at the start alone: an argument is not finite, and the state is not initialised",
         "do not enable the drives; mend the call",
     ),
-}  # fmt: skip
+}
 
 
 def unlimited(names: Sequence[str], lower: np.ndarray, upper: np.ndarray) -> list[str]:

@@ -72,10 +72,31 @@ INTEGERS, INTEGER_BYTES = 7, 4
 MISSING_LIMIT = 10
 
 #: Names of functions, types and numbers of every controller, behind its own.
-OWN = frozenset({
-    "believed", "check", "defaults", "digest", "exact", "fused", "init", "input", "output", "param", "predict", "real",
-    "rest", "sample", "slowed", "some", "start", "state", "step", "type_of_constants", "version",
-})  # fmt: skip
+OWN = frozenset(
+    {
+        "believed",
+        "check",
+        "defaults",
+        "digest",
+        "exact",
+        "fused",
+        "init",
+        "input",
+        "output",
+        "param",
+        "predict",
+        "real",
+        "rest",
+        "sample",
+        "slowed",
+        "some",
+        "start",
+        "state",
+        "step",
+        "type_of_constants",
+        "version",
+    }
+)
 
 #: Signals of motors, seen from the joint, and what they are at the motor: its signal, divided or multiplied by a ratio.
 AT_MOTOR = {
@@ -132,9 +153,13 @@ class ControllerCode:
             self.origin = {"robot": robot.name, **self.origin}
         c, estimator = controller, controller.estimator
         self.sizes = {
-            "y": len(c.measured), "r": max(1, len(c.commanded)), "data": c.data_vector.size, "memory": c.memory.size,
-            "u": len(c.law.input_names), "estimate": len(c.estimated),
-        }  # fmt: skip
+            "y": len(c.measured),
+            "r": max(1, len(c.commanded)),
+            "data": c.data_vector.size,
+            "memory": c.memory.size,
+            "u": len(c.law.input_names),
+            "estimate": len(c.estimated),
+        }
         self.signals = {"Y": c.measured, "R": c.commanded, "U": tuple(c.law.input_names), "X": c.estimated}
         self.predicts = estimator is not None
         self.places = Places(c, name.upper(), self.signals, self.sizes, robot)

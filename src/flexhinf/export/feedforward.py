@@ -23,8 +23,13 @@ from flexhinf.robot.signals import UNITS
 SAMPLES, CLOSE = 200, 1e-9
 
 #: Columns of the recorded rows for each joint, and units for joints that turn and slide.
-COLUMNS = {"path": ("rad", "m"), "command": ("", ""), "motor_position": ("rad", "m"),
-           "motor_velocity": ("rad/s", "m/s"), "motor_torque": ("N·m", "N")}  # fmt: skip
+COLUMNS = {
+    "path": ("rad", "m"),
+    "command": ("", ""),
+    "motor_position": ("rad", "m"),
+    "motor_velocity": ("rad/s", "m/s"),
+    "motor_torque": ("N·m", "N"),
+}
 
 
 def export_feedforward(
@@ -113,11 +118,17 @@ def _facts(feedforward: Feedforward, name: str) -> dict[str, object]:
     """What the templates say of a robot and its feedforward."""
     robot = feedforward.robot
     return {
-        "name": name, "NAME": name.upper(), "version": __version__, "robot": robot.name, "joints": robot.joint_names,
-        "count": len(robot.joint_names), "size": feedforward.weights.shape[1],
-        "kind": DRIVES[robot.drive].replace("_", " "), "period": f"{feedforward.period:g}",
+        "name": name,
+        "NAME": name.upper(),
+        "version": __version__,
+        "robot": robot.name,
+        "joints": robot.joint_names,
+        "count": len(robot.joint_names),
+        "size": feedforward.weights.shape[1],
+        "kind": DRIVES[robot.drive].replace("_", " "),
+        "period": f"{feedforward.period:g}",
         "delay": f"{feedforward.delay:g}",
-    }  # fmt: skip
+    }
 
 
 def _source(feedforward: Feedforward, name: str) -> str:
@@ -125,9 +136,14 @@ def _source(feedforward: Feedforward, name: str) -> str:
     called = translator.function(function)
     used = [f"motion[{k}]" for k in range(5) if function.size1_in(k)]
     return render(
-        "feedforward.c", **_facts(feedforward, name), weights=",\n".join(_listed(feedforward.weights)),
-        arithmetic=arithmetic(name, DOUBLE), functions=str(translator), called=called, arguments=[*used, *RESULTS],
-    )  # fmt: skip
+        "feedforward.c",
+        **_facts(feedforward, name),
+        weights=",\n".join(_listed(feedforward.weights)),
+        arithmetic=arithmetic(name, DOUBLE),
+        functions=str(translator),
+        called=called,
+        arguments=[*used, *RESULTS],
+    )
 
 
 #: Where the inverse dynamics go.
@@ -140,16 +156,25 @@ def _listed(table: np.ndarray) -> Iterable[str]:
 
 def _test(name: str, count: int, path: np.ndarray, rows: FeedforwardRows) -> str:
     return render(
-        "feedforward_test.c", name=name, count=count, samples=len(path), close=repr(CLOSE),
-        path=",\n".join(_listed(path)), expected=",\n".join(_listed(np.hstack(rows[:4]))),
-    )  # fmt: skip
+        "feedforward_test.c",
+        name=name,
+        count=count,
+        samples=len(path),
+        close=repr(CLOSE),
+        path=",\n".join(_listed(path)),
+        expected=",\n".join(_listed(np.hstack(rows[:4]))),
+    )
 
 
 def _readme(feedforward: Feedforward, name: str) -> str:
     robot, size, n = feedforward.robot, feedforward.weights.shape[1], len(feedforward.robot.joint_names)
     facts = {
-        "robot": robot.name, "joints": ", ".join(robot.joint_names), "drive": robot.drive,
-        "period": f"{feedforward.period:g} s", "the links are later than the path by": f"{feedforward.delay:g} s",
-        "memory": f"{8 * size * n + 8} bytes", "sums of a step": f"{5 * size * n} products and the inverse dynamics",
-    }  # fmt: skip
+        "robot": robot.name,
+        "joints": ", ".join(robot.joint_names),
+        "drive": robot.drive,
+        "period": f"{feedforward.period:g} s",
+        "the links are later than the path by": f"{feedforward.delay:g} s",
+        "memory": f"{8 * size * n + 8} bytes",
+        "sums of a step": f"{5 * size * n} products and the inverse dynamics",
+    }
     return render("feedforward.md", name=name, table=table(["", ""], list(facts.items())))

@@ -81,11 +81,16 @@ def export_fmu(
         ("command", "input", r, c.operating_reference, ""),
         ("lower", "parameter", u, np.maximum(c.limits.lower, -1e300), "least input"),
         ("upper", "parameter", u, np.minimum(c.limits.upper, 1e300), "largest input"),
-        ("start", "parameter", x[: len(starts)], first[: len(starts)],
-         "where the estimate begins: the robot must be there"),
+        (
+            "start",
+            "parameter",
+            x[: len(starts)],
+            first[: len(starts)],
+            "where the estimate begins: the robot must be there",
+        ),
         ("u", "output", u, code.safe_input, "", [(f"lower.{name}", f"upper.{name}", *starts) for name in u]),
         ("estimate", "output", x, first, "", [(start,) for start in starts] or [None] * len(x)),
-    )  # fmt: skip
+    )
     variables = [
         *_variables(rows, lambda name: units.get(name, "")),
         Variable(
@@ -111,10 +116,15 @@ def export_fmu(
         Variable("is_measured", "input", 1, kind="Boolean", about="whether there is a measurement"),
     ]
     model = partial(
-        render, "fmu_controller.h", **c_values(code.name, DOUBLE), **code.values,
+        render,
+        "fmu_controller.h",
+        **c_values(code.name, DOUBLE),
+        **code.values,
         start=code.numbers([variable.start for variable in variables if variable.kind == "Real"], "        "),
-        starts=len(starts), doubtful=int(code.doubt is not None), rejected=0 if code.rejected is None else len(y),
-    )  # fmt: skip
+        starts=len(starts),
+        doubtful=int(code.doubt is not None),
+        rejected=0 if code.rejected is None else len(y),
+    )
     sources = {f"{code.name}.c": code.source, f"{code.name}.h": code.header}
     about = f"sampled controller of {c.period:g} s. {_start_text(code)}"
     return write_fmu(path, code.name, about, c.period, variables, model, sources, fmi)
@@ -191,13 +201,22 @@ def export_plant_fmu(
     steps = sub_steps(period, plant.fastest_mode(start))
     places = ["r + FIRST_U", "r + FIRST_D", "r + FIRST_P"]
     model = partial(
-        render, "fmu_plant.h", **c_values(name, DOUBLE),
-        period=repr(period), period_text=f"{period:g}", sub_steps=steps,
-        n=plant.n, m=sizes[0], d=sizes[1], p=sizes[2], y=len(plant.outputs), functions=str(translator),
+        render,
+        "fmu_plant.h",
+        **c_values(name, DOUBLE),
+        period=repr(period),
+        period_text=f"{period:g}",
+        sub_steps=steps,
+        n=plant.n,
+        m=sizes[0],
+        d=sizes[1],
+        p=sizes[2],
+        y=len(plant.outputs),
+        functions=str(translator),
         flow=_called(flow, plant.traced_flow, ["x", *places], "slope"),
         output=_called(output, plant.traced_output, ["r + FIRST_X", places[0], places[2]], "r + FIRST_Y"),
         start=",\n".join(f"        {variable.start!r}" for variable in variables[: sum(sizes)]),
-    )  # fmt: skip
+    )
     about = f"plant in {steps} steps per {period:g} s, which begins where the parameters start.* say"
     return write_fmu(path, name, about, period, variables, model, {}, fmi)
 

@@ -54,9 +54,15 @@ class Variable:
 
 
 def write_fmu(
-    path: str | os.PathLike[str], name: str, about: str, period: float, variables: Sequence[Variable],
-    model: Callable[..., str], sources: Mapping[str, str], fmi: str,
-) -> Path:  # fmt: skip
+    path: str | os.PathLike[str],
+    name: str,
+    about: str,
+    period: float,
+    variables: Sequence[Variable],
+    model: Callable[..., str],
+    sources: Mapping[str, str],
+    fmi: str,
+) -> Path:
     """Write the archive whole.
 
     `period`: s, smallest communication step; others are whole multiples. `variables`: Those of a kind in the order of

@@ -22,10 +22,34 @@ if TYPE_CHECKING:
 
 #: And names of their headers: NAME.h must not be found in the place of one.
 RESERVED = KEYWORDS | {
-    "assert", "complex", "ctype", "errno", "fenv", "inttypes", "iso646", "limits", "locale", "math", "memory", "setjmp",
-    "signal", "stdarg", "stdbool", "stddef", "stdint", "stdio", "stdlib", "string", "strings", "tgmath", "threads",
-    "time", "unistd", "wchar", "wctype",
-}  # fmt: skip
+    "assert",
+    "complex",
+    "ctype",
+    "errno",
+    "fenv",
+    "inttypes",
+    "iso646",
+    "limits",
+    "locale",
+    "math",
+    "memory",
+    "setjmp",
+    "signal",
+    "stdarg",
+    "stdbool",
+    "stddef",
+    "stdint",
+    "stdio",
+    "stdlib",
+    "string",
+    "strings",
+    "tgmath",
+    "threads",
+    "time",
+    "unistd",
+    "wchar",
+    "wctype",
+}
 
 LONGEST = 31  # characters that every linker keeps apart
 
@@ -146,34 +170,51 @@ MEMORY = {
 #: Rows of the parts that are tables.
 ROWS = {
     "watch": {
-        "extreme": "last extreme of each signal", "direction": "1 or -1, since it", "swings": "swings so far",
-        "since": "samples since the last swing ended", "at_limit": "samples at a limit",
+        "extreme": "last extreme of each signal",
+        "direction": "1 or -1, since it",
+        "swings": "swings so far",
+        "since": "samples since the last swing ended",
+        "at_limit": "samples at a limit",
     },
     "status": {
-        "outside": "bits of the status: 1 or 0", "limit_cycle": "likewise", "saturation": "likewise",
-        "reacting": "likewise", "following_error": "likewise", "blocked": "likewise",
+        "outside": "bits of the status: 1 or 0",
+        "limit_cycle": "likewise",
+        "saturation": "likewise",
+        "reacting": "likewise",
+        "following_error": "likewise",
+        "blocked": "likewise",
     },
     "hold": {
-        "share": "1, or less where the joint lets go", "push": "what the model does not explain, per s^2",
-        "nearest": "where it was nearest to its command since then", "yielded": "whether it has yielded: 1 or 0",
+        "share": "1, or less where the joint lets go",
+        "push": "what the model does not explain, per s^2",
+        "nearest": "where it was nearest to its command since then",
+        "yielded": "whether it has yielded: 1 or 0",
     },
     "stop": {
-        "held": "whether the command is held", "braked": "fraction of the braking that is done",
+        "held": "whether the command is held",
+        "braked": "fraction of the braking that is done",
         "path_rate": "from 1 to 0",
     },
     "governor": {
-        "distance": "of each tracked position, rad or m", "speed": "per s", "acceleration": "per s^2",
-        "lower": "least position", "upper": "largest", "rate": "1/s",
+        "distance": "of each tracked position, rad or m",
+        "speed": "per s",
+        "acceleration": "per s^2",
+        "lower": "least position",
+        "upper": "largest",
+        "rate": "1/s",
     },
     "swings": {
-        "near_limit": "how near to a limit counts as at it", "smallest": "smallest swing that counts",
+        "near_limit": "how near to a limit counts as at it",
+        "smallest": "smallest swing that counts",
         "most": "so many are a limit cycle",
     },
     "watching": {
-        "longest_swing": "samples", "longest_saturation": "samples", "braking": "fraction of the braking per sample",
+        "longest_swing": "samples",
+        "longest_saturation": "samples",
+        "braking": "fraction of the braking per sample",
         "easing": "factor per sample of what eases the input",
     },
-}  # fmt: skip
+}
 
 
 def named_parameters(controller: Controller, units: Mapping[str, str]) -> Iterator[tuple[str, int, str]]:

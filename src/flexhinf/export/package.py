@@ -15,6 +15,7 @@ import numpy as np
 from flexhinf.codegen.c import comment
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.controller_c import NOTHING, ControllerCode, code_of
+from flexhinf.export.follow import follow_files
 from flexhinf.export.names import PARTS
 from flexhinf.export.recording import Recording, record, with_both_roundings
 from flexhinf.export.refusals import check_limits
@@ -50,6 +51,11 @@ class Export:
         return _home(self.code)
 
     @cached_property
+    def follow(self) -> dict[str, str]:
+        """The files that follow trajectories; none for a law of one pose."""
+        return follow_files(self.code)
+
+    @cached_property
     def ros2(self) -> dict[str, Any]:
         """What the package for ROS 2 needs."""
         return ros2_values(self.code, self.home[1])
@@ -62,6 +68,7 @@ class File:
     path: str
     template: str
     values: Callable[[Export], Mapping[str, Any]] = lambda export: NOTHING
+    follows: bool = False  # only there where trajectories are followed
 
 
 def _drives(export: Export) -> dict[str, Any]:
@@ -95,6 +102,8 @@ FILES = (
     File("ros2/config/@{package}.yaml", "ros2/controller.yaml", _ros2),
     File("ros2/include/@{package}/controller.hpp", "ros2/controller.hpp", _ros2),
     File("ros2/src/controller.cpp", "ros2/controller.cpp", _ros2),
+    File("ros2/include/@{package}/trajectories.hpp", "ros2/trajectories.hpp", _ros2, follows=True),
+    File("ros2/src/trajectories.cpp", "ros2/trajectories.cpp", _ros2, follows=True),
 )
 
 
@@ -209,17 +218,23 @@ def controller_files(
     runs = (run,) if real == "float" else with_both_roundings(code.controller, run)
     export = Export(code, runs, accuracy(code, run), design)
     paths = {"name": code.name, "package": package_name(code)}
+    sources = code.files | export.follow
     return {
-        **code.files,
-        **{render_text(file.path, **paths): _rendered(export, file) for file in FILES},
-        **{f"ros2/src/{path}": text for path, text in code.files.items()},
+        **sources,
+        **{
+            render_text(file.path, **paths): _rendered(export, file)
+            for file in FILES
+            if export.follow or not file.follows
+        },
+        **{f"ros2/src/{path}": text for path, text in sources.items()},
         **{f"design/{path}": text for path, text in design.items()},
     }
 
 
 def _rendered(export: Export, file: File) -> str:
     code = export.code
-    return render_c(file.template, code.name, code.real, **code.values, **file.values(export))
+    values = {**code.values, "follows": bool(export.follow), **file.values(export)}
+    return render_c(file.template, code.name, code.real, **values)
 
 
 def _home(code: ControllerCode) -> tuple[str, np.ndarray]:
@@ -260,14 +275,22 @@ def _readme(export: Export) -> dict[str, Any]:
     """What the README states beside."""
     code, c, run = export.code, export.code.controller, export.runs[-1]
     arrays = {
-        "Y": ("input.y", None), "R": ("input.r", None), "U": ("output.u", code.safe_input),
+        "Y": ("input.y", None),
+        "R": ("input.r", None),
+        "U": ("output.u", code.safe_input),
         "X": ("output.estimate", code.belief),
-    }  # fmt: skip
+    }
     signals = [
-        (f"`{array}`", str(k), comment(name), code.unit_text(name),
-         "" if starts is None else f"{starts[k]:.6g}")
-        for kind, (array, starts) in arrays.items() for k, name in enumerate(code.signals[kind])
-    ]  # fmt: skip
+        (
+            f"`{array}`",
+            str(k),
+            comment(name),
+            code.unit_text(name),
+            "" if starts is None else f"{starts[k]:.6g}",
+        )
+        for kind, (array, starts) in arrays.items()
+        for k, name in enumerate(code.signals[kind])
+    ]
     at_limit = (run.u <= c.limits.lower) | (run.u >= c.limits.upper)
     counts = [int(at_limit[part].any(axis=1).sum()) for part in run.parts]
     none = f"none: set `{code.upper('P_LOWER')}` and `{code.upper('P_UPPER')}` to what the drives take"

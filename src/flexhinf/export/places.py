@@ -131,11 +131,12 @@ class Places:
         unread = unread_parameters(self.controller)
         return [
             (
-                f"{text}_OF_MODEL" if text in taken else text, first + k,
+                f"{text}_OF_MODEL" if text in taken else text,
+                first + k,
                 (comment(unit) or "no unit stated") + "; the model leaves it out" * (k in unread),
             )
             for text, (_, k, unit) in zip(texts, named, strict=True)
-        ]  # fmt: skip
+        ]
 
     def parts(self) -> dict[str, tuple[Part, ...]]:
         """The parts of the buffers of the step's program."""
@@ -173,9 +174,14 @@ class Places:
     def constants_of_sizes(self) -> dict[str, str]:
         """The header's constants for how many numbers each vector of the step has."""
         names = {
-            "y": "MEASUREMENTS", "u": "INPUTS", "estimate": "STATES", "estimated": "STATES", "memory": "MEMORY",
-            "after": "MEMORY", "data": "PARAMETERS",
-        }  # fmt: skip
+            "y": "MEASUREMENTS",
+            "u": "INPUTS",
+            "estimate": "STATES",
+            "estimated": "STATES",
+            "memory": "MEMORY",
+            "after": "MEMORY",
+            "data": "PARAMETERS",
+        }
         commands = {"r": "COMMANDS"} if self.signals["R"] else {}
         return {buffer: f"{self.prefix}_{name}" for buffer, name in (names | commands).items()}
 

@@ -114,10 +114,11 @@ def _advice(robot: Robot, sensors: Sequence[tuple[str, str]]) -> str:
         f"{field} = {value} of the joint{'s' * (len(joints) > 1)} {', '.join(joints)} in the robot file, or "
         f"{option} {value} at the design"
         for field, value, option, joints in (
-            ("speed_limit", 4.0, "--peak-speed", fast), ("effort_limit", 48.0, "--saturation", weak),
+            ("speed_limit", 4.0, "--peak-speed", fast),
+            ("effort_limit", 48.0, "--saturation", weak),
         )
         if joints
-    ]  # fmt: skip
+    ]
     return "; ".join([*stated, IN_PYTHON])
 
 

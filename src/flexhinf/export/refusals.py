@@ -7,10 +7,12 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 
 from flexhinf.errors import refuse_if
+from flexhinf.estimation import UnscentedKalmanFilter
 from flexhinf.export.compiled import cortex_m4_bytes
 from flexhinf.export.contract import unlimited_inputs
 from flexhinf.export.controller_c import code_of
 from flexhinf.loop import Controller
+from flexhinf.modal import ModalLaw
 from flexhinf.validation import value_text
 
 
@@ -52,12 +54,20 @@ def check_room(controller: Controller, real: str, period: str = "", flash: str =
     kind, where = (
         ("constants", "") if whole is None else ("code and constants", ", compiled for a Cortex-M4F")
     )
+    law = (
+        [] if isinstance(controller.law, ModalLaw) else ["--degrees 2 at the design"]
+    )  # that is linear already
+    filter = (
+        ["--estimator ekf at the design"] if isinstance(controller.estimator, UnscentedKalmanFilter) else []
+    )
+    smaller = [] if real == "float" else ["--real float"]
+    code_advice, state_advice = (
+        ", ".join([*smaller, *less]) or "a larger device" for less in (law, filter + law)
+    )
     rows = (
-        ("--flash", flash, f"{kind} need", constants if whole is None else whole, where,
-         "--degrees 2 at the design, --real float"),
-        ("--ram", ram, "state needs", code.state_bytes, "",
-         "--real float, an extended Kalman filter (--estimator ekf), --degrees 2"),
-    )  # fmt: skip
+        ("--flash", flash, f"{kind} need", constants if whole is None else whole, where, code_advice),
+        ("--ram", ram, "state needs", code.state_bytes, "", state_advice),
+    )
     for option, stated, what, needed, where, advice in rows:
         refuse_if(
             stated and needed > _quantity(stated, BYTES),

@@ -21,14 +21,21 @@ from flexhinf.robot.parameters import per_joint
 #: Interfaces of a joint by the quantity of a signal: on the link's side those that ros2_control knows, on the motor's
 #: side names of our own.
 INTERFACES = {
-    "link_position": "position", "link_velocity": "velocity", "motor_position": "motor_position",
-    "motor_velocity": "motor_velocity", "joint_torque": "effort", "deflection": "deflection", "drive_torque": "effort",
-    "motor_voltage": "voltage", "motor_current": "current", "velocity_command": "velocity",
+    "link_position": "position",
+    "link_velocity": "velocity",
+    "motor_position": "motor_position",
+    "motor_velocity": "motor_velocity",
+    "joint_torque": "effort",
+    "deflection": "deflection",
+    "drive_torque": "effort",
+    "motor_voltage": "voltage",
+    "motor_current": "current",
+    "velocity_command": "velocity",
     "position_command": "position",
-}  # fmt: skip
+}
 
 #: Numbers of the published health before the bits of the status.
-HEALTH = ("code", "status", "path_rate", "late_samples", "missed_writes", "stopped")
+HEALTH = ("code", "status", "path_rate", "late_samples", "missed_writes", "stopped", "refused_commands")
 
 
 def package_name(code: ControllerCode) -> str:
@@ -48,10 +55,12 @@ def ros2_values(code: ControllerCode, home: np.ndarray) -> dict[str, Any]:
     measurements, inputs = (
         [
             {"name": name, "interface": interface, "unit": code.unit_text(signal)}
-            for name, interface, signal in zip(names[kind], _interfaces(code, kind), code.signals[kind], strict=True)
+            for name, interface, signal in zip(
+                names[kind], _interfaces(code, kind), code.signals[kind], strict=True
+            )
         ]
         for kind in "YU"
-    )  # fmt: skip
+    )
     ends = zip(inputs, np.ravel(limits.lower).tolist(), np.ravel(limits.upper).tolist(), strict=True)
     return {
         "package": package_name(code),
@@ -60,6 +69,7 @@ def ros2_values(code: ControllerCode, home: np.ndarray) -> dict[str, Any]:
         "measurements": measurements,
         "inputs": [{**signal, "lower": lower, "upper": upper} for signal, lower, upper in ends],
         "states": names["X"],
+        "joint_names": [] if code.robot is None else list(code.robot.joint_names),
         "health": _health(code, names["Y"]),
         **_start_values(code, _StandstillModel.of(code), home),
     }
@@ -102,10 +112,11 @@ def _interfaces(code: ControllerCode, kind: str) -> list[str]:
         )
     for k, interface in enumerate(found):
         refuse_if(
-            interface in found[:k], f"Two signals would have the interface {interface!r} in ROS 2.",
+            interface in found[:k],
+            f"Two signals would have the interface {interface!r} in ROS 2.",
             f"expected an interface for each, got {signals[found.index(interface)]!r} and {signals[k]!r}",
             "other names of the joints, or one of the two signals",
-        )  # fmt: skip
+        )
     return found
 
 

@@ -16,14 +16,22 @@ from flexhinf.errors import NumericalFailure
 #: Compilers of the GNU family, for which machine, and flags of it; a double is one of the M7's own.
 MACHINES = {
     "double": (
-        ("arm-none-eabi-gcc", "Cortex-M7", ("-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv5-d16")),
+        (
+            "arm-none-eabi-gcc",
+            "Cortex-M7",
+            ("-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv5-d16"),
+        ),
         ("gcc", "this PC", ()),
     ),
     "float": (
-        ("arm-none-eabi-gcc", "Cortex-M4F", ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16")),
+        (
+            "arm-none-eabi-gcc",
+            "Cortex-M4F",
+            ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"),
+        ),
         ("gcc", "this PC", ()),
     ),
-}  # fmt: skip
+}
 
 #: How the room of a call is told, and who calls whom.
 NODE = re.compile(r'node: { title: "([^"]+)" label: "[^"]*\\n(\d+) bytes \((static|dynamic,bounded)\)')

@@ -20,7 +20,20 @@ from functools import cache
 
 import numpy as np
 
-from flexhinf.codegen.loops import DOUBLE, INT, LANES, LONG, VECTOR, Function, Text, Value, fields, wide
+from flexhinf.codegen.emit.writer import ModuleText
+from flexhinf.codegen.loops import (
+    DOUBLE,
+    INT,
+    LANES,
+    LONG,
+    VECTOR,
+    Function,
+    Text,
+    Value,
+    fields,
+    new_module,
+    wide,
+)
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import run_all
 
@@ -29,14 +42,14 @@ _ROWS = 128  # of the tensor of two new indices, one task of a thread
 _SLOTS = 5  # of a level in what `descend` reads: opening, its rows, offsets of results, tensors, first lanes
 
 
-def _expand(height: int, rows: int) -> str:
+def _expand(module: ModuleText, height: int, rows: int) -> None:
     """`height` new indices of eight columns, for some rows at a time; each result begins at an offset of its own."""
-    text = Text(f"expand{height}", "X stride Opening rows M n Out Offsets", part=True)
+    text = Text(f"expand{height}", "X stride Opening rows M n Out Offsets", True, module)
     x, stride, opening, all_rows, m, n, out, offsets = text.fields()
 
     def some(row: Value, rows: int) -> None:
         opened = [opening.at(INT, (row + r) * n) for r in range(rows)]
-        sums = [[text.variable(text.number(0, VECTOR)) for _ in range(height)] for _ in opened]
+        sums = [[text.sum() for _ in range(height)] for _ in opened]
         with text.loop(0, n) as j:
             vectors = [x.load(VECTOR, places.load(INT, j) * stride) for places in opened]
             numbers = m.at(DOUBLE, j * n)
@@ -54,22 +67,22 @@ def _expand(height: int, rows: int) -> str:
         some(row, rows)
     with text.loop(whole, all_rows) as row:
         some(row, 1)
-    return text.finish()
+    text.finish()
 
 
-def _expansion(most: int, sums: int) -> str:
+def _expansion(module: ModuleText, most: int, sums: int) -> None:
     """`expand` for any number of new indices up to `most`."""
-    text = Text("expand", "height X stride Opening rows M n Out Offsets", part=True)
+    text = Text("expand", "height X stride Opening rows M n Out Offsets", True, module)
     height, *others = text.fields()
-    for h in range(1, most + 1):
-        with text.when(height.compare("eq", h)):
-            text.call(f"expand{h}", *others)
-    return "".join(_expand(h, max(1, min(8, sums // h))) for h in range(1, most + 1)) + text.finish()
+    for h in text.cases(height, most):
+        _expand(module, h, max(1, min(8, sums // h)))
+        text.call(f"expand{h}", *others)
+    text.finish()
 
 
-def _descent(most: int, parts: str) -> str:
+def _descent(module: ModuleText, most: int) -> None:
     """All new indices up to `highest` of eight columns, each with the columns from the first it may have on."""
-    text = Text("descend", "Context level X stride highest base low high", part=True, parts=parts)
+    text = Text("descend", "Context level X stride highest base low high", True, module)
     context, level, x, stride, highest, base, low, high = text.fields()
     n, matrix, result = context.load(LONG), context.load("ptr", 1), context.load("ptr", 2)
     slots = context.at(LONG, level * _SLOTS)
@@ -89,15 +102,15 @@ def _descent(most: int, parts: str) -> str:
                     result.store(tensor.load(DOUBLE, lane), where + lane)
                 with text.when(below.compare("ne", 0)):
                     text.call("descend", context, below, tensor, LANES, i, where, first, high)
-    return text.finish()
+    text.finish()
 
 
-def _begin(most: int, parts: str) -> Text:
+def _begin(module: ModuleText, most: int) -> Text:
     """Two new indices of the rows from `top` to `bottom`, eight rows at a time."""
     text = Text(
         "begin",
         "Entries Outer Inner n rows Matrix Two One Offsets Places X Y Pair Pairs packs top bottom",
-        parts=parts,
+        module=module,
     )
     entries, outer, inner, n, rows, matrix, two, one, offsets, places, x, y, pair, pairs, *others = (
         text.fields()
@@ -132,7 +145,7 @@ def _begin(most: int, parts: str) -> Text:
             columns = [pair.load(VECTOR, (pack * LANES + c) * LANES) for c in range(LANES)]
             to = pairs.at(VECTOR, pack * rows + row)
             for r, vector in enumerate(_transposed(columns)):
-                to.stream(vector, r)
+                to.set_row(vector, r, past_cache=True)
     return text
 
 
@@ -151,10 +164,12 @@ def _transposed(vectors: list[Value]) -> list[Value]:
 def _compiled(entry: str) -> Function:
     """The function "begin" or "finish"."""
     most, sums = (_HEIGHTS, 16) if wide() else (6, 6)  # as registers hold
-    expansion = _expansion(most, sums)
+    module = new_module()
+    _expansion(module, most, sums)
     if entry == "begin":
-        return Function(_begin(most, expansion))
-    text = Text("finish", "Context level X stride highest base low high", parts=_descent(most, expansion))
+        return Function(_begin(module, most))
+    _descent(module, most)
+    text = Text("finish", "Context level X stride highest base low high", module=module)
     text.call("descend", *text.fields())
     return Function(text)
 

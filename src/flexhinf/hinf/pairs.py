@@ -123,7 +123,7 @@ def _compiled() -> Function:
         first = sizes.load(LONG)
         inner, half, offset = size / first, (first + 1) / 2, offsets.load(LONG, first - 1)
         with text.loop(0, half) as h, text.loop(0, inner) as r:
-            parts = [text.variable(text.number(0, VECTOR)) for _ in z]
+            parts = [text.sum() for _ in z]
             with text.loop(0, first) as b:
                 value, at = block.load(VECTOR, (b * inner + r) * LANES), offset + b * first + h
                 for part, table in zip(parts, there, strict=True):
@@ -139,7 +139,7 @@ def _compiled() -> Function:
             z[1].store((im * real - re * turn) / size_squared, e * LANES)
         _mix(text, z, mixed, back, sizes, axes, offsets, half, inner)
         with text.loop(0, first) as b, text.loop(0, inner) as r:
-            total = text.variable(text.number(0, VECTOR))
+            total = text.sum()
             with text.loop(0, half) as h:
                 at, place = offset + h * first + b, (h * inner + r) * LANES
                 re, im = (
@@ -176,7 +176,7 @@ def _mix(
         with text.loop(0, outer.get()) as o, text.loop(0, step) as i:
             place = o * size * step + i
             with text.loop(0, size) as new:
-                re, im = (text.variable(text.number(0, VECTOR)) for _ in z)
+                re, im = (text.sum() for _ in z)
                 with text.loop(0, size) as old:
                     x, y = (room.load(VECTOR, (place + old * step) * LANES) for room in z)
                     a, b = (table.load(DOUBLE, offset + old * size + new).all_lanes() for table in tables)
@@ -202,7 +202,7 @@ def _sums(
     mixed: Value,
 ) -> Value:
     """The real part of the sums of eigenvalues, which all entries of a block share; `sums` has the imaginary parts."""
-    real, count = text.variable(text.number(0, VECTOR)), text.variable(1)
+    real, count = text.sum(), text.variable(1)
     sums.store(text.number(0, VECTOR))
     with text.loop(0, axes) as axis:
         often, size = times.load(LONG, axis), sizes.load(LONG, axis)

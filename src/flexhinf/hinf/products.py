@@ -170,7 +170,7 @@ def _compiled(gathers: bool) -> tuple[Function, int]:
                     room.store(numbers.load(DOUBLE, c * third), c * height + q)
         rows = (bottom - row).least(height)
         with text.loop(begin, end) as chunk:
-            parts = [text.variable(text.number(0, VECTOR)) for _ in range(height)]
+            parts = [text.sum() for _ in range(height)]
             block = right.at(VECTOR, chunk * inner)
             with text.loop(0, inner) as c:
                 numbers, vector = room.at(DOUBLE, c * height), block.load(VECTOR, c * LANES)

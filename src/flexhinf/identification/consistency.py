@@ -98,9 +98,13 @@ def whiteness(
     correlations = np.sign(seen) * np.maximum(0.0, np.abs(seen) - np.abs(part))
     statistic = float(count * (count + 2) * np.sum(correlations**2 / (count - np.arange(1, lags + 1))))
     return Whiteness(
-        correlations, DEVIATIONS / float(np.sqrt(count)), statistic, float(chi2.sf(statistic, lags)),
-        float(seen[0] - correlations[0]), slowest,
-    )  # fmt: skip
+        correlations,
+        DEVIATIONS / float(np.sqrt(count)),
+        statistic,
+        float(chi2.sf(statistic, lags)),
+        float(seen[0] - correlations[0]),
+        slowest,
+    )
 
 
 def squared_errors(errors: np.ndarray, covariances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -253,8 +257,14 @@ def consistency(data: xr.Dataset) -> Consistency:
     'link_position'
     """
     needed = (
-        "innovation", "innovation_standard_deviation", "nis", "measured", "prediction", "output_name", "output_unit",
-    )  # fmt: skip
+        "innovation",
+        "innovation_standard_deviation",
+        "nis",
+        "measured",
+        "prediction",
+        "output_name",
+        "output_unit",
+    )
     refuse_if(
         not set(needed) <= {str(name) for name in getattr(data, "variables", ())},
         "This is no table of a filter's innovations.",
@@ -292,9 +302,11 @@ def innovation_consistency(
         known = np.isfinite(normal)
         count = int(known.sum())
         refuse_if(
-            not count, f"There are no innovations of {name!r}.", f"got none in {len(known)} samples",
+            not count,
+            f"There are no innovations of {name!r}.",
+            f"got none in {len(known)} samples",
             "a log that measures it",
-        )  # fmt: skip
+        )
         step, expected = smallest_step(predicted[:, k] + innovation), float(np.median(deviations[known, k]))
         explained = (
             rounding_correlations(innovation, predicted[:, k], deviations[:, k], step, LAGS) if step else None
@@ -302,11 +314,18 @@ def innovation_consistency(
         slowest = SLOW_STEPS if _is_coarse(step, expected) else SLOW
         outputs.append(
             OutputConsistency(
-                name, str(unit), count, _rms(innovation[known]), expected, _rms(normal[known]),
-                float(normal[known].mean()), float(np.mean(np.abs(normal[known]) <= DEVIATIONS)),
-                whiteness(normal, explained=explained, slowest=slowest), step,
+                name,
+                str(unit),
+                count,
+                _rms(innovation[known]),
+                expected,
+                _rms(normal[known]),
+                float(normal[known].mean()),
+                float(np.mean(np.abs(normal[known]) <= DEVIATIONS)),
+                whiteness(normal, explained=explained, slowest=slowest),
+                step,
             )
-        )  # fmt: skip
+        )
     nis: Any = squared_error(squared, measured)
     return tuple(outputs), nis
 

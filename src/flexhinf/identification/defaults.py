@@ -32,9 +32,10 @@ def smallest_variances(outputs: np.ndarray) -> np.ndarray:
     """Variances (p,) that the noise of outputs (N, p) has at least: q²/12 of the smallest step q of each."""
     steps = [
         max(smallest_step(column), 1e-9 * float(np.ptp(column[np.isfinite(column)])), 1e-12)
-        if np.isfinite(column).any() else 1e-12
+        if np.isfinite(column).any()
+        else 1e-12
         for column in outputs.T
-    ]  # fmt: skip
+    ]
     return np.square(steps) / 12.0
 
 

@@ -232,9 +232,17 @@ def _within_limits(
 
 
 def _judged(
-    robot: Robot, plant: Plant, numbers: Sequence[Number], noise: dict[str, float], period: float,
-    motion: Waypoints, times: np.ndarray, positions: np.ndarray, states: np.ndarray, inputs: np.ndarray,
-) -> Excitation:  # fmt: skip
+    robot: Robot,
+    plant: Plant,
+    numbers: Sequence[Number],
+    noise: dict[str, float],
+    period: float,
+    motion: Waypoints,
+    times: np.ndarray,
+    positions: np.ndarray,
+    states: np.ndarray,
+    inputs: np.ndarray,
+) -> Excitation:
     """What a motion tells."""
     vector, states = plant.parameters.vector(), _whole_states(robot, plant, states, inputs)
     outputs = np.array([plant.evaluate_output(x, u, vector) for x, u in zip(states, inputs)])

@@ -326,7 +326,9 @@ def _of_joint(
 
     name = signals["motor_torque"]
     yield _Candidate("dry friction", name, unit, "coulomb_friction", [acting({motor: -turning})])
-    yield _Candidate("friction by load", name, "", "", [acting({motor: -np.abs(torque) * turning})])
+    yield _Candidate(
+        "friction by load", name, "", "load_friction", [acting({motor: -np.abs(torque) * turning})]
+    )
     yield _Candidate("dry friction", signals["link_torque"], unit, "", [acting({link: -slip})])
     yield _Candidate(
         "a constant torque", name, unit, "", [acting({motor: np.ones_like(rate)})], positive=False

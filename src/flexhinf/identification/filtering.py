@@ -159,8 +159,12 @@ def filter_log(filter: RecursiveFilter | Plant, log: Any, smooth: bool = False) 
     smoother = Smoother(recursion) if smooth else None  # refuses before any work
     passed = recursion.passed(rows)
     data = dataset(
-        recursion, times, outputs, {name: array[rows.places] for name, array in passed.items()}, log_truth(log, plant)
-    )  # fmt: skip
+        recursion,
+        times,
+        outputs,
+        {name: array[rows.places] for name, array in passed.items()},
+        log_truth(log, plant),
+    )
     if smoother is not None:
         means, deviations = smoother.smoothed(rows, passed["beliefs"])
         data["smoothed"] = (data["estimate"].dims, means)

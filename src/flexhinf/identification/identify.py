@@ -66,9 +66,14 @@ def judgement(evaluation: Evaluation, plant: Plant, outputs: np.ndarray) -> Cons
     measured = np.isfinite(evaluation.innovations).sum(axis=1)
     units = [plant.unit(name) for name in plant.outputs]
     parts = innovation_consistency(
-        plant.outputs, units, evaluation.innovations, evaluation.deviations, evaluation.squared, measured,
+        plant.outputs,
+        units,
+        evaluation.innovations,
+        evaluation.deviations,
+        evaluation.squared,
+        measured,
         outputs - evaluation.innovations,
-    )  # fmt: skip
+    )
     return Consistency(*parts, None)
 
 
@@ -348,9 +353,11 @@ def identify(
     if parameters is None:
         parameters = uncertain_numbers(model) if isinstance(model, Robot) else ()
     refuse_if(
-        not checked_names("The numbers to identify", parameters), "No number is to be identified.",
-        "expected parameters=(...), or a robot whose numbers have tolerances, got none", "parameters=('stiffness',)",
-    )  # fmt: skip
+        not checked_names("The numbers to identify", parameters),
+        "No number is to be identified.",
+        "expected parameters=(...), or a robot whose numbers have tolerances, got none",
+        "parameters=('stiffness',)",
+    )
     robot = model if isinstance(model, Robot) else None
     if isinstance(model, Robot):
         known = getattr(log, "names", {}).get("output") or ("link_position",)
@@ -389,15 +396,27 @@ def identify(
         outputs = new_at_their_times(filter, times, outputs)
     chosen: ExtendedKalmanFilter = (
         default_filter(
-            plant, times, inputs, outputs, form="covariance", process_noise=process_noise,
-            measurement_noise=np.where(known.deviations > 0.0, known.variances, measurement_variances(outputs)),
+            plant,
+            times,
+            inputs,
+            outputs,
+            form="covariance",
+            process_noise=process_noise,
+            measurement_noise=np.where(
+                known.deviations > 0.0, known.variances, measurement_variances(outputs)
+            ),
         )
         if filter is None
         else ExtendedKalmanFilter(
-            plant, filter.period, filter.process_noise, filter.measurement_noise, filter.initial.mean,
-            filter.initial.covariance, form="covariance",
+            plant,
+            filter.period,
+            filter.process_noise,
+            filter.measurement_noise,
+            filter.initial.mean,
+            filter.initial.covariance,
+            form="covariance",
         )
-    )  # fmt: skip
+    )
     levels = None
     if filter is None and process_noise is None:
         levels = disturbance_levels(plant, chosen.initial.mean, inputs, chosen.period, size)
@@ -431,7 +450,17 @@ def identify(
     shifts = Shifts(chosen, unknowns, found, times, inputs, outputs)
     spread = DEVIATIONS * information.standard_errors * unknowns.sizes(found)[: len(unknowns.numbers)]
     return Identification(
-        unknowns, found, chosen.initial.mean, information, evaluation.value, len(times), iterations,
-        chosen.period, judged, expected, own.innovations_fit and not judged.innovations_fit,
-        *alternatives(shifts, spread, judged.innovations_fit, slow), size,
-    )  # fmt: skip
+        unknowns,
+        found,
+        chosen.initial.mean,
+        information,
+        evaluation.value,
+        len(times),
+        iterations,
+        chosen.period,
+        judged,
+        expected,
+        own.innovations_fit and not judged.innovations_fit,
+        *alternatives(shifts, spread, judged.innovations_fit, slow),
+        size,
+    )

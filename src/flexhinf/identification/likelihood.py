@@ -78,9 +78,15 @@ class Likelihood:
         plant = self.timed.plant
         n, p, m = plant.n, len(plant.outputs), len(plant.inputs)
         return {
-            "seconds": 1, "outputs": p, "measured": 1, "inputs": m, "parameters": plant.parameters.size - 1,
-            "process_noise": n * n, "measurement_noise": p * p, "belief": n + n * n,
-        }  # fmt: skip
+            "seconds": 1,
+            "outputs": p,
+            "measured": 1,
+            "inputs": m,
+            "parameters": plant.parameters.size - 1,
+            "process_noise": n * n,
+            "measurement_noise": p * p,
+            "belief": n + n * n,
+        }
 
     def _row(self, belief: Any, before: Any, u: Any, seconds: Any, y: Any, flag: Any, *model: Any) -> Any:
         """The next belief, flat, and the innovation with its covariance, flat."""

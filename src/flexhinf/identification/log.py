@@ -215,8 +215,13 @@ def check_increasing(times: np.ndarray, place: Callable[[int], str]) -> None:
 def check_times(times: np.ndarray, place: Callable[[int], str]) -> None:
     """Refuse times that are not finite or do not increase, and gaps that belong between two logs."""
     checked_array(
-        "The times of the log are no numbers.", times, times.shape, "finite seconds", "times in s from 0 on", HUGE
-    )  # fmt: skip
+        "The times of the log are no numbers.",
+        times,
+        times.shape,
+        "finite seconds",
+        "times in s from 0 on",
+        HUGE,
+    )
     check_increasing(times, place)
     steps = np.diff(times)
     usual, gap = float(np.quantile(steps, 0.9, method="lower")), int(np.argmax(steps))

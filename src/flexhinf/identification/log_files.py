@@ -232,6 +232,9 @@ def _finite_numbers(file: str, name: str, array: np.ndarray) -> np.ndarray:
 
 #: What reads the columns of a file, by its ending.
 READERS: dict[str, Callable[[Path], FileColumns]] = {
-    ".csv": _csv_columns, ".txt": _csv_columns, ".tsv": _csv_columns, ".parquet": _parquet_columns,
+    ".csv": _csv_columns,
+    ".txt": _csv_columns,
+    ".tsv": _csv_columns,
+    ".parquet": _parquet_columns,
     ".mcap": mcap_columns,
-}  # fmt: skip
+}

@@ -92,9 +92,11 @@ class Heading:
                 unit = self.units[key]
                 text = unit if isinstance(unit, str) else repr(float(unit)) if is_real(unit) else ""
                 refuse_if(
-                    not text, f"The unit of {key!r} is none.", f"expected text or a number, got {value_text(unit)}",
+                    not text,
+                    f"The unit of {key!r} is none.",
+                    f"expected text or a number, got {value_text(unit)}",
                     f"units={{{key!r}: 'deg'}}",
-                )  # fmt: skip
+                )
                 column = column._replace(unit=text.strip())
         return column
 

@@ -80,8 +80,9 @@ def mcap_columns(path: Path) -> FileColumns:
                 column.stamps.append(message.log_time if stamp is None else stamp)
                 column.values.append(value)
             for count, most, what in (
-                (len(columns), MOST_COLUMNS, "columns"), (total, MOST_NUMBERS, "numbers"),
-            ):  # fmt: skip
+                (len(columns), MOST_COLUMNS, "columns"),
+                (total, MOST_NUMBERS, "numbers"),
+            ):
                 refuse_if(
                     count > most,
                     f"{path.name} has too many {what}.",
@@ -102,11 +103,13 @@ def mcap_columns(path: Path) -> FileColumns:
         for k, (times, each) in enumerate(zip(every, chosen)):
             again = np.diff(np.sort(times)) == 0
             refuse_if(
-                again.any(), f"{path.name}: two messages of one topic have the same time.",
+                again.any(),
+                f"{path.name}: two messages of one topic have the same time.",
                 f"expected increasing times of {names[(*places, *time)[k] - 1]!r}, got {int(again.sum())} repeated",
-                "the times of the log, which need no time='...'" if by_header
+                "the times of the log, which need no time='...'"
+                if by_header
                 else "a log with one message of a topic at a time",
-            )  # fmt: skip
+            )
             table[np.searchsorted(stamps, times), k] = each.values
         infinite = first_place(np.asarray(np.isinf(table).any(axis=1)))
         if infinite is not None:

@@ -16,17 +16,28 @@ from flexhinf.robot.parameters import Stated, measured
 
 #: SI units of what logs have, and other units that a message names beside them.
 COMMON = {
-    "s": "ms, us", "rad": "deg, mrad, rev", "m": "mm", "rad/s": "deg/s, rpm", "m/s": "mm/s", "V": "mV", "A": "mA",
-    "N·m": "mNm", "N": "kN",
-}  # fmt: skip
+    "s": "ms, us",
+    "rad": "deg, mrad, rev",
+    "m": "mm",
+    "rad/s": "deg/s, rpm",
+    "m/s": "mm/s",
+    "V": "mV",
+    "A": "mA",
+    "N·m": "mNm",
+    "N": "kN",
+}
 
 #: Words for units, in small letters: those that prefixes stand before, and those that stand alone.
 _SPELLINGS = {
-    "s": ("sec", "secs", "second", "seconds"), "rad": ("rads", "radian", "radians"),
-    "deg": ("degs", "degree", "degrees"), "m": ("meter", "meters", "metre", "metres"), "V": ("volt", "volts"),
-    "A": ("amp", "amps", "ampere", "amperes"), "N": ("newton", "newtons"),
+    "s": ("sec", "secs", "second", "seconds"),
+    "rad": ("rads", "radian", "radians"),
+    "deg": ("degs", "degree", "degrees"),
+    "m": ("meter", "meters", "metre", "metres"),
+    "V": ("volt", "volts"),
+    "A": ("amp", "amps", "ampere", "amperes"),
+    "N": ("newton", "newtons"),
     "N·m": ("newtonmeter", "newtonmeters", "newtonmetre", "newtonmetres"),
-}  # fmt: skip
+}
 _PREFIXES = {
     "m": 1e-3,
     "milli": 1e-3,
@@ -39,18 +50,51 @@ _PREFIXES = {
 }
 _TURN = f"{2.0 * math.pi!r} rad"
 _SPELLED = {
-    **{prefix + word: f"{size!r} {unit}" for unit, names in _SPELLINGS.items() for word in names
-       for prefix, size in {"": 1.0, **_PREFIXES}.items()},
-    **{prefix + unit: f"{size!r} {unit}" for unit in ("rad", "deg") for prefix, size in _PREFIXES.items()
-       if len(prefix) == 1},
-    **{unit.lower(): f"1 {unit}" for unit in ("s", "ms", "us", "µs", "ns", "m", "mm", "V", "mV", "kV", "A", "mA", "N",
-                                              "Nm", "mNm", "rpm", "deg", "rad")},
-    **dict.fromkeys(("millis", "milli"), "1 ms"), **dict.fromkeys(("micros", "micro"), "1 us"),
-    **dict.fromkeys(("nanos", "nano"), "1 ns"), **dict.fromkeys(("min", "mins", "minute", "minutes"), "60 s"),
-    **dict.fromkeys(("hr", "hrs", "hour", "hours"), "3600 s"), "um": "1e-6 m", "inch": "0.0254 m",
+    **{
+        prefix + word: f"{size!r} {unit}"
+        for unit, names in _SPELLINGS.items()
+        for word in names
+        for prefix, size in {"": 1.0, **_PREFIXES}.items()
+    },
+    **{
+        prefix + unit: f"{size!r} {unit}"
+        for unit in ("rad", "deg")
+        for prefix, size in _PREFIXES.items()
+        if len(prefix) == 1
+    },
+    **{
+        unit.lower(): f"1 {unit}"
+        for unit in (
+            "s",
+            "ms",
+            "us",
+            "µs",
+            "ns",
+            "m",
+            "mm",
+            "V",
+            "mV",
+            "kV",
+            "A",
+            "mA",
+            "N",
+            "Nm",
+            "mNm",
+            "rpm",
+            "deg",
+            "rad",
+        )
+    },
+    **dict.fromkeys(("millis", "milli"), "1 ms"),
+    **dict.fromkeys(("micros", "micro"), "1 us"),
+    **dict.fromkeys(("nanos", "nano"), "1 ns"),
+    **dict.fromkeys(("min", "mins", "minute", "minutes"), "60 s"),
+    **dict.fromkeys(("hr", "hrs", "hour", "hours"), "3600 s"),
+    "um": "1e-6 m",
+    "inch": "0.0254 m",
     **dict.fromkeys(("rev", "revs", "revolution", "revolutions", "turns"), _TURN),
     **dict.fromkeys(("gon", "gons"), f"{math.pi / 200.0!r} rad"),
-}  # fmt: skip
+}
 
 #: Large letters that are mega as they stand, and milli as many mean them: no unit.
 _MEGA = re.compile(r"M(?=[VAN])")
@@ -169,11 +213,18 @@ def is_plain(name: str, known: Iterable[str]) -> bool:
     """Whether a name ends with a word of known names, as it stands or with a letter less or wrong, or with a number."""
     end = [word for word in _SEPARATORS.split(_BEGIN.sub(" ", name)) if word][-1:]
     parts = set[str]().union(*map(_parts, known))
-    return not end or end[0].isdigit() or any(
-        end[0].casefold() == word
-        or (len(end[0]) <= len(word) and difflib.SequenceMatcher(None, end[0].casefold(), word).ratio() > 0.75)
-        for word in parts
-    )  # fmt: skip
+    return (
+        not end
+        or end[0].isdigit()
+        or any(
+            end[0].casefold() == word
+            or (
+                len(end[0]) <= len(word)
+                and difflib.SequenceMatcher(None, end[0].casefold(), word).ratio() > 0.75
+            )
+            for word in parts
+        )
+    )
 
 
 def _parts(name: str) -> set[str]:

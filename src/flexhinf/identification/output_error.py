@@ -166,9 +166,12 @@ def output_error(found: Identification, log: object) -> OutputError | None:
     (2.0, 0.99)
     """
     checked_kind(
-        "There is no identification to compare.", found, Identification, "an Identification",
+        "There is no identification to compare.",
+        found,
+        Identification,
+        "an Identification",
         "fh.identify(robot, log, names)",
-    )  # fmt: skip
+    )
     plant = found.unknowns.plant
     times, inputs, outputs = log_arrays(log, plant)
     noises = found.unknowns.noises

@@ -103,9 +103,12 @@ class Recursion:
 
     def __post_init__(self) -> None:
         checked_kind(
-            "A log is filtered by a Kalman filter.", self.filter, RecursiveFilter, "a RecursiveFilter",
+            "A log is filtered by a Kalman filter.",
+            self.filter,
+            RecursiveFilter,
+            "a RecursiveFilter",
             "fh.ExtendedKalmanFilter(plant, period, ...)",
-        )  # fmt: skip
+        )
 
     @cached_property
     def timed(self) -> RecursiveFilter:

@@ -44,9 +44,12 @@ class Smoother:
         filter: Any = self.recursion.filter
         known = (ExtendedKalmanFilter, UnscentedKalmanFilter)
         checked_kind(
-            "This filter has no smoother.", filter, known, "an extended or unscented filter",
+            "This filter has no smoother.",
+            filter,
+            known,
+            "an extended or unscented filter",
             "fh.ExtendedKalmanFilter",
-        )  # fmt: skip
+        )
         if isinstance(filter, UnscentedKalmanFilter):
             refuse_if(
                 not filter.redraw or filter.sigma.covariance_weights[0] < 0.0,

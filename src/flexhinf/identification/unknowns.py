@@ -18,6 +18,8 @@ import numpy as np
 from flexhinf.estimation import RecursiveFilter
 from flexhinf.plant import Plant
 from flexhinf.robot import Robot
+from flexhinf.robot.elastic import TEETH
+from flexhinf.robot.gears import CURVE
 from flexhinf.robot.parameters import QUANTITIES, per_joint
 from flexhinf.validation import checked_names, unknown_name
 
@@ -26,10 +28,17 @@ STEP = 1e-5
 
 #: What a number of a robot needs of its plant, see `flexhinf.robot.elastic`.
 EXTRA_OF = {
-    "damping": "joint_damping", "spring_hardening": "spring_hardening", "backlash": "backlash",
-    "coulomb_friction": "coulomb_friction", "static_friction": "stribeck_friction",
-    "stribeck_velocity": "stribeck_friction", "inductance": "inductance",
-}  # fmt: skip
+    "damping": "joint_damping",
+    "spring_hardening": "spring_hardening",
+    "backlash": "backlash",
+    **dict.fromkeys(CURVE, "stiffness_curve"),
+    **{f"{name}{part}": name for name in TEETH for part in ("", "_phase")},
+    "coulomb_friction": "coulomb_friction",
+    "static_friction": "stribeck_friction",
+    "load_friction": "load_friction",
+    "stribeck_velocity": "stribeck_friction",
+    "inductance": "inductance",
+}
 
 
 @dataclass(frozen=True)
@@ -152,9 +161,14 @@ class Noises:
         each, every = sought if isinstance(sought, tuple) else (np.full(len(r), sought), sought)
         lowest = np.zeros(len(r)) if least is None else np.where(each, least, 0.0)
         return Noises(
-            r / deviations / deviations[:, None], np.maximum(deviations, lowest), bases, first, names,
-            np.append(each, np.full(len(first), every)), lowest,
-        )  # fmt: skip
+            r / deviations / deviations[:, None],
+            np.maximum(deviations, lowest),
+            bases,
+            first,
+            names,
+            np.append(each, np.full(len(first), every)),
+            lowest,
+        )
 
     def matrices(self, deviations: np.ndarray, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """R^v (n, n) per second, and R^n (p, p)."""

@@ -65,6 +65,7 @@ from .page import (
     actuators_table as actuators_table,
     design_page as design_page,
     design_tables as design_tables,
+    gears_table as gears_table,
     notes as notes,
     robots_table as robots_table,
     verdict as verdict,

@@ -58,12 +58,13 @@ def ranking_figure(comparison: Comparison, laws: Sequence[tuple[TunedLaw, bool]]
     axes.set_xlabel("relative to the design; less is better")
     legend(axes)
     return figure_block(
-        "ranking", figure,
+        "ranking",
+        figure,
         "Bars: the criterion, the geometric mean of the four ratios that the marks show. Blue: nonlinear H∞. Dashed: "
         "the design as it is. A law that is not ranked misses a limit, or has an unstable corner of the tolerances. "
         f"What is further than {FARTHEST:g} times off stands at {FARTHEST:g} times.",
         "Laws side by side",
-    )  # fmt: skip
+    )
 
 
 def _plain_log(ruler: Any) -> None:
@@ -137,13 +138,14 @@ def responses_figure(comparison: Comparison) -> Figure:
         axes[2].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), handlelength=1.6)
     which = f" Joints, where the errors are largest: {', '.join(where)}."
     return figure_block(
-        "laws", figure,
+        "laws",
+        figure,
         "True link positions in the nonlinear loop with estimator and measurement noise. Left: the step. Middle: the "
         f"torque on the links at the goal. Right: the planned move. {thick.name} is in every row (thick). A law that "
         "misses a limit is shown too, by the tuning that exceeds the limits least."
         f"{which if len(joints) > 1 else ''}",
         "Laws in the same runs",
-    )  # fmt: skip
+    )
 
 
 @house_style()
@@ -165,9 +167,14 @@ def trade_off_figure(comparison: Comparison, laws: Sequence[TunedLaw]) -> Figure
         curve = np.array([[m.peak_input, 1e3 * m.load_deviation] for m in front]).reshape(-1, 2)
         axis.plot(*curve.T, **{**style, "linewidth": 1.0, "alpha": 0.7})
         axis.plot(
-            *point[:, None], marker, label=law.name, color=style["color"], markersize=13.0 if own else 6.5,
-            linestyle="none", zorder=4.0,
-        )  # fmt: skip
+            *point[:, None],
+            marker,
+            label=law.name,
+            color=style["color"],
+            markersize=13.0 if own else 6.5,
+            linestyle="none",
+            zorder=4.0,
+        )
     axis.set(xscale="log", yscale="log", xlabel=f"peak input of the step ({units['input']})")
     legend_above(figure, axis, 4, columnspacing=1.0)
     for ruler, limit, values in zip((axis.xaxis, axis.yaxis), (axis.set_xlim, axis.set_ylim), points.T):
@@ -175,8 +182,9 @@ def trade_off_figure(comparison: Comparison, laws: Sequence[TunedLaw]) -> Figure
         limit(max(0.7 * values.min(), values.max() / 30.0), 1.4 * values.max())
     label(axis, "largest deviation under the load", units["error"])
     return figure_block(
-        "trade-off", figure,
+        "trade-off",
+        figure,
         "Peak input against load deviation; down and to the left is better. A marker is the law as it was tuned; a "
         "line joins the best candidates of its tuning that keep the limits of the linear loop.",
         "Trade-off",
-    )  # fmt: skip
+    )

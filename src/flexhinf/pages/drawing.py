@@ -158,10 +158,21 @@ def draw_figure(
 
 
 def joint_panel(
-    quantity: str, unit: str, time: np.ndarray, joints: Sequence[str], values: np.ndarray, *, zero: bool = False,
-    plan: np.ndarray | None = None, plan_name: str = "plan", limits: np.ndarray | None = None, limit_name: str = "",
-    min_span: float | None = None, linewidth: float = 1.5, vertical: float | None = None,
-) -> Panel:  # fmt: skip
+    quantity: str,
+    unit: str,
+    time: np.ndarray,
+    joints: Sequence[str],
+    values: np.ndarray,
+    *,
+    zero: bool = False,
+    plan: np.ndarray | None = None,
+    plan_name: str = "plan",
+    limits: np.ndarray | None = None,
+    limit_name: str = "",
+    min_span: float | None = None,
+    linewidth: float = 1.5,
+    vertical: float | None = None,
+) -> Panel:
     """Panel of signals (N, n) over time (N,), a line for each joint, with a dotted plan (N, n), and limits ± (n,),
     dashed where a signal comes near (a far one would leave the values flat). The axis shows `min_span` at least."""
     few, bounds, y = thin(time), dict[float, str](), None
@@ -337,7 +348,7 @@ def changes_text(values: Mapping[str, Any], robot: Robot, extras: Sequence[str])
     """
     if not isinstance(values, PlantValues):
         raise TypeError(f"expected parameters that know the robot's numbers, got {type(values).__name__}")
-    off, changes = inactive_parameters(extras, robot.joint_names), list[tuple[float, str]]()
+    off, changes = inactive_parameters(extras, robot.joint_names, robot.nominal), list[tuple[float, str]]()
     for name, new in values.numbers.items():
         old = robot.nominal[name]
         if name in off or abs(new - old) <= 1e-11 * abs(old):

@@ -109,14 +109,16 @@ def _correlation_texts(correlated: Sequence[OutputConsistency]) -> Iterator[str]
     bounds = {output: output.whiteness.bound for output in correlated if output.whiteness}
     for outputs, how, cause in (
         (
-            [output for output in first if first[output] > bounds[output]], "follow each other",
+            [output for output in first if first[output] > bounds[output]],
+            "follow each other",
             "the model or the latency is wrong, or Rᵛ is too small beside Rⁿ",
         ),
         (
-            [output for output in first if first[output] < -bounds[output]], "alternate",
+            [output for output in first if first[output] < -bounds[output]],
+            "alternate",
             "Rᵛ is too large beside Rⁿ, so that the filter follows the noise",
         ),
-    ):  # fmt: skip
+    ):
         if outputs:
             names = listed([signal_label(output.name) for output in outputs])
             size = number(max((first[output] for output in outputs), key=abs), 2)
@@ -156,26 +158,34 @@ def innovation_table(result: FilteredLog) -> Table:
         fits = 1.0 / 1.1 < output.factor < 1.1
         rows.append(
             (
-                signal_label(output.name), output.samples, f"{number(output.rms, 3)}{unit}",
-                f"{number(output.expected, 3)}{unit}", Cell(number(output.factor, 3), "green" if fits else "yellow"),
+                signal_label(output.name),
+                output.samples,
+                f"{number(output.rms, 3)}{unit}",
+                f"{number(output.expected, 3)}{unit}",
+                Cell(number(output.factor, 3), "green" if fits else "yellow"),
                 f"{number(100.0 * output.inside, 3)} %",
                 None if test is None else number(test.correlations[0], 2),
                 "too few" if test is None else Cell("yes", "green") if test.white else Cell("no", "yellow"),
             )
-        )  # fmt: skip
+        )
     return Table(
         (
-            "measured", Column("samples", brief=None), Column("innovation, rms", right=True, brief="rms"),
-            Column("expected", right=True), Column("ratio", right=True),
+            "measured",
+            Column("samples", brief=None),
+            Column("innovation, rms", right=True, brief="rms"),
+            Column("expected", right=True),
+            Column("ratio", right=True),
             Column(f"in the {BAND}", right=True, brief="in 95 %"),
-            Column("correlation of neighbours", right=True, brief="lag 1"), "white",
+            Column("correlation of neighbours", right=True, brief="lag 1"),
+            "white",
         ),
         rows,
         "Innovations, measured minus predicted, beside what the filter expects of them. White: no correlation over the "
         "first lags (Ljung and Box) that is certain and above 0.1, and slow changes with less than twice the power "
         "of white noise; what the steps of a sensor explain is taken off",
-        "table-innovations", title="Innovations: measured minus predicted",
-    )  # fmt: skip
+        "table-innovations",
+        title="Innovations: measured minus predicted",
+    )
 
 
 def estimate_ending(result: FilteredLog, notes: Sequence[str] = ()) -> Ending:
@@ -269,7 +279,7 @@ def _filter_rows(result: FilteredLog) -> list[tuple[Any, ...]]:
             (f"first {signal_label(name)}", float(value), filter.plant.unit(name), "the first measurement")
             for name, value in start
         ),
-    ]  # fmt: skip
+    ]
 
 
 def _key_numbers(result: FilteredLog) -> list[KeyNumber]:
@@ -295,24 +305,38 @@ def innovation_numbers(result: FilteredLog) -> dict[str, Any]:
 
     def of(error: Any) -> dict[str, Any] | None:
         return error and {
-            "mean": error.mean, "interval": error.interval, "factor": error.factor, "samples": error.samples,
+            "mean": error.mean,
+            "interval": error.interval,
+            "factor": error.factor,
+            "samples": error.samples,
             "judgement": error.judgement,
-        }  # fmt: skip
+        }
 
     return {
-        "nis": of(judged.nis), "nees": of(judged.nees),
+        "nis": of(judged.nis),
+        "nees": of(judged.nees),
         "outputs": {
             output.name: {
-                "unit": output.unit, "samples": output.samples, "rms": output.rms, "expected": output.expected,
-                "factor": output.factor, "bias": output.bias, "inside": output.inside,
-                "rejected": rejected(result).get(output.name, 0), "step": output.step,
-                "whiteness": output.whiteness and {
-                    "white": output.whiteness.white, "p_value": output.whiteness.p_value,
-                    "correlations": output.whiteness.correlations, "rounding": output.whiteness.rounding,
+                "unit": output.unit,
+                "samples": output.samples,
+                "rms": output.rms,
+                "expected": output.expected,
+                "factor": output.factor,
+                "bias": output.bias,
+                "inside": output.inside,
+                "rejected": rejected(result).get(output.name, 0),
+                "step": output.step,
+                "whiteness": output.whiteness
+                and {
+                    "white": output.whiteness.white,
+                    "p_value": output.whiteness.p_value,
+                    "correlations": output.whiteness.correlations,
+                    "rounding": output.whiteness.rounding,
                 },
-            } for output in judged.outputs
+            }
+            for output in judged.outputs
         },
-    }  # fmt: skip
+    }
 
 
 def estimate_numbers(result: FilteredLog) -> dict[str, Any]:
@@ -320,27 +344,45 @@ def estimate_numbers(result: FilteredLog) -> dict[str, Any]:
     log, filter, data = result.log, result.filter, result.data
     last = data.isel(time=-1)
     fits, texts = judgement(result)
-    return finite({
-        "log": {
-            "source": log.source, "samples": len(log), "duration_s": float(log.times[-1] - log.times[0]),
-            "period_s": log.period,
-        },
-        "robot": result.robot.name,
-        "filter": {
-            "kind": result.name, "form": filter.form, "period_s": filter.period,
-            "process_noise": filter.process_noise, "measurement_noise": filter.measurement_noise,
-            "sources": dict(result.sources), "gate": filter.gate,
-            "bounds": {name: list(ends) for name, ends in filter.bounds.items()},
-        },
-        "fits": fits, "says": texts, "findings": finding_numbers(result.findings),
-        "log_likelihood": data.attrs["log_likelihood"], **innovation_numbers(result),
-        "last_estimate": {
-            name: {"value": float(value), "standard_deviation": float(deviation), "unit": filter.plant.unit(name)}
-            for name, value, deviation in zip(
-                filter.plant.states, last["estimate"].values, last["standard_deviation"].values, strict=True
-            )
-        },
-    })  # fmt: skip
+    return finite(
+        {
+            "log": {
+                "source": log.source,
+                "samples": len(log),
+                "duration_s": float(log.times[-1] - log.times[0]),
+                "period_s": log.period,
+            },
+            "robot": result.robot.name,
+            "filter": {
+                "kind": result.name,
+                "form": filter.form,
+                "period_s": filter.period,
+                "process_noise": filter.process_noise,
+                "measurement_noise": filter.measurement_noise,
+                "sources": dict(result.sources),
+                "gate": filter.gate,
+                "bounds": {name: list(ends) for name, ends in filter.bounds.items()},
+            },
+            "fits": fits,
+            "says": texts,
+            "findings": finding_numbers(result.findings),
+            "log_likelihood": data.attrs["log_likelihood"],
+            **innovation_numbers(result),
+            "last_estimate": {
+                name: {
+                    "value": float(value),
+                    "standard_deviation": float(deviation),
+                    "unit": filter.plant.unit(name),
+                }
+                for name, value, deviation in zip(
+                    filter.plant.states,
+                    last["estimate"].values,
+                    last["standard_deviation"].values,
+                    strict=True,
+                )
+            },
+        }
+    )
 
 
 def estimate_table(data: xr.Dataset) -> dict[str, np.ndarray]:

@@ -132,10 +132,12 @@ def measured_blocks(result: FilteredLog) -> Blocks:
     """Measured signals and their prediction from the samples before; a closer look at the most surprising samples."""
     time, whole = result.data["time"].values, slice(None)
     yield from _in_figures(
-        _signal_panels(result, whole), "measured",
+        _signal_panels(result, whole),
+        "measured",
         "Dots are measured. The line is the filter's prediction of them from all earlier samples; 95 % of the dots are "
-        "to lie in the band.", "Measured signals and their prediction",
-    )  # fmt: skip
+        "to lie in the band.",
+        "Measured signals and their prediction",
+    )
     if len(time) > 2 * CLOSE:
         with np.errstate(invalid="ignore"):
             surprise = np.nan_to_num(
@@ -145,10 +147,12 @@ def measured_blocks(result: FilteredLog) -> Blocks:
         middle = min(max(int(np.argmax(surprise)), CLOSE // 2), len(time) - CLOSE // 2)
         part = slice(middle - CLOSE // 2, middle + CLOSE // 2)
         yield from _in_figures(
-            _signal_panels(result, part), "close",
+            _signal_panels(result, part),
+            "close",
             f"The same for the {CLOSE} samples about {number(float(time[middle]))} s, where the filter is most "
-            "surprised.", "A closer look",
-        )  # fmt: skip
+            "surprised.",
+            "A closer look",
+        )
 
 
 def innovation_blocks(result: FilteredLog) -> Blocks:
@@ -167,21 +171,26 @@ def innovation_blocks(result: FilteredLog) -> Blocks:
         size = max(float(np.abs(v).max()), 1.3 * usual)
         panels.append(
             Panel(
-                signal_label(output.name), output.unit,
-                [Line(t[few], v[few], "innovation", {**_DOTS, "color": SERIES[0]})], (0.0,),
-                y=(-1.08 * size, 1.08 * size), also=_band(t, np.zeros_like(t), d, MUTED, k % MOST_PANELS == 0),
+                signal_label(output.name),
+                output.unit,
+                [Line(t[few], v[few], "innovation", {**_DOTS, "color": SERIES[0]})],
+                (0.0,),
+                y=(-1.08 * size, 1.08 * size),
+                also=_band(t, np.zeros_like(t), d, MUTED, k % MOST_PANELS == 0),
             )
-        )  # fmt: skip
+        )
         if output.whiteness is not None:
             related.append(_correlation_panel(output, len(related) % MOST_PANELS == 0))
     inside = listed(
         [f"{number(100 * o.inside, 3)} % for {signal_label(o.name)}" for o in result.judged.outputs]
     )
     yield from _in_figures(
-        panels, "innovations",
+        panels,
+        "innovations",
         f"Measured minus predicted. The band holds 95 % of those that the filter expects; there are "
-        f"{inside}.", "Innovations",
-    )  # fmt: skip
+        f"{inside}.",
+        "Innovations",
+    )
     yield lambda: draw_figure(
         "nis",
         [_average_panel("NIS", time, data["nis"].values, data["measured"].values)],
@@ -191,10 +200,12 @@ def innovation_blocks(result: FilteredLog) -> Blocks:
     )
     if related:
         yield from _in_figures(
-            related, "correlation",
+            related,
+            "correlation",
             "Correlation of innovations that are so many samples apart. Of white ones 95 % lie in the band. Positive "
-            "at first: the filter is too slow; negative: it follows the noise.", "Correlation of the innovations",
-        )  # fmt: skip
+            "at first: the filter is too slow; negative: it follows the noise.",
+            "Correlation of the innovations",
+        )
 
 
 def _correlation_panel(output: OutputConsistency, named: bool) -> Panel:
@@ -212,9 +223,14 @@ def _correlation_panel(output: OutputConsistency, named: bool) -> Panel:
     size = 1.15 * max(float(np.abs(test.correlations).max()), 2.0 * test.bound)
     style = {**_DOTS, "color": SERIES[0], "markersize": 7.0}
     return Panel(
-        signal_label(output.name), "", [Line(lags, test.correlations, "correlation", style)], (0.0,),
-        across="samples apart", y=(-size, size), also=draw,
-    )  # fmt: skip
+        signal_label(output.name),
+        "",
+        [Line(lags, test.correlations, "correlation", style)],
+        (0.0,),
+        across="samples apart",
+        y=(-size, size),
+        also=draw,
+    )
 
 
 def _average_panel(name: str, time: np.ndarray, squared: np.ndarray, degrees: np.ndarray) -> Panel:
@@ -270,20 +286,28 @@ def estimate_blocks(result: FilteredLog) -> Blocks:
         usual = 2.0 * float(np.median(deviation))
         panels.append(
             Panel(
-                signal_label(name), plant.unit(name), lines, y=_window(np.concatenate(seen), usual),
+                signal_label(name),
+                plant.unit(name),
+                lines,
+                y=_window(np.concatenate(seen), usual),
                 also=_band(time, estimate, deviation, SERIES[0]),
             )
-        )  # fmt: skip
+        )
     yield from _in_figures(
-        panels, "estimates",
+        panels,
+        "estimates",
         "Estimates from the samples until then, with the band in which the filter is 95 % sure of the state"
-        + (", and smoothed ones, from all samples" if smoothed else "") + ".", "Estimated states",
-    )  # fmt: skip
+        + (", and smoothed ones, from all samples" if smoothed else "")
+        + ".",
+        "Estimated states",
+    )
     if truth is not None and result.judged.nees is not None:
         yield from _in_figures(
-            _error_panels(result, truth), "errors",
-            "The true state minus the estimate. 95 % of the errors are to lie in the band.", "Errors of the estimates",
-        )  # fmt: skip
+            _error_panels(result, truth),
+            "errors",
+            "The true state minus the estimate. 95 % of the errors are to lie in the band.",
+            "Errors of the estimates",
+        )
         yield lambda: draw_figure(
             "nees",
             [_average_panel("NEES", time, data["nees"].values, data["known"].values)],
@@ -307,9 +331,12 @@ def _error_panels(result: FilteredLog, truth: np.ndarray) -> list[Panel]:
         size = max(usual, 1.1 * float(np.quantile(np.abs(error), 0.99)))
         panels.append(
             Panel(
-                signal_label(name), plant.unit(name), [Line(time[few], error[few], "error", _LINE)], (0.0,),
+                signal_label(name),
+                plant.unit(name),
+                [Line(time[few], error[few], "error", _LINE)],
+                (0.0,),
                 y=(-size, size),
                 also=_band(time, np.zeros_like(time), deviation, MUTED, len(panels) % MOST_PANELS == 0),
             )
-        )  # fmt: skip
+        )
     return panels

@@ -118,9 +118,12 @@ def _evidence_of(design: Design) -> PoseEvidence | WorkspaceEvidence:
 
 
 def comparison_files(
-    comparison: Comparison | WorkspaceComparison, command: Sequence[str], warnings: Sequence[str] = (),
-    beside: Sequence[str] = (), verdict: DesignVerdict = UNKNOWN,
-) -> dict[str, str | bytes]:  # fmt: skip
+    comparison: Comparison | WorkspaceComparison,
+    command: Sequence[str],
+    warnings: Sequence[str] = (),
+    beside: Sequence[str] = (),
+    verdict: DesignVerdict = UNKNOWN,
+) -> dict[str, str | bytes]:
     """Files of a report: index.html, comparison.json, and at a pose every run of the nominal robot, in a folder for
     each law; parameters as for `design_files`, and the verdict on the design."""
     if isinstance(comparison, WorkspaceComparison):

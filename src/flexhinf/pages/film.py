@@ -92,10 +92,32 @@ def _write_mp4(name: str, pictures: Iterator[np.ndarray], rate: int) -> None:
     first = next(pictures)
     height, width, _ = first.shape
     command = [
-        str(_encoder()), "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}",
-        "-r", str(rate), "-i", "-", "-c:v", "libx264", "-crf", "18", "-pix_fmt", "yuv420p", "-movflags", "+faststart",
-        "-f", "mp4", name,
-    ]  # fmt: skip
+        str(_encoder()),
+        "-y",
+        "-loglevel",
+        "error",
+        "-f",
+        "rawvideo",
+        "-pix_fmt",
+        "rgb24",
+        "-s",
+        f"{width}x{height}",
+        "-r",
+        str(rate),
+        "-i",
+        "-",
+        "-c:v",
+        "libx264",
+        "-crf",
+        "18",
+        "-pix_fmt",
+        "yuv420p",
+        "-movflags",
+        "+faststart",
+        "-f",
+        "mp4",
+        name,
+    ]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as encoder:
         pipe, messages = cast(IO[bytes], encoder.stdin), cast(IO[bytes], encoder.stderr)
         with suppress(BrokenPipeError):
@@ -280,9 +302,10 @@ def _draw_arm(axes: Axes, film: ArmFilm) -> Moving:
     motors = [line(SERIES[1], 2.6, 5) for _ in first]
     (joints,) = axes.plot([], [], "o", color=INK, markersize=7, mfc="white", mew=1.8, zorder=6)
     for name, colour, width, style in (
-        ("link", SERIES[0], 5.0, "-"), ("motor, behind its spring", SERIES[1], 2.6, "-"),
+        ("link", SERIES[0], 5.0, "-"),
+        ("motor, behind its spring", SERIES[1], 2.6, "-"),
         ("command", SERIES[2], 2.2, dashes),
-    ):  # fmt: skip
+    ):
         axes.plot([], [], color=colour, linewidth=width, linestyle=style, label=name)
     axes.legend(loc="lower left", bbox_to_anchor=(-0.01, 0.995), ncols=3, fontsize=9.5, handlelength=1.8)
 

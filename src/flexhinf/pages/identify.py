@@ -250,23 +250,32 @@ def identified_table(result: IdentifiedRobot) -> Table:
         share = 100.0 * error / abs(value) if clear and value else np.inf
         rows.append(
             (
-                signal_label(name), f"{number(stated.value, 5)} {stated.unit}".rstrip(),
+                signal_label(name),
+                f"{number(stated.value, 5)} {stated.unit}".rstrip(),
                 f"{number(value, 5)} {stated.unit}".rstrip() if clear else "",
                 _interval_text(low, high) if clear else "",
                 f"{number(share, 2)} %" if np.isfinite(share) else "",
-                Cell("no", "yellow") if not clear
-                else Cell("yes", "green") if found.consistent else Cell("model does not fit", "yellow"),
+                Cell("no", "yellow")
+                if not clear
+                else Cell("yes", "green")
+                if found.consistent
+                else Cell("model does not fit", "yellow"),
             )
-        )  # fmt: skip
+        )
     return Table(
         (
-            "number", Column("stated", right=True, brief=None), Column("identified", right=True),
-            Column("95 % interval", right=True, brief="95 %"), Column("standard error", right=True, brief=None),
+            "number",
+            Column("stated", right=True, brief=None),
+            Column("identified", right=True),
+            Column("95 % interval", right=True, brief="95 %"),
+            Column("standard error", right=True, brief=None),
             "told by the log",
         ),
-        rows, "Numbers of the robot as its file states them, and as the log tells them", "table-numbers",
+        rows,
+        "Numbers of the robot as its file states them, and as the log tells them",
+        "table-numbers",
         title="Numbers of the robot",
-    )  # fmt: skip
+    )
 
 
 def _interval_text(low: float, high: float) -> str:
@@ -298,10 +307,11 @@ def noise_table(result: IdentifiedRobot) -> Table:
             )
         )
     return Table(
-        ("signal", "noise", Column("level", right=True)), rows,
+        ("signal", "noise", Column("level", right=True)),
+        rows,
         "Standard deviations of what is measured, and levels of white disturbances that the model leaves out",
         "table-noise",
-    )  # fmt: skip
+    )
 
 
 def second_table(second: OutputError, result: IdentifiedRobot) -> Table:
@@ -319,32 +329,43 @@ def second_table(second: OutputError, result: IdentifiedRobot) -> Table:
     near = [f"{signal_label(name)} {number(100.0 * fit, 4)} %" for name, fit in second.fits.items()]
     return Table(
         (
-            "number", Column("by the likelihood", right=True), Column("by the simulation", right=True),
-            Column("standard error", right=True), "the same",
+            "number",
+            Column("by the likelihood", right=True),
+            Column("by the simulation", right=True),
+            Column("standard error", right=True),
+            "the same",
         ),
         rows,
         "A second opinion: the numbers with which a simulation with the log's inputs comes nearest (output error). It "
         f"has of the motion of {listed(near)}",
         "table-second",
-    )  # fmt: skip
+    )
 
 
 def cause_table(causes: Sequence[Explanation]) -> Table:
     """What explains what is left, the most first."""
     rows = [
         (
-            f"{cause.kind} {cause.place}", f"{number(cause.size, 3)} {cause.unit}".rstrip(),
-            number(max(cause.errors), 2), f"{number(100.0 * cause.share, 3)} %", number(cause.gain, 3),
+            f"{cause.kind} {cause.place}",
+            f"{number(cause.size, 3)} {cause.unit}".rstrip(),
+            number(max(cause.errors), 2),
+            f"{number(100.0 * cause.share, 3)} %",
+            number(cause.gain, 3),
         )
         for cause in causes
-    ]  # fmt: skip
+    ]
     return Table(
         (
-            "cause", Column("size", right=True), Column("standard error", right=True),
-            Column("share of what is left", right=True), Column("log-likelihood +", right=True),
+            "cause",
+            Column("size", right=True),
+            Column("standard error", right=True),
+            Column("share of what is left", right=True),
+            Column("log-likelihood +", right=True),
         ),
-        rows, "What explains the innovations that are left, each beside those above it", "table-causes",
-    )  # fmt: skip
+        rows,
+        "What explains the innovations that are left, each beside those above it",
+        "table-causes",
+    )
 
 
 def correlation_table(result: IdentifiedRobot) -> Table:
@@ -356,10 +377,11 @@ def correlation_table(result: IdentifiedRobot) -> Table:
         for name, row in zip(names, matrix)
     ]
     return Table(
-        ("", *(Column(name, right=True) for name in names)), rows,
+        ("", *(Column(name, right=True) for name in names)),
+        rows,
         "Correlations of the errors: near 1 or −1, the log tells only what two numbers have together",
         "table-correlations",
-    )  # fmt: skip
+    )
 
 
 def _motion_blocks(result: IdentifiedRobot, motion: Excitation) -> Any:
@@ -421,13 +443,15 @@ def identified_page(
     log = filtered.log
     keys = [
         KeyNumber(
-            signal_label(name), number(result.stated[name].value if name in found.hidden else value, 4),
+            signal_label(name),
+            number(result.stated[name].value if name in found.hidden else value, 4),
             result.stated[name].unit,
-            "as stated; not told by the log" if name in found.hidden
+            "as stated; not told by the log"
+            if name in found.hidden
             else f"95 %: {_interval_text(*found.intervals[name])}",
         )
         for name, value in list(found.values.items())[:4]
-    ]  # fmt: skip
+    ]
     count, unclear = len(found.names), len(found.hidden)
     many = f"{count - unclear} of {count} numbers" if unclear else "all numbers"
     states = [
@@ -458,52 +482,82 @@ def identified_page(
 def identified_numbers(result: IdentifiedRobot) -> dict[str, Any]:
     """Every number of the page, for identify.json."""
     found = result.found
-    return finite({
-        "robot": result.stated.name, "log": result.filtered.log.source, "samples": found.samples,
-        "log_likelihood": found.log_likelihood, "says": identified_verdict(result),
-        "findings": finding_numbers(result.filtered.findings),
-        "model_fits": found.consistent, **innovation_numbers(result.filtered),
-        "disturbances": {
-            name: {"found": level, "assumed": assumed} for name, (level, assumed) in found.disturbances.items()
-        },
-        "likelier": result.likelier and {
-            "signal": result.likelier.signal, "kind": result.likelier.kind,
-            "samples": result.likelier.samples, "gain": result.likelier.gain,
-        },
-        "undecided": [
-            {
-                "signal": each.signal, "kind": each.kind, "samples": each.samples, "gain": each.gain,
-                "values": {**each.values},
-            }
-            for each in found.undecided
-        ],
-        "numbers": {
-            name: {
-                "stated": result.stated[name].value, "value": value, "standard_error": found.standard_errors[name],
-                "interval": list(found.intervals[name]), "unit": result.stated[name].unit,
-                "identifiable": name not in found.hidden,
-            } for name, value in found.values.items()
-        },
-        "simulation": result.second and {
-            "values": result.second.values, "standard_errors": result.second.standard_errors,
-            "errors": result.second.errors, "fits": result.second.fits, "differing": list(result.second.differing),
-        },
-        "causes": [
-            {
-                "kind": each.kind, "signal": each.signal, "size": each.size, "standard_error": max(each.errors),
-                "unit": each.unit, "gain": each.gain, "share": each.share,
-            }
-            for each in result.causes
-        ],
-        "correlations": found.correlations.tolist(),
-        "unidentifiable": [
-            {"direction": each.direction, "standard_error": each.standard_error} for each in found.unidentifiable
-        ],
-        "noise": found.noise,
-        "motion": None if result.motion is None else {
-            "duration_s": result.motion.reference.duration, "standard_errors": result.motion.standard_errors,
-        },
-    })  # fmt: skip
+    return finite(
+        {
+            "robot": result.stated.name,
+            "log": result.filtered.log.source,
+            "samples": found.samples,
+            "log_likelihood": found.log_likelihood,
+            "says": identified_verdict(result),
+            "findings": finding_numbers(result.filtered.findings),
+            "model_fits": found.consistent,
+            **innovation_numbers(result.filtered),
+            "disturbances": {
+                name: {"found": level, "assumed": assumed}
+                for name, (level, assumed) in found.disturbances.items()
+            },
+            "likelier": result.likelier
+            and {
+                "signal": result.likelier.signal,
+                "kind": result.likelier.kind,
+                "samples": result.likelier.samples,
+                "gain": result.likelier.gain,
+            },
+            "undecided": [
+                {
+                    "signal": each.signal,
+                    "kind": each.kind,
+                    "samples": each.samples,
+                    "gain": each.gain,
+                    "values": {**each.values},
+                }
+                for each in found.undecided
+            ],
+            "numbers": {
+                name: {
+                    "stated": result.stated[name].value,
+                    "value": value,
+                    "standard_error": found.standard_errors[name],
+                    "interval": list(found.intervals[name]),
+                    "unit": result.stated[name].unit,
+                    "identifiable": name not in found.hidden,
+                }
+                for name, value in found.values.items()
+            },
+            "simulation": result.second
+            and {
+                "values": result.second.values,
+                "standard_errors": result.second.standard_errors,
+                "errors": result.second.errors,
+                "fits": result.second.fits,
+                "differing": list(result.second.differing),
+            },
+            "causes": [
+                {
+                    "kind": each.kind,
+                    "signal": each.signal,
+                    "size": each.size,
+                    "standard_error": max(each.errors),
+                    "unit": each.unit,
+                    "gain": each.gain,
+                    "share": each.share,
+                }
+                for each in result.causes
+            ],
+            "correlations": found.correlations.tolist(),
+            "unidentifiable": [
+                {"direction": each.direction, "standard_error": each.standard_error}
+                for each in found.unidentifiable
+            ],
+            "noise": found.noise,
+            "motion": None
+            if result.motion is None
+            else {
+                "duration_s": result.motion.reference.duration,
+                "standard_errors": result.motion.standard_errors,
+            },
+        }
+    )
 
 
 def identified_files(

@@ -69,12 +69,17 @@ def finding_numbers(findings: Sequence[LogFinding]) -> list[dict[str, object]]:
     """The findings for the JSON of a page; rows from 1 on."""
     return [
         {
-            "kind": finding.kind, "severity": finding.severity, "what": finding.what, "advice": finding.advice,
-            "signal": finding.signal, "column": finding.column, "count": finding.count,
+            "kind": finding.kind,
+            "severity": finding.severity,
+            "what": finding.what,
+            "advice": finding.advice,
+            "signal": finding.signal,
+            "column": finding.column,
+            "count": finding.count,
             "rows": None if finding.rows is None else [row + 1 for row in finding.rows],
         }
         for finding in findings
-    ]  # fmt: skip
+    ]
 
 
 def checked_verdict(findings: Sequence[LogFinding]) -> str:

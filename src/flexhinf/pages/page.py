@@ -50,7 +50,8 @@ from flexhinf.report import (
     number,
 )
 from flexhinf.robot import catalogue, load_robot
-from flexhinf.robot.actuators import published_joints
+from flexhinf.robot.actuators import published_gears, published_joints
+from flexhinf.robot.gears import CURVE
 
 #: Kinds of requirements that a sentence names.
 BRIEF = 6
@@ -81,12 +82,16 @@ def requirements(design: PoseEvidence) -> Blocks:
     bound = f"; the limit is {effort_text(limits.effort)} {units.effort}" if limited else ""
     yield Table(
         (
-            "in", "input nearest its limit" if len(set(limits.effort.tolist())) > 1 else "largest input",
+            "in",
+            "input nearest its limit" if len(set(limits.effort.tolist())) > 1 else "largest input",
             *(["joint"] if several else []),
             *([Column("of its limit", "%", 1, brief=None)] if limited else []),
         ),
-        rows, f"Inputs of the motors{bound}", "table-cost", title="Inputs of the motors",
-    )  # fmt: skip
+        rows,
+        f"Inputs of the motors{bound}",
+        "table-cost",
+        title="Inputs of the motors",
+    )
 
 
 def requirement_table(lines: Iterable[Requirement], degrees: bool = False, title: str = "") -> Table:
@@ -106,14 +111,20 @@ def requirement_table(lines: Iterable[Requirement], degrees: bool = False, title
             rows.append((line.what, limit, line.achieved_text, judged, line.criterion, source))
     return Table(
         (
-            "requirement", Column("required", right=True), Column("achieved", right=True), "met",
-            Column("criterion", brief=None), Column("stated by", brief=None),
+            "requirement",
+            Column("required", right=True),
+            Column("achieved", right=True),
+            "met",
+            Column("criterion", brief=None),
+            Column("stated by", brief=None),
         ),
         rows,
         f"A limit that is missed by at most {100.0 * TOLERANCE:g} % of it, the accuracy of the searches, counts as "
         "met, and the line says so. * our default",
-        "table-specification", stacks=True, title=title,
-    )  # fmt: skip
+        "table-specification",
+        stacks=True,
+        title=title,
+    )
 
 
 def input_rows(design: PoseEvidence) -> list[dict[str, Any]]:
@@ -373,15 +384,18 @@ def key_numbers(design: PoseEvidence) -> list[KeyNumber]:
     numbers += [
         KeyNumber("peak sensitivity", rounded(m.peak_sensitivity), note="running loop, with the estimator"),
         KeyNumber(
-            "gain margin", f"× {number(m.gain_margin, 3)}",
+            "gain margin",
+            f"× {number(m.gain_margin, 3)}",
             note=f"one input{in_joint(joints[m.weakest_input], joints)}; all at once × {number(low, 2)} to "
             f"× {number(high, 3)}",
         ),
         KeyNumber(
-            "delay margin", rounded(1e3 * m.delay_margin_s), "ms",
+            "delay margin",
+            rounded(1e3 * m.delay_margin_s),
+            "ms",
             f"{number(m.delay_margin_s / period, 3)} periods of {number(1e3 * period, 3)} ms",
         ),
-    ]  # fmt: skip
+    ]
     if e.corners is not None:
         which = "all of the tolerances" if e.corners.complete else "sampled"
         numbers.append(KeyNumber("unstable corners", e.corners.unstable, f"of {e.corners.count}", which))
@@ -417,12 +431,28 @@ def robots_table() -> Any:
 def actuators_table() -> Any:
     """Table of the published joints: what is known of each, and by whom."""
     rows = [
-        (name, "\n".join(f"{key} {number['value']:g}" for key, number in joint.numbers.items()), joint.about,
-         "\n".join(joint.sources))
+        (
+            name,
+            "\n".join(f"{key} {number['value']:g}" for key, number in joint.numbers.items()),
+            joint.about,
+            "\n".join(joint.sources),
+        )
         for name, joint in published_joints().items()
-    ]  # fmt: skip
+    ]
     title = "Published joints: actuator = NAME in a [[joint]] takes what it does not state"
     return Table(("name", "numbers", "", "source"), rows, title).terminal()
+
+
+def gears_table() -> Any:
+    """Table of the published gears: the names that share a curve, and the curve."""
+    rows = dict[tuple[str, str], list[str]]()
+    for name, gear in published_gears().items():
+        curve = [f"{gear.numbers[key]['value']:g}" for key in CURVE]
+        text = f"K {', '.join(curve[:3])} N·m/rad; T {', '.join(curve[3:])} N·m"
+        rows.setdefault((text, gear.sources[0]), []).append(name)
+    title = "Published gears: gear = NAME in a [[joint]] takes the stiffness curve that it does not state"
+    table = [("\n".join(names), text, source) for (text, source), names in rows.items()]
+    return Table(("name", "curve", "source"), table, title).terminal()
 
 
 #: What a file is, by its name or its ending; the first that fits.

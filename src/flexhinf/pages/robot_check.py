@@ -50,15 +50,20 @@ def joint_table(joints: Sequence[JointFacts]) -> Table:
         )
     return Table(
         (
-            "joint", Column("range", brief=None), Column("link, kg", right=True), Column("weight at most", right=True),
-            Column("motor at most", right=True), Column("twist by it", right=True), Column("vibration, Hz", right=True),
+            "joint",
+            Column("range", brief=None),
+            Column("link, kg", right=True),
+            Column("weight at most", right=True),
+            Column("motor at most", right=True),
+            Column("twist by it", right=True),
+            Column("vibration, Hz", right=True),
         ),
         rows,
         "Each joint over its range: the largest torque that holds the arm, what the motor gives, the spring's twist "
         "under it, and vibrations that are mostly of this joint",
         "table-joints",
         title="Joints",
-    )  # fmt: skip
+    )
 
 
 def robot_finding_table(result: RobotExamination) -> Table:

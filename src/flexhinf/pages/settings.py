@@ -56,12 +56,14 @@ def comparison_settings(comparison: Comparison) -> dict[str, list[Setting]]:
 
 def design_settings(synthesis: Synthesis, e: LawEvaluation, region: bool = True) -> dict[str, list[Setting]]:
     """Settings of a design in groups, in the order in which the design uses them; of its `region` too."""
-    return settings_in_groups({
-        "Robot": robot_rows(e.setup.true.robot),
-        "Synthesis": _synthesis(synthesis, e, region),
-        "Estimator": _estimator(e),
-        "Simulation": _simulation(e),
-    })  # fmt: skip
+    return settings_in_groups(
+        {
+            "Robot": robot_rows(e.setup.true.robot),
+            "Synthesis": _synthesis(synthesis, e, region),
+            "Estimator": _estimator(e),
+            "Simulation": _simulation(e),
+        }
+    )
 
 
 def settings_in_groups(groups: Mapping[str, Rows]) -> dict[str, list[Setting]]:
@@ -131,11 +133,15 @@ def loop_rows(setup: LoopPlants) -> Rows:
         ("sampling period", s.period, "s", source_of(s, "period")),
         ("latency, known to the estimator", s.known_latency, "samples", source_of(s, "latency")),
         ("delay of the inputs on top of it", s.unknown_delay, "s", source_of(s, "unknown_delay")),
-        ("quantisation of the measurements", quanta[0] if len(set(quanta)) == 1 else quanta, "",
-         source_of(s, "quantisation")),
+        (
+            "quantisation of the measurements",
+            quanta[0] if len(set(quanta)) == 1 else quanta,
+            "",
+            source_of(s, "quantisation"),
+        ),
         ("limits of the inputs", inputs, units.effort if limits.saturated is not None else "", stated[0]),
         ("limits of the speeds", speeds, units.speed if limits.limits_speed else "", stated[1]),
-    ]  # fmt: skip
+    ]
 
 
 def source_of(s: Specification, name: str, otherwise: str = "") -> str:
@@ -219,22 +225,42 @@ def _simulation(e: LawEvaluation) -> Rows:
     steps, seed = "Runge–Kutta steps per period", f"uniform within the tolerances, seed ({s.seed}, 7)"
     rows: Rows = [
         ("start pose", e.setup.start, position, source_of(s, "start", "ours: 0.1 rad (10 mm) from the goal")),
-        ("command",
-        "the goal, from the first sample on" if e.setup.command is None else e.setup.command.name,
-        "", source_of(s, "shaping")),
+        (
+            "command",
+            "the goal, from the first sample on" if e.setup.command is None else e.setup.command.name,
+            "",
+            source_of(s, "shaping"),
+        ),
         ("move", runs.plan.name, "", source_of(s, "move", "ours: the way of the step")),
         ("true plant", f"nominal numbers{extras}", "", source_of(s, "extras")),
-        ("extras that the linear loop leaves out", list(e.setup.left_out) or "none", "",
-         "ours: their slope at standstill holds only for the smallest velocities"),
+        (
+            "extras that the linear loop leaves out",
+            list(e.setup.left_out) or "none",
+            "",
+            "ours: their slope at standstill holds only for the smallest velocities",
+        ),
         *loop_rows(e.setup),
-        ("dead zone of the integrals", "none" if e.setup.dead_zone is None else e.setup.dead_zone, position,
-         source_of(s, "integral_dead_zone", "ours: against limit cycles")),
-        ("length of the step", runs.step_duration, "s", source_of(s, "duration", "by the slowest mode, 0.5 to 20 s")),
-        ("load", runs.load, e.setup.model.unit(e.setup.model.disturbances[0]),
-         source_of(s, "load", "a tenth of what the motors give at the peak of the step")),
+        (
+            "dead zone of the integrals",
+            "none" if e.setup.dead_zone is None else e.setup.dead_zone,
+            position,
+            source_of(s, "integral_dead_zone", "ours: against limit cycles"),
+        ),
+        (
+            "length of the step",
+            runs.step_duration,
+            "s",
+            source_of(s, "duration", "by the slowest mode, 0.5 to 20 s"),
+        ),
+        (
+            "load",
+            runs.load,
+            e.setup.model.unit(e.setup.model.disturbances[0]),
+            source_of(s, "load", "a tenth of what the motors give at the peak of the step"),
+        ),
         ("sampled robots", len(runs.robots), "", seed),
         (steps, runs.sub_steps, "", "true plant: step × fastest mode ≤ 0.01"),
-    ]  # fmt: skip
+    ]
     if filter is not None:
         most = f"{filter.stages} stages, step × fastest mode ≤ {MODEL_STEP[filter.stages]}"
         rows.append((steps, filter.sub_steps, "", f"estimator's model: {most}"))

@@ -60,9 +60,12 @@ SCREEN = 23
 
 #: Metrics of a law in the table of a comparison, with their headings.
 COLUMNS = {
-    "step_settling_s": "settling", "load_deviation": "load", "step_remaining": "remaining",
-    "step_peak_input": "input", "unstable_corners": "unstable",
-}  # fmt: skip
+    "step_settling_s": "settling",
+    "load_deviation": "load",
+    "step_remaining": "remaining",
+    "step_peak_input": "input",
+    "unstable_corners": "unstable",
+}
 
 
 class Ending(NamedTuple):
@@ -296,12 +299,13 @@ def _brief_table(comparison: Comparison, count: int) -> Table:
     tables = [law for law in ordered if law is comparison.tuned_design or law in others]
     rows: list[Any] = [
         (
-            law.name, _criterion_text(law.tuned),
+            law.name,
+            _criterion_text(law.tuned),
             *(cell(metrics[key], law.metrics.get(key), comparison) for key in COLUMNS),
             str(sum(line.missed for line in law.requirements)),
         )
         for law in tables
-    ]  # fmt: skip
+    ]
     which = f"the best {len(tables)} of {len(ordered)} laws" if ordered[len(tables) :] else "all laws"
     names = [
         "\n".join(filter(None, (name, unit_of(metrics[key], comparison)))) for key, name in COLUMNS.items()

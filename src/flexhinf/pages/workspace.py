@@ -78,9 +78,12 @@ REQUIREMENT = ("what", "where", "limit", "found", "unit", "met", "at_most")
 
 
 def workspace_page(
-    design: WorkspaceEvidence, command: Sequence[str], warnings: Sequence[str] = (), files: Sequence[str] = (),
+    design: WorkspaceEvidence,
+    command: Sequence[str],
+    warnings: Sequence[str] = (),
+    files: Sequence[str] = (),
     advice: Advice | None = None,
-) -> Page:  # fmt: skip
+) -> Page:
     """The page of a controller for a workspace; parameters as for `flexhinf.pages.page.design_page`."""
     setup, loops = design.setup, design.loops
     robot, s, tolerated = setup.robot, setup.specification, design.robustness
@@ -92,49 +95,85 @@ def workspace_page(
             units_in(design),
         )
         sections = (
-            Section("Requirements", (
-                requirement_table(requirements_with_margins(design), units_in(design).degrees),
-                *(Paragraph(" ".join(text.split())) for text in warnings),
-            ), "specification", True,
-                brief=f"{sum(line.met for line in design.requirements)} of {len(design.requirements)} met"),
-            Section(f"Loops at {len(loops)} poses", (
-                _pose_figure(design), _pose_table(design),
-                Paragraph(f"{damping_text(robot)} {undamped_text(design)} The feedforward, the law and its estimator "
-                          "know no damping of springs."),
-            ), "poses", True),
-            Section(f"{count_text(len(design.moves), 'move')} between random goals", (
-                _move_figure(design), _move_table(design), _joint_table(design), _goals(design, tolerated),
-                *_power_on(design),
-            ), "moves"),
-            Section("Margins, tolerance and proof", (
-                Paragraph(PAIRS),
-                _margin_table(design, tolerated),
-                pair_table(setup, tolerated.tolerance, tolerated.proved),
-                *_offsets(design, tolerated),
-            ), "tolerance", group="For experts"),
+            Section(
+                "Requirements",
+                (
+                    requirement_table(requirements_with_margins(design), units_in(design).degrees),
+                    *(Paragraph(" ".join(text.split())) for text in warnings),
+                ),
+                "specification",
+                True,
+                brief=f"{sum(line.met for line in design.requirements)} of {len(design.requirements)} met",
+            ),
+            Section(
+                f"Loops at {len(loops)} poses",
+                (
+                    _pose_figure(design),
+                    _pose_table(design),
+                    Paragraph(
+                        f"{damping_text(robot)} {undamped_text(design)} The feedforward, the law and its estimator "
+                        "know no damping of springs."
+                    ),
+                ),
+                "poses",
+                True,
+            ),
+            Section(
+                f"{count_text(len(design.moves), 'move')} between random goals",
+                (
+                    _move_figure(design),
+                    _move_table(design),
+                    _joint_table(design),
+                    _goals(design, tolerated),
+                    *_power_on(design),
+                ),
+                "moves",
+            ),
+            Section(
+                "Margins, tolerance and proof",
+                (
+                    Paragraph(PAIRS),
+                    _margin_table(design, tolerated),
+                    pair_table(setup, tolerated.tolerance, tolerated.proved),
+                    *_offsets(design, tolerated),
+                ),
+                "tolerance",
+                group="For experts",
+            ),
             Section("The law and its estimator", (_law_table(design), _watched(design)), "law"),
-        )  # fmt: skip
+        )
     return Page(
         f"A controller for the workspace of {robot.name}",
         f"{joint_count(len(robot.joint_names)).capitalize()}, {robot.drive} driven. Measured: "
         f"{', '.join(s.measured).replace('_', ' ') if s.estimator != 'none' else 'the true state'}.",
         f"{requirements_text(design.requirements)} One controller serves {range_of(design)}.",
         (*sections, *([files_section(files)] if files else [])),
-        Settings(settings_in_groups({
-            "Robot": robot_rows(setup.true.robot),
-            "Estimator": [] if s.estimator == "none" else sensor_rows(setup),
-            "Loop and samples": [*loop_rows(setup), *_sample_rows(design)],
-        })),
+        Settings(
+            settings_in_groups(
+                {
+                    "Robot": robot_rows(setup.true.robot),
+                    "Estimator": [] if s.estimator == "none" else sensor_rows(setup),
+                    "Loop and samples": [*loop_rows(setup), *_sample_rows(design)],
+                }
+            )
+        ),
         Provenance(shlex.join(command), s.seed),
         key_numbers(design),
         [
-            Status("met", f"{len(design.requirements)} requirements.") if design.met else
-            Status("not met", f"{missed_text(design)}. {workspace_advice(design, advice)}{_command(advice)}"),
+            Status("met", f"{len(design.requirements)} requirements.")
+            if design.met
+            else Status(
+                "not met", f"{missed_text(design)}. {workspace_advice(design, advice)}{_command(advice)}"
+            ),
             *([Status("risky", estimates_text(robot))] if estimates_text(robot) else []),
-            Status("not proved", f"Tested on random samples, not proved. {stability_text(setup, tolerated.proved)}"),
+            Status(
+                "not proved",
+                f"Tested on random samples, not proved. {stability_text(setup, tolerated.proved)}",
+            ),
         ],
-        [scope_text(design)], lead,
-    )  # fmt: skip
+        [scope_text(design)],
+        lead,
+    )
 
 
 def _command(advice: Advice | None) -> str:
@@ -151,15 +190,32 @@ def _pose_table(design: WorkspaceEvidence) -> Table:
         slowest = [-s.period / np.log(loop.growth) if loop.growth < 1.0 else np.inf for loop in loops]
     rows = [
         (least, *_ends([loop.damping for loop in loops]), f"≥ {damping:g}"),
-        *([(f"{least}, robots at corners of their tolerances", *_ends([loop.damping for loop in corners]),
-            f"≥ {corner_damping(s):g}")] if corners else []),
-        *([("damping ratio above it", *_ends([loop.fast_damping for loop in loops]), "stable"),
-           ("damping ratio above it, springs without damping",
-            *_ends([loop.fast_damping for loop in design.undamped[0]]), "")]
-          if _oscillates(loops) else []),
+        *(
+            [
+                (
+                    f"{least}, robots at corners of their tolerances",
+                    *_ends([loop.damping for loop in corners]),
+                    f"≥ {corner_damping(s):g}",
+                )
+            ]
+            if corners
+            else []
+        ),
+        *(
+            [
+                ("damping ratio above it", *_ends([loop.fast_damping for loop in loops]), "stable"),
+                (
+                    "damping ratio above it, springs without damping",
+                    *_ends([loop.fast_damping for loop in design.undamped[0]]),
+                    "",
+                ),
+            ]
+            if _oscillates(loops)
+            else []
+        ),
         ("ripple by the sensors' noise, %", *_ends([loop.ripple for loop in loops]), f"≤ {ripple:g}"),
         ("time constant of the slowest mode, s", *_ends(slowest), "stable"),
-    ]  # fmt: skip
+    ]
     caption = "Sampled loops, linearised at rest at each pose, with the estimator and the latency."
     if not _oscillates(loops):
         caption += f" No pose has an oscillation above {s.damped_below_limit:g} rad/s."
@@ -360,18 +416,29 @@ def _law_table(design: WorkspaceEvidence) -> Table:
         ("damping ratio of vibrations", f"{w.damping:g}, fading out at {w.fast:g} rad/s", "ours"),
         ("weight of the integral", f"{w.integral:g}", "ours"),
         ("γ/γ*", f"{w.gamma:g}", "ours"),
-        ("motors made alike: √κ, β", f"{number(np.sqrt(gains.motor), 3)} rad/s, {number(gains.damping, 3)} 1/s",
-         "means of the robot's"),
-    ]  # fmt: skip
+        (
+            "motors made alike: √κ, β",
+            f"{number(np.sqrt(gains.motor), 3)} rad/s, {number(gains.damping, 3)} 1/s",
+            "means of the robot's",
+        ),
+    ]
     if s.estimator != "none":
         stated = s.process_noise is not None or s.torque_noise is not None
         own = " and ".join(f"{100.0 * share:g} %" for share in setup.random)
         rows += [
             ("estimator", "Kalman filter with the stationary gain of the pose", "ours"),
-            ("Rᵛ on all states, added on velocities of links, motors",
-             f"{r.all_states:g}, {r.link_velocities:g}, {r.motor_velocities:g}", r.source) if stated else
-            ("random torques on links and motors, each sample", f"{own} of the limits", "searched with the bandwidth"),
-        ]  # fmt: skip
+            (
+                "Rᵛ on all states, added on velocities of links, motors",
+                f"{r.all_states:g}, {r.link_velocities:g}, {r.motor_velocities:g}",
+                r.source,
+            )
+            if stated
+            else (
+                "random torques on links and motors, each sample",
+                f"{own} of the limits",
+                "searched with the bandwidth",
+            ),
+        ]
     if not np.isfinite(setup.limits.effort).all():
         limits = f"{effort_text(np.round(setup.authority, 2))} {units_in(design).effort}"
         why = f"assumed where none is stated: weight and {ACCELERATION:g} rad/s² (m/s²)"
@@ -420,8 +487,12 @@ def _sample_rows(design: WorkspaceEvidence) -> list[tuple[Any, ...]]:
         else f"option {option}"
     )
     return [
-        ("workspace", s.workspace if isinstance(s.workspace, str) else range_of(design), "",
-         f"{'default of' if s.workspace == LIMITS else 'option'} {option}"),
+        (
+            "workspace",
+            s.workspace if isinstance(s.workspace, str) else range_of(design),
+            "",
+            f"{'default of' if s.workspace == LIMITS else 'option'} {option}",
+        ),
         ("its smallest positions", space.lower, "", ends),
         ("its largest positions", space.upper, "", ends),
         ("true plant of the moves", f"the robot{dry and f', with {dry}'}", "", "its file, and --extras"),
@@ -430,16 +501,20 @@ def _sample_rows(design: WorkspaceEvidence) -> list[tuple[Any, ...]]:
         ("moves of robots at corners", len(design.sampled), "", f"seed {SAMPLED_SEED + seed}"),
         ("poses of the search", CHOSEN_POSES, "", f"seed {CHOSEN_SEED}, whatever --seed"),
         ("rest at the end of a move", STILL, "s", "ours"),
-    ]  # fmt: skip
+    ]
 
 
 def workspace_numbers(design: WorkspaceEvidence) -> dict[str, Any]:
     """What design.json holds of a controller for a workspace."""
     law, t, run = design.setup.gains, design.robustness, design.power_on
     return {
-        "version": 1, "kind": "workspace", "robot": design.robot.name, "met": design.met,
+        "version": 1,
+        "kind": "workspace",
+        "robot": design.robot.name,
+        "met": design.met,
         "pairs": {"ends": list(law.ends), "motor": law.motor, "damping": law.damping},
-        "weights": finite(vars(law.weights)), "random_torques": list(design.setup.random),
+        "weights": finite(vars(law.weights)),
+        "random_torques": list(design.setup.random),
         "requirements": [
             finite({key: getattr(line, key) for key in REQUIREMENT} | requirement_numbers(line))
             for line in design.requirements
@@ -450,14 +525,15 @@ def workspace_numbers(design: WorkspaceEvidence) -> dict[str, Any]:
         ],
         "undamped": [[finite(loop.growth) for loop in loops] for loops in design.undamped],
         "corner_poses": [dict(zip(loop._fields, finite(list(loop)))) for loop in design.corner_loops],
-        "goals": design.goals, "left_out": design.left_out,
+        "goals": design.goals,
+        "left_out": design.left_out,
         "tolerated": finite(
             t._asdict() | {"tolerance": t.tolerance.sector._asdict(), "proved": t.proved._asdict()}
         ),
         "power_on": None if run is None else finite(peak_of(run.positions - run.goal)),
         "moves": _known(worst_motion(design.moves)),
         "sampled_moves": _known(worst_motion(design.sampled)),
-    }  # fmt: skip
+    }
 
 
 def _known(rows: list[dict[str, float]]) -> list[dict[str, float | None]]:

@@ -157,20 +157,37 @@ def _law_table(comparison: WorkspaceComparison, brief: bool = False) -> Table:
             rows.append((row.name, speed, *errors, verdict))
             continue
         known = "true state" if comparison.specification.estimator == "none" else ", ".join(measured)
-        rows.append((
-            row.name, row.kind.description if row is not comparison.own else "the modal law of flexhinf design",
-            known.replace("_", " "), speed, f"{_numbers_text(row)}{' (stated)' * row.stated}", *errors,
-            Cell(verdict, "green" if row.met else "red"),
-        ))  # fmt: skip
+        rows.append(
+            (
+                row.name,
+                row.kind.description if row is not comparison.own else "the modal law of flexhinf design",
+                known.replace("_", " "),
+                speed,
+                f"{_numbers_text(row)}{' (stated)' * row.stated}",
+                *errors,
+                Cell(verdict, "green" if row.met else "red"),
+            )
+        )
     columns = [f"{what}\n{units[what]}" if brief else f"{what}, {units[what]}" for what in heads]
     if brief:
         wide = (Column(name, right=True) for name in ("bandwidth\nrad/s", *columns))
         title = f"{comparison.robot.name}: laws over the workspace, the best first (✗ missed)"
         return Table(("law", *wide, "requirements"), rows, title=title)
     return Table(
-        ("law", "what it is", "measured", "bandwidth, rad/s", "other numbers", *columns, "met, or what it misses most"),
-        rows, f"{CRITERION} ✗: missed.", "table-laws", stacks=True,
-    )  # fmt: skip
+        (
+            "law",
+            "what it is",
+            "measured",
+            "bandwidth, rad/s",
+            "other numbers",
+            *columns,
+            "met, or what it misses most",
+        ),
+        rows,
+        f"{CRITERION} ✗: missed.",
+        "table-laws",
+        stacks=True,
+    )
 
 
 def _unit(comparison: WorkspaceComparison, what: str) -> str:
@@ -192,10 +209,11 @@ def _requirement_rows(comparison: WorkspaceComparison) -> Table:
         name = f"{key[0]}, {key[1]}" if key[1] else key[0]
         rows.append((name, first.limit_text, *(_cell(lines.get(key), degrees) for lines in known)))
     return Table(
-        ("requirement", "required", *(Column(row.name, right=True) for row in laws)), rows,
+        ("requirement", "required", *(Column(row.name, right=True) for row in laws)),
+        rows,
         "The same poses, moves, robots and seeds for all laws, those of flexhinf design. ✗: missed.",
         "table-requirements",
-    )  # fmt: skip
+    )
 
 
 def _kind(line: Requirement) -> str:
@@ -255,12 +273,19 @@ def laws_page(
     met = [row.name for row in comparison.compared if row.met]
     with house_style():
         sections = [
-            Section("Laws by the criterion", (
-                _law_table(comparison), Paragraph(_rule(comparison)), *map(Note, laws_notes(comparison)),
-                *(Note(" ".join(text.split())) for text in warnings),
-            ), "criterion", True),
+            Section(
+                "Laws by the criterion",
+                (
+                    _law_table(comparison),
+                    Paragraph(_rule(comparison)),
+                    *map(Note, laws_notes(comparison)),
+                    *(Note(" ".join(text.split())) for text in warnings),
+                ),
+                "criterion",
+                True,
+            ),
             Section("Every requirement of every law", (_requirement_rows(comparison),), "requirements", True),
-        ]  # fmt: skip
+        ]
         lead = [_figure(comparison)]
     return Page(
         f"Control laws compared over the workspace of {robot.name}",
@@ -268,38 +293,60 @@ def laws_page(
         f"{range_of(own.judged)}.",
         verdict,
         (*sections, *([files_section(files)] if files else [])),
-        Settings(settings_in_groups({
-            "Robot": robot_rows(own.judged.setup.true.robot), "Loop": loop_rows(own.judged.setup),
-        })),
+        Settings(
+            settings_in_groups(
+                {
+                    "Robot": robot_rows(own.judged.setup.true.robot),
+                    "Loop": loop_rows(own.judged.setup),
+                }
+            )
+        ),
         Provenance(shlex.join(command), comparison.specification.seed),
         status=[
-            Status("met", f"Every requirement: {listed(met)}.") if met else
-            Status("not met", "No law meets every requirement."),
+            Status("met", f"Every requirement: {listed(met)}.")
+            if met
+            else Status("not met", "No law meets every requirement."),
             Status("not proved", "Tested on random samples, not proved."),
         ],
         lead=lead,
-    )  # fmt: skip
+    )
 
 
 def laws_numbers(comparison: WorkspaceComparison) -> dict[str, Any]:
     """Numbers of comparison.json, in SI units; each requirement as in the table [result] of a design file."""
-    return finite({
-        "version": 1, "kind": "workspace", "robot": comparison.robot.name, "joints": list(comparison.robot.joint_names),
-        "seed": comparison.specification.seed, "criterion": CRITERION, "rule": _rule(comparison),
-        "order": [row.name for row in ordered_rows(comparison)],
-        "laws": [
-            {
-                "name": row.name, "what": row.kind.description, "compared": row.judged is not None, "met": row.met,
-                "failure": row.failure, "bandwidth": row.bandwidth, "stated": row.stated,
-                "numbers": None if row.numbers is None else {name: list(x) for name, x in row.numbers.items()},
-                "measured": [] if row.judged is None else list(row.judged.specification.measured),
-                "random_torques": None if row.judged is None else list(row.judged.setup.random),
-                "moves": 0 if row.judged is None else len(row.judged.moves) + len(row.judged.sampled),
-                "specification": [result_row(line) for line in (row.judged.requirements if row.judged else ())],
-            }
-            for row in comparison.rows
-        ],
-    })  # fmt: skip
+    return finite(
+        {
+            "version": 1,
+            "kind": "workspace",
+            "robot": comparison.robot.name,
+            "joints": list(comparison.robot.joint_names),
+            "seed": comparison.specification.seed,
+            "criterion": CRITERION,
+            "rule": _rule(comparison),
+            "order": [row.name for row in ordered_rows(comparison)],
+            "laws": [
+                {
+                    "name": row.name,
+                    "what": row.kind.description,
+                    "compared": row.judged is not None,
+                    "met": row.met,
+                    "failure": row.failure,
+                    "bandwidth": row.bandwidth,
+                    "stated": row.stated,
+                    "numbers": None
+                    if row.numbers is None
+                    else {name: list(x) for name, x in row.numbers.items()},
+                    "measured": [] if row.judged is None else list(row.judged.specification.measured),
+                    "random_torques": None if row.judged is None else list(row.judged.setup.random),
+                    "moves": 0 if row.judged is None else len(row.judged.moves) + len(row.judged.sampled),
+                    "specification": [
+                        result_row(line) for line in (row.judged.requirements if row.judged else ())
+                    ],
+                }
+                for row in comparison.rows
+            ],
+        }
+    )
 
 
 def laws_ending(comparison: WorkspaceComparison) -> Ending:

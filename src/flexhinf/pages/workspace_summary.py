@@ -35,10 +35,12 @@ from flexhinf.robot.waypoints import LIMITS
 
 #: Columns of the table of moves: key of `motion_metrics`, heading, unit; "" for that of small deviations.
 COLUMNS = {
-    "remaining_error": ("remaining error", ""), "tracking_error": ("tracking error", ""),
-    "wrong_way_percent": ("motion the wrong way", "%"), "path_distance": ("distance from the path", ""),
+    "remaining_error": ("remaining error", ""),
+    "tracking_error": ("tracking error", ""),
+    "wrong_way_percent": ("motion the wrong way", "%"),
+    "path_distance": ("distance from the path", ""),
     "ripple_percent": ("ripple of the motors", "%"),
-}  # fmt: skip
+}
 
 #: Motion at power-on, or by offsets of the encoders, that a terminal names, rad or m.
 FAR = 0.01

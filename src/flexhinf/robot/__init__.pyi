@@ -3,6 +3,8 @@
 from .arm import Payload as Payload, Weighing as Weighing, weigh_payload as weigh_payload
 from .dynamics import Joint as Joint, Placement as Placement
 from .feedforward import Feedforward as Feedforward
+from .follow_goal import FollowGoal as FollowGoal
+from .follower import FollowCode as FollowCode, Follower as Follower, FollowSample as FollowSample
 from .kinematics import check_holding as check_holding, check_reference as check_reference
 from .mujoco import MuJoCoPlant as MuJoCoPlant
 from .parameters import Parameter as Parameter

@@ -8,9 +8,13 @@ switch                    adds
 ``inductance``            the motor coil: L di/dt = V − R i − k_b q̇2; one more state per joint
 ``joint_damping``         the spring's own damping D (q̇2 − q̇1)
 ``spring_hardening``      a cubic part of the spring: K δ + K₃ δ³, δ = q2 − q1
+``stiffness_curve``       the curve of a gear's catalogue in the place of K δ, see `flexhinf.robot.gears`
+``kinematic_error``       the error of a gear's teeth, A sin(2 N q2 + φ), see there
+``torque_ripple``         their ripple on the motor side, R sin(2 N q2 + φ_R)
 ``backlash``              a dead zone of the spring of this total width
 ``coulomb_friction``      dry friction on the motor side, F_c tanh(q̇2 / v₀)
 ``stribeck_friction``     the same, larger at low speed: F_c + (F_s − F_c) exp(−(q̇2 / v_s)²)
+``load_friction``         dry friction that grows with the load of the gear: μ |τ_J| beside F_c
 ========================  ===============================================================================
 
 Dry friction is smoothed over the velocity v₀ (`friction_smoothing`), so a stuck joint creeps by less than v₀
@@ -41,11 +45,19 @@ from typing import Any
 import numpy as np
 
 from flexhinf.arrays import Number
-from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.errors import refuse_if
 from flexhinf.plant.model import ParameterTable
-from flexhinf.plant.plant import pose_values
-from flexhinf.robot.parameters import TURNING, Stated, per_joint
-from flexhinf.scalars import clip, derivative, series, trace
+from flexhinf.robot.gears import (
+    CURVE,
+    curve_number,
+    curve_softness,
+    curve_torque,
+    curve_twist,
+    tooth_error,
+    tooth_ripple,
+)
+from flexhinf.robot.parameters import per_joint
+from flexhinf.scalars import absolute, clip, derivative, series, trace
 from flexhinf.validation import one_of
 
 #: The parameter that each switch needs.
@@ -53,19 +65,36 @@ EXTRAS = {
     "inductance": "inductance",
     "joint_damping": "damping",
     "spring_hardening": "spring_hardening",
+    "stiffness_curve": "first_stiffness",
+    "kinematic_error": "kinematic_error",
+    "torque_ripple": "torque_ripple",
     "backlash": "backlash",
     "coulomb_friction": "coulomb_friction",
     "stribeck_friction": "static_friction",
+    "load_friction": "load_friction",
 }
 
+#: Switches of what the teeth of gears add, each of which needs the gear's ratio.
+TEETH = ("kinematic_error", "torque_ripple")
+
 #: Switches of dry friction.
-DRY = ("coulomb_friction", "stribeck_friction")
+DRY = ("coulomb_friction", "stribeck_friction", "load_friction")
 
 #: Values of what a joint does not state: nothing is added, and the velocities of the friction models (rad/s).
 DEFAULTS = {
-    "damping": 0.0, "spring_hardening": 0.0, "backlash": 0.0, "coulomb_friction": 0.0, "static_friction": 0.0,
-    "stribeck_velocity": 0.1, "friction_smoothing": 0.01,
-}  # fmt: skip
+    "damping": 0.0,
+    "spring_hardening": 0.0,
+    "backlash": 0.0,
+    "coulomb_friction": 0.0,
+    "static_friction": 0.0,
+    "stribeck_velocity": 0.1,
+    "friction_smoothing": 0.01,
+    "kinematic_error": 0.0,
+    "kinematic_error_phase": 0.0,
+    "torque_ripple": 0.0,
+    "torque_ripple_phase": 0.0,
+    "load_friction": 0.0,
+}
 
 
 def checked_extras(extras: Any, inductance: bool, stated: Collection[str], robot: str) -> tuple[str, ...]:
@@ -93,11 +122,25 @@ def left_out(values: Mapping[str, float], extras: Collection[str]) -> list[str]:
     ]
 
 
-def inactive_parameters(extras: Collection[str], joints: Sequence[str]) -> set[str]:
-    """A robot's parameters that do not act in a plant with these extras, by name."""
-    on = {*extras, *(DRY if "stribeck_friction" in extras else ())}
+def inactive_parameters(
+    extras: Collection[str], joints: Sequence[str], stated: Collection[str] = ()
+) -> set[str]:
+    """A robot's parameters that do not act in a plant with these extras, by name; `stated` are all that it has.
+
+    Where the curve of a gear acts, it has the place of the stiffness.
+    """
+    on = {*extras, *(("coulomb_friction",) if "stribeck_friction" in extras else ())}
     off = [quantity for name, quantity in EXTRAS.items() if name not in on]
-    return {per_joint(quantity, joint, len(joints)) for quantity in off for joint in joints}
+    off += [] if "stiffness_curve" in on else CURVE
+    curved = [
+        joint
+        for joint in joints
+        if "stiffness_curve" in on and per_joint(CURVE[0], joint, len(joints)) in stated
+    ]
+    pairs = [(quantity, joint) for quantity in off for joint in joints] + [
+        ("stiffness", joint) for joint in curved
+    ]
+    return {per_joint(quantity, joint, len(joints)) for quantity, joint in pairs}
 
 
 def spring_torque(twist: Any, rate: Any, p: Any, extras: Collection[str]) -> Any:
@@ -105,12 +148,24 @@ def spring_torque(twist: Any, rate: Any, p: Any, extras: Collection[str]) -> Any
     if "backlash" in extras:
         half = 0.5 * p.backlash
         twist = twist - clip(twist, -half, half)
-    torque = p.stiffness * twist
+    torque = curve_torque(twist, p) if "stiffness_curve" in extras else p.stiffness * twist
     if "spring_hardening" in extras:
         torque = torque + p.spring_hardening * (twist * twist * twist)
     if "joint_damping" in extras:
         torque = torque + p.damping * rate
     return torque
+
+
+def spring_torques(
+    q: Any, dq: Any, theta: Any, dtheta: Any, p: Any, extras: Collection[str], ratio: Any = None
+) -> tuple[Any, Any]:
+    """Torques of the springs on the links, and against the motors; `ratio` N is that of these joints."""
+    if "kinematic_error" not in extras:
+        torque = spring_torque(theta - q, dtheta - dq, p, extras)
+        return torque, torque
+    error, slope = tooth_error(theta, ratio, p)
+    torque = spring_torque(theta + error - q, (1.0 + slope) * dtheta - dq, p, extras)
+    return torque, (1.0 + slope) * torque
 
 
 @dataclass(frozen=True)
@@ -119,17 +174,25 @@ class Sticking:
 
     Moreau's time stepping: a step of h takes up to F h / J from each motor's velocity, and never turns it round. The
     velocity is taken as lost evenly within the step, so the motor is behind by half of that times h: what sticks does
-    not creep. With "stribeck_friction" F is that of the velocity before.
+    not creep. With "stribeck_friction" F is that of the velocity before, with "load_friction" that of the spring then.
+    Of an inner loop σ F is left.
     """
 
     joints: int
     extras: tuple[str, ...]
+    others: tuple[str, ...] = ()  # the plant's other extras, which the load is of
+    drive: str = "torque"
 
     def __call__(self, x: Any, step: Any, p: Any) -> Any:
         """The state after friction, on any element."""
         n = self.joints
-        velocity = x[3 * n : 4 * n]
-        most = np.broadcast_to((step / p.motor_inertia) * dry_level(velocity, p, self.extras), velocity.shape)
+        velocity, load = x[3 * n : 4 * n], 0.0
+        if "load_friction" in self.extras:
+            ratio = p.gear_ratio if "kinematic_error" in self.others else None
+            load = spring_torques(x[:n], x[n : 2 * n], x[2 * n : 3 * n], velocity, p, self.others, ratio)[1]
+        level = dry_level(velocity, load, p, self.extras)
+        level = p.load_share * level if self.drive in INNER else level
+        most = np.broadcast_to((step / p.motor_inertia) * level, velocity.shape)
         lost = np.array([clip(speed, -limit, limit) for speed, limit in zip(velocity, most)])
         return np.concatenate([x[: 2 * n], x[2 * n : 3 * n] - 0.5 * step * lost, velocity - lost, x[4 * n :]])
 
@@ -139,33 +202,51 @@ def stated_friction(parameters: Any) -> tuple[str, ...]:
     return tuple(name for name in DRY if np.any(np.asarray(parameters.get(EXTRAS[name], 0.0)) > 0.0))
 
 
+def stated_curve(parameters: Any) -> tuple[str, ...]:
+    """The switch of the stiffness curve, of a robot with one, by its plant's parameters."""
+    return ("stiffness_curve",) if CURVE[0] in parameters else ()
+
+
+def stated_teeth(parameters: Any) -> tuple[str, ...]:
+    """Switches of what the teeth of gears add, by a plant's parameters: those whose number is above zero."""
+    return tuple(name for name in TEETH if np.any(np.asarray(parameters.get(name, 0.0)) > 0.0))
+
+
 def with_dry_friction(extras: Sequence[str], parameters: Any) -> tuple[str, ...]:
-    """Extras with the dry friction that a robot has, of which they may name one kind."""
+    """Extras with the dry friction that a robot has, of which they may name one kind; that of loads is beside each."""
     dry = stated_friction(parameters)
-    return tuple(dict.fromkeys((*extras, *([name for name in dry if name in extras] or dry))))
+    kinds = [name for name in dry if name != "load_friction"]
+    named = [name for name in kinds if name in extras] or kinds
+    return tuple(dict.fromkeys((*extras, *named, *(name for name in dry if name not in kinds))))
 
 
-def dry_level(velocity: Any, p: Any, extras: Collection[str]) -> Any:
-    """F: F_c, or with stribeck_friction F_c + (F_s − F_c) exp(−(q̇2 / v_s)²)."""
-    level = p.coulomb_friction
+def dry_level(velocity: Any, load: Any, p: Any, extras: Collection[str]) -> Any:
+    """F: F_c, or with stribeck_friction F_c + (F_s − F_c) exp(−(q̇2 / v_s)²), and with load_friction μ |τ_J| more."""
+    level = 0.0 * velocity if {*DRY} & {*extras} == {"load_friction"} else p.coulomb_friction
+    if "load_friction" in extras:
+        level = level + p.load_friction * absolute(load)
     if "stribeck_friction" in extras:
         ratio = velocity / p.stribeck_velocity
-        level = level + (p.static_friction - level) * np.exp(-(ratio * ratio))
+        level = level + (p.static_friction - p.coulomb_friction) * np.exp(-(ratio * ratio))
     return level
 
 
-def friction_torque(velocity: Any, p: Any, extras: Collection[str]) -> Any:
-    """Dry friction against the motor's velocity (viscous friction is not in it); 0.0 without a switch."""
+def friction_torque(velocity: Any, load: Any, p: Any, extras: Collection[str]) -> Any:
+    """Dry friction against the motor's velocity (viscous friction is not in it); 0.0 without a switch. The load is the
+    torque of the spring."""
     dry = set(DRY) & set(extras)
-    return dry_level(velocity, p, extras) * np.tanh(velocity / p.friction_smoothing) if dry else 0.0
+    return dry_level(velocity, load, p, extras) * np.tanh(velocity / p.friction_smoothing) if dry else 0.0
 
 
 #: What the input is: the motor's voltage (V), its current (A), its torque on the link side (N·m), or the command of an
 #: inner loop, of the motor's velocity or position on the link side.
 DRIVES = {
-    "voltage": "motor_voltage", "current": "motor_current", "torque": "drive_torque",
-    "velocity": "velocity_command", "position": "position_command",
-}  # fmt: skip
+    "voltage": "motor_voltage",
+    "current": "motor_current",
+    "torque": "drive_torque",
+    "velocity": "velocity_command",
+    "position": "position_command",
+}
 
 #: Numbers of an inner loop in a robot: as a loop, or as its gains, by drive.
 INNER = {
@@ -183,10 +264,18 @@ CONSTANTS = {
 }
 
 #: What belongs to the spring, of which a rigid joint has none.
-SPRING = ("stiffness", "damping", "spring_hardening", "backlash")
+SPRING = (
+    "stiffness",
+    *CURVE,
+    "damping",
+    "spring_hardening",
+    "backlash",
+    "kinematic_error",
+    "kinematic_error_phase",
+)
 
 #: What a joint may state beyond its model; a joint that does not has the value of `DEFAULTS`.
-OPTIONAL = ("inductance", *DEFAULTS)
+OPTIONAL = ("inductance", *DEFAULTS, *CURVE)
 
 
 def required_of_drive(
@@ -219,16 +308,23 @@ def reflected(
         name = per_joint(quantity, joint, len(joints))
         return values[name] if default is None else values.get(name, default)
 
-    dry = any(name.startswith(("coulomb_friction", "static_friction")) for name in values)
+    dry = any(name.startswith(("coulomb_friction", "static_friction", "load_friction")) for name in values)
+    toothed = [
+        name for name in TEETH if any(per_joint(name, joint, len(joints)) in values for joint in joints)
+    ]
+    curved = any(per_joint(CURVE[0], joint, len(joints)) in values for joint in joints)
     stated = [
         quantity
         for quantity in OPTIONAL
         if any(per_joint(quantity, joint, len(joints)) in values for joint in joints)
         or (quantity in ("friction_smoothing", "stribeck_velocity", "coulomb_friction") and dry)
+        or (quantity in CURVE and curved)
+        or (quantity.removesuffix("_phase") in toothed)
     ]
     packed: dict[str, list[Number]] = {
         quantity: [] for quantity in ("stiffness", "motor_inertia", "friction", *CONSTANTS[drive], *stated)
     }
+    packed |= {"gear_ratio": []} if toothed else {}
     for joint in joints:
         ratio = of("gear_ratio", joint, 1.0)
         factor = {
@@ -242,6 +338,13 @@ def reflected(
                 column.append(ratio * ratio * of("rotor_inertia", joint) + of("hub_inertia", joint, 0.0))
             elif quantity == "static_friction":  # of a joint that states none, it does not fall with speed
                 column.append(of(quantity, joint, of("coulomb_friction", joint, 0.0)))
+            elif quantity == "gear_ratio":
+                column.append(ratio)
+            elif quantity in CURVE:
+                own = {
+                    name: of(name, joint) for name in CURVE if per_joint(name, joint, len(joints)) in values
+                }
+                column.append(curve_number(quantity, own, of("stiffness", joint)))
             elif quantity in OPTIONAL and quantity != "inductance":
                 column.append(of(quantity, joint, DEFAULTS[quantity]))
             else:
@@ -366,18 +469,20 @@ class ElasticFlow:
             back = gain * p.back_emf_constant if self.drive == "voltage" else 0.0
             torque, damping = gain * u, p.friction + back
         if not layout.rigid:
-            spring = spring_torque(theta - q, dtheta - dq, p, self.extras)
-            load = friction_torque(dtheta, p, self.extras), spring
+            ratio = p.gear_ratio if "kinematic_error" in self.extras else None
+            spring, on_motors = spring_torques(q, dq, theta, dtheta, p, self.extras, ratio)
+            load = self._resistance(theta, dtheta, on_motors, p), on_motors
             if self.drive in INNER:
                 load = share * load[0], share * load[1]
             left = torque - damping * dtheta - load[0] - load[1] + d[n:]
             link_acceleration = self.links.accelerations(q, dq, spring + d[:n], p)
             motor_acceleration = (1.0 / p.motor_inertia) * left  # a quotient of parameters: computed once
         else:
-            spring = spring_torque(theta - q[elastic], dtheta - dq[elastic], p, self.extras)
-            dry, on_motors = friction_torque(speed, p, self.extras), spring
+            ratio = p.gear_ratio[elastic] if "kinematic_error" in self.extras else None
+            spring, on_motors = spring_torques(q[elastic], dq[elastic], theta, dtheta, p, self.extras, ratio)
+            dry = self._resistance(layout.motors(q, theta), speed, layout.motors(0.0 * q, on_motors), p)
             if self.drive in INNER:
-                dry, on_motors = share * dry, share[elastic] * spring
+                dry, on_motors = share * dry, share[elastic] * on_motors
             driven = torque - damping * speed - dry + d[n:]
             rotors = [p.motor_inertia[i] if i in layout.rigid else 0.0 for i in range(n)]
             on_links = layout.motors(driven, spring) + d[:n]
@@ -388,84 +493,25 @@ class ElasticFlow:
             rates.append((u - p.resistance * current - p.back_emf_constant * speed) / p.inductance)
         return np.concatenate(rates)
 
+    def _resistance(self, angle: Any, speed: Any, load: Any, p: Any) -> Any:
+        """Dry friction and ripple against the motors, at their angles, speeds and loads."""
+        dry = friction_torque(speed, load, p, self.extras)
+        return dry + tooth_ripple(angle, p) if "torque_ripple" in self.extras else dry
+
 
 # Inverse dynamics ---------------------------------------------------------------------------------
-#: A pose beyond one turn was probably meant in degrees.
-TURN = 2.0 * np.pi * (1.0 + 1e-9)
-
-
-def checked_pose(pose: Any, default: np.ndarray, links: Any, robot: str) -> np.ndarray:
-    """Link positions (n,) within the limits, from a sequence, a mapping by joint, a number for one joint, or None."""
-    names = links.tree.names
-    if pose is None:
-        pose = default
-    if isinstance(pose, Mapping):
-        named = {name.removeprefix("link_position_"): value for name, value in pose.items()}
-        if len(names) == 1 and "link_position" in named:
-            named[names[0]] = named.pop("link_position")
-        pose = dict(zip(names, default)) | named
-    values = pose_values(pose, names, f"robot {robot!r}")
-    stated = list(pose.values()) if isinstance(pose, Mapping) else np.atleast_1d(np.asarray(pose, object))
-    for joint, limits, slides, value, text in zip(names, links.limits, links.slides, values, stated):
-        low, high = limits or ((-np.inf, np.inf) if slides else (-TURN, TURN))
-        if low <= value <= high:
-            continue
-        unit, size = "m" if slides else "rad", 1.0
-        if isinstance(text, Stated) and text.unit.lower() in TURNING and not slides:
-            unit, size = text.unit, TURNING[text.unit.lower()]
-        got = f"{text.number}{text.unit}" if isinstance(text, Stated) and text.number else f"{value:g} {unit}"
-        # Degrees may be meant by a number without a unit, where as many degrees would be allowed.
-        within = abs(value) > TURN and low <= np.deg2rad(value) <= high
-        degrees = within and not (isinstance(text, Stated) or slides)
-        what, advice = f"The pose is outside the limits of joint {joint!r}.", "a pose within the limits"
-        if limits is None:
-            what = f"The pose turns joint {joint!r} by {got}, more than once around."
-            advice = "an angle within one turn, or limits in the robot's file, as a joint that turns further has them"
-        if degrees:
-            advice = (
-                f"{value:g}deg in commands and specifications, np.deg2rad({value:g}) elsewhere; or {advice}"
-            )
-        got += "; were degrees meant?" if degrees else ""
-        raise InvalidInput(what, f"expected {low / size:.6g} to {high / size:.6g} {unit}, got {got}", advice)
-    return values
-
-
-#: Range of a joint, rad or m, beyond which one of its ends stands for none.
-FARTHEST = 1e3
-
-
-def checked_home(home: Any, links: Any, robot: str) -> np.ndarray:
-    """Link positions (n,) of a robot's home, zeros by default; refused outside the limits, with the line to write."""
-    names = links.tree.names
-    values = np.zeros(len(names)) if home is None else pose_values(home, names, f"robot {robot!r}")
-    expected, got, within = list[str](), list[str](), list[float]()
-    for name, limits, slides, value in zip(names, links.limits, links.slides, values.tolist()):
-        low, high = limits or ((-np.inf, np.inf) if slides else (-TURN, TURN))
-        unit, inside = "m" if slides else "rad", low <= value <= high
-        degrees = not slides and abs(value) > TURN and low <= np.deg2rad(value) <= high
-        if not inside:
-            expected.append(f"{low:.6g} to {high:.6g} {unit} for {name!r}")
-            got.append(f"{value:g} {unit} for {name!r}{' (were degrees meant?)' if degrees else ''}")
-        middle = np.deg2rad(value) if degrees else (low + high) / 2.0
-        if not degrees and high - low > FARTHEST:  # an end stands for none: the nearer one is a place
-            middle = min(max(value, low), high)
-        within.append(value if inside else float(f"{middle:.4g}"))
-    refuse_if(
-        got,
-        f"The home pose is outside the limits: {', '.join(text.rpartition(' for ')[2] for text in expected)}.",
-        f"expected {', '.join(expected)}, got {', '.join(got)}",
-        f"home = {within} at the top of the robot file",
-    )
-    return values
-
-
 #: What a real joint adds that the inverse dynamics cannot follow; they can follow a torque of the motor's velocity.
 WHY_NOT = {
     "inductance": "the coil needs a fifth derivative",
     "joint_damping": "a damped spring takes away the flat output: its twist obeys a differential equation",
     "spring_hardening": "the spring would have to be inverted at each time",
     "backlash": "a spring with a dead zone has no inverse",
+    "kinematic_error": "its phase is known at no start",
+    "torque_ripple": "its phase is known at no start",
 }
+
+#: What they can follow.
+FOLLOWED = (*DRY, "stiffness_curve")
 
 ORDERS = ("q", "dq", "ddq", "dddq", "ddddq")
 
@@ -475,7 +521,10 @@ class InverseFlow:
     """(q, q̇, q̈, q⃛, q⁗) → (x, u) with ẋ = flow(x, u, 0, p) of `ElasticFlow`, on any element.
 
     With q⁗ = v a law's wish, u is the input of exact feedback linearisation [spong1987]. Rigid joints have
-    J q̈ + B q̇ + F(q̇) + τ_J = τ. Extras out of `DRY`; others are refused by name.
+    J q̈ + B q̇ + F(q̇) + τ_J = τ. Extras out of `FOLLOWED`; others are refused by name.
+
+    With the curve of a gear θ = q + δ(τ_J), θ̇ = q̇ + δ′ τ̇_J and θ̈ = q̈ + δ′ τ̈_J. The impulse J τ̇_J Δ(1/K), with which
+    the motor would have to pass a corner of the curve, is left out.
     """
 
     links: Any
@@ -486,30 +535,30 @@ class InverseFlow:
     def __post_init__(self) -> None:
         for name in self.extras:
             refuse_if(
-                name not in DRY,
+                name not in FOLLOWED,
                 f"The inverse dynamics do not model {name!r}: {WHY_NOT.get(name, 'it is unknown')}.",
-                f"expected extras out of {list(DRY)}, got {list(self.extras)}",
+                f"expected extras out of {list(FOLLOWED)}, got {list(self.extras)}",
                 f"the feedforward without {name!r}; the law feeds back what it leaves",
             )
 
     def __call__(self, q: Any, dq: Any, ddq: Any, dddq: Any, ddddq: Any, p: Any) -> tuple[Any, Any]:
         """State (4n,) and input (n,) from link positions and four derivatives, (n,) each."""
-        torque = self.links.torques(
-            series(q, dq, ddq), series(dq, ddq, dddq), series(ddq, dddq, ddddq), p
-        )  # fmt: skip
+        torque = self.links.torques(series(q, dq, ddq), series(dq, ddq, dddq), series(ddq, dddq, ddddq), p)
         load, rate, jerk = (derivative(torque, order) for order in range(3))
         layout = Layout(len(self.links.tree), self.rigid)
-        softness = 1.0 / p.stiffness
-        own = [
-            layout.at_springs(at) + softness * layout.at_springs(twisting)
-            for at, twisting in zip((q, dq, ddq), (load, rate, jerk))
-        ]
+        twisting = [layout.at_springs(torques) for torques in (load, rate, jerk)]
+        if "stiffness_curve" in self.extras:
+            softness = curve_softness(twisting[0], p)
+            twists = [curve_twist(twisting[0], p), softness * twisting[1], softness * twisting[2]]
+        else:
+            twists = [(1.0 / p.stiffness) * torques for torques in twisting]
+        own = [layout.at_springs(at) + twist for at, twist in zip((q, dq, ddq), twists)]
         angle, speed, acceleration = (layout.motors(at, motor) for at, motor in zip((q, dq, ddq), own))
         if self.drive in INNER:
             return np.concatenate([q, dq, own[0], own[1]]), self._command(angle, speed, acceleration, load, p)
         drive = p.motor_inertia * acceleration + p.friction * speed + load
-        if self.extras:
-            drive = drive + friction_torque(speed, p, self.extras)
+        if set(DRY) & set(self.extras):
+            drive = drive + friction_torque(speed, load, p, self.extras)
         if self.drive == "current":
             drive = (1.0 / p.torque_constant) * drive
         elif self.drive == "voltage":
@@ -519,8 +568,8 @@ class InverseFlow:
     def _command(self, angle: Any, speed: Any, acceleration: Any, load: Any, p: Any) -> Any:
         """Command (n,) of an inner loop, whose motor moves so under a load."""
         friction = p.friction * speed
-        if self.extras:
-            friction = friction + friction_torque(speed, p, self.extras)
+        if set(DRY) & set(self.extras):
+            friction = friction + friction_torque(speed, load, p, self.extras)
         torque = p.motor_inertia * acceleration + p.load_share * (friction + load)
         ahead = (1.0 / torque_per_input(self.drive, p)) * (torque + p.drive_damping * speed)
         return angle + ahead if self.drive == "position" else ahead

@@ -14,6 +14,7 @@ from flexhinf.arrays import Number
 from flexhinf.plant import Parameters
 from flexhinf.robot.arm import Links, Pendulum
 from flexhinf.robot.elastic import INNER, reflected, torque_per_input
+from flexhinf.robot.gears import curve_softness, curve_torque, curve_twist, meshed, tooth_error, tooth_ripple
 from flexhinf.robot.parameters import PlantValues
 
 #: A torque (force) of less than this times the robot's weight, at a metre, is rounding.
@@ -53,18 +54,23 @@ def equilibrium(
 ) -> tuple[np.ndarray, np.ndarray]:
     """State and input at rest with links at q (n,): q2 = q1 + K⁻¹ G(q1), exactly.
 
-    `packed` are the parameters of the plant, `on` its extras. Of N robots, joints are in the first axis of each
-    array and robots in the last one.
+    With the curve of a gear, q2 = q1 + δ(G). `packed` are the parameters of the plant, `on` its extras. Of N robots,
+    joints are in the first axis of each array and robots in the last one.
     """
     p = Parameters(packed)
     held = links.gravity_torque(q, p)
     weight, stiffness = np.asarray(held)[elastic], np.atleast_1d(p.stiffness)
-    twist = weight / stiffness
+    curve = "stiffness_curve" in on
+    twist = curve_twist(weight, p) if curve else weight / stiffness
     if "spring_hardening" in on:
-        # K δ + K₃ δ³ = G, each joint by Newton's method from outside: it falls to the only root.
+        # T(δ) + K₃ δ³ = G, each joint by Newton's method from outside: it falls to the only root.
         cubic, done = np.atleast_1d(p.spring_hardening), np.array(False)
         for _ in range(100):
-            step = (stiffness * twist + cubic * twist**3 - weight) / (stiffness + 3.0 * cubic * twist**2)
+            torque, slope = stiffness * twist, stiffness
+            if curve:
+                torque = curve_torque(twist, p)
+                slope = 1.0 / curve_softness(torque, p)
+            step = (torque + cubic * twist**3 - weight) / (slope + 3.0 * cubic * twist**2)
             twist = np.where(done, twist, twist - step)
             done = done | np.all(np.abs(step) <= 1e-16 * np.abs(twist), axis=0)
             if np.all(done):
@@ -75,8 +81,18 @@ def equilibrium(
         twist = (
             twist + 0.5 * np.sign(weight) * (np.abs(weight) > ROUNDING * mass * abs(p.gravity)) * p.backlash
         )
+    held, motors = np.array(held, dtype=float), q[elastic] + twist
+    if "kinematic_error" in on:
+        ratio = np.atleast_1d(p.gear_ratio)[elastic]
+        motors = meshed(motors, ratio, p)
+        twist = motors - q[elastic]
+        held[elastic] *= 1.0 + tooth_error(motors, ratio, p)[1]
+    if "torque_ripple" in on:
+        at = np.array(q, dtype=float)
+        at[elastic] = motors
+        held = held + tooth_ripple(at, p)
     still = np.zeros(q.shape)
-    states, effort = [q, still, q[elastic] + twist, still[elastic]], np.array(held, dtype=float)
+    states, effort = [q, still, motors, still[elastic]], np.array(held, dtype=float)
     if drive in INNER:
         gain = torque_per_input(drive, p)
         effort = np.asarray(p.load_share * held / gain, dtype=float)

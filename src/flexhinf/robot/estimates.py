@@ -80,11 +80,18 @@ def estimated_joint(effort: float, stated: bool, speed: float, slides: bool) -> 
         stated,
         number("stiffness", effort / twist, STIFFNESS_TOLERANCE, f"{1e3 * twist:g} {unit} at {of}"),
         number(
-            "motor_inertia", effort / acceleration, INERTIA_TOLERANCE,
+            "motor_inertia",
+            effort / acceleration,
+            INERTIA_TOLERANCE,
             f"{of} moves the motor alone with {acceleration:g} {'m' if slides else 'rad'}/s²",
         ),
-        number("friction", LOST * effort / most, FRICTION_TOLERANCE, f"{100 * LOST:g} % of {of} at the largest speed"),
-    )  # fmt: skip
+        number(
+            "friction",
+            LOST * effort / most,
+            FRICTION_TOLERANCE,
+            f"{100 * LOST:g} % of {of} at the largest speed",
+        ),
+    )
 
 
 def largest_weight(arm: RigidArm) -> np.ndarray:

@@ -13,8 +13,9 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.findings import Severity, ordered
 from flexhinf.plant import Parameters
-from flexhinf.robot.elastic import INNER, torque_per_input
+from flexhinf.robot.elastic import DRY, EXTRAS, INNER, stated_curve, torque_per_input
 from flexhinf.robot.faults import PartFault, collected_faults
+from flexhinf.robot.gears import curve_twist
 from flexhinf.robot.init_file import description_of
 from flexhinf.robot.parts import file_warnings
 from flexhinf.robot.robot import Robot
@@ -128,10 +129,13 @@ def _examine_links(path: Path, result: RobotExamination) -> None:
     idle = [joint.name for joint, effort in zip(arm.joints, arm.efforts) if not np.isfinite(effort)]
     if idle:
         result.add(
-            "doubt", "The largest torque of joints is not stated.", place=", ".join(idle), count=len(idle),
+            "doubt",
+            "The largest torque of joints is not stated.",
+            place=", ".join(idle),
+            count=len(idle),
             numbers="expected <limit effort> greater than 0, got none, 0, −1 or a number that stands for none",
             advice="effort_limit in [[joint]] of the robot file",
-        )  # fmt: skip
+        )
     free = [joint.name for joint in arm.joints if joint.limits is None]
     if free:
         result.add("note", "Joints without limits.", place=", ".join(free), count=len(free))
@@ -140,14 +144,19 @@ def _examine_links(path: Path, result: RobotExamination) -> None:
     ]
     if away:
         result.add(
-            "note", "Zero is outside the limits of joints.", place=", ".join(away), count=len(away),
+            "note",
+            "Zero is outside the limits of joints.",
+            place=", ".join(away),
+            count=len(away),
             advice="home = […] in the robot file",
-        )  # fmt: skip
+        )
     result.add(
-        "doubt", "No file of links states springs: stiffness, motor inertia and friction of each joint are missing.",
-        place=", ".join(joint.name for joint in arm.joints), count=len(arm.joints),
+        "doubt",
+        "No file of links states springs: stiffness, motor inertia and friction of each joint are missing.",
+        place=", ".join(joint.name for joint in arm.joints),
+        count=len(arm.joints),
         advice=f"flexhinf init {path.name}, which estimates them, then numbers of data sheets or `flexhinf identify`",
-    )  # fmt: skip
+    )
 
 
 def _fault(error: InvalidInput) -> PartFault:
@@ -157,9 +166,13 @@ def _fault(error: InvalidInput) -> PartFault:
 def _tell(faults: Sequence[PartFault], remarks: Sequence[str], result: RobotExamination) -> None:
     for fault in faults:
         result.add(
-            "fault", fault.what, place=", ".join(fault.parts), numbers=fault.found, advice=fault.advice,
+            "fault",
+            fault.what,
+            place=", ".join(fault.parts),
+            numbers=fault.found,
+            advice=fault.advice,
             count=max(1, len(fault.parts)),
-        )  # fmt: skip
+        )
     for remark in remarks:
         what, _, others = remark.partition("\n  found: ")
         numbers, _, advice = others.partition("\n  try:   ")
@@ -168,31 +181,43 @@ def _tell(faults: Sequence[PartFault], remarks: Sequence[str], result: RobotExam
 
 # Facts --------------------------------------------------------------------------------------------
 def joint_facts(robot: Robot) -> list[JointFacts]:
-    """Weight, twist and vibrations of each joint at random poses of its range, and at home."""
+    """Weight, twist and vibrations of each joint at random poses of its range, and at home.
+
+    Weight and twist are of the heaviest robot of the tolerances, with the largest payload.
+    """
     ends = np.array([limits or (-math.pi, math.pi) for limits in robot.links.limits])
     poses = np.random.default_rng(SEED).uniform(ends[:, 0], ends[:, 1], (POSES, len(ends)))
     poses = np.vstack([np.asarray(robot.home, dtype=float)[None, :], poses])
     numbers = robot.plant_parameters()
     p = Parameters(numbers)
-    weights = np.abs(robot.links.gravity_torque(poses.T, p)).max(axis=1)
+    weights = np.abs(robot.links.gravity_torque(poses.T, Parameters(robot.heaviest))).max(axis=1)
     seen: dict[str, list[float]] = {name: [] for name in robot.joint_names}
     for pose in poses[:: max(1, POSES // 12)]:
         for mode in robot.modes(pose):
             if mode.name == "vibration":
                 seen[mode.joint].append(mode.frequency)
     masses = np.atleast_1d(p.mass)
-    stiffness = dict(
-        zip([robot.joint_names[k] for k in robot.layout.elastic], np.atleast_1d(p.stiffness).tolist())
-    )
+    elastic = robot.layout.elastic
+    curved = bool(stated_curve(numbers))
+    turned = curve_twist(weights[elastic], p) if curved else weights[elastic] / np.atleast_1d(p.stiffness)
+    twists = dict(zip([robot.joint_names[k] for k in elastic], turned.tolist()))
     efforts = _largest_torques(robot, p)
     return [
         JointFacts(
-            name, slides, limits, float(masses[k]), float(weights[k]), efforts[k],
-            float(weights[k]) / stiffness[name] if name in stiffness else math.nan,
-            min(seen[name], default=math.nan), max(seen[name], default=math.nan),
+            name,
+            slides,
+            limits,
+            float(masses[k]),
+            float(weights[k]),
+            efforts[k],
+            twists.get(name, math.nan),
+            min(seen[name], default=math.nan),
+            max(seen[name], default=math.nan),
         )
-        for k, (name, slides, limits) in enumerate(zip(robot.joint_names, robot.links.slides, robot.links.limits))
-    ]  # fmt: skip
+        for k, (name, slides, limits) in enumerate(
+            zip(robot.joint_names, robot.links.slides, robot.links.limits)
+        )
+    ]
 
 
 def _largest_torques(robot: Robot, p: Parameters) -> list[float]:
@@ -213,56 +238,73 @@ def _of_numbers(robot: Robot) -> Iterator[RobotFinding]:
             for quantity, joints in robot.estimated.items()
         ]
         yield RobotFinding(
-            "doubt", "Numbers are estimated, not measured.", "; ".join(places), count=len(places),
+            "doubt",
+            "Numbers are estimated, not measured.",
+            "; ".join(places),
+            count=len(places),
             advice="numbers of data sheets, or `flexhinf identify` with a log; code for a machine is exported with "
             "--accept-estimates only",
-        )  # fmt: skip
+        )
     if not robot.uncertain:
         yield RobotFinding(
-            "note", "No number has a tolerance.", numbers="a design is then tried on one robot alone",
+            "note",
+            "No number has a tolerance.",
+            numbers="a design is then tried on one robot alone",
             advice="[tolerances] with stiffness = 10 in the robot file",
-        )  # fmt: skip
-    names = " ".join(robot.nominal)
-    if "coulomb_friction" not in names:
+        )
+    if not any(name.startswith(tuple(EXTRAS[kind] for kind in DRY)) for name in robot.nominal):
         yield RobotFinding(
-            "note", "No joint states dry friction.", numbers="gears have 2 to 10 % of their largest torque",
+            "note",
+            "No joint states dry friction.",
+            numbers="gears have 2 to 10 % of their largest torque",
             advice="coulomb_friction in [joint.motor]",
-        )  # fmt: skip
+        )
 
 
 def _of_joints(joints: Sequence[JointFacts], period: float) -> Iterator[RobotFinding]:
     unlimited = [joint.name for joint in joints if math.isinf(joint.effort)]
     if unlimited:
         yield RobotFinding(
-            "note", "The largest torque of motors is not stated.", ", ".join(unlimited),
-            "a design then asks for what no motor may give", "effort_limit in [[joint]] of the robot file",
+            "note",
+            "The largest torque of motors is not stated.",
+            ", ".join(unlimited),
+            "a design then asks for what no motor may give",
+            "effort_limit in [[joint]] of the robot file",
             count=len(unlimited),
-        )  # fmt: skip
+        )
     for joint in joints:
         unit = "N" if joint.slides else "N·m"
         share = joint.weight / joint.effort
         if share > 1.0:
             yield RobotFinding(
-                "doubt", "The motor does not hold the weight everywhere.", joint.name,
+                "doubt",
+                "The motor does not hold the weight everywhere.",
+                joint.name,
                 f"expected at most {joint.effort:.4g} {unit}, got {joint.weight:.4g} at a pose of its range",
                 "a workspace without these poses (--workspace), a smaller payload, or the motor's own limit",
-            )  # fmt: skip
+            )
         elif share > HEAVY:
             yield RobotFinding(
-                "note", "The weight takes most of the motor's torque.", joint.name,
+                "note",
+                "The weight takes most of the motor's torque.",
+                joint.name,
                 f"{100 * share:.0f} % of {joint.effort:.4g} {unit} at the heaviest pose",
-            )  # fmt: skip
+            )
         if joint.twist > MOST_TWIST[joint.slides]:
             yield RobotFinding(
-                "doubt", "The weight twists the spring far.", joint.name,
+                "doubt",
+                "The weight twists the spring far.",
+                joint.name,
                 f"{joint.twist:.3g} {'m' if joint.slides else 'rad'} at the heaviest pose",
                 f"stiffness in {'N/m' if joint.slides else 'N·m/rad'}, seen from the link",
-            )  # fmt: skip
+            )
         if joint.fastest * period * FEWEST_SAMPLES > 1.0:
             needed = 1.0 / (4.0 * joint.fastest)
             yield RobotFinding(
-                "doubt", "A vibration is too fast for the period.", joint.name,
+                "doubt",
+                "A vibration is too fast for the period.",
+                joint.name,
                 f"expected at most {1.0 / (FEWEST_SAMPLES * period):.4g} Hz at {1e3 * period:g} ms, got "
                 f"{joint.fastest:.4g} Hz",
                 f"--period {1e3 * needed:.2g}ms, or rigid = true in its [[joint]]",
-            )  # fmt: skip
+            )

@@ -15,9 +15,10 @@ from contextlib import suppress
 from dataclasses import fields
 from typing import Any, NamedTuple, Protocol
 
-from flexhinf.robot.actuators import PublishedJoint, published_joints
+from flexhinf.robot.actuators import PublishedJoint, gear_name, published_gears, published_joints
 from flexhinf.robot.dynamics import KINDS
 from flexhinf.robot.elastic import DRIVES, SPRING
+from flexhinf.robot.gears import CURVE
 from flexhinf.robot.parameters import INERTIA, QUANTITIES, Stated, measured, respelled, split
 from flexhinf.robot.parts import TIMES, ElasticJoint, ask
 from flexhinf.robot.rigid_arm import NEAREST
@@ -210,6 +211,14 @@ def _table(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> di
     return file.table(value, TABLES[key.inside], place)
 
 
+def _spring(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
+    """A spring's table; the curve of a gear says its stiffness, and one whose name the joint states has a curve."""
+    keys, row = TABLES["spring"], file.data["joint"][place[1]]
+    if isinstance(value, dict) and ({*value} & {*CURVE} or "gear" in row):
+        keys = keys | {"stiffness": keys["stiffness"]._replace(required=False)}
+    return file.table(value, keys, place)
+
+
 def _rows(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> list[dict[str, Any]]:
     if not isinstance(value, list) or (key.required and not value):
         raise Unusable(f"[[{key.inside}]] tables, one at least", "")
@@ -236,14 +245,29 @@ def _actuator(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) ->
     return published[value]
 
 
+def _gear(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> PublishedJoint:
+    known = published_gears()
+    name = gear_name(value)
+    if name not in known:
+        series, _, size = name.partition("-")
+        same = [other for other in known if other.startswith(f"{series}-{size.partition('-')[0]}-")]
+        raise Unusable(
+            f"a gear such as {', '.join(same or ['CSG-25-100'])}, which `flexhinf robots` lists",
+            nearest(name, same or known, "'CSG-25-100'"),
+        )
+    return known[name]
+
+
 _POSITION, _METRES = UNITS["link_position"], ("m",)
 _EFFORT = tuple(dict.fromkeys(unit for drive in DRIVES.values() for unit in UNITS[drive]))
 _POSITIVE = Key(_number, usable=lambda value: value > 0.0, expected="a number greater than 0")
 _TEXT = Key(usable=lambda value: isinstance(value, str), expected="a text")
 _PERCENT = Key(
-    _percent, ("%",),
-    usable=lambda value: 0.0 <= value < 100.0, expected="a number of at least 0 and less than 100 per cent",
-)  # fmt: skip
+    _percent,
+    ("%",),
+    usable=lambda value: 0.0 <= value < 100.0,
+    expected="a number of at least 0 and less than 100 per cent",
+)
 TOLERANCE = {"tolerance": _PERCENT, "source": _TEXT._replace(default="assumption")}
 _MASS, _CENTRE, _THREE = Key(_quantity, ("kg",)), Key(_quantity, _METRES, 3), Key(_list, _METRES, 3)
 _INERTIA_TABLE = Key(_table, inside="inertia")
@@ -268,55 +292,85 @@ _OF_JOINT = {
 #: the inertia of a body; that of the motor inertia holds for a rotor inertia too.
 TABLES: dict[str, dict[str, Key]] = {
     "": {
-        "name": _TEXT._replace(default=""), "description": _TEXT._replace(default=""),
-        "gravity": Key(_fall, ("m/s²",)), "down": Key(_list, size=3), "home": Key(_list, _POSITION),
-        "urdf": _TEXT, "mjcf": _TEXT, "joints": Key(
+        "name": _TEXT._replace(default=""),
+        "description": _TEXT._replace(default=""),
+        "gravity": Key(_fall, ("m/s²",)),
+        "down": Key(_list, size=3),
+        "home": Key(_list, _POSITION),
+        "urdf": _TEXT,
+        "mjcf": _TEXT,
+        "joints": Key(
             usable=lambda value: isinstance(value, list) and all(isinstance(entry, str) for entry in value),
             expected="a list of names",
         ),
-        "locked": Key(_named, _POSITION, default={}), "links": Key(_corrections, default={}),
+        "locked": Key(_named, _POSITION, default={}),
+        "links": Key(_corrections, default={}),
         "penalty": Key(_table, inside="penalty"),
-        "tolerances": _TOLERANCES, "payload": Key(_rows, inside="payload", default=[]),
+        "tolerances": _TOLERANCES,
+        "payload": Key(_rows, inside="payload", default=[]),
         "joint": Key(_rows, inside="joint", required=True),
     },
     "joint": {
-        "name": _TEXT._replace(required=True), "actuator": Key(_actuator),
+        "name": _TEXT._replace(required=True),
+        "actuator": Key(_actuator),
+        "gear": Key(_gear),
         "kind": Key(usable=lambda value: value in KINDS, expected="'revolute', 'continuous' or 'prismatic'"),
-        "axis": Key(_list, size=3), "xyz": _THREE,
-        "rpy": Key(_list, ("rad",), 3), "limits": Key(_list, _POSITION, 2), "parent": _TEXT,
+        "axis": Key(_list, size=3),
+        "xyz": _THREE,
+        "rpy": Key(_list, ("rad",), 3),
+        "limits": Key(_list, _POSITION, 2),
+        "parent": _TEXT,
         "speed_limit": _POSITIVE._replace(units=UNITS["link_velocity"]),
-        "effort_limit": _POSITIVE._replace(units=_EFFORT), "link": Key(_table, inside="link"),
+        "effort_limit": _POSITIVE._replace(units=_EFFORT),
+        "link": Key(_table, inside="link"),
         "rigid": Key(usable=lambda value: isinstance(value, bool), expected="true or false", default=False),
-        "spring": Key(_table, inside="spring"), "motor": Key(_table, inside="motor", default={}),
-        "sensor": Key(_sensors, inside="sensor", default=[]), "tolerances": _TOLERANCES,
+        "spring": Key(_spring, inside="spring"),
+        "motor": Key(_table, inside="motor", default={}),
+        "sensor": Key(_sensors, inside="sensor", default=[]),
+        "tolerances": _TOLERANCES,
     },
     "sensor": {
         "kind": Key(
-            required=True, usable=lambda value: value in SENSORS, expected=f"one of {', '.join(map(repr, SENSORS))}"
+            required=True,
+            usable=lambda value: value in SENSORS,
+            expected=f"one of {', '.join(map(repr, SENSORS))}",
         ),
-        "counts": _POSITIVE, "step": _POSITIVE, "noise": _POSITIVE,
+        "counts": _POSITIVE,
+        "step": _POSITIVE,
+        "noise": _POSITIVE,
+        "delay": _POSITIVE._replace(units=("s",)),
         "before_gear": Key(usable=lambda value: isinstance(value, bool), expected="true or false"),
     },
     "link": {
-        "mass": _MASS, "centre_of_mass": _CENTRE, "inertia": _INERTIA_TABLE,
-        "axis_inertia": Key(_quantity, ("kg·m²",)), "length": Key(_quantity, _METRES),
+        "mass": _MASS,
+        "centre_of_mass": _CENTRE,
+        "inertia": _INERTIA_TABLE,
+        "axis_inertia": Key(_quantity, ("kg·m²",)),
+        "length": Key(_quantity, _METRES),
     },
     "inertia": {
         axes: Key(_number, ("kg·m²",), required=axes[0] == axes[1], default=0.0)
         for axes in sorted(INERTIA, key=lambda axes: axes[0] != axes[1])
-    } | TOLERANCE,
-    "spring": {name: _OF_JOINT[name] for name in SPRING}, "motor": {name: _OF_JOINT[name] for name in MOTOR} | _DRIVE,
+    }
+    | TOLERANCE,
+    "spring": {name: _OF_JOINT[name] for name in SPRING},
+    "motor": {name: _OF_JOINT[name] for name in MOTOR} | _DRIVE,
     "tolerances": {
         name: _PERCENT
         for name in ("mass", "centre_of_mass", "inertia", *_OF_JOINT)
         if name not in ("rotor_inertia", "hub_inertia", "gear_ratio", "friction_smoothing")
     },
     "payload": {
-        "at": _TEXT, "mass": _MASS._replace(required=True), "centre_of_mass": _CENTRE, "inertia": _INERTIA_TABLE,
-        "sphere": Key(_number, _METRES), "box": _THREE, "cylinder": Key(_list, _METRES, 2),
+        "at": _TEXT,
+        "mass": _MASS._replace(required=True),
+        "centre_of_mass": _CENTRE,
+        "inertia": _INERTIA_TABLE,
+        "sphere": Key(_number, _METRES),
+        "box": _THREE,
+        "cylinder": Key(_list, _METRES, 2),
     },
     "penalty": {"weights": Key(_named, required=True), "effort": Key(_numbers, default=1.0)},
-}  # fmt: skip
+}
 
 
 def is_table(value: Any) -> bool:
@@ -332,11 +386,16 @@ SYNONYMS = {
         "coulomb_friction": "dry_friction friction_torque frictionloss friction_loss stiction breakaway_torque",
         "damping": "spring_damping joint_damping damping_coefficient",
         "stiffness": "spring_constant spring_stiffness spring_rate joint_stiffness torsional_stiffness k",
+        "first_stiffness": "k1 k_1 stiffness_1 stiffness_k1",
+        "second_stiffness": "k2 k_2 stiffness_2 stiffness_k2",
+        "third_stiffness": "k3 k_3 stiffness_3 stiffness_k3",
+        "first_torque": "t1 t_1 torque_1 limit_torque_1",
+        "second_torque": "t2 t_2 torque_2 limit_torque_2",
         "speed_limit": "velocity_limit max_velocity max_speed maximum_speed maximum_velocity velocity speed vel_limit",
         "effort_limit": "torque_limit max_torque maximum_torque peak_torque force_limit max_force max_effort effort "
         "torque voltage_limit max_voltage current_limit max_current",
         "limits": "limit range position_limits joint_limits angle_limits",
-        "gear_ratio": "reduction ratio gear gearing gear_reduction reduction_ratio transmission_ratio",
+        "gear_ratio": "reduction ratio gearing gear_reduction reduction_ratio transmission_ratio",
         "gear_efficiency": "efficiency",
         "motor_inertia": "armature reflected_inertia inertia",
         "torque_constant": "kt k_t motor_constant",

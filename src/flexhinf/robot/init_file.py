@@ -11,6 +11,7 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.robot.drive_text import DriveLines, drive_lines
 from flexhinf.robot.dynamics import KINDS
 from flexhinf.robot.estimates import EstimatedJoint, estimated_joints
 from flexhinf.robot.faults import NO_BODY, NO_EXTENT, NO_KIND, NO_MASS, NO_ROOM, PartFault, collected_faults
@@ -122,8 +123,11 @@ def _listed(names: Sequence[str]) -> str:
 
 
 # Text ---------------------------------------------------------------------------------------------
-def robot_file_text(found: Description, arm: RigidArm, out: Path) -> str:
-    """A robot file beside which `out` is: every joint that moves, numbers of the file, estimates of the others."""
+def robot_file_text(found: Description, arm: RigidArm, out: Path, drive: str = "") -> str:
+    """A robot file beside which `out` is: every joint that moves, numbers of the file, estimates of the others.
+
+    `drive`: "velocity" or "position" where its motors have loops of their own.
+    """
     file, key = found.path.name, "mjcf" if found.is_mjcf else "urdf"
     beside = Path(os.path.relpath(found.path.absolute(), out.absolute().parent)).as_posix()
     home = _home(found, arm)
@@ -142,16 +146,26 @@ def robot_file_text(found: Description, arm: RigidArm, out: Path) -> str:
         value = _text(NEAREST) if isinstance(inertia, str) else _moments(inertia)
         lines += ["", f"[links.{toml_key(link)}]", f"inertia = {value}"]
     stated = {} if found.is_mjcf else transmissions(found.root)
-    for name, joint in estimated_joints(arm).items():
-        lines += ["", *_joint(name, joint, arm.motors.get(name, {}), stated.get(name, {}), file)]
+    for joint, speed, (name, guess) in zip(
+        arm.joints, arm.speeds, estimated_joints(arm).items(), strict=True
+    ):
+        loop = drive_lines(drive, joint.limits, speed, joint.slides) if drive else None
+        lines += ["", *_joint(name, guess, arm.motors.get(name, {}), stated.get(name, {}), file, loop)]
     return "\n".join(lines) + "\n"
 
 
 def _joint(
-    name: str, guess: EstimatedJoint, numbers: Mapping[str, float], gear: Mapping[str, float], file: str
+    name: str,
+    guess: EstimatedJoint,
+    numbers: Mapping[str, float],
+    gear: Mapping[str, float],
+    file: str,
+    loop: DriveLines | None,
 ) -> Iterator[str]:
     yield from ("[[joint]]", f"name = {_text(name)}")
-    if not guess.stated:
+    if loop is not None:
+        yield from filter(None, [loop.limit])
+    elif not guess.stated:
         yield f"effort_limit = {guess.effort:g}  # {ESTIMATE}: twice what its weight asks for"
     yield from ("[joint.spring]", f"stiffness = {_number(vars(guess.stiffness))}", "[joint.motor]")
     own = dict(numbers)
@@ -163,6 +177,7 @@ def _joint(
         yield f"friction = {_number(vars(guess.friction))}"
     for quantity, value in own.items():
         yield f"{quantity} = {_number({'value': value, 'source': file})}"
+    yield from loop.motor if loop is not None else ()
 
 
 def _number(row: Mapping[str, Any]) -> str:

@@ -21,12 +21,14 @@ class JointSensor:
     """A sensor of one joint, seen from the link.
 
     `signal`: the name of the measured signal, such as ``motor_position_elbow``. `step`: resolution of its values, 0 for
-    none. `noise`: standard deviation. Both are in the unit of the signal, rad or m, rad/s or m/s, N·m or N.
+    none. `noise`: standard deviation. Both are in the unit of the signal, rad or m, rad/s or m/s, N·m or N. `delay`:
+    age of a value when a controller has it, s.
     """
 
     signal: str
     step: float = 0.0
     noise: float = 0.0
+    delay: float = 0.0
 
     @property
     def variance(self) -> float:
@@ -62,13 +64,22 @@ def check_sensors(
             f"expected numbers of at least 0, one above it, got step {sensor.step!r} and noise {sensor.noise!r}",
             "step = 1e-4, or noise = 1e-4, from its data sheet",
         )
+        refuse_if(
+            not 0.0 <= sensor.delay < math.inf,
+            f"The sensor of {sensor.signal!r} has a delay that is no time.",
+            f"expected seconds, zero or more, got {sensor.delay!r}",
+            "delay = '2 ms', or without it",
+        )
     distinct(f"The robot {robot!r}: the sensor of", tuple(sensor.signal for sensor in sensors))
 
 
 def file_sensors(
-    file: str, rows: Sequence[Mapping[str, Any]], joints: Sequence[str], slides: Sequence[bool],
+    file: str,
+    rows: Sequence[Mapping[str, Any]],
+    joints: Sequence[str],
+    slides: Sequence[bool],
     numbers: Mapping[str, float],
-) -> tuple[JointSensor, ...]:  # fmt: skip
+) -> tuple[JointSensor, ...]:
     """The sensors that the joints of a file state, by the rows of their tables and the robot's nominal numbers."""
     stated = {row["name"]: row["sensor"] for row in rows}
     found = []
@@ -77,7 +88,9 @@ def file_sensors(
         for row in stated.get(joint, ()):
             with located(f"{file}: joint {joint!r}, sensor of {row['kind']}"):
                 signal = per_joint(row["kind"], joint, len(joints))
-                found.append(JointSensor(signal, *_step_and_noise(row, ratio, sliding)))
+                found.append(
+                    JointSensor(signal, *_step_and_noise(row, ratio, sliding), row.get("delay", 0.0))
+                )
     return tuple(found)
 
 

@@ -63,8 +63,17 @@ SCENERY = {"geom", "site", "light", "camera"}
 
 #: Kinds of actuators, whose defaults stand in default classes too.
 ACTUATORS = {
-    "general", "motor", "position", "velocity", "intvelocity", "damper", "cylinder", "muscle", "adhesion", "dcmotor",
-}  # fmt: skip
+    "general",
+    "motor",
+    "position",
+    "velocity",
+    "intvelocity",
+    "damper",
+    "cylinder",
+    "muscle",
+    "adhesion",
+    "dcmotor",
+}
 
 #: How an actuator says that it acts on a joint alone.
 ON_JOINT = ("joint", "jointinparent")
@@ -541,9 +550,10 @@ def _filled(arm: RigidArm, model: Any) -> RigidArm:
             if joint not in arm.locked:
                 arm.efforts.append(largest_effort(model, j))
                 columns = {
-                    "motor_inertia": model.dof_armature, "friction": model.dof_damping,
+                    "motor_inertia": model.dof_armature,
+                    "friction": model.dof_damping,
                     "coulomb_friction": model.dof_frictionloss,
-                }  # fmt: skip
+                }
                 arm.motors[joint] = {
                     name: float(column[dof]) for name, column in columns.items() if column[dof]
                 }

@@ -78,10 +78,19 @@ def _add_shapes(root: ET.Element, robot: Robot) -> None:
         for end in line[1:]:
             begin_end = np.concatenate([turn.T @ (line[0] - place), turn.T @ (end - place)])
             if np.linalg.norm(begin_end[3:] - begin_end[:3]) > 1e-9:
-                ET.SubElement(bodies[name], "geom", {
-                    "type": "capsule", "fromto": _text(begin_end), "size": _text([RADIUS * size]), "mass": "0",
-                    "contype": "0", "conaffinity": "0", "rgba": "0 0.45 0.7 1",
-                })  # fmt: skip
+                ET.SubElement(
+                    bodies[name],
+                    "geom",
+                    {
+                        "type": "capsule",
+                        "fromto": _text(begin_end),
+                        "size": _text([RADIUS * size]),
+                        "mass": "0",
+                        "contype": "0",
+                        "conaffinity": "0",
+                        "rgba": "0 0.45 0.7 1",
+                    },
+                )
 
 
 def _add_limits(root: ET.Element, robot: Robot) -> None:
@@ -93,18 +102,25 @@ def _add_limits(root: ET.Element, robot: Robot) -> None:
 
 
 def _add_actuators(root: ET.Element, robot: Robot, p: Parameters) -> None:
-    """A motor each: of an elastic joint at its rotor, of a rigid one at its link."""
-    actuator, joints, n = ET.SubElement(root, "actuator"), robot.joint_names, len(robot.joint_names)
+    """A motor each: of an elastic joint at its rotor, of a rigid one at its link. An inner loop is there already,
+    without name and limit."""
+    joints, n = robot.joint_names, len(robot.joint_names)
+    loops = root.findall("actuator/*")
+    actuator = None if loops else ET.SubElement(root, "actuator")
     gains = np.broadcast_to(torque_per_input(robot.drive, p), n).tolist()
     quantities = ["link_position" if joint in robot.rigid else "motor_position" for joint in joints]
     rows = zip(
         signal_names(DRIVES[robot.drive], joints), quantities, range(n), gains, robot.effort_limits or ()
     )
     for name, quantity, i, gain, limit in rows:
-        motor = {"name": name, "joint": signal_names(quantity, joints)[i], "gear": _text([gain])}
+        limits = {}
         if limit is not None and np.isfinite(limit):
-            motor |= {"ctrllimited": "true", "ctrlrange": _text([-limit, limit])}
-        ET.SubElement(actuator, "motor", motor)
+            limits = {"ctrllimited": "true", "ctrlrange": _text([-limit, limit])}
+        if actuator is None:
+            loops[i].attrib |= {"name": name, **limits}
+        else:
+            motor = {"name": name, "joint": signal_names(quantity, joints)[i], "gear": _text([gain])}
+            ET.SubElement(actuator, "motor", motor | limits)
 
 
 def _add_sensors(root: ET.Element, robot: Robot) -> None:

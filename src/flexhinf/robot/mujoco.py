@@ -2,8 +2,9 @@
 
 MuJoCo has no elastic joint. Each rotor is a body of its own that turns about an axis of the world, with `armature`
 making up its inertia, and a fixed tendon θ − q with the joint's stiffness is the spring; backlash is the tendon's own
-dead band. Dry friction is MuJoCo's own, a constraint that its solver meets at each step (`frictionloss`): the rotor
-sticks but for a creep that is far below the one of our smoothed friction.
+dead band. The curve of a gear is three tendons side by side, with dead bands that end at its corners. Dry friction is
+MuJoCo's own, a constraint that its solver meets at each step (`frictionloss`): the rotor sticks but for a creep that is
+far below the one of our smoothed friction.
 
 MuJoCo's model of the robot has no shapes. What the viewer shows is drawn into its own scene: capsules from joint to
 joint, for the links as they are and for the motors with the wind-up of their springs drawn larger.
@@ -26,6 +27,7 @@ from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.plant import BlackBox, Parameters
 from flexhinf.robot.dynamics import matrix_of
 from flexhinf.robot.elastic import EXTRAS, INNER, checked_extras, torque_per_input
+from flexhinf.robot.gears import curve_parts
 from flexhinf.robot.kinematics import skeleton
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.signals import MECHANICAL, SENSORS, Sensors, signal_names, units_of
@@ -89,10 +91,14 @@ class MuJoCoView:
         camera = self._viewer.cam
         camera.lookat[:] = points.mean(axis=0)
         camera.distance, camera.elevation, camera.azimuth = DISTANCE * self._size, -15.0, 90.0
-        self._viewer.set_texts((
-            self._mujoco.mjtFontScale.mjFONTSCALE_150, self._mujoco.mjtGridPos.mjGRID_TOPLEFT,
-            "blue\norange", f"links\nmotors, the wind-up of their springs drawn {LARGER:g} times larger",
-        ))  # fmt: skip
+        self._viewer.set_texts(
+            (
+                self._mujoco.mjtFontScale.mjFONTSCALE_150,
+                self._mujoco.mjtGridPos.mjGRID_TOPLEFT,
+                "blue\norange",
+                f"links\nmotors, the wind-up of their springs drawn {LARGER:g} times larger",
+            )
+        )
         sys.setswitchinterval(SWITCH)
         self._thread.start()
         return self
@@ -140,12 +146,15 @@ class MuJoCoView:
 ROTOR_SHARE = 1e-3
 
 #: What a real joint adds and MuJoCo's tendons and joints express; dry friction by a model of its own.
-EXPRESSED = ("joint_damping", "backlash", "coulomb_friction")
+EXPRESSED = ("joint_damping", "stiffness_curve", "backlash", "coulomb_friction")
 
 #: What MuJoCo has no element for.
 MISSING = {
     "inductance": "its motors have no coil",
     "spring_hardening": "its tendons are linear outside their dead band",
+    "kinematic_error": "its tendons are linear in the angles",
+    "torque_ripple": "its motors have the same torque at every angle",
+    "load_friction": "its friction loss is the same at every load",
     "stribeck_friction": "its friction loss is the same at every speed",
 }
 
@@ -177,7 +186,7 @@ class MuJoCoPlant(BlackBox):
     step : float
         Longest step of integration, s.
     extras : sequence of str
-        Out of joint_damping, backlash and coulomb_friction; others are refused.
+        Out of joint_damping, stiffness_curve, backlash and coulomb_friction; others are refused.
     parameters : mapping, optional
         Of the plant, for example `Robot.draw`; nominal by default.
     """
@@ -284,7 +293,11 @@ def mujoco_xml(robot: Robot, parameters: Mapping[str, Any], extras: Sequence[str
         own_loops = _actuators(robot, links, motors, *(np.broadcast_to(gain, n) for gain in gains))
         drives = f"<actuator>{own_loops}</actuator>"
     rotor = [np.broadcast_to(value, n).tolist() for value in (inertia, friction, loss)]
-    twist = [np.broadcast_to(value, len(layout.elastic)).tolist() for value in (p.stiffness, damping, gap)]
+    curved = curve_parts(p) if "stiffness_curve" in extras else [(p.stiffness, 0.0)]
+    twist = [
+        [np.broadcast_to(value, len(layout.elastic)).tolist() for value in (slope, lost, 0.5 * gap + width)]
+        for lost, (slope, width) in zip((damping, 0.0, 0.0), curved)
+    ]
     own = [
         f'armature="{_n(j * (1.0 - (0.0 if i in layout.rigid else ROTOR_SHARE)))}" damping="{_n(b)}" '
         f'frictionloss="{_n(dry)}" {STICKING}'
@@ -301,9 +314,11 @@ def mujoco_xml(robot: Robot, parameters: Mapping[str, Any], extras: Sequence[str
             f'<inertial pos="0 0 0" mass="{_n(mass)}" diaginertia="{_row([moment] * 3)}"/></body>'
         )
     springs = [
-        f'<fixed stiffness="{_n(k)}" damping="{_n(c)}" springlength="{_n(-0.5 * width)} {_n(0.5 * width)}">'
+        f'<fixed stiffness="{_n(k)}" damping="{_n(c)}" springlength="{_n(-half)} {_n(half)}">'
         f'<joint joint={quoteattr(motors[i])} coef="1"/><joint joint={quoteattr(links[i])} coef="-1"/></fixed>'
-        for i, k, c, width in zip(layout.elastic, *twist)
+        for parts in twist
+        for i, k, c, half in zip(layout.elastic, *parts)
+        if k or c
     ]
     turning = [own[i] if i in layout.rigid else "" for i in range(n)]
     return (

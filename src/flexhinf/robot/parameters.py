@@ -81,9 +81,19 @@ QUANTITIES: dict[str, Quantity] = {
     # what a real joint adds
     "damping": Quantity("N·m·s/rad", "N·s/m", "not negative"),
     "spring_hardening": Quantity("N·m/rad³", "N/m³", "not negative"),
+    "first_stiffness": Quantity("N·m/rad", "N/m", "positive"),
+    "second_stiffness": Quantity("N·m/rad", "N/m", "positive"),
+    "third_stiffness": Quantity("N·m/rad", "N/m", "positive"),
+    "first_torque": Quantity("N·m", "N", "not negative"),
+    "second_torque": Quantity("N·m", "N", "not negative"),
+    "kinematic_error": Quantity("rad", "m", "not negative"),
+    "kinematic_error_phase": Quantity("rad", "rad"),
+    "torque_ripple": Quantity("N·m", "N", "not negative"),
+    "torque_ripple_phase": Quantity("rad", "rad"),
     "backlash": Quantity("rad", "m", "not negative"),
     "coulomb_friction": Quantity("N·m", "N", "not negative"),
     "static_friction": Quantity("N·m", "N", "not negative"),
+    "load_friction": Quantity("1", "1", "not negative"),
     "stribeck_velocity": Quantity("rad/s", "m/s", "positive"),
     "friction_smoothing": Quantity("rad/s", "m/s", "positive"),
 }
@@ -141,6 +151,17 @@ def check_parameters(robot: str, parameters: Sequence[Parameter], slides: Mappin
                     f"another name for the joint {joint!r}",
                 )
     known.setdefault("gravity", ("gravity", ""))
+    values = {parameter.name: parameter.value for parameter in parameters}
+    for joint in slides:
+        low, high = (
+            values.get(per_joint(name, joint, len(slides))) for name in ("first_torque", "second_torque")
+        )
+        if low is not None and high is not None and not low < high:
+            raise InvalidInput(
+                f"The torques of the stiffness curve of joint {joint!r} are not in order.",
+                f"expected first_torque < second_torque, got {low:g} and {high:g}",
+                "T₁ and T₂ of the gear's catalogue",
+            )
     for parameter in parameters:
         if parameter.name not in known:
             raise InvalidInput(
@@ -312,9 +333,13 @@ def random_signs(parameters: int, count: int, seed: Any) -> np.ndarray:
 #: Units of times, angles and lengths, and what one is in the SI unit that stands first.
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9}
 TURNING = {
-    "rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0, "°": math.pi / 180.0, "arcmin": math.pi / 10800.0,
+    "rad": 1.0,
+    "mrad": 1e-3,
+    "deg": math.pi / 180.0,
+    "°": math.pi / 180.0,
+    "arcmin": math.pi / 10800.0,
     "arcsec": math.pi / 648000.0,
-}  # fmt: skip
+}
 SLIDING = {"m": 1.0, "mm": 1e-3}
 
 #: Nothing is looked at twice: a text of any length is read or refused at once.

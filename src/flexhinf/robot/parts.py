@@ -13,7 +13,8 @@ import numpy as np
 from flexhinf.errors import refuse_if
 from flexhinf.robot.arm import Arm, Pendulum
 from flexhinf.robot.dynamics import Joint, Tree, matrix_of
-from flexhinf.robot.elastic import CONSTANTS, DRIVES, INNER, SPRING
+from flexhinf.robot.elastic import CONSTANTS, DRIVES, INNER, SPRING, TEETH
+from flexhinf.robot.gears import CURVE, SECANT, SECOND_CORNER, secant
 from flexhinf.robot.parameters import INERTIA, VECTOR, Parameter, per_joint, unit_of
 from flexhinf.robot.robot import Robot
 from flexhinf.validation import checked_positive, one_of, value_text
@@ -23,9 +24,14 @@ Number = float | Parameter
 
 #: What a joint states of its inner loop; the rest of its numbers are parameters of the robot too, but for these times.
 INNER_NUMBERS = (
-    "drive_bandwidth", "drive_damping_ratio", "drive_stiffness", "drive_damping", "load_share", "drive_delay",
+    "drive_bandwidth",
+    "drive_damping_ratio",
+    "drive_stiffness",
+    "drive_damping",
+    "load_share",
+    "drive_delay",
     "drive_period",
-)  # fmt: skip
+)
 TIMES = ("drive_delay", "drive_period")
 
 #: Relative excess of one principal moment over the sum of the others that is rounding in a data sheet.
@@ -91,7 +97,11 @@ class ElasticJoint:
     Parameters
     ----------
     stiffness : number, optional
-        N·m/rad (N/m for a prismatic joint, and so on); None for a rigid joint, whose rotor turns with the link.
+        N·m/rad (N/m for a prismatic joint, and so on); None for a rigid joint, whose rotor turns with the link. With
+        the curve of a gear and no stiffness it is the secant to T₂, with the slopes of the curve for its range.
+    first_stiffness, second_stiffness, third_stiffness, first_torque, second_torque : number, optional
+        The curve of a gear's catalogue, K₁, K₂, K₃ (N·m/rad), T₁, T₂ (N·m), see `flexhinf.robot.gears`; without K₃ and
+        T₂ it has one corner.
     motor_inertia : number, optional
         Rotor's inertia reflected to the link side, N² J_m, kg·m².
     rotor_inertia, gear_ratio, hub_inertia : number, optional
@@ -105,7 +115,11 @@ class ElasticJoint:
         η_g, η_m.
     inductance : number, optional
         H.
-    damping, spring_hardening, backlash, coulomb_friction, static_friction, stribeck_velocity, friction_smoothing
+    kinematic_error, kinematic_error_phase, torque_ripple, torque_ripple_phase : number, optional
+        Amplitudes (rad, N·m, seen from the link) and phases (rad) of what the teeth of a gear add, twice in each turn
+        of the motor.
+    damping, spring_hardening, backlash, coulomb_friction, load_friction : number, optional
+    static_friction, stribeck_velocity, friction_smoothing : number, optional
         What a real joint adds, see `flexhinf.robot.elastic`.
     drive : {"torque", "current", "voltage", "velocity", "position"}, optional
         What the input is; by default what the constants of the motor say.
@@ -151,14 +165,32 @@ class ElasticJoint:
     load_share: Number | None = None
     drive_delay: float = 0.0
     drive_period: float = 0.0
+    first_stiffness: Number | None = None
+    second_stiffness: Number | None = None
+    third_stiffness: Number | None = None
+    first_torque: Number | None = None
+    second_torque: Number | None = None
+    kinematic_error: Number | None = None
+    kinematic_error_phase: Number | None = None
+    torque_ripple: Number | None = None
+    torque_ripple_phase: Number | None = None
+    load_friction: Number | None = None
 
     def __post_init__(self) -> None:
+        self._check_curve()
+        self._check_teeth()
         twisting = [name for name in SPRING if getattr(self, name) is not None]
         refuse_if(
             self.stiffness is None and twisting,
             "A rigid joint has no spring.",
             f"expected no number of a spring, got {twisting}",
             "its stiffness; or leave them out",
+        )
+        refuse_if(
+            self.stiffness is None and self.load_friction is not None,
+            "The friction of a rigid joint by its load is not modelled: no spring says what the load is.",
+            "expected no load_friction, got one",
+            "[joint.spring] with its stiffness; or coulomb_friction at the usual load",
         )
         refuse_if(
             (self.motor_inertia is None) == (self.rotor_inertia is None),
@@ -200,6 +232,83 @@ class ElasticJoint:
         """The numbers that are stated, by quantity."""
         others = ("drive", *TIMES)
         return {name: value for name, value in vars(self).items() if name not in others and value is not None}
+
+    @property
+    def slopes(self) -> list[Number]:
+        """Those of the curve; none without one."""
+        stated = [getattr(self, name) for name in CURVE[:3]]
+        return [number for number in stated if number is not None]
+
+    def _check_curve(self) -> None:
+        """Refuse a curve in part or with corners in the wrong order; take its secant where no stiffness is stated."""
+        stated = {name: getattr(self, name) for name in CURVE if getattr(self, name) is not None}
+        if not stated:
+            return
+        whole = CURVE if {*SECOND_CORNER} & {*stated} else [x for x in CURVE if x not in SECOND_CORNER]
+        missing = [name for name in whole if name not in stated]
+        refuse_if(
+            missing,
+            "The stiffness curve of a gear is stated in part.",
+            "expected first_stiffness, second_stiffness and first_torque (K₁, K₂, T₁), and third_stiffness and "
+            f"second_torque (K₃, T₂) together or not at all, got {list(stated)}",
+            f"add {' and '.join(missing)} from the gear's catalogue",
+        )
+        refuse_if(
+            self.spring_hardening is not None,
+            "What a spring is beside its stiffness is stated twice.",
+            "expected the curve of a gear or spring_hardening, got both",
+            "one of the two",
+        )
+        ends = {name: interval_of(number) for name, number in stated.items()}
+        low, high = ends["first_torque"], ends.get("second_torque", (np.inf, np.inf))
+        refuse_if(
+            not 0.0 < low[0] <= low[1] < high[0],
+            "The torques of a stiffness curve are not in order.",
+            f"expected 0 < first_torque < second_torque with their tolerances, got {low[0]:g} to {low[1]:g} and "
+            f"{high[0]:g} to {high[1]:g}",
+            "T₁ and T₂ of the gear's catalogue, N·m",
+        )
+        slopes = [interval_of(number) for number in self.slopes]
+        refuse_if(
+            not min(slope[0] for slope in slopes) > 0.0,
+            "A slope of a stiffness curve is not positive.",
+            f"expected > 0 N·m/rad, got {[slope[0] for slope in slopes]}",
+            "K₁, K₂ and K₃ of the gear's catalogue",
+        )
+        if self.stiffness is None:
+            numbers = (
+                value_of(stated[name]) for name in CURVE if name in stated and name != "third_stiffness"
+            )
+            first, second, *torques = numbers
+            of = secant(first, second, *(torques if len(torques) == 2 else (torques[0], np.inf)))
+            spread = min(slope[0] for slope in slopes), max(slope[1] for slope in slopes)
+            object.__setattr__(self, "stiffness", Parameter("stiffness", of, source=SECANT, range=spread))
+
+    def _check_teeth(self) -> None:
+        """Refuse teeth without the ratio of their gear, and an error that turns the link back."""
+        stated = [name for name in TEETH if getattr(self, name) is not None]
+        refuse_if(
+            stated and self.gear_ratio is None,
+            "The teeth of a gear need its ratio: they pass twice in a turn of the motor.",
+            f"expected gear_ratio beside {stated}, got none",
+            "gear_ratio in [joint.motor], where torque_constant and back_emf_constant are then before the gear",
+        )
+        for name in TEETH:
+            refuse_if(
+                getattr(self, f"{name}_phase") is not None and name not in stated,
+                f"A phase of no {name.replace('_', ' ')} is stated.",
+                f"expected {name} beside {name}_phase, got none",
+                f"{name} = …, its amplitude; or without the phase",
+            )
+        if self.kinematic_error is None or self.gear_ratio is None:
+            return
+        error, ratio = (interval_of(number)[1] for number in (self.kinematic_error, self.gear_ratio))
+        refuse_if(
+            not 2.0 * ratio * error < 1.0,
+            "The kinematic error of a gear would turn its link back.",
+            f"expected less than 1/(2 gear_ratio) = {0.5 / ratio:.4g} with their tolerances, got {error:g}",
+            "its amplitude, seen from the link: half of the accuracy that the catalogue states",
+        )
 
     def _check_drive(self, constants: tuple[str, ...]) -> None:
         """Take the drive that the motor's constants say where none is stated; refuse one that its numbers
@@ -264,6 +373,11 @@ def driven(elastic: Sequence[ElasticJoint]) -> dict[str, Any]:
 def value_of(number: Number) -> float:
     """The value of a number or `Parameter`; refused where it is not finite."""
     return number.value if isinstance(number, Parameter) else Parameter("of a part", number).value
+
+
+def interval_of(number: Number) -> tuple[float, float]:
+    """Smallest and largest value of a number or `Parameter`."""
+    return number.interval if isinstance(number, Parameter) else (number, number)
 
 
 def assembled(

@@ -28,8 +28,6 @@ from flexhinf.robot.elastic import (
     Layout,
     Sticking,
     checked_extras,
-    checked_home,
-    checked_pose,
     reflected,
     required_of_drive,
     traced_inverse,
@@ -47,6 +45,7 @@ from flexhinf.robot.parameters import (
     random_signs,
     unit_of,
 )
+from flexhinf.robot.poses import checked_home, checked_pose
 from flexhinf.robot.saved_file import save_robot
 from flexhinf.robot.signals import (
     MECHANICAL,
@@ -243,10 +242,11 @@ class Robot(Summarised):
 
     def with_rigid(self, *joints: str) -> Robot:
         """The same robot with these joints rigid too: the numbers of their springs are left out."""
-        springs = {per_joint(name, joint, len(self.joint_names)) for name in SPRING for joint in joints}
+        lost = (*SPRING, "load_friction")  # no spring says what the load is
+        springs = {per_joint(name, joint, len(self.joint_names)) for name in lost for joint in joints}
         kept = tuple(parameter for parameter in self.parameters if parameter.name not in springs)
-        lost = {per_joint(name, joint, len(self.joint_names)) for name in TWISTS for joint in joints}
-        sensors = tuple(sensor for sensor in self.sensors if sensor.signal not in lost)
+        twists = {per_joint(name, joint, len(self.joint_names)) for name in TWISTS for joint in joints}
+        sensors = tuple(sensor for sensor in self.sensors if sensor.signal not in twists)
         return replace(self, parameters=kept, rigid=(*self.rigid, *joints), sensors=sensors)
 
     def save(self, path: str | os.PathLike[str], like: str | os.PathLike[str] | None = None) -> None:
@@ -290,8 +290,8 @@ class Robot(Summarised):
         inductance : bool
             With the motor coils' inductance: the same as ``extras=("inductance",)``.
         extras : sequence of str
-            See `flexhinf.robot.elastic`: inductance, joint_damping, spring_hardening, backlash, coulomb_friction,
-            stribeck_friction.
+            See `flexhinf.robot.elastic`: inductance, joint_damping, spring_hardening, stiffness_curve,
+            kinematic_error, torque_ripple, backlash, coulomb_friction, stribeck_friction, load_friction.
         sticking : bool
             Whether dry friction is sharp instead of smoothed: it holds a joint at rest, and only `flexhinf.Loop` has
             it; flow and linearisation have none. A robot with rigid joints has it smoothed in any case.
@@ -326,7 +326,7 @@ class Robot(Summarised):
                 if ends is not None
             },
             engaged=self.layout.engaged if "backlash" in on else None,
-            arrest=Sticking(len(joints), sticks) if sticks else None,
+            arrest=Sticking(len(joints), sticks, on, self.drive) if sticks else None,
         )
         return built[key]
 
@@ -405,8 +405,9 @@ class Robot(Summarised):
         """State and input of a motion of the links: elastic inverse dynamics [deluca2016], exact.
 
         Link positions q (rad, m) and four time derivatives, (n,) or (N, n) each and zero by default, give the state,
-        (4n,) or (N, 4n), and the input, (n,) or (N, n), V, A, or N·m (N), of `plant`. Of the `extras` only dry friction
-        is modelled; others are refused by name. `parameters` are those of `operating_point`.
+        (4n,) or (N, 4n), and the input, (n,) or (N, n), V, A, or N·m (N), of `plant`. Of the `extras` dry
+        friction and the stiffness curve are modelled; others are refused by name. `parameters` are those of
+        `operating_point`.
         """
         table = ParameterTable({**self.plant_parameters(), **(parameters or {})})
         flow = InverseFlow(

@@ -9,8 +9,9 @@ from typing import Any
 
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.files import write_file
-from flexhinf.robot.actuators import published_joints
+from flexhinf.robot.actuators import published_of
 from flexhinf.robot.elastic import SPRING
+from flexhinf.robot.gears import CURVE, SECANT
 from flexhinf.robot.parameters import QUANTITIES, Parameter, per_joint
 from flexhinf.robot.signals import TWISTS
 from flexhinf.validation import checked_path
@@ -40,12 +41,13 @@ def robot_text(robot: Any, folder: Path, like: str | os.PathLike[str] | None = N
     document = tomlkit.parse(source.read_text(encoding="utf-8"))
     before = {} if robot.reader is None else {each.name: each for each in robot.reader(source).parameters}
     for row in document.get("joint", ()):
-        if row["name"] in robot.rigid and "spring" in row:
-            del row["spring"]
+        if row["name"] in robot.rigid and not row.get("rigid"):
+            row.pop("spring", None)
+            row.get("motor", {}).pop("load_friction", None)
             row["rigid"] = True
             for sensor in [each for each in row.get("sensor", ()) if each["kind"] in TWISTS]:
                 row["sensor"].remove(sensor)
-            for quantity in SPRING:
+            for quantity in (*SPRING, "load_friction"):
                 before.pop(per_joint(quantity, str(row["name"]), len(robot.joint_names)), None)
     others = sorted(set(before) - set(robot.nominal))
     refuse_if(
@@ -54,9 +56,13 @@ def robot_text(robot: Any, folder: Path, like: str | os.PathLike[str] | None = N
         f"expected those of {robot.name!r}, got {others[:5]} too",
         "a file of the same robot, or without these numbers",
     )
+    moved = {name for name, stated in before.items() if _numbers(stated) != _numbers(robot[name])}
+    for joint in robot.joint_names:  # another curve would be read with another secant
+        stiffness, *curve = (per_joint(each, joint, len(robot.joint_names)) for each in ("stiffness", *CURVE))
+        if moved & {*curve} and before[stiffness].source == SECANT:
+            moved.add(stiffness)
     for parameter in robot.parameters:
-        stated = before.get(parameter.name)
-        if stated is None or _numbers(stated) != _numbers(parameter):
+        if parameter.name not in before or parameter.name in moved:
             _write(document, robot, parameter, source)
     for key in ("urdf", "mjcf"):
         if key in document:
@@ -87,10 +93,11 @@ def _places(document: Any, robot: Any) -> Iterator[tuple[str, Any, str]]:
 
 
 def _published(document: Any, robot: Any, name: str) -> Iterator[tuple[Any, str]]:
-    """Table and key for a number that a joint has from its `actuator`."""
+    """Table and key for a number that a joint has from its `actuator` or `gear`, or the stiffness from a curve."""
     for row in document.get("joint", ()):
-        known = published_joints().get(str(row.get("actuator", "")))
-        for key in known.numbers if known else ():
+        keys = {key for known in published_of(row) for key in known.numbers}
+        keys |= {"stiffness"} if CURVE[0] in {*row.get("spring", {}), *keys} else set()
+        for key in sorted(keys):
             if per_joint(key, str(row["name"]), len(robot.joint_names)) == name:
                 yield row.setdefault("spring" if key in SPRING else "motor", {}), key
 

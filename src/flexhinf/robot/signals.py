@@ -16,7 +16,7 @@ import numpy as np
 
 from flexhinf.errors import refuse_if
 from flexhinf.plant.penalty import Penalty, check_weighted
-from flexhinf.robot.elastic import Layout, spring_torque
+from flexhinf.robot.elastic import Layout, spring_torques
 from flexhinf.robot.parameters import parameter_units, per_joint
 from flexhinf.validation import checked_names, nearest
 
@@ -31,10 +31,16 @@ TWISTS = ("joint_torque", "deflection")
 
 #: Parts of the names of instruments, and the signal that each measures: a load cell in the drive sees its torque.
 INSTRUMENTS = {
-    "load": "joint_torque", "cell": "joint_torque", "strain": "joint_torque", "force": "joint_torque",
-    "torque": "joint_torque", "tacho": "motor_velocity", "gyro": "link_velocity", "resolver": "motor_position",
+    "load": "joint_torque",
+    "cell": "joint_torque",
+    "strain": "joint_torque",
+    "force": "joint_torque",
+    "torque": "joint_torque",
+    "tacho": "motor_velocity",
+    "gyro": "link_velocity",
+    "resolver": "motor_position",
     "encoder": "motor_position",
-}  # fmt: skip
+}
 
 #: Units for joints that turn and joints that slide.
 UNITS = {
@@ -108,9 +114,11 @@ def expanded(
     singles = tuple(name for part in requested for name in known[part])
     twice = [name for name in known if singles.count(name) > 1]
     refuse_if(
-        twice, f"{''.join(twice[:1])!r} is measured twice.", f"expected each signal once, got {list(requested)}",
+        twice,
+        f"{''.join(twice[:1])!r} is measured twice.",
+        f"expected each signal once, got {list(requested)}",
         _of_all_joints(requested, quantities),
-    )  # fmt: skip
+    )
     return singles
 
 
@@ -171,7 +179,8 @@ class Sensors:
         )
         if {*torques, *twists} & set(self.names):
             q, dq = (self.layout.at_springs(links) for links in (q, dq))
-            signals |= dict(zip(torques, spring_torque(theta - q, dtheta - dq, p, self.extras)))
+            ratio = self.layout.at_springs(p.gear_ratio) if "kinematic_error" in self.extras else None
+            signals |= dict(zip(torques, spring_torques(q, dq, theta, dtheta, p, self.extras, ratio)[0]))
             signals |= dict(zip(twists, theta - q))
         return np.array([signals[name] for name in self.names])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from flexhinf.robot.drive_text import LOOPS, DriveLines, drive_lines
 from flexhinf.robot.estimates import estimated_joint
 from flexhinf.robot.parameters import ESTIMATE
 
@@ -14,9 +15,12 @@ GEAR, TORQUE_CONSTANT, RESISTANCE = 100.0, 0.06, 1.2
 #: What the largest torque of the first joint is, N·m, and of each next one a part of it.
 EFFORT, PART = 80.0, 0.5
 
+#: Range of every joint, rad, and its speed, rad/s.
+RANGE, SPEED = (-2.5, 2.5), 2.0
+
 
 def template_text(joints: int, drive: str) -> str:
-    """A robot file of so many joints in a vertical plane, driven by "torque", "current" or "voltage"."""
+    """A robot file of so many joints in a vertical plane, whose motors take what `drive` says."""
     lines = [
         f"# A template: every number is a guess ({ESTIMATE}). Replace it by that of your robot, with its source.",
         'name = "my-arm"',
@@ -24,32 +28,19 @@ def template_text(joints: int, drive: str) -> str:
     ]
     for k in range(joints):
         length, mass, effort = (round(x, 4) for x in (LENGTH * TAPER**k, MASS * TAPER**k, EFFORT * PART**k))
-        guess = estimated_joint(effort, True, 2.0, False)
+        guess = estimated_joint(effort, True, SPEED, False)
         moment = round(mass * length**2 / 12.0, 6)
         source = f'source = "{ESTIMATE}: template"'
         gap = f"\nxyz = [{LENGTH * TAPER ** (k - 1):.4g}, 0.0, 0.0]  # m" if k else ""
-        constants = {
-            "torque": "",
-            "current": f"\ntorque_constant = {{ value = {TORQUE_CONSTANT * GEAR:g}, {source} }}  # N·m/A at the link",
-            "voltage": f"\nresistance = {{ value = {RESISTANCE}, {source} }}  # Ω"
-            f"\ntorque_constant = {{ value = {TORQUE_CONSTANT * GEAR:g}, {source} }}  # N·m/A at the link"
-            f"\nback_emf_constant = {{ value = {TORQUE_CONSTANT * GEAR:g}, {source} }}  # V·s/rad at the link",
-        }[drive]
-        most = {
-            "torque": (effort, "N·m"),
-            "current": (effort / (TORQUE_CONSTANT * GEAR), "A"),
-            "voltage": (
-                1.5 * RESISTANCE * effort / (TORQUE_CONSTANT * GEAR) + 2.0 * TORQUE_CONSTANT * GEAR,
-                "V",
-            ),
-        }[drive]
+        motor = _motor(drive, effort, source)
+        ending = "".join(f"\n{line}" for line in motor.motor)
         lines.append(f"""
 [[joint]]
 name = "joint{k + 1}"
 axis = [0.0, 0.0, 1.0]{gap}
-limits = [-2.5, 2.5]  # rad
-speed_limit = 2.0  # rad/s
-effort_limit = {most[0]:.3g}  # {most[1]}
+limits = {list(RANGE)}  # rad
+speed_limit = {SPEED}  # rad/s
+{motor.limit}
 
 [joint.link]
 mass = {{ value = {mass:g}, tolerance = 5, {source} }}  # kg
@@ -61,5 +52,21 @@ stiffness = {{ value = {guess.stiffness.value:g}, tolerance = 10, {source} }}  #
 
 [joint.motor]
 motor_inertia = {{ value = {guess.motor_inertia.value:g}, tolerance = 10, {source} }}  # kg·m², seen from the link
-friction = {{ value = {guess.friction.value:g}, tolerance = 30, {source} }}  # N·m·s/rad{constants}""")
+friction = {{ value = {guess.friction.value:g}, tolerance = 30, {source} }}  # N·m·s/rad{ending}""")
     return "\n".join(lines) + "\n"
+
+
+def _motor(drive: str, effort: float, source: str) -> DriveLines:
+    """The largest command of a motor with a largest torque, N·m, and its constants or its loop."""
+    constant = TORQUE_CONSTANT * GEAR
+    by_current = f"torque_constant = {{ value = {constant:g}, {source} }}  # N·m/A at the link"
+    if drive in LOOPS:
+        return drive_lines(drive, RANGE, SPEED, False)
+    if drive == "current":
+        return DriveLines(f"effort_limit = {effort / constant:.3g}  # A", (by_current,))
+    if drive == "voltage":
+        most = 1.5 * RESISTANCE * effort / constant + SPEED * constant
+        resistance = f"resistance = {{ value = {RESISTANCE}, {source} }}  # Ω"
+        back_emf = f"back_emf_constant = {{ value = {constant:g}, {source} }}  # V·s/rad at the link"
+        return DriveLines(f"effort_limit = {most:.3g}  # V", (resistance, by_current, back_emf))
+    return DriveLines(f"effort_limit = {effort:.3g}  # N·m", ())

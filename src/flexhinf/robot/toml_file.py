@@ -23,11 +23,21 @@ from flexhinf.robot.file_keys import (
     number_in,
     place_text,
 )
+from flexhinf.robot.gears import CURVE
 from flexhinf.robot.joint_sensors import file_sensors
 from flexhinf.robot.kinematics import check_geometry, check_load
 from flexhinf.robot.mjcf import read_mjcf
 from flexhinf.robot.parameters import INERTIA, Parameter, Stated, per_joint, unit_of
-from flexhinf.robot.parts import ElasticJoint, Link, SingleLink, ask, assembled, single_link_robot, value_of
+from flexhinf.robot.parts import (
+    ElasticJoint,
+    Link,
+    SingleLink,
+    ask,
+    assembled,
+    interval_of,
+    single_link_robot,
+    value_of,
+)
 from flexhinf.robot.rigid_arm import GRAVITY, MOST_JOINTS, RigidArm, check_count, check_turns, selection
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.signals import UNITS
@@ -124,11 +134,13 @@ class RobotFile:
         except Unusable as wrong:
             *before, name = place if place[-1] != "value" else place[:-1]
             expected, advice = wrong.args
-            self._mistakes.append((
-                f"{place_text(tuple(before), self.data)} has a value of {name!r} that cannot be used",
-                f"expected {expected}, got {value_text(value, 60)}",
-                f"{name} = {advice}" if advice else NESTING if is_table(value) else "correct the value",
-            ))  # fmt: skip
+            self._mistakes.append(
+                (
+                    f"{place_text(tuple(before), self.data)} has a value of {name!r} that cannot be used",
+                    f"expected {expected}, got {value_text(value, 60)}",
+                    f"{name} = {advice}" if advice else NESTING if is_table(value) else "correct the value",
+                )
+            )
             return None
 
     def check_units(self, robot: Any) -> Any:
@@ -174,7 +186,7 @@ class RobotFile:
                     Joint(row["name"], placement=Placement.of(row.get("xyz", ZERO), angles), **stated)
                 )
         links = [self._link(row) for row in table["joint"]]
-        springs = [self._elastic(row) for row in table["joint"]]
+        springs = [self._elastic(row, joint.slides) for row, joint in zip(table["joint"], joints)]
         settings = self._settings(table["joint"])
         if isinstance(links[0], SingleLink) and len(links) == 1 and "down" not in settings:
             with located(file):
@@ -237,7 +249,10 @@ class RobotFile:
         )
         kept = [rows[name] for name in names]
         placed = [replace(j, limits=row.get("limits", j.limits)) for j, row in zip(arm.joints, kept)]
-        springs = [self._elastic(row, arm.motors.get(row["name"], {}), rigid.name) for row in kept]
+        springs = [
+            self._elastic(row, joint.slides, arm.motors.get(row["name"], {}), rigid.name)
+            for row, joint in zip(kept, placed)
+        ]
         tell_friction(file, kept, arm, rigid.name)
         links = []
         for link, name in zip(arm.links, names):
@@ -380,13 +395,29 @@ class RobotFile:
             f"xyz = {ends} at the end of that link; xyz = [0.0, 0.0, 0.0] if they do",
         )
 
-    def _elastic(self, row: Any, motor: Mapping[str, float] | None = None, source: str = "") -> ElasticJoint:
+    def _elastic(
+        self, row: Any, slides: bool, motor: Mapping[str, float] | None = None, source: str = ""
+    ) -> ElasticJoint:
         with located(f"{self.file}: joint {row['name']!r}"):
             own = {**row.get("spring", {}), **row["motor"]}
-            if "actuator" in row:
-                own |= row["actuator"].beside(set(own), row["rigid"])
+            for key in [key for key in ("actuator", "gear") if key in row]:
+                refuse_if(
+                    slides,
+                    f"Its {key!r} turns, and the joint slides.",
+                    "expected numbers of a spring in N/m and of a motor in kg, got N·m/rad and kg·m²",
+                    f"without {key}: its stiffness / r², N/m, with what it moves per radian, r",
+                )
+                if {"gear_ratio"} <= {*own} & {*row[key].numbers}:
+                    published, stated = (x["gear_ratio"]["value"] for x in (row[key].numbers, own))
+                    ask(
+                        abs(stated - published) > 1.5,  # a ratio N is N + 1 where the flexspline stands still
+                        f"{self.file}: joint {row['name']!r} has another gear ratio than its 'gear'.",
+                        f"expected {published:g}, got {stated:g}; the curve is that of the 'gear'",
+                        f"gear_ratio = {published:g}, or the name of the gear with that ratio",
+                    )
+                own |= row[key].beside(set(own), row["rigid"])
             refuse_if(
-                row["rigid"] == ("spring" in row or "stiffness" in own),
+                row["rigid"] == ("spring" in row or bool({"stiffness", CURVE[0]} & set(own))),
                 "It is rigid and has a 'spring'."
                 if row["rigid"]
                 else "It has no 'spring', and is not declared rigid.",
@@ -404,7 +435,18 @@ class RobotFile:
                     numbers[quantity] = Parameter(
                         quantity, value, self._tolerance(row["name"], quantity), source=source
                     )
-            return ElasticJoint(**numbers)
+            joint = ElasticJoint(**numbers)
+        if joint.slopes and joint.stiffness is not None:
+            ends = [interval_of(number) for number in (*joint.slopes, joint.stiffness)]
+            low, high = min(end[0] for end in ends[:-1]), max(end[1] for end in ends[:-1])
+            ask(
+                ends[-1][1] < low or ends[-1][0] > high,
+                f"{self.file}: the stiffness of joint {row['name']!r} is not that of its stiffness curve.",
+                f"expected {low:g} to {high:g} {unit_of('stiffness', slides)}, its slopes, got "
+                f"{value_of(joint.stiffness):g}; designs reckon with it, and are tested with the curve",
+                "the curve alone; or the stiffness alone, of a gear and a spring in series",
+            )
+        return joint
 
     def _link(self, row: Any) -> Any:
         refuse_if(

@@ -175,8 +175,10 @@ def _in_space(text: str) -> np.ndarray:
 
 def _refusal(stated: Any, expected: str, example: str = "") -> InvalidInput:
     return InvalidInput(
-        "This is no workspace.", f"expected {expected}, got {value_text(stated)}",
-        f"--workspace {example}; or " * bool(example)
+        "This is no workspace.",
+        f"expected {expected}, got {value_text(stated)}",
+        f"--workspace {example}; or "
+        * bool(example)
         + "--workspace limits; or --workspace -90deg:90deg,0:1.2 for two joints; or --workspace x=0.2:0.5,z=0:0.4; or "
         "--workspace waypoints.csv",
-    )  # fmt: skip
+    )

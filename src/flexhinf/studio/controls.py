@@ -3,6 +3,9 @@
 A control's text is what the command line takes; empty text restores the default. A slider writes such a text.
 """
 
+# Values of settings have no types.
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
+
 from __future__ import annotations
 
 import math
@@ -138,7 +141,7 @@ def current_text(control: Control, s: Specification, tolerances: float) -> str:
     if control.field in ("pose", "start") and s.in_degrees:
         return ",".join(f"{np.degrees(each):.6g}deg" for each in np.atleast_1d(value))
     value = plain(control.field, value)
-    return ",".join(map(_text, value)) if isinstance(value, (list, tuple)) else _text(value)
+    return ",".join(map(_text, [*value] if isinstance(value, (list, tuple)) else [value]))
 
 
 def _text(value: object) -> str:
@@ -189,8 +192,8 @@ def _plain(value: str) -> str:
 
 def stated_weights(penalty: Any) -> dict[str, Any] | None:
     """Weights by name of a penalty, None for rows, code and no penalty."""
-    states = penalty.states if isinstance(penalty, Penalty) else penalty
-    return dict(states) if isinstance(states, Mapping) else None
+    states: Any = penalty.states if isinstance(penalty, Penalty) else penalty
+    return {str(name): weight for name, weight in states.items()} if isinstance(states, Mapping) else None
 
 
 def weights_of(robot: Robot, s: Specification) -> dict[str, Any]:

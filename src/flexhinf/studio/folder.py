@@ -1,5 +1,8 @@
 """The working folder: every file that the page reads or writes is named within it."""
 
+# Tables of TOML have no types.
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
+
 from __future__ import annotations
 
 import os

@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
 from typing import Any
 
 from nicegui import Client, core, ui
@@ -35,7 +36,7 @@ class StudioPage:
         self._build()
         self._show_controls()
         self._joints_of()
-        self.client.on_delete(self._forget)
+        self.client.on_delete(self._forget)  # pyright: ignore[reportUnknownMemberType]  # NiceGUI leaves it open
         for text in (*session.request.notes, *session.request.warnings):
             self._note(text)
         ui.timer(0.05, self.compute, once=True)
@@ -106,12 +107,13 @@ class StudioPage:
     def _run_bar(self) -> None:
         with ui.element("div").props('role=group aria-label="Run that is replayed"').classes("studio-files"):
             ui.label("Replay")
-            for label, choose in (
-                ("Nominal", lambda band: -1),
-                ("Largest overshoot", lambda band: band.samples.worst),
-                ("Slowest", lambda band: band.samples.slowest),
-            ):
-                button = plain_button(label, lambda choose=choose: self.pick(choose))
+            replays: dict[str, Callable[[Band], int]] = {
+                "Nominal": lambda band: -1,
+                "Largest overshoot": lambda band: -1 if band.samples is None else band.samples.worst,
+                "Slowest": lambda band: -1 if band.samples is None else band.samples.slowest,
+            }
+            for label, choose in replays.items():
+                button = plain_button(label, partial(self.pick, choose))
                 button.props(f'data-testid="pick-{label.split()[0].lower()}"')
         self.joints = ui.element("div").props('role=group aria-label="Joint"').classes("studio-files")
         self.states = (
@@ -207,7 +209,9 @@ class StudioPage:
         self.previews.submit((self, "replay"), self.session.replay(k), self._deliver)
 
     def _clicked(self, event: Any) -> None:
-        nominal, place = self.session.nominal, event.args if isinstance(event.args, dict) else {}
+        nominal, place = self.session.nominal, dict[str, Any]()
+        if isinstance(event.args, dict):
+            place |= event.args  # pyright: ignore[reportUnknownMemberType]  # as the browser sends it
         if (
             self.session.band is None
             or nominal is None
@@ -480,7 +484,7 @@ def _metrics_text(run: Response, joint: int) -> str:
 
 def _differences(nominal: Nominal, values: Mapping[str, ArrayLike], most: int = 3) -> str:
     """The parameters of a plant that differ most from the nominal ones, in per cent."""
-    own, rows = nominal.robot.plant_parameters(), []
+    own, rows = nominal.robot.plant_parameters(), list[tuple[float, str]]()
     for name, value in values.items():
         pairs: Sequence[tuple[float, float]] = list(zip(_flat(value), _flat(own.get(name, value))))
         rows += [

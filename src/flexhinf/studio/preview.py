@@ -62,7 +62,7 @@ class Nominal:
         corrected by a measurement, P − P Cᵀ (C P Cᵀ + R^n)⁻¹ C P.
         """
         estimator = self.setup.estimator(self.setup.goal)
-        covariance = getattr(estimator, "covariance", None)
+        covariance: np.ndarray | None = getattr(estimator, "covariance", None)
         if covariance is None:
             return {}
         c = self.setup.model.linearise(*self.setup.goal_equilibrium)[3]

@@ -126,7 +126,7 @@ def application(
         ui.add_css(style)
         StudioPage(Session(folder, request), previews, files)
 
-    ui.run_with(
+    ui.run_with(  # pyright: ignore[reportUnknownMemberType]  # NiceGUI leaves its root open
         app, root=root, title="flexhinf studio", dark=None, language="en-GB", show_welcome_message=False
     )
     return OwnPages(app, secret)

@@ -31,9 +31,13 @@ int update(Manager *, std::int64_t);
 double * values(Manager *, int);
 void send(Manager *, const double *, int);
 void spin(Manager *);
+void trajectory(Manager *, double, double);
+void joint(Manager *, const char *);
+void point(Manager *, double, int, int, const double *);
+int send_goal(Manager *);
 }
 
-int main()
+int main(int count, char **)
 {
   Manager * manager = create();
   set_whole(manager, "publish_every", 3);
@@ -44,7 +48,17 @@ int main()
   int ended = 0;
   for (int sample = 0; sample < 60; ++sample) {
     if (sample == 5 || sample == 20) {
-      send(manager, path, 3);
+      if (count > 1) {  // a goal of two joints, which replaces the one before
+        trajectory(manager, std::nan(""), 0.0);
+        joint(manager, "elbow");
+        joint(manager, "shoulder");
+        point(manager, 0.5, 1, 2, path);
+        if (send_goal(manager) == 0) {
+          return 2;
+        }
+      } else {
+        send(manager, path, 3);
+      }
     }
     if (sample > 40) {
       values(manager, 0)[0] = std::nan("");

@@ -1,9 +1,12 @@
 // What a controller manager does with one controller, to be called from Python: parameters, lifecycle, loop, topics.
+#include <cmath>
 #include <cstring>
 #include <string>
 #include <vector>
 
 #include "controller_interface/controller_interface.hpp"
+#include "control_msgs/action/follow_joint_trajectory.hpp"
+#include "rclcpp_action/rclcpp_action.hpp"
 #include "std_msgs/msg/float64_multi_array.hpp"
 
 extern "C" controller_interface::ControllerInterface * make_plugin();
@@ -12,14 +15,31 @@ namespace
 {
 using Report = control_msgs::msg::DynamicJointState;
 using Command = std_msgs::msg::Float64MultiArray;
+using Action = control_msgs::action::FollowJointTrajectory;
 
 struct Manager
 {
   std::unique_ptr<controller_interface::ControllerInterface> controller{make_plugin()};
   std::vector<std::string> states, commands;
   std::vector<double> state_values, command_values;
-  std::int64_t now = 0;
+  std::int64_t now = 100000000000;  // ns
+  Action::Goal wanted;
+  std::shared_ptr<rclcpp_action::ServerGoalHandle<Action>> handle;  // of the last goal that was accepted
 };
+
+builtin_interfaces::msg::Duration duration(double seconds)
+{
+  builtin_interfaces::msg::Duration made;
+  made.sec = static_cast<std::int32_t>(std::floor(seconds));
+  made.nanosec = static_cast<std::uint32_t>(std::lround(1e9 * (seconds - std::floor(seconds))));
+  return made;
+}
+
+rclcpp_action::Server<Action> & server_of(Manager & manager)
+{
+  const auto & found = manager.controller->get_node()->base->servers.at("arm_controller/follow_joint_trajectory");
+  return *static_cast<rclcpp_action::Server<Action> *>(found.get());
+}
 
 int done(controller_interface::CallbackReturn result)
 {
@@ -113,6 +133,7 @@ int cleanup(Manager * manager) { return done(manager->controller->on_cleanup(rcl
 int update(Manager * manager, std::int64_t nanoseconds)
 {
   manager->now += nanoseconds;
+  manager->controller->get_node()->nanoseconds = manager->now;
   const auto result = manager->controller->update(rclcpp::Time(manager->now), rclcpp::Duration(nanoseconds));
   return result == controller_interface::return_type::OK ? 0 : 1;
 }
@@ -131,6 +152,70 @@ void send(Manager * manager, const double * numbers, int count)
   message->data.assign(numbers, numbers + count);
   const auto & found = manager->controller->get_node()->subscriptions.at("~/command");
   static_cast<rclcpp::Subscription<Command> *>(found.get())->callback(message);
+}
+
+// A trajectory, part by part: it begins so many seconds from now (a stamp), or when it arrives (NaN).
+void trajectory(Manager * manager, double begins, double goal_time)
+{
+  manager->wanted = Action::Goal();
+  manager->controller->get_node()->nanoseconds = manager->now;
+  if (!std::isnan(begins)) {
+    const std::int64_t at = manager->now + std::llround(1e9 * begins);
+    manager->wanted.trajectory.header.stamp = rclcpp::Time(at);
+  }
+  manager->wanted.goal_time_tolerance = duration(goal_time);
+}
+void joint(Manager * manager, const char * name) { manager->wanted.trajectory.joint_names.push_back(name); }
+void point(Manager * manager, double time, int order, int count, const double * numbers)
+{
+  trajectory_msgs::msg::JointTrajectoryPoint made;
+  made.time_from_start = duration(time);
+  for (int k = 0; k < order; ++k) {
+    auto & row = (k == 0) ? made.positions : (k == 1) ? made.velocities : made.accelerations;
+    row.assign(numbers + k * count, numbers + (k + 1) * count);
+  }
+  manager->wanted.trajectory.points.push_back(made);
+}
+void tolerance(Manager * manager, int is_goal, const char * name, double position, double velocity)
+{
+  auto & list = is_goal ? manager->wanted.goal_tolerance : manager->wanted.path_tolerance;
+  list.push_back({name, position, velocity, 0.0});
+}
+void publish_trajectory(Manager * manager)
+{
+  const auto message = std::make_shared<trajectory_msgs::msg::JointTrajectory>(manager->wanted.trajectory);
+  const auto & found = manager->controller->get_node()->subscriptions.at("~/joint_trajectory");
+  static_cast<rclcpp::Subscription<trajectory_msgs::msg::JointTrajectory> *>(found.get())->callback(message);
+}
+// Whether the goal was accepted.
+int send_goal(Manager * manager)
+{
+  const auto goal = std::make_shared<const Action::Goal>(manager->wanted);
+  if (server_of(*manager).on_goal({}, goal) != rclcpp_action::GoalResponse::ACCEPT_AND_EXECUTE) {
+    return 0;
+  }
+  manager->handle = std::make_shared<rclcpp_action::ServerGoalHandle<Action>>(goal);
+  server_of(*manager).on_accepted(manager->handle);
+  return 1;
+}
+void * goal_handle(Manager * manager) { return manager->handle.get(); }
+int cancel_goal(Manager * manager)
+{
+  if (server_of(*manager).on_cancel(manager->handle) != rclcpp_action::CancelResponse::ACCEPT) {
+    return 0;
+  }
+  manager->handle->state = rclcpp_action::ServerGoalHandle<Action>::CANCELING;
+  return 1;
+}
+// State of the last goal: 2 is followed, 3 is being cancelled, 4 succeeded, 5 cancelled, 6 aborted.
+int goal_state(Manager * manager) { return manager->handle->state; }
+int goal_code(Manager * manager) { return manager->handle->result.error_code; }
+const char * goal_text(Manager * manager) { return manager->handle->result.error_string.c_str(); }
+int feedbacks(Manager * manager) { return static_cast<int>(manager->handle->feedbacks); }
+double desired(Manager * manager, int place)
+{
+  const auto & found = manager->handle->last.desired.positions;
+  return place < static_cast<int>(found.size()) ? found[static_cast<std::size_t>(place)] : std::nan("");
 }
 
 double published(Manager * manager, const char * group, const char * name)

@@ -15,6 +15,7 @@ import flexhinf as fh
 from flexhinf.export.web import LiveArm
 from flexhinf.loop import Moving, Waypoints
 from flexhinf.plant import sub_steps
+from flexhinf.robot import Parameter
 from flexhinf.robot.kinematics import link_frames, skeleton
 
 CI = pytest.mark.ci("compiles an arm to WebAssembly, and runs it in Node")
@@ -39,6 +40,24 @@ def test_the_numbers_of_a_robot_are_packed_as_in_python(name: str) -> None:
         packed = np.ravel(np.asarray(arm._pack([numbers[key] for key in arm.numbers])))
         wanted = np.concatenate([np.ravel(drawn[key]) for key in arm.plant.parameters.names])
         np.testing.assert_allclose(packed, wanted, rtol=1e-14, atol=1e-15)
+
+
+def test_where_a_gear_has_a_curve_it_is_followed_and_a_stiffness_has_no_slider() -> None:
+    robot = fh.load_robot("planar-two-link")
+    k = robot.nominal["stiffness_shoulder"]
+    numbers = {"first_stiffness": 0.7 * k, "second_stiffness": 1.3 * k, "first_torque": 3.0}
+    robot = robot.with_parameters(*(Parameter(f"{name}_shoulder", x, 5.0) for name, x in numbers.items()))
+    controller = fh.Controller(fh.linear_law(_problem(robot), gamma=np.inf), None, 1e-3)
+    home, curve = np.array(robot.home), "stiffness_curve"
+    arm = LiveArm(controller, robot, home, home, (curve,))
+    names = [row["name"] for row in arm.sliders]
+    assert "stiffness_elbow" in names
+    assert "first_stiffness_shoulder" in names
+    assert "stiffness_shoulder" not in names
+    motion = np.random.default_rng(0).normal(size=(5, 2))
+    x, u = robot.inverse_dynamics(*motion, extras=curve)
+    followed = np.asarray(arm._inverse(*motion, arm.plant.parameters.vector()), dtype=float).ravel()
+    assert followed == pytest.approx(np.concatenate([x, u]))
 
 
 def _problem(robot: fh.Robot) -> Any:

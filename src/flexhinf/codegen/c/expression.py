@@ -15,13 +15,10 @@ from types import MappingProxyType
 import casadi
 
 from flexhinf.codegen.c.algebra import Real, constant, tolerance
-from flexhinf.codegen.dataflow import Dataflow, Operation
+from flexhinf.codegen.dataflow import LEAVES, Dataflow, Operation
 from flexhinf.codegen.operations import LOGIC, OPERATIONS, SELECT, TRUTHS
 
 NOTHING: Mapping[int, str] = MappingProxyType({})
-
-#: What is no line of the text: it is read where it is used.
-LEAVES = (casadi.OP_CONST, casadi.OP_INPUT)
 
 #: Operations, and about so many characters, of one expression at most.
 MOST, WIDEST = 4, 90
@@ -68,15 +65,12 @@ class Expressions:
         self._plain = set[int]()  # used by an operation that takes a name
         self._lines = named
         for operation in flow.operations.values():
-            for place, value in enumerate(self._operands(operation)):
+            for place, value in enumerate(operation.operands):
                 (self._as_flag if self._is_condition(operation, place) else self._as_number)[value] += 1
                 if self._takes_name(operation, place):
                     self._plain.add(value)
         self.results = Counter(value for _, _, value in flow.outputs)
         self._within = self._embedded(inside)
-
-    def _operands(self, operation: Operation) -> tuple[int, ...]:
-        return () if operation.code in LEAVES else operation.arguments
 
     def _takes_name(self, operation: Operation, place: int) -> bool:
         return OPERATIONS[operation.code].named or (operation.code == SELECT and place > 0)
@@ -127,8 +121,8 @@ class Expressions:
 
     def _uses(self, value: int) -> list[tuple[int, bool]]:
         """Those, and whether they are used as conditions."""
-        found, operation = [], self.flow.operations[value]
-        for place, k in enumerate(self._operands(operation)):
+        found, operation = list[tuple[int, bool]](), self.flow.operations[value]
+        for place, k in enumerate(operation.operands):
             found += self._uses(k) if k in self._within else [(k, self._is_condition(operation, place))]
         return found
 
@@ -145,7 +139,7 @@ class Expressions:
 
     def declared(self, value: int) -> list[str]:
         """Lines that give a value its names."""
-        truth, lines = self._is_truth(value), []
+        truth, lines = self._is_truth(value), list[str]()
         if truth and self._as_flag[value]:
             condition, name = self.condition(value).bare, self._fresh("c")
             lines.append(f"const bool {name} = {condition};")
@@ -160,7 +154,7 @@ class Expressions:
 
     def begin(self, numbers: Mapping[int, str]) -> None:
         """Write another function: values that are known in it, as numbers."""
-        self.numbers, self.flags, self._count = dict(numbers), {}, Counter[str]()
+        self.numbers, self.flags, self._count = dict(numbers), dict[int, str](), Counter[str]()
 
     def _fresh(self, letter: str) -> str:
         self._count[letter] += 1

@@ -24,8 +24,8 @@ import casadi
 
 from flexhinf.codegen.c import algebra
 from flexhinf.codegen.c.algebra import Real, comment
-from flexhinf.codegen.c.expression import LEAVES, Expressions
-from flexhinf.codegen.dataflow import Dataflow
+from flexhinf.codegen.c.expression import Expressions
+from flexhinf.codegen.dataflow import LEAVES, Dataflow
 from flexhinf.codegen.operations import COSTLY
 
 INDENT = "    "
@@ -82,7 +82,7 @@ CUTS = (", ", " ? ", " || ", " && ", " = ", " + ", " - ")
 def folded(text: str) -> str:
     """Lines of at most `WIDTH` characters: code cut at commas and operators, comments at blanks, directives as they
     are. What a line of a comment is too long for begins the next one. A long comment behind code goes before it."""
-    lines, done = text.split("\n")[::-1], []
+    lines, done = text.split("\n")[::-1], list[str]()
     while lines:
         *short, last = _folded(lines.pop())
         done += short
@@ -155,8 +155,8 @@ class FunctionText:
     apart: bool
     stages: tuple[tuple[str, str], ...] = ()
     elements: tuple[Sequence[str] | None, ...] = ()
-    parts: Mapping[str, str] = field(default_factory=dict)
-    labels: Mapping[int, str] = field(default_factory=dict)
+    parts: Mapping[str, str] = field(default_factory=dict[str, str])
+    labels: Mapping[int, str] = field(default_factory=dict[int, str])
 
     def texts(self) -> dict[str, str]:
         """Functions by name, in an order in which C can read them; the last is the one that is called."""
@@ -169,7 +169,7 @@ class FunctionText:
         if len(parts) == 1:
             texts, lines = dict[str, str](), next(iter(parts.values()))
         else:
-            texts, lines = {}, []
+            texts, lines = dict[str, str](), list[str]()
             for name, text in parts.items():
                 own = [word for word in [*names, *self._arrays, *last] if _uses(text, word)]
                 texts[name] = self._text(name, own, text)
@@ -228,7 +228,7 @@ class FunctionText:
         """What each part is called: as the stage with most of its lines, of several stages."""
         names, taken = list[str](), Counter[str]()
         for part in self._parts:
-            stage = max(part, key=lambda piece: len(piece[1]), default=(0, []))[0]
+            stage = max(part, key=lambda piece: len(piece[1]), default=(0, list[int]()))[0]
             several = len(self.stages) > 1
             name = ("end" if stage >= len(self.stages) else self.stages[stage][0]) if several else "part"
             taken[name] += 1
@@ -503,7 +503,7 @@ class FunctionText:
         return together.values()
 
     def _loop(self, values: list[int], kept: Container[int], results: Results) -> Iterator[str]:
-        text, here, lines = self._lane_expressions, set(values), []
+        text, here, lines = self._lane_expressions, set(values), list[str]()
         rows = {k: f"{ROWS}[{self._row(place)}]" for k, place in self.places.items()}
         text.begin({k: row for k, row in rows.items() if k not in here})
         own = text.lines(values)
@@ -566,14 +566,14 @@ class FunctionText:
         uses = [(value, self._written(value), False) for _, _, value in self.flow.outputs]
         for k in levels.keys() & operations.keys():
             uses += [(a, levels[k], operations[k].code in COSTLY) for a in operations[k].arguments]
-        kept, last = set(), {}
+        kept, last = set[int](), dict[int, int]()
         for value, level, called in uses:
             if value in levels:
                 last[value] = max(level, last.get(value, 0))
                 if levels[value] != level or (operations[value].code in COSTLY) != called:
                     kept.add(value)
         rows: list[int] = []  # the level after which each is free
-        places = {}
+        places = dict[int, int]()
         for k in sorted(kept, key=lambda k: (levels[k], k)):
             place = next((row for row, level in enumerate(rows) if level < levels[k]), len(rows))
             rows[place : place + 1] = [last[k]]

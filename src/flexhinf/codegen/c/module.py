@@ -56,9 +56,22 @@ UNUSABLE = KEYWORDS | {"count", "kept", "l", "real", "rows"}
 
 #: How names of the functions of `flexhinf.codegen.c` begin.
 HELPERS = (
-    "cholesky", "copy", "cos", "far", "finite", "gather", "pack", "polynomials", "reflect", "residual", "scatter",
-    "sin", "sum", "turned", "unpack",
-)  # fmt: skip
+    "cholesky",
+    "copy",
+    "cos",
+    "far",
+    "finite",
+    "gather",
+    "pack",
+    "polynomials",
+    "reflect",
+    "residual",
+    "scatter",
+    "sin",
+    "sum",
+    "turned",
+    "unpack",
+)
 
 
 class Translator:
@@ -322,7 +335,8 @@ class Translator:
             shared=shared,
         )
         left = f"const int left = ({step.count} - c < {lanes}) ? {step.count} - c : {lanes};"
-        declared, gather, scatter, places = [left] if lanes > 1 else [], [], [], []
+        declared, gather, scatter = [left] if lanes > 1 else [], list[str](), list[str]()
+        places = list[str]()
         for k, (piece, start) in enumerate(zip(pieces, starts, strict=True)):
             if not isinstance(piece, Columns):
                 named = shared and shared[k][1]
@@ -387,7 +401,7 @@ class Translator:
     def _moves(
         self, pairs: Iterable[tuple[Columns, Slice]], loops: list[str], lanes: int, left: str, read: bool
     ) -> list[str]:
-        moves = []
+        moves = list[str]()
         for columns, place in pairs:
             if place in self._in_place:
                 continue
@@ -454,9 +468,8 @@ class Translator:
         if key in self._names:
             return self._names[key]
         real, size = self.real, function.n_in()
-        flow = read_dataflow(
-            stages.function if stages else function, OPERATIONS, True, len(stages.names) if stages else 0
-        )
+        stages = stages or Stages(function, ())
+        flow = read_dataflow(stages.function, OPERATIONS, True, len(stages.rows))
         codes = {code for code, *_ in instructions(function)}
         self.calls_library |= any(OPERATIONS[code].library for code in codes if code in OPERATIONS)
         calls = {code: self._sine(code) for code in TURNS if code in codes}
@@ -464,9 +477,11 @@ class Translator:
         if shared:
             called = tuple(str(place) if own else called[same.index(place)] for place, own in shared)
         read, written = called[:size], called[size:]
-        of_stages = stages.labels if stages else ()
-        labels = {value: of_stages[n][k] for n, k, value in flow.stages if of_stages and of_stages[n][k]}
-        said = () if stages is None else tuple(zip(stages.names, stages.about, strict=True))
+        own_labels = [stage.labels for stage in stages.rows]
+        labels = {
+            value: own_labels[n][k] for n, k, value in flow.stages if own_labels[n] and own_labels[n][k]
+        }
+        said = tuple((stage.name, stage.about) for stage in stages.rows)
         moving = moving or (False,) * size
 
         parts = self._places_of if "data" in same else NOTHING
@@ -491,6 +506,8 @@ class Translator:
             texts = writer.texts()
             if not texts.keys() & self.functions.keys():
                 break
+        else:
+            raise AssertionError("there are always more names")
         if lanes > 1 and writer.places:
             self._kept[name] = lanes * (max(writer.places.values()) + 1)
         self.functions |= texts | {name: _headed(about, texts[name])}
@@ -523,9 +540,13 @@ class Translator:
         if name not in self.functions:
             real, text = self.real, make if isinstance(make, str) else make(name, *arguments)
             for mark, meant in (
-                ("{name}", name), ("{R}", real.name), ("{0}", constant(0.0, real)), ("{1}", constant(1.0, real)),
-                ("{fabs}", f"fabs{real.suffix}"), ("{sqrt}", f"sqrt{real.suffix}"),
-            ):  # fmt: skip
+                ("{name}", name),
+                ("{R}", real.name),
+                ("{0}", constant(0.0, real)),
+                ("{1}", constant(1.0, real)),
+                ("{fabs}", f"fabs{real.suffix}"),
+                ("{sqrt}", f"sqrt{real.suffix}"),
+            ):
                 text = text.replace(mark, meant)
             self.functions[name] = text if isinstance(make, str) else _headed(make.__doc__ or "", text)
         return name

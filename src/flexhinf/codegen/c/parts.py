@@ -12,10 +12,33 @@ from flexhinf.codegen.memory import Part, Slice
 
 #: Names that a function of the steps, or the code around it, has for something else.
 TAKEN = {
-    "y", "r", "data", "memory", "u", "estimate", "after", "estimated", "scratch", "columns", "column", "left",
-    "real", "same", "larger", "smaller", "begin", "limit", "hold", "number", "ranges", "input", "output", "state",
-    "param", "round",
-}  # fmt: skip
+    "y",
+    "r",
+    "data",
+    "memory",
+    "u",
+    "estimate",
+    "after",
+    "estimated",
+    "scratch",
+    "columns",
+    "column",
+    "left",
+    "real",
+    "same",
+    "larger",
+    "smaller",
+    "begin",
+    "limit",
+    "hold",
+    "number",
+    "ranges",
+    "input",
+    "output",
+    "state",
+    "param",
+    "round",
+}
 
 
 @dataclass
@@ -29,7 +52,7 @@ class Parts:
     size: int
     parts: Sequence[Part]
     lanes: int = 1
-    _said: set[str] = field(default_factory=set)
+    _said: set[str] = field(default_factory=set[str])
 
     def at(self, piece: Slice) -> str:
         """Where a piece begins, but for how it moves in loops."""

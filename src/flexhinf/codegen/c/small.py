@@ -20,7 +20,7 @@ def outer_sum(name: str, weighted: bool, added: bool, symmetric: bool, rows: int
         f"const {{R}} r{j} = right[{ahead(f'{columns} * k', j)}];" for j in range(columns) if not symmetric
     ]
     inside += [f"sum{i}{j} = FMA({factor}{i}, {other}{j}, sum{i}{j});" for i, j in places]
-    after = []
+    after = list[str]()
     for i, j in places:
         plus = f" + plus[{i * columns + j}]" if added else ""
         after.append(f"target[{i * columns + j}] = sum{i}{j}{plus};")

@@ -107,7 +107,7 @@ class Algebra:
         """
         source, length, start = factors
         vectors = [(self._ahead(columns[0], first), n) for first, n in self._vectors(columns[1])]
-        cells = []
+        cells = list[tuple[int, int, str, int, str]]()
         for a in range(rows[1]):
             row = self._ahead(rows[0], a)
             for b, (column, together) in enumerate(vectors):
@@ -127,7 +127,7 @@ class Algebra:
 
     def _vectors(self, size: int) -> list[tuple[int, int]]:
         """First number and length of the vectors that hold so many neighbours; in lanes each goes alone."""
-        vectors, first = [], 0
+        vectors, first = list[tuple[int, int]](), 0
         while first < size:
             together = 1
             while self._single and together < WIDE and first + 2 * together <= size:

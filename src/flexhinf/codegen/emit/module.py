@@ -34,7 +34,7 @@ from flexhinf.codegen.emit.sines import REACH, is_far
 from flexhinf.codegen.emit.writer import PURE, Lanes, ModuleText, Writer
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, overlap, whole
 from flexhinf.codegen.noise import normal
-from flexhinf.codegen.operations import OPERATIONS, TURNS, LlvmRule
+from flexhinf.codegen.operations import OPERATIONS, TURNS
 from flexhinf.codegen.program import (
     ENTRY,
     PREFIX,
@@ -88,10 +88,12 @@ def emit_function(
     """
     flows = [read_dataflow(function, OPERATIONS, module.fused) for function in functions]
     flow, far = joined(flows, functions, links or {}), ""
-    pointers = ", ".join([
-        *(f"ptr %in{k}" for k in range(sum(function.n_in() for function in functions))),
-        *(f"ptr %out{k}" for k in range(sum(function.n_out() for function in functions))),
-    ])  # fmt: skip
+    pointers = ", ".join(
+        [
+            *(f"ptr %in{k}" for k in range(sum(function.n_in() for function in functions))),
+            *(f"ptr %out{k}" for k in range(sum(function.n_out() for function in functions))),
+        ]
+    )
     if any(operation.code in TURNS for operation in flow.operations.values()):
         far = f"{name}_far"
         _define(module, far, pointers, flow, lanes, shared, "noinline optnone cold ")
@@ -99,7 +101,7 @@ def emit_function(
     return flow.size
 
 
-def _rule(code: int, near: bool, alone: bool) -> LlvmRule:
+def _rule(code: int, near: bool, alone: bool) -> Callable[..., str]:
     """How an operation is written; `near`: its argument is not far; `alone`: sine and cosine are not both wanted."""
     kind = OPERATIONS[code]
     return (near and (kind.alone if alone else kind.near)) or kind.llvm
@@ -152,8 +154,8 @@ def _rounds(flow: Dataflow) -> list[tuple[list[int], list[int]]]:
     the sines and cosines, which need not wait for each other."""
     depths, rounds = dict[int, int](), list[tuple[list[int], list[int]]]()
     for k, operation in flow.operations.items():
-        before = () if operation.code == casadi.OP_INPUT else operation.arguments
-        depths[k] = max((depths[a] + (flow.operations[a].code in TURNS) for a in before), default=0)
+        before = (depths[a] + (flow.operations[a].code in TURNS) for a in operation.operands)
+        depths[k] = max(before, default=0)
         if depths[k] == len(rounds):
             rounds.append(([], []))
         rounds[depths[k]][operation.code in TURNS].append(k)
@@ -164,7 +166,7 @@ def _emit_turns(writer: Writer, flow: Dataflow, turns: Sequence[int], values: di
     """Emit sines and cosines that do not wait for each other, `BLOCK` angles in the lanes of one vector: in one run the
     sigma points of a stage, say. Adds them to the values; returns whether angles are too far for them, of each vector.
     """
-    beyond, angles = [], list(dict.fromkeys(flow.operations[k].arguments[0] for k in turns))
+    beyond, angles = list[str](), list(dict.fromkeys(flow.operations[k].arguments[0] for k in turns))
     both = not writer.module.choosing or len({flow.operations[k].code for k in turns}) > 1
     for first in range(0, len(angles), BLOCK):
         some = angles[first : first + BLOCK]
@@ -229,11 +231,19 @@ class _Emitter:
         self.mapped: set[str] = set()
         self.writer = Writer(self.module)
         self._writers: dict[type, Callable[[Any, tuple[str, ...]], None]] = {
-            Repeat: self._repeat, When: self._when, Map: self._map, Sweep: self._sweep,
-            OuterSum: self._outer_sum, Polynomial: self._polynomial, Cholesky: self._cholesky, Copy: self._copy,
-            Householder: self._householder, Residual: self._residual,
-            Normal: self._normal, Guard: self._guard,
-        }  # fmt: skip
+            Repeat: self._repeat,
+            When: self._when,
+            Map: self._map,
+            Sweep: self._sweep,
+            OuterSum: self._outer_sum,
+            Polynomial: self._polynomial,
+            Cholesky: self._cholesky,
+            Copy: self._copy,
+            Householder: self._householder,
+            Residual: self._residual,
+            Normal: self._normal,
+            Guard: self._guard,
+        }
         self.scratch = ""  # memory for the columns that a Sweep has in hand
 
     def emit(self) -> ModuleText:
@@ -297,10 +307,8 @@ class _Emitter:
         writer, lanes = self.writer, self.lanes
         flag = writer.load_element(self._address(step.flag, turns), "0", self._shared(step.flag))
         wanted = writer.any(writer.compare("une", flag, lanes.constant(0.0)))
-        inside, after = writer.label("when"), writer.label("after")
-        writer.place(inside, f"br i1 {wanted}, label %{inside}, label %{after}")
-        self._body(step.body, turns)
-        writer.place(after, f"br label %{after}")
+        with writer.when(wanted):
+            self._body(step.body, turns)
 
     def _address(self, piece: Slice, turns: tuple[str, ...]) -> str:
         writer = self.writer
@@ -352,7 +360,7 @@ class _Emitter:
         name = self._function([step.function], wide, shared)
         starts = [self._address(whole(piece), turns) for piece in (*step.inputs, *step.outputs)]
         for first, left, _ in writer.blocks(step.count, block):
-            pointers, packed = [], []
+            pointers, packed = list[str](), list[tuple[str, Columns, str]]()
             for piece, start in zip((*step.inputs, *step.outputs), starts):
                 if not isinstance(piece, Columns):
                     pointers.append(start)

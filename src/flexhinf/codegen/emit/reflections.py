@@ -301,7 +301,7 @@ class Reflections(Algebra):
                 p, TILE
             ):  # sums of several outputs wait less for each other
                 outputs = [self._ahead(start, a) for a in range(height)]
-                sums = []
+                sums = list[tuple[str, str]]()
                 for i in outputs:
                     noise = wide.real("fneg", number(self._ahead(i, p + n)))
                     high, low = self._two_sum(wide, number(i), noise)

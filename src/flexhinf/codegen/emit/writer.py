@@ -8,7 +8,7 @@ from __future__ import annotations
 import copy
 import itertools
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -65,9 +65,9 @@ class ModuleText:
     lanes: Lanes
     fused: bool = True
     choosing: bool = True
-    definitions: dict[str, str] = field(default_factory=dict)
-    declarations: dict[str, str] = field(default_factory=dict)
-    library: dict[str, str] = field(default_factory=dict)
+    definitions: dict[str, str] = field(default_factory=dict[str, str])
+    declarations: dict[str, str] = field(default_factory=dict[str, str])
+    library: dict[str, str] = field(default_factory=dict[str, str])
     operations: int = 0
 
     def __str__(self) -> str:
@@ -132,8 +132,8 @@ class Writer:
         return self.let(f"shufflevector {vector} {first}, {vector} poison, {mask}")
 
     @contextmanager
-    def loop(self, end: str, first: str = "0") -> Iterator[str]:
-        """A loop over the integers from `first` to `end`; the turn lives in memory until LLVM promotes it."""
+    def loop(self, end: str, first: str = "0", step: int = 1) -> Generator[str, None, None]:
+        """A loop over first, first + step, … below `end`; the turn lives in memory until LLVM promotes it."""
         place = self.allocate("i64")
         head, inside, after = self.label("head"), self.label("turn"), self.label("after")
         self.do(f"store i64 {first}, ptr {place}, align 8")
@@ -142,8 +142,16 @@ class Writer:
         more = self.let(f"icmp slt i64 {turn}, {end}")
         self.place(inside, f"br i1 {more}, label %{inside}, label %{after}")
         yield turn
-        self.do(f"store i64 {self.let(f'add nsw i64 {turn}, 1')}, ptr {place}, align 8")
+        self.do(f"store i64 {self.let(f'add nsw i64 {turn}, {step}')}, ptr {place}, align 8")
         self.place(after, f"br label %{head}")
+
+    @contextmanager
+    def when(self, condition: str) -> Generator[None, None, None]:
+        """Lines for where a condition (an i1) holds."""
+        inside, after = self.label("when"), self.label("after")
+        self.place(inside, f"br i1 {condition}, label %{inside}, label %{after}")
+        yield
+        self.place(after, f"br label %{after}")
 
     def turns(self, first: str, end: str, block: int) -> Iterator[tuple[str, int, str]]:
         """A loop over full blocks: first element, length and number of each."""

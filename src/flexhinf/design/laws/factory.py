@@ -52,8 +52,11 @@ class LawFactory:
         limits, degree = PARAMETERS["gamma_ratio"], float(self.synthesis.chosen.degree)
         ratio = float(np.clip(self.gamma_ratio, limits.lower, limits.upper))
         own = {
-            "bandwidth": self.bandwidth, "integral_rate": INTEGRAL_RATE, "gamma_ratio": ratio, DEGREE: degree,
-        }  # fmt: skip
+            "bandwidth": self.bandwidth,
+            "integral_rate": INTEGRAL_RATE,
+            "gamma_ratio": ratio,
+            DEGREE: degree,
+        }
         fixed = {DEGREE: self.largest_degree <= 2, CHANNELS: self.synthesis.design_problem.robustness is None}
         free = (p for p in kind.parameters if not fixed.get(p.name, False))
         return {p.name: own[p.name] if p.start is None else p.start for p in free}

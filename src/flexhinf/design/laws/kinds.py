@@ -42,8 +42,11 @@ INFINITE_GAMMA, NO_CHANNELS, NO_VELOCITY = 20.0, 0.01, 1e-4
 
 #: Values at which a law equals one without these parameters: the real rotor, hardly an integral, γ = ∞, no channels.
 CONTAINED = {
-    "rotor_inertia": 1.0, "integral_rate": 0.02, "gamma_ratio": INFINITE_GAMMA, CHANNELS: NO_CHANNELS,
-}  # fmt: skip
+    "rotor_inertia": 1.0,
+    "integral_rate": 0.02,
+    "gamma_ratio": INFINITE_GAMMA,
+    CHANNELS: NO_CHANNELS,
+}
 
 #: A value within this fraction of the end of its range counts as the end.
 ROUNDING = 1e-9
@@ -75,7 +78,12 @@ PARAMETERS = {
         TuningParameter("effort", "weight of the input, R2 ×", "", 1.0, 1e-4, 1e3),
         TuningParameter("integral_weight", "weight of the integrals ×", "", 1.0, 0.02, 20.0),
         TuningParameter(
-            "velocity_weight", f"weight of velocities / positions ({NO_VELOCITY:g}: none)", "s", 0.01, NO_VELOCITY, 1.0
+            "velocity_weight",
+            f"weight of velocities / positions ({NO_VELOCITY:g}: none)",
+            "s",
+            0.01,
+            NO_VELOCITY,
+            1.0,
         ),
         TuningParameter("gamma_ratio", f"γ/γ* ({INFINITE_GAMMA:g}: ∞)", "", None, 1.02, INFINITE_GAMMA),
         TuningParameter(
@@ -85,7 +93,7 @@ PARAMETERS = {
         TuningParameter(MOTOR_NOISE, "Rᵛ of the motors' velocities, also ×", "", 1.0, 1e-3, 1e3),
         TuningParameter(DEGREE, "degree of V", "", None, 2.0, 2.0),
     )
-}  # fmt: skip
+}
 
 #: Parameters of estimators, of linear-quadratic laws and of H∞.
 ESTIMATOR = (ESTIMATOR_NOISE, MOTOR_NOISE)
@@ -174,9 +182,13 @@ def law_kind(name: str) -> LawKind:
     match = _WITH_DEGREE.match(name)
     if match and 2 <= (degree := int(match[1])) <= LARGEST_DEGREE:
         return replace(
-            LAWS[NL_HINF], name=name, source="flexhinf design --degrees", tuned=H_INFINITY, degree=degree,
+            LAWS[NL_HINF],
+            name=name,
+            source="flexhinf design --degrees",
+            tuned=H_INFINITY,
+            degree=degree,
             description=f"nonlinear H∞ of degree {degree}: the design's problem, V of that degree",
-        )  # fmt: skip
+        )
     if name in LAWS:
         return LAWS[name]
     known = (*LAWS, *(f"{NL_HINF}-{degree}" for degree in range(2, LARGEST_DEGREE + 1)))

@@ -104,9 +104,10 @@ def _both(matrix: Matrix, factor: Vector | float) -> Matrix:
 _SHARES = ({"share": 1.0}, {"share": 2.0}, {"share": 0.5})
 _SLOW_INTEGRAL = {"integral_rate": 0.1}
 _TORQUES = (
-    {"share": 1.0, "rotor_inertia": 0.5, "vibration_damping": 0.42}, {"share": 1.0, "vibration_damping": 0.42},
+    {"share": 1.0, "rotor_inertia": 0.5, "vibration_damping": 0.42},
+    {"share": 1.0, "vibration_damping": 0.42},
     {"share": 1.0, "vibration_damping": 0.2},
-)  # fmt: skip
+)
 _GAINS = ("bandwidth", "damping", "kp", "kd")
 _INTEGRAL = ("integral_rate", "ki")
 _OF_TORQUE = ("rotor_inertia", "vibration_damping")

@@ -120,9 +120,11 @@ def acting_corners(robot: Robot, goal: np.ndarray, problem: GeneralisedPlant) ->
     ends = {p.name: _linearised(robot, plant, {p.name: 1.0}, goal) for p in robot.uncertain}
     names = [name for name, end in ends.items() if not np.allclose(end, nominal, rtol=1e-12, atol=0.0)]
     return LinearCorners.of(
-        problem, lambda signs: robot.corner(dict(zip(names, signs, strict=True))), len(names),
+        problem,
+        lambda signs: robot.corner(dict(zip(names, signs, strict=True))),
+        len(names),
         lambda values: robot.operating_point(goal, parameters=values),
-    )  # fmt: skip
+    )
 
 
 def enlarge_tolerances(problem_at: Callable[[float], DesignProblem]) -> DesignProblem:
@@ -158,11 +160,17 @@ def with_channels(plant: Plant, enter: np.ndarray) -> Plant:
     """The robot's plant with disturbances w that enter as torques L w; `enter` (2 joints, k) is L."""
     names = tuple(f"{PREFIX}_{k + 1}" for k in range(enter.shape[1]))
     return Plant(
-        partial(uncertain_flow, plant.flow, len(plant.disturbances)), plant.output, states=plant.states,
-        inputs=plant.inputs, disturbances=(*plant.disturbances, *names),
-        parameters={**plant.parameters.values, "tolerance_channels": enter}, outputs=plant.outputs,
-        units=plant.units, groups=plant.groups, limits=plant.limits,
-    )  # fmt: skip
+        partial(uncertain_flow, plant.flow, len(plant.disturbances)),
+        plant.output,
+        states=plant.states,
+        inputs=plant.inputs,
+        disturbances=(*plant.disturbances, *names),
+        parameters={**plant.parameters.values, "tolerance_channels": enter},
+        outputs=plant.outputs,
+        units=plant.units,
+        groups=plant.groups,
+        limits=plant.limits,
+    )
 
 
 def sized_channels(problem: GeneralisedPlant, nominal: GeneralisedPlant, size: float) -> GeneralisedPlant:
@@ -294,11 +302,18 @@ class ToleranceChannels:
         for channel, log in zip(linear.channels, linear.log):
             by_quantity.setdefault("_by_".join(channel.group), []).append(float(np.exp(log)))
         robustness = Robustness(
-            linear.fraction / self.enlarged, len(linear.channels), problem.gamma_star, star,
-            nominal.attained(plain.gain), nominal.attained(own.gain),
-            {group: (min(each), max(each)) for group, each in by_quantity.items()}, self.enlarged,
-            check.count, check.failing, check.complete,
-        )  # fmt: skip
+            linear.fraction / self.enlarged,
+            len(linear.channels),
+            problem.gamma_star,
+            star,
+            nominal.attained(plain.gain),
+            nominal.attained(own.gain),
+            {group: (min(each), max(each)) for group, each in by_quantity.items()},
+            self.enlarged,
+            check.count,
+            check.failing,
+            check.complete,
+        )
         return replace(problem, search=result, robustness=robustness)
 
 
@@ -432,8 +447,10 @@ def _searched(
         return LinearProblem.of(few, scales.rows(*weights), command_of(s) is not None, torques, scales.r2)
 
     def widened(
-        family: LinearFamily, problem_of: Callable[..., LinearProblem | RobustProblem], begun: SearchResult | None,
-    ) -> tuple[SearchResult, LinearFamily]:  # fmt: skip
+        family: LinearFamily,
+        problem_of: Callable[..., LinearProblem | RobustProblem],
+        begun: SearchResult | None,
+    ) -> tuple[SearchResult, LinearFamily]:
         """Search weights for a family, then for that family with the worst of many corners; returns result and larger
         family."""
 

@@ -164,9 +164,12 @@ class LinearProblem:
 
     @staticmethod
     def of(
-        family: LinearFamily, rows: np.ndarray, command: bool, torques: np.ndarray | None = None,
+        family: LinearFamily,
+        rows: np.ndarray,
+        command: bool,
+        torques: np.ndarray | None = None,
         r2: np.ndarray | None = None,
-    ) -> LinearProblem:  # fmt: skip
+    ) -> LinearProblem:
         """Problem with h(x) = C x, `rows` (s, n) = C, and R2 (m, m), by default I; disturbances are the command, by
         ė = q − d, and `torques` (2 joints, k) at links and motors."""
         a, b2, joints = family.a[0], family.b[0], len(family.robot.joint_names)
@@ -386,9 +389,11 @@ def required_bandwidth(stated: Any, scales: JointScales, joints: int) -> np.ndar
     wanted = BANDWIDTH_FRACTION * scales.antiresonance if stated is None else stated
     bandwidth = np.atleast_1d(np.asarray(wanted, dtype=float))
     refuse_if(
-        len(bandwidth) not in (1, joints), "The bandwidths do not fit the joints.",
-        f"expected one number or {joints}, got {bandwidth.tolist()}", "one bandwidth for all joints",
-    )  # fmt: skip
+        len(bandwidth) not in (1, joints),
+        "The bandwidths do not fit the joints.",
+        f"expected one number or {joints}, got {bandwidth.tolist()}",
+        "one bandwidth for all joints",
+    )
     return np.broadcast_to(bandwidth, (joints,)).copy()
 
 
@@ -452,10 +457,13 @@ class SearchResult:
 
 
 def search(
-    target: TargetBehaviour, family: LinearFamily,
-    synthesis: Callable[[np.ndarray, np.ndarray], tuple[HJISolution, float]], antiresonance: float, each: bool = True,
+    target: TargetBehaviour,
+    family: LinearFamily,
+    synthesis: Callable[[np.ndarray, np.ndarray], tuple[HJISolution, float]],
+    antiresonance: float,
+    each: bool = True,
     near: Candidate | None = None,
-) -> SearchResult:  # fmt: skip
+) -> SearchResult:
     """Search the weights with which the linear loop has the required bandwidth and damping.
 
     `synthesis` solves the problem for ω (n,) and ζ (n,), and returns solution and γ*. `antiresonance` is the lowest

@@ -21,23 +21,58 @@ SAMPLED_LOOP = "running loop at the goal: sampled, with estimator and delay, nom
 
 #: Name, unit, whether the limit is an upper one (≤), field of the specification that states it, and criterion.
 _ROWS = {
-    "bandwidth": ("bandwidth", "rad/s", "≥", "bandwidth",
-        "where |command → link position| is 3 dB below its value at rest"),
-    "damping": ("damping of oscillations", "", "≥", "damping",
-        "smallest damping ratio of every oscillation below {below:.3g} rad/s, the estimator's included"),
-    "fast_damping": ("damping of fast oscillations", "", "≥", "",
-        "smallest damping ratio from {below:.3g} rad/s on, where the loop has to be stable"),
-    "ring_down": ("damping in the ring-down", "", "≥", "damping",
+    "bandwidth": (
+        "bandwidth",
+        "rad/s",
+        "≥",
+        "bandwidth",
+        "where |command → link position| is 3 dB below its value at rest",
+    ),
+    "damping": (
+        "damping of oscillations",
+        "",
+        "≥",
+        "damping",
+        "smallest damping ratio of every oscillation below {below:.3g} rad/s, the estimator's included",
+    ),
+    "fast_damping": (
+        "damping of fast oscillations",
+        "",
+        "≥",
+        "",
+        "smallest damping ratio from {below:.3g} rad/s on, where the loop has to be stable",
+    ),
+    "ring_down": (
+        "damping in the ring-down",
+        "",
+        "≥",
+        "damping",
         "smallest damping ratio of every oscillation below {below:.3g} rad/s that makes up 5 % of the velocity or "
-        "input of the joint with the impulse; faster ones only have to decay"),
-    "peak_sensitivity": ("peak sensitivity", "", "≤", "peak_sensitivity",
-        "largest singular value of S at the plant's inputs, over all frequencies"),
-    "gain_margin": ("gain margin", "", "≥", "gain_margin",
-        "smallest factor, up or down, of one input's gain that makes the loop unstable"),
-    "delay_margin": ("delay margin", "samples", "≥", "delay_margin",
-        "smallest extra delay of all inputs together, on top of the latency, that makes the loop unstable"),
+        "input of the joint with the impulse; faster ones only have to decay",
+    ),
+    "peak_sensitivity": (
+        "peak sensitivity",
+        "",
+        "≤",
+        "peak_sensitivity",
+        "largest singular value of S at the plant's inputs, over all frequencies",
+    ),
+    "gain_margin": (
+        "gain margin",
+        "",
+        "≥",
+        "gain_margin",
+        "smallest factor, up or down, of one input's gain that makes the loop unstable",
+    ),
+    "delay_margin": (
+        "delay margin",
+        "samples",
+        "≥",
+        "delay_margin",
+        "smallest extra delay of all inputs together, on top of the latency, that makes the loop unstable",
+    ),
     "corners": ("unstable corners", "", "≤", "", "corners with a pole outside the unit circle"),
-}  # fmt: skip
+}
 
 register_rows(_ROWS)
 
@@ -48,9 +83,13 @@ def of_several(joints: Sequence[str], joint: str | int) -> str:
 
 
 def damping_requirement(
-    s: Specification | None, required: float | None, found: float, below: float, where: str = SAMPLED_LOOP,
+    s: Specification | None,
+    required: float | None,
+    found: float,
+    below: float,
+    where: str = SAMPLED_LOOP,
     **more: Any,
-) -> Requirement:  # fmt: skip
+) -> Requirement:
     """The damping ratio of every oscillation below a frequency, rad/s: as required, and never less than
     `MIN_DAMPING`."""
     limit = max(required or 0.0, MIN_DAMPING)
@@ -90,12 +129,17 @@ def margin_requirements(
 ) -> list[Requirement]:
     """Peak sensitivity, gain margin and required delay margin of the running loop. `joints` are those of the inputs."""
     rows = [
-        REQUIREMENTS["peak_sensitivity"].judge(s, s.peak_sensitivity_limit, margins.peak_sensitivity, SAMPLED_LOOP),
+        REQUIREMENTS["peak_sensitivity"].judge(
+            s, s.peak_sensitivity_limit, margins.peak_sensitivity, SAMPLED_LOOP
+        ),
         REQUIREMENTS["gain_margin"].judge(
-            s, s.gain_margin_limit, margins.gain_margin, SAMPLED_LOOP,
+            s,
+            s.gain_margin_limit,
+            margins.gain_margin,
+            SAMPLED_LOOP,
             joint=joints[margins.weakest_input] if len(joints) > 1 else "",
         ),
-    ]  # fmt: skip
+    ]
     if (least := s.delay_margin_limit) is not None:
         found = margins.delay_margin_s / s.period
         rows.append(REQUIREMENTS["delay_margin"].judge(s, least, found, SAMPLED_LOOP))

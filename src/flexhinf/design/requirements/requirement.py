@@ -102,9 +102,11 @@ class Requirement:
         unit, factor = display_unit(self.unit, self.limit, degrees)
         if degrees and self.unit == "rad/s" and self.what == SPEED:
             unit, factor = "°/s", math.degrees(1.0)
-        return self if unit == self.unit else replace(
-            self, limit=factor * self.limit, found=factor * self.found, unit=unit
-        )  # fmt: skip
+        return (
+            self
+            if unit == self.unit
+            else replace(self, limit=factor * self.limit, found=factor * self.found, unit=unit)
+        )
 
 
 class Reported(Summarised):

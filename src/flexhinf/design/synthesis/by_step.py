@@ -103,9 +103,11 @@ def rays_of(states: int, stated: int | None) -> int:
 
 
 def solve_degrees(
-    problem: GeneralisedPlant, degrees: Sequence[int], gamma: float,
+    problem: GeneralisedPlant,
+    degrees: Sequence[int],
+    gamma: float,
     progress: Callable[[str], None] = lambda text: None,
-) -> Iterator[DegreeChoice]:  # fmt: skip
+) -> Iterator[DegreeChoice]:
     """Solve the problem about the goal to each degree; no region is sampled. Raises as `solve_hji`."""
     for degree in degrees:
         progress(f"degree {degree}: solve")
@@ -129,10 +131,16 @@ def with_region(
 
 
 def try_degrees(
-    problem: GeneralisedPlant, degrees: Sequence[int], gamma_ratio: float = 1.5, checked_gamma_ratio: float = 1.6,
-    checked_penalty: object = None, rays: int = 500, seed: int = 0,
-    progress: Callable[[str], None] = lambda text: None, gamma_star: float | None = None,
-) -> Iterator[DegreeChoice]:  # fmt: skip
+    problem: GeneralisedPlant,
+    degrees: Sequence[int],
+    gamma_ratio: float = 1.5,
+    checked_gamma_ratio: float = 1.6,
+    checked_penalty: object = None,
+    rays: int = 500,
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda text: None,
+    gamma_star: float | None = None,
+) -> Iterator[DegreeChoice]:
     """Solve to each degree and sample the region where the solution holds; without rays no region is sampled.
 
     Parameters
@@ -264,8 +272,11 @@ class _Trial:
         lines = step_requirements(s, limits, step, "the step")
         if setup.robot.uncertain and s.draws != 0:
             runs = sampled_runs(
-                setup, sample_robots(setup.true.robot, SAMPLES, s.seed), self.length, step.run.settings["sub_steps"],
-            )  # fmt: skip
+                setup,
+                sample_robots(setup.true.robot, SAMPLES, s.seed),
+                self.length,
+                step.run.settings["sub_steps"],
+            )
             lines += sample_requirements(s, limits, runs)
         return frozenset(line.what for line in lines if line.missed)
 

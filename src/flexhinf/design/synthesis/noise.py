@@ -150,9 +150,11 @@ NOTHING, NO_DELAY = 1e-9, 0.05
 
 
 def search_noise(
-    setup: LoopSetup, damping: float | None = None, progress: Callable[[str], None] = lambda text: None,
+    setup: LoopSetup,
+    damping: float | None = None,
+    progress: Callable[[str], None] = lambda text: None,
     levels: EstimatorNoise | None = None,
-) -> NoiseSearch | None:  # fmt: skip
+) -> NoiseSearch | None:
     """The levels with the least noise at the motors that keep every limit, or those that miss the limits least.
 
     Only the linear part of the law at the goal matters. `damping` is required of every oscillation of the running loop.
@@ -250,9 +252,11 @@ class _Search:
         # Metrics of the choice by a dense frequency sweep, as the evaluation of the design computes them.
         exact = Margins(self.filtered.margins(chosen.levels.covariance(self.setup.model.states)).linear)
         chosen = replace(
-            chosen, peak_sensitivity=exact.peak_sensitivity, gain_margin=exact.gain_margin,
+            chosen,
+            peak_sensitivity=exact.peak_sensitivity,
+            gain_margin=exact.gain_margin,
             compliance=exact.compliance(self.top) / self.stiff,
-        )  # fmt: skip
+        )
         # The Pareto front of noise, damping and compliance, by rising noise.
         metrics = np.array([[each.input_noise, -each.damping, each.compliance] for each in self.tried])
         front = [
@@ -306,14 +310,26 @@ class _Search:
         loaded = [each.margins(process) for each in self.loaded]
         ringing = min((each.damping if each.stable else 0.0 for each in loaded), default=np.inf)
         missed = self.excess(
-            loop.peak_sensitivity, loop.gain_margin, loop.delay_margin_within(self.delay_margin),
+            loop.peak_sensitivity,
+            loop.gain_margin,
+            loop.delay_margin_within(self.delay_margin),
             min(loop.damping, ringing * max(1.0, self.damping / RINGS)),
-            compliance / COMPLIANCE, float((noises / self.loudest).max()),
-        )  # fmt: skip
-        candidate = self.counted(NoiseCandidate(
-            levels, loop.peak_sensitivity, loop.gain_margin, loop.damping, compliance, noises, missed, missed,
-            noise_counts=LIMITED_COUNTS if np.isfinite(self.setup.limits.effort).any() else NOISE_COUNTS,
-        ))  # fmt: skip
+            compliance / COMPLIANCE,
+            float((noises / self.loudest).max()),
+        )
+        candidate = self.counted(
+            NoiseCandidate(
+                levels,
+                loop.peak_sensitivity,
+                loop.gain_margin,
+                loop.damping,
+                compliance,
+                noises,
+                missed,
+                missed,
+                noise_counts=LIMITED_COUNTS if np.isfinite(self.setup.limits.effort).any() else NOISE_COUNTS,
+            )
+        )
         self.tried.append(candidate)
         return candidate
 

@@ -66,9 +66,12 @@ MIN_FRACTION = 0.01
 #: Ranges of the search: factors of ω, of ζ and of both noise levels; and the fraction of the tolerances that the
 #: channels stand for (smaller ones have no effect).
 RANGES = {
-    "frequency": (0.6, 1.5), "damping": (0.2, 8.0), "links": (1e-3, 1e3), "motors": (1e-3, 1e3),
+    "frequency": (0.6, 1.5),
+    "damping": (0.2, 8.0),
+    "links": (1e-3, 1e3),
+    "motors": (1e-3, 1e3),
     "fraction": (MIN_FRACTION, 1.0),
-}  # fmt: skip
+}
 NOISES = ("links", "motors")
 
 #: Worst overshoot that is preferred, as a fraction of that of `damped`, since the other corners differ by a few per
@@ -391,11 +394,17 @@ class _Steps(Task):
         }
         settings: dict[str, Any] = {name: values for name, values in stated.items() if values is not None}
         proved = proved_step.search_proved_step(
-            robot, self.goal.tolist(), float((self.goal - self.start)[0]), specification=s,
+            robot,
+            self.goal.tolist(),
+            float((self.goal - self.start)[0]),
+            specification=s,
             effort_limit=float(responses.joint_limits(robot, s).effort[0]),
-            tolerances=1.0 if robot.uncertain else 0.0, most_seconds=s.proof_seconds,
-            admits=self.keeps_effort, progress=self.progress, **settings,
-        )  # fmt: skip
+            tolerances=1.0 if robot.uncertain else 0.0,
+            most_seconds=s.proof_seconds,
+            admits=self.keeps_effort,
+            progress=self.progress,
+            **settings,
+        )
         problem, law = replace(proved.design_problem, preset="proved"), proved.solution
         noise, rays = self.noise_search(problem), by_step.rays_of(len(law.state_names), self.s.rays)
         (solved,) = by_step.solve_degrees(problem.problem, (law.degree,), problem.gamma)
@@ -524,8 +533,10 @@ class _Steps(Task):
             first = chosen.search.chosen
             if whole.better:
                 chosen = channels.problem(
-                    whole.frequency * first.target_frequency, whole.damping * first.damping_weights, whole.fraction,
-                )  # fmt: skip
+                    whole.frequency * first.target_frequency,
+                    whole.damping * first.damping_weights,
+                    whole.fraction,
+                )
         return solve_hji(chosen.problem, chosen.gamma, degree)
 
 
@@ -533,9 +544,11 @@ def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.nd
     """Refuse, before any work, a step of zero length, unusable extras, sensors or estimators, and poses that cannot be
     held."""
     refuse_if(
-        not np.any(goal != start), "There is nothing to move: the step starts at its goal.",
-        f"expected another start than {goal.tolist()}", "another `start` or `pose`",
-    )  # fmt: skip
+        not np.any(goal != start),
+        "There is nothing to move: the step starts at its goal.",
+        f"expected another start than {goal.tolist()}",
+        "another `start` or `pose`",
+    )
     robot.plant(s.measured, extras=s.extras)
     LoopPlants(robot, s).estimator_at(start, goal, EstimatorNoise.stated(s))
     sensor_steps(robot, s.measured, s.quantisation, s.estimator)

@@ -52,10 +52,13 @@ BLOCKS, ENDS = 8, ("start", "goal")
 
 #: Metrics by the rows of `REQUIREMENTS` that they measure, and whether single joints have them too.
 METRICS = {
-    "tracking": ("tracking_error", True), "remaining": ("remaining_error", True), "path": ("path_distance", True),
-    "undershoot": ("wrong_way_percent", False), "ripple": ("ripple_percent", False),
+    "tracking": ("tracking_error", True),
+    "remaining": ("remaining_error", True),
+    "path": ("path_distance", True),
+    "undershoot": ("wrong_way_percent", False),
+    "ripple": ("ripple_percent", False),
     "at_limit": ("time_at_limit_s", False),
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,9 +116,10 @@ class MoveMetrics:
 
     def _applies(self, name: str) -> bool:
         limited = {
-            "path": self.specification.path_distance is not None, "ripple": bool(np.isfinite(self.limits.effort).any()),
+            "path": self.specification.path_distance is not None,
+            "ripple": bool(np.isfinite(self.limits.effort).any()),
             "at_limit": self.limits.saturated is not None,
-        }  # fmt: skip
+        }
         return limited.get(name, True)
 
     def _unit(self, name: str) -> str:
@@ -154,9 +158,10 @@ class MoveMetrics:
             )
         }
         found = {
-            "input_limit_use": limits.input_use(response).share, "speed_limit_use": limits.speed_use(response).share,
+            "input_limit_use": limits.input_use(response).share,
+            "speed_limit_use": limits.speed_use(response).share,
             "range_use": limits.range_use(response).share,
-        }  # fmt: skip
+        }
         for name, (metric, _) in self.known.items():
             line = lines.get(REQUIREMENTS[name].what)
             found[metric] = 0.0 if line is None else line.found

@@ -224,9 +224,13 @@ def compare_stages(own: list[tuple[str, float]], laws: Sequence[str]) -> list[tu
 
 
 def compare_over_workspace(
-    robot: Robot, s: Specification, laws: Sequence[str] | None = None, progress: Progress = lambda text: None,
-    same_sensors: bool = False, gains: Mapping[str, Mapping[str, Any]] | None = None,
-) -> WorkspaceComparison:  # fmt: skip
+    robot: Robot,
+    s: Specification,
+    laws: Sequence[str] | None = None,
+    progress: Progress = lambda text: None,
+    same_sensors: bool = False,
+    gains: Mapping[str, Mapping[str, Any]] | None = None,
+) -> WorkspaceComparison:
     """Compare a design for a workspace with other laws, judged alike; parameters as of `flexhinf.compare`.
 
     Raises `InvalidInput` for laws and numbers that do not fit, and as `design_workspace`.
@@ -308,9 +312,10 @@ class _Search:
                 break
         if chosen is None:
             raise NumericalFailure(
-                f"No loop of {self.kind.name} can be judged.", "all that were tried are far from stable",
+                f"No loop of {self.kind.name} can be judged.",
+                "all that were tried are far from stable",
                 f"--laws without {self.kind.name}, or gains of your own (--gains)",
-            )  # fmt: skip
+            )
         place, setup, numbers = chosen
         return place, least, replace(setup, specification=self.specification), numbers
 

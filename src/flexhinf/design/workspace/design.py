@@ -55,9 +55,13 @@ Watch = Callable[[Sequence[Requirement]], None]
 
 
 def design_workspace(
-    robot: Robot, s: Specification, progress: Callable[[str], None] = lambda text: None,
-    watch: Watch = lambda lines: None, like: WorkspaceEvidence | None = None, changed: Collection[str] = (),
-) -> WorkspaceEvidence:  # fmt: skip
+    robot: Robot,
+    s: Specification,
+    progress: Callable[[str], None] = lambda text: None,
+    watch: Watch = lambda lines: None,
+    like: WorkspaceEvidence | None = None,
+    changed: Collection[str] = (),
+) -> WorkspaceEvidence:
     """Design one controller for a workspace, and judge it at poses and in moves that the search did not use.
 
     Parameters
@@ -89,9 +93,13 @@ def design_workspace(
 
 
 def judged_design(
-    setup: WorkspaceSetup, progress: Callable[[str], None] = lambda text: None, watch: Watch = lambda lines: None,
-    like: WorkspaceEvidence | None = None, changed: Collection[str] = (), undamped: bool = True,
-) -> WorkspaceEvidence:  # fmt: skip
+    setup: WorkspaceSetup,
+    progress: Callable[[str], None] = lambda text: None,
+    watch: Watch = lambda lines: None,
+    like: WorkspaceEvidence | None = None,
+    changed: Collection[str] = (),
+    undamped: bool = True,
+) -> WorkspaceEvidence:
     """Judge a law at poses and in moves that no search uses; parameters as of `design_workspace`.
 
     `undamped`: whether the loops whose springs nothing damps are computed too; they decide nothing.
@@ -148,7 +156,7 @@ def judged_design(
         lines.append(standstill_requirement(setup, [*nominal, *others], [*moves, *sampled]))
     return WorkspaceEvidence(
         setup, poses, loops, cornered, bare, moves, left_out, sampled, power_on, tuple(lines)
-    )  # fmt: skip
+    )
 
 
 def _reused(

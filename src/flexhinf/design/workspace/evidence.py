@@ -21,7 +21,7 @@ from flexhinf.design.workspace.setup import CornerLoop, PoseLoop, WorkspaceSetup
 from flexhinf.errors import refuse_if
 from flexhinf.loop import Controller, Trajectory
 from flexhinf.robot import Robot
-from flexhinf.robot.elastic import checked_pose
+from flexhinf.robot.poses import checked_pose
 
 #: Length of a step, s.
 STEP = 2.0

@@ -78,9 +78,10 @@ def loop_requirements(setup: WorkspaceSetup, poses: np.ndarray) -> list[Requirem
 def holding_requirement(setup: WorkspaceSetup, poses: np.ndarray) -> list[Requirement]:
     """The requirement that the motors hold the robot at poses (N, n), where it is not met."""
     row = replace(
-        REQUIREMENTS["corners"], what=UNHELD,
+        REQUIREMENTS["corners"],
+        what=UNHELD,
         criterion="poses at which the nominal robot needs more than a motor's limit to rest",
-    )  # fmt: skip
+    )
     unheld = int(np.sum(setup.needs(poses) > 1.0))
     line = row.judge(None, 0.0, unheld, f"{len(poses)} random poses, at rest")
     return [line] if line.missed else []

@@ -79,12 +79,17 @@ def robustness(
     if max(loop.growth for loop in undamped_loops) < 1.0:
         undamped = margin("late", LATEST, [setup.linear(pose, damped=False) for pose in poses])
     return Robustness(
-        margin("late", LATEST, loops), undamped,
-        margin("louder", np.log(LOUDEST), loops), margin("softer", -np.log(LOUDEST), loops),
-        int(np.sum(needs > HOLD)), int(np.sum(needs > 1.0)), fastest_vibration(setup, poses),
-        computed_tolerance(setup), proved_stability(setup),
+        margin("late", LATEST, loops),
+        undamped,
+        margin("louder", np.log(LOUDEST), loops),
+        margin("softer", -np.log(LOUDEST), loops),
+        int(np.sum(needs > HOLD)),
+        int(np.sum(needs > 1.0)),
+        fastest_vibration(setup, poses),
+        computed_tolerance(setup),
+        proved_stability(setup),
         np.vstack([setup.encoder_offsets(at, None)[0], setup.encoder_offsets(at)]),
-    )  # fmt: skip
+    )
 
 
 def fastest_vibration(setup: WorkspaceSetup, poses: np.ndarray) -> tuple[float, str]:
@@ -144,10 +149,11 @@ def remaining_cause(setup: WorkspaceSetup, own_moves: Sequence[Move], sampled: S
     for kind in dict.fromkeys(kinds.values()):
         tried[kind] = {**own, **{k: setup.true.robot.nominal[k] for k in kinds if kinds[k] == kind}}, STILL
     left = {
-        kind: float(remaining_errors(
-            setup.move(ends, setup.true.robot.plant_parameters(values), seed, dwell))[joint])
+        kind: float(
+            remaining_errors(setup.move(ends, setup.true.robot.plant_parameters(values), seed, dwell))[joint]
+        )
         for kind, (values, dwell) in tried.items()
-    }  # fmt: skip
+    }
     least = min(left, key=lambda kind: left[kind])
     known = np.isfinite(error) and left[least] <= MOSTLY * error
     return Cause(least if known else "", joint, error, left[least], least in kinds.values())

@@ -65,9 +65,12 @@ TOLERATED, TRIED_MOVES = 1.5, 4
 
 
 def tuned_setup(
-    robot: Robot, s: Specification, workspace: Workspace, progress: Callable[[str], None] = lambda text: None,
+    robot: Robot,
+    s: Specification,
+    workspace: Workspace,
+    progress: Callable[[str], None] = lambda text: None,
     tick: Callable[[], None] = lambda: None,
-) -> WorkspaceSetup:  # fmt: skip
+) -> WorkspaceSetup:
     """The fastest law whose loops at some random poses meet the requirements with a reserve, for the nominal robot and
     some at corners of the tolerances, with the best estimator for it; or the nearest to it. With encoders of the motors
     alone what is only preferred does not count: it would cost bandwidth.
@@ -102,18 +105,26 @@ class ChosenPoses:
     """
 
     def __init__(
-        self, robot: Robot, s: Specification, workspace: Workspace, counted: int,
-        tick: Callable[[], None] = lambda: None, sizes: tuple[int, int] | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        robot: Robot,
+        s: Specification,
+        workspace: Workspace,
+        counted: int,
+        tick: Callable[[], None] = lambda: None,
+        sizes: tuple[int, int] | None = None,
+    ) -> None:
         count, corners_each = sizes or (CHOSEN_POSES, CORNERS)
         poses, (damping, ripple) = workspace.sample(count, CHOSEN_SEED), pose_limits(s)
         delay = s.delay_margin_limit
         corners = robot.damped.random_corners(corners_each * count, CHOSEN_SEED)
         #: The specification with a reserve, since other poses are judged.
         self.wanted = replace(
-            s, damping=min(1.0, RESERVE * damping), ripple=ripple / RESERVE, gain_margin=RESERVE * gain_limit(s),
+            s,
+            damping=min(1.0, RESERVE * damping),
+            ripple=ripple / RESERVE,
+            gain_margin=RESERVE * gain_limit(s),
             delay_margin=None if delay is None else RESERVE * delay,
-        )  # fmt: skip
+        )
         self._corner_damping, self._counted, self._tick = RESERVE * corner_damping(s), counted, tick
         self._order = [(pose, corners[k::count]) for k, pose in enumerate(poses)]
 

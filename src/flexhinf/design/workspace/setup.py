@@ -169,10 +169,12 @@ class WorkspaceSetup(LoopPlants):
         joints, p = self.law.joints, self.law.plant.parameters.vector()
         place = float(self.robot.drive == "position")
         needed = [
-            np.abs(self.robot.operating_point(pose)[1] - place * pose) + ACCELERATION / joints.torque_per_input
+            np.abs(self.robot.operating_point(pose)[1] - place * pose)
+            + ACCELERATION
+            / joints.torque_per_input
             * (np.diag(np.linalg.inv(self.law.compliance.matrix(pose, p))) + joints.motor_inertia)
             for pose in self.workspace.sample(CHOSEN_POSES, CHOSEN_SEED)
-        ]  # fmt: skip
+        ]
         stated = np.isfinite(self.limits.effort) & (not place)
         return np.where(stated, self.limits.effort, np.max(needed, axis=0))
 
@@ -224,9 +226,12 @@ class WorkspaceSetup(LoopPlants):
         watched = ["workspace", *(["saturation"] if self.limits.saturated is not None else []), "following"]
         watched += [] if self.resistance is None else ["blocked"]
         return Supervision(
-            box, swing=0.2 * self.authority, reactions=dict.fromkeys(watched, "brake"),
-            position_swing=self.position_swing, following=self.following,
-        )  # fmt: skip
+            box,
+            swing=0.2 * self.authority,
+            reactions=dict.fromkeys(watched, "brake"),
+            position_swing=self.position_swing,
+            following=self.following,
+        )
 
     @property
     def following(self) -> np.ndarray:
@@ -297,13 +302,21 @@ class WorkspaceSetup(LoopPlants):
         until there is a command; with another law, and further options of `flexhinf.Controller`."""
         s, held = self.specification, self.robot.operating_point(at)
         own = {
-            "offset_time": None if s.estimator == "none" else OFFSET_TIME, "integral_dead_zone": self.dead_zone,
-            "governor": self.governor, **self.overcoming(estimator := self.estimator(at)),
-        }  # fmt: skip
+            "offset_time": None if s.estimator == "none" else OFFSET_TIME,
+            "integral_dead_zone": self.dead_zone,
+            "governor": self.governor,
+            **self.overcoming(estimator := self.estimator(at)),
+        }
         return Controller(
-            replace(law or self.law, equilibrium=held), estimator, s.period, self.limits.saturated, moving=True,
-            start="zero", latency=s.known_latency, **(own | options),
-        )  # fmt: skip
+            replace(law or self.law, equilibrium=held),
+            estimator,
+            s.period,
+            self.limits.saturated,
+            moving=True,
+            start="zero",
+            latency=s.known_latency,
+            **(own | options),
+        )
 
     # At rest ------------------------------------------------------------------------------------------
     @cached_property
@@ -322,17 +335,29 @@ class WorkspaceSetup(LoopPlants):
         """
         s, states, n = self.specification, self.model.states, len(self.joints)
         plant = self.smooth_plant_of(values, damped)
-        smooth = tuple(name for name in s.extras if name in SMOOTH_EXTRAS)
+        smooth = tuple(name for name in self.extras if name in SMOOTH_EXTRAS)
         a, b, g, c = plant.linearise(*self.true.robot.operating_point(at, smooth, values))
         whole = np.eye(plant.n)[[plant.index(name) for name in states]]
         c = whole if self.filter is None else c
         # Robots at corners of the tolerances have the same controller.
         memory, law = self._kept_step(at.tobytes())
         return LinearLoop(
-            s.period, a, b, c, np.zeros((len(c), n)), memory, law, np.zeros((len(memory), n)), np.zeros((n, n)),
-            whole[:n], tuple(states[:n]), g, tuple(plant.disturbances), tuple(plant.inputs),
+            s.period,
+            a,
+            b,
+            c,
+            np.zeros((len(c), n)),
+            memory,
+            law,
+            np.zeros((len(memory), n)),
+            np.zeros((n, n)),
+            whole[:n],
+            tuple(states[:n]),
+            g,
+            tuple(plant.disturbances),
+            tuple(plant.inputs),
             delay=(s.known_latency + s.unknown_samples) * s.period,
-        )  # fmt: skip
+        )
 
     @cached_property
     def _kept_step(self) -> Callable[[bytes], tuple[np.ndarray, np.ndarray]]:
@@ -388,10 +413,15 @@ class WorkspaceSetup(LoopPlants):
         damping, fast = loop.closed_loop.damping_about(s.damped_below_limit)
         louder, softer = (growth(replace(loop, b=k * loop.b, d=k * loop.d)) for k in (gain, 1.0 / gain))
         return PoseLoop(
-            growth=float(np.abs(loop.closed_loop.multipliers).max()), damping=damping, fast_damping=fast,
-            late=growth(loop, extra), later=growth(loop, 2.0 * extra), louder=louder, softer=softer,
+            growth=float(np.abs(loop.closed_loop.multipliers).max()),
+            damping=damping,
+            fast_damping=fast,
+            late=growth(loop, extra),
+            later=growth(loop, 2.0 * extra),
+            louder=louder,
+            softer=softer,
             ripple=100.0 * ripple,
-        )  # fmt: skip
+        )
 
     def noise_spread(self, loop: LinearLoop) -> np.ndarray:
         """Standard deviations (2, n) of inputs, and of link positions, rad or m, by the sensors' noise and steps."""
@@ -495,22 +525,34 @@ class WorkspaceSetup(LoopPlants):
         `offset` (p,)."""
         (plan, reference), start = self._command(*map(bytes, ends)), ends[0]
         state, held, memory = settled(
-            self.true.robot, self.robot.operating_point(start), self.limits, self.moving,
-            self.linear(start, values), start, self.extras, values, offset,
-        )  # fmt: skip
+            self.true.robot,
+            self.robot.operating_point(start),
+            self.limits,
+            self.moving,
+            self.linear(start, values),
+            start,
+            self.extras,
+            values,
+            offset,
+        )
         period = self.specification.period
         return plan, {
-            "reference": reference, "duration": period * round((plan.duration + dwell) / period),
-            "initial_state": state, "initial_input": held, "initial_memory": memory,
-        }  # fmt: skip
+            "reference": reference,
+            "duration": period * round((plan.duration + dwell) / period),
+            "initial_state": state,
+            "initial_input": held,
+            "initial_memory": memory,
+        }
 
     def power_on(self, ends: np.ndarray, values: Mapping[str, Any], seed: int = 0) -> Response:
         """The first second at the start of a move, of a controller that does not know the robot's parameters."""
         s, at = self.specification, ends[0]
         run = self.loop(self.controller(at), values).run(
-            noise=self.noise, duration=s.period * round(STILL / s.period), seed=s.seed + seed,
+            noise=self.noise,
+            duration=s.period * round(STILL / s.period),
+            seed=s.seed + seed,
             initial_state=self.true.robot.operating_point(at, self.extras, values)[0],
-        )  # fmt: skip
+        )
         return Response(run, at, at, self.joints)
 
     def unknown_load(self, ends: np.ndarray, values: Mapping[str, Any]) -> float:

@@ -27,7 +27,7 @@ from flexhinf.plant.integration import fastest_modes
 from flexhinf.plant.joints import elastic_joints, joint_places, joint_ranges, standstill_function
 from flexhinf.robot import Parameter, Robot
 from flexhinf.robot.dynamics import frames_of
-from flexhinf.robot.elastic import DRY, InverseFlow
+from flexhinf.robot.elastic import DRY, EXTRAS, InverseFlow, inactive_parameters
 from flexhinf.robot.kinematics import magnification, picture_axes, position_ranges
 from flexhinf.robot.parameters import QUANTITIES, per_joint
 from flexhinf.scalars import apply, trace
@@ -232,30 +232,55 @@ class LiveArm:
         flow, output, pack, standstill, inverse, frames = (
             (translator.function(function), function)
             for function in (
-                plant.traced_flow, plant.traced_output, self._pack, self._standstill, self._inverse, self._frames,
+                plant.traced_flow,
+                plant.traced_output,
+                self._pack,
+                self._standstill,
+                self._inverse,
+                self._frames,
             )
-        )  # fmt: skip
+        )
         motions = [f"parts[{k}]" for k in range(5)]
         gains, limits = self.rival, c.limits
         return render(
-            "web/simulation.c", **c_values(NAME, DOUBLE), functions=str(translator),
-            n=plant.n, m=len(plant.inputs), d=len(plant.disturbances), p=plant.parameters.size, y=len(plant.outputs),
-            r=len(c.commanded), q=n, v=len(self.numbers), pairs=PAIRS, queue=QUEUE, latency=c.mode.latency,
-            period=constant(c.period, DOUBLE), noise=_listed(self.deviations), motor_noise=_listed(self.motor_noise),
+            "web/simulation.c",
+            **c_values(NAME, DOUBLE),
+            functions=str(translator),
+            n=plant.n,
+            m=len(plant.inputs),
+            d=len(plant.disturbances),
+            p=plant.parameters.size,
+            y=len(plant.outputs),
+            r=len(c.commanded),
+            q=n,
+            v=len(self.numbers),
+            pairs=PAIRS,
+            queue=QUEUE,
+            latency=c.mode.latency,
+            period=constant(c.period, DOUBLE),
+            noise=_listed(self.deviations),
+            motor_noise=_listed(self.motor_noise),
             stiff_gain=_listed([*self.stiff.proportional, *self.stiff.derivative]),
             stiff_cutoff=_listed(self.stiff.cutoff),
-            gain=_listed([*gains.proportional, *gains.derivative]), cutoff=_listed(gains.cutoff),
-            dry=_listed(self._dry.ravel()), sharpness=constant(SHARPNESS, DOUBLE),
-            lower=_listed(limits.lower), upper=_listed(limits.upper), command_of=self._commanded,
+            gain=_listed([*gains.proportional, *gains.derivative]),
+            cutoff=_listed(gains.cutoff),
+            dry=_listed(self._dry.ravel()),
+            sharpness=constant(SHARPNESS, DOUBLE),
+            lower=_listed(limits.lower),
+            upper=_listed(limits.upper),
+            command_of=self._commanded,
             motor_of=", ".join(map(str, self._motors)),
             parents=", ".join(str(parent) for parent in self.robot.links.tree.parents),
             slides=", ".join(str(int(slides)) for slides in self.robot.links.slides),
-            standstill=_call(standstill, ["q", "p"], "xu"), inverse=_call(inverse, [*motions, "nominal"], "xu"),
+            standstill=_call(standstill, ["q", "p"], "xu"),
+            inverse=_call(inverse, [*motions, "nominal"], "xu"),
             flow_x=_call(flow, ["x", "a->u", "d", "a->p"], "slope[0]"),
             flow_at=_call(flow, ["at", "a->u", "d", "a->p"], "slope[stage]"),
-            output=_call(output, ["a->x", "a->u", "a->p"], "a->y"), pack=_call(pack, ["a->numbers"], "a->p"),
-            frames=_call(frames, ["q"], "out"), **self._beginning,
-        )  # fmt: skip
+            output=_call(output, ["a->x", "a->u", "a->p"], "a->y"),
+            pack=_call(pack, ["a->numbers"], "a->p"),
+            frames=_call(frames, ["q"], "out"),
+            **self._beginning,
+        )
 
     @property
     def _dry(self) -> np.ndarray:
@@ -329,10 +354,15 @@ class LiveArm:
 
         return trace(standstill, n, self.plant.parameters.size, name="standstill", names=("q", "p"))
 
+    @property
+    def _curve(self) -> tuple[str, ...]:
+        """The switch of the curves of gears, where the true plant has them."""
+        return tuple(name for name in self.extras if name == "stiffness_curve")
+
     @cached_property
     def _inverse(self) -> Any:
         robot, n = self.robot, len(self.robot.joint_names)
-        flow = InverseFlow(robot.links, robot.drive, rigid=robot.layout.rigid)
+        flow = InverseFlow(robot.links, robot.drive, self._curve, robot.layout.rigid)
         table = ParameterTable(self.plant.parameters.values)
         more = np.zeros(self.plant.n - robot.layout.mechanical)
 
@@ -369,9 +399,10 @@ class LiveArm:
         """The numbers that have a slider: name, quantity, joint, unit, value, ends of the tolerance, of the slider."""
         robot, rows = self.robot, []
         certain = not robot.uncertain
+        curved = inactive_parameters((*EXTRAS,), robot.joint_names, robot.nominal)
         for parameter in robot.parameters:
             quantity, joint = _quantity(parameter.name, robot.joint_names)
-            if quantity == "payload_mass":
+            if quantity == "payload_mass" or (self._curve and parameter.name in curved):
                 continue
             if certain and quantity in SLIDERS:
                 parameter = replace(parameter, tolerance=UNSTATED, range=None)
@@ -380,11 +411,19 @@ class LiveArm:
                 continue
             value, sign = parameter.value, QUANTITIES[quantity].sign
             least = {"positive": SMALLEST * value, "not negative": 0.0}.get(sign, -math.inf)
-            rows.append({
-                "name": parameter.name, "quantity": quantity.replace("_", " "), "joint": joint, "unit": parameter.unit,
-                "value": value, "lower": low, "upper": high,
-                "low": max(value - TIMES * (value - low), least), "high": value + TIMES * (high - value),
-            })  # fmt: skip
+            rows.append(
+                {
+                    "name": parameter.name,
+                    "quantity": quantity.replace("_", " "),
+                    "joint": joint,
+                    "unit": parameter.unit,
+                    "value": value,
+                    "lower": low,
+                    "upper": high,
+                    "low": max(value - TIMES * (value - low), least),
+                    "high": value + TIMES * (high - value),
+                }
+            )
         return sorted(
             rows, key=lambda row: FIRST.index(row["quantity"]) if row["quantity"] in FIRST else len(FIRST)
         )
@@ -398,11 +437,17 @@ class LiveArm:
             if parameter.name.startswith("payload_mass"):
                 low, high = parameter.interval
                 most = max(1.5 * high, 0.5 * min(masses, default=1.0), 1.5 * parameter.value)
-                rows.append({
-                    "name": parameter.name, "joint": _quantity(parameter.name, self.robot.joint_names)[1],
-                    "value": parameter.value, "lower": low, "upper": high, "low": 0.0,
-                    "high": float(f"{most:.2g}"),
-                })  # fmt: skip
+                rows.append(
+                    {
+                        "name": parameter.name,
+                        "joint": _quantity(parameter.name, self.robot.joint_names)[1],
+                        "value": parameter.value,
+                        "lower": low,
+                        "upper": high,
+                        "low": 0.0,
+                        "high": float(f"{most:.2g}"),
+                    }
+                )
         return rows
 
     def settings(self) -> dict[str, Any]:
@@ -413,35 +458,64 @@ class LiveArm:
         steps = [sub_steps(c.period, self.fastest, size) for size in (STEP, GHOST_STEP)]
         speed = np.broadcast_to(np.asarray(self.speed, dtype=float), len(low))
         return {
-            **self._scene, "other": np.asarray(self.start, dtype=float).tolist(),
-            "robot": robot.name, "description": robot.description, "joints": list(robot.joint_names),
-            "slides": list(map(bool, robot.links.slides)), "parents": list(robot.links.tree.parents),
-            "ends": self.ends, "down": list(map(float, robot.links.down)),
-            "low": low.tolist(), "high": high.tolist(), "unit": position,
-            "effort": plant.unit(plant.inputs[0]), "degrees": self.degrees,
-            "period": c.period, "latency": c.mode.latency, "queue": QUEUE, "pairs": PAIRS, "steps": steps,
-            "lower": _finite(c.limits.lower), "upper": _finite(c.limits.upper),
-            "start": np.asarray(self.start, dtype=float).tolist(), "goal": np.asarray(self.goal, dtype=float).tolist(),
+            **self._scene,
+            "other": np.asarray(self.start, dtype=float).tolist(),
+            "robot": robot.name,
+            "description": robot.description,
+            "joints": list(robot.joint_names),
+            "slides": list(map(bool, robot.links.slides)),
+            "parents": list(robot.links.tree.parents),
+            "ends": self.ends,
+            "down": list(map(float, robot.links.down)),
+            "low": low.tolist(),
+            "high": high.tolist(),
+            "unit": position,
+            "effort": plant.unit(plant.inputs[0]),
+            "degrees": self.degrees,
+            "period": c.period,
+            "latency": c.mode.latency,
+            "queue": QUEUE,
+            "pairs": PAIRS,
+            "steps": steps,
+            "lower": _finite(c.limits.lower),
+            "upper": _finite(c.limits.upper),
+            "start": np.asarray(self.start, dtype=float).tolist(),
+            "goal": np.asarray(self.goal, dtype=float).tolist(),
             "travel": np.maximum(np.abs(self.goal - self.start), 1e-3).tolist(),
-            "speed": _finite(speed), "shortest": self.shortest, "commanded": bool(c.commanded),
-            "numbers": list(self.numbers), "nominal": list(self.loaded.nominal.values()),
-            "sliders": self.sliders, "payloads": self.payloads, "stated": bool(robot.uncertain),
-            "noise": self.deviations.tolist(), "measured": list(plant.outputs),
+            "speed": _finite(speed),
+            "shortest": self.shortest,
+            "commanded": bool(c.commanded),
+            "numbers": list(self.numbers),
+            "nominal": list(self.loaded.nominal.values()),
+            "sliders": self.sliders,
+            "payloads": self.payloads,
+            "stated": bool(robot.uncertain),
+            "noise": self.deviations.tolist(),
+            "measured": list(plant.outputs),
             "measured_units": [plant.unit(name) for name in plant.outputs],
             "pd": {
-                "proportional": gains.proportional.tolist(), "derivative": gains.derivative.tolist(),
-                "cutoff": gains.cutoff.tolist(), "bandwidth": gains.bandwidth.tolist(),
+                "proportional": gains.proportional.tolist(),
+                "derivative": gains.derivative.tolist(),
+                "cutoff": gains.cutoff.tolist(),
+                "bandwidth": gains.bandwidth.tolist(),
                 "damping": gains.damping.tolist(),
-                "time": self.rival_time, "note": f"{TUNED_NOTE} {self.friction}",
+                "time": self.rival_time,
+                "note": f"{TUNED_NOTE} {self.friction}",
             },
-            "fast": self.fast_time, "stiff": {
-                "bandwidth": self.stiff.bandwidth.tolist(), "damping": self.stiff.damping.tolist(),
-                "note": STIFF_NOTE.format(self.stiff.bandwidth[0], self.stiff.damping[0]) + f" {self.friction}",
+            "fast": self.fast_time,
+            "stiff": {
+                "bandwidth": self.stiff.bandwidth.tolist(),
+                "damping": self.stiff.damping.tolist(),
+                "note": STIFF_NOTE.format(self.stiff.bandwidth[0], self.stiff.damping[0])
+                + f" {self.friction}",
             },
             "codes": {str(row.value): row.meaning for row in self.code.codes.values()},
             "names": {str(row.value): name for name, row in self.code.codes.items()},
-            "moving": c.mode.moving, "facts": c.summary(), "notes": list(self.notes), "version": __version__,
-        }  # fmt: skip
+            "moving": c.mode.moving,
+            "facts": c.summary(),
+            "notes": list(self.notes),
+            "version": __version__,
+        }
 
     @property
     def _scene(self) -> dict[str, Any]:

@@ -48,10 +48,17 @@ def page_text(arm: LiveArm, module: bytes) -> str:
         )
     ]
     return render(
-        "web/page.html", settings=settings, pd=pd, gains=gains, below=BELOW, notes=arm.notes, warnings=_warnings(arm),
-        scripts=[f"web/{script}" for script in SCRIPTS], version=__version__,
+        "web/page.html",
+        settings=settings,
+        pd=pd,
+        gains=gains,
+        below=BELOW,
+        notes=arm.notes,
+        warnings=_warnings(arm),
+        scripts=[f"web/{script}" for script in SCRIPTS],
+        version=__version__,
         module=base64.b64encode(gzip.compress(module, 9, mtime=0)).decode(),
-    ).rstrip()  # fmt: skip
+    ).rstrip()
 
 
 def _warnings(arm: LiveArm) -> list[str]:

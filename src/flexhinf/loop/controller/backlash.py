@@ -55,11 +55,13 @@ class Backlash(Listed):
     def __post_init__(self) -> None:
         width, count = real_array(self.width), len(self.links)
         refuse_if(
-            width.shape != (count,) or len(self.motors) != count or not np.all(np.isfinite(width) & (width >= 0.0)),
+            width.shape != (count,)
+            or len(self.motors) != count
+            or not np.all(np.isfinite(width) & (width >= 0.0)),
             "The backlash does not fit the joints.",
             f"expected widths >= 0 for {list(self.links)} and {list(self.motors)}, got {value_text(self.width)}",
             "one number per joint, in its unit of position",
-        )  # fmt: skip
+        )
         vars(self).update(width=tuple(width.tolist()), links=tuple(self.links), motors=tuple(self.motors))
 
     def places(self, estimator: Estimator | None, states: Sequence[str], moving: bool) -> tuple[Place, ...]:

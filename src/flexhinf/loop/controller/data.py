@@ -27,12 +27,14 @@ def data_values(controller: Any, slopes: Sequence[np.ndarray]) -> dict[str, np.n
     room = np.minimum(room, c.windup.limit) if mode.bounds_windup else room
     gains, whole, estimated = [slope[:, n:] for slope in slopes], n + len(c.tracked), len(c.estimated)
     values: dict[str, Any] = {
-        "period": [c.period], "law": np.concatenate([code.data for code in codes]),
+        "period": [c.period],
+        "law": np.concatenate([code.data for code in codes]),
         "operating_point": rows([shaped("operating_point", law.operating_point, (whole,)) for law in c.laws]),
         "operating_input": rows([shaped("operating_input", law.operating_input, (m,)) for law in c.laws]),
-        "lower": limits.lower, "upper": limits.upper,
+        "lower": limits.lower,
+        "upper": limits.upper,
         "integral_relief": rows([integral_relief(gain, room) for gain in gains]),
-    }  # fmt: skip
+    }
     if c.estimator is not None:
         values |= {
             "parameters": c.estimator.plant.parameters.vector(),

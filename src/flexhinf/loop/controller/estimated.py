@@ -87,9 +87,11 @@ def compensated_places(compensate: Any, law: Law, estimator: Estimator | None) -
     loads = [name for name in plant.states if name in plant.disturbances and name not in own]
     for name in names:
         one_of(
-            f"No load {name!r} is estimated.", name, loads,
+            f"No load {name!r} is estimated.",
+            name,
+            loads,
             "an estimator of plant.augmented(disturbances=(...)), whose state has the name of the disturbance",
-        )  # fmt: skip
+        )
     return tuple(plant.index(name) for name in names)
 
 

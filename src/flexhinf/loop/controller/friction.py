@@ -62,12 +62,17 @@ class DryFriction(Listed):
         kept = {name: real_array(value) for name, value in stated.items() if value is not None}
         refuse_if(
             len(kept) % 2
-            or any(each.shape != (len(self.speeds),) or not np.all(np.isfinite(each)) for each in kept.values())
-            or any(np.any(each < 0.0 if name in ("level", "static") else each <= 0.0) for name, each in kept.items()),
+            or any(
+                each.shape != (len(self.speeds),) or not np.all(np.isfinite(each)) for each in kept.values()
+            )
+            or any(
+                np.any(each < 0.0 if name in ("level", "static") else each <= 0.0)
+                for name, each in kept.items()
+            ),
             "The dry friction does not fit the motors.",
             f"expected levels >= 0 and velocities > 0 for {list(self.speeds)}, got {value_text(stated)}",
             "one number per motor, in units of its input and of its speed",
-        )  # fmt: skip
+        )
         vars(self).update(
             {name: tuple(each.tolist()) for name, each in kept.items()}, speeds=tuple(self.speeds)
         )

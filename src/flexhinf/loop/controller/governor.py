@@ -100,13 +100,14 @@ class Governor(Listed):
         sizes = [rows.pop(name) for name in ("lower", "upper")]
         alike = len({row.shape for row in (*sizes, *rows.values())}) == 1 and sizes[0].ndim == 1
         refuse_if(
-            not alike or not all(np.all(np.isfinite(row) & (row > 0.0)) for row in rows.values())
+            not alike
+            or not all(np.all(np.isfinite(row) & (row > 0.0)) for row in rows.values())
             or not np.all(sizes[0] <= sizes[1]),
             "The governor of a controller does not fit the joints.",
             "expected a positive distance, speed, acceleration and resistance for each joint and lower <= upper, got "
             f"{value_text(vars(self))}",
             "one number per tracked position: Governor([0.05], [1.0], [3.0], [-3.0], [3.0])",
-        )  # fmt: skip
+        )
         vars(self).update({name: tuple(real_array(value).tolist()) for name, value in stated.items()})
 
     @property
@@ -186,13 +187,28 @@ def brought_back(
     if mode.resisted:
         change = run.call(partial(_corrections, mode.resisted), *means)
         kept["hold"] = run.call(
-            partial(resisted, tracked, mode.governed), *seen, r, change, memory.hold, memory.far, data.period,
-            data.governor, data.resistance,
-        )  # fmt: skip
+            partial(resisted, tracked, mode.governed),
+            *seen,
+            r,
+            change,
+            memory.hold,
+            memory.far,
+            data.period,
+            data.governor,
+            data.resistance,
+        )
     r, kept["far"], lag = run.call(
-        partial(governed, tracked, mode.governed), *seen, r, memory.reference, memory.command, memory.far,
-        memory.started, data.period, data.governor, *kept.values(),
-    )  # fmt: skip
+        partial(governed, tracked, mode.governed),
+        *seen,
+        r,
+        memory.reference,
+        memory.command,
+        memory.far,
+        memory.started,
+        data.period,
+        data.governor,
+        *kept.values(),
+    )
     return r, lag, kept
 
 

@@ -233,9 +233,12 @@ def with_common_monomials(laws: Sequence[Law]) -> tuple[Law, ...]:
 def check_kinds(law: Any, estimator: Any) -> None:
     """Refuse what is no law with finite numbers of the right sizes, or neither an estimator nor None."""
     checked_kind(
-        "The controller needs a law.", law, Law, "a flexhinf.plant.Law",
+        "The controller needs a law.",
+        law,
+        Law,
+        "a flexhinf.plant.Law",
         "a solution of solve_hji or linear_law, or a subclass of flexhinf.plant.Law",
-    )  # fmt: skip
+    )
     checked_kind(
         "The controller's estimator is none.",
         estimator,
@@ -286,9 +289,10 @@ MOST_SIGNALS = 1000
 
 #: Options of a controller that are several arrays, by the names of these, and others that are arrays.
 PAIRS = {
-    "saturation": ("lower", "upper"), "command_range": ("command_lower", "command_upper"),
+    "saturation": ("lower", "upper"),
+    "command_range": ("command_lower", "command_upper"),
     "measurement_limits": ("measurement_lower", "measurement_upper", "measurement_rate"),
-}  # fmt: skip
+}
 ARRAYS = ("input_rate", "command_rate", "integral_dead_zone", "before_first")
 
 #: Options that are made of several named ones.
@@ -332,11 +336,14 @@ def write_controller(
         elif (name, option) not in UNWRITTEN:
             plain[IN_FILE.get(name, name)] = option
     header = {
-        "format": FORMAT, "version": VERSION, "period": period, "options": plain,
+        "format": FORMAT,
+        "version": VERSION,
+        "period": period,
+        "options": plain,
         "hysteresis": law.hysteresis if isinstance(law, Schedule) else None,
         "laws": [_store_law(member, f"laws.{k}.", arrays) for k, member in enumerate(laws)],
         "estimator": None if estimator is None else _store(estimator, "estimator.", arrays),
-    }  # fmt: skip
+    }
     write_arrays(path, "controller", {"header": np.array(json.dumps(header)), **arrays})
 
 
@@ -421,10 +428,14 @@ def _store_law(law: Law, prefix: str, arrays: dict[str, np.ndarray]) -> dict[str
         found = {**(found or {}), "holding": True}
     arrays |= _prefixed(prefix, {name: np.asarray(part) for name, part in parts.items()})
     return {
-        "name": law.kind, "degree": law.law_degree, "states": list(law.state_names), "inputs": list(law.input_names),
-        "degrees": None if table is None else list(table.degrees), "placed": law.depends_on_reference,
+        "name": law.kind,
+        "degree": law.law_degree,
+        "states": list(law.state_names),
+        "inputs": list(law.input_names),
+        "degrees": None if table is None else list(table.degrees),
+        "placed": law.depends_on_reference,
         "series": found,
-    }  # fmt: skip
+    }
 
 
 def _stored_law(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Law:
@@ -502,14 +513,20 @@ def _store(value: Any, prefix: str, arrays: dict[str, np.ndarray]) -> Any:
         arrays |= _prefixed(f"{prefix}flow.", function_arrays(value.traced_flow))
         arrays |= _prefixed(f"{prefix}output.", function_arrays(value.traced_output))
         arrays |= _prefixed(f"{prefix}parameters.", value.parameters.values)
-        return {"plant": {
-            **{kind: list(getattr(value, kind)) for kind in ("states", "inputs", "disturbances", "outputs")},
-            "parameters": list(value.parameters.names), "units": dict(value.units),
-            "groups": {name: list(members) for name, members in value.groups.items()},
-            "limits": {name: list(ends) for name, ends in value.limits.items()},
-            **({"sampled": True} if value.sampled else {}),
-            **({"angles": list(value.angles)} if value.angles else {}),
-        }}  # fmt: skip
+        return {
+            "plant": {
+                **{
+                    kind: list(getattr(value, kind))
+                    for kind in ("states", "inputs", "disturbances", "outputs")
+                },
+                "parameters": list(value.parameters.names),
+                "units": dict(value.units),
+                "groups": {name: list(members) for name, members in value.groups.items()},
+                "limits": {name: list(ends) for name, ends in value.limits.items()},
+                **({"sampled": True} if value.sampled else {}),
+                **({"angles": list(value.angles)} if value.angles else {}),
+            }
+        }
     if isinstance(value, np.ndarray):
         arrays[f"{prefix}array"] = value
         return {"array": True}
@@ -533,8 +550,17 @@ def _restore(part: dict[str, Any], prefix: str, arrays: Mapping[str, np.ndarray]
         table = ParameterTable({name: arrays[f"parameters.{name}"] for name in header["parameters"]})
         flow, output = (StoredCode(_below(f"{name}.", arrays), table) for name in ("flow", "output"))
         return Plant(
-            flow, output, header["states"], header["inputs"], header["disturbances"], table, header["outputs"],
-            header["units"], header["groups"], {name: tuple(ends) for name, ends in header["limits"].items()},
-            sampled=header.get("sampled", False), angles=header.get("angles", ()),
-        )  # fmt: skip
+            flow,
+            output,
+            header["states"],
+            header["inputs"],
+            header["disturbances"],
+            table,
+            header["outputs"],
+            header["units"],
+            header["groups"],
+            {name: tuple(ends) for name, ends in header["limits"].items()},
+            sampled=header.get("sampled", False),
+            angles=header.get("angles", ()),
+        )
     return arrays[f"{prefix}array"] if "array" in part else part["value"]

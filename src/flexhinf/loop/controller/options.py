@@ -117,8 +117,9 @@ def checked_offset_time(value: Any, estimator: Estimator | None) -> float | None
     if estimator is None:
         raise InvalidInput(
             "Offsets of the true state are stated: this controller measures nothing else.",
-            f"expected offset_time=None without an estimator, got {value_text(value)}", "an estimator",
-        )  # fmt: skip
+            f"expected offset_time=None without an estimator, got {value_text(value)}",
+            "an estimator",
+        )
     return checked_positive("The time constant of the offsets", value, "seconds", "offset_time=1.0")
 
 
@@ -129,11 +130,12 @@ def checked_measurement_limits(value: Any, estimator: Estimator | None) -> tuple
         return None
     triple = isinstance(value, (tuple, list)) and len(value) == 3
     refuse_if(
-        estimator is None or not triple, "The limits of the measurements cannot be used.",
+        estimator is None or not triple,
+        "The limits of the measurements cannot be used.",
         f"expected (lower, upper, rate) and an estimator, got {value_text(value)}"
         + " without an estimator" * (estimator is None),
         f"measurement_limits={LIMITED['measurement_limits']}",
-    )  # fmt: skip
+    )
     assert estimator is not None
     names = ("measurement_limits", "measurement_limits")
     limits = Limits.of((value[0], value[1]), len(estimator.plant.outputs), value[2], names)
@@ -201,9 +203,12 @@ class Limits:
 
 #: What the limits of a controller are called, by the names of its arguments.
 LIMITS = {
-    "saturation": "saturation", "input_rate": "rate of the input", "command_range": "range of the command",
-    "command_rate": "rate of the command", "measurement_limits": "limit of the measurements",
-}  # fmt: skip
+    "saturation": "saturation",
+    "input_rate": "rate of the input",
+    "command_range": "range of the command",
+    "command_rate": "rate of the command",
+    "measurement_limits": "limit of the measurements",
+}
 
 
 #: What measurement_limits may be, for the advice of a refusal.
@@ -244,8 +249,9 @@ def check_names(law: Law, estimator: Estimator | None, period: float) -> None:
     if order != tuple(law.state_names) or not set(tracked) <= set(states):
         raise InvalidInput(
             "The law's states are not the plant's states followed by integrals of some of them.",
-            f"got {list(law.state_names)}", "name the integral of the error of NAME 'NAME_integral', last",
-        )  # fmt: skip
+            f"got {list(law.state_names)}",
+            "name the integral of the error of NAME 'NAME_integral', last",
+        )
     if estimator is None:
         return
     plant, inputs = estimator.plant, tuple(law.input_names)
@@ -482,13 +488,20 @@ def controller_facts(c: Any) -> dict[str, str]:
         "saturation": ", ".join(limits.texts) if np.isfinite([limits.lower, limits.upper]).any() else "",
         "integral action": ", ".join(
             f"adds at most {size:.4g}{unit} to the holding {kind}"
-            for name, size in zip(c.law.input_names, c.windup.limit) if np.isfinite(size)
+            for name, size in zip(c.law.input_names, c.windup.limit)
+            if np.isfinite(size)
             for kind, unit in [_kind_of_input(name)]
-        ) if mode.bounds_windup else "",
-        "input rate": ", ".join(f"at most {r:.4g} per s" for r in limits.rate) if mode.limits_input_rate else "",
+        )
+        if mode.bounds_windup
+        else "",
+        "input rate": ", ".join(f"at most {r:.4g} per s" for r in limits.rate)
+        if mode.limits_input_rate
+        else "",
         "command": ", ".join(
             f"{text}, at most {rate:.4g} per s" for text, rate in zip(command.texts, command.rate)
-        ) if mode.limits_command else "",
+        )
+        if mode.limits_command
+        else "",
         "integral dead zone": "" if zone is None else ", ".join(f"± {size:.4g}" for size in zone),
         "reference": "moving" if mode.moving else "",
         "dry friction": ", ".join(f"{f:.4g}" for f in c.dry_friction.level) if c.dry_friction else "",
@@ -503,7 +516,9 @@ def controller_facts(c: Any) -> dict[str, str]:
             f"{name} {text}"
             for name, low, high, rate in zip(c.measured, *c.measurement_limits)
             if (text := _plausible_text(low, high, rate, units.get(name, "")))
-        ) if c.measurement_limits is not None else "",
+        )
+        if c.measurement_limits is not None
+        else "",
         "latency": f"{mode.latency} sample{'s' * (mode.latency > 1)}" if mode.latency else "",
-    }  # fmt: skip
+    }
     return {name: fact for name, fact in facts.items() if fact}

@@ -38,20 +38,24 @@ def standstill_memory(
     own, tracked = law.problem.plant if isinstance(law, ProblemLaw) else None, law.tracked
     model = own if estimator is None else estimator.plant
     refuse_if(
-        model is None or not tracked, "This controller knows no equilibria.",
+        model is None or not tracked,
+        "This controller knows no equilibria.",
         "expected an estimator with its model, and a law with integrals, got "
-        f"{'no model' if model is None else 'no integrals'}", "reset(state, input) with numbers of your own",
-    )  # fmt: skip
+        f"{'no model' if model is None else 'no integrals'}",
+        "reset(state, input) with numbers of your own",
+    )
     assert model is not None
     whole, u = equilibrium_at(
         model, tracked, pose_values(pose, tracked, "controller"), states.start if states.places else None
     )
     x = states.own(whole)
     refuse_if(
-        np.any((u < limits.lower) | (u > limits.upper)), "The inputs cannot hold the robot at this pose.",
+        np.any((u < limits.lower) | (u > limits.upper)),
+        "The inputs cannot hold the robot at this pose.",
         f"expected an input within {limits.lower.tolist()} and {limits.upper.tolist()}, needed {u.tolist()} at "
-        f"{value_text(pose)}", "another pose, or a larger saturation",
-    )  # fmt: skip
+        f"{value_text(pose)}",
+        "another pose, or a larger saturation",
+    )
     position = x[[law.plant_states.index(name) for name in tracked]]
     if moving:
         integrals, command = np.zeros(len(tracked)), np.concatenate([x, u])

@@ -62,9 +62,13 @@ class Status(enum.IntFlag):
 
 #: The bits of what is watched, in the order of their flags in the memory.
 WATCHED = (
-    Status.OUTSIDE_WORKSPACE, Status.LIMIT_CYCLE, Status.SATURATION, Status.REACTING, Status.FOLLOWING_ERROR,
+    Status.OUTSIDE_WORKSPACE,
+    Status.LIMIT_CYCLE,
+    Status.SATURATION,
+    Status.REACTING,
+    Status.FOLLOWING_ERROR,
     Status.BLOCKED,
-)  # fmt: skip
+)
 
 #: What can be reacted to, in the order of the flags, and how: about a standing command, and about a moving reference.
 REACTIONS = {
@@ -149,14 +153,18 @@ class Supervision:
             unit = "a ratio" if name == "damping" else "seconds"
             checked_positive(f"The {name} of a supervision", getattr(self, name), unit, f"{name}=0.2")
         refuse_if(
-            real_number(self.damping) >= 1.0, "The damping of a supervision is no damping ratio.",
-            f"expected 0 < number < 1, got {value_text(self.damping)}", "damping=0.05",
-        )  # fmt: skip
+            real_number(self.damping) >= 1.0,
+            "The damping of a supervision is no damping ratio.",
+            f"expected 0 < number < 1, got {value_text(self.damping)}",
+            "damping=0.05",
+        )
         pair = isinstance(self.workspace, (tuple, list)) and len(self.workspace) == 2
         refuse_if(
-            self.workspace is not None and not pair, "The workspace is no box.",
-            f"expected (lower, upper), got {value_text(self.workspace)}", "workspace=(-1.0, 1.0)",
-        )  # fmt: skip
+            self.workspace is not None and not pair,
+            "The workspace is no box.",
+            f"expected (lower, upper), got {value_text(self.workspace)}",
+            "workspace=(-1.0, 1.0)",
+        )
         what, advice = "The reactions are no mapping.", "reactions={'workspace': 'limit'}"
         checked_kind(what, self.reactions, Mapping, "reactions by event", advice)
         for event, reaction in dict(self.reactions).items():
@@ -184,11 +192,12 @@ class Supervision:
     def reaction_text(self) -> str:
         """The reactions, for a summary."""
         events = {
-            "workspace": "a command leaves the workspace", "limit_cycle": "a signal swings to and fro at rest",
+            "workspace": "a command leaves the workspace",
+            "limit_cycle": "a signal swings to and fro at rest",
             "saturation": f"an input is at a limit for {self.saturation_time:g} s",
             "following": f"a position is beyond {self._following_text} from its command",
             "blocked": "something blocks a joint",
-        }  # fmt: skip
+        }
         return ", ".join(f"{kind} where {events[e]}" for e, kind in self.reactions.items() if kind != "none")
 
     @property
@@ -202,18 +211,23 @@ class Supervision:
         modes = tuple(self.reactions.get(event, "none") for event in REACTIONS)
         for (event, possible), reaction in zip(REACTIONS.items(), modes):
             refuse_if(
-                reaction not in possible[moving], f"A moving reference cannot react so to {event!r}.",
+                reaction not in possible[moving],
+                f"A moving reference cannot react so to {event!r}.",
                 f"expected one of {list(possible[moving])} with moving=True, got {reaction!r}",
                 "'brake': a reference that moves can only be slowed to rest along its path",
-            )  # fmt: skip
+            )
         refuse_if(
-            modes[0] != "none" and self.workspace is None, "A reaction is stated to leaving a workspace that is not.",
-            f"expected a workspace with the reaction {modes[0]!r}, got None", "workspace=(lower, upper)",
-        )  # fmt: skip
+            modes[0] != "none" and self.workspace is None,
+            "A reaction is stated to leaving a workspace that is not.",
+            f"expected a workspace with the reaction {modes[0]!r}, got None",
+            "workspace=(lower, upper)",
+        )
         refuse_if(
-            modes[3] != "none" and self.following is None, "A reaction is stated to a following error without a limit.",
-            f"expected following=… with the reaction {modes[3]!r}, got None", "following=0.3",
-        )  # fmt: skip
+            modes[3] != "none" and self.following is None,
+            "A reaction is stated to a following error without a limit.",
+            f"expected following=… with the reaction {modes[3]!r}, got None",
+            "following=0.3",
+        )
         refuse_if(
             modes[4] != "none" and getattr(governor, "resistance", None) is None,
             "A reaction is stated to a joint that is blocked, which nothing notices.",
@@ -240,10 +254,11 @@ class Supervision:
             "workspace=(lower, upper), a number or one per commanded position; None where nothing is commanded",
         )
         refuse_if(
-            not np.all(swing > 0.0), "The swing of a supervision is not positive.",
+            not np.all(swing > 0.0),
+            "The swing of a supervision is not positive.",
             f"expected numbers > 0, one or {inputs}, got {value_text(self.swing)}",
             "swing=None: a tenth of the range",
-        )  # fmt: skip
+        )
         for name, sizes in (("position_swing", position_swing), ("following", following)):
             stated = getattr(self, name)
             refuse_if(
@@ -251,7 +266,7 @@ class Supervision:
                 f"The limit {name!r} of a supervision does not fit the tracked positions.",
                 f"expected numbers > 0, one or {commanded}, got {value_text(stated)}",
                 f"{name}=None: it is not watched",
-            )  # fmt: skip
+            )
         swing = np.append(swing, position_swing)
         shrinking = math.pi * self.damping / math.sqrt(1.0 - self.damping**2)
         ratio = np.where(np.isfinite(span), span, UNLIMITED * swing) / np.where(
@@ -433,9 +448,20 @@ def observed(
 
 
 def _counted(
-    resting: Any, longest: Any, u: Any, lower: Any, upper: Any, edge: Any, swing: Any, most: Any, extreme: Any,
-    direction: Any, count: Any, since: Any, full: Any,
-) -> list[Any]:  # fmt: skip
+    resting: Any,
+    longest: Any,
+    u: Any,
+    lower: Any,
+    upper: Any,
+    edge: Any,
+    swing: Any,
+    most: Any,
+    extreme: Any,
+    direction: Any,
+    count: Any,
+    since: Any,
+    full: Any,
+) -> list[Any]:
     at_limit = where(u >= upper - edge, full + 1.0, where(u <= lower + edge, full + 1.0, 0.0))
     return [*_swung(resting, longest, u, swing, extreme, direction, count, since), at_limit]
 

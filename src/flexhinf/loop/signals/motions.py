@@ -281,9 +281,11 @@ class Spline(_SampledMotion):
 # Through waypoints ----------------------------------------------------------------------------------------
 #: How the way between two waypoints is covered, and what a short description says of it.
 PROFILES = {
-    "spline": "spline through", "through": "smoothly through", "quintic": "quintic from stop to stop of",
+    "spline": "spline through",
+    "through": "smoothly through",
+    "quintic": "quintic from stop to stop of",
     "jerk-limited": "jerk-limited from stop to stop of",
-}  # fmt: skip
+}
 
 #: A jerk-limited way of length 1 that takes UNIT_TIME / rate seconds with these limits times rate, rate² and rate³.
 VELOCITY, ACCELERATION, JERK = 0.4, 0.4, 0.8

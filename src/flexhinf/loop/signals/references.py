@@ -310,9 +310,11 @@ class Braked:
     def __post_init__(self) -> None:
         checked_positive("The braking time", self.time, "seconds", "0.3")
         refuse_if(
-            not np.isfinite(real_number(self.at)), "The time at which braking begins is no number.",
-            f"expected seconds, got {value_text(self.at)}", "at=1.0",
-        )  # fmt: skip
+            not np.isfinite(real_number(self.at)),
+            "The time at which braking begins is no number.",
+            f"expected seconds, got {value_text(self.at)}",
+            "at=1.0",
+        )
 
     @property
     def name(self) -> str:

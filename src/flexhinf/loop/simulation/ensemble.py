@@ -88,9 +88,11 @@ class EnsemblePlants:
 
 #: Signal and its size in `LoopCode.sizes`, by the buffer that it is recorded in.
 RECORDED = {
-    "states": ("state", "x"), "estimates": ("estimate", "estimate"), "outputs": ("output", "y"),
+    "states": ("state", "x"),
+    "estimates": ("estimate", "estimate"),
+    "outputs": ("output", "y"),
     "inputs": ("input", "u"),
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,9 +236,14 @@ class Ensemble:
                 values[failed] = np.nan
         *by_state, common = results
         return EnsembleResult(
-            recorded.codes, diverged_at, plants.parts, dict(zip(self.tracking, by_state)), common, recorded.kept,
+            recorded.codes,
+            diverged_at,
+            plants.parts,
+            dict(zip(self.tracking, by_state)),
+            common,
+            recorded.kept,
             recorded.doubtful,
-        )  # fmt: skip
+        )
 
     def trajectories(
         self,
@@ -281,9 +288,15 @@ class Ensemble:
                     "disturbance": acting,
                 }
                 yield Trajectory.until(
-                    self.plant, self.controller, times, signals, self._settings(some, k), int(result.codes[k]),
-                    int(result.steps[k]), int(result.doubtful[k]),
-                )  # fmt: skip
+                    self.plant,
+                    self.controller,
+                    times,
+                    signals,
+                    self._settings(some, k),
+                    int(result.codes[k]),
+                    int(result.steps[k]),
+                    int(result.doubtful[k]),
+                )
 
     def single(self, seed: int, parts: int) -> PreparedRun:
         """The run of the nominal plant, with so many sub-steps, before it is made."""
@@ -410,11 +423,14 @@ class Ensemble:
         else:  # one array for all runs: pages that are never written take no memory
             values = zeros(samples * code.sizes["capacity"] * 3 * code.sizes["d"])
         arrays = {
-            **{name: own[name] for name in ("x", "held", "memory")}, "u": own["held"].copy(),
-            "data": self.shared["data"], "noise": noise.ravel(),
+            **{name: own[name] for name in ("x", "held", "memory")},
+            "u": own["held"].copy(),
+            "data": self.shared["data"],
+            "noise": noise.ravel(),
             "truth": np.concatenate([[self.command.period / parts], plants.truth[k]]),
-            "reference": self.commands.ravel(), "disturbance": values.ravel(),
-        }  # fmt: skip
+            "reference": self.commands.ravel(),
+            "disturbance": values.ravel(),
+        }
         arrays |= {
             name: array for name, array in (own | dict(self.shared)).items() if name in ("waiting", "gaps")
         }
@@ -445,9 +461,12 @@ class Ensemble:
             if values is None:
                 return np.broadcast_to(default, shape)
             return checked_array(
-                f"The {what} do not fit the plants.", values, shape, f"finite numbers of shape {shape}",
+                f"The {what} do not fit the plants.",
+                values,
+                shape,
+                f"finite numbers of shape {shape}",
                 "one row for each plant",
-            )  # fmt: skip
+            )
 
         own = {"x": rows("initial states", states, self.start["x"])}
         if self.disturbance is not None:
@@ -549,9 +568,11 @@ def _seeds(seeds: Any, count: int) -> np.ndarray:
 
 def _signal_names(plant: Plant, controller: Controller) -> dict[str, tuple[str, ...]]:
     return {
-        "state": tuple(plant.states), "output": tuple(controller.measured), "estimate": tuple(controller.estimated),
+        "state": tuple(plant.states),
+        "output": tuple(controller.measured),
+        "estimate": tuple(controller.estimated),
         "input": tuple(controller.law.input_names),
-    }  # fmt: skip
+    }
 
 
 def tracked_place(plant: Plant, controller: Controller, name: str) -> Place:

@@ -99,9 +99,12 @@ class Channel:
         """The channel with these sensors' quantisation, noise, periods and delays."""
         quanta, periods, late = (tuple(row.tolist()) for row in (table.quanta, table.periods, table.delays))
         return replace(
-            self, quanta=quanta if any(quanta) else (), deviations=tuple(table.deviations.tolist()),
-            periods=periods if max(periods, default=1) > 1 or any(late) else (), late=late if any(late) else (),
-        )  # fmt: skip
+            self,
+            quanta=quanta if any(quanta) else (),
+            deviations=tuple(table.deviations.tolist()),
+            periods=periods if max(periods, default=1) > 1 or any(late) else (),
+            late=late if any(late) else (),
+        )
 
     def noise(self, stated: Any) -> Any:
         """The deviations of a run's noise: as stated, or those of the sensors, None without either."""
@@ -213,11 +216,17 @@ class LoopCode:
         """Lengths of the signals x, u, y, r, d and of other buffers, and the `capacity`."""
         plant, controller = self.plant, self.controller
         return {
-            "x": plant.n, "u": len(plant.inputs), "y": len(controller.measured), "r": len(controller.commanded),
-            "d": len(plant.disturbances), "memory": controller.memory.size, "data": controller.data.size,
-            "estimate": len(controller.estimated), "parameters": plant.parameters.size,
+            "x": plant.n,
+            "u": len(plant.inputs),
+            "y": len(controller.measured),
+            "r": len(controller.commanded),
+            "d": len(plant.disturbances),
+            "memory": controller.memory.size,
+            "data": controller.data.size,
+            "estimate": len(controller.estimated),
+            "parameters": plant.parameters.size,
             "capacity": capacity(self.sub_steps),
-        }  # fmt: skip
+        }
 
     @cached_property
     def key(self) -> tuple[object, ...]:
@@ -283,9 +292,13 @@ def loop_program(
         y, noise = b.whole("y", sizes["y"], "work"), b.whole("noise", sizes["y"], "work")
         estimate, step = b.whole("estimate", sizes["estimate"], "work"), b.whole("step", 1, "state")
     step_places: dict[str, Slice | None] = {
-        "y": y[0], "r": ahead_rows[0] if ahead_rows else None, "memory": memory[0], "data": data[0],
-        "u": u[0], "estimate": estimate[0],
-    }  # fmt: skip
+        "y": y[0],
+        "r": ahead_rows[0] if ahead_rows else None,
+        "memory": memory[0],
+        "data": data[0],
+        "u": u[0],
+        "estimate": estimate[0],
+    }
     control, scratch = (
         _waiting_steps(b, step_places, controller) if code.waits else controller.steps(step_places)
     )

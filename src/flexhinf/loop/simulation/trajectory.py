@@ -28,15 +28,24 @@ STARTED = "where the controller starts"
 
 #: What stands behind the name of a signal in `Trajectory.columns`: the truth has its name alone.
 ENDINGS = {
-    "state": "", "input": "", "disturbance": "", "estimate": "_estimated", "output": "_measured",
+    "state": "",
+    "input": "",
+    "disturbance": "",
+    "estimate": "_estimated",
+    "output": "_measured",
     "reference": "_commanded",
-}  # fmt: skip
+}
 
 #: Keys of `Trajectory.metrics`.
 METRICS = (
-    "overshoot_percent", "settling_time_s", "rise_time_s", "steady_state_error", "peak_input", "tracking_rmse",
+    "overshoot_percent",
+    "settling_time_s",
+    "rise_time_s",
+    "steady_state_error",
+    "peak_input",
+    "tracking_rmse",
     "estimation_rmse",
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -112,10 +121,13 @@ class Trajectory(Summarised):
             )
         time, signals = read_only((times[:end], {name: values[:end] for name, values in recorded.items()}))
         every = {
-            "state": tuple(plant.states), "estimate": controller.estimated, "output": controller.measured,
-            "input": tuple(controller.law.input_names), "reference": controller.commanded,
+            "state": tuple(plant.states),
+            "estimate": controller.estimated,
+            "output": controller.measured,
+            "input": tuple(controller.law.input_names),
+            "reference": controller.commanded,
             "disturbance": tuple(plant.disturbances),
-        }  # fmt: skip
+        }
         names = {kind: every[kind] for kind in signals}
         table = {**(controller.estimator.plant.units if controller.estimator else {}), **plant.units}
         units = {kind: tuple(table.get(name, "") for name in labels) for kind, labels in names.items()}
@@ -291,10 +303,12 @@ class Trajectory(Summarised):
         name, metrics, inputs = self.judged[0], self.metrics(), set(self.units["input"])
         unit = dict(zip(self.names["estimate"], self.units["estimate"])).get(name, "")
         labels = {
-            "overshoot_percent": ("overshoot", "%"), "settling_time_s": ("settling time", "s"),
-            "rise_time_s": ("rise time", "s"), "steady_state_error": ("steady state error", unit),
+            "overshoot_percent": ("overshoot", "%"),
+            "settling_time_s": ("settling time", "s"),
+            "rise_time_s": ("rise time", "s"),
+            "steady_state_error": ("steady state error", unit),
             "peak_input": ("peak input", inputs.pop() if len(inputs) == 1 else ""),
-        }  # fmt: skip
+        }
         return {
             **facts,
             "tracked state": name,

@@ -35,9 +35,11 @@ FEW_JOINTS = 3
 
 #: Headings of the forms of Rᵛ in a terminal.
 FORMS = {
-    "all states": "all", "velocities only": "velocities", "link velocities only": "links",
+    "all states": "all",
+    "velocities only": "velocities",
+    "link velocities only": "links",
     "motor velocities only": "motors",
-}  # fmt: skip
+}
 
 #: Decibels below the largest value that are shown.
 DEPTH_DB = 90.0
@@ -89,11 +91,15 @@ def margins(e: LawEvaluation) -> Blocks:
         yield lambda: draw_figure(
             "estimate",
             [
-                joint_panel(name, units.rate if k % 2 else units.angle, run.time, joints, error.T, linewidth=0.9)
+                joint_panel(
+                    name, units.rate if k % 2 else units.angle, run.time, joints, error.T, linewidth=0.9
+                )
                 for k, (name, error) in enumerate(zip(names, errors))
             ],
-            "True minus estimated state of every joint in the step.", "Estimation error", 7.4,
-        )  # fmt: skip
+            "True minus estimated state of every joint in the step.",
+            "Estimation error",
+            7.4,
+        )
 
 
 def _margin_notes(e: LawEvaluation) -> Blocks:
@@ -163,25 +169,33 @@ def margin_table(e: LawEvaluation) -> Table:
 
     return Table(
         (
-            "linearised at the goal", Column("running loop", brief="true state" if alone else "", right=True),
+            "linearised at the goal",
+            Column("running loop", brief="true state" if alone else "", right=True),
             *([] if alone else [Column("true state fed back", brief="true state", right=True)]),
         ),
-        [(what, *(value(m) if m.stable else "unstable" for m in loops)) for what, value in {
-            "delay margin, ms": lambda m: number(1e3 * m.delay_margin_s, 3),
-            "delay margin, periods": lambda m: number(m.delay_margin_s / period, 3),
-            "then oscillates at, Hz": lambda m: _hertz(m.delay_frequency),
-            f"gain margin{', worst input' if len(joints) > 1 else ''}": gains,
-            "disk margin: gain": lambda m: "× {}, × {}".format(*(number(g, 3) for g in m.disk_gain_margins)),
-            "disk margin: phase, °": lambda m: number(np.degrees(m.disk_phase_margin), 3),
-            "peak sensitivity": lambda m: number(m.peak_sensitivity, 3),
-            "peak sensitivity at, Hz": lambda m: _hertz(m.sensitivity_frequency),
-            "peak complementary": lambda m: number(m.peak_complementary, 3),
-            "smallest damping ratio": lambda m: number(m.damping, 3) + (damped if m is e.margins else ""),
-            "smallest damping at, Hz": lambda m: _hertz(m.damping_frequency),
-            f"bandwidth{of}, rad/s": bandwidths,
-        }.items()],
-        "Margins, the loop broken at the inputs", "table-margins", title="Margins, linearised at the goal",
-    )  # fmt: skip
+        [
+            (what, *(value(m) if m.stable else "unstable" for m in loops))
+            for what, value in {
+                "delay margin, ms": lambda m: number(1e3 * m.delay_margin_s, 3),
+                "delay margin, periods": lambda m: number(m.delay_margin_s / period, 3),
+                "then oscillates at, Hz": lambda m: _hertz(m.delay_frequency),
+                f"gain margin{', worst input' if len(joints) > 1 else ''}": gains,
+                "disk margin: gain": lambda m: "× {}, × {}".format(
+                    *(number(g, 3) for g in m.disk_gain_margins)
+                ),
+                "disk margin: phase, °": lambda m: number(np.degrees(m.disk_phase_margin), 3),
+                "peak sensitivity": lambda m: number(m.peak_sensitivity, 3),
+                "peak sensitivity at, Hz": lambda m: _hertz(m.sensitivity_frequency),
+                "peak complementary": lambda m: number(m.peak_complementary, 3),
+                "smallest damping ratio": lambda m: number(m.damping, 3) + (damped if m is e.margins else ""),
+                "smallest damping at, Hz": lambda m: _hertz(m.damping_frequency),
+                f"bandwidth{of}, rad/s": bandwidths,
+            }.items()
+        ],
+        "Margins, the loop broken at the inputs",
+        "table-margins",
+        title="Margins, linearised at the goal",
+    )
 
 
 def _noise_table(e: LawEvaluation, together: np.ndarray) -> Table:
@@ -190,20 +204,28 @@ def _noise_table(e: LawEvaluation, together: np.ndarray) -> Table:
     several, rows = len(joints) > 1, []
     for name, sigma, column in zip(plant.outputs, e.setup.noise.tolist(), gains.T):
         gain, unit, worst = float(column.max()), plant.unit(name), joints[int(np.argmax(column))]
-        rows.append((
-            name.replace("_", " "), f"{number(sigma, 3)} {unit}", f"{number(gain)} {effort}/{unit}", gain * sigma,
-            *([worst] if several else []),
-        ))  # fmt: skip
+        rows.append(
+            (
+                name.replace("_", " "),
+                f"{number(sigma, 3)} {unit}",
+                f"{number(gain)} {effort}/{unit}",
+                gain * sigma,
+                *([worst] if several else []),
+            )
+        )
     return Table(
         (
-            "sensor", "its noise (rms)", "gain to the input (rms)", Column("at the motor (rms)", effort),
+            "sensor",
+            "its noise (rms)",
+            "gain to the input (rms)",
+            Column("at the motor (rms)", effort),
             *(["motor"] if several else []),
         ),
         rows,
         "Noise of each sensor at the motor that it moves most; all sensors together: "
         f"{range_text(together, 2)} {effort} rms",
         "table-noise",
-    )  # fmt: skip
+    )
 
 
 # Frequency responses ------------------------------------------------------------------------------------
@@ -240,8 +262,10 @@ def _bode(loops: Sequence[Loop], joints: Sequence[str], load: str, position: str
             Panel("phase", "°", phase),
             Panel(f"torque → link\n(dB of {position}/({load}))", "", torque, depth=DEPTH_DB, **FREQUENCY),
         ),
-        f"{LOOP_CAPTION} Dotted: 0 dB, and −3 dB, where the bandwidth is read.{which}", "Bode diagram", 8.4,
-    )  # fmt: skip
+        f"{LOOP_CAPTION} Dotted: 0 dB, and −3 dB, where the bandwidth is read.{which}",
+        "Bode diagram",
+        8.4,
+    )
 
 
 def _sensitivity(loops: Sequence[Loop]) -> Figure:
@@ -253,20 +277,30 @@ def _sensitivity(loops: Sequence[Loop]) -> Figure:
         curves.append(("complementary sensitivity T", loops[0].response, loops[0].response.complementary, 1))
     lines = [
         Line(
-            response.frequencies / (2.0 * np.pi), _decibel(np.linalg.norm(values, ord=2, axis=(1, 2))), name,
+            response.frequencies / (2.0 * np.pi),
+            _decibel(np.linalg.norm(values, ord=2, axis=(1, 2))),
+            name,
             line_style(style),
         )
         for name, response, values, style in curves
-    ]  # fmt: skip
+    ]
     return draw_figure(
         "sensitivity",
-        [Panel(
-            f"largest singular value{'' if alone else ' of S'}", "dB", lines, (0.0,), depth=DEPTH_DB, **FREQUENCY
-        )],
+        [
+            Panel(
+                f"largest singular value{'' if alone else ' of S'}",
+                "dB",
+                lines,
+                (0.0,),
+                depth=DEPTH_DB,
+                **FREQUENCY,
+            )
+        ],
         f"{LOOP_CAPTION} S: how much the loop amplifies a disturbance at the motors"
         f"{'; T: an error of the model' if alone else ''}. Dotted: 0 dB.",
-        "Sensitivity", 3.6,
-    )  # fmt: skip
+        "Sensitivity",
+        3.6,
+    )
 
 
 def _nyquist(loops: Sequence[Loop], joints: Sequence[str]) -> Figure:
@@ -287,13 +321,22 @@ def _nyquist(loops: Sequence[Loop], joints: Sequence[str]) -> Figure:
         closest = f" The dashed circle about −1 has the smallest distance, {distance:.2f}."
     others = " The loops at the other inputs are closed." if len(joints) > 1 else ""
     return draw_figure(
-        "nyquist", [Panel(
-            "imaginary part", "", lines, across="real part", x=(-NYQUIST, 0.6 * NYQUIST),
-            y=(-0.5 * NYQUIST, 0.5 * NYQUIST), also=lambda axes: axes.set_aspect("equal"),
-        )],
+        "nyquist",
+        [
+            Panel(
+                "imaginary part",
+                "",
+                lines,
+                across="real part",
+                x=(-NYQUIST, 0.6 * NYQUIST),
+                y=(-0.5 * NYQUIST, 0.5 * NYQUIST),
+                also=lambda axes: axes.set_aspect("equal"),
+            )
+        ],
         f"{LOOP_CAPTION} Opened at one input, positive frequencies, negative feedback.{others}{closest}",
-        "Nyquist diagram", 4.1,
-    )  # fmt: skip
+        "Nyquist diagram",
+        4.1,
+    )
 
 
 def _lines(
@@ -394,12 +437,15 @@ def corner_rows(e: LawEvaluation) -> list[dict[str, Any]]:
     ]
     return [
         {
-            "form": form, "ratio": ratio, "unstable": int((rates.rates[rates.kinds == "corner"] >= 0.0).sum()),
-            "percent": 100.0 * rates.share("corner"), "rate": float(rates.rates[rates.kinds == "corner"].max()),
+            "form": form,
+            "ratio": ratio,
+            "unstable": int((rates.rates[rates.kinds == "corner"] >= 0.0).sum()),
+            "percent": 100.0 * rates.share("corner"),
+            "rate": float(rates.rates[rates.kinds == "corner"].max()),
         }
         for form, ratio, rates in loops
         if rates is not None
-    ]  # fmt: skip
+    ]
 
 
 def corner_table(e: LawEvaluation) -> Table:
@@ -415,9 +461,11 @@ def corner_table(e: LawEvaluation) -> Table:
                 Column("unstable", key="unstable"),
                 Column("growth", "1/s", digits=3, key="rate"),
             ),
-            rows, "Unstable corners, and the growth rate of the worst; a negative rate decays", "table-corners",
+            rows,
+            "Unstable corners, and the growth rate of the worst; a negative rate decays",
+            "table-corners",
             title=title,
-        )  # fmt: skip
+        )
 
     def texts(row: dict[str, Any] | None) -> tuple[str, str]:
         if row is None:
@@ -437,11 +485,13 @@ def corner_table(e: LawEvaluation) -> Table:
                 column
                 for form in forms
                 for column in (
-                    Column(f"{form}: unstable", brief=FORMS[form]), Column("fastest growth, 1/s", brief=None)
+                    Column(f"{form}: unstable", brief=FORMS[form]),
+                    Column("fastest growth, 1/s", brief=None),
                 )
             ),
         ),
         cells,
-        "Unstable corners over Rᵛ, by the states on which q stands; a negative growth rate decays", "table-corners",
+        "Unstable corners over Rᵛ, by the states on which q stands; a negative growth rate decays",
+        "table-corners",
         title=f"{title}\nUnstable corners over Rᵛ = q on:",
-    )  # fmt: skip
+    )

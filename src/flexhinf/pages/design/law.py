@@ -73,12 +73,21 @@ def poles_figure(groups: Sequence[PoleGroup]) -> Figure:
         "poles",
         (
             Panel(
-                "Im λ", "rad/s", plane, vertical=0.0, across="Re λ (1/s)",
+                "Im λ",
+                "rad/s",
+                plane,
+                vertical=0.0,
+                across="Re λ (1/s)",
                 x=(-size, max(0.12 * size, 1.15 * min(size, float(np.real(poles).max(initial=0.0))))),
                 y=(-0.03 * size, size),
             ),
             Panel(
-                "damping ratio", "", damping, (0.0,), across="frequency |λ|/2π (Hz)", log=True,
+                "damping ratio",
+                "",
+                damping,
+                (0.0,),
+                across="frequency |λ|/2π (Hz)",
+                log=True,
                 y=(max(low, -1.05), 1.08),
                 also=lambda axes: axes.axhspan(-2.0, 0.0, color=SERIES[1], alpha=0.08, linewidth=0),
             ),
@@ -86,8 +95,10 @@ def poles_figure(groups: Sequence[PoleGroup]) -> Figure:
         "Left: poles λ in the s-plane, upper half, near the imaginary axis; dotted rays have damping ratio "
         f"{', '.join(f'{ray:g}' for ray in RAYS)}. Right: damping ratio −Re λ/|λ| over frequency of all poles but "
         "those at zero; 1 decays without oscillating, below zero (shaded) grows.",
-        "Poles", 3.6, columns=2,
-    )  # fmt: skip
+        "Poles",
+        3.6,
+        columns=2,
+    )
 
 
 def poles(design: PoseEvidence) -> Blocks:
@@ -122,25 +133,31 @@ def poles(design: PoseEvidence) -> Blocks:
         decay = f"{count_text(len(times), 'mode')} {'decays' if len(times) == 1 else 'decay'}"
         sentences.append(f"{name.capitalize()}: {decay} without oscillating{constants}.")
     looks: tuple[dict[str, Any], ...] = (
-        {"marker": "o", "color": MUTED, "markerfacecolor": "none"}, {"marker": "o", "color": SERIES[0]},
-        {"marker": "^", "color": SERIES[2]}, {"marker": "x", "color": SERIES[1]},
-    )  # fmt: skip
+        {"marker": "o", "color": MUTED, "markerfacecolor": "none"},
+        {"marker": "o", "color": SERIES[0]},
+        {"marker": "^", "color": SERIES[2]},
+        {"marker": "x", "color": SERIES[1]},
+    )
     poles = (
         ()
         if design.specification.estimator == "none"
         else design.evaluation.frequency_response.linear.closed_loop.poles
     )
     groups = [
-        *((name, [m.eigenvalue for m in modes], look) for (name, modes), look in zip(_modes(design).items(), looks)),
+        *(
+            (name, [m.eigenvalue for m in modes], look)
+            for (name, modes), look in zip(_modes(design).items(), looks)
+        ),
         *([("running loop (sampled, estimator, delay)", poles, looks[-1])] if len(poles) else []),
         *(
             (
-                f"rigid law, {loop.side} side", [m.eigenvalue for m in loop.modes],
+                f"rigid law, {loop.side} side",
+                [m.eigenvalue for m in loop.modes],
                 {"marker": mark, "color": SERIES[3], "markerfacecolor": "none"},
             )
             for loop, mark in zip(design.rigid.loops if design.rigid else (), "sD")
         ),
-    ]  # fmt: skip
+    ]
     yield from (
         lambda: poles_figure([(name, np.array(values, dtype=complex), look) for name, values, look in groups]),
         mode_table(design),
@@ -163,21 +180,30 @@ def mode_table(design: PoseEvidence, brief: bool = False) -> Table:
     several, many = (len(design.robot.joint_names) > few for few in (1, MANY))
     return Table(
         (
-            "loop", "mode", *(["mainly"] if several else []),
+            "loop",
+            "mode",
+            *(["mainly"] if several else []),
             Column("frequency", "Hz", digits=4, brief="Hz"),
             Column("damping ratio", digits=4, brief="damping"),
             Column("time constant", "s", digits=4, brief=None),
         ),
         [
-            (name, mode.name, *([mode.joint] if several else []), mode.frequency, mode.damping, mode.time_constant)
+            (
+                name,
+                mode.name,
+                *([mode.joint] if several else []),
+                mode.frequency,
+                mode.damping,
+                mode.time_constant,
+            )
             for name, modes in _modes(design).items()
             for mode in modes
-            if _listed(mode)
-            and not (brief and (not mode.eigenvalue.imag or (many and not mode.vibration)))
+            if _listed(mode) and not (brief and (not mode.eigenvalue.imag or (many and not mode.vibration)))
         ],
-        "Modes that oscillate or do not decay, linearised at the goal, continuous time", "table-modes",
+        "Modes that oscillate or do not decay, linearised at the goal, continuous time",
+        "table-modes",
         title=f"γ* of the problem = {design.gamma_star:.5g}, γ = {design.gamma:.5g}\nOscillations at the goal",
-    )  # fmt: skip
+    )
 
 
 def vibration_damping(modes: Sequence[Mode]) -> list[float]:
@@ -216,27 +242,38 @@ def law(design: PoseEvidence) -> Blocks:
             Column("spring torque", units.spring, 3, key="torque"),
             Column("input", units.effort, 3, key="input"),
         ),
-        [dict(zip(("joint", "link", "motor", "torque", "input"), row)) for row in zip(*(
-            design.robot.joint_names,
-            x[:n].tolist(),
-            motors.tolist(),
-            finite(stiffness_of(problem.plant, design.robot, np.nan) * (motors - x[:n])),
-            problem.operating_input.tolist(),
-        ))],
-        "Equilibrium at the goal", "table-rest",
-    )  # fmt: skip
+        [
+            dict(zip(("joint", "link", "motor", "torque", "input"), row))
+            for row in zip(
+                *(
+                    design.robot.joint_names,
+                    x[:n].tolist(),
+                    motors.tolist(),
+                    finite(stiffness_of(problem.plant, design.robot, np.nan) * (motors - x[:n])),
+                    problem.operating_input.tolist(),
+                )
+            )
+        ],
+        "Equilibrium at the goal",
+        "table-rest",
+    )
     yield from (
         Table(
             ("state", *(name.replace("_", " ") for name in problem.input_names)),
             [
                 (name.replace("_", " "), *(number(float(value)) for value in column))
-                for name, column in zip(problem.state_names,
-                np.where(np.abs(solution.gain) < 1e-13 * np.abs(solution.gain).max(), 0.0, solution.gain).T)
+                for name, column in zip(
+                    problem.state_names,
+                    np.where(
+                        np.abs(solution.gain) < 1e-13 * np.abs(solution.gain).max(), 0.0, solution.gain
+                    ).T,
+                )
             ],
-            "Linear part K of u − u* = K (x − x*)", "table-gain",
+            "Linear part K of u − u* = K (x − x*)",
+            "table-gain",
         ),
         Listing(solution.report()),
-    )  # fmt: skip
+    )
 
 
 # The rigid design: what neglecting the springs would have done ------------------------------------------
@@ -270,11 +307,19 @@ def rigid(design: PoseEvidence) -> Blocks:
         rows.append((*texts, min(vibration_damping(modes), default=None), *metrics, run))
     yield Table(
         (
-            "law", "fed from", "linearised, true state", Column("smallest damping ratio of a vibration"),
-            Column("largest overshoot", "%", 1), Column("settling time", "s", 3), "run",
+            "law",
+            "fed from",
+            "linearised, true state",
+            Column("smallest damping ratio of a vibration"),
+            Column("largest overshoot", "%", 1),
+            Column("settling time", "s", 3),
+            "run",
         ),
-        rows, "", "table-rigid", stacks=True,
-    )  # fmt: skip
+        rows,
+        "",
+        "table-rigid",
+        stacks=True,
+    )
     yield lambda: _rigid_figure(
         design.evaluation,
         [
@@ -334,6 +379,9 @@ def _rigid_figure(e: LawEvaluation, runs: Sequence[tuple[str, Response]]) -> Fig
         panels.append(Panel(quantity, unit, lines, () if panels else (0.0,), y=y, x=(0.0, end)))
     where = f", joint {e.setup.joints[joint]}, where it does worst" if len(goal) > 1 else ""
     return draw_figure(
-        "rigid", panels, f"The same step with the rigid design{where}. Lines that leave the panels go on.",
-        "Rigid design", 6.6,
-    )  # fmt: skip
+        "rigid",
+        panels,
+        f"The same step with the rigid design{where}. Lines that leave the panels go on.",
+        "Rigid design",
+        6.6,
+    )

@@ -94,10 +94,11 @@ def _step(e: LawEvaluation) -> Figure:
     ).draw(lower)
     robots = "" if ended is None else f" Band: all {int(ended.sum())} sampled robots that end the step."
     return figure_block(
-        "result", figure,
+        "result",
+        figure,
         f"Link positions of the nominal robot (lines) and its inputs.{robots}{' Dashed: limit.' * bool(plain)}",
         "The step",
-    )  # fmt: skip
+    )
 
 
 @house_style()
@@ -138,11 +139,12 @@ def arm_picture(robot: Robot, response: Response, what: str = "") -> Figure | No
     legend(axes)
     times = ", ".join(number(float(time[place]), 3) for place in at)
     return figure_block(
-        "result-arm", figure,
+        "result-arm",
+        figure,
         f"{what}Drawn at {times} s, later ones stronger. The angle between a link and its motor is the twist of the "
         "spring.",
         "The arm",
-    )  # fmt: skip
+    )
 
 
 # A controller for a workspace ---------------------------------------------------------------------------
@@ -176,11 +178,12 @@ def moves_lead(robot: Robot, moves: Sequence[Move], worst: int, units: Units) ->
     for axes in (upper, lower):
         legend(axes)
     block = figure_block(
-        "result", figure,
+        "result",
+        figure,
         "Above: links in the move with the largest remaining error; dotted: its plan. Below: the largest error of any "
         "link in that move and in all others.",
         "The worst move",
-    )  # fmt: skip
+    )
     arm = arm_picture(robot, moves[worst].response, "The arm in that move. ")
     return [block] if arm is None else [block, arm]
 

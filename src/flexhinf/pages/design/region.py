@@ -133,25 +133,42 @@ def proof_numbers(design: PoseEvidence) -> dict[str, Any]:
     tolerances: dict[str, Any] = {"proved": covers_tolerances(design), "reason": proof.box_reason}
     if box is not None and box.certificate is not None:
         tolerances = {
-            "proved": True, "gamma": box.gamma, "step": abs(box.step), "level": box.certificate.level,
-            "cpu_s": box.cpu_seconds, "file": BOX_FILE,
-        }  # fmt: skip
+            "proved": True,
+            "gamma": box.gamma,
+            "step": abs(box.step),
+            "level": box.certificate.level,
+            "cpu_s": box.cpu_seconds,
+            "file": BOX_FILE,
+        }
     if certificate is None:
         return {
-            "strength": "SampledCheck", "proved": False, "step_proved": design.step_proof.proved,
-            "reason": proof.reason, "cpu_s": proof.cpu_seconds, "for_all_tolerances": tolerances,
-        }  # fmt: skip
+            "strength": "SampledCheck",
+            "proved": False,
+            "step_proved": design.step_proof.proved,
+            "reason": proof.reason,
+            "cpu_s": proof.cpu_seconds,
+            "for_all_tolerances": tolerances,
+        }
     return {
-        "strength": "Certificate", "proved": True, "feedback": certificate.feedback,
+        "strength": "Certificate",
+        "proved": True,
+        "feedback": certificate.feedback,
         "parameters": "tolerances" if covers_tolerances(design) else "nominal",
-        "gamma": certificate.gamma, "level": certificate.level, "sampled_level": certificate.sampled_level,
+        "gamma": certificate.gamma,
+        "level": certificate.level,
+        "sampled_level": certificate.sampled_level,
         "steps": {RULES.get(s.rule, (s.rule,))[0]: s.amplitude for s in certificate.starts},
         "step_proved": design.step_proof.proved,
-        "latency_samples": 0, "start": proof.start, "starts_inside": proof.inside,
-        "spent": proof.budget[-1].budget.total if proof.budget else math.nan, "lasts": proof.lasts,
-        "attained_gain": certificate.attained_gain, "cpu_s": proof.cpu_seconds, "file": "certificate.json",
+        "latency_samples": 0,
+        "start": proof.start,
+        "starts_inside": proof.inside,
+        "spent": proof.budget[-1].budget.total if proof.budget else math.nan,
+        "lasts": proof.lasts,
+        "attained_gain": certificate.attained_gain,
+        "cpu_s": proof.cpu_seconds,
+        "file": "certificate.json",
         "for_all_tolerances": tolerances,
-    }  # fmt: skip
+    }
 
 
 # The section --------------------------------------------------------------------------------------------
@@ -181,17 +198,25 @@ def region(design: PoseEvidence) -> Blocks:
             ),
             Table(
                 (
-                    Column("degree of V", brief="degree"), "law", "", Column("V up to", brief="V ≤"),
+                    Column("degree of V", brief="degree"),
+                    "law",
+                    "",
+                    Column("V up to", brief="V ≤"),
                     Column("largest step sampled, V smallest", brief="sampled step"),
-                    Column("cost of the step", brief="cost"), Column("limited by", brief=None), "residual",
-                    Column("solve", "ms", 1), Column("check", "s", 1),
+                    Column("cost of the step", brief="cost"),
+                    Column("limited by", brief=None),
+                    "residual",
+                    Column("solve", "ms", 1),
+                    Column("check", "s", 1),
                 ),
-                rows, "Step: of all joints alike, from rest to rest, with the integrals at which V is smallest",
-                "table-region", stacks=True,
+                rows,
+                "Step: of all joints alike, from rest to rest, with the integrals at which V is smallest",
+                "table-region",
+                stacks=True,
                 title=f"{textwrap.fill(_degree_text(design), WIDTH)}\nRegion of each solution: {_strength(design)}\n"
                 "Sampled step: with the integrals at which V is smallest, not the controller's",
             ),
-        )  # fmt: skip
+        )
     if attained is not None and proved is not None:
         names = ", ".join(name.replace("_", " ") for name in proved.problem.disturbance_names)
         yield Paragraph(
@@ -342,8 +367,12 @@ def level_table(design: PoseEvidence) -> Table:
             ),
         ]
     return Table(
-        ("√(∫|z|²/∫|d|²)", Column("value", digits=4)), rows, "Levels of attenuation", "table-attained", title=title,
-    )  # fmt: skip
+        ("√(∫|z|²/∫|d|²)", Column("value", digits=4)),
+        rows,
+        "Levels of attenuation",
+        "table-attained",
+        title=title,
+    )
 
 
 # Dissipation budget -------------------------------------------------------------------------------------
@@ -371,29 +400,38 @@ def _budget(design: PoseEvidence) -> Blocks:
         "other noise this says nothing."
     )
     what = {
-        "sampling": "the input is held between samples", "delay": "the input is delayed",
-        "estimator": "the state is estimated from noisy sensors", "saturation": "the input is limited",
-    }  # fmt: skip
+        "sampling": "the input is held between samples",
+        "delay": "the input is delayed",
+        "estimator": "the state is estimated from noisy sensors",
+        "saturation": "the input is limited",
+    }
     lower_bound = ""
     if attained is not None:
         gains = f"{number(attained.gain)} found (lower bound), γ = {number(design.gamma)} designed"
         lower_bound = f"√(∫|z|²/∫|d|²): {gains}\n"
     yield Table(
         (
-            Column("part of the loop", brief="part"), Column("uses ½∫vᵀR2v", digits=3, brief="uses"),
-            Column("with all above", digits=3), Column("remaining level", digits=4, brief="remaining"),
+            Column("part of the loop", brief="part"),
+            Column("uses ½∫vᵀR2v", digits=3, brief="uses"),
+            Column("with all above", digits=3),
+            Column("remaining level", digits=4, brief="remaining"),
             "within the budget",
         ),
         [
             (
-                what[term.name], term.added, b.total, finite(b.left),
+                what[term.name],
+                term.added,
+                b.total,
+                finite(b.left),
                 ("yes" if b.kept else "NO") if np.isfinite(b.level) else None,
             )
             for term, b in ((term, term.budget) for term in terms)
         ],
-        "Parts are added one after the other", "table-budget", stacks=True,
+        "Parts are added one after the other",
+        "table-budget",
+        stacks=True,
         title=f"{lower_bound}Dissipation budget of the step",
-    )  # fmt: skip
+    )
     if budget.complete:
         yield lambda: _budget_figure(terms[-1])
 
@@ -406,10 +444,18 @@ def _budget_figure(term: BudgetTerm) -> Figure:
     far = "" if near or not np.isfinite(budget.level) else f" The level, {budget.level:.3g}, is far above."
     return draw_figure(
         "budget",
-        [Panel(
-            "V", "",
-            [Line(budget.times[few], values[few], name, {"color": color}) for values, name, color in curves],
-            dashed=[(budget.level, INK, "level of the region")] if near else [], y=(0.0, None),
-        )],
-        f"V along the step of the nominal robot, and its bound.{far}", "Dissipation budget",
-    )  # fmt: skip
+        [
+            Panel(
+                "V",
+                "",
+                [
+                    Line(budget.times[few], values[few], name, {"color": color})
+                    for values, name, color in curves
+                ],
+                dashed=[(budget.level, INK, "level of the region")] if near else [],
+                y=(0.0, None),
+            )
+        ],
+        f"V along the step of the nominal robot, and its bound.{far}",
+        "Dissipation budget",
+    )

@@ -68,7 +68,9 @@ def load(design: PoseEvidence) -> Blocks:
         )
     yield from (
         lambda: _load_figure(
-            e, run, "load",
+            e,
+            run,
+            "load",
             f"From {run.at:g} s on (dotted) constant torques, unknown to law and estimator, act on all links at once.",
             "Torques on the links",
         ),
@@ -88,7 +90,7 @@ def load(design: PoseEvidence) -> Blocks:
             "on. Remaining: largest in the last tenth of the time under load",
             "table-load",
         ),
-    )  # fmt: skip
+    )
 
 
 def _load_figure(e: LawEvaluation, loaded: LoadResponse, name: str, caption: str, title: str) -> Figure:
@@ -97,11 +99,14 @@ def _load_figure(e: LawEvaluation, loaded: LoadResponse, name: str, caption: str
     return draw_figure(
         name,
         (
-            joint_panel("link position − goal", unit, time, response.joints, away, zero=True, vertical=loaded.at),
+            joint_panel(
+                "link position − goal", unit, time, response.joints, away, zero=True, vertical=loaded.at
+            ),
             replace(input_panel(e, response)[0], vertical=loaded.at),
         ),
-        caption, title,
-    )  # fmt: skip
+        caption,
+        title,
+    )
 
 
 # Payloads ------------------------------------------------------------------------------------------------
@@ -123,11 +128,13 @@ def payload(design: PoseEvidence) -> Blocks:
     yield Paragraph(text)
     if load_run is not None:
         yield lambda: _load_figure(
-            e, load_run, "payload",
+            e,
+            load_run,
+            "payload",
             f"At the goal the robot grips {number(heaviest.mass, 3)} kg at {load_run.at:g} s (dotted): the weight "
             "beyond the model's, unknown to law and estimator, acts on all links at once.",
             "Gripping the heaviest payload",
-        )  # fmt: skip
+        )
     (unit, scale), limits = units_of(e).small, design.setup.limits
     rows, modelled = [], f"{number(sum(p.value for p in masses), 3)} kg, as in the model"
     for name, step, m, case in (
@@ -145,16 +152,23 @@ def payload(design: PoseEvidence) -> Blocks:
         rows.append((name, *finite([*metrics, m.gain_margin])))
     yield Table(
         (
-            "payload", Column("overshoot", "%", 2), Column("settling", "s", 3),
-            Column("peak input", units_of(e).effort), Column("deflection under it", unit), Column("back after", "s", 2),
-            Column("remaining deflection", unit), Column("damping", "", 3), Column("peak sensitivity", "", 2),
+            "payload",
+            Column("overshoot", "%", 2),
+            Column("settling", "s", 3),
+            Column("peak input", units_of(e).effort),
+            Column("deflection under it", unit),
+            Column("back after", "s", 2),
+            Column("remaining deflection", unit),
+            Column("damping", "", 3),
+            Column("peak sensitivity", "", 2),
             Column("gain margin", "", 2),
         ),
         rows,
         "With the payload in the true robot. Worst joints; the peak input is that of the motor nearest to its limit. "
         "Back: within 2 % of the joint's step from then on",
-        "table-payload", stacks=True,
-    )  # fmt: skip
+        "table-payload",
+        stacks=True,
+    )
 
 
 def _weighing_text(masses: Mapping[str, float], weighed: Weighing) -> str:
@@ -240,11 +254,17 @@ def move(design: PoseEvidence) -> Blocks:
         lambda: draw_figure(
             "move",
             (
-                joint_panel(quantity, units.angle, time, e.setup.joints, units.scale * away, plan=units.scale * plan),
-                joint_panel("link position − plan", unit, time, e.setup.joints, scale * planned.error, zero=True),
+                joint_panel(
+                    quantity, units.angle, time, e.setup.joints, units.scale * away, plan=units.scale * plan
+                ),
+                joint_panel(
+                    "link position − plan", unit, time, e.setup.joints, scale * planned.error, zero=True
+                ),
                 input_panel(e, response)[0],
             ),
-            "Link positions and the plan (dotted), their difference, and the inputs.", "The move", 6.6,
+            "Link positions and the plan (dotted), their difference, and the inputs.",
+            "The move",
+            6.6,
         ),
         joint_table(
             (
@@ -265,7 +285,7 @@ def move(design: PoseEvidence) -> Blocks:
             "table-move",
         ),
         motion_table(e, e.move.motion, "table-move-motion"),
-    )  # fmt: skip
+    )
 
 
 def margins_along(design: PoseEvidence) -> Blocks:
@@ -300,24 +320,31 @@ def margins_along(design: PoseEvidence) -> Blocks:
         lines = [
             *(
                 Line(
-                    along.times[acting == law], values[acting == law], None,
+                    along.times[acting == law],
+                    values[acting == law],
+                    None,
                     {"color": SERIES[law % len(SERIES)], **dots},
                 )
                 for law in sorted(set(along.laws))
             ),
             Line(along.times, values, None, {"color": SERIES[0], "linewidth": 1.0, "zorder": 1}),
-        ]  # fmt: skip
+        ]
         panels.append(Panel(quantity, "", lines, (limit,) if limit else ()))
     yield from (
         lambda: draw_figure(
-            "along", panels, f"At poses along the move. Dotted: what is required, with its tolerance.{colours}",
-            "Margins along the move", 5.4,
+            "along",
+            panels,
+            f"At poses along the move. Dotted: what is required, with its tolerance.{colours}",
+            "Margins along the move",
+            5.4,
         ),
         Table(
-            ("figure", Column("worst", "", 3), Column("at", "s", 3), "pose"), rows, "The worst pose of each figure",
+            ("figure", Column("worst", "", 3), Column("at", "s", 3), "pose"),
+            rows,
+            "The worst pose of each figure",
             "table-along",
         ),
-    )  # fmt: skip
+    )
 
 
 # Ring-down after an impulse ---------------------------------------------------------------------------
@@ -359,13 +386,17 @@ def ring_down_rows(runs: ImpulseRuns) -> list[dict[str, Any]]:
     fit = runs.ring_down
     return [
         {
-            "joint": run.joints[k], "impulse": float(runs.impulses[k]),
+            "joint": run.joints[k],
+            "impulse": float(runs.impulses[k]),
             "peak_deviation": runs.peak_deviation(k),
-            "damping": fit and fit.damping_of(k), "frequency_Hz": oscillation and oscillation.frequency,
+            "damping": fit and fit.damping_of(k),
+            "frequency_Hz": oscillation and oscillation.frequency,
             "left": None if fit is None else runs.left(k),
         }
-        for k, (run, oscillation) in enumerate(zip(runs.responses, map(runs.least_damped, range(len(runs.responses)))))
-    ]  # fmt: skip
+        for k, (run, oscillation) in enumerate(
+            zip(runs.responses, map(runs.least_damped, range(len(runs.responses))))
+        )
+    ]
 
 
 def _ring_down_figure(runs: ImpulseRuns) -> Figure:
@@ -396,19 +427,23 @@ def long_run(design: PoseEvidence) -> Blocks:
         return
 
     def motion(run: LimitCycleCheck, joints: Sequence[int]) -> str:
-        return listed([
-            f"{run.response.joints[k]} by ±{units.small_text(run.cycles[k].amplitude, 3)} "
-            f"({_frequency(run.cycles[k].frequency)})"
-            for k in joints
-        ])  # fmt: skip
+        return listed(
+            [
+                f"{run.response.joints[k]} by ±{units.small_text(run.cycles[k].amplitude, 3)} "
+                f"({_frequency(run.cycles[k].frequency)})"
+                for k in joints
+            ]
+        )
 
     def zone(run: LimitCycleCheck) -> str:
         joints, sizes = run.response.joints, [] if run.dead_zone is None else run.dead_zone.tolist()
-        return listed([
-            f"{units.small_text(size, 2)}{f' in {joint}' if len(joints) > 1 else ''}"
-            for joint, size in zip(joints, sizes)
-            if size > 0.0
-        ])  # fmt: skip
+        return listed(
+            [
+                f"{units.small_text(size, 2)}{f' in {joint}' if len(joints) > 1 else ''}"
+                for joint, size in zip(joints, sizes)
+                if size > 0.0
+            ]
+        )
 
     if run.without is not None:
         yield note(
@@ -463,8 +498,9 @@ def long_run(design: PoseEvidence) -> Blocks:
         f"With {run.cause}{'' if run.dead_zone is None else ', and a dead zone of the integrals'}. "
         "Amplitude: half of the distance between the extremes in the last half. Remaining error: largest in the last "
         "tenth",
-        "table-hunting", outcome,
-    )  # fmt: skip
+        "table-hunting",
+        outcome,
+    )
 
 
 def _frequency(frequency: float | None) -> str:

@@ -94,7 +94,9 @@ def step(e: LawEvaluation, mujoco: Response | None) -> Blocks:
         ),
         [
             {
-                **row, "from": float(begin), "to": float(end),
+                **row,
+                "from": float(begin),
+                "to": float(end),
                 "settling": settling_text(row["settling_time_s"], last) if "settling_time_s" in row else None,
             }
             for row, begin, end in zip(e.step.metrics, e.setup.start, e.setup.goal)
@@ -102,7 +104,7 @@ def step(e: LawEvaluation, mujoco: Response | None) -> Blocks:
         "True link positions. Settling: to ±2 % of the joint's own step. Steady-state error: largest in the last tenth "
         "of the run. Input noise: standard deviation there",
         "table-step",
-    )  # fmt: skip
+    )
     yield motion_table(e, e.step_motion, "table-step-motion")
     if mujoco is not None:
         plants = {"ours": e.step, "MuJoCo's": mujoco}
@@ -118,7 +120,7 @@ def step(e: LawEvaluation, mujoco: Response | None) -> Blocks:
             [{**row, "plant": plant} for plant, response in plants.items() for row in response.metrics],
             f"The same controller and noise on MuJoCo's plant: {difference_text(e.step, mujoco, units)}",
             "table-mujoco",
-        )  # fmt: skip
+        )
 
 
 def motion_table(e: LawEvaluation, rows: Sequence[Mapping[str, Any]], id: str) -> Table:
@@ -137,7 +139,7 @@ def motion_table(e: LawEvaluation, rows: Sequence[Mapping[str, Any]], id: str) -
         "Excursion: of a joint that should rest, per cent of the largest travel. From the path: from its nearest "
         "point, early or late. Remaining error and ripple, in per cent of the motor's limit: in the last 0.3 s",
         id,
-    )  # fmt: skip
+    )
 
 
 def step_text(response: Response, units: Units) -> str:
@@ -201,17 +203,26 @@ def _step_figure(e: LawEvaluation, units: Units) -> Figure:
         "step",
         (
             joint_panel(
-                "link position − goal", units.angle, time, joints, units.scale * (response.positions - goal), zero=True,
-                plan=None if command is None else units.scale * (command(time) - goal), plan_name="command",
+                "link position − goal",
+                units.angle,
+                time,
+                joints,
+                units.scale * (response.positions - goal),
+                zero=True,
+                plan=None if command is None else units.scale * (command(time) - goal),
+                plan_name="command",
                 min_span=0.1 * units.scale * float(np.abs(goal - response.start).max(initial=0.0)),
             ),
-            joint_panel("spring torque", units.spring, time, joints, spring_torques(e, response), min_span=0.0),
+            joint_panel(
+                "spring torque", units.spring, time, joints, spring_torques(e, response), min_span=0.0
+            ),
             inputs,
         ),
         f"Nonlinear loop, {fed}{'' if command is None else f', its command {command.name}'}: link positions as "
         f"distance from the goal (dotted), torques of the springs, and inputs as applied{bound}.",
-        "Step response", 6.6,
-    )  # fmt: skip
+        "Step response",
+        6.6,
+    )
 
 
 def difference_text(own: Response, other: Response, units: Units) -> str:
@@ -232,10 +243,12 @@ def arm_of(e: LawEvaluation) -> Figure | None:
     if response.diverged_at is not None:
         return None
     return arm_figure(
-        e.setup.robot, response.run.time, response.positions,
+        e.setup.robot,
+        response.run.time,
+        response.positions,
         e.setup.robot.layout.whole(response.run.signals["state"].T)[2 * n : 3 * n].T,
         instants(response.positions, response.start, response.goal),
-    )  # fmt: skip
+    )
 
 
 def instants(positions: np.ndarray, start: np.ndarray, goal: np.ndarray) -> list[int]:
@@ -282,11 +295,12 @@ def arm_figure(
     legend_above(figure, axes[0], 3)
     label(axes[0], names[1], "m")
     return figure_block(
-        "arm", figure,
+        "arm",
+        figure,
         "The angle between a link and its motor, seen from the link side of the gear, is the twist of the spring. A "
         "last link is drawn to twice the distance of its centre of mass.",
         "The arm during the step",
-    )  # fmt: skip
+    )
 
 
 def arm_plane(
@@ -384,12 +398,13 @@ def _bands(e: LawEvaluation, samples: MonteCarlo) -> Figure:
     closer = f"{names[close]}, close to its goal" if len(names) > 1 else "the same, close to the goal"
     missing = len(samples) - len(ended)
     return figure_block(
-        "draws", figure,
+        "draws",
+        figure,
         f"Link positions as distance from the goal{some}, of {len(ended)} sampled robots."
         f"{f' {missing} that diverged are left out.' if missing else ''} Bottom: {closer}, "
         "with the band of ±2 % of the step.",
         "Sampled robots",
-    )  # fmt: skip
+    )
 
 
 def _metrics(e: LawEvaluation, samples: MonteCarlo) -> list[tuple[str, str, np.ndarray, float, str]]:
@@ -419,9 +434,11 @@ def _histograms(e: LawEvaluation, samples: MonteCarlo) -> Figure:
         if limit is not None and float(values.max()) > 0.5 * limit:
             axis.axvline(limit, color=INK, linewidth=1.0, dashes=DASHED)
     return figure_block(
-        "spread", figure, "Worst joint of each robot. Orange: the nominal robot. Dashed: a limit that is near.",
+        "spread",
+        figure,
+        "Worst joint of each robot. Orange: the nominal robot. Dashed: a limit that is near.",
         "Spread of the sampled robots",
-    )  # fmt: skip
+    )
 
 
 def histogram_bins(values: np.ndarray, grain: float) -> np.ndarray:
@@ -445,10 +462,16 @@ def spread_table(e: LawEvaluation, samples: MonteCarlo) -> Table:
     settled = f"{len(samples) - samples.unsettled} of {len(samples)} settle, {samples.diverged} diverge"
     return Table(
         (
-            "", "unit", Column("nominal robot", brief="nominal", right=True), Column("median", right=True),
+            "",
+            "unit",
+            Column("nominal robot", brief="nominal", right=True),
+            Column("median", right=True),
             Column("95 % are below", brief="95 % below", right=True),
-            Column("worst", right=True), *(["worst joint"] if several else []),
+            Column("worst", right=True),
+            *(["worst joint"] if several else []),
         ),
-        rows, f"Worst joint of each robot: {settled}" if several else settled, "table-draws",
+        rows,
+        f"Worst joint of each robot: {settled}" if several else settled,
+        "table-draws",
         title=f"The step on {len(samples)} robots sampled within their tolerances: {settled}",
-    )  # fmt: skip
+    )

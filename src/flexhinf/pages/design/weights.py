@@ -75,13 +75,15 @@ def weights(design: PoseEvidence) -> Blocks:
             ("weight of", *(named or ["value"]), "unit"),
             [
                 (
-                    signal, *(number(by[joint][0]) if joint in by else "–" for joint in joints),
+                    signal,
+                    *(number(by[joint][0]) if joint in by else "–" for joint in joints),
                     " or ".join(dict.fromkeys(unit for _, unit in by.values())),
                 )
                 for signal, by in rows.items()
             ],
-            "Weights: h(x) has one entry for each", "table-weights",
-        )  # fmt: skip
+            "Weights: h(x) has one entry for each",
+            "table-weights",
+        )
     yield Paragraph(
         f"{'' if rows else 'The penalty of the states is code. '}R2 = "
         f"{range_text(np.diagonal(r2) if r2.ndim == 2 else np.atleast_1d(r2))} {effort_unit(design.problem)} "
@@ -117,25 +119,31 @@ def _search(search: SearchResult, target: TargetBehaviour, replaced: bool) -> Bl
     over: dict[str, Any] = {"vertical": search.chosen.damping_weight, "across": "largest damping weight ζ"}
     panels = (
         Panel(
-            "smallest damping ratio", "",
+            "smallest damping ratio",
+            "",
             [
                 *lines(lambda c: c.behaviour.damping, "worst of the tolerances", SERIES[1]),
                 *lines(lambda c: c.behaviour.nominal_damping, "nominal robot", SERIES[0]),
             ],
-            dashed=((target.damping, INK, "target"),), y=(0.0, None), **over,
+            dashed=((target.damping, INK, "target"),),
+            y=(0.0, None),
+            **over,
         ),
         Panel("γ*", "", lines(lambda c: c.gamma_star, "γ*", SERIES[0]), **over),
-    )  # fmt: skip
+    )
     yield from (
         lambda: draw_figure(
-            "search", panels,
+            "search",
+            panels,
             "Candidates at the required bandwidth. The dotted line is the ζ that is used."
             + " Squares: those in use, which the search on the running loop found, with a bandwidth of "
             f"{range_text(search.chosen.behaviour.bandwidth)} rad/s." * replaced,
-            "Search for the weights", 3.2, columns=3,
+            "Search for the weights",
+            3.2,
+            columns=3,
         ),
         candidate_table(search, replaced),
-    )  # fmt: skip
+    )
 
 
 def candidate_table(search: SearchResult, replaced: bool = False) -> Table:
@@ -144,22 +152,32 @@ def candidate_table(search: SearchResult, replaced: bool = False) -> Table:
     used, last = next(k for k, c in enumerate(candidates) if c is search.chosen), len(candidates) - 1
     rows = [
         (
-            c.damping_weight, range_text(c.target_frequency), range_text(c.behaviour.bandwidth),
-            finite(c.behaviour.damping), finite(c.behaviour.nominal_damping), c.gamma_star,
+            c.damping_weight,
+            range_text(c.target_frequency),
+            range_text(c.behaviour.bandwidth),
+            finite(c.behaviour.damping),
+            finite(c.behaviour.nominal_damping),
+            c.gamma_star,
             ("used, of the running loop" if replaced else "used") if c is search.chosen else "",
         )
         for c in (candidates[k] for k in sorted({0, max(0, used - 1), used, min(last, used + 1), last}))
-    ]  # fmt: skip
+    ]
     count = f"{len(rows)} of {count_text(len(candidates), 'candidate')}"
     return Table(
         (
             Column("largest damping weight ζ", "", 3, brief="weight ζ"),
-            Column("target frequency ω", "rad/s", brief="target ω, rad/s"), Column("bandwidth", "rad/s"),
+            Column("target frequency ω", "rad/s", brief="target ω, rad/s"),
+            Column("bandwidth", "rad/s"),
             Column("damping, worst robot", "", 3, brief="damping: worst"),
-            Column("damping, nominal robot", "", 3, brief="nominal"), "γ*", "",
+            Column("damping, nominal robot", "", 3, brief="nominal"),
+            "γ*",
+            "",
         ),
-        rows, f"{count}, by ζ; design.json has all", "table-tries", title=f"Search for the weights: {count}",
-    )  # fmt: skip
+        rows,
+        f"{count}, by ζ; design.json has all",
+        "table-tries",
+        title=f"Search for the weights: {count}",
+    )
 
 
 # The tolerances -----------------------------------------------------------------------------------------
@@ -188,8 +206,9 @@ def whole_loop(design: PoseEvidence) -> Blocks:
             (what, number(damped, 3), number(robust, 3), volts if unit == "input" else unit)
             for what, unit, damped, robust in whole_loop_rows(search)
         ],
-        "What the search for the tolerances gained and cost", "table-whole-loop",
-    )  # fmt: skip
+        "What the search for the tolerances gained and cost",
+        "table-whole-loop",
+    )
 
 
 def whole_loop_rows(search: WholeLoopSearch) -> list[tuple[str, str, float, float]]:
@@ -209,16 +228,22 @@ def robust_table(r: Robustness) -> Table:
     """Table of γ* and of the attained level, without and with the tolerance channels."""
     return Table(
         (
-            "", Column("without tolerances", brief="without"), Column("with tolerances", brief="with"),
+            "",
+            Column("without tolerances", brief="without"),
+            Column("with tolerances", brief="with"),
             Column("cost", "%", 1),
         ),
-        [(what, plain, robust, 100.0 * (robust / plain - 1.0)) for what, plain, robust in (
-            ("γ* of the problem", r.nominal_gamma_star, r.gamma_star),
-            ("level that the nominal robot attains", r.nominal_gain, r.robust_gain),
-        )],
-        "What covering the tolerances costs (linear part)", "table-robust",
+        [
+            (what, plain, robust, 100.0 * (robust / plain - 1.0))
+            for what, plain, robust in (
+                ("γ* of the problem", r.nominal_gamma_star, r.gamma_star),
+                ("level that the nominal robot attains", r.nominal_gain, r.robust_gain),
+            )
+        ],
+        "What covering the tolerances costs (linear part)",
+        "table-robust",
         title=f"Cost of the tolerances: {r.channels} channels, {100.0 * r.fraction:.3g} % of them covered",
-    )  # fmt: skip
+    )
 
 
 def _robust_text(r: Robustness) -> str:
@@ -308,12 +333,15 @@ def noise_levels(design: PoseEvidence) -> Blocks:
         by_joint = (search.chosen.levels.link_velocities, search.chosen.levels.motor_velocities)
         yield Table(
             (
-                "joint", Column("Rᵛ, link velocity", digits=2), Column("Rᵛ, motor velocity", digits=2),
+                "joint",
+                Column("Rᵛ, link velocity", digits=2),
+                Column("Rᵛ, motor velocity", digits=2),
                 Column("noise at the motor (rms)", design.setup.model.unit(design.setup.model.inputs[0])),
             ),
             list(zip(joints, *np.broadcast_arrays(*by_joint, search.chosen.noises), strict=True)),
-            "The levels that are used, joint by joint", "table-noise-levels",
-        )  # fmt: skip
+            "The levels that are used, joint by joint",
+            "table-noise-levels",
+        )
 
 
 def _outcome(search: NoiseSearch, robust: bool) -> str:
@@ -355,8 +383,9 @@ def _noise_figure(design: PoseEvidence, search: NoiseSearch) -> Figure:
     required = [] if target is None else [(required_damping(design.specification.damping, target), INK, None)]
     panels = []
     for name, text, dashed in (
-        ("damping", "smallest damping ratio", required), ("compliance", "compliance / true state", ())
-    ):  # fmt: skip
+        ("damping", "smallest damping ratio", required),
+        ("compliance", "compliance / true state", ()),
+    ):
         lines = []
         for joint, joint_name in enumerate(design.robot.joint_names):
             color = line_style(joint)["color"]
@@ -368,13 +397,16 @@ def _noise_figure(design: PoseEvidence, search: NoiseSearch) -> Figure:
         across = f"noise at the motor, rms ({unit})"
         panels.append(Panel(text, "", lines, dashed=dashed, across=across, y=(0.0, None), log=True))
     return draw_figure(
-        "noise-trade-off", panels,
+        "noise-trade-off",
+        panels,
         f"Of {search.count} choices of Rᵛ with a stable loop, dots are those that no other one betters in noise, "
         f"damping and compliance at once, one dot for each motor; {used}. A choice to the left of the squares breaks "
         "another limit (see the table), or yields more to a "
         f"load.{'' if target is None else ' Dashed: the damping that is required.'}",
-        "Noise at the motors against damping and load stiffness", 3.2, columns=7,
-    )  # fmt: skip
+        "Noise at the motors against damping and load stiffness",
+        3.2,
+        columns=7,
+    )
 
 
 def _noise_table(design: PoseEvidence, search: NoiseSearch) -> Table:
@@ -406,7 +438,9 @@ def _noise_table(design: PoseEvidence, search: NoiseSearch) -> Table:
             Column("gain margin", "", 2, brief="gain"),
             Column("limits missed, or used", brief="missed"),
         ),
-        rows, f"{len(rows)} of {search.count} choices of Rᵛ: the default, the one used, and some of the dots",
-        "table-noise-search", True,
+        rows,
+        f"{len(rows)} of {search.count} choices of Rᵛ: the default, the one used, and some of the dots",
+        "table-noise-search",
+        True,
         f"Noise levels of the estimator: {len(rows)} of {count_text(search.count, 'candidate')}",
-    )  # fmt: skip
+    )

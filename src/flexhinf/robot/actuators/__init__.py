@@ -1,13 +1,16 @@
-"""Published numbers of joints by name, each with its source and, where that states one, its spread."""
+"""Published numbers of joints, of gears too, by name, each with its source and, where that states one, its spread."""
 
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from functools import cache
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from flexhinf.robot.elastic import SPRING
+from flexhinf.robot.gears import CURVE
 
 #: The two forms in which the inertia on the motor's side is stated; a joint that has one takes nothing of the other.
 INERTIAS = ({"motor_inertia"}, {"rotor_inertia", "hub_inertia"})
@@ -29,6 +32,8 @@ class PublishedJoint(NamedTuple):
         one, other = INERTIAS
         lost = {
             *stated,
+            # other numbers of a motor are behind the gear
+            *(() if "rotor_inertia" in {*stated, *self.numbers} else ("gear_ratio",)),
             *(SPRING if rigid else ()),
             *(other if stated & one else one if stated & other else ()),
         }
@@ -47,3 +52,40 @@ def published_joints() -> dict[str, PublishedJoint]:
         name: PublishedJoint(row["about"], {**row.get("spring", {}), **row.get("motor", {})})
         for name, row in tomllib.loads(text).items()
     }
+
+
+@cache
+def published_gears() -> dict[str, PublishedJoint]:
+    """Stiffness curves of gears by series, size and ratio, for ``gear = "NAME"`` in a robot file.
+
+    >>> published_gears()["CSG-25-100"].numbers["second_stiffness"]["value"]
+    50000.0
+    """
+    text = (Path(__file__).parent / "gears.toml").read_text(encoding="utf-8")
+    gears = dict[str, PublishedJoint]()
+    for brand in tomllib.loads(text).values():
+        for series, (size, row) in product(brand["series"], brand["sizes"].items()):
+            for kind, slopes in row["slopes"].items():
+                values = dict(zip(CURVE, (*slopes, *row["torques"])))
+                for ratio in brand["classes"][kind]:
+                    numbers = {
+                        name: {"value": float(value), "source": brand["source"]}
+                        for name, value in {**values, "gear_ratio": ratio}.items()
+                    }
+                    about = f"strain-wave gear, size {size}, ratio {ratio}"
+                    gears[f"{series}-{size}-{ratio}"] = PublishedJoint(about, numbers)
+    return gears
+
+
+def gear_name(text: object) -> str:
+    """The name of a gear as a file writes it, in any case."""
+    return text.strip().upper() if isinstance(text, str) else ""
+
+
+def published_of(row: Mapping[str, Any]) -> list[PublishedJoint]:
+    """What is published of a joint of a robot file, by the names of its actuator and of its gear."""
+    known = (
+        published_joints().get(str(row.get("actuator", ""))),
+        published_gears().get(gear_name(row.get("gear"))),
+    )
+    return [joint for joint in known if joint is not None]

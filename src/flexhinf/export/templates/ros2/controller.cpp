@@ -148,6 +148,18 @@ CallbackReturn Controller::on_init()
     auto_declare<std::int64_t>("publish_every", 10);
     auto_declare<std::int64_t>("longest_unseen", @{longest_unseen});
     auto_declare<double>("stop_ramp", 0.0);
+{% if follows %}
+    auto_declare<bool>("allow_partial_joints_goal", false);
+    auto_declare<double>("cmd_timeout", 0.0);
+    auto_declare<double>("stop_time", static_cast<double>(@{name}_follow_defaults.stop_time));
+    auto_declare<std::string>("speed_scaling_interface", "");
+    auto_declare<double>("constraints.goal_time", 0.0);
+    auto_declare<double>("constraints.stopped_velocity_tolerance", 0.01);
+    for (const char * joint : Trajectories::JOINTS) {
+      auto_declare<double>(std::string("constraints.") + joint + ".trajectory", 0.0);
+      auto_declare<double>(std::string("constraints.") + joint + ".goal", 0.0);
+    }
+{% endif %}
     for (std::size_t i = 0; i < measurements_.size(); ++i) {
       const std::string name = std::string("measurements.") + MEASURED[i];
       auto_declare<std::string>(name + ".interface", STATE_INTERFACES[i]);
@@ -174,7 +186,15 @@ controller_interface::InterfaceConfiguration Controller::command_interface_confi
 
 controller_interface::InterfaceConfiguration Controller::state_interface_configuration() const
 {
+{% if follows %}
+  auto wanted = individual(measurements_);
+  if (!speed_.interface.empty()) {
+    wanted.names.push_back(speed_.interface);
+  }
+  return wanted;
+{% else %}
   return individual(measurements_);
+{% endif %}
 }
 
 bool Controller::read_parameters()
@@ -266,6 +286,12 @@ CallbackReturn Controller::on_configure(const rclcpp_lifecycle::State &)
     RCLCPP_ERROR(get_node()->get_logger(), "a parameter is missing or of another type: %s", error.what());
     return CallbackReturn::ERROR;
   }
+{% if follows %}
+  speed_.interface = get_node()->get_parameter("speed_scaling_interface").as_string();
+  if (!trajectories_.configure(get_node())) {
+    return CallbackReturn::ERROR;
+  }
+{% endif %}
   if (@{NAME}_COMMANDS > 0) {
     subscription_ = get_node()->create_subscription<Command>(
       "~/command", rclcpp::SystemDefaultsQoS(),
@@ -293,6 +319,12 @@ bool Controller::find_places()
       return false;
     }
   }
+{% if follows %}
+  if (!speed_.interface.empty() && !find(state_interfaces_, speed_)) {
+    RCLCPP_ERROR(logger, "the state interface %s is missing", speed_.interface.c_str());
+    return false;
+  }
+{% endif %}
   for (Signal & input : inputs_) {
     if (!find(command_interfaces_, input)) {
       RCLCPP_ERROR(logger, "the command interface %s is missing", input.interface.c_str());
@@ -379,10 +411,13 @@ CallbackReturn Controller::on_activate(const rclcpp_lifecycle::State &)
   input_.measured = 0;  // the output is then the input before the first sample
   code_ = @{name}_step(&state_, &param_, &input_, &output_);
   playing_ = received_.load();  // older commands are over
-  has_path_ = false;
-  samples_ = late_ = missed_writes_ = 0;
+  path_ = nullptr;
+  samples_ = late_ = missed_writes_ = refused_commands_ = 0;
   elapsed_ = 0.0;
   is_stopped_ = false;
+{% if follows %}
+  trajectories_.activate(input_.r);
+{% endif %}
   remember();
   return CallbackReturn::SUCCESS;
 }
@@ -392,6 +427,9 @@ CallbackReturn Controller::on_deactivate(const rclcpp_lifecycle::State &)
   if (!is_stopped_) {
     hold_positions();
   }
+{% if follows %}
+  trajectories_.deactivate("the controller was deactivated");
+{% endif %}
   write_stop(0.0);  // whatever the ramp: the manager calls update no more, and nothing writes from here on
   tell();
   return CallbackReturn::SUCCESS;
@@ -411,29 +449,82 @@ void Controller::receive(const Command & message)
   const auto path = std::make_shared<Path>();
   path->rows = data.size() / ROW;
   path->numbers.assign(data.begin(), data.end());
+{% if follows %}
+  if (!is_possible(*path, path->numbers.data())) {
+    RCLCPP_WARN(get_node()->get_logger(), "a command is ignored: a row jumps, or twists a spring beyond what motors can");
+    return;
+  }
+{% endif %}
   path->number = received_.load() + 1;
+  const std::uint64_t in_use = in_use_.load();
+  kept_.erase(
+    std::remove_if(
+      kept_.begin(), kept_.end(), [in_use](const std::shared_ptr<Path> & one) { return one->number < in_use; }),
+    kept_.end());
+  kept_.push_back(path);
   paths_.writeFromNonRT(path);
   received_.store(path->number);
 }
 
-void Controller::follow()
+{% if follows %}
+// Whether each row can be behind the one before it.
+bool Controller::is_possible(const Path & path, const @{name}_real * before) const
 {
-  const Path * path = paths_.readFromRT()->get();  // the buffer keeps it: nothing is freed here
+  for (std::size_t row = 0; row < path.rows; ++row) {
+    const @{name}_real * now = path.numbers.data() + row * ROW;
+    if (@{name}_follow_row(&param_, before, now) != @{NAME}_OK) {
+      return false;
+    }
+    before = now;
+  }
+  return true;
+}
+
+{% endif %}
+void Controller::follow(const rclcpp::Time & time)
+{
+  const Path * path = paths_.readFromRT()->get();  // what is played is kept: nothing is freed here
+  at_ += static_cast<double>(output_.path_rate);
   if (path != nullptr && path->number > playing_) {
     playing_ = path->number;
-    has_path_ = true;
-    at_ = 0.0;
-  } else {
-    at_ += static_cast<double>(output_.path_rate);
+{% if follows %}
+    if (@{name}_follow_row(&param_, input_.r, path->numbers.data()) != @{NAME}_OK) {
+      refused_commands_ += 1;  // its first row would be a jump: what there is goes on
+    } else {
+      trajectories_.leave(path->numbers.data());
+      begin(path);
+    }
+{% else %}
+    begin(path);
+{% endif %}
   }
-  if (!has_path_) {
-    return;
+  if (path_ != nullptr) {
+    play();
   }
-  const double last = static_cast<double>(path->rows - 1);
-  at_ = std::clamp(at_, 0.0, last);
+{% if follows %}
+  const double speed = speed_.interface.empty() ? 1.0 : value_of(state_interfaces_[speed_.place]);
+  trajectories_.follow(time, speed, param_, output_, input_.r);
+  if (trajectories_.is_used()) {
+    path_ = nullptr;
+  }
+{% else %}
+  (void)time;
+{% endif %}
+}
+
+void Controller::begin(const Path * path)
+{
+  path_ = path;
+  at_ = 0.0;
+  in_use_.store(path->number);
+}
+
+void Controller::play()
+{
+  at_ = std::clamp(at_, 0.0, static_cast<double>(path_->rows - 1));
   const std::size_t row = static_cast<std::size_t>(at_);
   const @{name}_real part = static_cast<@{name}_real>(at_ - static_cast<double>(row));
-  const @{name}_real * now = path->numbers.data() + row * ROW;
+  const @{name}_real * now = path_->numbers.data() + row * ROW;
   for (std::size_t i = 0; i < ROW; ++i) {
     input_.r[i] = (part > 0) ? now[i] + part * (now[i + ROW] - now[i]) : now[i];
   }
@@ -489,7 +580,7 @@ controller_interface::return_type Controller::update(const rclcpp::Time & time, 
     return end("it is called at another period than it is made for", time);
   }
   read_measurements();
-  follow();
+  follow(time);
   if (@{NAME}_LATENCY > 0) {  // the input of the sample before acts from here on; further samples are the drive's
     drive();
   }
@@ -516,6 +607,9 @@ controller_interface::return_type Controller::update(const rclcpp::Time & time, 
 // Nothing is computed any more, until the next activation, which begins where the robot then stands.
 controller_interface::return_type Controller::end(const char * reason, const rclcpp::Time & time)
 {
+{% if follows %}
+  trajectories_.deactivate("the controller has stopped");
+{% endif %}
   is_stopped_ = true;
   is_end_published_ = false;
   stopped_for_ = 0.0;
@@ -577,6 +671,17 @@ void Controller::prepare_report()
   group("input", {INPUTS.begin(), INPUTS.end()});
   group("measured", {MEASURED.begin(), MEASURED.end()});
   group("estimate", {STATES.begin(), STATES.end()});
+{% if follows %}
+  std::vector<std::string> followed;
+  for (const char * kind : {"position_", "velocity_"}) {
+    for (const char * joint : Trajectories::JOINTS) {
+      followed.push_back(std::string(kind) + joint);
+    }
+  }
+  group("desired", followed);
+  group("actual", followed);
+  group("error", followed);
+{% endif %}
 }
 
 bool Controller::publish(const rclcpp::Time & time)
@@ -586,13 +691,33 @@ bool Controller::publish(const rclcpp::Time & time)
   };
   const std::array<double, @{health | length}> health = {
     static_cast<double>(code_), static_cast<double>(output_.status), static_cast<double>(output_.path_rate),
-    static_cast<double>(late_), static_cast<double>(missed_writes_), static_cast<double>(is_stopped_){% for number in health[6:] %},
+    static_cast<double>(late_), static_cast<double>(missed_writes_), static_cast<double>(is_stopped_),
+    static_cast<double>(refused_commands_){% for number in health[7:] %},
     @{number.value}{% endfor %}};
   report_.header.stamp = time;
   fill(0, health);
   fill(1, output_.u);
   fill(2, input_.y);
   fill(3, output_.estimate);
+{% if follows %}
+  if (trajectories_.is_used()) {
+    const Followed & now = trajectories_.sample();
+    for (std::size_t j = 0; j < @{NAME}_FOLLOW_JOINTS; ++j) {
+      const std::size_t rate = j + @{NAME}_FOLLOW_JOINTS;
+      report_.interface_values[4].values[j] = now.desired[j];
+      report_.interface_values[4].values[rate] = now.desired_velocity[j];
+      report_.interface_values[5].values[j] = now.actual[j];
+      report_.interface_values[5].values[rate] = now.actual_velocity[j];
+      report_.interface_values[6].values[j] = now.desired[j] - now.actual[j];
+      report_.interface_values[6].values[rate] = now.desired_velocity[j] - now.actual_velocity[j];
+    }
+  } else {  // rows come from elsewhere
+    for (std::size_t group = 4; group < 7; ++group) {
+      auto & values = report_.interface_values[group].values;
+      std::fill(values.begin(), values.end(), std::numeric_limits<double>::quiet_NaN());
+    }
+  }
+{% endif %}
   return publish_if_free(*publisher_, report_);
 }
 

@@ -23,6 +23,9 @@
 #include "std_msgs/msg/float64_multi_array.hpp"
 
 #include "@{name}.h"
+{% if follows %}
+#include "@{package}/trajectories.hpp"
+{% endif %}
 
 namespace @{package}
 {
@@ -65,7 +68,12 @@ private:
   void read_measurements();
   bool start_where_the_robot_is();
   void receive(const Command & message);
-  void follow();
+  void follow(const rclcpp::Time & time);
+  void begin(const Path * path);
+  void play();
+{% if follows %}
+  bool is_possible(const Path & path, const @{name}_real * before) const;
+{% endif %}
   void drive();
   double value_of_input(std::size_t i) const;
   void remember();
@@ -92,14 +100,21 @@ private:
   rclcpp::Subscription<Command>::SharedPtr subscription_;
   realtime_tools::RealtimeBuffer<std::shared_ptr<Path>> paths_;
   std::atomic<std::uint64_t> received_{0};
-  std::uint64_t playing_ = 0;  // number of the path that is played; those up to it are over
-  double at_ = 0.0;            // place on it, rows
-  bool has_path_ = false;
+  std::vector<std::shared_ptr<Path>> kept_;  // paths that the loop may read
+  std::atomic<std::uint64_t> in_use_{0};     // number of the path that is played
+  std::uint64_t playing_ = 0;                // of the last one that was looked at; those up to it are over
+  const Path * path_ = nullptr;              // that is played
+  double at_ = 0.0;                          // place on it, rows
 
+{% if follows %}
+  Trajectories trajectories_;
+  Signal speed_;  // of trajectories; without an interface it is 1
+
+{% endif %}
   std::unique_ptr<realtime_tools::RealtimePublisher<Report>> publisher_;
   Report report_;
   double elapsed_ = 0.0;
-  std::int64_t late_ = 0, missed_writes_ = 0;
+  std::int64_t late_ = 0, missed_writes_ = 0, refused_commands_ = 0;
 
   std::array<double, @{NAME}_INPUTS> last_{};  // values of the command interfaces before a stop
   bool is_stopped_ = false, is_end_published_ = false;

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <cstdio>
 #include <functional>
+#include <map>
 #include <memory>
 #include <string>
 #include <utility>
@@ -49,6 +50,7 @@ public:
     return stamp;
   }
   double seconds() const { return 1e-9 * static_cast<double>(nanoseconds_); }
+  std::int64_t nanoseconds() const { return nanoseconds_; }
 
 private:
   std::int64_t nanoseconds_;
@@ -108,6 +110,27 @@ public:
   using SharedPtr = std::shared_ptr<Subscription<MessageT>>;
   std::function<void(std::shared_ptr<MessageT>)> callback;
 };
+
+namespace node_interfaces
+{
+struct NodeBaseInterface
+{
+  using SharedPtr = std::shared_ptr<NodeBaseInterface>;
+  std::map<std::string, std::shared_ptr<void>> servers;  // of actions, by name
+};
+struct NodeClockInterface
+{
+  using SharedPtr = std::shared_ptr<NodeClockInterface>;
+};
+struct NodeLoggingInterface
+{
+  using SharedPtr = std::shared_ptr<NodeLoggingInterface>;
+};
+struct NodeWaitablesInterface
+{
+  using SharedPtr = std::shared_ptr<NodeWaitablesInterface>;
+};
+}  // namespace node_interfaces
 }  // namespace rclcpp
 
 // A logger formats into memory of its own, and waits for its output.

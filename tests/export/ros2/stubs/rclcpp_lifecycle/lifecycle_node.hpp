@@ -65,6 +65,9 @@ public:
   std::map<std::string, rclcpp::ParameterValue> overrides;
   std::map<std::string, std::shared_ptr<rclcpp::SubscriptionBase>> subscriptions;
   std::map<std::string, std::shared_ptr<void>> publishers;
+  rclcpp::node_interfaces::NodeBaseInterface::SharedPtr base =
+    std::make_shared<rclcpp::node_interfaces::NodeBaseInterface>();
+  std::int64_t nanoseconds = 0;  // of the clock
 
   // As a file of parameters does before the declaration, and `ros2 param set` after it.
   void state(const std::string & name, rclcpp::ParameterValue value)
@@ -75,6 +78,12 @@ public:
     overrides[name] = std::move(value);
   }
   rclcpp::Logger get_logger() const { return {}; }
+  const char * get_name() const { return "arm_controller"; }
+  rclcpp::Time now() const { return rclcpp::Time(nanoseconds); }
+  rclcpp::node_interfaces::NodeBaseInterface::SharedPtr get_node_base_interface() { return base; }
+  rclcpp::node_interfaces::NodeClockInterface::SharedPtr get_node_clock_interface() { return {}; }
+  rclcpp::node_interfaces::NodeLoggingInterface::SharedPtr get_node_logging_interface() { return {}; }
+  rclcpp::node_interfaces::NodeWaitablesInterface::SharedPtr get_node_waitables_interface() { return {}; }
   bool has_parameter(const std::string & name) const { return declared_.count(name) > 0; }
   rclcpp::Parameter get_parameter(const std::string & name) const
   {

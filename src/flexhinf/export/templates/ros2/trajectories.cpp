@@ -1,0 +1,402 @@
+// Trajectories of @{name} from topic and action, made by flexhinf @{version}. SPDX-License-Identifier: 0BSD
+#include "@{package}/trajectories.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <utility>
+
+namespace @{package}
+{
+namespace
+{
+constexpr double SECOND = 1e-9;
+
+double seconds(const builtin_interfaces::msg::Duration & time)
+{
+  return static_cast<double>(time.sec) + SECOND * static_cast<double>(time.nanosec);
+}
+
+std::int64_t nanoseconds(const builtin_interfaces::msg::Time & stamp)
+{
+  return static_cast<std::int64_t>(stamp.sec) * 1000000000 + static_cast<std::int64_t>(stamp.nanosec);
+}
+
+const char * text_of(int code)
+{
+  switch (code) {
+    case @{NAME}_FOLLOW_SUCCESSFUL:
+      return "the goal is reached";
+    case @{NAME}_FOLLOW_INVALID_JOINTS:
+      return "the joints are not those of the controller, each once";
+    case @{NAME}_FOLLOW_OLD_HEADER_TIMESTAMP:
+      return "the trajectory is over";
+    case @{NAME}_FOLLOW_PATH_TOLERANCE_VIOLATED:
+      return "a joint is farther from the path than its tolerance";
+    case @{NAME}_FOLLOW_GOAL_TOLERANCE_VIOLATED:
+      return "a joint did not reach the goal in time";
+    default:
+      return "expected waypoints that increase in time, finite, within the joints' ranges and speeds, at rest at the end";
+  }
+}
+
+int place_of(const std::string & joint)
+{
+  const auto & joints = Trajectories::JOINTS;
+  const auto found = std::find(joints.begin(), joints.end(), joint);
+  return found == joints.end() ? -1 : static_cast<int>(found - joints.begin());
+}
+}  // namespace
+
+const std::array<const char *, @{NAME}_FOLLOW_JOINTS> Trajectories::JOINTS = {@{joint_names | quoted}};
+
+// Set-up -------------------------------------------------------------------------------------------------------
+bool Trajectories::configure(const std::shared_ptr<Node> & node)
+{
+  node_ = node;
+  options_ = @{name}_follow_defaults;
+  const auto number = [&](const std::string & name, bool is_time) {
+    const double value = node->get_parameter(name).as_double();
+    if (!std::isfinite(value) || value < 0.0 || (is_time && value > 1e6)) {
+      const char * const kind = is_time ? "seconds from 0 to 1e6" : "a number from 0 on";
+      RCLCPP_ERROR(node->get_logger(), "expected %s in %s, got %g", kind, name.c_str(), value);
+      return std::make_pair(false, static_cast<@{name}_real>(0));
+    }
+    return std::make_pair(true, static_cast<@{name}_real>(value));
+  };
+  bool fits = true;
+  const auto read = [&](const std::string & name, @{name}_real & place, bool is_time = false) {
+    const auto found = number(name, is_time);
+    fits = fits && found.first;
+    place = found.second;
+  };
+  read("constraints.goal_time", options_.goal_time, true);
+  read("cmd_timeout", options_.timeout, true);
+  read("stop_time", options_.stop_time, true);
+  @{name}_real stopped = 0;
+  read("constraints.stopped_velocity_tolerance", stopped);
+  for (std::size_t j = 0; j < JOINTS.size(); ++j) {
+    const std::string name = std::string("constraints.") + JOINTS[j];
+    read(name + ".trajectory", options_.path.position[j]);
+    read(name + ".goal", options_.goal.position[j]);
+    options_.goal.velocity[j] = stopped;
+  }
+  if (fits && !(options_.stop_time >= @{NAME}_PERIOD)) {
+    RCLCPP_ERROR(node->get_logger(), "expected a stop_time from %g s on", static_cast<double>(@{NAME}_PERIOD));
+    fits = false;
+  }
+  if (options_.timeout <= options_.goal_time) {  // as in joint_trajectory_controller
+    options_.timeout = 0;
+  }
+  options_.partial = node->get_parameter("allow_partial_joints_goal").as_bool() ? 1 : 0;
+  if (!fits) {
+    return false;
+  }
+  subscription_ = node->create_subscription<Message>(
+    "~/joint_trajectory", rclcpp::SystemDefaultsQoS(),
+    [this](const std::shared_ptr<Message> message) { receive(*message); });
+  server_ = rclcpp_action::create_server<Action>(
+    node->get_node_base_interface(), node->get_node_clock_interface(), node->get_node_logging_interface(),
+    node->get_node_waitables_interface(), std::string(node->get_name()) + "/follow_joint_trajectory",
+    [this](const rclcpp_action::GoalUUID &, std::shared_ptr<const Action::Goal> wanted) { return consider(*wanted); },
+    [this](const std::shared_ptr<Handle>) { return cancel(); },
+    [this](const std::shared_ptr<Handle> handle) { begin(handle); });
+  timer_ = node->create_wall_timer(std::chrono::milliseconds(50), [this]() { monitor(); });
+  return true;
+}
+
+void Trajectories::activate(const @{name}_real * q)
+{
+  (void)@{name}_follow_init(&state_, q);
+  started_ = pending_ = given_.load();  // older goals are over
+  is_used_ = is_cancelled_ = false;
+  is_active_.store(true);
+}
+
+void Trajectories::deactivate(const char * reason)
+{
+  is_active_.store(false);
+  stopped_for_.store(reason);  // told by another thread
+}
+
+// Messages -----------------------------------------------------------------------------------------------------
+bool Trajectories::add_tolerances(
+  const std::vector<control_msgs::msg::JointTolerance> & stated, @{name}_follow_tolerance & found, std::string & why)
+{
+  for (const auto & one : stated) {
+    const int place = place_of(one.name);
+    if (place < 0) {
+      why = "a tolerance of the unknown joint " + one.name;
+      return false;
+    }
+    if (one.acceleration > 0.0) {
+      why = "a tolerance of the acceleration of " + one.name + ", which is not measured";
+      return false;
+    }
+    found.position[place] = static_cast<@{name}_real>(one.position);
+    found.velocity[place] = static_cast<@{name}_real>(one.velocity);
+  }
+  return true;
+}
+
+// Why a trajectory is refused, or that it is not; joints by their names.
+int Trajectories::accept(
+  const Message & trajectory, const Action::Goal * wanted, std::shared_ptr<Goal> & goal, std::string & why)
+{
+  goal = std::make_shared<Goal>();
+  const std::size_t count = trajectory.joint_names.size();
+  std::vector<std::size_t> places;
+  for (const std::string & joint : trajectory.joint_names) {
+    const int place = place_of(joint);
+    if (place < 0 || goal->goal.moves[place] != 0) {
+      why = text_of(@{NAME}_FOLLOW_INVALID_JOINTS);
+      return @{NAME}_FOLLOW_INVALID_JOINTS;
+    }
+    goal->goal.moves[place] = 1;
+    places.push_back(static_cast<std::size_t>(place));
+  }
+  const auto fits = [count](const std::vector<double> & row) { return row.empty() || row.size() == count; };
+  why = text_of(@{NAME}_FOLLOW_INVALID_GOAL);
+  for (const auto & from : trajectory.points) {
+    if (
+      from.positions.size() != count || !fits(from.velocities) || !fits(from.accelerations) || !from.effort.empty()) {
+      return @{NAME}_FOLLOW_INVALID_GOAL;
+    }
+    @{name}_follow_point point{};
+    point.time = static_cast<@{name}_real>(seconds(from.time_from_start));
+    point.order = from.velocities.empty() ? 1 : from.accelerations.empty() ? 2 : 3;
+    for (std::size_t i = 0; i < count; ++i) {
+      point.position[places[i]] = static_cast<@{name}_real>(from.positions[i]);
+      point.velocity[places[i]] = static_cast<@{name}_real>(from.velocities.empty() ? 0.0 : from.velocities[i]);
+      point.acceleration[places[i]] =
+        static_cast<@{name}_real>(from.accelerations.empty() ? 0.0 : from.accelerations[i]);
+    }
+    goal->points.push_back(point);
+  }
+  if (wanted != nullptr) {
+    if (
+      !add_tolerances(wanted->path_tolerance, goal->goal.path, why) ||
+      !add_tolerances(wanted->goal_tolerance, goal->goal.goal, why)) {
+      return @{NAME}_FOLLOW_INVALID_GOAL;
+    }
+    goal->goal.goal_time = static_cast<@{name}_real>(seconds(wanted->goal_time_tolerance));
+  }
+  goal->stamp = nanoseconds(trajectory.header.stamp);
+  goal->goal.points = goal->points.data();
+  goal->goal.count = static_cast<int>(goal->points.size());
+  if (goal->stamp != 0) {
+    goal->goal.begins = static_cast<@{name}_real>(SECOND * static_cast<double>(goal->stamp - node_->now().nanoseconds()));
+  }
+  const int code = @{name}_follow_check(&options_, &goal->goal);
+  why = text_of(code);
+  return code;
+}
+
+void Trajectories::hand_over(const std::shared_ptr<Goal> & goal)
+{
+  const std::uint64_t in_use = in_use_.load();
+  kept_.erase(
+    std::remove_if(
+      kept_.begin(), kept_.end(), [in_use](const std::shared_ptr<Goal> & one) { return one->number < in_use; }),
+    kept_.end());
+  goal->number = ++accepted_;
+  kept_.push_back(goal);
+  goals_.writeFromNonRT(goal);
+  given_.store(goal->number);
+}
+
+void Trajectories::receive(const Message & trajectory)
+{
+  std::shared_ptr<Goal> goal;
+  std::string why = "the controller is not active";
+  const int code = is_active_.load() ? accept(trajectory, nullptr, goal, why) : @{NAME}_FOLLOW_INVALID_GOAL;
+  if (code != @{NAME}_FOLLOW_SUCCESSFUL) {
+    RCLCPP_WARN(node_->get_logger(), "a trajectory is ignored (%d): %s", code, why.c_str());
+    return;
+  }
+  monitor();
+  finish(@{NAME}_FOLLOW_INVALID_GOAL, "another trajectory has replaced it");
+  hand_over(goal);
+}
+
+rclcpp_action::GoalResponse Trajectories::consider(const Action::Goal & wanted)
+{
+  std::shared_ptr<Goal> goal;
+  std::string why = "the controller is not active";
+  const int code =
+    is_active_.load() ? accept(wanted.trajectory, &wanted, goal, why) : @{NAME}_FOLLOW_INVALID_GOAL;
+  if (code != @{NAME}_FOLLOW_SUCCESSFUL) {
+    RCLCPP_WARN(node_->get_logger(), "a goal is rejected (%d): %s", code, why.c_str());
+    return rclcpp_action::GoalResponse::REJECT;
+  }
+  return rclcpp_action::GoalResponse::ACCEPT_AND_EXECUTE;
+}
+
+void Trajectories::begin(const std::shared_ptr<Handle> & handle)
+{
+  monitor();
+  finish(@{NAME}_FOLLOW_INVALID_GOAL, "another goal has replaced it");
+  std::shared_ptr<Goal> goal;
+  std::string why;
+  handle_ = handle;
+  const auto wanted = handle->get_goal();
+  int code = accept(wanted->trajectory, wanted.get(), goal, why);  // its stamp may be over now
+  if (!is_active_.load()) {  // since it was considered; from here on a stop leaves its reason for this goal
+    code = @{NAME}_FOLLOW_INVALID_GOAL;
+    why = "the controller is not active";
+  }
+  if (code != @{NAME}_FOLLOW_SUCCESSFUL) {
+    finish(code, why);
+    return;
+  }
+  hand_over(goal);
+  handled_ = goal->number;
+}
+
+rclcpp_action::CancelResponse Trajectories::cancel()
+{
+  cancelled_.store(given_.load());
+  return rclcpp_action::CancelResponse::ACCEPT;
+}
+
+// Feedback, and the result once the loop has told it.
+void Trajectories::monitor()
+{
+  const char * const reason = stopped_for_.exchange(nullptr);
+  if (!handle_) {
+    return;
+  }
+  if (reason != nullptr) {
+    finish(@{NAME}_FOLLOW_PATH_TOLERANCE_VIOLATED, reason);
+    return;
+  }
+  if (ended_.load() == handled_) {
+    finish(ended_with_.load(), text_of(ended_with_.load()));
+    return;
+  }
+  if (handle_->is_canceling()) {
+    finish(@{NAME}_FOLLOW_SUCCESSFUL, "the goal is cancelled");
+    return;
+  }
+  const auto feedback = std::make_shared<Action::Feedback>();
+  Followed told;
+  {
+    const std::lock_guard<std::mutex> guard(told_mutex_);
+    told = told_;
+  }
+  feedback->header.stamp = node_->now();
+  feedback->joint_names.assign(JOINTS.begin(), JOINTS.end());
+  feedback->desired.positions.assign(told.desired.begin(), told.desired.end());
+  feedback->desired.velocities.assign(told.desired_velocity.begin(), told.desired_velocity.end());
+  feedback->actual.positions.assign(told.actual.begin(), told.actual.end());
+  feedback->actual.velocities.assign(told.actual_velocity.begin(), told.actual_velocity.end());
+  for (std::size_t j = 0; j < JOINTS.size(); ++j) {
+    feedback->error.positions.push_back(told.desired[j] - told.actual[j]);
+    feedback->error.velocities.push_back(told.desired_velocity[j] - told.actual_velocity[j]);
+  }
+  handle_->publish_feedback(feedback);
+}
+
+void Trajectories::finish(int code, const std::string & text)
+{
+  const std::shared_ptr<Handle> handle = std::exchange(handle_, nullptr);
+  if (!handle) {
+    return;
+  }
+  const auto result = std::make_shared<Action::Result>();
+  result->error_code = code;
+  result->error_string = text;
+  if (handle->is_canceling()) {
+    handle->canceled(result);
+  } else if (code == @{NAME}_FOLLOW_SUCCESSFUL) {
+    handle->succeed(result);
+  } else {
+    handle->abort(result);
+  }
+}
+
+// Loop ---------------------------------------------------------------------------------------------------------
+// The first word on a goal counts, and that on the newest one: only its handle is still open.
+void Trajectories::end(std::uint64_t number, int code)
+{
+  if (number > ended_.load()) {
+    ended_with_.store(code);
+    ended_.store(number);
+  }
+}
+
+void Trajectories::leave(const @{name}_real * r)
+{
+  is_used_ = false;
+  started_ = pending_ = given_.load();
+  end(started_, @{NAME}_FOLLOW_INVALID_GOAL);  // also one that came in this period, and was not read yet
+  (void)@{name}_follow_init(&state_, r);
+}
+
+void Trajectories::follow(
+  const rclcpp::Time & time, double speed, const @{name}_param & param, const @{name}_output & last,
+  @{name}_real * r)
+{
+  const Goal * goal = goals_.readFromRT()->get();
+  if (goal != nullptr && goal->number > started_) {
+    @{name}_follow_goal wanted = goal->goal;
+    started_ = goal->number;
+    is_cancelled_ = false;
+    if (goal->stamp != 0) {
+      wanted.begins = static_cast<@{name}_real>(SECOND * static_cast<double>(goal->stamp - time.nanoseconds()));
+    }
+    bool rests = true;  // after rows from elsewhere it begins at rest
+    for (std::size_t j = 0; j < JOINTS.size(); ++j) {
+      rests = rests && std::fabs(static_cast<double>(r[JOINTS.size() + j])) < 1e-3;
+    }
+    if (!is_used_ && rests) {
+      (void)@{name}_follow_init(&state_, r);
+    }
+    const int code =
+      (is_used_ || rests) ? @{name}_follow_start(&state_, &options_, &wanted) : @{NAME}_FOLLOW_INVALID_GOAL;
+    if (code == @{NAME}_FOLLOW_ACTIVE) {
+      pending_ = started_;
+      is_used_ = true;
+    } else {
+      end(started_, code);
+    }
+  }
+  if (!is_used_) {
+    return;
+  }
+  if (!is_cancelled_ && cancelled_.load() > 0 && cancelled_.load() >= started_) {
+    is_cancelled_ = true;
+    @{name}_follow_cancel(&state_, &options_);
+  }
+  @{name}_follow_input input{};
+  for (std::size_t j = 0; j < JOINTS.size(); ++j) {
+    input.position[j] = last.estimate[j];
+    input.velocity[j] = last.estimate[JOINTS.size() + j];
+    sample_.actual[j] = static_cast<double>(input.position[j]);
+    sample_.actual_velocity[j] = static_cast<double>(input.velocity[j]);
+  }
+  input.speed = static_cast<@{name}_real>(speed);
+  input.path_rate = last.path_rate;
+  @{name}_follow_output output{};
+  const int code = @{name}_follow_step(&state_, &options_, &param, &input, &output);
+  std::copy(std::begin(output.r), std::end(output.r), r);
+  for (std::size_t j = 0; j < JOINTS.size(); ++j) {
+    sample_.desired[j] = static_cast<double>(output.position[j]);
+    sample_.desired_velocity[j] = static_cast<double>(output.velocity[j]);
+  }
+  if (code == @{NAME}_FOLLOW_INVALID_GOAL || code == @{NAME}_FOLLOW_OLD_HEADER_TIMESTAMP) {
+    end(pending_, code);  // one that has waited, and would be a jump; the one before it goes on
+    pending_ = in_use_.load();
+  } else if (output.waits == 0) {
+    in_use_.store(pending_);
+  }
+  if (code == @{NAME}_FOLLOW_SUCCESSFUL || code == @{NAME}_FOLLOW_PATH_TOLERANCE_VIOLATED ||
+    code == @{NAME}_FOLLOW_GOAL_TOLERANCE_VIOLATED) {
+    end(in_use_.load(), code);
+  }
+  const std::unique_lock<std::mutex> guard(told_mutex_, std::try_to_lock);
+  if (guard.owns_lock()) {
+    told_ = sample_;
+  }
+}
+}  // namespace @{package}

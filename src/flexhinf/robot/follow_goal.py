@@ -1,0 +1,116 @@
+"""The goal of a `Follower`: waypoints with times, and the tolerances of their path and their end."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flexhinf.errors import refuse_if
+
+
+@dataclass(frozen=True, eq=False)
+class FollowGoal:
+    """Waypoints of joints, as trajectory_msgs/JointTrajectory and the action FollowJointTrajectory have them.
+
+    Parameters
+    ----------
+    joint_names : sequence of str
+        In any order.
+    times : (N,)
+        time_from_start, increasing, s.
+    positions : (N, k)
+        Link positions, rad or m, in the order of the names.
+    velocities, accelerations : (N, k), optional
+        rad/s and rad/s², or m/s and m/s². Accelerations count beside velocities alone.
+    begins : float
+        Time from now until the trajectory begins, s; negative where its stamp is past.
+    path_tolerance, goal_tolerance : mapping of str to (position, velocity)
+        By joint, rad and rad/s, or m and m/s. 0 is what the follower has, −1 is any difference.
+    goal_time : float
+        Time after the end of the path in which the goal must be reached, s; 0 and −1 as above.
+
+    Raises InvalidInput: for what is no number, shapes that do not fit each other, or tolerances that are no pairs.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> goal = fh.FollowGoal(["elbow", "shoulder"], [0.5, 1.0], [[0.1, 0.2], [0.2, 0.4]])
+    >>> goal.order
+    1
+    """
+
+    joint_names: Sequence[str]
+    times: ArrayLike
+    positions: ArrayLike
+    velocities: ArrayLike | None = None
+    accelerations: ArrayLike | None = None
+    begins: float = 0.0
+    path_tolerance: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    goal_tolerance: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    goal_time: float = 0.0
+
+    def __post_init__(self) -> None:
+        refuse_if(
+            isinstance(self.joint_names, str) or np.ndim(self.joint_names) != 1,
+            "The joint names of a trajectory are no list.",
+            f"expected several names, got {self.joint_names!r}",
+            "joint_names=['elbow']",
+        )
+        _as_numbers("times", self.times, 1, "times=[0.5, 1.0]")
+        for name in ("begins", "goal_time"):
+            _as_numbers(name, getattr(self, name), 0, f"{name}=0.0")
+        shape = np.size(self.times), len(self.joint_names)
+        for name in ("positions", "velocities", "accelerations"):
+            value = getattr(self, name)
+            found = None if value is None else _as_numbers(name, value, None, f"{name}=[[0.1, 0.2]]").shape
+            refuse_if(
+                found is not None and found != shape and np.size(self.times) > 0,
+                f"The {name} of a trajectory do not fit its times and joints.",
+                f"expected the shape {shape}, got {found}",
+                "a row for each time, with a number for each joint",
+            )
+        for name in ("path_tolerance", "goal_tolerance"):
+            pairs = getattr(self, name)
+            refuse_if(
+                not isinstance(pairs, Mapping) or not all(map(_is_pair, pairs.values())),
+                f"The {name.replace('_', ' ')} of a trajectory is none.",
+                f"expected two numbers by joint, got {pairs!r}",
+                f"{name}={{'elbow': (0.01, 0.1)}}, or {{'elbow': (0.01, 0)}}",
+            )
+
+    @property
+    def arrays(self) -> list[np.ndarray]:
+        """Positions, and what else there is (N, k)."""
+        accelerations = None if self.velocities is None else self.accelerations
+        stated = (self.positions, self.velocities, accelerations)
+        shape = np.size(self.times), len(self.joint_names)
+        return [np.reshape(np.asarray(rows, dtype=float), shape) for rows in stated if rows is not None]
+
+    @property
+    def order(self) -> int:
+        """Derivatives of a waypoint, the position included: 1, 2 or 3."""
+        return len(self.arrays)
+
+
+def _is_pair(pair: Sequence[float]) -> bool:
+    """Whether these are two numbers; which ones `Follower.check` judges."""
+    try:
+        return np.asarray(pair, dtype=float).shape == (2,)
+    except (TypeError, ValueError):
+        return False
+
+
+def _as_numbers(name: str, value: ArrayLike, dimensions: int | None, advice: str) -> np.ndarray:
+    """Numbers of a trajectory, finite or not: that is for `Follower.check`."""
+    try:
+        found = np.asarray(value, dtype=float)
+        fits = value is not None and (dimensions is None or found.ndim == dimensions)
+    except (TypeError, ValueError):
+        found, fits = np.zeros(0), False
+    kind = {0: "a number", 1: "a list of numbers", None: "rows of as many numbers as joints"}[dimensions]
+    what = f"The {name.replace('_', ' ')} of a trajectory cannot be read."
+    refuse_if(not fits, what, f"expected {kind}, got {value!r}", advice)
+    return found

@@ -1,0 +1,404 @@
+"""The C that follows trajectories, beside `Follower` in Python, sample by sample."""
+
+from __future__ import annotations
+
+import ctypes
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.export.test_code import STRICT
+from tests.export.test_rest import controller_of, robot_of
+
+import flexhinf as fh
+from flexhinf.export.controller_c import ControllerCode, code_of
+from flexhinf.export.follow import follow_files, follower_of, largest_twists
+from flexhinf.robot import FollowCode, FollowGoal
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
+PERIOD = 1e-3
+
+#: Largest difference of C and Python, relative to the largest number of its kind, by type.
+CLOSE = {"double": 1e-9, "float": 2e-3}
+
+SHIM = """
+#include "arm_follow.h"
+#include <stdlib.h>
+typedef struct { arm_follow_state state; arm_follow_options options; arm_follow_point *points; } follower;
+enum { N = ARM_FOLLOW_JOINTS };
+follower *made(const arm_real *q, int partial, const arm_real *usual)
+{
+    follower *one = calloc(1, sizeof(follower));
+    one->options = arm_follow_defaults;
+    one->options.partial = partial;
+    one->options.goal_time = usual[0];
+    one->options.timeout = usual[1];
+    if (arm_follow_init(&one->state, q) != ARM_OK) { free(one); return NULL; }
+    return one;
+}
+int start(follower *one, int count, const arm_real *times, const arm_real *rows, int order, const int *moves,
+          const arm_real *numbers, int only_check)
+{
+    arm_follow_goal goal = {0};
+    arm_follow_point *points = calloc((size_t)count + 1, sizeof(arm_follow_point));
+    for (int i = 0; i < count; ++i) {
+        points[i].time = times[i];
+        points[i].order = order;
+        for (int j = 0; j < N; ++j) {
+            points[i].position[j] = rows[(i * 3) * N + j];
+            points[i].velocity[j] = rows[(i * 3 + 1) * N + j];
+            points[i].acceleration[j] = rows[(i * 3 + 2) * N + j];
+        }
+    }
+    goal.points = points;
+    goal.count = count;
+    goal.begins = numbers[0];
+    goal.goal_time = numbers[1];
+    for (int j = 0; j < N; ++j) {
+        goal.moves[j] = moves[j];
+        goal.path.position[j] = numbers[2 + j];
+        goal.path.velocity[j] = numbers[2 + N + j];
+        goal.goal.position[j] = numbers[2 + 2 * N + j];
+        goal.goal.velocity[j] = numbers[2 + 3 * N + j];
+    }
+    int result = arm_follow_check(&one->options, &goal);
+    if (result == ARM_FOLLOW_SUCCESSFUL && !only_check) {
+        result = arm_follow_start(&one->state, &one->options, &goal); /* its points are never freed here */
+    }
+    return result;
+}
+void cancel(follower *one) { arm_follow_cancel(&one->state, &one->options); }
+int step(follower *one, const arm_real *estimate, const arm_real *rates, arm_real *row, arm_real *desired)
+{
+    arm_follow_input input = {.speed = rates[0], .path_rate = rates[1]};
+    arm_follow_output output;
+    for (int j = 0; j < N; ++j) {
+        input.position[j] = estimate[j];
+        input.velocity[j] = estimate[N + j];
+    }
+    int result = arm_follow_step(&one->state, &one->options, &arm_defaults, &input, &output);
+    for (int i = 0; i < ARM_COMMANDS; ++i) row[i] = output.r[i];
+    for (int j = 0; j < N; ++j) desired[j] = output.position[j], desired[N + j] = output.velocity[j];
+    return result;
+}
+int row(const arm_real *before, const arm_real *r) { return arm_follow_row(&arm_defaults, before, r); }
+"""
+
+
+@dataclass
+class CompiledFollower:
+    """The exported C, called as `Follower` is."""
+
+    library: ctypes.CDLL
+    follower: fh.Follower
+    kind: Any
+    address: ctypes.c_void_p = field(default_factory=ctypes.c_void_p)
+
+    def pointer(self, numbers: Any, kind: Any = None) -> tuple[np.ndarray, ctypes.c_void_p]:
+        array = np.ascontiguousarray(numbers, dtype=kind or self.kind)
+        return array, array.ctypes.data_as(ctypes.c_void_p)
+
+    def reset(self, q: Any) -> None:
+        self.library.made.restype = ctypes.c_void_p
+        at, usual = self.pointer(q), self.pointer([self.follower.goal_time, self.follower.timeout])
+        self.address = ctypes.c_void_p(self.library.made(at[1], int(self.follower.partial), usual[1]))
+        assert self.address
+
+    def start(self, goal: FollowGoal, only_check: bool = False) -> FollowCode:
+        own = list(self.follower.robot.joint_names)
+        n, count = len(own), np.size(goal.times)
+        rows = np.full((count, 3, n), np.nan)  # numbers of joints that are left out are not read
+        places = [own.index(joint) for joint in goal.joint_names]
+        for k, stated in enumerate(goal.arrays):
+            rows[:, k, places] = stated
+        tolerances = np.zeros((2, 2, n))
+        for k, pairs in enumerate((goal.path_tolerance, goal.goal_tolerance)):
+            for joint, pair in pairs.items():
+                tolerances[k, :, own.index(joint)] = pair
+        numbers = self.pointer([goal.begins, goal.goal_time, *tolerances.ravel()])
+        moves = self.pointer([int(joint in goal.joint_names) for joint in own], np.intc)
+        times, points = self.pointer(goal.times), self.pointer(rows)
+        return FollowCode(
+            self.library.start(
+                self.address, count, times[1], points[1], goal.order, moves[1], numbers[1], int(only_check)
+            )
+        )
+
+    def cancel(self) -> None:
+        self.library.cancel(self.address)
+
+    def step(
+        self, position: Any, velocity: Any, speed: float, path_rate: float
+    ) -> tuple[np.ndarray, FollowCode]:
+        plant = self.follower.robot.plant()
+        n = len(self.follower.robot.joint_names)
+        estimate, rates = self.pointer([*position, *velocity]), self.pointer([speed, path_rate])
+        row, desired = self.pointer(np.zeros(plant.n + n)), self.pointer(np.zeros(2 * n))
+        code = self.library.step(self.address, estimate[1], rates[1], row[1], desired[1])
+        return np.concatenate([row[0], desired[0]]), FollowCode(code)
+
+
+@pytest.fixture(scope="module")
+def compiled(
+    compiler: str, tmp_path_factory: pytest.TempPathFactory
+) -> Callable[..., tuple[ctypes.CDLL, ControllerCode]]:
+    """Header, source and shim of a robot's controller, compiled without a warning."""
+
+    @cache
+    def build(name: str, real: str) -> tuple[ctypes.CDLL, ControllerCode]:
+        code = code_of(controller_of(name), "arm", real, robot_of(name))
+        folder = tmp_path_factory.mktemp("follow")
+        for file, text in {**code.files, **follow_files(code), "shim.c": SHIM}.items():
+            (folder / file).write_text(text)
+        for source in ("arm.c", "arm_follow.c"):
+            subprocess.run([compiler, *STRICT, "-fPIC", "-O1", "-c", source], cwd=folder, check=True)
+        words = ["-std=c99", "-fPIC", "-shared", "shim.c", "arm.o", "arm_follow.o", "-lm", "-o", "arm.so"]
+        subprocess.run([compiler, *words], cwd=folder, check=True)
+        return ctypes.CDLL(str(folder / "arm.so")), code
+
+    return build
+
+
+def goal(times: Any, shoulder: Any, order: int = 1, **other: Any) -> FollowGoal:
+    """A goal of both joints, the second of which goes half as far; names are in another order than the robot's."""
+    q = np.array([0.5 * np.asarray(shoulder), shoulder]).T
+    v = np.gradient(q, np.asarray(times), axis=0) if len(times) > 1 else np.zeros_like(q)
+    v[-1] = 0.0
+    rows = [q, v, np.zeros_like(q)][:order] + [None] * (3 - order)
+    return FollowGoal(["elbow", "shoulder"], times, *rows, **other)
+
+
+#: What happens at samples of a session: goals, a cancel, rates, and errors of the links.
+SESSION: dict[int, Any] = {
+    5: goal([0.0, 0.2, 0.5], [0.0, 0.2, 0.3], 3),
+    300: goal([0.15, 0.35, 0.45], [0.0, -0.2, -0.1], 2),  # at speed
+    500: "cancel",
+    650: goal([0.2, 0.4], [0.1, 0.3], begins=-0.1),  # the first waypoint is past
+    900: goal([0.3], [-0.2], begins=0.2),  # what there is goes on meanwhile
+    1500: FollowGoal(["elbow"], [0.3, 0.6], [[0.2], [0.4]]),  # at rest
+    1650: FollowGoal(["shoulder"], [0.4], [[0.3]]),  # the elbow comes to rest from its speed
+    2400: goal([0.2, 0.4], [0.2, 0.1], path_tolerance={"elbow": (0.05, 0)}),
+}
+SAMPLES = 3000
+
+
+def session_of(follower: fh.Follower, other: CompiledFollower) -> tuple[np.ndarray, list[list[FollowCode]]]:
+    """Rows (SAMPLES, 2, …) and codes of a session in Python and in C, with the same errors of the links."""
+    rows, codes = [], []
+    for one in (follower, other):
+        one.reset([0.1, 0.0])
+    at, moves = np.array([0.1, 0.0]), np.zeros(2)
+    for k in range(SAMPLES):
+        event = SESSION.get(k)
+        for one in (follower, other):
+            if isinstance(event, FollowGoal):
+                assert one.start(event) is FollowCode.ACTIVE
+            elif event is not None:
+                one.cancel()
+        speed = 0.3 if 200 <= k < 400 else np.nan if 1000 <= k < 1010 else 1.0
+        rate = 0.5 if 350 <= k < 420 else 0.0 if 700 <= k < 720 else 1.0
+        at = at + (0.06 if k >= 2600 else 0.0)
+        sample = follower.step(at, moves, speed, rate)
+        found, code = other.step(at, moves, speed, rate)
+        rows.append([np.concatenate([sample.row, sample.position, sample.velocity]), found])
+        codes.append([sample.result, code])
+        at, moves = sample.position, sample.velocity
+    return np.array(rows), codes
+
+
+def ends(codes: list[FollowCode]) -> list[tuple[int, FollowCode]]:
+    """Samples at which goals ended, and how."""
+    return [(k, code) for k, code in enumerate(codes) if code <= FollowCode.SUCCESSFUL]
+
+
+@pytest.mark.ci("3,000 samples in Python, and two compilations")
+@pytest.mark.parametrize(
+    ("name", "real"),
+    [("planar-two-link", "double"), ("planar-two-link", "float"), ("rigid planar-two-link", "double")],
+)
+def test_c_follows_as_python_does(name: str, real: str, compiled: Any) -> None:
+    """Goals at rest and at speed, past and future ones, cancelled, slowed, braked, and partial ones."""
+    library, code = compiled(name, real)
+    follower = follower_of(code)
+    assert follower is not None
+    follower.partial = True
+    kind = np.float64 if real == "double" else np.float32
+    rows, codes = session_of(follower, CompiledFollower(library, follower, kind))
+    largest = np.abs(rows[:, 0]).max(axis=0)
+    assert np.all(np.abs(rows[:, 0] - rows[:, 1]).max(axis=0) <= CLOSE[real] * largest)
+    (expected, found) = (ends(list(column)) for column in zip(*codes, strict=True))
+    assert [code.name for _, code in expected] == ["SUCCESSFUL", "SUCCESSFUL", "PATH_TOLERANCE_VIOLATED"]
+    assert [code for _, code in found] == [code for _, code in expected]
+    assert all(abs(k - i) <= (real == "float") for (k, _), (i, _) in zip(expected, found, strict=True))
+
+
+@pytest.mark.ci("1,200 samples in Python, and compiles what others share")
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_c_stops_as_python_does(real: str, compiled: Any) -> None:
+    """Slowed, cancelled twice, and near the end of a range, where a goal that waits is dropped."""
+    library, code = compiled("planar-two-link", real)
+    follower = follower_of(code)
+    assert follower is not None
+    other = CompiledFollower(library, follower, np.float64 if real == "double" else np.float32)
+    events: dict[int, Any] = {
+        0: goal([0.8], [2.95]),
+        350: "cancel",
+        400: "cancel",
+        450: goal([0.1], [2.98]),
+        480: goal([0.2], [0.0], begins=0.5),
+        530: "cancel",  # at 4 rad/s, 0.1 rad before the end of the shoulder's range
+    }
+    rows: list[list[np.ndarray]] = []
+    for one in (follower, other):
+        one.reset([2.5, 0.5])
+    for k in range(1200):
+        for one in (follower, other):
+            if isinstance(events.get(k), FollowGoal):
+                assert one.start(events[k]) is FollowCode.ACTIVE
+            elif k in events:
+                one.cancel()
+        speed = 0.2 if k < 380 else 1.0
+        at = rows[-1][0][-4:-2] if rows else np.array([2.5, 0.5])
+        sample = follower.step(at, np.zeros(2), speed, 1.0)
+        found, _ = other.step(at, np.zeros(2), speed, 1.0)
+        rows.append([np.concatenate([sample.row, sample.position, sample.velocity]), found])
+    both = np.array(rows)
+    largest = np.abs(both[:, 0]).max(axis=0)
+    assert np.all(np.abs(both[:, 0] - both[:, 1]).max(axis=0) <= CLOSE[real] * largest)
+    assert np.array_equal(both[-1], both[-100])
+    assert both[:, 1, 0].max() == pytest.approx(3.0, abs=1e-5)
+
+
+@pytest.mark.ci("34,000 samples")
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_a_goal_time_of_more_than_16_bits_ends(real: str, compiled: Any) -> None:
+    library, code = compiled("planar-two-link", real)
+    follower = follower_of(code)
+    assert follower is not None
+    follower.goal_time = 33.0
+    other = CompiledFollower(library, follower, np.float64 if real == "double" else np.float32)
+    other.reset([0.0, 0.0])
+    assert other.start(goal([0.1], [0.0], goal_tolerance={"elbow": (0.01, 0.0)})) is FollowCode.ACTIVE
+    codes = [other.step([1.0, 1.0], [0.0, 0.0], 1.0, 1.0)[1] for _ in range(33300)]
+    ((at, code_of_end),) = ends(codes)
+    assert code_of_end is FollowCode.GOAL_TOLERANCE_VIOLATED
+    assert at * PERIOD == pytest.approx(33.0 + 0.1 + 0.12, abs=0.003)
+
+
+#: Goals that are refused, and one that is not, by what is changed of it.
+GOALS: list[dict[str, Any]] = [
+    {}, {"times": [0.5, 0.4]}, {"times": [0.5, 0.5 + PERIOD / 17]}, {"times": [0.5, np.inf]}, {"times": [-0.1, 0.5]},
+    {"times": [0.0, 0.0005]}, {"positions": [[np.nan, 0.0], [0.1, 0.1]]}, {"positions": [[0.0, 0.0], [2.7, 0.0]]},
+    {"positions": [[0.0, 0.0], [2.6, 0.0]]}, {"times": [0.5, 0.51]}, {"times": [0.5, 0.525]},
+    {"velocities": [[0.1, 0.1], [0.0, 0.1]]}, {"velocities": [[0.1, np.inf], [0.0, 0.0]]},
+    {"velocities": [[0.1, 0.1], [0.0, 0.0]], "accelerations": [[0.1, 0.1], [np.nan, 0.0]]},
+    {"path_tolerance": {"elbow": (-1.0, 0.1)}}, {"path_tolerance": {"elbow": (0.1, -0.5)}},
+    {"goal_tolerance": {"elbow": (np.nan, 0.1)}}, {"goal_time": -1.0}, {"goal_time": -2.0}, {"begins": -0.9},
+    {"begins": -1.0}, {"begins": np.nan}, {"joint_names": ["elbow"], "positions": [[0.1], [0.2]]},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "real",
+    [
+        pytest.param("double", marks=pytest.mark.costs("compiles what quick tests share")),
+        pytest.param("float", marks=pytest.mark.ci("compiles one more")),
+    ],
+)
+def test_c_refuses_what_python_refuses(real: str, compiled: Any) -> None:
+    library, code = compiled("planar-two-link", real)
+    follower = follower_of(code)
+    assert follower is not None
+    other = CompiledFollower(library, follower, np.float64 if real == "double" else np.float32)
+    other.reset([0.0, 0.0])
+    good = {"joint_names": ["elbow", "shoulder"], "times": [0.5, 1.0], "positions": [[0.1, 0.2], [0.2, 0.4]]}
+    found = [FollowGoal(**(good | changed)) for changed in GOALS]
+    codes = [follower.check(one) for one in found]
+    assert codes == [other.start(one, only_check=True) for one in found]
+    assert {code.name for code in codes} == {
+        "SUCCESSFUL",
+        "INVALID_GOAL",
+        "INVALID_JOINTS",
+        "OLD_HEADER_TIMESTAMP",
+    }
+
+
+def test_a_row_that_cannot_be_is_refused(compiled: Any) -> None:
+    """A jump, a spring that no input can twist so far, or what is no number; those of a move are taken."""
+    library, code = compiled("planar-two-link", "double")
+    robot = robot_of("planar-two-link")
+    follower, twists = follower_of(code), largest_twists(code, robot)
+    assert follower is not None
+    one = CompiledFollower(library, follower, np.float64)
+
+    def taken(before: np.ndarray, row: np.ndarray) -> bool:
+        return library.row(one.pointer(before)[1], one.pointer(row)[1]) == 0
+
+    move = fh.Moving([fh.Quintic(0.0, 0.4, 0.8), fh.Quintic(0.0, -0.3, 0.8)], robot.inverse_dynamics)
+    rows = [np.concatenate([move.state(t), move.input(t)]) for t in PERIOD * np.arange(0, 801, 20)]
+    assert all(taken(before, row) for before, row in pairwise(rows))
+    state, _ = robot.operating_point([0.0, 0.0])
+    at = np.concatenate([state, [0.0, 0.0]])
+    for place, amount, allowed in ((1, 0.049, True), (1, 0.051, False), (5, 0.99 * twists[1], True),
+                                   (5, 1.01 * twists[1], False), (5, -1.01 * twists[1], False),
+                                   (9, np.nan, False), (5, np.nan, False)):  # fmt: skip
+        changed = at.copy()
+        changed[place] += amount
+        if place == 1:  # the motor goes along
+            changed[:8] = robot.operating_point([0.0, amount])[0]
+        assert taken(at, changed) is allowed, (place, amount)
+
+
+COUNTED = """
+#include "arm_follow.h"
+#include <stdlib.h>
+int main(int count, char **texts)
+{
+    static arm_follow_state state;
+    static arm_follow_point points[2];
+    arm_follow_goal goal = {.points = points, .count = 2, .moves = {1, 1}};
+    arm_follow_input input = {.speed = 1, .path_rate = 1};
+    arm_follow_output output = {.result = 0};
+    arm_real q[ARM_FOLLOW_JOINTS] = {0};
+    arm_follow_init(&state, q);
+    points[0].time = (arm_real)0.5, points[1].time = 1;
+    points[0].order = points[1].order = 3;
+    points[0].position[0] = (arm_real)0.1, points[1].position[0] = (arm_real)0.2;
+    if (count != 2 || arm_follow_start(&state, &arm_follow_defaults, &goal) != ARM_FOLLOW_ACTIVE) return 1;
+    for (int k = atoi(texts[1]); k > 0; --k) {
+        arm_follow_step(&state, &arm_follow_defaults, &arm_defaults, &input, &output);
+    }
+    return 0;
+}
+"""
+
+
+@pytest.mark.ci("runs a program in valgrind")
+def test_a_step_costs_what_the_page_says(compiler: str, tmp_path: Path, repository: Path) -> None:
+    """Instructions of a step, as the difference of two runs; other versions of the compiler may differ a little."""
+    if shutil.which("valgrind") is None or "gcc" not in compiler:
+        pytest.skip("missing: gcc and valgrind")
+    code = code_of(controller_of("planar-two-link"), "arm", "double", robot_of("planar-two-link"))
+    for file, text in {**code.files, **follow_files(code), "count.c": COUNTED}.items():
+        (tmp_path / file).write_text(text)
+    words = ["-std=c99", "-O3", "-march=x86-64-v3", "arm.c", "arm_follow.c", "count.c", "-lm", "-o", "count"]
+    if subprocess.run([compiler, *words], cwd=tmp_path, check=False, capture_output=True).returncode:
+        pytest.skip("missing: a compiler for x86-64")
+    counts = []
+    for steps in ("100", "400"):
+        run = ["valgrind", "--tool=callgrind", "--callgrind-out-file=/dev/null", "./count", steps]
+        told = subprocess.run(run, cwd=tmp_path, check=True, capture_output=True, text=True).stderr
+        counts.append(int(re.findall(r"Collected : (\d+)", told)[0]))
+    text = (repository / "docs" / "ros2.md").read_text(encoding="utf-8")
+    stated = re.search(r"a step for two joints takes ([\d,]+) instructions", text)
+    assert stated is not None
+    assert (counts[1] - counts[0]) / 300 == pytest.approx(float(stated[1].replace(",", "")), rel=0.1)

@@ -1,0 +1,507 @@
+"""Trajectories by topic and action: every row of the table in docs/ros2.md, with MuJoCo as the robot."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import subprocess
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.export.test_rest import robot_of
+from tests.export.test_ros2 import HERE, PERIOD, STRICT, Manager, built, workspace_controller
+from tests.export.trajectory_cases import CASES, TrajectoryCase
+
+from flexhinf.robot import MuJoCoPlant
+
+pytest.importorskip("yaml")
+pytest.importorskip("mujoco")
+pytestmark = [
+    pytest.mark.usefixtures("unoptimised"),
+    pytest.mark.oracle,
+    pytest.mark.ci("builds one package, and moves it with MuJoCo"),
+]
+
+JOINTS = ("shoulder", "elbow")
+START = (-0.4, 0.2)
+GOAL = (-0.1, -0.1)
+STATES = {2: "followed", 4: "succeeded", 5: "cancelled", 6: "aborted"}
+
+#: Longest time that a goal of a second may take: it ends 0.12 s later, and a step longer than a period may be missing.
+LONGEST = 1300
+
+
+class Session:
+    """A robot at rest, and a manager of its controller, which is active."""
+
+    def __init__(self, manager: Manager, pose: Sequence[float] = START, **parameters: Any) -> None:
+        self.manager, self.robot = manager, robot_of("planar-two-link")
+        self.library = manager.library
+        for name in ("goal_text",):
+            getattr(self.library, name).restype = ctypes.c_char_p
+        self.library.goal_handle.restype = ctypes.c_void_p
+        self.library.desired.restype = ctypes.c_double
+        self.plant = MuJoCoPlant(self.robot, ("link_position", "motor_position"))
+        self.measured: list[np.ndarray] = []
+        self.desired: list[list[float]] = []
+        assert manager.configure(publish_every=1, **parameters) == 0
+        self.activate(pose)
+
+    def activate(self, pose: Sequence[float]) -> None:
+        self.plant.reset(self.robot.operating_point(pose)[0])
+        assert self.manager.activate([*self.plant.output(), *[1.0] * self.scaled]) == 0
+
+    @property
+    def scaled(self) -> int:
+        """How many interfaces are behind those of the robot."""
+        return len(self.manager.names(False)) - 4
+
+    def goal(
+        self, times: Any, *rows: Any, joints: Sequence[str] = JOINTS, begins: float = math.nan, goal_time: float = 0.0,
+        path: Sequence[tuple[str, float, float]] = (), at_goal: Sequence[tuple[str, float, float]] = (),
+    ) -> None:  # fmt: skip
+        """Prepare a goal with positions, and velocities and accelerations where they are stated."""
+        self.manager("trajectory", ctypes.c_double(begins), ctypes.c_double(goal_time))
+        for name in joints:
+            self.manager("joint", name.encode())
+        stacked = (
+            np.stack([np.reshape(part, (len(times), len(joints))) for part in rows], axis=1)
+            if len(times)
+            else []
+        )
+        for time, numbers in zip(times, stacked, strict=True):
+            flat = np.ascontiguousarray(numbers, dtype=float)
+            place = flat.ctypes.data_as(ctypes.c_void_p)
+            self.manager("point", ctypes.c_double(time), len(rows), len(joints), place)
+        for is_goal, stated in enumerate((path, at_goal)):
+            for name, *numbers in stated:
+                self.manager("tolerance", is_goal, name.encode(), *map(ctypes.c_double, numbers))
+
+    def accepted(self) -> bool:
+        return bool(self.manager("send_goal"))
+
+    def run(self, samples: int, speed: float = 1.0) -> Session:
+        for _ in range(samples):
+            assert self.manager.update([*self.plant.output(), *[speed] * self.scaled]) == 0
+            self.plant.step(self.manager.input(), [], PERIOD)
+            self.measured.append(self.plant.state()[:2])
+            self.desired.append(
+                [self.manager.published("desired", f"{kind}_{joint}") for kind in ("position", "velocity")
+                 for joint in JOINTS]
+            )  # fmt: skip
+        return self
+
+    def ended(self) -> tuple[str, int | None]:
+        """How the last goal ended."""
+        for _ in range(2):
+            self.manager("spin")
+        state = STATES[self.manager("goal_state")]
+        return state, None if state == "followed" else self.manager("goal_code")
+
+    def finished(self, goal: Sequence[float] | None = GOAL, samples: int = LONGEST) -> tuple[str, int | None]:
+        """Send what was prepared, and how it ended; a goal that succeeded is where the links are."""
+        if not self.accepted():
+            return "rejected", None
+        self.run(samples)
+        if goal is not None:
+            np.testing.assert_allclose(self.measured[-1], goal, atol=2e-3)
+        return self.ended()
+
+    def is_smooth(self) -> None:
+        """Commanded velocities change by less than 0.05 rad/s in a sample: nothing jumps."""
+        moves = np.array(self.desired)
+        moves = moves[np.isfinite(moves).all(axis=1)]
+        assert np.abs(np.diff(moves[:, 2:], axis=0)).max() < 0.05
+        np.testing.assert_allclose(
+            np.diff(moves[:, :2], axis=0), PERIOD * 0.5 * (moves[1:, 2:] + moves[:-1, 2:]), atol=2e-5
+        )
+
+
+Make = Callable[..., Session]
+MOVE = [0.5, 1.0], [np.add(START, GOAL) / 2, GOAL]
+TINY = [("elbow", 1e-12, 0.0)]
+
+
+def shuffled(make: Make) -> Any:
+    one = make()
+    one.goal(MOVE[0], [row[::-1] for row in MOVE[1]], joints=JOINTS[::-1])
+    return one.finished()
+
+
+def polynomials(make: Make) -> Any:
+    """The commanded path, 0.06 s earlier, is that of the waypoints: known in the middle of the second segment."""
+    way, times = np.subtract(GOAL, START), [0.5, 1.0]
+    speeds, none = [way, 0.0 * way], np.zeros((2, 2))
+    middles = []
+    for rows in ([], [speeds], [speeds, none]):
+        one = make()
+        one.goal(times, MOVE[1], *rows)
+        found = one.finished()
+        one.is_smooth()
+        middles.append(one.desired[750 + 60 + 1][:2])
+    # linear: ¾ of the way; cubic from ½ with v = way per s: ½ + ¼ + ⅛ · ½; quintic: ½ + ¼ + 5/32 · ½
+    shares = [0.75, 0.75 + 0.5 / 8, 0.75 + 0.5 * 5 / 32]
+    for middle, share in zip(middles, shares, strict=True):
+        np.testing.assert_allclose(middle, START + share * way, atol=5e-4)
+    return found
+
+
+def refused(*arguments: Any, **other: Any) -> Callable[[Make], Any]:
+    def run(make: Make) -> Any:
+        one = make()
+        one.goal(*arguments, **other)
+        found = one.finished(None, 0)
+        one.run(50)
+        np.testing.assert_allclose(one.measured[-1], START, atol=1e-3)
+        return found
+
+    return run
+
+
+def jumping(make: Make) -> Any:
+    one = make()
+    one.goal([0.005, 1.0], [GOAL, GOAL])
+    assert one.accepted()
+    one.run(50)
+    np.testing.assert_allclose(one.measured[-1], START, atol=1e-3)
+    return one.ended()
+
+
+def partial(make: Make) -> Any:
+    one = make(allow_partial_joints_goal=True)
+    one.goal(*MOVE)
+    assert one.accepted()
+    one.run(500)
+    one.goal([0.6], [[0.1]], joints=("shoulder",))
+    found = one.finished(None)
+    one.is_smooth()
+    assert one.measured[-1][0] == pytest.approx(0.1, abs=2e-3)
+    assert one.desired[-1][3] == 0.0
+    return found
+
+
+def partly_past(make: Make) -> Any:
+    """0.7 s are over: 0.3 s are left to the last waypoint."""
+    one = make()
+    one.goal(*MOVE, begins=-0.7)
+    found = one.finished(samples=600)
+    one.is_smooth()
+    assert one.desired[300 + 121][:2] == pytest.approx(GOAL, abs=1e-9)
+    return found
+
+
+def future(make: Make) -> Any:
+    """Links are where the stamp says: the goal before it is at its end by then."""
+    one = make()
+    one.goal([0.4], [np.add(START, 0.1)])
+    assert one.accepted()
+    one.run(100)
+    one.goal(*MOVE, begins=0.8)
+    assert one.accepted()
+    one.run(700)
+    assert one.desired[-1][:2] == pytest.approx(np.add(START, 0.1), abs=1e-3)
+    one.run(600)
+    assert one.desired[-1][:2] == pytest.approx(MOVE[1][0], abs=5e-3)
+    one.run(800)
+    np.testing.assert_allclose(one.measured[-1], GOAL, atol=2e-3)
+    one.is_smooth()
+    return one.ended()
+
+
+def replaced(make: Make) -> Any:
+    one = make()
+    one.goal(*MOVE)
+    assert one.accepted()
+    one.run(500)
+    before = one.manager("goal_handle")
+    one.goal([0.5, 1.0], [START, GOAL])
+    assert one.accepted()
+    assert one.manager("goal_handle") != before
+    one.run(LONGEST)
+    np.testing.assert_allclose(one.measured[-1], GOAL, atol=2e-3)
+    one.is_smooth()
+    return one.ended()
+
+
+def cancelled(make: Make) -> Any:
+    """The motion goes on, and rests after stop_time and the smoothing."""
+    one = make(stop_time=0.3)
+    one.goal(*MOVE)
+    assert one.accepted()
+    one.run(500)
+    at, speed = np.array(one.desired[-1]).reshape(2, 2)
+    assert np.abs(speed).min() > 0.1
+    assert one.manager("cancel_goal") == 1
+    one.run(425)
+    assert one.desired[-1][2:] == [0.0, 0.0]
+    np.testing.assert_allclose(one.desired[-1][:2], at + speed * (0.06 + 0.15), atol=3e-3)
+    one.is_smooth()
+    one.run(300)
+    np.testing.assert_allclose(one.measured[-1], one.desired[-1][:2], atol=2e-3)
+    return one.ended()
+
+
+def goal_missed(make: Make) -> Any:
+    one = make()
+    one.goal(*MOVE, at_goal=TINY, goal_time=0.2)
+    assert one.accepted()
+    one.run(1300)
+    assert one.ended()[0] == "followed"
+    one.run(30)
+    return one.ended()
+
+
+def waiting(make: Make) -> Any:
+    one = make()
+    one.goal(*MOVE, at_goal=TINY)
+    return one.finished(samples=3000)
+
+
+def on_path(tolerance: float, parameter: float = 0.0) -> Callable[[Make], Any]:
+    def run(make: Make) -> Any:
+        one = make(constraints__elbow__trajectory=parameter)
+        one.goal(*MOVE, path=[("elbow", tolerance, 0.0)])
+        found = one.finished(None)
+        one.is_smooth()
+        assert one.desired[-1][2:] == [0.0, 0.0]
+        return found
+
+    return run
+
+
+def timed_out(make: Make) -> Any:
+    one = make(cmd_timeout=0.3)
+    one.goal(*MOVE, at_goal=TINY)
+    assert one.accepted()
+    one.run(1400)
+    assert one.ended()[0] == "followed"
+    one.run(30)
+    return one.ended()
+
+
+def scaled(make: Make) -> Any:
+    """At half of its speed from the middle on: it ends half a second later."""
+    one = make(speed_scaling_interface="scaling/factor")
+    one.goal(*MOVE)
+    assert one.accepted()
+    one.run(500)
+    one.run(600, speed=0.5)
+    assert one.ended()[0] == "followed"
+    one.run(600, speed=0.5)
+    one.is_smooth()
+    np.testing.assert_allclose(one.measured[-1], GOAL, atol=2e-3)
+    return one.ended()
+
+
+def fault(make: Make) -> Any:
+    one = make()
+    one.goal(*MOVE)
+    assert one.accepted()
+    one.run(400)
+    codes = [one.manager.update([math.nan] * 4) for _ in range(15)]
+    assert codes[-1] == 1
+    assert np.array_equal(one.manager.input(), [0.0, 0.0])
+    found = one.ended()
+    assert b"stopped" in one.manager("goal_text")
+    one.goal(*MOVE)
+    assert not one.accepted()
+    return found
+
+
+def elsewhere(make: Make) -> Any:
+    one = make()
+    one.goal(*MOVE)
+    assert one.accepted()
+    one.run(400)
+    assert one.manager("deactivate") == 0
+    found = one.ended()
+    pose = (-0.6, 0.5)
+    one.activate(pose)
+    one.run(300)
+    np.testing.assert_allclose(one.measured[-300:], np.broadcast_to(pose, (300, 2)), atol=2e-3)
+    one.goal([1.0], [GOAL])
+    assert one.accepted()
+    one.run(LONGEST)
+    np.testing.assert_allclose(one.measured[-1], GOAL, atol=2e-3)
+    assert one.ended() == ("succeeded", 0)
+    return found
+
+
+def off(make: Make) -> Any:
+    one = make()
+    assert one.manager("deactivate") == 0
+    one.goal(*MOVE)
+    return one.finished(None, 0)
+
+
+def empty_topic(make: Make) -> Any:
+    one = make()
+    one.goal(*MOVE)
+    assert one.accepted()
+    one.run(300)
+    one.goal([])
+    one.manager("publish_trajectory")
+    one.run(LONGEST - 300)
+    one.is_smooth()
+    np.testing.assert_allclose(one.measured[-1], GOAL, atol=2e-3)
+    return one.ended()
+
+
+def by_topic(make: Make) -> Any:
+    one = make()
+    one.goal(*MOVE)
+    assert one.accepted()
+    one.run(300)
+    other = np.add(START, (0.2, 0.1))
+    one.goal([1.0], [other])
+    one.manager("publish_trajectory")
+    one.run(LONGEST)
+    np.testing.assert_allclose(one.measured[-1], other, atol=2e-3)
+    one.is_smooth()
+    return one.ended()
+
+
+RUNS: dict[str, Callable[[Make], Any]] = {
+    "shuffled names": shuffled, "linear, cubic, quintic": polynomials, "empty goal": refused([]),
+    "unknown joint": refused(*MOVE, joints=("shoulder", "wrist")),
+    "joint left out": refused([1.0], [[0.1]], joints=("elbow",)),
+    "joint left out, `allow_partial_joints_goal`": partial,
+    "times that do not increase": refused([0.5, 0.5], MOVE[1]),
+    "number that is not finite": refused(MOVE[0], [START, (math.nan, 0.0)]),
+    "speed at the end": refused(*MOVE, [(0.1, 0.1), (0.1, 0.0)]),
+    "beyond the joint's range": refused([1.0], [(3.1, 0.0)]),
+    "jump between waypoints": refused([0.5, 0.51], [START, GOAL]),
+    "jump from where it is": jumping,
+    "past stamp, over": refused(*MOVE, begins=-1.5), "past stamp, partly": partly_past, "future stamp": future,
+    "replaced at speed": replaced, "cancelled at speed": cancelled, "goal tolerance missed": goal_missed,
+    "goal time 0": waiting, "path tolerance": on_path(1e-5), "path tolerance 0": on_path(0.0, 1e-5),
+    "path tolerance −1": on_path(-1.0, 1e-5), "other negative tolerance": refused(*MOVE, path=[("elbow", -0.5, 0.0)]),
+    "time-out": timed_out, "speed scaling": scaled, "fault in mid-move": fault,
+    "deactivated, then active at another pose": elsewhere, "not active": off, "topic": by_topic,
+    "empty trajectory on the topic": empty_topic,
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module", params=["HUMBLE"])
+def make(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Make:
+    """Sessions of one package."""
+    robot = robot_of("planar-two-link")
+    library, package = built(tmp_path_factory.mktemp("ros2"), workspace_controller(), request.param, robot)
+    return lambda **parameters: Session(Manager(library, package), **parameters)
+
+
+def test_every_row_of_the_table_is_run() -> None:
+    assert list(RUNS) == [case.name for case in CASES]
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def test_a_row_ends_as_the_table_says(case: TrajectoryCase, make: Make) -> None:
+    state, code = RUNS[case.name](make)
+    assert (state if code is None else f"{state}, {code}".replace("-", "−")) == case.result
+
+
+def test_rows_that_jump_or_twist_a_spring_are_refused(make: Make, capfd: pytest.CaptureFixture[str]) -> None:
+    """Also while a goal is followed, which goes on; good rows end it, and a goal begins where they rest."""
+    one = make()
+    one.goal(*MOVE)
+    assert one.accepted()
+    one.run(200)
+    far = np.concatenate(one.robot.operating_point((0.1, 0.6)))
+    near = np.concatenate(one.robot.operating_point(one.desired[-1][:2]))
+    one.manager.send(far)  # a jump from the motion of now
+    one.manager.send([near, far])  # a jump in between
+    twisted = near.copy()
+    twisted[5] += 1e3
+    one.manager.send(twisted)
+    one.run(10)
+    assert one.manager.published("health", "refused_commands") == 1
+    assert capfd.readouterr().err.count("a row jumps") == 2
+    assert one.ended() == ("followed", None)
+    one.manager.send(np.concatenate(one.robot.operating_point(one.desired[-1][:2])))
+    one.run(600)
+    assert one.ended() == ("aborted", -1)
+    one.goal([1.0], [GOAL])
+    assert one.finished() == ("succeeded", 0)
+
+
+def test_a_goal_of_the_same_period_as_rows_ends(make: Make) -> None:
+    """Rows that come before the loop has read the goal end it too; nothing is published along no trajectory."""
+    one = make()
+    one.goal(*MOVE)
+    assert one.accepted()
+    one.manager.send(np.concatenate(one.robot.operating_point(START)))
+    one.run(20)
+    assert one.ended() == ("aborted", -1)
+    one.goal(*MOVE)
+    assert one.accepted()
+    one.run(200)
+    one.manager.send(np.concatenate(one.robot.operating_point(one.desired[-1][:2])))
+    one.run(20)
+    assert not np.isfinite(one.desired[-1]).any()
+
+
+def test_a_goal_that_waits_ends_where_the_path_before_it_is_left(make: Make) -> None:
+    one = make()
+    one.goal(*MOVE, path=TINY)
+    assert one.accepted()
+    one.run(1)
+    one.goal(*MOVE, begins=2.0)
+    assert one.accepted()
+    one.run(400)
+    assert one.ended() == ("aborted", -4)
+
+
+def test_a_refused_goal_ends_though_the_one_before_it_succeeds(make: Make) -> None:
+    """Both end before the node's timer looks."""
+    one = make()
+    one.goal(*MOVE)
+    assert one.accepted()
+    one.run(200)
+    one.goal([0.005, 1.0], [np.add(GOAL, 0.5), GOAL])
+    assert one.accepted()
+    for _ in range(LONGEST):
+        one.manager.measure(one.plant.output())
+        assert one.manager("update", ctypes.c_int64(round(1e9 * PERIOD))) == 0
+        one.plant.step(one.manager.input(), [], PERIOD)
+    assert one.ended() == ("aborted", -1)
+
+
+def test_no_update_of_a_goal_allocates(make: Make, tmp_path: Path) -> None:
+    """Nor where one replaces another, or the controller stops."""
+    built_in = make().manager.package.parent.parent
+    objects = [
+        built_in / f"{name}.o" for name in ("controller", "trajectories", "manager", "arm", "arm_follow")
+    ]
+    program = tmp_path / "allocations"
+    subprocess.run(["g++", *STRICT, HERE / "allocations.cpp", *objects, "-lm", "-o", program], check=True)
+    found = subprocess.run([program, "goals"], check=True, capture_output=True, text=True)
+    assert found.stdout.split() == ["9", "0"]
+
+
+def test_feedback_comes_meanwhile(make: Make) -> None:
+    one = make()
+    one.goal(*MOVE)
+    assert one.accepted()
+    one.run(300)
+    assert one.manager("feedbacks") > 10
+    found = [one.library.desired(ctypes.c_void_p(one.manager.address), place) for place in range(2)]
+    assert found == pytest.approx(one.desired[-1][:2], abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    "stated",
+    [
+        {"stop_time": 0.0},
+        {"cmd_timeout": -1.0},
+        {"constraints__elbow__goal": math.nan},
+        {"constraints__goal_time": -1.0},
+    ],
+)
+def test_parameters_that_are_none_are_refused(
+    stated: dict[str, Any], make: Make, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert make().manager.configure(**stated) == 1
+    assert "ERROR" in capfd.readouterr().err

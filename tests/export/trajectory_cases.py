@@ -1,0 +1,59 @@
+"""What joint_trajectory_controller documents of trajectories, and what the exported package does: the table of
+docs/ros2.md. `test_ros2_trajectories.py` runs every row and compares its result."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class TrajectoryCase(NamedTuple):
+    """`documented`: by joint_trajectory_controller; `here`: what the package does; `result`: how the goal ends, with
+    its error code."""
+
+    name: str
+    documented: str
+    here: str
+    result: str
+
+
+CASES = tuple(
+    TrajectoryCase(*map(str.strip, line.split("|")))
+    for line in """
+    shuffled names | joints in any order | the same | succeeded, 0
+    linear, cubic, quintic | by what two waypoints state | the same, then smoothed | succeeded, 0
+    empty goal | rejected | the same | rejected
+    unknown joint | rejected | the same | rejected
+    joint left out | rejected by default | the same | rejected
+    joint left out, `allow_partial_joints_goal` | it holds | the same; at speed it comes to rest first | succeeded, 0
+    times that do not increase | rejected | the same | rejected
+    number that is not finite | not documented | rejected | rejected
+    speed at the end | rejected by default | the same; there is no option | rejected
+    beyond the joint's range | not looked at | rejected | rejected
+    jump between waypoints | taken | rejected | rejected
+    jump from where it is | taken | the goal is aborted, what there is goes on | aborted, −1
+    past stamp, over | rejected | the same | rejected
+    past stamp, partly | goes on with waypoints still to come | the same, from the motion of now | succeeded, 0
+    future stamp | begins then | the same; the goal before it goes on until then | succeeded, 0
+    replaced at speed | the goal before ends | the same, with −1; velocity and acceleration continue | succeeded, 0
+    cancelled at speed | holds at once; decelerates by option | decelerates in `stop_time` | cancelled, 0
+    goal tolerance missed | aborted after `goal_time` | the same | aborted, −5
+    goal time 0 | waits without end | the same | followed
+    path tolerance | aborted beyond it; holds | the same, after decelerating | aborted, −4
+    path tolerance 0 | that of the parameters | the same | aborted, −4
+    path tolerance −1 | none, whatever the parameters | the same | succeeded, 0
+    other negative tolerance | an error is logged, the parameters are used | rejected | rejected
+    time-out | `cmd_timeout` after the end: holds | the same, and the goal is aborted | aborted, −5
+    speed scaling | a state interface scales the time | the same, from 0 to 1; smoothly, at rest at once | succeeded, 0
+    fault in mid-move | not documented | the controller stops; the result's text says so | aborted, −4
+    deactivated, then active at another pose | the goal ends; holds the new pose | the same | aborted, −4
+    not active | rejected | the same | rejected
+    topic | no result; not said of a goal of the action | no result; a goal of the action ends | aborted, −1
+    empty trajectory on the topic | overrides the goal, without ending it | ignored; the goal goes on | succeeded, 0
+    """.strip().splitlines()
+)
+
+
+def table() -> str:
+    """The rows in Markdown."""
+    head = ("case", "joint_trajectory_controller", "this package", "result")
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in [head, ("---",) * len(head), *CASES])
