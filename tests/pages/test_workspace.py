@@ -35,7 +35,8 @@ from flexhinf.design.workspace.robustness import (
 from flexhinf.design.workspace.samples import GOALS_SEED, POSES_SEED, SAMPLED_SEED
 from flexhinf.design.workspace.setup import CHOSEN_SEED, OFFSET_TIME
 from flexhinf.modal import ProvedRange, pair_gains
-from flexhinf.modal.popov import Sector, UnstableError
+from flexhinf.modal.popov import Sector
+from flexhinf.modal.unstable import UnstableError
 from flexhinf.pages import workspace as page, workspace_summary as summary
 from flexhinf.pages.page import files_section
 from flexhinf.pages.workspace_proof import (
@@ -193,7 +194,7 @@ def test_a_proof_names_its_hypotheses_and_what_is_left_out(design, tolerated):
     """Errors that hold the file's and that do not, stability alone of a part of the vibrations, and nothing."""
     low, high, setup = 70.0, design.setup.law.gains.ends[1], design.setup
     stable, some = ProvedRange(low, high, 3), CheckedPairs(low, high, 0.2, 0.25, 0.0, 9)
-    far = UnstableError(0.4, 100.0, 1.0)
+    far = UnstableError(-0.4, (100.0,), 0.0, 1.0)
     needed, more = (StatedMasses(Sector(*ends), 200, ("stiffness",)) for ends in ((0.1, 0.1), (0.5, 0.1)))
     for stated, checked, shown, kind, told in (
         (

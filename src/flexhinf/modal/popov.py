@@ -27,13 +27,14 @@ The unit of time is the period, so that all numbers have a size near one.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from scipy.linalg import expm
+from scipy.linalg import block_diag, expm
 
 from flexhinf.modal.pair import PairGains
 
@@ -45,9 +46,6 @@ MULTIPLIERS, ACCURACY, FIRST = (-2.5, 3.5), 0.01, 1e-4
 
 #: Distances from a mode's angle at which frequencies are looked at, in those of the mode from the unit circle.
 NEAR = np.array([-3.0, -1.5, -0.7, -0.3, -0.1, 0.0, 0.1, 0.3, 0.7, 1.5, 3.0])
-
-#: Largest error of an inverse inertia that is tried: links of a quarter of their mass.
-LIGHTEST = 3.0
 
 #: Doublings of the iteration for P; shares of the room by which Q and W are larger, and of a weight that makes P
 #: definite, in units of what errors can reach.
@@ -155,15 +153,22 @@ class SampledPairs:
         after = np.vstack([inverse.T[:4] @ acting, np.exp(alpha) * memory])
         return WorstPeriod(after, 0.5 * acting.T @ (q + q.T) @ acting, whole)
 
-    def radius(self, link: float, error: float) -> float:
-        """Spectral radius of a pair whose inverse inertia is 1 + error times the model's."""
-        acting, memory = self.memory(link)
-        moved = expm(self.model(link * (1.0 + error)))[:4] @ acting
-        return float(np.abs(np.linalg.eigvals(np.vstack([moved, memory]))).max())
+    def radius(self, links: Sequence[float], errors: np.ndarray) -> float:
+        """Spectral radius of pairs λ (k,) that a symmetric error Δ (k, k) of the inverse inertia mixes."""
+        count, roots = len(links), np.sqrt(links) * self.gains.period
+        model = np.asarray(block_diag(*map(self.model, links)))
+        acting, memory = zip(*map(self.memory, links))
+        added = errors * np.outer(roots, roots)
+        model[1::5, 2::5] += added
+        model[3::5, 2::5] -= added
+        moved = (expm(model) @ np.asarray(block_diag(*acting))).reshape(count, 5, -1)[:, :4]
+        kept = np.asarray(block_diag(*memory)).reshape(count, len(memory[0]), -1)
+        loop = np.concatenate([moved, kept], axis=1).reshape(moved.shape[2], -1)
+        return float(np.abs(np.linalg.eigvals(loop)).max())
 
     def decay(self, link: float) -> float:
         """The rate of the slowest mode of a pair without errors, 1/s; negative where it is unstable."""
-        return -float(np.log(self.radius(link, 0.0))) / self.gains.period
+        return -float(np.log(self.radius([link], np.zeros((1, 1))))) / self.gains.period
 
 
 def gain_peak(worst: WorstPeriod) -> float:
@@ -219,68 +224,52 @@ def popov_tolerance(pairs: SampledPairs, shape: Sector = SYMMETRIC, count: int =
 
     No Δ reaches −1, where links are infinitely heavy.
     """
-    links = list(map(float, pairs.gains.links(count, np.inf)))[::-1]
-    most = min(1.0, *(1.0 / part for part in shape if part > 0.0))
-
-    def tolerates(share: float, multiplier: float) -> bool:
-        for k, link in enumerate(links):
-            if gain_peak(pairs.worst_period(link, shape.scaled(share), multiplier)) >= 1.0:
-                links.insert(0, links.pop(k))  # the next question is likely to fail here too
-                return False
-        return True
-
-    def largest(multiplier: float, above: float) -> float:
-        if not tolerates(above * (1.0 + ACCURACY) + FIRST, multiplier):
-            return 0.0
-        low, high = above, most
-        while high - low > ACCURACY * max(low, FIRST):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if tolerates(middle, multiplier) else (low, middle)
-        return low
-
+    search = _Largest(pairs, shape, count)
     best, place = 0.0, (0.0, 1.0)
     for sign in (1.0, -1.0):
         for power in np.linspace(*MULTIPLIERS, 13 if sign > 0.0 else 5).tolist():
-            if (share := largest(sign * 10.0**power, best)) > best:
+            if (share := search.share(sign * 10.0**power, best)) > best:
                 best, place = share, (power, sign)
     step = (MULTIPLIERS[1] - MULTIPLIERS[0]) / 24.0
     while best and step > 0.03:
         power, sign = place
         for other in (power - step, power + step):
-            if (share := largest(sign * 10.0**other, best)) > best:
+            if (share := search.share(sign * 10.0**other, best)) > best:
                 best, place = share, (other, sign)
         step *= 0.5
     return PopovTolerance(shape.scaled(best), place[1] * 10.0 ** place[0])
 
 
-class UnstableError(NamedTuple):
-    """An error of the inverse inertia with which a pair is unstable."""
-
-    error: float  # Δ, a share; infinite where none is found
-    link: float  # λ of the pair, 1/s²
-    radius: float  # the largest modulus of its poles in the z plane
+def small_gain_tolerance(pairs: SampledPairs, shape: Sector = SYMMETRIC, count: int = 25) -> Sector:
+    """The largest multiple of a sector that is covered without a multiplier; computed at `count` λ. For a sector of one
+    size this is small gain: errors may change with time, and need not be symmetric."""
+    return shape.scaled(_Largest(pairs, shape, count).share(0.0, 0.0))
 
 
-def smallest_unstable(pairs: SampledPairs, count: int = 60) -> UnstableError:
-    """The smallest error of one pair by itself that is found to destabilise, at `count` λ; found by eigenvalues.
+class _Largest:
+    """The largest multiples of a sector that multipliers cover at some λ."""
 
-    Errors of either sign grow in steps up to −1 and `LIGHTEST`, the last step is bisected.
-    """
-    best = UnstableError(np.inf, 0.0, 0.0)
-    for link in map(float, pairs.gains.links(count, np.inf)):
-        for sign, most in ((-1.0, 1.0), (1.0, LIGHTEST)):
-            low = 0.0
-            for high in np.linspace(0.0, min(most, best.error), 25)[1:].tolist():
-                if pairs.radius(link, sign * high) >= 1.0:
-                    for _ in range(12):
-                        middle = 0.5 * (low + high)
-                        low, high = (
-                            (middle, high) if pairs.radius(link, sign * middle) < 1.0 else (low, middle)
-                        )
-                    best = UnstableError(high, link, pairs.radius(link, sign * high))
-                    break
-                low = high
-    return best
+    def __init__(self, pairs: SampledPairs, shape: Sector, count: int) -> None:
+        self.pairs, self.shape = pairs, shape
+        self.links = list(map(float, pairs.gains.links(count, np.inf)))[::-1]
+
+    def tolerates(self, share: float, multiplier: float) -> bool:
+        """Whether errors of this share are covered at all λ."""
+        for k, link in enumerate(self.links):
+            if gain_peak(self.pairs.worst_period(link, self.shape.scaled(share), multiplier)) >= 1.0:
+                self.links.insert(0, self.links.pop(k))  # the next question is likely to fail here too
+                return False
+        return True
+
+    def share(self, multiplier: float, above: float) -> float:
+        """The largest share with a multiplier, if it is larger than another one; else 0."""
+        if not self.tolerates(above * (1.0 + ACCURACY) + FIRST, multiplier):
+            return 0.0
+        low, high = above, min(1.0, *(1.0 / part for part in self.shape if part > 0.0))
+        while high - low > ACCURACY * max(low, FIRST):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if self.tolerates(middle, multiplier) else (low, middle)
+        return low
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.certify.checker.pairs import check_pairs, pair_claim
+from flexhinf.certify.checker.pairs import CheckedPairs, check_pairs, pair_claim
 from flexhinf.design.verdict import DesignVerdict
 from flexhinf.design.workspace.law_file import law_numbers
 from flexhinf.design.workspace.proof import WorkspaceProof, modal_filter
@@ -48,8 +48,10 @@ def pair_table(setup: WorkspaceSetup, error: PopovTolerance, proved: ProvedRange
     """The vibrations of a workspace, which of them are proved to be stable, and the errors of masses they tolerate."""
     return Table(
         ("each vibration by itself", "range or size", "how it is known"),
-        [*_range_rows(setup, proved), _computed_row(error)], CAPTION, stacks=True,
-    )  # fmt: skip
+        [*_range_rows(setup, proved), _computed_row(error)],
+        CAPTION,
+        stacks=True,
+    )
 
 
 #: What the sizes of errors mean, and for what they hold.
@@ -64,16 +66,18 @@ def _range_rows(setup: WorkspaceSetup, proved: ProvedRange) -> list[tuple[str, s
     low, high = np.sqrt(setup.gains.ends)
     return [
         (
-            "vibrations of the workspace", f"{number(low, 3)} to {number(high, 3)} rad/s",
+            "vibrations of the workspace",
+            f"{number(low, 3)} to {number(high, 3)} rad/s",
             "random poses, and 1.2 times beyond",
         ),
         (
             f"stable without errors, with latency{' and estimator' * (modal_filter(setup) is not None)}",
             f"{number(np.sqrt(proved.low), 3)} to {number(np.sqrt(proved.high), 3)} rad/s"
-            if proved.high > proved.low else "none",
+            if proved.high > proved.low
+            else "none",
             f"proved, in {count_text(proved.intervals, 'interval')}",
         ),
-    ]  # fmt: skip
+    ]
 
 
 def _computed_row(error: PopovTolerance) -> tuple[str, str, str]:
@@ -107,13 +111,12 @@ def hypotheses(proof: WorkspaceProof) -> tuple[str, ...]:
     """What the theorem holds for."""
     setup, checked = proof.setup, proof.checked
     low, high = np.sqrt(proof.stable[:2] if checked is None else (checked.low, checked.high))
-    whole = (
-        "" if _left_out(proof) else f": all of the workspace, as far as {MODAL_POSES} random poses of it tell"
-    )
+    whole = "" if _left_out(proof) else f"; it does so at {MODAL_POSES} sampled poses, with room to spare"
     errors = (
-        "the model's own masses" if checked is None else
-        f"an inertia matrix of the links, at that pose, of {masses_text(_sector(proof))}, as a matrix inequality"
-    )  # fmt: skip
+        "the model's own masses"
+        if checked is None
+        else f"an inertia matrix of the links, at that pose, of {masses_text(_sector(proof))}, as a matrix inequality"
+    )
     return (
         f"poses at which the arm vibrates at {number(low, 3)} to {number(high, 3)} rad/s with its motors held{whole}",
         errors,
@@ -150,11 +153,7 @@ def _left_out(proof: WorkspaceProof) -> bool:
 def proof_text(proof: WorkspaceProof) -> str:
     """The first line: what is proved for the tolerances and the payload of the file."""
     stated, checked = proof.stated, proof.checked
-    where = (
-        f"at {stated.poses} sampled poses"
-        if stated.poses
-        else "at every pose whose vibrations are in the range"
-    )
+    where = f"at {stated.poses or MODAL_POSES} sampled poses"
     if checked is None:
         if not proof.is_proved:
             return "Not proved: nothing is proved of this controller."
@@ -188,30 +187,48 @@ def _others_text(proof: WorkspaceProof) -> str:
 def _unstable_text(proof: WorkspaceProof) -> str:
     """The smallest error that is found to destabilise."""
     found = proof.unstable
-    if not np.isfinite(found.error):
+    if not found.links:
         return "From the other side: no error of one vibration was found that destabilises."
-    at, size = number(np.sqrt(found.link), 3), number(100.0 * found.error, 3)
+    at = " and ".join(number(np.sqrt(link), 3) for link in found.links)
+    whose = "one vibration" if len(found.links) == 1 else "two vibrations"
     return (
-        f"From the other side: at {at} rad/s an error of {size} % of the inverse inertia of one vibration destabilises "
-        f"(largest modulus of a pole {found.radius:.6f})."
+        f"From the other side: a symmetric error of {number(100.0 * found.size, 3)} % of the inverse inertia of "
+        f"{whose}, of {at} rad/s, destabilises (largest modulus of a pole {found.radius:.6f})."
         + (f" Proved are {number(100.0 * max(_sector(proof)), 3)} %." if proof.checked else "")
     )
+
+
+def _largest_text(proof: WorkspaceProof) -> str:
+    """For which tolerances and payload a proof would hold, and how fast motions decay."""
+    largest, checked = proof.largest, proof.checked
+    if largest is None or checked is None:
+        return ""
+    decay = (
+        f"small motions decay at least like exp(−{number(checked.rate, 2)} t), t in s" if checked.rate else ""
+    )
+    tolerances = f"all masses and inertia tensors within ± {number(100.0 * largest.tolerance, 3)} %"
+    payload = (
+        f", or for the file's largest masses with a payload of up to {number(largest.payload, 3)} kg "
+        f"(at {largest.poses} sampled poses)"
+        if np.isfinite(largest.payload)
+        else ""
+    )
+    return f"It would hold for {tolerances}{payload}" + (f"; {decay}." if decay else ".")
 
 
 def _proof_table(proof: WorkspaceProof) -> Table:
     """What is proved, computed, found and stated."""
     stated, rows = proof.stated, _range_rows(proof.setup, proof.stable)
     if proof.checked is not None:
-        rows.append((
-            "tolerated errors of masses, all vibrations", masses_text(_sector(proof)),
-            f"proved, in {count_text(proof.checked.intervals, 'interval')}",
-        ))  # fmt: skip
+        rows.append(
+            (
+                "tolerated errors of masses, all vibrations",
+                masses_text(_sector(proof)),
+                f"proved, in {count_text(proof.checked.intervals, 'interval')}",
+            )
+        )
     rows.append(_computed_row(proof.tolerance))
-    where = (
-        f"{stated.poses} sampled poses, corners of the tolerances"
-        if stated.poses
-        else "every pose, by the form of M"
-    )
+    where = f"{stated.poses} sampled poses, corners of the tolerances" if stated.poses else "the form of M"
     rows.append(("the file's masses and payloads", masses_text(stated.sector), where))
     return Table(("what", "range or size", "how it is known"), rows, CAPTION, stacks=True)
 
@@ -224,38 +241,58 @@ def workspace_proof_page(proof: WorkspaceProof, command: Sequence[str], verdict:
     theorem = (
         Paragraph(PAIRS),
         Paragraph(f"{proof_text(proof)} It holds for:"),
-        Bullets(hypotheses(proof)),
+        Bullets(hypotheses(proof), numbered=True),
+        Paragraph(_largest_text(proof)),
         Paragraph(
             "The proof is by matrix inequalities in ball arithmetic, which bounds its own rounding: in each "
             f"of {count_text(intervals, 'interval')} of the vibrations a quadratic storage "
             "function falls from sample to sample, whatever the errors."
         ),
-    )  # fmt: skip
+    )
     return Page(
         f"What is proved of the controller for the workspace of {robot.name}",
-        "The loop at rest, at any pose of the workspace, with errors of masses.", proof_text(proof),
+        "The loop at rest, at any pose of the workspace, with errors of masses.",
+        proof_text(proof),
         (
             Section("The theorem", theorem if proof.is_proved else (Paragraph(PAIRS),), "theorem", True),
-            Section("Vibrations and errors", (
-                _proof_table(proof), Paragraph(f"{_unstable_text(proof)} {_others_text(proof)}".strip()),
-                Table(("not in the proof", "what tells of it"), LEFT_OUT, "Who should not trust it.", stacks=True),
-            ), "pairs"),
+            Section(
+                "Vibrations and errors",
+                (
+                    _proof_table(proof),
+                    Paragraph(f"{_unstable_text(proof)} {_others_text(proof)}".strip()),
+                    Table(
+                        ("not in the proof", "what tells of it"),
+                        LEFT_OUT,
+                        "Who should not trust it.",
+                        stacks=True,
+                    ),
+                ),
+                "pairs",
+            ),
         ),
-        Settings(settings_in_groups({
-            "Robot": robot_rows(setup.true.robot),
-            "Estimator": [] if s.estimator == "none" else sensor_rows(setup),
-            "Loop": loop_rows(setup),
-        })),
+        Settings(
+            settings_in_groups(
+                {
+                    "Robot": robot_rows(setup.true.robot),
+                    "Estimator": [] if s.estimator == "none" else sensor_rows(setup),
+                    "Loop": loop_rows(setup),
+                }
+            )
+        ),
         Provenance(shlex.join(command), s.seed),
-        [KeyNumber("inertia that is proved to be tolerated", masses_text(_sector(proof)))] if proof.checked else [],
+        [KeyNumber("inertia that is proved to be tolerated", masses_text(_sector(proof)))]
+        if proof.checked
+        else [],
         [
-            Status("proved" if proof.is_stated or (proof.checked and not max(proof.stated.sector)) else "not proved",
-                   proof_text(proof)),
-            Status("not proved", "Moves, noise, limits of inputs and the hypotheses themselves; these are tested. "
-                   + _others_text(proof)),
+            Status("proved" if proof.holds and proof.checked else "not proved", proof_text(proof)),
+            Status(
+                "not proved",
+                "Moves, noise, limits of inputs and the hypotheses themselves; these are tested. "
+                + _others_text(proof),
+            ),
             *design_statuses(verdict),
         ],
-    )  # fmt: skip
+    )
 
 
 def workspace_proof_ending(proof: WorkspaceProof, verdict: DesignVerdict) -> Ending:
@@ -265,9 +302,11 @@ def workspace_proof_ending(proof: WorkspaceProof, verdict: DesignVerdict) -> End
     parts = (
         proof_text(proof),
         f"It holds for {numbered}." if proof.is_proved else "",
-        _unstable_text(proof), _others_text(proof),
+        _largest_text(proof),
+        _unstable_text(proof),
+        _others_text(proof),
         f"{own[:1].upper()}{own[1:]}.",
-    )  # fmt: skip
+    )
     return screen(lambda _: _proof_table(proof), [1], parts)
 
 
@@ -275,14 +314,22 @@ def workspace_proof_numbers(proof: WorkspaceProof) -> dict[str, Any]:
     """What proof.json holds; its pairs are what the checker reads."""
     stated, checked = proof.stated, proof.checked
     return {
-        "version": 2, "kind": "workspace", "robot": proof.setup.robot.name, "text": proof_text(proof),
-        "hypotheses": list(hypotheses(proof)), "proved": None if checked is None else finite(checked._asdict()),
+        "version": 2,
+        "kind": "workspace",
+        "robot": proof.setup.robot.name,
+        "text": proof_text(proof),
+        "hypotheses": [f"{k}. {text}" for k, text in enumerate(hypotheses(proof), 1)],
+        "largest": None if proof.largest is None else finite(proof.largest._asdict()),
+        "proved": None if checked is None else finite(checked._asdict()),
         "stated": {**finite(stated.sector._asdict()), "poses": stated.poses, "not_held": list(stated.others)},
         "computed": {**finite(proof.tolerance.sector._asdict()), "multiplier": proof.tolerance.multiplier},
-        "unstable": finite(proof.unstable._asdict()), "stable": finite(proof.stable._asdict()),
-        "latency": proof.setup.specification.known_latency, "estimator": modal_filter(proof.setup) is not None,
-        **law_numbers(proof.setup), "pairs": proof.numbers,
-    }  # fmt: skip
+        "unstable": finite(proof.unstable._asdict()),
+        "stable": finite(proof.stable._asdict()),
+        "latency": proof.setup.specification.known_latency,
+        "estimator": modal_filter(proof.setup) is not None,
+        **law_numbers(proof.setup),
+        "pairs": proof.numbers,
+    }
 
 
 def workspace_certificate(path: Path) -> dict[str, Any] | None:
@@ -309,6 +356,8 @@ def pair_check(numbers: dict[str, Any]) -> tuple[str, bool]:
             f"Not proved: the check fails for vibrations of {number(low, 4)} to {number(high, 4)} rad/s.",
             False,
         )
+    if beyond := _beyond(numbers.get("proved"), found):
+        return f"Not proved: the file says {beyond}, which is more than its certificate of pairs.", False
     low, high = np.sqrt([found.low, found.high])
     latency = count_text(claim.latency, "sample")
     filter = "no estimator" if claim.seen is None else "the estimator"
@@ -318,3 +367,17 @@ def pair_check(numbers: dict[str, Any]) -> tuple[str, bool]:
         f"{count_text(found.intervals, 'interval')}. Robot, poses and hypotheses in the file are not checked.",
         True,
     )
+
+
+def _beyond(stated: Any, found: CheckedPairs) -> str:
+    """What a file says is proved beyond what the check finds; empty where there is nothing."""
+    if not isinstance(stated, dict):
+        return "" if stated is None else "something else"
+    for name, value in found._asdict().items():
+        own = stated.get(name)
+        if isinstance(own, bool) or not isinstance(own, (int, float)):
+            return f"{name} = {str(own)[:40]}"
+        less = own >= value if name == "low" else own <= value or name == "intervals"
+        if not less:
+            return f"{name} = {own:g}"
+    return ""

@@ -33,6 +33,9 @@ PARTS, HALVINGS = 4, 8
 #: Coordinates of (z, z′, s, s′, f): what an error pushes, the twist s, and its rate.
 PUSH, TWIST, TURN = (0.0, 1.0, 0.0, -1.0, 0.0), (0.0, 0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0, 0.0)
 
+#: Keys of single numbers in a file.
+SCALARS = ["period", "motor", "damping", "holding", "input", "lower", "upper", "multiplier", "rate"]
+
 #: Most intervals, states of a pair, and terms of a filter's series in a file.
 MOST = 100_000, 40, 2_000
 
@@ -78,8 +81,7 @@ class CheckedPairs(NamedTuple):
 def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
     """The claim of a parsed file; InvalidInput where it is damaged."""
     try:
-        one = {name: _finite(numbers[name], 0) for name in (
-            "period", "motor", "damping", "holding", "input", "lower", "upper", "multiplier", "rate")}  # fmt: skip
+        one = {name: _finite(numbers[name], 0) for name in SCALARS}
         latency, observer, parts = numbers["latency"], numbers["observer"], numbers["intervals"]
         if isinstance(latency, bool) or not isinstance(latency, int) or not 0 <= latency <= MOST[1]:
             raise ValueError(f"latency {latency!r}")
@@ -102,28 +104,46 @@ def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
             raise ValueError("the law or a storage has other shapes")
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InvalidInput(
-            "The certificate of a workspace cannot be read.", f"{type(error).__name__}: {str(error)[:200]}",
+            "The certificate of a workspace cannot be read.",
+            f"{type(error).__name__}: {str(error)[:200]}",
             "the file that flexhinf certify has written",
-        ) from error  # fmt: skip
+        ) from error
     wrong = [
-        name for name, right in (
-            ("period", one["period"] > 0.0), ("motor", one["motor"] > 0.0), ("damping", one["damping"] >= 0.0),
-            ("holding", one["holding"] >= 0.0), ("input", one["input"] > 0.0), ("rate", one["rate"] >= 0.0),
-            ("lower", 0.0 <= one["lower"] < 1.0), ("upper", one["upper"] >= 0.0), ("poles", (poles > 0.0).all()),
+        name
+        for name, right in (
+            ("period", one["period"] > 0.0),
+            ("motor", one["motor"] > 0.0),
+            ("damping", one["damping"] >= 0.0),
+            ("holding", one["holding"] >= 0.0),
+            ("input", one["input"] > 0.0),
+            ("rate", one["rate"] >= 0.0),
+            ("lower", 0.0 <= one["lower"] < 1.0),
+            ("upper", one["upper"] >= 0.0),
+            ("poles", (poles > 0.0).all()),
             ("intervals", links[0] > 0.0 and (np.diff(links) > 0.0).all()),
-        ) if not right
-    ]  # fmt: skip
+        )
+        if not right
+    ]
     refuse_if(
-        bool(wrong), "The certificate of a workspace has numbers outside their ranges.",
+        bool(wrong),
+        "The certificate of a workspace has numbers outside their ranges.",
         f"expected positive rates, a sector below 1 and ascending intervals, got other {', '.join(wrong)}",
         "the file that flexhinf certify has written",
-    )  # fmt: skip
+    )
     storages = np.zeros((len(parts), 2, n, n))
     rows, columns = np.tril_indices(n)
     storages[..., rows, columns] = storages[..., columns, rows] = triangles
-    return PairClaim(**{name: float(value) for name, value in one.items()}, latency=latency, poles=poles,
-                     coefficients=coefficients, seen=seen, table=table, filter_range=ends, links=links,
-                     storages=storages)  # fmt: skip
+    return PairClaim(
+        **{name: float(value) for name, value in one.items()},
+        latency=latency,
+        poles=poles,
+        coefficients=coefficients,
+        seen=seen,
+        table=table,
+        filter_range=ends,
+        links=links,
+        storages=storages,
+    )
 
 
 def _finite(value: object, dimensions: int) -> np.ndarray:
@@ -236,9 +256,15 @@ def _hamiltonian(claim: PairClaim, centre: arb, half: arb) -> tuple[TaylorMatrix
     alpha, tau, lower, upper = map(arb, (claim.rate, claim.multiplier, claim.lower, claim.upper))
     alpha *= h
     kappa, beta, nu, b = claim.motor * h**2, claim.damping * h, claim.holding * h**2, claim.input * h**2
-    still = arb_mat([
-        [0, 1, 0, 0, 0], [0, 0, 0, 0, 0], [0, 0, 0, 1, 0], [-nu, -beta, -kappa - nu, -beta, b], [0, 0, 0, 0, 0]
-    ])  # fmt: skip
+    still = arb_mat(
+        [
+            [0, 1, 0, 0, 0],
+            [0, 0, 0, 0, 0],
+            [0, 0, 0, 1, 0],
+            [-nu, -beta, -kappa - nu, -beta, b],
+            [0, 0, 0, 0, 0],
+        ]
+    )
     size = [h**2 * centre, h**2 * half, arb(0)]
 
     def by_size(left: Sequence[float], right: Sequence[float], factor: arb) -> TaylorMatrix:

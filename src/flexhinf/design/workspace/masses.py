@@ -7,6 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from flexhinf.design.loop_setup import LoopPlants
+from flexhinf.design.plans import true_robot
 from flexhinf.design.responses import with_values
 from flexhinf.design.workspace.samples import POSES_SEED
 from flexhinf.design.workspace.setup import WorkspaceSetup
@@ -57,6 +59,48 @@ def stated_masses(setup: WorkspaceSetup) -> StatedMasses:
             low, high = np.linalg.eigvalsh(0.5 * (turned + turned.T))[[0, -1]]
             ends = [max(ends[0], 1.0 - low), max(ends[1], high - 1.0)]
     return StatedMasses(Sector(*map(float, ends)), POSES, others)
+
+
+class LargestMasses(NamedTuple):
+    """The largest errors for which a proof of a sector would still hold."""
+
+    tolerance: float  # a share: masses and inertia tensors within ± this, at every pose whose vibrations are in range
+    payload: float  # kg, beside the file's largest masses; NaN where no place of it is known
+    poses: int  # at which the payload was looked at
+
+
+def largest_masses(setup: WorkspaceSetup, sector: Sector, loaded: Robot | None) -> LargestMasses:
+    """The largest tolerance of all masses, and the largest payload, of a sector; `loaded` is the robot with a payload.
+
+    (1 − p) M ≤ M̂ ≤ (1 + p) M is in the sector if p ≤ δ₁/(1 − δ₁) and p ≤ δ₂/(1 + δ₂). M̂ is linear in the payload's
+    mass m: M̂₀ + m D ≤ M/(1 − δ₁).
+    """
+    lower, upper = sector
+    tolerance = min(lower / (1.0 - lower), upper / (1.0 + upper))
+    name = (
+        next((p.name for p in loaded.parameters if p.name.startswith("payload_mass")), "") if loaded else ""
+    )
+    if loaded is None or not name:
+        return LargestMasses(tolerance, np.nan, 0)
+    plants = LoopPlants(*true_robot(loaded, setup.specification))
+    heavy = {p.name: p.interval[1] for p in loaded.uncertain if p.name.startswith("mass")}
+    without, with_one = (
+        with_values(plants.true_plant, loaded.varied({**heavy, name: mass})).parameters.vector()
+        for mass in (0.0, 1.0)
+    )
+    model, true = link_compliance(setup.law.plant), link_compliance(plants.true_plant)
+    own, payload = setup.law.plant.parameters.vector(), np.inf
+    for pose in setup.workspace.sample(POSES, POSES_SEED):
+        inertia, empty, full = (
+            np.linalg.inv(compliance.matrix(pose, values))
+            for compliance, values in ((model, own), (true, without), (true, with_one))
+        )
+        room = inertia / (1.0 - lower) - empty
+        if np.linalg.eigvalsh(0.5 * (room + room.T))[0] <= 0.0:
+            return LargestMasses(tolerance, 0.0, POSES)
+        root = np.linalg.inv(np.linalg.cholesky(0.5 * (room + room.T)))
+        payload = min(payload, 1.0 / np.linalg.eigvalsh(root @ (full - empty) @ root.T)[-1])
+    return LargestMasses(tolerance, payload, POSES)
 
 
 def _proportional(robot: Robot) -> float | None:

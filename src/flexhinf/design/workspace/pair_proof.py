@@ -17,7 +17,7 @@ FIRST, LONGEST, SHORTEST = 0.1, 0.3, 3e-5
 MOST_ROOM, SMALLEST_ROOM, SUCCESSES = 0.06, 2e-5, 12
 
 #: Share of a tolerance that is tried first, and next; of the slowest decay that is tried as a rate, in turn.
-SHARES, RATES = (0.9, 0.7), (0.005, 0.0)
+SHARES, RATES = (0.97, 0.9, 0.7), (0.005, 0.0)
 
 Numbers = dict[str, Any]
 
@@ -80,15 +80,27 @@ def claim_numbers(storages: PairStorages, intervals: list[Numbers]) -> Numbers:
     pair, observer = gains.pair(1.0), None
     if pairs.filter is not None:
         seen, table, ends = pairs.filter.pair
-        observer = {"seen": np.asarray(seen, dtype=float).tolist(), "table": table.tolist(),
-                    "range": [float(end) for end in ends]}  # fmt: skip
+        observer = {
+            "seen": np.asarray(seen, dtype=float).tolist(),
+            "table": table.tolist(),
+            "range": [float(end) for end in ends],
+        }
     return {
-        "period": float(gains.period), "motor": float(pair.motor), "damping": float(pair.damping),
-        "holding": float(pair.holding), "input": float(pair.input), "latency": pairs.latency,
-        "poles": gains.poles.tolist(), "coefficients": gains.coefficients[:5].tolist(), "observer": observer,
-        "lower": storages.sector.lower, "upper": storages.sector.upper, "multiplier": storages.multiplier,
-        "rate": float(storages.rate), "intervals": intervals,
-    }  # fmt: skip
+        "period": float(gains.period),
+        "motor": float(pair.motor),
+        "damping": float(pair.damping),
+        "holding": float(pair.holding),
+        "input": float(pair.input),
+        "latency": pairs.latency,
+        "poles": gains.poles.tolist(),
+        "coefficients": gains.coefficients[:5].tolist(),
+        "observer": observer,
+        "lower": storages.sector.lower,
+        "upper": storages.sector.upper,
+        "multiplier": storages.multiplier,
+        "rate": float(storages.rate),
+        "intervals": intervals,
+    }
 
 
 def _interval(low: float, high: float, *ends: np.ndarray) -> Numbers:

@@ -12,19 +12,14 @@ from typing import NamedTuple
 import numpy as np
 
 from flexhinf.certify.checker.pairs import CheckedPairs, check_pairs, pair_claim
-from flexhinf.design.workspace.masses import StatedMasses, stated_masses
+from flexhinf.design.workspace.masses import LargestMasses, StatedMasses, largest_masses, stated_masses
 from flexhinf.design.workspace.pair_proof import Numbers, largest_certificate
 from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.estimation import ModalFilter
 from flexhinf.modal import ProvedRange, proved_range
-from flexhinf.modal.popov import (
-    SYMMETRIC,
-    PopovTolerance,
-    SampledPairs,
-    UnstableError,
-    popov_tolerance,
-    smallest_unstable,
-)
+from flexhinf.modal.popov import SYMMETRIC, PopovTolerance, SampledPairs, Sector, popov_tolerance
+from flexhinf.modal.unstable import UnstableError, smallest_unstable
+from flexhinf.robot import Robot
 
 #: λ at which a report computes a tolerance.
 REPORTED = 12
@@ -40,6 +35,7 @@ class WorkspaceProof(NamedTuple):
     checked: CheckedPairs | None  # what the checker says of it
     unstable: UnstableError  # the smallest error that is found to destabilise
     stable: ProvedRange  # pairs that are proved to be stable without errors
+    largest: LargestMasses | None = None  # for which the proof would still hold; None without proved errors
 
     @property
     def is_proved(self) -> bool:
@@ -51,6 +47,11 @@ class WorkspaceProof(NamedTuple):
         """Whether the masses and payloads of the file's tolerances are within what is proved."""
         proved, sector = self.checked, self.stated.sector
         return proved is not None and sector.lower <= proved.lower and sector.upper <= proved.upper
+
+    @property
+    def holds(self) -> bool:
+        """Whether the proof is of all that the file states of masses; of something, where it states nothing."""
+        return self.is_stated if max(self.stated.sector) else self.is_proved
 
 
 def sampled_pairs(setup: WorkspaceSetup) -> SampledPairs:
@@ -74,20 +75,28 @@ def modal_filter(setup: WorkspaceSetup) -> ModalFilter | None:
 
 
 def prove_workspace(
-    setup: WorkspaceSetup, progress: Callable[[str], None] = lambda text: None
+    setup: WorkspaceSetup,
+    progress: Callable[[str], None] = lambda text: None,
+    loaded: Robot | None = None,
 ) -> WorkspaceProof:
-    """The proof of symmetric errors of masses; where these do not hold the file's, of errors in its proportion."""
+    """The proof of symmetric errors of masses; where these do not hold the file's, of errors in its proportion.
+
+    `loaded` is the robot with a payload, of which the largest is sought; the setup's own, where it has one.
+    """
     pairs, stated = sampled_pairs(setup), stated_masses(setup)
     tolerance, numbers = largest_certificate(pairs, SYMMETRIC, progress)
+    progress("smallest error that destabilises")
+    unstable = smallest_unstable(pairs, mixed=len(setup.joints) > 1)
     checked = _checked(numbers)
-    first = WorkspaceProof(
-        setup, stated, tolerance, numbers, checked, smallest_unstable(pairs), proved_stability(setup)
-    )
-    if first.is_stated or min(stated.sector) == max(stated.sector):
-        return first
-    _, numbers = largest_certificate(pairs, stated.sector, progress)
-    second = first._replace(numbers=numbers, checked=_checked(numbers))
-    return second if second.is_stated else first
+    proof = WorkspaceProof(setup, stated, tolerance, numbers, checked, unstable, proved_stability(setup))
+    if not proof.is_stated and min(stated.sector) < max(stated.sector):
+        _, numbers = largest_certificate(pairs, stated.sector, progress)
+        second = proof._replace(numbers=numbers, checked=_checked(numbers))
+        proof = second if second.is_stated else proof
+    if proof.checked is None:
+        return proof
+    sector = Sector(proof.checked.lower, proof.checked.upper)
+    return proof._replace(largest=largest_masses(setup, sector, loaded or setup.true.robot))
 
 
 def _checked(numbers: Numbers | None) -> CheckedPairs | None:
