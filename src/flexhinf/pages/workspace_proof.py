@@ -284,7 +284,7 @@ def workspace_proof_page(proof: WorkspaceProof, command: Sequence[str], verdict:
         if proof.checked
         else [],
         [
-            Status("proved" if proof.holds and proof.checked else "not proved", proof_text(proof)),
+            Status("proved" if proof.covers_file and proof.checked else "not proved", proof_text(proof)),
             Status(
                 "not proved",
                 "Moves, noise, limits of inputs and the hypotheses themselves; these are tested. "

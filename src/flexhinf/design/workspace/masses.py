@@ -65,7 +65,7 @@ class LargestMasses(NamedTuple):
     """The largest errors for which a proof of a sector would still hold."""
 
     tolerance: float  # a share: masses and inertia tensors within ± this, at every pose whose vibrations are in range
-    payload: float  # kg, beside the file's largest masses; NaN where no place of it is known
+    payload: float  # kg, beside the file's largest masses and moments of inertia; NaN where no place of it is known
     poses: int  # at which the payload was looked at
 
 
@@ -83,8 +83,8 @@ def largest_masses(setup: WorkspaceSetup, sector: Sector, loaded: Robot | None) 
     if loaded is None or not name:
         return LargestMasses(tolerance, np.nan, 0)
     plants = LoopPlants(*true_robot(loaded, setup.specification))
-    heavy = {p.name: p.interval[1] for p in loaded.uncertain if p.name.startswith("mass")}
-    without, with_one = (
+    heavy = {p.name: p.interval[1] for p in loaded.uncertain if PROPORTIONAL.match(p.name)}
+    without, kilogram = (
         with_values(plants.true_plant, loaded.varied({**heavy, name: mass})).parameters.vector()
         for mass in (0.0, 1.0)
     )
@@ -93,7 +93,7 @@ def largest_masses(setup: WorkspaceSetup, sector: Sector, loaded: Robot | None) 
     for pose in setup.workspace.sample(POSES, POSES_SEED):
         inertia, empty, full = (
             np.linalg.inv(compliance.matrix(pose, values))
-            for compliance, values in ((model, own), (true, without), (true, with_one))
+            for compliance, values in ((model, own), (true, without), (true, kilogram))
         )
         room = inertia / (1.0 - lower) - empty
         if np.linalg.eigvalsh(0.5 * (room + room.T))[0] <= 0.0:

@@ -49,7 +49,7 @@ class WorkspaceProof(NamedTuple):
         return proved is not None and sector.lower <= proved.lower and sector.upper <= proved.upper
 
     @property
-    def holds(self) -> bool:
+    def covers_file(self) -> bool:
         """Whether the proof is of all that the file states of masses; of something, where it states nothing."""
         return self.is_stated if max(self.stated.sector) else self.is_proved
 
