@@ -527,7 +527,9 @@ def workspace_numbers(design: WorkspaceEvidence) -> dict[str, Any]:
         "corner_poses": [dict(zip(loop._fields, finite(list(loop)))) for loop in design.corner_loops],
         "goals": design.goals,
         "left_out": design.left_out,
-        "tolerated": finite(t._asdict() | {"tolerance": t.tolerance._asdict(), "proved": t.proved._asdict()}),
+        "tolerated": finite(
+            t._asdict() | {"tolerance": t.tolerance.sector._asdict(), "proved": t.proved._asdict()}
+        ),
         "power_on": None if run is None else finite(peak_of(run.positions - run.goal)),
         "moves": _known(worst_motion(design.moves)),
         "sampled_moves": _known(worst_motion(design.sampled)),

@@ -251,13 +251,15 @@ class Listing(Paragraph):
 
 @dataclass(frozen=True)
 class Bullets(Block):
-    """A list of short texts."""
+    """A list of short texts, which may be numbered."""
 
     items: tuple[str, ...]
+    numbered: bool = False
 
     def html(self) -> str:
         """The list as HTML."""
-        return f"<ul>{''.join(f'<li>{prose(item)}</li>' for item in self.items)}</ul>"
+        tag = "ol" if self.numbered else "ul"
+        return f"<{tag}>{''.join(f'<li>{prose(item)}</li>' for item in self.items)}</{tag}>"
 
 
 @dataclass(frozen=True)
