@@ -31,7 +31,7 @@ class File(Generic[Exported]):
 
 
 def rendered(
-    files: Sequence[File[Exported]], export: Exported, name: str, real: Real, **shared: Any
+    files: Sequence[File[Exported]], export: Exported, name: str, real: Real, /, **shared: Any
 ) -> dict[str, str]:
     """The files that an export has: path to text. `shared`: What their paths and templates may use."""
     texts = dict[str, str]()
