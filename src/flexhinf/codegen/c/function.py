@@ -81,7 +81,8 @@ CUTS = (", ", " ? ", " || ", " && ", " = ", " + ", " - ")
 
 def folded(text: str) -> str:
     """Lines of at most `WIDTH` characters: code cut at commas and operators, comments at blanks, directives with their
-    further lines as they are. What a line of a comment is too long for begins the next one. A long comment behind code goes before it."""
+    further lines as they are. What a line of a comment is too long for begins the next one. A long comment behind code
+    goes before it."""
     lines, done = text.split("\n")[::-1], list[str]()
     while lines:
         *short, last = _folded(lines.pop())
