@@ -9,6 +9,7 @@ from dataclasses import asdict
 
 from flexhinf.findings import above_note, worst
 from flexhinf.pages.findings import counted, numbers_sentence, page_status, place_text, severity_cell
+from flexhinf.pages.pictures import robot_picture
 from flexhinf.pages.terminal import Ending, wrapped
 from flexhinf.report import (
     Cell,
@@ -116,6 +117,9 @@ def checked_robot_page(result: RobotExamination, command: Sequence[str]) -> Page
     """The page of a description that was checked."""
     verdict, count = robot_verdict(result), len(result.joints)
     sections = [Section("What the description shows", (robot_finding_table(result),), "findings", open=True)]
+    picture = None if result.robot is None else robot_picture(result.robot)
+    if picture is not None:
+        sections.append(Section("The arm", (picture,), "arm", open=True))
     if result.joints:
         sections.append(Section("Joints", (joint_table(result.joints),), "joints", open=True))
     keys = [KeyNumber("joints", count)] if count else []

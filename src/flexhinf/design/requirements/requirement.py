@@ -11,11 +11,8 @@ import numpy as np
 
 from flexhinf.design.specification import TOLERANCE
 from flexhinf.design.verdict import display_unit
-from flexhinf.notebook import Summarised
+from flexhinf.notebook import PAGES, Pictured
 from flexhinf.report import number
-
-#: The room whose pages show results. It reads designs, so it is loaded when one is saved.
-PAGES = "flexhinf.pages"
 
 #: The requirement of the links' speeds.
 SPEED = "link speed"
@@ -109,7 +106,7 @@ class Requirement:
         )
 
 
-class Reported(Summarised):
+class Reported(Pictured):
     """Base of results that have a report."""
 
     def save(self, folder: str | Path) -> Path:
