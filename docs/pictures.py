@@ -182,9 +182,8 @@ def studio(folder: Path, names: dict[str, Any]) -> bytes:
                 page = started.new_page(viewport={"width": 1100, "height": 800})
                 page.goto(address)
                 page.wait_for_function(
-                    "!document.body.innerText.includes('computing')", polling=200, timeout=120_000
+                    "!document.body.innerText.includes('…')", polling=200, timeout=240_000
                 )
-                page.wait_for_timeout(4000)
                 picture: bytes = page.screenshot()
                 started.close()
         finally:
@@ -204,7 +203,7 @@ PICTURES: dict[str, Picture] = {
         "Two links along waypoints, and how far they are from them", figure("run/index.html", "result")
     ),
     "comparison": Picture(
-        "Errors of both laws in the same moves", figure("flexhinf-compare/index.html", "result")
+        "Errors of both laws in the same moves", figure("flexhinf-compare/index.html", "laws")
     ),
     "campaigns": Picture("Bands of 2000 robots about the worst one", figure("campaign/index.html", "result")),
     "logs": Picture(
@@ -220,7 +219,9 @@ PICTURES: dict[str, Picture] = {
     "deployment": Picture("What comes into a step of the exported C, and what goes out", exported),
     "ros2": Picture("Interfaces, topics and action of the plugin", in_ros),
     "realtime": Picture("Step in MuJoCo, link and voltage over time", figure("run/index.html", "result")),
-    "supervision": Picture("A load pushes the arm", figure("run/index.html", "result")),
+    "supervision": Picture(
+        "A load pushes the link at 2 s, and the input reaches its limit", figure("run/index.html", "result")
+    ),
     "estimators": Picture("True and estimated path about a beacon", tracked),
     "guides/own_plant": Picture("Cart and pendulum come to rest", run_of),
 }
