@@ -181,9 +181,7 @@ def studio(folder: Path, names: dict[str, Any]) -> bytes:
                 started = api.chromium.launch(executable_path=which("chromium"), args=["--no-sandbox"])
                 page = started.new_page(viewport={"width": 1100, "height": 800})
                 page.goto(address)
-                page.wait_for_function(
-                    "!document.body.innerText.includes('…')", polling=200, timeout=240_000
-                )
+                page.wait_for_function("!document.body.innerText.includes('…')", polling=200, timeout=240_000)
                 picture: bytes = page.screenshot()
                 started.close()
         finally:
@@ -205,7 +203,9 @@ PICTURES: dict[str, Picture] = {
     "comparison": Picture(
         "Errors of both laws in the same moves", figure("flexhinf-compare/index.html", "laws")
     ),
-    "campaigns": Picture("Bands of 2000 robots about the worst one", figure("campaign/index.html", "result")),
+    "campaigns": Picture(
+        "Bands of 2000 robots about the worst one", figure("campaign/index.html", "signals")
+    ),
     "logs": Picture(
         "Measured and estimated signals over time", figure("flexhinf-estimate/index.html", "measured")
     ),
@@ -214,7 +214,7 @@ PICTURES: dict[str, Picture] = {
         figure("flexhinf-identify/index.html", "measured"),
     ),
     "certificate": Picture(
-        "Region that is proved about the goal", figure("flexhinf-certificate/index.html", "result")
+        "Region that is proved about the goal", figure("flexhinf-certificate/index.html", "starts")
     ),
     "deployment": Picture("What comes into a step of the exported C, and what goes out", exported),
     "ros2": Picture("Interfaces, topics and action of the plugin", in_ros),

@@ -100,11 +100,11 @@ def _(result: Design) -> list[Figure]:
 
 def notebook_pictures(result: object) -> str:
     """The pictures of a result as HTML, on white: a notebook may have other colours."""
-    drawn = (
+    figures = (
         '<figure style="margin: 0.5em 0; max-width: 36em">'
         f'<img style="width: 100%; background: white" alt="{escape(figure.label)}" '
         f'src="data:image/svg+xml;base64,{b64encode(figure.svg.encode()).decode()}">'
         f"<figcaption>{escape(figure.caption)}</figcaption></figure>"
         for figure in pictures_of(result)
     )
-    return "".join(drawn)
+    return "".join(figures)

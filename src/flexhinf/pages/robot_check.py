@@ -118,8 +118,6 @@ def checked_robot_page(result: RobotExamination, command: Sequence[str]) -> Page
     verdict, count = robot_verdict(result), len(result.joints)
     sections = [Section("What the description shows", (robot_finding_table(result),), "findings", open=True)]
     picture = None if result.robot is None else robot_picture(result.robot)
-    if picture is not None:
-        sections.append(Section("The arm", (picture,), "arm", open=True))
     if result.joints:
         sections.append(Section("Joints", (joint_table(result.joints),), "joints", open=True))
     keys = [KeyNumber("joints", count)] if count else []
@@ -133,6 +131,7 @@ def checked_robot_page(result: RobotExamination, command: Sequence[str]) -> Page
         keys,
         [page_status(result.findings, verdict)],
         [finding.what for finding in above_note(result.findings)][:3],
+        [] if picture is None else [picture],
     )
 
 
