@@ -7,9 +7,6 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from importlib import import_module
 
-#: The room whose pages show results. It reads designs, so it is loaded when one is shown or saved.
-PAGES = "flexhinf.pages"
-
 
 class Summarised(abc.ABC):
     """Base of public results: `summary` is written once, ``__repr__`` and ``_repr_html_`` follow from it.
@@ -34,7 +31,8 @@ class Pictured(Summarised):
     """Base of results that show pictures in a notebook too, below their table."""
 
     def _repr_html_(self) -> str:
-        pictures: str = import_module(PAGES).notebook_pictures(self)
+        # The room of pages reads designs, so it is loaded when one is shown.
+        pictures: str = import_module("flexhinf.pages").notebook_pictures(self)
         return super()._repr_html_() + pictures
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from flexhinf.design.specification import TOLERANCE
 from flexhinf.design.verdict import display_unit
-from flexhinf.notebook import PAGES, Pictured
+from flexhinf.notebook import Pictured
 from flexhinf.report import number
 
 #: The requirement of the links' speeds.
@@ -112,4 +112,4 @@ class Reported(Pictured):
     def save(self, folder: str | Path) -> Path:
         """Write the report and its numbers, of a design also the controller, every run and ``design.toml``, into a
         folder, which is returned. `flexhinf.load_design` and `flexhinf.load_controller` take this folder."""
-        return import_module(PAGES).write_report(self, folder)
+        return import_module("flexhinf.pages").write_report(self, folder)
