@@ -103,30 +103,31 @@ def tracked(folder: Path, names: dict[str, Any]) -> str:
 
 
 def wired(into: list[str], box: list[str], out: list[str]) -> str:
-    """A box with what comes in on the left and what goes out on the right, as SVG."""
+    """A box with what comes in above it and what goes out below it, as SVG whose letters a telephone can show."""
     from flexhinf.report import INK, SERIES
 
-    rows = max(len(into), len(out), len(box))
-    high = 46 * rows + 40
-    parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 760 {high}" font-family="sans-serif" font-size="15">',
-        f'<rect width="760" height="{high}" fill="white"/>',
-        f'<g stroke="{INK}" stroke-width="1.6"><rect x="270" y="12" width="220" '
-        f'height="{high - 24}" rx="8" fill="none"/>',
+    line, top = 22, 22 * len(into) + 48
+    below = top + line * len(box) + 20
+    high = below + 48 + line * len(out)
+    texts = [(18 + line * k, entry, "") for k, entry in enumerate(into)]
+    texts += [(top + 24 + line * k, entry, "" if k else ' font-weight="bold"') for k, entry in enumerate(box)]
+    texts += [(below + 56 + line * k, entry, "") for k, entry in enumerate(out)]
+    arrows = [
+        f'<path d="M 240 {y} v 26" stroke="{colour}" stroke-width="2"/><path d="M 240 {y + 36} l -6 -11 h 12 z"/>'
+        for y, colour in ((top - 38, SERIES[0]), (below + 2, SERIES[1]))
     ]
-    texts = []
-    for left, entries in ((True, into), (False, out)):
-        for k, entry in enumerate(entries):
-            y = high * (k + 1) / (len(entries) + 1)
-            x = 10 if left else 498
-            parts.append(f'<path d="M {x} {y:.0f} h 244" stroke="{SERIES[0 if left else 1]}" fill="none"/>')
-            parts.append(f'<path d="M {x + 252} {y:.0f} l -9 -5 v 10 z" fill="{INK}" stroke="none"/>')
-            texts.append(f'<text x="{x + 2}" y="{y - 7:.0f}">{entry}</text>')
-    for k, line in enumerate(box):
-        y = high / 2 + 22 * (k - (len(box) - 1) / 2) + 5
-        bold = ' font-weight="bold"' if k == 0 else ""
-        texts.append(f'<text x="380" y="{y:.0f}" text-anchor="middle"{bold}>{line}</text>')
-    return "\n".join([*parts, f'</g><g fill="{INK}">', *texts, "</g></svg>", ""])
+    return "\n".join(
+        [
+            f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 480 {high}" font-family="sans-serif" '
+            f'font-size="16" fill="{INK}" text-anchor="middle">',
+            f'<rect width="480" height="{high}" fill="white"/>',
+            f'<rect x="110" y="{top}" width="260" height="{below - top}" rx="8" fill="none" stroke="{INK}"/>',
+            *arrows,
+            *(f'<text x="240" y="{y}"{bold}>{entry}</text>' for y, entry, bold in texts),
+            "</svg>",
+            "",
+        ]
+    )
 
 
 def exported(folder: Path, names: dict[str, Any]) -> str:
