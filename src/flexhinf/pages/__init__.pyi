@@ -70,6 +70,7 @@ from .page import (
     robots_table as robots_table,
     verdict as verdict,
 )
+from .pictures import notebook_pictures as notebook_pictures
 from .robot_check import (
     checked_robot_ending as checked_robot_ending,
     checked_robot_files as checked_robot_files,

@@ -60,6 +60,7 @@ from flexhinf.pages.workspace_summary import (
 )
 from flexhinf.report import (
     INK,
+    Figure,
     Page,
     Paragraph,
     Provenance,
@@ -88,12 +89,7 @@ def workspace_page(
     setup, loops = design.setup, design.loops
     robot, s, tolerated = setup.robot, setup.specification, design.robustness
     with house_style():
-        lead = moves_lead(
-            robot,
-            (*design.moves, *design.sampled),
-            _worst_move(design),
-            units_in(design),
-        )
+        lead = workspace_lead(design)
         sections = (
             Section(
                 "Requirements",
@@ -327,6 +323,12 @@ def _slower_moves(design: WorkspaceEvidence) -> int:
         move.plan.duration > shortest_time(design.setup.limits, move.response.start, move.response.goal)
         for move in design.moves
     )
+
+
+def workspace_lead(design: WorkspaceEvidence) -> list[Figure]:
+    """The pictures of the first screen: the move in which most error remains, and the arm in it."""
+    moves = (*design.moves, *design.sampled)
+    return moves_lead(design.setup.robot, moves, _worst_move(design), units_in(design))
 
 
 def _worst_move(design: WorkspaceEvidence) -> int:
