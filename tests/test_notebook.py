@@ -72,8 +72,8 @@ def test_a_robot_shows_its_arm_below_its_table() -> None:
 
 @pytest.mark.costs("a design of one pose")
 def test_a_design_shows_its_step() -> None:
-    quick = {
-        "degrees": "2",
+    quick: dict[str, Any] = {
+        "degrees": (2,),
         "draws": 0,
         "rays": 0,
         "proof_seconds": 0,
