@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from base64 import b64decode
+from typing import Any
 
 import numpy as np
 import pytest
@@ -71,14 +72,16 @@ def test_a_robot_shows_its_arm_below_its_table() -> None:
 
 @pytest.mark.costs("a design of one pose")
 def test_a_design_shows_its_step() -> None:
-    quick = {
-        "degrees": "2",
+    quick: dict[str, Any] = {
+        "degrees": (2,),
         "draws": 0,
         "rays": 0,
         "proof_seconds": 0,
         "compare_rigid": False,
         "estimator": "none",
     }
-    html = fh.design(fh.load_robot("paper"), fh.Specification(pose="10deg", start="0", **quick))._repr_html_()
+    html = fh.design(
+        fh.load_robot("paper"), fh.Specification(pose=(0.17,), start=(0.0,), **quick)
+    )._repr_html_()
     assert html.count("<img") == 2
     assert 'alt="The step"' in html

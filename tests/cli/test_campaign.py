@@ -9,7 +9,10 @@ import re
 import shlex
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 from tests.builders import arm_controller, report_numbers
 from tests.design.test_campaign_metrics import check_by_signals
@@ -26,6 +29,7 @@ from flexhinf.campaign.manifest import read_sealed, sealed
 from flexhinf.cli import main
 from flexhinf.design.campaign_folder import stored_campaign, stored_gains, stored_request
 from flexhinf.design.design_file import meant_file, read_request
+from flexhinf.pages.campaign import display_scale
 from flexhinf.pages.campaign_parts import percent_text
 
 pytest.importorskip("pyarrow")
@@ -59,6 +63,16 @@ def judged(folder: Path) -> Path:
 
 def said(capsys: pytest.CaptureFixture[str]) -> str:
     return "".join(capsys.readouterr())
+
+
+def test_a_page_has_the_angles_of_the_page_of_its_design() -> None:
+    settings = {"design angle_unit": "deg"}
+    judged: Any = SimpleNamespace(table=SimpleNamespace(journal=SimpleNamespace(settings=settings)))
+    assert display_scale(judged, "rad") == (pytest.approx(180.0 / np.pi), "°")
+    assert display_scale(judged, "rad/s")[1] == "°/s"
+    assert display_scale(judged, "V") == (1.0, "V")
+    settings.clear()
+    assert display_scale(judged, "rad") == (1.0, "rad")
 
 
 @pytest.mark.ci("a campaign, again after damage, and two replays")

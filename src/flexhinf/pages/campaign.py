@@ -392,7 +392,7 @@ def _worst_disturbance(judged: CampaignJudgement, gains: GainResults) -> list[An
     ]  # fmt: skip
 
 
-def shown_in(judged: CampaignJudgement, unit: str) -> tuple[float, str]:
+def display_scale(judged: CampaignJudgement, unit: str) -> tuple[float, str]:
     """Factor and unit in which numbers of a unit are shown: angles as on the page of the design."""
     degrees = judged.table.journal.settings.get("design angle_unit") == "deg"
     return (
@@ -424,7 +424,7 @@ def _signals(judged: CampaignJudgement) -> list[Any]:
             spreads[k] = float(np.ptp(trace[:, trace.shape[1] // 2 :], axis=0).max()) / float(np.ptp(trace))
     close = int(np.argmax(spreads))
     panels = (*range(len(names)), close)
-    scales = [shown_in(judged, judged.table.unit(name)) for name in names]
+    scales = [display_scale(judged, judged.table.unit(name)) for name in names]
     labels = [(names[k].removeprefix(TRACE).replace("_", " "), scales[k][1]) for k in panels]
     figure, axes = new_figure(len(panels), labels=labels)
     for axis, k in zip(axes, panels):
@@ -458,10 +458,10 @@ def _metrics(judged: CampaignJudgement) -> list[Any]:
             ("", "unit", "least", "5 % are below", "median", "95 % are below", "largest", "sample of the worst"),
             [
                 (
-                    metric_text(name), shown_in(judged, judged.table.unit(name))[1],
+                    metric_text(name), display_scale(judged, judged.table.unit(name))[1],
                     *(
                         "never" if np.isinf(x)
-                        else number(shown_in(judged, judged.table.unit(name))[0] * float(x), 3)
+                        else number(display_scale(judged, judged.table.unit(name))[0] * float(x), 3)
                         for x in judged.quantiles(name)
                     ),
                     judged.worst(name),
@@ -480,9 +480,9 @@ def _histograms(judged: CampaignJudgement, names: Sequence[str]) -> list[Any]:
     if not varied:
         return []
     figure, axes = small_panels(len(varied), 1.9)
-    for k, (axis, (name, found)) in enumerate(zip(axes, varied.items())):
-        factor, unit = shown_in(judged, judged.table.unit(name))
-        values, most = factor * found, factor * np.abs(found).max()
+    for k, (axis, (name, raw)) in enumerate(zip(axes, varied.items())):
+        factor, unit = display_scale(judged, judged.table.unit(name))
+        values, most = factor * raw, factor * np.abs(raw).max()
         histogram(axis, judged, name, unit, values, "samples" if k % 3 == 0 else "")
         few_ticks(axis, most, "x")
         for rule in judged.requirements:
