@@ -215,7 +215,7 @@ class Translator:
                     yield f"{name}({source}, {target}, {size});"
             elif isinstance(step, Guard):
                 arguments = f"{self._at(step.source, loops)}, {self._size(step.source)}"
-                finite = f"{self._helper('finite', 'finite')}({arguments})"
+                finite = self._helper("finite", "finite") + f"({arguments})"
                 code = self._codes.get(step.code, str(step.code))
                 yield from block(f"if ({finite} == 0) {{", [f"return {code};"])
             else:
