@@ -40,7 +40,7 @@ ROOMS = {
     "kernel of the checker": ("certify/kernel.py",),
     "export": ("export/**/*.py",),
 }
-TEMPLATES = "export/templates"
+TEMPLATES = ("export/templates", "codegen/c/templates")
 
 
 def main() -> int:
@@ -140,7 +140,7 @@ def lengths() -> dict[str, int]:
         f"statements of {room}": sum(sum(1 for _ in statements(file.read_text("utf-8"))) for file in own)
         for room, own in files.items()
     }
-    templates = (file for file in (PACKAGE / TEMPLATES).rglob("*") if file.is_file())
+    templates = (file for folder in TEMPLATES for file in (PACKAGE / folder).rglob("*") if file.is_file())
     lines = sum(len(file.read_text("utf-8").splitlines()) for file in templates)
     return counts | {"lines of templates": lines}
 

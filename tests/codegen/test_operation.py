@@ -68,5 +68,5 @@ def test_the_printed_file_adds_it(repository: Path, tmp_path: Path) -> None:
 
 
 def test_sine_is_no_row_that_others_replace() -> None:
-    with refused_with(InvalidInput, "OP_SIN", "codegen/c/sines.py"):
+    with refused_with(InvalidInput, "OP_SIN", "codegen/c/templates/turning.c"):
         register(OPERATIONS[casadi.OP_SIN])

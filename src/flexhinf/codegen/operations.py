@@ -294,7 +294,7 @@ def register(row: OperationKind) -> None:
         row.code in TURNS,
         "Sine and cosine cannot be replaced by a row.",
         f"expected another opcode of CasADi, got {NAMES.get(row.code, row.code)}",
-        "a change of codegen/emit/sines.py and codegen/c/sines.py, which compute the same bits",
+        "a change of codegen/emit/sines.py and codegen/c/templates/turning.c, which compute the same bits",
     )
     _enter(row)
     _ADDED[row.code] = row

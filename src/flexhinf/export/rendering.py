@@ -16,11 +16,12 @@ from typing import Final
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
-from jinja2 import Environment, FunctionLoader, StrictUndefined
+from jinja2 import Environment
 from markupsafe import Markup
 
 from flexhinf import __version__
 from flexhinf.codegen.c import Real, comment, constant, folded
+from flexhinf.codegen.c.functions import template_reader
 
 #: Endings of the files in which every value is escaped, and of those whose lines of C are folded.
 ESCAPED, FOLDED = (".xml", ".html"), (".c", ".h", ".ino")
@@ -180,15 +181,6 @@ def environment() -> Environment:
         folder = root if name.startswith("web/") else root / "templates"
         return (folder / name).read_text(encoding="utf-8")
 
-    created = Environment(
-        loader=FunctionLoader(source),
-        variable_start_string="@{",
-        variable_end_string="}",
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        undefined=StrictUndefined,
-        autoescape=lambda name: name is not None and name.endswith(ESCAPED),
-    )
+    created = template_reader(source, lambda name: name is not None and name.endswith(ESCAPED))
     created.filters.update(FILTERS)
     return created

@@ -1,12 +1,13 @@
 """The text of exported C: what stands in one line, what has a name, what is a condition."""
 
 import re
+from pathlib import Path
 
 import casadi
 import numpy as np
 import pytest
 
-from flexhinf.codegen.c import Real, Translator, constant, folded
+from flexhinf.codegen.c import Real, Translator, constant, folded, functions
 from flexhinf.codegen.c.expression import MOST
 
 X = casadi.SX.sym("x", 4)
@@ -81,6 +82,18 @@ def test_expressions_and_functions_are_bounded() -> None:
     written = [line for body in bodies for line in body.splitlines()]
     assert max(map(len, written)) <= 132
     assert max(len(re.findall(r"FMA\(| [-+*/] |c_sin\(", line)) for line in written if " v" in line) <= MOST
+
+
+def test_every_template_of_a_function_is_used() -> None:
+    folder = Path(functions.__file__).parent
+    named = "".join(path.read_text("utf-8") for path in [*folder.glob("*.py"), *folder.glob("templates/*")])
+    templates = {path.name for path in (folder / "templates").iterdir()}
+    assert len(templates) > 10
+    assert [
+        t
+        for t in templates
+        if not {f'"{t}"', f'"{t.removesuffix(".c")}"'} & set(re.findall(r'"[^"\n]+"', named))
+    ] == []
 
 
 def test_lines_are_folded() -> None:

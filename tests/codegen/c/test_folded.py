@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from flexhinf.codegen.c import folded
-from flexhinf.codegen.c.function import WIDTH
+from flexhinf.codegen.c.layout import WIDTH
 
 
 def test_words_of_a_comment_flow_into_its_next_line() -> None:

@@ -7,5 +7,5 @@ from flexhinf.codegen.c.algebra import (
     constant as constant,
     pivot_tolerance as pivot_tolerance,
 )
-from flexhinf.codegen.c.function import folded as folded
+from flexhinf.codegen.c.layout import folded as folded
 from flexhinf.codegen.c.module import Translator as Translator

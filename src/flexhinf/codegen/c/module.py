@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Container, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Hashable, Iterable, Iterator, Mapping, Sequence
 from itertools import count
 from types import MappingProxyType
 from typing import Any
 
 import casadi
 
-from flexhinf.codegen.c import algebra, sines, small
+from flexhinf.codegen.c import algebra, functions
 from flexhinf.codegen.c.algebra import KEYWORDS, Real, constant
-from flexhinf.codegen.c.function import (
-    FunctionText,
-    block,
-    headed,
-    loop,
-)
+from flexhinf.codegen.c.function import FunctionText
+from flexhinf.codegen.c.layout import block, headed, loop
 from flexhinf.codegen.c.parts import Parts
 from flexhinf.codegen.dataflow import read_dataflow
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, overlap, whole
@@ -185,25 +181,27 @@ class Translator:
             elif isinstance(step, Polynomial):
                 sizes = step.point.size, step.target.size, step.columns
                 short = f"polynomials{''.join(f'_{number}' for number in (*sizes, *step.degrees))}"
-                name = self._helper(short, algebra.polynomial, *sizes, step.degrees)
+                name = self._helper(short, "polynomial", **functions.polynomial(*sizes, step.degrees))
                 places = [self._at(piece, loops) for piece in (step.point, step.table, step.target)]
                 yield f"{name}({', '.join(places)});"
             elif isinstance(step, Cholesky):
                 places = self._at(step.source, loops), self._at(step.target, loops)
-                if self.lanes == 1 and step.order <= small.ORDER:
+                if self.lanes == 1 and step.order <= functions.ORDER:
                     short = f"cholesky{step.order}"
-                    name = self._helper(short, small.cholesky, step.order, self.real)
+                    name = self._helper(
+                        short, "small_factor", **functions.small_factor(step.order, self.real)
+                    )
                     yield f"{name}({', '.join(places)});"
                 else:
-                    name = self._helper("cholesky", algebra.cholesky, self.real)
+                    name = self._helper("cholesky", "factor")
                     yield f"{name}({', '.join(places)}, {step.order});"
             elif isinstance(step, Householder):
-                name = self._helper("reflect", algebra.householder, self.real)
+                name = self._helper("reflect", "reflections")
                 places = self._at(step.source, loops), self._at(step.target, loops)
                 sizes = *step.shape, step.count, step.triangle
                 yield f"{name}({', '.join([*places, *map(str, sizes)])});"
             elif isinstance(step, Residual):
-                name = self._helper("residual", algebra.residual, self.real)
+                name = self._helper("residual", "residual")
                 places = [self._at(piece, loops) for piece in (step.rows, step.slope, step.target)]
                 yield f"{name}({', '.join(places)}, {step.count}, {step.shape[0]}, {step.shape[1]});"
             elif isinstance(step, Copy):
@@ -213,11 +211,11 @@ class Translator:
                     yield from loop("i", size, [f"({target})[i] = ({source})[i / {self._columns}];"])
                 else:
                     near = overlap(step.source, step.target) or step.source.strides or step.target.strides
-                    name = self._helper("move", algebra.MOVE) if near else self._helper("copy", algebra.COPY)
+                    name = self._helper("move", "move") if near else self._helper("copy", "copy")
                     yield f"{name}({source}, {target}, {size});"
             elif isinstance(step, Guard):
                 arguments = f"{self._at(step.source, loops)}, {self._size(step.source)}"
-                finite = f"{self._helper('finite', algebra.FINITE)}({arguments})"
+                finite = self._helper("finite", "finite") + f"({arguments})"
                 code = self._codes.get(step.code, str(step.code))
                 yield from block(f"if ({finite} == 0) {{", [f"return {code};"])
             else:
@@ -287,18 +285,20 @@ class Translator:
 
     def _outer_sum(self, step: OuterSum, loops: Sequence[str]) -> str:
         (rows, columns), flags = step.shape, (step.weights is not None, step.plus is not None, step.symmetric)
-        if self.lanes == 1 and rows * columns <= small.FEW:
+        if self.lanes == 1 and rows * columns <= functions.FEW:
             letters = "".join(letter for letter, flag in zip("wps", flags) if flag)
             short = f"sum{letters}_{rows}_{columns}"
-            name = self._helper(short, small.outer_sum, *flags, rows, columns)
+            sizes = functions.small_sum(rows, columns, step.symmetric)
+            name = self._helper(short, "small_sum", weighted=flags[0], added=flags[1], **sizes)
             pieces = [step.left, None if step.symmetric else step.right, step.weights, step.plus, step.target]
             places = [self._at(piece, loops) for piece in pieces if piece is not None]
             return f"{name}({', '.join(places)}, {step.count});"
         apart = step.plus is None or not overlap(step.plus, step.target)
-        wide = algebra.WIDE if apart and step.shape[1] >= algebra.WIDE else 1
-        tall = algebra.TALL if wide > 1 and step.shape[0] >= algebra.TALL else 1
+        wide = functions.WIDE if apart and step.shape[1] >= functions.WIDE else 1
+        tall = functions.TALL if wide > 1 and step.shape[0] >= functions.TALL else 1
         short = "sum" + "".join(letter for letter, flag in zip("wpsvt", (*flags, wide > 1, tall > 1)) if flag)
-        name = self._helper(short, algebra.outer_sum, *flags, tall, wide)
+        known = dict(zip(("weighted", "added", "symmetric"), flags))
+        name = self._helper(short, "sum", **known, tall=tall, wide=wide)
         pieces = [step.left, step.right, step.weights, step.plus, step.target]
         places = [self._at(piece, loops) for piece in pieces if piece is not None]
         return f"{name}({', '.join(places)}, {step.count}, {rows}, {columns});"
@@ -415,10 +415,10 @@ class Translator:
         along, across = columns.moves
         ends = f"{start} + {_times('c', across)}, {place}"
         if lanes == 1:
-            name = self._helper("gather" if read else "scatter", algebra.column, read)
+            name = self._helper("gather" if read else "scatter", "column", read=read)
             return f"{name}({ends}, {columns.size}, {along});"
         short = ("pack" if read else "unpack") + "_rows" * (across == 1)
-        name = self._helper(short, algebra.columns, read, lanes, across == 1)
+        name = self._helper(short, "columns", read=read, lanes=lanes, neighbours=across == 1)
         return f"{name}({ends}, {columns.size}, {along}, {across}, {left});"
 
     # Functions ----------------------------------------------------------------------------------------
@@ -526,30 +526,21 @@ class Translator:
     def _sine(self, code: int) -> str:
         """The name of the sine or the cosine."""
         if self.real.name == "double":
-            return self._helper(TURNS[code], sines.function, code == casadi.OP_COS, self.real)
-        turned = self._helper("turned", sines.turned, self._helper("far", sines.far))
-        return self._helper(TURNS[code], sines.short_function, code == casadi.OP_COS, turned)
+            return self._helper(TURNS[code], "turn", of_cosine=code == casadi.OP_COS)
+        turned = self._helper("turned", "turned", far=self._helper("far", "far"))
+        return self._helper(TURNS[code], "short_turn", of_cosine=code == casadi.OP_COS, turned=turned)
 
     def _row(self, codes: tuple[int, ...]) -> str:
         short = "".join(TURNS[code] for code in codes) + "_row"
         ones = {code == casadi.OP_COS: f"{self.prefix}_{TURNS[code]}" for code in codes}
-        return self._helper(short, sines.row_function, ones, self.real, self.lanes)
+        ones = {of_cosine: ones[of_cosine] for of_cosine in sorted(ones)}
+        begins = {of_cosine: ("cosine" if of_cosine else "sine") + "[l] =" for of_cosine in ones}
+        return self._helper(short, "turn_row", ones=ones, begins=begins, lanes=self.lanes)
 
-    def _helper(self, short: str, make: str | Callable[..., str], *arguments: Any) -> str:
+    def _helper(self, short: str, template: str, **values: object) -> str:
         name = f"{self.prefix}_{short}"
         if name not in self.functions:
-            real, text = self.real, make if isinstance(make, str) else make(name, *arguments)
-            for mark, meant in (
-                ("{name}", name),
-                ("{R}", real.name),
-                ("{0}", constant(0.0, real)),
-                ("{1}", constant(1.0, real)),
-                ("{fabs}", f"fabs{real.suffix}"),
-                ("{sqrt}", f"sqrt{real.suffix}"),
-                ("{copysign}", f"copysign{real.suffix}"),
-            ):
-                text = text.replace(mark, meant)
-            self.functions[name] = text if isinstance(make, str) else _headed(make.__doc__ or "", text)
+            self.functions[name] = functions.function_text(template, name, self.real, **values)
         return name
 
 

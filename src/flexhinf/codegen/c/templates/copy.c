@@ -1,0 +1,7 @@
+/* Copy numbers from one place to another, apart from it. */
+static NOINLINE void @{name}(const @{R} *RESTRICT source, @{R} *RESTRICT target, int count)
+{
+    for (int i = 0; i < count; ++i) {
+        target[i] = source[i];
+    }
+}

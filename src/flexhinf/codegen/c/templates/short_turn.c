@@ -1,0 +1,9 @@
+/* sin or cos in float */
+static float @{name}(float x)
+{
+{% if of_cosine %}
+    return @{turned}(fabsf(x), 1u);
+{% else %}
+    return @{turned}(fabsf(x), 0u) * copysignf(1.0f, x);
+{% endif %}
+}
