@@ -72,10 +72,9 @@ def provocations(
         numbers = held(_other_numbers(code.controller, code.defaults, zeros))
         y, r, repeats, lasting = _given(code.controller, numbers, first, size)
         state = None if not code.starts_anywhere or code.belief is None else held(_elsewhere(code.belief, size))
-        memory, looked = code.controller.initial_memory(), (4 * ROWS, len(y) - 1)
-        one = Provocation(
-            held(y), held(r), repeats, numbers, state, held(_pushed(code.controller, numbers)), memory, ROWS, looked
-        )
+        memory, looked = code.controller.initial_memory(), (4 * ROWS if lasting.stop else len(y) - 2, len(y) - 1)
+        start = state, held(_pushed(code.controller, numbers))
+        one = Provocation(held(y), held(r), repeats, numbers, *start, memory, ROWS, looked)
         with suppress(NumericalFailure):
             tried = one.first(code.controller)
             one = replace(one, memory=held(_without_zeros(code.controller, tried.memories[0])))
@@ -151,7 +150,7 @@ def _given(
     places = [c.states.index(name) for name in c.tracked] if c.mode.moving else list(range(command.size))
     judged = c.mode.checks_measurements or getattr(c.estimator, "gate", None) is not None
     swing, noise = (0.0, QUIET) if judged else (size * AWAY, size * NOISE)
-    y, r, repeats, pushed = list[np.ndarray](), list[np.ndarray](), list[int](), slice(0)
+    y, r, repeats, pushed = list[np.ndarray](), list[np.ndarray](), list[int](), slice(0, 0)
 
     def act(away: float, commanded: Any, times: int, rows: int = ROWS, rings: bool = False) -> None:
         for k in range(rows):
@@ -164,6 +163,9 @@ def _given(
 
     act(0.0, 0.0, 1)
     act(0.0, 0.2 * size * AWAY, 1)
+    for k in range(len(first) if c.gaps and len(first) > 1 else 0):
+        act(0.0, 0.0, 1, 2)
+        y[-1][k] = np.nan  # one sensor gave nothing
     if watch is not None and places:
         near = size * NEAR * float(np.min(np.minimum(c.data.named(numbers).following, 2.0 * AWAY)))
         lasting = math.ceil(2.0 * watch.saturation_time / c.period / ROWS)

@@ -217,10 +217,31 @@ static void overwritten_parts(void)
         }
         expect(output.estimate[0] >= 0 && output.estimate[0] <= 0, "an estimate of zero where it was overwritten");
     }
-    for (int i = 0; i < @{NAME}_MEMORY; ++i) {
-        state.start[i] = (@{name}_real)NAN;
+    for (int k = 0; k < 2; ++k) { /* every memory, or what is applied until there is a measurement */
+        give();
+        for (int j = 0; j < 3 && k == 0; ++j) {
+            (void)step();
+        }
+        input.measured = (k == 0) ? 1 : 0;
+        for (int i = 0; i < @{NAME}_MEMORY; ++i) {
+            state.start[i] = (@{name}_real)NAN;
+            state.older[i] = (@{name}_real)NAN;
+            state.memory[i] = (k == 0) ? (@{name}_real)NAN : state.memory[i];
+        }
+        if (PREDICTS && k == 0) {
+            expect(holds(@{NAME}_BAD_RESULT) && holds(@{NAME}_WENT_BACK), "WENT_BACK where every memory was overwritten");
+            expect(step() == @{NAME}_OK, "OK after every memory was overwritten");
+        }
+        for (int i = 0; i < @{NAME}_INPUTS && k == 1; ++i) {
+            state.held[i] = (@{name}_real)NAN;
+        }
+        (void)step();
     }
-    (void)step();
+    expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
+    give();
+    state.refused = @{NAME}_BAD_ARITHMETIC; /* as @{name}_init may find */
+    expect(step() == @{NAME}_BAD_ARITHMETIC && holds(@{NAME}_BAD_ARITHMETIC), "BAD_ARITHMETIC, and nothing is computed");
+    input.measured = 0;
     expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
     state.unseen[0] = 32766;
     (void)step();
