@@ -8,7 +8,7 @@ arm that rings, commands leave the workspace, or rest far from where the robot i
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -44,6 +44,9 @@ NOISE, QUIET = 2e-4, 1e-6
 #: By how much covariances are changed, relative to the largest; where an end is put that an input is pushed to.
 KICK, AT_END = 1e-3, 0.8
 
+#: Memories that are tried, the rows that each is followed by, and the seed of their numbers.
+KINDS, EACH, SEED = 6, 3, 1
+
 #: Rows of each act, and the samples of a swing to and fro: short enough to be one, long enough for the law to answer.
 ROWS, RING = 12, 7
 
@@ -72,15 +75,54 @@ def provocations(
         numbers = held(_other_numbers(code.controller, code.defaults, zeros))
         y, r, repeats, lasting = _given(code.controller, numbers, first, size)
         state = None if not code.starts_anywhere or code.belief is None else held(_elsewhere(code.belief, size))
-        memory, looked = code.controller.initial_memory(), (4 * ROWS if lasting.stop else len(y) - 2, len(y) - 1)
-        start = state, held(_pushed(code.controller, numbers))
-        one = Provocation(held(y), held(r), repeats, numbers, *start, memory, ROWS, looked)
+        one = Provocation(held(y), held(r), repeats, numbers, state, held(_pushed(code.controller, numbers)), {})
         with suppress(NumericalFailure):
-            tried = one.first(code.controller)
-            one = replace(one, memory=held(_without_zeros(code.controller, tried.memories[0])))
-            whole = one.answered(code.controller)
-            numbers = held(_saturated(code.controller, numbers, whole.u, lasting))
-            yield replace(one, numbers=numbers, input=held(_pushed(code.controller, numbers)))
+            numbers = held(_saturated(code.controller, numbers, one.answered(code.controller).u, lasting))
+            pushed = held(_pushed(code.controller, numbers))
+            yield _with_memories(replace(one, numbers=numbers, input=pushed), code.controller, held)
+
+
+def _with_memories(
+    one: Provocation, controller: Controller, held: Callable[[np.ndarray], np.ndarray]
+) -> Provocation:
+    """With rows in which the controller goes on from other memories, of those that end in finite numbers."""
+    rows = slice(0, EACH)
+    for memory in map(held, _memories(controller)):
+        memories = {**one.memories, len(one.y): memory}
+        y, r = np.vstack([one.y, one.y[rows]]), np.vstack([one.r, one.r[rows]])
+        if controller.gaps and y.shape[1] > 1:
+            y[-1][len(memories) % y.shape[1]] = np.nan  # one sensor gave nothing
+        longer = replace(one, y=y, r=r, repeats=[*one.repeats, *[1] * EACH], memories=memories)
+        with suppress(NumericalFailure):
+            longer.answered(controller)
+            one = longer
+    return one
+
+
+def _memories(controller: Controller) -> Iterator[np.ndarray]:
+    """Memories whose covariances, or roots of them, have other structures: nothing is zero, rows of other sizes, rows
+    that vanish, all zero, and signs that change."""
+    first = controller.initial_memory()
+    rng = np.random.default_rng(SEED)
+    for kind in range(KINDS):
+        memory = np.array(first)
+        belief = () if controller.estimator is None else controller.memory.named(memory).belief
+        parts = [part for part in map(np.asarray, belief) if part.ndim == 2 and part.any()]
+        for part in parts:
+            n = len(part)
+            if kind in (0, 4, 5):
+                part += KICK * np.abs(part).max() * rng.standard_normal(part.shape)
+            if kind in (1, 4, 5):
+                sizes = 10.0 ** rng.uniform(-2.0, 2.0, n)
+                part *= np.sqrt(np.outer(sizes, sizes)) if np.array_equal(part, part.T) else sizes[:, None]
+            if kind == 2:
+                part[n // 2], part[:, n // 2] = 0.0, 0.0
+            if kind == 3:
+                part[:] = 0.0
+            if kind == 5:
+                part *= np.where(np.arange(n) % 2, -1.0, 1.0)[:, None]
+        if parts:
+            yield memory
 
 
 def _other_numbers(controller: Controller, numbers: np.ndarray, zeros: bool) -> np.ndarray:
@@ -109,19 +151,6 @@ def _pushed(controller: Controller, numbers: np.ndarray) -> np.ndarray:
     lower, upper = numbers[places["lower"]], numbers[places["upper"]]
     room = np.where(np.isfinite(upper), upper - u, 1.0)
     return np.clip(u + 0.1 * room, lower, upper)
-
-
-def _without_zeros(controller: Controller, memory: np.ndarray) -> np.ndarray:
-    """A memory in which covariances, or their roots, have no zeros by their structure."""
-    changed = np.array(memory)
-    if controller.estimator is None:
-        return changed
-    belief = controller.memory.named(changed).belief
-    for part in belief:
-        part = np.asarray(part)
-        if part.ndim == 2:
-            part += KICK * np.abs(part).max() * np.cos(1.0 + np.arange(part.size)).reshape(part.shape)
-    return changed
 
 
 def _saturated(

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -29,8 +30,11 @@ BEYOND, FARTHEST = 1.5, 10.0
 #: Largest standard deviation of the noise in a recorded loop, in the unit of the measurement: the swing is to be seen.
 LOUDEST = 0.1 * SWING
 
+#: No memory is replaced.
+NONE: Mapping[int, np.ndarray] = MappingProxyType({})
+
 #: Fields of a recording that are lists, a number or a text for each row.
-LISTS = ("kinds", "codes", "status", "path_rate", "doubtful", "memories")
+LISTS = ("kinds", "codes", "status", "path_rate", "doubtful", "hashes")
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +42,7 @@ class Provocation:
     """What is given to a controller: `y` (K, p) and `r` (K, k), each for so many samples as `repeats` says.
 
     `numbers`: Those of the step in place of the design's. `state`, `input`: Where it starts; None as it does by itself.
-    `memory`: What its memory is replaced by before row `replaced`: one in which nothing is zero by its structure.
-    `looked`: Rows after which the memory is compared.
+    `memories`: What its memory is replaced by before some rows, by the number of the row.
     """
 
     y: np.ndarray
@@ -48,9 +51,7 @@ class Provocation:
     numbers: np.ndarray
     state: np.ndarray | None
     input: np.ndarray | None
-    memory: np.ndarray
-    replaced: int
-    looked: tuple[int, ...]
+    memories: dict[int, np.ndarray]
 
     def begun(self, controller: Controller) -> Controller:
         """A fresh controller with these numbers, started there."""
@@ -59,22 +60,10 @@ class Provocation:
         fresh.reset(self.state, self.input)
         return fresh
 
-    def first(self, controller: Controller) -> Recording:
-        """What a controller does in the rows before its memory is replaced, with its memory then."""
-        rows = slice(0, self.replaced)
-        return self._fed(self.begun(controller), rows, (self.replaced - 1,))
-
     def answered(self, controller: Controller) -> Recording:
         """What a controller does."""
-        fresh = self.begun(controller)
-        before = self._fed(fresh, slice(0, self.replaced))
-        history_of(fresh).memory[:] = self.memory
-        after = self._fed(fresh, slice(self.replaced, len(self.y)), [k - self.replaced for k in self.looked])
-        return before.behind(after)
-
-    def _fed(self, controller: Controller, rows: slice, looked: Sequence[int] = ()) -> Recording:
-        kinds = [MEASURED] * (rows.stop - rows.start)
-        return feed(controller, self.y[rows], self.r[rows], kinds, self.repeats[rows], looked)
+        kinds = [MEASURED] * len(self.y)
+        return feed(self.begun(controller), self.y, self.r, kinds, self.repeats, self.memories)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +73,8 @@ class Recording:
     `y`, `r`: (K, p), (K, max(1, k)) arrays, measurements and commands. `u`, `estimate`: (K, m), (K, n) arrays, outputs
     of the controller, held where the sample was refused. `kinds`: How each sample was given, see `replay`. `codes`:
     "OK", "PREDICTED" or "BAD_MEASUREMENT", one for each sample. `status`, `path_rate`, `rejected` (K, p), `doubtful`:
-    Those of the controller after each sample. `memories`: Of rows that are looked at, each (s,).
+    Those of the controller after each sample. `hashes`: `memory_hash` of what it
+    remembers then.
     `moved`: The first sample at which measured positions are moved from outside; None without any. `provocation`: What is
     given in the rows from `begun` on; each row before is one sample.
     """
@@ -99,7 +89,7 @@ class Recording:
     path_rate: list[float]
     rejected: np.ndarray
     doubtful: list[int]
-    memories: list[np.ndarray]
+    hashes: list[int]
     moved: int | None = None
     provocation: Provocation | None = None
 
@@ -193,6 +183,14 @@ def record(
     )
 
 
+def memory_hash(memory: np.ndarray) -> int:
+    """FNV-1a of the bits of numbers in double, eight bytes at a time: a test compares all of a memory by one number."""
+    found = 0xCBF29CE484222325
+    for bits in np.ascontiguousarray(memory, dtype=np.float64).view(np.uint64).tolist():
+        found = ((found ^ bits) * 0x100000001B3) % 2**64
+    return found
+
+
 def history_of(controller: Controller) -> StateHistory:
     """What a controller remembers, which only a test reads and replaces."""
     return controller._history  # pyright: ignore[reportPrivateUsage]
@@ -275,14 +273,16 @@ def feed(
     r: np.ndarray,
     kinds: list[str],
     repeats: Sequence[int] = (),
-    looked: Sequence[int] = (),
+    memories: Mapping[int, np.ndarray] = NONE,
 ) -> Recording:
-    """As `replay`, to this controller itself, with its memory after the rows that are looked at."""
+    """As `replay`, to this controller itself, with other memories before some rows."""
     y, repeats = np.array(y, dtype=float), repeats or [1] * len(y)
     held = np.asarray(fresh.input_before(), dtype=float)
-    inputs, estimates, codes, said, memories = [], [], [], [], list[np.ndarray]()
+    inputs, estimates, codes, said, hashes = [], [], [], [], []
     for k, kind in enumerate(kinds):
         code = kind
+        if k in memories:
+            history_of(fresh).memory[:] = memories[k]
         if kind == GAP:
             y[k, 0] = np.nan
             code = NOT_FINITE if not fresh.gaps else MEASURED if np.isfinite(y[k]).any() else MISSING
@@ -296,10 +296,10 @@ def feed(
         inputs.append(held)
         estimates.append(np.nan_to_num(fresh.estimate))
         said.append((int(fresh.status), fresh.path_rate, np.array(fresh.rejected), fresh.doubtful_samples))
-        memories += [history_of(fresh).memory.copy()] if k in looked else []
+        hashes.append(memory_hash(history_of(fresh).memory))
     r = r if r.shape[1] else np.zeros((len(y), 1))
     status, rates, rejected, doubtful = map(list, zip(*said, strict=True))
     return Recording(
         y, r, np.array(inputs), np.array(estimates), list(kinds), codes, status, rates, np.array(rejected), doubtful,
-        memories,
+        hashes,
     )

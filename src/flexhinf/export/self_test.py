@@ -139,6 +139,7 @@ def vector_values(code: ControllerCode, runs: Sequence[Recording], allowed: Accu
         "codes": [code.codes[kind].value for kind in run.codes],
         "repeats": run.repeats,
         "provocation": run.provocation,
+        "replaced": [run.begun + k for k in (run.provocation.memories if run.provocation else ())],
         "unseen": _unseen(run),
         "rejected": run.rejected,
         "runs": [
@@ -148,12 +149,12 @@ def vector_values(code: ControllerCode, runs: Sequence[Recording], allowed: Accu
                 "status": one.status if exact else sure_bits(one, allowed.said),
                 "path_rate": one.path_rate,
                 "doubtful": one.doubtful,
-                "memories": one.memories,
+                "hashes": [f"0x{number:016x}u" for number in one.hashes],
             }
             for one in runs
         ],
         "exact": exact,
-        "looked": [] if not exact or run.provocation is None else [run.begun + k for k in run.provocation.looked],
+        "hashes": exact and allowed.inputs[0] == 0.0,
         "part_of_row": [k for k, part in enumerate(run.parts.values()) for _ in range(part.stop - part.start)],
         "names_of_parts": [f", {name}" if name else "" for name in run.parts],
         "sizes": sizes,
