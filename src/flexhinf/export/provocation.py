@@ -69,7 +69,8 @@ def provocations(
     """
 
     def held(array: np.ndarray) -> np.ndarray:
-        return np.asarray(array).astype(exact).astype(float)
+        with np.errstate(over="ignore"):  # refused where it is written as a constant
+            return np.asarray(array).astype(exact).astype(float)
 
     for size, zeros in ((1.0, True), (1.0, False), (0.1, False), (0.01, False)):
         numbers = held(_other_numbers(code.controller, code.defaults, zeros))
@@ -161,11 +162,12 @@ def _saturated(
     if lasting.stop <= lasting.start:
         return changed
     lower, upper = changed[places["lower"]], changed[places["upper"]]
-    before, pushed = u[0], u[lasting][ROWS // 3]
-    end = before + AT_END * (pushed - before)
-    both = np.isfinite(lower) & np.isfinite(upper) & (pushed != before)
-    changed[places["upper"]] = np.where(both & (pushed > before), np.minimum(upper, end), upper)
-    changed[places["lower"]] = np.where(both & (pushed < before), np.maximum(lower, end), lower)
+    before, pushed = u[: lasting.start].mean(axis=0), u[lasting][ROWS // 3 :]
+    least, most = pushed.min(axis=0), pushed.max(axis=0)
+    both = np.isfinite(lower) & np.isfinite(upper)
+    up, down = both & (least > before), both & (most < before)
+    changed[places["upper"]] = np.where(up, np.minimum(upper, before + AT_END * (least - before)), upper)
+    changed[places["lower"]] = np.where(down, np.maximum(lower, before + AT_END * (most - before)), lower)
     return changed
 
 
