@@ -47,6 +47,9 @@ KICK, AT_END = 1e-3, 0.8
 #: Memories that are tried, the rows that each is followed by, and the seed of their numbers.
 KINDS, EACH, SEED = 6, 3, 1
 
+#: Numbers of a memory from which on only the first kinds are tried.
+LARGE = 200
+
 #: Rows of each act, and the samples of a swing to and fro: short enough to be one, long enough for the law to answer.
 ROWS, RING = 12, 7
 
@@ -102,24 +105,26 @@ def _with_memories(
 
 def _memories(controller: Controller) -> Iterator[np.ndarray]:
     """Memories whose covariances, or roots of them, have other structures: nothing is zero, rows of other sizes, rows
-    that vanish, all zero, and signs that change."""
+    that vanish, all zero, and signs that change; then of a small memory columns that vanish, and more sizes."""
     first = controller.initial_memory()
     rng = np.random.default_rng(SEED)
-    for kind in range(KINDS):
+    for kind in range(KINDS if first.size > LARGE else 3 * KINDS):
         memory = np.array(first)
         belief = () if controller.estimator is None else controller.memory.named(memory).belief
         parts = [part for part in map(np.asarray, belief) if part.ndim == 2 and part.any()]
         for part in parts:
             n = len(part)
-            if kind in (0, 4, 5):
+            if kind in (0, 4, 5) or kind >= 2 * KINDS:
                 part += KICK * np.abs(part).max() * rng.standard_normal(part.shape)
-            if kind in (1, 4, 5):
+            if kind in (1, 4, 5) or kind >= KINDS:
                 sizes = 10.0 ** rng.uniform(-2.0, 2.0, n)
                 part *= np.sqrt(np.outer(sizes, sizes)) if np.array_equal(part, part.T) else sizes[:, None]
             if kind == 2:
                 part[n // 2], part[:, n // 2] = 0.0, 0.0
             if kind == 3:
                 part[:] = 0.0
+            if KINDS <= kind < 2 * KINDS:
+                part[:, kind % n] = 0.0
             if kind == 5:
                 part *= np.where(np.arange(n) % 2, -1.0, 1.0)[:, None]
         if parts:

@@ -20,7 +20,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.compiled import build, compiler_flags
 from flexhinf.export.controller_c import ControllerCode
-from flexhinf.export.recording import MISSING, Recording
+from flexhinf.export.recording import MISSING, Recording, memory_hash
 from flexhinf.export.rendering import render_c
 from flexhinf.loop import Status
 
@@ -132,7 +132,11 @@ def vector_values(code: ControllerCode, runs: Sequence[Recording], allowed: Accu
         sizes.append(np.maximum(np.abs(run.u[part]).max(axis=0), 1e-30))
         sizes_of_estimates.append(np.maximum(largest, 1e-3 * largest.max()))
     exact = code.real.bytes == 8
+    kind = np.float64 if exact else np.float32
+    initial = code.controller.initial_memory()
+    tables = [f"0x{memory_hash(np.asarray(part, kind)):016x}u" for part in (code.defaults, initial)]
     return {
+        "tables": tables,
         "y": run.y,
         "r": run.r,
         "measured": [int(kind != MISSING) for kind in run.kinds],

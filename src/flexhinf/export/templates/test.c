@@ -216,20 +216,19 @@ static void compare_counts(int row)
 {% endif %}
 }
 
-{% if hashes %}
-/* Of all that is remembered: FNV-1a of the bits, a number at a time. */
-static uint64_t hash_of_memory(void)
+/* FNV-1a of the bits of numbers as doubles, a number at a time. */
+static uint64_t hash_of(const @{name}_real *numbers, int count)
 {
     uint64_t hash = 0xcbf29ce484222325u;
-    for (int i = 0; i < @{NAME}_MEMORY; ++i) {
+    for (int i = 0; i < count; ++i) {
+        const double number = (double)numbers[i];
         uint64_t bits;
-        memcpy(&bits, &state.memory[i], sizeof bits);
+        memcpy(&bits, &number, sizeof bits);
         hash = (hash ^ bits) * 0x100000001b3u;
     }
     return hash;
 }
 
-{% endif %}
 static void compare(int row)
 {
     const int part = part_of[row];
@@ -251,6 +250,8 @@ int main(void)
         printf("@{name}: flags of the compiler change results: FAILED\n");
         return 1;
     }
+    expect(hash_of(@{name}_defaults.value, @{NAME}_PARAMETERS) == @{tables[0]}); /* the numbers of the design, all of them */
+    expect(hash_of(state.start, @{NAME}_MEMORY) == @{tables[1]});
     for (int row = 0; row < GIVEN; ++row) {
         if (row == BEGUN) {
             provoke();
@@ -260,7 +261,7 @@ int main(void)
         compare(row);
         compare_counts(row);
 {% if hashes %}
-        expect(hash_of_memory() == expected_memory[RUN][row]);
+        expect(hash_of(state.memory, @{NAME}_MEMORY) == expected_memory[RUN][row]);
 {% endif %}
     }
     passed = (wrong_codes == 0) ? 1 : 0;
