@@ -45,7 +45,7 @@ NOISE, QUIET = 2e-4, 1e-6
 KICK, AT_END = 1e-3, 0.8
 
 #: Memories that are tried, the rows that each is followed by, and the seed of their numbers.
-KINDS, EACH, SEED = 6, 3, 1
+KINDS, EACH, SEED = 6, 4, 1
 
 #: Numbers of a memory from which on only the first kinds are tried.
 LARGE = 200
@@ -95,8 +95,10 @@ def _with_memories(
         memories = {**one.memories, len(one.y): memory}
         y, r = np.vstack([one.y, one.y[rows]]), np.vstack([one.r, one.r[rows]])
         if controller.gaps and y.shape[1] > 1:
-            y[-1][len(memories) % y.shape[1]] = np.nan  # one sensor gave nothing
-        longer = replace(one, y=y, r=r, repeats=[*one.repeats, *[1] * EACH], memories=memories)
+            y[-2][len(memories) % y.shape[1]] = np.nan  # one sensor gave nothing
+        without = (*one.unmeasured, *((len(one.y) + (len(memories) % 2), ) if controller.gaps else ()))
+        repeats = [*one.repeats, *[1] * EACH]
+        longer = replace(one, y=y, r=r, repeats=repeats, memories=memories, unmeasured=without)
         with suppress(NumericalFailure):
             longer.answered(controller)
             one = longer

@@ -42,7 +42,7 @@ class Provocation:
     """What is given to a controller: `y` (K, p) and `r` (K, k), each for so many samples as `repeats` says.
 
     `numbers`: Those of the step in place of the design's. `state`, `input`: Where it starts; None as it does by itself.
-    `memories`: What its memory is replaced by before some rows, by the number of the row.
+    `unmeasured`: Rows without a measurement. `memories`: What its memory is replaced by before some rows, by the number of the row.
     """
 
     y: np.ndarray
@@ -52,6 +52,7 @@ class Provocation:
     state: np.ndarray | None
     input: np.ndarray | None
     memories: dict[int, np.ndarray]
+    unmeasured: tuple[int, ...] = ()
 
     def begun(self, controller: Controller) -> Controller:
         """A fresh controller with these numbers, started there."""
@@ -62,7 +63,7 @@ class Provocation:
 
     def answered(self, controller: Controller) -> Recording:
         """What a controller does."""
-        kinds = [MEASURED] * len(self.y)
+        kinds = [MISSING if k in self.unmeasured else MEASURED for k in range(len(self.y))]
         return feed(self.begun(controller), self.y, self.r, kinds, self.repeats, self.memories)
 
 

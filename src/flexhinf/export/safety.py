@@ -99,6 +99,7 @@ def faults(code: ControllerCode) -> list[tuple[str, ...]]:
     missing = MISSING_LIMIT if code.predicts else 0
     times = {
         "STOPPED": f"{missing + 1} samples, {(missing + 1) * ms:g} ms, after the last measurement in time",
+        "BAD_PERIOD": f"after 8 samples half a period too long, {8 * ms:g} ms; 2 to 4 where they are twice as long",
         "WENT_BACK": f"2 samples, {2 * ms:g} ms",
     }
     rows = []
@@ -148,6 +149,7 @@ def requirements(code: ControllerCode) -> list[tuple[str, str, str]]:
         ("nothing is computed before a start", f"`{n}_step`", f"{rehearsal}: `starts`"),
         ("a start that is not finite is refused", f"`{n}_start`", f"{rehearsal}: `starts`"),
         ("a command that is not finite changes nothing", f"`{n}_sample`", f"{rehearsal}: `samples`"),
+        ("a wrong period is found, where the time between steps is given", "`slipped`", f"{rehearsal}: `periods`"),
         ("samples without a measurement end in STOPPED", f"`{n}_step`", f"{rehearsal}: `samples`"),
         ("an overwritten memory is found, and an earlier one taken", "`went_back`",
          f"{rehearsal}: `overwritten`, `overwritten_parts`, `goes_back`"),

@@ -41,6 +41,7 @@ static void give(void)
         input.r[i] = first_r[i];
     }
     input.age = 0;
+    input.elapsed = 0;
     input.measured = 1;
 }
 
@@ -446,6 +447,44 @@ static void rests(void)
 #endif
 
 {% endif %}
+/* The time between steps, as shares of the period: how long until it is refused, and when it is right again. */
+static void periods(void)
+{
+    static const @{name}_real share[6] = {1.5@{F}, 2.5@{F}, 0.5@{F}, 1.05@{F}, 0.95@{F}, 50.0@{F}};
+    static const int refused[6] = {8, 3, 8, 0, 0, 2}; /* after how many steps; 0: never */
+    for (int k = 0; k < 8; ++k) {
+        int first = 0;
+        expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
+        give();
+        for (int j = 1; j <= 200 && first == 0; ++j) {
+            const @{name}_output before = output;
+            const @{name}_real none = (k == 6) ? (@{name}_real)NAN : -@{NAME}_PERIOD;
+            input.elapsed = (k < 6) ? share[k] * @{NAME}_PERIOD : none;
+            if (step() == @{NAME}_BAD_PERIOD) {
+                first = j;
+                for (int i = 0; i < @{NAME}_INPUTS && j > 1; ++i) {
+                    expect(output.u[i] >= before.u[i] && output.u[i] <= before.u[i], "the last output at a wrong period");
+                }
+            }
+        }
+        expect(first == ((k < 6) ? refused[k] : 2), "BAD_PERIOD after so many steps");
+        for (int j = 0; j < 100; ++j) {
+            input.elapsed = @{NAME}_PERIOD;
+            (void)step();
+        }
+        expect(step() == @{NAME}_OK, "OK where the period is right again");
+        input.elapsed = 3 * @{NAME}_PERIOD;
+        expect(step() == @{NAME}_OK, "OK at a single late step");
+    }
+    state.slip = (@{name}_real)HUGE_VAL; /* as by an overwritten memory */
+    input.elapsed = @{NAME}_PERIOD;
+    expect(step() == @{NAME}_OK, "OK after what is known of the period was overwritten");
+    state.slip = 1;
+    input.elapsed = 0;
+    expect(step() == @{NAME}_OK, "OK where the time is not known");
+    give();
+}
+
 static void limits(void)
 {
     int place = -1;
@@ -500,6 +539,7 @@ int main(void)
     overwritten((@{name}_real)HUGE_VAL);
     overwritten_parts();
     goes_back();
+    periods();
     limits();
     wide();
 {% if starts %}
