@@ -259,7 +259,11 @@ def on_cortex_m(folder: Path, machine: str, rehearses: bool) -> dict[str, Any]:
     `rehearses`: Whether its rehearsal runs too; other programs have none."""
     board, flags = BOARDS[machine]
     qemu = f"{' '.join(emulated(board))} -icount shift=10 -semihosting-config enable=on,target=native"
-    words = (f"CFLAGS={CORTEX_M} -DARM_LOOP_ALONE", f"CORTEX_M4={flags} -ffunction-sections -fdata-sections", f"QEMU={qemu}")
+    words = (
+        f"CFLAGS={CORTEX_M} -DARM_LOOP_ALONE",
+        f"CORTEX_M4={flags} -ffunction-sections -fdata-sections",
+        f"QEMU={qemu}",
+    )
     text = run("make", *words, "cortex-m4", folder=folder)
     sizes = re.search(r"^\s*(\d+)\s+(\d+)\s.*arm_alone.elf", text, re.MULTILINE)
     assert sizes is not None

@@ -387,7 +387,16 @@ def test_a_design_file_alone_is_designed_first(tmp_path: Path) -> None:
         '[design]\nrobot = "paper"\ndegrees = [2]\nrays = 0\ndraws = 0\nsaturation = 48\n'
     )
     out = tmp_path / "c"
-    words = ["export", "c", str(tmp_path / "design.toml"), "--out", str(out), "--name", "arm", "--accept-unmet"]
+    words = [
+        "export",
+        "c",
+        str(tmp_path / "design.toml"),
+        "--out",
+        str(out),
+        "--name",
+        "arm",
+        "--accept-unmet",
+    ]
     assert main(words) == 0
     assert (out / "arm.c").exists()
 

@@ -16,8 +16,8 @@ from tests.refusals import unnamed
 import flexhinf as fh
 from flexhinf.export import export_c
 from flexhinf.export.contract import CODES
-from flexhinf.export.provocation import provoked
 from flexhinf.export.controller_c import code_of
+from flexhinf.export.provocation import provoked
 from flexhinf.export.recording import memory_hash, record
 from flexhinf.export.safety import CHECKED, SECTIONS
 
@@ -25,7 +25,10 @@ pytestmark = pytest.mark.usefixtures("unoptimised")
 
 #: What brakes, and freezes the command.
 WATCH = fh.Supervision(
-    workspace=(-1.0, 1.0), following=0.3, position_swing=0.02, reactions={"workspace": "brake", "following": "hold"}
+    workspace=(-1.0, 1.0),
+    following=0.3,
+    position_swing=0.02,
+    reactions={"workspace": "brake", "following": "hold"},
 )
 
 
@@ -85,6 +88,8 @@ def test_changes_of_the_source_are_noticed(folder: Path, compiler: str) -> None:
 def test_the_programs_reach_the_lines_of_the_source(folder: Path) -> None:
     if shutil.which("gcov") is None:
         pytest.skip("missing: gcov")
-    done = subprocess.run(["make", "-s", "coverage", "CC=gcc"], cwd=folder, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        ["make", "-s", "coverage", "CC=gcc"], cwd=folder, capture_output=True, text=True, check=True
+    )
     shares = re.findall(r"^(Lines|Branches) executed:([\d.]+)%", done.stdout, flags=re.MULTILINE)
     assert min(float(share) for _, share in shares) > 98.0

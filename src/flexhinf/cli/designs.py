@@ -61,7 +61,7 @@ def controller_of(
 ) -> DesignedController:
     """The controller of a report, of a file, or of a design that is made now, from a `controller_file`; `tell`:
     whether warnings about the robot's file are printed; `limits`: whether inputs without limits are refused;
-    `estimates`: whether numbers of the robot may be estimates; `unmet`: whether the design may miss its requirements."""
+    `estimates`: whether numbers of the robot may be estimates; `unmet`: whether it may miss its requirements."""
     from flexhinf.design.design_file import is_design_file
 
     designed = (

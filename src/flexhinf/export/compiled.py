@@ -294,7 +294,9 @@ class CompiledController:
             for array in (self._state, self._y, self._r, self._u, self.estimate)
         )
         step = self._library.flexhinf_step
-        self._run = lambda seconds, measured: step(state, y, r, ctypes.c_double(seconds), measured, u, estimate)
+        self._run = lambda seconds, measured: step(
+            state, y, r, ctypes.c_double(seconds), measured, u, estimate
+        )
         self._begin = lambda x, v: self._library.flexhinf_start(state, x, v)
         self.reset()
 

@@ -32,7 +32,7 @@ CODES = {
     ),
     "BAD_PERIOD": Code(
         11,
-        "the steps are called at another period, by more than a tenth in the mean of some 32 of `input.elapsed`: nothing "
+        "the steps are called at another period, by over a tenth in the mean of some 32 of `input.elapsed`: nothing "
         "is computed, the last output is held",
         "brake; mend the timer; begin again with `{name}_start`",
     ),

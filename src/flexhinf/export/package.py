@@ -91,7 +91,7 @@ FILES = (
     File("README.md", "README.md", lambda export: _readme(export)),
     File("main.c", "main.c", _drives),
     File("Makefile", "Makefile"),
-    File("mutants.py", "mutants.py"),
+    File("mutants.py", "mutants.jinja"),
     File("safety.md", "safety.md", lambda export: _safety(export)),
     File("CMakeLists.txt", "CMakeLists.txt"),
     File("misra.txt", "misra.txt"),

@@ -27,12 +27,24 @@ MOVED, OF_ZERO = 0.01, 1e-3
 NARROWER = 0.6
 
 #: Parts of the step's numbers that are moved; of the others, many are exact for the structure that they have.
-MOVED_PARTS = ("law", "operating_point", "operating_input", "parameters", "integral_relief", "windup_line",
-               "windup_spread", "dry_friction", "integral_gain", "inverse_slope", "balance_state", "balance_input")  # fmt: skip
+MOVED_PARTS = (
+    "law",
+    "operating_point",
+    "operating_input",
+    "parameters",
+    "integral_relief",
+    "windup_line",
+    "windup_spread",
+    "dry_friction",
+    "integral_gain",
+    "inverse_slope",
+    "balance_state",
+    "balance_input",
+)
 
 NARROWED_PARTS = ("lower", "upper", "input_rate", "command_rate", "workspace", "following")
 
-#: How far the start is from where the estimator begins, in the unit of each state; how far commands and measurements go.
+#: How far the start is from where the estimator begins, in the unit of each state, and commands from measurements.
 ELSEWHERE, AWAY = 0.02, 0.2
 
 #: How near to the largest following error a robot stays that keeps an input at its limit: half on either side.
@@ -63,10 +75,8 @@ def provoked(code: ControllerCode, run: Recording, exact: type[np.floating]) -> 
     return run
 
 
-def provocations(
-    code: ControllerCode, first: np.ndarray, exact: type[np.floating]
-) -> Iterator[Provocation]:
-    """Ways to provoke a controller, the hardest first: where one ends in numbers that are not finite, the next is taken.
+def provocations(code: ControllerCode, first: np.ndarray, exact: type[np.floating]) -> Iterator[Provocation]:
+    """Ways to provoke a controller, the hardest first: the next is for one that ends in no finite numbers.
 
     `first` (p,): What is measured at rest. `exact`: The type that holds all that is given as it is.
     """
@@ -78,8 +88,12 @@ def provocations(
     for size, zeros in ((1.0, True), (1.0, False), (0.1, False), (0.01, False)):
         numbers = held(_other_numbers(code.controller, code.defaults, zeros))
         y, r, repeats, lasting = _given(code.controller, numbers, first, size)
-        state = None if not code.starts_anywhere or code.belief is None else held(_elsewhere(code.belief, size))
-        one = Provocation(held(y), held(r), repeats, numbers, state, held(_pushed(code.controller, numbers)), {})
+        state = (
+            None if not code.starts_anywhere or code.belief is None else held(_elsewhere(code.belief, size))
+        )
+        one = Provocation(
+            held(y), held(r), repeats, numbers, state, held(_pushed(code.controller, numbers)), {}
+        )
         with suppress(NumericalFailure):
             numbers = held(_saturated(code.controller, numbers, one.answered(code.controller).u, lasting))
             pushed = held(_pushed(code.controller, numbers))
@@ -96,7 +110,7 @@ def _with_memories(
         y, r = np.vstack([one.y, one.y[rows]]), np.vstack([one.r, one.r[rows]])
         if controller.gaps and y.shape[1] > 1:
             y[-2][len(memories) % y.shape[1]] = np.nan  # one sensor gave nothing
-        without = (*one.unmeasured, *((len(one.y) + (len(memories) % 2), ) if controller.gaps else ()))
+        without = (*one.unmeasured, *((len(one.y) + (len(memories) % 2),) if controller.gaps else ()))
         repeats = [*one.repeats, *[1] * EACH]
         longer = replace(one, y=y, r=r, repeats=repeats, memories=memories, unmeasured=without)
         with suppress(NumericalFailure):
@@ -161,10 +175,8 @@ def _pushed(controller: Controller, numbers: np.ndarray) -> np.ndarray:
     return np.clip(u + 0.1 * room, lower, upper)
 
 
-def _saturated(
-    controller: Controller, numbers: np.ndarray, u: np.ndarray, lasting: slice
-) -> np.ndarray:
-    """The numbers, with limits that are narrower where inputs (K, m) are pushed to one side, so that they stay there."""
+def _saturated(controller: Controller, numbers: np.ndarray, u: np.ndarray, lasting: slice) -> np.ndarray:
+    """The numbers, with narrower limits where inputs (K, m) are pushed to one side, so that they stay there."""
     changed, places = np.array(numbers), controller.data.places
     if lasting.stop <= lasting.start:
         return changed

@@ -42,7 +42,8 @@ class Provocation:
     """What is given to a controller: `y` (K, p) and `r` (K, k), each for so many samples as `repeats` says.
 
     `numbers`: Those of the step in place of the design's. `state`, `input`: Where it starts; None as it does by itself.
-    `unmeasured`: Rows without a measurement. `memories`: What its memory is replaced by before some rows, by the number of the row.
+    `unmeasured`: Rows without a measurement. `memories`: What its memory is replaced by before some
+    rows, by the number of the row.
     """
 
     y: np.ndarray
@@ -76,8 +77,8 @@ class Recording:
     "OK", "PREDICTED" or "BAD_MEASUREMENT", one for each sample. `status`, `path_rate`, `rejected` (K, p), `doubtful`:
     Those of the controller after each sample. `hashes`: `memory_hash` of what it
     remembers then.
-    `moved`: The first sample at which measured positions are moved from outside; None without any. `provocation`: What is
-    given in the rows from `begun` on; each row before is one sample.
+    `moved`: The first sample at which measured positions are moved from outside; None without any. `provocation`: What
+    is given in the rows from `begun` on; each row before is one sample.
     """
 
     y: np.ndarray
@@ -108,7 +109,11 @@ class Recording:
     def parts(self) -> dict[str, slice]:
         """Rows of one kind: of the loop, where positions are moved from outside, and of the provocation."""
         moved = self.begun if self.moved is None else self.moved
-        found = {"": slice(0, moved), "moved": slice(moved, self.begun), "provoked": slice(self.begun, len(self.y))}
+        found = {
+            "": slice(0, moved),
+            "moved": slice(moved, self.begun),
+            "provoked": slice(self.begun, len(self.y)),
+        }
         return {name: part for name, part in found.items() if part.stop > part.start}
 
     def followed_by(self, one: Provocation, controller: Controller) -> Recording:
@@ -262,7 +267,8 @@ def replay(
 ) -> Recording:
     """Feed samples to a fresh controller.
 
-    `controller`: Only read. `repeats`: How often each is given, once by default; recorded is what came last. `y`, `r`: (K, p), (K, k) arrays. `kinds`: "OK"; "PREDICTED" for a sample without a
+    `controller`: Only read. `repeats`: How often each is given, once by default; recorded is what came last.
+    `y`, `r`: (K, p), (K, k) arrays. `kinds`: "OK"; "PREDICTED" for a sample without a
     measurement; `GAP` for one without the first element, which is refused if there is no estimator.
     """
     return feed(controller.fresh(), y, r, kinds, repeats)
@@ -301,6 +307,15 @@ def feed(
     r = r if r.shape[1] else np.zeros((len(y), 1))
     status, rates, rejected, doubtful = map(list, zip(*said, strict=True))
     return Recording(
-        y, r, np.array(inputs), np.array(estimates), list(kinds), codes, status, rates, np.array(rejected), doubtful,
+        y,
+        r,
+        np.array(inputs),
+        np.array(estimates),
+        list(kinds),
+        codes,
+        status,
+        rates,
+        np.array(rejected),
+        doubtful,
         hashes,
     )

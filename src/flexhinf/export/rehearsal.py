@@ -16,6 +16,7 @@ from flexhinf.export.parameter_check import Range, ranges
 from flexhinf.export.recording import Recording
 from flexhinf.loop.controller.options import holding_function
 
+
 def reaches_far(code: ControllerCode) -> bool:
     """Whether the rehearsal stands the robot at large angles: a model knows it at rest, and no limit refuses them."""
     return code.standstill is not None and not code.controller.mode.checks_measurements
@@ -70,10 +71,12 @@ FINE, BEYOND, NOT_PHYSICAL = 0, 1, 2
 
 
 def tries(code: ControllerCode) -> list[tuple[int, float, int]]:
-    """Place, value and what the check of parameters says, of numbers that are changed alone: those with a range first."""
+    """Place, value and what the check of parameters says, of numbers changed alone: those with a range first."""
     numbers = np.append(code.defaults, [code.oldest, MISSING_LIMIT if code.predicts else 0.0])
     missing = int(numbers[-1])
-    rows = {row.place: row for row in ranges(code.controller, code.defaults, code.robot, code.oldest, missing)}
+    rows = {
+        row.place: row for row in ranges(code.controller, code.defaults, code.robot, code.oldest, missing)
+    }
     fixed = [place for place in range(len(numbers)) if place not in rows]
     chosen = [*_some(sorted(rows), MOST_TRIED // 2), *_some(fixed, MOST_TRIED // 2)]
     kind, found = np.float64 if code.real.bytes == 8 else np.float32, []
@@ -84,7 +87,9 @@ def tries(code: ControllerCode) -> list[tuple[int, float, int]]:
             step = CHANGE * (abs(numbers[place]) or 1.0) if math.isfinite(numbers[place]) else 0.0
             values = [numbers[place] - step, numbers[place] + step] if step else [-1e6, 1e6]
         for value in (float(kind(value)) for value in values):
-            found.append((place, value, verdict(rows.get(place), numbers, value, float(kind(numbers[place])))))
+            found.append(
+                (place, value, verdict(rows.get(place), numbers, value, float(kind(numbers[place]))))
+            )
     return found
 
 
@@ -124,7 +129,7 @@ RATES = (0.0, 0.25, 0.7, 1.0)
 
 def slower(code: ControllerCode) -> list[tuple[float, np.ndarray, np.ndarray]]:
     """Path rates, a command, and that of the slower motion: velocities times the rate ρ, the rest of the state times ρ²
-    about rest at its positions, and the input that holds it with ρ² of what the input had beside the one that held it."""
+    about rest at its positions, and the input that holds it with ρ² of what the input had beside the holding one."""
     ((_, rest), *_), found = rests(code), []
     states, velocities = code.sizes["estimate"], np.array(["velocity" in name for name in code.signals["X"]])
     links = code.standstill.size1_in(0)

@@ -1,4 +1,4 @@
-"""What an assessor asks of exported C, as far as the exporter knows it: faults with their times, tests, rules, version."""
+"""What an assessor asks of exported C, as far as the exporter knows it: faults, times, tests, rules, version."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ EVENTS = {
     Status.BLOCKED: "blocked",
 }
 
-#: Rules of MISRA C:2012 that the addon of cppcheck 2.10 checks, by section; 8.14 and others of misra.txt are deviations.
+#: Rules of MISRA C:2012 that the addon of cppcheck 2.10 checks, by section; misra.txt has deviations.
 CHECKED = {
     1: (4,), 2: (2, 3, 4, 5, 7), 3: (1, 2), 4: (1, 2), 5: (1, 2, 4, 5, 6, 7, 8, 9), 6: (1, 2), 7: (1, 2, 3, 4),
     8: (1, 2, 4, 5, 6, 7, 8, 9, 10, 11, 12, 14), 9: (2, 3, 4, 5), 10: (1, 2, 3, 4, 5, 6, 7, 8),
@@ -75,7 +75,7 @@ def safety_values(code: ControllerCode, run: Recording) -> dict[str, Any]:
 
 @cache
 def commit() -> str:
-    """The commit of flexhinf that writes: as it was installed from, or of the folder that it runs in; else its version."""
+    """The commit of flexhinf that writes: as installed from, or of the folder that it runs in; else its version."""
     with suppress(PackageNotFoundError, ValueError):
         told = json.loads(distribution("flexhinf").read_text("direct_url.json") or "{}")
         if found := told.get("vcs_info", {}).get("commit_id"):
@@ -84,7 +84,9 @@ def commit() -> str:
     with suppress(OSError, subprocess.SubprocessError):
         tracked = _said(*here, "ls-files", "--error-unmatch", Path(__file__).name)
         if tracked:
-            changed = ", with changes" if _said(*here, "status", "--porcelain", "--untracked-files=no", ".") else ""
+            changed = (
+                ", with changes" if _said(*here, "status", "--porcelain", "--untracked-files=no", ".") else ""
+            )
             return _said(*here, "rev-parse", "HEAD") + changed
     return f"not known: version {__version__}, installed without its history"
 
@@ -107,7 +109,9 @@ def faults(code: ControllerCode) -> list[tuple[str, ...]]:
         if key in code.codes and not (key == "BAD_MEASUREMENT" and code.predicts):
             what, _, does = row.meaning.partition(": ")
             acts = row.reaction.format(name=code.name)
-            rows.append((f"{row.value} `{code.upper(key)}`", what, does or "as usual", times.get(key, AT_ONCE), acts))
+            rows.append(
+                (f"{row.value} `{code.upper(key)}`", what, does or "as usual", times.get(key, AT_ONCE), acts)
+            )
     return rows
 
 
@@ -116,8 +120,14 @@ def bits(code: ControllerCode) -> list[tuple[str, ...]]:
     watch, found = code.controller.supervision, list[tuple[str, ...]]()
     for bit, text in zip(Status, STATUS, strict=True):
         event = EVENTS.get(bit)
-        reaction = "none: it is reported" if watch is None or event is None else watch.reactions.get(event, "none")
-        braked = "" if watch is None or reaction != "brake" else f"path rate 1 to 0 within {watch.braking_time:g} s"
+        reaction = (
+            "none: it is reported" if watch is None or event is None else watch.reactions.get(event, "none")
+        )
+        braked = (
+            ""
+            if watch is None or reaction != "brake"
+            else f"path rate 1 to 0 within {watch.braking_time:g} s"
+        )
         after = f"{watch.saturation_time:g} s at a limit" if watch and bit == Status.SATURATION else AT_ONCE
         if bit == Status.LIMIT_CYCLE:
             after = "several swings, as `swings` of the parameters says"
@@ -155,7 +165,7 @@ def requirements(code: ControllerCode) -> list[tuple[str, str, str]]:
          f"{rehearsal}: `overwritten`, `overwritten_parts`, `goes_back`"),
         ("limits of the caller narrow, and never widen", "`limit`", f"{rehearsal}: `limits`, `wide`"),
         ("parameters that the design is not for are found", f"`{n}_check`", f"{rehearsal}: `limits`, `checks`"),
-        ("flags that change results are refused", f"`{n}_init`, `{n}_exact`", "`arithmetic` of your build: `make test`"),
+        ("flags that change results are refused", f"`{n}_init`, `{n}_exact`", "your build: `make test`"),
         ("bits of the status are set where they must be", f"`{n}_step`", f"{vector}, from row `BEGUN` on"),
     ]  # fmt: skip
     if code.standstill is not None:
@@ -177,4 +187,3 @@ def matrix() -> list[tuple[str, str, str]]:
 
 def _listed(section: int, rules: Sequence[int]) -> str:
     return ", ".join(f"{section}.{k}" for k in rules)
-

@@ -88,7 +88,8 @@ def accuracy(code: ControllerCode, run: Recording) -> Accuracy:
         tuple(np.maximum(MIN_TOLERANCE, SPARE * estimates)),
         f"{100 * fused[0][0]:.2g} % of the input's largest value over the test vector, {100 * plain[0][0]:.2g} % "
         f"without fused multiply-adds, measured at the export; {vector} {100 * allowed[0]:.2g} %"
-        + (MOVED.format(100 * moved_most) + moved) * has_moved,
+        + (MOVED.format(100 * moved_most) + moved)
+        * has_moved,
         said=fused[2] == plain[2] == 0,
     )
 
@@ -159,7 +160,9 @@ def vector_values(code: ControllerCode, runs: Sequence[Recording], allowed: Accu
         ],
         "exact": exact,
         "hashes": exact and allowed.inputs[0] == 0.0,
-        "part_of_row": [k for k, part in enumerate(run.parts.values()) for _ in range(part.stop - part.start)],
+        "part_of_row": [
+            k for k, part in enumerate(run.parts.values()) for _ in range(part.stop - part.start)
+        ],
         "names_of_parts": [f", {name}" if name else "" for name in run.parts],
         "sizes": sizes,
         "sizes_of_estimates": sizes_of_estimates,
