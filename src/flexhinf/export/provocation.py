@@ -87,7 +87,7 @@ def provocations(code: ControllerCode, first: np.ndarray, exact: type[np.floatin
 
     for size, zeros in ((1.0, True), (1.0, False), (0.1, False), (0.01, False)):
         numbers = held(_other_numbers(code.controller, code.defaults, zeros))
-        y, r, repeats, lasting = _given(code.controller, numbers, first, size)
+        y, r, repeats, lasting = _script(code.controller, numbers, first, size)
         state = (
             None if not code.starts_anywhere or code.belief is None else held(_elsewhere(code.belief, size))
         )
@@ -190,7 +190,7 @@ def _saturated(controller: Controller, numbers: np.ndarray, u: np.ndarray, lasti
     return changed
 
 
-def _given(
+def _script(
     controller: Controller, numbers: np.ndarray, first: np.ndarray, size: float
 ) -> tuple[np.ndarray, np.ndarray, list[int], slice]:
     """Measurements (K, p), commands (K, k), how often each is given, and in which rows an input is pushed for long."""

@@ -40,7 +40,7 @@ def contract_values(code: ControllerCode, run: Recording) -> dict[str, Any]:
     return {
         "far": far_values(code),
         "tight": 1e-9 if code.real.bytes == 8 else 2e-3,
-        "starts": held_starts(code),
+        "starts": starts_elsewhere(code),
         "tries": tries(code),
         "rests": rests(code),
         "slower": slower(code) if code.slows else [],
@@ -50,7 +50,7 @@ def contract_values(code: ControllerCode, run: Recording) -> dict[str, Any]:
     }
 
 
-def held_starts(code: ControllerCode) -> list[tuple[np.ndarray, np.ndarray]]:
+def starts_elsewhere(code: ControllerCode) -> list[tuple[np.ndarray, np.ndarray]]:
     """States that differ from the first belief in one element, and the input before the first sample there."""
     if not code.starts_anywhere or code.belief is None:
         return []
@@ -130,14 +130,15 @@ RATES = (0.0, 0.25, 0.7, 1.0)
 def slower(code: ControllerCode) -> list[tuple[float, np.ndarray, np.ndarray]]:
     """Path rates, a command, and that of the slower motion: velocities times the rate ρ, the rest of the state times ρ²
     about rest at its positions, and the input that holds it with ρ² of what the input had beside the holding one."""
-    ((_, rest), *_), found = rests(code), []
+    ((_, standing), *_), found = rests(code), []
     states, velocities = code.sizes["estimate"], np.array(["velocity" in name for name in code.signals["X"]])
     links = code.standstill.size1_in(0)
-    row = rest + 0.05 * np.cos(np.arange(rest.size))
-    row[:links] = rest[:links]
+    row = standing + 0.05 * np.cos(np.arange(standing.size))
+    row[:links] = standing[:links]
     kind = np.float64 if code.real.bytes == 8 else np.float32
     row = row.astype(kind).astype(float)
     still = _called(code.standstill, row[:links], _model(code))
+    assert code.controller.estimator is not None
     held = holding_function(code.controller.estimator.plant)
     for rate in RATES:
         x = still[:states] + np.where(velocities, rate, rate**2) * (row[:states] - still[:states])
@@ -149,6 +150,7 @@ def slower(code: ControllerCode) -> list[tuple[float, np.ndarray, np.ndarray]]:
 
 def _model(code: ControllerCode) -> np.ndarray:
     """Parameters of the estimator's model."""
+    assert code.controller.estimator is not None
     return np.asarray(code.controller.estimator.plant.parameters.vector(), dtype=float)
 
 

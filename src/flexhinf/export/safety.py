@@ -7,7 +7,7 @@ import subprocess
 from collections.abc import Sequence
 from contextlib import suppress
 from functools import cache
-from importlib.metadata import PackageNotFoundError, distribution
+from importlib.metadata import distribution
 from pathlib import Path
 from typing import Any
 
@@ -76,9 +76,9 @@ def safety_values(code: ControllerCode, run: Recording) -> dict[str, Any]:
 @cache
 def commit() -> str:
     """The commit of flexhinf that writes: as installed from, or of the folder that it runs in; else its version."""
-    with suppress(PackageNotFoundError, ValueError):
-        told = json.loads(distribution("flexhinf").read_text("direct_url.json") or "{}")
-        if found := told.get("vcs_info", {}).get("commit_id"):
+    with suppress(ImportError, ValueError):
+        installed = json.loads(distribution("flexhinf").read_text("direct_url.json") or "{}")
+        if found := installed.get("vcs_info", {}).get("commit_id"):
             return str(found)
     here = ("git", "-C", str(Path(__file__).resolve().parent))
     with suppress(OSError, subprocess.SubprocessError):
@@ -91,8 +91,8 @@ def commit() -> str:
     return f"not known: version {__version__}, installed without its history"
 
 
-def _said(*words: str) -> str:
-    return subprocess.run(words, capture_output=True, text=True, check=True, timeout=20).stdout.strip()
+def _said(*command: str) -> str:
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=20).stdout.strip()
 
 
 def faults(code: ControllerCode) -> list[tuple[str, ...]]:
