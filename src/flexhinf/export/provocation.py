@@ -136,11 +136,11 @@ def _memories(controller: Controller) -> Iterator[np.ndarray]:
                 sizes = 10.0 ** rng.uniform(-2.0, 2.0, n)
                 part *= np.sqrt(np.outer(sizes, sizes)) if np.array_equal(part, part.T) else sizes[:, None]
             if kind == 2:
-                part[n // 2], part[:, n // 2] = 0.0, 0.0
+                part[n // 2], part[:, part.shape[1] // 2] = 0.0, 0.0
             if kind == 3:
                 part[:] = 0.0
             if KINDS <= kind < 2 * KINDS:
-                part[:, kind % n] = 0.0
+                part[:, kind % part.shape[1]] = 0.0
             if kind == 5:
                 part *= np.where(np.arange(n) % 2, -1.0, 1.0)[:, None]
         if parts:
