@@ -188,7 +188,7 @@ def timed(folder: Path, ways: Sequence[tuple[str, Sequence[str]]]) -> list[float
     (folder / "timed.c").write_text(TIMED, encoding="utf-8")
     wrapped = (PC[0], *LEFT_OUT, "-Wl,--wrap=arm_step", "-Wl,-z,now")
     for k, (compiler, flags) in enumerate(ways):
-        sources = ("arm_test.c", "timed.c", "arm.o", "-lm", "-o", f"timed{k}")
+        sources = ("-DARM_LOOP_ALONE", "arm_test.c", "timed.c", "arm.o", "-lm", "-o", f"timed{k}")
         run(compiler, PC[0], *flags, *LEFT_OUT, "-c", "arm.c", "-o", "arm.o", folder=folder)
         run(compiler, *flags, *wrapped, *sources, folder=folder)
     medians = [
@@ -204,7 +204,7 @@ def counted(folder: Path, flags: Sequence[str]) -> float:
     text = (folder / "arm.s").read_text(encoding="utf-8")
     (folder / "arm.s").write_text(text.replace("\tvmovq\t%xmm", "\t{load} vmovq\t%xmm"), encoding="utf-8")
     run("gcc", "-c", "arm.s", "-o", "arm.o", folder=folder)
-    run("gcc", *flags, "arm_test.c", "arm.o", "-lm", "-o", "plain", folder=folder)
+    run("gcc", *flags, "-DARM_LOOP_ALONE", "arm_test.c", "arm.o", "-lm", "-o", "plain", folder=folder)
     counting = ("--tool=callgrind", "--collect-atstart=no", "--toggle-collect=arm_step")
     run("valgrind", *counting, "--callgrind-out-file=counts", "./plain", folder=folder)
     total = re.search(r"^summary: (\d+)", (folder / "counts").read_text(encoding="utf-8"), re.MULTILINE)
@@ -259,7 +259,11 @@ def on_cortex_m(folder: Path, machine: str, rehearses: bool) -> dict[str, Any]:
     `rehearses`: Whether its rehearsal runs too; other programs have none."""
     board, flags = BOARDS[machine]
     qemu = f"{' '.join(emulated(board))} -icount shift=10 -semihosting-config enable=on,target=native"
-    words = (f"CFLAGS={CORTEX_M}", f"CORTEX_M4={flags} -ffunction-sections -fdata-sections", f"QEMU={qemu}")
+    words = (
+        f"CFLAGS={CORTEX_M} -DARM_LOOP_ALONE",
+        f"CORTEX_M4={flags} -ffunction-sections -fdata-sections",
+        f"QEMU={qemu}",
+    )
     text = run("make", *words, "cortex-m4", folder=folder)
     sizes = re.search(r"^\s*(\d+)\s+(\d+)\s.*arm_alone.elf", text, re.MULTILINE)
     assert sizes is not None

@@ -259,14 +259,18 @@ holds = true
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("words", [["export", "c"], ["export", "fmu"], ["compile"]], ids=" ".join)
 @pytest.mark.parametrize("met", [False, True])
-def test_a_design_that_is_not_met_is_exported_with_a_note(
+def test_a_design_that_is_not_met_is_exported_on_purpose_with_a_note(
     met: bool, words: list[str], controller: Path, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """On the terminal, and for code in README.md and in the header."""
+    """On the terminal, and for code in README.md and in the header. Without --accept-unmet it is refused."""
     text = '[design]\nrobot = "paper"\n' + (RESULT.replace("false", "true") if met else RESULT)
     report.write(folder / "arm", {"design.toml": text, "controller": controller.read_bytes()})
     missed = "ripple: 7.12 % (at most 5 %)"
-    assert main([*words, "arm", "--out", "out"]) == 0
+    if not met:
+        assert main([*words, "arm", "--out", "out"]) == 2
+        assert unnamed(capsys.readouterr().err, "misses its own requirements", missed, "--accept-unmet") == []
+        assert not (folder / "out").exists()
+    assert main([*words, "arm", "--out", "out", *(() if met else ("--accept-unmet",))]) == 0
     told = capsys.readouterr().err
     assert ("ripple" in told, missed in told) == (not met, not met)
     assert "damping" not in told
@@ -383,7 +387,17 @@ def test_a_design_file_alone_is_designed_first(tmp_path: Path) -> None:
         '[design]\nrobot = "paper"\ndegrees = [2]\nrays = 0\ndraws = 0\nsaturation = 48\n'
     )
     out = tmp_path / "c"
-    assert main(["export", "c", str(tmp_path / "design.toml"), "--out", str(out), "--name", "arm"]) == 0
+    words = [
+        "export",
+        "c",
+        str(tmp_path / "design.toml"),
+        "--out",
+        str(out),
+        "--name",
+        "arm",
+        "--accept-unmet",
+    ]
+    assert main(words) == 0
     assert (out / "arm.c").exists()
 
 

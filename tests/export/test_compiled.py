@@ -46,6 +46,21 @@ def test_it_steps_as_in_python(controller: fh.Controller, library: Path) -> None
         np.testing.assert_allclose(compiled.estimate, run.estimate[k], rtol=0, atol=1e-7)
 
 
+def test_a_wrong_period_holds_the_last_input(library: Path) -> None:
+    """At 1.5 ms in place of 1 ms from the eighth step on, as the mean of 32 is 0.5 (1 − (31/32)^n) > 0.1 periods; at
+    the right period, or where the time is not known, every step is good."""
+    for elapsed, first in ((1.5e-3, 8), (0.5e-3, 8), (1e-3, None), (0.0, None), (1.05e-3, None)):
+        one, codes, inputs = fh.load_compiled(library), [], []
+        for k in range(60):
+            inputs.append(one.step(0.01 * np.sin(0.1 * k), 0.0, elapsed)[0])
+            codes.append(one.code)
+        wrong = [k + 1 for k, code in enumerate(codes) if code == "BAD_PERIOD"]
+        assert (wrong[0] if wrong else None) == first
+        assert set(codes) <= {"OK", "BAD_PERIOD"}
+        if first:
+            assert set(inputs[first - 1 :]) == {inputs[first - 2]}
+
+
 def test_it_needs_neither_casadi_nor_llvm(library: Path) -> None:
     """Which is why it starts at once."""
     text = f"""

@@ -53,8 +53,8 @@ def test_an_answer_that_differs_fails_there_too(folder: Path) -> None:
     text = vector.read_text()
     vector.write_text(
         text.replace(
-            "static const int expected_code[SAMPLES] = {\n    0,",
-            "static const int expected_code[SAMPLES] = {\n    3,",
+            "static const int expected_code[ROWS] = {\n    0,",
+            "static const int expected_code[ROWS] = {\n    3,",
         )
     )
     try:
@@ -82,7 +82,7 @@ EMULATOR = ("qemu-system-arm", "-machine", "mps2-an386", "-icount", "shift=0,sle
 def test_a_timer_interrupt_calls_it_once_per_period(wrong: bool, folder: Path) -> None:
     vector = folder / "arm_test.c"
     text = vector.read_text()
-    mark = "static const int expected_code[SAMPLES] = {\n    0,"
+    mark = "static const int expected_code[ROWS] = {\n    0,"
     assert mark in text
     vector.write_text(text.replace(mark, mark.replace("0,", "3,")) if wrong else text)
     try:

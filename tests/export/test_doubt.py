@@ -122,9 +122,7 @@ def test_the_test_vector_has_the_status_of_each_step(compiler: str, tmp_path: Pa
     assert subprocess.run(["./test"], cwd=folder, check=False).returncode == 0
     text = (folder / "arm_test.c").read_text()
     (folder / "arm_test.c").write_text(
-        text.replace(
-            "expected_status[RUNS][SAMPLES] = {{\n    0", "expected_status[RUNS][SAMPLES] = {{\n    2"
-        )
+        text.replace("expected_status[RUNS][ROWS] = {{\n    0", "expected_status[RUNS][ROWS] = {{\n    2")
     )
     subprocess.run(command, cwd=folder, check=True)
     assert subprocess.run(["./test"], cwd=folder, check=False).returncode == 1

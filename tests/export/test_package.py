@@ -111,7 +111,7 @@ def test_the_memory_that_is_stated_is_that_of_the_state(
 @pytest.mark.ci("exports a controller of its own")
 def test_a_recording_reaches_the_limits_at_its_end_alone(estimating: fh.Controller) -> None:
     run = record(estimating)
-    quiet, moved = (np.abs(run.u[part]) for part in run.parts)
+    quiet, moved = (np.abs(run.u[part]) for part in run.parts.values())
     assert (quiet < 47.0).all()
     assert 0 < (moved == 48.0).sum() < 0.6 * len(moved)
     assert record(fh.Controller(estimating.law, estimating.estimator, 1e-3)).moved is None
@@ -125,7 +125,7 @@ def test_what_is_exported_begins_where_the_step_does() -> None:
     controller = arm_controller(pose=0.8, mean=begin, measured="motor_position", q=noise, r=1e-8, p0=1e-8)
     run = record(controller)
     assert run.y[0, 0] == pytest.approx(0.1, abs=1e-3)
-    assert (np.abs(run.u[run.parts[0]]) < 47.0).mean() > 0.9
+    assert (np.abs(run.u[run.parts[""]]) < 47.0).mean() > 0.9
     files = controller_files(controller, "arm")
     assert "| `output.estimate` | 0 | link_position | rad | 0.1 |" in files["README.md"]
     assert re.search(r"/\* link_position, rad; .* 0\.1 \*/", files["arm.h"])

@@ -57,17 +57,23 @@ def controller_file(source: str) -> Path:
 
 
 def controller_of(
-    path: Path, tell: bool = True, limits: bool = False, estimates: bool = True
+    path: Path, tell: bool = True, limits: bool = False, estimates: bool = True, unmet: bool = True
 ) -> DesignedController:
     """The controller of a report, of a file, or of a design that is made now, from a `controller_file`; `tell`:
     whether warnings about the robot's file are printed; `limits`: whether inputs without limits are refused;
-    `estimates`: whether numbers of the robot may be estimates."""
+    `estimates`: whether numbers of the robot may be estimates; `unmet`: whether it may miss its requirements."""
     from flexhinf.design.design_file import is_design_file
 
     designed = (
         _of_design(path, tell, limits, estimates)
         if is_design_file(path)
         else DesignedController(fh.load_controller(path))
+    )
+    refuse_if(
+        not unmet and designed.verdict.missed,
+        "The design misses its own requirements.",
+        f"expected all to be met before a controller leaves for a machine, got {designed.verdict.unmet}",
+        "what the report of the design advises, and design again; or --accept-unmet",
     )
     if limits:
         export.check_limits(designed.controller)

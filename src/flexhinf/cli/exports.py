@@ -94,7 +94,7 @@ def export_c(context: typer.Context, o: options.ExportCOptions) -> None:
     path = controller_file(o.source)  # the input first: a misspelt name is no matter of the output
     out = o.out or _named_after(o.source, "-c")
     folder = export.checked_folder(out, o.force)
-    designed = controller_of(path, limits=o.limits, estimates=o.accept_estimates)
+    designed = _leaving(path, o, o.limits)
     controller, robot, s = designed.controller, designed.robot, designed.specification
     name = o.name or _identifier(robot)
     _note_doubts(designed)
@@ -107,6 +107,7 @@ def export_c(context: typer.Context, o: options.ExportCOptions) -> None:
         "--check-measurements": o.check_measurements,
         "--no-limits": not o.limits,
         "--accept-estimates": o.accept_estimates,
+        "--accept-unmet": o.accept_unmet,
     }
     chosen = [option for option, there in stated.items() if there]
     again = join(("flexhinf", "export", "c", o.source, "--name", name, "--real", o.real, *chosen))
@@ -205,7 +206,7 @@ def export_fmu(context: typer.Context, o: options.ExportFmuOptions) -> None:
             robot.plant(s.measured, extras=s.extras), out, name, s.period, *equilibrium, fmi=o.fmi
         )
     else:
-        designed = controller_of(controller_file(o.source), limits=o.limits, estimates=o.accept_estimates)
+        designed = _leaving(controller_file(o.source), o, o.limits)
         _note_doubts(designed)
         name = o.name or _identifier(designed.robot)
         written = export.export_fmu(designed.controller, out, name, o.fmi, limits=False)
@@ -277,10 +278,15 @@ def compile_design(context: typer.Context, o: options.CompileOptions) -> None:
     fh.load_compiled(FILE) steps it from Python, without LLVM and CasADi; every
     output is the simulation's. For this platform; needs a C compiler.
     """
-    designed = controller_of(controller_file(o.source), estimates=o.accept_estimates)
+    designed = _leaving(controller_file(o.source), o)
     _note_doubts(designed)
     out = o.out or _named_after(o.source, ".so")
     typer.echo(f"library: {export.compile_controller(designed.controller, out, o.processor)}")
+
+
+def _leaving(path: Path, o: options.MachineOptions, limits: bool = False) -> DesignedController:
+    """The controller that leaves for a machine, refused as its options say."""
+    return controller_of(path, limits=limits, estimates=o.accept_estimates, unmet=o.accept_unmet)
 
 
 def _named_after(source: str, ending: str) -> Path:

@@ -282,16 +282,18 @@ LIMITED = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class EstimatesOptions:
-    """The option of commands by which a controller leaves for a machine."""
+class MachineOptions:
+    """Options of commands by which a controller leaves for a machine."""
 
     accept_estimates: bool = option(False, TARGET,
         "Export a design although numbers of its robot are estimates and were not measured, such as the stiffness of "
         "a joint. Without this option it is refused.")
+    accept_unmet: bool = option(False, TARGET,
+        "Export a design although it misses requirements of its own. Without this option it is refused.")
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExportCOptions(EstimatesOptions):
+class ExportCOptions(MachineOptions):
     """Options of ``flexhinf export c``."""
 
     source: Text = argument(CONTROLLER, "DESIGN")
@@ -322,7 +324,7 @@ class ExportCOptions(EstimatesOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExportFmuOptions(EstimatesOptions):
+class ExportFmuOptions(MachineOptions):
     """Options of ``flexhinf export fmu``."""
 
     source: Text = argument(CONTROLLER, "DESIGN")
@@ -360,7 +362,7 @@ class ExportMjcfOptions(ElasticOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CompileOptions(EstimatesOptions):
+class CompileOptions(MachineOptions):
     """Options of ``flexhinf compile``."""
 
     source: Text = argument(CONTROLLER, "DESIGN")

@@ -30,6 +30,12 @@ CODES = {
         "the compiler's flags change results: nothing is computed",
         "do not enable the drives; change the flags",
     ),
+    "BAD_PERIOD": Code(
+        11,
+        "the steps are called at another period, by over a tenth in the mean of some 32 of `input.elapsed`: nothing "
+        "is computed, the last output is held",
+        "brake; mend the timer; begin again with `{name}_start`",
+    ),
     "WAITING": Code(
         7,
         "no measurement since the start: nothing changed, the output is that before the first sample",

@@ -171,7 +171,7 @@ class ControllerCode:
         work = [b.size or 0 for b in buffers if b.role == "work" and b.name not in ("after", "estimated")]
         self.scratch = max(work, default=0)
         self.constants = self.sizes["data"] + self.sizes["memory"]
-        own = 5 * self.sizes["memory"] + 2 * self.sizes["estimate"] + 2 * self.sizes["u"]
+        own = 5 * self.sizes["memory"] + 2 * self.sizes["estimate"] + 2 * self.sizes["u"] + 1
         numbers = (own + max(1, self.scratch) + self.translator.room) * real.bytes
         integers = INTEGER_BYTES * (INTEGERS + self.sizes["y"])
         self.state_bytes = -(-(numbers + integers) // real.bytes) * real.bytes

@@ -18,10 +18,13 @@ from flexhinf.export.controller_c import NOTHING, ControllerCode, code_of
 from flexhinf.export.file_list import File, rendered
 from flexhinf.export.follow import follow_values
 from flexhinf.export.names import PARTS
+from flexhinf.export.provocation import provoked
 from flexhinf.export.recording import Recording, record, with_both_roundings
 from flexhinf.export.refusals import check_limits
+from flexhinf.export.rehearsal import contract_values, reaches_far
 from flexhinf.export.ros2 import package_name, ros2_values
-from flexhinf.export.self_test import EVERY, Accuracy, accuracy, contract_values, reaches_far, vector_values
+from flexhinf.export.safety import safety_values
+from flexhinf.export.self_test import EVERY, Accuracy, accuracy, vector_values
 from flexhinf.export.stack import stack_text
 from flexhinf.files import write_folder
 from flexhinf.loop import Controller
@@ -93,6 +96,8 @@ FILES: tuple[File[Export], ...] = (
     File("README.md", "README.md", lambda export: _readme(export)),
     File("main.c", "main.c", _drives),
     File("Makefile", "Makefile"),
+    File("mutants.py", "mutants.jinja"),
+    File("safety.md", "safety.md", lambda export: _safety(export)),
     File("CMakeLists.txt", "CMakeLists.txt"),
     File("misra.txt", "misra.txt"),
     File("cortex_m4/board.c", "cortex_m4/board.c"),
@@ -219,7 +224,8 @@ def controller_files(
     """The files of `export_c`: relative path to text; raises as it does. `design`: Files of the design, which go with
     it."""
     code = code_of(controller, name, real, robot, origin)
-    run = record(code.controller, exact=np.float32 if real == "float" else np.float64)
+    exact = np.float32 if real == "float" else np.float64
+    run = provoked(code, record(code.controller, exact=exact), exact)
     runs = (run,) if real == "float" else with_both_roundings(code.controller, run)
     export = Export(code, runs, accuracy(code, run), design)
     shared = {
@@ -260,10 +266,14 @@ def _begin_here(code: ControllerCode) -> dict[str, Any]:
 
 
 #: Why a test vector may saturate: before measured positions are moved, and then.
-AT_LIMIT = (
-    "commands swing faster than a robot should",
-    "measured positions are moved away and back",
-)
+AT_LIMIT = {
+    "": "commands swing faster than a robot should",
+    "moved": "measured positions are moved away and back",
+}
+
+
+def _safety(export: Export) -> dict[str, Any]:
+    return {**safety_values(export.code, export.runs[-1]), "digest": export.code.digest}
 
 
 def _readme(export: Export) -> dict[str, Any]:
@@ -287,7 +297,7 @@ def _readme(export: Export) -> dict[str, Any]:
         for k, name in enumerate(code.signals[kind])
     ]
     at_limit = (run.u <= c.limits.lower) | (run.u >= c.limits.upper)
-    counts = [int(at_limit[part].any(axis=1).sum()) for part in run.parts]
+    counts = {name: int(at_limit[part].any(axis=1).sum()) for name, part in run.parts.items()}
     none = f"none: set `{code.upper('P_LOWER')}` and `{code.upper('P_UPPER')}` to what the drives take"
     facts = {
         **code.facts,
@@ -317,8 +327,9 @@ def _readme(export: Export) -> dict[str, Any]:
         ],
         "every": EVERY,
         "far": reaches_far(code),
-        "at_limit": [(count, why) for count, why in zip(counts, AT_LIMIT, strict=False) if count],
-        "samples": len(run.u),
+        "at_limit": [(count, AT_LIMIT[name]) for name, count in counts.items() if count and name in AT_LIMIT],
+        "samples": run.begun,
+        "provoked": 0 if run.provocation is None else sum(run.provocation.repeats),
         "has_design": bool(export.design),
     }
 

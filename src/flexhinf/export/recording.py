@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from flexhinf.errors import NumericalFailure
 from flexhinf.loop import Controller, Loop, Samples
+from flexhinf.loop.controller.memory import StateHistory
 from flexhinf.loop.controller.options import equilibrium_line
+from flexhinf.validation import read_only
 
 #: How a sample ends, by the name of the code that a step in C returns for it.
 MEASURED, MISSING, NOT_FINITE = "OK", "PREDICTED", "BAD_MEASUREMENT"
@@ -26,6 +30,43 @@ BEYOND, FARTHEST = 1.5, 10.0
 #: Largest standard deviation of the noise in a recorded loop, in the unit of the measurement: the swing is to be seen.
 LOUDEST = 0.1 * SWING
 
+#: No memory is replaced.
+NONE: Mapping[int, np.ndarray] = MappingProxyType({})
+
+#: Fields of a recording that are lists, a number or a text for each row.
+LISTS = ("kinds", "codes", "status", "path_rate", "doubtful", "hashes")
+
+
+@dataclass(frozen=True, eq=False)
+class Provocation:
+    """What is given to a controller: `y` (K, p) and `r` (K, k), each for so many samples as `repeats` says.
+
+    `numbers`: Those of the step in place of the design's. `state`, `input`: Where it starts; None as it does by itself.
+    `unmeasured`: Rows without a measurement. `memories`: What its memory is replaced by before some
+    rows, by the number of the row.
+    """
+
+    y: np.ndarray
+    r: np.ndarray
+    repeats: list[int]
+    numbers: np.ndarray
+    state: np.ndarray | None
+    input: np.ndarray | None
+    memories: dict[int, np.ndarray]
+    unmeasured: tuple[int, ...] = ()
+
+    def begun(self, controller: Controller) -> Controller:
+        """A fresh controller with these numbers, started there."""
+        fresh = controller.fresh()
+        vars(fresh)["data_vector"] = read_only(np.array(self.numbers))
+        fresh.reset(self.state, self.input)
+        return fresh
+
+    def answered(self, controller: Controller) -> Recording:
+        """What a controller does."""
+        kinds = [MISSING if k in self.unmeasured else MEASURED for k in range(len(self.y))]
+        return feed(self.begun(controller), self.y, self.r, kinds, self.repeats, self.memories)
+
 
 @dataclass(frozen=True, eq=False)
 class Recording:
@@ -33,8 +74,11 @@ class Recording:
 
     `y`, `r`: (K, p), (K, max(1, k)) arrays, measurements and commands. `u`, `estimate`: (K, m), (K, n) arrays, outputs
     of the controller, held where the sample was refused. `kinds`: How each sample was given, see `replay`. `codes`:
-    "OK", "PREDICTED" or "BAD_MEASUREMENT", one for each sample. `status`: bits of `Controller.status`, likewise.
-    `moved`: The first sample at which measured positions are moved from outside; None without any.
+    "OK", "PREDICTED" or "BAD_MEASUREMENT", one for each sample. `status`, `path_rate`, `rejected` (K, p), `doubtful`:
+    Those of the controller after each sample. `hashes`: `memory_hash` of what it
+    remembers then.
+    `moved`: The first sample at which measured positions are moved from outside; None without any. `provocation`: What
+    is given in the rows from `begun` on; each row before is one sample.
     """
 
     y: np.ndarray
@@ -44,13 +88,48 @@ class Recording:
     kinds: list[str]
     codes: list[str]
     status: list[int]
+    path_rate: list[float]
+    rejected: np.ndarray
+    doubtful: list[int]
+    hashes: list[int]
     moved: int | None = None
+    provocation: Provocation | None = None
 
     @property
-    def parts(self) -> tuple[slice, ...]:
-        """Samples before those at which positions are moved, and these."""
-        before = slice(0, self.moved)
-        return (before,) if self.moved is None else (before, slice(self.moved, None))
+    def begun(self) -> int:
+        """The first row of the provocation; how many rows there are without one."""
+        return len(self.y) - (0 if self.provocation is None else len(self.provocation.y))
+
+    @property
+    def repeats(self) -> list[int]:
+        """How often each row is given."""
+        return [1] * self.begun + ([] if self.provocation is None else self.provocation.repeats)
+
+    @property
+    def parts(self) -> dict[str, slice]:
+        """Rows of one kind: of the loop, where positions are moved from outside, and of the provocation."""
+        moved = self.begun if self.moved is None else self.moved
+        found = {
+            "": slice(0, moved),
+            "moved": slice(moved, self.begun),
+            "provoked": slice(self.begun, len(self.y)),
+        }
+        return {name: part for name, part in found.items() if part.stop > part.start}
+
+    def followed_by(self, one: Provocation, controller: Controller) -> Recording:
+        """This, and behind it what a controller does when it is provoked."""
+        other = one.answered(controller)
+        return replace(self.behind(other), provocation=one)
+
+    def behind(self, other: Recording) -> Recording:
+        """This, and the other behind it."""
+        arrays = {
+            field.name: np.concatenate([mine, getattr(other, field.name)])
+            for field in fields(self)
+            if isinstance(mine := getattr(self, field.name), np.ndarray)
+        }
+        lists = {name: getattr(self, name) + getattr(other, name) for name in LISTS}
+        return replace(self, **arrays, **lists)
 
 
 def record(
@@ -110,6 +189,19 @@ def record(
     )
 
 
+def memory_hash(memory: np.ndarray) -> int:
+    """FNV-1a of the bits of numbers in double, eight bytes at a time: a test compares all of a memory by one number."""
+    found = 0xCBF29CE484222325
+    for bits in np.ascontiguousarray(memory, dtype=np.float64).view(np.uint64).tolist():
+        found = ((found ^ bits) * 0x100000001B3) % 2**64
+    return found
+
+
+def history_of(controller: Controller) -> StateHistory:
+    """What a controller remembers, which only a test reads and replaces."""
+    return controller._history  # pyright: ignore[reportPrivateUsage]
+
+
 def _moved(controller: Controller, run: Recording, first: int) -> np.ndarray | None:
     """Measurements (K, p) of a run in which the positions are moved away and back from this sample on, as far as inputs
     need to reach a limit if they follow in proportion; None where nothing is moved: measurements are judged, none is a
@@ -162,33 +254,68 @@ def with_both_roundings(controller: Controller, run: Recording) -> tuple[Recordi
     from flexhinf.codegen import machine
 
     once = machine.host().fused if controller.fused is None else controller.fused
-    other = replay(controller.fresh(not once), run.y, run.r[:, : len(controller.commanded)], run.kinds)
+    unlike, loop = controller.fresh(not once), slice(0, run.begun)
+    other = replay(unlike, run.y[loop], run.r[loop, : len(controller.commanded)], run.kinds[loop])
     other = replace(other, moved=run.moved)
+    if run.provocation is not None:
+        other = other.followed_by(run.provocation, unlike)
     return (other, run) if once else (run, other)
 
 
-def replay(controller: Controller, y: np.ndarray, r: np.ndarray, kinds: list[str]) -> Recording:
+def replay(
+    controller: Controller, y: np.ndarray, r: np.ndarray, kinds: list[str], repeats: Sequence[int] = ()
+) -> Recording:
     """Feed samples to a fresh controller.
 
-    `controller`: Only read. `y`, `r`: (K, p), (K, k) arrays. `kinds`: "OK"; "PREDICTED" for a sample without a
+    `controller`: Only read. `repeats`: How often each is given, once by default; recorded is what came last.
+    `y`, `r`: (K, p), (K, k) arrays. `kinds`: "OK"; "PREDICTED" for a sample without a
     measurement; `GAP` for one without the first element, which is refused if there is no estimator.
     """
-    fresh, y = controller.fresh(), np.array(y, dtype=float)
+    return feed(controller.fresh(), y, r, kinds, repeats)
+
+
+def feed(
+    fresh: Controller,
+    y: np.ndarray,
+    r: np.ndarray,
+    kinds: list[str],
+    repeats: Sequence[int] = (),
+    memories: Mapping[int, np.ndarray] = NONE,
+) -> Recording:
+    """As `replay`, to this controller itself, with other memories before some rows."""
+    y, repeats = np.array(y, dtype=float), repeats or [1] * len(y)
     held = np.asarray(fresh.input_before(), dtype=float)
-    inputs, estimates, codes, status = [], [], [], []
+    inputs, estimates, codes, said, hashes = [], [], [], [], []
     for k, kind in enumerate(kinds):
         code = kind
+        if k in memories:
+            history_of(fresh).memory[:] = memories[k]
         if kind == GAP:
             y[k, 0] = np.nan
-            code = NOT_FINITE if not controller.gaps else MEASURED if np.isfinite(y[k]).any() else MISSING
+            code = NOT_FINITE if not fresh.gaps else MEASURED if np.isfinite(y[k]).any() else MISSING
         try:
-            held = fresh.step(None if kind == MISSING else y[k], r[k] if r.shape[1] else None)
+            for _ in range(repeats[k]):
+                held = fresh.step(None if kind == MISSING else y[k], r[k] if r.shape[1] else None)
         except NumericalFailure:
             if code != NOT_FINITE:
                 raise
         codes.append(code)
         inputs.append(held)
         estimates.append(np.nan_to_num(fresh.estimate))
-        status.append(int(fresh.status))
+        said.append((int(fresh.status), fresh.path_rate, np.array(fresh.rejected), fresh.doubtful_samples))
+        hashes.append(memory_hash(history_of(fresh).memory))
     r = r if r.shape[1] else np.zeros((len(y), 1))
-    return Recording(y, r, np.array(inputs), np.array(estimates), list(kinds), codes, status)
+    status, rates, rejected, doubtful = map(list, zip(*said, strict=True))
+    return Recording(
+        y,
+        r,
+        np.array(inputs),
+        np.array(estimates),
+        list(kinds),
+        codes,
+        status,
+        rates,
+        np.array(rejected),
+        doubtful,
+        hashes,
+    )

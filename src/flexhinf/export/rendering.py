@@ -68,6 +68,8 @@ def c_values(name: str, real: Real) -> dict[str, object]:
         "number": number,
         "row": row,
         "matrix": matrix,
+        "numbers": lambda values: in_lines([number(float(x)) for x in values], 4),
+        "integers": lambda rows: ",\n".join(f"    {{{', '.join(map(str, one))}}}" for one in rows),
         "in_lines": in_lines,
         "table": table,
     }

@@ -20,8 +20,9 @@ import numpy as np
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.compiled import build, compiler_flags
 from flexhinf.export.controller_c import ControllerCode
-from flexhinf.export.recording import MISSING, Recording
+from flexhinf.export.recording import MISSING, Recording, memory_hash
 from flexhinf.export.rendering import render_c
+from flexhinf.loop import Status
 
 #: Largest error of the test vector relative to an input's largest value: in double of the C library's functions, where
 #: they are called; in float of covariances and gains of 24 bits: 1e-6 to 2 % were seen, so it is measured where a C
@@ -42,17 +43,20 @@ EVERY = 10
 @dataclass(frozen=True)
 class Accuracy:
     """Largest errors that a test vector allows in each of its parts, relative to each signal's largest value there, and
-    a text for the README."""
+    a text for the README. `said`: whether codes and bits of the status were those of the recording, where rounding does
+    not decide about them."""
 
     inputs: tuple[float, ...]
     estimates: tuple[float, ...]
     text: str
+    said: bool = True
 
 
 def accuracy(code: ControllerCode, run: Recording) -> Accuracy:
     """In double what the C library's functions may differ by; in float what is measured with this machine's compiler.
 
-    Raises InvalidInput if inputs lose more than a test vector may allow: less while no position is moved.
+    Raises InvalidInput if inputs lose more than a test vector may allow: less while no position is moved. What is lost
+    while the controller is provoked is no measure of it.
     """
     most, plainly, parts = TOLERANCE[code.real.name], (f"-D{code.upper('PLAIN')}",), len(run.parts)
     if code.real.name == "double":
@@ -64,25 +68,29 @@ def accuracy(code: ControllerCode, run: Recording) -> Accuracy:
     vector = "the test vector allows"
     if fused is None or plain is None:
         text = f"not measured: no C compiler for this machine was found; {vector} {100 * most:g} %"
-        return Accuracy((most, SPARE * MOST_MOVED)[:parts], (math.inf,) * parts, text)
-    worst, estimates = (np.maximum(*each) for each in zip(fused, plain, strict=True))
+        any_error = {"": most, "moved": SPARE * MOST_MOVED, "provoked": math.inf}
+        return Accuracy(tuple(any_error[part] for part in run.parts), (math.inf,) * parts, text, said=False)
+    worst, estimates = (np.maximum(*each) for each in zip(fused[:2], plain[:2], strict=True))
+    has_moved = "moved" in run.parts
+    moved_most = worst[list(run.parts).index("moved")] if has_moved else 0.0
     refuse_if(
-        worst[0] > most or worst[-1] > max(most, MOST_MOVED),
+        worst[0] > most or moved_most > MOST_MOVED,
         "The controller loses too much in float.",
         f"expected inputs within {100 * most:g} % of their largest value over the test vector, "
-        f"got {100 * worst[0]:.2g} %{MOVED.format(100 * worst[-1]) * (parts > 1)}",
+        f"got {100 * worst[0]:.2g} %{MOVED.format(100 * moved_most) * has_moved}",
         "--real double; or larger noise levels of the estimator, which condition its covariances better",
     )
     allowed = np.maximum(MIN_TOLERANCE, SPARE * worst)
     allowed[0] = min(most, allowed[0])
-    moved = f" ({vector} {100 * allowed[-1]:.2g} %)"
+    moved = f" ({vector} {100 * SPARE * moved_most:.2g} %)"
     return Accuracy(
         tuple(allowed),
         tuple(np.maximum(MIN_TOLERANCE, SPARE * estimates)),
         f"{100 * fused[0][0]:.2g} % of the input's largest value over the test vector, {100 * plain[0][0]:.2g} % "
         f"without fused multiply-adds, measured at the export; {vector} {100 * allowed[0]:.2g} %"
-        + (MOVED.format(100 * worst[-1]) + moved)
-        * (parts > 1),
+        + (MOVED.format(100 * moved_most) + moved)
+        * has_moved,
+        said=fused[2] == plain[2] == 0,
     )
 
 
@@ -92,9 +100,9 @@ MOVED = "; {:.2g} % while positions are moved from outside"
 
 def _measured_errors(
     code: ControllerCode, run: Recording, flags: Sequence[str]
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """Largest errors of inputs and estimates in each part of the test vector, built for this machine; infinite where a
-    result is not finite."""
+) -> tuple[np.ndarray, np.ndarray, int] | None:
+    """Largest errors of inputs and estimates in each part of the test vector, built for this machine, infinite where a
+    result is not finite; and how many codes and bits are others."""
     any_error = (math.inf,) * len(run.parts)
     texts = {**code.files, "test.c": vector(code, (run,), Accuracy(any_error, any_error, ""))}
     try:
@@ -108,7 +116,7 @@ def _measured_errors(
     found = re.findall(r"largest relative error (\S+) .* of estimates (\S+)", output)
     errors = np.array(found or [("inf", "inf")] * len(run.parts), dtype=float).T
     inputs, estimates = np.where(np.isfinite(errors), errors, math.inf)
-    return inputs, estimates
+    return inputs, estimates, int((re.findall(r"wrong codes (\d+)", output) or ["1"])[0])
 
 
 def vector(code: ControllerCode, runs: Sequence[Recording], allowed: Accuracy) -> str:
@@ -120,54 +128,72 @@ def vector_values(code: ControllerCode, runs: Sequence[Recording], allowed: Accu
     """What the test vector consists of."""
     run = runs[-1]
     sizes, sizes_of_estimates = list[np.ndarray](), list[np.ndarray]()
-    for part in run.parts:
+    for part in run.parts.values():
         largest = np.abs(run.estimate[part]).max(axis=0)
         sizes.append(np.maximum(np.abs(run.u[part]).max(axis=0), 1e-30))
         sizes_of_estimates.append(np.maximum(largest, 1e-3 * largest.max()))
+    exact = code.real.bytes == 8
+    kind = np.float64 if exact else np.float32
+    initial = code.controller.initial_memory()
+    tables = [f"0x{memory_hash(np.asarray(part, kind)):016x}u" for part in (code.defaults, initial)]
     return {
+        "tables": tables,
         "y": run.y,
         "r": run.r,
         "measured": [int(kind != MISSING) for kind in run.kinds],
         "codes": [code.codes[kind].value for kind in run.codes],
+        "repeats": run.repeats,
+        "provocation": run.provocation,
+        "replaced": [run.begun + k for k in (run.provocation.memories if run.provocation else ())],
+        "unseen": _unseen(run),
+        "rejected": run.rejected,
         "runs": [
             {
                 "u": one.u,
                 "estimates": one.estimate[::EVERY],
-                "status": [bits if code.real.bytes == 8 else -1 for bits in one.status],
+                "status": one.status if exact else sure_bits(one, allowed.said),
+                "path_rate": one.path_rate,
+                "doubtful": one.doubtful,
+                "hashes": [f"0x{number:016x}u" for number in one.hashes],
             }
             for one in runs
         ],
+        "exact": exact,
+        "hashes": exact and allowed.inputs[0] == 0.0,
+        "part_of_row": [
+            k for k, part in enumerate(run.parts.values()) for _ in range(part.stop - part.start)
+        ],
+        "names_of_parts": [f", {name}" if name else "" for name in run.parts],
         "sizes": sizes,
         "sizes_of_estimates": sizes_of_estimates,
         "allowed": allowed,
         "every": EVERY,
-        "moved": len(run.codes) if run.moved is None else run.moved,
+        "begun": run.begun,
     }
 
 
-def reaches_far(code: ControllerCode) -> bool:
-    """Whether the rehearsal stands the robot at large angles: a model knows it at rest, and no limit refuses them."""
-    return code.standstill is not None and not code.controller.mode.checks_measurements
+#: Rows on either side of a change of the status in which rounding of float may decide when it comes.
+NEAR_CHANGE = 2
+
+#: The bit of an estimate in doubt, which is another one in float.
+DOUBT = int(Status.DOUBTFUL_ESTIMATE)
 
 
-#: Angles beyond those that are reduced quickly, rad.
-FAR = {"double": "4e9", "float": "2e4F"}
-LARGEST = {"double": "1e300", "float": "1e30F"}
+def sure_bits(run: Recording, said: bool) -> list[int]:
+    """The status after each row, without the bit of doubt; −1 where rounding may decide, and everywhere where this
+    machine's `said` others."""
+    bits = np.array(run.status) & ~DOUBT
+    changes = np.flatnonzero(np.diff(bits))
+    for k in changes:
+        bits[max(0, k + 1 - NEAR_CHANGE) : k + 1 + NEAR_CHANGE] = -1
+    return bits.tolist() if said else [-1] * len(bits)
 
 
-def far_values(code: ControllerCode) -> dict[str, Any] | None:
-    """At which angles the rehearsal stands the robot, and with how many; None where it does not."""
-    if not reaches_far(code):
-        return None
-    real = code.real.name
-    return {"joints": code.standstill.size1_in(0), "angle": FAR[real], "largest": LARGEST[real]}
-
-
-def contract_values(code: ControllerCode, run: Recording) -> dict[str, Any]:
-    """What the rehearsal of the contract consists of, which begins with the first sample of a recording."""
-    return {
-        "far": far_values(code),
-        "first_y": run.y[0],
-        "first_r": run.r[0],
-        "first_estimate": np.zeros(code.sizes["estimate"]) if code.belief is None else code.belief,
-    }
+def _unseen(run: Recording) -> np.ndarray:
+    """Samples (K, p) since each measurement was last there."""
+    counts, found = np.zeros(run.y.shape[1], dtype=int), list[np.ndarray]()
+    for k, (y, kind, times) in enumerate(zip(run.y, run.kinds, run.repeats, strict=True)):
+        counts = counts * (k != run.begun)
+        counts = np.where(np.isfinite(y) & (kind != MISSING), 0, counts + times)
+        found.append(counts)
+    return np.array(found)

@@ -1,5 +1,5 @@
-/* The contract of @{name}, rehearsed: every value that a step returns is provoked but BAD_ARITHMETIC, and what README.md says
- * of it is looked for. Made by flexhinf @{version}. Exit code 0 if all of it holds. */
+/* The contract of @{name}, rehearsed: every value that a step returns is provoked, and what README.md says of it is
+ * looked for. Made by flexhinf @{version}. Exit code 0 if all of it holds. */
 #include "@{name}.h"
 
 #include <math.h>
@@ -41,6 +41,7 @@ static void give(void)
         input.r[i] = first_r[i];
     }
     input.age = 0;
+    input.elapsed = 0;
     input.measured = 1;
 }
 
@@ -193,6 +194,297 @@ static void far_away(void)
 }
 
 {% endif %}
+/* Parts of the state that an overwritten memory may change: what is applied is still an input that may be. */
+static void overwritten_parts(void)
+{
+    const @{name}_real beyond[3] = {(@{name}_real)NAN, (@{name}_real)HUGE_VAL, -(@{name}_real)HUGE_VAL};
+    @{name}_real begun[@{NAME}_INPUTS];
+    expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
+    input.measured = 0;
+    (void)step();
+    for (int i = 0; i < @{NAME}_INPUTS; ++i) {
+        begun[i] = output.u[i];
+    }
+    for (int k = 0; k < 3; ++k) {
+        for (int i = 0; i < @{NAME}_INPUTS; ++i) {
+            state.held[i] = beyond[k];
+        }
+        for (int i = 0; i < @{NAME}_STATES; ++i) {
+            state.estimate[i] = beyond[k];
+        }
+        expect(step() == @{NAME}_WAITING, "WAITING after a part of the state was overwritten");
+        for (int i = 0; i < @{NAME}_INPUTS; ++i) {
+            expect(output.u[i] >= begun[i] && output.u[i] <= begun[i], "the input of the start where the last one is none");
+        }
+        expect(output.estimate[0] >= 0 && output.estimate[0] <= 0, "an estimate of zero where it was overwritten");
+    }
+    for (int k = 0; k < 2; ++k) { /* every memory, or what is applied until there is a measurement */
+        give();
+        for (int j = 0; j < 3 && k == 0; ++j) {
+            (void)step();
+        }
+        input.measured = (k == 0) ? 1 : 0;
+        for (int i = 0; i < @{NAME}_MEMORY; ++i) {
+            state.start[i] = (@{name}_real)NAN;
+            state.older[i] = (@{name}_real)NAN;
+            state.memory[i] = (k == 0) ? (@{name}_real)NAN : state.memory[i];
+        }
+        if (PREDICTS && k == 0) {
+            expect(holds(@{NAME}_BAD_RESULT) && holds(@{NAME}_WENT_BACK), "WENT_BACK where every memory was overwritten");
+            expect(step() == @{NAME}_OK, "OK after every memory was overwritten");
+        }
+        for (int i = 0; i < @{NAME}_INPUTS && k == 1; ++i) {
+            state.held[i] = (@{name}_real)NAN;
+        }
+        (void)step();
+    }
+    expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
+    give();
+    state.refused = @{NAME}_BAD_ARITHMETIC; /* as @{name}_init may find */
+    expect(step() == @{NAME}_BAD_ARITHMETIC && holds(@{NAME}_BAD_ARITHMETIC), "BAD_ARITHMETIC, and nothing is computed");
+    input.measured = 0;
+    expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
+    state.unseen[0] = 32766;
+    (void)step();
+    expect(output.unseen[0] == 32767, "a count of 32767");
+    (void)step();
+    expect(output.unseen[0] == 32767, "a count that ends");
+    state.unseen[0] = -2;
+    (void)step();
+    expect(output.unseen[0] == 32767, "a count that was overwritten");
+    give();
+    expect(step() == @{NAME}_OK && output.unseen[0] == 0, "a count from zero");
+    state.missing = -1;
+    input.measured = 0;
+    expect(holds(@{NAME}_STOPPED), "STOPPED where the count of missing samples was overwritten");
+    give();
+    state.samples = -7;
+    expect(step() == @{NAME}_OK && state.samples == 1, "a count of good samples from the start");
+    state.samples = 32000;
+    expect(step() == @{NAME}_OK && state.samples == 1, "a count of good samples that ends");
+}
+
+/* Some time after the start the memory goes back to an earlier one, and not to the start. */
+static void goes_back(void)
+{
+    static @{name}_real before[@{NAME}_MEMORY];
+    int same = 1;
+    expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
+    give();
+    for (int k = 0; k < 3 * @{spacing}; ++k) {
+        input.y[0] = first_y[0] + (@{name}_real)(1e-4 * (k % 7));
+        (void)step();
+    }
+    for (int i = 0; i < @{NAME}_MEMORY; ++i) {
+        before[i] = state.older[i];
+        state.memory[i] = (@{name}_real)NAN;
+    }
+    if (PREDICTS) {
+        expect(holds(@{NAME}_BAD_RESULT) && holds(@{NAME}_WENT_BACK), "WENT_BACK later");
+        for (int i = 0; i < @{NAME}_MEMORY; ++i) {
+            same = (state.memory[i] >= before[i] && state.memory[i] <= before[i]) ? same : 0;
+        }
+        expect(same, "the memory of an earlier sample");
+        give();
+        expect(step() == @{NAME}_OK, "OK from an earlier memory");
+    }
+}
+
+/* A start from an input beyond the limits begins at the limit; wider limits of the caller widen nothing. */
+static void wide(void)
+{
+    @{name}_real far[@{NAME}_INPUTS];
+    for (int k = 0; k < 2; ++k) {
+        param = @{name}_defaults;
+        for (int i = 0; i < @{NAME}_INPUTS; ++i) {
+            const @{name}_real least = @{name}_defaults.value[@{NAME}_P_LOWER + i], most = @{name}_defaults.value[@{NAME}_P_UPPER + i];
+            const int limited = isfinite(least) && isfinite(most);
+            far[i] = limited ? ((k == 0) ? most + (most - least) : least - (most - least)) : 0;
+            if (limited) {
+                param.value[@{NAME}_P_LOWER + i] = least - (most - least) * 4;
+                param.value[@{NAME}_P_UPPER + i] = most + (most - least) * 4;
+            }
+        }
+        expect(@{name}_start(&state, &param, NULL, far) == @{NAME}_OK, "a start from a large input");
+        give();
+        input.measured = 0;
+        expect(step() == @{NAME}_WAITING, "WAITING after a start");
+        for (int i = 0; i < @{NAME}_INPUTS; ++i) {
+            const @{name}_real least = @{name}_defaults.value[@{NAME}_P_LOWER + i], most = @{name}_defaults.value[@{NAME}_P_UPPER + i];
+            const @{name}_real end = (k == 0) ? most : least;
+            const int limited = isfinite(least) && isfinite(most);
+            expect(!limited || (output.u[i] >= end && output.u[i] <= end), "a start at the limit");
+        }
+        give();
+        for (int j = 0; j < 20; ++j) {
+            for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
+                input.y[i] = first_y[i] + (@{name}_real)((k == 0) ? 1 : -1);
+            }
+            (void)step(); /* it looks at the limits */
+        }
+    }
+    param = @{name}_defaults;
+    expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
+    give();
+}
+
+{% if rests or starts %}
+static int near(@{name}_real found, @{name}_real expected)
+{
+    const @{name}_real size = 1 + fabs@{f}(expected);
+    return fabs@{f}(found - expected) <= size * @{number(tight)};
+}
+
+{% endif %}
+{% if starts %}
+/* A start elsewhere without an input begins with the one that holds the robot there. */
+static void held_starts(void)
+{
+    static const @{name}_real states[@{starts | length}][@{NAME}_STATES] = {
+@{matrix(starts | map(attribute=0))}
+    };
+    static const @{name}_real inputs[@{starts | length}][@{NAME}_INPUTS] = {
+@{matrix(starts | map(attribute=1))}
+    };
+    for (int k = 0; k < @{starts | length}; ++k) {
+        expect(@{name}_start(&state, &param, states[k], NULL) == @{NAME}_OK, "a start elsewhere");
+        give();
+        input.measured = 0;
+        expect(step() == @{NAME}_WAITING, "WAITING after a start elsewhere");
+        for (int i = 0; i < @{NAME}_INPUTS; ++i) {
+            expect(near(output.u[i], inputs[k][i]), "the input that holds the robot there");
+        }
+        for (int i = 0; i < @{NAME}_STATES; ++i) {
+            expect(near(output.estimate[i], states[k][i]), "the estimate of the start");
+        }
+        expect(output.path_rate >= 1 && output.path_rate <= 1, "a path rate of 1 at the start");
+    }
+    give();
+}
+
+{% endif %}
+#ifndef @{NAME}_WITHOUT_CHECK
+/* One number after the other is changed: what the check says of it, and its place. */
+static void checks(void)
+{
+    static const int places[@{tries | length}] = {
+@{in_lines(tries | map(attribute=0) | list)}
+    };
+    static const @{name}_real values[@{tries | length}] = {
+@{numbers(tries | map(attribute=1) | list)}
+    };
+    static const int verdicts[@{tries | length}] = {
+@{in_lines(tries | map(attribute=2) | list)}
+    };
+    for (int k = 0; k < @{tries | length}; ++k) {
+        int place = -1;
+        param = @{name}_defaults;
+        if (places[k] < @{NAME}_PARAMETERS) {
+            param.value[places[k]] = values[k];
+        } else if (places[k] == @{NAME}_PARAMETERS) {
+            param.oldest = values[k];
+        } else {
+            param.missing_limit = (int)values[k];
+        }
+        expect(@{name}_check(&param, &place) == verdicts[k], "what the check says of a number");
+        expect(place == ((verdicts[k] == @{NAME}_PARAM_OK) ? -1 : places[k]), "the place of a number that is refused");
+        expect(@{name}_check(&param, NULL) == verdicts[k], "a check without a place");
+    }
+    param = @{name}_defaults;
+    param.oldest = (@{name}_real)NAN;
+    expect(@{name}_check(&param, NULL) == @{NAME}_PARAM_NOT_FINITE, "an age of NaN is refused");
+    param = @{name}_defaults;
+}
+#endif
+
+{% if rests %}
+#ifndef @{NAME}_WITHOUT_REST
+/* Rest at two poses{% if slower %}, and a motion that is slowed{% endif %}, as computed elsewhere. */
+static void rests(void)
+{
+    static const @{name}_real poses[@{rests | length}][@{rests[0][0] | length}] = {
+@{matrix(rests | map(attribute=0))}
+    };
+    static const @{name}_real expected[@{rests | length}][@{NAME}_STATES + @{NAME}_INPUTS] = {
+@{matrix(rests | map(attribute=1))}
+    };
+    @{name}_real r[@{NAME}_STATES + @{NAME}_INPUTS];
+    for (int k = 0; k < @{rests | length}; ++k) {
+        expect(@{name}_rest(&param, poses[k], r) == @{NAME}_OK, "rest at a pose");
+        for (int i = 0; i < @{NAME}_STATES + @{NAME}_INPUTS; ++i) {
+            expect(near(r[i], expected[k][i]), "state and input at rest");
+        }
+    }
+    r[0] = (@{name}_real)NAN;
+    expect(@{name}_rest(&param, r, r) == @{NAME}_BAD_COMMAND, "no rest at a pose that is not finite");
+{% if slower %}
+    {
+        static const @{name}_real rates[@{slower | length}] = {@{row(slower | map(attribute=0) | list)}};
+        static const @{name}_real motion[@{NAME}_COMMANDS] = {@{row(slower[0][1])}};
+        static const @{name}_real slow[@{slower | length}][@{NAME}_COMMANDS] = {
+@{matrix(slower | map(attribute=2))}
+        };
+        for (int k = 0; k < @{slower | length} + 2; ++k) {
+            const @{name}_real rate = (k < @{slower | length}) ? rates[k] : (@{name}_real)NAN;
+            for (int i = 0; i < @{NAME}_COMMANDS; ++i) {
+                r[i] = motion[i];
+            }
+            if (k > @{slower | length}) { /* a command that is none */
+                r[@{NAME}_COMMANDS - 1] = (@{name}_real)HUGE_VAL;
+            }
+            if (k >= @{slower | length}) {
+                expect(@{name}_slowed(&param, (k > @{slower | length}) ? (@{name}_real)0.5 : rate, r) == @{NAME}_BAD_COMMAND, "nothing slower than what is none");
+            } else {
+                expect(@{name}_slowed(&param, rate, r) == @{NAME}_OK, "a slower motion");
+                for (int i = 0; i < @{NAME}_COMMANDS; ++i) {
+                    expect(near(r[i], slow[k][i]), "the command of a slower motion");
+                }
+            }
+        }
+    }
+{% endif %}
+}
+#endif
+
+{% endif %}
+/* The time between steps, as shares of the period: how long until it is refused, and when it is right again. */
+static void periods(void)
+{
+    static const @{name}_real share[6] = {1.5@{F}, 2.5@{F}, 0.5@{F}, 1.05@{F}, 0.95@{F}, 50.0@{F}};
+    static const int refused[6] = {8, 3, 8, 0, 0, 2}; /* after how many steps; 0: never */
+    for (int k = 0; k < 8; ++k) {
+        int first = 0;
+        expect(@{name}_start(&state, &param, NULL, NULL) == @{NAME}_OK, "a start without arguments");
+        give();
+        for (int j = 1; j <= 200 && first == 0; ++j) {
+            const @{name}_output before = output;
+            const @{name}_real none = (k == 6) ? (@{name}_real)NAN : -@{NAME}_PERIOD;
+            input.elapsed = (k < 6) ? share[k] * @{NAME}_PERIOD : none;
+            if (step() == @{NAME}_BAD_PERIOD) {
+                first = j;
+                for (int i = 0; i < @{NAME}_INPUTS && j > 1; ++i) {
+                    expect(output.u[i] >= before.u[i] && output.u[i] <= before.u[i], "the last output at a wrong period");
+                }
+            }
+        }
+        expect(first == ((k < 6) ? refused[k] : 2), "BAD_PERIOD after so many steps");
+        for (int j = 0; j < 100; ++j) {
+            input.elapsed = @{NAME}_PERIOD;
+            (void)step();
+        }
+        expect(step() == @{NAME}_OK, "OK where the period is right again");
+        input.elapsed = 3 * @{NAME}_PERIOD;
+        expect(step() == @{NAME}_OK, "OK at a single late step");
+    }
+    state.slip = (@{name}_real)HUGE_VAL; /* as by an overwritten memory */
+    input.elapsed = @{NAME}_PERIOD;
+    expect(step() == @{NAME}_OK, "OK after what is known of the period was overwritten");
+    state.slip = 1;
+    input.elapsed = 0;
+    expect(step() == @{NAME}_OK, "OK where the time is not known");
+    give();
+}
+
 static void limits(void)
 {
     int place = -1;
@@ -245,7 +537,22 @@ int main(void)
     samples();
     overwritten((@{name}_real)NAN);
     overwritten((@{name}_real)HUGE_VAL);
+    overwritten_parts();
+    goes_back();
+    periods();
     limits();
+    wide();
+{% if starts %}
+    held_starts();
+{% endif %}
+#ifndef @{NAME}_WITHOUT_CHECK
+    checks();
+#endif
+{% if rests %}
+#ifndef @{NAME}_WITHOUT_REST
+    rests();
+#endif
+{% endif %}
 {% if far %}
     far_away();
 {% endif %}

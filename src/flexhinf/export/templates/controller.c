@@ -133,6 +133,16 @@ static void limit(const @{name}_param *param, const real *from, real *to)
     }
 }
 
+/* The mean by which the time between steps is off, in periods: of the last some 32. A time that is none, or a long one,
+ * counts as two periods too long. */
+static real slipped(real slip, real elapsed)
+{
+    const real periods = elapsed / @{NAME}_PERIOD;
+    const real before = (slip >= @{number(-1.0)} && slip <= @{number(2.0)}) ? slip : @{zero};
+    const real off = (periods >= @{zero} && periods <= @{number(3.0)}) ? periods - @{unity} : @{number(2.0)};
+    return before + ((off - before) * @{number(0.03125)});
+}
+
 static void begin(@{name}_state *state)
 {
     @{name}_copy(state->start, state->memory, @{NAME}_MEMORY);
@@ -142,6 +152,7 @@ static void begin(@{name}_state *state)
     for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
         state->unseen[i] = 0;
     }
+    state->slip = @{zero};
     state->missing = 0;
     state->failed = 0;
     state->began_again = 0;
@@ -339,8 +350,15 @@ int @{name}_step(@{name}_state *state, const @{name}_param *param, const @{name}
         const int more = (before >= 0 && before < MOST_UNSEEN) ? before + 1 : MOST_UNSEEN;
         state->unseen[i] = (in_time != 0 && isfinite(input->y[i]) != 0) ? 0 : more;
     }
+    if (input->elapsed >= @{zero} && input->elapsed <= @{zero}) {
+        state->slip = @{zero};
+    } else {
+        state->slip = slipped(state->slip, input->elapsed);
+    }
     if (state->refused == REFUSED) {
         code = REFUSED;
+    } else if (state->slip > @{number(0.1)} || state->slip < @{number(-0.1)}) {
+        code = @{NAME}_BAD_PERIOD;
     } else if (in_time != 0{% if plausible %} && @{name}_believed(state, param, input->y) != 0{% endif %}) {
         code = @{code.call("input->y")};
         if (code == @{NAME}_BAD_COMMAND) { /* its measurement was not used, and counts as none */

@@ -108,6 +108,9 @@ typedef struct {
     /* of the measurements when the step begins, s; 0 if that is not known. Above oldest, below 0, or NAN: there is no
      * measurement */
     @{name}_real age;
+    /* since the step before, s, by a clock that does not make the period; 0 if that is not known. Where its mean over
+     * some 32 steps is off by more than a tenth of the period, nothing is computed: @{NAME}_BAD_PERIOD */
+    @{name}_real elapsed;
     int measured; /* 0 where there is no measurement */
 } @{name}_input;
 
@@ -139,6 +142,7 @@ typedef struct {
     @{name}_real estimate[@{NAME}_STATES], estimated[@{NAME}_STATES];
     @{name}_real u[@{NAME}_INPUTS], held[@{NAME}_INPUTS];
     @{name}_real work[@{NAME}_WORK];
+    @{name}_real slip;
 {% if columns %}
 {% if code.lanes > 1 %}
 #if @{sixteen}

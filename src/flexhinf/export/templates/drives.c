@@ -17,7 +17,7 @@ static int may_act(int code, const @{name}_output *output)
     for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
         seen = seen && (output->unseen[i] <= LONGEST_UNSEEN || code == @{NAME}_WAITING);
     }
-    return seen && code != @{NAME}_STOPPED && code != @{NAME}_WENT_BACK && code != @{NAME}_NOT_INITIALISED;
+    return seen && code != @{NAME}_STOPPED && code != @{NAME}_BAD_PERIOD && code != @{NAME}_WENT_BACK && code != @{NAME}_NOT_INITIALISED;
 }
 {% endmacro %}
 

@@ -22,7 +22,7 @@ EXPORT int flexhinf_start(void *state, const double *estimate, const double *inp
     return @{name}_start(state, &@{name}_defaults, estimate, input);
 }
 /* One sample. Then r is the command that holds: of a refused one the last good one, after going back the older one. */
-EXPORT int flexhinf_step(void *state, const double *y, double *r, int measured, double *u, double *estimate)
+EXPORT int flexhinf_step(void *state, const double *y, double *r, double elapsed, int measured, double *u, double *estimate)
 {
     const @{name}_state *after = state;
     @{name}_input input = {0};
@@ -34,6 +34,7 @@ EXPORT int flexhinf_step(void *state, const double *y, double *r, int measured, 
     for (int i = 0; i < @{NAME}_COMMANDS; ++i) {
         input.r[i] = r[i];
     }
+    input.elapsed = elapsed;
     input.measured = measured;
     code = @{name}_step(state, &@{name}_defaults, &input, &output);
     for (int i = 0; i < @{NAME}_COMMANDS; ++i) {

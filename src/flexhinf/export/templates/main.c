@@ -44,6 +44,7 @@ int main(void)
         if (@{NAME}_LATENCY > 0) { /* the input of the sample before acts from here on; further samples are the drive's */
             drive_motors(output.u);
         }
+        /* input.elapsed = s since the sample before, by a clock of its own: then a wrong period is @{NAME}_BAD_PERIOD */
         code = @{name}_step(&state, &@{name}_defaults, &input, &output);
         report(code);
         acts = may_act(code, &output);

@@ -3,15 +3,24 @@
 #include "@{name}.h"
 
 #include <math.h>
+#include <stdint.h>
 #include <stdio.h>
+#include <string.h>
 
-enum { SAMPLES = @{codes | length}, RUNS = @{runs | length}, EVERY = @{every}, PARTS = @{sizes | length}, MOVED = @{moved} };
+enum { ROWS = @{codes | length}, RUNS = @{runs | length}, EVERY = @{every}, PARTS = @{sizes | length}, BEGUN = @{begun} };
 
-/* From sample MOVED on, measured positions are moved away and back: a part with sizes and tolerances of its own. */
-static int part_of(int sample)
-{
-    return (sample < MOVED) ? 0 : PARTS - 1;
-}
+/* How many rows are given: with -D@{NAME}_LOOP_ALONE those of the loop, to count what a usual step costs. */
+#ifdef @{NAME}_LOOP_ALONE
+#define GIVEN BEGUN
+#else
+#define GIVEN ROWS
+#endif
+
+/* The part of each row: parts have sizes and tolerances of their own. */
+static const int part_of[ROWS] = {
+@{in_lines(part_of_row)}
+};
+static const char *const names[PARTS] = { @{names_of_parts | quoted} };
 
 /* Of the runs without and with fused multiply-adds, the one that this build repeats. */
 #define RUN @{name ~ "_fused" if runs | length > 1 else 0}
@@ -20,18 +29,24 @@ static int part_of(int sample)
 static const @{name}_real tolerance[PARTS] = { @{row(allowed.inputs)} };
 static const @{name}_real tolerance_of_estimates[PARTS] = { @{row(allowed.estimates)} };
 
-/* Measurements, whether there is one, and commands; what must come of them in each run, and of every EVERY-th sample what
- * is estimated; the code and the status of each step, -1 where rounding may decide about it. */
-static const @{name}_real given_y[SAMPLES][@{NAME}_MEASUREMENTS] = {
+/* How often each row is given: once, but where something must last. From row BEGUN on the controller is provoked: it starts
+ * elsewhere, with other numbers, and nothing closes the loop. */
+static const int given_times[ROWS] = {
+@{in_lines(repeats)}
+};
+
+/* Measurements, whether there is one, and commands; what must come of them in each run, and of every EVERY-th row what is
+ * estimated; of each row the code, the counts, and the status, -1 where rounding may decide about it. */
+static const @{name}_real given_y[ROWS][@{NAME}_MEASUREMENTS] = {
 @{matrix(y)}
 };
-static const int given_measured[SAMPLES] = {
+static const int given_measured[ROWS] = {
 @{in_lines(measured)}
 };
-static const @{name}_real given_r[SAMPLES][@{code.sizes.r}] = {
+static const @{name}_real given_r[ROWS][@{code.sizes.r}] = {
 @{matrix(r)}
 };
-static const @{name}_real expected_u[RUNS][SAMPLES][@{NAME}_INPUTS] = {{
+static const @{name}_real expected_u[RUNS][ROWS][@{NAME}_INPUTS] = {{
 {% for run in runs %}
 @{matrix(run.u)}
 {% if not loop.last %}
@@ -42,7 +57,7 @@ static const @{name}_real expected_u[RUNS][SAMPLES][@{NAME}_INPUTS] = {{
 static const @{name}_real size_of_u[PARTS][@{NAME}_INPUTS] = {
 @{matrix(sizes)}
 };
-static const @{name}_real expected_estimate[RUNS][SAMPLES / EVERY][@{NAME}_STATES] = {{
+static const @{name}_real expected_estimate[RUNS][(ROWS + EVERY - 1) / EVERY][@{NAME}_STATES] = {{
 {% for run in runs %}
 @{matrix(run.estimates)}
 {% if not loop.last %}
@@ -53,11 +68,38 @@ static const @{name}_real expected_estimate[RUNS][SAMPLES / EVERY][@{NAME}_STATE
 static const @{name}_real size_of_estimate[PARTS][@{NAME}_STATES] = {
 @{matrix(sizes_of_estimates)}
 };
-static const int expected_code[SAMPLES] = {
+static const int expected_code[ROWS] = {
 @{in_lines(codes)}
 };
-
-static const int expected_status[RUNS][SAMPLES] = {{
+static const int expected_unseen[ROWS][@{NAME}_MEASUREMENTS] = {
+@{integers(unseen)}
+};
+{% if code.rejected is not none and exact %}
+static const int expected_rejected[ROWS][@{NAME}_MEASUREMENTS] = {
+@{integers(rejected)}
+};
+{% endif %}
+{% if code.doubt is not none and exact %}
+static const int expected_doubtful[RUNS][ROWS] = {{
+{% for run in runs %}
+@{in_lines(run.doubtful)}
+{% if not loop.last %}
+}, {
+{% endif %}
+{% endfor %}
+}};
+{% endif %}
+{% if code.slows or code.reacts %}
+static const @{name}_real expected_rate[RUNS][ROWS] = {{
+{% for run in runs %}
+@{numbers(run.path_rate)}
+{% if not loop.last %}
+}, {
+{% endif %}
+{% endfor %}
+}};
+{% endif %}
+static const int expected_status[RUNS][ROWS] = {{
 {% for run in runs %}
 @{in_lines(run.status)}
 {% if not loop.last %}
@@ -66,54 +108,171 @@ static const int expected_status[RUNS][SAMPLES] = {{
 {% endfor %}
 }};
 
+{% if hashes %}
+/* What must be remembered after each row, as a hash. */
+static const uint64_t expected_memory[RUNS][ROWS] = {{
+{% for run in runs %}
+@{in_lines(run.hashes, 5)}
+{% if not loop.last %}
+}, {
+{% endif %}
+{% endfor %}
+}};
+
+{% endif %}
+{% if provocation is not none %}
+/* Numbers that are not the design's, and where the controller starts. */
+static const @{name}_real other_numbers[@{NAME}_PARAMETERS] = {
+@{numbers(provocation.numbers)}
+};
+{% if provocation.state is not none %}
+static const @{name}_real other_state[@{NAME}_STATES] = {@{row(provocation.state)}};
+{% endif %}
+static const @{name}_real other_input[@{NAME}_INPUTS] = {@{row(provocation.input)}};
+
+{% if provocation.memories %}
+/* What the memory is replaced by, before which rows. */
+static const int replaced[@{provocation.memories | length}] = {@{replaced | join(", ")}};
+static const @{name}_real other_memory[@{provocation.memories | length}][@{NAME}_MEMORY] = {
+{% for memory in provocation.memories.values() %}
+    {
+@{numbers(memory)}
+    }@{"," if not loop.last}
+{% endfor %}
+};
+
+{% endif %}
+{% endif %}
 static @{name}_state state;
+static @{name}_param param;
+static @{name}_input input;
+static @{name}_output output;
+static @{name}_real worst[PARTS], worst_estimate[PARTS];
+static int wrong_codes;
+
+static void expect(int holds)
+{
+    wrong_codes += (holds != 0) ? 0 : 1;
+}
+
+/* The larger of an error and the largest before; NaN is larger than any number. */
+static @{name}_real larger(@{name}_real before, @{name}_real error)
+{
+    return (error <= before) ? before : error;
+}
+
+static void provoke(void)
+{
+{% if provocation is not none %}
+    for (int i = 0; i < @{NAME}_PARAMETERS; ++i) {
+        param.value[i] = other_numbers[i];
+    }
+    expect(@{name}_start(&state, &param, @{"other_state" if provocation.state is not none else "NULL"}, other_input) == @{NAME}_OK);
+{% endif %}
+}
+
+static int step(int row)
+{
+    int code = 0;
+{% if provocation is not none and provocation.memories %}
+    for (int k = 0; k < @{provocation.memories | length}; ++k) {
+        for (int i = 0; i < @{NAME}_MEMORY && row == replaced[k]; ++i) {
+            state.memory[i] = other_memory[k][i];
+        }
+    }
+{% endif %}
+    for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
+        input.y[i] = given_y[row][i];
+    }
+    for (int i = 0; i < @{code.sizes.r}; ++i) {
+        input.r[i] = given_r[row][i];
+    }
+    input.measured = given_measured[row];
+    for (int times = given_times[row]; times > 0; --times) {
+        code = @{name}_step(&state, &param, &input, &output);
+    }
+    return code;
+}
+
+/* What a step says beside inputs and estimates. */
+static void compare_counts(int row)
+{
+    if (expected_status[RUN][row] >= 0) {
+        expect({% if exact %}output.status{% else %}(output.status & ~@{NAME}_DOUBTFUL_ESTIMATE){% endif %} == expected_status[RUN][row]);
+    }
+    for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
+        expect(output.unseen[i] == expected_unseen[row][i]);
+{% if code.rejected is not none and exact %}
+        expect(output.rejected[i] == expected_rejected[row][i]);
+{% endif %}
+    }
+{% if code.doubt is not none and exact %}
+    expect(output.doubtful == expected_doubtful[RUN][row]);
+{% endif %}
+{% if code.slows or code.reacts %}
+    expect(fabs@{f}(output.path_rate - expected_rate[RUN][row]) <= @{"0" if exact else "0.05F"});
+{% else %}
+    expect(output.path_rate >= 1 && output.path_rate <= 1);
+{% endif %}
+}
+
+/* FNV-1a of the bits of numbers as doubles, a number at a time. */
+static uint64_t hash_of(const @{name}_real *numbers, int count)
+{
+    uint64_t hash = 0xcbf29ce484222325u;
+    for (int i = 0; i < count; ++i) {
+        const double number = (double)numbers[i];
+        uint64_t bits;
+        memcpy(&bits, &number, sizeof bits);
+        hash = (hash ^ bits) * 0x100000001b3u;
+    }
+    return hash;
+}
+
+static void compare(int row)
+{
+    const int part = part_of[row];
+    for (int i = 0; i < @{NAME}_INPUTS; ++i) {
+        const @{name}_real away = output.u[i] - expected_u[RUN][row][i];
+        worst[part] = larger(worst[part], fabs@{f}(away) / size_of_u[part][i]);
+    }
+    for (int i = 0; i < @{NAME}_STATES && row % EVERY == 0; ++i) {
+        const @{name}_real away = output.estimate[i] - expected_estimate[RUN][row / EVERY][i];
+        worst_estimate[part] = larger(worst_estimate[part], fabs@{f}(away) / size_of_estimate[part][i]);
+    }
+}
 
 int main(void)
 {
-    @{name}_input input = {0};
-    @{name}_output output = {0};
-    @{name}_real worst[PARTS] = {@{zero}}, worst_estimate[PARTS] = {@{zero}};
-    int wrong_codes = 0, passed = 1;
+    int passed, samples = 0;
+    param = @{name}_defaults;
     if (@{name}_init(&state) != @{NAME}_OK) {
         printf("@{name}: flags of the compiler change results: FAILED\n");
         return 1;
     }
-    for (int k = 0; k < SAMPLES; ++k) {
-        const int part = part_of(k);
-        for (int i = 0; i < @{NAME}_MEASUREMENTS; ++i) {
-            input.y[i] = given_y[k][i];
+    expect(hash_of(@{name}_defaults.value, @{NAME}_PARAMETERS) == @{tables[0]}); /* the numbers of the design, all of them */
+    expect(hash_of(state.start, @{NAME}_MEMORY) == @{tables[1]});
+    for (int row = 0; row < GIVEN; ++row) {
+        if (row == BEGUN) {
+            provoke();
         }
-        for (int i = 0; i < @{code.sizes.r}; ++i) {
-            input.r[i] = given_r[k][i];
-        }
-        input.measured = given_measured[k];
-        if (@{name}_step(&state, &@{name}_defaults, &input, &output) != expected_code[k]) {
-            wrong_codes += 1;
-        }
-        if (expected_status[RUN][k] >= 0 && output.status != expected_status[RUN][k]) {
-            wrong_codes += 1;
-        }
-        for (int i = 0; i < @{NAME}_INPUTS; ++i) {
-            const @{name}_real error = fabs@{f}(output.u[i] - expected_u[RUN][k][i]) / size_of_u[part][i];
-            if (!(error <= worst[part])) {
-                worst[part] = error;
-            }
-        }
-        for (int i = 0; i < @{NAME}_STATES && k % EVERY == 0; ++i) {
-            const @{name}_real away = output.estimate[i] - expected_estimate[RUN][k / EVERY][i];
-            const @{name}_real error = fabs@{f}(away) / size_of_estimate[part][i];
-            if (!(error <= worst_estimate[part])) {
-                worst_estimate[part] = error;
-            }
-        }
+        expect(step(row) == expected_code[row]);
+        samples += given_times[row];
+        compare(row);
+        compare_counts(row);
+{% if hashes %}
+        expect(hash_of(state.memory, @{NAME}_MEMORY) == expected_memory[RUN][row]);
+{% endif %}
     }
+    passed = (wrong_codes == 0) ? 1 : 0;
     for (int part = 0; part < PARTS; ++part) {
-        passed = passed && worst[part] <= tolerance[part] && worst_estimate[part] <= tolerance_of_estimates[part];
-        printf("@{name}%s: largest relative error %.3g (allowed %.3g), of estimates %.3g (allowed %.3g)\n",
-               (part == 0) ? "" : ", moved", (double)worst[part], (double)tolerance[part],
-               (double)worst_estimate[part], (double)tolerance_of_estimates[part]);
+        if (!(worst[part] <= tolerance[part] && worst_estimate[part] <= tolerance_of_estimates[part])) {
+            passed = 0;
+        }
+        printf("@{name}%s: largest relative error %.3g (allowed %.3g), of estimates %.3g (allowed %.3g)\n", names[part],
+               (double)worst[part], (double)tolerance[part], (double)worst_estimate[part],
+               (double)tolerance_of_estimates[part]);
     }
-    passed = passed && wrong_codes == 0;
-    printf("@{name}: %d samples, wrong codes %d: %s\n", (int)SAMPLES, wrong_codes, passed ? "passed" : "FAILED");
-    return passed ? 0 : 1;
+    printf("@{name}: %d samples, wrong codes %d: %s\n", samples, wrong_codes, (passed != 0) ? "passed" : "FAILED");
+    return (passed != 0) ? 0 : 1;
 }

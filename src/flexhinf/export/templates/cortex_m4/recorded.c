@@ -23,7 +23,7 @@ int read_sensors(@{name}_real *y)
 {
     failed += samples > 0 && code_before != expected_code[samples - 1];
     code_before = @{NAME}_OK;
-    if (samples == SAMPLES) {
+    if (samples == BEGUN) {
         printf("@{name} in a periodic task: %d samples, largest relative error %.3g: %s\n", samples, (double)largest,
                failed ? "FAILED" : "passed");
         exit(failed != 0);
@@ -47,8 +47,8 @@ void drive_motors(const @{name}_real *u)
 {
     const int sample = samples - 1 - (@{NAME}_LATENCY > 0);
     for (int i = 0; i < @{NAME}_INPUTS && sample >= 0; ++i) {
-        const @{name}_real error = fabs@{f}(u[i] - expected_u[RUN][sample][i]) / size_of_u[part_of(sample)][i];
-        failed += !(error <= tolerance[part_of(sample)]);
+        const @{name}_real error = fabs@{f}(u[i] - expected_u[RUN][sample][i]) / size_of_u[part_of[sample]][i];
+        failed += !(error <= tolerance[part_of[sample]]);
         if (!(error <= largest)) {
             largest = error;
         }

@@ -1,0 +1,239 @@
+"""Samples that provoke what a controller watches: a start elsewhere, numbers that are not the design's, hard commands.
+
+A recorded loop stays near its operating point, where many terms of a model are zero and no bit of a status is set. Here
+every number of the model, the law and the limits is another one, and nothing closes the loop: measurements swing as an
+arm that rings, commands leave the workspace, or rest far from where the robot is. The C must give the same as Python.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from flexhinf.errors import NumericalFailure
+from flexhinf.export.controller_c import ControllerCode
+from flexhinf.export.recording import Provocation, Recording
+from flexhinf.loop import Controller
+
+#: By how much numbers are moved, relative to them, and what takes the place of a zero of the model.
+MOVED, OF_ZERO = 0.01, 1e-3
+
+#: Of the limits of inputs, what is left.
+NARROWER = 0.6
+
+#: Parts of the step's numbers that are moved; of the others, many are exact for the structure that they have.
+MOVED_PARTS = (
+    "law",
+    "operating_point",
+    "operating_input",
+    "parameters",
+    "integral_relief",
+    "windup_line",
+    "windup_spread",
+    "dry_friction",
+    "integral_gain",
+    "inverse_slope",
+    "balance_state",
+    "balance_input",
+)
+
+NARROWED_PARTS = ("lower", "upper", "input_rate", "command_rate", "workspace", "following")
+
+#: How far the start is from where the estimator begins, in the unit of each state, and commands from measurements.
+ELSEWHERE, AWAY = 0.02, 0.2
+
+#: How near to the largest following error a robot stays that keeps an input at its limit: half on either side.
+NEAR = 0.45
+
+#: What measurements swing by at every row, and where something judges them.
+NOISE, QUIET = 2e-4, 1e-6
+
+#: By how much covariances are changed, relative to the largest; where an end is put that an input is pushed to.
+KICK, AT_END = 1e-3, 0.8
+
+#: Memories that are tried, the rows that each is followed by, and the seed of their numbers.
+KINDS, EACH, SEED = 6, 4, 1
+
+#: Numbers of a memory from which on only the first kinds are tried.
+LARGE = 200
+
+#: Rows of each act, and the samples of a swing to and fro: short enough to be one, long enough for the law to answer.
+ROWS, RING = 12, 7
+
+
+def provoked(code: ControllerCode, run: Recording, exact: type[np.floating]) -> Recording:
+    """The recording with samples that provoke its controller behind it; as it is where all of them end in numbers that
+    are not finite."""
+    for one in provocations(code, run.y[0], exact):
+        with suppress(NumericalFailure):
+            return run.followed_by(one, code.controller)
+    return run
+
+
+def provocations(code: ControllerCode, first: np.ndarray, exact: type[np.floating]) -> Iterator[Provocation]:
+    """Ways to provoke a controller, the hardest first: the next is for one that ends in no finite numbers.
+
+    `first` (p,): What is measured at rest. `exact`: The type that holds all that is given as it is.
+    """
+
+    def held(array: np.ndarray) -> np.ndarray:
+        with np.errstate(over="ignore"):  # refused where it is written as a constant
+            return np.asarray(array).astype(exact).astype(float)
+
+    for size, zeros in ((1.0, True), (1.0, False), (0.1, False), (0.01, False)):
+        numbers = held(_other_numbers(code.controller, code.defaults, zeros))
+        y, r, repeats, lasting = _script(code.controller, numbers, first, size)
+        state = (
+            None if not code.starts_anywhere or code.belief is None else held(_elsewhere(code.belief, size))
+        )
+        one = Provocation(
+            held(y), held(r), repeats, numbers, state, held(_pushed(code.controller, numbers)), {}
+        )
+        with suppress(NumericalFailure):
+            numbers = held(_saturated(code.controller, numbers, one.answered(code.controller).u, lasting))
+            pushed = held(_pushed(code.controller, numbers))
+            yield _with_memories(replace(one, numbers=numbers, input=pushed), code.controller, held)
+
+
+def _with_memories(
+    one: Provocation, controller: Controller, held: Callable[[np.ndarray], np.ndarray]
+) -> Provocation:
+    """With rows in which the controller goes on from other memories, of those that end in finite numbers."""
+    rows = slice(0, EACH)
+    for memory in map(held, _memories(controller)):
+        memories = {**one.memories, len(one.y): memory}
+        y, r = np.vstack([one.y, one.y[rows]]), np.vstack([one.r, one.r[rows]])
+        if controller.gaps and y.shape[1] > 1:
+            y[-2][len(memories) % y.shape[1]] = np.nan  # one sensor gave nothing
+        without = (*one.unmeasured, *((len(one.y) + (len(memories) % 2),) if controller.gaps else ()))
+        repeats = [*one.repeats, *[1] * EACH]
+        longer = replace(one, y=y, r=r, repeats=repeats, memories=memories, unmeasured=without)
+        with suppress(NumericalFailure):
+            longer.answered(controller)
+            one = longer
+    return one
+
+
+def _memories(controller: Controller) -> Iterator[np.ndarray]:
+    """Memories whose covariances, or roots of them, have other structures: nothing is zero, rows of other sizes, rows
+    that vanish, all zero, and signs that change; then of a small memory columns that vanish, and more sizes."""
+    first = controller.initial_memory()
+    rng = np.random.default_rng(SEED)
+    for kind in range(KINDS if first.size > LARGE else 3 * KINDS):
+        memory = np.array(first)
+        belief = () if controller.estimator is None else controller.memory.named(memory).belief
+        parts = [part for part in map(np.asarray, belief) if part.ndim == 2 and part.any()]
+        for part in parts:
+            n = len(part)
+            if kind in (0, 4, 5) or kind >= 2 * KINDS:
+                part += KICK * np.abs(part).max() * rng.standard_normal(part.shape)
+            if kind in (1, 4, 5) or kind >= KINDS:
+                sizes = 10.0 ** rng.uniform(-2.0, 2.0, n)
+                part *= np.sqrt(np.outer(sizes, sizes)) if np.array_equal(part, part.T) else sizes[:, None]
+            if kind == 2:
+                part[n // 2], part[:, part.shape[1] // 2] = 0.0, 0.0
+            if kind == 3:
+                part[:] = 0.0
+            if KINDS <= kind < 2 * KINDS:
+                part[:, kind % part.shape[1]] = 0.0
+            if kind == 5:
+                part *= np.where(np.arange(n) % 2, -1.0, 1.0)[:, None]
+        if parts:
+            yield memory
+
+
+def _other_numbers(controller: Controller, numbers: np.ndarray, zeros: bool) -> np.ndarray:
+    """The numbers of the step, moved; limits of inputs, the box and rates are narrower."""
+    moved, places = np.array(numbers, dtype=float), controller.data.places
+    for name in MOVED_PARTS:
+        if name in places:
+            part = moved[places[name]]
+            by = part * (1.0 + MOVED * np.cos(1.0 + np.arange(part.size)))
+            moved[places[name]] = np.where((part == 0.0) & (zeros and name == "parameters"), OF_ZERO, by)
+    for name in NARROWED_PARTS:
+        if name in places:
+            moved[places[name]] *= NARROWER  # infinite ones stay
+    if "rcond_limit" in places:
+        moved[places["rcond_limit"]] = 2.0  # no correction is as well conditioned
+    return moved
+
+
+def _elsewhere(belief: np.ndarray, size: float) -> np.ndarray:
+    return belief + size * ELSEWHERE * np.cos(np.arange(belief.size))
+
+
+def _pushed(controller: Controller, numbers: np.ndarray) -> np.ndarray:
+    """An input (m,) to start from, within the limits of these numbers."""
+    u, places = np.asarray(controller.input_before(), dtype=float), controller.data.places
+    lower, upper = numbers[places["lower"]], numbers[places["upper"]]
+    room = np.where(np.isfinite(upper), upper - u, 1.0)
+    return np.clip(u + 0.1 * room, lower, upper)
+
+
+def _saturated(controller: Controller, numbers: np.ndarray, u: np.ndarray, lasting: slice) -> np.ndarray:
+    """The numbers, with narrower limits where inputs (K, m) are pushed to one side, so that they stay there."""
+    changed, places = np.array(numbers), controller.data.places
+    if lasting.stop <= lasting.start:
+        return changed
+    lower, upper = changed[places["lower"]], changed[places["upper"]]
+    before, pushed = u[: lasting.start].mean(axis=0), u[lasting][ROWS // 3 :]
+    least, most = pushed.min(axis=0), pushed.max(axis=0)
+    both = np.isfinite(lower) & np.isfinite(upper)
+    up, down = both & (least > before), both & (most < before)
+    changed[places["upper"]] = np.where(up, np.minimum(upper, before + AT_END * (least - before)), upper)
+    changed[places["lower"]] = np.where(down, np.maximum(lower, before + AT_END * (most - before)), lower)
+    return changed
+
+
+def _script(
+    controller: Controller, numbers: np.ndarray, first: np.ndarray, size: float
+) -> tuple[np.ndarray, np.ndarray, list[int], slice]:
+    """Measurements (K, p), commands (K, k), how often each is given, and in which rows an input is pushed for long."""
+    c, watch = controller, controller.supervision
+    command = np.array(c.operating_reference, dtype=float)
+    positions = np.array(["position" in name for name in c.measured], dtype=float)
+    places = [c.states.index(name) for name in c.tracked] if c.mode.moving else list(range(command.size))
+    judged = c.mode.checks_measurements or getattr(c.estimator, "gate", None) is not None
+    swing, noise = (0.0, QUIET) if judged else (size * AWAY, size * NOISE)
+    y, r, repeats, pushed = list[np.ndarray](), list[np.ndarray](), list[int](), slice(0, 0)
+
+    def act(away: float, commanded: Any, times: int, rows: int = ROWS, rings: bool = False) -> None:
+        for k in range(rows):
+            side = -away if rings and k % 2 else away
+            y.append(first + side * positions + noise * np.cos(k + np.arange(first.size)))
+            row = command.copy()
+            row[places] += commanded
+            r.append(row)
+            repeats.append(times)
+
+    act(0.0, 0.0, 1)
+    act(0.0, 0.2 * size * AWAY, 1)
+    for k in range(len(first) if c.gaps and len(first) > 1 else 0):
+        act(0.0, 0.0, 1, 2)
+        y[-1][k] = np.nan  # one sensor gave nothing
+    if watch is not None and places:
+        near = size * NEAR * float(np.min(np.minimum(c.data.named(numbers).following, 2.0 * AWAY)))
+        lasting = math.ceil(2.0 * watch.saturation_time / c.period / ROWS)
+        act(min(near, swing), 0.0, RING, 4 * ROWS, rings=True)  # a limit cycle
+        pushed = slice(len(y), len(y) + ROWS)
+        act(-min(near, swing), near, lasting)  # at a limit
+        act(0.0, 0.0, 3)
+        act(0.0, _outside(c, places), 1)
+        act(0.0, 0.0, 3)
+        act(-swing, size * AWAY, lasting)  # far from the command too
+        act(0.0, 0.0, 5)
+    return np.array(y), np.array(r), repeats, pushed
+
+
+def _outside(controller: Controller, places: list[int]) -> np.ndarray:
+    """A step of the commanded positions that leaves the workspace."""
+    watch = controller.supervision
+    if watch is None or watch.workspace is None:
+        return np.full(len(places), AWAY)
+    upper = np.broadcast_to(np.asarray(watch.workspace[1], dtype=float), len(places))
+    return upper - controller.operating_reference[places] + ELSEWHERE

@@ -1,0 +1,159 @@
+"""What the rehearsal of a contract needs: numbers that a caller may change, rest at poses, a motion that is slowed.
+
+All of them are computed here by other routes than those of the C: CasADi's own evaluation, and the formulas in NumPy.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode
+from flexhinf.export.parameter_check import Range, ranges
+from flexhinf.export.recording import Recording
+from flexhinf.loop.controller.options import holding_function
+
+
+def reaches_far(code: ControllerCode) -> bool:
+    """Whether the rehearsal stands the robot at large angles: a model knows it at rest, and no limit refuses them."""
+    return code.standstill is not None and not code.controller.mode.checks_measurements
+
+
+#: Angles beyond those that are reduced quickly, rad.
+FAR = {"double": "4e9", "float": "2e4F"}
+LARGEST = {"double": "1e300", "float": "1e30F"}
+
+
+def far_values(code: ControllerCode) -> dict[str, Any] | None:
+    """At which angles the rehearsal stands the robot, and with how many; None where it does not."""
+    if not reaches_far(code):
+        return None
+    real = code.real.name
+    return {"joints": code.standstill.size1_in(0), "angle": FAR[real], "largest": LARGEST[real]}
+
+
+def contract_values(code: ControllerCode, run: Recording) -> dict[str, Any]:
+    """What the rehearsal of the contract consists of, which begins with the first sample of a recording."""
+    return {
+        "far": far_values(code),
+        "tight": 1e-9 if code.real.bytes == 8 else 2e-3,
+        "starts": starts_elsewhere(code),
+        "tries": tries(code),
+        "rests": rests(code),
+        "slower": slower(code) if code.slows else [],
+        "first_y": run.y[0],
+        "first_r": run.r[0],
+        "first_estimate": np.zeros(code.sizes["estimate"]) if code.belief is None else code.belief,
+    }
+
+
+def starts_elsewhere(code: ControllerCode) -> list[tuple[np.ndarray, np.ndarray]]:
+    """States that differ from the first belief in one element, and the input before the first sample there."""
+    if not code.starts_anywhere or code.belief is None:
+        return []
+    kind, found = np.float64 if code.real.bytes == 8 else np.float32, []
+    for place in (0, len(code.belief) - 1):
+        state = code.belief.astype(kind).astype(float)
+        state[place] += 2e-3
+        state = state.astype(kind).astype(float)
+        found.append((state, code.controller.input_before(None, state)))
+    return found
+
+
+#: How many numbers are changed one by one, at most; by how much, relative to each.
+MOST_TRIED, CHANGE = 200, 1e-3
+
+#: What `NAME_check` finds, as the header has it.
+FINE, BEYOND, NOT_PHYSICAL = 0, 1, 2
+
+
+def tries(code: ControllerCode) -> list[tuple[int, float, int]]:
+    """Place, value and what the check of parameters says, of numbers changed alone: those with a range first."""
+    numbers = np.append(code.defaults, [code.oldest, MISSING_LIMIT if code.predicts else 0.0])
+    missing = int(numbers[-1])
+    rows = {
+        row.place: row for row in ranges(code.controller, code.defaults, code.robot, code.oldest, missing)
+    }
+    fixed = [place for place in range(len(numbers)) if place not in rows]
+    chosen = [*_some(sorted(rows), MOST_TRIED // 2), *_some(fixed, MOST_TRIED // 2)]
+    kind, found = np.float64 if code.real.bytes == 8 else np.float32, []
+    for place in chosen:
+        if place == len(numbers) - 1:  # an integer
+            values = [numbers[place] - 1.0, numbers[place] + 1.0]
+        else:
+            step = CHANGE * (abs(numbers[place]) or 1.0) if math.isfinite(numbers[place]) else 0.0
+            values = [numbers[place] - step, numbers[place] + step] if step else [-1e6, 1e6]
+        for value in (float(kind(value)) for value in values):
+            found.append(
+                (place, value, verdict(rows.get(place), numbers, value, float(kind(numbers[place]))))
+            )
+    return found
+
+
+def _some(places: Sequence[int], most: int) -> list[int]:
+    return list(places[:: max(1, math.ceil(len(places) / most))])
+
+
+def verdict(row: Range | None, numbers: np.ndarray, value: float, design: float) -> int:
+    """What the check says of one number that is changed to a finite value."""
+    if row is None:
+        return FINE if value == design else BEYOND
+    below = row.below >= 0 and value >= numbers[row.below]
+    if not row.least <= value <= row.most or below:
+        return NOT_PHYSICAL
+    return FINE if row.low <= value <= row.high else BEYOND
+
+
+#: Where joints rest, as shares of a radian (of a tenth of a metre), one pose after the other.
+POSES = (0.3, -0.5)
+
+
+def rests(code: ControllerCode) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Link positions, and the state with the input at rest there; none where no model tells it."""
+    function = code.standstill
+    if function is None:
+        return []
+    kind, found = np.float64 if code.real.bytes == 8 else np.float32, []
+    for share in POSES:
+        q = np.array([share * math.cos(k) for k in range(function.size1_in(0))]).astype(kind).astype(float)
+        found.append((q, _called(function, q, _model(code))))
+    return found
+
+
+#: Rates of a path, the last of which changes nothing.
+RATES = (0.0, 0.25, 0.7, 1.0)
+
+
+def slower(code: ControllerCode) -> list[tuple[float, np.ndarray, np.ndarray]]:
+    """Path rates, a command, and that of the slower motion: velocities times the rate ρ, the rest of the state times ρ²
+    about rest at its positions, and the input that holds it with ρ² of what the input had beside the holding one."""
+    ((_, standing), *_), found = rests(code), []
+    states, velocities = code.sizes["estimate"], np.array(["velocity" in name for name in code.signals["X"]])
+    links = code.standstill.size1_in(0)
+    row = standing + 0.05 * np.cos(np.arange(standing.size))
+    row[:links] = standing[:links]
+    kind = np.float64 if code.real.bytes == 8 else np.float32
+    row = row.astype(kind).astype(float)
+    still = _called(code.standstill, row[:links], _model(code))
+    assert code.controller.estimator is not None
+    held = holding_function(code.controller.estimator.plant)
+    for rate in RATES:
+        x = still[:states] + np.where(velocities, rate, rate**2) * (row[:states] - still[:states])
+        before, after = (_called(held, at, _model(code)) for at in (row[:states], x))
+        u = after + rate**2 * (row[states:] - before)
+        found.append((rate, row, row if rate >= 1.0 else np.concatenate([x, u])))
+    return found
+
+
+def _model(code: ControllerCode) -> np.ndarray:
+    """Parameters of the estimator's model."""
+    assert code.controller.estimator is not None
+    return np.asarray(code.controller.estimator.plant.parameters.vector(), dtype=float)
+
+
+def _called(function: Any, *arguments: np.ndarray) -> np.ndarray:
+    """All results of a CasADi function, flat."""
+    return np.concatenate([np.asarray(one.full()).ravel() for one in function.call(list(arguments))])

@@ -1,0 +1,95 @@
+"""The material for an assessor, and how sharp the tests are that an export has beside its code."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.builders import arm_controller
+from tests.refusals import unnamed
+
+import flexhinf as fh
+from flexhinf.export import export_c
+from flexhinf.export.contract import CODES
+from flexhinf.export.controller_c import code_of
+from flexhinf.export.provocation import provoked
+from flexhinf.export.recording import memory_hash, record
+from flexhinf.export.safety import CHECKED, SECTIONS
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
+#: What brakes, and freezes the command.
+WATCH = fh.Supervision(
+    workspace=(-1.0, 1.0),
+    following=0.3,
+    position_swing=0.02,
+    reactions={"workspace": "brake", "following": "hold"},
+)
+
+
+def watched() -> fh.Controller:
+    return arm_controller(kind=fh.ExtendedKalmanFilter, start="bumpless", supervision=WATCH)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return export_c(watched(), tmp_path_factory.mktemp("safety") / "c", "arm", robot=fh.paper_arm())
+
+
+@pytest.mark.costs("records a controller that is provoked")
+def test_every_bit_that_can_be_set_is_set_by_the_test_vector() -> None:
+    """The oracle of the hash is FNV-1a of eight bytes at a time by its definition, of one number."""
+    code = code_of(watched(), "arm", "double")
+    run = provoked(code, record(code.controller), np.float64)
+    ever = np.bitwise_or.reduce(run.status)
+    assert ever & int(code.able) == int(code.able)
+    assert run.path_rate[0] == 1.0
+    assert min(run.path_rate) < 0.5
+    one = int.from_bytes(np.float64(0.1).tobytes(), sys.byteorder)
+    assert memory_hash(np.array([0.1])) == ((14695981039346656037 ^ one) * 1099511628211) % 2**64
+
+
+@pytest.mark.ci("an export")
+def test_safety_has_every_code_and_bit_with_who_must_act(folder: Path) -> None:
+    text = (folder / "safety.md").read_text(encoding="utf-8")
+    codes = [f"ARM_{name}" for name in CODES if name != "BAD_MEASUREMENT"]
+    assert unnamed(text, *codes, *(f"ARM_{bit.name}" for bit in fh.Status)) == []
+    assert unnamed(text, "11 ms", "First power-on", "Safe state", "No claim of conformity", "commit ") == []
+    assert "| 8 `ARM_REACTING` |" in text
+    functions = set(re.findall(r"`arm_contract.c`: `(\w+)`", text))
+    rehearsal = (folder / "arm_contract.c").read_text(encoding="utf-8")
+    assert functions
+    assert [name for name in functions if f"static void {name}(" not in rehearsal] == []
+
+
+def test_a_rule_is_checked_or_has_a_word() -> None:
+    """143 rules of MISRA C:2012, 13 of amendment 1 and 2 of amendment 2."""
+    assert sum(SECTIONS.values()) == 158
+    assert all(0 < rule <= SECTIONS[section] for section, rules in CHECKED.items() for rule in rules)
+
+
+@pytest.mark.ci("compiles an export some sixty times")
+def test_changes_of_the_source_are_noticed(folder: Path, compiler: str) -> None:
+    """Forty of some two thousand changes; the page has the share of more."""
+    words = [sys.executable, "mutants.py", "--most", "40", "--seed", "7"]
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
+    found = re.search(r"arm.c: (\d+) of (\d+) changes noticed", done.stdout)
+    assert found is not None, done.stdout + done.stderr
+    assert int(found[1]) >= 0.55 * int(found[2]) > 10
+    assert (folder / "mutants.txt").exists()
+
+
+@pytest.mark.ci("an export with gcov")
+def test_the_programs_reach_the_lines_of_the_source(folder: Path) -> None:
+    if shutil.which("gcov") is None:
+        pytest.skip("missing: gcov")
+    done = subprocess.run(
+        ["make", "-s", "coverage", "CC=gcc"], cwd=folder, capture_output=True, text=True, check=True
+    )
+    shares = re.findall(r"^(Lines|Branches) executed:([\d.]+)%", done.stdout, flags=re.MULTILINE)
+    assert min(float(share) for _, share in shares) > 98.0
