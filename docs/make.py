@@ -34,7 +34,7 @@ PACKAGE = ROOT / "src" / "flexhinf"
 IMAGES = ROOT / "docs" / "images"
 
 #: Drawings that the parts made, by file; `main` writes them.
-DRAWN: dict[Path, str] = {}
+DRAWN: dict[Path, str | bytes] = {}
 
 
 # Options --------------------------------------------------------------------------------------------
@@ -397,6 +397,24 @@ def laws() -> str:
     )
 
 
+# Pictures -------------------------------------------------------------------------------------------
+def pictures() -> dict[str, tuple[str, Callable[[], str]]]:
+    """The pictures of the guides, each made by the block after it."""
+    found = runpy.run_path(str(ROOT / "docs" / "pictures.py"))
+
+    def picture(page: str) -> Callable[[], str]:
+        def made() -> str:
+            place, content, line = found["made"](page)
+            DRAWN[place] = content
+            return line
+
+        return made
+
+    return {
+        f"picture-{page.rpartition('/')[2]}": (f"docs/{page}.md", picture(page)) for page in found["PICTURES"]
+    }
+
+
 # Promises -------------------------------------------------------------------------------------------
 def promises() -> str:
     """How many attempts of the fuzzers ended with neither a right answer nor an error of ours.
@@ -479,6 +497,7 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
     "which-laws": ("docs/which_law.md", benchmark("benchmarks.workspace", "--table", "laws")),
     "which-sensors": ("docs/which_law.md", benchmark("benchmarks.workspace", "--table", "sensors")),
     "which-gamma": ("docs/which_law.md", benchmark("benchmarks.workspace", "--table", "gamma")),
+    "masses": ("docs/theorem.md", benchmark("benchmarks.workspace", "--table", "masses")),
     "certificates": ("docs/certificate_study.md", benchmark("benchmarks.certificates", "--table")),
     "firmware": ("docs/firmware_study.md", benchmark("benchmarks.firmware", "--table")),
     "codegen": ("docs/architecture.md", benchmark("benchmarks.codegen", "--table")),
@@ -499,6 +518,7 @@ SLOW: dict[str, tuple[str, Callable[[], str]]] = {
     "circle": ("docs/identify.md", study("circle")),
     "augmentation": ("docs/augmentation.md", study("augmentation")),
     "promises": ("docs/promises.md", promises),
+    **pictures(),
 }
 
 
@@ -531,7 +551,7 @@ def main(arguments: list[str]) -> int:
             if not check:
                 page.write_text(new, encoding="utf-8")
         for path, text in DRAWN.items() if not check else ():
-            path.write_text(text, encoding="utf-8")
+            path.write_bytes(text if isinstance(text, bytes) else text.encode())
         print(f"{name}: {'differs from' if check and old != new else 'is'} {page.relative_to(ROOT)}")
     return int(check and bool(stale))
 

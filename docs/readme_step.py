@@ -120,7 +120,7 @@ def animated(robot: Any, ours: np.ndarray, theirs: np.ndarray, goal: Any) -> str
         ]
     body = "\n".join(parts)
     return (
-        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 620 450" font-family="sans-serif" font-size="15" '
+        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 620 450" font-family="sans-serif" font-size="19" '
         f'fill="none" stroke-linecap="round" stroke-linejoin="round"><style>text {{fill: {INK}}}</style>'
         f'<rect width="620" height="450" fill="white"/>\n{body}\n</svg>\n'
     )

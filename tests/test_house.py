@@ -75,6 +75,7 @@ def test_the_contract_catches_what_it_is_there_for(
 #: beside is loaded when a method is called; the package loads `design` once, so that ``fh.design`` stays a function.
 LOADED_BY_NAME = {
     ("__init__.py", "flexhinf.design"),
+    ("notebook.py", "flexhinf.pages"),  # pictures of robots and designs, drawn when a notebook shows one
     ("design/requirements/requirement.py", "flexhinf.pages"),  # `save` of designs and of a comparison
     ("design/result.py", "flexhinf.pages"),  # what is made of a design by those that know its kinds
     ("design/result.py", "flexhinf.design.campaign_folder"),

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.workspace import gamma
+from benchmarks.workspace import gamma, masses
 from benchmarks.workspace.arm import PERIOD
 from benchmarks.workspace.laws import LAWS
 from benchmarks.workspace.linear import DELAYS, GAINS
@@ -357,6 +357,7 @@ TABLES: dict[str, Callable[[Path], str]] = {
     "laws": which,
     "sensors": sensors,
     "gamma": gamma.table,
+    "masses": masses.table,
     "moves": moves,
     "many": many,
     "loops": loops,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import abc
 from collections.abc import Mapping, Sequence
 from html import escape
+from importlib import import_module
 
 
 class Summarised(abc.ABC):
@@ -24,6 +25,15 @@ class Summarised(abc.ABC):
 
     def _repr_html_(self) -> str:
         return table_html(type(self).__name__, self.summary())
+
+
+class Pictured(Summarised):
+    """Base of results that show pictures in a notebook too, below their table."""
+
+    def _repr_html_(self) -> str:
+        # The room of pages reads designs, so it is loaded when one is shown.
+        pictures: str = import_module("flexhinf.pages").notebook_pictures(self)
+        return super()._repr_html_() + pictures
 
 
 def table_html(title: str, facts: Mapping[str, str]) -> str:

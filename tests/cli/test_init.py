@@ -33,7 +33,8 @@ def test_a_vendors_file_becomes_a_robot_that_says_what_is_estimated(
     numbers = json.loads(Path("checked/check.json").read_text(encoding="utf-8"))
     assert {row["severity"] for row in numbers["findings"]} == {"doubt", "note"}
     assert numbers["joints"][0]["name"] == "shoulder"
-    assert "shoulder" in Path("checked/index.html").read_text(encoding="utf-8")
+    page = Path("checked/index.html").read_text(encoding="utf-8")
+    assert unnamed(page, "shoulder", 'id="figure-robot"', "height (m)") == []
 
 
 def test_a_robot_that_is_right_ends_with_0(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TextIO
 
 import pytest
+from rich.console import Console
 
 from flexhinf import cli
 from flexhinf.cli import commands, main, messages
@@ -128,6 +129,21 @@ class Bar(nullcontext[None]):
 
     def update(self, task: int, completed: float, description: str) -> None:
         self.shares.append(completed / (self.total or math.inf))
+
+
+def test_a_bar_says_how_long_the_rest_takes() -> None:
+    """A quarter took 10 s, and the next step has run for 5 s: 25 s of 40 are left."""
+    assert messages.time_left(0.25, 10.0, 15.0) == "about 25 s left"
+    assert messages.time_left(0.25, 10.0, 60.0) == "about 5 s left"
+    assert messages.time_left(0.1, 60.0, 60.0) == "about 9 min left"
+    assert messages.time_left(0.0, 0.0, 3.0) == messages.time_left(1.0, 9.0, 9.0) == ""
+    with messages.progress_bar("Bar", "Left") as bar:
+        task = bar.add_task("runs", total=4.0)
+        bar.tasks[0].start_time = bar.get_time() - 10.0
+        bar.update(task, completed=1.0)
+        stream = io.StringIO()
+        Console(file=stream, width=90).print(bar.get_renderable())
+    assert "about 30 s left runs" in stream.getvalue()
 
 
 def test_a_bar_moves_with_the_work(monkeypatch: pytest.MonkeyPatch) -> None:

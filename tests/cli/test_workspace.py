@@ -138,8 +138,24 @@ def test_other_commands_take_its_folder_or_say_why_not(
     assert [(law["name"], law["stated"], law["bandwidth"]) for law in laws][1:] == [("pid", True, 12.0)]
     assert main(["certify", "made", "--out", "proof"]) == 0
     proof = json.loads((folder / "proof" / "proof.json").read_text(encoding="utf-8"))
-    assert 0.0 < proof["proved"]["error"] < proof["computed"]["error"]
-    assert unnamed(capsys.readouterr().out, "proved", f"{100.0 * proof['proved']['error']:.3g} %") == []
+    assert 0.0 < proof["proved"]["lower"] < proof["computed"]["lower"] < abs(proof["unstable"]["error"])
+    assert [text[:3] for text in proof["hypotheses"]] == ["1. ", "2. ", "3. ", "4. ", "5. "]
+    assert "every pose" not in json.dumps(proof)
+    assert proof["largest"]["tolerance"] > 0.1
+    assert proof["largest"]["payload"] > 0.0
+    assert unnamed(capsys.readouterr().out, proof["text"][:40], "destabilises", "--check") == []
+    assert main(["certify", "--check", "proof"]) == 0
+    assert unnamed(capsys.readouterr().out, "Proved", "not checked") == []
+    proof["proved"]["lower"] += 0.01
+    (folder / "forged.json").write_text(json.dumps(proof), encoding="utf-8")
+    assert main(["certify", "--check", "forged.json"]) == 1
+    assert unnamed(capsys.readouterr().out, "Not proved", "lower") == []
+    proof["pairs"]["lower"] = proof["pairs"]["upper"] = 0.99
+    (folder / "forged.json").write_text(json.dumps(proof), encoding="utf-8")
+    assert main(["certify", "--check", "forged.json"]) == 1
+    proof["pairs"]["poles"] = "none"
+    (folder / "forged.json").write_text(json.dumps(proof), encoding="utf-8")
+    refused(["certify", "--check", "forged.json"], "flexhinf certify", folder)
     saved = fh.load_design(folder / "made")
     loaded, s = saved.robot, saved.specification
     refused(["campaign", "made", "--duration", "2s"], "--duration", folder)

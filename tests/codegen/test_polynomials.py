@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import ctypes
 import re
 import shutil
-import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.in_c import in_c
 from tests.interpreter import interpret
 
 from flexhinf.codegen import Buffer, Polynomial, Program, Slice, compile_program
-from flexhinf.codegen.c import Real, Translator
 from flexhinf.errors import InvalidInput
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import monomials
@@ -74,27 +72,14 @@ def test_the_bits_do_not_depend_on_lanes(case):
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="missing: gcc")
 @pytest.mark.parametrize("fused", [False, True])
 def test_c_gives_the_same_bits(tmp_path: Path, fused: bool):
-    translator = Translator("c", Real("double"))
-    calls = [translator.add(program(case), f"run{k}") for k, case in enumerate(CASES)]
-    entries = "\n".join(
-        f"void e{k}(const double *x, const double *c, double *u) {{ {name}(x, c, u); }}"
-        for k, name in enumerate(calls)
-    )
-    source, library = tmp_path / "c.c", tmp_path / "c.so"
-    multiply_add = "fma(a, b, c)" if fused else "((a) * (b) + (c))"
-    head = f"#include <math.h>\n#include <stdbool.h>\n#define FMA(a, b, c) {multiply_add}\n"
-    source.write_text(f"{head}{translator}{entries}\n", encoding="utf-8")
-    subprocess.run(
-        ["gcc", "-O1", "-Wall", "-Werror", "-shared", "-fPIC", str(source), "-lm", "-o", str(library)],
-        check=True,
-    )
-    loaded = ctypes.CDLL(str(library))
-    for k, case in enumerate(CASES):
+    programs = {f"run{k}": program(case) for k, case in enumerate(CASES)}
+    run = in_c(programs, tmp_path, fused)
+    for (name, made), case in zip(programs.items(), CASES, strict=True):
         ours = given(case, 1)
-        theirs = {name: array.copy() for name, array in ours.items()}
-        compile_program(program(case), fused=fused).run(ours)
-        getattr(loaded, f"e{k}")(*(array.ctypes.data_as(ctypes.c_void_p) for array in theirs.values()))
-        np.testing.assert_array_equal(theirs["u"], ours["u"])
+        theirs = {key: array.ravel().copy() for key, array in ours.items()}
+        compile_program(made, fused=fused).run(ours)
+        run(name, theirs)
+        np.testing.assert_array_equal(theirs["u"], ours["u"][:, 0])
 
 
 @pytest.mark.parametrize(

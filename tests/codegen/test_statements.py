@@ -1,13 +1,12 @@
 """Functions mapped over columns, and weighted sums: equal to NumPy, to loops of calls, and for any lanes."""
 
-import ctypes
 import shutil
-import subprocess
 from fractions import Fraction
 
 import casadi
 import numpy as np
 import pytest
+from tests.in_c import in_c as programs_in_c
 from tests.interpreter import interpret
 
 from flexhinf.codegen import (
@@ -27,7 +26,6 @@ from flexhinf.codegen import (
     Sweep,
     compile_program,
 )
-from flexhinf.codegen.c import Real, Translator
 from flexhinf.codegen.machine import host
 from flexhinf.codegen.memory import COLUMN
 from flexhinf.codegen.program import Step
@@ -379,25 +377,14 @@ def in_c(program, folder):
     """
     if shutil.which("gcc") is None:
         return None
-    translator = Translator("c", Real("double"))
-    name = translator.add(program, "run")
-    entry = f"void entry(const double *a, double *y) {{ {name}(a, y); }}"
-    flags = ["-O1", "-Wall", "-Werror", "-ffp-contract=off", "-shared", "-fPIC"]
-    loaded, kernels = {}, {fused: compile_program(program, fused=fused) for fused in (False, True)}
-    for fused, multiply_add in ((False, "((a) * (b) + (c))"), (True, "fma(a, b, c)\n#define FUSED")):
-        source, library = folder / "c.c", folder / f"c{fused}.so"
-        source.write_text(
-            f"#include <math.h>\n#include <stdbool.h>\n#define FMA(a, b, c) {multiply_add}\n{translator}{entry}\n"
-        )
-        subprocess.run(["gcc", *flags, str(source), "-lm", "-o", str(library)], check=True)
-        loaded[fused] = ctypes.CDLL(str(library))
+    compiled = {fused: programs_in_c({"program": program}, folder, fused) for fused in (False, True)}
+    kernels = {fused: compile_program(program, fused=fused) for fused in compiled}
 
     def run(matrix):
-        given, found = np.ascontiguousarray(matrix, dtype=float), {}
+        given, found = np.ravel(np.asarray(matrix, dtype=float)), {}
         for fused, kernel in kernels.items():
             found[fused], y = np.empty(program.buffer("y").size), np.empty((program.buffer("y").size, 1))
-            place = found[fused].ctypes.data_as(ctypes.c_void_p)
-            loaded[fused].entry(given.ctypes.data_as(ctypes.c_void_p), place)
+            compiled[fused]("program", {"a": given, "y": found[fused]})
             kernel.run({"a": given.reshape(-1, 1).copy(), "y": y})
             np.testing.assert_array_equal(found[fused], y[:, 0])
         return found[host().fused]

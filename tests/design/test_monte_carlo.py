@@ -16,6 +16,8 @@ from flexhinf.design.monte_carlo import MonteCarlo, judged_runs, sampled_runs
 from flexhinf.design.responses import sample_robots
 from flexhinf.processors import limited_threads
 
+pytestmark = pytest.mark.ci("weights are searched, kernels compiled, which its tests share")
+
 Benches = Callable[..., LoopSetup]
 STEPS = 3
 
@@ -42,7 +44,6 @@ def _rows(draws: MonteCarlo) -> np.ndarray:
     return np.array([draws.overshoot, draws.settling, draws.peak])
 
 
-@pytest.mark.costs("weights are searched, kernels compiled, which other tests share")
 def test_the_same_seed_gives_the_same_and_another_seed_others(setup: LoopSetup, drawn: MonteCarlo) -> None:
     again = sampled_steps(setup, 8, 2.0, STEPS)
     assert np.array_equal(_rows(again), _rows(drawn))

@@ -115,7 +115,7 @@ def test_a_sensor_that_resolves_less_allows_more_to_remain(setup_of: Any) -> Non
     assert (elsewhere.found, elsewhere.where, elsewhere.joint) == (3e-3, "there", "elbow")
 
 
-@pytest.mark.costs("the first setup of all tests here")
+@pytest.mark.ci("the first setup of all tests here")
 def test_a_long_way_leaves_more_at_the_end_of_a_run(setup_of: Any) -> None:
     """A step of 1.6 rad may leave 8 mrad after eight time constants; the long run at rest has no such excuse."""
     limits, rows = (
@@ -130,12 +130,14 @@ def test_a_long_way_leaves_more_at_the_end_of_a_run(setup_of: Any) -> None:
     assert (long.limit, long.met) == (1e-3, False)
 
 
+@pytest.mark.ci("a setup, which other tests share")
 def test_a_run_that_diverges_meets_nothing(setup_of: Any) -> None:
     limits = setup_of("planar-two-link", (0.4, 0.6)).limits
     lines = motion_requirements(Specification(path_distance=0.1), limits, [], 0.0, "here")
     assert [line.found for line in lines] == [np.inf] * 4
 
 
+@pytest.mark.ci("a setup, which other tests share")
 def test_a_run_that_ends_with_its_move_has_no_numbers_of_rest(setup_of: Any) -> None:
     setup = setup_of("planar-two-link", (0.4, 0.6), estimator="none")
     plan = plan_move(

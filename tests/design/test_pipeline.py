@@ -372,7 +372,7 @@ def test_design_and_compare_are_functions_however_the_room_was_imported() -> Non
         fh.design(fh.paper_arm(), Specification(pose=(1.0, 2.0)))
 
 
-@pytest.mark.costs("a whole design, which other tests share, and its page")
+@pytest.mark.ci("a whole design, which other tests share, and its page")
 def test_a_design_saves_its_report_and_gives_its_controller(at_a_pose: Any, tmp_path: Any) -> None:
     result = at_a_pose.design
     folder = result.save(tmp_path / "report")

@@ -36,6 +36,8 @@ from flexhinf.design.tuning import (
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
 from flexhinf.loop import Controller, Loop
 
+pytestmark = pytest.mark.ci("a synthesis, which its tests share")
+
 #: Limits that the cubic law of the rig keeps.
 STATED: dict[str, Any] = {"peak_sensitivity": 2.8, "gain_margin": 1.55, "peak_effort": 0.18}
 
@@ -242,7 +244,6 @@ def test_an_unstable_loop_has_no_figures_in_its_favour(rig: Tuner) -> None:
         reference_metrics(LawEvaluation(DESIGN, fast.setup, rig.own.scenario))
 
 
-@pytest.mark.costs("a synthesis, which other tests share")
 @pytest.mark.parametrize("figure", ["peak_input", "load_deviation", "move_error"])
 def test_a_design_with_a_run_that_diverges_measures_no_law(
     rig: Tuner, figure: str, monkeypatch: pytest.MonkeyPatch

@@ -39,9 +39,9 @@ def test_files_that_are_named_exist(repository: Path) -> None:
     ] == []
 
 
-@pytest.mark.parametrize("what", ["law", "estimator", "requirement", "export", "target"])
+@pytest.mark.parametrize("what", ["law", "estimator", "requirement", "export", "operation", "target"])
 def test_an_example_is_a_file_that_is_tested(repository: Path, what: str) -> None:
-    """`tests/test_extensions.py` adds it to the program; `tests/codegen/test_target.py` runs the target."""
+    """`tests/test_extensions.py` adds it to the program; `tests/codegen` has operation and target."""
     text = (repository / "tests" / f"example_{what}.py").read_text(encoding="utf-8")
     printed = [program for _, program in blocks(repository, f"Add an? {what}")]
     assert text.partition('"""\n\n')[2] in printed

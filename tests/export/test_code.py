@@ -19,7 +19,7 @@ from flexhinf.export import export_c
 from flexhinf.export.controller_c import code_of
 
 # The flags of what is tested stand here; unoptimised are recordings and stacks of five exports: 4 s less.
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [pytest.mark.usefixtures("unoptimised"), pytest.mark.ci("exports the code of all tests here")]
 
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Werror")
 
@@ -166,8 +166,6 @@ def test_the_compiler_of_windows_does_not_warn(real: str, exported: dict[str, Pa
     assert run(tool("clang"), *words, "-imsvc", tmp_path, folder=exported[real]) == ""
 
 
-@pytest.mark.costs("exports the code of all tests here")
-@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 @pytest.mark.parametrize("flag", ["-ffast-math", "-Ofast", "-ffinite-math-only"])
 def test_what_would_remove_the_checks_is_refused(compiler: str, flag: str, exported: dict[str, Path]) -> None:

@@ -25,13 +25,14 @@ from flexhinf.export import compiled as processor
 from flexhinf.export.compiled import MARK
 from flexhinf.export.recording import record, with_both_roundings
 
+pytestmark = pytest.mark.ci("compiles a library, which its tests share")
+
 
 @pytest.fixture(scope="module")
 def library(controller: fh.Controller, compiler: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return fh.compile_controller(controller, tmp_path_factory.mktemp("so") / "arm.so")
 
 
-@pytest.mark.costs("compiles the library of all tests here")
 @pytest.mark.oracle
 def test_it_steps_as_in_python(controller: fh.Controller, library: Path) -> None:
     run, compiled = record(controller), fh.load_compiled(library)
@@ -88,7 +89,6 @@ def test_copies_and_pickles_go_on_alone(library: Path) -> None:
     assert "arm.so" in repr(one)
 
 
-@pytest.mark.ci("compiles a library")
 def test_a_compiler_that_does_not_know_the_machine(
     controller: fh.Controller, compiler: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -99,7 +99,6 @@ def test_a_compiler_that_does_not_know_the_machine(
     assert fh.load_compiled(fh.compile_controller(controller, tmp_path / "arm.so")).step([0.1]).shape == (1,)
 
 
-@pytest.mark.ci("compiles a library")
 def test_what_is_remembered_is_not_given_to_another_controller(
     library: Path, controller: fh.Controller, compiler: str, tmp_path: Path
 ) -> None:
@@ -224,7 +223,6 @@ def test_there_is_no_other_choice_of_processors(controller: fh.Controller, tmp_p
         fh.compile_controller(controller, tmp_path / "arm.so", processor="avx512")
 
 
-@pytest.mark.ci("compiles a library")
 def test_flags_that_change_results_are_told_at_the_start(
     controller: fh.Controller,
     needs_compiler: Callable[..., None],

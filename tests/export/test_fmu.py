@@ -53,7 +53,7 @@ def test_fmpy_finds_nothing_wrong(name: str, files: dict[str, Path]) -> None:
     assert {variable.name for variable in description.modelVariables if variable.start is None} == computed
 
 
-@pytest.mark.costs("exports and compiles the model of all tests here")
+@pytest.mark.ci("exports and compiles the model of all tests here")
 def test_the_controller_answers_as_in_python(
     controller: fh.Controller, files: dict[str, Path], tmp_path: Path
 ) -> None:

@@ -20,7 +20,8 @@ from tests.export.test_rest import controller_of, robot_of
 
 import flexhinf as fh
 from flexhinf.export.controller_c import ControllerCode, code_of
-from flexhinf.export.follow import follow_files, follower_of, largest_twists
+from flexhinf.export.follow import follow_values, follower_of, largest_twists
+from flexhinf.export.rendering import render_c
 from flexhinf.robot import FollowCode, FollowGoal
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -145,6 +146,12 @@ class CompiledFollower:
         row, desired = self.pointer(np.zeros(plant.n + n)), self.pointer(np.zeros(2 * n))
         code = self.library.step(self.address, estimate[1], rates[1], row[1], desired[1])
         return np.concatenate([row[0], desired[0]]), FollowCode(code)
+
+
+def follow_files(code: ControllerCode) -> dict[str, str]:
+    """Header and source of what follows trajectories, alone."""
+    values = follow_values(code)
+    return {f"arm_{name}": render_c(name, "arm", code.real, **values) for name in ("follow.h", "follow.c")}
 
 
 @pytest.fixture(scope="module")

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import math
 import re
+import subprocess
+import xml.etree.ElementTree as ET
 import zipfile
 from pathlib import Path
 
@@ -15,6 +17,8 @@ from tests.builders import arm_controller
 import flexhinf as fh
 from flexhinf.export import controller_files
 from flexhinf.export.controller_c import code_of
+from flexhinf.export.feedforward import export_feedforward
+from flexhinf.export.fmu import export_plant_fmu
 from flexhinf.export.names import law_terms, named_parameters, parameter_units
 
 # Recordings and stacks of exports whose text is read: compiled in half the time.
@@ -182,3 +186,40 @@ def test_what_looks_like_a_mark_in_a_name_stands_there_as_it_is(tmp_path: Path) 
         assert digest.sub("", text).replace("@", "#") == digest.sub("", other[file]).replace("@", "#"), file
     assert "@DIGEST@ @{digest}" in one["2.0/modelDescription.xml"]
     assert sum('*@{""}' in text for text in one.values()) > 2
+
+
+#: Names of a robot and of its joints that end what they stand in: comments, strings, attributes, scripts.
+ENDING = "*/ ?? \\ \" ' <b> & </script> $(X) `id` | é"
+ENDING_JOINTS = ('a"b\\</script>{{', "x*/??/&'$(X)%d")
+
+
+@pytest.mark.ci("exports a controller, its FMUs and a feedforward, and compiles them")
+def test_names_that_end_comments_and_strings_end_none(tmp_path: Path, compiler: str) -> None:
+    """Every file of C is read without a warning, and every other one by a reader of its kind."""
+    fh.load_robot("planar-two-link").save(tmp_path / "arm.toml")
+    text = (tmp_path / "arm.toml").read_text(encoding="utf-8")
+    for name, ending in zip(("planar-two-link", "shoulder", "elbow"), (ENDING, *ENDING_JOINTS), strict=True):
+        text = text.replace(f'name = "{name}"', f"name = {json.dumps(ending)}")
+    (tmp_path / "arm.toml").write_text(text, encoding="utf-8")
+    robot = fh.load_robot(tmp_path / "arm.toml")
+    assert (robot.name, *robot.joint_names) == (ENDING, *ENDING_JOINTS)
+    made = arm_controller(robot, fh.ExtendedKalmanFilter, r=1e-6, p0=1e-8)
+    exported = fh.export_c(made, tmp_path / "c", "arm", robot=robot, origin={ENDING: ENDING})
+    forward = export_feedforward(fh.Feedforward(robot, 1e-3, 0.02), tmp_path / "forward", "forward")
+    for folder in (exported, forward):
+        files = sorted(path.name for path in folder.glob("*.c"))
+        flags = ["-std=c99", "-Wall", "-Wtrigraphs", "-Werror", "-fsyntax-only"]
+        subprocess.run([compiler, *flags, *files], cwd=folder, check=True)
+    texts = [path.read_text(encoding="utf-8") for path in exported.rglob("*.xml")]
+    for fmi in ("2.0", "3.0"):
+        for archive in (
+            fh.export_fmu(made, tmp_path / "controller.fmu", "arm", fmi),
+            export_plant_fmu(robot.plant(), tmp_path / "plant.fmu", "arm", fmi=fmi),
+        ):
+            with zipfile.ZipFile(archive) as packed:
+                texts.append(packed.read("modelDescription.xml").decode())
+    named = {element.get("name") for text in texts for element in ET.fromstring(text).iter()}
+    assert {f"measured.link_position_{joint}" for joint in ENDING_JOINTS} <= named
+    yaml = pytest.importorskip("yaml")
+    settings = next(exported.rglob("*.yaml")).read_text(encoding="utf-8")
+    assert yaml.safe_load(settings)["arm_controller"]["ros__parameters"]["period"] == 1e-3

@@ -12,10 +12,12 @@ import pytest
 from jinja2 import ChoiceLoader, DictLoader, UndefinedError
 from tests.builders import arm_controller
 
-from flexhinf.codegen.c import Real, folded
+import flexhinf as fh
+from flexhinf.codegen.c import Real
+from flexhinf.export import rendering
 from flexhinf.export.controller_c import code_of
 from flexhinf.export.package import FILES
-from flexhinf.export.rendering import arithmetic, c_values, environment, render_text
+from flexhinf.export.rendering import arithmetic, c_values, environment, render, render_text
 
 TEMPLATES = Path(__file__).parents[2] / "src/flexhinf/export/templates"
 
@@ -70,24 +72,33 @@ def test_every_template_is_in_the_list_of_files_or_a_part_of_others() -> None:
         assert path.is_dir() or name in listed or any(f'"{name}"' in text for text in sources), name
 
 
-def test_a_printed_line_stands_in_an_exported_header(repository: Path) -> None:
+def test_printed_lines_stand_in_exported_headers(repository: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One in all of them, another in those of controllers, with what users wrote."""
     text = (repository / "CONTRIBUTING.md").read_text(encoding="utf-8")
-    edit = re.search(r"^export/templates/(\S+), before `(.+)`:\n    (.*\n)", text, re.MULTILINE)
-    assert edit is not None
-    name, before, line = edit.groups()
-    source = (TEMPLATES / name).read_text(encoding="utf-8")
-    assert source.count(before) == 1
-    code = code_of(arm_controller(kind=None), "arm", "double")
-    others = environment().loader
+    edits = re.findall(r"^export/templates/(\S+), before `(.+)`:\n    (.*\n)", text, re.MULTILINE)
+    assert [name for name, _, _ in edits] == ["guard.h", "controller.h"]
+    sources = dict[str, str]()
+    for name, before, line in edits:
+        source = (TEMPLATES / name).read_text(encoding="utf-8")
+        assert source.count(before) == 1
+        sources[name] = source.replace(before, line + before)
+    headers = [path for path in TEMPLATES.rglob("*.h*") if path.name != "guard.h"]
+    assert len(headers) > 8
+    assert all(path.read_text("utf-8").count('{% include "guard.h" %}') == 1 for path in headers)
+    controller, others = arm_controller(kind=None), environment().loader
+    header = code_of(controller, "arm", "double").header
     assert others is not None
-    changed = environment().overlay(
-        loader=ChoiceLoader([DictLoader({name: source.replace(before, line + before)}), others])
-    )
-    values = {**c_values("arm", code.real), **code.values, **code.header_values, "digest": code.digest}
-    header = changed.get_template(name).render(values)
-    wanted = f"/* Measured: {', '.join(code.controller.measured)} */\n{before}"
-    assert wanted in header
-    assert folded(header.replace(wanted, before)) == code.header
+    changed = environment().overlay(loader=ChoiceLoader([DictLoader(sources), others]))
+    monkeypatch.setattr(rendering, "environment", lambda: changed)
+    code = code_of(controller, "arm", "double")
+    measured = f"/* Measured: {', '.join(code.controller.measured)} */\n"
+    made = f"/* Made by flexhinf {fh.__version__}. */\n"
+    assert code.header.count(measured) == code.header.count(made) == 1
+    digest = re.compile("[0-9a-f]{64}")
+    before = code.header.replace(measured, "").replace(made, "")
+    assert digest.sub("", before) == digest.sub("", header)
+    fmi = render("fmi3.h", **c_values("arm", code.real))
+    assert fmi.index(made) < fmi.index("#ifndef ARM_FMI3_H\n#define ARM_FMI3_H\n")
 
 
 @pytest.mark.parametrize("real", ["double", "float"])

@@ -25,7 +25,10 @@ from flexhinf.robot import MuJoCoPlant
 yaml = pytest.importorskip("yaml")
 
 # Packages are built with flags that stand here; unoptimised are recordings and stacks of ten exports: half of them.
-pytestmark = pytest.mark.usefixtures("unoptimised")
+pytestmark = [
+    pytest.mark.usefixtures("unoptimised"),
+    pytest.mark.ci("builds a package, which its tests share"),
+]
 
 HERE = Path(__file__).parent / "ros2"
 PERIOD = 1e-3
@@ -209,7 +212,6 @@ def test_no_compiler_warns(version: str, compiler: str, real: str, kind: str, tm
         subprocess.run([compiler, *STRICT, *own, "-c", source, "-o", tmp_path / "out.o"], check=True)
 
 
-@pytest.mark.ci("shares the package of tests with MuJoCo")
 def test_the_package_is_found_under_the_names_of_its_plugin(arm: Callable[[], Manager]) -> None:
     one = arm()
     plugin = ElementTree.parse(one.package / "arm_controller.xml").getroot()
@@ -305,7 +307,6 @@ def test_a_session_is_cleaned_up_and_configured_for_another_robot(arm: Callable[
         assert one("cleanup") == 0
 
 
-@pytest.mark.costs("exports and builds the package of all quick tests here")
 @pytest.mark.oracle
 def test_without_a_command_it_holds_the_pose_at_which_it_was_activated(arm: Callable[[], Manager]) -> None:
     pytest.importorskip("mujoco")

@@ -2,28 +2,13 @@
 
 from __future__ import annotations
 
-import ctypes
-import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.in_c import in_c
 
 from flexhinf.codegen import Buffer, OuterSum, Program, Slice, compile_program
-from flexhinf.codegen.c import Translator
-from flexhinf.export.fmu import DOUBLE
-
-#: Of C with fused multiply-adds, and without.
-HEADS = {
-    True: "#include <math.h>\n#define FMA(a, b, c) fma(a, b, c)\n",
-    False: "#define FMA(a, b, c) ((a) * (b) + (c))\n",
-}
-ENTRY = """
-int run(const double *l, const double *r, const double *w, double *y)
-{
-    return sums_run(l, r, w, y);
-}
-"""
 
 
 def summed(count: int, rows: int, columns: int, symmetric: bool, added: bool) -> Program:
@@ -43,25 +28,17 @@ def summed(count: int, rows: int, columns: int, symmetric: bool, added: bool) ->
 @pytest.mark.parametrize("added", [False, True])
 @pytest.mark.parametrize("fused", [False, True])
 def test_a_sum_in_c_is_that_in_machine_code(
-    size: tuple[int, int, int], added: bool, fused: bool, compiler: str, tmp_path: Path
+    size: tuple[int, int, int], added: bool, fused: bool, tmp_path: Path
 ) -> None:
-    for symmetric in {False, size[1] == size[2]}:
-        program = summed(*size, symmetric, added)
-        translator = Translator("sums", DOUBLE)
-        translator.add(program, "run")
-        source, library = tmp_path / f"sums{symmetric}.c", tmp_path / f"sums{symmetric}.so"
-        source.write_text(HEADS[fused] + str(translator) + ENTRY, encoding="utf-8")
-        subprocess.run(
-            [compiler, "-O0", "-shared", "-fPIC", str(source), "-lm", "-o", str(library)], check=True
-        )
+    kinds = {False, size[1] == size[2]}
+    programs = {f"symmetric_{symmetric}": summed(*size, symmetric, added) for symmetric in kinds}
+    run = in_c(programs, tmp_path, fused)
+    for (name, program), symmetric in zip(programs.items(), kinds, strict=True):
         rng = np.random.default_rng(0)
         given = {buffer.name: rng.normal(size=buffer.size or 0) for buffer in program.buffers}
         if symmetric:
             given["y"] = np.add.outer(given["y"][: size[1]], given["y"][: size[1]]).ravel()
-        ours, theirs = ({name: array.copy() for name, array in given.items()} for _ in range(2))
-        compile_program(program, fused=fused).run({name: array[:, None] for name, array in theirs.items()})
-        assert (
-            ctypes.CDLL(str(library)).run(*(array.ctypes.data_as(ctypes.c_void_p) for array in ours.values()))
-            == 0
-        )
+        ours, theirs = ({key: array.copy() for key, array in given.items()} for _ in range(2))
+        compile_program(program, fused=fused).run({key: array[:, None] for key, array in theirs.items()})
+        assert run(name, ours) == 0
         np.testing.assert_array_equal(ours["y"], theirs["y"])

@@ -137,7 +137,7 @@ def test_numbers_that_must_not_be_negative_are_not(arm):
     assert found.intervals["friction"][1] < 1e-3
 
 
-@pytest.mark.costs("a fit, which other tests share")
+@pytest.mark.ci("a fit, which other tests share")
 def test_a_saved_robot_has_the_numbers_and_their_intervals(arm, found, tmp_path):
     robot = arm[0]
     found.save(tmp_path / "arm.toml")

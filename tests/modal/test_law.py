@@ -42,8 +42,7 @@ def eigen(law, table, x, q):
     return -motor / root * kappa * (v @ f) / joints.torque_per_input
 
 
-@pytest.mark.costs("laws of all tests here")
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", ROBOTS)
 def test_it_is_that_of_eigenvectors(name):

@@ -17,6 +17,7 @@ import abc
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from numbers import Integral
 
 import numpy as np
 
@@ -46,7 +47,7 @@ FORMS = tuple(DISTURBED)
 LARGE = 40
 
 #: Ratios q / R^n that are swept over, for loops of up to `LARGE` states and larger ones.
-RATIOS = tuple(10.0**k for k in range(-4, 13, 2)), (1e-2, 1e2, 1e6)
+RATIOS: tuple[tuple[float, ...], ...] = (tuple(10.0**k for k in range(-4, 13, 2)), (1e-2, 1e2, 1e6))
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,8 @@ def standard_noises(
     """
     forms = [form for form in FORMS if ProcessNoise(form, 0.0).disturbed(loop.step.states).any()]
     variance = _smallest_variance(loop) if measurement_noise is None else measurement_noise
-    noises = (ProcessNoise(form, k * variance) for form in forms for k in RATIOS[loop.states > LARGE])
+    ratios = RATIOS[int(loop.states > LARGE)]
+    noises = (ProcessNoise(form, k * variance) for form in forms for k in ratios)
     return tuple(noises) if loop.tunable else ()
 
 
@@ -118,7 +120,7 @@ class Population:
 
     def describe(self, k: int) -> str:
         """A plant by its changes in per cent: ``stiffness 2 -12 %, mass 1 +3 %``."""
-        parts = []
+        parts: list[str] = []
         for name, value in self.values[k].items():
             new, old = (np.ravel(np.asarray(v, dtype=float)) for v in (value, self.nominal[name]))
             text = name.replace("_", " ")
@@ -133,7 +135,7 @@ def corners(uncertain: int, count: int, seed: int = 0) -> np.ndarray:
     """Signs (N, p) of corners: all 2^p of them if they are at most `count`, else `count` random ones."""
     for name, number in (("uncertain", uncertain), ("count", count), ("seed", seed)):
         refuse_if(
-            isinstance(number, bool) or not isinstance(number, (int, np.integer)) or number < 0,
+            isinstance(number, bool) or not isinstance(number, Integral) or number < 0,
             "The corners cannot be counted.",
             f"expected integers >= 0, got {name}={number!r}",
             "count=400",

@@ -7,6 +7,9 @@ input has no limits.
 Also the frequency response of the running loop: sampled, with its estimator and its own delay.
 """
 
+# Not checked strictly: what a caller passes may be of another type than stated; parts of arrays have none.
+# pyright: reportUnknownArgumentType=false, reportUnnecessaryIsInstance=false
+
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
@@ -292,7 +295,8 @@ class EquilibriumLoop:
         """
         vectors = values if isinstance(values, np.ndarray) else self.plant.parameters.vectors(values)
         fixed = self._fixed(process_noise)
-        each, parts = max(1, AT_ONCE // self.states**2), []
+        each = max(1, AT_ONCE // self.states**2)
+        parts: list[tuple[np.ndarray, np.ndarray]] = []
         for k in range(0, max(1, len(vectors)), each):
             at = slice(k, k + each)
             gains = fixed[at] if fixed is not None and fixed.ndim == 2 else fixed

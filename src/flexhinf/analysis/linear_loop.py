@@ -5,6 +5,9 @@ u(k − j − 1) for φ periods and u(k − j) for the rest, so the sampled loop
 [astrom1997].
 """
 
+# Not checked strictly: SciPy has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false, reportUnknownVariableType=false
+
 from __future__ import annotations
 
 from dataclasses import dataclass, replace

@@ -33,6 +33,9 @@ The equilibrium is that of the filter as it is; a true plant that differs from t
 elsewhere with another gain, which is left out here.
 """
 
+# Not checked strictly: rows of arrays that are unpacked have no type.
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -67,7 +70,7 @@ def delay_margin(loop: LinearLoop) -> tuple[float, float]:
     own = loop.delay
     if not loop.closed_loop.stable:
         return 0.0, np.nan
-    candidates = []
+    candidates: list[tuple[float, float]] = []
     for fraction in FRACTIONS:
         opened = loop.opened(fraction * loop.period)
 

@@ -48,7 +48,7 @@ class Judgement:
     """
 
     cost: float
-    limits: Mapping[str, float] = field(default_factory=dict)
+    limits: Mapping[str, float] = field(default_factory=dict[str, float])
     result: Any = None
 
     @property

@@ -11,6 +11,9 @@ arm, is never formed. Also the plant over one period; and a law and its slope at
 which it holds a goal off its operating point.
 """
 
+# Not checked strictly: rows of arrays that are unpacked have no type.
+# pyright: reportUnknownArgumentType=false, reportUnknownMemberType=false, reportUnknownVariableType=false
+
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
@@ -187,14 +190,15 @@ class LawRows:
         table = self.law.law_table
         if table is None:
             return None
-        n, parts, slopes, start = table.n, {}, {}, 0
+        n, start = table.n, 0
+        parts: dict[int, np.ndarray] = {}
+        slopes: dict[int, np.ndarray] = {}
         for k in table.degrees:
             parts[k] = table.coefficients[:, start : start + basis.count(n, k)]
             start += basis.count(n, k)
             if k:
-                slopes[k - 1] = np.array(
-                    [gradient(row, n, k).T for row in parts[k] / basis.multiplicity(n, k)]
-                )
+                rows = parts[k] / basis.multiplicity(n, k)
+                slopes[k - 1] = np.array([gradient(row, n, k).T for row in rows])
         return parts, slopes
 
     @cached_property
@@ -521,7 +525,8 @@ class SampledController:
         return slice(0, 0)
 
     def _belief(self, moving: Elements, still: Elements) -> Belief:
-        parts, left = [], {True: moving, False: still}
+        parts: list[Elements] = []
+        left = {True: moving, False: still}
         for k, part in enumerate(self._believed.initial):
             size, moves = int(np.size(part)), k in self.parts
             parts.append(left[moves][:size].reshape(np.shape(part)))

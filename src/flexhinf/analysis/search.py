@@ -10,6 +10,9 @@ function need not be smooth or continuous; a settling time is neither. Every rou
 points of all searches, so that lanes and threads are full. Searches that reach one point are merged.
 """
 
+# Not checked strictly: rows of arrays that are unpacked have no type.
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -104,7 +107,8 @@ def climb(
     searches = [_Climber(point, float(value)) for point, value in zip(starts, function(starts))]
     evaluations, best = len(starts), max(searches, key=lambda search: search.value)
     for _ in range(SEARCH_ROUNDS):
-        every, searches = sorted(searches, key=lambda search: -search.value), []
+        every = sorted(searches, key=lambda search: -search.value)
+        searches: list[_Climber] = []
         for search in every:  # stable: the first start wins a tie
             near = [
                 other

@@ -445,8 +445,10 @@ def ascend_inside(
     """The best of all energies tried with which V of a solution, whose γ gives the first energy, stayed below the
     level; the smallest energy if there is none. The start (N, k) is at the search's period, of any size."""
     energy, best, grows = 2.0 * level / solution.gamma**2, None, None
+    tried: list[Attained] = []
     for _ in range(ROUNDS):
         candidate = search.climbed(start, energy, turns, solution)
+        tried.append(candidate)
         inside = candidate.largest_value <= level
         if inside and (best is None or candidate.gain > best.gain):
             best = candidate
@@ -454,7 +456,7 @@ def ascend_inside(
         if inside != grows:
             break
         energy *= FACTOR if inside else 1.0 / FACTOR
-    return candidate if best is None else best
+    return tried[-1] if best is None else best
 
 
 # The worst plant --------------------------------------------------------------------------------
@@ -548,7 +550,9 @@ def worst_gain(
         return search, best.attained.disturbance[place]
 
     def gains(points: np.ndarray) -> np.ndarray:
-        values = []  # under the best disturbance, at the search's period; −inf where there is no plant
+        values: list[
+            float
+        ] = []  # under the best disturbance, at the search's period; −inf where there is no plant
         for plant in points:
             try:
                 search, d = searched(plant)

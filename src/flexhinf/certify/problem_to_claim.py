@@ -22,6 +22,7 @@ from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 from flexhinf.arrays import Elements
 from flexhinf.certify.certificate import Certificate, linear_part
 from flexhinf.certify.claim import FUNCTIONS, Function, Parameter, PolynomialTerms, Signal, Term, Terms
+from flexhinf.codegen.operations import OPERATIONS
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf.sampled import CheckedPenalty, checked_pair
 from flexhinf.hinf.value_function import ValueFunction
@@ -34,19 +35,10 @@ from flexhinf.scalars import trace
 from flexhinf.scalars.trace import NAMES, instructions
 from flexhinf.validation import HUGE
 
-#: Operations of CasADi that are functions of a certificate.
-ELEMENTARY = dict(
-    zip((ca.OP_SIN, ca.OP_COS, ca.OP_EXP, ca.OP_TANH, ca.OP_ATAN, ca.OP_LOG), FUNCTIONS, strict=True)
-)
-OPERATIONS: dict[int, Callable[[fmpq_mpoly, fmpq_mpoly], fmpq_mpoly]] = {
-    ca.OP_ADD: lambda a, b: a + b,
-    ca.OP_SUB: lambda a, b: a - b,
-    ca.OP_MUL: lambda a, b: a * b,
-    ca.OP_NEG: lambda a, b: -a,
-    ca.OP_TWICE: lambda a, b: 2 * a,
-    ca.OP_SQ: lambda a, b: a * a,
-    ca.OP_ASSIGN: lambda a, b: a,
-}
+#: Operations of CasADi that are functions of a certificate, by the names that they have in NumPy.
+ELEMENTARY = {code: row.name for code, row in OPERATIONS.items() if row.name in FUNCTIONS}
+#: Those that rational polynomials have.
+RATIONAL = {ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_NEG, ca.OP_TWICE, ca.OP_SQ, ca.OP_ASSIGN}
 _HIGHEST_POWER = 10
 _MOST_HALVES = 64  # an offset that is the double nearest to k π/2 means k π/2 itself
 
@@ -220,8 +212,8 @@ class _TraceReader:
 
     def _operation(self, code: int, operands: list[fmpq_mpoly]) -> fmpq_mpoly:
         first, second = operands[0], operands[-1]
-        if code in OPERATIONS:
-            return OPERATIONS[code](first, second)
+        if code in RATIONAL:
+            return OPERATIONS[code].numpy(*operands)
         if code in ELEMENTARY:
             return self._applied(ELEMENTARY[code], first)
         if code in (ca.OP_INV, ca.OP_DIV):

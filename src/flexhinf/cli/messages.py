@@ -202,13 +202,37 @@ def _with_option(command: Any, path: str, option: str) -> list[str]:
     return own + [each for name, entry in inner for each in _with_option(entry, f"{path} {name}", option)]
 
 
+def time_left(share: float, at: float, now: float) -> str:
+    """How long some work will go on, of which a share was done `at` so many seconds, `now` later; "" if unknown."""
+    if not 0.0 < share < 1.0:
+        return ""
+    left = max(at / share - now, 0.0)
+    return (
+        f"about {5 * max(round(left / 5.0), 1)} s left"
+        if left < 90.0
+        else f"about {left / 60.0:.0f} min left"
+    )
+
+
 def progress_bar(*columns: str) -> Any:
     """A bar on standard error that vanishes at its end, silent where that is no terminal: its columns of
-    `rich.progress` by name, then what is done."""
+    `rich.progress` by name, "Left" for the time that is left, then what is done."""
     from rich import progress
     from rich.console import Console
+    from rich.text import Text
 
-    own = [getattr(progress, f"{name}Column")() for name in columns]
+    begun = {"share": 0.0, "at": 0.0}
+
+    class LeftColumn(progress.ProgressColumn):
+        """Time that is left, by the share that was done when the present step began."""
+
+        def render(self, task: progress.Task) -> Text:
+            share, now = task.completed / task.total if task.total else 0.0, task.elapsed or 0.0
+            if share != begun["share"]:
+                begun.update(share=share, at=now)
+            return Text(time_left(share, begun["at"], now))
+
+    own = [LeftColumn() if name == "Left" else getattr(progress, f"{name}Column")() for name in columns]
     text, console = progress.TextColumn("{task.description}", markup=False), Console(stderr=True)
     return progress.Progress(*own, text, console=console, transient=True, disable=not console.is_terminal)
 
@@ -226,7 +250,9 @@ def step_progress(
     """
     known = [("", 1.0)] * steps if isinstance(steps, int) else [*steps]
     ends = [0.0, *accumulate(part for _, part in known)]
-    bar = progress_bar(*(("Bar", "TaskProgress") if known else ("Spinner",)), "TimeElapsed")
+    bar = progress_bar(
+        *(("Bar", "TaskProgress", "TimeElapsed", "Left") if known else ("Spinner", "TimeElapsed"))
+    )
     task, begun, place = bar.add_task("", total=ends[-1] or None), 0, 0
 
     def begin(text: str) -> None:

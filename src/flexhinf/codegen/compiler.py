@@ -396,6 +396,7 @@ def compile_program(program: Program, lanes: int = 1, fused: bool | None = None)
     try:
         with _LOCK:
             from flexhinf.codegen import machine
+            from flexhinf.codegen.operations import written_by_others
 
             host, highest = machine.host(), highest_optimisation()
             once = host.fused if fused is None else fused
@@ -414,7 +415,8 @@ def compile_program(program: Program, lanes: int = 1, fused: bool | None = None)
 
             target = (host.triple, host.cpu, host.features, host.version)
             way = f"{lanes} {once} {host.choosing} {highest}"
-            parts = (fingerprint(program), way, *target, emitter_digest(), _version())
+            emitter = emitter_digest(), written_by_others()
+            parts = (fingerprint(program), way, *target, *emitter, _version())
             return cached(parts, make, load)
     except (ImportError, OSError, RuntimeError) as reason:
         raise Unsupported(

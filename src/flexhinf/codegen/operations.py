@@ -1,10 +1,10 @@
 """What an operation is, said once: its opcode, NumPy function, C and LLVM.
 
 Every row follows the meaning of CasADi's own evaluator, NaN and signed zero included; the tests compare them one by
-one, in NumPy, C and LLVM in lanes. Two things are said elsewhere: derivatives are CasADi's, and intervals have a method
-of `flexhinf.scalars.Interval` by the name of the NumPy function.
+one, in NumPy, C and LLVM in lanes. Certificates compute with polynomials by the same rows. Derivatives are CasADi's.
 
-To add an operation: one `row` here, and its line in `flexhinf.scalars.symbol`, which records it.
+To add an operation: a file that calls `register` with its row, see CONTRIBUTING.md. A row of `_TABLE` has its line in
+`flexhinf.scalars.symbol`.
 """
 
 # SciPy has no types.
@@ -13,15 +13,20 @@ To add an operation: one `row` here, and its line in `flexhinf.scalars.symbol`, 
 from __future__ import annotations
 
 import operator
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import casadi
 import numpy as np
 
 from flexhinf.codegen.emit import sines
-from flexhinf.codegen.emit.writer import Writer
+from flexhinf.codegen.emit.writer import Lanes, ModuleText, Writer
+from flexhinf.errors import refuse_if
+from flexhinf.scalars.symbol import record
+from flexhinf.scalars.trace import NAMES
 
 # Operations of several in one, numbered beside CasADi's own (which are not negative).
 MULTIPLY_ADD = -1  # a·b + c
@@ -34,7 +39,7 @@ SELECT = -4
 LlvmRule = (
     Callable[[Writer, str], str] | Callable[[Writer, str, str], str] | Callable[[Writer, str, str, str], str]
 )
-#: The same on floats and arrays.
+#: The same on floats and arrays; sums and products on whatever has their operators.
 NumpyRule = Callable[[Any], Any] | Callable[[Any, Any], Any] | Callable[[Any, Any, Any], Any]
 
 
@@ -42,9 +47,9 @@ NumpyRule = Callable[[Any], Any] | Callable[[Any, Any], Any] | Callable[[Any, An
 class OperationKind:
     """One operation.
 
-    `code`: CasADi's opcode, or one of ours. `numpy`: The same on floats and arrays. `llvm`: Writes it. `c`: An
-    expression of the operands {0}, {1}, … in brackets where they need some, of {0.bare} without, of {one} and {zero};
-    {f} ends the names of functions of the type.
+    `code`: CasADi's opcode, or one of ours. `numpy`: The same on floats and arrays, see `NumpyRule`. `llvm`: Writes it.
+    `c`: An expression of the operands {0}, {1}, … in brackets where they need some, of {0.bare} without, of {one} and
+    {zero}; {f} ends the names of functions of the type.
 
     `library`: The function of the C library that it calls; empty where it is instructions. `truth`: Its result is 1 or
     0, and in C a condition. `logic`: Its operands are conditions. `named`: Operands stand twice in the C, or are chosen
@@ -64,6 +69,11 @@ class OperationKind:
     near: LlvmRule | None = None
     alone: LlvmRule | None = None
     costs: bool = False
+
+    @property
+    def name(self) -> str:
+        """What NumPy calls it; a rule of ours has another name."""
+        return getattr(self.numpy, "__name__", "")
 
 
 def _library(name: str, numpy: NumpyRule, operands: int = 1, code: int | None = None) -> OperationKind:
@@ -163,13 +173,13 @@ def _remainder(x: Any, y: Any) -> Any:
 
 _TABLE = (
     # sums and products
-    OperationKind(casadi.OP_ASSIGN, np.positive, lambda w, x: x, "{0}"),
-    OperationKind(casadi.OP_ADD, np.add, lambda w, a, b: w.real("fadd", a, b), "{0} + {1}"),
-    OperationKind(casadi.OP_SUB, np.subtract, lambda w, a, b: w.real("fsub", a, b), "{0} - {1}"),
-    OperationKind(casadi.OP_MUL, np.multiply, lambda w, a, b: w.real("fmul", a, b), "{0} * {1}"),
+    OperationKind(casadi.OP_ASSIGN, operator.pos, lambda w, x: x, "{0}"),
+    OperationKind(casadi.OP_ADD, operator.add, lambda w, a, b: w.real("fadd", a, b), "{0} + {1}"),
+    OperationKind(casadi.OP_SUB, operator.sub, lambda w, a, b: w.real("fsub", a, b), "{0} - {1}"),
+    OperationKind(casadi.OP_MUL, operator.mul, lambda w, a, b: w.real("fmul", a, b), "{0} * {1}"),
     OperationKind(casadi.OP_DIV, np.divide, lambda w, a, b: w.real("fdiv", a, b), "{0} / {1}"),
-    OperationKind(casadi.OP_NEG, np.negative, lambda w, x: w.real("fneg", x), "-{0}"),
-    OperationKind(casadi.OP_SQ, np.square, lambda w, x: w.real("fmul", x, x), "{0} * {0}", named=True),
+    OperationKind(casadi.OP_NEG, operator.neg, lambda w, x: w.real("fneg", x), "-{0}"),
+    OperationKind(casadi.OP_SQ, lambda x: x * x, lambda w, x: w.real("fmul", x, x), "{0} * {0}", named=True),
     OperationKind(
         casadi.OP_TWICE, lambda x: x + x, lambda w, x: w.real("fadd", x, x), "{0} + {0}", named=True
     ),
@@ -251,15 +261,52 @@ _TABLE = (
 )
 
 #: The table, by opcode.
-OPERATIONS: dict[int, OperationKind] = {row.code: row for row in _TABLE}
+OPERATIONS = dict[int, OperationKind]()
 
-#: Those that are truth values; of truth values; and as long as a call of a function.
-TRUTHS = frozenset(row.code for row in _TABLE if row.truth)
-LOGIC = frozenset(row.code for row in _TABLE if row.logic)
-COSTLY = frozenset(row.code for row in _TABLE if row.costs)
+#: Those that are truth values; of truth values; comparisons of numbers; and as long as a call of a function.
+TRUTHS, LOGIC, COMPARISONS, COSTLY = set[int](), set[int](), set[int](), set[int]()
 
 #: Sine and cosine, which have forms for arguments that are not far, and their names.
 TURNS = {row.code: row.c.partition("{")[0] for row in _TABLE if row.near is not None}
 
-#: Comparisons of numbers.
-COMPARISONS = frozenset(TRUTHS - LOGIC)
+#: Rows that other files registered.
+_ADDED = dict[int, OperationKind]()
+
+
+def _enter(row: OperationKind) -> None:
+    OPERATIONS[row.code] = row
+    kinds = (TRUTHS, row.truth), (LOGIC, row.logic), (COMPARISONS, row.truth and not row.logic)
+    for codes, belongs in (*kinds, (COSTLY, row.costs)):
+        (codes.add if belongs else codes.discard)(row.code)
+
+
+for _row in _TABLE:
+    _enter(_row)
+
+
+def register(row: OperationKind) -> None:
+    """Add an operation of CasADi, or put it in the place of its row. The function of NumPy, if `numpy` is one, then
+    records it on symbols.
+
+    Raises InvalidInput: for sine and cosine, which are written whole in C too.
+    """
+    refuse_if(
+        row.code in TURNS,
+        "Sine and cosine cannot be replaced by a row.",
+        f"expected another opcode of CasADi, got {NAMES.get(row.code, row.code)}",
+        "a change of codegen/emit/sines.py and codegen/c/sines.py, which compute the same bits",
+    )
+    _enter(row)
+    _ADDED[row.code] = row
+    if isinstance(row.numpy, np.ufunc):
+        record(row.name, row.code, row.numpy.nin)
+
+
+def written_by_others() -> str:
+    """What the operations that other files registered write as LLVM: machine code that is kept depends on it."""
+    texts = list[str]()
+    for row, width in product(_ADDED.values(), (1, 2)):
+        writer = Writer(ModuleText(Lanes(width)))
+        operands = [f"%in{k}" for k in sorted(set(re.findall(r"\{(\d)", row.c)))]
+        texts.append(f"{row.code} {row.llvm(writer, *operands)} {writer.lines} {writer.module}")
+    return "\n".join(texts)

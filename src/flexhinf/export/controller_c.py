@@ -268,13 +268,13 @@ class ControllerCode:
     @property
     def source(self) -> str:
         """The text of ``NAME.c``."""
-        return self._rendered("controller.c", self._source, self.digest)
+        return self._rendered("controller.c", self.source_values, self.digest)
 
     @cached_property
     def digest(self) -> str:
         """SHA-256 of header and source but for itself, which determine every input that the code computes."""
         header = self._rendered("controller.h", self.header_values, "@DIGEST@")
-        source = self._rendered("controller.c", self._source, "@DIGEST@")
+        source = self._rendered("controller.c", self.source_values, "@DIGEST@")
         return hashlib.sha256((header + source).encode()).hexdigest()
 
     @cached_property
@@ -320,7 +320,7 @@ class ControllerCode:
         }
 
     @cached_property
-    def _source(self) -> dict[str, Any]:
+    def source_values(self) -> dict[str, Any]:
         """What ``NAME.c`` consists of beside; its functions come last, as the others may need some of them."""
         memory = self.controller.memory.places
         holding, standstill, plausible = self._held, self._standstill, self._plausible

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from flexhinf import __version__
 from flexhinf.codegen.c import Translator, constant
+from flexhinf.export.file_list import File, rendered
 from flexhinf.export.fmu_archive import DOUBLE
 from flexhinf.export.names import checked_identifier
 from flexhinf.export.package import checked_folder, write_files
-from flexhinf.export.rendering import arithmetic, render, table
+from flexhinf.export.rendering import arithmetic
 from flexhinf.robot.elastic import DRIVES
 from flexhinf.robot.feedforward import Feedforward, FeedforwardRows
 from flexhinf.robot.signals import UNITS
@@ -49,16 +50,9 @@ def export_feedforward(
     streamed = _example_path(feedforward) if path is None else path
     rows = feedforward.rows(streamed)
     streamed = np.reshape(np.asarray(streamed, dtype=float), rows.command.shape)
-    joints = feedforward.robot.joint_names
-    files = {
-        f"{name}.h": render("feedforward.h", **_facts(feedforward, name)),
-        f"{name}.c": _source(feedforward, name),
-        "test.c": _test(name, len(joints), streamed, rows),
-        "Makefile": render("feedforward.mk", name=name),
-        "rows.csv": rows_text(feedforward, streamed, rows),
-        "README.md": _readme(feedforward, name),
-    }
-    write_files(target, files)
+    export = FeedforwardExport(feedforward, name, streamed, rows)
+    files = rendered(FILES, export, name, DOUBLE, **_facts(feedforward))
+    write_files(target, files | {"rows.csv": rows_text(feedforward, streamed, rows)})
     return target
 
 
@@ -114,13 +108,20 @@ def _functions(feedforward: Feedforward) -> ca.Function:
     return ca.Function("inverse", motion, results, {"cse": True})
 
 
-def _facts(feedforward: Feedforward, name: str) -> dict[str, object]:
+@dataclass(frozen=True)
+class FeedforwardExport:
+    """A feedforward with a path (N, n) and its commands, by which its C is tested."""
+
+    feedforward: Feedforward
+    name: str
+    path: np.ndarray
+    rows: FeedforwardRows
+
+
+def _facts(feedforward: Feedforward) -> dict[str, object]:
     """What the templates say of a robot and its feedforward."""
     robot = feedforward.robot
     return {
-        "name": name,
-        "NAME": name.upper(),
-        "version": __version__,
         "robot": robot.name,
         "joints": robot.joint_names,
         "count": len(robot.joint_names),
@@ -131,19 +132,17 @@ def _facts(feedforward: Feedforward, name: str) -> dict[str, object]:
     }
 
 
-def _source(feedforward: Feedforward, name: str) -> str:
-    translator, function = Translator(name, DOUBLE), _functions(feedforward)
+def _source(export: FeedforwardExport) -> dict[str, object]:
+    translator, function = Translator(export.name, DOUBLE), _functions(export.feedforward)
     called = translator.function(function)
     used = [f"motion[{k}]" for k in range(5) if function.size1_in(k)]
-    return render(
-        "feedforward.c",
-        **_facts(feedforward, name),
-        weights=",\n".join(_listed(feedforward.weights)),
-        arithmetic=arithmetic(name, DOUBLE),
-        functions=str(translator),
-        called=called,
-        arguments=[*used, *RESULTS],
-    )
+    return {
+        "weights": ",\n".join(_listed(export.feedforward.weights)),
+        "arithmetic": arithmetic(export.name, DOUBLE),
+        "functions": str(translator),
+        "called": called,
+        "arguments": [*used, *RESULTS],
+    }
 
 
 #: Where the inverse dynamics go.
@@ -154,19 +153,17 @@ def _listed(table: np.ndarray) -> Iterable[str]:
     return ("    {" + ", ".join(constant(x, DOUBLE) for x in row) + "}" for row in table)
 
 
-def _test(name: str, count: int, path: np.ndarray, rows: FeedforwardRows) -> str:
-    return render(
-        "feedforward_test.c",
-        name=name,
-        count=count,
-        samples=len(path),
-        close=repr(CLOSE),
-        path=",\n".join(_listed(path)),
-        expected=",\n".join(_listed(np.hstack(rows[:4]))),
-    )
+def _test(export: FeedforwardExport) -> dict[str, object]:
+    return {
+        "samples": len(export.path),
+        "close": repr(CLOSE),
+        "path": ",\n".join(_listed(export.path)),
+        "expected": ",\n".join(_listed(np.hstack(export.rows[:4]))),
+    }
 
 
-def _readme(feedforward: Feedforward, name: str) -> str:
+def _readme(export: FeedforwardExport) -> dict[str, object]:
+    feedforward = export.feedforward
     robot, size, n = feedforward.robot, feedforward.weights.shape[1], len(feedforward.robot.joint_names)
     facts = {
         "robot": robot.name,
@@ -177,4 +174,14 @@ def _readme(feedforward: Feedforward, name: str) -> str:
         "memory": f"{8 * size * n + 8} bytes",
         "sums of a step": f"{5 * size * n} products and the inverse dynamics",
     }
-    return render("feedforward.md", name=name, table=table(["", ""], list(facts.items())))
+    return {"facts": list(facts.items())}
+
+
+#: The files of an exported feedforward, but for its rows.
+FILES: tuple[File[FeedforwardExport], ...] = (
+    File("@{name}.h", "feedforward.h"),
+    File("@{name}.c", "feedforward.c", _source),
+    File("test.c", "feedforward_test.c", _test),
+    File("Makefile", "feedforward.mk"),
+    File("README.md", "feedforward.md", _readme),
+)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +12,9 @@ import numpy as np
 from flexhinf.codegen.c import Translator
 from flexhinf.errors import refuse_if
 from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode, code_of
-from flexhinf.export.fmu_archive import DOUBLE, Variable, write_fmu
+from flexhinf.export.fmu_archive import DOUBLE, Fmu, Variable, write_fmu
 from flexhinf.export.names import checked_identifier
 from flexhinf.export.refusals import check_limits
-from flexhinf.export.rendering import c_values, render
 from flexhinf.loop import Controller
 from flexhinf.loop.controller.options import checked_period
 from flexhinf.plant import Plant, sub_steps
@@ -115,11 +113,8 @@ def export_fmu(
         *(Variable(name, "output", 0, kind="Integer", about=about) for name, about in _counts(code).items()),
         Variable("is_measured", "input", 1, kind="Boolean", about="whether there is a measurement"),
     ]
-    model = partial(
-        render,
-        "fmu_controller.h",
-        **c_values(code.name, DOUBLE),
-        **code.values,
+    values = dict(
+        code.values,
         start=code.numbers([variable.start for variable in variables if variable.kind == "Real"], "        "),
         starts=len(starts),
         doubtful=int(code.doubt is not None),
@@ -127,7 +122,8 @@ def export_fmu(
     )
     sources = {f"{code.name}.c": code.source, f"{code.name}.h": code.header}
     about = f"sampled controller of {c.period:g} s. {_start_text(code)}"
-    return write_fmu(path, code.name, about, c.period, variables, model, sources, fmi)
+    fmu = Fmu(code.name, about, c.period, variables, "fmu_controller.h", values, sources)
+    return write_fmu(path, fmu, fmi)
 
 
 def _start_text(code: ControllerCode) -> str:
@@ -200,25 +196,22 @@ def export_plant_fmu(
     variables = _variables(rows, plant.unit)
     steps = sub_steps(period, plant.fastest_mode(start))
     places = ["r + FIRST_U", "r + FIRST_D", "r + FIRST_P"]
-    model = partial(
-        render,
-        "fmu_plant.h",
-        **c_values(name, DOUBLE),
-        period=repr(period),
-        period_text=f"{period:g}",
-        sub_steps=steps,
-        n=plant.n,
-        m=sizes[0],
-        d=sizes[1],
-        p=sizes[2],
-        y=len(plant.outputs),
-        functions=str(translator),
-        flow=_called(flow, plant.traced_flow, ["x", *places], "slope"),
-        output=_called(output, plant.traced_output, ["r + FIRST_X", places[0], places[2]], "r + FIRST_Y"),
-        start=",\n".join(f"        {variable.start!r}" for variable in variables[: sum(sizes)]),
-    )
+    values = {
+        "period": repr(period),
+        "period_text": f"{period:g}",
+        "sub_steps": steps,
+        "n": plant.n,
+        "m": sizes[0],
+        "d": sizes[1],
+        "p": sizes[2],
+        "y": len(plant.outputs),
+        "functions": str(translator),
+        "flow": _called(flow, plant.traced_flow, ["x", *places], "slope"),
+        "output": _called(output, plant.traced_output, ["r + FIRST_X", places[0], places[2]], "r + FIRST_Y"),
+        "start": ",\n".join(f"        {variable.start!r}" for variable in variables[: sum(sizes)]),
+    }
     about = f"plant in {steps} steps per {period:g} s, which begins where the parameters start.* say"
-    return write_fmu(path, name, about, period, variables, model, {}, fmi)
+    return write_fmu(path, Fmu(name, about, period, variables, "fmu_plant.h", values, {}), fmi)
 
 
 def _needed(plant: Plant, starts: Sequence[str], labels: Sequence[str]) -> list[tuple[str, ...]]:

@@ -10,14 +10,14 @@ import platform
 import sys
 import uuid
 import zipfile
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal, NamedTuple
 
 from flexhinf.codegen.c import Real
 from flexhinf.export.compiled import shared_library
-from flexhinf.export.rendering import c_values, render
+from flexhinf.export.file_list import File, rendered
 from flexhinf.files import check_replaceable, write_file
 from flexhinf.validation import checked_path, one_of
 
@@ -25,12 +25,6 @@ DOUBLE = Real("double")
 
 #: What a file is dated in the archive, so that the same model gives the same bytes.
 DATE = (2020, 1, 1, 0, 0, 0)
-
-#: Versions of the standard: templates, and the kinds of variables.
-FORMS = {
-    "2.0": ("fmu2.c", "fmi2.h", "modelDescription.xml", {"Real": "Real", "Integer": "Integer"}),
-    "3.0": ("fmu3.c", "fmi3.h", "modelDescription3.xml", {"Real": "Float64", "Integer": "Int32"}),
-}
 
 #: Names of processors in FMI 3.0, where they are not Python's.
 PROCESSORS = {"amd64": "x86_64", "arm64": "aarch64", "i386": "x86", "i686": "x86", "armv7l": "aarch32"}
@@ -53,52 +47,86 @@ class Variable:
     starts_from: tuple[str, ...] | None = None
 
 
-def write_fmu(
-    path: str | os.PathLike[str],
-    name: str,
-    about: str,
-    period: float,
-    variables: Sequence[Variable],
-    model: Callable[..., str],
-    sources: Mapping[str, str],
-    fmi: str,
-) -> Path:
-    """Write the archive whole.
+@dataclass(frozen=True)
+class Fmu:
+    """What the files of an FMU are made of.
 
-    `period`: s, smallest communication step; others are whole multiples. `variables`: Those of a kind in the order of
-    their places in the C. `model`: The header of the model with a `guid`. `sources`: Further files of C. `fmi`: A key
-    of `FORMS`.
+    `about`: A sentence on the model. `period`: s, smallest communication step; others are whole multiples. `variables`:
+    Those of a kind in the order of their places in the C. `header`: The template of the model's header, and `values`
+    what that needs. `sources`: Further files of C. `guid`: What tells it from others.
+    """
+
+    name: str
+    about: str
+    period: float
+    variables: Sequence[Variable]
+    header: str
+    values: Mapping[str, Any]
+    sources: Mapping[str, str]
+    guid: str = "@GUID@"
+
+    @property
+    def model(self) -> File[Fmu]:
+        """The header of the model."""
+        return File("@{name}_model.h", self.header, lambda fmu: {**fmu.values, "guid": fmu.guid})
+
+
+class Form(NamedTuple):
+    """A version of the standard: files of C beside the model's, others, and the kinds of variables."""
+
+    sources: tuple[File[Fmu], ...]
+    others: tuple[File[Fmu], ...]
+    kinds: Mapping[str, str]
+
+
+def _of_2(fmu: Fmu) -> dict[str, object]:
+    return _description(fmu, "2.0")
+
+
+def _of_3(fmu: Fmu) -> dict[str, object]:
+    return _description(fmu, "3.0")
+
+
+#: Versions of the standard, and the files of each.
+FORMS = {
+    "2.0": Form(
+        (File("@{name}_fmi2.h", "fmi2.h"), File("@{name}_fmu.c", "fmu2.c")),
+        (File("modelDescription.xml", "modelDescription.xml", _of_2),),
+        {"Real": "Real", "Integer": "Integer"},
+    ),
+    "3.0": Form(
+        (File("@{name}_fmi3.h", "fmi3.h"), File("@{name}_fmu.c", "fmu3.c")),
+        (
+            File("modelDescription.xml", "modelDescription3.xml", _of_3),
+            File("sources/buildDescription.xml", "buildDescription.xml"),
+        ),
+        {"Real": "Float64", "Integer": "Int32"},
+    ),
+}
+
+
+def write_fmu(path: str | os.PathLike[str], fmu: Fmu, fmi: str) -> Path:
+    """Write the archive whole, of a version of the standard that `FORMS` has.
 
     Raises InvalidInput: for another version, a path that cannot be written, or without a C compiler.
     """
     one_of("There is no such version of FMI.", fmi, FORMS, "2.0, which most programs read")
-    target, header = checked_path("The FMU", path), f"{name}_model.h"
+    target, form = checked_path("The FMU", path), FORMS[fmi]
     check_replaceable(target, "FMU", lambda content: b"modelDescription.xml" in content)
-    shell, functions, _, _ = FORMS[fmi]
-    contents = (name, about, period, variables, {**sources, header: model(guid="@GUID@")})
+    model = rendered([fmu.model], fmu, fmu.name, DOUBLE)
+    contents = (fmu.name, fmu.about, fmu.period, fmu.variables, {**fmu.sources, **model})
     guid = "{" + str(uuid.UUID(hashlib.sha256(repr((contents, fmi)).encode()).hexdigest()[:32])) + "}"
-    values = {**c_values(name, DOUBLE), "v": int(fmi[0])}
-    own = {**sources, header: model(guid=guid)}
-    own[f"{name}_{functions}"] = render(functions, **values)
-    own[f"{name}_fmu.c"] = render(shell, **values)
+    own = replace(fmu, guid=guid)
+    shared = {"v": int(fmi[0]), "guid": guid, "about": fmu.about, "period": fmu.period}
+    sources = {**fmu.sources, **rendered([own.model, *form.sources], own, fmu.name, DOUBLE, **shared)}
+    compiled = [file for file in sources if file.endswith(".c")]
+    others = rendered(form.others, own, fmu.name, DOUBLE, files=compiled, **shared)
     folder, ending = _place(fmi)
-    compiled = [file for file in own if file.endswith(".c")]
-    files: dict[str, bytes] = {
-        "modelDescription.xml": render(
-            FORMS[fmi][2],
-            **values,
-            guid=guid,
-            about=about,
-            period=period,
-            files=compiled,
-            **_description(variables, fmi),
-        ).encode(),
-        **{f"sources/{file}": code.encode() for file, code in own.items()},
-        f"binaries/{folder}/{name}.{ending}": shared_library(own),
+    files = {
+        **{file: text.encode() for file, text in others.items()},
+        **{f"sources/{file}": code.encode() for file, code in sources.items()},
+        f"binaries/{folder}/{fmu.name}.{ending}": shared_library(sources),
     }
-    if fmi == "3.0":
-        build = render("buildDescription.xml", **values, files=compiled)
-        files["sources/buildDescription.xml"] = build.encode()
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as packed:
         for file, content in files.items():
@@ -117,14 +145,15 @@ def _place(fmi: str) -> tuple[str, str]:
     return f"{PROCESSORS.get(machine, machine)}-{'windows' if system == 'win' else system}", ending
 
 
-def _description(variables: Sequence[Variable], fmi: str) -> dict[str, object]:
+def _description(fmu: Fmu, fmi: str) -> dict[str, object]:
     """Variables, units and outputs of modelDescription.xml, in which a variable is known by its place (FMI 2.0) or its
     reference (3.0)."""
+    variables, kinds = fmu.variables, FORMS[fmi].kinds
     references = _references(variables, fmi)
     ids = {v.name: k + 1 for k, v in enumerate(variables)} if fmi == "2.0" else references
     return {
         "units": sorted({variable.unit for variable in variables if variable.unit}),
-        "variables": [_entry(variable, references[variable.name], FORMS[fmi][3]) for variable in variables],
+        "variables": [_entry(variable, references[variable.name], kinds) for variable in variables],
         "outputs": [
             {
                 "id": ids[v.name],

@@ -10,7 +10,7 @@ import numpy as np
 from flexhinf.codegen.c import Translator, constant
 from flexhinf.errors import InvalidInput
 from flexhinf.export.controller_c import ControllerCode
-from flexhinf.export.rendering import c_values, render, render_c
+from flexhinf.export.rendering import c_values, render
 from flexhinf.plant.joints import joint_places
 from flexhinf.robot.elastic import INNER, InverseFlow, torque_per_input, traced_inverse
 from flexhinf.robot.feedforward import KNOTS, LONGEST
@@ -38,16 +38,10 @@ def follower_of(code: ControllerCode) -> Follower | None:
         return None
 
 
-def follow_files(code: ControllerCode) -> dict[str, str]:
-    """Header and source by the names of their files; none where there is no `follower_of`."""
+def follow_values(code: ControllerCode) -> dict[str, Any]:
+    """What the templates of header and source need; nothing where there is no `follower_of`."""
     follower = follower_of(code)
-    if follower is None:
-        return {}
-    values = _values(code, follower)
-    return {
-        f"{code.name}_{template}": render_c(template, code.name, code.real, **values)
-        for template in ("follow.h", "follow.c")
-    }
+    return {} if follower is None else _values(code, follower)
 
 
 def _values(code: ControllerCode, follower: Follower) -> dict[str, Any]:

@@ -297,7 +297,8 @@ def number_lines(
         texts = [text + "," * (place.start + k + 1 < len(values)) for k, text in enumerate(texts)]
         lines.append(f"/* {name}: {comment(about[name])} */")
         if len(meanings.get(name, [])) == len(texts) <= LONGEST_LAW:
-            lines += [f"{text} /* {what} */" for text, what in zip(texts, meanings[name], strict=True)]
+            stated = zip(texts, meanings[name], strict=True)
+            lines += [f"{text} /* {comment(what)} */" for text, what in stated]
         else:
             lines += [" ".join(texts[k : k + 4]) for k in range(0, len(texts), 4)]
     return "\n".join(f"{indent}{line}" for line in lines)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -15,13 +15,13 @@ import numpy as np
 from flexhinf.codegen.c import comment
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.controller_c import NOTHING, ControllerCode, code_of
-from flexhinf.export.follow import follow_files
+from flexhinf.export.file_list import File, rendered
+from flexhinf.export.follow import follow_values
 from flexhinf.export.names import PARTS
 from flexhinf.export.provocation import provoked
 from flexhinf.export.recording import Recording, record, with_both_roundings
 from flexhinf.export.refusals import check_limits
 from flexhinf.export.rehearsal import contract_values, reaches_far
-from flexhinf.export.rendering import render_c, render_text
 from flexhinf.export.ros2 import package_name, ros2_values
 from flexhinf.export.safety import safety_values
 from flexhinf.export.self_test import EVERY, Accuracy, accuracy, vector_values
@@ -54,24 +54,14 @@ class Export:
         return _home(self.code)
 
     @cached_property
-    def follow(self) -> dict[str, str]:
-        """The files that follow trajectories; none for a law of one pose."""
-        return follow_files(self.code)
+    def follow(self) -> dict[str, Any]:
+        """What the files that follow trajectories need; nothing for a law of one pose."""
+        return follow_values(self.code)
 
     @cached_property
     def ros2(self) -> dict[str, Any]:
         """What the package for ROS 2 needs."""
         return ros2_values(self.code, self.home[1])
-
-
-@dataclass(frozen=True)
-class File:
-    """A file of an export: its path, itself a template; its template; and what that needs beside the controller."""
-
-    path: str
-    template: str
-    values: Callable[[Export], Mapping[str, Any]] = lambda export: NOTHING
-    follows: bool = False  # only there where trajectories are followed
 
 
 def _drives(export: Export) -> dict[str, Any]:
@@ -84,8 +74,23 @@ def _ros2(export: Export) -> dict[str, Any]:
     return export.ros2
 
 
-#: All files of an exported controller, but for its header and source, which `ControllerCode` makes, and their copies.
-FILES = (
+def _follow(export: Export) -> dict[str, Any]:
+    return export.follow
+
+
+def _follows(export: Export) -> bool:
+    return bool(export.follow)
+
+
+#: What the package for ROS 2 has of the others.
+ROS2_SOURCES = "ros2/src"
+
+#: All files of an exported controller.
+FILES: tuple[File[Export], ...] = (
+    File("@{name}.h", "controller.h", lambda export: export.code.header_values, copy=ROS2_SOURCES),
+    File("@{name}.c", "controller.c", lambda export: export.code.source_values, copy=ROS2_SOURCES),
+    File("@{name}_follow.h", "follow.h", _follow, _follows, ROS2_SOURCES),
+    File("@{name}_follow.c", "follow.c", _follow, _follows, ROS2_SOURCES),
     File("@{name}_test.c", "test.c", lambda export: vector_values(export.code, export.runs, export.allowed)),
     File("@{name}_contract.c", "contract.c", lambda export: contract_values(export.code, export.runs[-1])),
     File("README.md", "README.md", lambda export: _readme(export)),
@@ -107,8 +112,8 @@ FILES = (
     File("ros2/config/@{package}.yaml", "ros2/controller.yaml", _ros2),
     File("ros2/include/@{package}/controller.hpp", "ros2/controller.hpp", _ros2),
     File("ros2/src/controller.cpp", "ros2/controller.cpp", _ros2),
-    File("ros2/include/@{package}/trajectories.hpp", "ros2/trajectories.hpp", _ros2, follows=True),
-    File("ros2/src/trajectories.cpp", "ros2/trajectories.cpp", _ros2, follows=True),
+    File("ros2/include/@{package}/trajectories.hpp", "ros2/trajectories.hpp", _ros2, _follows),
+    File("ros2/src/trajectories.cpp", "ros2/trajectories.cpp", _ros2, _follows),
 )
 
 
@@ -223,24 +228,14 @@ def controller_files(
     run = provoked(code, record(code.controller, exact=exact), exact)
     runs = (run,) if real == "float" else with_both_roundings(code.controller, run)
     export = Export(code, runs, accuracy(code, run), design)
-    paths = {"name": code.name, "package": package_name(code)}
-    sources = code.files | export.follow
-    return {
-        **sources,
-        **{
-            render_text(file.path, **paths): _rendered(export, file)
-            for file in FILES
-            if export.follow or not file.follows
-        },
-        **{f"ros2/src/{path}": text for path, text in sources.items()},
-        **{f"design/{path}": text for path, text in design.items()},
+    shared = {
+        **code.values,
+        "digest": code.digest,
+        "package": package_name(code),
+        "follows": _follows(export),
     }
-
-
-def _rendered(export: Export, file: File) -> str:
-    code = export.code
-    values = {**code.values, "follows": bool(export.follow), **file.values(export)}
-    return render_c(file.template, code.name, code.real, **values)
+    texts = rendered(FILES, export, code.name, code.real, **shared)
+    return texts | {f"design/{path}": text for path, text in design.items()}
 
 
 def _home(code: ControllerCode) -> tuple[str, np.ndarray]:

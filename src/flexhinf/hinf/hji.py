@@ -63,6 +63,9 @@ The cost of a solve, memory and operations, is estimated before it starts: memor
 MB on, which a test measures; so what is begun must fit twice.
 """
 
+# Not checked strictly: what a caller passes may be of another type than stated.
+# pyright: reportUnnecessaryIsInstance=false
+
 from __future__ import annotations
 
 import math

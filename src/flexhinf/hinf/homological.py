@@ -23,6 +23,10 @@ Eigenvectors of a real matrix come in conjugate pairs v = p ± iq. Going to the 
 mixing each pair afterwards keeps the expensive, dense part of the change of variables in real arithmetic.
 """
 
+# Not checked strictly: SciPy has no types.
+# pyright: reportMissingTypeStubs=false, reportPrivateUsage=false, reportUnknownArgumentType=false
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
+
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping

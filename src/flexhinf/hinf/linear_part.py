@@ -13,6 +13,10 @@ higher degree; Newton steps, one Lyapunov equation each, bring it to rounding.
 *The smallest feasible attenuation level* γ* of Eq. (5), by bisection.
 """
 
+# Not checked strictly: SciPy has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# pyright: reportUnknownVariableType=false
+
 from __future__ import annotations
 
 from collections.abc import Iterator

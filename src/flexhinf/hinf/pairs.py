@@ -87,7 +87,8 @@ def _patterns(n: int, k: int, pairs: int) -> list[_Pattern]:
         kind = 4 * kind + 2 * begins[:, place] + lone[:, place]
         if place % 16 == 15 or place == k - 1:  # before the number is too large
             kind = np.unique(kind, return_inverse=True)[1].ravel()
-    order, result = np.argsort(kind, kind="stable"), []
+    order = np.argsort(kind, kind="stable")
+    result: list[_Pattern] = []
     for some in np.split(order, np.cumsum(np.bincount(kind))[:-1]):
         blocks = np.concatenate([some, np.repeat(some[-1:], -len(some) % LANES)])
         starts, axis = np.flatnonzero(begins[some[0]]), np.cumsum(begins[some[0]]) - 1
@@ -206,7 +207,7 @@ def _sums(
     sums.store(text.number(0, VECTOR))
     with text.loop(0, axes) as axis:
         often, size = times.load(LONG, axis), sizes.load(LONG, axis)
-        parts = []
+        parts: list[Value] = []
         for table in eigenvalue:
             for lane in range(LANES):
                 mixed.store(table.load(DOUBLE, own.load(INT, axis * blocks + lane)), lane)

@@ -25,7 +25,7 @@ _SHARE, _LARGE_SHARE = 0.07, 0.3
 
 def table_memory(n: int, degree: int) -> int:
     """Bytes of the tables of all products to a degree: those that are kept, and the largest one while it is made."""
-    sizes = []
+    sizes: list[int] = []
     for a, b in ((k - b, b) for k in range(3, degree + 1) for b in range(1, k // 2 + 1)):
         pairs = basis.count(n, a) * basis.count(n, b)
         sizes.append(pairs if pairs <= LARGE else basis.count(n, a) * basis.count(n, b - 1))
@@ -123,9 +123,9 @@ def _packed(
     number = np.diff(bounds)
     vectors = -(-number // LANES)
     chunks = np.concatenate([[0], np.cumsum(vectors)])
-    lane, size, start, begin = (
-        np.arange(LANES * chunks[-1]),
-        *(np.repeat(each, LANES * vectors) for each in (number, bounds[:-1], LANES * chunks[:-1])),
+    lane: np.ndarray = np.arange(LANES * int(chunks[-1]))
+    size, start, begin = (
+        np.repeat(each, LANES * vectors) for each in (number, bounds[:-1], LANES * chunks[:-1])
     )
     columns = active[start + np.minimum(lane - begin, size - 1)]
     packed = np.empty((chunks[-1], len(right), LANES))

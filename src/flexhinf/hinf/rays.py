@@ -16,6 +16,10 @@ this way is followed to the lowest point of its surface q = 0 (SLSQP), where a l
 to hit a violation, and that is often a sliver; ascent only has to start on its slope.
 """
 
+# Not checked strictly: SciPy has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false, reportUnknownLambdaType=false
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
+
 from __future__ import annotations
 
 import warnings

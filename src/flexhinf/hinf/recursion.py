@@ -207,7 +207,8 @@ def equation_residuals(problem: ScaledProblem, value: PartsByDegree) -> dict[int
         for j, fields in channels.items():
             if i - 1 + j < problem.degree:
                 add_part(rows, i - 1 + j, np.einsum("ai,ica->ac", slope, fields))
-    nothing, residuals = np.zeros((_POINTS, len(problem.signs))), {}
+    nothing = np.zeros((_POINTS, len(problem.signs)))
+    residuals: dict[int, float] = {}
     for k in range(2, problem.degree + 1):
         drift = sum(
             ((slopes[i] * f[k + 1 - i]).sum(1) for i in slopes if k + 1 - i in f), start=nothing[:, 0]
@@ -261,7 +262,7 @@ def degree_errors(
     if other is None:
         power = {k: growth if k == 2 else growth**2 for k in value}
         return {k: _MARGIN * (k - 1) * _LAST_BIT * (1 + power[k] + largest) for k in value}
-    errors = {}
+    errors: dict[int, float] = {}
     for k, part in value.items():
         size, apart = float(np.abs(part).max()), float(np.abs(other[k] - part).max())
         errors[k] = max(_SAFETY * apart / size, (k - 1) * _LAST_BIT * (1 + growth)) if size > 0 else apart

@@ -22,6 +22,10 @@ ascent from many starts then looks for violations inside the level set, and each
 find none. The result does not depend on the first rays.
 """
 
+# Not checked strictly: a penalty may be of any kind until it is read; parts of arrays have no type.
+# pyright: reportUnknownArgumentType=false, reportUnknownLambdaType=false, reportUnknownMemberType=false
+# pyright: reportUnknownVariableType=false
+
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence

@@ -6,6 +6,9 @@ table of monomials; with g2(x) it is the product of the exact g2 and the polynom
 A file is a compressed NumPy archive with a version, written beside and moved into place.
 """
 
+# Not checked strictly: a file is of any kind until it is read.
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
+
 from __future__ import annotations
 
 import json
@@ -422,7 +425,7 @@ def _assembled(arrays: dict[str, np.ndarray], whole: bool, problem: Problem | No
 
 
 def _gather(arrays: dict[str, np.ndarray], name: str, lowest: int, highest: int) -> dict[int, np.ndarray]:
-    parts = {}
+    parts: dict[int, np.ndarray] = {}
     for key in [key for key in arrays if key.startswith(f"{name}_")]:
         k = int(key[len(name) + 1 :])
         if key != f"{name}_{k}" or not lowest <= k <= highest:

@@ -1,5 +1,8 @@
 """The value function V of a synthesis: its polynomial, its law, and Eq. (8) with the exact fields of the plant."""
 
+# Not checked strictly: parts of arrays have no type.
+# pyright: reportUnknownArgumentType=false, reportUnknownMemberType=false, reportUnknownVariableType=false
+
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
@@ -125,7 +128,7 @@ class ValueFunction:
 
     def gradient_parts(self, x: np.ndarray) -> dict[int, np.ndarray]:
         """V_k,x by degree k of V, at deviations (N, n): shape (N, n) each; vanishing degrees are missing."""
-        chunks = []
+        chunks: list[dict[int, np.ndarray]] = []
         for points in self._chunks(x):
             powers = monomials(points, [k - 1 for k in self.slope_parts])
             chunks.append({k: powers[k - 1] @ slope for k, slope in self.slope_parts.items()})

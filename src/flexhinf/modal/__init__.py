@@ -2,7 +2,8 @@
 
 With K^½ M(q)⁻¹ K^½ = V Λ Vᵀ, z = Vᵀ K^½ q and w = Vᵀ K^½ θ an arm of n elastic joints is n pairs. The gains of a pair
 depend on its λ alone, so one table serves every pose. `pair` has the gains of a pair, `law` the law of the arm.
-`tolerance` computes which errors of the model all pairs tolerate; `stability` proves for which λ a pair is stable.
+`popov` searches for what proves which errors of mass all pairs tolerate, `tolerance` computes it of any linear errors;
+`stability` proves for which λ a pair is stable without errors.
 """
 
 # Not checked strictly: lazy_loader has no types.

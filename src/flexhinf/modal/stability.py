@@ -1,22 +1,13 @@
-"""Proof in ball arithmetic that every pair of a range of λ is stable with all errors of the model up to a size.
+"""Proof in ball arithmetic that every pair of a range of λ is stable, without errors of the model.
 
-Between samples a pair is ẋ = M x + G d, a = C x, with x = (z, z′, w, w′, f), the accelerations a of link and motor, and
-errors d that are added to these; the motor's a and d are divided by a scaling s. Errors d = Δ a with ‖Δ‖ ≤ δ have
-∫ δ²|a|² − |d|² ≥ 0. They may be nonlinear, change with time, and mix pairs, but not links with motors. Over a period h
+With the controller's memory, the latency and the filter (`flexhinf.modal.tolerance.sampled_pair`) the loop of a pair is
+ξ⁺ = A ξ, and V = ξᵀ P ξ falls if
 
-    max over d of  V(x(h)) + ∫ δ²|a|² − |d|²   =   max over v of  V(A x + v) + xᵀ Q x − vᵀ W⁻¹ v,
+    L(λ) = [ P   Aᵀ ; A   P⁻¹ ] > 0.
 
-    Φ = exp(h [ M  GGᵀ ; −δ²CᵀC  −Mᵀ ]),   W = Φ₁₂ Φ₂₂⁻¹,   Q = −Φ₂₂⁻¹ Φ₂₁,   A = Φ₁₁ − W Φ₂₁,
-
-if Φ₂₂ is regular up to h [chen1995]; this is exact between the samples too. With the controller's memory, the latency
-and the filter (`flexhinf.modal.tolerance.sampled_pair`) the loop is ξ⁺ = A ξ + v with other A and Q, and V = ξᵀ P ξ
-falls under all these errors if [boyd1994]
-
-    L(λ) = [ P − Q   Aᵀ ; A   P⁻¹ − W ] > 0,
-
-which for δ = 0 is stability. P is constant in an interval of λ: it is computed in the middle. L differs from the line
-between its values at the ends by at most a quarter of (length)² times its second Taylor coefficient, which balls
-enclose.
+P is constant in an interval of λ: it is computed in the middle. L differs from the line between its values at the ends
+by at most a quarter of (length)² times its second Taylor coefficient, which balls enclose. `flexhinf.modal.popov` has
+the errors that a loop tolerates.
 
 The proof is of small motions of an arm at rest, at any pose whose λ are in the range, with motors alike (J = K/κ,
 B = βJ), springs without damping, no dry friction, and gravity without slope. The filter's model is the pair's exact
@@ -24,7 +15,8 @@ one over a period.
 """
 
 # Not checked strictly: parts of SciPy, CasADi and NumPy have no types.
-# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false, reportMissingTypeStubs=false
+# pyright: reportUnknownMemberType=false
 
 from __future__ import annotations
 
@@ -42,12 +34,14 @@ from flexhinf.modal.tolerance import sampled_pair
 if TYPE_CHECKING:
     from flexhinf.estimation.modal import ModalFilter
 
-#: Largest and smallest length of an interval in log λ; number of parts of a period in which Φ₂₂ is enclosed.
-LONGEST, SHORTEST, PARTS = 0.4, 1e-3, 32
+#: Largest and smallest length of an interval in log λ.
+LONGEST, SHORTEST = 0.4, 1e-3
 
-#: Shares, tried in turn, of the slowest mode's distance from the unit circle that P leaves as room; the number added to
-#: make P definite; doublings of its iteration.
-ROOM, SMALL, DOUBLINGS = (0.5, 0.15, 0.03), 1e-6, 40
+#: Shares, tried in turn, of the slowest mode's distance from the unit circle that P leaves as room.
+ROOM = (0.5, 0.15, 0.03)
+
+#: Doublings of the iteration for P.
+DOUBLINGS = 40
 
 #: Terms of series in λ, in units of the interval's lower end: value, slope and second coefficient.
 TERMS = 3
@@ -61,36 +55,29 @@ class ProvedRange(NamedTuple):
 
     low: float  # 1/s²
     high: float  # 1/s²
-    error: float  # largest ‖Δ‖, a share of the accelerations
     intervals: int  # of the proof
 
 
 def proved_range(
     gains: PairGains,
-    error: float = 0.0,
     fastest: float = np.inf,
     latency: int = 0,
     filter: ModalFilter | None = None,
-    scaling: float = 1.0,
 ) -> ProvedRange:
-    """The λ, from the slowest on, for which pairs are proved to be stable with errors up to `error`; see this module.
+    """The λ, from the slowest on, for which pairs are proved to be stable; see this module.
 
     Parameters
     ----------
     gains, fastest, latency, filter
         As for `flexhinf.modal.error_tolerance`.
-    error : float
-        Largest ‖Δ‖, a share of the accelerations; 0 for stability alone.
-    scaling : float
-        s, a number; `Tolerance.scaling` suits the error.
     """
     low, high = gains.ends[0], min(gains.ends[1], fastest**2)
 
     @lru_cache(3)
-    def at(*links: float) -> _PairLoop:
+    def at(*links: float) -> np.ndarray:
         ctx.cap = TERMS if len(links) > 1 else 1  # of one λ the value counts alone
         try:
-            return _loop(gains, links, error, latency, filter, scaling)
+            return _loop(gains, links, latency, filter)
         finally:
             ctx.cap = TERMS  # a smaller one would cut the second coefficient off wherever it is read
 
@@ -109,29 +96,15 @@ def proved_range(
             length = min(LONGEST, 1.5 * length) if proved else 0.5 * length
     finally:
         ctx.cap = cap
-    return ProvedRange(low, place, error, count)
-
-
-class _PairLoop(NamedTuple):
-    """A, Q and W of a pair, (n, n) each, arrays of series in λ."""
-
-    a: np.ndarray
-    q: np.ndarray
-    w: np.ndarray
-
-    def order(self, k: int) -> list[arb_mat]:
-        """The k-th Taylor coefficients."""
-        return [_order(part, k) for part in self]
+    return ProvedRange(low, place, count)
 
 
 def _loop(
     gains: PairGains,
     links: tuple[float, ...],
-    error: float,
     latency: int,
     filter: ModalFilter | None,
-    scaling: float,
-) -> _PairLoop:
+) -> np.ndarray:
     series, period, one, o = (
         arb_series([reduce(arb.union, map(arb, links)), links[0]]),
         gains.period,
@@ -140,28 +113,12 @@ def _loop(
     )
     pair = gains.pair(links[0])
     kappa, beta, nu, b = (one * rate for rate in (pair.motor, pair.damping, pair.holding, pair.input))
-    slow, fast = [o, o, series, o, o], [-nu, o, -kappa - nu, o, b]
+    slow = [o, o, series, o, o]
     relative = [-nu, -beta, -series - kappa - nu, -beta, b]
     m = _array([[o, one, o, o, o], slow, [o, o, o, one, o], relative, 5 * [o]])
     # Units that balance matrices, powers of two, so that balls stay small.
     units = np.exp2(np.round(np.log2([1.0, 1.0 / period, 1.0, 1.0 / period, 1.0])))
     model = _exponential(period * m, units / units[:, None])
-    moved, q, w = model, np.zeros((5, 5)), np.zeros((5, 5))
-    if error > 0.0:
-        c, g = _array([slow, [entry / arb(scaling) for entry in fast]]), np.zeros((5, 2), dtype=object)
-        g[[1, 3, 3], [0, 0, 1]] = 1, -1, arb(scaling)
-        hamiltonian = np.vstack([np.hstack([m, g @ g.T]), np.hstack([c.T @ c * -(arb(error) ** 2), -m.T])])
-        weight = (error + 0.01) * max(links[0], pair.input) / period
-        units = np.concatenate([units, np.exp2(np.round(np.log2(weight))) / units])
-        scale = units / units[:, None]
-        for part in range(PARTS):  # an inverse that may not exist is a ZeroDivisionError
-            instant = arb(part).union(arb(part + 1)) * period / PARTS
-            flow = (_order(hamiltonian * scale, 0) * instant).exp().tolist()
-            arb_mat([row[5:] for row in flow[5:]]).inv()
-        flow = _exponential(period * hamiltonian, scale)
-        inverse = _inverse(flow[5:, 5:])
-        w, q = flow[:5, 5:] @ inverse, -inverse @ flow[5:, :5]
-        moved = flow[:5, :5] - w @ flow[5:, :5]
     terms = _array([[pole / (series + pole) for pole in gains.poles.tolist()] + [one]])[0]
     table, observer = np.vectorize(arb, otypes=[object])(gains.coefficients[:5]), None
     table[:2] += table[2:4]
@@ -174,10 +131,7 @@ def _loop(
         seen[:, :2] += seen[:, 2:]
         observer = gain, seen
     acting, memory = sampled_pair(model[:4], table @ terms, period, latency, observer)
-    a = np.vstack([moved[:4] @ acting, memory])
-    whole = np.zeros(a.shape, dtype=object)
-    whole[:4, :4] = w[:4, :4]
-    return _PairLoop(a, acting.T @ q @ acting, whole)
+    return np.vstack([model[:4] @ acting, memory])
 
 
 def _array(rows: Sequence[Sequence[arb_series]]) -> np.ndarray:
@@ -222,24 +176,6 @@ def _exponential(matrix: np.ndarray, scale: np.ndarray) -> np.ndarray:
     )
 
 
-def _inverse(matrix: np.ndarray) -> np.ndarray:
-    """The inverse of a matrix of series by elimination; a pivot that may be zero is a ZeroDivisionError."""
-    n = len(matrix)
-    rows = np.hstack([matrix, np.eye(n)])
-    for i in range(n):
-        pivot = rows[i, i]
-        if (pivot[0]).contains(0):
-            raise ZeroDivisionError
-        for j in range(2 * n):
-            rows[i, j] = rows[i, j] / pivot
-        for k in range(n):
-            if k != i:
-                factor = rows[k, i]
-                for j in range(2 * n):
-                    rows[k, j] = rows[k, j] - factor * rows[i, j]
-    return rows[:, n:]
-
-
 def _size(entries: Iterable[arb]) -> arb:
     """An upper bound of the Frobenius norm."""
     return sum((entry.abs_upper() ** 2 for entry in entries), arb(0)).sqrt()
@@ -249,31 +185,25 @@ def _numbers(matrix: arb_mat) -> np.ndarray:
     return np.array([[float(entry.mid()) for entry in row] for row in matrix.tolist()])
 
 
-def _roots(loop: _PairLoop) -> Iterator[arb_mat]:
+def _roots(loop: np.ndarray) -> Iterator[arb_mat]:
     """T (n, n), P = TᵀT, with some room."""
-    a, q, w = map(_numbers, loop.order(0))
-    unit, radius = np.eye(len(a)), float(np.abs(np.linalg.eigvals(a)).max())
-    for room in ROOM:
-        more = 1.0 + 0.2 * room
-        step, p, other = a / (1.0 - room * (1.0 - radius)), more * q + SMALL * unit, -more * w
+    a = _numbers(_order(loop, 0))
+    radius = float(np.abs(np.linalg.eigvals(a)).max())
+    for room in ROOM if radius < 1.0 else ():
+        step, p = a / (1.0 - room * (1.0 - radius)), np.eye(len(a))
         for _ in range(DOUBLINGS):
-            inverse = np.linalg.inv(unit + other @ p)
-            left = step @ inverse
-            step, other, p = left @ step, other + left @ other @ step.T, p + step.T @ p @ inverse @ step
-        if np.all(np.linalg.eigvalsh(p) > 0.0):
-            yield arb_mat(np.linalg.cholesky(0.5 * (p + p.T)).T.tolist())
+            step, p = step @ step, p + step.T @ p @ step
+        yield arb_mat(np.linalg.cholesky(0.5 * (p + p.T)).T.tolist())
 
 
-def _positive(ends: tuple[_PairLoop, _PairLoop], between: _PairLoop, bend: arb, root: arb_mat) -> bool:
+def _positive(ends: tuple[np.ndarray, np.ndarray], between: np.ndarray, bend: arb, root: arb_mat) -> bool:
     """Whether L > 0 in an interval, in the coordinates T ξ; `bend` is a quarter of its length squared."""
     inverse = root.inv()
 
-    def inequality(loop: _PairLoop, order: int) -> np.ndarray:
-        a, q, w = loop.order(order)
-        turned = root * a * inverse, inverse.transpose() * q * inverse, root * w * root.transpose()
-        a, q, w = (np.array(part.tolist()) for part in turned)
-        unit = np.eye(len(a)) * (order == 0)
-        return np.block([[unit - q, a.T], [a, unit - w]])
+    def inequality(loop: np.ndarray, order: int) -> np.ndarray:
+        a = np.array((root * _order(loop, order) * inverse).tolist())
+        unit = np.vectorize(arb, otypes=[object])(np.eye(len(a)) * (order == 0))
+        return np.block([[unit, a.T], [a, unit]])
 
     curved = inequality(between, 2)
     size = bend * _size(curved.ravel())

@@ -12,7 +12,8 @@ The scaling by s commutes with a Δ that mixes pairs, but neither links with mot
 that sampling makes equal: one that does not change with time. With one s for all frequencies, Δ may change with time.
 The statement holds for small motions about rest, at all poses whose λ are in the range, with motors alike, springs
 without damping, no dry friction, and gravity without slope. Between samples, d and a are lifted to pieces of a period
-[chen1995]; the norms of their blocks bound σ̄. `flexhinf.modal.stability` proves the second case in ball arithmetic.
+[chen1995]; the norms of their blocks bound σ̄. Errors of mass are static, and far larger ones are proved to be
+tolerated: `flexhinf.modal.popov`.
 """
 
 from __future__ import annotations

@@ -70,6 +70,7 @@ from .page import (
     robots_table as robots_table,
     verdict as verdict,
 )
+from .pictures import notebook_pictures as notebook_pictures
 from .robot_check import (
     checked_robot_ending as checked_robot_ending,
     checked_robot_files as checked_robot_files,
@@ -85,6 +86,8 @@ from .run import (
 )
 from .terminal import SCREEN as SCREEN, wrapped as wrapped
 from .workspace_proof import (
+    pair_check as pair_check,
+    workspace_certificate as workspace_certificate,
     workspace_proof_ending as workspace_proof_ending,
     workspace_proof_numbers as workspace_proof_numbers,
     workspace_proof_page as workspace_proof_page,

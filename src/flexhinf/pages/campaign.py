@@ -139,12 +139,12 @@ def write_campaign(
             journal.about.get("title", "Campaign"),
             f"{judged.count} {runs} with the same controller, each with its own measurement noise and with "
             f"{len(table.names('parameter'))} numbers of its own{spread}.",
-            f"{campaign_verdict(judged)} {campaign_design(judged, brief=True)}".rstrip(),
+            campaign_verdict(judged),
             sections,
             Settings({name: group for name, group in groups.items() if group}),
             Provenance(shlex.join(journal.command), int(settings["seed"])), _key_numbers(judged),
             _statuses(judged, cases, gains),
-            [search] if search else [],
+            [text for text in (campaign_design(judged, brief=True), search) if text],
             lead,
         ),
     )  # fmt: skip
@@ -392,6 +392,16 @@ def _worst_disturbance(judged: CampaignJudgement, gains: GainResults) -> list[An
     ]  # fmt: skip
 
 
+def shown_in(judged: CampaignJudgement, unit: str) -> tuple[float, str]:
+    """Factor and unit in which numbers of a unit are shown: angles as on the page of the design."""
+    degrees = judged.table.journal.settings.get("design angle_unit") == "deg"
+    return (
+        (math.degrees(1.0), {"rad": "°", "rad/s": "°/s"}[unit])
+        if degrees and unit in ("rad", "rad/s")
+        else (1.0, unit)
+    )
+
+
 # Signals and metrics -----------------------------------------------------------------------------------------
 def _signals(judged: CampaignJudgement) -> list[Any]:
     # the kept signals, and the end of the one that differs most; the worst run is drawn apart
@@ -414,13 +424,15 @@ def _signals(judged: CampaignJudgement) -> list[Any]:
             spreads[k] = float(np.ptp(trace[:, trace.shape[1] // 2 :], axis=0).max()) / float(np.ptp(trace))
     close = int(np.argmax(spreads))
     panels = (*range(len(names)), close)
-    labels = [(names[k].removeprefix(TRACE).replace("_", " "), judged.table.unit(names[k])) for k in panels]
+    scales = [shown_in(judged, judged.table.unit(name)) for name in names]
+    labels = [(names[k].removeprefix(TRACE).replace("_", " "), scales[k][1]) for k in panels]
     figure, axes = new_figure(len(panels), labels=labels)
     for axis, k in zip(axes, panels):
-        quantile_band(axis, time, traces[k][ended])
+        quantile_band(axis, time, scales[k][0] * traces[k][ended])
         if lines:
-            axis.plot(time, lines[k], label=f"sample {worst}", **_BLACK)
-    axes[-1].set_ylim(*_close(float(np.median(traces[close][ended, -1])), traces[close][ended]))
+            axis.plot(time, scales[k][0] * lines[k], label=f"sample {worst}", **_BLACK)
+    last = scales[close][0] * traces[close][ended]
+    axes[-1].set_ylim(*_close(float(np.median(last[:, -1])), last))
     legend(axes[0])
     missing, kept = int((~ended).sum()), len(ended)
     some = f"the first {kept} samples." if judged.count > kept else f"{int(ended.sum())} samples."
@@ -446,8 +458,12 @@ def _metrics(judged: CampaignJudgement) -> list[Any]:
             ("", "unit", "least", "5 % are below", "median", "95 % are below", "largest", "sample of the worst"),
             [
                 (
-                    metric_text(name), judged.table.unit(name),
-                    *("never" if np.isinf(x) else number(float(x), 3) for x in judged.quantiles(name)),
+                    metric_text(name), shown_in(judged, judged.table.unit(name))[1],
+                    *(
+                        "never" if np.isinf(x)
+                        else number(shown_in(judged, judged.table.unit(name))[0] * float(x), 3)
+                        for x in judged.quantiles(name)
+                    ),
                     judged.worst(name),
                 )
                 for name in names
@@ -464,13 +480,14 @@ def _histograms(judged: CampaignJudgement, names: Sequence[str]) -> list[Any]:
     if not varied:
         return []
     figure, axes = small_panels(len(varied), 1.9)
-    for k, (axis, (name, values)) in enumerate(zip(axes, varied.items())):
-        most = np.abs(values).max()
-        histogram(axis, judged, name, judged.table.unit(name), values, "samples" if k % 3 == 0 else "")
+    for k, (axis, (name, found)) in enumerate(zip(axes, varied.items())):
+        factor, unit = shown_in(judged, judged.table.unit(name))
+        values, most = factor * found, factor * np.abs(found).max()
+        histogram(axis, judged, name, unit, values, "samples" if k % 3 == 0 else "")
         few_ticks(axis, most, "x")
         for rule in judged.requirements:
-            if rule.metric == name and rule.limit < NO_LIMIT and most > 0.5 * abs(rule.limit):
-                axis.axvline(rule.limit, color=INK, linewidth=1.0, dashes=DASHED)
+            if rule.metric == name and rule.limit < NO_LIMIT and most > 0.5 * factor * abs(rule.limit):
+                axis.axvline(factor * rule.limit, color=INK, linewidth=1.0, dashes=DASHED)
     missing = judged.of_status(DIVERGED) + judged.of_status(NOT_RUN)
     return [figure_block(
         "metrics", figure,

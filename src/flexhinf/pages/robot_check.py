@@ -9,6 +9,7 @@ from dataclasses import asdict
 
 from flexhinf.findings import above_note, worst
 from flexhinf.pages.findings import counted, numbers_sentence, page_status, place_text, severity_cell
+from flexhinf.pages.pictures import robot_picture
 from flexhinf.pages.terminal import Ending, wrapped
 from flexhinf.report import (
     Cell,
@@ -116,6 +117,7 @@ def checked_robot_page(result: RobotExamination, command: Sequence[str]) -> Page
     """The page of a description that was checked."""
     verdict, count = robot_verdict(result), len(result.joints)
     sections = [Section("What the description shows", (robot_finding_table(result),), "findings", open=True)]
+    picture = None if result.robot is None else robot_picture(result.robot)
     if result.joints:
         sections.append(Section("Joints", (joint_table(result.joints),), "joints", open=True))
     keys = [KeyNumber("joints", count)] if count else []
@@ -129,6 +131,7 @@ def checked_robot_page(result: RobotExamination, command: Sequence[str]) -> Page
         keys,
         [page_status(result.findings, verdict)],
         [finding.what for finding in above_note(result.findings)][:3],
+        [] if picture is None else [picture],
     )
 
 

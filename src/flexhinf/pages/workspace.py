@@ -60,6 +60,7 @@ from flexhinf.pages.workspace_summary import (
 )
 from flexhinf.report import (
     INK,
+    Figure,
     Page,
     Paragraph,
     Provenance,
@@ -88,12 +89,7 @@ def workspace_page(
     setup, loops = design.setup, design.loops
     robot, s, tolerated = setup.robot, setup.specification, design.robustness
     with house_style():
-        lead = moves_lead(
-            robot,
-            (*design.moves, *design.sampled),
-            _worst_move(design),
-            units_in(design),
-        )
+        lead = workspace_lead(design)
         sections = (
             Section(
                 "Requirements",
@@ -329,6 +325,12 @@ def _slower_moves(design: WorkspaceEvidence) -> int:
     )
 
 
+def workspace_lead(design: WorkspaceEvidence) -> list[Figure]:
+    """The pictures of the first screen: the move in which most error remains, and the arm in it."""
+    moves = (*design.moves, *design.sampled)
+    return moves_lead(design.setup.robot, moves, _worst_move(design), units_in(design))
+
+
 def _worst_move(design: WorkspaceEvidence) -> int:
     """The place of the move in which most error remains, first of the nominal robot's, then of the sampled ones."""
     moves = (*design.moves, *design.sampled)
@@ -527,7 +529,9 @@ def workspace_numbers(design: WorkspaceEvidence) -> dict[str, Any]:
         "corner_poses": [dict(zip(loop._fields, finite(list(loop)))) for loop in design.corner_loops],
         "goals": design.goals,
         "left_out": design.left_out,
-        "tolerated": finite(t._asdict() | {"tolerance": t.tolerance._asdict(), "proved": t.proved._asdict()}),
+        "tolerated": finite(
+            t._asdict() | {"tolerance": t.tolerance.sector._asdict(), "proved": t.proved._asdict()}
+        ),
         "power_on": None if run is None else finite(peak_of(run.positions - run.goal)),
         "moves": _known(worst_motion(design.moves)),
         "sampled_moves": _known(worst_motion(design.sampled)),

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from flexhinf.certify.checker.pairs import CheckedPairs, check_pairs, pair_claim
 from flexhinf.design.verdict import DesignVerdict
 from flexhinf.design.workspace.law_file import law_numbers
-from flexhinf.design.workspace.proof import FASTEST, WorkspaceProof, modal_filter
+from flexhinf.design.workspace.proof import WorkspaceProof, modal_filter
 from flexhinf.design.workspace.search import MODAL_POSES
 from flexhinf.design.workspace.setup import WorkspaceSetup
-from flexhinf.modal import ProvedRange, Tolerance
+from flexhinf.modal import ProvedRange
+from flexhinf.modal.popov import PopovTolerance, Sector
 from flexhinf.pages.drawing import count_text
 from flexhinf.pages.page import design_statuses
 from flexhinf.pages.settings import loop_rows, robot_rows, sensor_rows, settings_in_groups
@@ -40,35 +44,50 @@ PAIRS = (
 )
 
 
-def pair_table(setup: WorkspaceSetup, error: Tolerance, proved: ProvedRange) -> Table:
-    """The vibrations of a workspace, which of them are proved to be stable, and the errors that they tolerate."""
+def pair_table(setup: WorkspaceSetup, error: PopovTolerance, proved: ProvedRange) -> Table:
+    """The vibrations of a workspace, which of them are proved to be stable, and the errors of masses they tolerate."""
+    return Table(
+        ("each vibration by itself", "range or size", "how it is known"),
+        [*_range_rows(setup, proved), _computed_row(error)],
+        CAPTION,
+        stacks=True,
+    )
+
+
+#: What the sizes of errors mean, and for what they hold.
+CAPTION = (
+    "For motors made alike, gravity without slope, springs without damping and as stiff as the file says, no dry "
+    "friction, small motions. Errors are those of the links' inertia matrix, which masses and payloads make: "
+    "symmetric, in the coordinates of its square root, and the same at all times. No error of a motor is among them."
+)
+
+
+def _range_rows(setup: WorkspaceSetup, proved: ProvedRange) -> list[tuple[str, str, str]]:
     low, high = np.sqrt(setup.gains.ends)
-    rows = [
+    return [
         (
-            "vibrations of the workspace", f"{number(low, 3)} to {number(high, 3)} rad/s",
+            "vibrations of the workspace",
+            f"{number(low, 3)} to {number(high, 3)} rad/s",
             "random poses, and 1.2 times beyond",
         ),
         (
-            f"stable, with latency{' and estimator' * (modal_filter(setup) is not None)}",
+            f"stable without errors, with latency{' and estimator' * (modal_filter(setup) is not None)}",
             f"{number(np.sqrt(proved.low), 3)} to {number(np.sqrt(proved.high), 3)} rad/s"
-            if proved.high > proved.low else "none",
+            if proved.high > proved.low
+            else "none",
             f"proved, in {count_text(proved.intervals, 'interval')}",
         ),
-        (
-            f"errors of accelerations of vibrations below {FASTEST:g} rad/s, the others exact",
-            f"{number(100.0 * error.error, 3)} %",
-            "computed for 30 vibrations; errors may change with time",
-        ),
-        (
-            "the same, errors that do not change with time", f"{number(100.0 * error.constant, 3)} %",
-            "computed for 30 vibrations",
-        ),
-    ]  # fmt: skip
-    caption = (
-        "For motors made alike, gravity without slope, springs without damping, no dry friction, small motions. An "
-        "error of an acceleration is that of a mass, a spring or a motor: 10 % more mass at all links is one of 9 %."
-    )
-    return Table(("each vibration by itself", "range or size", "how it is known"), rows, caption, stacks=True)
+    ]
+
+
+def _computed_row(error: PopovTolerance) -> tuple[str, str, str]:
+    return "tolerated errors of masses, all vibrations", masses_text(error.sector), "computed, not proved"
+
+
+def masses_text(sector: Sector) -> str:
+    """A sector as the factors of the inertia matrix: between M/(1 + δ₂) and M/(1 − δ₁)."""
+    low, high = 1.0 / (1.0 + sector.upper), 1.0 / (1.0 - sector.lower)
+    return f"{number(low, 3)} to {number(high, 3)} times the model's inertia"
 
 
 def stability_text(setup: WorkspaceSetup, proved: ProvedRange) -> str:
@@ -90,103 +109,275 @@ def _loop_text(setup: WorkspaceSetup) -> str:
 
 def hypotheses(proof: WorkspaceProof) -> tuple[str, ...]:
     """What the theorem holds for."""
-    setup, (low, high) = proof.setup, np.sqrt([proof.proved.low, proof.proved.high])
-    whole = (
-        "" if _left_out(proof) else f": all of the workspace, as far as {MODAL_POSES} random poses of it tell"
-    )
+    setup, checked = proof.setup, proof.checked
+    low, high = np.sqrt(proof.stable[:2] if checked is None else (checked.low, checked.high))
+    whole = "" if _left_out(proof) else f"; it does so at {MODAL_POSES} sampled poses, with room to spare"
     errors = (
-        f"errors of the accelerations of links and motors of at most {_error(proof)} of these, which may change with "
-        "time and mix joints, but neither links with motors"
+        "the model's own masses"
+        if checked is None
+        else f"an inertia matrix of the links, at that pose, of {masses_text(_sector(proof))}, as a matrix inequality"
     )
     return (
         f"poses at which the arm vibrates at {number(low, 3)} to {number(high, 3)} rad/s with its motors held{whole}",
-        errors if proof.proved.error else "the model's own masses, springs and motors",
+        errors,
+        "springs as stiff as the model's, linear and without damping; motors as the model's, made alike",
         "small motions about rest, in which gravity has no slope; no dry friction, no backlash, no limit of an input",
-        "motors made alike, in units of their springs; springs without damping, linear",
         f"the sampled loop with {_loop_text(setup)}, and exact motion between the samples; no other delay",
     )
 
 
+#: Who should not trust a proof: what it leaves out, and what tells of it.
+LEFT_OUT = (
+    ("friction, backlash, limits of inputs, quantisation", "moves of the design, campaigns"),
+    ("Coriolis forces along fast moves", "moves of the design"),
+    ("stiffness, motors and delay that differ from the model's", "loops at corners of the tolerances"),
+    (
+        "errors with a phase, such as creep or a lagging drive",
+        "nothing here; fast vibrations bear hardly any",
+    ),
+    ("gravity's slope", "loops at poses, which have it"),
+)
+
+
+def _sector(proof: WorkspaceProof) -> Sector:
+    """What is proved, or nothing."""
+    return Sector(0.0, 0.0) if proof.checked is None else Sector(proof.checked.lower, proof.checked.upper)
+
+
 def _left_out(proof: WorkspaceProof) -> bool:
     """Whether the workspace has vibrations of which nothing is proved."""
-    return proof.proved.high < proof.setup.gains.ends[1]
+    end = proof.stable.high if proof.checked is None else proof.checked.high
+    return end < proof.setup.gains.ends[1]
 
 
-def _error(proof: WorkspaceProof) -> str:
-    return f"{number(100.0 * proof.proved.error, 3)} %"
-
-
-def _proved_text(proof: WorkspaceProof) -> str:
-    """The theorem in one sentence."""
-    if not proof.is_proved:
-        return "Nothing is proved of this controller."
-    if not proof.proved.error:
-        return "Small motions about rest are proved to be stable without errors. Of errors nothing is proved."
+def proof_text(proof: WorkspaceProof) -> str:
+    """The first line: what is proved for the tolerances and the payload of the file."""
+    stated, checked = proof.stated, proof.checked
+    where = f"at {stated.poses or MODAL_POSES} sampled poses"
+    if checked is None:
+        if not proof.is_proved:
+            return "Not proved: nothing is proved of this controller."
+        return "Not proved for any error: small motions about rest are proved to be stable with the model's own masses."
+    proved = f"{masses_text(_sector(proof))}"
+    if not max(stated.sector):
+        return f"Proved for masses and payloads that make {proved}; the file states no tolerance of these."
+    if proof.is_stated:
+        return (
+            f"Proved for the masses and payloads of the file's tolerances, {where}: they make "
+            f"{masses_text(stated.sector)}, and small motions about rest are stable with {proved}."
+        )
+    lower = stated.sector.lower - checked.lower > stated.sector.upper - checked.upper
+    tolerated, needed = (
+        (checked.lower, stated.sector.lower) if lower else (checked.upper, stated.sector.upper)
+    )
+    which = "heavier" if lower else "lighter"
     return (
-        f"Errors of the accelerations up to {_error(proof)} are proved to be tolerated: with them, small motions about "
-        f"rest are stable at every pose (computed: up to {number(100.0 * proof.tolerance.error, 3)} %)."
+        f"Not proved for the file's tolerances: tolerance {number(100.0 * tolerated, 3)} % below the file's "
+        f"{number(100.0 * needed, 3)} %, of the inverse inertia of {which} links ({where}). "
+        f"Proved is stability with {proved}."
     )
 
 
-def _unproved_text(proof: WorkspaceProof) -> str:
-    """What is not proved."""
-    ends = number(np.sqrt(proof.proved.high), 3), number(np.sqrt(proof.setup.gains.ends[1]), 3)
-    faster = "Vibrations from {} to {} rad/s, moves".format(*ends) if _left_out(proof) else "Moves"
-    return f"{faster}, noise, limits of inputs and the hypotheses themselves; these are tested."
+def _others_text(proof: WorkspaceProof) -> str:
+    """Uncertain quantities of the file that no proof holds."""
+    others = proof.stated.others
+    return f"Not in the proof, though the file gives them tolerances: {', '.join(others)}." if others else ""
+
+
+def _unstable_text(proof: WorkspaceProof) -> str:
+    """The smallest error that is found to destabilise."""
+    found = proof.unstable
+    if not found.links:
+        return "From the other side: no error of one vibration was found that destabilises."
+    at = " and ".join(number(np.sqrt(link), 3) for link in found.links)
+    whose = "one vibration" if len(found.links) == 1 else "two vibrations"
+    return (
+        f"From the other side: a symmetric error of {number(100.0 * found.size, 3)} % of the inverse inertia of "
+        f"{whose}, of {at} rad/s, destabilises (largest modulus of a pole {found.radius:.6f})."
+        + (f" Proved are {number(100.0 * max(_sector(proof)), 3)} %." if proof.checked else "")
+    )
+
+
+def _largest_text(proof: WorkspaceProof) -> str:
+    """For which tolerances and payload a proof would hold, and how fast motions decay."""
+    largest, checked = proof.largest, proof.checked
+    if largest is None or checked is None:
+        return ""
+    decay = (
+        f"small motions decay at least like exp(−{number(checked.rate, 2)} t), t in s" if checked.rate else ""
+    )
+    tolerances = f"all masses and inertia tensors within ± {number(100.0 * largest.tolerance, 3)} %"
+    payload = (
+        f", or for the file's largest masses with a payload of up to {number(largest.payload, 3)} kg "
+        f"(at {largest.poses} sampled poses)"
+        if np.isfinite(largest.payload)
+        else ""
+    )
+    return f"It would hold for {tolerances}{payload}" + (f"; {decay}." if decay else ".")
+
+
+def _proof_table(proof: WorkspaceProof) -> Table:
+    """What is proved, computed, found and stated."""
+    stated, rows = proof.stated, _range_rows(proof.setup, proof.stable)
+    if proof.checked is not None:
+        rows.append(
+            (
+                "tolerated errors of masses, all vibrations",
+                masses_text(_sector(proof)),
+                f"proved, in {count_text(proof.checked.intervals, 'interval')}",
+            )
+        )
+    rows.append(_computed_row(proof.tolerance))
+    where = f"{stated.poses} sampled poses, corners of the tolerances" if stated.poses else "the form of M"
+    rows.append(("the file's masses and payloads", masses_text(stated.sector), where))
+    return Table(("what", "range or size", "how it is known"), rows, CAPTION, stacks=True)
 
 
 def workspace_proof_page(proof: WorkspaceProof, command: Sequence[str], verdict: DesignVerdict) -> Page:
     """The page of a proof, with the command that makes it again and the verdict on the design."""
     setup = proof.setup
     robot, s = setup.robot, setup.specification
+    intervals = proof.stable.intervals if proof.checked is None else proof.checked.intervals
+    theorem = (
+        Paragraph(PAIRS),
+        Paragraph(f"{proof_text(proof)} It holds for:"),
+        Bullets(hypotheses(proof), numbered=True),
+        Paragraph(_largest_text(proof)),
+        Paragraph(
+            "The proof is by matrix inequalities in ball arithmetic, which bounds its own rounding: in each "
+            f"of {count_text(intervals, 'interval')} of the vibrations a quadratic storage "
+            "function falls from sample to sample, whatever the errors."
+        ),
+    )
     return Page(
         f"What is proved of the controller for the workspace of {robot.name}",
-        "The loop at rest, at any pose of the workspace, with errors of the model.", _proved_text(proof),
+        "The loop at rest, at any pose of the workspace, with errors of masses.",
+        proof_text(proof),
         (
-            Section("The theorem", (
-                Paragraph(PAIRS),
-                Paragraph(f"{_proved_text(proof)} It holds for:"),
-                Bullets(hypotheses(proof)),
-                Paragraph(
-                    "The proof is by matrix inequalities in ball arithmetic, which bounds its own rounding: in each "
-                    f"of {count_text(proof.proved.intervals, 'interval')} of the vibrations one quadratic storage "
-                    "function falls from sample to sample, whatever the errors."
+            Section("The theorem", theorem if proof.is_proved else (Paragraph(PAIRS),), "theorem", True),
+            Section(
+                "Vibrations and errors",
+                (
+                    _proof_table(proof),
+                    Paragraph(f"{_unstable_text(proof)} {_others_text(proof)}".strip()),
+                    Table(
+                        ("not in the proof", "what tells of it"),
+                        LEFT_OUT,
+                        "Who should not trust it.",
+                        stacks=True,
+                    ),
                 ),
-            ) if proof.is_proved else (Paragraph(PAIRS),), "theorem", True),
-            Section("Vibrations and errors", (pair_table(setup, proof.tolerance, proof.proved),), "pairs"),
+                "pairs",
+            ),
         ),
-        Settings(settings_in_groups({
-            "Robot": robot_rows(setup.true.robot),
-            "Estimator": [] if s.estimator == "none" else sensor_rows(setup),
-            "Loop": loop_rows(setup),
-        })),
+        Settings(
+            settings_in_groups(
+                {
+                    "Robot": robot_rows(setup.true.robot),
+                    "Estimator": [] if s.estimator == "none" else sensor_rows(setup),
+                    "Loop": loop_rows(setup),
+                }
+            )
+        ),
         Provenance(shlex.join(command), s.seed),
-        [KeyNumber("errors that are proved to be tolerated", _error(proof))] if proof.proved.error else [],
+        [KeyNumber("inertia that is proved to be tolerated", masses_text(_sector(proof)))]
+        if proof.checked
+        else [],
         [
-            *([Status("proved", _proved_text(proof))] if proof.is_proved else []),
-            Status("not proved", _unproved_text(proof) if proof.is_proved else _proved_text(proof)),
+            Status("proved" if proof.covers_file and proof.checked else "not proved", proof_text(proof)),
+            Status(
+                "not proved",
+                "Moves, noise, limits of inputs and the hypotheses themselves; these are tested. "
+                + _others_text(proof),
+            ),
             *design_statuses(verdict),
         ],
-    )  # fmt: skip
+    )
 
 
 def workspace_proof_ending(proof: WorkspaceProof, verdict: DesignVerdict) -> Ending:
     """What a terminal says at the end: the theorem, its hypotheses, what is not proved, the verdict on the design."""
     own = verdict.unmet or verdict.brief
+    numbered = "; ".join(f"({k}) {text}" for k, text in enumerate(hypotheses(proof), 1))
     parts = (
-        _proved_text(proof),
-        f"It holds for {'; '.join(hypotheses(proof))}." if proof.is_proved else "",
-        f"Not proved: {_unproved_text(proof)}" if proof.is_proved else "",
+        proof_text(proof),
+        f"It holds for {numbered}." if proof.is_proved else "",
+        _largest_text(proof),
+        _unstable_text(proof),
+        _others_text(proof),
         f"{own[:1].upper()}{own[1:]}.",
-    )  # fmt: skip
-    return screen(lambda _: pair_table(proof.setup, proof.tolerance, proof.proved), [1], parts)
+    )
+    return screen(lambda _: _proof_table(proof), [1], parts)
 
 
 def workspace_proof_numbers(proof: WorkspaceProof) -> dict[str, Any]:
-    """What proof.json holds."""
+    """What proof.json holds; its pairs are what the checker reads."""
+    stated, checked = proof.stated, proof.checked
     return {
-        "version": 1, "kind": "workspace", "robot": proof.setup.robot.name, "proved": finite(proof.proved._asdict()),
-        "computed": finite(proof.tolerance._asdict()), "latency": proof.setup.specification.known_latency,
-        "estimator": modal_filter(proof.setup) is not None, "hypotheses": list(hypotheses(proof)),
+        "version": 2,
+        "kind": "workspace",
+        "robot": proof.setup.robot.name,
+        "text": proof_text(proof),
+        "hypotheses": [f"{k}. {text}" for k, text in enumerate(hypotheses(proof), 1)],
+        "largest": None if proof.largest is None else finite(proof.largest._asdict()),
+        "proved": None if checked is None else finite(checked._asdict()),
+        "stated": {**finite(stated.sector._asdict()), "poses": stated.poses, "not_held": list(stated.others)},
+        "computed": {**finite(proof.tolerance.sector._asdict()), "multiplier": proof.tolerance.multiplier},
+        "unstable": finite(proof.unstable._asdict()),
+        "stable": finite(proof.stable._asdict()),
+        "latency": proof.setup.specification.known_latency,
+        "estimator": modal_filter(proof.setup) is not None,
         **law_numbers(proof.setup),
-    }  # fmt: skip
+        "pairs": proof.numbers,
+    }
+
+
+def workspace_certificate(path: Path) -> dict[str, Any] | None:
+    """The numbers of a proof.json; None of any other file."""
+    try:
+        numbers = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
+    return numbers if isinstance(numbers, dict) and numbers.get("kind") == "workspace" else None
+
+
+def pair_check(numbers: dict[str, Any]) -> tuple[str, bool]:
+    """What the checker says of the pairs of a proof.json, and whether they are proved; of nothing else in it.
+
+    Raises InvalidInput where they cannot be read.
+    """
+    pairs = numbers.get("pairs")
+    if not isinstance(pairs, dict):
+        return "Not proved: this file has no certificate of pairs.", False
+    found = check_pairs(claim := pair_claim(pairs))
+    if isinstance(found, int):
+        low, high = np.sqrt(claim.links[found : found + 2])
+        return (
+            f"Not proved: the check fails for vibrations of {number(low, 4)} to {number(high, 4)} rad/s.",
+            False,
+        )
+    if beyond := _beyond(numbers.get("proved"), found):
+        return f"Not proved: the file says {beyond}, which is more than its certificate of pairs.", False
+    low, high = np.sqrt([found.low, found.high])
+    latency = count_text(claim.latency, "sample")
+    filter = "no estimator" if claim.seen is None else "the estimator"
+    return (
+        f"Proved: vibrations of {number(low, 3)} to {number(high, 3)} rad/s are stable with "
+        f"{masses_text(Sector(found.lower, found.upper))}, with {latency} of latency and {filter} of the file, in "
+        f"{count_text(found.intervals, 'interval')}. Robot, poses and hypotheses in the file are not checked.",
+        True,
+    )
+
+
+def _beyond(stated: Any, found: CheckedPairs) -> str:
+    """What a file says is proved beyond what the check finds; empty where there is nothing."""
+    if not isinstance(stated, dict):
+        return "" if stated is None else "something else"
+    for name, value in found._asdict().items():
+        own = stated.get(name)
+        if isinstance(own, bool) or not isinstance(own, (int, float)):
+            return f"{name} = {str(own)[:40]}"
+        less = own >= value if name == "low" else own <= value or name == "intervals"
+        if not less:
+            return f"{name} = {own:g}"
+    return ""

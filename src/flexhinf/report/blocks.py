@@ -17,7 +17,9 @@ from functools import cached_property
 from html import escape
 from importlib import metadata
 from numbers import Integral, Real
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, cast
+
+import numpy as np
 
 from flexhinf import __version__
 from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
@@ -105,26 +107,29 @@ def scalar(value: object, decimals: int | None = None) -> str:
     """One value of a table or a setting, as plain text (not yet escaped): yes, no, – for None, numbers, text, lists."""
     if value is None:
         return "–"
-    if hasattr(value, "tolist"):  # NumPy scalars and arrays
-        value = value.tolist()  # pyright: ignore[reportAttributeAccessIssue]
+    value = plain(value)
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, Real):
         return number(value, decimals=decimals)
     if isinstance(value, (list, tuple)):
-        return ", ".join(scalar(element, decimals) for element in value)
+        return ", ".join(scalar(element, decimals) for element in cast("Sequence[object]", value))
     return str(value)
+
+
+def plain(value: object) -> object:
+    """NumPy's scalars and arrays as Python's numbers and lists; anything else as it is."""
+    return cast("object", value.tolist()) if isinstance(value, (np.ndarray, np.generic)) else value
 
 
 # JSON -------------------------------------------------------------------------------------------------
 def finite(value: Any) -> Any:
     """Convert arrays to plain lists, and numbers that are not finite to None, at any depth."""
-    if hasattr(value, "tolist"):
-        value = value.tolist()
+    value = plain(value)
     if isinstance(value, Mapping):
-        return {key: finite(entry) for key, entry in value.items()}
+        return {key: finite(entry) for key, entry in cast("Mapping[str, object]", value).items()}
     if isinstance(value, (list, tuple)):
-        return [finite(entry) for entry in value]
+        return [finite(entry) for entry in cast("Sequence[object]", value)]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
@@ -147,22 +152,21 @@ def to_json(value: object) -> str:
 
 def _json(value: object, place: tuple[str, ...], margin: str) -> str:
     where = ".".join(place) or "the document"
-    if hasattr(value, "tolist"):
-        value = value.tolist()  # pyright: ignore[reportAttributeAccessIssue]
+    value = plain(value)
     indent = f"{margin}  "
     if isinstance(value, Mapping):
-        wrong = next((key for key in value if not isinstance(key, str)), "")
+        entries = cast("Mapping[object, object]", value)
+        wrong = next((key for key in entries if not isinstance(key, str)), "")
         refuse_if(wrong != "", "A key of JSON is text.", f"got {wrong!r} in {where}", repr(str(wrong)))
         lines = [
-            f"{key}: {_json(each, (*place, name), indent)}"
-            for key, (name, each) in zip(
-                [json.dumps(key, ensure_ascii=False) for key in value], value.items()
-            )
+            f"{json.dumps(key, ensure_ascii=False)}: {_json(each, (*place, str(key)), indent)}"
+            for key, each in entries.items()
         ]
         return f"{{{indent}{f',{indent}'.join(lines)}{margin}}}" if lines else "{}"
     if isinstance(value, (list, tuple)):
-        lines = [_json(each, (*place, str(index)), indent) for index, each in enumerate(value)]
-        if any(isinstance(each, (Mapping, list, tuple)) or hasattr(each, "tolist") for each in value):
+        parts = cast("Sequence[object]", value)
+        lines = [_json(each, (*place, str(index)), indent) for index, each in enumerate(parts)]
+        if any(isinstance(each, (Mapping, list, tuple, np.ndarray, np.generic)) for each in parts):
             return f"[{indent}{f',{indent}'.join(lines)}{margin}]"
         return f"[{', '.join(lines)}]"
     try:
@@ -247,13 +251,15 @@ class Listing(Paragraph):
 
 @dataclass(frozen=True)
 class Bullets(Block):
-    """A list of short texts."""
+    """A list of short texts, which may be numbered."""
 
     items: tuple[str, ...]
+    numbered: bool = False
 
     def html(self) -> str:
         """The list as HTML."""
-        return f"<ul>{''.join(f'<li>{prose(item)}</li>' for item in self.items)}</ul>"
+        tag = "ol" if self.numbered else "ul"
+        return f"<{tag}>{''.join(f'<li>{prose(item)}</li>' for item in self.items)}</{tag}>"
 
 
 @dataclass(frozen=True)
@@ -412,14 +418,17 @@ class Table(Anchored):
     @cached_property
     def _written(self) -> tuple[list[bool], list[str | list[tuple[str, str]]]]:
         """Whether each column is aligned to the right; the rows, a title as text, each cell as text and mark."""
-        right, columns = [], []
+        right: list[bool] = []
+        columns: list[list[str]] = []
         for index, column in enumerate(self.heads):
             values: list[Any] = [
                 cell.value if isinstance(cell, Cell) else cell
                 for cell in (row[index] for row in self.rows if not isinstance(row, str))
             ]
             known = [value for value in values if value is not None]
-            numeric = bool(known) and all(isinstance(v, Real) and not isinstance(v, bool) for v in known)
+            numeric = bool(known) and all(
+                isinstance(v, Real) and v is not True and v is not False for v in known
+            )
             decimals = column.decimals
             if numeric and decimals is None:  # 4 digits for the largest number, where sizes are comparable
                 sizes = [abs(v) for v in known if not isinstance(v, Integral) and math.isfinite(v) and v != 0]
@@ -452,7 +461,7 @@ class Table(Anchored):
             names = (f"{column.name} {column.unit}".strip() for column in self.heads[1:])
             labels[1:] = [f' data-label="{escape(name)}"' for name in names]
         grouped = any(isinstance(row, str) for row in self.rows) and not self.stacks
-        body = []
+        body: list[str] = []
         for line in lines:
             if isinstance(line, str):
                 cells = [f'<th scope="rowgroup" colspan="{len(css)}"><strong>{prose(line)}</strong></th>']

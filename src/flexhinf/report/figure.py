@@ -3,6 +3,9 @@
 Matplotlib's object interface is used, and only when a figure is drawn: importing this module costs nothing.
 """
 
+# Not checked strictly: parts of Matplotlib have no types.
+# pyright: reportUnknownMemberType=false
+
 from __future__ import annotations
 
 import io

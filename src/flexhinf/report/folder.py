@@ -13,9 +13,10 @@ import re
 import secrets
 import shutil
 import time
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Collection, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
+from typing import cast
 
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.files import ABANDONED_AFTER_S, exchange, locked, publish
@@ -43,17 +44,14 @@ def is_report(path: str | os.PathLike[str]) -> bool:
 
 def unchanged(path: str | os.PathLike[str], names: Sequence[str]) -> bool:
     """Whether a folder is a report of flexhinf whose files of these names are there and unchanged."""
-    listed = (_marker(Path(path)) or {}).get("files")
-    if not isinstance(listed, dict):
-        return False
+    listed = _texts_of(path, "files")
     digests = ((name, _digest(Path(path) / name)) for name in names)
     return all(digest and listed.get(name) == digest for name, digest in digests)
 
 
 def contents(path: str | os.PathLike[str]) -> dict[str, bytes]:
     """The files of a report by name; InvalidInput where it is none, or one of its files was changed or lost."""
-    names, folder = (_marker(Path(path)) or {}).get("files"), Path(path)
-    names = list(names) if isinstance(names, dict) else []
+    names, folder = list(_texts_of(path, "files")), Path(path)
     changed = [name for name in names if not unchanged(folder, (name,))]
     refuse_if(
         changed or not names,
@@ -66,14 +64,19 @@ def contents(path: str | os.PathLike[str]) -> dict[str, bytes]:
 
 def sources(path: str | os.PathLike[str]) -> dict[str, str]:
     """SHA-256 of the files outside a report that it was made of, by name, as `write` got them; empty if unknown."""
-    stated = (_marker(Path(path)) or {}).get("sources")
-    return stated if isinstance(stated, dict) else {}
+    return _texts_of(path, "sources")
 
 
 def written_on(path: str | os.PathLike[str]) -> str:
     """The day on which a report was written, such as 2026-11-24 (UTC); empty if unknown."""
     stated = (_marker(Path(path)) or {}).get("date")
     return stated if isinstance(stated, str) else ""
+
+
+def _texts_of(path: str | os.PathLike[str], key: str) -> dict[str, str]:
+    """What a report's marker maps names to under a key; empty if there is no such marker."""
+    stated = (_marker(Path(path)) or {}).get(key)
+    return cast("dict[str, str]", stated) if isinstance(stated, dict) else {}
 
 
 def _digest(path: Path) -> str:
@@ -88,7 +91,8 @@ def _marker(folder: Path) -> dict[str, object] | None:
         marker = json.loads(read_bytes(folder / MARKER, 10_000_000))  # that of a thousand files has 100,000
     except (OSError, ValueError, RecursionError):
         return None
-    return marker if isinstance(marker, dict) and marker.get("what") == _WHAT else None
+    known = cast("dict[str, object]", marker) if isinstance(marker, dict) else {}
+    return known if known.get("what") == _WHAT else None
 
 
 def check(path: str | os.PathLike[str]) -> Path:
@@ -242,11 +246,12 @@ def _refuse_strangers(folder: Path, target: Path) -> None:
     if marker is None:
         return
     listed = marker.get("files", ())  # before version 2, a list of names
-    digests: dict[str, object] = listed if isinstance(listed, dict) else {}
-    names = listed if isinstance(listed, (dict, list)) else ()
+    digests = cast("dict[str, object]", listed) if isinstance(listed, dict) else {}
+    names = cast("Collection[object]", listed) if isinstance(listed, (dict, list)) else ()
     known = {MARKER, *(str(PurePosixPath(name)) for name in names if isinstance(name, str))}
     homes = {str(parent) for name in known for parent in PurePosixPath(name).parents}
-    strangers, changed = [], []
+    strangers: list[str] = []
+    changed: list[str] = []
     for path in sorted(folder.rglob("*")):
         if path.name in (".DS_Store", "Thumbs.db", "desktop.ini") and not path.is_dir():
             continue  # systems put these into folders that somebody looks at

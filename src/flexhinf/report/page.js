@@ -50,19 +50,17 @@
     if (event.key === "Escape" && nav.classList.contains("open")) menu.click();
   });
 
-  // All folds at once; paper has no folds.
+  // All folds at once.
   const label = () => { everything.textContent = folds.every((fold) => fold.open) ? "Close all" : "Open all"; };
   everything.addEventListener("click", () => {
     const open = !folds.every((fold) => fold.open);
     for (const fold of folds) fold.open = open;
   });
   for (const fold of folds) fold.addEventListener("toggle", () => { label(); scrollers(); later(); });
-  let closed = [];
-  addEventListener("beforeprint", () => {
-    closed = folds.filter((fold) => !fold.open);
-    for (const fold of closed) fold.open = true;
-  });
-  addEventListener("afterprint", () => { for (const fold of closed) fold.open = false; });
+  // Paper has the first page alone, or with all folds open the whole report.
+  const brief = (on) => document.documentElement.classList.toggle("brief", on && !folds.every((fold) => fold.open));
+  addEventListener("beforeprint", () => brief(true));
+  addEventListener("afterprint", () => brief(false));
 
   // What scrolls sideways can be reached with the keyboard.
   const scrollers = () => {

@@ -100,7 +100,7 @@ class Claim(Anchored):
 
     def html(self) -> str:
         """The claim as HTML, with its evidence; colour is never the only sign of a verdict."""
-        links = []
+        links: list[str] = []
         for name in (name for name in self.figures if name not in self.ids()):
             word, _, tail = name.partition("-")  # figure-03 is read as Figure 3
             spoken = f"{word.capitalize()} {tail.lstrip('0') or tail}".strip()
@@ -224,7 +224,7 @@ class Section(Anchored):
 
 def arranged(blocks: Sequence[Block]) -> str:
     """Blocks as HTML; figures that follow each other stand side by side where there is room."""
-    parts = []
+    parts: list[str] = []
     for pictures, run in groupby(blocks, lambda block: isinstance(block, Figure)):
         texts = [block.html() for block in run]
         parts += [f'<div class="figures">{"".join(texts)}</div>'] if pictures and len(texts) > 1 else texts

@@ -14,7 +14,7 @@ import numpy as np
 
 from flexhinf.arrays import Number, Numbers
 from flexhinf.errors import InvalidInput, refuse_if
-from flexhinf.notebook import Summarised, names_text
+from flexhinf.notebook import Pictured, names_text
 from flexhinf.plant import GeneralisedPlant, ParameterTable, Penalty, Plant
 from flexhinf.robot.arm import Arm, Links, Pendulum
 from flexhinf.robot.elastic import (
@@ -72,7 +72,7 @@ from flexhinf.validation import (
 
 
 @dataclass(frozen=True, repr=False)
-class Robot(Summarised):
+class Robot(Pictured):
     """A robot with elastic joints.
 
     Parameters

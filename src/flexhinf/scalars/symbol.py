@@ -124,6 +124,11 @@ class Symbol:
         return f"Symbol({text if len(text) < 60 else text[:57] + '...'})"
 
 
+def record(name: str, code: int, operands: int) -> None:
+    """Let NumPy's function of a name, of one operand or two, build an operation of CasADi on symbols from now on."""
+    setattr(Symbol, name, _unary(code) if operands == 1 else _binary(code))
+
+
 def _dispatch(
     name: str, numeric: Callable[..., Elements], symbolic: Callable[..., ca.SX], text: str
 ) -> Callable[..., Any]:

@@ -32,6 +32,7 @@ class StudioPage:
         assert core.loop is not None, "the page is built on the event loop"
         self.loop = core.loop
         self.joint, self.state, self.revision, self.requested_at = 0, "", 0, 0.0
+        self.took = 0.0  # by the last change until all was shown, s
         self.seconds: dict[str, float] = {}
         self._build()
         self._show_controls()
@@ -264,9 +265,13 @@ class StudioPage:
         """Ask for the design as it is now; an earlier request that is under way is dropped."""
         self.revision += 1
         self.requested_at = time.perf_counter()
-        self.status.text = "computing …"
+        self.status.text = f"computing{self._usual()} …"
         revision = self.revision
         self.previews.submit(self, self.session.preview, lambda result: self._deliver(result, revision))
+
+    def _usual(self) -> str:
+        """How long the last change took, as long as the present one will take."""
+        return f", about {max(self.took, 0.1):.2g} s as the last one" if self.took else ""
 
     def _deliver(self, result: object, revision: int = 0) -> None:
         with suppress(RuntimeError):  # the server has ended
@@ -281,7 +286,7 @@ class StudioPage:
                 self._say(result.text)
             elif isinstance(result, Begun):
                 if revision == self.revision:
-                    self.status.text = f"computing: {result.text} …"
+                    self.status.text = f"computing: {result.text}{self._usual()} …"
             elif isinstance(result, FlexhinfError):
                 self._refuse(result)
                 if revision == self.revision:
@@ -308,8 +313,11 @@ class StudioPage:
             self._show_linear(stage)
         self._show_tiles()
         parts = ", ".join(f"{part} {1e3 * spent:.0f} ms" for part, spent in self.seconds.items())
-        total = 1e3 * (time.perf_counter() - self.requested_at)
-        self.status.text = f"{parts}; {total:.0f} ms since the change" + ("" if name == "linear" else " …")
+        total = time.perf_counter() - self.requested_at
+        self.took = total if name == "linear" else self.took
+        self.status.text = f"{parts}; {1e3 * total:.0f} ms since the change" + (
+            "" if name == "linear" else " …"
+        )
 
     def _stamp(self, part: str) -> dict[str, Any]:
         return {"part": part, "revision": self.revision}

@@ -98,6 +98,8 @@ def test_lines_are_folded() -> None:
         r"[\s*]+", "", "".join(sorted("\n".join(given)))
     )
     assert found.index("word39") < found.index("A_CONSTANT")
+    macro = f"#define MANY(x) \\\n    {' + '.join(['(x)'] * 40)} \\\n    + 1"
+    assert folded(macro) == macro  # what a directive goes on with is cut nowhere
 
 
 @pytest.mark.parametrize(

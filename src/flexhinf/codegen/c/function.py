@@ -80,8 +80,9 @@ CUTS = (", ", " ? ", " || ", " && ", " = ", " + ", " - ")
 
 
 def folded(text: str) -> str:
-    """Lines of at most `WIDTH` characters: code cut at commas and operators, comments at blanks, directives as they
-    are. What a line of a comment is too long for begins the next one. A long comment behind code goes before it."""
+    """Lines of at most `WIDTH` characters: code cut at commas and operators, comments at blanks, directives with their
+    further lines as they are. What a line of a comment is too long for begins the next one. A long comment behind code
+    goes before it."""
     lines, done = text.split("\n")[::-1], list[str]()
     while lines:
         *short, last = _folded(lines.pop())
@@ -101,7 +102,7 @@ def _is_inside(line: str) -> bool:
 
 def _folded(line: str, inside: str = "") -> list[str]:
     """The lines of one; those that follow the first are `inside`. No string is cut."""
-    if len(line) <= WIDTH or line.lstrip().startswith("#"):
+    if len(line) <= WIDTH or line.lstrip().startswith("#") or line.endswith("\\"):
         return [line]
     indent = line[: len(line) - len(line.lstrip())]
     plain = re.sub(r'"(?:\\.|[^"\\])*"', lambda text: "s" * len(text[0]), line)  # strings are one word

@@ -236,7 +236,7 @@ class Translator:
         """The number of elements; of a whole buffer its constant, where it has one."""
         return (
             self._sizes.get(piece.buffer, piece.size)
-            if piece.size == self._numbers[piece.buffer]
+            if piece.size == self._numbers.get(piece.buffer)
             else piece.size
         )
 
@@ -546,6 +546,7 @@ class Translator:
                 ("{1}", constant(1.0, real)),
                 ("{fabs}", f"fabs{real.suffix}"),
                 ("{sqrt}", f"sqrt{real.suffix}"),
+                ("{copysign}", f"copysign{real.suffix}"),
             ):
                 text = text.replace(mark, meant)
             self.functions[name] = text if isinstance(make, str) else _headed(make.__doc__ or "", text)

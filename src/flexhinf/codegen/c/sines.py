@@ -96,7 +96,7 @@ def short_function(name: str, cosine: bool, of: str) -> str:
     if cosine:
         lines = [f"return {of}(fabsf(x), 1u);"]
     else:
-        lines = [f"const float sine = {of}(fabsf(x), 0u);", "return (x < 0.0f) ? -sine : sine;"]
+        lines = [f"return {of}(fabsf(x), 0u) * copysignf(1.0f, x);"]
     text = "\n".join(f"    {line}" for line in lines)
     return f"static float {name}(float x)\n{{\n{text}\n}}"
 
@@ -163,11 +163,13 @@ def _statements(real: Real, x: str, results: dict[bool, str]) -> list[str]:
             text = f"FMA(-k, {number(part)}, {text})"
         return text
 
-    def choice(cosine: bool) -> tuple[str, str]:
-        """The value but for its sign, and when that is negative."""
+    def choice(cosine: bool) -> tuple[str, str, str]:
+        """The value but for its sign, when a quadrant changes that, and the sign of x, which is that of zero too."""
         odd, even = ("s", "c") if cosine else ("c", "s")
         value = f"(m * (m - {number(2.0)}) < {number(0.0)} || m > {high}) ? {odd} : {even}"
-        return value, f"m > {half} && m < {high}" if cosine else f"(m > {low}) != ({x} < {number(0.0)})"
+        if cosine:
+            return value, f"m > {half} && m < {high}", ""
+        return value, f"m > {low}", f" * {{copysign}}({number(1.0)}, {x})"
 
     rounder = number(ROUNDER)
     half, low, high = number(0.5), number(1.5), number(2.5)
@@ -187,6 +189,10 @@ def _statements(real: Real, x: str, results: dict[bool, str]) -> list[str]:
         f"const {{R}} c = FMA(even, z * z, FMA(z, {number(-0.5)}, {number(1.0)}));",
     ]
     for cosine, said in results.items():
-        (value, negative), short = choice(cosine), "cv" if cosine else "sv"
-        lines += [f"const {{R}} {short} = {value};", f"{said} ({negative}) ? -{short} : {short};"]
+        (value, negative, sign), short = choice(cosine), "cv" if cosine else "sv"
+        chosen = f"({negative}) ? -{short} : {short}"
+        lines += [
+            f"const {{R}} {short} = {value};",
+            f"{said} ({chosen}){sign};" if sign else f"{said} {chosen};",
+        ]
     return lines

@@ -9,7 +9,10 @@ FEW, ORDER = 16, 4
 
 
 def outer_sum(name: str, weighted: bool, added: bool, symmetric: bool, rows: int, columns: int) -> str:
-    """Σ_k w_k l_kᵀ r_k + plus of a few rows and columns, with a variable for each sum."""
+    """Σ_k w_k l_kᵀ r_k + plus of a few rows and columns, with a variable for each sum.
+
+    The weight goes with the row; of a symmetric sum with the larger index, as on and left of the diagonal.
+    """
     places = [(i, j) for i in range(rows) for j in range(i if symmetric else 0, columns)]
     names = ["left"] + ["right"] * (not symmetric) + ["weights"] * weighted + ["plus"] * added
     arguments = [f"const {{R}} *{name}" for name in names]
@@ -19,7 +22,8 @@ def outer_sum(name: str, weighted: bool, added: bool, symmetric: bool, rows: int
     inside += [
         f"const {{R}} r{j} = right[{ahead(f'{columns} * k', j)}];" for j in range(columns) if not symmetric
     ]
-    inside += [f"sum{i}{j} = FMA({factor}{i}, {other}{j}, sum{i}{j});" for i, j in places]
+    pairs = [((j, i) if symmetric else (i, j), f"sum{i}{j}") for i, j in places]
+    inside += [f"{total} = FMA({factor}{row}, {other}{column}, {total});" for (row, column), total in pairs]
     after = list[str]()
     for i, j in places:
         plus = f" + plus[{i * columns + j}]" if added else ""

@@ -11,11 +11,8 @@ import numpy as np
 
 from flexhinf.design.specification import TOLERANCE
 from flexhinf.design.verdict import display_unit
-from flexhinf.notebook import Summarised
+from flexhinf.notebook import Pictured
 from flexhinf.report import number
-
-#: The room whose pages show results. It reads designs, so it is loaded when one is saved.
-PAGES = "flexhinf.pages"
 
 #: The requirement of the links' speeds.
 SPEED = "link speed"
@@ -109,10 +106,10 @@ class Requirement:
         )
 
 
-class Reported(Summarised):
+class Reported(Pictured):
     """Base of results that have a report."""
 
     def save(self, folder: str | Path) -> Path:
         """Write the report and its numbers, of a design also the controller, every run and ``design.toml``, into a
         folder, which is returned. `flexhinf.load_design` and `flexhinf.load_controller` take this folder."""
-        return import_module(PAGES).write_report(self, folder)
+        return import_module("flexhinf.pages").write_report(self, folder)

@@ -16,10 +16,11 @@ from flexhinf.analysis import LinearLoop
 from flexhinf.analysis.optimiser import bisected
 from flexhinf.design.plans import STILL
 from flexhinf.design.responses import Move, with_values
-from flexhinf.design.workspace.proof import computed_tolerance, proved_tolerance
+from flexhinf.design.workspace.proof import computed_tolerance, proved_stability
 from flexhinf.design.workspace.samples import FURTHER, POSES_SEED, corner_moves, goals_of
 from flexhinf.design.workspace.setup import HOLD, CornerLoop, PoseLoop, WorkspaceSetup
-from flexhinf.modal import ProvedRange, Tolerance
+from flexhinf.modal import ProvedRange
+from flexhinf.modal.popov import PopovTolerance
 
 #: Largest extra delay, samples, and largest factor of the inputs up to which margins are searched for; share of that
 #: range to which they are found.
@@ -42,7 +43,7 @@ class Robustness(NamedTuple):
     fastest: tuple[
         float, str
     ]  # frequency of the fastest vibration of the robot and its corners, Hz, and its joint
-    tolerance: Tolerance  # errors of the accelerations, pairs up to `FASTEST`
+    tolerance: PopovTolerance  # errors of masses of either sign, all pairs; computed
     proved: ProvedRange  # pairs whose stability is proved, latency and filter included
     # (3, n), by offsets of encoders at home, rad or m: transient, at once and as deployed; rest
     offsets: np.ndarray
@@ -86,7 +87,7 @@ def robustness(
         int(np.sum(needs > 1.0)),
         fastest_vibration(setup, poses),
         computed_tolerance(setup),
-        proved_tolerance(setup),
+        proved_stability(setup),
         np.vstack([setup.encoder_offsets(at, None)[0], setup.encoder_offsets(at)]),
     )
 

@@ -13,8 +13,8 @@
  * allocated, nothing is static but constants; several controllers are several states. Compiled with flags that change
  * results, such as -ffast-math, it refuses to run: the compiler or @{name}_init says so.
  */
-#ifndef @{NAME}_H
-#define @{NAME}_H
+{% set guard = NAME ~ "_H" %}
+{% include "guard.h" %}
 
 #ifdef __cplusplus
 extern "C" {

@@ -4,8 +4,8 @@
  * The links follow the path @{delay} s later.
  * Positions are in rad (m), velocities in rad/s (m/s), torques in N·m (N), all seen from the link.
  */
-#ifndef @{NAME}_H
-#define @{NAME}_H
+{% set guard = NAME ~ "_H" %}
+{% include "guard.h" %}
 
 #define @{NAME}_JOINTS @{count}
 #define @{NAME}_SAMPLES @{size}

@@ -1,6 +1,6 @@
 /* What FMI 2.0 declares for co-simulation: types, and the functions that a master calls. */
-#ifndef @{NAME}_FMI2_H
-#define @{NAME}_FMI2_H
+{% set guard = NAME ~ "_FMI2_H" %}
+{% include "guard.h" %}
 
 #include <stddef.h>
 

@@ -1,6 +1,6 @@
 /* What FMI 3.0 declares for co-simulation: types, and the functions that a master calls. */
-#ifndef @{NAME}_FMI3_H
-#define @{NAME}_FMI3_H
+{% set guard = NAME ~ "_FMI3_H" %}
+{% include "guard.h" %}
 
 #include <stdbool.h>
 #include <stddef.h>

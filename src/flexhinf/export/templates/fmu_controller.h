@@ -1,6 +1,6 @@
 /* The controller @{name} as the model of an FMU: one sample per period, at its beginning. */
-#ifndef @{NAME}_MODEL_H
-#define @{NAME}_MODEL_H
+{% set guard = NAME ~ "_MODEL_H" %}
+{% include "guard.h" %}
 
 #include "@{name}.h"
 

@@ -1,7 +1,7 @@
 /* The plant @{name} as the model of an FMU: @{sub_steps} steps of the classical Runge-Kutta method per period of
  * @{period_text} s. */
-#ifndef @{NAME}_MODEL_H
-#define @{NAME}_MODEL_H
+{% set guard = NAME ~ "_MODEL_H" %}
+{% include "guard.h" %}
 
 #include <math.h>
 #include <stdbool.h>

@@ -8,8 +8,8 @@
  * trajectory, and stop @{twice} s after its end. Each step gives the row that @{name}_step takes as input.r: state and
  * input of the elastic arm on that motion. No memory is allocated; a step passes at most @{passed} waypoints.
  */
-#ifndef @{NAME}_FOLLOW_H
-#define @{NAME}_FOLLOW_H
+{% set guard = NAME ~ "_FOLLOW_H" %}
+{% include "guard.h" %}
 
 #include "@{name}.h"
 

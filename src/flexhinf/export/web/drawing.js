@@ -79,7 +79,8 @@ class View {
     // a box of the arm's reach, seen from above by the angle of elevation
     const tilt = this.planar ? 0 : Math.abs(this.elevation), flat = this.side * Math.sin(tilt), tall = Math.cos(tilt);
     const above = this.highest * tall + flat, below = flat - this.lowest * tall;
-    this.scale = Math.min((0.46 * width) / this.side, (0.93 * height) / (above + below));
+    // The ring of the goal, 13 px from its middle to its edge, stays within narrow pictures too.
+    this.scale = Math.min(Math.min(0.46 * width, width / 2 - 13) / this.side, Math.min(0.93 * height, height - 26) / (above + below));
     this.middle = [width / 2, height / 2 + (0.5 * this.scale * (above - below))];
     return context;
   }

@@ -37,17 +37,17 @@ def plot_run(run: Any) -> NotebookFigure:
             scale, unit = _display_unit(run, name)
             above.plot(run.time, scale * run.tracked(name), f"C{k}", label=_label(name, unit))
             estimate = scale * run.signal("estimate", name)
-            above.plot(run.time, estimate, color="0.1", ls="--", lw=0.8, label="estimated")
+            above.plot(run.time, estimate, color="0.1", ls="--", lw=0.8, label="_" if k else "estimated")
             if name in run.names["reference"]:
                 command = scale * run.signal("reference", name)
-                above.plot(run.time, command, color="0.4", ls=":", lw=0.9, label="command")
+                above.plot(run.time, command, color="0.4", ls=":", lw=0.9, label="_" if k else "command")
         for name, unit, u in zip(run.names["input"], run.units["input"], run.signals["input"].T):
             below.plot(run.time, u, f"C{run.names['input'].index(name)}", label=_label(name, unit))
         below.set_xlabel("time in s")
         units = [_display_unit(run, name)[1] for name in names]
         for axes, several, what in ((above, units, "states"), (below, run.units["input"], "inputs")):
             axes.set_ylabel(_label(what, ", ".join(dict.fromkeys(unit for unit in several if unit))))
-            axes.legend(frameon=False)
+            axes.legend(frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4)
             axes.grid(alpha=0.3)
     return figure
 

@@ -1,6 +1,6 @@
 // The controller @{name} for ros2_control (Humble and later), made by flexhinf @{version}. SPDX-License-Identifier: 0BSD
-#ifndef @{PACKAGE}__CONTROLLER_HPP_
-#define @{PACKAGE}__CONTROLLER_HPP_
+{% set guard = PACKAGE ~ "__CONTROLLER_HPP_" %}
+{% include "guard.h" %}
 
 #include <array>
 #include <atomic>

@@ -1,6 +1,6 @@
 // Trajectories of @{name} from topic and action, made by flexhinf @{version}. SPDX-License-Identifier: 0BSD
-#ifndef @{PACKAGE}__TRAJECTORIES_HPP_
-#define @{PACKAGE}__TRAJECTORIES_HPP_
+{% set guard = PACKAGE ~ "__TRAJECTORIES_HPP_" %}
+{% include "guard.h" %}
 
 #include <array>
 #include <atomic>

@@ -1,0 +1,118 @@
+"""How far the inertia matrices of a file's robots are from the model's, as a sector of their inverses."""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+import numpy as np
+
+from flexhinf.design.loop_setup import LoopPlants
+from flexhinf.design.plans import true_robot
+from flexhinf.design.responses import with_values
+from flexhinf.design.workspace.samples import POSES_SEED
+from flexhinf.design.workspace.setup import WorkspaceSetup
+from flexhinf.modal.popov import Sector
+from flexhinf.plant.joints import link_compliance
+from flexhinf.robot import Robot
+
+#: Sampled poses, and corners of the tolerances at each.
+POSES, CORNERS = 200, 8
+
+#: How the names of what an inertia matrix depends on begin; of these, what it is proportional to.
+OF_INERTIA = ("mass", "inertia", "payload", "centre_of_mass", "length")
+PROPORTIONAL = re.compile(r"(mass|inertia|inertia_(xx|yy|zz))(_.*)?$")
+
+
+class StatedMasses(NamedTuple):
+    """What the masses and payloads of a file's tolerances do to the inverse inertia matrix: −δ₁ ≤ Δ ≤ δ₂."""
+
+    sector: Sector
+    poses: int  # at which it was looked at; 0 where it holds at every pose
+    others: tuple[str, ...]  # uncertain quantities that it does not hold
+
+
+def stated_masses(setup: WorkspaceSetup) -> StatedMasses:
+    """The sector of a setup's robots, by their tolerances.
+
+    Where masses and moments of inertia alone are uncertain, in per cent, (1 − p) M ≤ M̂ ≤ (1 + p) M holds at every pose:
+    the kinetic energy is a sum over these with weights that are not negative. Otherwise robots at corners of their
+    tolerances, and the heaviest, are looked at in sampled poses.
+    """
+    robot = setup.true.robot
+    masses = [p for p in robot.uncertain if p.name.startswith(OF_INERTIA)]
+    others = tuple(dict.fromkeys(_quantity(p.name, robot) for p in robot.uncertain if p not in masses))
+    if not masses and setup.other is None:
+        return StatedMasses(Sector(0.0, 0.0), 0, others)
+    if setup.other is None and (share := _proportional(robot)) is not None:
+        return StatedMasses(Sector(1.0 - 1.0 / (1.0 + share), 1.0 / (1.0 - share) - 1.0), 0, others)
+    poses = setup.workspace.sample(POSES, POSES_SEED)
+    corners = [robot.heaviest, *robot.random_corners(CORNERS, POSES_SEED)]
+    ends = [0.0, 0.0]
+    model, own = link_compliance(setup.law.plant), setup.law.plant.parameters.vector()
+    plants = [with_values(setup.true_plant, values) for values in corners]
+    for pose in poses:
+        inertia = np.linalg.inv(model.matrix(pose, own))
+        root = np.linalg.cholesky(0.5 * (inertia + inertia.T))
+        for plant in plants:
+            turned = root.T @ link_compliance(setup.true_plant).matrix(pose, plant.parameters.vector()) @ root
+            low, high = np.linalg.eigvalsh(0.5 * (turned + turned.T))[[0, -1]]
+            ends = [max(ends[0], 1.0 - low), max(ends[1], high - 1.0)]
+    return StatedMasses(Sector(*map(float, ends)), POSES, others)
+
+
+class LargestMasses(NamedTuple):
+    """The largest errors for which a proof of a sector would still hold."""
+
+    tolerance: float  # a share: masses and inertia tensors within ± this, at every pose whose vibrations are in range
+    payload: float  # kg, beside the file's largest masses and moments of inertia; NaN where no place of it is known
+    poses: int  # at which the payload was looked at
+
+
+def largest_masses(setup: WorkspaceSetup, sector: Sector, loaded: Robot | None) -> LargestMasses:
+    """The largest tolerance of all masses, and the largest payload, of a sector; `loaded` is the robot with a payload.
+
+    (1 − p) M ≤ M̂ ≤ (1 + p) M is in the sector if p ≤ δ₁/(1 − δ₁) and p ≤ δ₂/(1 + δ₂). M̂ is linear in the payload's
+    mass m: M̂₀ + m D ≤ M/(1 − δ₁).
+    """
+    lower, upper = sector
+    tolerance = min(lower / (1.0 - lower), upper / (1.0 + upper))
+    name = (
+        next((p.name for p in loaded.parameters if p.name.startswith("payload_mass")), "") if loaded else ""
+    )
+    if loaded is None or not name:
+        return LargestMasses(tolerance, np.nan, 0)
+    plants = LoopPlants(*true_robot(loaded, setup.specification))
+    heavy = {p.name: p.interval[1] for p in loaded.uncertain if PROPORTIONAL.match(p.name)}
+    without, kilogram = (
+        with_values(plants.true_plant, loaded.varied({**heavy, name: mass})).parameters.vector()
+        for mass in (0.0, 1.0)
+    )
+    model, true = link_compliance(setup.law.plant), link_compliance(plants.true_plant)
+    own, payload = setup.law.plant.parameters.vector(), np.inf
+    for pose in setup.workspace.sample(POSES, POSES_SEED):
+        inertia, empty, full = (
+            np.linalg.inv(compliance.matrix(pose, values))
+            for compliance, values in ((model, own), (true, without), (true, kilogram))
+        )
+        room = inertia / (1.0 - lower) - empty
+        if np.linalg.eigvalsh(0.5 * (room + room.T))[0] <= 0.0:
+            return LargestMasses(tolerance, 0.0, POSES)
+        root = np.linalg.inv(np.linalg.cholesky(0.5 * (room + room.T)))
+        payload = min(payload, 1.0 / np.linalg.eigvalsh(root @ (full - empty) @ root.T)[-1])
+    return LargestMasses(tolerance, payload, POSES)
+
+
+def _proportional(robot: Robot) -> float | None:
+    """The largest tolerance, a share, if the inertia matrix is proportional to what is uncertain of it."""
+    masses = [p for p in robot.uncertain if p.name.startswith(OF_INERTIA)]
+    products = [p for p in robot.parameters if re.match(r"inertia_(xy|xz|yz)", p.name) and p.value]
+    whole = all(PROPORTIONAL.match(p.name) and p.range is None and p.value > 0.0 for p in masses)
+    return max(p.tolerance for p in masses) / 100.0 if whole and not products else None
+
+
+def _quantity(name: str, robot: Robot) -> str:
+    """A parameter's quantity in words."""
+    for joint in robot.joint_names:
+        name = name.removesuffix(f"_{joint}")
+    return name.replace("_", " ")

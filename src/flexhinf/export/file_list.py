@@ -1,0 +1,44 @@
+"""Files of an export as rows of a list: path, template, and what the template needs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Generic, TypeVar
+
+from flexhinf.codegen.c import Real
+from flexhinf.export.rendering import render_c, render_text
+
+NOTHING: Mapping[str, Any] = MappingProxyType({})
+
+#: What an export is made of.
+Exported = TypeVar("Exported")
+
+
+@dataclass(frozen=True)
+class File(Generic[Exported]):
+    """A file of an export: its path, itself a template; its template; and what that needs beside what all have.
+
+    `condition`: Whether an export has it. `copy`: A folder that has the same text.
+    """
+
+    path: str
+    template: str
+    values: Callable[[Exported], Mapping[str, Any]] = lambda export: NOTHING
+    condition: Callable[[Exported], bool] = lambda export: True
+    copy: str = ""
+
+
+def rendered(
+    files: Sequence[File[Exported]], export: Exported, name: str, real: Real, /, **shared: Any
+) -> dict[str, str]:
+    """The files that an export has: path to text. `shared`: What their paths and templates may use."""
+    texts = dict[str, str]()
+    for file in files:
+        if file.condition(export):
+            path = render_text(file.path, name=name, **shared)
+            texts[path] = render_c(file.template, name, real, **{**shared, **file.values(export)})
+            if file.copy:
+                texts[f"{file.copy}/{path}"] = texts[path]
+    return texts

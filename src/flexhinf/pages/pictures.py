@@ -1,0 +1,110 @@
+"""Pictures by which robots and designs show themselves, in a notebook and on the page of a check."""
+
+from __future__ import annotations
+
+import math
+from base64 import b64encode
+from functools import singledispatch
+from html import escape
+
+import numpy as np
+
+from flexhinf.design.pose_evidence import PoseEvidence
+from flexhinf.design.result import Design
+from flexhinf.design.workspace.evidence import WorkspaceEvidence
+from flexhinf.pages.design.overview import lead
+from flexhinf.pages.design.step import arm_plane
+from flexhinf.pages.drawing import figure_block
+from flexhinf.pages.workspace import workspace_lead
+from flexhinf.report import INK, MUTED, SERIES, Figure, house_style, label, legend, number, panels
+from flexhinf.robot import Robot
+from flexhinf.robot.kinematics import skeleton
+
+#: By how much an arrow moves a joint that turns, rad, and one that slides, of the robot's size.
+TURN, SLIDE = math.radians(15.0), 0.12
+
+
+@house_style()
+def robot_picture(robot: Robot) -> Figure | None:
+    """The links at the robot's home, and for each joint an arrow to where its positive direction moves the end of its
+    link; None for links without a length."""
+    home = np.asarray(robot.home, dtype=float)
+    lines = skeleton(robot, home)
+    size = float(np.ptp(np.concatenate(lines), axis=0).max())
+    steps = np.diag(np.where(robot.links.slides, SLIDE * size, TURN))
+    moved = [skeleton(robot, home + step) for step in steps]
+    seen = arm_plane(robot, [lines, *moved])
+    if seen is None:
+        return None
+    view, names, (low, high) = seen
+    panel = np.array((5.0, min(max(5.0 * (high - low)[1] / (high - low)[0], 1.8), 3.6)))
+    half = (
+        0.5 * max((high - low) / panel) * panel
+    )  # as much to the inch in both directions, the whole panel used
+    (left, bottom), (right, top) = 0.5 * (low + high) - half, 0.5 * (low + high) + half
+    figure, ((axes,),) = panels(1, 1, 1.2 + float(panel[1]))
+    for line in lines:
+        axes.plot(*(line @ view).T, color=SERIES[0], linewidth=3.2)
+    joints = np.array([line[0] for line in lines]) @ view
+    axes.plot(*joints.T, "o", color=INK, markersize=4.5)
+    for k, (joint, own) in enumerate(zip(robot.joint_names, lines)):
+        ends = ((own[-1] @ view, moved[k][k][-1] @ view), (lines[-1][-1] @ view, moved[k][-1][-1] @ view))
+        seen_ends = (pair for pair in ends if float(np.linalg.norm(pair[1] - pair[0])) > 1e-3 * size)
+        if (pair := next(seen_ends, None)) is None:
+            continue
+        begin, end = pair
+        colour = {"color": SERIES[1 + k % (len(SERIES) - 1)]}
+        arrow = {"arrowstyle": "-|>", "linewidth": 2.0, "shrinkA": 0, "shrinkB": 0, **colour}
+        axes.annotate("", end, begin, arrowprops=arrow)
+        axes.plot([], [], label=joint, linewidth=2.0, **colour)
+    axes.axhline(float(joints[0, 1]), color=MUTED, linewidth=0.6, zorder=0)
+    axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
+    axes.set_xlabel(f"{names[0]} (m)")
+    label(axes, names[1], "m")
+    legend(axes)
+    place = ", ".join(
+        f"{number(float(q), 3)} m" if slides else f"{number(math.degrees(q), 3)}°"
+        for q, slides in zip(home, robot.links.slides)
+    )
+    return figure_block(
+        "robot",
+        figure,
+        f"{robot.name} at home ({place}). An arrow leads where a joint moves the end of its link, or else of the "
+        f"arm, when its position grows, by {math.degrees(TURN):.0f}° where it turns; a joint without one moves it out "
+        "of the picture. A last link is drawn to twice the distance of its centre of mass.",
+        "The arm",
+    )
+
+
+@singledispatch
+def pictures_of(result: object) -> list[Figure]:
+    """The pictures of a result; none where it has none."""
+    return []
+
+
+@pictures_of.register
+def _(result: Robot) -> list[Figure]:
+    picture = robot_picture(result)
+    return [] if picture is None else [picture]
+
+
+@pictures_of.register
+def _(result: Design) -> list[Figure]:
+    evidence = result.evidence
+    if isinstance(evidence, PoseEvidence):
+        return lead(evidence)
+    if isinstance(evidence, WorkspaceEvidence):
+        return workspace_lead(evidence)
+    return []
+
+
+def notebook_pictures(result: object) -> str:
+    """The pictures of a result as HTML, on white: a notebook may have other colours."""
+    figures = (
+        '<figure style="margin: 0.5em 0; max-width: 36em">'
+        f'<img style="width: 100%; background: white" alt="{escape(figure.label)}" '
+        f'src="data:image/svg+xml;base64,{b64encode(figure.svg.encode()).decode()}">'
+        f"<figcaption>{escape(figure.caption)}</figcaption></figure>"
+        for figure in pictures_of(result)
+    )
+    return "".join(figures)

@@ -1,0 +1,296 @@
+"""Certificates of pairs: proved, by a second route, against eigenvalues of mixed errors, forged and damaged."""
+
+import copy
+import json
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from benchmarks.workspace import masses
+from benchmarks.workspace.robots import ROBOTS
+from benchmarks.workspace.rows import ROWS, kept
+from flint import arb
+from numpy.polynomial.chebyshev import chebval
+from scipy.linalg import expm
+
+from flexhinf.certify.checker import pairs as checker
+from flexhinf.certify.checker.pairs import CheckedPairs, check_pairs, pair_claim
+from flexhinf.design import Specification
+from flexhinf.design.workspace.pair_proof import claim_numbers, largest_certificate
+from flexhinf.design.workspace.proof import sampled_pairs
+from flexhinf.design.workspace.search import RANDOM
+from flexhinf.design.workspace.setup import WorkspaceSetup
+from flexhinf.errors import InvalidInput
+from flexhinf.modal import ModalLaw, pair_gains
+from flexhinf.modal.popov import (
+    SYMMETRIC,
+    PairStorages,
+    SampledPairs,
+    Sector,
+    popov_tolerance,
+    small_gain_tolerance,
+)
+from flexhinf.modal.unstable import smallest_unstable
+from flexhinf.robot import load_robot
+from flexhinf.robot.workspace import workspace_of
+
+PERIOD, ENDS = 1e-3, (60.0**2, 500.0**2)
+
+
+@pytest.fixture(scope="module")
+def pairs():
+    return SampledPairs(pair_gains(ENDS, 110.0**2, 12.0, PERIOD), latency=1)
+
+
+@pytest.fixture(scope="module")
+def found(pairs):
+    """Tolerance and certificate of symmetric errors."""
+    return largest_certificate(pairs, Sector(1.0, 1.0), lambda text: None)
+
+
+@pytest.mark.costs("searches and checks one proof, which all tests here read")
+def test_all_pairs_are_proved_to_tolerate_nearly_what_is_computed(found):
+    tolerance, numbers = found
+    assert 0.5 < tolerance.sector.lower < 1.0
+    checked = check_pairs(pair_claim(json.loads(json.dumps(numbers))))
+    assert isinstance(checked, CheckedPairs)
+    assert checked.low <= ENDS[0] < ENDS[1] <= checked.high
+    assert checked.lower >= 0.89 * tolerance.sector.lower
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize(("latency", "watched"), [(0, None), (2, None), (1, [0, 2]), (1, [2])])
+def test_search_and_checker_compute_the_same_game(pairs, latency, watched):
+    """They share no code: A, Q and W of a pair agree, for a filter with links, and with motors alone."""
+    seen = None if watched is None else np.eye(4)[watched]
+    table = None if seen is None else np.random.default_rng(1).normal(size=(5, 4 * len(seen)))
+    ends = (np.log(ENDS[0]) - 1.0, np.log(ENDS[1]) + 1.0)
+    filter: Any = None if seen is None else SimpleNamespace(pair=(seen, table, ends))
+    loop, link = SampledPairs(pairs.gains, latency, filter), 150.0**2
+    storages = PairStorages(loop, Sector(0.3, 0.5), 20.0, 0.4)
+    n = 6 + latency + 4 * (seen is not None)
+    parts = [{"low": link, "high": 2.0 * link, "storages": [[1.0] * (n * (n + 1) // 2)] * 2}]
+    claim = pair_claim(claim_numbers(storages, parts))
+    with checker._balls():
+        checked = checker._loop(claim, arb(link), arb(0))
+        values = [np.array([[float(e) for e in row] for row in part.parts[0].tolist()]) for part in checked]
+    for value, expected in zip(values, loop.worst_period(link, *(storages.sector, 20.0, 0.4))):
+        np.testing.assert_allclose(value, expected, atol=1e-9 * np.abs(expected).max())
+
+
+def mixed_radius(pairs, links, error):
+    """Spectral radius of pairs λ (n,) with a symmetric error Δ (n, n) of their inverse inertia, by SciPy: the law
+    predicts with what the pairs should be."""
+    gains, n, h = pairs.gains, len(links), PERIOD
+    kappa, beta, root = gains.motor, gains.damping, np.sqrt(links)
+
+    def moved(stiffness):
+        zero, one = np.zeros((n, n)), np.eye(n)
+        a = np.block([[zero, one, zero, zero], [-stiffness, zero, stiffness, zero], [zero, zero, zero, one],
+                      [kappa * one, zero, -kappa * one, -beta * one]])  # fmt: skip
+        b = np.vstack([zero, zero, zero, kappa * one])
+        whole = expm(h * np.block([[a, b], [np.zeros((n, 5 * n))]]))
+        return whole[: 4 * n, : 4 * n], whole[: 4 * n, 4 * n :]
+
+    true, entry = moved(np.diag(links) + root[:, None] * error * root)
+    known, own = moved(np.diag(links))
+    k, unit = gains(links)[:, :5], np.eye(7 * n)
+    x, total, last, waiting = unit[: 4 * n], unit[4 * n : 5 * n], unit[5 * n : 6 * n], unit[6 * n :]
+    integral = total + 0.5 * h * (last + x[:n])
+    ahead = known @ x + own @ waiting
+    force = -(np.hstack([np.diag(column) for column in k.T[:4]]) @ ahead + np.diag(k[:, 4]) @ integral)
+    loop = np.vstack([true @ x + entry @ waiting, integral, x[:n], force])
+    return np.abs(np.linalg.eigvals(loop)).max()
+
+
+@pytest.mark.oracle
+def test_proved_errors_that_mix_pairs_never_destabilise_and_larger_ones_do(pairs, found):
+    """By a second route to the loop of mixed pairs, which also confirms what the search of unstable ones says."""
+    size, rng = found[1]["lower"], np.random.default_rng(0)
+    for _ in range(60):
+        links = np.exp(rng.uniform(np.log(ENDS[0]), np.log(ENDS[1]), 3))
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        error = turn @ np.diag(size * rng.choice([-1.0, 1.0], 3) * rng.choice([1.0, 0.5], 3)) @ turn.T
+        radius = mixed_radius(pairs, links, error)
+        assert radius < 1.0
+        assert pairs.radius(links.tolist(), error) == pytest.approx(radius, abs=1e-7)
+    unstable = smallest_unstable(pairs, mixed=False, count=20)
+    (link,) = unstable.links
+    assert size < unstable.size < 1.25 * size
+    for factor in (0.99, 1.01):
+        radius = mixed_radius(pairs, np.array([link]), np.array([[factor * unstable.error]]))
+        assert (radius > 1.0) == (factor > 1.0)
+
+
+@pytest.mark.ci("climbs from many places")
+def test_two_pairs_that_an_error_mixes_may_bear_less_than_one():
+    """Seven links: one pair alone bears more; the poles are those of a second route."""
+    loop = SampledPairs(ModalLaw.tuned(load_robot("seven-link").problem()).gains, latency=1)
+    alone, mixed = (smallest_unstable(loop, mixed) for mixed in (False, True))
+    assert mixed.size < 0.98 * alone.size
+    cosine, sine = np.cos(2.0 * mixed.turn), np.sin(2.0 * mixed.turn)
+    error = mixed.size * np.array([[cosine, sine], [sine, -cosine]])
+    assert mixed_radius(loop, np.array(mixed.links), error) == pytest.approx(mixed.radius, abs=1e-6)
+    assert mixed_radius(loop, np.array(mixed.links), 0.97 * error) < 1.0 < mixed.radius
+
+
+def peak(numbers, link, pieces=6):
+    """Largest eigenvalue of δ₁δ₂ AᴴA + ½(δ₂ − δ₁)(A + Aᴴ) + τ (R + Rᴴ) over frequencies, of the lifted response from
+    d to a and to its rate, in `pieces` of a period. Below 1 the inequality holds at λ. Of the file alone, by SciPy."""
+    h, root = numbers["period"], np.sqrt(link)
+    a, b, g = np.zeros((4, 4)), np.eye(4)[3] * numbers["input"], np.eye(4)[1] * root
+    a[0, 1] = a[2, 3] = 1.0
+    a[1, [0, 2]] = -link, link
+    a[3, [0, 2, 3]] = numbers["motor"], -numbers["motor"], -numbers["damping"]
+    whole = np.zeros((6, 6))
+    whole[:4] = np.column_stack([a, b, g])
+    part = expm(whole * h / pieces)[:4]
+    c, columns = np.array([-root, 0.0, root, 0.0]), 5 + pieces
+    state, outs, rates = np.eye(4, columns), [], []
+    for piece in range(pieces):
+        after = part[:, :4] @ state
+        after[:, 4] += part[:, 4]
+        after[:, 5 + piece] += part[:, 5]
+        outs.append(c @ (state + after) / 2)
+        rates.append(c @ (after - state) * pieces / h)
+        state = after
+    k = np.array(numbers["coefficients"]) @ [*(p / (link + p) for p in numbers["poles"]), 1.0]
+    observer, flow = numbers["observer"], state[:, :5]
+    n = 7 + 4 * (observer is not None)
+    unit = np.eye(n)
+    estimate, (total, last, waiting) = unit[:4], unit[n - 3 :]
+    position = unit[0]
+    if observer is not None:
+        seen, ends = np.array(observer["seen"]), observer["range"]
+        gain = chebval((2.0 * np.log(link) - sum(ends)) / (ends[1] - ends[0]), np.array(observer["table"]))
+        estimate = unit[4:8] + gain.reshape(4, -1) @ seen @ (unit[:4] - unit[4:8])
+        position = position if [1.0, 0.0, 0.0, 0.0] in seen.tolist() else estimate[0]
+    integral, acting = total + 0.5 * h * (last + position), np.vstack([unit[:4], waiting])
+    ahead = flow @ np.vstack([estimate, waiting])
+    force, predicted = -(k[:4] @ ahead + k[4] * integral), ahead[: n - 7]
+    loop = np.vstack([flow @ acting, predicted, integral, position, force])
+    entry = np.vstack([state[:, 5:], np.zeros((n - 4, pieces))])
+    z = np.exp(1j * np.geomspace(1e-4, np.pi, 3000))[:, None, None]
+    inner = np.linalg.solve(z * np.eye(n) - loop, np.broadcast_to(entry, (len(z), *entry.shape)))
+    out, rate = (np.array(rows)[:, :5] @ acting @ inner + np.array(rows)[:, 5:] for rows in (outs, rates))
+    lower, upper, tau = numbers["lower"], numbers["upper"], numbers["multiplier"] * h
+    half = 0.5 * (upper - lower) * out + tau * rate
+    total = lower * upper * out.conj().transpose(0, 2, 1) @ out + half + half.conj().transpose(0, 2, 1)
+    return np.linalg.eigvalsh(total)[:, -1].max()
+
+
+@pytest.mark.oracle
+def test_a_second_route_by_frequencies_finds_the_same_tolerance(found):
+    tolerance, numbers = found
+    links = np.geomspace(*ENDS, 12)
+    assert max(peak(numbers, link) for link in links) < 1.0
+    beyond = {**numbers, "lower": 1.05 * tolerance.sector.lower, "upper": 1.05 * tolerance.sector.upper}
+    assert max(peak(beyond, link) for link in links) > 1.0
+
+
+def test_a_sector_larger_than_the_tolerance_is_not_accepted(found):
+    tolerance, numbers = found
+    larger = {**numbers, "lower": 1.1 * tolerance.sector.lower, "upper": 1.1 * tolerance.sector.upper}
+    assert isinstance(check_pairs(pair_claim(larger)), int)
+
+
+def forged(numbers, rng):
+    """A file that says more than is proved, or of another law or loop than its storages are."""
+    file = copy.deepcopy(numbers)
+    (one,) = file["intervals"]
+    first, last = one["storages"]
+    kind = str(rng.choice(["sector", "rate", "law", "number", "entry", "sign", "scale", "range", "latency"]))
+    factor = float(rng.choice([0.2, 0.4, 3.0, 10.0, 1e200]))
+    if kind == "sector":
+        file["lower"], file["upper"] = min(0.999, 1.3 * file["lower"]), rng.uniform(1.3, 9.0) * file["upper"]
+    elif kind == "rate":
+        file["rate"] = float(rng.uniform(20.0, 1e3))
+    elif kind == "law":
+        row = int(rng.choice([0, 2, 3]))
+        file["coefficients"][row] = [-x for x in file["coefficients"][row]]
+    elif kind == "number":
+        file[str(rng.choice(["motor", "input", "period", "multiplier"]))] *= factor
+    elif kind == "entry":
+        first[int(rng.integers(len(first)))] += float(rng.choice([-1.0, 1.0])) * 10.0 * max(map(abs, first))
+    elif kind == "sign":
+        last[:] = [-x for x in last]
+    elif kind == "scale":
+        last[:] = [float(rng.uniform(2.0, 5.0)) * x for x in last]
+    elif kind == "range":
+        one["high"] = float(rng.uniform(4.0, 40.0)) * one["low"]
+    else:
+        file["latency"] = int(rng.choice([0, 2, 3]))
+    return kind, file
+
+
+def damaged(numbers, rng):
+    """A file with a key that is missing, or of another kind."""
+    file, name = copy.deepcopy(numbers), str(rng.choice(sorted(set(numbers) - {"observer"})))
+    wrong = [None, "text", [], {}, True, float("nan"), float("inf"), "1", [[1.0], [2.0, 3.0]]]
+    file[name] = wrong[int(rng.integers(len(wrong)))]
+    if rng.random() < 0.2:
+        del file[name]
+    return file
+
+
+@pytest.mark.ci("checks hundreds of files")
+def test_none_of_hundreds_of_forged_and_damaged_files_is_accepted(found):
+    rng, kept = np.random.default_rng(3), {**found[1], "intervals": found[1]["intervals"][:1]}
+    assert isinstance(check_pairs(pair_claim(kept)), CheckedPairs)
+    kinds = set()
+    for _ in range(200):
+        kind, file = forged(kept, rng)
+        kinds.add(kind)
+        if kind == "latency":
+            with pytest.raises(InvalidInput, match="certificate"):
+                pair_claim(file)
+        else:
+            assert isinstance(check_pairs(pair_claim(file)), int), kind
+    assert len(kinds) == 9
+    for _ in range(200):
+        file = damaged(kept, rng)
+        with pytest.raises(InvalidInput, match="certificate"):
+            pair_claim(file)
+
+
+@pytest.mark.costs("many loops of pairs")
+def test_a_payload_alone_leaves_a_larger_sector(pairs):
+    """Links that are only heavier may be so by more than links that may also be lighter."""
+    both, heavier = (
+        popov_tolerance(pairs, shape, 8).sector for shape in (Sector(1.0, 1.0), Sector(1.0, 0.0))
+    )
+    assert heavier.lower >= 0.99 * both.lower
+    assert heavier.upper == 0.0
+
+
+@pytest.mark.costs("one more search")
+def test_symmetric_errors_may_be_larger_than_any(pairs, found):
+    """Small gain is the case without a multiplier, and bears errors that lag."""
+    small = small_gain_tolerance(pairs, count=10).lower
+    assert 0.01 < small < 0.5 * found[0].sector.lower
+
+
+@pytest.mark.oracle
+@pytest.mark.ci("proves the laws of two robots")
+@pytest.mark.parametrize(("name", "watched"), [("scara", False), ("planar-two-link", True)])
+def test_certificates_of_robots_hold_by_a_second_route(name, watched):
+    """By frequencies, of the numbers in the file alone; without an estimator the row of the docs is what is proved."""
+    robot = ROBOTS[name].robot()
+    law, loop = masses.pairs_of(robot)
+    if watched:
+        loop = sampled_pairs(WorkspaceSetup(robot, Specification(), workspace_of(robot), law, RANDOM[0]))
+    tolerance, numbers = largest_certificate(loop, SYMMETRIC, lambda text: None)
+    assert numbers is not None
+    assert (numbers["observer"] is not None) == watched
+    numbers = json.loads(json.dumps(numbers))
+    links = np.geomspace(*loop.gains.ends, 12)
+    assert max(peak(numbers, link) for link in links) < 1.0
+    size = 1.05 * tolerance.sector.lower
+    assert max(peak({**numbers, "lower": size, "upper": size}, link) for link in links) > 1.0
+    if not watched:
+        row = kept(ROWS, f"{name}.masses")
+        assert row is not None
+        assert [row["grid"], row["proved"]] == pytest.approx(
+            [tolerance.sector.lower, numbers["lower"]], rel=0.02
+        )

@@ -1,0 +1,72 @@
+"""An operation is one file: the example that CONTRIBUTING.md prints, in a program that lacks it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import casadi
+import pytest
+from tests.refusals import refused_with
+
+from flexhinf.codegen.operations import OPERATIONS, register
+from flexhinf.errors import InvalidInput
+
+#: A loop with the operation, as machine code and as C: its first input, and what the C calls.
+LOOP = """
+import re
+import casadi
+import numpy as np
+import flexhinf as fh
+from flexhinf.codegen import operations
+from flexhinf.export.controller_c import code_of
+from flexhinf.errors import InvalidInput
+from flexhinf.scalars import Symbol
+
+def first_input():
+    flow = lambda x, u, d, p: np.array([u[0] + d[0] - np.arctan2(x[0], 2.0)])
+    plant = fh.Plant(flow, lambda x, u, p: x, ("x",), ("u",), ("d",), outputs=("x",))
+    law = fh.linear_law(plant.with_objective(fh.Penalty({"x": 1.0}, 1.0)), gamma=np.inf)
+    ekf = fh.ExtendedKalmanFilter(plant, 1e-2, 1e-6, 1e-6, np.ones(1), 1e-4)
+    controller = fh.Controller(law, ekf, 1e-2, 5.0)
+    sources = [code_of(controller, "arm", real).source for real in ("double", "float")]
+    called = [sorted(set(re.findall(r"\\batan2f?\\(", source))) for source in sources]
+    return float(controller.step([0.9])[0]).hex(), called
+"""
+
+#: What is there of the operation is taken away; then its file is imported.
+TAKEN = """
+operations.OPERATIONS.pop(casadi.OP_ATAN2)
+operations.COSTLY.discard(casadi.OP_ATAN2)
+del Symbol.arctan2
+try:
+    first_input()
+except InvalidInput as error:
+    assert "arctan2" in str(error), error
+else:
+    raise AssertionError("it is there without its file")
+before = operations.written_by_others()
+import example_operation
+assert before == "" and "atan2" in operations.written_by_others()
+"""
+
+
+@pytest.mark.ci("two processes that compile a controller")
+def test_the_printed_file_adds_it(repository: Path, tmp_path: Path) -> None:
+    paths = os.pathsep.join(map(str, [repository / "src", repository / "tests", *sys.path]))
+    environment = {**os.environ, "PYTHONPATH": paths, "FLEXHINF_CACHE": str(tmp_path)}
+    printed = list[str]()
+    for program in (LOOP, LOOP + TAKEN):
+        words = [sys.executable, "-c", f"{program}\nprint(first_input())"]
+        done = subprocess.run(words, env=environment, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        printed.append(done.stdout)
+    assert printed[0] == printed[1]
+    assert "[['atan2('], ['atan2f(']]" in printed[0]
+
+
+def test_sine_is_no_row_that_others_replace() -> None:
+    with refused_with(InvalidInput, "OP_SIN", "codegen/c/sines.py"):
+        register(OPERATIONS[casadi.OP_SIN])

@@ -1,0 +1,197 @@
+"""Every operation and every kind of step: equal bits in machine code of 1 to 16 lanes and in C, fused or not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import casadi
+import numpy as np
+import pytest
+from tests.builders import arm_controller
+from tests.codegen.emit.test_opcodes import BINARY, NASTY, OWN, UNARY, X, Y, same
+from tests.codegen.test_polynomials import CASES, program as polynomial
+from tests.codegen.test_statements import TURN, factored, mapped, reflected, subtracted, summed
+from tests.in_c import in_c
+from tests.interpreter import interpret
+
+import flexhinf as fh
+from flexhinf.codegen import (
+    Buffer,
+    Call,
+    Columns,
+    Copy,
+    Guard,
+    Program,
+    Repeat,
+    Slice,
+    Sweep,
+    When,
+    compile_program,
+)
+from flexhinf.codegen.memory import COLUMN
+from flexhinf.codegen.operations import OPERATIONS
+from flexhinf.codegen.program import Normal, Step
+from flexhinf.export.controller_c import code_of
+
+LANES = (1, 2, 3, 8, 16)
+
+#: Arguments of each operation: pairs, and angles beyond what sine and cosine reduce themselves.
+POINTS = np.array([(x, y) for x in (*NASTY, 1e5, -3e9) for y in (*NASTY[::3], 1.0, 7.5)])
+
+
+def operations() -> Program:
+    """Every operation of the table, at every point."""
+    results = [*UNARY.values(), *BINARY.values()]
+    function = casadi.Function("f", [X, Y], [casadi.vertcat(*results)])
+    count, size = len(POINTS), len(results)
+    moves = [Slice("x", 0, 1, (2,)), Slice("x", 1, 1, (2,))]
+    call = Call(function, tuple(moves), (Slice("y", 0, size, (size,)),))
+    buffers = (Buffer("x", 2 * count, "in"), Buffer("y", size * count, "out"))
+    return Program("operations", buffers, (Repeat(count, (call,)),))
+
+
+def steps() -> Program:
+    """Loops, conditions, copies that overlap, a sweep over columns, and a guard."""
+    double = casadi.Function(
+        "double", [casadi.vertcat(X, Y)], [casadi.vertcat(2 * X * Y + X, Y / (2 + X * X))]
+    )
+    pair, inside = Slice("x", 0, 2), Slice(COLUMN, 0, 3)
+    turn = Call(TURN, (inside, Slice("b", 0, 2)), (Slice(COLUMN, 3, 2),))
+    back = Copy(Slice(COLUMN, 3, 2), Slice(COLUMN, 0, 2))
+    columns = (Columns(Slice("a", 0, 39), 13),), (Columns(Slice("y", 0, 26), 13),)
+    sweep = Sweep(
+        (Repeat(2, (turn, back)),), ((columns[0][0], inside),), ((columns[1][0], Slice(COLUMN, 3, 2)),), 5
+    )
+    body: tuple[Step, ...] = (
+        Repeat(3, (Call(double, (pair,), (pair,)), Copy(pair, Slice("y", 26, 2, (2,))))),
+        When(Slice("b", 2, 1), (Copy(Slice("x", 0, 3), Slice("x", 1, 3)),)),
+        sweep,
+        Guard(Slice("y", 0, 26), 7),
+    )
+    buffers = (
+        Buffer("x", 4, "state"),
+        Buffer("a", 39, "in"),
+        Buffer("b", 3, "in", True),
+        Buffer("y", 32, "out"),
+    )
+    return Program("steps", buffers, body)
+
+
+def of_steps() -> dict[str, Program]:
+    """A program of each kind of step, and of some sizes."""
+    return {
+        "operations": operations(),
+        "steps": steps(),
+        "map": mapped(13),
+        "map_of_shared": mapped(57, shared=True),
+        "sum": summed(13, 11, 5, False, weighted=True, plus=True),
+        "symmetric_sum": summed(29, 4, 4, False, symmetric=True, weighted=True),
+        "small_sum": summed(3, 2, 3, True),
+        "small_factor": factored(3),
+        "factor": factored(13),
+        "reflections": reflected(9, 5, 4),
+        "residual": subtracted(9, 2, 6),
+        **{f"polynomials_{k}": polynomial(case, shared=k % 2 > 0) for k, case in enumerate(CASES)},
+    }
+
+
+def draws(name: str, program: Program, seed: int) -> dict[str, np.ndarray]:
+    """Flat arrays of one run; what lanes share is the same in all."""
+    arrays = dict[str, np.ndarray]()
+    for buffer in program.buffers:
+        rng = np.random.default_rng([0 if buffer.shared else seed, len(buffer.name)])
+        if buffer.role != "work":
+            arrays[buffer.name] = rng.normal(size=buffer.size or 0)
+    if name == "operations":
+        arrays["x"][:] = np.roll(POINTS, seed, axis=0).ravel()
+    if "factor" in name:
+        n = round(len(arrays["a"]) ** 0.5)
+        root = arrays["a"].reshape(n, n)
+        arrays["a"][:] = (root @ root.T).ravel()
+    return arrays
+
+
+def equal_in_every_way(
+    programs: Mapping[str, Program], folder: Path, given: Mapping[str, list[dict[str, np.ndarray]]]
+) -> None:
+    """Runs of each program in C, of one column or eight side by side, and in machine code: equal bits."""
+    for fused in (False, True):
+        compiled = {lanes: in_c(programs, folder, fused, lanes) for lanes in (1, 8)}
+        for name, program in programs.items():
+            written = [b.name for b in program.buffers if b.role in ("out", "state")]
+            expected = [{key: array.copy() for key, array in one.items()} for one in given[name]]
+            codes = [compiled[1](name, arrays) for arrays in expected]
+            side_by_side = {key: array.copy() for key, array in given[name][0].items()}
+            assert compiled[8](name, side_by_side) == codes[0]
+            for key in written:
+                assert same(side_by_side[key], expected[0][key]).all(), (name, fused, key)
+            for lanes in LANES:
+                shared = {b.name for b in program.buffers if b.shared}
+                arrays = {
+                    key: given[name][0][key].copy()
+                    if key in shared
+                    else np.stack([one[key] for one in given[name][:lanes]], axis=1)
+                    for key in given[name][0]
+                }
+                status = compile_program(program, lanes, fused).run(arrays)
+                assert np.atleast_1d(status.code).tolist() == codes[:lanes], (name, fused, lanes)
+                for key in written:
+                    wanted = np.stack([one[key] for one in expected[:lanes]], axis=1)
+                    assert same(arrays[key], wanted).all(), (name, fused, lanes, key)
+
+
+@pytest.mark.ci("compiles a program of each kind of step in five numbers of lanes and as C, fused and not")
+def test_every_kind_of_step_has_equal_bits(tmp_path: Path) -> None:
+    programs = of_steps()
+    given = {name: [draws(name, one, seed) for seed in range(16)] for name, one in programs.items()}
+    equal_in_every_way(programs, tmp_path, given)
+    kinds = {type(step) for program in programs.values() for step, _ in program.steps()}
+    assert set(Step.__args__) - kinds == {Normal}  # which only simulations have
+
+
+#: Controllers whose steps are compared: one trace in its stages, and pieces in loops; filters of all forms.
+MADE = {
+    "two_links": lambda: arm_controller(
+        fh.load_robot("planar-two-link"), fh.ExtendedKalmanFilter, r=1e-6, p0=1e-8
+    ),
+    "points": arm_controller,
+    "covariance": lambda: arm_controller(filter={"form": "covariance"}),
+}
+
+
+@pytest.mark.nightly("compiles six steps of controllers in five numbers of lanes; tests/export runs their C")
+@pytest.mark.parametrize("name", MADE)
+def test_steps_of_controllers_have_equal_bits(name: str, tmp_path: Path) -> None:
+    programs, given, rng = (
+        dict[str, Program](),
+        dict[str, list[dict[str, np.ndarray]]](),
+        np.random.default_rng(0),
+    )
+    for form, own in (("one_trace", MADE[name]()), ("pieces", MADE[name]().in_pieces())):
+        code = code_of(own, "arm", "double")
+        program = programs[form] = code.program
+        given[form] = []
+        for _ in range(16):
+            arrays = {b.name: np.zeros(b.size or 0) for b in program.buffers if b.role != "work"}
+            arrays["data"][:], arrays["memory"][:] = own.data_vector, own.initial_memory()
+            arrays["y"][:] = 0.02 * rng.standard_normal(len(arrays["y"]))
+            arrays["r"][:] = 0.02
+            given[form].append(arrays)
+    equal_in_every_way(programs, tmp_path, given)
+
+
+@pytest.mark.oracle
+def test_unfused_operations_are_numpys_and_casadis() -> None:
+    """But for sine and cosine, whose bits are ours."""
+    program, names = operations(), [*UNARY, *BINARY]
+    found = list[np.ndarray]()
+    for kernel in (compile_program(program, 1, False), interpret(program)):
+        arrays = draws("operations", program, 0)
+        assert kernel.run(arrays).fine
+        found.append(arrays["y"].reshape(len(POINTS), -1))
+    for k, name in enumerate(names):
+        assert name in OWN or same(found[0][:, k].copy(), found[1][:, k].copy()).all(), name
+    assert {getattr(casadi, name) for name in names} >= {code for code in OPERATIONS if code > 0} - {
+        casadi.OP_CONSTPOW
+    }

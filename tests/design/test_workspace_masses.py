@@ -1,0 +1,76 @@
+"""What masses and payloads of a file do to the inverse inertia matrix, against inertia matrices of random robots."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from benchmarks.workspace import masses as benchmark
+from benchmarks.workspace.robots import ROBOTS
+
+from flexhinf.design import Specification
+from flexhinf.design.responses import with_values
+from flexhinf.design.workspace.masses import POSES, largest_masses, stated_masses
+from flexhinf.design.workspace.search import RANDOM
+from flexhinf.design.workspace.setup import WorkspaceSetup
+from flexhinf.modal.popov import Sector
+from flexhinf.plant.joints import link_compliance
+from flexhinf.robot.workspace import workspace_of
+
+
+@pytest.fixture(scope="module")
+def setup():
+    robot = ROBOTS["spatial"].robot()
+    law, _ = benchmark.pairs_of(robot)
+    return WorkspaceSetup(robot, Specification(), workspace_of(robot), law, RANDOM[0])
+
+
+def carrying(payload):
+    return replace(ROBOTS["spatial"], payload=payload).robot(payload=True)
+
+
+def errors(setup, plants, poses):
+    """Smallest and largest eigenvalue of Δ over plants and poses: those of M M̂⁻¹, less one."""
+    model, own, ends = link_compliance(setup.law.plant), setup.law.plant.parameters.vector(), []
+    for pose in poses:
+        inertia = np.linalg.inv(model.matrix(pose, own))
+        for plant in plants:
+            true = link_compliance(plant).matrix(pose, plant.parameters.vector())
+            ends.append(np.linalg.eigvals(inertia @ true).real)
+    return np.min(ends) - 1.0, np.max(ends) - 1.0
+
+
+@pytest.mark.costs("the law of a robot")
+def test_masses_in_per_cent_hold_at_poses_that_nobody_looked_at(setup):
+    """Of 5 % of every mass, all upwards or downwards, both ends are nearly reached; moments of inertia are exact."""
+    stated, robot = stated_masses(setup), setup.true.robot
+    assert (stated.poses, stated.sector) == (0, pytest.approx((1.0 - 1.0 / 1.05, 1.0 / 0.95 - 1.0)))
+    assert "stiffness" in stated.others
+    rng = np.random.default_rng(5)
+    masses = [p.name for p in robot.uncertain if p.name.startswith("mass")]
+    corners = [
+        robot.corner(dict(zip(masses, signs)))
+        for signs in (*rng.uniform(-1.0, 1.0, (8, len(masses))), *np.outer([-1.0, 1.0], np.ones(len(masses))))
+    ]
+    plants = [with_values(setup.true_plant, values) for values in corners]
+    low, high = errors(setup, plants, setup.workspace.sample(10, 99))
+    assert -low <= stated.sector.lower + 1e-9
+    assert high <= stated.sector.upper + 1e-9
+    assert -low > 0.9 * stated.sector.lower
+    assert high > 0.9 * stated.sector.upper
+
+
+@pytest.mark.costs("two robots at many poses")
+def test_the_largest_payload_is_that_which_reaches_the_end_of_the_sector(setup):
+    """By eigenvalues of the robot that carries it, which a proportion of its masses takes as far."""
+    sector = Sector(0.4, 0.5)
+    largest = largest_masses(setup, sector, carrying("0..1kg"))
+    assert largest.poses == POSES
+    assert largest.tolerance == pytest.approx(1.0 / 3.0)
+    for share, within in ((0.999, True), (1.01, False)):
+        text = f"0..{share * largest.payload}kg"
+        stated = stated_masses(replace(setup, other=carrying(text)))
+        assert stated.poses == POSES
+        assert (stated.sector.lower <= sector.lower) == within
+    none = largest_masses(setup, sector, setup.true.robot)
+    assert np.isnan(none.payload)
+    assert largest_masses(setup, Sector(0.0, 0.5), carrying("1kg")).payload == 0.0
