@@ -497,7 +497,7 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
     "which-laws": ("docs/which_law.md", benchmark("benchmarks.workspace", "--table", "laws")),
     "which-sensors": ("docs/which_law.md", benchmark("benchmarks.workspace", "--table", "sensors")),
     "which-gamma": ("docs/which_law.md", benchmark("benchmarks.workspace", "--table", "gamma")),
-    "masses": ("docs/theorem.md", benchmark("benchmarks.workspace", "--table", "masses")),
+    "masses": ("docs/certificate_study.md", benchmark("benchmarks.workspace", "--table", "masses")),
     "certificates": ("docs/certificate_study.md", benchmark("benchmarks.certificates", "--table")),
     "firmware": ("docs/firmware_study.md", benchmark("benchmarks.firmware", "--table")),
     "codegen": ("docs/architecture.md", benchmark("benchmarks.codegen", "--table")),

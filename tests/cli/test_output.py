@@ -15,6 +15,7 @@ from typing import TextIO
 
 import pytest
 from rich.console import Console
+from tests.refusals import unnamed
 
 from flexhinf import cli
 from flexhinf.cli import commands, main, messages
@@ -133,9 +134,9 @@ class Bar(nullcontext[None]):
 
 def test_a_bar_says_how_long_the_rest_takes() -> None:
     """A quarter took 10 s, and the next step has run for 5 s: 25 s of 40 are left."""
-    assert messages.time_left(0.25, 10.0, 15.0) == "about 25 s left"
-    assert messages.time_left(0.25, 10.0, 60.0) == "about 5 s left"
-    assert messages.time_left(0.1, 60.0, 60.0) == "about 9 min left"
+    assert unnamed(messages.time_left(0.25, 10.0, 15.0), "25 s") == []
+    assert unnamed(messages.time_left(0.25, 10.0, 60.0), "5 s") == []
+    assert unnamed(messages.time_left(0.1, 60.0, 60.0), "9 min") == []
     assert messages.time_left(0.0, 0.0, 3.0) == messages.time_left(1.0, 9.0, 9.0) == ""
     with messages.progress_bar("Bar", "Left") as bar:
         task = bar.add_task("runs", total=4.0)
@@ -143,7 +144,7 @@ def test_a_bar_says_how_long_the_rest_takes() -> None:
         bar.update(task, completed=1.0)
         stream = io.StringIO()
         Console(file=stream, width=90).print(bar.get_renderable())
-    assert "about 30 s left runs" in stream.getvalue()
+    assert unnamed(stream.getvalue(), "30 s", "left runs") == []
 
 
 def test_a_bar_moves_with_the_work(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -53,10 +53,10 @@ def robot_picture(robot: Robot) -> Figure | None:
         if (pair := next(seen_ends, None)) is None:
             continue
         begin, end = pair
-        colour = {"color": SERIES[1 + k % (len(SERIES) - 1)]}
-        arrow = {"arrowstyle": "-|>", "linewidth": 2.0, "shrinkA": 0, "shrinkB": 0, **colour}
+        colour = SERIES[1 + k % (len(SERIES) - 1)]
+        arrow = {"arrowstyle": "-|>", "linewidth": 2.0, "shrinkA": 0, "shrinkB": 0, "color": colour}
         axes.annotate("", end, begin, arrowprops=arrow)
-        axes.plot([], [], label=joint, linewidth=2.0, **colour)
+        axes.plot([], [], label=joint, linewidth=2.0, color=colour)
     axes.axhline(float(joints[0, 1]), color=MUTED, linewidth=0.6, zorder=0)
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
     axes.set_xlabel(f"{names[0]} (m)")
