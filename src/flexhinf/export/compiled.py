@@ -3,6 +3,10 @@
 The instructions that a library needs are compared with those of this processor before any of its code is run.
 """
 
+# Not checked strictly: llvmlite has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# pyright: reportUnknownVariableType=false
+
 from __future__ import annotations
 
 import ctypes
@@ -294,13 +298,17 @@ class CompiledController:
             for array in (self._state, self._y, self._r, self._u, self.estimate)
         )
         step = self._library.flexhinf_step
-        self._run = lambda seconds, measured: step(
-            state, y, r, ctypes.c_double(seconds), measured, u, estimate
-        )
-        self._begin = lambda x, v: self._library.flexhinf_start(state, x, v)
+
+        def run(seconds: float, measured: int) -> int:
+            return step(state, y, r, ctypes.c_double(seconds), measured, u, estimate)
+
+        def begin(x: ctypes.c_void_p | None, v: ctypes.c_void_p | None) -> int:
+            return self._library.flexhinf_start(state, x, v)
+
+        self._run, self._begin = run, begin
         self.reset()
 
-    def step(self, y: ArrayLike, reference: Numbers = None, elapsed: float = 0.0) -> np.ndarray:
+    def step(self, y: ArrayLike | None, reference: Numbers = None, elapsed: float = 0.0) -> np.ndarray:
         """Input u (m,) for the measurement y (p,) and the command (k,); None for y where there is no measurement.
 
         Without a command the last one is kept (that of the operating point at first). `elapsed`: s since the step

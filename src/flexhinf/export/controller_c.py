@@ -4,6 +4,9 @@ The step is the program that `Controller.step` compiles, with the same rules for
 `flexhinf.loop.controller.memory`), and a watchdog for measurements that are late or missing.
 """
 
+# Not checked strictly: what a caller passes may be of another type than stated.
+# pyright: reportUnnecessaryIsInstance=false
+
 from __future__ import annotations
 
 import hashlib
@@ -300,7 +303,7 @@ class ControllerCode:
     @cached_property
     def header_values(self) -> dict[str, Any]:
         """What ``NAME.h`` says beside."""
-        signals = []
+        signals: list[list[tuple[str, int, str]]] = []
         for kind, names in self.signals.items():
             texts = [f"{comment(name)}, {self.unit_text(name)}".rstrip(", ") for name in names]
             if kind == "X" and self.belief is not None:
@@ -482,4 +485,7 @@ def _operations(step: Step) -> int:
             return 2 * step.count * step.source.size
         case Residual():
             return 10 * step.target.size * step.shape[1]
-    return step.order**3 // 3 if isinstance(step, Cholesky) else 0
+        case Cholesky():
+            return step.order**3 // 3
+        case _:
+            return 0

@@ -1,5 +1,8 @@
 """FMUs for co-simulation (FMI 2.0 or 3.0): a controller, or the plant itself, for Simulink, OpenModelica and others."""
 
+# Not checked strictly: CasADi has no types.
+# pyright: reportUnknownVariableType=false
+
 from __future__ import annotations
 
 import os
@@ -141,7 +144,7 @@ def _start_text(code: ControllerCode) -> str:
 def _counts(code: ControllerCode) -> dict[str, str]:
     """Names of counts since the start, and what they count."""
     doubt = {"doubtful": "samples at which the estimate was in doubt"} if code.doubt is not None else {}
-    outliers = [] if code.rejected is None else code.signals["Y"]
+    outliers: Sequence[str] = () if code.rejected is None else code.signals["Y"]
     return {**doubt, **{f"rejected.{name}": "measurements that the gate rejected" for name in outliers}}
 
 
@@ -217,7 +220,8 @@ def export_plant_fmu(
 def _needed(plant: Plant, starts: Sequence[str], labels: Sequence[str]) -> list[tuple[str, ...]]:
     """What each measured signal is computed from at the start."""
     kinds = (starts, [f"u.{name}" for name in plant.inputs], [f"parameter.{label}" for label in labels])
-    output, needed = plant.traced_output, [[] for _ in plant.outputs]
+    output = plant.traced_output
+    needed: list[list[str]] = [[] for _ in plant.outputs]
     for k, names in enumerate(kinds):
         for row, column in zip(*output.jac_sparsity(0, k).get_triplet(), strict=True):
             needed[row].append(names[column])

@@ -235,11 +235,12 @@ def parameter_units(controller: Controller, robot: Robot | None) -> dict[str, st
     joints their names."""
     if controller.estimator is None:
         return {}
-    plant, joints = controller.estimator.plant, () if robot is None else robot.joint_names
+    plant = controller.estimator.plant
+    joints: Sequence[str] = () if robot is None else robot.joint_names
     units = dict(plant.units) | ({} if robot is None else {p.name: p.unit for p in robot.parameters})
     for name, value in plant.parameters.values.items():
         for k in range(value.size if value.ndim and len(value) == len(joints) else 0):
-            label, joint = f"{name}[{k + 1}]", joints[k * len(joints) // value.size]
+            label, joint = f"{name}[{k + 1}]", joints[int(k * len(joints) // value.size)]
             units[label] = f"{units.get(label, '')} of {joint}{_axis(name, k)}".lstrip()
     return units
 
@@ -289,7 +290,8 @@ def number_lines(
     indent: str = "    ",
 ) -> str:
     """Numbers as constants of C, each group under a comment that says what it is; `meanings` of single numbers."""
-    lines, meanings = [], meanings or {}
+    meanings = meanings or {}
+    lines: list[str] = []
     for name, place in places.items():
         if place.start == place.stop:
             continue

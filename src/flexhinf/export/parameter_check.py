@@ -7,6 +7,9 @@ its range lies between two corners of the tolerances: those where every number m
 A limit may be made narrower, and a rate slower. Every other number is that of the design.
 """
 
+# Not checked strictly: rows of arrays that are unpacked have no type.
+# pyright: reportUnknownArgumentType=false, reportUnknownVariableType=false
+
 from __future__ import annotations
 
 import math
@@ -131,7 +134,8 @@ def corners(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
 
 def range_rows(rows: list[Range], real: Real) -> str:
     """The ranges as constants of C."""
-    anything, lines = ", ".join(constant(end, real) for end in (-np.inf, np.inf)), []
+    anything = ", ".join(constant(end, real) for end in (-np.inf, np.inf))
+    lines: list[str] = []
     for place, below, *ends in rows:
         lines.append(f"    {{{place}, {below}, {', '.join(constant(float(end), real) for end in ends)}}}")
     return ",\n".join(lines).replace(anything, "ANY")

@@ -81,7 +81,7 @@ class Places:
         ]
 
     def _memory(self) -> list[Row]:
-        rows = []
+        rows: list[Row] = []
         for name, place in self.controller.memory.places.items():
             rows.append((f"AT_{name.upper()}", place.start, comment(MEMORY[name])))
             rows += self.belief() if name == "belief" else []
@@ -104,7 +104,7 @@ class Places:
 
     def numbers(self) -> list[Row]:
         """The parts of the numbers of the step, and how many there are in each; of tables the rows too."""
-        rows = []
+        rows: list[Row] = []
         for name, place in self.controller.data.places.items():
             if place.stop > place.start:
                 rows.append((f"{self.prefix}_P_{name.upper()}", place.start, str(place.stop - place.start)))
@@ -116,7 +116,7 @@ class Places:
 
     def _pieces(self) -> list[tuple[str, int, int]]:
         """Name, begin and size of each part of the numbers of the step, and of each row where it is a table."""
-        pieces = []
+        pieces: list[tuple[str, int, int]] = []
         for name, place in self.controller.data.places.items():
             rows = [row[:3] for row in _rows(name, place)] if place.stop > place.start else []
             pieces += rows or [(name, place.start, place.stop - place.start)]
@@ -140,7 +140,7 @@ class Places:
 
     def parts(self) -> dict[str, tuple[Part, ...]]:
         """The parts of the buffers of the step's program."""
-        whole = {"AT_BELIEF", "AT_REJECTED"} if self.belief() else set()
+        whole = {"AT_BELIEF", "AT_REJECTED"} if self.belief() else set[str]()
         whole |= {f"AT_{name.upper()}" for name in ROWS}
         memory = tuple(Part(name, place) for name, place, _ in self._memory() if name not in whole)
         data = tuple(

@@ -154,7 +154,7 @@ def _joints(controller: Controller, robot: Robot, speeds: np.ndarray | None) -> 
         name = per_joint(quantity, joint, len(joints))
         return robot[name].interval if name in robot.nominal else (0.0, 0.0)
 
-    found = {}
+    found: dict[str, Ranges] = {}
     columns = (links.tolist(), motors.tolist(), torques.tolist())
     for joint, speed, motor_speed, torque in zip(joints, *columns, strict=True):
         low, high = plant.limits.get(per_joint("link_position", joint, len(joints)), (-np.inf, np.inf))

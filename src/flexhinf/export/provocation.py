@@ -127,7 +127,8 @@ def _memories(controller: Controller) -> Iterator[np.ndarray]:
     for kind in range(KINDS if first.size > LARGE else 3 * KINDS):
         memory = np.array(first)
         belief = () if controller.estimator is None else controller.memory.named(memory).belief
-        parts = [part for part in map(np.asarray, belief) if part.ndim == 2 and part.any()]
+        arrays: list[np.ndarray] = [np.asarray(part) for part in belief]
+        parts = [part for part in arrays if part.ndim == 2 and part.any()]
         for part in parts:
             n = len(part)
             if kind in (0, 4, 5) or kind >= 2 * KINDS:

@@ -3,13 +3,14 @@
 A sample sleeps until shortly before it is due and then watches the clock. Meanwhile there is no garbage collection, and
 where the system permits it the process has a real-time priority and a core of its own. `Timing` has the times.
 
-When the samples of a run were made: lateness, computing time, missed deadlines, and where they lay.
-
 The log of a run is CSV or Parquet, as PlotJuggler opens them, or MCAP, as Foxglove does too. Columns are named
 ``state/link_position[rad]``: PlotJuggler makes a tree of the slashes and splits a header at commas and spaces, so names
-have none, and a unit has ``_per_`` for its own slash. In MCAP each kind of signal is a topic with messages of JSON and
-their JSON schema, the names without units, which the schema states.
+have none, and a unit has ``_per_`` for its own slash. In MCAP each kind of signal is a topic, whose schema has units.
 """
+
+# Not checked strictly: pyarrow has no types; a caller may pass another type than stated.
+# pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# pyright: reportUnknownVariableType=false, reportUnnecessaryIsInstance=false
 
 from __future__ import annotations
 
@@ -24,7 +25,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from operator import attrgetter
@@ -369,7 +370,7 @@ def wait_until(due: int) -> int:
 
 # The system -----------------------------------------------------------------------------------------
 @contextmanager
-def _stopping() -> Iterator[list[int]]:
+def _stopping() -> Generator[list[int]]:
     """A list that receives the number of a signal to stop; a second Ctrl-C interrupts as usual."""
     request: list[int] = []
 
@@ -392,12 +393,12 @@ def _stopping() -> Iterator[list[int]]:
 
 
 @contextmanager
-def undisturbed(priority: int | None, core: int | None) -> Iterator[tuple[str, ...]]:
+def undisturbed(priority: int | None, core: int | None) -> Generator[tuple[str, ...]]:
     """No garbage collection, exact sleeps, and the priority and the core that the system permits; then as before.
 
     Yields sentences about what was permitted and what was not.
     """
-    texts, undo = [], ExitStack()
+    texts, undo = list[str](), ExitStack()
     if priority is not None:
         try:
             before = os.sched_getscheduler(0), os.sched_getparam(0)

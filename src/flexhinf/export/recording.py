@@ -123,10 +123,10 @@ class Recording:
 
     def behind(self, other: Recording) -> Recording:
         """This, and the other behind it."""
-        arrays = {
-            field.name: np.concatenate([mine, getattr(other, field.name)])
+        arrays: dict[str, np.ndarray] = {
+            field.name: np.concatenate([getattr(self, field.name), getattr(other, field.name)])
             for field in fields(self)
-            if isinstance(mine := getattr(self, field.name), np.ndarray)
+            if isinstance(getattr(self, field.name), np.ndarray)
         }
         lists = {name: getattr(self, name) + getattr(other, name) for name in LISTS}
         return replace(self, **arrays, **lists)
@@ -227,11 +227,11 @@ def _room(controller: Controller, count: int) -> np.ndarray:
     """Share (k,) of the swing for which each tracked state has room in its limits, about the operating point."""
     if controller.estimator is None:
         return np.ones(count)
-    plant, share = controller.estimator.plant, []
+    plant, share = controller.estimator.plant, list[float]()
     for name in controller.tracked:
         low, high = plant.limits.get(name, (-np.inf, np.inf))
         at = controller.law.operating_point[controller.states.index(name)]
-        share.append(np.clip(min(at - low, high - at) / (2.0 * SWING), 0.0, 1.0))
+        share.append(float(np.clip(min(at - low, high - at) / (2.0 * SWING), 0.0, 1.0)))
     return np.array(share)
 
 
@@ -285,7 +285,8 @@ def feed(
     """As `replay`, to this controller itself, with other memories before some rows."""
     y, repeats = np.array(y, dtype=float), repeats or [1] * len(y)
     held = np.asarray(fresh.input_before(), dtype=float)
-    inputs, estimates, codes, said, hashes = [], [], [], [], []
+    inputs, estimates, codes, hashes = list[np.ndarray](), list[np.ndarray](), list[str](), list[int]()
+    said: list[tuple[int, float, np.ndarray, int]] = []
     for k, kind in enumerate(kinds):
         code = kind
         if k in memories:

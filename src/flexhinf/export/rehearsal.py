@@ -54,7 +54,8 @@ def starts_elsewhere(code: ControllerCode) -> list[tuple[np.ndarray, np.ndarray]
     """States that differ from the first belief in one element, and the input before the first sample there."""
     if not code.starts_anywhere or code.belief is None:
         return []
-    kind, found = np.float64 if code.real.bytes == 8 else np.float32, []
+    kind = np.float64 if code.real.bytes == 8 else np.float32
+    found: list[tuple[np.ndarray, np.ndarray]] = []
     for place in (0, len(code.belief) - 1):
         state = code.belief.astype(kind).astype(float)
         state[place] += 2e-3
@@ -79,7 +80,8 @@ def tries(code: ControllerCode) -> list[tuple[int, float, int]]:
     }
     fixed = [place for place in range(len(numbers)) if place not in rows]
     chosen = [*_some(sorted(rows), MOST_TRIED // 2), *_some(fixed, MOST_TRIED // 2)]
-    kind, found = np.float64 if code.real.bytes == 8 else np.float32, []
+    kind = np.float64 if code.real.bytes == 8 else np.float32
+    found: list[tuple[int, float, int]] = []
     for place in chosen:
         if place == len(numbers) - 1:  # an integer
             values = [numbers[place] - 1.0, numbers[place] + 1.0]
@@ -116,7 +118,8 @@ def rests(code: ControllerCode) -> list[tuple[np.ndarray, np.ndarray]]:
     function = code.standstill
     if function is None:
         return []
-    kind, found = np.float64 if code.real.bytes == 8 else np.float32, []
+    kind = np.float64 if code.real.bytes == 8 else np.float32
+    found: list[tuple[np.ndarray, np.ndarray]] = []
     for share in POSES:
         q = np.array([share * math.cos(k) for k in range(function.size1_in(0))]).astype(kind).astype(float)
         found.append((q, _called(function, q, _model(code))))
@@ -130,7 +133,8 @@ RATES = (0.0, 0.25, 0.7, 1.0)
 def slower(code: ControllerCode) -> list[tuple[float, np.ndarray, np.ndarray]]:
     """Path rates, a command, and that of the slower motion: velocities times the rate ρ, the rest of the state times ρ²
     about rest at its positions, and the input that holds it with ρ² of what the input had beside the holding one."""
-    ((_, standing), *_), found = rests(code), []
+    (_, standing), *_ = rests(code)
+    found: list[tuple[float, np.ndarray, np.ndarray]] = []
     states, velocities = code.sizes["estimate"], np.array(["velocity" in name for name in code.signals["X"]])
     links = code.standstill.size1_in(0)
     row = standing + 0.05 * np.cos(np.arange(standing.size))

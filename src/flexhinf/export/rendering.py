@@ -50,6 +50,12 @@ def c_values(name: str, real: Real) -> dict[str, object]:
     def row(values: Iterable[float] | np.ndarray) -> str:
         return ", ".join(map(number, np.ravel(np.asarray(values))))
 
+    def numbers(values: Iterable[float]) -> str:
+        return in_lines([number(float(x)) for x in values], 4)
+
+    def integers(rows: Iterable[Iterable[int]]) -> str:
+        return ",\n".join(f"    {{{', '.join(map(str, one))}}}" for one in rows)
+
     def matrix(rows: Iterable[Sequence[float] | np.ndarray]) -> str:
         return ",\n".join(f"    {{{row(values)}}}" for values in rows)
 
@@ -68,8 +74,8 @@ def c_values(name: str, real: Real) -> dict[str, object]:
         "number": number,
         "row": row,
         "matrix": matrix,
-        "numbers": lambda values: in_lines([number(float(x)) for x in values], 4),
-        "integers": lambda rows: ",\n".join(f"    {{{', '.join(map(str, one))}}}" for one in rows),
+        "numbers": numbers,
+        "integers": integers,
         "in_lines": in_lines,
         "table": table,
     }
@@ -184,5 +190,5 @@ def environment() -> Environment:
         return (folder / name).read_text(encoding="utf-8")
 
     created = template_reader(source, lambda name: name is not None and name.endswith(ESCAPED))
-    created.filters.update(FILTERS)
+    created.filters.update(FILTERS)  # pyright: ignore[reportUnknownMemberType]: jinja2 has no types for these
     return created

@@ -99,11 +99,12 @@ def _identifiers(signals: Sequence[str]) -> list[str]:
 def _interfaces(code: ControllerCode, kind: str) -> list[str]:
     """Usual interfaces of signals, with the names of the joints as the robot has them: ``elbow/position`` of
     link_position_elbow. The only joint of no known robot is called joint."""
-    signals, joints = code.signals[kind], () if code.robot is None else code.robot.joint_names
+    signals = code.signals[kind]
+    joints: Sequence[str] = () if code.robot is None else code.robot.joint_names
     known = {
         per_joint(q, joint, len(joints)): f"{joint}/{INTERFACES[q]}" for q in INTERFACES for joint in joints
     }
-    found = []
+    found: list[str] = []
     for name in signals:
         quantity = next((q for q in INTERFACES if name == q or name.startswith(f"{q}_")), None)
         joint = name.removeprefix(quantity or "").removeprefix("_") or "joint"
@@ -165,7 +166,7 @@ def _start_values(
             f"input_.y[{measured.index(name)}]" if name in measured else text
             for name, text in zip(c.commanded, command, strict=False)
         ]
-    joints = []
+    joints: list[dict[str, int]] = []
     if standstill is not None:
         place = {name: measured.index(name) if name in measured else -1 for name in standstill.plant.states}
         for link, motor in zip(standstill.links, standstill.motors, strict=True):

@@ -104,7 +104,7 @@ def faults(code: ControllerCode) -> list[tuple[str, ...]]:
         "BAD_PERIOD": f"after 8 samples half a period too long, {8 * ms:g} ms; 2 to 4 where they are twice as long",
         "WENT_BACK": f"2 samples, {2 * ms:g} ms",
     }
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for key, row in CODES.items():
         if key in code.codes and not (key == "BAD_MEASUREMENT" and code.predicts):
             what, _, does = row.meaning.partition(": ")
@@ -177,7 +177,7 @@ def requirements(code: ControllerCode) -> list[tuple[str, str, str]]:
 
 def matrix() -> list[tuple[str, str, str]]:
     """Compliance with MISRA C:2012 by section: rules that cppcheck finds kept, and others with how they are kept."""
-    rows = []
+    rows: list[tuple[str, str, str]] = []
     for section, count in SECTIONS.items():
         checked, others = CHECKED[section], [k for k in range(1, count + 1) if k not in CHECKED[section]]
         review = [f"{section}.{k}: {NOTHING_THERE.get(f'{section}.{k}', 'not checked')}" for k in others]

@@ -169,8 +169,10 @@ class LiveArm:
         if self.workspace:
             poses += [rng.uniform(low, high) for _ in range(POSES)]
         few = n <= MOST_ENDS
-        ends = np.array([*product((False, True), repeat=n)]) if few else rng.random((2**MOST_ENDS, n)) < 0.5
-        corners = [np.where(end, high, low) for end in ends] if self.controller.commanded else []
+        ends: np.ndarray = (
+            np.array([*product((False, True), repeat=n)]) if few else rng.random((2**MOST_ENDS, n)) < 0.5
+        )
+        corners: list[np.ndarray] = [np.where(end, high, low) for end in ends if self.controller.commanded]
         return tuned_gains(self.robot, poses, self.controller.period, self.controller.mode.latency, corners)
 
     @cached_property
@@ -397,7 +399,7 @@ class LiveArm:
     @cached_property
     def sliders(self) -> list[dict[str, Any]]:
         """The numbers that have a slider: name, quantity, joint, unit, value, ends of the tolerance, of the slider."""
-        robot, rows = self.robot, []
+        robot, rows = self.robot, list[dict[str, Any]]()
         certain = not robot.uncertain
         curved = inactive_parameters((*EXTRAS,), robot.joint_names, robot.nominal)
         for parameter in robot.parameters:
@@ -432,7 +434,7 @@ class LiveArm:
     def payloads(self) -> list[dict[str, Any]]:
         """The payloads by name of their masses, with the ends of the sliders, kg."""
         masses = [p.value for p in self.robot.parameters if p.name.split("_")[0] == "mass"]
-        rows = []
+        rows: list[dict[str, Any]] = []
         for parameter in self.loaded.parameters:
             if parameter.name.startswith("payload_mass"):
                 low, high = parameter.interval

@@ -63,7 +63,7 @@ def page_text(arm: LiveArm, module: bytes) -> str:
 
 def _warnings(arm: LiveArm) -> list[str]:
     """Which requirements are not met, and whether the PD is a fair comparison."""
-    found = []
+    found: list[str] = []
     if arm.not_met:
         found.append(f"{arm.not_met}.")
     if not arm.rival.fair:

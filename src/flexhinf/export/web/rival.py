@@ -18,6 +18,9 @@ much, `KEPT` times the largest damping ratio that was found is enough; where non
 largest damping ratio, and `MotorGains.fair` is false.
 """
 
+# Not checked strictly: SciPy has no types.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -175,7 +178,7 @@ class _Sampled:
         from scipy.linalg import expm
 
         (a, b), n = linear, len(linear[0])
-        whole = expm(period * np.block([[a, b], [np.zeros((b.shape[1], n + b.shape[1]))]]))
+        whole: np.ndarray = expm(period * np.block([[a, b], [np.zeros((b.shape[1], n + b.shape[1]))]]))
         return cls(whole[:n, :n], whole[:n, n:], places[0], places[2], period, latency)
 
     def loop(self, gains: tuple[np.ndarray, np.ndarray, np.ndarray]) -> np.ndarray:
@@ -235,7 +238,7 @@ class _Checks:
     @classmethod
     def of(cls, robot: Robot, poses: Sequence[np.ndarray], period: float, latency: int) -> _Checks:
         """At each pose (n,) the nominal robot and `ROBOTS` others."""
-        plant, loops, later = robot.plant(), [], []
+        plant, loops, later = robot.plant(), list[_Sampled](), list[_Sampled]()
         places, names = joint_places(plant), plant.parameters.names
         others = robot.random_corners(ROBOTS * len(poses), SEED)
         for k, pose in enumerate(poses):
