@@ -67,6 +67,12 @@ BY_NIGHT = {
     "circle": "identifies and designs twice", "step": "designs two links, and a rigid one",
     "moves": "designs two links", "augmentation": "simulates every choice of noise",
 }  # fmt: skip
+#: Pictures whose commands run as they are printed in tests/docs/test_commands.py, or take long.
+BY_NIGHT |= {
+    f"picture-{page.rpartition('/')[2]}": "the block of a page once more, which tests run as it is printed"
+    for page in runpy.run_path(str(Path(__file__).resolve().parents[2] / "docs" / "pictures.py"))["PICTURES"]
+    if page not in ("robots", "ros2", "estimators", "guides/own_plant")
+}
 
 
 @pytest.mark.parametrize(
