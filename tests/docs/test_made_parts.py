@@ -71,7 +71,7 @@ BY_NIGHT = {
 BY_NIGHT |= {
     f"picture-{page.rpartition('/')[2]}": "the block of a page once more, which tests run as it is printed"
     for page in runpy.run_path(str(Path(__file__).resolve().parents[2] / "docs" / "pictures.py"))["PICTURES"]
-    if page not in ("robots", "ros2", "estimators", "guides/own_plant")
+    if page not in ("robots", "estimators", "guides/own_plant")
 }
 
 
