@@ -5,6 +5,7 @@ A name that is taken stands unchanged in tables, figures, pages and files, and c
 
 from __future__ import annotations
 
+import base64
 import csv
 import html
 import io
@@ -243,6 +244,9 @@ def _report(name: str, folder: Path) -> str:
 
 
 # Judgement ------------------------------------------------------------------------------------------
+DRAWING = "data:image/svg+xml;base64,"
+
+
 class _Elements(HTMLParser):
     """Tags with their attributes' names in order, and the addresses."""
 
@@ -252,8 +256,12 @@ class _Elements(HTMLParser):
         self.active: list[str] = []
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Of one element."""
+        """Of one element. A drawing that is a picture of its own runs nothing; it must be whole."""
         self.tags.append((tag, tuple(name for name, _ in attrs)))
+        source = str(dict(attrs).get("src", "")) if tag == "img" else ""
+        if source.startswith(DRAWING):
+            ElementTree.fromstring(base64.b64decode(source.removeprefix(DRAWING)))
+            attrs, tag = [pair for pair in attrs if pair[0] != "src"], "svg"
         for name, value in attrs:
             fetches = name.endswith(("href", "src")) and not str(value).startswith("#")
             if (

@@ -32,7 +32,8 @@ CHOICES = (
     r"return \(\(a \+ b\) \+ \(c \+ d\) == 0[.e+0]*f?\) \? 1 : 0;",  # whether all numbers are finite
     r"const real (share|inverse) = \(whole <= .*\) \? .*;",
     r"const real norm = \(diagonal < 0[.e+0]*f?\) \? -size : size;",
-    r"const real [sc]v = \(m \* .*\) \? [sc] : [sc];", r"(return|sine\[l\] =|cosine\[l\] =) \(.*\) \? -[sc]v : [sc]v;",
+    r"const real [sc]v = \(m \* .*\) \? [sc] : [sc];",
+    r"(return|sine\[l\] =|cosine\[l\] =) \(?\(.*\) \? -[sc]v : [sc]v(\) \* copysignf?\(.*\))?;",
     r"return \(\(quarter % 4u\) < 2u\) \? r : -r;", r"return \(x < 0[.e+0]*f?\) \? -sine : sine;",
     r"far \+= \(fabs\(x\[l\]\) <= .*\) \? 0 : 1;", r"rows\[.*l < left \? l : left - 1.*;",
     r"const int rows = \(triangle > 0\) \? m - triangle \+ c \+ 1 : m;",
@@ -59,7 +60,7 @@ BRANCHES = (
 #: What stands in every export: rules of samples, which the header describes, and functions that no step calls.
 RULES = re.compile(
     r"int arm_(exact|init|start|check|step|predict|rest)\(|int (same|went_back|possible_input|counted)\(|"
-    r"void (limit|begin|hold)\(|real (larger|smaller|number)\(|"
+    r"void (limit|begin|hold)\(|real (larger|smaller|number|slipped)\(|"
     r"arm_type_of_constants|ranges\[RANGES\]"
 )
 
