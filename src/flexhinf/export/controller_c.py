@@ -366,8 +366,7 @@ class ControllerCode:
         """Numbers of the step; what counts as lost digits is that of the type."""
         numbers = np.array(self.controller.data_vector)
         if self.doubt is not None:
-            eps = np.finfo(np.float64 if self.real.name == "double" else np.float32).eps
-            numbers[self.controller.data.places["rcond_limit"]] = rcond_limit(float(eps))
+            numbers[self.controller.data.places["rcond_limit"]] = rcond_limit(self.real.epsilon)
         return numbers
 
     def call(self, measurement: str) -> str:

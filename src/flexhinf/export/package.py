@@ -224,8 +224,7 @@ def controller_files(
     """The files of `export_c`: relative path to text; raises as it does. `design`: Files of the design, which go with
     it."""
     code = code_of(controller, name, real, robot, origin)
-    exact = np.float32 if real == "float" else np.float64
-    run = provoked(code, record(code.controller, exact=exact), exact)
+    run = provoked(code, record(code.controller, exact=code.real.kind))
     runs = (run,) if real == "float" else with_both_roundings(code.controller, run)
     export = Export(code, runs, accuracy(code, run), design)
     shared = {

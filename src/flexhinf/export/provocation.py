@@ -66,24 +66,24 @@ LARGE = 200
 ROWS, RING = 12, 7
 
 
-def provoked(code: ControllerCode, run: Recording, exact: type[np.floating]) -> Recording:
+def provoked(code: ControllerCode, run: Recording) -> Recording:
     """The recording with samples that provoke its controller behind it; as it is where all of them end in numbers that
     are not finite."""
-    for one in provocations(code, run.y[0], exact):
+    for one in provocations(code, run.y[0]):
         with suppress(NumericalFailure):
             return run.followed_by(one, code.controller)
     return run
 
 
-def provocations(code: ControllerCode, first: np.ndarray, exact: type[np.floating]) -> Iterator[Provocation]:
+def provocations(code: ControllerCode, first: np.ndarray) -> Iterator[Provocation]:
     """Ways to provoke a controller, the hardest first: the next is for one that ends in no finite numbers.
 
-    `first` (p,): What is measured at rest. `exact`: The type that holds all that is given as it is.
+    `first` (p,): What is measured at rest. All that is given is a number of the code's type.
     """
 
     def held(array: np.ndarray) -> np.ndarray:
         with np.errstate(over="ignore"):  # refused where it is written as a constant
-            return np.asarray(array).astype(exact).astype(float)
+            return np.asarray(array).astype(code.real.kind).astype(float)
 
     for size, zeros in ((1.0, True), (1.0, False), (0.1, False), (0.01, False)):
         numbers = held(_other_numbers(code.controller, code.defaults, zeros))
@@ -104,7 +104,14 @@ def _with_memories(
     one: Provocation, controller: Controller, held: Callable[[np.ndarray], np.ndarray]
 ) -> Provocation:
     """With rows in which the controller goes on from other memories, of those that end in finite numbers."""
-    rows = slice(0, EACH)
+
+    def begun() -> Controller:
+        """A controller that has had all rows so far."""
+        fresh = one.begun(controller)
+        one.feed_to(fresh)
+        return fresh
+
+    rows, going = slice(0, EACH), begun()
     for memory in map(held, _memories(controller)):
         memories = {**one.memories, len(one.y): memory}
         y, r = np.vstack([one.y, one.y[rows]]), np.vstack([one.r, one.r[rows]])
@@ -113,9 +120,11 @@ def _with_memories(
         without = (*one.unmeasured, *((len(one.y) + (len(memories) % 2),) if controller.gaps else ()))
         repeats = [*one.repeats, *[1] * EACH]
         longer = replace(one, y=y, r=r, repeats=repeats, memories=memories, unmeasured=without)
-        with suppress(NumericalFailure):
-            longer.answered(controller)
+        try:
+            longer.feed_to(going, len(one.y))
             one = longer
+        except NumericalFailure:
+            going = begun()
     return one
 
 

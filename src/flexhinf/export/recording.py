@@ -58,14 +58,19 @@ class Provocation:
     def begun(self, controller: Controller) -> Controller:
         """A fresh controller with these numbers, started there."""
         fresh = controller.fresh()
-        vars(fresh)["data_vector"] = read_only(np.array(self.numbers))
+        fresh.data_vector = read_only(np.array(self.numbers))
         fresh.reset(self.state, self.input)
         return fresh
 
     def answered(self, controller: Controller) -> Recording:
         """What a controller does."""
-        kinds = [MISSING if k in self.unmeasured else MEASURED for k in range(len(self.y))]
-        return feed(self.begun(controller), self.y, self.r, kinds, self.repeats, self.memories)
+        return self.feed_to(self.begun(controller))
+
+    def feed_to(self, begun: Controller, first: int = 0) -> Recording:
+        """What a controller does from a row on, that has had the rows before."""
+        kinds = [MISSING if k in self.unmeasured else MEASURED for k in range(first, len(self.y))]
+        memories = {k - first: memory for k, memory in self.memories.items()}
+        return feed(begun, self.y[first:], self.r[first:], kinds, self.repeats[first:], memories)
 
 
 @dataclass(frozen=True, eq=False)

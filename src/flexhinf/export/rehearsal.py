@@ -54,7 +54,7 @@ def starts_elsewhere(code: ControllerCode) -> list[tuple[np.ndarray, np.ndarray]
     """States that differ from the first belief in one element, and the input before the first sample there."""
     if not code.starts_anywhere or code.belief is None:
         return []
-    kind = np.float64 if code.real.bytes == 8 else np.float32
+    kind = code.real.kind
     found: list[tuple[np.ndarray, np.ndarray]] = []
     for place in (0, len(code.belief) - 1):
         state = code.belief.astype(kind).astype(float)
@@ -80,7 +80,7 @@ def tries(code: ControllerCode) -> list[tuple[int, float, int]]:
     }
     fixed = [place for place in range(len(numbers)) if place not in rows]
     chosen = [*_some(sorted(rows), MOST_TRIED // 2), *_some(fixed, MOST_TRIED // 2)]
-    kind = np.float64 if code.real.bytes == 8 else np.float32
+    kind = code.real.kind
     found: list[tuple[int, float, int]] = []
     for place in chosen:
         if place == len(numbers) - 1:  # an integer
@@ -118,7 +118,7 @@ def rests(code: ControllerCode) -> list[tuple[np.ndarray, np.ndarray]]:
     function = code.standstill
     if function is None:
         return []
-    kind = np.float64 if code.real.bytes == 8 else np.float32
+    kind = code.real.kind
     found: list[tuple[np.ndarray, np.ndarray]] = []
     for share in POSES:
         q = np.array([share * math.cos(k) for k in range(function.size1_in(0))]).astype(kind).astype(float)
@@ -139,7 +139,7 @@ def slower(code: ControllerCode) -> list[tuple[float, np.ndarray, np.ndarray]]:
     links = code.standstill.size1_in(0)
     row = standing + 0.05 * np.cos(np.arange(standing.size))
     row[:links] = standing[:links]
-    kind = np.float64 if code.real.bytes == 8 else np.float32
+    kind = code.real.kind
     row = row.astype(kind).astype(float)
     still = _called(code.standstill, row[:links], _model(code))
     assert code.controller.estimator is not None

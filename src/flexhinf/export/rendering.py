@@ -70,7 +70,7 @@ def c_values(name: str, real: Real) -> dict[str, object]:
         "zero": number(0.0),
         "unity": number(1.0),
         "infinity": np.inf,
-        "precision": np.finfo(np.float64 if real.name == "double" else np.float32),
+        "precision": np.finfo(real.kind),
         "number": number,
         "row": row,
         "matrix": matrix,

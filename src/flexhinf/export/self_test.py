@@ -133,9 +133,8 @@ def vector_values(code: ControllerCode, runs: Sequence[Recording], allowed: Accu
         sizes.append(np.maximum(np.abs(run.u[part]).max(axis=0), 1e-30))
         sizes_of_estimates.append(np.maximum(largest, 1e-3 * largest.max()))
     exact = code.real.bytes == 8
-    kind = np.float64 if exact else np.float32
     initial = code.controller.initial_memory()
-    tables = [f"0x{memory_hash(np.asarray(part, kind)):016x}u" for part in (code.defaults, initial)]
+    tables = [f"0x{memory_hash(np.asarray(part, code.real.kind)):016x}u" for part in (code.defaults, initial)]
     return {
         "tables": tables,
         "y": run.y,

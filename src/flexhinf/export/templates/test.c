@@ -1,3 +1,11 @@
+{% macro of_runs() %}
+{% for run in runs %}
+@{caller(run)}
+{%- if not loop.last %}
+}, {
+{% endif %}
+{% endfor %}
+{% endmacro %}
 /* Test vector of @{name}: a run recorded by flexhinf @{version}, with samples that are missing or not finite.
  * Exit code 0 if every answer is that of the recording: inputs, estimates, codes and status. */
 #include "@{name}.h"
@@ -47,23 +55,17 @@ static const @{name}_real given_r[ROWS][@{code.sizes.r}] = {
 @{matrix(r)}
 };
 static const @{name}_real expected_u[RUNS][ROWS][@{NAME}_INPUTS] = {{
-{% for run in runs %}
+{% call(run) of_runs() %}
 @{matrix(run.u)}
-{% if not loop.last %}
-}, {
-{% endif %}
-{% endfor %}
+{% endcall %}
 }};
 static const @{name}_real size_of_u[PARTS][@{NAME}_INPUTS] = {
 @{matrix(sizes)}
 };
 static const @{name}_real expected_estimate[RUNS][(ROWS + EVERY - 1) / EVERY][@{NAME}_STATES] = {{
-{% for run in runs %}
+{% call(run) of_runs() %}
 @{matrix(run.estimates)}
-{% if not loop.last %}
-}, {
-{% endif %}
-{% endfor %}
+{% endcall %}
 }};
 static const @{name}_real size_of_estimate[PARTS][@{NAME}_STATES] = {
 @{matrix(sizes_of_estimates)}
@@ -81,42 +83,30 @@ static const int expected_rejected[ROWS][@{NAME}_MEASUREMENTS] = {
 {% endif %}
 {% if code.doubt is not none and exact %}
 static const int expected_doubtful[RUNS][ROWS] = {{
-{% for run in runs %}
+{% call(run) of_runs() %}
 @{in_lines(run.doubtful)}
-{% if not loop.last %}
-}, {
-{% endif %}
-{% endfor %}
+{% endcall %}
 }};
 {% endif %}
 {% if code.slows or code.reacts %}
 static const @{name}_real expected_rate[RUNS][ROWS] = {{
-{% for run in runs %}
+{% call(run) of_runs() %}
 @{numbers(run.path_rate)}
-{% if not loop.last %}
-}, {
-{% endif %}
-{% endfor %}
+{% endcall %}
 }};
 {% endif %}
 static const int expected_status[RUNS][ROWS] = {{
-{% for run in runs %}
+{% call(run) of_runs() %}
 @{in_lines(run.status)}
-{% if not loop.last %}
-}, {
-{% endif %}
-{% endfor %}
+{% endcall %}
 }};
 
 {% if hashes %}
 /* What must be remembered after each row, as a hash. */
 static const uint64_t expected_memory[RUNS][ROWS] = {{
-{% for run in runs %}
+{% call(run) of_runs() %}
 @{in_lines(run.hashes, 5)}
-{% if not loop.last %}
-}, {
-{% endif %}
-{% endfor %}
+{% endcall %}
 }};
 
 {% endif %}
