@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks.workspace.arm import LATENCY, PERIOD
 from benchmarks.workspace.robots import ROBOTS
-from benchmarks.workspace.rows import ROWS, kept, written
+from benchmarks.workspace.rows import kept, make_missing
 from flexhinf.design.workspace.search import BANDWIDTHS, pair_weights
 from flexhinf.modal import ModalLaw
 from flexhinf.modal.tolerance import tolerated_error
@@ -55,13 +55,5 @@ def table(folder: Path) -> str:
     return "\n".join(lines)
 
 
-def main() -> int:
-    """Make the rows that are missing."""
-    for name in ROBOTS:
-        if kept(ROWS, f"{name}.gamma") is None:
-            written(ROWS, f"{name}.gamma", row(ROBOTS[name].robot()))
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(make_missing("gamma", row))

@@ -17,7 +17,7 @@ import numpy as np
 from benchmarks.workspace.arm import LATENCY, PERIOD
 from benchmarks.workspace.gamma import POSES, SEED
 from benchmarks.workspace.robots import ROBOTS
-from benchmarks.workspace.rows import ROWS, kept, written
+from benchmarks.workspace.rows import kept, make_missing
 from flexhinf.certify.checker.pairs import CheckedPairs, check_pairs, pair_claim
 from flexhinf.design import Specification
 from flexhinf.design.workspace.masses import stated_masses
@@ -96,13 +96,5 @@ def table(folder: Path) -> str:
     return "\n".join(lines)
 
 
-def main() -> int:
-    """Make the rows that are missing."""
-    for name in ROBOTS:
-        if kept(ROWS, f"{name}.masses") is None:
-            written(ROWS, f"{name}.masses", row(ROBOTS[name].robot()))
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(make_missing("masses", row))

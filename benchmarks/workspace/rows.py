@@ -47,6 +47,14 @@ def written(folder: Path, name: str, row: dict[str, Any]) -> None:
     part.replace(folder / f"{name}.json")
 
 
+def make_missing(kind: str, row: Callable[[fh.Robot], dict[str, Any]]) -> int:
+    """Make the rows ``ROBOT.kind`` that are not there, one of each robot; returns the exit code of a program."""
+    for name in ROBOTS:
+        if kept(ROWS, f"{name}.{kind}") is None:
+            written(ROWS, f"{name}.{kind}", row(ROBOTS[name].robot()))
+    return 0
+
+
 def law_name(robot: str, law: str, links: bool) -> str:
     """Name of the record of a law."""
     return f"{robot}.{law}{'' if links else '.motors-alone'}"

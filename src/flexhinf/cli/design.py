@@ -391,8 +391,9 @@ def _certify_workspace(context: typer.Context, o: options.CertifyOptions, reques
 def _loaded(request: DesignRequest) -> fh.Robot | None:
     """The robot of a design with its payload, or with an unknown one at its last link; None where it takes none."""
     from flexhinf.design.deployed_run import with_payload
+    from flexhinf.robot.parameters import payload_masses
 
-    if any(p.name.startswith("payload_mass") for p in request.robot.parameters):
+    if payload_masses(request.robot.parameters):
         return request.robot
     try:
         return with_payload(request, "0..1kg")

@@ -32,7 +32,7 @@ class UnstableError(NamedTuple):
     """A symmetric error of the inverse inertia with which pairs are unstable."""
 
     error: (
-        float  # ‖Δ‖, a share; infinite where none is found; for one pair negative where its link is too heavy
+        float  # ‖Δ‖, a share; infinite where none is found; of one pair negative where its link is too heavy
     )
     links: tuple[float, ...]  # λ of the pairs, 1/s²
     turn: float  # φ of two pairs, rad: Δ = ‖Δ‖ [cos 2φ, sin 2φ; sin 2φ, −cos 2φ]

@@ -38,9 +38,8 @@ def robot_picture(robot: Robot) -> Figure | None:
         return None
     view, names, (low, high) = seen
     panel = np.array((5.0, min(max(5.0 * (high - low)[1] / (high - low)[0], 1.8), 3.6)))
-    half = (
-        0.5 * max((high - low) / panel) * panel
-    )  # as much to the inch in both directions, the whole panel used
+    # As much to the inch in both directions, the whole panel used.
+    half = 0.5 * max((high - low) / panel) * panel
     (left, bottom), (right, top) = 0.5 * (low + high) - half, 0.5 * (low + high) + half
     figure, ((axes,),) = panels(1, 1, 1.2 + float(panel[1]))
     for line in lines:

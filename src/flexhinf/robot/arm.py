@@ -39,7 +39,7 @@ from flexhinf.robot.dynamics import (
     six_of,
 )
 from flexhinf.robot.elastic import DRIVES, torque_per_input
-from flexhinf.robot.parameters import INERTIA, VECTOR, Parameter, per_joint, unit_of
+from flexhinf.robot.parameters import INERTIA, VECTOR, Parameter, payload_masses, per_joint, unit_of
 from flexhinf.scalars import Symbol
 from flexhinf.validation import HUGE, checked_array, real_array, value_text, within_proportion
 
@@ -373,7 +373,7 @@ def payload_ends(uncertain: Sequence[Parameter]) -> list[dict[str, float]]:
 
     Ends that are the nominal masses are left out.
     """
-    masses = [p for p in uncertain if p.name.startswith("payload_mass")]
+    masses = payload_masses(uncertain)
     ends = ({p.name: p.interval[end] for p in masses} for end in (0, 1))
     return [values for values in ends if values != {p.name: p.value for p in masses}]
 
@@ -410,7 +410,7 @@ def weigh_payload(robot: Any, pose: Any, effort: Any, unloaded: Any = None) -> W
     Raises InvalidInput: for a robot without a payload, numbers that do not fit the joints, or a pose at which the
     weight of a payload cannot be told from that of another, or does not load any motor.
     """
-    names = [p.name for p in robot.parameters if p.name.startswith("payload_mass")]
+    names = [p.name for p in payload_masses(robot.parameters)]
     refuse_if(
         not names,
         f"The robot {robot.name!r} has no payload to weigh.",

@@ -23,7 +23,7 @@ from flexhinf.plant.plant import motion_of
 from flexhinf.robot.arm import Pendulum
 from flexhinf.robot.dynamics import bodies_of, frames_of, mass_matrix, matrix_of
 from flexhinf.robot.elastic import DRIVES, INNER
-from flexhinf.robot.parameters import checked_limits, per_joint
+from flexhinf.robot.parameters import checked_limits, payload_masses, per_joint
 from flexhinf.robot.parts import ask
 from flexhinf.robot.rigid_arm import NO_LIMIT
 from flexhinf.robot.robot import Robot
@@ -541,7 +541,7 @@ def check_load(robot: Robot, file: str) -> None:
         "gravity = 0 for an arm in a horizontal plane; down = [1, 0, 0] for axes along z in a vertical plane",
     )
     own = sum(value for name, value in nominal.items() if name.startswith("mass"))
-    payloads = [number for number in robot.parameters if number.name.startswith("payload_mass")]
+    payloads = payload_masses(robot.parameters)
     for upper in (payload.interval[1] for payload in payloads):
         ask(
             own > 0.0 and upper > UNUSUAL["payload"][0] * own,

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -123,6 +123,11 @@ def parameter_units(values: Mapping[str, Any], slides: Sequence[bool]) -> dict[s
 def per_joint(quantity: str, joint: str, joints: int) -> str:
     """Name of one joint's number: with the joint's name behind it where there are several."""
     return quantity if joints == 1 else f"{quantity}_{joint}"
+
+
+def payload_masses(parameters: Iterable[Parameter]) -> list[Parameter]:
+    """Those of the parameters that are masses of payloads."""
+    return [parameter for parameter in parameters if parameter.name.startswith("payload_mass")]
 
 
 def whole_quantity(quantity: str) -> str:

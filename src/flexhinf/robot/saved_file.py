@@ -12,7 +12,7 @@ from flexhinf.files import write_file
 from flexhinf.robot.actuators import published_of
 from flexhinf.robot.elastic import SPRING
 from flexhinf.robot.gears import CURVE, SECANT
-from flexhinf.robot.parameters import QUANTITIES, Parameter, per_joint
+from flexhinf.robot.parameters import QUANTITIES, Parameter, payload_masses, per_joint
 from flexhinf.robot.signals import TWISTS
 from flexhinf.validation import checked_path
 
@@ -78,7 +78,7 @@ def _places(document: Any, robot: Any) -> Iterator[tuple[str, Any, str]]:
     """Names of numbers that a file states by themselves, with the tables and keys where they stand."""
     if "gravity" in document:
         yield "gravity", document, "gravity"
-    payloads = [parameter.name for parameter in robot.parameters if parameter.name.startswith("payload_mass")]
+    payloads = [parameter.name for parameter in payload_masses(robot.parameters)]
     if len(document.get("payload", ())) == len(payloads) == 1:
         yield payloads[0], document["payload"][0], "mass"
     for row in document.get("joint", ()):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.modal.popov import Sector
 from flexhinf.plant.joints import link_compliance
 from flexhinf.robot import Robot
+from flexhinf.robot.parameters import Parameter, payload_masses
 
 #: Sampled poses, and corners of the tolerances at each.
 POSES, CORNERS = 200, 8
@@ -44,18 +46,19 @@ def stated_masses(setup: WorkspaceSetup) -> StatedMasses:
     others = tuple(dict.fromkeys(_quantity(p.name, robot) for p in robot.uncertain if p not in masses))
     if not masses and setup.other is None:
         return StatedMasses(Sector(0.0, 0.0), 0, others)
-    if setup.other is None and (share := _proportional(robot)) is not None:
+    if setup.other is None and (share := _proportional(robot, masses)) is not None:
         return StatedMasses(Sector(1.0 - 1.0 / (1.0 + share), 1.0 / (1.0 - share) - 1.0), 0, others)
     poses = setup.workspace.sample(POSES, POSES_SEED)
     corners = [robot.heaviest, *robot.random_corners(CORNERS, POSES_SEED)]
     ends = [0.0, 0.0]
     model, own = link_compliance(setup.law.plant), setup.law.plant.parameters.vector()
-    plants = [with_values(setup.true_plant, values) for values in corners]
+    true = link_compliance(setup.true_plant)
+    numbers = [with_values(setup.true_plant, values).parameters.vector() for values in corners]
     for pose in poses:
         inertia = np.linalg.inv(model.matrix(pose, own))
         root = np.linalg.cholesky(0.5 * (inertia + inertia.T))
-        for plant in plants:
-            turned = root.T @ link_compliance(setup.true_plant).matrix(pose, plant.parameters.vector()) @ root
+        for values in numbers:
+            turned = root.T @ true.matrix(pose, values) @ root
             low, high = np.linalg.eigvalsh(0.5 * (turned + turned.T))[[0, -1]]
             ends = [max(ends[0], 1.0 - low), max(ends[1], high - 1.0)]
     return StatedMasses(Sector(*map(float, ends)), POSES, others)
@@ -77,15 +80,12 @@ def largest_masses(setup: WorkspaceSetup, sector: Sector, loaded: Robot | None) 
     """
     lower, upper = sector
     tolerance = min(lower / (1.0 - lower), upper / (1.0 + upper))
-    name = (
-        next((p.name for p in loaded.parameters if p.name.startswith("payload_mass")), "") if loaded else ""
-    )
-    if loaded is None or not name:
+    if loaded is None or not (payloads := payload_masses(loaded.parameters)):
         return LargestMasses(tolerance, np.nan, 0)
     plants = LoopPlants(*true_robot(loaded, setup.specification))
     heavy = {p.name: p.interval[1] for p in loaded.uncertain if PROPORTIONAL.match(p.name)}
     without, kilogram = (
-        with_values(plants.true_plant, loaded.varied({**heavy, name: mass})).parameters.vector()
+        with_values(plants.true_plant, loaded.varied({**heavy, payloads[0].name: mass})).parameters.vector()
         for mass in (0.0, 1.0)
     )
     model, true = link_compliance(setup.law.plant), link_compliance(plants.true_plant)
@@ -103,9 +103,8 @@ def largest_masses(setup: WorkspaceSetup, sector: Sector, loaded: Robot | None) 
     return LargestMasses(tolerance, payload, POSES)
 
 
-def _proportional(robot: Robot) -> float | None:
-    """The largest tolerance, a share, if the inertia matrix is proportional to what is uncertain of it."""
-    masses = [p for p in robot.uncertain if p.name.startswith(OF_INERTIA)]
+def _proportional(robot: Robot, masses: Sequence[Parameter]) -> float | None:
+    """The largest tolerance, a share, if the inertia matrix is proportional to `masses`, what is uncertain of it."""
     products = [p for p in robot.parameters if re.match(r"inertia_(xy|xz|yz)", p.name) and p.value]
     whole = all(PROPORTIONAL.match(p.name) and p.range is None and p.value > 0.0 for p in masses)
     return max(p.tolerance for p in masses) / 100.0 if whole and not products else None

@@ -29,7 +29,7 @@ from flexhinf.robot import Parameter, Robot
 from flexhinf.robot.dynamics import frames_of
 from flexhinf.robot.elastic import DRY, EXTRAS, InverseFlow, inactive_parameters
 from flexhinf.robot.kinematics import magnification, picture_axes, position_ranges
-from flexhinf.robot.parameters import QUANTITIES, per_joint
+from flexhinf.robot.parameters import QUANTITIES, payload_masses, per_joint
 from flexhinf.scalars import apply, trace
 
 DOUBLE = Real("double")
@@ -130,7 +130,7 @@ class LiveArm:
         robot, count = self.robot, len(self.robot.joint_names)
         tips = [(joint, end) for joint, end in zip(robot.joint_names, self._stated_ends) if end is not None]
         joint, tip = tips[-1]
-        if any(p.name.startswith("payload_mass") for p in robot.parameters) or not any(tip):
+        if payload_masses(robot.parameters) or not any(tip):
             return robot
         names = [per_joint(f"payload_centre_of_mass_{axis}", joint, count) for axis in "xyz"]
         places = [Parameter(name, float(at), unit="m") for name, at in zip(names, tip, strict=True)]
@@ -435,21 +435,20 @@ class LiveArm:
         """The payloads by name of their masses, with the ends of the sliders, kg."""
         masses = [p.value for p in self.robot.parameters if p.name.split("_")[0] == "mass"]
         rows: list[dict[str, Any]] = []
-        for parameter in self.loaded.parameters:
-            if parameter.name.startswith("payload_mass"):
-                low, high = parameter.interval
-                most = max(1.5 * high, 0.5 * min(masses, default=1.0), 1.5 * parameter.value)
-                rows.append(
-                    {
-                        "name": parameter.name,
-                        "joint": _quantity(parameter.name, self.robot.joint_names)[1],
-                        "value": parameter.value,
-                        "lower": low,
-                        "upper": high,
-                        "low": 0.0,
-                        "high": float(f"{most:.2g}"),
-                    }
-                )
+        for parameter in payload_masses(self.loaded.parameters):
+            low, high = parameter.interval
+            most = max(1.5 * high, 0.5 * min(masses, default=1.0), 1.5 * parameter.value)
+            rows.append(
+                {
+                    "name": parameter.name,
+                    "joint": _quantity(parameter.name, self.robot.joint_names)[1],
+                    "value": parameter.value,
+                    "lower": low,
+                    "upper": high,
+                    "low": 0.0,
+                    "high": float(f"{most:.2g}"),
+                }
+            )
         return rows
 
     def settings(self) -> dict[str, Any]:

@@ -42,6 +42,7 @@ from flexhinf.pages.drawing import (
 from flexhinf.report import MUTED, SERIES, Column, Figure, Paragraph, Table, finite, number
 from flexhinf.robot import Weighing
 from flexhinf.robot.elastic import DRY
+from flexhinf.robot.parameters import payload_masses
 
 #: Margins along a move, and what they are called.
 MARGINS = {
@@ -116,7 +117,7 @@ def payload(design: PoseEvidence) -> Blocks:
         return
     yield from _payload_notes(design)
     e, heaviest, load_run = design.evaluation, design.payloads[-1], design.payloads[-1].load_step
-    masses = [p for p in design.robot.uncertain if p.name.startswith("payload_mass")]
+    masses = payload_masses(design.robot.uncertain)
     ranges = ", ".join(
         f"{p.name.removeprefix('payload_mass').strip('_') or 'the link'}: {p.interval[0]:g} to {p.interval[1]:g} kg, "
         f"{p.value:g} kg in the model"
