@@ -206,7 +206,9 @@ def counted(folder: Path, flags: Sequence[str]) -> float:
     run("gcc", "-c", "arm.s", "-o", "arm.o", folder=folder)
     run("gcc", *flags, "-DARM_LOOP_ALONE", "arm_test.c", "arm.o", "-lm", "-o", "plain", folder=folder)
     counting = ("--tool=callgrind", "--collect-atstart=no", "--toggle-collect=arm_step")
-    run("valgrind", *counting, "--callgrind-out-file=counts", "./plain", folder=folder)
+    # valgrind 3.19 loses the sign of a zero in a fused multiply-add: the answers are those of the processor, below
+    command = ("valgrind", *counting, "--callgrind-out-file=counts", "./plain")
+    subprocess.run(command, cwd=folder, capture_output=True, check=False)
     total = re.search(r"^summary: (\d+)", (folder / "counts").read_text(encoding="utf-8"), re.MULTILINE)
     said = re.search(r"(\d+) samples", run("./plain", folder=folder))
     assert total is not None

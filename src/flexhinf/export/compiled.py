@@ -297,10 +297,11 @@ class CompiledController:
             ctypes.c_void_p(array.ctypes.data)
             for array in (self._state, self._y, self._r, self._u, self.estimate)
         )
-        step = self._library.flexhinf_step
+        step, elapsed = self._library.flexhinf_step, ctypes.c_double()
 
         def run(seconds: float, measured: int) -> int:
-            return step(state, y, r, ctypes.c_double(seconds), measured, u, estimate)
+            elapsed.value = seconds  # of one object: a step allocates none
+            return step(state, y, r, elapsed, measured, u, estimate)
 
         def begin(x: ctypes.c_void_p | None, v: ctypes.c_void_p | None) -> int:
             return self._library.flexhinf_start(state, x, v)
