@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import math
 import re
@@ -12,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from markdown_it import MarkdownIt
 from tests.builders import arm_controller
 
 import flexhinf as fh
@@ -119,8 +121,12 @@ def test_the_origin_stands_in_header_source_and_readme_and_ends_no_comment(
     cubic: fh.Controller, arm: fh.Robot
 ) -> None:
     files = controller_files(cubic, "arm", robot=arm, origin={"drawing": "A-12 */ #error"})
-    for name, mark in (("arm.h", " * {}: {}\n"), ("arm.c", " * {}: {}\n"), ("README.md", "| {} | {} |\n")):
-        for line in (("robot", arm.name), ("degree of V", "4"), ("drawing", "A-12 * / #error")):
+    for name, mark, drawing in (
+        ("arm.h", " * {}: {}\n", "A-12 * / #error"),
+        ("arm.c", " * {}: {}\n", "A-12 * / #error"),
+        ("README.md", "| {} | {} |\n", r"A-12 \*/ #error"),
+    ):
+        for line in (("robot", arm.name), ("degree of V", "4"), ("drawing", drawing)):
             assert mark.format(*line) in files[name]
 
 
@@ -220,6 +226,11 @@ def test_names_that_end_comments_and_strings_end_none(tmp_path: Path, compiler: 
                 texts.append(packed.read("modelDescription.xml").decode())
     named = {element.get("name") for text in texts for element in ET.fromstring(text).iter()}
     assert {f"measured.link_position_{joint}" for joint in ENDING_JOINTS} <= named
+    for page in (exported / "README.md", exported / "safety.md", forward / "README.md"):
+        reader = MarkdownIt("commonmark", {"html": True}).enable("table")
+        shown = reader.render(page.read_text(encoding="utf-8"))
+        assert ENDING in html.unescape(shown), page
+        assert not re.search(r"<(a|b|em|img|script)\b", shown), page
     yaml = pytest.importorskip("yaml")
     settings = next(exported.rglob("*.yaml")).read_text(encoding="utf-8")
     assert yaml.safe_load(settings)["arm_controller"]["ros__parameters"]["period"] == 1e-3

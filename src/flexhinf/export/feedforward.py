@@ -18,7 +18,7 @@ from flexhinf.export.file_list import File, rendered
 from flexhinf.export.fmu_archive import DOUBLE
 from flexhinf.export.names import checked_identifier
 from flexhinf.export.package import checked_folder, write_files
-from flexhinf.export.rendering import arithmetic
+from flexhinf.export.rendering import arithmetic, markdown
 from flexhinf.robot.elastic import DRIVES
 from flexhinf.robot.feedforward import Feedforward, FeedforwardRows
 from flexhinf.robot.signals import UNITS
@@ -169,8 +169,8 @@ def _readme(export: FeedforwardExport) -> dict[str, object]:
     feedforward = export.feedforward
     robot, size, n = feedforward.robot, feedforward.weights.shape[1], len(feedforward.robot.joint_names)
     facts = {
-        "robot": robot.name,
-        "joints": ", ".join(robot.joint_names),
+        "robot": markdown(robot.name),
+        "joints": markdown(", ".join(robot.joint_names)),
         "drive": robot.drive,
         "period": f"{feedforward.period:g} s",
         "the links are later than the path by": f"{feedforward.delay:g} s",

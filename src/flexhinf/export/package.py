@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexhinf.codegen.c import comment
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.controller_c import NOTHING, ControllerCode, code_of
 from flexhinf.export.file_list import File, rendered
@@ -22,6 +21,7 @@ from flexhinf.export.provocation import provoked
 from flexhinf.export.recording import Recording, record, with_both_roundings
 from flexhinf.export.refusals import check_limits
 from flexhinf.export.rehearsal import contract_values, reaches_far
+from flexhinf.export.rendering import markdown
 from flexhinf.export.ros2 import package_name, ros2_values
 from flexhinf.export.safety import safety_values
 from flexhinf.export.self_test import EVERY, Accuracy, accuracy, vector_values
@@ -288,8 +288,8 @@ def _readme(export: Export) -> dict[str, Any]:
         (
             f"`{array}`",
             str(k),
-            comment(name),
-            code.unit_text(name),
+            markdown(name),
+            markdown(code.unit_text(name)),
             "" if starts is None else f"{starts[k]:.6g}",
         )
         for kind, (array, starts) in arrays.items()
@@ -299,7 +299,7 @@ def _readme(export: Export) -> dict[str, Any]:
     counts = {name: int(at_limit[part].any(axis=1).sum()) for name, part in run.parts.items()}
     none = f"none: set `{code.upper('P_LOWER')}` and `{code.upper('P_UPPER')}` to what the drives take"
     facts = {
-        **code.facts,
+        **{markdown(key): markdown(text) for key, text in code.facts.items()},
         "digest": code.digest,
         "saturation": c.summary().get("saturation", none),
         "type": code.real.name,
@@ -312,7 +312,7 @@ def _readme(export: Export) -> dict[str, Any]:
         "from `<math.h>`": ", ".join(sorted(set(MATHEMATICS.findall(code.source)))),
     }
     return {
-        "facts": [(key, comment(text)) for key, text in facts.items()],
+        "facts": list(facts.items()),
         "signals": signals,
         "codes": [
             (f"`{code.upper(key)}`", row.value, row.meaning, row.reaction.format(name=code.name))

@@ -177,7 +177,7 @@ def record(
             duration=controller.period * (samples - 1),
             initial_state=np.asarray(estimator.initial[0], dtype=float),
         )
-        y = np.asarray(run.data["output"])[:samples]
+        y = run.signals["output"][:samples]
     kinds = np.full(samples, MEASURED, dtype=object)
     if interrupted:
         kinds[samples // 3 : samples // 3 + 3] = GAP

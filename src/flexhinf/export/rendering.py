@@ -1,13 +1,14 @@
 """Templates of exported files, which read like what they emit: jinja2, with the marks ``@{name}``.
 
 A value enters as it is, but for what users wrote, which enters through the filter of its kind of file: ``comment`` and
-``c_string`` of C, ``quoted`` of C++ and YAML, ``xml`` and ``attributes``, ``js``. HTML and XML escape every value that
-no filter has. A mark without a value is an error, and what looks like a mark in a value is none.
+``c_string`` of C, ``quoted`` of C++ and YAML, ``xml`` and ``attributes``, ``js``, ``markdown``. HTML and XML escape
+every value that no filter has. A mark without a value is an error, and what looks like a mark in a value is none.
 """
 
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache, partial
 from importlib.resources import files
@@ -94,10 +95,13 @@ def in_lines(numbers: Sequence[object], count: int = 20) -> str:
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """A table of Markdown."""
-    return "\n".join(
-        f"| {' | '.join(str(cell).replace('|', '/') for cell in line)} |"
-        for line in [head, ["---"] * len(head), *rows]
-    )
+    lines = ([str(cell).replace("|", r"\|") for cell in line] for line in [head, ["---"] * len(head), *rows])
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+
+
+def markdown(text: object) -> str:
+    """A text of one line that Markdown shows as it is: no emphasis, code, link, element of HTML, or entity."""
+    return re.sub(r"[\\`*<>\[\]&]|(?<![^\W_])_|_(?![^\W_])", r"\\\g<0>", " ".join(str(text).split()))
 
 
 def enumeration(rows: Sequence[tuple[str, object, str]]) -> str:
@@ -176,6 +180,7 @@ FILTERS: Final[Mapping[str, Callable[..., str]]] = {
     "xml": _xml,
     "attributes": _attributes,
     "js": _js,
+    "markdown": markdown,
 }
 
 

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from flexhinf import __version__
-from flexhinf.codegen.c import comment
 from flexhinf.export.contract import CODES
 from flexhinf.export.controller_c import MISSING_LIMIT, STATUS, ControllerCode
 from flexhinf.export.recording import Recording
+from flexhinf.export.rendering import markdown
 from flexhinf.loop import Status
 from flexhinf.loop.controller.memory import SPACING
 
@@ -66,7 +66,7 @@ def safety_values(code: ControllerCode, run: Recording) -> dict[str, Any]:
         "bits": bits(code),
         "requirements": requirements(code),
         "misra": matrix(),
-        "facts": {key: comment(text) for key, text in code.facts.items()},
+        "facts": [(markdown(key), markdown(text)) for key, text in code.facts.items()],
         "provoked": run.provocation is not None,
         "set_bits": set_bits(code, run),
         "spacing": SPACING,
