@@ -265,7 +265,7 @@ def run_realtime(
     )  # fmt: skip
 
 
-def _check_library(library: CompiledController, controller: Any) -> None:
+def check_library(library: CompiledController, controller: Any) -> None:
     """Refuse a library of another controller: by its signals and its period, then by all that its inputs depend on."""
     own = {
         "period": controller.period, "measured": controller.measured, "commanded": controller.commanded,
@@ -299,7 +299,7 @@ class _Clock:
         self.code_names, self.name = {0: "OK"}, "Controller.step"
         self._stepped: Any = loop.controller.fresh()
         if library is not None:
-            _check_library(library, loop.controller)
+            check_library(library, loop.controller)
             self._stepped = copy.copy(library)
             self.code_names |= library.code_numbers
             self.name = f"compiled library {library.path.name}"
