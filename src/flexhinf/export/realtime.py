@@ -247,7 +247,7 @@ def run_realtime(
     clock = _Clock(loop, library, {"state": initial_estimate, "input": initial_input}, samples, real_time)
     loop.run_paced(AT_ONCE, clock, duration=period * min(samples - 1, REHEARSED), **settings)
     clock.reset()
-    with undisturbed(priority, core) as scheduling, _stopping() as clock.request:
+    with undisturbed(priority, core) as scheduling, stopping() as clock.request:
         watch_samples = max(1, round(watch_every / period))
 
         def end(k: int) -> None:
@@ -370,7 +370,7 @@ def wait_until(due: int) -> int:
 
 # The system -----------------------------------------------------------------------------------------
 @contextmanager
-def _stopping() -> Generator[list[int]]:
+def stopping() -> Generator[list[int]]:
     """A list that receives the number of a signal to stop; a second Ctrl-C interrupts as usual."""
     request: list[int] = []
 

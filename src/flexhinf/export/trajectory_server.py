@@ -132,6 +132,7 @@ class TrajectoryServer:
         self._u, self._unseen, self._failures = np.asarray(u, dtype=float), np.zeros(len(self.measured)), 0
         none = np.zeros(len(robot.joint_names))
         self.motion, self.stopped, self.samples = ArmMotion(q, none, q, none), "", 0
+        self._is_released = False
 
     # Goals, from any thread ----------------------------------------------------------------------------
     def refusal(self, goal: FollowGoal) -> str:
@@ -185,16 +186,21 @@ class TrajectoryServer:
         Nothing is computed after a fault, which `stopped` names: the inputs are then 0, those of drives that take
         positions stay.
         """
-        if self.stopped:
-            return
-        y = self._measurement()
+        y = None if self.stopped else self._measurement()
         with self._lock:
             if not self.stopped:
                 self._step(y, elapsed)
-            if self.stopped:
-                self._u = self._u if self.robot.drive == "position" else np.zeros_like(self._u)
-        self.hardware.write(self._u)
-        self.samples += 1
+        if self.stopped:
+            self.release()
+        else:
+            self.hardware.write(self._u)
+            self.samples += 1
+
+    def release(self) -> None:
+        """Write the inputs of a robot that was stopped, once."""
+        if not self._is_released:
+            self._is_released = True
+            self.hardware.write(self._u if self.robot.drive == "position" else np.zeros_like(self._u))
 
     def stop(self, reason: str) -> None:
         """Stop the robot; the goal ends with −4 and this reason."""
