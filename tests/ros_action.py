@@ -93,9 +93,24 @@ def _generated(folder: Path) -> Any:
     )
     settings = {**os.environ, "AMENT_PREFIX_PATH": str(prefix)}
     for options in (("-t", "c", "-t", "py"), ("-ts", "c", "-ts", "fastrtps_c", "-ts", "introspection_c")):
-        words = [sys.executable, "-c", ROSIDL, "generate", "-o", str(made), *options, "-I", str(prefix / "share")]
+        words = [
+            sys.executable,
+            "-c",
+            ROSIDL,
+            "generate",
+            "-o",
+            str(made),
+            *options,
+            "-I",
+            str(prefix / "share"),
+        ]
         done = subprocess.run(
-            [*words, "control_msgs", *NAMES], cwd=package, env=settings, capture_output=True, text=True, check=False
+            [*words, "control_msgs", *NAMES],
+            cwd=package,
+            env=settings,
+            capture_output=True,
+            text=True,
+            check=False,
         )
         assert done.returncode == 0, done.stderr
     return _compiled(folder, made, prefix)
@@ -113,7 +128,14 @@ def _compiled(folder: Path, made: Path, prefix: Path) -> Any:
             target.write_text(file.read_text())
     found = [includes, prefix / "include", sysconfig.get_paths()["include"], np.get_include()]
     found += [path for path in (prefix / "include").iterdir() if path.is_dir()]
-    common = ["-O0", "-shared", "-fPIC", *(f"-I{path}" for path in found), f"-L{prefix / 'lib'}", f"-L{folder}"]
+    common = [
+        "-O0",
+        "-shared",
+        "-fPIC",
+        *(f"-I{path}" for path in found),
+        f"-L{prefix / 'lib'}",
+        f"-L{folder}",
+    ]
     libraries = prefix / "lib"
     common.append(f"-Wl,--disable-new-dtags,-rpath,{libraries}")  # also for what they need in turn
     kinds = (*LIBRARIES, "rosidl_generator_py")

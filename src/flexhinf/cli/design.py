@@ -495,6 +495,8 @@ def run_design(context: typer.Context, o: options.RunOptions) -> int:
         "--mujoco, which simulates it",
     )
     if o.ros:
+        from flexhinf.cli.ros import run_node
+
         return run_node(context, o, path)
     refuse_stated(context, {} if o.load is not None else {"load_at": "--load, which begins then"})
     logs, films = [export.check_log(path) for path in o.log], [pages.check_film(path) for path in o.record]

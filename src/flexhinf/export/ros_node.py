@@ -34,6 +34,9 @@ PUBLISHED = 0.01
 #: Threads of the executor: two goals of which one replaces the other, and what goes on meanwhile.
 THREADS = 4
 
+#: For how long the end of a node waits for its threads, s.
+ENDING = 5.0
+
 #: Depth of the topics' queues.
 DEPTH = 10
 
@@ -119,6 +122,7 @@ class _Followed:
     handle: Any
     number: int
     is_over: threading.Event = field(default_factory=threading.Event)
+    is_answered: threading.Event = field(default_factory=threading.Event)
     end: GoalEnd | None = None
 
 
@@ -189,12 +193,21 @@ class RosNode:
         for goal in list(self._goals):  # ended by nobody, as one that came just now
             goal.end = GoalEnd(goal.number, FollowCode.PATH_TOLERANCE_VIOLATED, self.server.stopped)
             goal.is_over.set()
-        self._executor.shutdown(timeout_sec=5.0)
-        self._thread.join(5.0)
+        told = threading.Event()
+        self._executor.create_task(self._answered, told)
+        told.wait(ENDING)
+        self._executor.shutdown(timeout_sec=ENDING)
+        self._thread.join(ENDING)
         if self._served is not None:
             self._served.destroy()
         self.node.destroy_node()
         self._ros["rclpy"].shutdown(context=self.context)
+
+    def _answered(self, told: threading.Event) -> None:
+        """A task behind those that tell clients how their goals ended."""
+        while self._running:
+            self._running.popitem()[1].is_answered.wait(ENDING)
+        self._executor.create_task(told.set)
 
     def _spin(self) -> None:
         try:
@@ -284,7 +297,7 @@ class RosNode:
 
     def _execute(self, handle: Any) -> Any:
         """Wait for the end of a goal, in a thread of its own."""
-        goal = self._running.pop(bytes(handle.goal_id.uuid))
+        goal = self._running[bytes(handle.goal_id.uuid)]
         goal.is_over.wait()
         end = goal.end
         assert end is not None
@@ -296,6 +309,8 @@ class RosNode:
             handle.succeed()
         else:
             handle.abort()
+        self._running.pop(bytes(handle.goal_id.uuid), None)
+        goal.is_answered.set()
         return result
 
 
