@@ -86,6 +86,7 @@ class Client:
         self.node.create_subscription(
             GoalStatusArray, f"{node}/follow_joint_trajectory/_action/status", self.status.put, 10
         )
+        self.action = ActionClient(self.node, action, f"{node}/follow_joint_trajectory")
         self.feedback: queue.Queue[Any] = queue.Queue()
         self.executor = rclpy.executors.SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
