@@ -24,7 +24,9 @@ class SimulatedRobot:
     Numbers are those of `Loop.run`, but for the noise, which goes on for ever.
     """
 
-    def __init__(self, box: MuJoCoPlant, loop: Loop, noise: Any, seed: int, start: np.ndarray) -> None:
+    def __init__(
+        self, box: MuJoCoPlant, loop: Loop, noise: Any, seed: int, start: np.ndarray, input: np.ndarray
+    ) -> None:
         controller = loop.controller
         self.box, self._channel, self._seed = box, loop.channel, seed
         self._period, self._measured = controller.period, controller.measured
@@ -33,7 +35,9 @@ class SimulatedRobot:
         self._block = np.zeros((0, len(self._measured)))
         self._none = np.zeros(len(box.disturbances))
         self.box.reset(start)
-        self._inputs: deque[np.ndarray] = deque()
+        self._inputs = deque(
+            [np.array(input, dtype=float)] * self._channel.delay
+        )  # before the first one acts
 
     @classmethod
     def of(
@@ -54,9 +58,8 @@ class SimulatedRobot:
         box = LoopPlants(driven, true).mujoco_plant(pose)
         loop = Loop(box, controller, quantisation=plants.quantisation, delay=specification.unknown_delay)
         x, u = driven.operating_point(pose, true.extras)
-        found = cls(box, loop, plants.noise if noise else None, specification.seed, x[: len(box.states)])
-        found._inputs.extend([np.asarray(u, dtype=float)] * loop.channel.delay)
-        return found
+        noises = plants.noise if noise else None
+        return cls(box, loop, noises, specification.seed, x[: len(box.states)], u)
 
     @property
     def longest_gap(self) -> int:
