@@ -9,10 +9,12 @@ import os
 import queue
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from importlib import import_module
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 from tests.export.test_rest import robot_of
 from tests.export.test_ros2 import workspace_controller
 from tests.export.test_ros2_trajectories import GOAL, JOINTS, LONGEST, MOVE, START
@@ -66,27 +68,36 @@ def settled(future: Any) -> Any:
     return future.result()
 
 
+def message(package: str, name: str) -> Any:
+    """A type of messages."""
+    return getattr(import_module(f"{package}.msg"), name)
+
+
 class Client:
     """Another node, with a thread of its own."""
 
     def __init__(self, action: Any, node: str) -> None:
-        from action_msgs.msg import GoalStatusArray
-        from rclpy.action import ActionClient
-        from sensor_msgs.msg import JointState
-        from trajectory_msgs.msg import JointTrajectory
-
         self.type = action
         self.context = rclpy.context.Context()
         rclpy.init(context=self.context)
         self.node = rclpy.create_node("planner", context=self.context)
         self.states: queue.Queue[Any] = queue.Queue()
-        self.node.create_subscription(JointState, "joint_states", self.states.put, 10)
-        self.topic = self.node.create_publisher(JointTrajectory, f"{node}/joint_trajectory", 10)
+        self.node.create_subscription(
+            message("sensor_msgs", "JointState"), "joint_states", self.states.put, 10
+        )
+        self.topic = self.node.create_publisher(
+            message("trajectory_msgs", "JointTrajectory"), f"{node}/joint_trajectory", 10
+        )
         self.status: queue.Queue[Any] = queue.Queue()
         self.node.create_subscription(
-            GoalStatusArray, f"{node}/follow_joint_trajectory/_action/status", self.status.put, 10
+            message("action_msgs", "GoalStatusArray"),
+            f"{node}/follow_joint_trajectory/_action/status",
+            self.status.put,
+            10,
         )
-        self.action = ActionClient(self.node, action, f"{node}/follow_joint_trajectory")
+        self.action = import_module("rclpy.action").ActionClient(
+            self.node, action, f"{node}/follow_joint_trajectory"
+        )
         self.feedback: queue.Queue[Any] = queue.Queue()
         self.executor = rclpy.executors.SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
@@ -95,15 +106,16 @@ class Client:
         assert self.action.wait_for_server(PATIENCE)
 
     def trajectory(self, times: Any, rows: Any, joints: Sequence[str] = JOINTS) -> Any:
-        from builtin_interfaces.msg import Duration
-        from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
-
         def point(time: float, row: Any) -> Any:
             whole = int(time)
-            at = Duration(sec=whole, nanosec=round(1e9 * (time - whole)))
-            return JointTrajectoryPoint(positions=[float(x) for x in row], time_from_start=at)
+            at = message("builtin_interfaces", "Duration")(sec=whole, nanosec=round(1e9 * (time - whole)))
+            return message("trajectory_msgs", "JointTrajectoryPoint")(
+                positions=[float(x) for x in row], time_from_start=at
+            )
 
-        return JointTrajectory(joint_names=list(joints), points=list(map(point, times, rows)))
+        return message("trajectory_msgs", "JointTrajectory")(
+            joint_names=list(joints), points=list(map(point, times, rows))
+        )
 
     def send(self, trajectory: Any, **other: Any) -> Any:
         """The handle of a goal."""
@@ -133,7 +145,7 @@ class Served:
         for _ in range(samples):
             self.node.sample()
 
-    def at(self, goal: Sequence[float]) -> None:
+    def at(self, goal: ArrayLike) -> None:
         np.testing.assert_allclose(self.arm.plant.state()[:2], goal, atol=2e-3)
 
     def end(self) -> None:
@@ -229,10 +241,8 @@ def test_what_cannot_be_followed_is_rejected(
 
 
 def test_efforts_and_tolerances_of_accelerations_are_rejected(served: Served) -> None:
-    from control_msgs.msg import JointTolerance
-
     trajectory = served.client.trajectory(*MOVE)
-    tolerance = JointTolerance(name="elbow", acceleration=1.0)
+    tolerance = message("control_msgs", "JointTolerance")(name="elbow", acceleration=1.0)
     assert not served.client.send(trajectory, path_tolerance=[tolerance]).accepted
     mixed = served.client.trajectory(*MOVE)
     mixed.points[0].velocities = [0.0, 0.0]
@@ -242,9 +252,7 @@ def test_efforts_and_tolerances_of_accelerations_are_rejected(served: Served) ->
 
 
 def test_tolerances_a_fault_and_the_end_of_the_node_are_told(served: Served) -> None:
-    from control_msgs.msg import JointTolerance
-
-    tight = JointTolerance(name="elbow", position=1e-6)
+    tight = message("control_msgs", "JointTolerance")(name="elbow", position=1e-6)
     handle = served.client.send(served.client.trajectory(*MOVE), path_tolerance=[tight])
     served.run(LONGEST)
     assert outcome(handle)[:2] == (ABORTED, -4)

@@ -41,7 +41,7 @@ ENDING = 5.0
 DEPTH = 10
 
 INSTALL = (
-    "source /opt/ros/jazzy/setup.bash in a shell whose python3 has flexhinf; or pip install ros-jazzy-rclpy "
+    "source setup.bash of ROS 2 Jazzy, whose python3 then has flexhinf; or pip install ros-jazzy-rclpy "
     "ros-jazzy-sensor-msgs ros-jazzy-trajectory-msgs ros-jazzy-rmw-fastrtps-cpp"
 )
 
@@ -163,7 +163,7 @@ class RosNode:
         self._every = max(1, round(PUBLISHED / server.period))
         self._action, self._lock = action or ros["action"], threading.Lock()
         self._goals: list[_Followed] = []
-        self._running: dict[bytes, _Followed] = {}
+        self._open: dict[bytes, _Followed] = {}
         self._served = self._action and ros["rclpy.action"].ActionServer(
             self.node, self._action, "~/follow_joint_trajectory", self._execute, goal_callback=self._consider,
             handle_accepted_callback=self._begin, cancel_callback=self._allow_cancel,
@@ -193,9 +193,9 @@ class RosNode:
         for goal in list(self._goals):  # ended by nobody, as one that came just now
             goal.end = GoalEnd(goal.number, FollowCode.PATH_TOLERANCE_VIOLATED, self.server.stopped)
             goal.is_over.set()
-        told = threading.Event()
-        self._executor.create_task(self._answered, told)
-        told.wait(ENDING)
+        over = threading.Event()
+        self._executor.create_task(self._answered, over)
+        over.wait(ENDING)
         self._executor.shutdown(timeout_sec=ENDING)
         self._thread.join(ENDING)
         if self._served is not None:
@@ -203,11 +203,11 @@ class RosNode:
         self.node.destroy_node()
         self._ros["rclpy"].shutdown(context=self.context)
 
-    def _answered(self, told: threading.Event) -> None:
+    def _answered(self, over: threading.Event) -> None:
         """A task behind those that tell clients how their goals ended."""
-        while self._running:
-            self._running.popitem()[1].is_answered.wait(ENDING)
-        self._executor.create_task(told.set)
+        for goal in tuple(self._open.values()):
+            goal.is_answered.wait(ENDING)
+        self._executor.create_task(over.set)
 
     def _spin(self) -> None:
         try:
@@ -260,10 +260,10 @@ class RosNode:
     def _receive(self, message: Any) -> None:
         try:
             goal = goal_of(message, self._clock())
-            why = self.server.refusal(goal)
         except InvalidInput as error:
-            why = str(error)
-        if why:
+            self.node.get_logger().warning(f"a trajectory is ignored: {error}")
+            return
+        if why := self.server.refusal(goal):
             self.node.get_logger().warning(f"a trajectory is ignored: {why}")
         else:
             self.server.submit(goal)
@@ -288,7 +288,7 @@ class RosNode:
         with self._lock:  # before the loop tells how it ended
             goal = _Followed(handle, self.server.submit(wanted))
             self._goals.append(goal)
-            self._running[bytes(handle.goal_id.uuid)] = goal
+            self._open[bytes(handle.goal_id.uuid)] = goal
         handle.execute()
 
     def _allow_cancel(self, handle: Any) -> Any:
@@ -297,7 +297,7 @@ class RosNode:
 
     def _execute(self, handle: Any) -> Any:
         """Wait for the end of a goal, in a thread of its own."""
-        goal = self._running[bytes(handle.goal_id.uuid)]
+        goal = self._open[bytes(handle.goal_id.uuid)]
         goal.is_over.wait()
         end = goal.end
         assert end is not None
@@ -309,7 +309,7 @@ class RosNode:
             handle.succeed()
         else:
             handle.abort()
-        self._running.pop(bytes(handle.goal_id.uuid), None)
+        self._open.pop(bytes(handle.goal_id.uuid), None)
         goal.is_answered.set()
         return result
 
@@ -382,6 +382,18 @@ def run_ros(
 
     Raises InvalidInput: without ROS 2 or a C compiler; for a controller of one pose; a library of another controller;
     a pose that is not known; or where read() returns another number of measurements.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> class Drives:  # your own, with the numbers of your bus
+    ...     def read(self):
+    ...         return [0.0, 0.0]  # as in controller.measured
+    ...
+    ...     def write(self, input):
+    ...         self.sent = input
+    >>> design = fh.load_design("flexhinf-design")  # doctest: +SKIP
+    >>> fh.run_ros(design.controller(), design.robot, Drives())  # doctest: +SKIP
     """
     ros_packages()
     server = TrajectoryServer(
@@ -389,7 +401,7 @@ def run_ros(
     )
     period, late = server.period, 0
     samples = None if duration is None else round(duration / period)
-    shown = max(1, round(1.0 / 30.0 / period))
+    frame = max(1, round(1.0 / 30.0 / period))
     with (
         RosNode(server, node_name(robot) if name is None else name) as node,
         undisturbed(priority, core) as scheduling,
@@ -404,7 +416,7 @@ def run_ros(
             node.sample(1e-9 * (now - before) if timed and real_time and before else 0.0)
             is_late = time.perf_counter_ns() > due + step
             due, before, late = (now if is_late else due) + step, now, late + is_late
-            if watch is not None and server.samples % shown == 0 and not watch():
+            if watch is not None and server.samples % frame == 0 and not watch():
                 request.append(0)
         run = RosRun(server.samples, late, server.stopped, request[0] if request else None, scheduling)
     return run
