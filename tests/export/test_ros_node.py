@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import ArrayLike
 from tests.export.test_rest import robot_of
 from tests.export.test_ros2 import workspace_controller
 from tests.export.test_ros2_trajectories import GOAL, JOINTS, LONGEST, MOVE, START
@@ -145,7 +144,7 @@ class Served:
         for _ in range(samples):
             self.node.sample()
 
-    def at(self, goal: ArrayLike) -> None:
+    def at(self, goal: Sequence[float] | np.ndarray) -> None:
         np.testing.assert_allclose(self.arm.plant.state()[:2], goal, atol=2e-3)
 
     def end(self) -> None:

@@ -392,8 +392,9 @@ def run_ros(
     ...
     ...     def write(self, input):
     ...         self.sent = input
-    >>> design = fh.load_design("flexhinf-design")  # doctest: +SKIP
-    >>> fh.run_ros(design.controller(), design.robot, Drives())  # doctest: +SKIP
+    >>> def follow(folder):  # until Ctrl-C
+    ...     design = fh.load_design(folder)
+    ...     return fh.run_ros(design.controller(), design.robot, Drives())
     """
     ros_packages()
     server = TrajectoryServer(
