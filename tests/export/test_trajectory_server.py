@@ -182,6 +182,29 @@ def test_a_goal_that_waits_ends_with_the_path_before_it(make: Any) -> None:
     assert one.ended() == ("aborted", FollowCode.PATH_TOLERANCE_VIOLATED)
 
 
+def test_a_goal_that_waits_is_not_ended_by_the_one_before_it(make: Any) -> None:
+    one = make()
+    one.goal([0.4], [np.add(START, 0.1)])
+    assert one.accepted()
+    one.run(1)
+    one.goal([0.5], [GOAL], begins=1.0)
+    assert one.accepted()
+    one.run(900)
+    assert one.desired[-1][:2] == pytest.approx(np.add(START, 0.1), abs=1e-6)
+    assert one.ended() == ("followed", None)
+    one.run(900)
+    assert one.ended() == ("succeeded", 0)
+
+
+def test_tolerances_are_those_of_the_estimate(make: Any) -> None:
+    """A path of 0.3 rad within 10 mrad of where the links are estimated to be."""
+    one = make()
+    one.goal(*MOVE, path=[(joint, 0.01, 0.0) for joint in JOINTS], at_goal=[("elbow", 1e-3, 0.0)])
+    assert one.finished() == ("succeeded", 0)
+    np.testing.assert_allclose(one.server.motion.actual, one.measured[-1], atol=1e-4)
+    np.testing.assert_allclose(one.server.motion.actual_velocity, [0.0, 0.0], atol=1e-3)
+
+
 def test_a_late_cancel_leaves_the_goal_after_it_alone(make: Any) -> None:
     one = make()
     one.goal([0.5], [START])
