@@ -103,6 +103,7 @@ NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
             "CompiledController",
             "load_compiled",
             "run_realtime",
+            "run_ros",
         ),
     ),
     "Errors": (

@@ -35,6 +35,7 @@ from .export import (
     export_fmu as export_fmu,
     load_compiled as load_compiled,
     run_realtime as run_realtime,
+    run_ros as run_ros,
 )
 from .hinf import (
     HJISolution as HJISolution,

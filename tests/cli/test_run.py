@@ -6,6 +6,7 @@ import json
 import math
 import os
 import signal
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from tests.refusals import unnamed
 
 from flexhinf import report
 from flexhinf.cli import main
+from flexhinf.export import ros_node
 
 pytest.importorskip("mujoco")
 
@@ -188,3 +190,32 @@ def test_a_mistake_is_told_before_any_work(
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     refused(["run", *(design if word == "DESIGN" else word for word in words)], what, folder)
+
+
+@pytest.mark.parametrize(
+    ("stated", "told"),
+    [
+        (["--log", "run.csv"], ("--log", "ros2 bag", "without --ros")),
+        (["--pose", "5deg"], ("--pose", "without --ros")),
+        ([], ("ROS 2 is not installed", "rclpy", "pip install ros-jazzy-rclpy")),
+    ],
+)
+def test_a_node_needs_ros_and_no_options_of_a_move(
+    stated: list[str], told: tuple[str, ...], design: str, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.setitem(sys.modules, "rclpy", None)
+    assert main(["run", design, "--ros", *stated]) == 2
+    assert unnamed(capsys.readouterr().err, *told) == []
+    assert not Path("run.csv").exists()
+
+
+def test_a_node_needs_a_controller_of_a_workspace(
+    design: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ros_node, "ros_packages", dict)
+    assert main(["run", design, "--ros"]) == 2
+    assert (
+        unnamed(capsys.readouterr().err, "follows no trajectories", "for the workspace", "without --pose")
+        == []
+    )

@@ -7,7 +7,6 @@ import re
 import shutil
 import subprocess
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -19,9 +18,9 @@ from tests.export.test_code import STRICT
 from tests.export.test_rest import controller_of, robot_of
 
 import flexhinf as fh
+from flexhinf.export.compiled_follower import CompiledFollower, follow_files
 from flexhinf.export.controller_c import ControllerCode, code_of
-from flexhinf.export.follow import follow_values, follower_of, largest_twists
-from flexhinf.export.rendering import render_c
+from flexhinf.export.follow import follower_of, largest_twists
 from flexhinf.robot import FollowCode, FollowGoal
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -30,128 +29,6 @@ PERIOD = 1e-3
 
 #: Largest difference of C and Python, relative to the largest number of its kind, by type.
 CLOSE = {"double": 1e-9, "float": 2e-3}
-
-SHIM = """
-#include "arm_follow.h"
-#include <stdlib.h>
-typedef struct { arm_follow_state state; arm_follow_options options; arm_follow_point *points; } follower;
-enum { N = ARM_FOLLOW_JOINTS };
-follower *made(const arm_real *q, int partial, const arm_real *usual)
-{
-    follower *one = calloc(1, sizeof(follower));
-    one->options = arm_follow_defaults;
-    one->options.partial = partial;
-    one->options.goal_time = usual[0];
-    one->options.timeout = usual[1];
-    if (arm_follow_init(&one->state, q) != ARM_OK) { free(one); return NULL; }
-    return one;
-}
-int start(follower *one, int count, const arm_real *times, const arm_real *rows, int order, const int *moves,
-          const arm_real *numbers, int only_check)
-{
-    arm_follow_goal goal = {0};
-    arm_follow_point *points = calloc((size_t)count + 1, sizeof(arm_follow_point));
-    for (int i = 0; i < count; ++i) {
-        points[i].time = times[i];
-        points[i].order = order;
-        for (int j = 0; j < N; ++j) {
-            points[i].position[j] = rows[(i * 3) * N + j];
-            points[i].velocity[j] = rows[(i * 3 + 1) * N + j];
-            points[i].acceleration[j] = rows[(i * 3 + 2) * N + j];
-        }
-    }
-    goal.points = points;
-    goal.count = count;
-    goal.begins = numbers[0];
-    goal.goal_time = numbers[1];
-    for (int j = 0; j < N; ++j) {
-        goal.moves[j] = moves[j];
-        goal.path.position[j] = numbers[2 + j];
-        goal.path.velocity[j] = numbers[2 + N + j];
-        goal.goal.position[j] = numbers[2 + 2 * N + j];
-        goal.goal.velocity[j] = numbers[2 + 3 * N + j];
-    }
-    int result = arm_follow_check(&one->options, &goal);
-    if (result == ARM_FOLLOW_SUCCESSFUL && !only_check) {
-        result = arm_follow_start(&one->state, &one->options, &goal); /* its points are never freed here */
-    }
-    return result;
-}
-void cancel(follower *one) { arm_follow_cancel(&one->state, &one->options); }
-int step(follower *one, const arm_real *estimate, const arm_real *rates, arm_real *row, arm_real *desired)
-{
-    arm_follow_input input = {.speed = rates[0], .path_rate = rates[1]};
-    arm_follow_output output;
-    for (int j = 0; j < N; ++j) {
-        input.position[j] = estimate[j];
-        input.velocity[j] = estimate[N + j];
-    }
-    int result = arm_follow_step(&one->state, &one->options, &arm_defaults, &input, &output);
-    for (int i = 0; i < ARM_COMMANDS; ++i) row[i] = output.r[i];
-    for (int j = 0; j < N; ++j) desired[j] = output.position[j], desired[N + j] = output.velocity[j];
-    return result;
-}
-int row(const arm_real *before, const arm_real *r) { return arm_follow_row(&arm_defaults, before, r); }
-"""
-
-
-@dataclass
-class CompiledFollower:
-    """The exported C, called as `Follower` is."""
-
-    library: ctypes.CDLL
-    follower: fh.Follower
-    kind: Any
-    address: ctypes.c_void_p = field(default_factory=ctypes.c_void_p)
-
-    def pointer(self, numbers: Any, kind: Any = None) -> tuple[np.ndarray, ctypes.c_void_p]:
-        array = np.ascontiguousarray(numbers, dtype=kind or self.kind)
-        return array, array.ctypes.data_as(ctypes.c_void_p)
-
-    def reset(self, q: Any) -> None:
-        self.library.made.restype = ctypes.c_void_p
-        at, usual = self.pointer(q), self.pointer([self.follower.goal_time, self.follower.timeout])
-        self.address = ctypes.c_void_p(self.library.made(at[1], int(self.follower.partial), usual[1]))
-        assert self.address
-
-    def start(self, goal: FollowGoal, only_check: bool = False) -> FollowCode:
-        own = list(self.follower.robot.joint_names)
-        n, count = len(own), np.size(goal.times)
-        rows = np.full((count, 3, n), np.nan)  # numbers of joints that are left out are not read
-        places = [own.index(joint) for joint in goal.joint_names]
-        for k, stated in enumerate(goal.arrays):
-            rows[:, k, places] = stated
-        tolerances = np.zeros((2, 2, n))
-        for k, pairs in enumerate((goal.path_tolerance, goal.goal_tolerance)):
-            for joint, pair in pairs.items():
-                tolerances[k, :, own.index(joint)] = pair
-        numbers = self.pointer([goal.begins, goal.goal_time, *tolerances.ravel()])
-        moves = self.pointer([int(joint in goal.joint_names) for joint in own], np.intc)
-        times, points = self.pointer(goal.times), self.pointer(rows)
-        return FollowCode(
-            self.library.start(
-                self.address, count, times[1], points[1], goal.order, moves[1], numbers[1], int(only_check)
-            )
-        )
-
-    def cancel(self) -> None:
-        self.library.cancel(self.address)
-
-    def step(
-        self, position: Any, velocity: Any, speed: float, path_rate: float
-    ) -> tuple[np.ndarray, FollowCode]:
-        plant = self.follower.robot.plant()
-        n = len(self.follower.robot.joint_names)
-        estimate, rates = self.pointer([*position, *velocity]), self.pointer([speed, path_rate])
-        row, desired = self.pointer(np.zeros(plant.n + n)), self.pointer(np.zeros(2 * n))
-        code = self.library.step(self.address, estimate[1], rates[1], row[1], desired[1])
-        return np.concatenate([row[0], desired[0]]), FollowCode(code)
-
-
-def follow_files(code: ControllerCode) -> dict[str, str]:
-    """Header and source of what follows trajectories, alone."""
-    values = follow_values(code)
-    return {f"arm_{name}": render_c(name, "arm", code.real, **values) for name in ("follow.h", "follow.c")}
 
 
 @pytest.fixture(scope="module")
@@ -164,11 +41,21 @@ def compiled(
     def build(name: str, real: str) -> tuple[ctypes.CDLL, ControllerCode]:
         code = code_of(controller_of(name), "arm", real, robot_of(name))
         folder = tmp_path_factory.mktemp("follow")
-        for file, text in {**code.files, **follow_files(code), "shim.c": SHIM}.items():
+        for file, text in {**code.files, **follow_files(code)}.items():
             (folder / file).write_text(text)
-        for source in ("arm.c", "arm_follow.c"):
+        for source in ("arm.c", "arm_follow.c", "follow_library.c"):
             subprocess.run([compiler, *STRICT, "-fPIC", "-O1", "-c", source], cwd=folder, check=True)
-        words = ["-std=c99", "-fPIC", "-shared", "shim.c", "arm.o", "arm_follow.o", "-lm", "-o", "arm.so"]
+        words = [
+            "-std=c99",
+            "-fPIC",
+            "-shared",
+            "follow_library.o",
+            "arm.o",
+            "arm_follow.o",
+            "-lm",
+            "-o",
+            "arm.so",
+        ]
         subprocess.run([compiler, *words], cwd=folder, check=True)
         return ctypes.CDLL(str(folder / "arm.so")), code
 
@@ -215,9 +102,9 @@ def session_of(follower: fh.Follower, other: CompiledFollower) -> tuple[np.ndarr
         rate = 0.5 if 350 <= k < 420 else 0.0 if 700 <= k < 720 else 1.0
         at = at + (0.06 if k >= 2600 else 0.0)
         sample = follower.step(at, moves, speed, rate)
-        found, code = other.step(at, moves, speed, rate)
-        rows.append([np.concatenate([sample.row, sample.position, sample.velocity]), found])
-        codes.append([sample.result, code])
+        found = other.step(at, moves, speed, rate)
+        rows.append([np.concatenate(one[:3]) for one in (sample, found)])
+        codes.append([sample.result, found.result])
         at, moves = sample.position, sample.velocity
     return np.array(rows), codes
 
@@ -276,8 +163,8 @@ def test_c_stops_as_python_does(real: str, compiled: Any) -> None:
         speed = 0.2 if k < 380 else 1.0
         at = rows[-1][0][-4:-2] if rows else np.array([2.5, 0.5])
         sample = follower.step(at, np.zeros(2), speed, 1.0)
-        found, _ = other.step(at, np.zeros(2), speed, 1.0)
-        rows.append([np.concatenate([sample.row, sample.position, sample.velocity]), found])
+        found = other.step(at, np.zeros(2), speed, 1.0)
+        rows.append([np.concatenate(one[:3]) for one in (sample, found)])
     both = np.array(rows)
     largest = np.abs(both[:, 0]).max(axis=0)
     assert np.all(np.abs(both[:, 0] - both[:, 1]).max(axis=0) <= CLOSE[real] * largest)
@@ -295,7 +182,7 @@ def test_a_goal_time_of_more_than_16_bits_ends(real: str, compiled: Any) -> None
     other = CompiledFollower(library, follower, np.float64 if real == "double" else np.float32)
     other.reset([0.0, 0.0])
     assert other.start(goal([0.1], [0.0], goal_tolerance={"elbow": (0.01, 0.0)})) is FollowCode.ACTIVE
-    codes = [other.step([1.0, 1.0], [0.0, 0.0], 1.0, 1.0)[1] for _ in range(33300)]
+    codes = [other.step([1.0, 1.0], [0.0, 0.0]).result for _ in range(33300)]
     ((at, code_of_end),) = ends(codes)
     assert code_of_end is FollowCode.GOAL_TOLERANCE_VIOLATED
     assert at * PERIOD == pytest.approx(33.0 + 0.1 + 0.12, abs=0.003)
@@ -330,7 +217,7 @@ def test_c_refuses_what_python_refuses(real: str, compiled: Any) -> None:
     good = {"joint_names": ["elbow", "shoulder"], "times": [0.5, 1.0], "positions": [[0.1, 0.2], [0.2, 0.4]]}
     found = [FollowGoal(**(good | changed)) for changed in GOALS]
     codes = [follower.check(one) for one in found]
-    assert codes == [other.start(one, only_check=True) for one in found]
+    assert codes == [other.check(one) for one in found]
     assert {code.name for code in codes} == {
         "SUCCESSFUL",
         "INVALID_GOAL",
@@ -345,10 +232,9 @@ def test_a_row_that_cannot_be_is_refused(compiled: Any) -> None:
     robot = robot_of("planar-two-link")
     follower, twists = follower_of(code), largest_twists(code, robot)
     assert follower is not None
-    one = CompiledFollower(library, follower, np.float64)
 
     def taken(before: np.ndarray, row: np.ndarray) -> bool:
-        return library.row(one.pointer(before)[1], one.pointer(row)[1]) == 0
+        return library.follow_row(*(ctypes.c_void_p(array.ctypes.data) for array in (before, row))) == 0
 
     move = fh.Moving([fh.Quintic(0.0, 0.4, 0.8), fh.Quintic(0.0, -0.3, 0.8)], robot.inverse_dynamics)
     rows = [np.concatenate([move.state(t), move.input(t)]) for t in PERIOD * np.arange(0, 801, 20)]

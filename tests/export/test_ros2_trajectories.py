@@ -17,7 +17,7 @@ from tests.export.trajectory_cases import CASES, TrajectoryCase
 
 from flexhinf.robot import MuJoCoPlant
 
-pytest.importorskip("yaml")
+yaml = pytest.importorskip("yaml")
 pytest.importorskip("mujoco")
 pytestmark = [
     pytest.mark.usefixtures("unoptimised"),
@@ -401,6 +401,25 @@ def test_every_row_of_the_table_is_run() -> None:
 def test_a_row_ends_as_the_table_says(case: TrajectoryCase, make: Make) -> None:
     state, code = RUNS[case.name](make)
     assert (state if code is None else f"{state}, {code}".replace("-", "−")) == case.result
+
+
+def test_moveit_is_told_the_action_and_its_joints(make: Make) -> None:
+    """By the parameters of MoveIt's simple controller manager, with the name that the manager loads."""
+    package = make().manager.package
+    stated = yaml.safe_load((package / "config/moveit_controllers.yaml").read_text())
+    loaded = yaml.safe_load((package / "config/arm_controller.yaml").read_text())
+    (kind, listed) = stated["moveit_controller_manager"], stated["moveit_simple_controller_manager"]
+    assert kind == "moveit_simple_controller_manager/MoveItSimpleControllerManager"
+    (name,) = listed["controller_names"]
+    assert "type" in loaded["controller_manager"]["ros__parameters"][name]
+    own = listed[name]
+    assert own == {
+        "type": "FollowJointTrajectory",
+        "action_ns": "follow_joint_trajectory",
+        "default": True,
+        "joints": list(JOINTS),
+    }
+    assert f"/{own['action_ns']}" in (package / "src/trajectories.cpp").read_text()
 
 
 def test_rows_that_jump_or_twist_a_spring_are_refused(make: Make, capfd: pytest.CaptureFixture[str]) -> None:

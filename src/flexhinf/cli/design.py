@@ -469,7 +469,8 @@ def run_design(context: typer.Context, o: options.RunOptions) -> int:
     By default it makes the step of the design, or its move: what no option states
     is as in the design file. Options change the run and the robot that is driven,
     never the controller. Ctrl-C ends the run: what was recorded until then is
-    written whole.
+    written whole. With --ros it follows trajectories instead, which come as
+    messages, and records nothing.
 
     Exit code: 0 if every deadline and every requirement was met; 1 if not;
     2 for a mistake; 130 if interrupted.
@@ -488,11 +489,15 @@ def run_design(context: typer.Context, o: options.RunOptions) -> int:
         "flexhinf run DIR --mujoco",
     )
     refuse_if(
-        not o.mujoco,
+        not (o.mujoco or o.ros),
         "No robot is named for the controller to drive.",
-        "expected --mujoco, got none",
+        "expected --mujoco or --ros, got none",
         "--mujoco, which simulates it",
     )
+    if o.ros:
+        from flexhinf.cli.ros import run_node
+
+        return run_node(context, o, path)
     refuse_stated(context, {} if o.load is not None else {"load_at": "--load, which begins then"})
     logs, films = [export.check_log(path) for path in o.log], [pages.check_film(path) for path in o.record]
     folder = None if o.out is None else report.check(o.out)

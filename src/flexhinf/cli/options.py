@@ -380,6 +380,8 @@ class RunOptions(PointOptions, VerboseOptions):
         "design.toml or the folder of a report, whose controller is used as it was tested. A design.toml without one "
         "is designed first.", "DESIGN")
     mujoco: bool = option(False, RUN, "Drive the elastic robot in MuJoCo (needs flexhinf[mujoco]).")
+    ros: bool = option(False, RUN,
+        "Be a ROS 2 node whose robot in MuJoCo follows trajectories until Ctrl-C (needs rclpy).")
     library: Path | None = option(None, RUN,
         "Step this shared library of `flexhinf compile` instead of the controller in Python.", unit="path")
     perturb: list[Text] = option(list, UNCERTAIN,

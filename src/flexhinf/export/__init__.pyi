@@ -27,3 +27,4 @@ from .refusals import (
     check_room as check_room,
     refuse_unlimited as refuse_unlimited,
 )
+from .ros_node import RosRun as RosRun, run_ros as run_ros

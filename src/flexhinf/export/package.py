@@ -110,6 +110,7 @@ FILES: tuple[File[Export], ...] = (
     File("ros2/@{package}.xml", "ros2/plugin.xml", _ros2),
     File("ros2/CMakeLists.txt", "ros2/CMakeLists.txt", _ros2),
     File("ros2/config/@{package}.yaml", "ros2/controller.yaml", _ros2),
+    File("ros2/config/moveit_controllers.yaml", "ros2/moveit_controllers.yaml", _ros2, _follows),
     File("ros2/include/@{package}/controller.hpp", "ros2/controller.hpp", _ros2),
     File("ros2/src/controller.cpp", "ros2/controller.cpp", _ros2),
     File("ros2/include/@{package}/trajectories.hpp", "ros2/trajectories.hpp", _ros2, _follows),

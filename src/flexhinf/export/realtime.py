@@ -247,7 +247,7 @@ def run_realtime(
     clock = _Clock(loop, library, {"state": initial_estimate, "input": initial_input}, samples, real_time)
     loop.run_paced(AT_ONCE, clock, duration=period * min(samples - 1, REHEARSED), **settings)
     clock.reset()
-    with undisturbed(priority, core) as scheduling, _stopping() as clock.request:
+    with undisturbed(priority, core) as scheduling, stopping() as clock.request:
         watch_samples = max(1, round(watch_every / period))
 
         def end(k: int) -> None:
@@ -265,7 +265,7 @@ def run_realtime(
     )  # fmt: skip
 
 
-def _check_library(library: CompiledController, controller: Any) -> None:
+def check_library(library: CompiledController, controller: Any) -> None:
     """Refuse a library of another controller: by its signals and its period, then by all that its inputs depend on."""
     own = {
         "period": controller.period, "measured": controller.measured, "commanded": controller.commanded,
@@ -299,7 +299,7 @@ class _Clock:
         self.code_names, self.name = {0: "OK"}, "Controller.step"
         self._stepped: Any = loop.controller.fresh()
         if library is not None:
-            _check_library(library, loop.controller)
+            check_library(library, loop.controller)
             self._stepped = copy.copy(library)
             self.code_names |= library.code_numbers
             self.name = f"compiled library {library.path.name}"
@@ -370,7 +370,7 @@ def wait_until(due: int) -> int:
 
 # The system -----------------------------------------------------------------------------------------
 @contextmanager
-def _stopping() -> Generator[list[int]]:
+def stopping() -> Generator[list[int]]:
     """A list that receives the number of a signal to stop; a second Ctrl-C interrupts as usual."""
     request: list[int] = []
 

@@ -1,0 +1,423 @@
+"""A ROS 2 node that carries messages between a `TrajectoryServer` and those who send it trajectories.
+
+It publishes `sensor_msgs/JointState` on ``joint_states`` and takes `trajectory_msgs/JointTrajectory` on
+``~/joint_trajectory``; where control_msgs is installed, also goals of `FollowJointTrajectory` as
+``~/follow_joint_trajectory``. Names and answers are those of the plugin for ros2_control.
+"""
+
+# Not checked strictly: rclpy and its messages have no types that are known here.
+# pyright: reportUnknownArgumentType=false, reportUnknownMemberType=false, reportUnknownVariableType=false
+
+from __future__ import annotations
+
+import gc
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import Any, NamedTuple
+
+from flexhinf.arrays import Numbers
+from flexhinf.errors import InvalidInput
+from flexhinf.export.compiled import CompiledController
+from flexhinf.export.names import identifier_of
+from flexhinf.export.realtime import stopping, undisturbed, wait_until
+from flexhinf.export.trajectory_server import LONGEST_UNSEEN, GoalEnd, RobotIO, TrajectoryServer
+from flexhinf.loop import Controller
+from flexhinf.robot import FollowCode, FollowGoal, Robot
+from flexhinf.validation import required_package
+
+#: Between two messages of joint states, and of feedback, s.
+PUBLISHED = 0.01
+
+#: Threads of the executor: two goals of which one replaces the other, and what goes on meanwhile.
+THREADS = 4
+
+#: For how long the end of a node waits for its threads, s.
+ENDING = 5.0
+
+#: Depth of the topics' queues.
+DEPTH = 10
+
+INSTALL = (
+    "source setup.bash of ROS 2 Jazzy, whose python3 then has flexhinf; or pip install ros-jazzy-rclpy "
+    "ros-jazzy-sensor-msgs ros-jazzy-trajectory-msgs ros-jazzy-rmw-fastrtps-cpp"
+)
+
+
+def ros_packages() -> dict[str, Any]:
+    """Modules of ROS 2 by name, refused before any work where they are missing; without an action where that is."""
+    names = (
+        "rclpy", "rclpy.action", "rclpy.context", "rclpy.executors", "rclpy.node", "sensor_msgs.msg",
+        "trajectory_msgs.msg",
+    )  # fmt: skip
+    found = {
+        name: required_package(name, "ROS 2 is not installed for this Python.", INSTALL) for name in names
+    }
+    try:
+        found["action"] = import_module("control_msgs.action").FollowJointTrajectory
+    except ImportError:
+        found["action"] = None
+    return found
+
+
+# Messages -------------------------------------------------------------------------------------------------
+def nanoseconds(stamp: Any) -> int:
+    """Of `builtin_interfaces/Time` or Duration."""
+    return 1_000_000_000 * stamp.sec + stamp.nanosec
+
+
+def goal_of(
+    trajectory: Any, now: int, tolerances: Sequence[Sequence[Any]] = ((), ()), goal_time: float = 0.0
+) -> FollowGoal:
+    """The goal of a `JointTrajectory` with tolerances of path and goal; `now`: ns, of the clock of its stamp.
+
+    Raises InvalidInput: for rows that do not fit the joints, waypoints of different kinds, efforts, and tolerances of
+    accelerations, which are not measured.
+    """
+    points, stamp = list(trajectory.points), nanoseconds(trajectory.header.stamp)
+    if any(len(point.effort) for point in points):
+        raise InvalidInput(
+            "A trajectory states efforts.", "expected none", "positions, velocities, accelerations"
+        )
+    pairs: list[dict[str, tuple[float, float]]] = []
+    for several in tolerances:  # of the path, and at the goal
+        if any(one.acceleration > 0.0 for one in several):
+            raise InvalidInput(
+                "A tolerance is one of an acceleration.", "expected 0: it is not measured", "acceleration=0"
+            )
+        pairs.append({one.name: (one.position, one.velocity) for one in several})
+    rows = {
+        name: [list(getattr(point, name)) for point in points]
+        for name in ("positions", "velocities", "accelerations")
+    }
+    for name, several in rows.items():
+        if len({len(row) for row in several}) > 1:
+            raise InvalidInput(
+                f"Waypoints differ in what they state of {name}.",
+                f"expected as many numbers in each, got {[len(row) for row in several][:10]}",
+                f"{name} in every waypoint, or in none",
+            )
+    velocities, accelerations = (
+        rows[name] if any(rows[name]) else None for name in ("velocities", "accelerations")
+    )
+    return FollowGoal(
+        list(trajectory.joint_names),
+        [1e-9 * nanoseconds(point.time_from_start) for point in points],
+        rows["positions"],
+        velocities,
+        accelerations,
+        1e-9 * (stamp - now) if stamp else 0.0,
+        path_tolerance=pairs[0],
+        goal_tolerance=pairs[1],
+        goal_time=goal_time,
+    )
+
+
+@dataclass(eq=False)
+class _Followed:
+    """A goal of the action until it is told how it ended."""
+
+    handle: Any
+    number: int
+    is_over: threading.Event = field(default_factory=threading.Event)
+    is_answered: threading.Event = field(default_factory=threading.Event)
+    end: GoalEnd | None = None
+
+
+class RosNode:
+    """Topics and action of a `TrajectoryServer`; a context, which stops the robot and gives all back at its end.
+
+    Parameters
+    ----------
+    server : TrajectoryServer
+        What decides.
+    name : str
+        Of the node.
+    clock : callable, optional
+        Time of stamps, ns; by default that of the node.
+    action : type, optional
+        ``control_msgs.action.FollowJointTrajectory``; by default it is looked for, and left out where it is missing.
+
+    Raises InvalidInput: without rclpy, sensor_msgs or trajectory_msgs.
+    """
+
+    def __init__(
+        self,
+        server: TrajectoryServer,
+        name: str,
+        clock: Callable[[], int] | None = None,
+        action: Any = None,
+    ) -> None:
+        ros = ros_packages()
+        self.server, self._ros = server, ros
+        self.context = ros["rclpy.context"].Context()
+        ros["rclpy"].init(args=None, context=self.context)
+        self.node = ros["rclpy.node"].Node(name, context=self.context)
+        self._clock = clock or (lambda: int(self.node.get_clock().now().nanoseconds))
+        self._states = self.node.create_publisher(ros["sensor_msgs.msg"].JointState, "joint_states", DEPTH)
+        self.node.create_subscription(
+            ros["trajectory_msgs.msg"].JointTrajectory, "~/joint_trajectory", self._receive, DEPTH
+        )
+        self._every = max(1, round(PUBLISHED / server.period))
+        self._action, self._lock = action or ros["action"], threading.Lock()
+        self._goals: list[_Followed] = []
+        self._open: dict[bytes, _Followed] = {}
+        self._served = self._action and ros["rclpy.action"].ActionServer(
+            self.node, self._action, "~/follow_joint_trajectory", self._execute, goal_callback=self._consider,
+            handle_accepted_callback=self._begin, cancel_callback=self._allow_cancel,
+        )  # fmt: skip
+        self._executor = ros["rclpy.executors"].MultiThreadedExecutor(THREADS, context=self.context)
+        self._executor.add_node(self.node)
+        self._thread = threading.Thread(target=self._spin, daemon=True)
+
+    @property
+    def has_action(self) -> bool:
+        """Whether goals of FollowJointTrajectory are served."""
+        return self._served is not None
+
+    def __enter__(self) -> RosNode:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.server.stop("the node has ended")
+        try:
+            self.server.release()
+        finally:
+            self._close()
+
+    def _close(self) -> None:
+        self._tell()
+        for goal in list(self._goals):  # ended by nobody, as one that came just now
+            goal.end = GoalEnd(goal.number, FollowCode.PATH_TOLERANCE_VIOLATED, self.server.stopped)
+            goal.is_over.set()
+        over = threading.Event()
+        self._executor.create_task(self._answered, over)
+        over.wait(ENDING)
+        self._executor.shutdown(timeout_sec=ENDING)
+        self._thread.join(ENDING)
+        if self._served is not None:
+            self._served.destroy()
+        self.node.destroy_node()
+        self._ros["rclpy"].shutdown(context=self.context)
+
+    def _answered(self, over: threading.Event) -> None:
+        """A task behind those that tell clients how their goals ended."""
+        for goal in tuple(self._open.values()):
+            goal.is_answered.wait(ENDING)
+        self._executor.create_task(over.set)
+
+    def _spin(self) -> None:
+        try:
+            self._executor.spin()
+        except self._ros["rclpy.executors"].ExternalShutdownException:
+            pass
+
+    # Thread of the samples -----------------------------------------------------------------------------
+    def sample(self, elapsed: float = 0.0) -> None:
+        """One sample of the server, and what there is to say of it."""
+        for goal in tuple(self._goals):
+            if goal.handle.is_cancel_requested:
+                self.server.cancel(goal.number)
+        self.server.sample(elapsed)
+        self._tell()
+        if self.server.samples % self._every == 0:
+            self._publish()
+
+    def _tell(self) -> None:
+        ends = {end.number: end for end in self.server.ends()}
+        if not ends:
+            return
+        with self._lock:
+            for goal in [goal for goal in self._goals if goal.number in ends]:
+                self._goals.remove(goal)
+                goal.end = ends[goal.number]
+                goal.is_over.set()
+
+    def _publish(self) -> None:
+        motion, stamp = self.server.motion, self.node.get_clock().now().to_msg()
+        message = self._ros["sensor_msgs.msg"].JointState()
+        message.header.stamp, message.name = stamp, list(self.server.robot.joint_names)
+        message.position, message.velocity = motion.actual.tolist(), motion.actual_velocity.tolist()
+        self._states.publish(message)
+        for goal in tuple(self._goals):
+            if not goal.handle.is_active:
+                continue
+            feedback = self._action.Feedback()
+            feedback.header.stamp, feedback.joint_names = stamp, message.name
+            desired, speeds = motion.desired, motion.desired_velocity
+            for place, numbers in (
+                (feedback.desired, (desired, speeds)),
+                (feedback.actual, (motion.actual, motion.actual_velocity)),
+                (feedback.error, (desired - motion.actual, speeds - motion.actual_velocity)),
+            ):
+                place.positions, place.velocities = (row.tolist() for row in numbers)
+            goal.handle.publish_feedback(feedback)
+
+    # Threads of the executor ---------------------------------------------------------------------------
+    def _receive(self, message: Any) -> None:
+        try:
+            goal = goal_of(message, self._clock())
+        except InvalidInput as error:
+            self.node.get_logger().warning(f"a trajectory is ignored: {error}")
+            return
+        if why := self.server.refusal(goal):
+            self.node.get_logger().warning(f"a trajectory is ignored: {why}")
+        else:
+            self.server.submit(goal)
+
+    def _wanted(self, request: Any) -> FollowGoal:
+        tolerances = request.path_tolerance, request.goal_tolerance
+        time_allowed = 1e-9 * nanoseconds(request.goal_time_tolerance)
+        return goal_of(request.trajectory, self._clock(), tolerances, time_allowed)
+
+    def _consider(self, request: Any) -> Any:
+        answers = self._ros["rclpy.action"].GoalResponse
+        try:
+            why = self.server.refusal(self._wanted(request))
+        except InvalidInput as error:
+            why = str(error)
+        if why:
+            self.node.get_logger().warning(f"a goal is rejected: {why}")
+        return answers.REJECT if why else answers.ACCEPT
+
+    def _begin(self, handle: Any) -> None:
+        wanted = self._wanted(handle.request)
+        with self._lock:  # before the loop tells how it ended
+            goal = _Followed(handle, self.server.submit(wanted))
+            self._goals.append(goal)
+            self._open[bytes(handle.goal_id.uuid)] = goal
+        handle.execute()
+
+    def _allow_cancel(self, handle: Any) -> Any:
+        """Always; the next sample sees that the goal is cancelled."""
+        return self._ros["rclpy.action"].CancelResponse.ACCEPT
+
+    def _execute(self, handle: Any) -> Any:
+        """Wait for the end of a goal, in a thread of its own."""
+        goal = self._open[bytes(handle.goal_id.uuid)]
+        goal.is_over.wait()
+        end = goal.end
+        assert end is not None
+        result = self._action.Result()
+        result.error_code, result.error_string = int(end.code), end.text
+        if handle.is_cancel_requested:
+            handle.canceled()
+        elif end.code is FollowCode.SUCCESSFUL:
+            handle.succeed()
+        else:
+            handle.abort()
+        self._open.pop(bytes(handle.goal_id.uuid), None)
+        goal.is_answered.set()
+        return result
+
+
+# The loop -------------------------------------------------------------------------------------------------
+class RosRun(NamedTuple):
+    """How a node of `run_ros` ended: samples, those that came later than a period, why the robot was stopped (empty
+    where it was not), the signal that ended it (None at the end of the duration), and what the system permitted."""
+
+    samples: int
+    late: int
+    stopped: str
+    ended_by: int | None
+    scheduling: tuple[str, ...]
+
+
+def node_name(robot: Robot) -> str:
+    """Of a robot's node: its name, with underscores where ROS 2 takes no other character."""
+    return identifier_of(robot.name).lower()
+
+
+def run_ros(
+    controller: Controller,
+    robot: Robot,
+    hardware: RobotIO,
+    *,
+    library: CompiledController | None = None,
+    pose: Numbers = None,
+    name: str | None = None,
+    duration: float | None = None,
+    real_time: bool = True,
+    timed: bool = True,
+    priority: int | None = None,
+    core: int | None = None,
+    watch: Callable[[], bool] | None = None,
+    ready: Callable[[RosNode], None] | None = None,
+    longest_unseen: int = LONGEST_UNSEEN,
+) -> RosRun:
+    """Run a controller as a ROS 2 node that follows trajectories, until Ctrl-C, a fault, or the end of `duration`.
+
+    Each period `hardware` is read, the controller steps, and its input is written. Where a sample is late, the next
+    one is due a period after it. A fault stops the robot: its inputs are 0 once (those of drives that take positions
+    stay), and the goal ends with −4; so does the end of the node.
+
+    Parameters
+    ----------
+    controller : Controller
+        For the workspace of `robot`.
+    hardware : object
+        With ``read()``, which returns the measurement (p,) in the order of ``controller.measured``, SI units, NaN for
+        one that is missing; and ``write(input)``, of the inputs (m,).
+    library : CompiledController, optional
+        Steps instead of the controller, of which it was compiled; it then checks the period too.
+    pose : (n,), optional
+        Link positions where the robot rests, rad or m; by default from what is read.
+    name : str, optional
+        Of the node; by default the robot's.
+    duration : float, optional
+        s.
+    real_time : bool
+        Whether samples wait for the clock.
+    timed : bool
+        Whether the robot moves by the clock, as real ones do; not one that a period simulates.
+    priority, core, watch
+        As for `flexhinf.run_realtime`.
+    ready : callable, optional
+        Called with the node when its topics are there.
+    longest_unseen : int
+        Samples that a sensor may be silent for.
+
+    Raises InvalidInput: without ROS 2 or a C compiler; for a controller of one pose; a library of another controller;
+    a pose that is not known; or where read() returns another number of measurements.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> class Drives:  # your own, with the numbers of your bus
+    ...     def read(self):
+    ...         return [0.0, 0.0]  # as in controller.measured
+    ...
+    ...     def write(self, input):
+    ...         self.sent = input
+    >>> def follow(folder):  # until Ctrl-C
+    ...     design = fh.load_design(folder)
+    ...     return fh.run_ros(design.controller(), design.robot, Drives())
+    """
+    ros_packages()
+    server = TrajectoryServer(
+        controller, robot, hardware, library=library, pose=pose, longest_unseen=longest_unseen
+    )
+    period, late = server.period, 0
+    samples = None if duration is None else round(duration / period)
+    frame = max(1, round(1.0 / 30.0 / period))
+    with (
+        RosNode(server, node_name(robot) if name is None else name) as node,
+        undisturbed(priority, core) as scheduling,
+        stopping() as request,
+    ):
+        gc.enable()  # a node runs for hours
+        if ready is not None:
+            ready(node)
+        step, due, before = round(1e9 * period), time.perf_counter_ns(), 0
+        while not request and not server.stopped and server.samples != samples:
+            now = wait_until(due) if real_time else time.perf_counter_ns()
+            node.sample(1e-9 * (now - before) if timed and real_time and before else 0.0)
+            is_late = time.perf_counter_ns() > due + step
+            due, before, late = (now if is_late else due) + step, now, late + is_late
+            if watch is not None and server.samples % frame == 0 and not watch():
+                request.append(0)
+        run = RosRun(server.samples, late, server.stopped, request[0] if request else None, scheduling)
+    return run

@@ -1,0 +1,285 @@
+"""A controller that follows trajectories as they come, sample by sample; messages are carried by others.
+
+What happens in a sample is decided by ``NAME_follow`` of the export: splines, tolerances, cancel, replacement. Here is
+what a goal is told: how it ends, where another replaces it, and what stops the robot.
+"""
+
+from __future__ import annotations
+
+import copy
+import threading
+from collections import deque
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from flexhinf.arrays import Numbers, Vector
+from flexhinf.errors import NumericalFailure, refuse_if
+from flexhinf.export.compiled import CompiledController
+from flexhinf.export.compiled_follower import CompiledFollower, compile_follower
+from flexhinf.export.controller_c import code_of
+from flexhinf.export.realtime import check_library
+from flexhinf.loop import Controller
+from flexhinf.robot import FollowCode, FollowGoal, Robot
+from flexhinf.robot.signals import signal_names
+from flexhinf.validation import real_array
+
+#: Codes of a compiled step after which it computes nothing that moves a robot.
+FATAL = ("WENT_BACK", "STOPPED", "BAD_PERIOD")
+
+#: Samples that a sensor may be silent for.
+LONGEST_UNSEEN = 10
+
+#: Passes in which the pose is found from motors whose springs the weight twists: as in the plugin of ros2_control.
+PASSES = 50
+
+#: What a goal is told about the codes that the follower answers.
+TEXTS = {
+    FollowCode.SUCCESSFUL: "the goal is reached",
+    FollowCode.INVALID_GOAL: "expected waypoints that increase in time, finite, within the joints' ranges and speeds, "
+    "without a jump, at rest at the end",
+    FollowCode.INVALID_JOINTS: "the joints are not those of the controller, each once",
+    FollowCode.OLD_HEADER_TIMESTAMP: "the trajectory is over",
+    FollowCode.PATH_TOLERANCE_VIOLATED: "a joint is farther from the path than its tolerance",
+    FollowCode.GOAL_TOLERANCE_VIOLATED: "a joint did not reach the goal in time",
+}
+
+
+class RobotIO(Protocol):
+    """A robot: what its sensors read, and where its inputs go."""
+
+    def read(self) -> Numbers:
+        """The measurement (p,), NaN where a sensor gives nothing; None where none does."""
+        ...
+
+    def write(self, input: np.ndarray) -> None:
+        """Apply the input (m,) until the next one."""
+        ...
+
+
+class GoalEnd(NamedTuple):
+    """How the goal of a number ended."""
+
+    number: int
+    code: FollowCode
+    text: str
+
+
+class ArmMotion(NamedTuple):
+    """Where the links are to be, and where they are estimated to be; (n,) each, rad and rad/s, or m and m/s."""
+
+    desired: Vector
+    desired_velocity: Vector
+    actual: Vector
+    actual_velocity: Vector
+
+
+class TrajectoryServer:
+    """A controller for a workspace and its robot, which follow the goals that come.
+
+    Messages may come from another thread than the one of the samples.
+
+    Parameters
+    ----------
+    controller : Controller
+        For the workspace of `robot`.
+    robot : Robot
+        Of the design.
+    hardware : RobotIO
+        An object with read() and write().
+    library : CompiledController, optional
+        Steps instead of the controller, of which it was compiled.
+    pose : (n,), optional
+        Link positions where the robot rests, rad or m; by default they are found from what is read.
+    longest_unseen : int
+        Samples that a sensor may be silent for.
+
+    Attributes
+    ----------
+    motion : ArmMotion
+        Of the last sample.
+    stopped : str
+        Why the robot was stopped; empty while it is not.
+
+    Raises InvalidInput: for a controller that follows no trajectories, a library of another one, without a C compiler,
+    or where the pose is neither stated nor measured.
+    """
+
+    def __init__(
+        self,
+        controller: Controller,
+        robot: Robot,
+        hardware: RobotIO,
+        *,
+        library: CompiledController | None = None,
+        pose: Numbers = None,
+        longest_unseen: int = LONGEST_UNSEEN,
+    ) -> None:
+        self.robot, self.hardware, self.period = robot, hardware, controller.period
+        self.measured, self._longest = controller.measured, longest_unseen
+        self._stepped: Any = controller.fresh() if library is None else copy.copy(library)
+        if library is not None:
+            check_library(library, controller)
+        self._is_compiled = library is not None
+        self._follower: CompiledFollower = compile_follower(code_of(controller, "arm", "double", robot))
+        self._lock = threading.RLock()
+        self._numbers, self._open, self._in_use, self._pending = 0, 0, 0, 0
+        self._ends: deque[GoalEnd] = deque()
+        q = measured_pose(robot, self.measured, hardware.read()) if pose is None else real_array(pose)
+        self._follower.reset(q)
+        state, u = robot.operating_point(q)
+        self._stepped.reset(state=state, input=u)
+        self._u, self._unseen, self._failures = np.asarray(u, dtype=float), np.zeros(len(self.measured)), 0
+        none = np.zeros(len(robot.joint_names))
+        self.motion, self.stopped, self.samples = ArmMotion(q, none, q, none), "", 0
+        self._is_released = False
+
+    # Goals, from any thread ----------------------------------------------------------------------------
+    def refusal(self, goal: FollowGoal) -> str:
+        """Why a goal would be refused wherever the arm is; empty where it would not."""
+        with self._lock:
+            if self.stopped:
+                return self.stopped
+            code = self._follower.check(goal)
+        return "" if code is FollowCode.SUCCESSFUL else TEXTS[code]
+
+    def submit(self, goal: FollowGoal) -> int:
+        """Follow a goal from the next sample on; returns its number. The one before it ends with −1."""
+        with self._lock:
+            self._end(self._open, FollowCode.INVALID_GOAL, "another goal has replaced it")
+            self._numbers += 1
+            self._open = number = self._numbers
+            code = FollowCode.PATH_TOLERANCE_VIOLATED if self.stopped else self._follower.start(goal)
+            if code is not FollowCode.ACTIVE:
+                self._end(number, code, self.stopped or TEXTS[code])
+            elif self._follower.waits:
+                self._pending = number
+            else:
+                self._in_use, self._pending = number, 0
+            return number
+
+    def cancel(self, number: int) -> None:
+        """Come to rest, if it is this goal that is followed or waits; it ends with 0."""
+        with self._lock:
+            if number == self._open:
+                self._follower.cancel()
+                self._pending = 0
+                self._end(number, FollowCode.SUCCESSFUL, "the goal is cancelled")
+
+    def ends(self) -> list[GoalEnd]:
+        """How goals ended since this was called before."""
+        with self._lock:
+            found = list(self._ends)
+            self._ends.clear()
+            return found
+
+    def _end(self, number: int, code: FollowCode, text: str) -> None:
+        """The first word on a goal counts."""
+        if number and number == self._open:
+            self._open = 0
+            self._ends.append(GoalEnd(number, code, text))
+
+    # Samples -------------------------------------------------------------------------------------------
+    def sample(self, elapsed: float = 0.0) -> None:
+        """Read, follow, step, write; `elapsed`: s since the sample before, 0 where that is not known.
+
+        Nothing is computed after a fault, which `stopped` names: the inputs are then 0, those of drives that take
+        positions stay.
+        """
+        y = None if self.stopped else self._measurement()
+        with self._lock:
+            if not self.stopped:
+                self._step(y, elapsed)
+        if self.stopped:
+            self.release()
+        else:
+            self.hardware.write(self._u)
+            self.samples += 1
+
+    def release(self) -> None:
+        """Write the inputs of a robot that was stopped, once."""
+        if not self._is_released:
+            self._is_released = True
+            self.hardware.write(self._u if self.robot.drive == "position" else np.zeros_like(self._u))
+
+    def stop(self, reason: str) -> None:
+        """Stop the robot; the goal ends with −4 and this reason."""
+        with self._lock:
+            self.stopped = self.stopped or reason
+            self._end(self._open, FollowCode.PATH_TOLERANCE_VIOLATED, self.stopped)
+
+    def _measurement(self) -> Vector | None:
+        read = self.hardware.read()
+        y = np.full(len(self.measured), np.nan) if read is None else np.ravel(real_array(read))
+        refuse_if(
+            y.shape != self._unseen.shape,
+            "The robot does not read what the controller needs.",
+            f"expected {len(self.measured)} numbers {list(self.measured)}, got shape {y.shape}",
+            "read() that returns them in this order, NaN for one that is missing",
+        )
+        self._unseen = np.where(np.isfinite(y), 0.0, self._unseen + 1.0)
+        for name in np.array(self.measured)[self._unseen > self._longest]:
+            self.stop(f"{name} was not measured for {self._longest} samples")
+        return y if np.isfinite(y).any() else None
+
+    def _step(self, y: Vector | None, elapsed: float) -> None:
+        actual, actual_velocity = self.motion[2:]
+        followed = self._follower.step(actual, actual_velocity, 1.0, self._stepped.path_rate)
+        self._judge(followed.result)
+        if not self._follower.waits and self._pending:
+            self._in_use, self._pending = self._pending, 0
+        try:
+            timed = {"elapsed": elapsed} if self._is_compiled else {}
+            self._u = self._stepped.step(y, followed.row, **timed)
+            self._failures = 0
+        except NumericalFailure as failure:  # the input before it is held, once
+            self._failures += 1
+            if self._failures > 1:
+                self.stop(f"the controller cannot go on: {failure}")
+        if self._is_compiled and self._stepped.code in FATAL:
+            self.stop(f"the controller stopped: {self._stepped.code}")
+        n, x = len(actual), self._stepped.estimate
+        if np.isfinite(x).all():
+            actual, actual_velocity = x[:n], x[n : 2 * n]
+        self.motion = ArmMotion(followed.position, followed.velocity, actual, actual_velocity)
+
+    def _judge(self, code: FollowCode) -> None:
+        if code in (FollowCode.INVALID_GOAL, FollowCode.OLD_HEADER_TIMESTAMP):
+            self._end(self._pending, code, TEXTS[code])  # one that has waited; the one before it goes on
+            self._pending = 0
+        elif code not in (FollowCode.ACTIVE, FollowCode.IDLE):
+            self._end(self._in_use, code, TEXTS[code])
+            if code is FollowCode.PATH_TOLERANCE_VIOLATED:  # the goal that waits is dropped
+                self._end(self._pending, code, TEXTS[code])
+                self._pending = 0
+
+
+def measured_pose(robot: Robot, measured: tuple[str, ...], y: Numbers) -> Vector:
+    """Link positions (n,), rad or m, of a robot that rests, from a measurement (p,) of its links, or of its motors and
+    the twist of the springs under the weight.
+
+    Raises InvalidInput: where a joint has neither.
+    """
+    joints = robot.joint_names
+    numbers = np.full(len(measured), np.nan) if y is None else np.ravel(real_array(y))
+    there = dict(zip(measured, numbers))
+    links, motors = (
+        np.array([there.get(name, np.nan) for name in signal_names(kind, joints)])
+        for kind in ("link_position", "motor_position")
+    )
+    by_motor = ~np.isfinite(links)
+    q = np.where(by_motor, motors, links)
+    refuse_if(
+        not np.isfinite(q).all(),
+        "The robot's pose is not known.",
+        f"expected a position of each of the joints {list(joints)}, got {numbers.tolist()} of {list(measured)}",
+        "pose=[…], the link positions where it rests; or a read() that returns them",
+    )
+    states = list(robot.plant().states)
+    names = signal_names("motor_position", joints)
+    elastic = np.array([name in states for name in names])
+    places = [states.index(name) if name in states else 0 for name in names]
+    for _ in range(PASSES if (by_motor & elastic).any() else 0):
+        twisted = robot.operating_point(q)[0][places]
+        q = q + np.where(by_motor & elastic, motors - twisted, 0.0)
+    return q

@@ -1,0 +1,291 @@
+"""The node in a real ROS 2 on this machine alone: a client sends trajectories as MoveIt does.
+
+The robot's time goes on with samples that the test makes, and not with a clock.
+"""
+
+from __future__ import annotations
+
+import os
+import queue
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.export.test_rest import robot_of
+from tests.export.test_ros2 import workspace_controller
+from tests.export.test_ros2_trajectories import GOAL, JOINTS, LONGEST, MOVE, START
+from tests.export.test_trajectory_server import Arm
+from tests.ros_action import action_type
+
+from flexhinf.export import trajectory_server
+from flexhinf.export.compiled_follower import CompiledFollower, compile_follower
+from flexhinf.export.controller_c import code_of
+from flexhinf.export.ros_node import RosNode, run_ros
+from flexhinf.export.trajectory_server import TrajectoryServer
+
+rclpy = pytest.importorskip("rclpy", reason="not in the locks: rclpy of ROS 2")
+pytest.importorskip("mujoco")
+pytestmark = [
+    pytest.mark.usefixtures("unoptimised"),
+    pytest.mark.ci("nodes of ROS 2, and a follower that is compiled once"),
+]
+
+#: How long a message may take on a machine that is busy, s; none is awaited by sleeping.
+PATIENCE = 60.0
+
+SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
+
+
+@pytest.fixture(scope="module", autouse=True)
+def local() -> Iterator[None]:
+    """Nothing leaves this machine, and other nodes on it have another domain."""
+    settings = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": str(1 + os.getpid() % 100)}
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in settings.items():
+            patch.setenv(name, value)
+        yield
+
+
+@pytest.fixture(scope="module")
+def follower() -> CompiledFollower:
+    return compile_follower(code_of(workspace_controller(), "arm", "double", robot_of("planar-two-link")))
+
+
+@pytest.fixture(scope="module")
+def action(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    return action_type(tmp_path_factory.mktemp("control_msgs"))
+
+
+def settled(future: Any) -> Any:
+    """The result of a future of a client, which another thread spins."""
+    done = threading.Event()
+    future.add_done_callback(lambda _: done.set())
+    assert done.wait(PATIENCE), "no answer"
+    return future.result()
+
+
+def message(package: str, name: str) -> Any:
+    """A type of messages."""
+    return getattr(import_module(f"{package}.msg"), name)
+
+
+class Client:
+    """Another node, with a thread of its own."""
+
+    def __init__(self, action: Any, node: str) -> None:
+        self.type = action
+        self.context = rclpy.context.Context()
+        rclpy.init(context=self.context)
+        self.node = rclpy.create_node("planner", context=self.context)
+        self.states: queue.Queue[Any] = queue.Queue()
+        self.node.create_subscription(
+            message("sensor_msgs", "JointState"), "joint_states", self.states.put, 10
+        )
+        self.topic = self.node.create_publisher(
+            message("trajectory_msgs", "JointTrajectory"), f"{node}/joint_trajectory", 10
+        )
+        self.status: queue.Queue[Any] = queue.Queue()
+        self.node.create_subscription(
+            message("action_msgs", "GoalStatusArray"),
+            f"{node}/follow_joint_trajectory/_action/status",
+            self.status.put,
+            10,
+        )
+        self.action = import_module("rclpy.action").ActionClient(
+            self.node, action, f"{node}/follow_joint_trajectory"
+        )
+        self.feedback: queue.Queue[Any] = queue.Queue()
+        self.executor = rclpy.executors.SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.thread = threading.Thread(target=self.executor.spin, daemon=True)
+        self.thread.start()
+        assert self.action.wait_for_server(PATIENCE)
+
+    def trajectory(self, times: Any, rows: Any, joints: Sequence[str] = JOINTS) -> Any:
+        def point(time: float, row: Any) -> Any:
+            whole = int(time)
+            at = message("builtin_interfaces", "Duration")(sec=whole, nanosec=round(1e9 * (time - whole)))
+            return message("trajectory_msgs", "JointTrajectoryPoint")(
+                positions=[float(x) for x in row], time_from_start=at
+            )
+
+        return message("trajectory_msgs", "JointTrajectory")(
+            joint_names=list(joints), points=list(map(point, times, rows))
+        )
+
+    def send(self, trajectory: Any, **other: Any) -> Any:
+        """The handle of a goal."""
+        goal = self.type.Goal(trajectory=trajectory, **other)
+        return settled(self.action.send_goal_async(goal, feedback_callback=self.feedback.put))
+
+    def close(self) -> None:
+        self.executor.shutdown(timeout_sec=PATIENCE)
+        self.action.destroy()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+        self.thread.join(PATIENCE)
+
+
+class Served:
+    """An arm, its node, and a client."""
+
+    def __init__(self, action: Any) -> None:
+        self.arm = Arm()
+        self.server = TrajectoryServer(workspace_controller(), self.arm.robot, self.arm)
+        self.node = RosNode(self.server, "arm", action=action)
+        self.node.__enter__()
+        self.client = Client(action, "arm")
+        self.is_open = True
+
+    def run(self, samples: int) -> None:
+        for _ in range(samples):
+            self.node.sample()
+
+    def at(self, goal: Sequence[float] | np.ndarray) -> None:
+        np.testing.assert_allclose(self.arm.plant.state()[:2], goal, atol=2e-3)
+
+    def end(self) -> None:
+        if self.is_open:
+            self.is_open = False
+            self.node.__exit__()
+
+
+@pytest.fixture
+def served(action: Any, follower: CompiledFollower, monkeypatch: pytest.MonkeyPatch) -> Iterator[Served]:
+    def again(code: Any) -> CompiledFollower:
+        return CompiledFollower(follower._library, follower.follower, np.float64)
+
+    monkeypatch.setattr(trajectory_server, "compile_follower", again)
+    one = Served(action)
+    yield one
+    one.end()
+    one.client.close()
+
+
+def outcome(handle: Any, done: Any = None) -> tuple[int, int, str]:
+    found = settled(done or handle.get_result_async())
+    return found.status, found.result.error_code, found.result.error_string
+
+
+def test_a_goal_is_followed_with_feedback_and_joint_states(served: Served) -> None:
+    """Names in another order; what is published is where the links are."""
+    shuffled = served.client.trajectory(MOVE[0], [row[::-1] for row in np.array(MOVE[1])], JOINTS[::-1])
+    handle = served.client.send(shuffled)
+    assert handle.accepted
+    served.run(LONGEST)
+    assert outcome(handle) == (SUCCEEDED, 0, "the goal is reached")
+    served.at(GOAL)
+    feedback = served.client.feedback.get(timeout=PATIENCE).feedback
+    assert feedback.joint_names == list(JOINTS)
+    kinds = (feedback.desired, feedback.actual, feedback.error)
+    desired, actual, error = (np.array([one.positions, one.velocities]) for one in kinds)
+    np.testing.assert_allclose(error, desired - actual, atol=1e-12)
+    served.run(10)
+    state = served.client.states.get(timeout=PATIENCE)
+    while not np.allclose(state.position, GOAL, atol=2e-3):
+        state = served.client.states.get(timeout=PATIENCE)
+    assert state.name == list(JOINTS)
+
+
+def test_a_goal_is_cancelled_at_speed(served: Served) -> None:
+    handle = served.client.send(served.client.trajectory(*MOVE))
+    served.run(500)
+    assert np.abs(served.server.motion.desired_velocity).min() > 0.1
+    assert settled(handle.cancel_goal_async()).goals_canceling
+    served.run(1)
+    assert outcome(handle) == (CANCELED, 0, "the goal is cancelled")
+    assert np.abs(served.server.motion.desired_velocity).min() > 0.1
+    served.run(700)
+    assert not served.server.motion.desired_velocity.any()
+    served.at(served.server.motion.desired)
+
+
+def test_a_goal_is_replaced_at_speed_and_by_the_topic(served: Served) -> None:
+    first = served.client.send(served.client.trajectory(*MOVE))
+    served.run(300)
+    second = served.client.send(served.client.trajectory([1.0], [START]))
+    served.run(1)
+    assert outcome(first)[:2] == (ABORTED, -1)
+    served.run(200)
+    served.client.topic.publish(served.client.trajectory([1.0], [GOAL]))
+    done = second.get_result_async()
+    assert until(served, done.done)
+    assert outcome(second, done)[:2] == (ABORTED, -1)
+    served.run(LONGEST)
+    served.at(GOAL)
+
+
+def until(served: Served, condition: Callable[[], bool]) -> bool:
+    """Samples until a message has come; the robot rests or moves meanwhile, however many they are."""
+    over = threading.Event()
+    timer = threading.Timer(PATIENCE, over.set)
+    timer.start()
+    while not condition() and not over.is_set():
+        served.run(1)
+    timer.cancel()
+    return condition()
+
+
+@pytest.mark.parametrize(
+    ("times", "rows", "joints"),
+    [([1.0], [GOAL], ("shoulder", "wrist")), ([0.5, 0.4], [START, GOAL], JOINTS), ([], [], JOINTS)],
+)
+def test_what_cannot_be_followed_is_rejected(
+    times: Any, rows: Any, joints: Sequence[str], served: Served
+) -> None:
+    assert not served.client.send(served.client.trajectory(times, rows, joints)).accepted
+
+
+def test_efforts_and_tolerances_of_accelerations_are_rejected(served: Served) -> None:
+    trajectory = served.client.trajectory(*MOVE)
+    tolerance = message("control_msgs", "JointTolerance")(name="elbow", acceleration=1.0)
+    assert not served.client.send(trajectory, path_tolerance=[tolerance]).accepted
+    mixed = served.client.trajectory(*MOVE)
+    mixed.points[0].velocities = [0.0, 0.0]
+    assert not served.client.send(mixed).accepted
+    trajectory.points[0].effort = [1.0, 1.0]
+    assert not served.client.send(trajectory).accepted
+
+
+def test_tolerances_a_fault_and_the_end_of_the_node_are_told(served: Served) -> None:
+    tight = message("control_msgs", "JointTolerance")(name="elbow", position=1e-6)
+    handle = served.client.send(served.client.trajectory(*MOVE), path_tolerance=[tight])
+    served.run(LONGEST)
+    assert outcome(handle)[:2] == (ABORTED, -4)
+    handle = served.client.send(served.client.trajectory(*MOVE))
+    served.run(300)
+    served.arm.unplugged = [2]
+    served.run(12)
+    status, code, text = outcome(handle)
+    assert (status, code) == (ABORTED, -4)
+    assert "motor_position_shoulder was not measured" in text
+    assert not served.client.send(served.client.trajectory(*MOVE)).accepted
+
+
+def test_the_end_of_the_node_ends_its_goal(served: Served) -> None:
+    handle = served.client.send(served.client.trajectory(*MOVE))
+    served.run(300)
+    served.end()
+    statuses: list[int] = []
+    while ABORTED not in statuses:
+        statuses = [one.status for one in served.client.status.get(timeout=PATIENCE).status_list]
+    assert handle.accepted
+    assert np.array_equal(served.arm.inputs[-1], [0.0, 0.0])
+
+
+def test_a_run_ends_with_its_duration_and_lets_go(
+    follower: CompiledFollower, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(trajectory_server, "compile_follower", lambda code: follower)
+    arm, names = Arm(), []
+    run = run_ros(
+        workspace_controller(), arm.robot, arm, duration=0.05, real_time=False,
+        ready=lambda node: names.append(node.node.get_name()),
+    )  # fmt: skip
+    assert (run.samples, run.stopped, run.ended_by) == (50, "", None)
+    assert names == ["planar_two_link"]
+    assert len(arm.inputs) == 51
+    assert np.array_equal(arm.inputs[-1], [0.0, 0.0])
