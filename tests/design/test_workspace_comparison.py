@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests import workspaces
+from tests.builders import driven_robot
 from tests.refusals import refused_with, unnamed
 
 import flexhinf as fh
@@ -103,6 +104,28 @@ def test_gains_are_those_of_textbooks(own: WorkspaceSetup) -> None:
     law = replace(flat, equilibrium=robot.operating_point(POSE))
     chain = np.array([1.0, *bessel_coefficients(5, 20.0)[::-1]])
     np.testing.assert_allclose(np.poly(law.closed_loop()), np.polymul(chain, chain), rtol=1e-6)
+
+
+@pytest.mark.oracle
+@pytest.mark.costs("setups of three robots")
+def test_a_drive_of_its_own_has_the_loops_of_a_motor_of_torques() -> None:
+    """Of a rival that gives torques: the inner loop counts as a part of its gains."""
+    s = fh.Specification(measured=BOTH, workspace="limits")
+
+    def slopes(robot: fh.Robot) -> list[np.ndarray]:
+        a, b, _, _ = robot.plant().linearise(*robot.operating_point(POSE))
+        made = known_setup(robot, s, workspace_of(robot), pair_weights(robot, 28.0), (0.0025, 0.03))
+        laws = [with_rival(made, name).law.slope_at(POSE) for name in ("pid", "torque-i", "flatness-i")]
+        return [a + b @ law[:, :8] for law in laws] + [b @ law[:, 8:] for law in laws]
+
+    for drive, share in (("position", 0.4), ("velocity", 0.0)):
+        robot = driven_robot("planar-two-link", drive, (8.0, 15.0), share)
+        p = robot.plant_parameters()
+        friction = dict(zip(robot.joint_names, p["drive_damping"] + share * p["friction"], strict=True))
+        torque = driven_robot("planar-two-link", "torque")
+        torque = torque.with_values({f"friction_{joint}": value for joint, value in friction.items()})
+        for found, wanted in zip(slopes(robot), slopes(torque), strict=True):
+            np.testing.assert_allclose(found, wanted, rtol=1e-8, atol=1e-7)
 
 
 def test_gains_of_a_move_are_those_of_its_poses(own: WorkspaceSetup) -> None:
