@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-
 from tests.builders import driven_robot
 
 import flexhinf as fh

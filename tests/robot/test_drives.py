@@ -145,25 +145,30 @@ def test_the_loop_has_the_bandwidth_that_is_stated(robot_of):
     ],
 )
 def test_contradictions_are_refused_by_name(write, motor, named):
-    refused_with(lambda: fh.load_robot(write(text_of(motor, motor))), named)
+    with refused_with(InvalidInput, named):
+        fh.load_robot(write(text_of(motor, motor)))
 
 
 def test_unlike_drives_are_refused_and_the_advice_works(write):
     position = 'drive = "position"\n' + LOOPS["position"][0]
     velocity = 'drive = "velocity"\n' + LOOPS["velocity"][0]
-    refused_with(lambda: fh.load_robot(write(text_of(position, velocity))), "position", "velocity")
+    with refused_with(InvalidInput, "position", "velocity"):
+        fh.load_robot(write(text_of(position, velocity)))
     assert fh.load_robot(write(text_of(velocity, velocity))).drive == "velocity"
 
 
 def test_a_rigid_joint_does_not_reject_its_link(write):
     motor = 'drive = "velocity"\ndrive_bandwidth = 60.0\nload_share = 0.0'
-    refused_with(lambda: fh.load_robot(write(text_of(motor, motor, rigid=True))), "load_share")
+    with refused_with(InvalidInput, "load_share"):
+        fh.load_robot(write(text_of(motor, motor, rigid=True)))
 
 
 def test_a_loop_is_not_faster_than_its_drives(robot_of):
     robot = robot_of("position", more='drive_delay = "16 ms"\ndrive_period = "8 ms"')
-    refused_with(lambda: joint_limits(robot, fh.Specification(period=1e-3)), "0.008")
-    refused_with(lambda: joint_limits(robot, fh.Specification(period=8e-3)), "latency 2")
+    with refused_with(InvalidInput, "0.008"):
+        joint_limits(robot, fh.Specification(period=1e-3))
+    with refused_with(InvalidInput, "latency 2"):
+        joint_limits(robot, fh.Specification(period=8e-3))
     assert joint_limits(robot, fh.Specification(period=8e-3, latency=2)).joints == ("a", "b")
 
 

@@ -217,8 +217,13 @@ class GravityCompensatedLQR(PlacedLaw, LinearQuadratic):
         """
         plant, (x, u), n = problem.plant, equilibrium_of(problem), check_joints(problem.plant)
         weightless = plant.with_parameters(gravity=np.zeros_like(plant.parameters.values.get("gravity", 0.0)))
-        relaxed, joints = np.concatenate([x[:n], np.zeros(n), x[:n], np.zeros(n)]), elastic_joints(plant, x, u)
-        still = joints.drive_stiffness * x[:n] / joints.torque_per_input  # the place, of a drive that takes positions
+        relaxed, joints = (
+            np.concatenate([x[:n], np.zeros(n), x[:n], np.zeros(n)]),
+            elastic_joints(plant, x, u),
+        )
+        still = (
+            joints.drive_stiffness * x[:n] / joints.torque_per_input
+        )  # the place, of a drive that takes positions
         light = replace(problem, plant=weightless, pose=None, equilibrium=(relaxed, still))
         gain = lqr_gain(light, effort)
         return GravityCompensatedLQR(plant=plant, equilibrium=(x, u), integrate=problem.integrate, gain=gain)

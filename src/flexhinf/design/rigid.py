@@ -42,7 +42,10 @@ def rigid_flow(elastic: Any, x: Any, u: Any, d: Any, p: Any) -> Any:
 
     link, motor = rates(d)
     columns = [rates(d + np.eye(2 * n)[j])[0] - link for j in range(n)]
-    matrix = [[root[i] * columns[j][i] * root[j] + (share[i] if i == j else 0.0) for j in range(n)] for i in range(n)]
+    matrix = [
+        [root[i] * columns[j][i] * root[j] + (share[i] if i == j else 0.0) for j in range(n)]
+        for i in range(n)
+    ]
     right = list(root * (link - motor))
     for k in range(n):  # elimination without pivoting, as polynomials cannot be compared
         for i in range(k + 1, n):
@@ -134,7 +137,9 @@ def rigid_problem(problem: GeneralisedPlant) -> GeneralisedPlant | None:
     )
     weighted = Penalty((*np.hypot(link, motor), *integrals), penalty.effort)
     x, u = problem.operating_point, problem.operating_input
-    if "drive_stiffness" in plant.parameters.values:  # a position that is commanded holds the motor, not the link
+    if (
+        "drive_stiffness" in plant.parameters.values
+    ):  # a position that is commanded holds the motor, not the link
         u = u - (x[2 * n : 3 * n] - x[:n])
     return GeneralisedPlant(
         rigid,

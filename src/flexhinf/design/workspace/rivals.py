@@ -92,6 +92,12 @@ def check_numbers(name: str, numbers: Mapping[str, object], joints: int) -> dict
     number, and for gains that are neither made of a bandwidth nor stated.
     """
     known, found = laws_over()[name].names, dict[str, tuple[float, ...]]()
+    refuse_if(
+        not known,
+        f"The law {name!r} has no numbers.",
+        f"expected no table of gains for it, got [{name}]",
+        f"leave out [{name}]; --laws {name} compares it",
+    )
     for key, value in numbers.items():
         refuse_if(
             key not in known,
