@@ -79,8 +79,10 @@ class ElasticJoints(NamedTuple):
 
     @property
     def torque_driven(self) -> np.ndarray:
-        """Torques (n, 4n) per q, q̇, θ, θ̇ that make a drive with an inner loop one of torques τ, its input (τ + these)/k_u:
-        J θ̈ + B θ̇ + τ_J = τ, of what is J θ̈ + B θ̇ + k_p θ + σ τ_J = k_u c. Zero without an inner loop."""
+        """Torques (n, 4n) per q, q̇, θ, θ̇ that make a drive with an inner loop one of torques τ.
+
+        J θ̈ + B θ̇ + k_p θ + σ τ_J = k_u c is J θ̈ + B θ̇ + τ_J = τ by c = (τ + these)/k_u. Zero without an inner loop.
+        """
         kept = self.load_share - 1.0
         columns = -kept * self.stiffness, -kept * self.spring_damping
         loop = self.drive_stiffness + kept * self.stiffness, kept * self.spring_damping

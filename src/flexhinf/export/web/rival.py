@@ -2,10 +2,10 @@
 
 u = u_d − K_p (θ − θ_d) − K_d (θ̇_f − θ̇_d) of each motor, about the state and the input that the command has by the
 nominal model, the weight included [tomei1991]. θ is the motor's encoder, θ̇_f its filtered difference. The gains are
-those of `flexhinf.baselines.MotorPD` with a bandwidth ω_j and a damping ratio ζ_j for each joint; a drive with a loop of
-its own keeps gains that are larger, and where both are it moves alone. ω and ζ are searched,
-first for all joints together and then joint by joint, such that the links come to a new position as fast as they can:
-least
+those of `flexhinf.baselines.MotorPD` with a bandwidth ω_j and a damping ratio ζ_j for each joint; a drive with a loop
+of its own keeps gains that are larger, and where both are it moves alone. ω and ζ are searched, first for all joints
+together and then joint by joint, such that the links come to a new position as fast as they can: least
+
 
     Σ_j ∫ t |q − q_d|² dt    after a step of each joint j alone, in the sampled linear loop with its latency,
 
@@ -131,7 +131,8 @@ def tuned_gains(
 def stiff_gains(robot: Robot, pose: np.ndarray, period: float, latency: int) -> MotorGains:
     """Gains that hold the motors at `STIFF` rad/s with `DAMPED`, as if no spring carried a link.
 
-    K_p = J ω² and K_d = 2 ζ J ω, less what an inner loop of the drive has of them. ω is less where its phase over the delay of the loop would be above `STIFF_PHASE`.
+    K_p = J ω² and K_d = 2 ζ J ω, less what an inner loop of the drive has of them. ω is less where its phase over the
+    delay of the loop would be above `STIFF_PHASE`.
     A joint without a spring has its link's inertia too. `period` in s; `latency` in samples; no margins are computed.
     """
     joints = elastic_joints(robot.plant(), *robot.operating_point(pose), rigid=True)
