@@ -9,6 +9,7 @@ from tests.builders import joint_text
 from tests.refusals import refused_with
 
 import flexhinf as fh
+from flexhinf.design.plans import true_robot
 from flexhinf.design.responses import joint_limits
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Parameters
@@ -179,3 +180,60 @@ def test_a_slower_drive_is_a_tolerance(write):
     assert slow["drive_damping"] == pytest.approx([0.3 * 42.0, 0.12 * 60.0])
     with pytest.raises(InvalidInput):
         robot.corner({"drive_bandwidth_a": -2.0})
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize(("drive", "rigid"), [("velocity", False), ("position", True), ("position", False)])
+def test_a_drives_torque_limit_is_that_of_mujoco(robot_of, drive, rigid):
+    """Commands far away: MuJoCo's actuators with a range of forces move the arm as our plant with the extra."""
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+    robot = robot_of(drive, rigid=rigid, more="drive_torque_limit = 15.0")
+    plant, (x, u) = robot.plant(extras="drive_torque_limit"), robot.operating_point((0.3, -0.5))
+    free, p = robot.plant(), plant.parameters.vector()
+    other = MuJoCoPlant(robot, None, step=1e-4, extras="drive_torque_limit")
+    other.reset(x)
+    ours, unlimited, still = x, x, np.zeros(4)
+    for command in (u + 1.0, u - 1.5, u):
+
+        def rates(t, y, model=plant, command=command):
+            return np.array(model.traced_flow(y, command, still, p)).ravel()
+
+        other.step(command, still, 0.03)
+        ours = solve_ivp(rates, (0.0, 0.03), ours, rtol=1e-9, atol=1e-11, max_step=1e-3).y[:, -1]
+        unlimited = solve_ivp(rates, (0.0, 0.03), unlimited, rtol=1e-9, atol=1e-11, args=(free, command)).y[
+            :, -1
+        ]
+    assert np.abs(other.state() - ours).max() < 1e-4
+    assert np.abs(unlimited - ours).max() > 0.1
+
+
+@pytest.mark.parametrize("share", [0.0, 0.4])
+def test_a_limited_drive_rejects_its_load_as_far_as_its_torque_goes(robot_of, share):
+    """|J θ̈ + K (θ − q) + B θ̇| ≤ τ_max, the motor's own torque, whatever the command; and exact below."""
+    robot = robot_of("position", share, more="drive_torque_limit = 15.0")
+    limited, free = robot.plant(extras="drive_torque_limit"), robot.plant()
+    p, rng = robot.plant_parameters(), np.random.default_rng(3)
+    reached = set()
+    for _ in range(30):
+        x, c = rng.normal(0.0, 0.03, 8), rng.normal(0.0, 0.03, 2)
+        torques = [
+            p["motor_inertia"] * plant.derivative(x, c)[6:]
+            + p["stiffness"] * (x[4:6] - x[:2])
+            + p["friction"] * x[6:]
+            for plant in (limited, free)
+        ]
+        assert torques[0] == pytest.approx(np.clip(torques[1], -15.0, 15.0), abs=1e-9)
+        reached |= set((np.abs(torques[1]) > 15.0).tolist())
+    assert reached == {True, False}
+    with refused_with(InvalidInput, "drive_torque_limit", "load_share"):
+        MuJoCoPlant(robot, extras="drive_torque_limit")
+
+
+def test_designs_are_judged_with_the_limit_of_the_drive(robot_of, write):
+    robot = robot_of("position", more="drive_torque_limit = 15.0")
+    s = fh.Specification()
+    assert "drive_torque_limit" in true_robot(robot, s)[1].extras
+    assert "drive_torque_limit" not in true_robot(robot_of("position"), s)[1].extras
+    motor = "torque_constant = 1.0\ndrive_torque_limit = 15.0"
+    with refused_with(InvalidInput, "drive_torque_limit", "'position'"):
+        fh.load_robot(write(text_of(motor, motor)))

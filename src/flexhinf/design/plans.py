@@ -211,14 +211,15 @@ def refuse_workspace(s: Specification, robot: Robot, what: str, advice: str = "`
 
 def true_robot(robot: Robot, s: Specification) -> tuple[Robot, Specification]:
     """The robot by which a design is judged, and the specification of its plants: it has the curves, errors and ripples
-    of gears, the backlash and the dry friction that are stated, of which `extras` may name one kind, and springs damped
-    as the robot states, or as no real spring is without."""
+    of gears, the backlash, the limits of drives and the dry friction that are stated, of which `extras` may name one
+    kind, and springs damped as the robot states, or as no real spring is without."""
     robot, values = robot.damped, robot.plant_parameters()
     gaps = np.any(np.asarray(values.get("backlash", 0.0)) > 0.0)
     dry = elastic.with_dry_friction(s.extras, values)
     damped = any(p.interval[1] > 0.0 for p in robot.parameters if p.name.startswith(DAMPING))
     gears = *elastic.stated_curve(values), *elastic.stated_teeth(values)
-    names = *s.extras, *[DAMPED] * damped, *gears, *dry, *["backlash"] * bool(gaps)
+    limited = ["drive_torque_limit"] * ("drive_torque_limit" in values)
+    names = *s.extras, *[DAMPED] * damped, *gears, *dry, *["backlash"] * bool(gaps), *limited
     return robot, replace(s, extras=tuple(dict.fromkeys(names)))
 
 
