@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -9,7 +11,7 @@ from tests.builders import joint_text
 from tests.refusals import refused_with
 
 import flexhinf as fh
-from flexhinf.design.plans import true_robot
+from flexhinf.design.plans import drive_torques, drives_hold, quintic_move, true_robot
 from flexhinf.design.responses import joint_limits
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Parameters
@@ -237,3 +239,52 @@ def test_designs_are_judged_with_the_limit_of_the_drive(robot_of, write):
     motor = "torque_constant = 1.0\ndrive_torque_limit = 15.0"
     with refused_with(InvalidInput, "drive_torque_limit", "'position'"):
         fh.load_robot(write(text_of(motor, motor)))
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize(
+    ("drive", "share", "rigid"), [("velocity", 0.0, False), ("position", 0.4, False), ("position", 1.0, True)]
+)
+def test_the_torque_of_a_planned_motion_is_that_of_newton(robot_of, drive, share, rigid):
+    """J θ̈ + B θ̇ + the spring's torque by the accelerations of the motion, whatever the drive rejects."""
+    robot = robot_of(drive, share, rigid=rigid, more="drive_torque_limit = 60.0")
+    plan = fh.Waypoints([0.0, 0.4], [[-0.5, 0.2], [0.6, -0.4]], "quintic")
+    times = np.linspace(0.05, 0.35, 7)
+    motion = plan.derivatives(times, 4)
+    p, h = robot.plant_parameters(), 1e-6
+    state, later, before = (
+        robot.inverse_dynamics(*plan.derivatives(times + step, 4))[0] for step in (0.0, h, -h)
+    )
+    q, _, angle, speed = robot.layout.split(state.T)
+    rates = ((later - before) / (2.0 * h)).T
+    elastic = robot.layout.elastic
+    load = p["stiffness"][:, None] * (angle - q[elastic])
+    acceleration = robot.layout.split(rates)[3]
+    wanted = p["motor_inertia"][elastic][:, None] * acceleration + load
+    wanted += p["friction"][elastic][:, None] * speed
+    found = drive_torques(robot, motion)
+    assert pytest.approx(wanted, rel=1e-5, abs=1e-5) == found[:, elastic].T
+    if rigid:  # the whole arm's equation without a motor of its own
+        twin = robot_of("position", rigid=True).inverse_dynamics(*motion)[1][:, 1]
+        ahead = p["drive_stiffness"][1] * (twin - motion[0][:, 1]) - p["drive_damping"][1] * motion[1][:, 1]
+        assert found[:, 1] == pytest.approx(ahead, rel=1e-9)
+    assert drives_hold(robot, motion[0]) == pytest.approx(
+        np.abs(drive_torques(robot, motion[:1])).max(axis=1) / 60.0
+    )
+
+
+def test_a_move_is_slowed_down_until_the_drives_have_the_torque(robot_of):
+    """Without the limit the same move takes 1.5 times the torque that is left beside the weight."""
+    free = robot_of("position")
+    start, goal = np.array([-0.5, 0.2]), np.array([0.6, -0.4])
+    limits = joint_limits(free, fh.Specification(period=8e-3, latency=1))
+    limits = replace(limits, speed=np.array([20.0, 20.0]))
+    quick = quintic_move(free, limits, start, goal)
+    motion = quick.derivatives(np.linspace(0.0, quick.duration, 50), 4)
+    weight, most = (np.abs(drive_torques(free, rows)).max() for rows in (motion[:1], motion))
+    stated = weight + 0.5 * (most - weight)
+    robot = robot_of("position", more=f"drive_torque_limit = {stated}")
+    slow = quintic_move(robot, limits, start, goal)
+    again = slow.derivatives(np.linspace(0.0, slow.duration, 50), 4)
+    assert slow.duration > 1.1 * quick.duration
+    assert np.abs(drive_torques(robot, again)).max() < stated < most

@@ -15,13 +15,8 @@ from flexhinf.errors import InvalidInput
 from flexhinf.export.controller_c import ControllerCode
 from flexhinf.export.rendering import c_values, render
 from flexhinf.plant.joints import joint_places
-from flexhinf.robot.elastic import (
-    INNER,
-    InverseFlow,
-    largest_drive_torques,
-    torque_per_input,
-    traced_inverse,
-)
+from flexhinf.robot.drive_limits import largest_drive_torques
+from flexhinf.robot.elastic import INNER, InverseFlow, torque_per_input, traced_inverse
 from flexhinf.robot.feedforward import KNOTS, LONGEST
 from flexhinf.robot.follower import MOST_COUNTED, PASSED, Follower
 from flexhinf.robot.robot import Robot

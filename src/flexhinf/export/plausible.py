@@ -137,7 +137,8 @@ def _sensors(measured: Sequence[str], robot: Robot) -> list[tuple[str, str] | No
 def _joints(controller: Controller, robot: Robot, speeds: np.ndarray | None) -> dict[str, Ranges]:
     """What is known of each joint by its name."""
     from flexhinf.plant.parameters import Parameters
-    from flexhinf.robot.elastic import largest_drive_torques, torque_per_input
+    from flexhinf.robot.drive_limits import largest_drive_torques
+    from flexhinf.robot.elastic import torque_per_input
     from flexhinf.robot.parameters import per_joint
 
     joints, plant, limits = robot.joint_names, robot.plant(), controller.limits

@@ -30,9 +30,8 @@ output of Spong's model, q and its first four derivatives give all else.
 
 A drive with an inner loop takes a velocity or a position, τ = k_v (c − θ̇) or τ = k_p (c − θ) − k_d θ̇, with the gains
 k_p = J ω², k_d = 2ζωJ, k_v = J ω of a loop with the bandwidth ω and the damping ratio ζ. Of what loads the motor
-(spring
-and friction) a share σ moves it: 1 if the loop has these gains alone, 0 if it also rejects its load. A limit of the
-motor's torque holds for both together, |τ + (1 − σ) load| ≤ τ_max.
+(spring and friction) a share σ moves it: 1 if the loop has these gains alone, 0 if it also rejects its load. A limit
+of the motor's torque holds for both together, |τ + (1 − σ) load| ≤ τ_max.
 
 The derivatives of τ_J are exact: the Newton–Euler recursion runs on power series in time.
 """
@@ -49,6 +48,7 @@ import numpy as np
 from flexhinf.arrays import Number
 from flexhinf.errors import refuse_if
 from flexhinf.plant.model import ParameterTable
+from flexhinf.robot.drive_limits import UNLIMITED, limited_torques
 from flexhinf.robot.gears import (
     CURVE,
     curve_number,
@@ -82,9 +82,6 @@ TEETH = ("kinematic_error", "torque_ripple")
 
 #: Switches of dry friction.
 DRY = ("coulomb_friction", "stribeck_friction", "load_friction")
-
-#: Stands for the torque of a motor that has no limit within its drive, N·m: parameters are finite.
-UNLIMITED = 1e9
 
 #: Values of what a joint does not state: nothing is added, and the velocities of the friction models (rad/s).
 DEFAULTS = {
@@ -378,12 +375,6 @@ def torque_per_input(drive: str, p: Any) -> Any:
     return gain / p.resistance if drive == "voltage" else gain
 
 
-def largest_drive_torques(p: Any, count: int) -> np.ndarray:
-    """Largest torques (n,) of motors within their drives' own loops, by a plant's parameters; infinite without one."""
-    stated = np.broadcast_to(np.asarray(vars(p).get("drive_torque_limit", UNLIMITED), dtype=float), count)
-    return np.where(stated < UNLIMITED, stated, np.inf)
-
-
 @dataclass(frozen=True)
 class Layout:
     """Places of the joints in x = (q1 (n), q̇1 (n), q2 (e), q̇2 (e) (, i (n))): e of the n joints are elastic.
@@ -488,7 +479,7 @@ class ElasticFlow:
             spring, on_motors = spring_torques(q, dq, theta, dtheta, p, self.extras, ratio)
             load = self._resistance(theta, dtheta, on_motors, p), on_motors
             if "drive_torque_limit" in self.extras:
-                torque = _limited(torque, damping * dtheta + load[0] + load[1], p)
+                torque = limited_torques(torque, damping * dtheta + load[0] + load[1], p)
             elif self.drive in INNER:
                 load = share * load[0], share * load[1]
             left = torque - damping * dtheta - load[0] - load[1] + d[n:]
@@ -500,7 +491,7 @@ class ElasticFlow:
             load = layout.motors(0.0 * q, on_motors)
             dry = self._resistance(layout.motors(q, theta), speed, load, p)
             if "drive_torque_limit" in self.extras:
-                torque = _limited(torque, damping * speed + dry + load, p)
+                torque = limited_torques(torque, damping * speed + dry + load, p)
             elif self.drive in INNER:
                 dry, on_motors = share * dry, share[elastic] * on_motors
             driven = torque - damping * speed - dry + d[n:]
@@ -517,13 +508,6 @@ class ElasticFlow:
         """Dry friction and ripple against the motors, at their angles, speeds and loads."""
         dry = friction_torque(speed, load, p, self.extras)
         return dry + tooth_ripple(angle, p) if "torque_ripple" in self.extras else dry
-
-
-def _limited(torque: Any, load: Any, p: Any) -> Any:
-    """Torques (n,) of motors within their drives' limits: those of the loops, and the rejected share of the load."""
-    wanted = torque + (1.0 - p.load_share) * load
-    most = np.broadcast_to(p.drive_torque_limit, wanted.shape)
-    return np.array([clip(one, -limit, limit) for one, limit in zip(wanted, most)])
 
 
 # Inverse dynamics ---------------------------------------------------------------------------------

@@ -13,14 +13,8 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.findings import Severity, ordered
 from flexhinf.plant import Parameters
-from flexhinf.robot.elastic import (
-    DRY,
-    EXTRAS,
-    INNER,
-    largest_drive_torques,
-    stated_curve,
-    torque_per_input,
-)
+from flexhinf.robot.drive_limits import largest_drive_torques
+from flexhinf.robot.elastic import DRY, EXTRAS, INNER, stated_curve, torque_per_input
 from flexhinf.robot.faults import PartFault, collected_faults
 from flexhinf.robot.gears import curve_twist
 from flexhinf.robot.init_file import description_of

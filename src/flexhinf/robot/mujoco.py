@@ -25,8 +25,9 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.plant import BlackBox, Parameters
+from flexhinf.robot.drive_limits import largest_drive_torques
 from flexhinf.robot.dynamics import matrix_of
-from flexhinf.robot.elastic import EXTRAS, INNER, checked_extras, largest_drive_torques, torque_per_input
+from flexhinf.robot.elastic import EXTRAS, INNER, checked_extras, torque_per_input
 from flexhinf.robot.gears import curve_parts
 from flexhinf.robot.kinematics import skeleton
 from flexhinf.robot.robot import Robot
