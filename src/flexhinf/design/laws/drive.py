@@ -1,7 +1,8 @@
 """The drive alone: the loop that a drive of positions or velocities has anyway, with the planned motion as its command.
 
 The command of a position is that of the plan, nothing is fed back. That of a velocity is θ̇_d − ω (θ − θ_d), with the
-gain of the motor's position that every program for such drives has.
+gain of the motor's position that every program for such drives has. Neither needs a sensor of the link, and where a drive
+rejects its load its motor tells nothing of the link: the estimator beside it has the design's sensors.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from flexhinf.design.laws.kinds import ESTIMATOR, IN_USE, MOTOR, LawKind, LawOver, register
+from flexhinf.design.laws.kinds import ESTIMATOR, IN_USE, LawKind, LawOver, register
 from flexhinf.validation import late_package
 
 if TYPE_CHECKING:
@@ -60,7 +61,6 @@ register(
         "the feedforward's",
         _position,
         ESTIMATOR,
-        (MOTOR,),
         place=7,
         over=LawOver(_no_gain, (), usual=True, of_states=True),
         drives=("position",),
@@ -75,7 +75,6 @@ register(
         "the feedforward's",
         _motor_gain,
         ("bandwidth", *ESTIMATOR),
-        (MOTOR,),
         place=7,
         over=LawOver(_at_pose, ("bandwidth",), usual=True, of_states=True),
         drives=("velocity",),
