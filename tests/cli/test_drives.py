@@ -15,10 +15,15 @@ from tests.refusals import unnamed
 
 from flexhinf.cli import main
 
-pytestmark = [
-    pytest.mark.usefixtures("unoptimised"),
-    pytest.mark.ci("every command for two kinds of drives: designs, comparisons, campaigns, code"),
-]
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
+
+def kinds(first: str, second: str) -> pytest.MarkDecorator:
+    """Both kinds of drives, of which the second is for the night."""
+    often = pytest.param(first, marks=pytest.mark.ci("designs, comparisons, campaigns, code"))
+    seldom = pytest.param(second, marks=pytest.mark.nightly("the same for the other drives"))
+    return pytest.mark.parametrize("servo", [often, seldom], indirect=True)
+
 
 #: Lines of a drive, its largest command and its period.
 DRIVES = {
@@ -31,7 +36,7 @@ DRIVES = {
 }
 
 
-@pytest.fixture(params=DRIVES)
+@pytest.fixture
 def servo(request: Any, uncertain_arm: Callable[[str], str], folder: Path) -> tuple[str, str, list[str]]:
     """The kind of drive, a robot's file, and options of a loop that fits it; the arm hangs, and its drive is weak."""
     lines, most, period = DRIVES[request.param]
@@ -49,6 +54,7 @@ def done(words: list[str], *codes: int) -> None:
     assert main(words) in (codes or (0, 1)), words
 
 
+@kinds("position", "velocity")
 def test_a_design_of_one_pose_goes_everywhere(
     servo: tuple[str, str, list[str]], folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -76,11 +82,12 @@ def test_a_design_of_one_pose_goes_everywhere(
         0,
     )
     assert unnamed(capsys.readouterr().out, f"{drive}-drive") == []
-    done(["campaign", "run", "one", "--samples", "4", "--extra-delay", "1", "--out", "many"])
+    done(["campaign", "run", "one", "--samples", "4", "--out", "many"])
     done(["campaign", "compare", "one", "other", "--samples", "4", "--out", "both"])
     assert (folder / "both" / "index.html").is_file()
 
 
+@kinds("velocity", "position")
 def test_a_design_of_the_workspace_goes_everywhere(
     servo: tuple[str, str, list[str]],
     folder: Path,
@@ -90,7 +97,7 @@ def test_a_design_of_the_workspace_goes_everywhere(
     drive, robot, loop = servo
     workspaces.few(monkeypatch, POSES=4, GOALS=2, CHOSEN_POSES=2, MODAL_POSES=20, BANDWIDTHS=(18.0,))
     done(["design", robot, *loop, "--out", "whole"])
-    done(["campaign", "run", "whole", "--samples", "3", "--out", "many"])
+    done(["campaign", "run", "whole", "--samples", "3", "--extra-delay", "1", "--out", "many"])
     done(["compare", "whole", "--laws", f"{drive}-drive", "--out", "compared"])
     assert unnamed(capsys.readouterr().out, f"{drive}-drive") == []
     done(["certify", "whole", "--out", "proved"])

@@ -288,3 +288,14 @@ def test_a_move_is_slowed_down_until_the_drives_have_the_torque(robot_of):
     again = slow.derivatives(np.linspace(0.0, slow.duration, 50), 4)
     assert slow.duration > 1.1 * quick.duration
     assert np.abs(drive_torques(robot, again)).max() < stated < most
+
+
+def test_motors_that_do_not_feel_the_links_are_no_sensors_of_them(robot_of):
+    """The refusal says what to measure instead, and that is taken; so is a drive that feels a part of its load."""
+    s = fh.Specification(measured="motor_position", period=8e-3)
+    with refused_with(InvalidInput, "a, b", "--measured link_position,motor_position"):
+        joint_limits(robot_of("velocity", 0.0), s)
+    joint_limits(robot_of("velocity", 0.0), replace(s, measured=("link_position", "motor_position")))
+    joint_limits(robot_of("velocity", 0.1), s)
+    with refused_with(InvalidInput, "at b:"):
+        joint_limits(robot_of("velocity", 0.0), replace(s, measured=("motor_position", "deflection_a")))

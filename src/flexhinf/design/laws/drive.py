@@ -1,8 +1,8 @@
 """The drive alone: the loop that a drive of positions or velocities has anyway, with the planned motion as its command.
 
 The command of a position is that of the plan, nothing is fed back. That of a velocity is θ̇_d − ω (θ − θ_d), with the
-gain of the motor's position that every program for such drives has. Neither needs a sensor of the link, and where a drive
-rejects its load its motor tells nothing of the link: the estimator beside it has the design's sensors.
+gain of the motor's position that every program for such drives has. Neither needs a sensor of the link. Where a drive
+rejects its load its motor tells nothing of the link, so the estimator beside it has the design's sensors.
 """
 
 from __future__ import annotations
