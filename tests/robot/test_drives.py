@@ -11,7 +11,7 @@ from tests.builders import joint_text
 from tests.refusals import refused_with
 
 import flexhinf as fh
-from flexhinf.design.plans import drive_torques, drives_hold, quintic_move, true_robot
+from flexhinf.design.plans import drive_torques, holding_shares, quintic_move, true_robot
 from flexhinf.design.responses import joint_limits
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Parameters
@@ -268,7 +268,7 @@ def test_the_torque_of_a_planned_motion_is_that_of_newton(robot_of, drive, share
         twin = robot_of("position", rigid=True).inverse_dynamics(*motion)[1][:, 1]
         ahead = p["drive_stiffness"][1] * (twin - motion[0][:, 1]) - p["drive_damping"][1] * motion[1][:, 1]
         assert found[:, 1] == pytest.approx(ahead, rel=1e-9)
-    assert drives_hold(robot, motion[0]) == pytest.approx(
+    assert holding_shares(robot, motion[0]) == pytest.approx(
         np.abs(drive_torques(robot, motion[:1])).max(axis=1) / 60.0
     )
 

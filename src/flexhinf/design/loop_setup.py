@@ -42,7 +42,7 @@ from flexhinf.estimation import (
 from flexhinf.loop import Controller, EnsembleResult, Loop, Moving, Schedule, Step, Supervision
 from flexhinf.plant import Law, Plant, linear_plant, sub_steps
 from flexhinf.robot import MuJoCoPlant, Robot, elastic
-from flexhinf.robot.mujoco import EXPRESSED, left_to_us
+from flexhinf.robot.mujoco import EXPRESSED, inexpressible
 from flexhinf.robot.signals import signal_names
 from flexhinf.robot.springs import without_damping
 
@@ -181,8 +181,8 @@ class LoopPlants:
         """
         s, robot = self.true.specification, self.true.robot
         known = (*self.specification.extras, *EXPRESSED)
-        ours = left_to_us(s.extras, robot.plant_parameters())
-        extras = [name for name in s.extras if name in known and name not in ours]
+        missing = inexpressible(s.extras, robot.plant_parameters())
+        extras = [name for name in s.extras if name in known and name not in missing]
         fastest = self.true_plant.fastest_mode(*robot.operating_point(at, s.extras))
         step = s.period / sub_steps(s.period, fastest, 0.1)
         measured = None if s.estimator == "none" else s.measured

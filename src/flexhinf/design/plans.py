@@ -182,7 +182,7 @@ def drive_torques(robot: Robot, motion: Sequence[Any], values: Mapping[str, Any]
     return loop + (1.0 - p.load_share) * load
 
 
-def drives_hold(robot: Robot, poses: np.ndarray, values: Mapping[str, Any] | None = None) -> np.ndarray:
+def holding_shares(robot: Robot, poses: np.ndarray, values: Mapping[str, Any] | None = None) -> np.ndarray:
     """The largest share (N,) of a drive's torque that holds a robot at poses (N, n); 0 without a limit."""
     most = largest_drive_torques(Parameters(robot.plant_parameters()), len(robot.joint_names))
     if not np.isfinite(most).any():

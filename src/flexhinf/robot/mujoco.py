@@ -205,7 +205,7 @@ class MuJoCoPlant(BlackBox):
         on = checked_extras(extras, False, packed, robot.name)
         self._mujoco: Any = check_expressed(on)
         refuse_if(
-            left_to_us(on, packed),
+            inexpressible(on, packed),
             "MuJoCo does not express 'drive_torque_limit' of a drive that rejects its load.",
             f"expected load_share = 1, got {np.ravel(packed.get('load_share', 1.0)).tolist()}",
             "the same without MuJoCo: robot.plant(extras=...) as the true plant; or without this extra",
@@ -275,7 +275,7 @@ def check_expressed(extras: Sequence[str]) -> Any:
     return extra_package("mujoco", "mujoco", "MuJoCo is not installed.")
 
 
-def left_to_us(extras: Sequence[str], packed: Mapping[str, Any]) -> tuple[str, ...]:
+def inexpressible(extras: Sequence[str], packed: Mapping[str, Any]) -> tuple[str, ...]:
     """Extras out of `EXPRESSED` that MuJoCo does not express of a robot with these parameters of its plant: its
     actuators know no load."""
     rejects = bool(np.any(np.asarray(packed.get("load_share", 1.0)) < 1.0))

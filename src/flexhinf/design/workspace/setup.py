@@ -19,7 +19,7 @@ from flexhinf.design.plans import (
     SPEED,
     STILL,
     UNLIMITED,
-    drives_hold,
+    holding_shares,
     move_reference,
     quintic_move,
     settled,
@@ -466,7 +466,7 @@ class WorkspaceSetup(LoopPlants):
         has within its own loop counts too."""
         usable = self.limits.effort / (HOLD if self.robot.drive == "position" else 1.0)
         commands = np.abs(self.robot.inverse_dynamics(poses, parameters=values)[1]) / usable
-        return np.maximum(np.max(commands, axis=1), drives_hold(self.robot, poses, values))
+        return np.maximum(np.max(commands, axis=1), holding_shares(self.robot, poses, values))
 
     # Moves --------------------------------------------------------------------------------------------
     def goals(self, count: int, seed: int | Sequence[int]) -> tuple[np.ndarray, int]:
