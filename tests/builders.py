@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cache, partial
 from itertools import combinations, product
 from typing import Any
@@ -18,6 +19,7 @@ import pytest
 import flexhinf as fh
 from flexhinf.baselines import lqr
 from flexhinf.plant import BlackBox, Law, Plant, rk4_step
+from flexhinf.robot import Parameter
 
 
 # Cases ------------------------------------------------------------------------------------------------------
@@ -217,6 +219,20 @@ def joint_text(
 # Filters and controllers ------------------------------------------------------------------------------------
 #: A robot of the catalogue by its name, loaded once: robots do not change.
 robot_named = cache(fh.load_robot)
+
+
+def driven_robot(
+    name: str, drive: str = "position", hertz: Sequence[float] = (20.0, 20.0), share: float = 1.0
+) -> fh.Robot:
+    """A robot of the catalogue whose drives have an inner loop of these bandwidths, Hz, and no limit."""
+    robot = robot_named(name)
+    constants = ("torque_constant", "resistance", "back_emf_constant", "inductance")
+    numbers = [p for p in robot.parameters if not p.name.startswith(constants)]
+    for joint, bandwidth in zip(robot.joint_names, hertz, strict=True):
+        loop = {"drive_bandwidth": 2.0 * math.pi * bandwidth, "load_share": share}
+        loop |= {"drive_damping_ratio": 0.9} if drive == "position" else {}
+        numbers += [Parameter(f"{key}_{joint}", value) for key, value in loop.items()]
+    return replace(robot, parameters=tuple(numbers), drive=drive, effort_limits=None)
 
 
 def arm_law(robot: fh.Robot, degree: int = 2, *given: Any, **options: Any) -> Any:

@@ -344,6 +344,22 @@ def test_no_value_is_read_for_a_side_effect(repository: Path, sources: dict[Path
     assert found == []
 
 
+def test_a_refusal_is_a_block_that_is_entered(repository: Path) -> None:
+    """`refused_with(...)` alone makes a block and enters none: a test that cannot fail."""
+    files = {file: file.read_text(encoding="utf-8") for file in (repository / "tests").rglob("*.py")}
+    begins = re.compile(r"^\s*refused_with\(", re.MULTILINE)
+    found = [
+        f"{file.name}:{node.lineno}"
+        for file, text in files.items()
+        if begins.search(text)
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.Expr)
+        and isinstance(node.value, ast.Call)
+        and getattr(node.value.func, "id", "") == "refused_with"
+    ]
+    assert found == []
+
+
 def test_no_message_names_a_page_of_the_documentation_by_its_file(sources: dict[Path, list[ast.AST]]) -> None:
     """Who installed a wheel has no folder docs: its title finds it."""
     for file, nodes in sources.items():

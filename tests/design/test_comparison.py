@@ -92,7 +92,7 @@ def test_a_law_that_does_not_fit_is_a_mistake_if_asked_for_and_a_row_that_says_s
         return plain(self, kind)
 
     monkeypatch.setattr(tuning.Tuner, "tune", tuned)
-    monkeypatch.setattr(pipeline, "law_names", lambda names: law_names(names or ["pd", "lqr"]))
+    monkeypatch.setattr(pipeline, "law_names", lambda names, drive: law_names(names or ["pd", "lqr"], drive))
     result = compare(fh.load_robot("vertical-rig"), Specification(**{**RIG, "draws": 0}), candidates=(0, 0))
     assert [row.name for row in result.rows] == [DESIGN, NL_HINF, "pd", "lqr"]
     assert "pd" not in [row.name for row in result.compared]

@@ -34,7 +34,7 @@ from flexhinf.hinf import solve_hji
 NAMES = [name for name in LAWS if name != DESIGN]
 
 #: Laws without an integral.
-PROPORTIONAL = ("pd", "pd-gravity", "torque", "flatness")
+PROPORTIONAL = ("pd", "pd-gravity", "torque", "flatness", "position-drive", "velocity-drive")
 
 
 @pytest.fixture(

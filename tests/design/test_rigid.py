@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.builders import driven_robot
 
 import flexhinf as fh
 from flexhinf.analysis.modes import closed_loop
@@ -39,6 +40,31 @@ def test_the_rigid_model_satisfies_newton_and_euler(name: str) -> None:
         given = u + d[:n] + d[n:]
         assert np.allclose(rate[:n], dq)
         assert np.abs(needed - given).max() < 1e-10 * max(1.0, np.abs(ddq).max())
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize(
+    ("drive", "share"), [("velocity", 0.0), ("velocity", 1.0), ("position", 0.0), ("position", 0.4)]
+)
+def test_the_rigid_model_of_a_drive_with_an_inner_loop(drive: str, share: float) -> None:
+    """A force f holds link and motor together: M q̈ + … = f, J q̈ = τ − σ (B q̇ + f) + d; at rest the link is held."""
+    rng, robot = np.random.default_rng(4), driven_robot("planar-two-link", drive, (8.0, 15.0), share)
+    problem = robot.problem(command=None, disturbances=("link_torque", "motor_torque"), pose=(0.4, -0.9))
+    rigid = rigid_problem(problem)
+    assert rigid is not None
+    assert isinstance(robot.links, Arm)
+    p = rigid.plant.parameters.named(rigid.plant.parameters.vector())
+    place = drive == "position"
+    for _ in range(5):
+        q, dq, c, d_link, d_motor = rng.normal(size=(5, 2))
+        ddq = rigid.plant.derivative(np.concatenate([q, dq]), c, np.concatenate([d_link, d_motor]))[2:]
+        force = robot.links.torques(q, dq, ddq, p) - d_link
+        torque = (p.drive_stiffness * (c - q) if place else p.drive_damping * c) - p.drive_damping * dq
+        left = torque - share * (p.friction * dq + force) + d_motor
+        assert p.motor_inertia * ddq == pytest.approx(left, abs=1e-9)
+    held = robot.links.torques(np.array([0.4, -0.9]), *np.zeros((2, 2)), p)
+    gain = p.drive_stiffness if place else p.drive_damping
+    assert rigid.operating_input == pytest.approx(place * np.array([0.4, -0.9]) + share * held / gain)
 
 
 @pytest.mark.parametrize("side", FEEDBACK_SIDES)

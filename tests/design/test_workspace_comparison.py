@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests import workspaces
+from tests.builders import driven_robot
 from tests.refusals import refused_with, unnamed
 
 import flexhinf as fh
@@ -30,6 +32,7 @@ from flexhinf.design.workspace.comparison import (
 from flexhinf.design.workspace.rivals import check_numbers, rival_law
 from flexhinf.design.workspace.search import known_setup, pair_weights
 from flexhinf.design.workspace.setup import WorkspaceSetup
+from flexhinf.errors import InvalidInput
 from flexhinf.pages import compared_ending, workspace_comparison
 from flexhinf.pages.workspace_comparison import laws_verdict
 from flexhinf.robot.workspace import workspace_of
@@ -103,6 +106,59 @@ def test_gains_are_those_of_textbooks(own: WorkspaceSetup) -> None:
     law = replace(flat, equilibrium=robot.operating_point(POSE))
     chain = np.array([1.0, *bessel_coefficients(5, 20.0)[::-1]])
     np.testing.assert_allclose(np.poly(law.closed_loop()), np.polymul(chain, chain), rtol=1e-6)
+
+
+@pytest.mark.oracle
+@pytest.mark.costs("setups of three robots")
+def test_a_drive_of_its_own_has_the_loops_of_a_motor_of_torques() -> None:
+    """Of a rival that gives torques: the inner loop counts as a part of its gains."""
+    s = fh.Specification(measured=BOTH, workspace="limits")
+
+    def slopes(robot: fh.Robot) -> list[np.ndarray]:
+        a, b, _, _ = robot.plant().linearise(*robot.operating_point(POSE))
+        made = known_setup(robot, s, workspace_of(robot), pair_weights(robot, 28.0), (0.0025, 0.03))
+        laws = [with_rival(made, name).law.slope_at(POSE) for name in ("pid", "torque-i", "flatness-i")]
+        return [a + b @ law[:, :8] for law in laws] + [b @ law[:, 8:] for law in laws]
+
+    for drive, share in (("position", 0.4), ("velocity", 0.0)):
+        robot = driven_robot("planar-two-link", drive, (8.0, 15.0), share)
+        p = robot.plant_parameters()
+        friction = dict(zip(robot.joint_names, p["drive_damping"] + share * p["friction"], strict=True))
+        torque = driven_robot("planar-two-link", "torque")
+        torque = torque.with_values({f"friction_{joint}": value for joint, value in friction.items()})
+        for found, wanted in zip(slopes(robot), slopes(torque), strict=True):
+            np.testing.assert_allclose(found, wanted, rtol=1e-8, atol=1e-7)
+
+
+@pytest.mark.oracle
+@pytest.mark.costs("setups of two robots")
+@pytest.mark.parametrize(("drive", "share"), [("position", 1.0), ("velocity", 0.0)])
+def test_the_drive_alone_has_its_own_modes(drive: str, share: float) -> None:
+    """The filter is beside a loop that feeds back no estimate: its modes are those of the plant."""
+    robot = driven_robot("planar-two-link", drive, (8.0, 15.0), share)
+    s = fh.Specification(measured=BOTH, workspace="limits")
+    made = known_setup(robot, s, workspace_of(robot), pair_weights(robot, 28.0), (0.0025, 0.03))
+    alone = replace(made, law=rival_law(made, f"{drive}-drive", {"bandwidth": 10.0}))
+    gain = np.zeros((2, 8))
+    gain[:, 4:6] = -10.0 * (drive == "velocity") * np.eye(2)
+    np.testing.assert_array_equal(alone.law.slope_at(POSE)[:, :8], gain)
+    if drive == "position":
+        a = alone.smooth_plant.linearise(*robot.operating_point(POSE))[0]
+        found = alone.linear(POSE).closed_loop.multipliers
+        for mode in np.exp(s.period * np.linalg.eigvals(a)):
+            assert np.abs(found - mode).min() < 1e-9
+
+
+def test_a_comparison_has_the_drive_alone_where_drives_have_a_loop() -> None:
+    assert rival_names(None, {}, "position")[:1] == ("position-drive",)
+    assert rival_names(None, {}, "velocity")[:1] == ("velocity-drive",)
+    assert not [name for name in rival_names(None, {}, "current") if name.endswith("-drive")]
+    with refused_with(InvalidInput, "'position'", "'torque'", "--laws") as told:
+        rival_names(["position-drive"], {}, "torque")
+    advised = re.findall("--laws ([a-z,-]+)", str(told.value))
+    assert rival_names(advised[0].split(","), {}, "torque")
+    with refused_with(InvalidInput, "leave out [position-drive]"):
+        check_numbers("position-drive", {}, 2)
 
 
 def test_gains_of_a_move_are_those_of_its_poses(own: WorkspaceSetup) -> None:

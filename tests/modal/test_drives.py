@@ -2,32 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.linalg import expm
-from tests.builders import robot_named
+from tests.builders import driven_robot
 
 import flexhinf as fh
 from flexhinf.modal import ModalLaw
 from flexhinf.modal.pair import Pair, PairWeights, pair_gains
 from flexhinf.plant import Penalty
-from flexhinf.robot import Parameter
 
 WEIGHTS = PairWeights(bandwidth=14.0, share=1.0, integral=0.5, gamma=1.5)
-
-
-def driven(name, hertz, share):
-    """A robot of the catalogue whose drives take positions."""
-    robot = robot_named(name)
-    constants = ("torque_constant", "resistance", "back_emf_constant", "inductance")
-    numbers = [p for p in robot.parameters if not p.name.startswith(constants)]
-    for joint, bandwidth in zip(robot.joint_names, hertz):
-        loop = {"bandwidth": 2.0 * np.pi * bandwidth, "damping_ratio": 0.9}
-        numbers += [Parameter(f"drive_{key}_{joint}", value) for key, value in loop.items()]
-        numbers.append(Parameter(f"load_share_{joint}", share))
-    return replace(robot, parameters=tuple(numbers), drive="position", effort_limits=None)
 
 
 def test_a_pair_is_its_equations():
@@ -65,7 +50,7 @@ def test_gains_damp_the_vibration_of_pairs_of_position_drives(share):
 @pytest.mark.parametrize("share", [1.0, 0.0])
 def test_the_law_of_an_arm_is_that_of_its_pairs_where_drives_are_alike(share):
     """For alike drives the closed loop of the arm has the modes of its pairs; and the code gives the slope."""
-    robot = driven("planar-two-link", (20.0, 20.0), share)
+    robot = driven_robot("planar-two-link", "position", (20.0, 20.0), share)
     p = robot.plant_parameters()
     rates = (p["stiffness"] / p["motor_inertia"])[0], (p["friction"] / p["motor_inertia"])[0]
     elbow = p["motor_inertia"][1]
@@ -93,7 +78,7 @@ def test_the_law_of_an_arm_is_that_of_its_pairs_where_drives_are_alike(share):
 @pytest.mark.costs("the law of one robot, traced with its inverse mass matrix")
 def test_a_saved_law_of_position_drives_comes_back(tmp_path):
     """Unlike drives: the law has numbers that make their stiffness alike, and a file keeps them."""
-    robot = driven("planar-two-link", (10.0, 25.0), 1.0)
+    robot = driven_robot("planar-two-link", "position", (10.0, 25.0))
     law = ModalLaw.tuned(robot.problem(penalty=Penalty({"link_position": 1.0})), 1e-3, WEIGHTS)
     fh.Controller(law, None, period=1e-3, moving=True).save(tmp_path / "saved")
     stored = fh.load_controller(tmp_path / "saved").law

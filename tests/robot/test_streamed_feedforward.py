@@ -14,6 +14,7 @@ from tests.builders import joint_text
 from tests.refusals import refused_with
 
 import flexhinf as fh
+from flexhinf.errors import InvalidInput
 from flexhinf.export.feedforward import export_feedforward
 from flexhinf.robot import MuJoCoPlant
 
@@ -105,13 +106,17 @@ def test_c_and_rows_are_those_of_python(feedforward, tmp_path):
 
 
 def test_what_does_not_fit_is_refused_and_the_advice_works(robot, feedforward, tmp_path):
-    refused_with(lambda: fh.Feedforward(robot, PERIOD, 0.021), 0.02)
+    with refused_with(InvalidInput, 0.02):
+        fh.Feedforward(robot, PERIOD, 0.021)
     assert fh.Feedforward(robot, PERIOD, 0.02).delay == pytest.approx(0.06)
-    refused_with(lambda: feedforward.rows(np.zeros((5, 3))), "(N, 2)")
-    refused_with(lambda: feedforward.rows(np.full((5, 2), np.nan)), "finite")
+    with refused_with(InvalidInput, "(N, 2)"):
+        feedforward.rows(np.zeros((5, 3)))
+    with refused_with(InvalidInput, "finite"):
+        feedforward.rows(np.full((5, 2), np.nan))
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "mine").write_text("")
-    refused_with(lambda: export_feedforward(feedforward, tmp_path / "full"), "full")
+    with refused_with(InvalidInput, "full"):
+        export_feedforward(feedforward, tmp_path / "full")
     assert (tmp_path / "full" / "mine").exists()
 
 

@@ -120,6 +120,10 @@ class PlacedLaw(EquilibriumLaw):
 INTEGRAL_RATE = 0.2
 
 
+#: Stands for no share of a load that an input holds: that of a drive of velocities that rejects its load.
+NO_LOAD = 1e-20
+
+
 def lqr_gain(problem: GeneralisedPlant, effort: float = 1.0) -> np.ndarray:
     """K (m, n) of u = K x that minimises ½∫ hᵀh + uᵀ R2 u for the problem's linear part.
 
@@ -213,16 +217,23 @@ class GravityCompensatedLQR(PlacedLaw, LinearQuadratic):
         """
         plant, (x, u), n = problem.plant, equilibrium_of(problem), check_joints(problem.plant)
         weightless = plant.with_parameters(gravity=np.zeros_like(plant.parameters.values.get("gravity", 0.0)))
-        relaxed = np.concatenate([x[:n], np.zeros(n), x[:n], np.zeros(n)])
-        light = replace(problem, plant=weightless, pose=None, equilibrium=(relaxed, np.zeros_like(u)))
+        relaxed, joints = (
+            np.concatenate([x[:n], np.zeros(n), x[:n], np.zeros(n)]),
+            elastic_joints(plant, x, u),
+        )
+        still = (
+            joints.drive_stiffness * x[:n] / joints.torque_per_input
+        )  # the place, of a drive that takes positions
+        light = replace(problem, plant=weightless, pose=None, equilibrium=(relaxed, still))
         gain = lqr_gain(light, effort)
         return GravityCompensatedLQR(plant=plant, equilibrium=(x, u), integrate=problem.integrate, gain=gain)
 
     @property
     def numbers(self) -> np.ndarray:
-        """Gain, stiffness, torque per input, and the plant's parameters."""
+        """Gain, stiffness, weight that an input holds, and the plant's parameters."""
         joints, p = self.joints, self.plant.parameters.vector()
-        return np.concatenate([self.gain.ravel(), joints.stiffness, joints.torque_per_input, p])
+        share = np.maximum(joints.load_share + joints.drive_stiffness / joints.stiffness, NO_LOAD)
+        return np.concatenate([self.gain.ravel(), joints.stiffness, joints.torque_per_input / share, p])
 
     @property
     def law_key(self) -> str:

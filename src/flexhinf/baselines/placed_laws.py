@@ -25,7 +25,8 @@ With energy E of links, rotors, springs and gravity, V = E + ½ (θ_d − θ)ᵀ
 
 A voltage-driven motor gets V = (R/k_t) τ. Its back-EMF is **not** compensated: it is passive damping, k_t k_b/R, which
 a compensation would take away with a velocity that is only estimated. `MotorPD.tuned` counts it as part of the wanted
-damping.
+damping. A drive with an inner loop gets c = (τ + k_p θ + (σ − 1) τ_J)/k_u: its own gains are a part of the wanted ones,
+and the motor feels its load (`ElasticJoints.torque_driven`).
 
 Exact feedback linearisation with flatness feedforward [spong1987], [deluca2016].
 
@@ -239,7 +240,10 @@ class TorqueFeedback(PlacedLaw):
             (1.0 - scale) * spring.spring_damping - scale * self.derivative,
             *([-scale * self.integral] if self.integrate else []),
         ]
-        return np.hstack([np.diag(column) for column in columns]) / spring.torque_per_input[:, None]
+        torques = np.hstack([np.diag(column) for column in columns])
+        if spring.inner:
+            torques[:, : 4 * len(scale)] += spring.torque_driven
+        return torques / spring.torque_per_input[:, None]
 
     @property
     def numbers(self) -> np.ndarray:

@@ -42,7 +42,7 @@ from flexhinf.estimation import (
 from flexhinf.loop import Controller, EnsembleResult, Loop, Moving, Schedule, Step, Supervision
 from flexhinf.plant import Law, Plant, linear_plant, sub_steps
 from flexhinf.robot import MuJoCoPlant, Robot, elastic
-from flexhinf.robot.mujoco import EXPRESSED
+from flexhinf.robot.mujoco import EXPRESSED, inexpressible
 from flexhinf.robot.signals import signal_names
 from flexhinf.robot.springs import without_damping
 
@@ -180,7 +180,9 @@ class LoopPlants:
         Raises `InvalidInput` if MuJoCo is not installed, or does not express a stated extra.
         """
         s, robot = self.true.specification, self.true.robot
-        extras = [name for name in s.extras if name in (*self.specification.extras, *EXPRESSED)]
+        known = (*self.specification.extras, *EXPRESSED)
+        missing = inexpressible(s.extras, robot.plant_parameters())
+        extras = [name for name in s.extras if name in known and name not in missing]
         fastest = self.true_plant.fastest_mode(*robot.operating_point(at, s.extras))
         step = s.period / sub_steps(s.period, fastest, 0.1)
         measured = None if s.estimator == "none" else s.measured

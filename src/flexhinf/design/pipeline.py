@@ -440,7 +440,7 @@ def stages(
     names begin or end, and what part of the work each is, relative to the others."""
     if is_for_workspace(specification):
         own = workspace_stages(robot, specification)
-        return [*own, (TOLERATED, 2.5)] if laws is None else over.compare_stages(own, laws)
+        return [*own, (TOLERATED, 2.5)] if laws is None else over.compare_stages(own, laws, robot.drive)
     s, states = specification, by_step.STATES * len(robot.joint_names)
     preset, limits = presets.preset_of(robot, s), responses.joint_limits(robot, s)
     limited = preset in ("damped", "robust") and (limits.limits_peak or limits.limits_speed)
@@ -463,8 +463,8 @@ def stages(
         sampled = bool(responses.sample_count(robot, states, s.draws))
         runs = [("step, load and move", 1.0), *([("robots within their tolerances", 1.0)] * sampled)]
         tuned = (("tune", 8.0), ("tune from the others", 3.0), ("tune from the best", 3.0))
-        rounds = [each for each in tuned for _ in law_names(laws)]
-        return [*found, ("what all laws share", 2.0), *rounds, *(runs * len(law_names(laws)))]
+        rounds = [each for each in tuned for _ in law_names(laws, robot.drive)]
+        return [*found, ("what all laws share", 2.0), *rounds, *(runs * len(law_names(laws, robot.drive)))]
     found += [("margins of the running loop", 1.0), ("compile the closed loop", 2.0), ("corners", 3.0)]
     found.append(("the worst disturbance", 1.0 if certification.searches_disturbance(states, rays) else 0.2))
     found += [("the step on MuJoCo's plant", 1.0)] * s.mujoco
@@ -529,7 +529,7 @@ def compare(
     over.check_kind(is_for_workspace(s), tune != "peak", candidates is not None, gains is not None)
     if is_for_workspace(s):
         return over.compare_over_workspace(robot, s, laws, progress, same_sensors, gains)
-    kinds = [law_kind(name) for name in law_names(laws)]
+    kinds = [law_kind(name) for name in law_names(laws, robot.drive)]
     counts = tuning.checked_candidates(candidates)
     tuning.check_mode(tune, "tune='peak'", s.bandwidth is not None)
     progress("equilibrium, and weights")

@@ -19,6 +19,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.loop import Backlash, Controller, DryFriction, JerkLimited, Moving, Waypoints
 from flexhinf.plant import Law, Parameters
 from flexhinf.robot import Robot, check_reference, elastic, kinematics
+from flexhinf.robot.drive_limits import largest_drive_torques
 from flexhinf.robot.parameters import per_joint
 from flexhinf.robot.springs import DAMPED, DAMPING
 from flexhinf.robot.waypoints import WaypointError, WaypointTable
@@ -126,7 +127,8 @@ def plan_move(
             if (limit is None and not limits.limits_speed) or k == STRETCHES - 1:
                 raise
         else:
-            return plan
+            if k == STRETCHES - 1 or _drives_spare(robot, plan):
+                return plan
     raise AssertionError("unreachable")
 
 
@@ -153,6 +155,8 @@ def quintic_move(robot: Robot, limits: JointLimits, start: np.ndarray, goal: np.
 
 def _spares(robot: Robot, limits: JointLimits, plan: Waypoints) -> bool:
     """Whether the motors of the heaviest robot move it along a plan with a part of what its weight leaves of them."""
+    if not _drives_spare(robot, plan):
+        return False
     if not limits.limits_effort:
         return True
     motion = plan.derivatives(np.linspace(0.0, plan.duration, ON_THE_WAY))
@@ -160,6 +164,40 @@ def _spares(robot: Robot, limits: JointLimits, plan: Waypoints) -> bool:
         np.abs(robot.inverse_dynamics(*rows, parameters=robot.heaviest)[1]) for rows in (motion[:1], motion)
     )
     return bool(np.all(whole <= weight + EFFORT_FRACTION * np.maximum(limits.effort - weight, 0.0)))
+
+
+def drive_torques(robot: Robot, motion: Sequence[Any], values: Mapping[str, Any] | None = None) -> np.ndarray:
+    """Torques (N, n) of motors with an inner loop along a motion of the links, one to five arrays (N, n), of a robot
+    with the parameters `values`."""
+    x, u = robot.inverse_dynamics(*motion, parameters=values)
+    p = Parameters({**robot.plant_parameters(), **(values or {})})
+    q, dq, angle, speed = robot.layout.split(x.T)
+    motors, speeds = robot.layout.motors(q, angle).T, robot.layout.motors(dq, speed).T
+    springs = robot.layout.elastic
+    twists = (angle.T - q.T[:, springs], speed.T - dq.T[:, springs])
+    load = np.broadcast_to(p.friction, u.shape) * speeds
+    load[:, springs] += elastic.spring_torque(*twists, p, elastic.stated_curve(vars(p)))
+    place = p.drive_stiffness * motors if robot.drive == "position" else 0.0
+    loop = elastic.torque_per_input(robot.drive, p) * u - place - p.drive_damping * speeds
+    return loop + (1.0 - p.load_share) * load
+
+
+def holding_shares(robot: Robot, poses: np.ndarray, values: Mapping[str, Any] | None = None) -> np.ndarray:
+    """The largest share (N,) of a drive's torque that holds a robot at poses (N, n); 0 without a limit."""
+    most = largest_drive_torques(Parameters(robot.plant_parameters()), len(robot.joint_names))
+    if not np.isfinite(most).any():
+        return np.zeros(len(poses))
+    return np.max(np.abs(drive_torques(robot, (poses,), values)) / most, axis=1)
+
+
+def _drives_spare(robot: Robot, plan: Plan) -> bool:
+    """Whether drives of limited torque move the heaviest robot along a plan with a part of what its weight leaves."""
+    most = largest_drive_torques(Parameters(robot.plant_parameters()), len(robot.joint_names))
+    if not np.isfinite(most).any():
+        return True
+    motion = plan.derivatives(np.linspace(0.0, plan.duration, ON_THE_WAY), 4)
+    weight, whole = (np.abs(drive_torques(robot, rows, robot.heaviest)) for rows in (motion[:1], motion))
+    return bool(np.all(whole <= weight + EFFORT_FRACTION * np.maximum(most - weight, 0.0)))
 
 
 def stated_move(robot: Robot, s: Specification) -> Plan | None:
@@ -211,14 +249,15 @@ def refuse_workspace(s: Specification, robot: Robot, what: str, advice: str = "`
 
 def true_robot(robot: Robot, s: Specification) -> tuple[Robot, Specification]:
     """The robot by which a design is judged, and the specification of its plants: it has the curves, errors and ripples
-    of gears, the backlash and the dry friction that are stated, of which `extras` may name one kind, and springs damped
-    as the robot states, or as no real spring is without."""
+    of gears, the backlash, the limits of drives and the dry friction that are stated, of which `extras` may name one
+    kind, and springs damped as the robot states, or as no real spring is without."""
     robot, values = robot.damped, robot.plant_parameters()
     gaps = np.any(np.asarray(values.get("backlash", 0.0)) > 0.0)
     dry = elastic.with_dry_friction(s.extras, values)
     damped = any(p.interval[1] > 0.0 for p in robot.parameters if p.name.startswith(DAMPING))
     gears = *elastic.stated_curve(values), *elastic.stated_teeth(values)
-    names = *s.extras, *[DAMPED] * damped, *gears, *dry, *["backlash"] * bool(gaps)
+    limited = ["drive_torque_limit"] * ("drive_torque_limit" in values)
+    names = *s.extras, *[DAMPED] * damped, *gears, *dry, *["backlash"] * bool(gaps), *limited
     return robot, replace(s, extras=tuple(dict.fromkeys(names)))
 
 

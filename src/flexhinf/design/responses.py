@@ -16,10 +16,10 @@ from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
 
+from flexhinf.design.drives import check_loop_of_drives
 from flexhinf.design.requirements import Motion, on_motions
 from flexhinf.design.requirements.kinds import STILL
 from flexhinf.design.specification import FIELDS, Specification, per_joint
-from flexhinf.errors import refuse_if
 from flexhinf.loop import Signal, Trajectory
 from flexhinf.loop.simulation import metrics
 from flexhinf.plant import Plant
@@ -523,47 +523,12 @@ def motion_metrics(limits: JointLimits, run: Response, plan: Plan | None = None)
     return rows
 
 
-def check_drive(robot: Robot, s: Specification) -> None:
-    """Refuse a period shorter than that of the drives, and delays that do not contain those of drives and sensors.
-
-    A value that is late by d says of an input what the true one says d later: for a loop both delays are one.
-    """
-    slowest = robot.drive_period
-    refuse_if(
-        s.period < slowest * (1.0 - 1e-9),
-        f"The drives of {robot.name!r} take a command every {slowest:g} s.",
-        f"expected a period of at least that, got {s.period:g} s",
-        f"--period {slowest:g}",
-    )
-    sensing = sensor_delay(robot, s)
-    if robot.drive_delay + sensing == 0.0:
-        return
-    late = (s.known_latency + s.unknown_samples) * s.period
-    needed = int(np.ceil((robot.drive_delay + sensing) / s.period - 1e-9))
-    delays = {"drives": robot.drive_delay, "sensors": sensing}
-    whose = " and ".join(f"{name} of {robot.name!r} by {time:g} s" for name, time in delays.items() if time)
-    refuse_if(
-        late < (robot.drive_delay + sensing) * (1.0 - 1e-9),
-        f"The design's latency is less than the delays of its robot: {whose}.",
-        f"expected a latency of at least {needed} samples of {s.period:g} s, got {late / s.period:g}",
-        f"--latency {needed}; one more where the computation takes a sample too",
-    )
-
-
-def sensor_delay(robot: Robot, s: Specification) -> float:
-    """Longest delay of the sensors that a specification measures with, s; those that are sooner wait for it."""
-    if s.estimator == "none" or not robot.sensors:
-        return 0.0
-    names = signals.expanded(s.measured, signals.SENSORS, robot.joint_names, robot.rigid)
-    return max((sensor.delay for sensor in robot.sensors if sensor.signal in names), default=0.0)
-
-
 def joint_limits(robot: Robot, s: Specification) -> JointLimits:
     """The limits of a specification, and those of the robot where it states none.
 
     Raises InvalidInput: for a loop that commands the robot's drives more often, or earlier, than they take it.
     """
-    check_drive(robot, s)
+    check_loop_of_drives(robot, s)
     joints, effort = robot.joint_names, robot.effort_limits
     own = {"peak_effort": effort, "saturation": effort, "peak_speed": robot.speed_limits}
     stated = {name: getattr(s, name) for name in own}

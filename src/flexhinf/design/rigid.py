@@ -25,14 +25,15 @@ def rigid_flow(elastic: Any, x: Any, u: Any, d: Any, p: Any) -> Any:
 
     The elastic robot's equations with unloaded springs give the accelerations a_link and a_motor of links and motors.
     The rigid joint makes both move together,
-    q̈ = a_motor + √J⁻¹ (1 + √J M⁻¹ √J)⁻¹ √J (a_link − a_motor). A column of M⁻¹ is the change of a_link by 1 N·m on a
-    link.
+    q̈ = a_motor + σ √J⁻¹ (σ + √J M⁻¹ √J)⁻¹ √J (a_link − a_motor), with the share σ of a load that moves a motor: less
+    than 1 of some drives with an inner loop. A column of M⁻¹ is the change of a_link by 1 N·m on a link.
 
     `elastic`: the equations, without extras.
     """
 
     root = np.atleast_1d(np.sqrt(p.motor_inertia))
     n = len(root)
+    share = np.atleast_1d(vars(p).get("load_share", np.ones(n)))
     q, dq = x[:n], x[n:]
 
     def rates(torques: Any) -> tuple[Any, Any]:
@@ -41,7 +42,10 @@ def rigid_flow(elastic: Any, x: Any, u: Any, d: Any, p: Any) -> Any:
 
     link, motor = rates(d)
     columns = [rates(d + np.eye(2 * n)[j])[0] - link for j in range(n)]
-    matrix = [[root[i] * columns[j][i] * root[j] + float(i == j) for j in range(n)] for i in range(n)]
+    matrix = [
+        [root[i] * columns[j][i] * root[j] + (share[i] if i == j else 0.0) for j in range(n)]
+        for i in range(n)
+    ]
     right = list(root * (link - motor))
     for k in range(n):  # elimination without pivoting, as polynomials cannot be compared
         for i in range(k + 1, n):
@@ -51,7 +55,7 @@ def rigid_flow(elastic: Any, x: Any, u: Any, d: Any, p: Any) -> Any:
     for k in reversed(range(n)):
         known = sum((matrix[k][j] * right[j] for j in range(k + 1, n)), start=0.0)
         right[k] = (right[k] - known) / matrix[k][k]
-    return np.concatenate([dq, motor + np.array(right) / root])
+    return np.concatenate([dq, motor + share * np.array(right) / root])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -132,13 +136,18 @@ def rigid_problem(problem: GeneralisedPlant) -> GeneralisedPlant | None:
         units=plant.units,
     )
     weighted = Penalty((*np.hypot(link, motor), *integrals), penalty.effort)
+    x, u = problem.operating_point, problem.operating_input
+    if (
+        "drive_stiffness" in plant.parameters.values
+    ):  # a position that is commanded holds the motor, not the link
+        u = u - (x[2 * n : 3 * n] - x[:n])
     return GeneralisedPlant(
         rigid,
         weighted,
         problem.integrate,
         problem.command,
         problem.disturbances,
-        equilibrium=(problem.operating_point[: 2 * n], problem.operating_input),
+        equilibrium=(x[: 2 * n], u),
     )
 
 

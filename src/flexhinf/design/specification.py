@@ -331,7 +331,8 @@ class Specification:
     extras: options.Names = option((), UNCERTAIN,
         "What the true robot has and the model has not: inductance, joint_damping, spring_hardening, "
         "stiffness_curve, kinematic_error, torque_ripple, backlash, coulomb_friction, stribeck_friction, "
-        "load_friction. It always has the gears, the dry friction and the damping of springs that the file states.",
+        "load_friction, drive_torque_limit. It always has the gears, the dry friction, the damping of springs and the "
+        "limits of drives that the file states.",
         "inductance")
     latency: options.Count | None = option(None, SENSORS,
         "Samples between a measurement and the effect of its input, at most 10. The estimator predicts over them.",

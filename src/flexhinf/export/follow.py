@@ -15,6 +15,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.export.controller_c import ControllerCode
 from flexhinf.export.rendering import c_values, render
 from flexhinf.plant.joints import joint_places
+from flexhinf.robot.drive_limits import largest_drive_torques
 from flexhinf.robot.elastic import INNER, InverseFlow, torque_per_input, traced_inverse
 from flexhinf.robot.feedforward import KNOTS, LONGEST
 from flexhinf.robot.follower import MOST_COUNTED, PASSED, Follower
@@ -123,14 +124,14 @@ def _motors(code: ControllerCode) -> list[int]:
 
 def largest_twists(code: ControllerCode, robot: Robot) -> np.ndarray:
     """What the largest inputs twist the springs (n,) by, rad or m; infinite without limits, without a spring, and for
-    drives with a loop of their own, whose inputs are no torques."""
+    drives with a loop of their own whose torque has no limit."""
     limits, n = code.controller.limits, len(robot.joint_names)
     found = np.full(n, np.inf)
-    if robot.drive in INNER:
-        return found
     p = robot.plant().parameters.named(robot.plant().parameters.vector())
     largest = np.maximum(np.abs(np.ravel(limits.lower)), np.abs(np.ravel(limits.upper)))
     torques = np.broadcast_to(torque_per_input(robot.drive, p), n) * largest
+    if robot.drive in INNER:
+        torques = largest_drive_torques(p, n)
     elastic = robot.layout.elastic
     found[elastic] = torques[elastic] / np.broadcast_to(p.stiffness, len(elastic))
     return found

@@ -137,13 +137,17 @@ def _sensors(measured: Sequence[str], robot: Robot) -> list[tuple[str, str] | No
 def _joints(controller: Controller, robot: Robot, speeds: np.ndarray | None) -> dict[str, Ranges]:
     """What is known of each joint by its name."""
     from flexhinf.plant.parameters import Parameters
+    from flexhinf.robot.drive_limits import largest_drive_torques
     from flexhinf.robot.elastic import torque_per_input
     from flexhinf.robot.parameters import per_joint
 
     joints, plant, limits = robot.joint_names, robot.plant(), controller.limits
     values = Parameters(plant.parameters.values)
     largest = np.maximum(np.abs(limits.lower), np.abs(limits.upper))
-    torques = TWICE * np.abs(torque_per_input(robot.drive, values)) * largest
+    torques = TWICE * np.minimum(
+        np.abs(torque_per_input(robot.drive, values)) * largest,
+        largest_drive_torques(values, len(joints)),
+    )
     links = motors = np.array(robot.speed_limits if speeds is None else speeds, dtype=float)
     if robot.drive == "voltage":
         back = np.abs(np.broadcast_to(values.back_emf_constant, links.shape))

@@ -38,6 +38,7 @@ EXTRA_OF = {
     "load_friction": "load_friction",
     "stribeck_velocity": "stribeck_friction",
     "inductance": "inductance",
+    "drive_torque_limit": "drive_torque_limit",
 }
 
 

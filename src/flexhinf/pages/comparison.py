@@ -252,7 +252,7 @@ def comparison_notes(comparison: Comparison) -> list[str]:
                 f"The loop of {row.name} could not be linearised: {row.evaluation.linear_failure.rstrip('.')}."
             )
     compared = {row.name for row in comparison.rows}
-    if others := [name for name in rivals() if name not in compared]:
+    if others := [name for name in rivals(comparison.robot.drive) if name not in compared]:
         notes.append(f"Not asked for, and so not compared: {', '.join(others)}.")
     if own is not None and own.setup.left_out:
         names = " and ".join(own.setup.left_out).replace("_", " ")

@@ -78,6 +78,17 @@ class ElasticJoints(NamedTuple):
         return bool(np.any(self.drive_stiffness > 0.0) or np.any(self.load_share != 1.0))
 
     @property
+    def torque_driven(self) -> np.ndarray:
+        """Torques (n, 4n) per q, q̇, θ, θ̇ that make a drive with an inner loop one of torques τ.
+
+        J θ̈ + B θ̇ + k_p θ + σ τ_J = k_u c is J θ̈ + B θ̇ + τ_J = τ by c = (τ + these)/k_u. Zero without an inner loop.
+        """
+        kept = self.load_share - 1.0
+        columns = -kept * self.stiffness, -kept * self.spring_damping
+        loop = self.drive_stiffness + kept * self.stiffness, kept * self.spring_damping
+        return np.hstack([np.diag(column) for column in (*columns, *loop)])
+
+    @property
     def pair_rates(self) -> tuple[float, float, float, float]:
         """κ and β of the motors as if they were alike, ν and b of their drives; 1/s², 1/s, 1/s², 1/s².
 

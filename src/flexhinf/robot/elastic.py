@@ -15,6 +15,7 @@ switch                    adds
 ``coulomb_friction``      dry friction on the motor side, F_c tanh(q̇2 / v₀)
 ``stribeck_friction``     the same, larger at low speed: F_c + (F_s − F_c) exp(−(q̇2 / v_s)²)
 ``load_friction``         dry friction that grows with the load of the gear: μ |τ_J| beside F_c
+``drive_torque_limit``    the largest torque of a motor within its drive's own loop
 ========================  ===============================================================================
 
 Dry friction is smoothed over the velocity v₀ (`friction_smoothing`), so a stuck joint creeps by less than v₀
@@ -29,8 +30,8 @@ output of Spong's model, q and its first four derivatives give all else.
 
 A drive with an inner loop takes a velocity or a position, τ = k_v (c − θ̇) or τ = k_p (c − θ) − k_d θ̇, with the gains
 k_p = J ω², k_d = 2ζωJ, k_v = J ω of a loop with the bandwidth ω and the damping ratio ζ. Of what loads the motor
-(spring
-and friction) a share σ moves it: 1 if the loop has these gains alone, 0 if it also rejects its load.
+(spring and friction) a share σ moves it: 1 if the loop has these gains alone, 0 if it also rejects its load. A limit
+of the motor's torque holds for both together, |τ + (1 − σ) load| ≤ τ_max.
 
 The derivatives of τ_J are exact: the Newton–Euler recursion runs on power series in time.
 """
@@ -47,6 +48,7 @@ import numpy as np
 from flexhinf.arrays import Number
 from flexhinf.errors import refuse_if
 from flexhinf.plant.model import ParameterTable
+from flexhinf.robot.drive_limits import UNLIMITED, limited_torques
 from flexhinf.robot.gears import (
     CURVE,
     curve_number,
@@ -72,6 +74,7 @@ EXTRAS = {
     "coulomb_friction": "coulomb_friction",
     "stribeck_friction": "static_friction",
     "load_friction": "load_friction",
+    "drive_torque_limit": "drive_torque_limit",
 }
 
 #: Switches of what the teeth of gears add, each of which needs the gear's ratio.
@@ -94,6 +97,7 @@ DEFAULTS = {
     "torque_ripple": 0.0,
     "torque_ripple_phase": 0.0,
     "load_friction": 0.0,
+    "drive_torque_limit": UNLIMITED,
 }
 
 
@@ -462,6 +466,8 @@ class ElasticFlow:
             damping = p.drive_damping + share * p.friction
             if self.drive == "position":
                 torque = torque - p.drive_stiffness * layout.motors(q, theta)
+            if "drive_torque_limit" in self.extras:
+                share, torque, damping = 1.0, torque - p.drive_damping * speed, p.friction
         elif "inductance" in self.extras and self.drive != "torque":
             torque = p.torque_constant * current
         elif self.drive != "torque":
@@ -472,7 +478,9 @@ class ElasticFlow:
             ratio = p.gear_ratio if "kinematic_error" in self.extras else None
             spring, on_motors = spring_torques(q, dq, theta, dtheta, p, self.extras, ratio)
             load = self._resistance(theta, dtheta, on_motors, p), on_motors
-            if self.drive in INNER:
+            if "drive_torque_limit" in self.extras:
+                torque = limited_torques(torque, damping * dtheta + load[0] + load[1], p)
+            elif self.drive in INNER:
                 load = share * load[0], share * load[1]
             left = torque - damping * dtheta - load[0] - load[1] + d[n:]
             link_acceleration = self.links.accelerations(q, dq, spring + d[:n], p)
@@ -480,8 +488,11 @@ class ElasticFlow:
         else:
             ratio = p.gear_ratio[elastic] if "kinematic_error" in self.extras else None
             spring, on_motors = spring_torques(q[elastic], dq[elastic], theta, dtheta, p, self.extras, ratio)
-            dry = self._resistance(layout.motors(q, theta), speed, layout.motors(0.0 * q, on_motors), p)
-            if self.drive in INNER:
+            load = layout.motors(0.0 * q, on_motors)
+            dry = self._resistance(layout.motors(q, theta), speed, load, p)
+            if "drive_torque_limit" in self.extras:
+                torque = limited_torques(torque, damping * speed + dry + load, p)
+            elif self.drive in INNER:
                 dry, on_motors = share * dry, share[elastic] * on_motors
             driven = torque - damping * speed - dry + d[n:]
             rotors = [p.motor_inertia[i] if i in layout.rigid else 0.0 for i in range(n)]
@@ -508,6 +519,7 @@ WHY_NOT = {
     "backlash": "a spring with a dead zone has no inverse",
     "kinematic_error": "its phase is known at no start",
     "torque_ripple": "its phase is known at no start",
+    "drive_torque_limit": "beyond it no command follows the motion",
 }
 
 #: What they can follow.

@@ -13,6 +13,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.findings import Severity, ordered
 from flexhinf.plant import Parameters
+from flexhinf.robot.drive_limits import largest_drive_torques
 from flexhinf.robot.elastic import DRY, EXTRAS, INNER, stated_curve, torque_per_input
 from flexhinf.robot.faults import PartFault, collected_faults
 from flexhinf.robot.gears import curve_twist
@@ -221,11 +222,12 @@ def joint_facts(robot: Robot) -> list[JointFacts]:
 
 
 def _largest_torques(robot: Robot, p: Parameters) -> list[float]:
-    """The largest torque of each motor at rest; infinite where no limit is stated, NaN of an inner loop, whose limit is
-    that of its command."""
+    """The largest torque of each motor at rest; infinite where no limit is stated, NaN of an inner loop that states
+    none, whose limit is that of its command."""
     limits = robot.effort_limits or [None] * len(robot.joint_names)
     if robot.drive in INNER:
-        return [math.nan] * len(limits)
+        own = largest_drive_torques(p, len(limits))
+        return np.where(np.isfinite(own), own, math.nan).tolist()
     gain = np.broadcast_to(torque_per_input(robot.drive, p), len(limits))
     return [math.inf if limit is None else float(limit * k) for limit, k in zip(limits, gain)]
 

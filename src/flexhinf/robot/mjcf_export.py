@@ -15,7 +15,7 @@ import numpy as np
 from flexhinf.plant import Parameters
 from flexhinf.robot.elastic import DRIVES, EXTRAS, torque_per_input, with_dry_friction
 from flexhinf.robot.kinematics import link_frames, skeleton
-from flexhinf.robot.mujoco import EXPRESSED, MISSING, mujoco_xml
+from flexhinf.robot.mujoco import EXPRESSED, MISSING, inexpressible, mujoco_xml
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.signals import MECHANICAL, signal_names
 
@@ -45,7 +45,9 @@ def elastic_mjcf(robot: Robot) -> ElasticMJCF:
     packed = robot.plant_parameters()
     stated = [name for name in EXTRAS if np.any(np.asarray(packed.get(EXTRAS[name], 0.0)) != 0.0)]
     stated = list(dict.fromkeys((*stated, *with_dry_friction((), packed))))
-    on = [name for name in stated if name in EXPRESSED]
+    missing = dict.fromkeys(inexpressible(stated, packed), "its actuators know no load that is rejected")
+    missing |= {name: MISSING[name] for name in stated if name in MISSING}
+    on = [name for name in stated if name in EXPRESSED and name not in missing]
     if "stribeck_friction" in stated and "coulomb_friction" not in on:
         on.append("coulomb_friction")
     root = ET.fromstring(mujoco_xml(robot, packed, on))
@@ -62,7 +64,7 @@ def elastic_mjcf(robot: Robot) -> ElasticMJCF:
     ET.indent(root)
     return ElasticMJCF(
         ET.tostring(root, encoding="unicode") + "\n",
-        {name: MISSING[name] for name in stated if name in MISSING},
+        missing,
     )
 
 

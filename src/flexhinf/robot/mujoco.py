@@ -25,6 +25,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.plant import BlackBox, Parameters
+from flexhinf.robot.drive_limits import largest_drive_torques
 from flexhinf.robot.dynamics import matrix_of
 from flexhinf.robot.elastic import EXTRAS, INNER, checked_extras, torque_per_input
 from flexhinf.robot.gears import curve_parts
@@ -146,7 +147,7 @@ class MuJoCoView:
 ROTOR_SHARE = 1e-3
 
 #: What a real joint adds and MuJoCo's tendons and joints express; dry friction by a model of its own.
-EXPRESSED = ("joint_damping", "stiffness_curve", "backlash", "coulomb_friction")
+EXPRESSED = ("joint_damping", "stiffness_curve", "backlash", "coulomb_friction", "drive_torque_limit")
 
 #: What MuJoCo has no element for.
 MISSING = {
@@ -186,7 +187,8 @@ class MuJoCoPlant(BlackBox):
     step : float
         Longest step of integration, s.
     extras : sequence of str
-        Out of joint_damping, stiffness_curve, backlash and coulomb_friction; others are refused.
+        Out of joint_damping, stiffness_curve, backlash, coulomb_friction and drive_torque_limit; others are refused,
+        and the last of drives that reject a part of their load.
     parameters : mapping, optional
         Of the plant, for example `Robot.draw`; nominal by default.
     """
@@ -202,6 +204,12 @@ class MuJoCoPlant(BlackBox):
         packed = robot.plant_parameters() if parameters is None else dict(parameters)
         on = checked_extras(extras, False, packed, robot.name)
         self._mujoco: Any = check_expressed(on)
+        refuse_if(
+            inexpressible(on, packed),
+            "MuJoCo does not express 'drive_torque_limit' of a drive that rejects its load.",
+            f"expected load_share = 1, got {np.ravel(packed.get('load_share', 1.0)).tolist()}",
+            "the same without MuJoCo: robot.plant(extras=...) as the true plant; or without this extra",
+        )
         self._step = checked_positive("The step of integration", step, "seconds", "1e-3")
         self._p = p = Parameters(packed)
         joints = robot.joint_names
@@ -267,6 +275,13 @@ def check_expressed(extras: Sequence[str]) -> Any:
     return extra_package("mujoco", "mujoco", "MuJoCo is not installed.")
 
 
+def inexpressible(extras: Sequence[str], packed: Mapping[str, Any]) -> tuple[str, ...]:
+    """Extras out of `EXPRESSED` that MuJoCo does not express of a robot with these parameters of its plant: its
+    actuators know no load."""
+    rejects = bool(np.any(np.asarray(packed.get("load_share", 1.0)) < 1.0))
+    return tuple(name for name in extras if name == "drive_torque_limit" and rejects)
+
+
 # The model ----------------------------------------------------------------------------------------
 def mujoco_xml(robot: Robot, parameters: Mapping[str, Any], extras: Sequence[str] = ()) -> str:
     """The robot as MJCF: links, rotors, springs; joints in the order links, then motors.
@@ -290,7 +305,10 @@ def mujoco_xml(robot: Robot, parameters: Mapping[str, Any], extras: Sequence[str
             heavier * inertia,
             (heavier * torque_per_input(robot.drive, p), heavier * p.drive_damping),
         )
-        own_loops = _actuators(robot, links, motors, *(np.broadcast_to(gain, n) for gain in gains))
+        largest = largest_drive_torques(p, n) if "drive_torque_limit" in extras else np.inf
+        own_loops = _actuators(
+            robot, links, motors, *(np.broadcast_to(gain, n) for gain in (*gains, largest))
+        )
         drives = f"<actuator>{own_loops}</actuator>"
     rotor = [np.broadcast_to(value, n).tolist() for value in (inertia, friction, loss)]
     curved = curve_parts(p) if "stiffness_curve" in extras else [(p.stiffness, 0.0)]
@@ -330,12 +348,23 @@ def mujoco_xml(robot: Robot, parameters: Mapping[str, Any], extras: Sequence[str
 
 
 def _actuators(
-    robot: Robot, links: Sequence[str], motors: Sequence[str], gain: np.ndarray, damping: np.ndarray
+    robot: Robot,
+    links: Sequence[str],
+    motors: Sequence[str],
+    gain: np.ndarray,
+    damping: np.ndarray,
+    largest: np.ndarray,
 ) -> str:
-    """XML of the drives' own loops; the motor of a rigid joint is the joint of its link."""
+    """XML of the drives' own loops, with their largest torques; the motor of a rigid joint is the joint of its link."""
     names = [links[i] if i in robot.layout.rigid else motors[i] for i in range(len(links))]
     own = 'position joint={} kp="{}" kv="{}"' if robot.drive == "position" else 'velocity joint={} kv="{}"'
-    return "".join(f"<{own.format(quoteattr(n), _n(k), _n(d))}/>" for n, k, d in zip(names, gain, damping))
+    limits = [
+        f' forcerange="{_row([-most, most])}"' if np.isfinite(most) else "" for most in largest.tolist()
+    ]
+    return "".join(
+        f"<{own.format(quoteattr(n), _n(k), _n(d))}{limit}/>"
+        for n, k, d, limit in zip(names, gain, damping, limits)
+    )
 
 
 def _bodies(rigid: Any, parent: int, names: Sequence[str], motors: Sequence[str]) -> str:

@@ -78,6 +78,7 @@ QUANTITIES: dict[str, Quantity] = {
     "drive_stiffness": Quantity("N·m/rad", "N/m", "positive"),
     "drive_damping": Quantity("N·m·s/rad", "N·s/m", "positive"),
     "load_share": Quantity("1", "1", "not negative"),
+    "drive_torque_limit": Quantity("N·m", "N", "positive"),
     # what a real joint adds
     "damping": Quantity("N·m·s/rad", "N·s/m", "not negative"),
     "spring_hardening": Quantity("N·m/rad³", "N/m³", "not negative"),

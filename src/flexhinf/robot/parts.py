@@ -29,6 +29,7 @@ INNER_NUMBERS = (
     "drive_stiffness",
     "drive_damping",
     "load_share",
+    "drive_torque_limit",
     "drive_delay",
     "drive_period",
 )
@@ -131,6 +132,8 @@ class ElasticJoint:
     load_share : number, optional
         Share of the load that moves the motor: 1 of a loop with these gains alone (the default), 0 where the drive
         rejects its load.
+    drive_torque_limit : number, optional
+        Largest torque of the motor, N·m on the link side, whatever the command.
     drive_delay, drive_period : float
         Time from a command to the loop, and between two commands that the drive takes, s.
 
@@ -163,6 +166,7 @@ class ElasticJoint:
     drive_stiffness: Number | None = None
     drive_damping: Number | None = None
     load_share: Number | None = None
+    drive_torque_limit: Number | None = None
     drive_delay: float = 0.0
     drive_period: float = 0.0
     first_stiffness: Number | None = None

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.builders import driven_robot
 from tests.export.web.conftest import moving_live_arm
 from tests.refusals import refused_with, unnamed
 
@@ -207,6 +208,20 @@ def test_the_stiff_gains_give_motors_without_springs_their_bandwidth() -> None:
     np.testing.assert_allclose(effect @ np.diag(gains.proportional), np.diag([80.0**2] * 2), rtol=1e-12)
     np.testing.assert_allclose(effect @ np.diag(gains.derivative), np.diag([112.0] * 2), rtol=1e-12)
     assert stiff_gains(robot, pose, 10e-3, 1).bandwidth == pytest.approx([12.5] * 2)  # 0.25 rad over 20 ms
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize(("drive", "hertz"), [("position", 5.0), ("position", 30.0), ("velocity", 5.0)])
+def test_the_stiff_gains_count_those_of_the_drive(drive: str, hertz: float) -> None:
+    """With the drive's own gains a motor without a spring has ω² and 2 ζ ω, or what is more of the drive alone."""
+    robot = driven_robot("planar-two-link", drive, (hertz, hertz), 0.0)
+    gains, own = stiff_gains(robot, np.zeros(2), 1e-3, 1), 2.0 * np.pi * hertz
+    a, b, _, _ = robot.plant().linearise(*robot.operating_point(np.zeros(2)))
+    stiffness = -a[6:, 4:6] + b[6:] @ np.diag(gains.proportional)
+    damping = -a[6:, 6:8] + b[6:] @ np.diag(gains.derivative)
+    place = own if drive == "position" else 0.0
+    assert stiffness == pytest.approx(np.diag([max(80.0, place) ** 2] * 2))
+    assert damping == pytest.approx(np.diag([max(112.0, 1.8 * place)] * 2))
 
 
 def test_a_fast_move_takes_a_vibration_or_what_its_limits_allow(two_links: LiveArm) -> None:

@@ -112,7 +112,7 @@ def pair_claim(numbers: Mapping[str, Any]) -> PairClaim:
         name
         for name, right in (
             ("period", one["period"] > 0.0),
-            ("motor", one["motor"] > 0.0),
+            ("motor", one["motor"] >= 0.0),  # 0: a drive rejects its load
             ("damping", one["damping"] >= 0.0),
             ("holding", one["holding"] >= 0.0),
             ("input", one["input"] > 0.0),

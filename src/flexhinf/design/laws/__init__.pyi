@@ -20,6 +20,7 @@ from .kinds import (
     LawKind as LawKind,
     LawOver as LawOver,
     TuningParameter as TuningParameter,
+    check_drive as check_drive,
     is_hinf as is_hinf,
     law_kind as law_kind,
     law_names as law_names,

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from flexhinf.errors import refuse_if
 from flexhinf.extensions import Registry
 from flexhinf.validation import one_of, unknown_name
 
@@ -140,6 +141,11 @@ class LawKind:
     over: LawOver | None = None  # its gains over a workspace; None for a law of one pose alone
     own: tuple[TuningParameter, ...] = ()  # those of `tuned` that are no `PARAMETERS`
     place: int = 100  # in lists: the smaller, the earlier
+    drives: tuple[str, ...] = ()  # kinds of drives that it is for; empty: all
+
+    def fits(self, drive: str) -> bool:
+        """Whether it is for robots with such drives, see `flexhinf.robot.elastic.DRIVES`; all of no drive."""
+        return not drive or not self.drives or drive in self.drives
 
     @property
     def parameters(self) -> tuple[TuningParameter, ...]:
@@ -165,14 +171,15 @@ def register(kind: LawKind) -> LawKind:
     return LAWS.register(kind)
 
 
-def rivals() -> tuple[str, ...]:
-    """Names of laws that are compared with the design's own law and the same tuned."""
-    return tuple(name for name in LAWS if name not in (DESIGN, NL_HINF))
+def rivals(drive: str = "") -> tuple[str, ...]:
+    """Names of laws that are compared with the design's own law and the same tuned, on drives of a kind."""
+    return tuple(name for name, kind in LAWS.items() if name not in (DESIGN, NL_HINF) and kind.fits(drive))
 
 
-def laws_over(usual: bool = False) -> dict[str, LawOver]:
-    """Laws that can be compared over a workspace, or the usual ones alone; those in use today are first."""
-    kinds = sorted(LAWS.values(), key=lambda kind: kind.group != IN_USE)
+def laws_over(usual: bool = False, drive: str = "") -> dict[str, LawOver]:
+    """Laws that can be compared over a workspace on drives of a kind, or the usual ones alone; those in use today are
+    first."""
+    kinds = sorted((k for k in LAWS.values() if k.fits(drive)), key=lambda kind: kind.group != IN_USE)
     own = {kind.name: kind.over for kind in kinds if kind.over is not None}
     return {name: over for name, over in own.items() if over.usual or not usual}
 
@@ -195,15 +202,25 @@ def law_kind(name: str) -> LawKind:
     raise unknown_name(f"There is no law {name!r} to compare with.", name, known, f"--laws {NL_HINF},pd")
 
 
-def law_names(names: Sequence[str] | None = None) -> tuple[str, ...]:
-    """The names of a comparison, each once: the design's own law and the same tuned, then the others.
+def law_names(names: Sequence[str] | None = None, drive: str = "") -> tuple[str, ...]:
+    """The names of a comparison on drives of a kind, each once: the design's own law and the same tuned, then others.
 
-    Raises `InvalidInput` for a name that is not known.
+    Raises `InvalidInput` for a name that is not known, and for a law of other drives.
     """
-    wanted = tuple(names) if names else tuple(LAWS)
+    wanted = tuple(names) if names else tuple(name for name, kind in LAWS.items() if kind.fits(drive))
     for name in wanted:
-        law_kind(name)
+        check_drive(law_kind(name), drive)
     return tuple(dict.fromkeys((DESIGN, NL_HINF, *wanted)))
+
+
+def check_drive(kind: LawKind, drive: str) -> None:
+    """Refuse a law of other drives than these."""
+    refuse_if(
+        not kind.fits(drive),
+        f"The law {kind.name!r} is for other drives.",
+        f"expected a robot with drive = {' or '.join(map(repr, kind.drives))}, got {drive!r}",
+        f"--laws {','.join(list(laws_over(usual=True, drive=drive))[:2])}",
+    )
 
 
 def is_hinf(name: str) -> bool:

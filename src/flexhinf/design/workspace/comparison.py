@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.laws import DESIGN, LawKind, law_kind, laws_over
+from flexhinf.design.laws import DESIGN, LawKind, check_drive, law_kind, laws_over
 from flexhinf.design.own_sensors import measuring
 from flexhinf.design.requirements import Reported, Requirement
 from flexhinf.design.specification import Specification
@@ -144,15 +144,15 @@ class WorkspaceComparison(Reported):
         return tuple(dict.fromkeys(lines))
 
 
-def rival_names(names: Sequence[str] | None, stated: Mapping[str, Any]) -> tuple[str, ...]:
-    """Laws to compare with the design over a workspace, each once.
+def rival_names(names: Sequence[str] | None, stated: Mapping[str, Any], drive: str = "") -> tuple[str, ...]:
+    """Laws to compare with the design over a workspace on drives of a kind, each once.
 
-    Raises `InvalidInput` for a name that is not known, for a law of one pose, and for numbers of a law that is not
-    compared.
+    Raises `InvalidInput` for a name that is not known, for a law of one pose or of other drives, and for numbers of a
+    law that is not compared.
     """
-    wanted = tuple(dict.fromkeys(names or (*laws_over(usual=True), *stated)))
+    wanted = tuple(dict.fromkeys(names or (*laws_over(usual=True, drive=drive), *stated)))
     for name in (*wanted, *stated):
-        law_kind(name)
+        check_drive(law_kind(name), drive)
         refuse_if(
             name not in (*laws_over(), DESIGN) or (name == DESIGN and name in stated),
             f"The law {name!r} is not compared over a workspace{' with stated gains' * (name == DESIGN)}.",
@@ -213,9 +213,9 @@ def check_kind(workspace: bool, tuned: bool, searched: bool, gains: bool) -> Non
     )
 
 
-def compare_stages(own: list[tuple[str, float]], laws: Sequence[str]) -> list[tuple[str, float]]:
+def compare_stages(own: list[tuple[str, float]], laws: Sequence[str], drive: str) -> list[tuple[str, float]]:
     """The work steps of a comparison, of those of the design: for each rival its search, and the judgement."""
-    rivals = rival_names(laws, {})
+    rivals = rival_names(laws, {}, drive)
     judged = [(what, part) for what, part in own if not what.startswith("gains")]
     return [
         *own,
@@ -236,7 +236,7 @@ def compare_over_workspace(
     Raises `InvalidInput` for laws and numbers that do not fit, and as `design_workspace`.
     """
     stated = {} if gains is None else gains
-    names = rival_names(laws, stated)
+    names = rival_names(laws, stated, robot.drive)
     checked = {name: check_numbers(name, table, len(robot.joint_names)) for name, table in stated.items()}
     check_loop(robot, s)
     s = replace(s, workspace=LIMITS) if s.workspace is None else s
@@ -285,7 +285,7 @@ class _Search:
     def tuned(self) -> tuple[WorkspaceSetup, Numbers]:
         """The fastest that keeps all limits; where none does, that which lacks least."""
         place, lack, setup, numbers = self._scan(0)
-        if any(lack):
+        if any(lack) or not numbers:
             return setup, numbers
         tried = [(self._missed(setup), setup, numbers)]
         while tried[-1][0] > 1.0 and len(tried) < TIMES and place + 1 < len(BANDWIDTHS):
@@ -321,8 +321,12 @@ class _Search:
 
     def _candidates(self, first: int) -> Iterator[tuple[int, Numbers, WorkspaceSetup]]:
         """Setups from a place in `BANDWIDTHS` on, the fastest first."""
+        law = laws_over()[self.kind.name]
+        if not law.names:  # no gain to choose
+            yield from ((first, {}, setup) for setup in self._at({}))
+            return
         for place in range(first, len(BANDWIDTHS)):
-            for more in laws_over()[self.kind.name].variants:
+            for more in law.variants:
                 numbers = {name: (x,) for name, x in {"bandwidth": BANDWIDTHS[place], **more}.items()}
                 yield from ((place, numbers, setup) for setup in self._at(numbers))
 

@@ -64,7 +64,8 @@ def rival_law(setup: WorkspaceSetup, name: str, numbers: Mapping[str, object]) -
         if over.of_states:
             return found
         n, slope = len(q), np.zeros((len(q), plant.n + len(q)))
-        np.add.at(slope.T, places.ravel(), found[:, : 4 * n].T)
+        states = found[:, : 4 * n] + model.joints.torque_driven if model.joints.inner else found[:, : 4 * n]
+        np.add.at(slope.T, places.ravel(), states.T)
         slope[:, plant.n :] = found[:, 4 * n :]
         return slope / model.joints.torque_per_input[:, None]
 
@@ -91,6 +92,12 @@ def check_numbers(name: str, numbers: Mapping[str, object], joints: int) -> dict
     number, and for gains that are neither made of a bandwidth nor stated.
     """
     known, found = laws_over()[name].names, dict[str, tuple[float, ...]]()
+    refuse_if(
+        not known,
+        f"The law {name!r} has no numbers.",
+        f"expected no table of gains for it, got [{name}]",
+        f"leave out [{name}]; --laws {name} compares it",
+    )
     for key, value in numbers.items():
         refuse_if(
             key not in known,

@@ -19,6 +19,7 @@ from flexhinf.design.plans import (
     SPEED,
     STILL,
     UNLIMITED,
+    holding_shares,
     move_reference,
     quintic_move,
     settled,
@@ -461,9 +462,11 @@ class WorkspaceSetup(LoopPlants):
 
     def needs(self, poses: np.ndarray, values: Mapping[str, Any] | None = None) -> np.ndarray:
         """The largest share (N,) of a motor's limit that holds a robot with the parameters `values` at poses (N, n). A
-        range of positions that a drive takes may be used whole, and counts as `HOLD` of it."""
+        range of positions that a drive takes may be used whole, and counts as `HOLD` of it. The torque that a drive
+        has within its own loop counts too."""
         usable = self.limits.effort / (HOLD if self.robot.drive == "position" else 1.0)
-        return np.max(np.abs(self.robot.inverse_dynamics(poses, parameters=values)[1]) / usable, axis=1)
+        commands = np.abs(self.robot.inverse_dynamics(poses, parameters=values)[1]) / usable
+        return np.maximum(np.max(commands, axis=1), holding_shares(self.robot, poses, values))
 
     # Moves --------------------------------------------------------------------------------------------
     def goals(self, count: int, seed: int | Sequence[int]) -> tuple[np.ndarray, int]:

@@ -2,9 +2,10 @@
 
 u = u_d − K_p (θ − θ_d) − K_d (θ̇_f − θ̇_d) of each motor, about the state and the input that the command has by the
 nominal model, the weight included [tomei1991]. θ is the motor's encoder, θ̇_f its filtered difference. The gains are
-those of `flexhinf.baselines.MotorPD` with a bandwidth ω_j and a damping ratio ζ_j for each joint. Both are searched,
-first for all joints together and then joint by joint, such that the links come to a new position as fast as they can:
-least
+those of `flexhinf.baselines.MotorPD` with a bandwidth ω_j and a damping ratio ζ_j for each joint; a drive with a loop
+of its own keeps gains that are larger, and where both are it moves alone. ω and ζ are searched, first for all joints
+together and then joint by joint, such that the links come to a new position as fast as they can: least
+
 
     Σ_j ∫ t |q − q_d|² dt    after a step of each joint j alone, in the sampled linear loop with its latency,
 
@@ -130,18 +131,23 @@ def tuned_gains(
 def stiff_gains(robot: Robot, pose: np.ndarray, period: float, latency: int) -> MotorGains:
     """Gains that hold the motors at `STIFF` rad/s with `DAMPED`, as if no spring carried a link.
 
-    K_p = J ω² and K_d = 2 ζ J ω. ω is less where its phase over the delay of the loop would be above `STIFF_PHASE`.
+    K_p = J ω² and K_d = 2 ζ J ω, less what an inner loop of the drive has of them. ω is less where its phase over the
+    delay of the loop would be above `STIFF_PHASE`.
     A joint without a spring has its link's inertia too. `period` in s; `latency` in samples; no margins are computed.
     """
     joints = elastic_joints(robot.plant(), *robot.operating_point(pose), rigid=True)
     count = len(joints.motor_inertia)
     rigid = np.isin(np.arange(count), list(robot.layout.rigid))
     inertia = joints.motor_inertia + np.where(rigid, np.diag(joints.link_inertia), 0.0)
-    bandwidth = np.full(count, min(STIFF, STIFF_PHASE / (period * (latency + 1))))
+    wanted = min(STIFF, STIFF_PHASE / (period * (latency + 1)))
+    bandwidth = np.maximum(wanted, np.sqrt(joints.drive_stiffness / inertia))
     damping = np.full(count, DAMPED)
-    per_input = inertia * bandwidth / joints.torque_per_input
+    per_input, unit = inertia * bandwidth / joints.torque_per_input, joints.torque_per_input
+    stiffness = np.maximum(per_input * bandwidth - joints.drive_stiffness / unit, 0.0)
+    own = joints.motor_damping / unit if joints.inner else 0.0
+    derivative = np.maximum(2.0 * damping * per_input - own, 0.0)
     cutoff = np.minimum(CUTOFF * bandwidth, FASTEST / period)
-    return MotorGains(per_input * bandwidth, 2.0 * damping * per_input, cutoff, bandwidth, damping)
+    return MotorGains(stiffness, derivative, cutoff, bandwidth, damping)
 
 
 def vibration_period(robot: Robot, pose: np.ndarray) -> float:
@@ -157,7 +163,8 @@ def _gains(
     inertia = np.diag(joints.link_inertia) + joints.motor_inertia
     derivative = np.maximum(0.0, 2.0 * damping * bandwidth * inertia - joints.motor_damping)
     cutoff = np.minimum(CUTOFF * bandwidth, FASTEST / period)
-    return inertia * bandwidth**2 / joints.torque_per_input, derivative / joints.torque_per_input, cutoff
+    stiffness = np.maximum(0.0, inertia * bandwidth**2 - joints.drive_stiffness)
+    return stiffness / joints.torque_per_input, derivative / joints.torque_per_input, cutoff
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,26 @@
+"""The largest torque of a motor within its drive's own loop."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+
+from flexhinf.scalars import clip
+
+#: Stands for the torque of a motor that has no limit within its drive, N·m: parameters are finite.
+UNLIMITED: Final = 1e9
+
+
+def largest_drive_torques(p: Any, count: int) -> np.ndarray:
+    """Largest torques (n,) of motors within their drives' own loops, by a plant's parameters; infinite without one."""
+    stated = np.broadcast_to(np.asarray(vars(p).get("drive_torque_limit", UNLIMITED), dtype=float), count)
+    return np.where(stated < UNLIMITED, stated, np.inf)
+
+
+def limited_torques(torque: Any, load: Any, p: Any) -> Any:
+    """Torques (n,) of motors within their drives' limits, of any element: those of the loops, and the rejected share of
+    the load."""
+    wanted = torque + (1.0 - p.load_share) * load
+    most = np.broadcast_to(p.drive_torque_limit, wanted.shape)
+    return np.array([clip(one, -limit, limit) for one, limit in zip(wanted, most)])

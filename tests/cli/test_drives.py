@@ -1,0 +1,116 @@
+"""Every command for robots whose drives take positions or velocities."""
+
+from __future__ import annotations
+
+import shutil
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests import workspaces
+from tests.cli.conftest import QUICK
+from tests.refusals import unnamed
+
+from flexhinf.cli import main
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
+
+def kinds(first: str, second: str) -> pytest.MarkDecorator:
+    """Both kinds of drives, of which the second is for the night."""
+    often = pytest.param(first, marks=pytest.mark.ci("designs, comparisons, campaigns, code"))
+    seldom = pytest.param(second, marks=pytest.mark.nightly("the same for the other drives"))
+    return pytest.mark.parametrize("servo", [often, seldom], indirect=True)
+
+
+#: Lines of a drive, its largest command and its period.
+DRIVES = {
+    "position": (
+        'drive_bandwidth = {value = "18 Hz", tolerance = 20}\ndrive_damping_ratio = 0.9',
+        2.0,
+        "4ms",
+    ),
+    "velocity": ('drive_bandwidth = {value = "50 Hz", tolerance = 20}\nload_share = 0', 3.0, "2ms"),
+}
+
+
+@pytest.fixture
+def servo(request: Any, uncertain_arm: Callable[[str], str], folder: Path) -> tuple[str, str, list[str]]:
+    """The kind of drive, a robot's file, and options of a loop that fits it; the arm hangs, and its drive is weak."""
+    lines, most, period = DRIVES[request.param]
+    name = uncertain_arm("servo.toml")
+    text = (folder / name).read_text().replace("gravity = 0.0", "down = [0, 0, -1]")
+    text = text.replace('name = "elbow"', 'name = "elbow"\naxis = [0, 1, 0]')
+    text = text.replace("effort_limit = 20.0", f"effort_limit = {most}\nspeed_limit = 2.0")
+    drive = f'drive = "{request.param}"\n{lines}\ndrive_torque_limit = 15.0\ndrive_delay = "{period}"\n'
+    (folder / name).write_text(text.replace("[joint.motor]\n", f"[joint.motor]\n{drive}"))
+    return request.param, name, ["--period", period, "--measured", "link_position,motor_position"]
+
+
+def done(words: list[str], *codes: int) -> None:
+    """Run a command, which ends with one of these codes, 0 or 1 by default."""
+    assert main(words) in (codes or (0, 1)), words
+
+
+@kinds("position", "velocity")
+def test_a_design_of_one_pose_goes_everywhere(
+    servo: tuple[str, str, list[str]], folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The rigid design beside it too; a proof is refused for the number of states or made, never left half."""
+    drive, robot, loop = servo
+    quick = [word for word in QUICK if word != "compare_rigid=no"]
+    quick = quick[:-1] if quick[-1] == "--set" else quick
+    done(["design", robot, *loop, "--pose", "0.6", *quick, "--out", "one"])
+    design = tomllib.loads((folder / "one" / "design.toml").read_text())
+    done(["design", robot, *loop, "--pose", "0.6", *quick, "--preset", "robust", "--out", "other"])
+    assert design["design"]["robot"] == f"../{robot}"
+    done(
+        [
+            "compare",
+            "one",
+            "--laws",
+            f"{drive}-drive",
+            "--tune",
+            "none",
+            "--candidates",
+            "0,0",
+            "--out",
+            "compared",
+        ],
+        0,
+    )
+    assert unnamed(capsys.readouterr().out, f"{drive}-drive") == []
+    done(["campaign", "run", "one", "--samples", "4", "--out", "many"])
+    done(["campaign", "compare", "one", "other", "--samples", "4", "--out", "both"])
+    assert (folder / "both" / "index.html").is_file()
+
+
+@kinds("velocity", "position")
+def test_a_design_of_the_workspace_goes_everywhere(
+    servo: tuple[str, str, list[str]],
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    drive, robot, loop = servo
+    workspaces.few(monkeypatch, POSES=4, GOALS=2, CHOSEN_POSES=2, MODAL_POSES=20, BANDWIDTHS=(18.0,))
+    done(["design", robot, *loop, "--out", "whole"])
+    done(["campaign", "run", "whole", "--samples", "3", "--extra-delay", "1", "--out", "many"])
+    done(["compare", "whole", "--laws", f"{drive}-drive", "--out", "compared"])
+    assert unnamed(capsys.readouterr().out, f"{drive}-drive") == []
+    done(["certify", "whole", "--out", "proved"])
+    done(["export", "c", "whole", "--accept-unmet", "--check-measurements", "--out", "code"], 0)
+    config = next((folder / "code" / "ros2" / "config").glob("*.yaml")).read_text()
+    assert f'interface: "elbow/{drive}"' in config
+    if shutil.which("cc"):
+        done(["export", "fmu", "whole", "--plant", "--out", "plant.fmu"], 0)
+        done(["export", "fmu", "whole", "--accept-unmet", "--out", "controller.fmu"], 0)
+    done(["export", "web", "whole", "--out", "page.html"], 0)
+    page = (folder / "page.html").read_text(encoding="utf-8")
+    assert f"Motor {drive}" in page
+    done(["export", "mjcf", robot, "--out", "arm.xml"], 0)
+    model = (folder / "arm.xml").read_text()
+    assert f"<{drive} " in model
+    assert ("forcerange" in model) == (drive == "position")  # the other rejects its load
