@@ -157,7 +157,7 @@ def test_a_comparison_has_the_drive_alone_where_drives_have_a_loop() -> None:
         rival_names(["position-drive"], {}, "torque")
     advised = re.findall("--laws ([a-z,-]+)", str(told.value))
     assert rival_names(advised[0].split(","), {}, "torque")
-    with refused_with(InvalidInput, "leave out [position-drive]"):
+    with refused_with(InvalidInput, "[position-drive]"):
         check_numbers("position-drive", {}, 2)
 
 
