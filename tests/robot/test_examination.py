@@ -184,3 +184,36 @@ def test_the_nearest_inertia_is_that_of_a_body_and_no_other_is_nearer() -> None:
                 moments(near) + 0.1 * (step := rng.normal(size=(3, 3))) @ step.T
             )  # another body's, near to it
             assert np.linalg.norm(points - moments(wrong)) >= distance - 1e-12
+
+
+def test_one_torque_for_all_joints_that_none_needs_is_no_motors(tmp_path: Path) -> None:
+    """The limits of hobby arms; a torque that the shoulder needs is the motors' own."""
+
+    def arm(effort: float) -> Path:
+        limit = f'<limit lower="-1" upper="2" effort="{effort}" velocity="3"/>'
+        parts = (joint("shoulder", "base", "upper", limit), joint("elbow", "upper", "lower", limit))
+        return written(tmp_path, link("upper"), link("lower"), *parts)
+
+    needed = joint_facts(load_robot(begun(arm(40.0))))[0].weight
+    for effort, own in ((40.0, True), (1e3, False)):
+        path = arm(effort)
+        doubts = [found for found in examine_robot(path).findings if f"{effort:g}" in found.numbers]
+        assert bool(doubts) is not own
+        shoulder, elbow = joint_facts(load_robot(begun(path)))
+        assert shoulder.effort == elbow.effort
+        assert shoulder.effort == effort if own else needed < shoulder.effort < 5.0 * needed
+
+
+@pytest.mark.parametrize(("period", "told"), [(None, "4 ms"), (1e-3, "1 ms")])
+def test_vibrations_are_compared_with_the_period_of_the_drives(
+    period: float | None, told: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "arm.toml"
+    first, spring, after = template_text(2, "position").rpartition("[joint.spring]\nstiffness =")
+    after = after.replace("value = 5000", "value = 1e8", 1)
+    path.write_text(first + spring + after, encoding="utf-8")
+    (fast,) = (one for one in examine_robot(path, period=period).findings if told in one.numbers)
+    assert "rigid = true" in fast.advice
+    assert "--period" not in fast.advice
+    path.write_text(f"{first}rigid = true  # {after}", encoding="utf-8")
+    assert not [one for one in examine_robot(path, period=period).findings if told in one.numbers]

@@ -65,7 +65,8 @@ def check_robot(context: typer.Context, o: options.CheckOptions) -> int:
         f"expected a robot file, a URDF, an MJCF file or a log, got {value_text(str(o.log))}",
         "the robot's file, which it names",
     )
-    period = Specification(**stated_fields(context)).period
+    stated = stated_fields(context)
+    period = Specification(**stated).period if "period" in stated else None
     with step_progress(1) as progress:
         progress(f"examine {path.name}")
         result = examine_robot(path, o.elastic or None, period)

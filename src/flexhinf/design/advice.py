@@ -261,8 +261,8 @@ def changes(design: WorkspaceEvidence) -> Iterator[Change]:
     moving = any(line.what in MOVING or line.field == "path_distance" for line in missed)
     if moving:
         yield slower_moves(design, SLOWER[0])
-    if looped:
-        yield Change("a shorter period", {"period": f"{1e3 * SHORTER * s.period:g}ms"})
+    if looped and (shorter := SHORTER * s.period) >= design.robot.drive_period:
+        yield Change("a shorter period", {"period": f"{1e3 * shorter:g}ms"})
     if (room := limit_change(design)) is not None:
         yield room
     if moving:

@@ -10,7 +10,8 @@ They rest on few published arms, and are wide. A parameter whose source begins w
   Robots", Springer 2008, Table A.2, at 176, 176, 100, 100, 100, 38 and 38 N·m). A sliding joint has 50 m/s².
 - **Friction.** A tenth of the largest torque at the largest speed, 2 rad/s or 0.5 m/s where none is stated.
 - **Torque.** Where none is stated, or a placeholder, twice what the heaviest pose asks for, and 5 rad/s² (m/s²) of the
-  joint's inertia.
+  joint's inertia. Where all joints state one torque of which none asks for a thirtieth, the motors are equal, but that
+  number is none of theirs: twice what the joint that needs most asks for.
 """
 
 from __future__ import annotations
@@ -37,6 +38,9 @@ STIFFNESS_TOLERANCE, INERTIA_TOLERANCE, FRICTION_TOLERANCE = 50.0, 50.0, 80.0
 #: A stated torque of more than this times what weight and inertia ask for is no motor's, but a placeholder.
 PLACEHOLDER = 1e5
 
+#: One torque of all joints, of which none asks for more than this share, is a placeholder too.
+LEAST_SHARE = 1.0 / 30.0
+
 #: Poses at which the weight is looked at, and their seed; the range of a joint without one, rad or m.
 POSES, SEED, RANGE = 200, 0, np.pi
 
@@ -58,11 +62,20 @@ class EstimatedJoint:
 def estimated_joints(arm: RigidArm) -> dict[str, EstimatedJoint]:
     """Estimates for the joints of an arm, by their names."""
     weights = largest_weight(arm)
+    equal = has_one_torque_for_all(arm, weights)
     joints = {}
     for joint, effort, speed, weight in zip(arm.joints, arm.efforts, arm.speeds, weights.tolist()):
-        known = bool(effort <= PLACEHOLDER * weight)
-        joints[joint.name] = estimated_joint(effort if known else 2.0 * weight, known, speed, joint.slides)
+        known = bool(effort <= PLACEHOLDER * weight) and not equal
+        needed = weights.max() if equal else weight
+        joints[joint.name] = estimated_joint(effort if known else 2.0 * needed, known, speed, joint.slides)
     return joints
+
+
+def has_one_torque_for_all(arm: RigidArm, weights: np.ndarray) -> bool:
+    """Whether all joints state one torque of which `weights` (n,), N·m (N), ask for `LEAST_SHARE` nowhere."""
+    efforts = np.array(arm.efforts, dtype=float)
+    same = len(efforts) > 1 and bool((efforts == efforts[0]).all()) and np.isfinite(efforts[0])
+    return bool(same and weights.max() < LEAST_SHARE * efforts[0])
 
 
 def estimated_joint(effort: float, stated: bool, speed: float, slides: bool) -> EstimatedJoint:

@@ -15,6 +15,7 @@ from flexhinf.findings import Severity, ordered
 from flexhinf.plant import Parameters
 from flexhinf.robot.drive_limits import largest_drive_torques
 from flexhinf.robot.elastic import DRY, EXTRAS, INNER, stated_curve, torque_per_input
+from flexhinf.robot.estimates import has_one_torque_for_all, largest_weight
 from flexhinf.robot.faults import PartFault, collected_faults
 from flexhinf.robot.gears import curve_twist
 from flexhinf.robot.init_file import description_of
@@ -33,6 +34,9 @@ HEAVY = 0.7
 
 #: Samples in a period of the fastest vibration, below which no controller of this period damps it.
 FEWEST_SAMPLES = 2.5
+
+#: Of a controller, s, where neither its user nor the drives of the robot say another one.
+PERIOD = 1e-3
 
 
 @dataclass(frozen=True)
@@ -77,8 +81,12 @@ class RobotExamination:
         self.findings.append(RobotFinding(severity, what, **others))
 
 
-def examine_robot(path: Path, elastic: str | Path | None = None, period: float = 1e-3) -> RobotExamination:
+def examine_robot(
+    path: Path, elastic: str | Path | None = None, period: float | None = None
+) -> RobotExamination:
     """Examine a robot file, or a URDF or MJCF file with or without the elastic data in another one.
+
+    Vibrations are compared with `period`, s; where it is None, with that of the robot's drives, or `PERIOD`.
 
     Raises InvalidInput where the file is not there, or is no such file at all.
     """
@@ -89,7 +97,9 @@ def examine_robot(path: Path, elastic: str | Path | None = None, period: float =
         result.robot = _loaded(path, elastic, result)
     if result.robot is not None:
         result.joints = joint_facts(result.robot)
-        result.findings += [*_of_numbers(result.robot), *_of_joints(result.joints, period)]
+        drives = result.robot.drive_period
+        of_joints = _of_joints(result.joints, period or drives or PERIOD, drives)
+        result.findings += [*_of_numbers(result.robot), *of_joints]
     result.findings = [*ordered(result.findings)]
     return result
 
@@ -136,6 +146,13 @@ def _examine_links(path: Path, result: RobotExamination) -> None:
             count=len(idle),
             numbers="expected <limit effort> greater than 0, got none, 0, −1 or a number that stands for none",
             advice="effort_limit in [[joint]] of the robot file",
+        )
+    elif has_one_torque_for_all(arm, weights := largest_weight(arm)):
+        result.add(
+            "doubt",
+            "All joints state one torque, and none needs a thirtieth of it.",
+            numbers=f"expected torques of data sheets, got {arm.efforts[0]:g} for at most {weights.max():.2g}",
+            advice="effort_limit in [[joint]] of the robot file; `flexhinf init` estimates from masses instead",
         )
     free = [joint.name for joint in arm.joints if joint.limits is None]
     if free:
@@ -263,7 +280,8 @@ def _of_numbers(robot: Robot) -> Iterator[RobotFinding]:
         )
 
 
-def _of_joints(joints: Sequence[JointFacts], period: float) -> Iterator[RobotFinding]:
+def _of_joints(joints: Sequence[JointFacts], period: float, shortest: float) -> Iterator[RobotFinding]:
+    """Findings about each joint, for a controller of this period, s, and the shortest one that its drives take."""
     unlimited = [joint.name for joint in joints if math.isinf(joint.effort)]
     if unlimited:
         yield RobotFinding(
@@ -302,11 +320,12 @@ def _of_joints(joints: Sequence[JointFacts], period: float) -> Iterator[RobotFin
             )
         if joint.fastest * period * FEWEST_SAMPLES > 1.0:
             needed = 1.0 / (4.0 * joint.fastest)
+            faster = f"--period {1e3 * needed:.2g}ms, or " if needed >= shortest else ""
             yield RobotFinding(
                 "doubt",
                 "A vibration is too fast for the period.",
                 joint.name,
                 f"expected at most {1.0 / (FEWEST_SAMPLES * period):.4g} Hz at {1e3 * period:g} ms, got "
                 f"{joint.fastest:.4g} Hz",
-                f"--period {1e3 * needed:.2g}ms, or rigid = true in its [[joint]]",
+                f"{faster}rigid = true in its [[joint]]",
             )

@@ -166,7 +166,7 @@ def _joint(
     if loop is not None:
         yield from filter(None, [loop.limit])
     elif not guess.stated:
-        yield f"effort_limit = {guess.effort:g}  # {ESTIMATE}: twice what its weight asks for"
+        yield f"effort_limit = {guess.effort:g}  # {ESTIMATE}: twice what weight asks for"
     yield from ("[joint.spring]", f"stiffness = {_number(vars(guess.stiffness))}", "[joint.motor]")
     own = dict(numbers)
     if "rotor_inertia" in gear and "gear_ratio" in gear and "motor_inertia" not in own:
