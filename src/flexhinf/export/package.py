@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from flexhinf.codegen.operations import OPERATIONS
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.controller_c import NOTHING, ControllerCode, code_of
 from flexhinf.export.file_list import File, rendered
@@ -310,7 +311,7 @@ def _readme(export: Export) -> dict[str, Any]:
         "constants": f"{code.constants} numbers",
         "arithmetic operations of one step": f"about {code.operations}; `make cortex-m4-contract` counts the most "
         "instructions",
-        "from `<math.h>`": ", ".join(sorted(set(MATHEMATICS.findall(code.source)))),
+        "from `<math.h>`": ", ".join(mathematics(code.source)),
     }
     return {
         "facts": list(facts.items()),
@@ -334,7 +335,12 @@ def _readme(export: Export) -> dict[str, Any]:
     }
 
 
-#: Functions and macros of the mathematical library.
-MATHEMATICS = re.compile(
-    r"\b((?:sqrt|fabs|copysign|a?sin|a?cos|a?tan|atan2|exp|log|pow|tanh|floor|frexp)f?|is(?:finite|nan))\("
-)
+#: What our own C calls of the mathematical library beside operations.
+BESIDE = frozenset({"frexp", "isfinite", "isnan"})
+
+
+def mathematics(source: str) -> list[str]:
+    """Functions and macros of the mathematical library that a source calls: those of operations, and of our own C."""
+    known = BESIDE.union(*(re.findall(r"(\w+)\{f\}", row.c) for row in OPERATIONS.values()))
+    called = set[str](re.findall(r"\b([a-z]\w*)\(", source))
+    return sorted(name for name in called if {name, name.removesuffix("f")} & known)
