@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -55,27 +55,27 @@ class Export:
         return _home(self.code)
 
     @cached_property
-    def follow(self) -> dict[str, Any]:
+    def follow(self) -> Mapping[str, object]:
         """What the files that follow trajectories need; nothing for a law of one pose."""
         return follow_values(self.code)
 
     @cached_property
-    def ros2(self) -> dict[str, Any]:
+    def ros2(self) -> Mapping[str, object]:
         """What the package for ROS 2 needs."""
         return ros2_values(self.code, self.home[1])
 
 
-def _drives(export: Export) -> dict[str, Any]:
+def _drives(export: Export) -> Mapping[str, object]:
     """What main.c and the templates know of drives."""
     text, home = export.home
     return {"home": {"text": text, "numbers": home}, **_begin_here(export.code)}
 
 
-def _ros2(export: Export) -> dict[str, Any]:
+def _ros2(export: Export) -> Mapping[str, object]:
     return export.ros2
 
 
-def _follow(export: Export) -> dict[str, Any]:
+def _follow(export: Export) -> Mapping[str, object]:
     return export.follow
 
 
@@ -252,7 +252,7 @@ def _home(code: ControllerCode) -> tuple[str, np.ndarray]:
     return "Positions", positions if len(positions) else np.zeros(1)
 
 
-def _begin_here(code: ControllerCode) -> dict[str, Any]:
+def _begin_here(code: ControllerCode) -> Mapping[str, object]:
     """How drives begin: which measurements are the links' positions (None where the model or a sensor is missing), and
     where the tracked positions lie in the state of rest."""
     c, measured = code.controller, list(code.signals["Y"])
@@ -273,11 +273,11 @@ AT_LIMIT = {
 }
 
 
-def _safety(export: Export) -> dict[str, Any]:
+def _safety(export: Export) -> Mapping[str, object]:
     return {**safety_values(export.code, export.runs[-1]), "digest": export.code.digest}
 
 
-def _readme(export: Export) -> dict[str, Any]:
+def _readme(export: Export) -> Mapping[str, object]:
     """What the README states beside."""
     code, c, run = export.code, export.code.controller, export.runs[-1]
     arrays = {
