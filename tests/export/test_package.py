@@ -14,11 +14,13 @@ from tests.refusals import refused_with, unnamed
 
 import flexhinf as fh
 from flexhinf.codegen.c import comment
+from flexhinf.codegen.operations import OPERATIONS
 from flexhinf.errors import InvalidInput
 from flexhinf.export import check_room, controller_files, export_c, self_test
 from flexhinf.export.compiled import compiler_flags
 from flexhinf.export.controller_c import code_of
 from flexhinf.export.names import constants, identifier_of
+from flexhinf.export.package import mathematics
 from flexhinf.export.recording import record
 
 # Recordings and stacks of some exports: compiled in half the time.
@@ -217,3 +219,13 @@ def test_commands_of_the_test_vector_stay_within_the_range_of_a_joint() -> None:
     r = record(one, samples=50).r
     assert low <= r[:, column].min() <= r[:, column].max() <= high
     assert np.ptp(np.delete(r, column, axis=1), axis=0).min() > 0.0
+
+
+def test_the_readme_names_what_operations_call_of_the_c_library() -> None:
+    own = "const real v1 = erff(x) + log1p(frexp(a_sinh(y), &e)); if (isnan(v1) != 0) { fma_of(z); }"
+    assert mathematics(own) == ["erff", "frexp", "isnan", "log1p"]
+    called = [row.library for row in OPERATIONS.values() if row.library]
+    assert len(called) > 15
+    assert mathematics(" ".join(f"{name}(x) {name}f(x)" for name in called)) == sorted(
+        {name + end for name in called for end in ("", "f")}
+    )

@@ -16,6 +16,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.polynomial import basis, truncated as univariate
 from flexhinf.polynomial.truncated import degree_slice, size, space
 from flexhinf.scalars import Jet, coefficients, jets, symbols, trace
+from flexhinf.scalars.jet import by_casadi, expand
 
 MP = SimpleNamespace(
     sin=mpmath.sin, cos=mpmath.cos, tan=mpmath.tan, exp=mpmath.exp, log=mpmath.log, sqrt=mpmath.sqrt,
@@ -395,3 +396,35 @@ def test_every_listed_function_is_tested_here():
     tested = set(vars(MP)) - {"square", "reciprocal", "power", "arctan2", "hypot"}
     assert tested == set(univariate.FUNCTIONS)
     assert all(hasattr(Jet, name) for name in univariate.FUNCTIONS)
+
+
+@pytest.mark.parametrize("name", ["tanh", "arcsinh", "exp"])
+def test_casadis_derivatives_expand_as_the_recurrences_do(name):
+    code = {"tanh": ca.OP_TANH, "arcsinh": ca.OP_ASINH, "exp": ca.OP_EXP}[name]
+    x, y = jets([0.4, -0.7], 4)
+    inner = x * y + 0.3 * x
+    expected = getattr(inner, name)().coefficients
+    np.testing.assert_allclose(by_casadi(name, code, 1)(inner).coefficients, expected, rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.parametrize("number", [None, 2.0])
+def test_casadis_derivatives_of_two_operands_expand_as_the_angle_does(number):
+    x, y = jets([0.4, -0.7], 4)
+    left, right = y + x * x, number or x
+    got = by_casadi("arctan2", ca.OP_ATAN2, 2)(left, right)
+    np.testing.assert_allclose(got.coefficients, left.arctan2(right).coefficients, rtol=1e-12, atol=1e-14)
+
+
+def test_an_operation_that_is_added_is_refused_where_it_has_no_expansion(monkeypatch):
+    for name, code, operands in (("cube_log", ca.OP_LOG, 1), ("fmod", ca.OP_FMOD, 2)):
+        monkeypatch.setattr(Jet, name, None, raising=False)
+        delattr(Jet, name)
+        expand(name, code, operands)
+    [x] = jets([0.0], 2)
+    with refused_with(InvalidInput, "cube_log", 2):
+        x.cube_log()
+    with refused_with(InvalidInput, "fmod"):
+        x.fmod(2.0)
+    kept = Jet.sin
+    expand("sin", ca.OP_COS, 1)
+    assert Jet.sin is kept

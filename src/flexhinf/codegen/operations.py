@@ -25,6 +25,7 @@ import numpy as np
 from flexhinf.codegen.emit import sines
 from flexhinf.codegen.emit.writer import Lanes, ModuleText, Writer
 from flexhinf.errors import refuse_if
+from flexhinf.scalars.jet import expand
 from flexhinf.scalars.symbol import record
 from flexhinf.scalars.trace import NAMES
 
@@ -286,7 +287,7 @@ for _row in _TABLE:
 
 def register(row: OperationKind) -> None:
     """Add an operation of CasADi, or put it in the place of its row. The function of NumPy, if `numpy` is one, then
-    records it on symbols.
+    records it on symbols, and expands it where models are linearised or expanded.
 
     Raises InvalidInput: for sine and cosine, which are written whole in C too.
     """
@@ -300,6 +301,7 @@ def register(row: OperationKind) -> None:
     _ADDED[row.code] = row
     if isinstance(row.numpy, np.ufunc):
         record(row.name, row.code, row.numpy.nin)
+        expand(row.name, row.code, row.numpy.nin)
 
 
 def written_by_others() -> str:

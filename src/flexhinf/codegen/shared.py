@@ -11,18 +11,20 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, TypeVar
 
 from flexhinf.codegen.compiler import highest_optimisation
 
 CAPACITY = 128
+
+Built = TypeVar("Built")
 
 #: By key: what was built for it, whether it was, and the lock of whoever builds it.
 _kept: OrderedDict[Hashable, Any] = OrderedDict()
 _lock = threading.Lock()  # of the table alone
 
 
-def share(key: Hashable, build: Callable[[], Any]) -> Any:
+def share(key: Hashable, build: Callable[[], Built]) -> Built:
     """The result of `build` for this key, computed only once; the least recently used is dropped past `CAPACITY`.
 
     Code of another level of optimisation (`highest_optimisation`) is another result. A key with something that cannot

@@ -14,21 +14,23 @@ from flexhinf.arrays import Numbers
 from flexhinf.errors import InvalidInput
 from flexhinf.export.compiled import compiler_flags, loaded, shared_library
 from flexhinf.export.controller_c import ControllerCode
+from flexhinf.export.file_list import File, rendered
 from flexhinf.export.follow import follow_values, follower_of
-from flexhinf.export.rendering import render, render_c
 from flexhinf.robot.follow_goal import FollowGoal
 from flexhinf.robot.follower import FollowCode, Follower, FollowSample
 from flexhinf.validation import checked_array
 
 #: Files of ``NAME_follow``, and what calls them.
-FILES = ("follow.h", "follow.c")
+FILES: tuple[File[ControllerCode], ...] = (
+    File("@{name}_follow.h", "follow.h", follow_values),
+    File("@{name}_follow.c", "follow.c", follow_values),
+    File("follow_library.c", "follow_library.c"),
+)
 
 
 def follow_files(code: ControllerCode) -> dict[str, str]:
     """Header and source of ``NAME_follow``, and a file with what `CompiledFollower` calls of it."""
-    values = follow_values(code)
-    texts = {f"{code.name}_{file}": render_c(file, code.name, code.real, **values) for file in FILES}
-    return texts | {"follow_library.c": render("follow_library.c", name=code.name, NAME=code.name.upper())}
+    return rendered(FILES, code, code.name, code.real)
 
 
 def checked_follower(code: ControllerCode) -> Follower:

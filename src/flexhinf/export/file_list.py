@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 from flexhinf.codegen.c import Real
 from flexhinf.export.rendering import render_c, render_text
 
-NOTHING: Mapping[str, Any] = MappingProxyType({})
+NOTHING: Mapping[str, object] = MappingProxyType({})
 
 #: What an export is made of.
 Exported = TypeVar("Exported")
@@ -25,13 +25,13 @@ class File(Generic[Exported]):
 
     path: str
     template: str
-    values: Callable[[Exported], Mapping[str, Any]] = lambda export: NOTHING
+    values: Callable[[Exported], Mapping[str, object]] = lambda export: NOTHING
     condition: Callable[[Exported], bool] = lambda export: True
     copy: str = ""
 
 
 def rendered(
-    files: Sequence[File[Exported]], export: Exported, name: str, real: Real, /, **shared: Any
+    files: Sequence[File[Exported]], export: Exported, name: str, real: Real, /, **shared: object
 ) -> dict[str, str]:
     """The files that an export has: path to text. `shared`: What their paths and templates may use."""
     texts = dict[str, str]()

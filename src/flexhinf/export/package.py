@@ -8,10 +8,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from flexhinf.codegen.operations import OPERATIONS
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.controller_c import NOTHING, ControllerCode, code_of
 from flexhinf.export.file_list import File, rendered
@@ -54,27 +55,27 @@ class Export:
         return _home(self.code)
 
     @cached_property
-    def follow(self) -> dict[str, Any]:
+    def follow(self) -> Mapping[str, object]:
         """What the files that follow trajectories need; nothing for a law of one pose."""
         return follow_values(self.code)
 
     @cached_property
-    def ros2(self) -> dict[str, Any]:
+    def ros2(self) -> Mapping[str, object]:
         """What the package for ROS 2 needs."""
         return ros2_values(self.code, self.home[1])
 
 
-def _drives(export: Export) -> dict[str, Any]:
+def _drives(export: Export) -> Mapping[str, object]:
     """What main.c and the templates know of drives."""
     text, home = export.home
     return {"home": {"text": text, "numbers": home}, **_begin_here(export.code)}
 
 
-def _ros2(export: Export) -> dict[str, Any]:
+def _ros2(export: Export) -> Mapping[str, object]:
     return export.ros2
 
 
-def _follow(export: Export) -> dict[str, Any]:
+def _follow(export: Export) -> Mapping[str, object]:
     return export.follow
 
 
@@ -251,7 +252,7 @@ def _home(code: ControllerCode) -> tuple[str, np.ndarray]:
     return "Positions", positions if len(positions) else np.zeros(1)
 
 
-def _begin_here(code: ControllerCode) -> dict[str, Any]:
+def _begin_here(code: ControllerCode) -> Mapping[str, object]:
     """How drives begin: which measurements are the links' positions (None where the model or a sensor is missing), and
     where the tracked positions lie in the state of rest."""
     c, measured = code.controller, list(code.signals["Y"])
@@ -272,11 +273,11 @@ AT_LIMIT = {
 }
 
 
-def _safety(export: Export) -> dict[str, Any]:
+def _safety(export: Export) -> Mapping[str, object]:
     return {**safety_values(export.code, export.runs[-1]), "digest": export.code.digest}
 
 
-def _readme(export: Export) -> dict[str, Any]:
+def _readme(export: Export) -> Mapping[str, object]:
     """What the README states beside."""
     code, c, run = export.code, export.code.controller, export.runs[-1]
     arrays = {
@@ -310,7 +311,7 @@ def _readme(export: Export) -> dict[str, Any]:
         "constants": f"{code.constants} numbers",
         "arithmetic operations of one step": f"about {code.operations}; `make cortex-m4-contract` counts the most "
         "instructions",
-        "from `<math.h>`": ", ".join(sorted(set(MATHEMATICS.findall(code.source)))),
+        "from `<math.h>`": ", ".join(mathematics(code.source)),
     }
     return {
         "facts": list(facts.items()),
@@ -334,7 +335,12 @@ def _readme(export: Export) -> dict[str, Any]:
     }
 
 
-#: Functions and macros of the mathematical library.
-MATHEMATICS = re.compile(
-    r"\b((?:sqrt|fabs|copysign|a?sin|a?cos|a?tan|atan2|exp|log|pow|tanh|floor|frexp)f?|is(?:finite|nan))\("
-)
+#: What our own C calls of the mathematical library beside operations.
+BESIDE = frozenset({"frexp", "isfinite", "isnan"})
+
+
+def mathematics(source: str) -> list[str]:
+    """Functions and macros of the mathematical library that a source calls: those of operations, and of our own C."""
+    known = BESIDE.union(*(re.findall(r"(\w+)\{f\}", row.c) for row in OPERATIONS.values()))
+    called = set[str](re.findall(r"\b([a-z]\w*)\(", source))
+    return sorted(name for name in called if {name, name.removesuffix("f")} & known)

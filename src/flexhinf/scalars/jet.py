@@ -17,9 +17,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import cache
 from numbers import Real
 from typing import Any, Never, cast
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -27,6 +29,7 @@ from flexhinf.arrays import Element, Elements
 from flexhinf.errors import InvalidInput
 from flexhinf.polynomial import truncated
 from flexhinf.polynomial.truncated import Support, add, compose, multiply, size, space
+from flexhinf.scalars.trace import SWITCHING
 
 
 def _termwise(
@@ -342,6 +345,59 @@ class Jet:
 
     def __repr__(self) -> str:
         return f"Jet({self.n} variables, degree {self.degree}, value {self.constant:.6g})"
+
+
+def expand(name: str, code: int, operands: int) -> None:
+    """Let NumPy's function of a name, of one operand or two, expand from now on, by CasADi's derivatives.
+
+    What a jet has of its own stays. An operation that is not smooth is refused by name, as others are.
+    """
+    if not hasattr(Jet, name):
+        setattr(
+            Jet,
+            name,
+            _refused(name) if code in SWITCHING.keys() - {ca.OP_ATAN2} else by_casadi(name, code, operands),
+        )
+
+
+def by_casadi(name: str, code: int, operands: int) -> Callable[..., Jet]:
+    """Σ ∂ʲφ hʲ / j! over the orders j of one operand or two, of the deviations h."""
+
+    def method(self: Jet, *others: Jet | float) -> Jet:
+        if len(others) != operands - 1 or any(type(o) is not Jet and _number(o) is None for o in others):
+            return NotImplemented
+        values = [x.constant if isinstance(x, Jet) else float(x) for x in (self, *others)]
+        orders, derivatives = _derivatives(code, operands, self.degree)
+        coefficients = np.ravel(np.asarray(derivatives(*values)))
+        if not np.isfinite(coefficients).all():
+            raise InvalidInput(
+                f"The function {name} has no Taylor series at the point of the expansion.",
+                f"expected finite derivatives up to order {self.degree} there, got {values}",
+                "another point of expansion, or a form of the model that is smooth at this one",
+            )
+        total = self._scaled(0.0)
+        for order, coefficient in zip(orders, coefficients.tolist()):
+            term = self._scaled(0.0)._shifted(coefficient)
+            for x, value, power in zip((self, *others), values, order):
+                for _ in range(power):
+                    term = term * (x - value)
+            total = total + term
+        return total
+
+    return method
+
+
+@cache
+def _derivatives(code: int, operands: int, degree: int) -> tuple[list[tuple[int, ...]], ca.Function]:
+    """Orders of derivatives of an operation up to a degree, and a function with each of them over the factorials."""
+    symbols = [ca.SX.sym(f"x{k}") for k in range(operands)]
+    built = ca.SX.unary(code, *symbols) if operands == 1 else ca.SX.binary(code, *symbols)
+    found = {(0,) * operands: built}
+    for order in (o for o in np.ndindex(*[degree + 1] * operands) if 0 < sum(o) <= degree):
+        k = next(k for k, power in enumerate(order) if power)
+        before = (*order[:k], order[k] - 1, *order[k + 1 :])
+        found[order] = ca.gradient(found[before], symbols[k]) / order[k]
+    return list(found), ca.Function("derivatives", symbols, [ca.densify(ca.vertcat(*found.values()))])
 
 
 def jets(point: ArrayLike, degree: int) -> Elements:

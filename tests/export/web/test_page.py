@@ -7,6 +7,7 @@ import math
 import re
 import shutil
 from dataclasses import replace
+from importlib.resources import files
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -21,7 +22,9 @@ import flexhinf as fh
 from flexhinf import report
 from flexhinf.baselines import MotorPD
 from flexhinf.cli import main
+from flexhinf.codegen.operations import OPERATIONS
 from flexhinf.export.web import LiveArm, page, rival, write_page
+from flexhinf.export.web.compiler import webassembly
 from flexhinf.export.web.rival import stiff_gains, tuned_gains
 from flexhinf.plant.joints import elastic_joints, joint_places
 
@@ -83,6 +86,17 @@ def test_a_missing_compiler_is_named_before_any_work(
     with refused_with(fh.InvalidInput, missing, "lld"):
         write_page(paper, tmp_path / "arm.html")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_page_has_what_operations_call_or_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shutil, "which", lambda name: f"/bin/{name}")
+    with refused_with(fh.InvalidInput, "erf", "flexhinf export c"):
+        webassembly({"plant.c": "double f(double x) { return erf(x) + fmod(x, 2.0); }"})
+    script = (files("flexhinf.export.web") / "simulation.js").read_text("utf-8")
+    header = (files("flexhinf.export.web") / "math.h").read_text("utf-8")
+    called = {row.library for row in OPERATIONS.values() if row.library} - {"erf"}
+    assert sorted(called) == sorted(name for name in called if f"IMPORTED({name})" in header)
+    assert sorted(called) == sorted(name for name in called if f'"{name}"' in script or f" {name}:" in script)
 
 
 def test_the_command_names_a_missing_compiler_before_a_design_is_made(

@@ -6,7 +6,7 @@ import re
 from collections.abc import Container, Hashable, Iterable, Iterator, Mapping, Sequence
 from itertools import count
 from types import MappingProxyType
-from typing import Any
+from typing import Never
 
 import casadi
 
@@ -45,7 +45,7 @@ from flexhinf.scalars.trace import instructions
 #: The argument of a program with memory for the columns in hand.
 ROOM = "columns"
 
-NOTHING: Mapping[str, Any] = MappingProxyType({})
+NOTHING: Mapping[str, Never] = MappingProxyType({})
 
 #: Names that arguments of functions do not have.
 UNUSABLE = KEYWORDS | {"count", "kept", "l", "real", "rows"}
@@ -96,7 +96,7 @@ class Translator:
         self._elements, self._places_of, self._sizes = elements, parts, sizes
         self._numbers: dict[str, int | None] = {}  # of each buffer
         self.functions: dict[str, str] = {}
-        self._names: dict[tuple[Any, ...], str] = {}
+        self._names: dict[Hashable, str] = {}
         self.calls_library = False
         self.room = 0
         self._taken = 0  # of the room, by what is written now
@@ -167,7 +167,7 @@ class Translator:
                     self._names_of(step),
                     shared,
                 )
-                starts: dict[Any, str] = {}
+                starts: dict[Hashable, str] = {}
                 for k, piece in enumerate(pieces):
                     place, names = shared[k] if shared else (k, None)
                     starts.setdefault(place, piece.buffer if names else self._at(piece, loops))

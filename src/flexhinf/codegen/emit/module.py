@@ -20,7 +20,7 @@ columns are packed into lanes, and unpacked.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from functools import reduce
 from itertools import zip_longest
 from typing import Any
@@ -225,7 +225,7 @@ class _Emitter:
         self.program, self.module = program, module
         self.lanes = self.module.lanes
         self.single = self.lanes.width == 1  # a kernel for a single run
-        self.functions: dict[tuple[Any, ...], str] = {}
+        self.functions: dict[Hashable, str] = {}
         self.sizes: dict[str, int] = {}
         self.calls: Counter[str] = Counter()
         self.mapped: set[str] = set()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 from collections.abc import Mapping
@@ -10,6 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.export.package import mathematics
 
 #: Of clang: every product and sum as it is written, so that the numbers do not depend on the browser.
 FLAGS = ("--target=wasm32", "-std=c99", "-O3", "-ffp-contract=off", "-nostdlib", "-fvisibility=hidden")
@@ -31,11 +33,20 @@ def check_compiler() -> str:
 
 
 def webassembly(sources: Mapping[str, str]) -> bytes:
-    """The module of some C files, by name. Raises InvalidInput where they cannot be compiled."""
+    """The module of some C files, by name. Raises InvalidInput where they cannot be compiled, or the page lacks a
+    function that they call."""
     clang = check_compiler()
+    header = (files("flexhinf.export.web") / "math.h").read_text(encoding="utf-8")
+    known = set[str](re.findall(r"\w+", header))
+    lacking = [name for name in mathematics("\n".join(sources.values())) if name not in known]
+    refuse_if(
+        lacking,
+        "The page lacks a function of the C library that the model calls.",
+        f"expected those that JavaScript has, got {', '.join(lacking)}",
+        "a model without it; flexhinf export c and flexhinf export fmu take it",
+    )
     with TemporaryDirectory() as work:
         folder = Path(work)
-        header = (files("flexhinf.export.web") / "math.h").read_text(encoding="utf-8")
         for name, text in {**sources, "math.h": header}.items():
             (folder / name).write_text(text, encoding="utf-8")
         names = [name for name in sources if name.endswith(".c")]
