@@ -75,6 +75,9 @@ AMPLIFIER = (
     "resistance", "torque_constant", "back_emf_constant", "inductance", "gear_efficiency", "motor_efficiency",
 )  # fmt: skip
 
+#: The robot of one joint.
+SINGLE = "paper"
+
 #: Seeds of poses and goals.
 POSES_SEED, GOALS_SEED = 21, 22
 
@@ -94,11 +97,11 @@ class Case(NamedTuple):
 
 
 def cases(robots: Sequence[str], drives: Sequence[str]) -> Iterator[Case]:
-    """All cases of some robots and kinds of drives; unlike drives with sensors on both sides."""
-    for robot, drive in itertools.product(robots, drives):
-        yield Case(robot, drive, "like", "both sides")
-        yield Case(robot, drive, "like", "motors")
-        yield Case(robot, drive, "unlike", "both sides")
+    """All cases of some robots and kinds of drives; unlike ones of several joints, with sensors on both sides."""
+    for alike, sensors in (("like", "both sides"), ("like", "motors"), ("unlike", "both sides")):
+        for robot, drive in itertools.product(robots, drives):
+            if alike == "like" or robot != SINGLE:
+                yield Case(robot, drive, alike, sensors)
 
 
 def servo(robot: Robot, drive: str, bandwidths: Sequence[float]) -> Robot:
@@ -224,8 +227,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.drives", description=__doc__)
     parser.add_argument("--robots", nargs="+", choices=list(ROBOTS), default=list(ROBOTS), metavar="NAME")
     parser.add_argument("--drives", nargs="+", choices=list(LOOPS), default=list(LOOPS), metavar="NAME")
-    parser.add_argument("--poses", type=int, default=40, help="poses at which loops are judged (default: 40)")
-    parser.add_argument("--moves", type=int, default=5, help="moves in which they are judged (default: 5)")
+    parser.add_argument("--poses", type=int, default=20, help="poses at which loops are judged (default: 20)")
+    parser.add_argument("--moves", type=int, default=3, help="moves in which they are judged (default: 3)")
     parser.add_argument("--kept", type=Path, default=KEPT, metavar="FILE", help="where the cases are kept")
     parser.add_argument("--table", action="store_true", help="print the table of the cases that are kept")
     given = parser.parse_args(arguments)
@@ -257,10 +260,13 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _keep(file: Path, name: str, record: Mapping[str, Any]) -> None:
-    """Add a case to the file, in the order of all cases."""
-    order = [case.name for case in cases(list(ROBOTS), list(LOOPS))]
+    """Add a case to the file, by robots and then in the order of all cases."""
+    robots, order = list(ROBOTS), [case.name for case in cases(list(ROBOTS), list(LOOPS))]
     rows = {**kept_in(file), name: record}
-    rows = {key: rows[key] for key in sorted(rows, key=order.index)}
+    rows = {
+        key: rows[key]
+        for key in sorted(rows, key=lambda key: (robots.index(key.split("/")[0]), order.index(key)))
+    }
     part = file.with_suffix(".part")
     part.write_text(json.dumps(rows, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     part.replace(file)
