@@ -54,7 +54,7 @@ def test_a_case_is_kept_and_not_made_again(
     assert drives.main(words) == 0
     capsys.readouterr()
     assert drives.main([*words, "--table"]) == 0
-    assert "| paper | position | both sides |" in capsys.readouterr().out
+    assert "| paper | position, 250 Hz | both sides |" in capsys.readouterr().out
 
 
 def test_the_tables_of_the_docs_have_every_case_that_is_kept() -> None:

@@ -569,8 +569,9 @@ def joint_limits(robot: Robot, s: Specification) -> JointLimits:
     sources = (ROBOT if value is None else FIELDS[name].option for name, value in stated.items())
     drives = elastic.DRIVES[robot.drive], "link_velocity", "link_position"
     units = (tuple(signals.UNITS[signal][slides] for slides in robot.links.slides) for signal in drives)
-    own_limits = *kinematics.position_ranges(robot), *units, *sources, *command_limits(robot)
-    return JointLimits(joints, *values, *own_limits, s.period)
+    changes = dict(zip(("rate", "acceleration"), command_limits(robot)))
+    ends = kinematics.position_ranges(robot)
+    return JointLimits(joints, *values, *ends, *units, *sources, **changes, period=s.period)
 
 
 def integral_dead_zone(joints: Sequence[str], stated: Any, chosen: np.ndarray | None) -> np.ndarray | None:
