@@ -55,9 +55,9 @@ from flexhinf.robot.workspace import workspace_of  # noqa: E402
 #: The cases that the docs show.
 KEPT = Path(__file__).with_suffix(".json")
 
-#: Periods, s, and latency, samples, by kind of drive, of which the longest is taken at which no spring vibrates too fast
-#: for a loop; bandwidths of like and unlike drives, Hz; damping of a position loop; how much slower a slow drive is, and
-#: how many samples are lost.
+#: Periods, s, and latency, samples, by kind of drive: the longest period is taken at which no spring is too fast for a
+#: loop; bandwidths of like and unlike drives, Hz; damping of a position loop; how much slower a slow drive is, and how
+#: many samples are lost.
 LOOPS = {"velocity": ((1e-3,), 1), "position": ((4e-3, 2e-3, 1e-3), 2)}
 BANDWIDTHS = {"like": (20.0, 20.0), "unlike": (20.0, 12.0)}
 RATIO, SLOWER, LOST = 0.9, 0.7, 2
