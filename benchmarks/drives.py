@@ -204,27 +204,27 @@ def made(case: Case, poses: int, moves: int) -> dict[str, Any]:
 
 # Table --------------------------------------------------------------------------------------------
 def table(kept: Mapping[str, Any]) -> str:
-    """The cases that are kept, as Markdown: a row for each, the design's numbers before those of the drive alone."""
+    """The cases that are kept, as Markdown: a row for each; numbers of the drive alone are in brackets."""
     lines = [
-        "| robot | drives | sensors | design meets all | damping | remaining, mrad (mm) | 30 % slower: damping, "
-        "remaining | two periods later: damping, remaining |",
-        "|---|---|---|---|---|---|---|---|",
+        "| robot | drives | sensors | design meets all | damping | remaining, mrad (mm) | 30 % slower: damping | "
+        "remaining | two periods later: damping | remaining |",
+        "|---" * 10 + "|",
     ]
     for name, record in kept.items():
         robot, drive, alike, sensors = name.split("/")
         if "refused" in record:
-            lines.append(
-                f"| {robot} | {drive} | {sensors} | refused: {record['refused'][:60]} | – | – | – | – |"
-            )
+            lines.append(f"| {robot} | {drive} | {sensors} | refused: {record['refused'][:60]}{' | –' * 6} |")
             continue
         own, other, rate = record["design"], record["alone"], 1.0 / record["period"]
         missed = own["stated"].get("missed", ["refused"])
         cells = [
             robot, f"{drive}, {rate:g} Hz{', unlike' * (alike == 'unlike')}", sensors,
             "no: " + ", ".join(missed) if missed else "yes",
-            f"{_damping(own['stated'])}, {_damping(other['stated'])}",
-            f"{_remaining(own['stated'])}, {_remaining(other['stated'])}",
-            *(f"{_damping(own[kind])}, {_remaining(own[kind])}" for kind in ("slow", "late")),
+            *(
+                f"{text(own[kind])} ({text(other[kind])})"
+                for kind in ("stated", "slow", "late")
+                for text in (_damping, _remaining)
+            ),
         ]  # fmt: skip
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
