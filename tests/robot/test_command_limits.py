@@ -124,6 +124,7 @@ def test_feedforward_refuses_a_path_that_breaks_them_and_the_advice_works(robot_
         assert np.abs(np.diff(rows.command, axis=0)).max() > 0.0
 
 
+@pytest.mark.costs("compiles C twice")
 def test_c_tells_what_is_beyond_them(robot_of, tmp_path):
     robot = robot_of("drive_rate_limit = 1.0", "drive_acceleration_limit = 0.8")
     folder = export_feedforward(fh.Feedforward(robot, PERIOD, 0.02), tmp_path / "code", "arm")
