@@ -1,11 +1,14 @@
-"""What a velocity or a position interface can damp: the best law of one vibration, over periods, delays and drives.
+"""What an interface of velocities, positions or torques can damp: the best law of one vibration, over periods, delays
+and drives.
 
-    python -m benchmarks.interfaces --table     the table of docs/real_loop.md, in half a minute
+    python -m benchmarks.interfaces --table          the table of docs/real_loop.md, in a minute
+    python -m benchmarks.interfaces --table choice   that of docs/drives.md: with drives of 20 Hz, and what to write
 
-One pair of link and motor, z″ = λ(w − z), w″ = −βw′ − νw + νc or βc: a drive that rejects its load. The law is a
-discrete linear-quadratic regulator with the integral of the link's error; it knows the state, and the inputs that are
-still on their way. Of many weights the one with the largest damping of the link's vibration is kept, among those that
-one more sample of delay, and half and twice the gain, leave stable.
+One pair of link and motor, z″ = λ(w − z), w″ = −βw′ − νw + νc or βc: a drive that rejects its load; or of torques
+w″ = λ(z − w + c), a motor as heavy as its link. The law is a discrete linear-quadratic regulator with the integral of
+the link's error; it knows the state, and the inputs that are still on their way. Of many weights the one with the
+largest damping of the link's vibration is kept, among those that one more sample of delay, and half and twice the gain,
+leave stable.
 """
 
 from __future__ import annotations
@@ -25,6 +28,9 @@ DRIVES, VIBRATIONS, DRIVE_DAMPING = (5.0, 20.0, 60.0), (5.0, 10.0, 20.0, 40.0), 
 #: Weights of the input and of the link's speed that are tried.
 EFFORTS, SPEEDS = np.geomspace(1e-6, 1e4, 31), (0.0, 0.3, 1.0)
 
+#: Bandwidth of a usual drive, Hz.
+USUAL = 20.0
+
 #: What damps less than this damps nothing.
 NOTHING = 0.05
 
@@ -36,8 +42,15 @@ class Interface(NamedTuple):
     period: float
     late: int
 
+    @property
+    def name(self) -> str:
+        """Kind and rate."""
+        rate = 1.0 / self.period
+        return f"{self.kind}, {f'{rate / 1e3:g} kHz' if rate >= 1e3 else f'{rate:g} Hz'}"
+
 
 INTERFACES = (
+    Interface("torque", 0.125e-3, 1), Interface("torque", 1e-3, 1),
     Interface("velocity", 1e-3, 1), Interface("velocity", 4e-3, 2), Interface("velocity", 8e-3, 2),
     Interface("position", 2e-3, 2), Interface("position", 4e-3, 2), Interface("position", 8e-3, 2),
 )  # fmt: skip
@@ -49,6 +62,9 @@ def pair(kind: str, vibration: float, bandwidth: float) -> tuple[Matrix, Matrix]
     a = np.zeros((4, 4))
     a[0, 1] = a[2, 3] = 1.0
     a[1, 0], a[1, 2] = -(vibration**2), vibration**2
+    if kind == "torque":
+        a[3, 0], a[3, 2] = vibration**2, -(vibration**2)
+        return a, np.array([[0.0], [0.0], [0.0], [vibration**2]])
     a[3, 2], a[3, 3] = -nu, -beta
     return a, np.array([[0.0], [0.0], [0.0], [beta if kind == "velocity" else nu]])
 
@@ -98,22 +114,31 @@ def interface_table() -> str:
     """Largest damping ratios as Markdown: a row for each interface, a column for each vibration."""
     rows = ["| interface | " + " | ".join(f"{hertz:g} Hz" for hertz in VIBRATIONS) + " |", "|---" * 5 + "|"]
     for interface in INTERFACES:
-        cells = []
-        for hertz in VIBRATIONS:
-            found = [best_damping(interface, 2.0 * np.pi * hertz, 2.0 * np.pi * drive) for drive in DRIVES]
-            cells.append(", ".join(f"{ratio:.2f}" for ratio in found) if max(found) >= NOTHING else "nothing")
-        rate, late = 1.0 / interface.period, interface.late
-        name = f"{interface.kind}, {f'{rate / 1e3:g} kHz' if rate >= 1e3 else f'{rate:g} Hz'}, {late} late"
-        rows.append(f"| {name} | {' | '.join(cells)} |")
+        drives = (USUAL,) if interface.kind == "torque" else DRIVES
+        cells = [_cell(interface, hertz, drives) for hertz in VIBRATIONS]
+        rows.append(f"| {interface.name}, {interface.late} late | {' | '.join(cells)} |")
     return "\n".join(rows)
+
+
+def choice_table() -> str:
+    """The same of usual interfaces with drives of `USUAL`: a row for each vibration."""
+    usual = [one for one in INTERFACES if one.kind != "velocity" or one.late == 1]
+    rows = [f"| vibration | {' | '.join(one.name for one in usual)} |", "|---" * (1 + len(usual)) + "|"]
+    for hertz in VIBRATIONS:
+        rows.append(f"| {hertz:g} Hz | {' | '.join(_cell(one, hertz, (USUAL,)) for one in usual)} |")
+    return "\n".join(rows)
+
+
+def _cell(interface: Interface, hertz: float, drives: tuple[float, ...]) -> str:
+    found = [best_damping(interface, 2.0 * np.pi * hertz, 2.0 * np.pi * drive) for drive in drives]
+    return ", ".join(f"{ratio:.2f}" for ratio in found) if max(found) >= NOTHING else "nothing"
 
 
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--table", action="store_true", help="as Markdown; it is all there is")
-    parser.parse_args()
-    print(interface_table())
+    parser.add_argument("--table", nargs="?", const="whole", choices=["whole", "choice"], default="whole")
+    print(choice_table() if parser.parse_args().table == "choice" else interface_table())
 
 
 if __name__ == "__main__":

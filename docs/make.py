@@ -506,6 +506,8 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
     "hard-filters": ("docs/estimators_accuracy.md", benchmark("benchmarks.filters", "--table", "hard")),
     "public-robots": ("docs/hardware.md", benchmark("benchmarks.robots", "--table")),
     "interfaces": ("docs/real_loop.md", benchmark("benchmarks.interfaces", "--table")),
+    "interface-choice": ("docs/drives.md", benchmark("benchmarks.interfaces", "--table", "choice")),
+    "drives": ("docs/real_loop.md", benchmark("benchmarks.drives", "--table")),
     "nees": ("docs/estimators_accuracy.md", benchmark("benchmarks.filters", "--table", "nees")),
 }
 SLOW: dict[str, tuple[str, Callable[[], str]]] = {

@@ -13,6 +13,7 @@ from tests import workspaces
 from tests.cli.conftest import QUICK
 from tests.refusals import unnamed
 
+import flexhinf as fh
 from flexhinf.cli import main
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -28,7 +29,8 @@ def kinds(first: str, second: str) -> pytest.MarkDecorator:
 #: Lines of a drive, its largest command and its period.
 DRIVES = {
     "position": (
-        'drive_bandwidth = {value = "18 Hz", tolerance = 20}\ndrive_damping_ratio = 0.9',
+        'drive_bandwidth = {value = "18 Hz", tolerance = 20}\ndrive_damping_ratio = 0.9\ndrive_rate_limit = 5.0\n'
+        "drive_acceleration_limit = 200.0",
         2.0,
         "4ms",
     ),
@@ -82,6 +84,8 @@ def test_a_design_of_one_pose_goes_everywhere(
         0,
     )
     assert unnamed(capsys.readouterr().out, f"{drive}-drive") == []
+    if drive == "position":
+        assert fh.load_controller(folder / "one").limits.rate.tolist() == [5.0]
     done(["campaign", "run", "one", "--samples", "4", "--out", "many"])
     done(["campaign", "compare", "one", "other", "--samples", "4", "--out", "both"])
     assert (folder / "both" / "index.html").is_file()

@@ -66,7 +66,8 @@ SLOWER, SHORTER = (0.5, 0.25), 0.5
 
 #: Names of requirements on moves, which slower ones may keep.
 MOVING = tuple(
-    REQUIREMENTS[name].what for name in ("undershoot", "path", "at_limit", "speed", "range", "peak")
+    REQUIREMENTS[name].what
+    for name in ("undershoot", "path", "at_limit", "speed", "range", "peak", "input_acceleration")
 )
 
 

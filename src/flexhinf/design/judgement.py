@@ -28,6 +28,7 @@ from flexhinf.design.specification import REMAINING_ERROR, Specification
 from flexhinf.loop import Supervision
 from flexhinf.loop.controller.status import NEAR_LIMIT
 from flexhinf.loop.simulation.metrics import SETTLING_BAND
+from flexhinf.robot.drive_limits import command_changes
 
 #: Largest amplitude of a link at rest, with dry friction and noise, in parts of the remaining error that is allowed.
 STANDSTILL_SHARE = 0.25
@@ -132,20 +133,28 @@ def limit_requirements(
     )
     exceeded = ROUNDING < beyond.value < np.inf
     return [
-        *[line for line in _limit_lines(limits, inputs, speeds, where, how) if always or not line.met],
+        *[
+            line
+            for line in (
+                *_limit_lines(limits, inputs, speeds, where, how),
+                *_change_lines(limits, runs, where),
+            )
+            if always or not line.met
+        ],
         *([_limit_line("range", limits, beyond._replace(limit=0.0), where, ROBOT)] if exceeded else []),
     ]
 
 
 def saturation_requirement(limits: JointLimits, runs: Sequence[Response], where: str) -> list[Requirement]:
-    """The requirement that no input stays at its limit for long, for the worst of some runs; none without limits.
+    """The requirement that no input stays at its limit, or its rate at that of its own, for long, for the worst of some
+    runs; none without limits.
 
     A peak that the limit clips is within it: this is how a motor that is too weak shows. "Long" is what the status of a
     controller takes for lasting saturation.
     """
-    if limits.saturated is None:
+    if not limits.limits_inputs:
         return []
-    longest, joint, begun = max(_time_at_limit(run, limits.saturated) for run in runs)
+    longest, joint, begun = max(_time_at_limit(run, limits) for run in runs)
     row, share = REQUIREMENTS["at_limit"], 100.0 * (1.0 - NEAR_LIMIT)
     return [
         row.judge(
@@ -155,15 +164,17 @@ def saturation_requirement(limits: JointLimits, runs: Sequence[Response], where:
             where,
             joint=of_several(limits.joints, joint) if longest else "",
             at=begun if longest else None,
-            criterion=row.criterion.format(share=share),
+            criterion=row.criterion.format(share=share) + ", or its rate of its own" * limits.limits_rate,
             tolerance=EXACT,
         )
     ]
 
 
-def _time_at_limit(run: Response, limits: np.ndarray) -> tuple[float, int, float]:
-    """Longest time for which an input stays at its limit (n,), s, the joint, and when it begins, s."""
-    full = np.abs(run.inputs) >= (1.0 - NEAR_LIMIT) * limits
+def _time_at_limit(run: Response, limits: JointLimits) -> tuple[float, int, float]:
+    """Longest time for which an input or its rate stays at its limit, s, the joint, and when it begins, s."""
+    rates = np.abs(command_changes(run.inputs, limits.period)[0])
+    most = np.inf if limits.saturated is None else limits.saturated
+    full = (np.abs(run.inputs) >= (1.0 - NEAR_LIMIT) * most) | (rates >= (1.0 - NEAR_LIMIT) * limits.rate)
     edges = np.diff(np.pad(full.astype(int), ((1, 1), (0, 0))), axis=0).T
     time = run.run.time
     period = float(time[-1]) / max(len(time) - 1, 1)
@@ -189,6 +200,19 @@ def _limit_lines(
     if limits.limits_speed:
         lines.append(_limit_line("speed", limits, speeds, where, limits.speed_source))
     return lines
+
+
+def _change_lines(limits: JointLimits, runs: Sequence[Response], where: str) -> list[Requirement]:
+    """How fast the inputs of the worst of some runs change, where the drives limit it."""
+    kinds = {
+        "input_rate": (limits.limits_rate, limits.rate_use),
+        "input_acceleration": (limits.limits_acceleration, limits.acceleration_use),
+    }
+    return [
+        _limit_line(name, limits, max(map(use, runs), key=attrgetter("share")), where, ROBOT)
+        for name, (limited, use) in kinds.items()
+        if limited
+    ]
 
 
 def _limit_line(

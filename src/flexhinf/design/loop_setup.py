@@ -371,8 +371,9 @@ class LoopSetup(LoopPlants):
             "supervision": self.supervision if supervised else None,
             **(self.overcoming(estimator) if moving else {}),
         }
-        limits = None if self.unlimited else self.limits.saturated
-        return Controller(self.law, estimator, self.specification.period, limits, **{**options, **stated})
+        limits, rate = (None, None) if self.unlimited else (self.limits.saturated, self.limits.input_rate)
+        options = {"input_rate": rate, **options, **stated}
+        return Controller(self.law, estimator, self.specification.period, limits, **options)
 
     @property
     def dead_zone(self) -> np.ndarray | None:
@@ -419,8 +420,9 @@ class LoopSetup(LoopPlants):
         """Deviation (N,) from the goal's equilibrium at which a law takes over at the start, integrals included."""
         estimator, s = self.estimator(self.start), self.specification
         controller = Controller(
-            law, estimator, s.period, self.limits.saturated, start="bumpless", latency=s.known_latency
-        )
+            law, estimator, s.period, self.limits.saturated, start="bumpless", latency=s.known_latency,
+            input_rate=self.limits.input_rate,
+        )  # fmt: skip
         x, u = self.equilibrium(self.start)
         x, known = x[: len(controller.states)], self.model.parameters.vector()
         controller.reset(None if estimator is None else x, input=u)

@@ -19,7 +19,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.loop import Backlash, Controller, DryFriction, JerkLimited, Moving, Waypoints
 from flexhinf.plant import Law, Parameters
 from flexhinf.robot import Robot, check_reference, elastic, kinematics
-from flexhinf.robot.drive_limits import largest_drive_torques
+from flexhinf.robot.drive_limits import check_commands, command_limits, command_shares, largest_drive_torques
 from flexhinf.robot.parameters import per_joint
 from flexhinf.robot.springs import DAMPED, DAMPING
 from flexhinf.robot.waypoints import WaypointError, WaypointTable
@@ -55,6 +55,9 @@ SMALL = 1e-6
 #: Largest fraction of the effort limit, after the holding input, that feedforward may use; the rest is left for
 #: feedback. The second factor slows the move until it keeps this, at most as often as the third number says.
 EFFORT_FRACTION, STRETCH, STRETCHES = 0.7, 1.15, 25
+
+#: Largest speed of a move of degree 9 over that of a quintic of the same time.
+OF_DEGREE_9 = (630.0 / 256.0) / 1.875
 
 #: Instants at which a move of a workspace is checked.
 ON_THE_WAY = 41
@@ -127,7 +130,7 @@ def plan_move(
             if (limit is None and not limits.limits_speed) or k == STRETCHES - 1:
                 raise
         else:
-            if k == STRETCHES - 1 or _drives_spare(robot, plan):
+            if k == STRETCHES - 1 or (_drives_spare(robot, plan) and _changes_slowly(robot, plan, s.period)):
                 return plan
     raise AssertionError("unreachable")
 
@@ -142,12 +145,16 @@ def quintic_move(robot: Robot, limits: JointLimits, start: np.ndarray, goal: np.
     """A quintic from pose to pose (n,): how a controller for a workspace is sent anywhere.
 
     It keeps half the speed limits, and is slowed down while a motor of the heaviest robot of the tolerances would need
-    more than `EFFORT_FRACTION` of what its weight leaves of the limit.
+    more than `EFFORT_FRACTION` of what its weight leaves of the limit, or a command more than that of its largest rate
+    or acceleration. Where a drive limits accelerations it is of degree 9: of a quintic the jerk, and with it the
+    command, jumps at its ends.
     """
-    shortest = shortest_time(limits, start, goal)
+    smooth = limits.limits_acceleration
+    shortest = shortest_time(limits, start, goal) * (OF_DEGREE_9 if smooth else 1.0)
 
     def plan(stretch: int) -> Waypoints:
-        return Waypoints([0.0, shortest * STRETCH**stretch], [start, goal], "quintic")
+        profile = "through" if smooth else "quintic"
+        return Waypoints([0.0, shortest * STRETCH**stretch], [start, goal], profile)
 
     slower = (each for each in map(plan, range(STRETCHES)) if _spares(robot, limits, each))
     return next(slower, None) or plan(0)
@@ -155,7 +162,7 @@ def quintic_move(robot: Robot, limits: JointLimits, start: np.ndarray, goal: np.
 
 def _spares(robot: Robot, limits: JointLimits, plan: Waypoints) -> bool:
     """Whether the motors of the heaviest robot move it along a plan with a part of what its weight leaves of them."""
-    if not _drives_spare(robot, plan):
+    if not (_drives_spare(robot, plan) and _changes_slowly(robot, plan, limits.period)):
         return False
     if not limits.limits_effort:
         return True
@@ -198,6 +205,20 @@ def _drives_spare(robot: Robot, plan: Plan) -> bool:
     motion = plan.derivatives(np.linspace(0.0, plan.duration, ON_THE_WAY), 4)
     weight, whole = (np.abs(drive_torques(robot, rows, robot.heaviest)) for rows in (motion[:1], motion))
     return bool(np.all(whole <= weight + EFFORT_FRACTION * np.maximum(most - weight, 0.0)))
+
+
+def plan_commands(robot: Robot, plan: Plan, period: float) -> np.ndarray:
+    """Commands (N, n) of the feedforward along a plan, one per period, the rest after it included."""
+    times = period * np.arange(int(plan.duration / period) + 4)
+    return robot.inverse_dynamics(*plan.derivatives(times, 4))[1]
+
+
+def _changes_slowly(robot: Robot, plan: Plan, period: float) -> bool:
+    """Whether the commands along a plan leave feedback a part of the largest rates and accelerations."""
+    if not np.isfinite(command_limits(robot)).any():
+        return True
+    shares = command_shares(robot, plan_commands(robot, plan, period), period)
+    return bool(np.max(shares) <= EFFORT_FRACTION)
 
 
 def stated_move(robot: Robot, s: Specification) -> Plan | None:
@@ -328,6 +349,8 @@ def _wanders(spline: Waypoints) -> bool:
 def _check(robot: Robot, period: float, plan: Plan, limits: JointLimits, instants: int) -> None:
     effort = limits.effort if limits.limits_effort else None
     check_reference(robot, plan, plan.duration, effort, max(period, plan.duration / instants), limits.speed)
+    if np.isfinite(command_limits(robot)).any():
+        check_commands(robot, plan_commands(robot, plan, period), period)
 
 
 def _slower(robot: Robot, s: Specification, limits: JointLimits) -> str:

@@ -24,6 +24,7 @@ from flexhinf.loop import Signal, Trajectory
 from flexhinf.loop.simulation import metrics
 from flexhinf.plant import Plant
 from flexhinf.robot import Robot, elastic, kinematics, signals
+from flexhinf.robot.drive_limits import command_changes, command_limits, per_second
 
 #: Default step: rad for a joint that turns, m for one that slides.
 TURN, SLIDE = 0.1, 0.01
@@ -410,6 +411,10 @@ class JointLimits:
     peak_source: str
     saturation_source: str
     speed_source: str
+    # rate, acceleration: (n,). Largest changes of the inputs that the drives take, per s and per s²
+    rate: np.ndarray
+    acceleration: np.ndarray
+    period: float  # Time between two inputs, s
 
     @property
     def effort(self) -> np.ndarray:
@@ -422,6 +427,18 @@ class JointLimits:
         limits = self.saturation if self.peak_source == ROBOT else self.effort
         return limits if np.isfinite(limits).any() else None
 
+    @property
+    def input_rate(self) -> np.ndarray | None:
+        """Largest rates (n,) of the inputs, which a controller keeps; None where there is none."""
+        return self.rate if self.limits_rate else None
+
+    @property
+    def limits_inputs(self) -> bool:
+        """Whether a controller has a limit of some input, or of its rate."""
+        return self.saturated is not None or self.limits_rate
+
+    limits_rate = _limited("rate", "Whether the rate of any input has a limit.")
+    limits_acceleration = _limited("acceleration", "Whether the acceleration of any input has a limit.")
     limits_peak = _limited("peak", "Whether the peak input of any joint has a limit.")
     limits_effort = _limited("effort", "Whether any input has a limit, required or by saturation.")
     limits_speed = _limited("speed", "Whether the speed of any joint has a limit.")
@@ -452,6 +469,19 @@ class JointLimits:
         """Use of the required peak inputs, or of other input limits (n,)."""
         limits = self.peak if limits is None else limits
         return self._use(response, np.abs(response.inputs), limits, self.effort_units)
+
+    def rate_use(self, response: Response) -> LimitUse:
+        """Use of the largest rates of the inputs."""
+        units = tuple(per_second(unit, 1) for unit in self.effort_units)
+        return self._use(response, np.abs(command_changes(response.inputs, self.period)[0]), self.rate, units)
+
+    def acceleration_use(self, response: Response) -> LimitUse:
+        """Use of the largest accelerations of the inputs."""
+        changes, units = (
+            command_changes(response.inputs, self.period),
+            tuple(per_second(unit, 2) for unit in self.effort_units),
+        )
+        return self._use(response, np.abs(changes[1]), self.acceleration, units)
 
     def speed_use(self, response: Response) -> LimitUse:
         """Use of the speed limits."""
@@ -539,7 +569,9 @@ def joint_limits(robot: Robot, s: Specification) -> JointLimits:
     sources = (ROBOT if value is None else FIELDS[name].option for name, value in stated.items())
     drives = elastic.DRIVES[robot.drive], "link_velocity", "link_position"
     units = (tuple(signals.UNITS[signal][slides] for slides in robot.links.slides) for signal in drives)
-    return JointLimits(joints, *values, *kinematics.position_ranges(robot), *units, *sources)
+    changes = dict(zip(("rate", "acceleration"), command_limits(robot)))
+    ends = kinematics.position_ranges(robot)
+    return JointLimits(joints, *values, *ends, *units, *sources, **changes, period=s.period)
 
 
 def integral_dead_zone(joints: Sequence[str], stated: Any, chosen: np.ndarray | None) -> np.ndarray | None:

@@ -192,7 +192,10 @@ def compare_rigid(
     x, u = setup.equilibrium(setup.start)
     for side in FEEDBACK_SIDES:
         law = RigidLaw(solution, problem, side)
-        controller = Controller(law, None, s.period, setup.limits.saturated, start="bumpless")
+        rate = setup.limits.input_rate
+        controller = Controller(
+            law, None, s.period, setup.limits.saturated, start="bumpless", input_rate=rate
+        )
         run = Loop(setup.true_plant, controller, setup.sub_steps, delay=s.period * late).run(
             duration=scenario.step_duration, initial_state=x, initial_input=u, seed=s.seed
         )

@@ -19,12 +19,14 @@ from flexhinf.export.fmu_archive import DOUBLE
 from flexhinf.export.names import checked_identifier
 from flexhinf.export.package import checked_folder, write_files
 from flexhinf.export.rendering import arithmetic, markdown
+from flexhinf.robot.drive_limits import command_limits, command_shares
 from flexhinf.robot.elastic import DRIVES
 from flexhinf.robot.feedforward import Feedforward, FeedforwardRows
 from flexhinf.robot.signals import UNITS
 
-#: Samples of the recorded path, beside its end at rest; largest difference of C and Python, relative and absolute.
-SAMPLES, CLOSE = 200, 1e-9
+#: Samples of the recorded path, beside its end at rest, and most where drives limit commands; largest difference of C
+#: and Python, relative and absolute.
+SAMPLES, MOST, CLOSE = 200, 12_800, 1e-9
 
 #: Columns of the recorded rows for each joint, and units for joints that turn and slide.
 COLUMNS = {
@@ -83,9 +85,14 @@ def _example_path(feedforward: Feedforward) -> np.ndarray:
         ]
     )
     goal = np.where(np.abs(goal - home) < 1e-3, home + 0.1, goal)
-    s = np.linspace(0.0, 1.0, SAMPLES)
-    still = np.repeat(goal[None], feedforward.weights.shape[1] + 10, axis=0)
-    return np.vstack([home + np.outer(s**3 * (10.0 - 15.0 * s + 6.0 * s**2), goal - home), still])
+    still, samples = np.repeat(goal[None], feedforward.weights.shape[1] + 10, axis=0), SAMPLES
+    while True:
+        s = np.linspace(0.0, 1.0, samples)
+        path = np.vstack([home + np.outer(s**3 * (10.0 - 15.0 * s + 6.0 * s**2), goal - home), still])
+        commands = robot.inverse_dynamics(*feedforward.smoothed(path))[1]
+        if samples >= MOST or np.max(command_shares(robot, commands, feedforward.period)) <= 1.0:
+            return path
+        samples *= 2
 
 
 def _functions(feedforward: Feedforward) -> ca.Function:
@@ -132,15 +139,20 @@ def _facts(feedforward: Feedforward) -> dict[str, object]:
         "kind": DRIVES[robot.drive].replace("_", " "),
         "period": f"{feedforward.period:g}",
         "delay": f"{feedforward.delay:g}",
+        "limited": bool(np.isfinite(command_limits(robot)).any()),
     }
 
 
 def _source(export: FeedforwardExport) -> dict[str, object]:
     translator, function = Translator(export.name, DOUBLE), _functions(export.feedforward)
     called = translator.function(function)
+    most = command_limits(export.feedforward.robot)
     used = [f"motion[{k}]" for k in range(5) if function.size1_in(k)]
     return {
         "weights": ",\n".join(_listed(export.feedforward.weights)),
+        "rates": _limits_text(most[0]),
+        "accelerations": _limits_text(most[1]),
+        "seconds": constant(export.feedforward.period, DOUBLE),
         "arithmetic": arithmetic(export.name, DOUBLE),
         "functions": str(translator),
         "called": called,
@@ -154,6 +166,10 @@ RESULTS = [f"output->{each}" for each in ("command", "motor_position", "motor_ve
 
 def _listed(table: np.ndarray) -> Iterable[str]:
     return ("    {" + ", ".join(constant(x, DOUBLE) for x in row) + "}" for row in table)
+
+
+def _limits_text(limits: np.ndarray) -> str:
+    return ", ".join(constant(x, DOUBLE) if np.isfinite(x) else "INFINITY" for x in limits.tolist())
 
 
 def _test(export: FeedforwardExport) -> dict[str, object]:

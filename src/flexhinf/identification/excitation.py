@@ -27,6 +27,7 @@ from flexhinf.loop import Waypoints
 from flexhinf.notebook import Summarised
 from flexhinf.plant import Plant
 from flexhinf.robot import Robot
+from flexhinf.robot.drive_limits import command_shares
 from flexhinf.validation import checked_positive, one_of, real_array
 
 #: Where a joint has no limits: rad or m to each side of the home, and rad/s or m/s.
@@ -212,7 +213,8 @@ def _stops(
 def _within_limits(
     robot: Robot, stops: tuple[np.ndarray, np.ndarray], speeds: np.ndarray, span: float, period: float
 ) -> tuple[Waypoints, np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
-    """The motion, slower until it keeps speed and effort, its times, positions, states and inputs; or None."""
+    """The motion, slower until it keeps speed, effort and changes of commands, its times, positions, states and inputs;
+    or None."""
     times, poses = stops
     efforts = np.array([np.inf if limit is None else SHARE * limit for limit in robot.effort_limits or ()])
     for _ in range(TIMES):
@@ -225,7 +227,8 @@ def _within_limits(
         orders = motion.derivatives(t, 4).reshape(5, len(t), -1)
         q, dq, ddq, dddq, ddddq = orders
         states, u = robot.inverse_dynamics(q, dq, ddq, dddq, ddddq)
-        if (np.abs(dq) <= speeds).all() and (np.abs(u) <= efforts).all():
+        slow = np.max(command_shares(robot, u, period)) <= SHARE
+        if slow and (np.abs(dq) <= speeds).all() and (np.abs(u) <= efforts).all():
             return motion, t, q, states, u
         times = SLOWER * times
     return None

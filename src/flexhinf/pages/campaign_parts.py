@@ -63,7 +63,8 @@ METRIC_LABELS = {
     "wrong_way_percent_use": "use of the limit of motion the wrong way", "wrong_way_percent": "motion the wrong way",
     "ripple_percent_use": "use of the ripple's limit", "ripple_percent": "ripple of the motors",
     "time_at_limit_s_use": "use of the time at an input's limit", "time_at_limit_s": "time at an input's limit",
-    "range_use": "distance beyond a joint's range",
+    "range_use": "distance beyond a joint's range", "input_rate_use": "use of the largest rate of an input",
+    "input_acceleration_use": "use of the largest acceleration of an input",
 }  # fmt: skip
 
 #: The requirement of a design that a metric of its campaign judges.
@@ -74,6 +75,7 @@ JUDGED = {
         "speed_limit_use": "speed", "tracking_error_use": "tracking", "final_error_use": "final",
         "remaining_error_use": "remaining", "path_distance_use": "path", "wrong_way_percent_use": "undershoot",
         "ripple_percent_use": "ripple", "time_at_limit_s_use": "at_limit", "range_use": "range",
+        "input_rate_use": "input_rate", "input_acceleration_use": "input_acceleration",
     }.items()
 }  # fmt: skip
 

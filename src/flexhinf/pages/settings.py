@@ -141,6 +141,11 @@ def loop_rows(setup: LoopPlants) -> Rows:
         ),
         ("limits of the inputs", inputs, units.effort if limits.saturated is not None else "", stated[0]),
         ("limits of the speeds", speeds, units.speed if limits.limits_speed else "", stated[1]),
+        *(
+            (f"limits of the inputs' {name}s", effort_text(most), f"{units.effort}, per {time}", ROBOT)
+            for name, most, time in (("rate", limits.rate, "s"), ("acceleration", limits.acceleration, "s²"))
+            if np.isfinite(most).any()
+        ),
     ]
 
 

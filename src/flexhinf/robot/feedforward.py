@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike
 
 from flexhinf.arrays import Matrix
 from flexhinf.errors import InvalidInput
+from flexhinf.robot.drive_limits import check_commands
 from flexhinf.robot.elastic import InverseFlow
 from flexhinf.robot.robot import Robot
 from flexhinf.validation import checked_array, checked_positive
@@ -123,9 +124,18 @@ class Feedforward:
         return found
 
     def rows(self, path: ArrayLike) -> FeedforwardRows:
-        """Commands along a path (N, n) of link positions, rad or m, one row per period."""
+        """Commands along a path (N, n) of link positions, rad or m, one row per period.
+
+        Raises InvalidInput: where a command changes faster or is accelerated more than the robot's drives take.
+        """
         motion = self.smoothed(path)
         state, command = self.robot.inverse_dynamics(*motion)
+        check_commands(
+            self.robot,
+            command,
+            self.period,
+            f"; or a longer smoothing than {self.smoothing:g} s where it jumps",
+        )
         layout = self.robot.layout
         _, _, theta, speed = (part.T for part in layout.split(state.T))
         motors, speeds = (

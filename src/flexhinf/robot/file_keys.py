@@ -16,11 +16,12 @@ from dataclasses import fields
 from typing import Any, NamedTuple, Protocol
 
 from flexhinf.robot.actuators import PublishedJoint, gear_name, published_gears, published_joints
+from flexhinf.robot.drive_limits import OF_COMMANDS, per_second
 from flexhinf.robot.dynamics import KINDS
 from flexhinf.robot.elastic import DRIVES, SPRING
 from flexhinf.robot.gears import CURVE
 from flexhinf.robot.parameters import INERTIA, QUANTITIES, Stated, measured, respelled, split
-from flexhinf.robot.parts import TIMES, ElasticJoint, ask
+from flexhinf.robot.parts import BESIDE, TIMES, ElasticJoint, ask
 from flexhinf.robot.rigid_arm import NEAREST
 from flexhinf.robot.signals import SENSORS, UNITS
 from flexhinf.validation import nearest, real_number
@@ -274,12 +275,16 @@ _INERTIA_TABLE = Key(_table, inside="inertia")
 _TOLERANCES = Key(_table, inside="tolerances", default={})
 
 #: Numbers of a motor, its gear and its friction; its constants say what its input is.
-MOTOR = tuple(each.name for each in fields(ElasticJoint) if each.name not in ("drive", *TIMES, *SPRING))
+MOTOR = tuple(each.name for each in fields(ElasticJoint) if each.name not in (*BESIDE, *SPRING))
 
-#: What says how a motor is driven beside its constants, and the times of its drive.
+#: What says how a motor is driven beside its constants, with times of its drive, and limits of its command.
 _DRIVE = {
     "drive": Key(usable=lambda value: value in DRIVES, expected=f"one of {', '.join(map(repr, DRIVES))}"),
     **dict.fromkeys(TIMES, Key(_number, ("s",))),
+    **{
+        name: _POSITIVE._replace(units=tuple(dict.fromkeys(per_second(unit, order) for unit in _EFFORT)))
+        for order, name in enumerate(OF_COMMANDS[1:], 1)
+    },
 }
 
 _OF_JOINT = {

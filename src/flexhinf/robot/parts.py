@@ -12,6 +12,7 @@ import numpy as np
 
 from flexhinf.errors import refuse_if
 from flexhinf.robot.arm import Arm, Pendulum
+from flexhinf.robot.drive_limits import OF_COMMANDS
 from flexhinf.robot.dynamics import Joint, Tree, matrix_of
 from flexhinf.robot.elastic import CONSTANTS, DRIVES, INNER, SPRING, TEETH
 from flexhinf.robot.gears import CURVE, SECANT, SECOND_CORNER, secant
@@ -34,6 +35,9 @@ INNER_NUMBERS = (
     "drive_period",
 )
 TIMES = ("drive_delay", "drive_period")
+
+#: What a motor states beside the parameters of a robot.
+BESIDE = ("drive", *TIMES, *OF_COMMANDS[1:])
 
 #: Relative excess of one principal moment over the sum of the others that is rounding in a data sheet.
 TRIANGLE_SLACK = 1e-6
@@ -136,6 +140,8 @@ class ElasticJoint:
         Largest torque of the motor, N·m on the link side, whatever the command.
     drive_delay, drive_period : float
         Time from a command to the loop, and between two commands that the drive takes, s.
+    drive_rate_limit, drive_acceleration_limit : float, optional
+        Largest change of a command, in the unit of the input per s, and of that, per s²; of any drive.
 
     Raises InvalidInput: if the inertia on the motor side is stated twice or not at all, the motor in part, or a drive
     that its numbers contradict.
@@ -169,6 +175,8 @@ class ElasticJoint:
     drive_torque_limit: Number | None = None
     drive_delay: float = 0.0
     drive_period: float = 0.0
+    drive_rate_limit: float | None = None
+    drive_acceleration_limit: float | None = None
     first_stiffness: Number | None = None
     second_stiffness: Number | None = None
     third_stiffness: Number | None = None
@@ -234,8 +242,7 @@ class ElasticJoint:
     @property
     def numbers(self) -> dict[str, Number]:
         """The numbers that are stated, by quantity."""
-        others = ("drive", *TIMES)
-        return {name: value for name, value in vars(self).items() if name not in others and value is not None}
+        return {name: value for name, value in vars(self).items() if name not in BESIDE and value is not None}
 
     @property
     def slopes(self) -> list[Number]:
@@ -369,9 +376,14 @@ class ElasticJoint:
 
 
 def driven(elastic: Sequence[ElasticJoint]) -> dict[str, Any]:
-    """The drive of all joints, and the longest delay and period of one, by the fields of a robot."""
+    """The drive of all joints, the longest delay and period of one, and limits of each, by the fields of a robot."""
     times = {name: max(getattr(joint, name) for joint in elastic) for name in TIMES}
-    return {"drive": elastic[0].drive, **times}
+    limits = zip(("command_rates", "command_accelerations"), OF_COMMANDS[1:])
+    return {
+        "drive": elastic[0].drive,
+        **times,
+        **{field: [getattr(joint, name) for joint in elastic] for field, name in limits},
+    }
 
 
 def value_of(number: Number) -> float:

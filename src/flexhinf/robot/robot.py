@@ -94,6 +94,8 @@ class Robot(Pictured):
         Largest absolute input of each motor, in the unit of `drive`; None or infinite for a motor without a limit.
     speed_limits : (n,), optional
         Largest absolute velocity of each link, rad/s or m/s; as above. (Ranges of the positions belong to `links`.)
+    command_rates, command_accelerations : (m,), optional
+        Largest absolute rate and acceleration of each input, in the unit of `drive` per s and per s²; as above.
     rigid : sequence of str, optional
         Names of joints without a spring: the rotor turns with the link, and they have no motor states. One joint at
         least is elastic.
@@ -127,6 +129,8 @@ class Robot(Pictured):
     sensors: Sequence[JointSensor] = ()
     drive_delay: float = 0.0
     drive_period: float = 0.0
+    command_rates: Sequence[float | None] | None = None
+    command_accelerations: Sequence[float | None] | None = None
     file: Path | None = field(default=None, compare=False)
     reader: Callable[[Path], Robot] | None = field(default=None, compare=False)
 
@@ -136,9 +140,7 @@ class Robot(Pictured):
         what, some = f"The parameters of the robot {self.name!r} are not usable.", self.parameters
         checked_kind(what, some, (list, tuple), "Parameters in a tuple", "robot.parameters of another robot")
         for parameter in some:
-            checked_kind(
-                what, parameter, Parameter, "a flexhinf.Parameter each", "flexhinf.Parameter('mass', 0.2)"
-            )
+            checked_kind(what, parameter, Parameter, "a Parameter each", "flexhinf.Parameter('mass', 0.2)")
         checked_kind(
             f"The links of the robot {self.name!r} are none.",
             self.links,
@@ -146,9 +148,7 @@ class Robot(Pictured):
             "a Pendulum or an Arm",
             "links of another robot",
         )
-        checked_kind(
-            f"The drive of the robot {self.name!r} is no name.", self.drive, str, "text", "'voltage'"
-        )
+        checked_kind(f"The drive of {self.name!r} is no name.", self.drive, str, "text", "'voltage'")
         checked_names("The rigid joints", self.rigid)
         object.__setattr__(self, "parameters", tuple(some))
         refuse_if(
@@ -172,7 +172,7 @@ class Robot(Pictured):
         check_parameters(self.name, self.parameters, dict(zip(self.joint_names, self.links.slides)))
         home = checked_home(self.home, self.links, self.name)
         object.__setattr__(self, "home", tuple(home.tolist()))
-        for kind in ("effort_limits", "speed_limits"):
+        for kind in ("effort_limits", "speed_limits", "command_rates", "command_accelerations"):
             what = f"The {kind.replace('_', ' ')} of the robot {self.name!r}"
             limits = checked_limits(what, getattr(self, kind), self.joint_names)
             object.__setattr__(self, kind, tuple(limits.tolist()))
@@ -593,8 +593,7 @@ class Robot(Pictured):
         """
         names = [re.sub("inertia(_per_mass)?_[xyz]{2}", "inertia", p.name) for p in self.uncertain]
         groups = list(dict.fromkeys(names))
-        signs = random_signs(len(groups), count if groups else 0, seed)[
-            :, [groups.index(name) for name in names]
-        ]
+        places = [groups.index(name) for name in names]
+        signs = random_signs(len(groups), count if groups else 0, seed)[:, places]
         turned = [-1.0 if p.value < 0.0 and p.name != name else 1.0 for p, name in zip(self.uncertain, names)]
         return [self.corner(row) for row in (signs * turned).tolist()]

@@ -10,6 +10,7 @@ from typing import Any
 from flexhinf.errors import InvalidInput, located, refuse_if
 from flexhinf.plant import Penalty
 from flexhinf.robot.arm import SHAPES, Frame, Payload, Pendulum, inertia_of_shape, payload_from_text
+from flexhinf.robot.drive_limits import OF_COMMANDS, per_second
 from flexhinf.robot.dynamics import ZERO, Joint, Placement, Tree
 from flexhinf.robot.elastic import DRIVES
 from flexhinf.robot.faults import collects_faults, refuse_part
@@ -151,7 +152,9 @@ class RobotFile:
             if place[0] == "joint" and len(place) > 2:
                 name = self.data["joint"][place[1]].get("name")
                 kinds = {slides[name]} if name in slides else set()
-            choices = UNITS[DRIVES[robot.drive]] if "effort_limit" in place else units
+            order = next((k for k, name in enumerate(OF_COMMANDS) if name in place), None)
+            own = UNITS[DRIVES[robot.drive]]
+            choices = units if order is None else [per_second(unit, order) for unit in own]
             fitting = sorted({choices[kind if len(choices) > 1 else 0] for kind in kinds})
             if fitting and number.si not in fitting:
                 *before, key = (part for part in place if part not in ("value", "range"))

@@ -33,6 +33,20 @@ _ROWS = {
         "",
         "longest time for which an input stays at {share:g} % of its limit",
     ),
+    "input_rate": (
+        "rate of an input",
+        "",
+        "≤",
+        "",
+        "change of an input between two samples, per s, nearest to what its drive takes; the controller keeps it",
+    ),
+    "input_acceleration": (
+        "acceleration of an input",
+        "",
+        "≤",
+        "",
+        "change of that rate between two samples, per s, nearest to what its drive takes",
+    ),
     "speed": (SPEED, "", "≤", "", "|velocity| of the link nearest to its limit"),
     "range": ("distance beyond a joint's range", "", "≤", "", "largest of all true link positions"),
     "final": (

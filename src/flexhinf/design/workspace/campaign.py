@@ -102,6 +102,8 @@ class MoveMetrics:
             "input_limit_use": limits.limits_peak,
             "speed_limit_use": limits.limits_speed,
             "range_use": True,
+            "input_rate_use": limits.limits_rate,
+            "input_acceleration_use": limits.limits_acceleration,
         }
         units |= {name: "" for name, limited in uses.items() if limited}
         return units | {f"{self.known[name][0]}_{joint}": unit for name, joint, unit in self._parts}
@@ -118,7 +120,7 @@ class MoveMetrics:
         limited = {
             "path": self.specification.path_distance is not None,
             "ripple": bool(np.isfinite(self.limits.effort).any()),
-            "at_limit": self.limits.saturated is not None,
+            "at_limit": self.limits.limits_inputs,
         }
         return limited.get(name, True)
 
@@ -161,6 +163,8 @@ class MoveMetrics:
             "input_limit_use": limits.input_use(response).share,
             "speed_limit_use": limits.speed_use(response).share,
             "range_use": limits.range_use(response).share,
+            "input_rate_use": limits.rate_use(response).share,
+            "input_acceleration_use": limits.acceleration_use(response).share,
         }
         for name, (metric, _) in self.known.items():
             line = lines.get(REQUIREMENTS[name].what)

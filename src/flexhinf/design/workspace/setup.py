@@ -316,6 +316,7 @@ class WorkspaceSetup(LoopPlants):
             moving=True,
             start="zero",
             latency=s.known_latency,
+            input_rate=self.limits.input_rate,
             **(own | options),
         )
 

@@ -12,6 +12,27 @@ static const double weights[5][@{size}] = {
 @{weights}
 };
 
+{% if limited %}
+/* What the drives take: rates and accelerations of commands. */
+static const double largest_rate[@{NAME}_JOINTS] = {@{rates}};
+static const double largest_acceleration[@{NAME}_JOINTS] = {@{accelerations}};
+
+/* 2 where a command changes more than that, else 0. */
+static int beyond_limits(@{name}_state *state, const double *command)
+{
+    int beyond = 0;
+    for (int j = 0; j < @{NAME}_JOINTS; ++j) {
+        const double rate = state->moved ? (command[j] - state->command[j]) / @{seconds} : 0.0;
+        const double change = state->moved ? (rate - state->rate[j]) / @{seconds} : 0.0;
+        beyond |= (fabs(rate) > largest_rate[j]) || (fabs(change) > largest_acceleration[j]);
+        state->command[j] = command[j];
+        state->rate[j] = rate;
+    }
+    state->moved = 1;
+    return beyond ? 2 : 0;
+}
+
+{% endif %}
 int @{name}_init(@{name}_state *state, const double *path)
 {
     for (int i = 0; i < @{NAME}_SAMPLES; ++i) {
@@ -20,6 +41,9 @@ int @{name}_init(@{name}_state *state, const double *path)
         }
     }
     state->newest = 0;
+{% if limited %}
+    state->moved = 0;
+{% endif %}
     return @{name}_exact() ? 0 : 1;
 }
 
@@ -49,5 +73,8 @@ int @{name}_step(@{name}_state *state, const double *path, @{name}_output *outpu
         }
     }
     @{called}(@{arguments | join(', ')});
+{% if limited %}
+    failed += beyond_limits(state, output->command);
+{% endif %}
     return failed;
 }

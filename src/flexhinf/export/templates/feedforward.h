@@ -13,6 +13,11 @@
 typedef struct {
     double path[@{NAME}_SAMPLES][@{NAME}_JOINTS]; /* the last samples of the path */
     int newest;
+{% if limited %}
+    double command[@{NAME}_JOINTS]; /* the last one, and its rate, where there were some */
+    double rate[@{NAME}_JOINTS];
+    int moved;
+{% endif %}
 } @{name}_state;
 
 typedef struct {
@@ -25,7 +30,11 @@ typedef struct {
 /* Rest at a path's first sample. Returns 0; or 1 where the compiler's flags change what is computed. */
 int @{name}_init(@{name}_state *state, const double *path);
 
-/* Take the next sample of the path. Returns 0; or 1 where a number is not finite: the path then stays where it was. */
+/* Take the next sample of the path. Returns 0; or 1 where a number is not finite: the path then stays where it was.
+{% if limited %}
+ * 2 is added where a command changes faster, or is accelerated more, than its drive takes: it is given all the same.
+{% endif %}
+ */
 int @{name}_step(@{name}_state *state, const double *path, @{name}_output *output);
 
 #endif
