@@ -12,12 +12,14 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from tests.export.test_rest import elastic_controller
 
 import flexhinf as fh
 from flexhinf.export.controller_c import code_of
 from flexhinf.export.rendering import render_c, render_text
 from flexhinf.export.ros2 import ros2_values
+from flexhinf.export.ros2_description import roll_pitch_yaw
 
 yaml = pytest.importorskip("yaml")
 
@@ -107,7 +109,11 @@ class Sensors(fh.Law):
     """A law of what belongs to no joint."""
 
     state_names, input_names = ("room_temperature",), ("valve",)
-    operating_point, operating_input, law_data = np.zeros(1), np.zeros(1), np.ones(1)
+    operating_point, operating_input = np.zeros(1), np.zeros(1)
+
+    @property
+    def law_data(self) -> np.ndarray:
+        return np.ones(1)
 
     def evaluate_law(self, x: Any, data: Any) -> Any:
         return np.array([-(data @ x)])
@@ -152,6 +158,16 @@ def test_pinocchio_finds_the_links_where_the_robot_has_them(wild: tuple[fh.Robot
     ranges = [joint.limits for joint in tree.joints if joint.limits is not None]
     assert len(ranges) == len(tree)
     np.testing.assert_allclose([model.lowerPositionLimit, model.upperPositionLimit], np.transpose(ranges))
+
+
+@pytest.mark.oracle
+def test_angles_of_a_urdf_are_those_of_scipy() -> None:
+    """Also where roll and yaw turn about one axis."""
+    rotations = Rotation.random(20, random_state=1).as_matrix()
+    upright = [Rotation.from_euler("xyz", [0.3, sign * np.pi / 2, -0.8]).as_matrix() for sign in (1, -1)]
+    for matrix in (*rotations, *upright):
+        angles = roll_pitch_yaw(matrix.tolist())
+        np.testing.assert_allclose(Rotation.from_euler("xyz", angles).as_matrix(), matrix, atol=1e-9)
 
 
 def test_xacro_makes_one_description_with_the_plugin_of_the_hardware(

@@ -2,7 +2,8 @@
 
 A value enters as it is, but for what users wrote, which enters through the filter of its kind of file: ``comment`` and
 ``c_string`` of C, ``quoted`` of C++ and YAML, ``xml``, ``attributes`` and ``xacro``, ``js``, ``markdown``. HTML and
-XML escape every value that no filter has. A mark without a value is an error, and what looks like a mark in a value is none.
+XML escape every value that no filter has. A mark without a value is an error, and what looks like a mark in a value is
+none.
 """
 
 from __future__ import annotations

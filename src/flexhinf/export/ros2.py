@@ -63,8 +63,8 @@ def ros2_values(code: ControllerCode, home: np.ndarray) -> dict[str, Any]:
         for kind in "YU"
     )
     ends = zip(inputs, np.ravel(limits.lower).tolist(), np.ravel(limits.upper).tolist(), strict=True)
-    at_rest = dict(zip(code.controller.commanded, map(float, home), strict=False))
-    values = initial_values(code.signals["Y"], at_rest)
+    command = dict(zip(code.controller.commanded, map(float, home), strict=False))
+    values = initial_values(code.signals["Y"], command)
     rests = [{**signal, "initial": value} for signal, value in zip(measurements, values, strict=True)]
     described = [{**signal, "lower": lower, "upper": upper} for signal, lower, upper in ends]
     return {

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from flexhinf.export.controller_c import ControllerCode
 from flexhinf.export.names import distinct_names
@@ -53,7 +53,7 @@ def _joints(code: ControllerCode, tree: Tree, inputs: Sequence[Mapping[str, Any]
     """Joints of a URDF, each with the link behind it."""
     base, *links = distinct_names(["base_link", *(f"{name}_link" for name in tree.names)])
     speeds = [None] * len(tree) if code.robot is None else code.robot.speed_limits or [None] * len(tree)
-    rows = []
+    rows: list[dict[str, Any]] = []
     for joint, link, parent, speed in zip(tree.joints, links, tree.parents, speeds, strict=True):
         kind = joint.kind if joint.kind == "prismatic" or joint.limits is not None else "continuous"
         lower, upper = joint.limits or (-UNLIMITED, UNLIMITED)
@@ -61,7 +61,6 @@ def _joints(code: ControllerCode, tree: Tree, inputs: Sequence[Mapping[str, Any]
         limit = {"lower": lower, "upper": upper} if kind != "continuous" else {}
         limit["effort"] = min(largest.get(f"{joint.name}/effort", UNLIMITED), UNLIMITED)
         limit["velocity"] = min(UNLIMITED if speed is None else float(speed), UNLIMITED)
-        angles = Rotation.from_matrix(joint.placement.rotation).as_euler("xyz")
         rows.append(
             {
                 "name": joint.name,
@@ -69,12 +68,22 @@ def _joints(code: ControllerCode, tree: Tree, inputs: Sequence[Mapping[str, Any]
                 "parent": base if parent < 0 else links[parent],
                 "link": link,
                 "xyz": _vector(joint.placement.translation),
-                "rpy": _vector(angles.tolist()),
+                "rpy": _vector(roll_pitch_yaw(joint.placement.rotation)),
                 "axis": _vector(joint.axis),
                 "limit": limit,
             }
         )
     return rows
+
+
+def roll_pitch_yaw(rotation: Sequence[Sequence[float]]) -> tuple[float, float, float]:
+    """Angles of URDF, rad, of Rz(yaw) Ry(pitch) Rx(roll); yaw is 0 where pitch is a right angle."""
+    (a, _, _), (b, d, e), (c, f, g) = rotation
+    level = math.hypot(a, b)
+    pitch = math.atan2(-c, level)
+    if level < 1e-9:
+        return math.atan2(-e, d), pitch, 0.0
+    return math.atan2(f, g), pitch, math.atan2(b, a)
 
 
 def _vector(values: Sequence[float]) -> str:
