@@ -18,9 +18,10 @@ from tests.export.test_rest import robot_of
 from tests.export.test_ros2 import flat, workspace_controller
 from tests.export.test_ros2_trajectories import GOAL, JOINTS, LONGEST, MOVE, START
 from tests.export.test_trajectory_server import Arm
-from tests.refusals import unnamed
+from tests.refusals import refused_with, unnamed
 from tests.ros_action import action_type
 
+from flexhinf.errors import InvalidInput
 from flexhinf.export import trajectory_server
 from flexhinf.export.compiled_follower import CompiledFollower, compile_follower
 from flexhinf.export.controller_c import code_of
@@ -351,6 +352,21 @@ def test_a_parameter_that_does_not_fit_is_refused_and_changes_nothing(
     assert served.server.follower is follower
     assert set_parameters(served, stop_time=0.25) == [(True, "")]
     assert served.server.follower.stop_time == 0.25
+
+
+def test_arguments_of_ros_state_parameters_and_one_of_another_type_is_refused(
+    follower: CompiledFollower, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a launch file or a file of parameters does it; the advice is taken."""
+    monkeypatch.setattr(trajectory_server, "compile_follower", lambda code: follower)
+    arm = Arm()
+    server = TrajectoryServer(workspace_controller(), arm.robot, arm)
+    monkeypatch.setattr("sys.argv", ["run", "--ros-args", "-p", "stop_time:=1"])
+    with refused_with(InvalidInput, "stop_time", "expected a number with a point", "stop_time:=0.5"):
+        RosNode(server, "arm")
+    monkeypatch.setattr("sys.argv", ["run", "--ros-args", "-p", "stop_time:=0.3"])
+    with RosNode(server, "arm"):
+        assert server.follower.stop_time == pytest.approx(0.3)
 
 
 def test_a_run_ends_with_its_duration_and_lets_go(

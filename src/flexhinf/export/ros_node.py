@@ -50,8 +50,8 @@ INSTALL = (
 def ros_packages() -> dict[str, Any]:
     """Modules of ROS 2 by name, refused before any work where they are missing; without an action where that is."""
     names = (
-        "rclpy", "rclpy.action", "rclpy.context", "rclpy.executors", "rclpy.node", "rcl_interfaces.msg",
-        "sensor_msgs.msg", "trajectory_msgs.msg",
+        "rclpy", "rclpy.action", "rclpy.context", "rclpy.exceptions", "rclpy.executors", "rclpy.node",
+        "rcl_interfaces.msg", "sensor_msgs.msg", "trajectory_msgs.msg",
     )  # fmt: skip
     found = {
         name: required_package(name, "ROS 2 is not installed for this Python.", INSTALL) for name in names
@@ -185,7 +185,14 @@ class RosNode:
         """Parameters of goals, which a file or an argument of ROS may state; later values are checked as they come."""
         self._parameters = goal_parameters(self.server.follower)
         for name, value in self._parameters.items():
-            self._parameters[name] = self.node.declare_parameter(name, value).value
+            try:
+                self._parameters[name] = self.node.declare_parameter(name, value).value
+            except self._ros["rclpy.exceptions"].InvalidParameterTypeException as error:
+                kind = "true or false" if isinstance(value, bool) else "a number with a point"
+                advice = f"{name}:={str(value).lower()}"
+                raise InvalidInput(
+                    f"The parameter {name} is of another type.", f"expected {kind}, {error}", advice
+                ) from error
         refused = self.server.change(goal_options(self.server.follower, self._parameters))
         if refused:
             raise InvalidInput("The parameters of goals cannot be set.", refused, "a server without goals")
