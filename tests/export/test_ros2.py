@@ -589,4 +589,9 @@ def test_cmake_builds_the_package_against_packages_of_these_names(
     subprocess.run([*words], check=True)
     subprocess.run(["cmake", "--build", tmp_path / "build", "--target", "install"], check=True)
     assert (tmp_path / "installed/lib/libarm_controller.so").exists()
-    assert (tmp_path / "installed/share/arm_controller/config/arm_controller.yaml").exists()
+    for file in (
+        "config/arm_controller.yaml",
+        "launch/arm_controller.launch.py",
+        "urdf/arm_controller.urdf.xacro",
+    ):
+        assert (tmp_path / "installed/share/arm_controller" / file).exists()

@@ -15,18 +15,22 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.export.test_rest import robot_of
-from tests.export.test_ros2 import workspace_controller
+from tests.export.test_ros2 import flat, workspace_controller
 from tests.export.test_ros2_trajectories import GOAL, JOINTS, LONGEST, MOVE, START
 from tests.export.test_trajectory_server import Arm
-from tests.refusals import unnamed
+from tests.refusals import refused_with, unnamed
 from tests.ros_action import action_type
 
+from flexhinf.errors import InvalidInput
 from flexhinf.export import trajectory_server
 from flexhinf.export.compiled_follower import CompiledFollower, compile_follower
 from flexhinf.export.controller_c import code_of
+from flexhinf.export.rendering import render_c
+from flexhinf.export.ros2 import ros2_values
 from flexhinf.export.ros_node import RosNode, run_ros
 from flexhinf.export.trajectory_server import TrajectoryServer
 
+yaml = pytest.importorskip("yaml")
 rclpy = pytest.importorskip("rclpy", reason="not in the locks: rclpy of ROS 2")
 pytest.importorskip("mujoco")
 pytestmark = [
@@ -71,6 +75,13 @@ def settled(future: Any) -> Any:
 def message(package: str, name: str) -> Any:
     """A type of messages."""
     return getattr(import_module(f"{package}.msg"), name)
+
+
+def controller_parameters() -> str:
+    """The plugin's file of parameters for the same controller."""
+    code = code_of(workspace_controller(), "arm", "double", robot_of("planar-two-link"))
+    values = {**code.values, "follows": True, **ros2_values(code, np.zeros(1))}
+    return render_c("ros2/controller.yaml", "arm", code.real, **values)
 
 
 class Client:
@@ -275,6 +286,87 @@ def test_the_end_of_the_node_ends_its_goal(served: Served) -> None:
         statuses = [one.status for one in served.client.status.get(timeout=PATIENCE).status_list]
     assert handle.accepted
     assert np.array_equal(served.arm.inputs[-1], [0.0, 0.0])
+
+
+def set_parameters(served: Served, **values: Any) -> list[tuple[bool, str]]:
+    """As `ros2 param set` sets them; dots are two underscores."""
+    client = served.client.node.create_client(service("SetParameters"), "arm/set_parameters")
+    assert client.wait_for_service(PATIENCE)
+    parameter = import_module("rclpy.parameter").Parameter
+    stated = [
+        parameter(name.replace("__", "."), value=value).to_parameter_msg() for name, value in values.items()
+    ]
+    answers = settled(client.call_async(service("SetParameters").Request(parameters=stated))).results
+    served.client.node.destroy_client(client)
+    return [(answer.successful, answer.reason) for answer in answers]
+
+
+def service(name: str) -> Any:
+    return getattr(import_module("rcl_interfaces.srv"), name)
+
+
+def test_parameters_of_goals_are_those_of_the_plugin(served: Served) -> None:
+    """With their names and values, but for what belongs to interfaces; each answer is that of a goal."""
+    stated = yaml.safe_load(controller_parameters())["arm_controller"]["ros__parameters"]
+    kinds = ("allow_partial_joints_goal", "cmd_timeout", "stop_time", "constraints")
+    expected = dict(flat({name: stated[name] for name in kinds}))
+    found = {name: served.node.node.get_parameter(name).value for name in expected}
+    assert found == expected
+    partial = served.client.trajectory([1.0], [GOAL[:1]], JOINTS[:1])
+    assert not served.client.send(partial).accepted
+    assert set_parameters(served, allow_partial_joints_goal=True) == [(True, "")]
+    handle = served.client.send(partial)
+    assert handle.accepted
+    served.run(300)
+    ((done, why),) = set_parameters(served, stop_time=0.1)
+    assert not done
+    assert unnamed(why, "followed", "cancel") == []
+    served.run(LONGEST - 300)
+    assert outcome(handle)[:2] == (SUCCEEDED, 0)
+    served.at((GOAL[0], START[1]))
+
+
+def test_a_tolerance_by_parameter_ends_a_goal_and_the_arm_does_not_jump(served: Served) -> None:
+    handle = served.client.send(served.client.trajectory(*MOVE))
+    served.run(LONGEST)
+    assert outcome(handle)[:2] == (SUCCEEDED, 0)
+    before = served.arm.inputs[-1]
+    assert set_parameters(served, constraints__elbow__trajectory=1e-6) == [(True, "")]
+    served.run(5)
+    np.testing.assert_allclose(served.arm.inputs[-1], before, atol=1e-3 * np.abs(before).max() + 1e-6)
+    handle = served.client.send(served.client.trajectory([1.0], [START]))
+    served.run(LONGEST)
+    assert outcome(handle)[:2] == (ABORTED, -4)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("stop_time", 0.0), ("cmd_timeout", -1.0), ("constraints__elbow__goal", float("nan"))]
+)
+def test_a_parameter_that_does_not_fit_is_refused_and_changes_nothing(
+    name: str, value: float, served: Served
+) -> None:
+    follower = served.server.follower
+    ((done, why),) = set_parameters(served, **{name: value})
+    assert not done
+    assert unnamed(why, "expected", "got") == []
+    assert served.server.follower is follower
+    assert set_parameters(served, stop_time=0.25) == [(True, "")]
+    assert served.server.follower.stop_time == 0.25
+
+
+def test_arguments_of_ros_state_parameters_and_one_of_another_type_is_refused(
+    follower: CompiledFollower, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a launch file or a file of parameters does it; the advice is taken."""
+    monkeypatch.setattr(trajectory_server, "compile_follower", lambda code: follower)
+    arm = Arm()
+    server = TrajectoryServer(workspace_controller(), arm.robot, arm)
+    monkeypatch.setattr("sys.argv", ["run", "--ros-args", "-p", "stop_time:=1"])
+    with refused_with(InvalidInput, "stop_time", "expected a number with a point", "stop_time:=0.5"):
+        RosNode(server, "arm")
+    monkeypatch.setattr("sys.argv", ["run", "--ros-args", "-p", "stop_time:=0.3"])
+    with RosNode(server, "arm"):
+        assert server.follower.stop_time == pytest.approx(0.3)
 
 
 def test_a_run_ends_with_its_duration_and_lets_go(

@@ -1,8 +1,9 @@
 """Templates of exported files, which read like what they emit: jinja2, with the marks ``@{name}``.
 
 A value enters as it is, but for what users wrote, which enters through the filter of its kind of file: ``comment`` and
-``c_string`` of C, ``quoted`` of C++ and YAML, ``xml`` and ``attributes``, ``js``, ``markdown``. HTML and XML escape
-every value that no filter has. A mark without a value is an error, and what looks like a mark in a value is none.
+``c_string`` of C, ``quoted`` of C++ and YAML, ``xml``, ``attributes`` and ``xacro``, ``js``, ``markdown``. HTML and
+XML escape every value that no filter has. A mark without a value is an error, and what looks like a mark in a value is
+none.
 """
 
 from __future__ import annotations
@@ -158,6 +159,11 @@ def _xml(value: object) -> Markup:
     return Markup(quoteattr(str(value)))
 
 
+def _xacro(value: object) -> str:
+    """A text that xacro takes letter by letter: before ``{`` or ``(``, ``$`` is the beginning of an expression."""
+    return re.sub(r"\$+(?=[{(])", r"$\g<0>", str(value))
+
+
 def _attributes(values: Mapping[str, object]) -> Markup:
     """Attributes of an element; those that are empty are left out."""
     return Markup(" ").join(Markup(f"{key}=") + _xml(value) for key, value in values.items() if value != "")
@@ -179,6 +185,7 @@ FILTERS: Final[Mapping[str, Callable[..., str]]] = {
     "yaml": _yaml,
     "xml": _xml,
     "attributes": _attributes,
+    "xacro": _xacro,
     "js": _js,
     "markdown": markdown,
 }

@@ -13,6 +13,7 @@ from flexhinf.codegen.c import constant
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.controller_c import ControllerCode
 from flexhinf.export.names import distinct_names
+from flexhinf.export.ros2_description import description_values, initial_values
 from flexhinf.loop import Status
 from flexhinf.plant import Plant
 from flexhinf.plant.joints import joint_places
@@ -62,14 +63,19 @@ def ros2_values(code: ControllerCode, home: np.ndarray) -> dict[str, Any]:
         for kind in "YU"
     )
     ends = zip(inputs, np.ravel(limits.lower).tolist(), np.ravel(limits.upper).tolist(), strict=True)
+    command = dict(zip(code.controller.commanded, map(float, home), strict=False))
+    values = initial_values(code.signals["Y"], command)
+    rests = [{**signal, "initial": value} for signal, value in zip(measurements, values, strict=True)]
+    described = [{**signal, "lower": lower, "upper": upper} for signal, lower, upper in ends]
     return {
         "package": package_name(code),
         "PACKAGE": package_name(code).upper(),
         "package_version": ".".join([*re.findall(r"\d+", __version__), "0", "0"][:3]),
         "measurements": measurements,
-        "inputs": [{**signal, "lower": lower, "upper": upper} for signal, lower, upper in ends],
+        "inputs": described,
         "states": names["X"],
         "joint_names": [] if code.robot is None else list(code.robot.joint_names),
+        **description_values(code, rests, described),
         "health": _health(code, names["Y"]),
         **_start_values(code, _StandstillModel.of(code), home),
     }

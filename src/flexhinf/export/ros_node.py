@@ -23,6 +23,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.export.compiled import CompiledController
 from flexhinf.export.names import identifier_of
 from flexhinf.export.realtime import stopping, undisturbed, wait_until
+from flexhinf.export.ros_parameters import goal_options, goal_parameters
 from flexhinf.export.trajectory_server import LONGEST_UNSEEN, GoalEnd, RobotIO, TrajectoryServer
 from flexhinf.loop import Controller
 from flexhinf.robot import FollowCode, FollowGoal, Robot
@@ -49,8 +50,8 @@ INSTALL = (
 def ros_packages() -> dict[str, Any]:
     """Modules of ROS 2 by name, refused before any work where they are missing; without an action where that is."""
     names = (
-        "rclpy", "rclpy.action", "rclpy.context", "rclpy.executors", "rclpy.node", "sensor_msgs.msg",
-        "trajectory_msgs.msg",
+        "rclpy", "rclpy.action", "rclpy.context", "rclpy.exceptions", "rclpy.executors", "rclpy.node",
+        "rcl_interfaces.msg", "sensor_msgs.msg", "trajectory_msgs.msg",
     )  # fmt: skip
     found = {
         name: required_package(name, "ROS 2 is not installed for this Python.", INSTALL) for name in names
@@ -140,7 +141,9 @@ class RosNode:
     action : type, optional
         ``control_msgs.action.FollowJointTrajectory``; by default it is looked for, and left out where it is missing.
 
-    Raises InvalidInput: without rclpy, sensor_msgs or trajectory_msgs.
+    Tolerances and times of goals that state none are parameters of the node, with names of the plugin for ros2_control.
+
+    Raises InvalidInput: without rclpy, sensor_msgs or trajectory_msgs; for parameters that do not fit.
     """
 
     def __init__(
@@ -155,6 +158,12 @@ class RosNode:
         self.context = ros["rclpy.context"].Context()
         ros["rclpy"].init(args=None, context=self.context)
         self.node = ros["rclpy.node"].Node(name, context=self.context)
+        try:
+            self._declare()
+        except InvalidInput:
+            self.node.destroy_node()
+            ros["rclpy"].shutdown(context=self.context)
+            raise
         self._clock = clock or (lambda: int(self.node.get_clock().now().nanoseconds))
         self._states = self.node.create_publisher(ros["sensor_msgs.msg"].JointState, "joint_states", DEPTH)
         self.node.create_subscription(
@@ -171,6 +180,33 @@ class RosNode:
         self._executor = ros["rclpy.executors"].MultiThreadedExecutor(THREADS, context=self.context)
         self._executor.add_node(self.node)
         self._thread = threading.Thread(target=self._spin, daemon=True)
+
+    def _declare(self) -> None:
+        """Parameters of goals, which a file or an argument of ROS may state; later values are checked as they come."""
+        self._parameters = goal_parameters(self.server.follower)
+        for name, value in self._parameters.items():
+            try:
+                self._parameters[name] = self.node.declare_parameter(name, value).value
+            except self._ros["rclpy.exceptions"].InvalidParameterTypeException as error:
+                kind = "true or false" if isinstance(value, bool) else "a number with a point"
+                advice = f"{name}:={str(value).lower()}"
+                raise InvalidInput(
+                    f"The parameter {name} is of another type.", f"expected {kind}, {error}", advice
+                ) from error
+        refused = self.server.change(goal_options(self.server.follower, self._parameters))
+        if refused:
+            raise InvalidInput("The parameters of goals cannot be set.", refused, "a server without goals")
+        self.node.add_on_set_parameters_callback(self._set)
+
+    def _set(self, changed: Sequence[Any]) -> Any:
+        values = self._parameters | {one.name: one.value for one in changed if one.name in self._parameters}
+        try:
+            refused = self.server.change(goal_options(self.server.follower, values))
+        except InvalidInput as error:
+            refused = str(error)
+        if not refused:
+            self._parameters = values
+        return self._ros["rcl_interfaces.msg"].SetParametersResult(successful=not refused, reason=refused)
 
     @property
     def has_action(self) -> bool:
@@ -352,7 +388,8 @@ def run_ros(
 
     Each period `hardware` is read, the controller steps, and its input is written. Where a sample is late, the next
     one is due a period after it. A fault stops the robot: its inputs are 0 once (those of drives that take positions
-    stay), and the goal ends with −4; so does the end of the node.
+    stay), and the goal ends with −4; so does the end of the node. Tolerances and times of goals that state none are
+    parameters of the node, which may be set while no trajectory is followed.
 
     Parameters
     ----------

@@ -9,6 +9,8 @@ from __future__ import annotations
 import copy
 import threading
 from collections import deque
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -21,11 +23,15 @@ from flexhinf.export.controller_c import code_of
 from flexhinf.export.realtime import check_library
 from flexhinf.loop import Controller
 from flexhinf.robot import FollowCode, FollowGoal, Robot
+from flexhinf.robot.follower import Follower
 from flexhinf.robot.signals import signal_names
 from flexhinf.validation import real_array
 
 #: Codes of a compiled step after which it computes nothing that moves a robot.
 FATAL = ("WENT_BACK", "STOPPED", "BAD_PERIOD")
+
+#: Velocity of a commanded joint that rests, rad/s or m/s.
+RESTING = 1e-9
 
 #: Samples that a sensor may be silent for.
 LONGEST_UNSEEN = 10
@@ -142,6 +148,26 @@ class TrajectoryServer:
                 return self.stopped
             code = self._follower.check(goal)
         return "" if code is FollowCode.SUCCESSFUL else TEXTS[code]
+
+    @property
+    def follower(self) -> Follower:
+        """With the tolerances and times of goals that state none."""
+        return self._follower.follower
+
+    def change(self, options: Mapping[str, Any]) -> str:
+        """Follow later goals with other options of `Follower`; why not, or empty.
+
+        Nothing is changed while a goal is followed or the joints come to rest.
+
+        Raises InvalidInput: for options that `Follower` refuses.
+        """
+        with self._lock:
+            follower = replace(self.follower, **options)
+            if self._open or np.abs(self.motion.desired_velocity).max() > RESTING:
+                return "a trajectory is followed: wait until it ends, or cancel it"
+            self._follower.follower = follower
+            self._follower.reset(self.motion.desired)
+            return ""
 
     def submit(self, goal: FollowGoal) -> int:
         """Follow a goal from the next sample on; returns its number. The one before it ends with −1."""

@@ -1,0 +1,53 @@
+"""Parameters of a ROS 2 node for goals that state less, with names of the plugin for ros2_control."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from flexhinf.errors import refuse_if
+from flexhinf.robot.follower import STOPPED, Follower
+
+#: A tolerance that any velocity meets, rad/s or m/s; 0 is that of `Follower` itself.
+ANY = 1e9
+
+#: Longest stop time, s.
+LONGEST_STOP = 1e6
+
+
+def goal_parameters(follower: Follower) -> dict[str, bool | float]:
+    """Parameters by name, as they are without any; the stop time is that of `follower`."""
+    joints = follower.robot.joint_names
+    return {
+        "allow_partial_joints_goal": False,
+        "cmd_timeout": 0.0,
+        "stop_time": float(follower.stop_time),
+        "constraints.goal_time": 0.0,
+        "constraints.stopped_velocity_tolerance": STOPPED,
+        **{f"constraints.{joint}.{kind}": 0.0 for joint in joints for kind in ("trajectory", "goal")},
+    }
+
+
+def goal_options(follower: Follower, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Options of `Follower` from values of all `goal_parameters`; tolerances rad or m.
+
+    Raises InvalidInput: for a stop time below a period, or too long. What else does not fit is refused by `Follower`.
+    """
+    stop_time, period = float(values["stop_time"]), follower.period
+    refuse_if(
+        not period <= stop_time <= LONGEST_STOP,
+        "The stop time does not fit.",
+        f"expected seconds from {period:g} to {LONGEST_STOP:g}, got {stop_time!r}",
+        "stop_time=0.5",
+    )
+    joints, stopped = follower.robot.joint_names, float(values["constraints.stopped_velocity_tolerance"])
+    late, timeout = float(values["constraints.goal_time"]), float(values["cmd_timeout"])
+    return {
+        "stop_time": stop_time,
+        "partial": bool(values["allow_partial_joints_goal"]),
+        "path_tolerance": {j: (float(values[f"constraints.{j}.trajectory"]), 0.0) for j in joints},
+        "goal_tolerance": {j: (float(values[f"constraints.{j}.goal"]), stopped or ANY) for j in joints},
+        "goal_time": late,
+        # as in joint_trajectory_controller
+        "timeout": 0.0 if 0.0 <= timeout <= late else timeout,
+    }
