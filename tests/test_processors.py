@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from flexhinf import processors
-from flexhinf.processors import available, limited_threads, thread_count
+from flexhinf.processors import available, in_threads, limited_threads, thread_count
 
 
 def test_the_environment_and_a_request_limit_the_threads(monkeypatch: pytest.MonkeyPatch):
@@ -54,3 +54,22 @@ def test_affinity_and_the_share_of_a_group_limit_the_threads(
         monkeypatch.setattr(processors, name, tmp_path / name)
     monkeypatch.setattr(processors, "QUOTA", tmp_path / "absent")
     assert available() == expected
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_threads_give_results_in_order_and_begin_few_before_they_are_needed(threads: int):
+    begun: list[int] = []
+
+    def squared(k: int) -> int:
+        begun.append(k)
+        if k == 50:
+            raise ValueError(k)
+        return k * k
+
+    with limited_threads(threads):
+        results = in_threads(squared, range(100), 8)
+        assert [next(results) for _ in range(5)] == [0, 1, 4, 9, 16]
+        assert len(begun) <= 5 + 2 * threads
+        assert [next(results) for _ in range(45)] == [k * k for k in range(5, 50)]
+        with pytest.raises(ValueError, match="50"):
+            next(results)

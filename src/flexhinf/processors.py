@@ -5,9 +5,13 @@ from __future__ import annotations
 import math
 import os
 import sys
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TypeVar
+
+Item, Result = TypeVar("Item"), TypeVar("Result")
 
 #: Largest number of threads that can be requested.
 MOST_THREADS = 1024
@@ -66,3 +70,21 @@ def limited_threads(count: int | None) -> Iterator[None]:
         yield
     finally:
         _requested.remove(count)
+
+
+def in_threads(function: Callable[[Item], Result], items: Iterable[Item], most: int) -> Iterator[Result]:
+    """What a function gives for each item, in their order, by at most so many threads: for one that waits for the disk,
+    or works outside of the interpreter. Few items are begun before they are needed."""
+    from concurrent.futures import Future, ThreadPoolExecutor
+
+    threads, begun = min(most, thread_count()), deque[Future[Result]]()
+    if threads == 1:
+        yield from map(function, items)
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        for item in items:
+            begun.append(pool.submit(function, item))
+            if len(begun) > 2 * threads:
+                yield begun.popleft().result()
+        while begun:
+            yield begun.popleft().result()

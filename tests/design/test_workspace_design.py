@@ -19,10 +19,11 @@ from flexhinf.design.responses import motion_metrics
 from flexhinf.design.specification import FIELDS, OF_WORKSPACE, SpecificationError, is_for_workspace
 from flexhinf.design.workspace.design import check_loop
 from flexhinf.design.workspace.samples import corner_moves
-from flexhinf.design.workspace.search import tuned_setup
+from flexhinf.design.workspace.search import ChosenPoses, tuned_setup
 from flexhinf.design.workspace.setup import DAMPING, GAIN
 from flexhinf.pages import design_files
 from flexhinf.pages.workspace_summary import workspace_verdict
+from flexhinf.processors import limited_threads
 from flexhinf.robot.workspace import workspace_of
 
 Named = Callable[[str], Any]
