@@ -134,6 +134,25 @@ def test_seed_draws_speeds_and_gains_change_what_is_looked_at(robot_of: Named) -
     assert all(max(loop.louder, loop.softer) < 1.0 for loop in stays.loops)
 
 
+@pytest.mark.ci("designs for a workspace twice")
+def test_any_number_of_processes_makes_the_same_design(robot_of: Named) -> None:
+    robot, found = robot_of("planar-two-link"), []
+    for count in (1, 2):
+        with limited_threads(count):
+            evidence = fh.design(robot).evidence
+            assert isinstance(evidence, WorkspaceEvidence)
+            poses = ChosenPoses(robot, evidence.specification, evidence.setup.workspace, 4)
+            setup = replace(evidence.setup, specification=poses.wanted)
+            excess = poses.excess(setup)
+            assert excess is not None
+            assert poses.excess(setup, excess.tolist()) is None
+            assert np.array_equal(poses.excess(setup, [np.inf]), excess)
+            moves = [move.response.run.signals for move in (*evidence.moves, *evidence.sampled)]
+            loops = evidence.loops, evidence.corner_loops, evidence.undamped
+            found.append((excess, loops, moves, evidence.requirements, evidence.look_beyond()))
+    np.testing.assert_equal(*found)
+
+
 @pytest.mark.ci("designs the arm three times")
 def test_where_the_worst_move_is_near_a_limit_further_robots_move(robot_of: Named) -> None:
     """Between goals of their own, after the first ones, which stay the same; stated draws are kept."""
