@@ -7,8 +7,8 @@ import os
 import sys
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
-from pathlib import Path
+from contextlib import contextmanager, suppress
+from pathlib import Path, PurePosixPath
 from typing import TypeVar
 
 Item, Result = TypeVar("Item"), TypeVar("Result")
@@ -16,10 +16,8 @@ Item, Result = TypeVar("Item"), TypeVar("Result")
 #: Largest number of threads that can be requested.
 MOST_THREADS = 1024
 
-#: Files of a group of processes whose share of the processors is limited: version 2 of the interface, and version 1.
-QUOTA, QUOTA_1, PERIOD_1 = (
-    Path("/sys/fs/cgroup", name) for name in ("cpu.max", "cpu/cpu.cfs_quota_us", "cpu/cpu.cfs_period_us")
-)
+#: Where the system tells of control groups, and of those of this process.
+GROUPS, OWN_GROUPS = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
 
 _requested: list[int] = []
 
@@ -36,18 +34,33 @@ def thread_count() -> int:
 
 
 def available() -> int:
-    """Processors that this process may run on: its affinity, and no more than the share of its group (cgroup)."""
+    """Processors that this process may run on: its affinity, and no more than the share of its groups (cgroup)."""
     own = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return max(1, min(own, _share()))
+    return max(1, min([own, *map(_share, own_groups("cpu", GROUPS, OWN_GROUPS))]))
 
 
-def _share() -> int:
-    """Processors whose time the group of this process may use, rounded up; very many where it is not limited."""
+def own_groups(controller: str, root: Path, own: Path) -> list[Path]:
+    """Folders of the control groups of this process with their parents, of version 2 of the interface and of version 1,
+    where it has a folder for each controller; in a container those that it sees."""
+    paths = {"": "/", controller: "/"}
+    with suppress(OSError, ValueError):
+        for line in own.read_text().splitlines():
+            _, controllers, path = line.split(":", 2)
+            paths |= {name: path for name in controllers.split(",") if name in paths}
+    return [
+        root / name / str(folder).lstrip("/")
+        for name, path in paths.items()
+        for folder in (PurePosixPath(path), *PurePosixPath(path).parents)
+    ]
+
+
+def _share(group: Path) -> int:
+    """Processors whose time a group may use, rounded up; very many where it is not limited."""
     try:
-        if QUOTA.exists():
-            quota, period = QUOTA.read_text().split()
+        if (group / "cpu.max").exists():
+            quota, period = (group / "cpu.max").read_text().split()
         else:
-            quota, period = QUOTA_1.read_text(), PERIOD_1.read_text()
+            quota, period = ((group / f"cpu.cfs_{name}_us").read_text() for name in ("quota", "period"))
         share = float(quota) / float(period)
     except (OSError, ValueError, ZeroDivisionError):  # not limited ("max"), or no such system
         return sys.maxsize
