@@ -27,11 +27,11 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from flexhinf.campaign.batches import LARGEST_BATCH, OWN, Campaign, Column, Rows
+from flexhinf.campaign.batches import LARGEST_BATCH, OWN, TRACED, Campaign, Column, Rows
 from flexhinf.campaign.draws import Tolerances, sample_seeds
 from flexhinf.campaign.manifest import KIND, MOST_BYTES, UNREADABLE, check_manifest, read_sealed, sealed
 from flexhinf.campaign.metrics import COMPLETED, DIVERGED, NOT_RUN, UNSTABLE
-from flexhinf.campaign.parquet import FORMAT, arrow_array, numpy_column, read_columns
+from flexhinf.campaign.parquet import BATCH_FORMAT, TABLE_FORMAT, arrow_array, numpy_column, read_columns
 from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 from flexhinf.files import clear_parts, locked, make_durable, note_written, part_file
 from flexhinf.processors import in_threads
@@ -97,8 +97,8 @@ MANIFEST, SHARDS, TABLE, LOCK = "campaign.json", "shards", "samples.parquet", ".
 _SHARD = re.compile(r"batch-(\d{8})-([0-9a-f]{16})\.parquet\Z")
 _PREFIX, _PREFIXES = ".batch-{:08d}.", r"\.batch-\d{8}\."
 
-#: Largest number of threads that read files.
-READERS = 8
+#: Largest number of threads that read files; bytes of rows that were just written, and need not be read for the table.
+READERS, _RECENT = 8, 64_000_000
 
 #: Relative tolerance for numbers that are drawn again: processors differ in the last bits of normal numbers.
 _SAME = 1e-9
@@ -220,15 +220,8 @@ class Journal:
             with disk_refusals(place):
                 (place / SHARDS).mkdir(parents=True, exist_ok=True)
                 write_whole(place / MANIFEST, sealed(manifest))
-            return Journal(
-                place,
-                campaign.settings,
-                campaign.digest,
-                campaign.columns,
-                campaign.time,
-                command,
-                about or {},
-            )
+            own = campaign.settings, campaign.digest, campaign.columns, campaign.time
+            return Journal(place, *own, command, about or {})
         journal.refuse_campaign(campaign)
         return journal
 
@@ -259,6 +252,7 @@ class Journal:
         self.samples, self._batch = int(self.settings["samples"]), int(self.settings["batch"])
         self.batches = -(-self.samples // self._batch)
         self.metrics = [column.name for column in self.columns if column.judged]
+        self._recent: dict[Path, Any] = {}
 
     def size(self, batch: int) -> int:
         """Samples of a batch."""
@@ -298,14 +292,23 @@ class Journal:
 
         schema, stream = self._schema_of(batch), BufferOutputStream()
         table = Table.from_arrays([arrow_array(rows[name]) for name in schema.names], schema=schema)
-        parquet.write_table(table, stream, **FORMAT)
+        parquet.write_table(table, stream, **BATCH_FORMAT)
         content = stream.getvalue().to_pybytes()
         digest = hashlib.sha256(content).hexdigest()[:16]
         path = self.folder / SHARDS / f"batch-{batch:08d}-{digest}.parquet"
         with disk_refusals(self.folder):
             write_whole(path, content, _PREFIX.format(batch))
         note_written(path.parent, path.parent)
+        if len(self._recent) * table.nbytes < _RECENT:
+            self._recent[path] = (
+                table if batch * self._batch < TRACED else table.select(self._table_schema.names)
+            )
         return path
+
+    def rows(self, path: Path, names: Sequence[str]) -> Any:
+        """Columns of a valid shard as an Arrow table; of one that was just written, from memory."""
+        table = self._recent.get(path)
+        return read_columns(path, names) if table is None else table.select(list(names))
 
     def shards(self) -> tuple[dict[int, Path], list[tuple[Path, str]]]:
         """Valid shards by batch, and invalid ones with the reason.
@@ -568,7 +571,7 @@ class Journal:
         schema, path, group = self._table_schema, self.folder / TABLE, []
         read = in_threads(lambda batch: read_columns(good[batch], schema.names), range(self.batches), READERS)
         with disk_refusals(self.folder), part_file(self.folder, f".{TABLE}.") as name:
-            with parquet.ParquetWriter(name, schema, **FORMAT) as writer:
+            with parquet.ParquetWriter(name, schema, **TABLE_FORMAT) as writer:
                 for batch, rows in enumerate(read):
                     group.append(rows)
                     if sum(map(len, group)) >= _GROUP or batch == self.batches - 1:

@@ -249,7 +249,9 @@ class MergedTable(CampaignTable):
     def trace(self, name: str) -> np.ndarray:
         """A kept signal (R, T) of the runs that it is kept of; NaN after one diverged."""
         count = min(self.journal.batches, -(-TRACED // self.journal.size(0)))
-        tables = in_threads(lambda batch: read_columns(self.shards[batch], [name]), range(count), READERS)
+        tables = in_threads(
+            lambda batch: self.journal.rows(self.shards[batch], [name]), range(count), READERS
+        )
         return np.concatenate([numpy_column(table.column(name)) for table in tables])[:TRACED]
 
     def dataset(self) -> xr.Dataset:

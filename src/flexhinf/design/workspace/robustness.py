@@ -81,17 +81,17 @@ def robustness(
 
     needs = setup.needs(poses, setup.robot.heaviest)
     at = np.array(setup.workspace.home)
-    independent: list[Callable[[], Any]] = [
+    independent: list[Callable[[], Any]] = [  # about the longest first
+        lambda: proved_stability(setup),
         undamped,
         lambda: margin("late", LATEST, loops),
         lambda: margin("louder", np.log(LOUDEST), loops),
         lambda: margin("softer", -np.log(LOUDEST), loops),
         lambda: computed_tolerance(setup),
-        lambda: proved_stability(setup),
         lambda: fastest_vibration(setup, poses),
         lambda: np.vstack([setup.encoder_offsets(at, None)[0], setup.encoder_offsets(at)]),
     ]
-    undamped_delay, delay, louder, softer, tolerance, proved, fastest, offsets = shared_out(
+    proved, undamped_delay, delay, louder, softer, tolerance, fastest, offsets = shared_out(
         lambda each: each(), independent, compiles=False
     )
     return Robustness(
