@@ -366,10 +366,10 @@ class Journal:
             some = paths[first : first + together]
             named = (_SHARD.match(path.name) for path in some)
             batches = [int(match[1]) if match else -1 for match in named]
-            drawn = self._drawn({batch for batch in batches if 0 <= batch < self.batches})
-            yield from zip(some, batches, in_threads(partial(self._wrong, drawn=drawn), some, READERS))
+            expected = self._numbers_of({batch for batch in batches if 0 <= batch < self.batches})
+            yield from zip(some, batches, in_threads(partial(self._wrong, expected=expected), some, READERS))
 
-    def _drawn(self, batches: Collection[int]) -> dict[int, Rows] | ValueError | KeyError:
+    def _numbers_of(self, batches: Collection[int]) -> dict[int, Rows] | ValueError | KeyError:
         """Varied numbers of the samples of batches, drawn at once; none of a user's function, whose code is not in the
         manifest. The error of settings that state no draw."""
         ordered, names = sorted(batches), [c.name for c in self.columns if c.kind == "parameter"]
@@ -387,7 +387,7 @@ class Journal:
             for batch, start, end in zip(ordered, ends, ends[1:])
         }
 
-    def _wrong(self, path: Path, drawn: dict[int, Rows] | ValueError | KeyError) -> str:
+    def _wrong(self, path: Path, expected: dict[int, Rows] | ValueError | KeyError) -> str:
         """The defect of a file with the name of a batch's, whose numbers were drawn; empty for a valid file.
 
         NotReadable for a file that cannot be read just now, and MemoryError: nothing is known of its rows.
@@ -433,10 +433,10 @@ class Journal:
                     }
                 ):
                     return wrong
-                if not isinstance(drawn, dict):
-                    raise drawn
-                expected = drawn[batch]
-                own = file.read(columns=list(dict.fromkeys((*OWN, *expected))))
+                if not isinstance(expected, dict):
+                    raise expected
+                numbers = expected[batch]
+                own = file.read(columns=list(dict.fromkeys((*OWN, *numbers))))
                 values = {name: numpy_column(own.column(name)) for name in own.column_names}
                 lost = ~np.isin(values["status"].astype(str), (COMPLETED, UNSTABLE))
                 unread = file.read(columns=self.metrics if lost.any() else [])
@@ -461,11 +461,11 @@ class Journal:
                 not np.isnan(numpy_column(unread.column(name))[lost]).all() for name in unread.column_names},
         }):  # fmt: skip
             return wrong
-        for name, numbers in expected.items():
-            near = np.abs(values[name] - numbers) <= _SAME * np.abs(numbers)
+        for name, column in numbers.items():
+            near = np.abs(values[name] - column) <= _SAME * np.abs(column)
             if not near.all():
                 k = int(np.argmin(near))
-                return f"not what is drawn: {name} of sample {samples[k]} is {values[name][k]:g}, not {numbers[k]:g}"
+                return f"not what is drawn: {name} of sample {samples[k]} is {values[name][k]:g}, not {column[k]:g}"
         return ""
 
     def _schema_of(self, batch: int) -> Any:

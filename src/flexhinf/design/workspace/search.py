@@ -138,7 +138,7 @@ class ChosenPoses:
     def excess(self, setup: WorkspaceSetup, least: list[float] | None = None) -> np.ndarray | None:
         """How far the loops of a setup, whose specification is the wanted one, miss it at worst, as `PoseLoop.excess`;
         None as soon as that is no less than `least`."""
-        first, *rest = self._order
+        first, *others = self._order
         failed = mmap.mmap(-1, 1)  # which copies of this process share
 
         def judged(one: Chosen) -> np.ndarray | Exception:
@@ -155,7 +155,7 @@ class ChosenPoses:
         self._tick()
         found = [judged(first)]
         if not failed[0]:
-            found += shared_out(judged, rest, self._tick, compiles=False)
+            found += shared_out(judged, others, self._tick, compiles=False)
         known = {k: each for k, each in enumerate(found) if not isinstance(each, Exception)}
         excess = np.max([np.zeros(4), *known.values()], axis=0)
         if least is not None and excess.tolist() >= least:

@@ -517,13 +517,13 @@ class WorkspaceSetup(LoopPlants):
     ) -> tuple[Move, ...]:
         """A `move` with its metrics for each of these arguments, on all processors; `begun` as of `shared_out`."""
 
-        def made(run: MoveArguments) -> tuple[Move, Any]:
+        def judged(run: MoveArguments) -> tuple[Move, Any]:
             ends, values, _ = run
             move = self.move(*run)
             _ = move.motion, move.swing if self.may_swing else None
             return move, self._command(*map(bytes, ends))[1].last if values is None else None
 
-        found = shared_out(made, runs, begun)
+        found = shared_out(judged, runs, begun)
         for (ends, *_), (_, last) in zip(runs, found):
             if last is not None:  # sampled robots make these moves too
                 self._command(*map(bytes, ends))[1].resume(last)
