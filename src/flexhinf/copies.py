@@ -21,7 +21,8 @@ from typing import NoReturn, TypeVar
 
 from flexhinf.processors import set_threads, thread_count
 
-Item, Result = TypeVar("Item"), TypeVar("Result")
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 #: Entries of the queue at most: two bytes each, which a pipe takes at once.
 _ENTRIES = 2000

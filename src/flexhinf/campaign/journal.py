@@ -21,7 +21,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from itertools import count, islice
+from itertools import chain, count, islice
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -373,12 +373,12 @@ class Journal:
         """Varied numbers of the samples of batches, drawn at once; none of a user's function, whose code is not in the
         manifest. The error of settings that state no draw."""
         ordered, names = sorted(batches), [c.name for c in self.columns if c.kind == "parameter"]
-        indices = [np.arange(self.size(batch)) + batch * self._batch for batch in ordered]
+        indices = [range(batch * self._batch, batch * self._batch + self.size(batch)) for batch in ordered]
         try:
             draw = Tolerances.stated(self.settings, names)
             if draw is None or not ordered:
                 return {batch: {} for batch in ordered}
-            numbers = draw.numbers(np.concatenate(indices), self.samples, int(self.settings["seed"]))
+            numbers = draw.numbers([*chain(*indices)], self.samples, int(self.settings["seed"]))
         except (ValueError, KeyError) as error:
             return error
         ends = np.cumsum([0, *map(len, indices)]).tolist()

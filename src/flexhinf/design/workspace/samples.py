@@ -8,8 +8,9 @@ import numpy as np
 
 from flexhinf.design.responses import Move
 from flexhinf.design.specification import Specification
-from flexhinf.design.workspace.setup import MoveArguments, WorkspaceSetup
+from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.robot import Robot
+from flexhinf.robot.parameters import PlantValues
 
 #: Rounds of further moves of robots at corners: how many there are where the worst of those before uses a share of a
 #: limit between these. Of 40 goals in another simulator 9 passed a limit of which the worst of the first 20 had used
@@ -26,7 +27,9 @@ def sampled_moves(robot: Robot, s: Specification) -> int:
     return (GOALS if s.draws is None else s.draws) if robot.uncertain else 0
 
 
-def corner_moves(setup: WorkspaceSetup, after: int, first: np.ndarray) -> list[MoveArguments]:
+def corner_moves(
+    setup: WorkspaceSetup, after: int, first: np.ndarray
+) -> list[tuple[np.ndarray, PlantValues, int]]:
     """Arguments of `WorkspaceSetup.move` of robots at corners: of the first round between the goals of the nominal
     moves, `first` (GOALS + 1, n), of each round `after` it between goals of their own."""
     own = 100 * setup.specification.seed + after
